@@ -72,19 +72,19 @@ def _bars() -> Iterator[Any]:
 def _shower(bars: Any, what: str, items: str) -> Callable[[Tally | None], None]:
     """A bar of its own, that shows a Tally, and goes at None."""
     task = bars.add_task(what, total=0, rate="", flagged=0)
-    began = said = monotonic()
+    began = last = monotonic()
     waiting = ""
 
     def show(tally: Tally | None) -> None:
-        nonlocal began, said, waiting
+        nonlocal began, last, waiting
         if tally is None:
             bars.remove_task(task)
             return
         if tally.stage:
             bars.update(task, description=tally.stage, completed=tally.done, total=tally.count)
             began = monotonic()  # of the items themselves
-            if bars.disable and began - said >= LINE_EVERY_S:
-                said = began
+            if bars.disable and began - last >= LINE_EVERY_S:
+                last = began
                 text = f"{what}: {tally.stage}, {tally.done} of {tally.count} {items}"
                 typer.echo(text, err=True)
             return
@@ -95,10 +95,10 @@ def _shower(bars: Any, what: str, items: str) -> Callable[[Tally | None], None]:
             # a log gets it with what is finished first: a run that is refused says that alone
             typer.echo(f"{what}: {waiting}", err=True)
             waiting = ""
-        own, seconds = tally.done - tally.before, monotonic() - began
-        rate = f"{own / seconds:.3g} {items}/s" if own and seconds > 0.0 else ""
-        if bars.disable and monotonic() - said >= LINE_EVERY_S:
-            said = monotonic()
+        done, seconds = tally.done - tally.before, monotonic() - began
+        rate = f"{done / seconds:.3g} {items}/s" if done and seconds > 0.0 else ""
+        if bars.disable and monotonic() - last >= LINE_EVERY_S:
+            last = monotonic()
             typer.echo(_line_of_log(what, items, tally, rate, seconds), err=True)
         counts = {"completed": tally.done, "total": tally.count, "flagged": tally.flagged}
         bars.update(task, description=what, rate=rate, **counts)
@@ -108,10 +108,10 @@ def _shower(bars: Any, what: str, items: str) -> Callable[[Tally | None], None]:
 
 def _line_of_log(what: str, items: str, tally: Tally, rate: str, seconds: float) -> str:
     """How far a run is: what is done, how fast, what is flagged, and the minutes that are left."""
-    own = tally.done - tally.before
-    left = (tally.count - tally.done) * seconds / own / 60.0 if own else None
+    done = tally.done - tally.before
+    minutes = (tally.count - tally.done) * seconds / done / 60.0 if done else None
     parts = [f"{tally.done} of {tally.count} {items}", rate, f"{tally.flagged} flagged"]
-    parts += [] if left is None else [f"{left:.0f} min left"]
+    parts += [] if minutes is None else [f"{minutes:.0f} min left"]
     return f"{what}: {', '.join(filter(None, parts))}"
 
 

@@ -121,10 +121,10 @@ def _run(out: str | Path, say: Progress) -> Demo:
     scene = load_scene(contact / "scene.toml")
     checked = look_through(contact / "captured.tif", scene)
     say("reading the fringe order of the sample frames")
-    found = process(contact / "captured.tif", scene, folder / "experiment", as_stated=True)
-    assert found.fitted is not None
+    experiment = process(contact / "captured.tif", scene, folder / "experiment", as_stated=True)
+    assert experiment.fitted is not None
     say("simulating what was found")
-    simulate(found.fitted, folder / "simulation")
+    simulate(experiment.fitted, folder / "simulation")
     say("comparing the two")
     comparison = compare(folder / "experiment", folder / "simulation", folder / "comparison")
     say("following the sample film")
@@ -142,10 +142,10 @@ def _run(out: str | Path, say: Progress) -> Demo:
          "18.758 by Hertz; 18.75 in the paper"),
         ("static contact width (mm)", f"{paper.history['contact_width_mm'][0]:.4f}",
          "0.7466 by Hertz; 0.758 in the paper"),
-        ("chi of the six frames", _range(found.columns["chi"], 3), "1: fits to the noise"),
+        ("chi of the six frames", _range(experiment.columns["chi"], 3), "1: fits to the noise"),
         ("experiment - simulation, RMS (fringes)",
          _range(comparison.columns["order_rms_fringe"], 4), "0.01 or less"),
-        ("load (N)", _range(found.columns["load.normal_n"], 2), truth["load"]),
+        ("load (N)", _range(experiment.columns["load.normal_n"], 2), truth["load"]),
         ("load of the film (N)", _range(followed.columns["load.normal_n"], 2), truth["film"]),
         ("f_sigma from bending (N/mm)", _with_u(bending), truth["bending"]),
         ("f_sigma from the disc (N/mm)", _with_u(disc), truth["disc"]),
@@ -153,13 +153,13 @@ def _run(out: str | Path, say: Progress) -> Demo:
     summary = {
         "folder": str(folder),
         "history": paper.history,
-        "frames": found.columns,
+        "frames": experiment.columns,
         "metrics": comparison.columns,
         "calibration_bending": bending.to_json(),
         "calibration_disc": disc.to_json(),
         "check": [finding.text for finding in checked.findings],
         "film": followed.columns,
-        "warnings": [*found.warnings, *followed.warnings],
+        "warnings": [*experiment.warnings, *followed.warnings],
     }
     write_json(folder / "demo.json", summary)
     return Demo(folder, rows, summary, comparison, draw=comparison.figure)

@@ -507,17 +507,17 @@ def verify_command(
     from isochrome.runs import verify
 
     with run_bar("reading", "files") as progress:
-        found = verify(folder, progress=progress)
+        result = verify(folder, progress=progress)
     if as_json:
-        print_json(found.to_json())
+        print_json(result.to_json())
     else:
-        for name, fault in found.damaged.items():
+        for name, fault in result.damaged.items():
             typer.echo(f"{name}: {fault}")
-        print_warnings(list(found.warnings))
-        typer.echo(found.title)
-    if not found.ok:
+        print_warnings(list(result.warnings))
+        typer.echo(result.title)
+    if not result.ok:
         typer.echo(
-            f"isochrome: {found.title}; run the command that left it again, which makes anew what "
+            f"isochrome: {result.title}; run the command that left it again, which makes anew what "
             "is damaged",
             err=True,
         )

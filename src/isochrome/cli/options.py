@@ -152,7 +152,7 @@ def with_options(options: dict[str, tuple[Any, Any]]) -> Callable[[Command], Com
 
     def declare(command: Command) -> Command:
         given = inspect.signature(command, eval_str=True)
-        own = [p for p in given.parameters.values() if p.kind is not p.VAR_KEYWORD]
+        declared = [p for p in given.parameters.values() if p.kind is not p.VAR_KEYWORD]
         shared = [
             inspect.Parameter(
                 name,
@@ -162,7 +162,7 @@ def with_options(options: dict[str, tuple[Any, Any]]) -> Callable[[Command], Com
             )
             for name, (kind, option) in options.items()
         ]
-        parameters = [*own[:-1], *shared, own[-1]]
+        parameters = [*declared[:-1], *shared, declared[-1]]
         command.__signature__ = given.replace(parameters=parameters)  # type: ignore[attr-defined]
         return command
 
@@ -197,10 +197,10 @@ def take_style(options: dict[str, Any]) -> FigureStyle | None:
 
 def takes_excel(options: dict[str, Any]) -> bool:
     """Take --csv out of a command's options, before its work begins. Raises InputError."""
-    asked = options.pop("tables")
-    if asked not in (None, "excel"):
-        raise InputError(f"--csv {asked}: is no form of a table known here; give excel")
-    return asked is not None
+    form = options.pop("tables")
+    if form not in (None, "excel"):
+        raise InputError(f"--csv {form}: is no form of a table known here; give excel")
+    return form is not None
 
 
 def write_excel_tables(out: Path, excel: bool) -> None:
@@ -220,10 +220,10 @@ def write_excel_tables(out: Path, excel: bool) -> None:
 
 
 def _width_mm(text: str) -> float:
-    found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(mm|cm|in|)\s*", text)
-    if found is None:
+    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(mm|cm|in|)\s*", text)
+    if match is None:
         raise InputError(f"--width {text}: give a width with its unit, such as 85mm or 3.4in")
-    return float(found.group(1)) * _MM[found.group(2)]
+    return float(match.group(1)) * _MM[match.group(2)]
 
 
 def _whole_numbers(text: str) -> tuple[int, ...]:
@@ -257,9 +257,9 @@ def _remove_stale(base: Path, files: Iterable[Path]) -> None:
     A copy for Excel is of the earlier plot even where there is a new one of its letter. In Python,
     where a figure has any name, nothing is removed: the file might be the user's own.
     """
-    own = re.compile(rf"{re.escape(base.name)}_[a-z](_excel)?\.csv")
+    stale = re.compile(rf"{re.escape(base.name)}_[a-z](_excel)?\.csv")
     for file in base.parent.iterdir():
-        if own.fullmatch(file.name) and file not in files:
+        if stale.fullmatch(file.name) and file not in files:
             _remove(file)
 
 

@@ -127,8 +127,8 @@ def _usage_in_a_line() -> Iterator[None]:
             raise
         context = getattr(error, "ctx", None)
         command = context.command_path if context else "isochrome"
-        own = command.removeprefix("isochrome").strip()
-        text = f"{own}{': ' if own else ''}{say().rstrip('. ')}"
+        words = command.removeprefix("isochrome").strip()
+        text = f"{words}{': ' if words else ''}{say().rstrip('. ')}"
         fail(_decimal_comma(text) or f"{text}; see '{command} --help'", 2)
 
 

@@ -170,8 +170,8 @@ def _fitted(data: FrameData, bare: Scene, given: KnownValues) -> tuple[FrameData
     for turn, field in product(turns, fields):
         turned = data.lying(partial(as_turned, rotate_deg=turn, flip=given.flip))
         scene, _ = placed_disc(bare.with_values({FIELD: field, TURN: turn}), turned)
-        own = {GAMMA: given.gamma, PIXEL: given.pixel_mm}
-        keys = (*free_keys(scene), *(key for key, value in own.items() if value is None))
+        given_values = {GAMMA: given.gamma, PIXEL: given.pixel_mm}
+        keys = (*free_keys(scene), *(key for key, value in given_values.items() if value is None))
         try:
             fit = fit_frame(turned, scene, keys)
             lost = _is_lost(turned, fit)

@@ -101,16 +101,16 @@ def _smooth_residual(light: Array, sigma: Array, valid: NDArray[np.bool_]) -> Ar
     powers = [(i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)]
     basis = np.stack([np.outer(y**i, x**j)[valid] for i, j in powers], axis=1)
     weight = 1.0 / sigma[valid]
-    trust, left = np.ones(len(weight)), light[valid]
+    trust, error = np.ones(len(weight)), light[valid]
     for _ in range(_ROUNDS):
         use = weight * trust
-        found = np.linalg.lstsq(basis * use[:, None], light[valid] * use, rcond=None)[0]
-        left = light[valid] - basis @ found
-        size = np.abs(left) * weight
+        solution = np.linalg.lstsq(basis * use[:, None], light[valid] * use, rcond=None)[0]
+        error = light[valid] - basis @ solution
+        size = np.abs(error) * weight
         usual = 3.0 * max(float(np.median(size)) / 0.6745, 1e-9)
         trust = np.sqrt(np.minimum(1.0, usual / np.maximum(size, 1e-9)))
     residual = np.zeros(light.shape)
-    residual[valid] = left
+    residual[valid] = error
     return residual
 
 
@@ -205,11 +205,11 @@ def find_contact(
     starts = search_picture(data, scene, **choices)
     best, first = _best_start(starts, _keys(given), frame)
     _refuse_far_load(first, given, frame)
-    freed = fit_with_causes(best.data, first.scene, _keys(given), cold=False, slips=False)
-    fit = freed.fit
+    answer = fit_with_causes(best.data, first.scene, _keys(given), cold=False, slips=False)
+    fit = answer.fit
     _refuse_wrong(fit, starts, best, given, frame)
-    rivals = rival_causes(freed)
-    messages = cause_messages(freed, rivals=rivals, light=light_matters(freed))
+    rivals = rival_causes(answer)
+    messages = cause_messages(answer, rivals=rivals, light=light_matters(answer))
     poor = fit.chi > POOR_CHI
     if poor:
         messages += (
@@ -219,11 +219,11 @@ def find_contact(
         )
     unsure = {
         key: rivals[cause.name]
-        for cause in freed.causes
+        for cause in answer.causes
         for key in cause.keys
         if cause.name in rivals
     }
-    return ContactFit(frame.index, best.lying, freed.data, fit, messages, unsure)
+    return ContactFit(frame.index, best.lying, answer.data, fit, messages, unsure)
 
 
 def _keys(given: KnownValues) -> tuple[str, ...]:
@@ -460,5 +460,5 @@ def _surface(contact: ContactFit) -> str:
     camera = contact.fit.scene.camera
     assert camera is not None and camera.top_mm is not None and camera.pixel_mm is not None
     row = -camera.top_mm / camera.pixel_mm
-    seen = f"is row {row:.1f}" if row >= 0.0 else f"is {-row:.1f} rows above the picture"
-    return f"of the first row's outer edge, below the surface, which {seen}"
+    place = f"is row {row:.1f}" if row >= 0.0 else f"is {-row:.1f} rows above the picture"
+    return f"of the first row's outer edge, below the surface, which {place}"

@@ -38,16 +38,16 @@ def draft_figure(data: FrameData, scene: Scene, values: Sequence[DraftValue]) ->
     Parameters: `data`, the frame as the scene takes it; `scene`, one state with what was found;
     `values`, of the draft. Returns a Figure.
     """
-    seen = evaluate_model(data, scene)
-    light = seen.background + seen.illumination * np.nan_to_num(seen.signal)
+    model_frame = evaluate_model(data, scene)
+    light = model_frame.background + model_frame.illumination * np.nan_to_num(model_frame.signal)
     stored = np.maximum(light, 0.0) ** (1.0 / scene.frames.stated_gamma)
-    model = np.where(seen.picture.material, stored, np.nan)
+    model = np.where(model_frame.picture.material, stored, np.nan)
     rows, cols = data.shape
     figure = new_figure(2.0 * _WIDTH_IN, _WIDTH_IN * rows / cols + 0.9)
     place: Place = {
-        "pixel_mm": seen.pixels.pixel_mm,
-        "left_mm": seen.pixels.left_mm,
-        "top_mm": seen.pixels.top_mm,
+        "pixel_mm": model_frame.pixels.pixel_mm,
+        "left_mm": model_frame.pixels.left_mm,
+        "top_mm": model_frame.pixels.top_mm,
     }
     low, high = (float(v) for v in np.percentile(data.raw, [0.5, 99.5]))
     panels: Any = figure.subplots(1, 2)
@@ -63,12 +63,12 @@ def draft_figure(data: FrameData, scene: Scene, values: Sequence[DraftValue]) ->
 
 def _head(values: Sequence[DraftValue]) -> str:
     """What was found besides the place, which the axes show."""
-    found = [
+    texts = [
         f"{value.key} = {value.words}"
         for value in values
         if value.origin == "found" and value.key not in ("camera.left_mm", "camera.top_mm")
     ]
-    lines = (found[k : k + _IN_A_LINE] for k in range(0, len(found), _IN_A_LINE))
+    lines = (texts[k : k + _IN_A_LINE] for k in range(0, len(texts), _IN_A_LINE))
     return "\n".join("    ".join(line) for line in lines)
 
 

@@ -121,17 +121,17 @@ def open_session(
         raise InputError(
             f"{place}: a scene cannot be written there; name a .toml file in a folder that exists"
         )
-    there = place.is_file()
-    if there:
+    is_file = place.is_file()
+    if is_file:
         read_text(place)  # its refusals: too large, a picture, not UTF-8
     # line ends stay as they are
-    text = place.read_bytes().decode("utf-8-sig") if there else ""
+    text = place.read_bytes().decode("utf-8-sig") if is_file else ""
     subject = _subject(text, place, calibration)
     if subject is None:
-        session = SetupSession(given, place, text, saved=there)
+        session = SetupSession(given, place, text, saved=is_file)
     else:
-        session = SetSession(given, place, text, saved=there, subject=subject)
-    if there:
+        session = SetSession(given, place, text, saved=is_file, subject=subject)
+    if is_file:
         session.scene()  # what is wrong with it is said before a page opens
     return session
 

@@ -169,27 +169,29 @@ def _drafted(session: SetupSession, scene: Scene, known: KnownValues) -> SceneDr
 
 def _values(draft: SceneDraft, scene: Scene, *, guessed: bool) -> tuple[dict[str, Any], list[str]]:
     """What goes into the scene, without the place; and what does not, in sentences."""
-    found: dict[str, Any] = {v.key: _as_written(v) for v in draft.found if v.key not in (LEFT, TOP)}
+    values: dict[str, Any] = {
+        v.key: _as_written(v) for v in draft.found if v.key not in (LEFT, TOP)
+    }
     notes = []
-    if found.get(_FRICTION) == 0.0:
+    if values.get(_FRICTION) == 0.0:
         if guessed:
             raise InputError(
                 f"frame {draft.frame}: no friction is seen in it; fill in 'Friction coefficient', "
                 "about, or choose a frame that slides"
             )
-        del found[_FRICTION]
+        del values[_FRICTION]
         if scene.friction is not None:
             notes.append(f"no friction is seen in frame {draft.frame}; {_FRICTION} stays")
-    for key in set(found) & set(scene.uncertainties):
-        notes.append(f"{key} is stated with its own ±, and stays; {found.pop(key):g} is found")
-    found.setdefault(ROLL, None)  # the picture was explained without one
-    found[_TURN] = draft.scene.frames.rotate_deg or None
+    for key in set(values) & set(scene.uncertainties):
+        notes.append(f"{key} is stated with its own ±, and stays; {values.pop(key):g} is found")
+    values.setdefault(ROLL, None)  # the picture was explained without one
+    values[_TURN] = draft.scene.frames.rotate_deg or None
     camera = scene.camera
     if scene.frames.roi is None and camera is not None and draft.scene.camera is not None:
         for name in ("width_px", "height_px"):
             if getattr(camera, name) is not None:
-                found[f"camera.{name}"] = getattr(draft.scene.camera, name)
-    return found, notes
+                values[f"camera.{name}"] = getattr(draft.scene.camera, name)
+    return values, notes
 
 
 def _as_written(value: DraftValue) -> float | int | str:
@@ -201,9 +203,9 @@ def _as_written(value: DraftValue) -> float | int | str:
 
 def _refuse_turn(scene: Scene, draft: SceneDraft) -> None:
     """Refuse to turn a picture under what was set on it. Raises InputError."""
-    own, turn = scene.frames, draft.scene.frames.rotate_deg
-    on_it = own.roi or own.polygon_px or own.orders_known
-    if on_it and (own.rotate_deg or 0) != (turn or 0):
+    stated, turn = scene.frames, draft.scene.frames.rotate_deg
+    on_it = stated.roi or stated.polygon_px or stated.orders_known
+    if on_it and (stated.rotate_deg or 0) != (turn or 0):
         raise InputError(
             f"{scene.name}: the frame explains itself turned by {turn or 0} degrees, and region, "
             "mask and known points are set on it as it lies; take them away, and search again"

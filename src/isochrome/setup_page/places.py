@@ -82,8 +82,8 @@ def surface_roll(first: Point, second: Point) -> float:
 
     InputError where they are one above the other, or the surface is turned by over 45 degrees.
     """
-    left, right = sorted((first, second), key=lambda point: point[1])
-    across, down = right[1] - left[1], right[0] - left[0]
+    first_end, second_end = sorted((first, second), key=lambda point: point[1])
+    across, down = second_end[1] - first_end[1], second_end[0] - first_end[0]
     if across < _NEAREST_PX or abs(down) > across:
         raise InputError(
             "the two points of the surface lie one above the other; the surface belongs at the "

@@ -239,8 +239,8 @@ class SetupSession:
 
     def _pictures(self) -> list[str]:
         """The names of all pictures and tables in the scene's folder."""
-        there = (f for f in self.folder.iterdir() if f.suffix.lower() in _PICTURES)
-        return sorted(f.name for f in there if f.is_file() and not f.name.startswith("."))
+        files = (f for f in self.folder.iterdir() if f.suffix.lower() in _PICTURES)
+        return sorted(f.name for f in files if f.is_file() and not f.name.startswith("."))
 
     def left_out(self, scene: Scene | None) -> tuple[Path, ...]:
         """List the files of a folder of frames that are none of them.
@@ -330,14 +330,14 @@ class SetupSession:
         A text that is no scene is left alone: `save` refuses to write over it.
         """
         with self._lock:
-            there = self._read_file()
-            if there is None or there == self._file_bytes:
+            data = self._read_file()
+            if data is None or data == self._file_bytes:
                 return
             with suppress(InputError, UnicodeDecodeError):
-                text = there.decode("utf-8-sig")  # line ends stay as they are
+                text = data.decode("utf-8-sig")  # line ends stay as they are
                 self._named |= _named_files(text)
                 self.change(lambda _: text)
-                self._file_bytes, self._saved_text = there, text
+                self._file_bytes, self._saved_text = data, text
 
     def save(self) -> None:
         """Write the scene, whole or not at all.
@@ -365,9 +365,9 @@ class SetupSession:
     def _sequence(self, scene: Scene | None) -> SequentialFrames:
         key: tuple[Any, ...] = (0, None, None, None, None, self.left_out(scene))
         if scene is not None:
-            own, depth = scene.frames, scene.camera.bit_depth if scene.camera else None
-            channel, light = own.channel, scene.polariscope.wavelength_nm
-            key = (own.rotate_deg, own.flip, channel, light, depth, key[-1])
+            given, depth = scene.frames, scene.camera.bit_depth if scene.camera else None
+            channel, light = given.channel, scene.polariscope.wavelength_nm
+            key = (given.rotate_deg, given.flip, channel, light, depth, key[-1])
         with self._lock:
             if key not in self._readers:
                 opened = open_frames(
@@ -408,8 +408,8 @@ class SetupSession:
     def region(self, scene: Scene | None) -> Roi:
         """The region of interest, the whole picture where there is none."""
         rows, cols = self.reader(scene).shape
-        own = scene.frames.roi if scene is not None else None
-        return own or Roi(height_px=rows, width_px=cols)
+        roi = scene.frames.roi if scene is not None else None
+        return roi or Roi(height_px=rows, width_px=cols)
 
     def pixels(self, scene: Scene) -> PixelGrid:
         """The region's pixels. Raises InputError where the scale is not known."""
@@ -547,10 +547,10 @@ class SetSession(SetupSession):
     def calibration_set(self) -> CalibrationSet:
         """The set as it is on the page. Raises InputError where it is not whole."""
         label = self.scene_file.name
-        found = validate(
+        given_set = validate(
             CalibrationSet, parse_toml(self.text, label), label, reserved=("folder", "name")
         )
-        given = found.model_copy(update={"folder": self.folder, "name": label})
+        given = given_set.model_copy(update={"folder": self.folder, "name": label})
         return load_set(given, specimen=TABLES[self.subject or ""])
 
     def check_complete(self) -> None:
@@ -574,9 +574,9 @@ class SetSession(SetupSession):
         given, revision = self.calibration_set(), self.revision
         run = calibrate_bending if self.subject == "bending" else calibrate_disc
         with single_threaded():
-            found = run(given)
-        self._geometry = revision, {image.file: image.geometry for image in found.images}
-        return found
+            result = run(given)
+        self._geometry = revision, {image.file: image.geometry for image in result.images}
+        return result
 
     def outlines(self, index: int) -> list[list[list[float]]]:
         """Where the specimen is in an image: a disc's rim, a beam's edges once it is calibrated.
@@ -589,22 +589,22 @@ class SetSession(SetupSession):
         rows = slice(region.top_px, region.top_px + region.height_px)
         cols = slice(region.left_px, region.left_px + region.width_px)
         revision, geometry = self._geometry
-        own = geometry.get(self.image_names[index]) if revision == self.revision else None
+        fitted = geometry.get(self.image_names[index]) if revision == self.revision else None
         lines: Iterable[Sequence[Sequence[float]]] = ()
         if self.subject == "diametral":
             depth = self.reader(scene).bit_depth
-            circle = _calibrated_rim(own) if own else _seen_rim(image[rows, cols], depth)
+            circle = _calibrated_rim(fitted) if fitted else _seen_rim(image[rows, cols], depth)
             lines = () if circle is None else (_ring(circle),)
-        elif own:
+        elif fitted:
             beam, pixel = self.calibration_set().beam, self.pixels(scene).pixel_mm
             assert beam is not None
-            lines = _edges(own, beam.height_mm / pixel, region.width_px)
+            lines = _edges(fitted, beam.height_mm / pixel, region.width_px)
         return [moved(line, region.top_px, region.left_px) for line in lines]
 
 
-def _calibrated_rim(own: Mapping[str, float]) -> Circle:
+def _calibrated_rim(values: Mapping[str, float]) -> Circle:
     """A disc's rim as the calibration has fitted it."""
-    return Circle(own["centre_row_px"], own["centre_col_px"], own["radius_px"], 0.0)
+    return Circle(values["centre_row_px"], values["centre_col_px"], values["radius_px"], 0.0)
 
 
 def _seen_rim(image: NDArray[Any], bit_depth: int | None) -> Circle | None:
@@ -634,20 +634,20 @@ def _plain(table: Any) -> Any:
 
 
 def _edges(
-    own: Mapping[str, float], height_px: float, width: int
+    values: Mapping[str, float], height_px: float, width: int
 ) -> Iterator[list[tuple[float, float]]]:
     """A beam's two edges from the left to the right of its region, by its neutral axis and tilt."""
-    slope, half = -np.tan(np.radians(own["tilt_deg"])), 0.5 * (width - 1)
+    slope, half = -np.tan(np.radians(values["tilt_deg"])), 0.5 * (width - 1)
     away = 0.5 * height_px * np.hypot(1.0, slope)
     for side in (-away, away):
-        row = own["neutral_axis_row_px"] + side
+        row = values["neutral_axis_row_px"] + side
         yield [(float(row - slope * half), 0.0), (float(row + slope * half), width - 1.0)]
 
 
 def _load_in(name: str) -> float | None:
     """The load that an image's name tells, such as disc-560N.png; None where it tells none."""
-    found = _LOAD_IN_NAME.findall(Path(name).stem)
-    return float(found[0].replace(",", ".")) if len(found) == 1 else None
+    numbers = _LOAD_IN_NAME.findall(Path(name).stem)
+    return float(numbers[0].replace(",", ".")) if len(numbers) == 1 else None
 
 
 def with_loads(text: str, names: Sequence[str], loads: Sequence[float | None]) -> str:
@@ -656,16 +656,17 @@ def with_loads(text: str, names: Sequence[str], loads: Sequence[float | None]) -
     None: an image that is not of the set. InputError where the text's layout cannot be edited.
     """
     wanted = {n: load for n, load in zip(names, loads, strict=True) if load is not None}
-    there = parse_toml(text, "set").get("image", [])
-    own = _plain({one.get("file"): one.get("load_n") for one in there})
-    for place, one in enumerate(there):
+    images_before = parse_toml(text, "set").get("image", [])
+    loads_before = _plain({one.get("file"): one.get("load_n") for one in images_before})
+    for place, one in enumerate(images_before):
         load = wanted.get(one.get("file"))
-        if load is not None and load != own[one["file"]]:
+        if load is not None and load != loads_before[one["file"]]:
             text = with_list_value(text, "image", place, "load_n", float(load), name="set")
-    there = parse_toml(text, "set").get("image", [])
-    images = [one for one in there if one.get("file") in wanted or one.get("file") not in names]
-    images += [{"file": n, "load_n": float(v)} for n, v in wanted.items() if n not in own]
-    return text if images == there else with_table_list(text, "image", images, name="set")
+    images_before = parse_toml(text, "set").get("image", [])
+    shown = set(wanted) | {one.get("file") for one in images_before} - set(names)
+    images = [one for one in images_before if one.get("file") in shown]
+    images += [{"file": n, "load_n": float(v)} for n, v in wanted.items() if n not in loads_before]
+    return text if images == images_before else with_table_list(text, "image", images, name="set")
 
 
 def calibration_answer(session: SetSession) -> dict[str, Any]:
@@ -677,11 +678,11 @@ def calibration_answer(session: SetSession) -> dict[str, Any]:
     it.
     """
     revision = session.revision
-    found = session.calibrate()
-    value = with_uncertainty(found.fringe_value_n_per_mm, found.standard_uncertainty)
+    result = session.calibrate()
+    value = with_uncertainty(result.fringe_value_n_per_mm, result.standard_uncertainty)
     values = [("f_sigma (N/mm per fringe)", value)]
-    values.append(("chi (1 = within the noise)", f"{found.chi:.2f}"))
-    order, spread = found.order_at_zero_load, found.order_at_zero_load_uncertainty
+    values.append(("chi (1 = within the noise)", f"{result.chi:.2f}"))
+    order, spread = result.order_at_zero_load, result.order_at_zero_load_uncertainty
     if order is not None and spread is not None:
         values.append(("Order at zero load (fringes)", with_uncertainty(order, spread)))
     return {
@@ -689,10 +690,10 @@ def calibration_answer(session: SetSession) -> dict[str, Any]:
         "values": [{"words": words, "text": text} for words, text in values],
         "images": [
             {"file": one.file, "load_n": one.load_n, "order": one.order, "chi": one.chi}
-            for one in found.images
+            for one in result.images
         ],
-        "causes": list(_cause_rows(session, found)),
-        "warnings": [w for w in found.warnings if w not in map(cause_sentence, found.causes)],
+        "causes": list(_cause_rows(session, result)),
+        "warnings": [w for w in result.warnings if w not in map(cause_sentence, result.causes)],
     }
 
 
@@ -707,17 +708,17 @@ _UNITS = {
 """What the value of a cause is counted in, by its key."""
 
 
-def _cause_rows(session: SetSession, found: Calibration) -> Iterator[dict[str, Any]]:
+def _cause_rows(session: SetSession, result: Calibration) -> Iterator[dict[str, Any]]:
     """What the images asked for besides the set, in plain words, and where the set states it."""
-    for cause in found.causes:
+    for cause in result.causes:
         key, value, spread = cause["key"], cause["value"], cause["standard_uncertainty"]
         unit, why = _UNITS.get(key, ""), ""
         if key is None:
             unit = "of the wavelength, full width at half height"
             why = "The set states it in nm: fill in the wavelength in step 1, and calibrate again."
         elif key == _GAMMA:
-            own = session.calibration_set().gamma  # what was found is a factor to it
-            value, spread = own * value, own * spread
+            gamma = session.calibration_set().gamma  # what was found is a factor to it
+            value, spread = gamma * value, gamma * spread
         stated = None if key is None else round_by_spread(value, spread)
         words = cause["cause"][:1].upper() + cause["cause"][1:]
         text = with_uncertainty(value, spread)
@@ -726,8 +727,8 @@ def _cause_rows(session: SetSession, found: Calibration) -> Iterator[dict[str, A
             "key": key, "value": stated, "note": note,
             "line": None if key is None else f"{key.partition('.')[2]} = {toml_text(stated)}",
         }  # fmt: skip
-    if found.residual is not None:
-        most = f"up to {found.residual['largest_order']:.3f} fringes"
+    if result.residual is not None:
+        most = f"up to {result.residual['largest_order']:.3f} fringes"
         yield {
             "words": "Residual stress in the specimen", "text": most, "key": None, "value": None,
             "line": None,
