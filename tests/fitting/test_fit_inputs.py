@@ -20,7 +20,7 @@ from isochrome.errors import InputError
 from isochrome.estimation.observation import prepare_frame
 from isochrome.fitting.causes.freeing import fit_with_causes
 from isochrome.fitting.frame.frame_fit import fit_frame
-from isochrome.fitting.frame.inputs import stated_inputs, taken_as_exact
+from isochrome.fitting.frame.unknowns import stated_inputs, taken_as_exact
 from isochrome.frames import Frame
 from isochrome.scene import load_scene, parse_scene
 from isochrome.simulation import simulate

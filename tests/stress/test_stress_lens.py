@@ -16,7 +16,7 @@ from isochrome.stress import (
     stress_components,
     stress_difference,
 )
-from isochrome.stress.lens import Lens
+from isochrome.stress.pixels import Lens
 
 OUTSIDE = load_benchmarks("outside_camera")
 Defects, seen_places = OUTSIDE.Defects, OUTSIDE.seen_places
