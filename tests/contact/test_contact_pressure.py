@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from isochrome.contact import displacement, make_surface, solve_pressure
-from isochrome.contact.surface import log_of_hat
+from isochrome.contact.pressure import log_of_hat
 from isochrome.errors import PhysicsError
 from isochrome.reference import (
     contact_modulus,

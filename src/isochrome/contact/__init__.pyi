@@ -1,4 +1,4 @@
-from .pressure import ContactState, solve_pressure
+from .pressure import ContactState, Surface, displacement, make_surface, solve_pressure
 from .profile import ContactGrid, contact_grid, elastic_constants, line_load
 from .scar import Scar, scar_history
 from .sliding_history import (
@@ -11,7 +11,6 @@ from .sliding_history import (
 )
 from .state import SurfaceState
 from .states import contact_states, iter_contact_states
-from .surface import Surface, displacement, make_surface
 from .wear import (
     ContactSetup,
     WornStart,

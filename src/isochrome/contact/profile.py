@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isochrome.contact.pressure import read_profile, undeformed_gap
-from isochrome.contact.surface import Floats
+from isochrome.contact.pressure import Floats, read_profile, undeformed_gap
 from isochrome.errors import PhysicsError
 from isochrome.scene import UNDOUBTED_MM, Scene
 

@@ -47,8 +47,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.linalg import lapack
 
+from isochrome.contact.pressure import Floats
 from isochrome.contact.sliding_history import OutputState, SlidingHistory
-from isochrome.contact.surface import Floats
 from isochrome.errors import PhysicsError
 
 _BACK, _AHEAD = 3, 1

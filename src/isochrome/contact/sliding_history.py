@@ -22,7 +22,7 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from isochrome.contact.surface import Floats
+from isochrome.contact.pressure import Floats
 from isochrome.scene import DistanceTable, Scene, Wear
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from isochrome.contact.pressure import Floats
 from isochrome.contact.profile import ContactGrid
-from isochrome.contact.surface import Floats
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,11 +10,17 @@ from itertools import islice
 
 import numpy as np
 
-from isochrome.contact.pressure import ContactState, read_profile, solve_pressure, undeformed_gap
+from isochrome.contact.pressure import (
+    ContactState,
+    Floats,
+    log_of_hat,
+    read_profile,
+    solve_pressure,
+    undeformed_gap,
+)
 from isochrome.contact.profile import ContactGrid, contact_grid, elastic_constants, line_load
 from isochrome.contact.sliding_history import OutputState, SlidingHistory, wear_course
 from isochrome.contact.state import SurfaceState
-from isochrome.contact.surface import Floats, log_of_hat
 from isochrome.contact.wear import (
     PATH_TOLERANCE,
     ContactSetup,

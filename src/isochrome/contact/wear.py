@@ -27,7 +27,15 @@ from itertools import takewhile
 
 import numpy as np
 
-from isochrome.contact.pressure import ContactState, solve_pressure, undeformed_gap
+from isochrome.contact.pressure import (
+    ContactState,
+    Floats,
+    Surface,
+    displacement,
+    make_surface,
+    solve_pressure,
+    undeformed_gap,
+)
 from isochrome.contact.profile import ContactGrid, elastic_constants
 from isochrome.contact.scar import (
     Scar,
@@ -40,7 +48,6 @@ from isochrome.contact.scar import (
 )
 from isochrome.contact.sliding_history import OutputState, SlidingHistory, paused_doses, same_drive
 from isochrome.contact.state import SurfaceState
-from isochrome.contact.surface import Floats, Surface, displacement, make_surface
 from isochrome.errors import PhysicsError
 from isochrome.scene import Scene
 

@@ -4,7 +4,6 @@ from .causes.report import cause_messages, light_matters, opposite_shear
 from .causes.rivals import rival_causes
 from .folder import fit_report, restore_values
 from .frame.frame_fit import FrameFit, fit_frame, placed, propagated
-from .frame.inputs import stated_pairs, taken_as_exact
 from .frame.model_frame import ModelFrame, evaluate_model
 from .frame.renderer import SceneRenderer
 from .frame.single_state import (
@@ -16,7 +15,17 @@ from .frame.single_state import (
     timed_distance,
     with_numerics,
 )
-from .frame.unknowns import EARLIER, FRICTION, GAMMA, LOAD, SMOOTH_KEYS, WEAR, free_keys
+from .frame.unknowns import (
+    EARLIER,
+    FRICTION,
+    GAMMA,
+    LOAD,
+    SMOOTH_KEYS,
+    WEAR,
+    free_keys,
+    stated_pairs,
+    taken_as_exact,
+)
 from .frame_set import CORRECT
 from .joint.frame_sequence import over_distance
 from .result import TOO_FAR, fitted_scene

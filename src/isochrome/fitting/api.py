@@ -22,8 +22,7 @@ from isochrome.fitting.causes.solution import FrameSolution
 from isochrome.fitting.figure import figure_of_frames
 from isochrome.fitting.folder import restore_fit, write_fit
 from isochrome.fitting.frame.frame_fit import FrameFit, fit_frame, placed
-from isochrome.fitting.frame.inputs import inputs_of_rows, stated_inputs
-from isochrome.fitting.frame.unknowns import GAMMA, WEAR
+from isochrome.fitting.frame.unknowns import GAMMA, WEAR, inputs_of_rows, stated_inputs
 from isochrome.fitting.frame_set import (
     CORRECT,
     PreparedFrames,

@@ -10,9 +10,8 @@ import numpy as np
 
 from isochrome.estimation import ALIKE_CHI, POOR_CHI, BudgetInput
 from isochrome.fitting.frame.frame_fit import FrameFit
-from isochrome.fitting.frame.inputs import taken_as_exact
 from isochrome.fitting.frame.single_state import frame_distance
-from isochrome.fitting.frame.unknowns import EARLIER, FRICTION
+from isochrome.fitting.frame.unknowns import EARLIER, FRICTION, taken_as_exact
 from isochrome.fitting.frame_set import CORRECT
 from isochrome.fitting.joint.frame_sequence import over_distance
 from isochrome.fitting.joint.joint_fit import JointFit

@@ -8,8 +8,9 @@ from .colour.colour_table import (
     table_columns,
 )
 from .colour.own_colours import ColourShots, OwnLight, band_light, band_scale, find_light
-from .film.film_light import BrightestLight, FilmLight, smooth_zero
 from .film.film_reading import (
+    BrightestLight,
+    FilmLight,
     FilmPath,
     KeptState,
     fringe_response,
@@ -18,6 +19,7 @@ from .film.film_reading import (
     light_wave,
     pixels_together,
     read_followed,
+    smooth_zero,
 )
 from .film.follower import LARGEST_CHANGE, FilmState, follow_frame, unloaded_state
 from .on_branch import BRANCH, LARGEST_UNCERTAINTY, OrderReading, read_order, widened

@@ -6,8 +6,7 @@ from .editing import (
     with_value,
     without_value,
 )
-from .imaging import Camera, FileName, Frames, Roi
-from .known_orders import FreeBoundary, FreeCorner, KnownLine, KnownOrder
+from .imaging import Camera, FileName, Frames, FreeBoundary, FreeCorner, KnownLine, KnownOrder, Roi
 from .parts import (
     Friction,
     Indenter,

@@ -16,9 +16,8 @@ from .half_plane import (
     uniform_stress,
 )
 from .half_plane_series import SeriesField, SeriesGrid, make_series_grid, series_difference
-from .lens import Lens
 from .peak import ShearPeak, largest_shear
-from .pixels import PixelGrid, pixel_grid
+from .pixels import Lens, PixelGrid, pixel_grid
 
 __all__ = [
     "NO_STRESS",

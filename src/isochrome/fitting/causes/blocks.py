@@ -15,9 +15,8 @@ from isochrome.estimation import FrameData, line_noise
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.cause import BAND, FRINGE_VALUE, PLATES, Cause
 from isochrome.fitting.frame.frame_model import GammaFit, Pixels, gamma_slope
-from isochrome.fitting.frame.inputs import PIXEL
 from isochrome.fitting.frame.renderer import SceneRenderer, scene_optics
-from isochrome.fitting.frame.unknowns import BLUR, EARLIER, GAMMA, LENS, SMOOTH_KEYS
+from isochrome.fitting.frame.unknowns import BLUR, EARLIER, GAMMA, LENS, PIXEL, SMOOTH_KEYS
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid, regular_modes
 

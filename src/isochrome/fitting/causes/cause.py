@@ -4,8 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from isochrome.fitting.frame.inputs import PIXEL, StatedInputs
-from isochrome.fitting.frame.unknowns import BLUR, EARLIER, GAMMA, LENS, SMOOTH_KEYS
+from isochrome.fitting.frame.unknowns import (
+    BLUR,
+    EARLIER,
+    GAMMA,
+    LENS,
+    PIXEL,
+    SMOOTH_KEYS,
+    StatedInputs,
+)
 from isochrome.scene import Scene
 
 PLATES = ("polariscope.input_plate_error_deg", "polariscope.output_plate_error_deg")

@@ -26,8 +26,7 @@ from isochrome.fitting.causes.score import Asked, LightTerms, ask, richer_light
 from isochrome.fitting.causes.solution import Askable, Change, FrameSolution, change_for
 from isochrome.fitting.causes.trials import Trial, explaining_slip, is_unexplained
 from isochrome.fitting.frame.frame_fit import fit_with_model
-from isochrome.fitting.frame.inputs import StatedInputs
-from isochrome.fitting.frame.unknowns import GAMMA, LENS
+from isochrome.fitting.frame.unknowns import GAMMA, LENS, StatedInputs
 from isochrome.scene import Scene
 
 S = TypeVar("S", bound=Askable)

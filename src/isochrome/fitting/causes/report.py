@@ -12,8 +12,7 @@ from isochrome.fitting.causes.score import Asked
 from isochrome.fitting.causes.solution import Askable
 from isochrome.fitting.causes.trials import lying_otherwise
 from isochrome.fitting.frame.frame_fit import FrameFit
-from isochrome.fitting.frame.inputs import PIXEL, taken_as_exact
-from isochrome.fitting.frame.unknowns import FRICTION, LOAD, TANGENTIAL
+from isochrome.fitting.frame.unknowns import FRICTION, LOAD, PIXEL, TANGENTIAL, taken_as_exact
 from isochrome.output import agree, per_cent, with_uncertainty
 from isochrome.scene import Scene
 

@@ -15,9 +15,8 @@ from isochrome.fitting.causes.blocks import BLOCK, FrameBlocks, SolvedFrame
 from isochrome.fitting.causes.score import Asked, LightTerms
 from isochrome.fitting.frame.frame_fit import Fitted, FrameFit, fit_with_model, hidden_px
 from isochrome.fitting.frame.frame_model import FrameModel, refine_fit
-from isochrome.fitting.frame.inputs import StatedInputs
 from isochrome.fitting.frame.single_state import with_numerics
-from isochrome.fitting.frame.unknowns import fit_region, moved_scene, values_of
+from isochrome.fitting.frame.unknowns import StatedInputs, fit_region, moved_scene, values_of
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
 

@@ -26,16 +26,18 @@ from isochrome.estimation import (
 )
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.frame_model import FrameModel, GammaFit, RefinedFit, refine_fit
-from isochrome.fitting.frame.inputs import StatedInputs, inputs_of_rows, stated_inputs
 from isochrome.fitting.frame.single_state import with_numerics
 from isochrome.fitting.frame.unknowns import (
     BLUR,
     GAMMA,
     LENS,
+    StatedInputs,
     fit_region,
     free_keys,
+    inputs_of_rows,
     moved_scene,
     scales,
+    stated_inputs,
     thinning,
     values_of,
 )

@@ -36,10 +36,19 @@ from isochrome.fitting.causes.solution import (
     whole_picture,
 )
 from isochrome.fitting.frame.frame_fit import hidden_px, placed
-from isochrome.fitting.frame.inputs import StatedInputs, inputs_of_rows, stated_inputs
 from isochrome.fitting.frame.renderer import SceneRenderer
 from isochrome.fitting.frame.single_state import with_numerics
-from isochrome.fitting.frame.unknowns import LOAD, SMOOTH_KEYS, WEAR, fit_region, limits, thinning
+from isochrome.fitting.frame.unknowns import (
+    LOAD,
+    SMOOTH_KEYS,
+    WEAR,
+    StatedInputs,
+    fit_region,
+    inputs_of_rows,
+    limits,
+    stated_inputs,
+    thinning,
+)
 from isochrome.fitting.frame_set import FrameSet, refuse_alike
 from isochrome.fitting.joint.frame_sequence import Sequence, Unknown
 from isochrome.fitting.joint.measured_scars import scar_equations

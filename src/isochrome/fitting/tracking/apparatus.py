@@ -16,9 +16,8 @@ from isochrome.fitting.causes.report import cause_messages
 from isochrome.fitting.causes.score import LightTerms
 from isochrome.fitting.causes.trials import is_lost
 from isochrome.fitting.frame.frame_fit import FrameFit, fit_with_model, placed
-from isochrome.fitting.frame.inputs import inputs_of_rows
 from isochrome.fitting.frame.single_state import scene_at, slid_until
-from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS
+from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS, inputs_of_rows
 from isochrome.fitting.frame_set import FrameSet
 from isochrome.fitting.joint.frame_sequence import make_sequence
 from isochrome.fitting.joint.joint_fit import JointSolution, solve_jointly

@@ -13,7 +13,7 @@ from isochrome.errors import PhysicsError
 from isochrome.estimation import POOR_CHI
 from isochrome.figures import frame_values_figure
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.frame.inputs import taken_as_exact
+from isochrome.fitting.frame.unknowns import taken_as_exact
 from isochrome.fitting.frame_set import CORRECT
 from isochrome.fitting.result import PARTS
 from isochrome.fitting.tracking.tracker import AGAIN, FAR, NO_FRINGES, POOR, Tracked

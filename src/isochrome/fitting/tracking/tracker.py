@@ -24,9 +24,8 @@ from isochrome.estimation import (
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.frame_fit import fit_frame
 from isochrome.fitting.frame.frame_model import GammaFit, LocalModel, RefinedFit
-from isochrome.fitting.frame.inputs import inputs_of_rows
 from isochrome.fitting.frame.model_frame import ModelFrame, evaluate_model
-from isochrome.fitting.frame.unknowns import WEAR, fit_region, thinning
+from isochrome.fitting.frame.unknowns import WEAR, fit_region, inputs_of_rows, thinning
 from isochrome.fitting.result import TOO_FAR
 from isochrome.fitting.tracking.apparatus import Apparatus, NoLoad
 from isochrome.fitting.tracking.field_cache import HIDDEN_PX, WholeField, thin_frame
