@@ -113,7 +113,7 @@ def load_signs(reader: FrameReader, scene: Scene) -> LoadSigns | None:
     light = scene.polariscope
     if frames.starts_unloaded or changes or frames.known_loads_n:
         return None
-    if light.step or light.several_wavelengths:
+    if light.tells_orders:
         return None
     try:
         dark, bright = load_no_load(scene, full_shape=reader.full_shape)
@@ -331,7 +331,7 @@ def misfits(reader: FrameReader, scene: Scene, count: int | None) -> Iterator[tu
     sentence.
     """
     rows, cols = reader.shape
-    camera, wear, steps = scene.camera, scene.wear, max(1, len(scene.polariscope.step))
+    camera, wear, steps = scene.camera, scene.wear, len(scene.polariscope.step_numbers)
     each = count is not None and count % steps == 0
     if count is not None and not each:
         text = f"{count} frames are not a multiple of the polariscope's {steps} steps; give one "
@@ -643,10 +643,10 @@ def _sorted(found: Iterable[Finding]) -> tuple[Finding, ...]:
 
 def _of_scene(scene: Scene) -> Iterator[Finding]:
     rest = "process still gives normalised frames, fringe lines, and orders from known points"
-    if scene.model is None and scene.specimen.shape is not None:
+    if not scene.has_model and scene.specimen.shape is not None:
         text = f"{scene.no_model_reason}: no simulation and no fit; {rest}"
         yield Finding("warning", text)
-    elif scene.model is None:
+    elif not scene.has_model:
         yield Finding("note", f"{scene.no_model_reason}, so it has no model; {rest}")
 
 

@@ -360,7 +360,7 @@ def check_scene(scene: Scene) -> None:
             f"{scene.name}: frames.colour_table is for light of several wavelengths; add "
             "polariscope.light = 'white', or remove the table"
         )
-    if scene.model is None and scene.polariscope.field == "plane" and not steps:
+    if not scene.has_model and scene.polariscope.field == "plane" and not steps:
         raise InputError(
             f"{scene.name}: polariscope.field = 'plane': without a model, isoclinics look "
             "like fringes; capture the circular dark or bright field, or describe the model"
@@ -378,8 +378,8 @@ def _check_set(scene: Scene, reader: FrameReader, count: int) -> None:
     """Refuse a set that cannot be this scene's, before the first frame is processed."""
     if count == 0:
         raise InputError(f"{reader.path}: holds no frame; check the file")
-    alone = bool(scene.polariscope.step) or scene.polariscope.several_wavelengths
-    fitted = scene.model is not None and scene.rim_diameter_mm is None and not alone
+    alone = scene.polariscope.tells_orders
+    fitted = scene.has_model and scene.rim_diameter_mm is None and not alone
     if fitted and (scene.camera is None or scene.camera.pixel_mm is None):
         raise InputError(f"{scene.name}: camera.pixel_mm is missing, and a fit needs it; add it")
     for name, text in misfits(reader, scene, count):

@@ -83,9 +83,9 @@ def check(path: FramesLike, scene: SceneLike) -> Check:
     scene = load_scene(scene)
     found = look_through(path, scene)
     light = scene.polariscope
-    alone = bool(light.step) or light.several_wavelengths  # their states tell the order themselves
+    alone = light.tells_orders  # their states tell the order themselves
     frames = scene.frames
-    tells = scene.model is not None or (frames.no_load_dark and frames.no_load_bright)
+    tells = scene.has_model or (frames.no_load_dark and frames.no_load_bright)
     if not found.ok or not found.count or alone or not tells:
         return found
     with single_threaded():
@@ -101,7 +101,7 @@ def _by_fringes(path: FramesLike, scene: Scene, count: int) -> Iterator[Finding]
         if scene.frames.known_loads_n:
             yield from _against_others(reader, scene, capture)
             return
-        if scene.model is None:
+        if not scene.has_model:
             yield from _exposed(islice(reader, _FIRST + 1), scene, capture)
             return
         tried = {*range(_FIRST), count // 2}

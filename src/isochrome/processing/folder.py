@@ -303,7 +303,7 @@ def _set_axes(
         ("x", "left", "along the surface"),
         ("z", "top", "depth below the surface"),
     ):
-        if scene.model is None:
+        if not scene.has_model:
             stated = scene.camera and getattr(scene.camera, f"{edge}_mm") is not None
             said = {"units": "mm", "long_name": what if stated else "from the picture's outer edge"}
             axes[f"{name}_mm"] = replace(axes[f"{name}_mm"], attributes=said)

@@ -156,7 +156,7 @@ class FrameTask:
     @property
     def steps(self) -> int:
         """Frames that make one state."""
-        return max(1, len(self.scene.polariscope.step))
+        return len(self.scene.polariscope.step_numbers)
 
 
 _OPENING = 20
@@ -240,7 +240,7 @@ class FrameSource:
         """One state, with its label and distance."""
         scene, capture = self.recipe.held_scene, self.capture
         own, label, distance = scene, None, float("nan")
-        if scene.model is not None:
+        if scene.has_model:
             label, distance = place_of(scene, first)
             own = own_scene(scene, first)
         if self.recipe.coloured:
@@ -248,7 +248,7 @@ class FrameSource:
         elif scene.polariscope.step:
             found = process_stepped(frames, own, capture, residual=self.residual)
             label = None if label == first.name else label  # its own name says from where to where
-        elif scene.model is None:
+        elif not scene.has_model:
             found = process_image_only(first, own, capture)
         elif scene.frames.known_loads_n:
             found = process_known_loads(first, own, capture)

@@ -309,7 +309,7 @@ def anchor_preview(frames: FramesLike, scene: Scene, index: int) -> AnchorPrevie
     InputError
         Where the frame or the scene is wrong, or the scene's frames tell their orders themselves.
     """
-    if scene.polariscope.several_wavelengths or scene.polariscope.step:
+    if scene.polariscope.tells_orders:
         raise InputError(
             f"{scene.name}: colours and phase steps are read otherwise; press Show what the points "
             "say after setting a point"

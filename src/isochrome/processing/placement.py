@@ -106,7 +106,7 @@ def set_grid(
     pixels, place, camera = numbers(table["pixel_mm"]), fitted or scene, scene.camera
     if not np.isfinite(pixels).any():
         return None
-    if place.model is not None and place.camera is not None and place.camera.pixel_mm is not None:
+    if place.has_model and place.camera is not None and place.camera.pixel_mm is not None:
         return pixel_grid(place, shape)
     left, top = ((camera.left_mm or 0.0), (camera.top_mm or 0.0)) if camera else (0.0, 0.0)
     return PixelGrid(*shape, left, top, float(pixels[np.isfinite(pixels)][0]))

@@ -241,7 +241,7 @@ def collect(
     where they were streamed; `shape` (rows, cols) of the frames; `residual`, what was taken out of
     them. Returns Processed.
     """
-    alone = bool(scene.polariscope.step) or scene.polariscope.several_wavelengths
+    alone = scene.polariscope.tells_orders
     wider = with_past_loads(with_past_friction(with_scatter_of_gamma(table), scene), scene)
     if frames is not None and wider is not table:
         frames = [_of_row(frame, wider, k) for k, frame in enumerate(frames)]

@@ -69,7 +69,7 @@ def frame_columns(scene: Scene, *, tracked: bool = False) -> tuple[str, ...]:
     elif light.step:
         own = ("kept_share", "isoclinic_share", "whole_order_from", *LARGEST)
         own += ("residual_order_max",) if scene.frames.no_load_steps is not None else ()
-    elif scene.model is not None and not scene.frames.known_loads_n:
+    elif scene.has_model and not scene.frames.known_loads_n:
         keys = _set_keys(scene)
         values = (name for key in keys for name in (key, f"{key} {SPREAD}"))
         pressure = PRESSURE * (scene.indenter is not None)
@@ -246,7 +246,7 @@ class ProcessedFrame(SetFrame):
         Parameters: `scene`, the set's. Returns left and top.
         """
         own = scene if self.fit is None else self.fit.scene
-        if own.model is not None and own.camera is not None and own.camera.pixel_mm is not None:
+        if own.has_model and own.camera is not None and own.camera.pixel_mm is not None:
             grid = pixel_grid(own, (self.normalised.shape[0], self.normalised.shape[1]))
             return grid.left_mm, grid.top_mm
         return (own.camera.left_mm or 0.0, own.camera.top_mm or 0.0) if own.camera else (0.0, 0.0)

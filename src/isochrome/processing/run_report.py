@@ -91,7 +91,7 @@ def process_report(store: Any, result: Processed, record: Mapping[str, Any]) -> 
     """
     table, scene = result.columns, result.scene
     as_stated = (record.get("options") or {}).get("as_stated", False)
-    fitted = scene.model is not None and bool(fitted_keys(table))
+    fitted = scene.has_model and bool(fitted_keys(table))
     looked = result.asks_causes and not as_stated
     verdict = replace(result, as_stated=as_stated).summary_text
     frames, choice = _frames(store, scene, table)
@@ -296,7 +296,7 @@ def _model(
 ) -> tuple[_Model | None, str]:
     """The simulation of a frame with what was fitted to it; else None, and the reason."""
     keys = fitted_keys(table)
-    if scene.model is None or not keys:
+    if not scene.has_model or not keys:
         return None, ""
     if scene.frames.known_loads_n:
         return None, "the stress that the disc holds without load is in no simulation"

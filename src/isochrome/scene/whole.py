@@ -234,6 +234,11 @@ class Scene(ScenePart):
         return self.specimen.shape if self._body else None
 
     @property
+    def has_model(self) -> bool:
+        """Whether there is a model that renders this scene."""
+        return self.model is not None
+
+    @property
     def is_contact(self) -> bool:
         """Whether a body is pressed on a half-plane or a block, which has a surface and slides."""
         return self.indenter is not None

@@ -128,7 +128,7 @@ def _on_picture(session: SetupSession, scene: Scene) -> dict[str, Any]:
     except InputError:
         return state
     state["pixel_mm"] = pixels.pixel_mm
-    if scene.model is None:
+    if not scene.has_model:
         return state
     half = 0.5 * pixels.cols * pixels.pixel_mm
     ends = (seen_at(pixels, x, 0.0) for x in (-half, half))
@@ -235,7 +235,7 @@ def without_model(scene: Scene, text: str) -> Scene:
 
     InputError where the text's layout cannot be edited.
     """
-    if scene.model is None:
+    if not scene.has_model:
         return scene
     for part in _OF_A_MODEL:
         text = without_value(text, part)

@@ -75,7 +75,7 @@ def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
     `kept_share`, and `warnings`. PhysicsError where the frame does not show the model.
     """
     scene = session.scene()
-    if scene.model is None:
+    if not scene.has_model:
         raise InputError(
             f"{scene.name}: {scene.no_model_reason}, so there is nothing to fit; look at the map "
             "of the known points instead"

@@ -90,7 +90,7 @@ class LiveModel:
     """
 
     def __init__(self, scene: Scene, shape: tuple[int, int]) -> None:
-        if scene.model is None:
+        if not scene.has_model:
             raise InputError(
                 f"{scene.name}: {scene.no_model_reason}, so there are no fringes to show; fill in "
                 "the indenter, or the shape of a disc, ring or beam"

@@ -331,7 +331,7 @@ def _layout(grid: SweepGrid) -> RunLayout:
     """The dataset's form, the same at all points. Raises InputError where it is not."""
     count = int(np.prod(list(grid.counts.values())))
     first = grid.scene_at(0)
-    if first.model is None or first.camera is None:
+    if not first.has_model or first.camera is None:
         raise InputError(
             f"{first.name}: a sweep needs a model and a [camera], as simulate does; add them"
         )

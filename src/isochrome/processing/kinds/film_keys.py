@@ -51,11 +51,11 @@ def is_keyed(scene: Scene) -> bool:
     """Whether a scene's film can be followed from key frames that are read without a model."""
     light, frames = scene.polariscope, scene.frames
     return (
-        scene.model is None
+        not scene.has_model
         and not frames.starts_unloaded
         and frames.orders_known
         and frames.gamma != "unknown"
-        and not (light.step or light.several_wavelengths)
+        and not light.tells_orders
     )
 
 

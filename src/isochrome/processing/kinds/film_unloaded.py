@@ -53,12 +53,12 @@ _SAME_LIGHT = 0.02
 def check_unloaded(scene: Scene) -> None:
     """Refuse a scene whose film cannot be followed from zero load. Raises InputError."""
     name, light = f"{scene.name}: frames.starts_unloaded", scene.polariscope
-    if scene.model is not None:
+    if scene.has_model:
         raise InputError(
             f"{name} is for films without a model, and the scene has one, which names the orders; "
             "leave the key out"
         )
-    if light.step or light.several_wavelengths:
+    if light.tells_orders:
         raise InputError(
             f"{name}: phase steps and colours tell the order of each state; leave the key out"
         )

@@ -127,7 +127,7 @@ def _model(
     scene: Scene, shape: tuple[int, int], residual: ResidualStress | None
 ) -> Callable[[], Array] | None:
     """The order that frames of the scene's own model would show, for who asks; None without one."""
-    if scene.model is None or scene.camera is None or scene.camera.pixel_mm is None:
+    if not scene.has_model or scene.camera is None or scene.camera.pixel_mm is None:
         return None
 
     def order() -> Array:

@@ -56,7 +56,7 @@ def check_tracked(scene: Scene, shape: tuple[int, int], every: int) -> None:
         raise InputError(
             f"{scene.name}: {what} cannot be tracked, only a contact can; leave --track out"
         )
-    if scene.polariscope.step or scene.polariscope.several_wavelengths:
+    if scene.polariscope.tells_orders:
         raise InputError(
             f"{scene.name}: phase steps and colours determine each state by itself, and are not "
             "tracked; leave --track out"
