@@ -58,7 +58,7 @@ class Demo(Result):
 
     def main_values(self) -> list[tuple[str, str]]:
         """What was found."""
-        return [(quantity, found) for quantity, found, _ in self.rows]
+        return [(quantity, result) for quantity, result, _ in self.rows]
 
     def to_json(self) -> dict[str, Any]:
         """What demo.json holds."""

@@ -118,24 +118,24 @@ def _kind(place: Path) -> tuple[str, str]:
     """
     if not place.is_dir():
         raise InputError(f"{place}: no such folder; name one that {_NAMED} left")
-    found = next((name for name in _NEEDED if (place / name).is_file()), None)
+    result = next((name for name in _NEEDED if (place / name).is_file()), None)
     for name, what in _OTHERS.items():
-        if found is None and (place / name).is_file():
+        if result is None and (place / name).is_file():
             raise InputError(f"{place}: {what}")
-    if found is None or not (place / PROVENANCE).is_file():
+    if result is None or not (place / PROVENANCE).is_file():
         unfinished = Path(f"{place.resolve()}{WORKING}").is_dir()
         hint = (
             "the run is not finished: run the same command again to resume"
             if unfinished
             else f"name a folder that {_NAMED} left"
         )
-        missing = PROVENANCE if found else " and no ".join(_NEEDED)
+        missing = PROVENANCE if result else " and no ".join(_NEEDED)
         raise InputError(f"{place}: holds no {missing}; {hint}")
-    command, others = _NEEDED[found]
+    command, others = _NEEDED[result]
     for name in others:
         if not (place / name).exists():
             raise InputError(f"{place}: holds no {name}; {_again(command)}")
-    return found, command
+    return result, command
 
 
 def _content(place: Path, file: str, record: Mapping[str, Any]) -> ReportContent:
@@ -150,8 +150,8 @@ def _content(place: Path, file: str, record: Mapping[str, Any]) -> ReportContent
     if file == "history.csv":
         return simulation_report(place, scene, record)
     if file == "fit.json":
-        found = restore_values(place, scene, record.get("options") or {})
-        return fit_report(place, found, record)
+        result = restore_values(place, scene, record.get("options") or {})
+        return fit_report(place, result, record)
     with open_run(place) as dataset:
         rows, cols = dataset["normalised"].shape[-2:]
     processed = restore(scene, place, (rows, cols), None)

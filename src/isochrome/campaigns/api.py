@@ -260,20 +260,20 @@ class Campaign(Result):
 
     def figure(self) -> Figure:
         """Load and friction of each recording. Raises InputError where neither was fitted."""
-        found = summary_figure(self.scene.name, self.outcomes)
-        if found is None:
+        result = summary_figure(self.scene.name, self.outcomes)
+        if result is None:
             raise InputError(f"{self.title}: neither load nor friction was fitted; nothing to draw")
-        return found
+        return result
 
     def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
         """Load and friction of the recordings for a paper; see `paper_figure`.
 
         `frames`: numbers of the recordings that are shown. Raises InputError.
         """
-        found = campaign_panels(self.outcomes, frames)
-        if found is None:
+        result = campaign_panels(self.outcomes, frames)
+        if result is None:
             raise InputError(f"{self.title}: neither load nor friction was fitted; nothing to draw")
-        return found
+        return result
 
 
 def process_campaign(
@@ -387,26 +387,26 @@ def _all(
     progress: CampaignProgress | None,
 ) -> list[Outcome]:
     """All recordings' outcomes in order; what is finished when it is stopped is kept."""
-    found: dict[int, Outcome] = {}
+    result: dict[int, Outcome] = {}
 
     def tell(frames: Tally | None = None) -> None:
         if progress is not None:
-            before = sum(item.already for item in found.values())
-            flagged = sum(item.row["status"] != "ok" for item in found.values())
-            progress(Tally(len(found), len(tasks), before, flagged), frames)
+            before = sum(item.already for item in result.values())
+            flagged = sum(item.row["status"] != "ok" for item in result.values())
+            progress(Tally(len(result), len(tasks), before, flagged), frames)
 
     tell()
     try:
         with closing(_outcomes(tasks, scene, options, workers, tell)) as outcomes:
             for number, outcome in outcomes:
-                found[number] = outcome
+                result[number] = outcome
                 tell()
     except KeyboardInterrupt:
         raise Stopped(
-            f"stopped; {len(found)} of {counted(len(tasks), 'recording')} are finished and kept in "
-            f"{tasks[0].folder.parent}; run the same command again to resume"
+            f"stopped; {len(result)} of {counted(len(tasks), 'recording')} are finished and kept "
+            f"in {tasks[0].folder.parent}; run the same command again to resume"
         ) from None
-    return [found[number] for number in range(len(tasks))]
+    return [result[number] for number in range(len(tasks))]
 
 
 def _outcomes(

@@ -54,7 +54,7 @@ def folder_names(recordings: Sequence[FramesPath]) -> tuple[str, ...]:
     own = [_plain(place.name if place.is_dir() else place.stem) for place in places]
     count = Counter(_key(name) for name in own)
     taken: set[str] = set()
-    found = []
+    result = []
     for place, name in zip(places, own, strict=True):
         if count[_key(name)] > 1:
             name = _plain(f"{place.parent.name}-{name}")
@@ -63,8 +63,8 @@ def folder_names(recordings: Sequence[FramesPath]) -> tuple[str, ...]:
             number += 1
             free = f"{name}-{number}"
         taken.add(_key(free))
-        found.append(free)
-    return tuple(found)
+        result.append(free)
+    return tuple(result)
 
 
 def _place(frames: FramesPath) -> Path:
@@ -141,7 +141,7 @@ def outcome_of(
                 f"{task.folder}: is a symbolic link, and results are put into the campaign's own "
                 "folder alone; remove it, or name another --out folder"
             )
-        found = process(task.frames, scene, task.folder, progress=progress, **options)
+        result = process(task.frames, scene, task.folder, progress=progress, **options)
     except NoCluster:
         raise
     except IsochromeError as error:
@@ -151,7 +151,7 @@ def outcome_of(
             task,
             PhysicsError("not enough memory; use a smaller region of interest or fewer workers"),
         )
-    return _read(task, found)
+    return _read(task, result)
 
 
 def failed(task: Task, error: IsochromeError) -> Outcome:
@@ -179,7 +179,7 @@ def _read(task: Task, found: Processed) -> Outcome:
     flagged = sum(bool(text) for text in table["warnings"]) - found.failed
     status = "flagged" if flagged or found.failed else "ok"
     row = _row(task, "failed" if found.failed == count else status)
-    chi, kept = _known(table, "chi"), _known(table, "kept_share")
+    chi, selected = _known(table, "chi"), _known(table, "kept_share")
     row |= {
         "frames": count,
         "failed_frames": found.failed,
@@ -188,7 +188,7 @@ def _read(task: Task, found: Processed) -> Outcome:
         "pixel_mm": next((p for p in table["pixel_mm"] if p is not None), None),
         "chi_median": _of_known(np.median, chi),
         "chi_max": _of_known(np.max, chi),
-        "kept_share": _of_known(np.median, kept),
+        "kept_share": _of_known(np.median, selected),
         "warnings": "; ".join(found.warnings),
     }
     keys = [name for name in table if f"{name} {SPREAD}" in table]
@@ -231,9 +231,9 @@ def _hashes(frames: FramesPath) -> dict[str, str]:
     for place in map(Path, named):
         with suppress(OSError):
             files += sorted(place.iterdir()) if place.is_dir() else [place]
-    found = {}
+    result = {}
     for file in files:
         with suppress(InputError, OSError):
             if file.is_file():
-                found[str(file)] = sha256(file)
-    return found
+                result[str(file)] = sha256(file)
+    return result

@@ -239,8 +239,10 @@ def three_axes(shape: tuple[int, ...]) -> list[Axes]:
 
     height = float(np.clip(_PANEL_WIDTH_IN * shape[0] / shape[1], 0.8, 6.0)) + 0.7
     size = 3 * _PANEL_WIDTH_IN + 1.75, height
-    found: Any = pyplot.subplots(1, 3, figsize=size, layout="constrained", sharex=True, sharey=True)
-    return list(found[1])
+    result: Any = pyplot.subplots(
+        1, 3, figsize=size, layout="constrained", sharex=True, sharey=True
+    )
+    return list(result[1])
 
 
 def place_of_pair(experiment: ComparedFrames, simulation: ComparedFrames) -> Place:
@@ -277,11 +279,11 @@ def _draw_row(
 def _draw_lines(axes: Axes, simulation: ComparedFrames, index: int, place: Place) -> None:
     """Overlay the simulation's dark-fringe centre lines, thin enough to see what is below."""
     if simulation.order is not None:
-        found = order_contours(simulation.order[index])
+        result = order_contours(simulation.order[index])
     else:
-        found = skeletons(simulation.signal[index])
+        result = skeletons(simulation.signal[index])
     look = {"color": OVERLAY_COLOUR, "linewidth": LINE_PT, "scalex": False, "scaley": False}
-    for line in found:
+    for line in result:
         if line.kind == "dark":
             draw_line(axes, line.rows, line.cols, place, **look)
 

@@ -424,7 +424,7 @@ def compare_frames(
     the signals; only where both images are known. InputError where numbers, shapes or pixel scales
     do not fit together, or a pair has no pixel to compare.
     """
-    found = []
+    result = []
     for index, (here, there) in enumerate(frame_pairs(experiment, simulation)):
         label = (experiment if len(experiment) >= len(simulation) else simulation).label(index)
         measured, model = experiment.signal[here], simulation.signal[there]
@@ -445,8 +445,8 @@ def compare_frames(
         if any(lines):
             scale = experiment.pixel_mm or simulation.pixel_mm
             skeleton = skeleton_distance(lines[0], lines[1], pixel_mm=scale)
-        found.append(FrameMetrics(index, label, orders, signals, skeleton))
-    return found
+        result.append(FrameMetrics(index, label, orders, signals, skeleton))
+    return result
 
 
 def frame_pairs(experiment: ComparedFrames, simulation: ComparedFrames) -> list[tuple[int, int]]:

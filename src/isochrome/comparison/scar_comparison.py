@@ -420,25 +420,25 @@ class ScarComparison(Result):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What traces show besides a scar, areas that differ, and inputs taken as exact."""
-        found = list(self.messages)
+        result = list(self.messages)
         for name, pair in zip(self.names, self.pairs, strict=True):
             if pair is None:
                 continue
             gap, spread = pair.area_difference_mm2
             if abs(gap) > _APART * spread:
-                found.append(
+                result.append(
                     f"{name}: its worn area, {pair.trace.worn_area_mm2:.4g} mm², differs from the "
                     f"simulated {pair.scar.worn_area_mm2:.4g} mm² by {abs(gap) / spread:.1f} "
                     "standard uncertainties; the scene's load, wear coefficient or distance is "
                     "not that of the scar"
                 )
         if not self.scars[0].moved_um:
-            found.append(
+            result.append(
                 f"{self.scene.name}: states no uncertainty, so the simulated scars have no band; "
                 "write wear.coefficient_mm2_per_n, load.normal_n, ... as { value = ..., "
                 "standard_uncertainty = ... }"
             )
-        return tuple(found)
+        return tuple(result)
 
     @property
     def title(self) -> str:
@@ -555,14 +555,14 @@ def _paired(
     for file, scar in zip(files, scars, strict=True):
         trace = read_trace(file)
         try:
-            found = levelled(trace)
+            result = levelled(trace)
         except UnclearScarError as unclear:
             first = first or unclear
             pairs.append(None)
             messages.append(str(unclear))
             continue
-        pairs.append(pair_scar(found, scar))
-        messages += found.messages
+        pairs.append(pair_scar(result, scar))
+        messages += result.messages
     if first is not None and not any(pairs):
         raise first
     return tuple(pairs), tuple(messages)

@@ -309,8 +309,8 @@ def _give_two(axis: Axis, long_mm: float, size_mm: Callable[[str], float]) -> No
     if len(_inside(axis.get_major_locator().tick_values(low, high), low, high)) > 1:
         return
     for most in range(2, 2 * _MOST_NUMBERS):  # the roundest first
-        found = MaxNLocator(most, steps=_ROUND_STEPS, min_n_ticks=1).tick_values(low, high)
-        values = _inside(found, low, high)
+        result = MaxNLocator(most, steps=_ROUND_STEPS, min_n_ticks=1).tick_values(low, high)
+        values = _inside(result, low, high)
         halves = [0.5 * size_mm(text) for text in axis.get_major_formatter().format_ticks(values)]
         whole = [
             (value, half)
@@ -380,15 +380,17 @@ class FigureLayout:
     @property
     def blocks(self) -> dict[str, float]:
         """The blocks of a figure, from the top, with their first heights in mm."""
-        found: dict[str, float] = {}
+        result: dict[str, float] = {}
         if self.panels.kinds:
             rows, cols = self.grid
-            found["pictures"] = rows * (0.75 * self.style.width_mm / cols + _AROUND_MM) + _AROUND_MM
+            result["pictures"] = (
+                rows * (0.75 * self.style.width_mm / cols + _AROUND_MM) + _AROUND_MM
+            )
         if self.panels.plots:
-            found["plots"] = sum(map(self.plot_height, self.plot_rows)) + self.legend_height
+            result["plots"] = sum(map(self.plot_height, self.plot_rows)) + self.legend_height
         if self.notes:
-            found["notes"] = PAPER_LINE_MM * (self.notes.count("\n") + 1.5)
-        return found
+            result["notes"] = PAPER_LINE_MM * (self.notes.count("\n") + 1.5)
+        return result
 
     @cached_property
     def grid(self) -> tuple[int, int]:

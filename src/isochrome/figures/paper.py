@@ -124,12 +124,12 @@ def _bars(axes: Axes, bars: Any) -> Iterator[tuple[str, Array, dict[str, Array]]
 
 def _band(band: Any) -> dict[float, tuple[float, float]]:
     """Lower and upper end of a band at each of its x."""
-    found: dict[float, tuple[float, float]] = {}
+    result: dict[float, tuple[float, float]] = {}
     for path in band.get_paths():
         for x, y in path.vertices.tolist():
-            low, high = found.get(x, (y, y))
-            found[x] = min(low, y), max(high, y)
-    return found
+            low, high = result.get(x, (y, y))
+            result[x] = min(low, y), max(high, y)
+    return result
 
 
 def _colour(line: Any) -> tuple[float, ...]:
@@ -547,13 +547,13 @@ def save_figure(
 
 def _tables(figure: Figure, base: Path) -> dict[Path, dict[str, Any]]:
     """The data of each plot, by the file beside the figure that is to hold them."""
-    found = {}
+    result = {}
     for axes in figure.axes:
         letter = panel_of_plot(axes)
         columns = curve_columns(axes) if letter else {}
         if columns:
-            found[base.with_name(f"{base.name}_{letter}.csv")] = columns
-    return found
+            result[base.with_name(f"{base.name}_{letter}.csv")] = columns
+    return result
 
 
 def _content(figure: Figure, form: str, dpi: float) -> bytes:

@@ -199,8 +199,8 @@ def given_axes(axes: Axes | None) -> Axes:
         return axes
     from matplotlib import pyplot
 
-    found: Axes = pyplot.subplots(layout="constrained")[1]
-    return found
+    result: Axes = pyplot.subplots(layout="constrained")[1]
+    return result
 
 
 def place_of_image(image: Any, pixel_mm: float | None, left_mm: float, top_mm: float) -> Place:
@@ -219,8 +219,8 @@ def place_of_image(image: Any, pixel_mm: float | None, left_mm: float, top_mm: f
 def _own_shift(coords: Any, name: str) -> float:
     """How far (mm) the one frame that an image is lies from its axis, where that is known."""
     own = (coords.get(f"{start}shift_{name}_mm") for start in ("", "key_"))
-    found = next((float(at) for at in own if at is not None and np.ndim(at) == 0), 0.0)
-    return found if np.isfinite(found) else 0.0
+    result = next((float(at) for at in own if at is not None and np.ndim(at) == 0), 0.0)
+    return result if np.isfinite(result) else 0.0
 
 
 def plot_frame(

@@ -234,25 +234,25 @@ def process(
         if not follow:
             refuse_unfollowed(None if keyed else every, maps)
         shown = working_folder(Path(out)) / PREVIEW if out is not None and preview else None
-        recipe = FrameTask(
+        task = FrameTask(
             frames=frames, scene=scene, reader=reader, key="not yet known", rois=rois,
             as_stated=as_stated, keep_going=keep_going, preview=shown,
             every=(every or EVERY) if follow else None,
             key_every=(every or KEY_EVERY) if keyed else None, if_film=not track,
         )  # fmt: skip
-        identity = partial(identity_of, recipe, files, maps)
+        identity = partial(identity_of, task, files, maps)
         if out is not None and not restart and _is_done(Path(out), identity):
-            found = restore(scene, Path(out), reader.shape, open_set(recipe).residual)
-            return replace(found, as_stated=as_stated)
+            result = restore(scene, Path(out), reader.shape, open_set(task).residual)
+            return replace(result, as_stated=as_stated)
         several = (workers or 1) > 1 and cluster is None
         early = waiting_workers(workers or 1, process_chunk) if several else nullcontext()
         means = RunOptions(workers, cluster, restart, keep_going, opened.enter_context(early))
-        found = _processed(recipe, identity, maps, out, means, progress)
-        return replace(found, as_stated=as_stated)
+        result = _processed(task, identity, maps, out, means, progress)
+        return replace(result, as_stated=as_stated)
 
 
 def _processed(
-    recipe: FrameTask,
+    task: FrameTask,
     identify: Callable[[], Mapping[str, Any]],
     maps: str | None,
     out: str | Path | None,
@@ -260,35 +260,35 @@ def _processed(
     progress: RunProgress | None,
 ) -> Processed:
     """All states of a set, in memory or into a folder."""
-    reader, every = recipe.reader, recipe.every
+    reader, every = task.reader, task.every
     count = reader.count(decode=every is None)
-    _check_set(recipe.scene, reader, count)
+    _check_set(task.scene, reader, count)
     said = ""
     if every is not None:
-        check_tracked(recipe.scene, reader.shape, every)
-        recipe, said = with_maps(recipe, maps, count, on_disk=out is not None)
-    source = open_set(recipe)
-    if every is not None and not recipe.as_stated:
-        recipe = source.recipe = replace(recipe, apparatus=apparatus_of(source, count))
+        check_tracked(task.scene, reader.shape, every)
+        task, said = with_maps(task, maps, count, on_disk=out is not None)
+    source = open_set(task)
+    if every is not None and not task.as_stated:
+        task = source.recipe = replace(task, apparatus=apparatus_of(source, count))
     if said and progress is not None:  # what is refused before is one line
         progress(Tally(0, count, 0, 0, said))
     if source.recipe.follows_fringes:
-        recipe = source.recipe = with_film(source, count, progress)
+        task = source.recipe = with_film(source, count, progress)
     if out is None:
-        return _in_memory(source, count // recipe.steps, progress)
+        return _in_memory(source, count // task.steps, progress)
     identity = identify()
     digest = hashlib.sha256(json.dumps(identity).encode()).hexdigest()
-    recipe = source.recipe = replace(recipe, key=digest)  # opened, it need not be opened again
-    job = Job(partial(process_chunk, recipe), set_layout(source, count // recipe.steps), identity)
+    task = source.recipe = replace(task, key=digest)  # opened, it need not be opened again
+    job = Job(partial(process_chunk, task), set_layout(source, count // task.steps), identity)
 
     place = Path(out).absolute()
 
-    def finish(bench: RunFolder) -> Processed:
+    def finish(run_folder: RunFolder) -> Processed:
         release_caches()
-        return finish_set_folder(bench, place, job, recipe, reader.shape, source.residual)
+        return finish_set_folder(run_folder, place, job, task, reader.shape, source.residual)
 
-    found = run_job(job, out, finish, means=means, progress=progress)
-    return found or restore(recipe.scene, Path(out), reader.shape, source.residual)
+    result = run_job(job, out, finish, means=means, progress=progress)
+    return result or restore(task.scene, Path(out), reader.shape, source.residual)
 
 
 def _is_done(out: Path, identify: Callable[[], Mapping[str, Any]]) -> bool:
@@ -301,11 +301,11 @@ def _is_done(out: Path, identify: Callable[[], Mapping[str, Any]]) -> bool:
 
 def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) -> Processed:
     """All states, kept in memory."""
-    recipe, flagged = source.recipe, 0
-    pictures = count if recipe.every is None else -(-count // recipe.every)
-    needed = 4 * len(layers_of(recipe.scene)) * pictures * math.prod(source.reader.shape)
+    task, flagged = source.recipe, 0
+    pictures = count if task.every is None else -(-count // task.every)
+    needed = 4 * len(layers_of(task.scene)) * pictures * math.prod(source.reader.shape)
     film: dict[str, list[np.ndarray]] = {}
-    if recipe.every is not None and recipe.maps == "all":
+    if task.every is not None and task.maps == "all":
         film = {name: [] for name in FILM}
         needed += 4 * len(FILM) * count * math.prod(source.reader.shape)
     if needed > MOST_IN_MEMORY:
@@ -314,26 +314,26 @@ def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) ->
             f"{needed / 1e9:.0f} GB, and {MOST_IN_MEMORY / 1e9:.0f} GB are kept in memory; give a "
             "folder for them (out), or fewer frames"
         )
-    rows, more, kept = list[dict[str, Any]](), dict[str, Any](), list[ProcessedFrame]()
-    found = source.states if recipe.every is None else partial(tracked_states, source)
-    for item in found(0, count):
-        add_frame_row(more, len(rows), more_of(item, recipe.scene))
-        rows.append(frame_row(item, recipe))
+    rows, more, selected = list[dict[str, Any]](), dict[str, Any](), list[ProcessedFrame]()
+    outcome = source.states if task.every is None else partial(tracked_states, source)
+    for item in outcome(0, count):
+        add_frame_row(more, len(rows), more_of(item, task.scene))
+        rows.append(frame_row(item, task))
         for name, seen in film.items():
             made = film_map(item, name)
             seen.append(blank_map(name, source.reader.shape) if made is None else made)
         if isinstance(item, ProcessedFrame):
-            kept.append(item)
+            selected.append(item)
         flagged += item.status != "ok"
         if progress is not None:
             progress(Tally(len(rows), count, 0, flagged))
     table = tabulate_set(rows)
-    shares = [item.reading.kept if item.reading else None for item in kept]
-    refuse_unread(recipe.scene, str(source.reader.path), table, shares)
+    shares = [item.reading.kept if item.reading else None for item in selected]
+    refuse_unread(task.scene, str(source.reader.path), table, shares)
     shape, status = source.reader.shape, more["status"]
-    result = collect(recipe.scene, table, status, kept, shape, source.residual)
-    draw = partial(figure_in_memory, recipe.scene, table, status, kept)
-    load = partial(set_dataset, result, more, kept, film, shape)
+    result = collect(task.scene, table, status, selected, shape, source.residual)
+    draw = partial(figure_in_memory, task.scene, table, status, selected)
+    load = partial(set_dataset, result, more, selected, film, shape)
     return replace(result, draw=draw, load=load)
 
 

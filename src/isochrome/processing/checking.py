@@ -81,15 +81,15 @@ def check(path: FramesLike, scene: SceneLike) -> Check:
     (True, 1)
     """
     scene = load_scene(scene)
-    found = look_through(path, scene)
+    result = look_through(path, scene)
     light = scene.polariscope
     alone = light.tells_orders  # their states tell the order themselves
     frames = scene.frames
     tells = scene.has_model or (frames.no_load_dark and frames.no_load_bright)
-    if not found.ok or not found.count or alone or not tells:
-        return found
+    if not result.ok or not result.count or alone or not tells:
+        return result
     with single_threaded():
-        return found.with_more(_by_fringes(path, scene, found.count))
+        return result.with_more(_by_fringes(path, scene, result.count))
 
 
 def _by_fringes(path: FramesLike, scene: Scene, count: int) -> Iterator[Finding]:
@@ -119,9 +119,9 @@ def _against_others(reader: FrameReader, scene: Scene, capture: Capture) -> Iter
     own = replace(capture, series=series)
     middle = len(scene.frames.known_loads_n) // 2
     looked = [frame for frame in reader if frame.index in (0, middle)]
-    found = [process_known_loads(frame, scene, own) for frame in looked]
-    read = any(tells_load(frame) for frame in found)
-    for frame in found:
+    result = [process_known_loads(frame, scene, own) for frame in looked]
+    read = any(tells_load(frame) for frame in result)
+    for frame in result:
         for text in frame.warnings[:1] if not tells_load(frame) else ():
             level: Level = "warning" if read else "error"
             yield Finding(level, f"{named_frames([frame.index])}: {text}", frame.index)

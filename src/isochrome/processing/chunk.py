@@ -60,18 +60,18 @@ FILM = (ORDER.name, CONFIDENCE.name)
 """Maps of every frame of a video that is followed."""
 
 
-def task_layers(recipe: FrameTask) -> tuple[Layer, ...]:
+def task_layers(task: FrameTask) -> tuple[Layer, ...]:
     """The maps that a set's run leaves."""
-    layers = layers_of(recipe.scene)
-    if recipe.every is None or recipe.maps == "key":
+    layers = layers_of(task.scene)
+    if task.every is None or task.maps == "key":
         return layers
-    if recipe.maps == "none":
+    if task.maps == "none":
         return ()
-    kept = {
-        ORDER.name: Compact(recipe.order_step, 16, recipe.pages),
-        CONFIDENCE.name: Compact(_CONFIDENCE_STEP, 8, recipe.pages),
+    selected = {
+        ORDER.name: Compact(task.order_step, 16, task.pages),
+        CONFIDENCE.name: Compact(_CONFIDENCE_STEP, 8, task.pages),
     }
-    return tuple(replace(layer, compact=kept.get(layer.name)) for layer in layers)
+    return tuple(replace(layer, compact=selected.get(layer.name)) for layer in layers)
 
 
 def layers_of(scene: Scene) -> tuple[Layer, ...]:
@@ -111,19 +111,19 @@ def with_film(source: FrameSource, count: int, progress: RunProgress | None) -> 
     so. Parameters: `source`; `count`; `progress`, called in each pass. Returns a FrameTask. Raises
     PhysicsError where it was to be followed and cannot be.
     """
-    recipe = source.recipe
+    task = source.recipe
     again = partial(_told_of, partial(source.captured, 0, count), count, progress)
     more: dict[str, Any] = {"chunk": set_layout(source, count).chunk, "count": count}
-    if recipe.key_every is None:
-        film = prepare_unloaded(again, recipe.scene, source.capture, **more)
-        return replace(recipe, film=film)
+    if task.key_every is None:
+        film = prepare_unloaded(again, task.scene, source.capture, **more)
+        return replace(task, film=film)
     try:
-        film = prepare_keyed(again, recipe.scene, source.capture, every=recipe.key_every, **more)
+        film = prepare_keyed(again, task.scene, source.capture, every=task.key_every, **more)
     except PhysicsError as error:
-        if not recipe.if_film:
+        if not task.if_film:
             raise PhysicsError(OR_ALONE.format(error)) from error
-        return replace(recipe, key_every=None, note=ALONE.format(error))
-    return replace(recipe, film=film)
+        return replace(task, key_every=None, note=ALONE.format(error))
+    return replace(task, film=film)
 
 
 def _told_of(
@@ -140,20 +140,20 @@ def _told_of(
         yield index, frames
 
 
-def process_chunk(recipe: FrameTask, start: int, stop: int) -> Results:
+def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
     """What is found in the states [start, stop) of a set.
 
-    Parameters: `recipe`; `start`, `stop`. Returns Results. Raises InputError, PhysicsError.
+    Parameters: `task`; `start`, `stop`. Returns Results. Raises InputError, PhysicsError.
     """
-    source = open_set(recipe)
-    if recipe.every is not None:
-        return gather(recipe, tracked_states(source, start, stop))
-    return gather(recipe, source.states(start, stop))
+    source = open_set(task)
+    if task.every is not None:
+        return gather(task, tracked_states(source, start, stop))
+    return gather(task, source.states(start, stop))
 
 
-def gather(recipe: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) -> Results:
+def gather(task: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) -> Results:
     """Processed frames as Results; they are let go one by one."""
-    layers = task_layers(recipe)
+    layers = task_layers(task)
     compact = {layer.name: layer.compact for layer in layers if layer.compact is not None}
     pictures: dict[str, list[np.ndarray]] = {
         layer.name: [] for layer in layers if layer.name not in compact
@@ -164,10 +164,10 @@ def gather(recipe: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) 
     rois: list[tuple[str, bytes]] = []
     for item in states:
         item = _within(item, compact.get(ORDER.name))
-        if recipe.preview is not None:
-            write_preview(recipe.preview, item)
-        rows.append(frame_row(item, recipe))
-        more.append(more_of(item, recipe.scene))
+        if task.preview is not None:
+            write_preview(task.preview, item)
+        rows.append(frame_row(item, task))
+        more.append(more_of(item, task.scene))
         for name, kind in compact.items():
             made = film_map(item, name)
             packed[name].append(None if made is None else kind.pack(made))
@@ -177,18 +177,18 @@ def gather(recipe: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) 
             seen.append(picture_of(item, name))
         # where a model was fitted, its frames can be drawn anew, and a film has thousands of them:
         # lines are for who asks
-        alone = item.fit is None and not recipe.follows_fringes
-        lines = item.skeleton() if recipe.rois or alone else []
+        alone = item.fit is None and not task.follows_fringes
+        lines = item.skeleton() if task.rois or alone else []
         if lines:
-            left, top = item.corner_mm(recipe.scene)
+            left, top = item.corner_mm(task.scene)
             points = skeleton_table(lines, pixel_mm=item.pixel_mm, left_mm=left, top_mm=top)
             number = np.full(len(points["line"]), item.index)
             tables.append(csv_text({"frame": number, **points}, header=not tables))
-        if recipe.rois:
+        if task.rois:
             rois += roi_entries(lines, item.index)
     arrays = {name: np.stack(seen) for name, seen in pictures.items()}
     parts = {LINES: "".join(tables).encode()} if tables else {}
-    if recipe.rois:
+    if task.rois:
         data = io.BytesIO()
         with zipfile.ZipFile(data, "w") as archive:
             add_rois(archive, rois)
@@ -212,24 +212,24 @@ def _within(
     return replace(item, warnings=(*item.warnings, text))
 
 
-def frame_row(item: ProcessedFrame | FollowedFrame, recipe: FrameTask) -> dict[str, Any]:
+def frame_row(item: ProcessedFrame | FollowedFrame, task: FrameTask) -> dict[str, Any]:
     """A frame's row of frames.csv; of a tracked video with its place in the stacks of pictures."""
-    row, columns = item.row(), frame_columns(recipe.scene, tracked=recipe.every is not None)
-    if recipe.every is not None and isinstance(item, ProcessedFrame):
+    row, columns = item.row(), frame_columns(task.scene, tracked=task.every is not None)
+    if task.every is not None and isinstance(item, ProcessedFrame):
         found_by = WHOLE if item.has_values else NOTHING
-        place = None if recipe.maps == "none" else item.index // recipe.every
+        place = None if task.maps == "none" else item.index // task.every
         row |= {PICTURE: place, FOUND_BY: found_by}
-        held = {} if recipe.apparatus is None else recipe.apparatus.values
+        held = {} if task.apparatus is None else task.apparatus.values
         for key, (value, spread) in held.items():
             row |= {key: value, f"{key} {SPREAD}": spread}
-    return row_of_set(row, columns, recipe.scene)
+    return row_of_set(row, columns, task.scene)
 
 
 def picture_of(item: ProcessedFrame, name: str) -> np.ndarray:
     """A layer's picture of a frame (rows, cols), blank where it has none."""
-    found = item.maps().get(name)
-    if found is not None:
-        return found
+    result = item.maps().get(name)
+    if result is not None:
+        return result
     return blank_map(name, item.normalised.shape)
 
 
@@ -264,7 +264,7 @@ def more_of(item: ProcessedFrame | FollowedFrame, scene: Scene) -> dict[str, Any
 
 def lines_of(table: bytes, frames: set[int]) -> dict[int, list[Skeleton]]:
     """The fringe lines of some frames, read back from a chunk's table."""
-    found: dict[int, list[Skeleton]] = {}
+    result: dict[int, list[Skeleton]] = {}
     points = csv.DictReader(io.StringIO(table.decode()))
     wanted = (row for row in points if int(row["frame"]) in frames)
     for (frame, _), line in groupby(wanted, key=lambda row: (int(row["frame"]), row["line"])):
@@ -272,5 +272,5 @@ def lines_of(table: bytes, frames: set[int]) -> dict[int, list[Skeleton]]:
         order, kind = own[0]["order"], cast(Any, own[0]["kind"])
         at = [np.array([float(row[name]) for row in own]) for name in ("row_px", "col_px")]
         skeleton = Skeleton(kind, at[0], at[1], float(order) if order else None)
-        found.setdefault(frame, []).append(skeleton)
-    return found
+        result.setdefault(frame, []).append(skeleton)
+    return result

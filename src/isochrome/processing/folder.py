@@ -78,41 +78,41 @@ _MORE = ("status", "time_s", "left_mm", "top_mm")
 
 
 def finish_set_folder(
-    bench: RunFolder,
+    run_folder: RunFolder,
     out: Path,
     job: Job,
-    recipe: FrameTask,
+    task: FrameTask,
     shape: tuple[int, int],
     residual: ResidualStress | None = None,
 ) -> Processed:
     """Make the files that need all frames, from what is kept of their chunks.
 
-    Parameters: `bench`, where the run's chunks lie; `out`, where its results will; `job`; `recipe`;
+    Parameters: `run_folder`, where the chunks lie; `out`, where the results will; `job`; `task`;
     `shape` (rows, cols);
     `residual`, what was taken out of the frames. Returns Processed. Raises InputError, OSError, and
     PhysicsError where nothing could be read in any frame.
     """
-    folder, scene = bench.results, recipe.scene
-    found: dict[str, Any] = {}
+    folder, scene = run_folder.results, task.scene
+    outcome: dict[str, Any] = {}
     more: dict[str, Any] = {}
-    for number, (row, rest) in enumerate(rows(bench)):
-        add_frame_row(found, number, row)
+    for number, (row, rest) in enumerate(rows(run_folder)):
+        add_frame_row(outcome, number, row)
         add_frame_row(more, number, rest)
-    table = warnings_last(found)
-    refuse_unread(scene, str(recipe.reader.path), table, more["kept"])
+    table = warnings_last(outcome)
+    refuse_unread(scene, str(task.reader.path), table, more["kept"])
     result = collect(scene, table, more["status"], None, shape, residual)
     table = result.columns
     write_csv(folder / "frames.csv", table)
-    _join_lines(bench, recipe)
+    _join_lines(run_folder, task)
     if result.fitted is not None:
         write_text(folder / "fitted_scene.toml", dump_scene(result.fitted))
     write_text(folder / "scene.toml", dump_scene(scene))
-    _add_to_store(bench, job, result, more, shape)
-    draw = partial(set_figure, scene, table, _shown(bench, table, more))
+    _add_to_store(run_folder, job, result, more, shape)
+    draw = partial(set_figure, scene, table, _shown(run_folder, table, more))
     more.clear()  # a picture needs room: of a long run no more than the table is left then
     trim_heap()
     result = replace(result, draw=draw, load=partial(open_run, out))
-    dpi = FIGURE_DPI if recipe.every is None else _TRACKED_DPI
+    dpi = FIGURE_DPI if task.every is None else _TRACKED_DPI
     write_figure(folder / FIGURE, result.figure(), dpi=dpi)
     trim_heap()
     write_report(folder / REPORT, process_report(folder / STORE, result, job.identity))
@@ -120,7 +120,7 @@ def finish_set_folder(
 
 
 def _add_to_store(
-    bench: RunFolder,
+    run_folder: RunFolder,
     job: Job,
     result: Processed,
     more: dict[str, Any],
@@ -133,57 +133,57 @@ def _add_to_store(
     OSError.
     """
     columns, axes = _set_columns(result, more, shape)
-    add_columns(bench.results / STORE, columns, axes, attributes(job.identity))
+    add_columns(run_folder.results / STORE, columns, axes, attributes(job.identity))
     grid = set_grid(result.scene, result.fitted, result.columns, shape)
     place: dict[str, Any] = {"pixel_mm": None}
     if grid is not None:
         place = {"pixel_mm": grid.pixel_mm, "left_mm": grid.left_mm, "top_mm": grid.top_mm}
-    _write_stacks(bench, result.columns, axes, place)
+    _write_stacks(run_folder, result.columns, axes, place)
     if result.residual is not None:
-        _write_residual(bench, result.residual, place)
+        _write_residual(run_folder, result.residual, place)
 
 
-def _join_lines(bench: RunFolder, recipe: FrameTask) -> None:
+def _join_lines(run_folder: RunFolder, task: FrameTask) -> None:
     """skeleton.csv where a line was found, and skeleton.zip where it was asked for."""
-    if next(parts(bench, LINES), None) is not None:
-        with replacing(bench.results / LINES) as beside, open(beside, "wb") as file:
-            for number, part in enumerate(parts(bench, LINES)):  # the head of the first alone
+    if next(parts(run_folder, LINES), None) is not None:
+        with replacing(run_folder.results / LINES) as beside, open(beside, "wb") as file:
+            for number, part in enumerate(parts(run_folder, LINES)):  # the head of the first alone
                 file.write(part if number == 0 else part.partition(b"\n")[2])
-    if recipe.rois:
+    if task.rois:
         with (
-            replacing(bench.results / ROIS) as beside,
+            replacing(run_folder.results / ROIS) as beside,
             zipfile.ZipFile(beside, "w") as archive,
         ):
-            for part in parts(bench, ROIS):
+            for part in parts(run_folder, ROIS):
                 with zipfile.ZipFile(io.BytesIO(part)) as own:
                     add_rois(archive, ((name, own.read(name)) for name in own.namelist()))
 
 
 def _shown(
-    bench: RunFolder, table: dict[str, list[Any]], more: dict[str, list[Any]]
+    run_folder: RunFolder, table: dict[str, list[Any]], more: dict[str, list[Any]]
 ) -> list[Shown]:
     """The first frames in which something was found, or some key frames, as they are drawn."""
     good = shown_frames(table, more["status"])
-    names = {layer.name for layer in bench.layout.layers}
+    names = {layer.name for layer in run_folder.layout.layers}
     if NORMALISED.name not in names:
         return []
     tables = (
         Path(file).read_bytes()
-        for index in sorted({k // bench.layout.chunk for k in good})
-        if (file := bench.part_file(LINES, index)).is_file()
+        for index in sorted({k // run_folder.layout.chunk for k in good})
+        if (file := run_folder.part_file(LINES, index)).is_file()
     )
     lines = {k: own for text in tables for k, own in lines_of(text, set(good)).items()}
 
     def read(layer: str, item: int) -> np.ndarray | None:
         there = layer in names and more["read"][item]
-        return picture(bench, layer, item) if there else None
+        return picture(run_folder, layer, item) if there else None
 
     return [
         Shown(
             label=shown_label(table, k),
             chi=float(table["chi"][k]),
             kept=more["kept"][k] if more["kept"][k] is not None else float("nan"),
-            normalised=picture(bench, NORMALISED.name, k),
+            normalised=picture(run_folder, NORMALISED.name, k),
             order=read(ORDER.name, k),
             isoclinic=read(ISOCLINIC.name, k),
             lines=lines.get(k, []),
@@ -225,7 +225,7 @@ def set_dataset(
 
 
 def _write_stacks(
-    bench: RunFolder,
+    run_folder: RunFolder,
     table: Mapping[str, list[Any]],
     axes: Mapping[str, Column],
     place: Mapping[str, float | None],
@@ -235,17 +235,17 @@ def _write_stacks(
     times = axes["time_s"].values
     highest = numbers(table["n_max"]) if "n_max" in table else np.zeros(0)
     largest = float(np.nanmax(highest)) if np.isfinite(highest).any() else 1.0
-    for layer in bench.layout.layers:
-        pages = bench.layout.paged_items(layer)
+    for layer in run_folder.layout.layers:
+        pages = run_folder.layout.paged_items(layer)
         view = imagej_view(
             layer.name, (0.0, largest), labels=[names[k] for k in pages],
             times_s=[times[k] for k in pages], **place,
         )  # fmt: skip
-        write_stack(bench, layer, view, pixel_mm=place["pixel_mm"])
+        write_stack(run_folder, layer, view, pixel_mm=place["pixel_mm"])
 
 
 def _write_residual(
-    bench: RunFolder, residual: ResidualStress, place: Mapping[str, float | None]
+    run_folder: RunFolder, residual: ResidualStress, place: Mapping[str, float | None]
 ) -> None:
     """The residual stress that was taken out, as order and direction. Raises InputError."""
     span = 0.0, residual.largest
@@ -253,7 +253,7 @@ def _write_residual(
         values = getattr(residual, name)[None]
         map_name = "fringe_order" if name == "order" else name
         view = imagej_view(map_name, span, labels=["without load"], **place)
-        path = bench.results / f"residual_{name}.tif"
+        path = run_folder.results / f"residual_{name}.tif"
         write_tiff(path, values, pixel_mm=place["pixel_mm"], metadata=view)
 
 
@@ -269,9 +269,9 @@ def _set_columns(
     """
     scene, table = result.scene, result.columns
     grid = set_grid(scene, result.fitted, table, shape)
-    found = dict(table) | {name: more[name] for name in _MORE}
+    outcome = dict(table) | {name: more[name] for name in _MORE}
     # all are there, whatever is known of them: a dataset's axes do not come and go
-    columns = {name: column(values, "frame", name) for name, values in found.items()}
+    columns = {name: column(values, "frame", name) for name, values in outcome.items()}
     axes = {name: columns.pop(name) for name in _COORDINATES}
     axes |= _set_axes(scene, grid, table, shape)
     if PICTURE in table and any(at is not None for at in table[PICTURE]):

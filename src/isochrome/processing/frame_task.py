@@ -54,11 +54,11 @@ class Ahead(Generic[T]):
         return self
 
     def __next__(self) -> T:
-        found = self._next.result()
-        if not found:
+        result = self._next.result()
+        if not result:
             raise StopIteration
         self._next = self._thread.submit(self._read)
-        return found[0]
+        return result[0]
 
     def close(self) -> None:
         """End the reading, and with it the file that it holds open."""
@@ -205,8 +205,8 @@ class FrameSource:
         film = self.recipe.film
         if film is not None:
             captured = self.captured(film.begin(start), stop)
-            found = followed_states(film, captured, self.recipe.scene, self.capture)
-            yield from (item for item in found if item.index >= start)
+            result = followed_states(film, captured, self.recipe.scene, self.capture)
+            yield from (item for item in result if item.index >= start)
             return
         for index, frames in self.captured(start, stop):
             yield self.processed(index, frames)
@@ -227,10 +227,10 @@ class FrameSource:
         """What is found in one state's frames. Raises InputError, PhysicsError."""
         first = replace(frames[0], index=index)
         try:
-            found = self._read(first, [first, *frames[1:]])
+            result = self._read(first, [first, *frames[1:]])
             if index == 0 and self.recipe.note:
-                found = replace(found, warnings=(self.recipe.note, *found.warnings))
-            return found
+                result = replace(result, warnings=(self.recipe.note, *result.warnings))
+            return result
         except IsochromeError as error:
             if not self.recipe.keep_going:
                 raise
@@ -244,21 +244,21 @@ class FrameSource:
             label, distance = place_of(scene, first)
             own = own_scene(scene, first)
         if self.recipe.coloured:
-            found = process_colour(frames, own, capture)
+            result = process_colour(frames, own, capture)
         elif scene.polariscope.step:
-            found = process_stepped(frames, own, capture, residual=self.residual)
+            result = process_stepped(frames, own, capture, residual=self.residual)
             label = None if label == first.name else label  # its own name says from where to where
         elif not scene.has_model:
-            found = process_image_only(first, own, capture)
+            result = process_image_only(first, own, capture)
         elif scene.frames.known_loads_n:
-            found = process_known_loads(first, own, capture)
+            result = process_known_loads(first, own, capture)
         else:
             # what belongs to the apparatus was asked before, of a few frames for all of them
             stated = self.recipe.as_stated or self.recipe.every is not None
-            found = process_with_model(
+            result = process_with_model(
                 first, own, capture, as_stated=stated, apparatus=self.recipe.apparatus
             )
-        return replace(found, label=label or found.label, distance_m=distance)
+        return replace(result, label=label or result.label, distance_m=distance)
 
     def close(self) -> None:
         """Close the files."""
@@ -270,22 +270,22 @@ _KEPT = threading.local()
 """A process keeps the set that it read last, so that chunk after chunk goes on in its files."""
 
 
-def open_set(recipe: FrameTask) -> FrameSource:
+def open_set(task: FrameTask) -> FrameSource:
     """The opened set of a recipe, the same as long as it is asked for. Raises InputError."""
-    kept: FrameSource | None = getattr(_KEPT, "set", None)
-    if kept is None or kept.recipe.key != recipe.key:
+    selected: FrameSource | None = getattr(_KEPT, "set", None)
+    if selected is None or selected.recipe.key != task.key:
         close_kept()
-        kept = FrameSource(recipe)
-        _KEPT.set = kept
-    kept.recipe = recipe
-    return kept
+        selected = FrameSource(task)
+        _KEPT.set = selected
+    selected.recipe = task
+    return selected
 
 
 def close_kept() -> None:
     """Close what this process has open."""
-    kept: FrameSource | None = getattr(_KEPT, "set", None)
-    if kept is not None:
-        kept.close()
+    selected: FrameSource | None = getattr(_KEPT, "set", None)
+    if selected is not None:
+        selected.close()
         _KEPT.set = None
 
 
@@ -322,16 +322,16 @@ def place_of(scene: Scene, frame: Frame) -> tuple[str, float]:
 
 
 def identity_of(
-    recipe: FrameTask, files: Sequence[Path | ArrayFrames], maps: str | None = None
+    task: FrameTask, files: Sequence[Path | ArrayFrames], maps: str | None = None
 ) -> Mapping[str, Any]:
     """What a run on a set is a result of, as provenance.json keeps it.
 
-    Parameters: `recipe`; `files`, see `frames.input_files`; `maps`, as they were asked for. Raises
+    Parameters: `task`; `files`, see `frames.input_files`; `maps`, as they were asked for. Raises
     InputError where a file is not readable.
     """
-    scene = recipe.scene
+    scene = task.scene
     seed = scene.camera.seed if scene.camera else None
-    tracked = {} if recipe.every is None else {"every": recipe.every, "maps": maps or "default"}
-    tracked |= {} if recipe.key_every is None else {"key_every": recipe.key_every}
-    stated = {"as_stated": True} if recipe.as_stated else {}
-    return run_identity(dump_scene(scene), files, {"rois": recipe.rois} | tracked | stated, seed)
+    tracked = {} if task.every is None else {"every": task.every, "maps": maps or "default"}
+    tracked |= {} if task.key_every is None else {"key_every": task.key_every}
+    stated = {"as_stated": True} if task.as_stated else {}
+    return run_identity(dump_scene(scene), files, {"rois": task.rois} | tracked | stated, seed)

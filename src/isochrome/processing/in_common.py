@@ -62,7 +62,7 @@ def frame_values(table: Mapping[str, Sequence[Any]]) -> FrameValues:
         standard_uncertainty=spreads,
         chi=numbers(table["chi"]),
         distance_m=numbers(table["distance_m"]),
-        searched=np.array([found == SEARCHED for found in table.get(FOUND_BY, none)]),
+        searched=np.array([result == SEARCHED for result in table.get(FOUND_BY, none)]),
         whole=np.array(whole_frames(table) if PICTURE in table else none, dtype=bool),
     )
 

@@ -146,13 +146,13 @@ def process_frame(frames: FramesLike, scene: Scene, index: int) -> FrameResult:
         Where the scene's model cannot be solved.
     """
     with _captured(frames, scene, index) as (source, number, states):
-        found = source.processed(number, states)
-        row = frame_row(found, source.recipe)
+        result = source.processed(number, states)
+        row = frame_row(result, source.recipe)
     whole = Processed(
-        scene=scene, model=scene.model, columns=tabulate_set([row]), frames=[found], fitted=None,
-        warnings=found.warnings,
+        scene=scene, model=scene.model, columns=tabulate_set([row]), frames=[result], fitted=None,
+        warnings=result.warnings,
     )  # fmt: skip
-    return FrameResult(found, row, whole.summary_text)
+    return FrameResult(result, row, whole.summary_text)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,9 +219,9 @@ class AnchorPreview:
         if self.refusal:
             raise InputError(self.refusal)
         known = orders_of(scene)
-        found = [one.anchored(known) for one in self._followed]
-        fewest = min(len(one.misses) for one in found)
-        best, *others = (one for one in found if len(one.misses) == fewest)
+        result = [one.anchored(known) for one in self._followed]
+        fewest = min(len(one.misses) for one in result)
+        best, *others = (one for one in result if len(one.misses) == fewest)
         order = np.abs(best.terms[..., 0])
         if others:  # lights that explain the frame alike: what they have in common is kept
             square = np.sum([(np.abs(one.terms[..., 0]) - order) ** 2 for one in others], axis=0)
@@ -327,8 +327,8 @@ def _captured(
     with single_threaded(), open_scene_frames(frames, scene) as reader:
         scene = with_file_scale(scene, reader)
         check_pixel(scene, reader.shape)
-        recipe = FrameTask(frames=frames, scene=scene, reader=reader, key="one frame")
-        source = FrameSource(recipe)
+        task = FrameTask(frames=frames, scene=scene, reader=reader, key="one frame")
+        source = FrameSource(task)
         try:
             ((number, states),) = source.captured(index, index + 1)
             yield source, number, states

@@ -86,13 +86,13 @@ def sharp_rim(data: FrameData, rim: Circle) -> Circle:
     cols = rim.col + np.outer(np.cos(angles), radii)
     fall = -np.diff(map_coordinates(blurred, [rows, cols], order=1, mode="nearest"), axis=1)
     steepest = fall.argmax(axis=1)
-    kept = fall.max(axis=1) > 0.5 * np.median(fall.max(axis=1))
+    selected = fall.max(axis=1) > 0.5 * np.median(fall.max(axis=1))
     radius = 0.5 * (radii[steepest] + radii[steepest + 1])
     points = np.stack(
         [rim.row + radius * np.sin(angles), rim.col + radius * np.cos(angles)], axis=1
     )
-    found = fit_circle(points[kept])
-    return found if found.scatter < 0.01 * found.radius else rim
+    result = fit_circle(points[selected])
+    return result if result.scatter < 0.01 * result.radius else rim
 
 
 def set_grid(
@@ -114,9 +114,9 @@ def set_grid(
 
 def shift_of(edge: str, grid: PixelGrid, table: Mapping[str, Sequence[Any]]) -> np.ndarray:
     """How far (mm) each frame's own left or top edge was found from the grid's; NaN = not known."""
-    if (found := table.get(f"camera.{edge}_mm")) is None:
+    if (result := table.get(f"camera.{edge}_mm")) is None:
         return np.zeros(len(table["frame"]))  # nobody looked for it: all are where the scene says
-    return np.asarray(numbers(found) - getattr(grid, f"{edge}_mm"))
+    return np.asarray(numbers(result) - getattr(grid, f"{edge}_mm"))
 
 
 def shift_messages(grid: PixelGrid | None, table: Mapping[str, Sequence[Any]]) -> list[str]:

@@ -179,9 +179,9 @@ class Processed(Result):
     def refined(self) -> list[str]:
         """What frames know better than the scene states it, and agree with."""
         cells = (cell_values(cell or "") for cell in self.columns.get(REFINED, ()))
-        found = [(key, *pair) for cell in cells for key, pair in cell.items()]
+        result = [(key, *pair) for cell in cells for key, pair in cell.items()]
         names = ("key", "value", SPREAD)
-        rows = rows_by_key({name: [row[k] for row in found] for k, name in enumerate(names)})
+        rows = rows_by_key({name: [row[k] for row in result] for k, name in enumerate(names)})
         return refined_texts(rows.values(), stated_pairs(self.scene))
 
     @property
@@ -212,10 +212,10 @@ class Processed(Result):
 
     def to_json(self) -> dict[str, Any]:
         """The table of all frames, of a tracked video with what they come to."""
-        found: dict[str, Any] = {"model": self.model, "frames": self.columns}
-        found |= {"summary": self.summary()} if self.tracked else {}
-        found |= {"summary_text": self.summary_text, "taken_as_exact": list(self.taken_as_exact)}
-        return found | {"warnings": list(self.warnings)}
+        result: dict[str, Any] = {"model": self.model, "frames": self.columns}
+        result |= {"summary": self.summary()} if self.tracked else {}
+        result |= {"summary_text": self.summary_text, "taken_as_exact": list(self.taken_as_exact)}
+        return result | {"warnings": list(self.warnings)}
 
     def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
         """Give the frames and their orders for a paper; see `paper_figure`.
@@ -276,12 +276,12 @@ def refuse_unread(
     Parameters: `scene`; `name` of the set; `table`, the columns of frames.csv; `kept`, share of the
     specimen's pixels that were read in each frame, None where nobody read it. Raises PhysicsError.
     """
-    followed = any(found != NOTHING for found in table.get(FOUND_BY, ()))
+    followed = any(result != NOTHING for result in table.get(FOUND_BY, ()))
     asked = scene.orders_are_read
     normalised = np.isfinite(numbers(table["noise"])).any()
     loads = numbers(table[LOAD]) if scene.frames.known_loads_n else None
-    found = normalised if loads is None else np.isfinite(loads).any()
-    if followed or any(kept) or (found and not asked):
+    result = normalised if loads is None else np.isfinite(loads).any()
+    if followed or any(kept) or (result and not asked):
         return
     count = counted(len(table["frame"]), "frame")
     raise PhysicsError(
@@ -329,9 +329,9 @@ def restore(
         if name in table:
             table[name] = ["" if text is None else text for text in table[name]]
     draw = partial(saved_picture, out.absolute() / FIGURE)
-    found = collect(scene, table, status, None, shape, residual)
+    result = collect(scene, table, status, None, shape, residual)
     load = partial(open_run, out.absolute())
-    return replace(found, already=True, draw=draw, load=load)
+    return replace(result, already=True, draw=draw, load=load)
 
 
 def _of_residual(scene: Scene, residual: ResidualStress) -> list[str]:
@@ -363,16 +363,16 @@ def _fitted(scene: Scene, table: dict[str, list[Any]], shape: tuple[int, int]) -
         "camera.height_px": shape[0],
         "camera.width_px": shape[1],
     }
-    found = fitted_scene(scene.with_values(grid), {}, own)
+    result = fitted_scene(scene.with_values(grid), {}, own)
     if scene.frames.sliding_speed_mm_per_s is None or not scene.wear or FRICTION not in keys:
-        return found
+        return result
     points = {
         float(s): float(values[FRICTION]["value"])
         for s, values in zip(table["distance_m"], own, strict=True)
         if FRICTION in values and np.isfinite(values[FRICTION]["value"])
     }
     return (
-        found.with_values({EARLIER: 0.0, FRICTION: over_distance(points)})
+        result.with_values({EARLIER: 0.0, FRICTION: over_distance(points)})
         if len(points) > 1
-        else found
+        else result
     )

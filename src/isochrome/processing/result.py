@@ -98,20 +98,20 @@ def row_of_set(row: dict[str, Any], columns: Iterable[str], scene: Scene) -> dic
     Parameters: `row`; `columns`, of `frame_columns`; `scene`, of the set. Returns a value, or None,
     for each column.
     """
-    found = {name: row.get(name) for name in columns}
-    if ORDER_FROM in found:
-        found[ORDER_FROM] = found[ORDER_FROM] or ""  # texts that are not known are empty
+    result = {name: row.get(name) for name in columns}
+    if ORDER_FROM in result:
+        result[ORDER_FROM] = result[ORDER_FROM] or ""  # texts that are not known are empty
     asked = {
         key: (row[key], row[f"{key} {SPREAD}"])
         for key in row
-        if CAUSES in found and key not in found and f"{key} {SPREAD}" in row
+        if CAUSES in result and key not in result and f"{key} {SPREAD}" in row
     }
-    stated = stated_pairs(scene) if REFINED in found else {}
+    stated = stated_pairs(scene) if REFINED in result else {}
     near = [key for key, pair in asked.items() if key in stated and agree(pair, stated[key])]
     for name, keys in ((CAUSES, [key for key in asked if key not in near]), (REFINED, near)):
-        if name in found:
-            found[name] = "; ".join(f"{k} = {asked[k][0]!r} ± {asked[k][1]!r}" for k in keys)
-    return found
+        if name in result:
+            result[name] = "; ".join(f"{k} = {asked[k][0]!r} ± {asked[k][1]!r}" for k in keys)
+    return result
 
 
 def cell_values(text: str) -> dict[str, tuple[float, float]]:
@@ -329,10 +329,10 @@ def value_columns(
     keys: Iterable[str], values: Iterable[float], spreads: Iterable[float]
 ) -> dict[str, float]:
     """Columns of values by their keys, each with its standard uncertainty beside it."""
-    found: dict[str, float] = {}
+    result: dict[str, float] = {}
     for key, value, spread in zip(keys, values, spreads, strict=True):
-        found |= {key: float(value), f"{key} {SPREAD}": float(spread)}
-    return found
+        result |= {key: float(value), f"{key} {SPREAD}": float(spread)}
+    return result
 
 
 def own_values(table: Mapping[str, list[Any]], keys: Iterable[str], k: int) -> dict[str, float]:
@@ -344,5 +344,5 @@ def own_values(table: Mapping[str, list[Any]], keys: Iterable[str], k: int) -> d
 
 def whole_frames(table: Mapping[str, Sequence[Any]]) -> list[bool]:
     """Which frames of a tracked video were processed wholly: whatever maps were wanted of them."""
-    found = zip(table[PICTURE], table[FOUND_BY], strict=True)
-    return [at is not None or by == WHOLE for at, by in found]
+    result = zip(table[PICTURE], table[FOUND_BY], strict=True)
+    return [at is not None or by == WHOLE for at, by in result]

@@ -139,7 +139,7 @@ def _goodness(table: Mapping[str, list[Any]]) -> str:
 
 def _causes(table: Mapping[str, list[Any]]) -> list[ReportTable]:
     """What each frame asked for, with its value."""
-    found = []
+    result = []
     for name, caption in _CAPTIONS.items():
         cells = [cell_values(text or "") for text in table.get(name, [])]
         asking = [k for k, values in enumerate(cells) if values]
@@ -148,8 +148,8 @@ def _causes(table: Mapping[str, list[Any]]) -> list[ReportTable]:
             for k in asking
         ]
         columns = {"frame": [table["frame"][k] for k in asking], name: texts}
-        found += [ReportTable(f"{caption} (frames.csv)", columns)] if asking else []
-    return found
+        result += [ReportTable(f"{caption} (frames.csv)", columns)] if asking else []
+    return result
 
 
 def _frames(
@@ -246,11 +246,11 @@ def _report_frames(
         if one.order is not None and model is not None
     ]
     limit = centred_limit(*gaps) if gaps else 1.0
-    found = []
+    result = []
     for one, (model, note) in zip(shown, models, strict=True):
         panes = _panes(one, model, largest, limit)
         pixel = table["pixel_mm"][one.number]
-        found.append(
+        result.append(
             ReportFrame(
                 number=one.number,
                 label=str(table["label"][one.number]),
@@ -264,7 +264,7 @@ def _report_frames(
                 notes=(*((_NOT_KEPT,) * (one.signal is None)), *((note,) if note else ())),
             )
         )
-    return found
+    return result
 
 
 def _panes(shown: _Shown, model: _Model | None, largest: float, limit: float) -> tuple[Pane, ...]:
@@ -300,8 +300,8 @@ def _model(
         return None, ""
     if scene.frames.known_loads_n:
         return None, "the stress that the disc holds without load is in no simulation"
-    found = own_values(table, keys, shown.number)  # NaN for what its state does not have
-    values = {key: value for key, value in found.items() if np.isfinite(value)}
+    result = own_values(table, keys, shown.number)  # NaN for what its state does not have
+    values = {key: value for key, value in result.items() if np.isfinite(value)}
     if not values:
         return None, "nothing was fitted to it, so there is no simulation"
     try:

@@ -52,13 +52,13 @@ def choose_frames(
 
 def _between(taken: Sequence[int], count: int, wanted: int) -> list[int]:
     """Evenly spaced numbers below `count` that are not taken; a taken one gives way to the next."""
-    found: list[int] = []
+    result: list[int] = []
     for place in np.linspace(0, count - 1, wanted + 2)[1:-1]:
-        free = (k for k in range(round(place), count) if k not in taken and k not in found)
+        free = (k for k in range(round(place), count) if k not in taken and k not in result)
         number = next(free, None)
         if number is not None:
-            found.append(number)
-    return found
+            result.append(number)
+    return result
 
 
 Array = NDArray[Any]
@@ -128,9 +128,9 @@ def encode_frames(frames: Sequence[ReportFrame], *, room: int = ROOM_BYTES) -> l
 
     Of each n-th pixel of each n-th row where all would take too much.
     """
-    found: list[tuple[dict[str, Any], int]] = []
+    result: list[tuple[dict[str, Any], int]] = []
     for done, frame in enumerate(frames):
-        own = (room - sum(size for _, size in found)) // (len(frames) - done)
+        own = (room - sum(size for _, size in result)) // (len(frames) - done)
         shape = frame.panes[0].values.shape
         stride = max(1, int(np.sqrt(_LEAST_BYTES * np.prod(shape) / own)))
         encoded = _encoded(frame, stride)
@@ -139,8 +139,8 @@ def encode_frames(frames: Sequence[ReportFrame], *, room: int = ROOM_BYTES) -> l
             encoded = _encoded(frame, stride)
         finer = encoded | _orders(frame, stride, FINE_STEP)
         encoded = finer if _size(finer) <= own and _holds(frame) else encoded
-        found.append((encoded, _size(encoded)))
-    return [encoded for encoded, _ in found]
+        result.append((encoded, _size(encoded)))
+    return [encoded for encoded, _ in result]
 
 
 def _size(encoded: dict[str, Any]) -> int:

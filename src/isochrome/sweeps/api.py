@@ -77,8 +77,8 @@ class SweepGrid:
 
     def scene_at(self, index: int) -> Scene:
         """The scene at a point. Raises InputError where it is none."""
-        found = self.scene.with_values(self.point(index))
-        return found.model_copy(update={"folder": self.scene.folder, "name": self.scene.name})
+        result = self.scene.with_values(self.point(index))
+        return result.model_copy(update={"folder": self.scene.folder, "name": self.scene.name})
 
 
 def make_grid(scene: Scene, vary: Sequence[str] | Mapping[str, Values]) -> SweepGrid:
@@ -117,10 +117,10 @@ def _parsed(text: str) -> tuple[str, list[float]]:
             first, last, number = rest.split(":")
             if int(number) < 2:
                 raise ValueError
-            found: list[Any] = np.linspace(float(first), float(last), int(number)).tolist()
+            result: list[Any] = np.linspace(float(first), float(last), int(number)).tolist()
         else:
-            found = [float(v) for v in rest.split(",")]
-        if not equals or not key or not np.isfinite(found).all():
+            result = [float(v) for v in rest.split(",")]
+        if not equals or not key or not np.isfinite(result).all():
             raise ValueError
     except ValueError:
         comma = "with points in its numbers, not commas, " if "," in rest and ":" in rest else ""
@@ -128,7 +128,7 @@ def _parsed(text: str) -> tuple[str, list[float]]:
             f"--vary {text}: give KEY=first:last:number, {comma}two or more of them, or "
             "KEY=value,value,..., such as load.normal_n=20:60:5"
         ) from None
-    return key.strip(), found
+    return key.strip(), result
 
 
 def _whole(scene: Scene, key: str, values: tuple[float, ...]) -> tuple[float, ...]:
@@ -225,18 +225,18 @@ class _Work:
             history: dict[str, list[Any]] = {}
             reason = ""
             try:
-                found = simulate(self.grid.scene_at(index))
-                assert found.orders is not None and found.frames is not None
-                pictures = {ORDER.name: found.orders, GREY.name: found.frames}
-                history = found.history
+                result = simulate(self.grid.scene_at(index))
+                assert result.orders is not None and result.frames is not None
+                pictures = {ORDER.name: result.orders, GREY.name: result.frames}
+                history = result.history
             except PhysicsError as error:
                 reason = str(error)
                 pictures = dict.fromkeys(arrays, np.full(self.shape, np.nan, np.float32))
-            for name, kept in arrays.items():
-                kept.append(pictures[name].astype(np.float32))
+            for name, selected in arrays.items():
+                selected.append(pictures[name].astype(np.float32))
             table.append({"history": _plain(history), "reason": reason})
             more.append({"status": "failed" if reason else "ok"})
-        return Results({name: np.stack(kept) for name, kept in arrays.items()}, table, more)
+        return Results({name: np.stack(selected) for name, selected in arrays.items()}, table, more)
 
 
 def sweep(
@@ -318,7 +318,7 @@ def sweep(
     run_job(
         job,
         out,
-        lambda bench: _finish(bench, job, grid),
+        lambda run_folder: _finish(run_folder, job, grid),
         means=RunOptions(workers, cluster, restart),
         progress=progress,
     )
@@ -352,30 +352,31 @@ def _layout(grid: SweepGrid) -> RunLayout:
     return RunLayout(axes=grid.counts, shape=shape, layers=layers, chunk=1)
 
 
-def _finish(bench: RunFolder, job: Job, grid: SweepGrid) -> None:
-    """Make the files that need all points, from what is kept of them.
+def _finish(run_folder: RunFolder, job: Job, grid: SweepGrid) -> None:
+    """Make the files that need all points, from what is kept of them in the `run_folder`.
 
-    Parameters: `bench`, where they lie; `job`; `grid`. Raises PhysicsError where every point was
-    refused, OSError.
+    Raises PhysicsError where every point was refused, OSError.
     """
-    table = _table(bench, grid)
+    table = _table(run_folder, grid)
     if set(table["status"]) == {"failed"}:
-        raise PhysicsError(f"all {bench.layout.count} points were refused: {table['reason'][0]}")
-    write_csv(bench.results / TABLE, table)
-    write_text(bench.results / "scene.toml", dump_scene(grid.scene))
-    _add_table(bench, job, grid, table)
+        raise PhysicsError(
+            f"all {run_folder.layout.count} points were refused: {table['reason'][0]}"
+        )
+    write_csv(run_folder.results / TABLE, table)
+    write_text(run_folder.results / "scene.toml", dump_scene(grid.scene))
+    _add_table(run_folder, job, grid, table)
 
 
-def _table(bench: RunFolder, grid: SweepGrid) -> dict[str, list[Any]]:
+def _table(run_folder: RunFolder, grid: SweepGrid) -> dict[str, list[Any]]:
     """A row for each state of each point: the varied keys, and the columns of history.csv."""
     names: dict[str, None] = {}
-    for row, _ in rows(bench):
+    for row, _ in rows(run_folder):
         names |= dict.fromkeys(name for name in row["history"] if name != "state")
     keys = (*grid.values, "state", "status", *names, "reason")
     table: dict[str, list[Any]] = {key: [] for key in keys}
-    for index, (row, more) in enumerate(rows(bench)):
+    for index, (row, more) in enumerate(rows(run_folder)):
         own = grid.point(index) | {"status": more["status"], "reason": row["reason"]}
-        for state in range(bench.layout.shape["state"]):
+        for state in range(run_folder.layout.shape["state"]):
             for key, value in (own | {"state": state}).items():
                 table[key].append(value)
             for name in names:
@@ -384,9 +385,11 @@ def _table(bench: RunFolder, grid: SweepGrid) -> dict[str, list[Any]]:
     return table
 
 
-def _add_table(bench: RunFolder, job: Job, grid: SweepGrid, table: dict[str, list[Any]]) -> None:
+def _add_table(
+    run_folder: RunFolder, job: Job, grid: SweepGrid, table: dict[str, list[Any]]
+) -> None:
     """The table's columns over the varied keys and state, and the axes' coordinates."""
-    shape = (*grid.counts.values(), bench.layout.shape["state"])
+    shape = (*grid.counts.values(), run_folder.layout.shape["state"])
     columns: dict[str, Column] = {}
     for name, values in table.items():
         if name in (*grid.values, "state"):
@@ -404,7 +407,7 @@ def _add_table(bench: RunFolder, job: Job, grid: SweepGrid, table: dict[str, lis
         pictured = picture_axes(pixel_grid(grid.scene_at(0)))
     coordinates = {name: Column(*place, named_units(name)) for name, place in places.items()}
     coordinates |= pictured
-    add_columns(bench.results / STORE, columns, coordinates, attributes(job.identity))
+    add_columns(run_folder.results / STORE, columns, coordinates, attributes(job.identity))
 
 
 def _plain(history: Mapping[str, Sequence[Any]]) -> dict[str, list[Any]]:

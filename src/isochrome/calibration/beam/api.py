@@ -155,12 +155,12 @@ def bending_from_shots(
     whole = fit_beam_set(fits, held)
     if whole is None:
         images, covariance, messages, pictures = _plain(fits, joined, loaded, idle, beam, pixel_mm)
-        found: tuple[dict[str, Any], ...] = ()
+        outcome: tuple[dict[str, Any], ...] = ()
     else:
         check_set_span(whole)
         images, covariance = beam_set_images(whole, fits, pixel_mm, doubtful=DOUBTFUL_CHI)
-        found = causes(whole, scope.wavelength_nm)
-        messages = sentences(whole, found)
+        outcome = causes(whole, scope.wavelength_nm)
+        messages = sentences(whole, outcome)
         pictures = set_pictures(whole, fits)
     distance = edge_distance(pictures)
     if distance is not None:
@@ -185,7 +185,7 @@ def bending_from_shots(
         unloaded=rest,
         messages=(*messages, *left),
     )
-    return widened_to_held_out(replace(result, causes=found))
+    return widened_to_held_out(replace(result, causes=outcome))
 
 
 def _plain(

@@ -70,10 +70,10 @@ class BeamPicture:
 
 def beam_pictures(fits: Sequence[BeamFit]) -> list[BeamPicture]:
     """The images of fits through no lens."""
-    found = []
+    result = []
     for fit in fits:
         (y, x), tilt, view = fit.places, float(fit.best.values[2]), fit.view
-        found.append(
+        result.append(
             BeamPicture(
                 depth=(y - tilt * x) / np.hypot(1.0, tilt),
                 light=fit.shot.light[:, fit.pick],
@@ -84,7 +84,7 @@ def beam_pictures(fits: Sequence[BeamFit]) -> list[BeamPicture]:
                 height_px=view.height_px,
             )
         )
-    return found
+    return result
 
 
 def edge_distance(pictures: Sequence[BeamPicture]) -> EdgeDistance | None:
@@ -93,7 +93,7 @@ def edge_distance(pictures: Sequence[BeamPicture]) -> EdgeDistance | None:
     Parameters: `pictures`, the images. The median of their own distances; its uncertainty is by
     theirs, or their scatter where that is more, and an edge's own.
     """
-    own = [found for found in (_distance(p) for p in pictures) if found is not None]
+    own = [result for result in (_distance(p) for p in pictures) if result is not None]
     if not own:
         return None
     values, spreads = np.array(own).T
@@ -139,10 +139,10 @@ def _distance(picture: BeamPicture) -> tuple[float, float] | None:
         away = side * (depth - picture.middle) - 0.5 * height  # outwards
         near = np.abs(away) < REACH * height
         noise = picture.sigma / np.sqrt(count[near])
-        found = _edge(away[near], image[near], model[near], noise)
-        if found is None:
+        result = _edge(away[near], image[near], model[near], noise)
+        if result is None:
             return None
-        edges.append(found)
+        edges.append(result)
     (first, one), (last, other) = edges
     return height + first + last, float(np.hypot(one, other))
 
@@ -187,11 +187,11 @@ def _edge(away: Array, image: Array, model: Array, noise: Array) -> tuple[float,
 
     start = [float(away[best]), 0.7, float(np.polyval(line, away[best])), float(line[0])]
     low, high = np.array([-np.inf, 0.2, -np.inf, -np.inf]), np.array([np.inf, 6.0, np.inf, np.inf])
-    found = least_squares(left, start, bounds=(low, high), x_scale="jac")
-    chi2 = max(1.0, 2.0 * found.cost / max(1, away.size - 4))
+    result = least_squares(left, start, bounds=(low, high), x_scale="jac")
+    chi2 = max(1.0, 2.0 * result.cost / max(1, away.size - 4))
     try:
-        variance = float(np.linalg.inv(found.jac.T @ found.jac)[0, 0]) * chi2
+        variance = float(np.linalg.inv(result.jac.T @ result.jac)[0, 0]) * chi2
     except np.linalg.LinAlgError:
         return None
     # a singular matrix whose rounding passes for an inverse has a negative one
-    return (float(found.x[0]), float(np.sqrt(variance))) if variance > 0.0 else None
+    return (float(result.x[0]), float(np.sqrt(variance))) if variance > 0.0 else None

@@ -102,15 +102,15 @@ def fit_beam(
     cols = np.arange(stride // 2, shot.light.shape[1], stride, dtype=float)
     for margin in MARGINS:
         try:
-            found = _fit(shot, view, cols, margin)
+            result = _fit(shot, view, cols, margin)
         except PhysicsError as error:  # every start turned the light negative
             raise _not_fitted(shot) from error
-        fit = BeamFit(shot, view, cols, found.best)
+        fit = BeamFit(shot, view, cols, result.best)
         top = _refined_top(fit)
         if margin == MARGINS[-1] and abs(top - view.top) <= CLOSE_PX:
             break
         view = replace(view, top=top)
-    _check(shot, found, min(view.height_px, float(shot.light.shape[0])))
+    _check(shot, result, min(view.height_px, float(shot.light.shape[0])))
     return fit
 
 

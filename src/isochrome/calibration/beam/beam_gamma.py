@@ -52,10 +52,10 @@ def find_tone(fits: Sequence[BeamFit]) -> Tone | None:
     def cost(log: float) -> tuple[float, Array]:
         slopes, total = [], 0.0
         for fit in thin:
-            toned = replace(fit, shot=undo_tone(fit.shot, float(np.exp(log))))
-            found = fit_stack(Stack([toned]), degrees_of_fit(fit))
-            slopes.append(found.values[0])
-            total += found.chi**2 * float(np.count_nonzero(fit.mask))
+            gamma_fit = replace(fit, shot=undo_tone(fit.shot, float(np.exp(log))))
+            result = fit_stack(Stack([gamma_fit]), degrees_of_fit(fit))
+            slopes.append(result.values[0])
+            total += result.chi**2 * float(np.count_nonzero(fit.mask))
         return total, np.array(slopes)
 
     pixels = float(sum(np.count_nonzero(f.mask) for f in thin))

@@ -63,13 +63,13 @@ def fit_beam_images(fits: Sequence[BeamFit], idle: Sequence[Shot]) -> BeamJointF
     unknowns = sum(light_unknowns(f.best) for f in fits)
     for scaled in (False, True) if len(fits) > 1 else (False,):
         stack = Stack(fits, () if scaled else idle, scaled)
-        found = _best(stack)
-        saved = unknowns - light_unknowns(found) - (len(fits) - 1 if scaled else 0)
-        loaded = (found.residual / stack.sigma)[: len(fits) * stack.rows]
+        result = _best(stack)
+        saved = unknowns - light_unknowns(result) - (len(fits) - 1 if scaled else 0)
+        loaded = (result.residual / stack.sigma)[: len(fits) * stack.rows]
         shared = float(np.nansum(loaded**2)) / pixels
         gain = evidence_gain((shared, 0), (own / pixels, max(saved, 1)), pixels=pixels)
-        if found.converged and found.positive and gain < 0.0:
-            return _split(stack, found)
+        if result.converged and result.positive and gain < 0.0:
+            return _split(stack, result)
     return None
 
 
@@ -79,11 +79,11 @@ def _best(stack: Stack) -> IntensityFit:
     chosen = fit_stack(stack, few)
     pixels = int(np.count_nonzero(stack.mask))
     for many in rest:
-        found = fit_stack(stack, many)
-        old, new = ((f.chi**2, light_unknowns(f)) for f in (chosen, found))
-        if not found.positive or evidence_gain(old, new, pixels=pixels) < 0.0:
+        result = fit_stack(stack, many)
+        old, new = ((f.chi**2, light_unknowns(f)) for f in (chosen, result))
+        if not result.positive or evidence_gain(old, new, pixels=pixels) < 0.0:
             break
-        chosen = found
+        chosen = result
     return chosen
 
 

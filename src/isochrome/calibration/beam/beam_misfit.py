@@ -50,8 +50,8 @@ def band_misfit(fits: Sequence[BeamFit], *, scaled: bool = False) -> Array:
     band = np.floor(BANDS * (depth - low) / (high - low) * (1.0 - 1e-9))
     slopes = []
     for i in range(BANDS):
-        found = fit_stack(stack, degrees, mask=stack.mask & (band != i), start=whole.values)
-        slopes.append(stack.table(found.values)[:, 0])
+        result = fit_stack(stack, degrees, mask=stack.mask & (band != i), start=whole.values)
+        slopes.append(stack.table(result.values)[:, 0])
     left = np.sqrt(np.maximum(jackknife_variance(np.array(slopes)) - noise**2, 0.0))
     return np.asarray(left / stack.table(whole.values)[:, 0])
 
@@ -73,14 +73,14 @@ def check_span(fit: BeamFit) -> None:
 
     every = np.s_[:, thin.pick]
     maps = smooth_light(thin.mask.shape, degrees_of_fit(fit), shot.lamp(*every)).bases
-    found = fit_intensity(
+    result = fit_intensity(
         shot.light[every], response, np.concatenate([fit.best.values, [0.0, 0.0]]),
         mask=thin.mask, sigma=shot.sigma[every], central=False,
         scale=np.concatenate([fit.view.scale, [0.05, 0.05]]), **maps,
     )  # fmt: skip
-    size, spread = np.abs(found.values[3:]), found.standard_uncertainty[3:]
+    size, spread = np.abs(result.values[3:]), result.standard_uncertainty[3:]
     if np.any((size > BENT) & (size > CERTAIN * spread)):
-        (c1, c2), ends = found.values[3:], np.linspace(-1.0, 1.0, 101)
+        (c1, c2), ends = result.values[3:], np.linspace(-1.0, 1.0, 101)
         part = np.ptp(c1 * ends + c2 * ends * ends)
         raise PhysicsError(
             f"{shot.name}: the fringes' slope changes by {part:.0%} along the span, so that "

@@ -115,13 +115,13 @@ def beam_set_images(
 
 def _bands(fit: SetFit, fits: Sequence[BeamFit]) -> list[NDArray[np.intp]]:
     """The band of the height of each pixel, see `beam_misfit`."""
-    found = []
+    result = []
     for image, own, f in zip(fit.model.images, fit.own, fits, strict=True):
         middle = 0.5 * (fit.model.shape[1] - 1)
         depth = image.rows - own[2] * (image.cols - middle) - f.view.top
         part = np.clip(depth / f.view.height_px, 0.0, 1.0 - 1e-9)
-        found.append(np.floor(BANDS * part).astype(np.intp))
-    return found
+        result.append(np.floor(BANDS * part).astype(np.intp))
+    return result
 
 
 def _view(fit: SetFit, index: int, pixel_mm: float) -> View:
@@ -144,7 +144,7 @@ def set_pictures(fit: SetFit, fits: Sequence[BeamFit]) -> list[BeamPicture]:
     assert point is not None
     gamma, point = point.gamma, replace(point, gamma=1.0)
     table, _, shared = model.split(fit.values)
-    pick, middle, found = np.ix_(model.rows, model.cols), 0.5 * (model.shape[1] - 1), []
+    pick, middle, result = np.ix_(model.rows, model.cols), 0.5 * (model.shape[1] - 1), []
     for i, (own, f) in enumerate(zip(table, fits, strict=True)):
         rows, cols = model.places(i, shared)
         shape = model.masks[i].shape
@@ -152,7 +152,7 @@ def set_pictures(fit: SetFit, fits: Sequence[BeamFit]) -> list[BeamPicture]:
         seen = fit.point.linear[0] @ point.columns(i) * model.images[i].sigma
         full = float(fit.model.images[i].level.max())
         seen = full * np.maximum(seen / full, 0.0) ** (1.0 / gamma)  # as the camera stored it
-        found.append(
+        result.append(
             BeamPicture(
                 depth=depth.reshape(shape),
                 light=f.shot.light[pick],
@@ -163,4 +163,4 @@ def set_pictures(fit: SetFit, fits: Sequence[BeamFit]) -> list[BeamPicture]:
                 height_px=f.view.height_px,
             )
         )
-    return found
+    return result

@@ -142,9 +142,9 @@ def _binned(rows: Array, values: Array, count: Array) -> tuple[Array, Array, Arr
     step = -(-rows.size // SAMPLES)
     if step == 1:
         return rows, values, count
-    kept = rows.size - rows.size % step
+    selected = rows.size - rows.size % step
     pixels, place, light = (
-        v[:kept].reshape(-1, step).sum(axis=1) for v in (count, rows * count, values * count)
+        v[:selected].reshape(-1, step).sum(axis=1) for v in (count, rows * count, values * count)
     )
     return place / pixels, light / pixels, pixels
 
@@ -177,11 +177,11 @@ def _scan(
         d, w, y = design[:, :, inside], count[inside], values[inside]
         gram = (d * w) @ d.transpose(0, 2, 1) + 1e-9 * w.sum() * np.eye(5)
         right = (d * w) @ y
-        found = np.linalg.solve(gram, right[..., None])[..., 0]
+        result = np.linalg.solve(gram, right[..., None])[..., 0]
         outside = _line_cost(rows, values, count, rows < top)
         outside += _line_cost(rows, values, count, rows >= top + height_px)
-        cost[i] = np.sum(w * (y - np.einsum("sk,skn->sn", found, d)) ** 2, axis=1) + outside
-        phase[i] = np.arctan2(found[:, 1], found[:, 0])
+        cost[i] = np.sum(w * (y - np.einsum("sk,skn->sn", result, d)) ** 2, axis=1) + outside
+        phase[i] = np.arctan2(result[:, 1], result[:, 0])
     return cost, phase
 
 

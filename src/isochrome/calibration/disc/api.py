@@ -150,17 +150,17 @@ def disc_from_shots(
     loaded, idle = by_load(shots)
     messages = unused(idle, "; the order at zero load is from the loaded images' line")
     camera, scope = camera or Camera(), polariscope or Polariscope()
-    found = _find(loaded, idle, disc, stated_values(camera, scope))
-    if camera.pixel_mm is not None and not found.from_rise:
-        check_diameter(found.images, disc, camera.pixel_mm, uncertainty)
+    outcome = _find(loaded, idle, disc, stated_values(camera, scope))
+    if camera.pixel_mm is not None and not outcome.from_rise:
+        check_diameter(outcome.images, disc, camera.pixel_mm, uncertainty)
     freed: tuple[dict[str, Any], ...] = ()
-    if found.whole is not None:
-        freed = causes(found.whole, scope.wavelength_nm)
-        messages = (*sentences(found.whole, freed), *messages)
-    if found.from_rise:
+    if outcome.whole is not None:
+        freed = causes(outcome.whole, scope.wavelength_nm)
+        messages = (*sentences(outcome.whole, freed), *messages)
+    if outcome.from_rise:
         messages = (FROM_RISE, *messages)
-    if found.residual is not None:
-        size, form = found.residual["largest_order"], found.residual["form"]
+    if outcome.residual is not None:
+        size, form = outcome.residual["largest_order"], outcome.residual["form"]
         messages = (
             f"residual stress up to {size:.2f} fringe is fitted ({form}); f_sigma is free of it",
         )
@@ -169,13 +169,13 @@ def disc_from_shots(
         Input("load", known.load_percent, "%", 0.01),
         Input("diameter", known.diameter_mm, "mm", 1.0 / disc.diameter_mm),
         Input("thickness", known.thickness_mm, "mm", 0.0),
-        *([Input("model misfit", 100.0 * found.misfit, "%", 0.01)] if found.misfit > 0 else []),
+        *([Input("model misfit", 100.0 * outcome.misfit, "%", 0.01)] if outcome.misfit > 0 else []),
     )
     factor = 8.0 / (np.pi * disc.diameter_mm)
     result = uncertainty_budget(
-        "disc", found.images, factor, inputs, covariance=found.covariance, messages=messages
+        "disc", outcome.images, factor, inputs, covariance=outcome.covariance, messages=messages
     )
-    return widened_to_held_out(replace(result, residual=found.residual, causes=freed))
+    return widened_to_held_out(replace(result, residual=outcome.residual, causes=freed))
 
 
 @dataclass(frozen=True)
@@ -211,9 +211,9 @@ def _find(
         ]
     except PhysicsError:
         own = np.stack([s.starts(o)[0] for s, o in zip(scans, orders, strict=True)])
-        found = _together(loaded, idle, own, circles, disc)
-        if found is not None:
-            return found
+        result = _together(loaded, idle, own, circles, disc)
+        if result is not None:
+            return result
         if clear is None:
             check_scans(scans, loaded)
             raise
@@ -224,11 +224,11 @@ def _find(
     if pooled_chi(images) <= BARELY:
         return _Found(images)
     own = own_unknowns(images)
-    found = _together(loaded, idle, own, circles, disc)
+    result = _together(loaded, idle, own, circles, disc)
     # what the light explains as well is no residual stress
-    if whole is not None and (found is None or whole.chi < pooled_chi(found.images)):
+    if whole is not None and (result is None or whole.chi < pooled_chi(result.images)):
         return _of_whole(whole, circles, disc)
-    return found or _Found(images, misfit=slope_misfit(plain_fit(loaded, own)[0]))
+    return result or _Found(images, misfit=slope_misfit(plain_fit(loaded, own)[0]))
 
 
 def _of_whole(whole: SetFit, circles: Sequence[Circle], disc: Disc) -> _Found:

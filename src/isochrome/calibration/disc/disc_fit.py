@@ -44,12 +44,12 @@ def fit_disc(shot: Shot, circle: Circle, starts: Array, disc: Disc) -> ImageFit:
     grid = thin_grid(shot.light.shape, circle, PIXELS)
     start, ambiguous = starts, False
     for within in (0.75, 0.97):
-        found = _fit(shot, grid, start, within)
-        rivals = [m for m in found.others if abs(m.values[0] - found.best.values[0]) > 0.1]
-        ambiguous |= any(m.chi < ALIKE_CHI * found.best.chi for m in rivals)
-        _check_explained(shot, found.best)
-        start = found.best.values[None, :]
-    best = found.best
+        result = _fit(shot, grid, start, within)
+        rivals = [m for m in result.others if abs(m.values[0] - result.best.values[0]) > 0.1]
+        ambiguous |= any(m.chi < ALIKE_CHI * result.best.chi for m in rivals)
+        _check_explained(shot, result.best)
+        start = result.best.values[None, :]
+    best = result.best
     _check(shot, best, ambiguous)
     return disc_image(
         shot,

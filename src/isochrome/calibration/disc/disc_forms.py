@@ -61,15 +61,15 @@ def fit_disc_images(shots: Sequence[Shot], own: Array) -> JointDisc | None:
         if best.form is not NONE:
             starts.append((best.own, carried(best, form)))
         for start in starts:
-            found = _fitted(shots, form, *start, degrees, SCAN_PIXELS)
-            if _better(found, best):
-                best = found
+            result = _fitted(shots, form, *start, degrees, SCAN_PIXELS)
+            if _better(result, best):
+                best = result
     if best.form is NONE:
         return None
     for others in degrees_of(shots[0].no_load_light):
-        found = _fitted(shots, best.form, best.own, best.coefficients, others, SCAN_PIXELS)
-        if _better(found, best):
-            best, degrees = found, others
+        result = _fitted(shots, best.form, best.own, best.coefficients, others, SCAN_PIXELS)
+        if _better(result, best):
+            best, degrees = result, others
     left, before = (f.cost / f.pixels - 1.0 for f in (best, plain))
     if left > HALF * before or best.explained[own[:, 0] > 0].min() < EXPLAINED:
         return None

@@ -205,13 +205,13 @@ def fit_joint(pictures: tuple[DiscImage, ...], own: Array, coefficients: Array) 
         return np.asarray(step / max(1.0, worst))
 
     start = np.concatenate((own.ravel(), coefficients))
-    found = minimise(
+    result = minimise(
         at, start, at(start), damping=Damping(1e-3), iterations=_MOST_STEPS,
         enough=lambda fit: _ENOUGH * max(1.0, fit.cost / fit.pixels),
         better=lambda new, old: new.cost < old.cost and all(p.positive for p in new.parts),
         cut=shortened,
     )  # fmt: skip
-    return replace(found.point, converged=found.converged)
+    return replace(result.point, converged=result.converged)
 
 
 def jacobian(fit: JointDisc, index: int) -> Array:

@@ -107,11 +107,11 @@ def fit_circle(points: Array) -> Circle:
     def distance(p: Array) -> Array:
         return np.asarray(np.hypot(points[:, 0] - p[0], points[:, 1] - p[1]) - p[2])
 
-    found = least_squares(
+    result = least_squares(
         distance, [*centre, radius], loss="soft_l1", f_scale=max(0.5, 0.01 * radius)
     )
-    row, col, size = (float(v) for v in found.x)
-    return Circle(row, col, size, float(np.median(np.abs(distance(found.x)))))
+    row, col, size = (float(v) for v in result.x)
+    return Circle(row, col, size, float(np.median(np.abs(distance(result.x)))))
 
 
 def _patch(frame: Observation) -> NDArray[np.bool_]:

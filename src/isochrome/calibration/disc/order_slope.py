@@ -217,15 +217,15 @@ def fit_orders(images: Overlay, first: Array, angle: float) -> OrdersFit:
     start = np.concatenate([first[1:], [angle, 1.0, 0.0, 0.0]])
     size = np.concatenate([np.full(count - 1, 0.1), [0.05, 0.01, 0.01, 0.01]])
     room = np.concatenate([np.full(count - 1, 1.0), [0.2, 0.06, 0.06, 0.06]])
-    found = least_squares(
+    result = least_squares(
         left, start, x_scale=size, bounds=(start - room, start + room), ftol=ENOUGH, xtol=ENOUGH
     )
-    orders = np.concatenate([first[:1], found.x[: count - 1]])
+    orders = np.concatenate([first[:1], result.x[: count - 1]])
     return OrdersFit(
         orders,
-        found.x[count - 1 :],
-        found.fun.reshape(count, -1),
-        found.jac.reshape(count, -1, start.size),
+        result.x[count - 1 :],
+        result.fun.reshape(count, -1),
+        result.jac.reshape(count, -1, start.size),
     )
 
 

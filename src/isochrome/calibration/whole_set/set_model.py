@@ -103,13 +103,13 @@ class SetModel:
 
         The last of the background's are what each image after the first has beside the others.
         """
-        found, more = [], np.eye(len(self.shots))[:, 1:]
+        result, more = [], np.eye(len(self.shots))[:, 1:]
         for (light, dark), own, image in zip(
             self.weighted(self.terms), more, self.images, strict=True
         ):
             offsets = own[:, None] / image.sigma
-            found.append((light, np.concatenate((dark, offsets))))
-        return tuple(found)
+            result.append((light, np.concatenate((dark, offsets))))
+        return tuple(result)
 
     def weighted(self, terms: tuple[Terms, Terms]) -> tuple[tuple[Array, Array], ...]:
         """Some light's images over each image's noise."""
@@ -118,10 +118,10 @@ class SetModel:
         light, dark = (light_products(axes, chosen, np.float64) for chosen in terms)
         lamp = self.shots[0].lamp(*np.ix_(self.rows, self.cols))
         light = light if lamp is None else light * lamp
-        found: list[tuple[Array, Array]] = [
+        result: list[tuple[Array, Array]] = [
             (light[:, i.mask] / i.sigma, dark[:, i.mask] / i.sigma) for i in self.images
         ]
-        return tuple(found)
+        return tuple(result)
 
     def split(self, values: Array) -> tuple[Array, Array, dict[str, float]]:
         """Unknowns: the images' own (m, p), their exposures (m,), and what they share."""
@@ -179,12 +179,12 @@ class SetModel:
 
         first = self.at(start)
         assert first is not None
-        found = minimise(
+        result = minimise(
             self.at, start, first, damping=Damping(1e-3), iterations=_MOST_STEPS, cut=cut,
             enough=lambda at: _ENOUGH * max(1.0, at.cost / at.pixels),
             better=lambda new, old: new.cost < old.cost and (new.positive or not old.positive),
         )  # fmt: skip
-        return SetFit(self, found.values, found.point, found.converged)
+        return SetFit(self, result.values, result.point, result.converged)
 
     def freed(
         self, values: Array, free: tuple[str, ...], held: dict[str, float] | None = None

@@ -78,7 +78,7 @@ def causes(fit: SetFit, wavelength_nm: float | None) -> tuple[dict[str, Any], ..
 
     A band's width needs the `wavelength_nm`; without, it is a share of it, and has no key.
     """
-    found = []
+    result = []
     for key, (value, spread) in fit.shared.items():
         name: str | None = key
         if key in (BAND, BLUR):
@@ -88,10 +88,10 @@ def causes(fit: SetFit, wavelength_nm: float | None) -> tuple[dict[str, Any], ..
                 factor *= FULL_WIDTH * (wavelength_nm or 1.0)
                 name = key if wavelength_nm else None
             value, spread = factor * value, factor * spread
-        found.append(
+        result.append(
             {"key": name, "cause": NAMES[key], "value": value, "standard_uncertainty": spread}
         )
-    return tuple(found)
+    return tuple(result)
 
 
 def cause_sentence(cause: Mapping[str, Any]) -> str:

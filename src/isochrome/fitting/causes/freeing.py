@@ -291,10 +291,10 @@ def _tried(freed: Freed[S], asked: tuple[Asked, ...]) -> tuple[Asked, ...]:
         return ()
     scored, before = [], float(np.sqrt(base[0]))
     for item in tried:
-        found = freed.now.trial(replace(_change(freed, item), outside=outside))
+        result = freed.now.trial(replace(_change(freed, item), outside=outside))
         # what leaves few pixels unexplained leaves all of them so, at a hundred times the cost
-        if found is not None and not stays_poor(before, float(np.sqrt(found[0])), LITTLE):
-            scored.append((evidence_gain(base[:2], found[:2], pixels=base[2]), item))
+        if result is not None and not stays_poor(before, float(np.sqrt(result[0])), LITTLE):
+            scored.append((evidence_gain(base[:2], result[:2], pixels=base[2]), item))
     scored.sort(key=lambda pair: -pair[0])
     return (*(item for gain, item in scored if gain > 0.0), *out)
 
@@ -308,9 +308,9 @@ def _explained(freed: Freed[S], asked: list[Asked], band: Mask) -> bool:
     rim = np.zeros_like(band)
     rim[:-_RIM] = band[_RIM:]  # a blur hides the darkest rows
     base = freed.now.trial(Change(outside=rim))
-    found = (freed.now.trial(replace(_change(freed, item), outside=rim)) for item in asked)
+    result = (freed.now.trial(replace(_change(freed, item), outside=rim)) for item in asked)
     least = np.inf if base is None else 1.0 + HALF * (base[0] - 1.0)
-    return any(trial is not None and trial[0] < least for trial in found)
+    return any(trial is not None and trial[0] < least for trial in result)
 
 
 def _is_felt(now: Askable, cause: Cause, stated: Scene) -> bool:

@@ -155,9 +155,9 @@ def _verb(solution: Askable, verb: str) -> str:
 
 def _said(solution: Askable, key: str) -> str:
     """A key with its value, or with the least and the most of several frames' own."""
-    found = sorted(solution.values_of_key(key))
+    result = sorted(solution.values_of_key(key))
     return f"{key} = " + " to ".join(
-        with_uncertainty(*pair) for pair in dict.fromkeys((found[0], found[-1]))
+        with_uncertainty(*pair) for pair in dict.fromkeys((result[0], result[-1]))
     )
 
 

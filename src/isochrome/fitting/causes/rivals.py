@@ -38,15 +38,15 @@ def rival_causes(freed: Freed[Any]) -> dict[str, tuple[str, ...]]:
         Names of causes by the name of the freed one that they explain as well as; nothing for one
         that the frame tells.
     """
-    found = {}
+    result = {}
     for cause in freed.causes:
         if cause not in _LIKE or freed.slip is not None:
             continue
         others = [other for other in _LIKE if other not in freed.causes and _may_be(other, freed)]
         names = _as_good(freed, cause, others)
         if names:
-            found[cause.name] = names
-    return found
+            result[cause.name] = names
+    return result
 
 
 def _may_be(cause: Cause, freed: Freed[Any]) -> bool:

@@ -104,10 +104,10 @@ def ask(
     blur = None
     if BLURRED in causes:
         blur = _little_blur(products, sum(sizes[: causes.index(BLURRED)]))
-    found = _scores(products, sizes, [getattr(group, "weight", ()) for group in groups])
+    result = _scores(products, sizes, [getattr(group, "weight", ()) for group in groups])
     asked = [
         _asked(group, 0.0 if is_impossible(group, values, scene) else gain, price, values)
-        for group, (gain, price, values) in zip(groups, found, strict=True)
+        for group, (gain, price, values) in zip(groups, result, strict=True)
     ]
     asked = [blur if blur is not None and a.cause is BLURRED else a for a in asked]
     left = _undecided(products, asked, sizes)
@@ -214,15 +214,15 @@ def _scores(
     products: ScoreProducts, sizes: list[int], weights: list[tuple[float, ...]]
 ) -> list[tuple[float, float, Array]]:
     """Gain, price and values of each group of columns, beside what is fitted."""
-    found = []
+    result = []
     for size, end, weight in zip(sizes, np.cumsum(sizes), weights, strict=True):
         chosen = slice(end - size, end)
         if weight:
-            found.append(products.score_with_prior(chosen, np.array(weight)))
+            result.append(products.score_with_prior(chosen, np.array(weight)))
             continue
         gain, number, values = products.score(chosen)
-        found.append((gain, number * float(np.log(products.count)), values))
-    return found
+        result.append((gain, number * float(np.log(products.count)), values))
+    return result
 
 
 def richer_light(frames: Iterable[FrameBlocks], terms: LightTerms, most: int) -> LightTerms:

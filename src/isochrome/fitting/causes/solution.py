@@ -228,13 +228,13 @@ class FrameSolution:
             prior = self.fitted.stated.prior(keys)
             model = FrameModel(data, with_numerics(scene), keys, region, stride=BLOCK, prior=prior)
             start = values_of(scene, keys)
-            found = refine_fit(model, start, tolerance=TRIAL_TOLERANCE, iterations=_PASSES)
+            result = refine_fit(model, start, tolerance=TRIAL_TOLERANCE, iterations=_PASSES)
         except PhysicsError:
             return None
-        if found is None or not found.gamma_fit.part.positive:
+        if result is None or not result.gamma_fit.part.positive:
             return None
         size = model.pixels.size
-        return found.cost / size, len(keys) + len(found.gamma_fit.part.coefficients), size
+        return result.cost / size, len(keys) + len(result.gamma_fit.part.coefficients), size
 
     def _changed(self, change: Change) -> tuple[FrameData, tuple[str, ...], Scene]:
         """Data, unknowns and scene to begin with."""

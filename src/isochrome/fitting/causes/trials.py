@@ -117,10 +117,10 @@ def explaining_slip(
         keys = tuple(dict.fromkeys((*keys, LEFT, TOP)))
     best: Trial | None = None
     for slip in _slips(data, scene):
-        found = _tried(slip, keys)
-        if found is None:
+        result = _tried(slip, keys)
+        if result is None:
             continue
-        chi, end = found
+        chi, end = result
         if is_explained(before, chi, _LEFT) and (best is None or chi < _ALIKE * best.chi):
             line = slip.line or f"{LEFT} = {end.get(LEFT):.3g} and {TOP} = {end.get(TOP):.3g}"
             best = Trial(slip.what, line, chi, before)
@@ -245,11 +245,11 @@ def _tried(slip: _Slip, keys: tuple[str, ...]) -> tuple[float, Scene] | None:
         stride = thinning(data.light.size, _PIXELS)
         region = fit_region(start, data.shape, stride, hidden_px(start))
         model = FrameModel(data, start, keys, region, stride=stride)
-        found = refine_fit(model, values_of(start, keys), tolerance=0.5, iterations=_STEPS)
+        result = refine_fit(model, values_of(start, keys), tolerance=0.5, iterations=_STEPS)
     except (InputError, PhysicsError):
         return None
-    if found is None or not found.positive:
+    if result is None or not result.positive:
         return None
-    if found.chi > _lost_chi(found):
+    if result.chi > _lost_chi(result):
         return None
-    return found.chi, moved_scene(start, keys, found.values)
+    return result.chi, moved_scene(start, keys, result.values)

@@ -223,13 +223,13 @@ def theta_of(scene: Scene) -> Array:
 def search_values(theta: Array, keys: tuple[str, ...]) -> dict[str, float]:
     """The values that a row θ gives to some of the keys in THETA."""
     load = float(np.exp(theta[LOAD]))
-    found = {
+    result = {
         "load.normal_n": load,
         "load.tangential_n": float(theta[SHEAR]) * load,
         "wear.coefficient_mm2_per_n": float(np.exp(theta[WEAR])),
     }
     plain = {key: float(theta[i]) for i, key in enumerate(THETA)}
-    return {key: found.get(key, plain[key]) for key in keys if key in THETA}
+    return {key: result.get(key, plain[key]) for key in keys if key in THETA}
 
 
 def _mean_rate(wear: Wear, log_coefficient: Array, friction: Array) -> Array:
@@ -316,8 +316,10 @@ def pressure_table(scene: Scene) -> PressureTable:
     """
     wear = scene.wear
     worn = wear is not None and wear.coefficient_mm2_per_n != 0.0 and max(wear.distances_m) > 0.0
-    found = [(factor, _states(scene, factor, worn)) for factor in (_WORN_LOADS if worn else _LOADS)]
-    solved = [(factor, states) for factor, states in found if states is not None]
+    result = [
+        (factor, _states(scene, factor, worn)) for factor in (_WORN_LOADS if worn else _LOADS)
+    ]
+    solved = [(factor, states) for factor, states in result if states is not None]
     if not solved:
         raise PhysicsError(
             f"{scene.name}: the contact cannot be solved at any load near load.normal_n; check the "
@@ -326,14 +328,14 @@ def pressure_table(scene: Scene) -> PressureTable:
     rows = np.array([[_series(state) for state in states] for _, states in solved])
     table = rows.swapaxes(0, 1)
     series = table[..., 2:]
-    kept = np.flatnonzero(np.abs(series).max(axis=(0, 1)) > _NOTHING)
+    selected = np.flatnonzero(np.abs(series).max(axis=(0, 1)) > _NOTHING)
     indenter = scene.indenter
     return PressureTable(
         log_wear=_log_wear(wear, scene.friction_at(0.0)) if wear and worn else np.zeros(1),
         log_load=np.log([scene.load_at(0.0) * factor for factor, _ in solved]),
         log_half=table[..., 0],
         centre=table[..., 1],
-        series=series[..., : int(kept.max()) + 1],
+        series=series[..., : int(selected.max()) + 1],
         friction=scene.friction_at(0.0) if scene.friction and not is_held(scene) else 0.0,
         even=indenter is not None and indenter.profile is None,
     )

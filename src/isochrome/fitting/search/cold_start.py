@@ -110,8 +110,8 @@ def search_frame(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> Search
         if noisy > 1.0:
             fine = pixels(round(_FINE_PIXELS * min(noisy, _NOISIEST)))
             near = descend(fine, near.theta, space, steps=_STEPS)
-        found = descend(fine, led.theta, space, steps=_STEPS)
-        near = _with_hops(fine, _distinct(near.joined(found), space, _KEPT), space)
+        result = descend(fine, led.theta, space, steps=_STEPS)
+        near = _with_hops(fine, _distinct(near.joined(result), space, _KEPT), space)
     if not np.isfinite(near.chi[0]):
         raise PhysicsError(
             "no start gives a positive illumination; is the field (dark or bright) the right one?"
@@ -159,14 +159,14 @@ def _with_hops(pixels: SearchPixels, found: Descended, space: Space) -> Descende
 def _distinct(found: Descended, space: Space, count: int) -> Descended:
     """The best `count` minima that are not next to each other, sound ones first; one at least."""
     apart = (_APART * space.size)[space.free]
-    kept: list[int] = []
+    selected: list[int] = []
     for i in found.order:
-        if kept and (len(kept) == count or not np.isfinite(found.chi[i])):
+        if selected and (len(selected) == count or not np.isfinite(found.chi[i])):
             break
-        far = np.abs(found.theta[kept] - found.theta[i])[:, space.free] / apart
-        if not kept or (far.size and far.max(axis=1).min() > 1.0):
-            kept.append(int(i))
-    return found.rows(kept)
+        far = np.abs(found.theta[selected] - found.theta[i])[:, space.free] / apart
+        if not selected or (far.size and far.max(axis=1).min() > 1.0):
+            selected.append(int(i))
+    return found.rows(selected)
 
 
 def _minima(found: Descended, scene: Scene, keys: tuple[str, ...]) -> tuple[Minimum, ...]:

@@ -100,11 +100,11 @@ class SearchPixels:
         gram[:, diagonal, diagonal] += _RIDGE * self._dark_gram[0, 0]
         right = np.empty((m, ka + kc))
         right[:, :ka], right[:, ka:] = cross[..., kc], self._dark_right
-        found = np.linalg.solve(gram, right[..., None])[..., 0]
-        cost = np.maximum(self._energy - np.einsum("mk,mk->m", found, right), 0.0)
-        bright = found[:, :ka] @ self.light.mean(axis=1) > 0.0
+        result = np.linalg.solve(gram, right[..., None])[..., 0]
+        cost = np.maximum(self._energy - np.einsum("mk,mk->m", result, right), 0.0)
+        bright = result[:, :ka] @ self.light.mean(axis=1) > 0.0
         chi = np.sqrt(cost / max(1, self.size - ka - kc))
-        return Misfit(np.where(bright, chi, np.inf), found[:, :ka], found[:, ka:])
+        return Misfit(np.where(bright, chi, np.inf), result[:, :ka], result[:, ka:])
 
 
 @dataclass(frozen=True)

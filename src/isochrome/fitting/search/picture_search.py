@@ -159,7 +159,7 @@ def search_picture(
     """
     placed = scene.with_values({"camera.left_mm": 0.0, "camera.top_mm": 0.0})
     table = pressure_table(placed)
-    found: list[_Window] = []
+    result: list[_Window] = []
     for sideways in (False, True):
         own = [
             (turn, partial(as_turned, rotate_deg=turn, flip=flip))
@@ -172,8 +172,8 @@ def search_picture(
                 for turn, move in own
                 for gamma in gammas
             ]
-            found += _Windows(placed, table, pictures).best(fields)
-    starts = _spread(sorted(found, key=lambda w: w.left), data.shape[1] * _pixel_of(scene))
+            result += _Windows(placed, table, pictures).best(fields)
+    starts = _spread(sorted(result, key=lambda w: w.left), data.shape[1] * _pixel_of(scene))
     minima = sorted(_descended(data, placed, table, starts), key=lambda s: s.chi)
     if not minima:
         raise PhysicsError(
@@ -305,16 +305,16 @@ def _variation(light: Array, shades: Array) -> tuple[Array, Array]:
 def _spread(windows: Sequence[_Window], width_mm: float) -> list[_Window]:
     """The best windows that are not next to each other."""
     apart = _WINDOWS_APART * np.array([1.0, 1.0, width_mm, width_mm])
-    kept: list[_Window] = []
+    selected: list[_Window] = []
     for window in windows:
         if not any(
             other.lying == window.lying and _near(other.theta, window.theta, apart)
-            for other in kept
+            for other in selected
         ):
-            kept.append(window)
-        if len(kept) == _STARTS:
+            selected.append(window)
+        if len(selected) == _STARTS:
             break
-    return kept
+    return selected
 
 
 def _near(theta: Array, other: Array, apart: Array) -> bool:
@@ -367,14 +367,14 @@ def _start(
 
 def _distinct(starts: Sequence[PictureStart]) -> tuple[PictureStart, ...]:
     """Those that are not next to a better one of the same turn and field."""
-    kept: list[PictureStart] = []
+    selected: list[PictureStart] = []
     for start in starts:
         width = start.data.shape[1] * _pixel_of(start.scene)
         apart = _APART * np.array([1.0, 1.0, width, width])
         if not any(
             other.lying[:3] == start.lying[:3]
             and _near(theta_of(other.scene), theta_of(start.scene), apart)
-            for other in kept
+            for other in selected
         ):
-            kept.append(start)
-    return tuple(kept)
+            selected.append(start)
+    return tuple(selected)

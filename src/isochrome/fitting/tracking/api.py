@@ -178,14 +178,14 @@ def track(
             identity |= {"options": options}
             layout = RunLayout(axes={"frame": count}, chunk=CHUNK)
             job = Job(work, layout, identity, in_turn=True)
-            found = run_job(
-                job, out, lambda bench: _finish(bench, job, work),
+            result = run_job(
+                job, out, lambda run_folder: _finish(run_folder, job, work),
                 means=RunOptions(workers, cluster, restart), progress=progress,
             )  # fmt: skip
-    if found is not None:
-        return found
-    kept, fitted = kept_values(Path(out), scene)
-    return restored(kept, keys, fitted)
+    if result is not None:
+        return result
+    selected, fitted = kept_values(Path(out), scene)
+    return restored(selected, keys, fitted)
 
 
 class _TrackWork:
@@ -210,13 +210,13 @@ class _TrackWork:
         tracker = self._tracker()
         if left is not None:
             tracker.resume(left)
-        found = []
+        result = []
         for index in range(start, stop):
             frame = self._frames.frame(index)
             distance = slid_until(self.scene, frame)
-            found.append(track_row(index, distance, tracker.track(frame, distance)))
-        more = [{"status": "ok" if is_good(row) else "flagged"} for row in found]
-        return Results({}, found, more, {}, tracker.state())
+            result.append(track_row(index, distance, tracker.track(frame, distance)))
+        more = [{"status": "ok" if is_good(row) else "flagged"} for row in result]
+        return Results({}, result, more, {}, tracker.state())
 
     def close(self) -> None:
         """Close the file."""
@@ -234,27 +234,27 @@ class _TrackWork:
 
 def _in_memory(work: _TrackWork, count: int, progress: RunProgress | None) -> Track:
     """All frames, in the same chunks as into a folder."""
-    found, left, flagged = TrackRows(work.keys, work.apparatus.warnings), None, 0
+    result, left, flagged = TrackRows(work.keys, work.apparatus.warnings), None, 0
     for start in range(0, count, CHUNK):
         stop = min(start + CHUNK, count)
         part = work(start, stop, left)
         left = json.loads(json.dumps(part.left))
         for row in part.rows:
-            found.add(row)
+            result.add(row)
             flagged += not is_good(row)
         if progress is not None:
             progress(Tally(stop, count, 0, flagged))
-    return found.result(work.scene)
+    return result.result(work.scene)
 
 
-def _finish(bench: RunFolder, job: Job, work: _TrackWork) -> Track:
+def _finish(run_folder: RunFolder, job: Job, work: _TrackWork) -> Track:
     """Make the files that need all frames, from what is kept of their chunks."""
-    found = TrackRows(work.keys, work.apparatus.warnings)
-    for row, _ in rows(bench):
-        found.add(row)
-    result = found.result(work.scene)
-    write_figure(bench.results / "fit.png", result.figure())
-    status = [more["status"] for _, more in rows(bench)]
+    outcome = TrackRows(work.keys, work.apparatus.warnings)
+    for row, _ in rows(run_folder):
+        outcome.add(row)
+    result = outcome.result(work.scene)
+    write_figure(run_folder.results / "fit.png", result.figure())
+    status = [more["status"] for _, more in rows(run_folder)]
     again = set(result.searched)
     searched = [int(i in again) for i in range(len(status))]
     columns = {
@@ -266,5 +266,5 @@ def _finish(bench: RunFolder, job: Job, work: _TrackWork) -> Track:
         for part, name in TRACK_PARTS.items():
             values = getattr(result, name)[:, j].tolist()
             columns[column_name(key, part)] = column(values, "frame", key)
-    keep_values(bench.results, job, result, columns)
+    keep_values(run_folder.results, job, result, columns)
     return result

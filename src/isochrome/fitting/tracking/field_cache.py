@@ -165,12 +165,12 @@ class FieldMaker:
         if not self._steps:
             return {}
         here, seen = self.render(middle, True)
-        found = {}
+        result = {}
         for key, step in self._steps.items():
             there, shown = self.render(middle, True, {key: step})
             assert seen is not None and shown is not None
-            found[key] = there - here, shown - seen
-        return found
+            result[key] = there - here, shown - seen
+        return result
 
     def render(
         self, values: Array, seen: bool, steps: dict[str, float] | None = None

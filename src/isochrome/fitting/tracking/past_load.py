@@ -54,7 +54,7 @@ def begin_track(
         found: RefinedFit, past_n: float, begin: Array
     ) -> tuple[RefinedFit, TrackModel] | None:
         """What is found if another load wore it, where that is better; else all stays."""
-        kept, begin = course.past_load_n, course.with_past(begin, past_n)
+        selected, begin = course.past_load_n, course.with_past(begin, past_n)
         course.past_load_n = past_n
         again = prepared()
         other = follow(again, begin)
@@ -63,7 +63,7 @@ def begin_track(
             and other.gamma_fit.cost < found.gamma_fit.cost - _TOLD * found.gamma_fit.noise
         ):
             return other, again
-        course.past_load_n = kept
+        course.past_load_n = selected
         return None
 
     found, model = better_than(found, usual_load_n, begun) or (found, model)
@@ -84,7 +84,7 @@ def begin_track(
 def _past_load(course: TrackCourse, model: TrackModel, found: RefinedFit, start_n: float) -> float:
     """The load (N) before the first frame by `fit_past_load`; the start's where none is told."""
     amplitude, still = found.gamma_fit.part.amplitude, np.zeros(course.count)
-    kept = course.past_load_n
+    selected = course.past_load_n
 
     def worn(past_n: float) -> Array:
         """The signal over the noise (n,) if that load wore the contact."""
@@ -99,7 +99,7 @@ def _past_load(course: TrackCourse, model: TrackModel, found: RefinedFit, start_
     except PhysicsError:
         return start_n
     finally:
-        course.past_load_n = kept
+        course.past_load_n = selected
 
 
 def fit_past_load(

@@ -60,11 +60,11 @@ class Track(Result):
 
     def to_json(self) -> dict[str, Any]:
         """The result as `--json` prints it: a list of values for each key, and of chi."""
-        found = {
+        result = {
             key: {part: _plain(getattr(self, name)[:, j]) for part, name in TRACK_PARTS.items()}
             for j, key in enumerate(self.keys)
         }
-        return found | {
+        return result | {
             "chi": _plain(self.chi),
             "distance_m": _plain(self.distance_m),
             "searched": list(self.searched),

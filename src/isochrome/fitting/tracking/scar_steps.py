@@ -68,15 +68,15 @@ class Drive:
 
     def then(self, worn_mm2: float, line_load_n_per_mm: float, friction: float) -> Drive:
         """This up to a worn area (mm²), and from there on something else, constant."""
-        kept = self.worn_mm2 < worn_mm2
+        selected = self.worn_mm2 < worn_mm2
         ends = np.array([worn_mm2, worn_mm2 * (1.0 + JUMP)])
         load, mu = (
-            np.concatenate((row[kept], start, [new]))
+            np.concatenate((row[selected], start, [new]))
             for row, start, new in zip(
                 self.columns[1:], self.at(ends[:1]), (line_load_n_per_mm, friction), strict=True
             )
         )
-        return Drive(np.concatenate((self.worn_mm2[kept], ends)), load, mu)
+        return Drive(np.concatenate((self.worn_mm2[selected], ends)), load, mu)
 
 
 @dataclass(frozen=True)
@@ -147,23 +147,23 @@ def grow(
     if scar.worn_mm2 <= 0.0:
         course, stops = _course(drive, areas)
         states = list(worn_states(site, course, stops))
-        found = [
+        result = [
             WornScar(area, state.wear_depth_mm, state.pressure_mpa)
             for area, state in zip(areas, states, strict=True)
         ]
     else:
-        found = []
+        result = []
         for area in areas:
             count = math.ceil((area - scar.worn_mm2) / (STEP * (area + elastic_mm2)) - 1e-6)
             for worn in np.linspace(scar.worn_mm2, area, max(1, count) + 1)[1:].tolist():
                 scar = _stepped(site, scar, drive, worn, elastic_mm2)
-            found.append(scar)
-    if any(one.depth_mm[[0, -1]].any() for one in found):
+            result.append(scar)
+    if any(one.depth_mm[[0, -1]].any() for one in result):
         raise PhysicsError(
             f"{site.scene.name}: the scar reaches the edge of its grid; raise (or leave out) "
             "numerics.window_mm"
         )
-    return found
+    return result
 
 
 def _stepped(

@@ -95,9 +95,9 @@ class TrackModel:
 
         Parameters: `values` (axes,); `levels` (n,) of the frame, see `Thinned.levels`.
         """
-        for kept in self._boxes:
-            if np.abs(kept.box.place(values)).max() <= 1.0:
-                self._now, self.local, self.look = kept, None, None
+        for selected in self._boxes:
+            if np.abs(selected.box.place(values)).max() <= 1.0:
+                self._now, self.local, self.look = selected, None, None
                 return True
         return self._centre(values, levels)
 
@@ -112,12 +112,12 @@ class TrackModel:
 
     def _field(self, values: Array) -> tuple[Array, Array]:
         """Field and visibility at the pixels, by the polynomial and by the loads since."""
-        kept = self._kept
-        field, seen = kept.box.at(values)
-        if kept.lean is not None:
+        selected = self._kept
+        field, seen = selected.box.at(values)
+        if selected.lean is not None:
             area, moment = self.course.mark(values)
-            more = moment - kept.mark[1] - kept.load * (area - kept.mark[0])
-            field = field + np.float32(more) * kept.lean
+            more = moment - selected.mark[1] - selected.load * (area - selected.mark[0])
+            field = field + np.float32(more) * selected.lean
         return field, seen
 
     def worn_signal(self, values: Array) -> Array:
@@ -131,11 +131,11 @@ class TrackModel:
 
     def stale(self, values: Array) -> bool:
         """Whether the scar has grown, or another load has worn it, since it was exact."""
-        kept = self._now
-        if kept is None:
+        selected = self._now
+        if selected is None:
             return False
-        off = np.abs(kept.box.place(values) - kept.box.place(kept.exact))
-        grown, last = self.course.grown(values, kept.exact)
+        off = np.abs(selected.box.place(values) - selected.box.place(selected.exact))
+        grown, last = self.course.grown(values, selected.exact)
         if grown + last * off.max() > self._due:
             return True
         if WORN not in self.course.axes:
@@ -143,14 +143,14 @@ class TrackModel:
         count = self.course.count
         if self.local is None or (len(off) > count and off[count:].max() > _ASIDE):
             return bool(off.max() > 0.0)
-        return self.local.size((values - kept.exact)[:count]) > _AWAY
+        return self.local.size((values - selected.exact)[:count]) > _AWAY
 
     def refresh(self, values: Array, levels: Array) -> bool:
         """Hold the polynomial to the scar that was worn until now; False where there is none.
 
         The exact field less the polynomial's at some values (axes,) is added to it.
         """
-        kept = self._kept
+        selected = self._kept
         try:
             field = self._fields.exact(values)
         except PhysicsError:
@@ -166,8 +166,8 @@ class TrackModel:
             self._due = min(_DUE_MOST, _MORE * self._due)
         elif wrong > _OFF:
             self._due = max(_DUE_LEAST, self._due / _MORE)
-        kept.box.shift(field - kept.box.at(values)[0])
-        kept.exact, kept.mark = values.copy(), self.course.mark(values)
+        selected.box.shift(field - selected.box.at(values)[0])
+        selected.exact, selected.mark = values.copy(), self.course.mark(values)
         return True
 
     def _centre(self, values: Array, levels: Array) -> bool:

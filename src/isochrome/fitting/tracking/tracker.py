@@ -190,10 +190,10 @@ class Tracker:
         """
         start = self.course.start(distance_m)
         begun = self.course.from_scene(fitted, start, distance_m)
-        found = self._begin_at(frame, self._data(frame), begun, chi, distance_m)
-        if found is None or found.chi > _LOST * max(1.0, chi):
-            found = self._search(frame, start, distance_m)
-        self._take(found, frame, distance_m, lost=True)
+        result = self._begin_at(frame, self._data(frame), begun, chi, distance_m)
+        if result is None or result.chi > _LOST * max(1.0, chi):
+            result = self._search(frame, start, distance_m)
+        self._take(result, frame, distance_m, lost=True)
 
     def track(self, frame: Frame, distance_m: float | None) -> Tracked:
         """The tracked values of the next frame. Raises InputError on a blank frame.
@@ -209,14 +209,14 @@ class Tracker:
             start = self.course.carried(last, distance_m)
             if self._model is None:
                 self._model = self._prepare(frame, self._data(frame))
-        found = None
+        result = None
         if self._model is not None:
             self._check_noise(frame, self._model)
-            found = self._follow(frame, self._model, start)
-        lost = found is None or not (found.positive and found.chi <= _LOST * self._reference)
+            result = self._follow(frame, self._model, start)
+        lost = result is None or not (result.positive and result.chi <= _LOST * self._reference)
         if lost:
-            found = self._search(frame, start, distance_m)
-        return self._take(found, frame, distance_m, lost=lost)
+            result = self._search(frame, start, distance_m)
+        return self._take(result, frame, distance_m, lost=lost)
 
     def _take(
         self, found: RefinedFit | None, frame: Frame, distance_m: float | None, *, lost: bool
@@ -294,20 +294,20 @@ class Tracker:
         """A frame from values (axes,) that were found in it alone, with their `chi`."""
         if not self.course.unsure:
             self._model = self._prepare(frame, data)
-            found = self._follow(frame, self._model, begun)
+            result = self._follow(frame, self._model, begun)
             # what the frame shows alone, but not on the scar so far: that scar is not the block's
-            if self.scene.wear is None or (found and found.chi <= _LOST * max(1.0, chi)):
-                return found
+            if self.scene.wear is None or (result and result.chi <= _LOST * max(1.0, chi)):
+                return result
             self.course, self._whole = TrackCourse(self.scene, self.keys), None
             self.course.start(distance_m)
-        found, self._model = begin_track(
+        result, self._model = begin_track(
             self.course,
             lambda: self._prepare(frame, data),
             lambda model, values: self._follow(frame, model, values),
             begun,
             self._usual_load_n,
         )
-        return found
+        return result
 
     def _data(self, frame: Frame, noise: NoiseModel | None = None) -> FrameData:
         depth, no_load = self._bit_depth, self._no_load

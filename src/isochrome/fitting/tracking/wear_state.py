@@ -102,23 +102,23 @@ class TrackCourse:
 
     def with_past(self, values: Array, past_n: float) -> Array:
         """The values (axes,) of a first frame if another load (N) wore it than the one so far."""
-        found = self.moved(values, np.zeros(self.count))
+        result = self.moved(values, np.zeros(self.count))
         if WORN in self.axes:
-            found[self._at] *= past_n / self.load_before(values)
-        return found
+            result[self._at] *= past_n / self.load_before(values)
+        return result
 
     def carried(self, values: Array, distance_m: float | None) -> Array:
         """The last frame's tracked values with what is known of the next frame's distance (m)."""
         self._now = distance_m or 0.0
-        found = values.copy()
+        result = values.copy()
         for j in range(self.count, len(self.axes)):
             if self.axes[j] != WORN:
-                found[j] = self._own(self.axes[j], distance_m)
+                result[j] = self._own(self.axes[j], distance_m)
         if WORN in self.axes:
-            area = self._area_at(found)
+            area = self._area_at(result)
             # before anything has worn, the scene's own coefficient is where to start
-            found[self._at] = area * (self._worn / self._area if self._area > 0.0 else 1.0)
-        return self.moved(found, np.zeros(self.count))
+            result[self._at] = area * (self._worn / self._area if self._area > 0.0 else 1.0)
+        return self.moved(result, np.zeros(self.count))
 
     def passed(self, values: Array, distance_m: float | None) -> None:
         """Take a frame's values into the history of those that follow."""
@@ -225,12 +225,12 @@ class TrackCourse:
 
         A worn area that is not tracked is what the frame's load and friction wear until it.
         """
-        found = values.copy()
-        found[: self.count] += step
+        result = values.copy()
+        result[: self.count] += step
         if WORN in self.axes:
-            worn = found[self._at]
-            found[self._at] = max(0.0, worn) if self._at < self.count else self._area_at(found)
-        return found
+            worn = result[self._at]
+            result[self._at] = max(0.0, worn) if self._at < self.count else self._area_at(result)
+        return result
 
     def field_scene(self, values: Array) -> Scene:
         """The one-state scene of some values (axes,), worn as if under its own load all the time.
@@ -253,13 +253,13 @@ class TrackCourse:
 
     def from_scene(self, scene: Scene, values: Array, distance_m: float | None) -> Array:
         """The values (axes,) of a fitted scene at a distance; what it does not hold is kept."""
-        found = values.copy()
+        result = values.copy()
         for j, axis in enumerate(self.axes):
             if axis != WORN:
-                found[j] = scene.get(axis)
+                result[j] = scene.get(axis)
             elif scene.wear is not None:
-                found[j] = local_values(scene, (distance_m or 0.0,))[0, 2]
-        return found
+                result[j] = local_values(scene, (distance_m or 0.0,))[0, 2]
+        return result
 
     def box(self, values: Array, size: float) -> tuple[Array, Array, tuple[int, ...]]:
         """Low and high ends (axes,) of a box of values, and the degrees of its polynomial.

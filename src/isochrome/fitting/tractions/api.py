@@ -55,21 +55,21 @@ def with_tractions(
     too; `progress`, called with each frame done. Returns a Fit.
     """
     plain, frames.plain = frames.plain, set()  # a poor model's light is not the frame's
-    found = []
+    outcome = []
     for i, data in enumerate(frames):
         first, second = joint.scenes[i], given[i]
         if joint.frame_chi[i] > _POOR_CHI or i in joint.lost:
             first, second = second, first
-        found.append(invert_tractions(data, first, others=(second,), free_top=free_top))
+        outcome.append(invert_tractions(data, first, others=(second,), free_top=free_top))
         progress()
     frames.plain = plain
-    several = len(found) > 1
+    several = len(outcome) > 1
     messages = [
         f"tractions of frame {i}: {text}" if several else f"tractions: {text}"
-        for i, one in enumerate(found)
+        for i, one in enumerate(outcome)
         for text in one.warnings
     ]
-    return replace(result, tractions=tuple(found), warnings=(*result.warnings, *messages))
+    return replace(result, tractions=tuple(outcome), warnings=(*result.warnings, *messages))
 
 
 def write_tractions(folder: Path, frames: PreparedFrames, joint: JointFit, result: Fit) -> None:
@@ -77,14 +77,14 @@ def write_tractions(folder: Path, frames: PreparedFrames, joint: JointFit, resul
 
     Parameters: `folder`; `frames`; `joint`, for the model beside; `result`, with tractions.
     """
-    found = result.tractions
-    write_csv(folder / "tractions.csv", _table(found))
-    pixel = found[0].pixels.pixel_mm
-    stacks = zip(*map(maps, found, joint.scenes), strict=True)
+    outcome = result.tractions
+    write_csv(folder / "tractions.csv", _table(outcome))
+    pixel = outcome[0].pixels.pixel_mm
+    stacks = zip(*map(maps, outcome, joint.scenes), strict=True)
     for name, stack in zip(("sigma_1_mpa", "sigma_2_mpa", "fringe_order"), stacks, strict=True):
-        view = _view(name, stack, found[0].pixels)
+        view = _view(name, stack, outcome[0].pixels)
         write_tiff(folder / f"{name}.tif", np.stack(stack), pixel_mm=pixel, metadata=view)
-    figure = tractions_figure(result.scene.name, frames, joint.scenes, found)
+    figure = tractions_figure(result.scene.name, frames, joint.scenes, outcome)
     write_figure(folder / "tractions.png", figure)
 
 

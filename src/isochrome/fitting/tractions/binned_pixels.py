@@ -53,9 +53,9 @@ class Bins:
 
     def sides(self) -> list[tuple[int, slice]]:
         """The sides that occur, each with the bins that have it."""
-        found, first = np.unique(self.side, return_index=True)
+        result, first = np.unique(self.side, return_index=True)
         ends = [*first[1:], len(self.side)]
-        return [(int(b), slice(i, j)) for b, i, j in zip(found, first, ends, strict=True)]
+        return [(int(b), slice(i, j)) for b, i, j in zip(result, first, ends, strict=True)]
 
 
 def make_bins(data: FrameData, depth_px: Array, slope: Array, *, from_px: float) -> Bins:

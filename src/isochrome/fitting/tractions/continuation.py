@@ -181,19 +181,19 @@ def _supported(stage: Stage) -> Array:
     """Where on `lattice_px` there is pressure that noise alone does not explain, and beside it."""
     basis, c, n = stage.basis, stage.solution.unknowns, stage.basis.nodes
     places, cover = lattice_px(stage.problem.pixels), stage.covariance()
-    found = np.zeros(len(places), bool)
+    result = np.zeros(len(places), bool)
     for i, j in node_runs(basis.tractions(c)[0] > 0.0, np.diff(basis.nodes_px) == basis.spacing_px):
         weight = np.zeros(len(c))
         weight[i:j] = weight[n + i : n + j] = 1.0
         if weight @ c > _SEEN * np.sqrt(weight @ cover @ weight):
             ends = basis.nodes_px[[i, j - 1]] + 2 * basis.spacing_px * np.array([-1, 1])
-            found |= (places >= ends[0]) & (places <= ends[1])
-    if not found.any():
+            result |= (places >= ends[0]) & (places <= ends[1])
+    if not result.any():
         raise PhysicsError(
             "the frame shows no fringes of a pressure on the surface that its noise alone would "
             "not; is it loaded, and is the field (dark or bright) the scene's?"
         )
-    return found
+    return result
 
 
 def node_runs(on: Array, joined: Array) -> list[tuple[int, int]]:
@@ -235,14 +235,14 @@ def search_resultants(
         basis.nodes_px[:0], basis.spacing_px, basis.limit, basis.modes,
     )  # fmt: skip
     first = 1.0 if shear.any() else 0.0
-    found: list[Minimum] = []
+    result: list[Minimum] = []
     for start in _starts(modes, first):
         solution = solve_tractions(
             small, few, 1e-9 * np.eye(len(start)), start, steps=_STEPS, fine=False
         )
-        found.append(Minimum(solution.unknowns, solution.chi))
-    found.sort(key=lambda r: r.chi)
-    return _distinct(found)
+        result.append(Minimum(solution.unknowns, solution.chi))
+    result.sort(key=lambda r: r.chi)
+    return _distinct(result)
 
 
 def _starts(modes: Array, first: float) -> list[Array]:
@@ -256,10 +256,10 @@ def _starts(modes: Array, first: float) -> list[Array]:
 
 
 def _distinct(found: list[Minimum]) -> list[Minimum]:
-    kept: list[Minimum] = []
+    selected: list[Minimum] = []
     for one in found:
-        apart = (np.abs(one.values - other.values) for other in kept)
+        apart = (np.abs(one.values - other.values) for other in selected)
         far = (change[0] > 0.02 or change[2:].max() > 0.3 for change in apart)
         if all(far):
-            kept.append(one)
-    return kept
+            selected.append(one)
+    return selected

@@ -200,52 +200,52 @@ def what_to_say(stage: Stage, begun: list[Stage], load: tuple[float, float]) -> 
     Parameters: `stage`, the last; `begun`, the first stages from all beginnings, the one that was
     followed first; `load`, the resultant and its standard uncertainty (N). Returns sentences.
     """
-    found = []
+    result = []
     chi, worst = stage.solution.chi, local_chi(stage)
     if chi > GOOD_CHI:
-        found.append(
+        result.append(
             f"chi = {chi:.2f}: no tractions on a half-plane describe this frame within its noise, "
             "and the result may be wrong; check camera.top_mm (or free it), frames.gamma, the "
             "plates and the region of interest"
         )
     elif worst > _LOCAL_CHI:
-        found.append(
+        result.append(
             f"chi = {worst:.2f} in one place near the surface: the tractions there may be wrong"
         )
     if not stage.solution.converged:
-        found.append("the inversion did not converge fully")
+        result.append("the inversion did not converge fully")
     rivals = [one for one in begun[1:] if one.solution.chi < _NEARLY * begun[0].solution.chi]
     if any(_differ(one, begun[0]) for one in rivals):
-        found.append(
+        result.append(
             "other resultants explain the deep fringes nearly as well; give the load more closely"
         )
     if load[1] > _UNCERTAIN * load[0]:
-        found.append(
+        result.append(
             f"the load is determined to {100 * load[1] / load[0]:.1f} % only: more of the field "
             "below the contact must be in view"
         )
-    return (*found, *_of_the_surface(stage))
+    return (*result, *_of_the_surface(stage))
 
 
 def _of_the_surface(stage: Stage) -> list[str]:
     """What to say where the tractions touch their limits."""
     basis, c, pixels = stage.basis, stage.solution.unknowns, stage.problem.pixels
     pressure, shear = basis.tractions(c)
-    found = []
+    result = []
     touching = np.abs(shear) > (1.0 - 1e-9) * basis.limit * pressure
     share = pressure[touching & (pressure > 0.0)].sum() / max(pressure.sum(), 1e-300)
     if share > _LIMITED:
-        found.append(
+        result.append(
             f"|q| = {basis.limit:g} p, the largest friction allowed for, over "
             f"{100 * share:.0f} % of the load: the shear is held back by that limit"
         )
     reach = 2 * basis.spacing_px
     pressed = basis.nodes_px[pressure > 0.0]
     if len(pressed) and (pressed[0] < reach or pressed[-1] > pixels.cols - reach):
-        found.append(
+        result.append(
             "the pressure reaches the picture's side: what presses beyond it is not in the load"
         )
-    return found
+    return result
 
 
 def _differ(one: Stage, other: Stage) -> bool:

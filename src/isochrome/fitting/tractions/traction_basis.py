@@ -89,12 +89,12 @@ class Basis:
         places = lattice_px(pixels)
         whole = places[:: self.spacing_px]
         at = (self.nodes_px - places[0]) // self.spacing_px
-        found = []
+        result = []
         for traction in self.tractions(unknowns):
             values = np.zeros(len(whole))
             values[at] = traction
-            found.append(np.interp(places, whole, values))
-        return found[0], found[1]
+            result.append(np.interp(places, whole, values))
+        return result[0], result[1]
 
     def with_top(self, lower: Basis, unknowns: Array) -> Basis:
         """The basis with one unknown more: by how much of a step the surface lies higher.

@@ -183,8 +183,8 @@ def with_signs(matrix: Array, right: Array, signed: int) -> Array:
     scale = 1.0 / np.sqrt(np.diag(reduced))
     scaled = reduced * np.outer(scale, scale) + _RIDGE * np.eye(signed)
     root = cholesky(scaled)
-    found, _ = nnls(root, solve_triangular(root, scale * target, trans="T"), maxiter=30 * signed)
-    bound = scale * found
+    outcome, _ = nnls(root, solve_triangular(root, scale * target, trans="T"), maxiter=30 * signed)
+    bound = scale * outcome
     result: Array = np.r_[bound, back[:, -1] - back[:, :-1] @ bound]
     return result
 
@@ -292,10 +292,10 @@ def discrepancy_strength(solution: Solution, smooth: Array, signed: int) -> floa
     free = np.count_nonzero(c[:signed] > 0.0) + len(c) - signed
     allowed = free * solution.chi**2
     # what is no smoothness, such as what holds the surface's place, stays as it is
-    kept = solution.smooth * (np.diag(smooth) == 0.0)
+    selected = solution.smooth * (np.diag(smooth) == 0.0)
 
     def grown(s: float) -> float:
-        new = with_signs(gram + kept + s * smooth, gram @ c + slope, signed)
+        new = with_signs(gram + selected + s * smooth, gram @ c + slope, signed)
         step = new - c
         return float(step @ gram @ step - 2.0 * slope @ step)
 

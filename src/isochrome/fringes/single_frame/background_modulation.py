@@ -181,16 +181,16 @@ def fit_background_modulation(
     problem, starts = _problem(light, sigma, valid, (dark, bright), tone)
     results = _searched(problem, starts)
     if not tone:
-        best, *others = (_ends(light.shape, dark, bright, found) for found in results)
+        best, *others = (_ends(light.shape, dark, bright, result) for result in results)
         return replace(best, others=tuple(others))
-    found = as_doubtful(results)
+    result = as_doubtful(results)
     # a bin's mean is that of the light only where the light is linear: once more, nearly so
-    first = _told_tone(float(found.unknowns[-1]))
+    first = _told_tone(float(result.unknowns[-1]))
     linear = np.maximum(light, _BLACK) ** first
     noise = first * np.maximum(light, sigma) ** (first - 1.0) * sigma
     low, high = (None if end is None else end**first for end in (dark, bright))
     problem, _ = _problem(linear, noise, valid, (low, high), True)
-    again = as_doubtful(_searched(problem, [np.append(found.unknowns[:-1], 1.0)]))
+    again = as_doubtful(_searched(problem, [np.append(result.unknowns[:-1], 1.0)]))
     done = _ends(light.shape, low, high, again)
     per_tone = np.array([1.0, 1.0, first])[:, None, None]
     return replace(
@@ -213,19 +213,19 @@ def _searched(problem: EndProblem, starts: list[Array]) -> list[Found]:
     if not isinstance(lamp, SmoothImages):
         return possible(spotted)
     cut, count = (len(spread) for spread in problem.spreads)
-    kept = np.ones(cut + count + 1, dtype=bool)
-    kept[cut + QUADRATICS : -1] = False
-    slight = replace(lamp, spread=lamp.spread * np.where(kept[cut:-1], 1.0, _EVEN))
+    selected = np.ones(cut + count + 1, dtype=bool)
+    selected[cut + QUADRATICS : -1] = False
+    slight = replace(lamp, spread=lamp.spread * np.where(selected[cut:-1], 1.0, _EVEN))
     quadratics = lamp.first(QUADRATICS)
     even = replace(problem, shapes=(dark, quadratics))
     smooth = quadratics.images.reshape(-1, QUADRATICS)
     begin = []
-    for found in possible(spotted):
-        bright = problem.ends(found.unknowns)[1].ravel()
+    for result in possible(spotted):
+        bright = problem.ends(result.unknowns)[1].ravel()
         quadratic = np.linalg.lstsq(smooth, bright, rcond=None)[0]
-        begin.append(np.concatenate([found.unknowns[:cut], quadratic, found.unknowns[-1:]]))
+        begin.append(np.concatenate([result.unknowns[:cut], quadratic, result.unknowns[-1:]]))
     nearly = replace(problem, shapes=(dark, slight))
-    plain = [search_on(_among(found, kept), nearly) for found in search_all(even, begin)]
+    plain = [search_on(_among(result, selected), nearly) for result in search_all(even, begin)]
     return possible(plain, spotted)
 
 

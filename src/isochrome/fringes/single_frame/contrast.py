@@ -97,11 +97,11 @@ def _law(causes: Array, lost: Array) -> Contrast:
 
     weight = np.ones(len(lost))
     for _ in range(_ROUNDS):
-        found, _ = nnls(causes * weight[:, None], lost * weight)
-        away = np.abs(lost - causes @ found)
+        result, _ = nnls(causes * weight[:, None], lost * weight)
+        away = np.abs(lost - causes @ result)
         scale = max(1.4826 * float(np.median(away)), 1e-6)
         weight = np.sqrt(np.minimum(1.0, _OUTLIER * scale / np.maximum(away, 1e-9)))
-    return Contrast(*(float(v) for v in found))
+    return Contrast(*(float(v) for v in result))
 
 
 def contrast_map(patches: Patches, terms: Array, law: Contrast, shape: tuple[int, ...]) -> Array:

@@ -137,13 +137,13 @@ def _cosine(i: int, place: Array) -> Array:
 def _waves() -> list[tuple[int, int, float]]:
     """Half-waves down and across, and the root of the process' spectral density at each."""
     unit, most = 0.5 * np.pi / _BEYOND, 32
-    found = []
+    result = []
     for i in range(most):
         for j in range(most):
             size = float(np.exp(-0.25 * unit**2 * (i * i + j * j) * _SPOT_SIZE**2))
             if size > _FAINTEST and i + j:
-                found.append((i, j, size))
-    return found
+                result.append((i, j, size))
+    return result
 
 
 _ABOVE, _STIFF, _PULLS, _ENOUGH = 0.01, 0.1, 12, 400.0

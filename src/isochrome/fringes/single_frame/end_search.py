@@ -114,10 +114,10 @@ def search_all(problem: EndProblem, starts: list[Array]) -> list[Found]:
     Parameters: `problem`; `starts`, vectors of its unknowns. Raises InputError where no fringe can
     be followed, or where the fringes leave the unknowns open.
     """
-    found = [result for start in starts if (result := _tried(problem, start)) is not None]
-    if not found:
+    outcome = [result for start in starts if (result := _tried(problem, start)) is not None]
+    if not outcome:
         raise InputError(NOT_TOLD)
-    return found
+    return outcome
 
 
 def possible(*models: list[Found]) -> list[Found]:
@@ -128,16 +128,16 @@ def possible(*models: list[Found]) -> list[Found]:
     Parameters: the results of each model. Returns those of other orders than the ones before.
     """
     one = models[0][0]
-    cost = [min(_dearer(found, one) + found.price for found in results) for results in models]
+    cost = [min(_dearer(result, one) + result.price for result in results) for results in models]
     listed: list[Found] = []
     for k in np.argsort(cost, kind="stable"):
         if cost[k] >= min(cost) + _DOUBT:
             break
         best = cheapest(models[k])
-        for found in (best, *models[k]):
-            near = _dearer(found, best) < _DOUBT * best.beyond_prior
-            if near and all(_differ(found, other) for other in listed):
-                listed.append(found)
+        for result in (best, *models[k]):
+            near = _dearer(result, best) < _DOUBT * best.beyond_prior
+            if near and all(_differ(result, other) for other in listed):
+                listed.append(result)
     return listed
 
 
@@ -152,11 +152,11 @@ def cheapest(results: list[Found]) -> Found:
 def _tried(problem: EndProblem, start: Array) -> Found | None:
     """What a start leads to, None where it leads to unknowns that the fringes leave open."""
     try:
-        found = _search(problem, start)
+        result = _search(problem, start)
     except np.linalg.LinAlgError:
         return None
-    whole = np.isfinite(found.unknowns).all() and np.isfinite(found.covariance).all()
-    return found if whole else None
+    whole = np.isfinite(result.unknowns).all() and np.isfinite(result.covariance).all()
+    return result if whole else None
 
 
 def _dearer(one: Found, other: Found) -> float:

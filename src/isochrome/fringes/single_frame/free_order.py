@@ -158,12 +158,12 @@ def read_free(
         )
     orders = known_orders(known, lines, corners)
     followed, fade = follow_fringes(wave, sigma, valid, orders, error=error)
-    found = followed.anchored(orders)
+    result = followed.anchored(orders)
     good = max(1, int((followed.labels.part >= 0).sum()))
-    anchored = float(np.isfinite(found.terms[..., 0]).sum() / good)
-    dense = _dense(followed.patches, found.terms, valid)
+    anchored = float(np.isfinite(result.terms[..., 0]).sum() / good)
+    dense = _dense(followed.patches, result.terms, valid)
     reading = _beside_stray(dense, followed.wave, sigma / fade)
-    return FreeReading(reading, anchored, fade, found.misses, found.said)
+    return FreeReading(reading, anchored, fade, result.misses, result.said)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,8 +196,8 @@ class FollowedFringes:
         patches, labels, valid = self.patches, self.labels, self.valid
         at_corners, unlit = corner_orders(known.corners, patches, labels, self.wave, valid)
         places = [*known.places, *at_corners]
-        found = anchor_parts(patches, labels, places, valid, self.unlit)
-        return replace(found, said=(*unlit, *found.said))
+        result = anchor_parts(patches, labels, places, valid, self.unlit)
+        return replace(result, said=(*unlit, *result.said))
 
     def part_at(self, row: float, col: float, *, on_line: bool = False) -> Mask:
         """The patches (m, n) for which an order at a place speaks; none where it has none."""
@@ -243,13 +243,13 @@ def follow_fringes(
     if faded:
         patches, labels = _coarse_to_fine(wave, sigma, valid, faded=True)
         for _ in range(_CONTRAST_ROUNDS):
-            found = followed(patches, labels, wave / fade).anchored(known)
-            if not np.isfinite(found.terms).any():
+            result = followed(patches, labels, wave / fade).anchored(known)
+            if not np.isfinite(result.terms).any():
                 break
             own = replace(patches, contrast=patches.contrast * _at(fade, patches))
             before = fade
-            law = fit_contrast(own, found.terms)
-            fade = contrast_map(patches, found.terms, law, wave.shape)
+            law = fit_contrast(own, result.terms)
+            fade = contrast_map(patches, result.terms, law, wave.shape)
             patches, labels = _coarse_to_fine(wave / fade, sigma / fade, valid, faded=True)
             if np.percentile(np.abs(fade - before)[valid], _MOSTLY) < FADED:
                 break
@@ -352,9 +352,9 @@ def common_reading(readings: Sequence[FreeReading]) -> FreeReading:
         The first of those that miss the fewest known points, as uncertain as the others of these
         leave it, and what to say of that.
     """
-    fewest = min(len(found.misses) for found in readings)
-    best, *others = (found for found in readings if len(found.misses) == fewest)
-    orders = [found.reading.order for found in others]
+    fewest = min(len(result.misses) for result in readings)
+    best, *others = (result for result in readings if len(result.misses) == fewest)
+    orders = [result.reading.order for result in others]
     if not orders:
         return best
     square = np.sum([(best.reading.order - order) ** 2 for order in orders], axis=0)

@@ -104,10 +104,10 @@ def anchor_parts(
             by_part.setdefault(part, []).append(Stated(each, own))
     for part, given in sorted(by_part.items()):
         inside = labels.part == part
-        found = _one_part(patches, np.where(inside[..., None], field_terms, np.nan), given, error)
-        misses += found.misses
-        said += found.said
-        terms[inside] = found.terms[inside]
+        result = _one_part(patches, np.where(inside[..., None], field_terms, np.nan), given, error)
+        misses += result.misses
+        said += result.said
+        terms[inside] = result.terms[inside]
     alone = (labels.part >= 0) & ~np.isin(labels.part, list(by_part))
     share = float(alone.sum() / max(1, int((labels.part >= 0).sum())))
     if share > _ALONE:
@@ -137,9 +137,9 @@ def _one_part(patches: Patches, own: Array, given: list[Stated], error: Array) -
     if rivals:
         for j in (best, *rivals):
             if not all(p.fits(j) for g in given for p in g.places):
-                found = _with_seams(patches, own, given, j, error)
-                if not found.misses:
-                    return found
+                result = _with_seams(patches, own, given, j, error)
+                if not result.misses:
+                    return result
         return _open(patches, own, given, best, rivals[0])
     sure = [g for g in given if g.fits(best)]
     doubtful = float(np.median(error[np.isfinite(own[..., 0])])) > _DOUBTFUL

@@ -181,6 +181,6 @@ def _before(tree: Any, part: Indices) -> Indices:
     # one patch more, joined to a patch of each part: one walk then reaches all
     joint = csr_array((np.ones(len(roots)), (np.zeros_like(roots), roots)), shape=(1, count))
     whole = block_array([[tree, None], [joint, csr_array((1, 1))]], format="csr")
-    _, found = breadth_first_order(whole, count, directed=True)
+    _, result = breadth_first_order(whole, count, directed=True)
     own = np.arange(count)
-    return np.where((found[:count] < 0) | (found[:count] == count), own, found[:count])
+    return np.where((result[:count] < 0) | (result[:count] == count), own, result[:count])

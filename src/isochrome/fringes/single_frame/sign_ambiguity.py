@@ -172,14 +172,14 @@ def open_seams(
     """
     order = terms[..., 0]
     unsure = np.zeros(terms.shape[:2], dtype=bool)
-    found = []
+    result = []
     seams = _not_settled(patches, terms, points, said)
     for seam in sorted(seams, key=lambda s: -int(s.beyond.sum())):
         beyond = seam.beyond & (np.abs(order - 0.5 * seam.crest) > _ALIKE) & ~unsure
         if beyond.any():
             unsure |= beyond
-            found.append((seam.crest, beyond))
-    return found
+            result.append((seam.crest, beyond))
+    return result
 
 
 def _not_settled(

@@ -319,13 +319,13 @@ def corner_orders(
     pooled = gaussian_filter(np.where(valid, wave, 0.0), _POOLED_PX) / np.maximum(trusted, 1e-9)
     light = np.where(valid, pooled, np.nan)
     for corner in corners:
-        found = _carried(corner, patches, labels, light)
+        result = _carried(corner, patches, labels, light)
         name = f"frames.free_boundary, corner at row {corner.row:g}, column {corner.col:g}"
-        if isinstance(found, str):
-            said.append(f"{name}: {found}; it is not used")
+        if isinstance(result, str):
+            said.append(f"{name}: {result}; it is not used")
             continue
-        order = abs(patches.terms[found][0] - round(patches.terms[found][0]))
-        place = float(patches.rows[found[0]]), float(patches.cols[found[1]])
+        order = abs(patches.terms[result][0] - round(patches.terms[result][0]))
+        place = float(patches.rows[result[0]]), float(patches.cols[result[1]])
         known.append(KnownPlaces((place,), round(float(order), 2), name, says_zero_line=False))
     return known, said
 

@@ -105,8 +105,8 @@ def colour_frames(path: FramesLike, scene: Scene) -> Iterator[list[Frame]]:
 
 
 def _one_channel(scene: Scene, name: str) -> Scene:
-    found = scene.with_values({"frames.channel": name})
-    return found.model_copy(update={"folder": scene.folder, "name": scene.name})
+    result = scene.with_values({"frames.channel": name})
+    return result.model_copy(update={"folder": scene.folder, "name": scene.name})
 
 
 def process_colour(frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
@@ -122,7 +122,7 @@ def process_colour(frames: Sequence[Frame], scene: Scene, capture: Capture) -> P
     for part in (capture.dark, capture.bright):
         valid = valid & part.valid if part else valid
     try:
-        found = read_colour(
+        result = read_colour(
             light,
             capture.table,
             sigma=sigma,
@@ -133,20 +133,20 @@ def process_colour(frames: Sequence[Frame], scene: Scene, capture: Capture) -> P
         )
     except InputError as error:
         raise InputError(f"frame {first.index} ({first.name}): {error}") from error
-    trusted = np.isfinite(found.signal)
+    trusted = np.isfinite(result.signal)
     count = np.maximum(trusted.sum(axis=-1), 1)
-    mean = np.where(trusted, found.signal, 0.0).sum(axis=-1) / count
+    mean = np.where(trusted, result.signal, 0.0).sum(axis=-1) / count
     return ProcessedFrame(
         **frame_fields(first, scene),
         normalised=np.where(trusted.any(axis=-1), mean, np.nan).astype(np.float32),
-        reading=found,
-        noise=found.noise,
-        chi=found.chi,
-        warnings=_warnings(found),
+        reading=result,
+        noise=result.noise,
+        chi=result.chi,
+        warnings=_warnings(result),
         columns={
-            "kept_share": found.kept,
-            "strange_share": found.strange,
-            **order_columns(found.order, found.uncertainty),
+            "kept_share": result.kept,
+            "strange_share": result.strange,
+            **order_columns(result.order, result.uncertainty),
         },
     )
 

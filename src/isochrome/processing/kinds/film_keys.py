@@ -87,10 +87,10 @@ def prepare_keyed(
 
     def key() -> FilmState | None:
         index, frame = last[0]
-        found: ProcessedFrame = read_alone(frame, scene, capture)[0]
-        if found.reading is None or not _is_read(found):
+        result: ProcessedFrame = read_alone(frame, scene, capture)[0]
+        if result.reading is None or not _is_read(result):
             return None
-        return joined_reading(found.reading, data.by, film_time(frame, index))
+        return joined_reading(result.reading, data.by, film_time(frame, index))
 
     path = FilmPath(
         start, guide, noise=data.wave_noise(float(np.median(guide.illumination[data.material]))),

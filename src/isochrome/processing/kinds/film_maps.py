@@ -40,24 +40,24 @@ _THIN = 4
 
 
 def with_maps(
-    recipe: FrameTask, maps: str | None, count: int, *, on_disk: bool
+    task: FrameTask, maps: str | None, count: int, *, on_disk: bool
 ) -> tuple[FrameTask, str]:
     """Choose the maps of a followed video, and say what they take.
 
-    Parameters: `recipe`; `maps`, as they were asked for, None where nobody has; `count` of frames;
+    Parameters: `task`; `maps`, as they were asked for, None where nobody has; `count` of frames;
     `on_disk`, whether they are written. Returns the recipe, and a sentence.
     """
-    pixels = math.prod(recipe.reader.shape)
+    pixels = math.prod(task.reader.shape)
     most, each = (MOST_ON_DISK, _BYTES) if on_disk else (MOST_KEPT, 8)
     chosen = maps or ("all" if each * pixels * count <= most else "key")
     if chosen != "all":
         why = f"those of all {count} might take {each * pixels * count / 1e9:.3g} GB"
         said = {"key": "maps of the key frames", "none": "no maps"}[chosen]
         said += f"; {why}: --maps all writes them" if maps is None else ""
-        return replace(recipe, maps=chosen), said
-    step = order_step(recipe.scene, recipe.reader.shape)
+        return replace(task, maps=chosen), said
+    step = order_step(task.scene, task.reader.shape)
     pages = on_disk and 4 * pixels * count <= MOST_PAGED
-    recipe = replace(recipe, maps=chosen, order_step=step, pages=pages)
+    task = replace(task, maps=chosen, order_step=step, pages=pages)
     space = (_TYPICAL if on_disk else each) * pixels
     said = (
         f"maps of {counted(count, 'frame')}: about {1e-6 * space:.2g} MB a frame, "
@@ -65,7 +65,7 @@ def with_maps(
     )
     if on_disk and not pages:
         said += "; the TIFF stacks hold the key frames: isochrome export --to tiff makes all pages"
-    return recipe, said
+    return task, said
 
 
 def order_step(scene: Scene, shape: tuple[int, int]) -> float:

@@ -146,10 +146,10 @@ def _final_light(
     none = np.zeros(shape, dtype=np.float32)
     level, error, notes = given, none, tuple[str, ...]()
     if told:
-        found, spread = path.crests.illumination(shape)
-        scale = 1.0 if given is None else float(np.median((found / given)[data.valid]))
+        result, spread = path.crests.illumination(shape)
+        scale = 1.0 if given is None else float(np.median((result / given)[data.valid]))
         if given is None or abs(scale - 1.0) > _SAME_LIGHT:
-            level, error = found, spread
+            level, error = result, spread
             notes = (OWN_CRESTS if given is None else OTHER_LIGHT.format(scale),)
     assert level is not None
     light = FilmLight(zero=zero, illumination=level, error=error, zero_error=none, sign=data.sign)

@@ -113,18 +113,18 @@ def no_load_light(
     alike = NoLoadLight(exact_ends(dark, bright))
     if frames.no_load_exposure == "same":
         return alike
-    found = find_no_load_exposure(light, sigma, valid, dark=dark, bright=bright)
-    if found.ends is None:
-        if found.told:
+    result = find_no_load_exposure(light, sigma, valid, dark=dark, bright=bright)
+    if result.ends is None:
+        if result.told:
             return alike
         off = _not_alike(_places(light, valid, no_load, frames))
         return NoLoadLight(alike.ends, () if off else (SAME_EXPOSURE,), off)
-    if found.crest_sure or says_a_half(frames.stated_orders):
-        said = (EXPOSED.format(found.bright),)
-        return NoLoadLight(found.ends, said, dark_told=found.dark_told)
-    if found.bright < 1.0 and _says_alike(light, valid, no_load, found, frames):
+    if result.crest_sure or says_a_half(frames.stated_orders):
+        said = (EXPOSED.format(result.bright),)
+        return NoLoadLight(result.ends, said, dark_told=result.dark_told)
+    if result.bright < 1.0 and _says_alike(light, valid, no_load, result, frames):
         return alike
-    return NoLoadLight(found.ends, refusal=CREST_OR_RIDGE.format(found.bright))
+    return NoLoadLight(result.ends, refusal=CREST_OR_RIDGE.format(result.bright))
 
 
 def says_a_half(orders: Sequence[float]) -> bool:
@@ -183,12 +183,12 @@ def _places(light: Array, valid: Mask, ends: tuple[Array, Array], frames: Frames
     own = np.arcsin(np.sqrt(pooled)) / np.pi
     known = [(float(k.row_px), float(k.col_px), k.order) for k in frames.known_order]
     known += [(*place, line.order) for line in frames.known_line for place in line.places]
-    found = []
+    result = []
     for row, col, order in known:
         at = round(row), round(col)
         if all(0 <= i < n for i, n in zip(at, valid.shape, strict=True)) and valid[at]:
-            found.append(_Place(row, col, abs(order - round(order)), float(own[at])))
-    return found
+            result.append(_Place(row, col, abs(order - round(order)), float(own[at])))
+    return result
 
 
 def above_background(signal: Array, error: Array, valid: Mask) -> tuple[Mask, tuple[str, ...]]:
@@ -305,20 +305,20 @@ def read_alone(
         return replace(blank, warnings=(f"not normalised: {error}",)), None
     lines = skeletons(np.clip(seen.signal, 0.0, 1.0))
     asked = bool(scene.frames.known_order)
-    found, warnings = None, [refused_beforehand(frame, seen, len(lines), capture, asked, inside)]
+    result, warnings = None, [refused_beforehand(frame, seen, len(lines), capture, asked, inside)]
     if not warnings[0]:
-        found, warnings = _read(seen, scene)
-        few = refused_low(found.reading.order if found else np.zeros(0), capture)
+        result, warnings = _read(seen, scene)
+        few = refused_low(result.reading.order if result else np.zeros(0), capture)
         if few:
-            found, warnings = None, [*warnings, few]
+            result, warnings = None, [*warnings, few]
     whole = replace(
         blank,
         normalised=seen.signal.astype(np.float32),
-        reading=found.reading if found else None,
+        reading=result.reading if result else None,
         lines=lines,
         noise=float(np.median(seen.sigma[seen.valid])),
         warnings=(*seen.notes, *warnings),
-        columns=_columns(found, seen, len(lines)),
+        columns=_columns(result, seen, len(lines)),
     )
     return whole, seen.ends
 
@@ -400,10 +400,10 @@ def frame_signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -
         notes = _found_by_fringes(ends, blind=blind, tone=tone)
         if tone:
             columns = {"gamma": ends.tone, f"gamma {SPREAD}": ends.tone_uncertainty}
-    done, found = _by_ends(light, sigma, valid, ends)
+    done, result = _by_ends(light, sigma, valid, ends)
     if not dark_told:
-        valid, left_out = above_background(found.signal, found.error, found.valid)
-        found, notes = replace(found, valid=valid), [*notes, *left_out]
+        valid, left_out = above_background(result.signal, result.error, result.valid)
+        result, notes = replace(result, valid=valid), [*notes, *left_out]
     others = tuple(_by_ends(light, sigma, valid, other)[1] for other in ends.others)
     # an end that is not known says nothing of the tone, and without a reading nobody asks
     check = None
@@ -413,7 +413,7 @@ def frame_signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -
             None if bright is None else done.background + done.contrast,
         )
         check = partial(_contradicted, light, sigma, done, own, scene.frames.first_gamma)
-    known = replace(found, refusal=refusal, notes=tuple(notes), columns=columns)
+    known = replace(result, refusal=refusal, notes=tuple(notes), columns=columns)
     return replace(known, gamma_check=check, others=others)
 
 
@@ -449,10 +449,10 @@ def told_exposure(frame: Frame, scene: Scene, capture: Capture) -> list[str]:
     linear = to_linear(frame, bit_depth=capture.bit_depth, gamma=scene.frames.first_gamma)
     try:
         light, sigma, valid = _light(frame, linear, scene, capture)
-        found = no_load_light(light, sigma, valid, (dark.image, bright.image), scene.frames)
+        result = no_load_light(light, sigma, valid, (dark.image, bright.image), scene.frames)
     except InputError:  # no fringe in it
         return []
-    return [text for text in (*found.notes, found.refusal) if text and text != SAME_EXPOSURE]
+    return [text for text in (*result.notes, result.refusal) if text and text != SAME_EXPOSURE]
 
 
 def _found_by_fringes(ends: BackgroundModulation, *, blind: bool, tone: bool) -> list[str]:
@@ -489,22 +489,22 @@ def _contradicted(
         away, spread = gamma_misfit(light, sigma, done.valid, ends)
         if abs(away) < max(SIGNIFICANT * spread, WRONG_GAMMA):
             return none, []
-        found = fit_background_modulation(
+        result = fit_background_modulation(
             light, sigma, done.valid, dark=dark, bright=bright, tone=True
         )
     except InputError:  # no fringes to tell it from
         return none, []
-    share = found.tone - 1.0
-    if abs(share) < max(SIGNIFICANT * found.tone_uncertainty, WRONG_GAMMA):
+    share = result.tone - 1.0
+    if abs(share) < max(SIGNIFICANT * result.tone_uncertainty, WRONG_GAMMA):
         return none, []
-    linear = np.maximum(light, 0.0) ** found.tone
-    other = (linear - found.dark) / np.maximum(found.bright - found.dark, 1e-6)
+    linear = np.maximum(light, 0.0) ** result.tone
+    other = (linear - result.dark) / np.maximum(result.bright - result.dark, 1e-6)
     other = 0.5 + contrast * (other - 0.5)  # of the signal as it is, faded
     error = np.abs(np.where(done.valid, other - done.signal, 0.0))
-    best = gamma * found.tone
+    best = gamma * result.tone
     return error, [
         f"frames.gamma = {gamma:g} does not fit the fringes, whose shape says "
-        f"{with_uncertainty(best, gamma * found.tone_uncertainty)}: set frames.gamma = "
+        f"{with_uncertainty(best, gamma * result.tone_uncertainty)}: set frames.gamma = "
         f"{best:.2g} or 'unknown'; orders that this would move are left out"
     ]
 
@@ -513,21 +513,21 @@ def _read(seen: FrameSignal, scene: Scene) -> tuple[FreeReading | None, list[str
     """The order from what is known of it, and what to say of it."""
     if not scene.frames.orders_known:
         return None, [NO_ANCHOR]
-    found, messages = _read_signal(seen, scene)
+    result, messages = _read_signal(seen, scene)
     if seen.others:
-        found = common_reading([found, *(_read_signal(other, scene)[0] for other in seen.others)])
-    return found, [*messages, *found.said]
+        result = common_reading([result, *(_read_signal(other, scene)[0] for other in seen.others)])
+    return result, [*messages, *result.said]
 
 
 def _read_signal(seen: FrameSignal, scene: Scene) -> tuple[FreeReading, list[str]]:
     """The order of one signal, and what its gamma is told by."""
     error, messages, known = seen.error, list[str](), orders_of(scene)
     light, apart = (*wave_of(seen, scene), seen.valid), known.corners
-    found = read_free(*light, (), lines=known.places, corners=apart, error=error)
+    result = read_free(*light, (), lines=known.places, corners=apart, error=error)
     if seen.gamma_check is not None:
-        other, messages = seen.gamma_check(found.contrast)
+        other, messages = seen.gamma_check(result.contrast)
         error = np.hypot(error, other)
-    return replace(found, reading=widened(found.reading, error)), messages
+    return replace(result, reading=widened(result.reading, error)), messages
 
 
 def orders_of(scene: Scene) -> KnownOrders:
@@ -553,8 +553,8 @@ def wave_of(seen: FrameSignal, scene: Scene) -> tuple[Array, Array]:
 
 def _columns(found: FreeReading | None, seen: FrameSignal, lines: int) -> dict[str, Any]:
     """The frame's columns of frames.csv besides those of every frame."""
-    kept = {"kept_share": found.reading.kept} if found else {}
-    columns = kept | {"fringe_lines": lines} | seen.columns
+    selected = {"kept_share": found.reading.kept} if found else {}
+    columns = selected | {"fringe_lines": lines} | seen.columns
     if found is None or not np.isfinite(found.reading.order).any():
         return columns
     return columns | order_columns(found.reading.order, found.reading.uncertainty)

@@ -66,10 +66,10 @@ def process_known_loads(frame: Frame, scene: Scene, capture: Capture) -> Process
         EXPLAINED: read.explained,
     }
     said = _told(read, scene.frames.known_loads_n, frame.index)
-    found = _with_orders(frame, scene, capture, read.rim, said, columns)
+    result = _with_orders(frame, scene, capture, read.rim, said, columns)
     scale = scene.camera.pixel_mm if scene.camera else None
     scale = scale or scene.rim_diameter_mm / (2.0 * read.rim.radius)
-    return replace(found, pixel_mm=scale, chi=read.chi)
+    return replace(result, pixel_mm=scale, chi=read.chi)
 
 
 def _told(read: LoadReading, loads: Sequence[float], number: int) -> list[str]:
@@ -102,11 +102,11 @@ def _with_orders(
     if rim is not None:
         rows, cols = (np.arange(size) for size in frame.image.shape)
         inside = np.hypot(rows[:, None] - rim.row, cols - rim.col) < WITHIN * rim.radius
-    found = process_image_only(frame, scene, capture, inside=inside)
+    result = process_image_only(frame, scene, capture, inside=inside)
     # where nobody asked for orders it is said once, of the set
-    image = found.warnings if scene.frames.orders_known else ()
-    own = {"fringe_lines": len(found.lines)} | found.columns | columns
-    return replace(found, columns=own, warnings=(*said, *image))
+    image = result.warnings if scene.frames.orders_known else ()
+    own = {"fringe_lines": len(result.lines)} | result.columns | columns
+    return replace(result, columns=own, warnings=(*said, *image))
 
 
 def tells_load(found: ProcessedFrame) -> bool:

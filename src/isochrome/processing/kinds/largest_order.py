@@ -51,9 +51,9 @@ def largest_from(table: Mapping[str, Sequence[Any]]) -> str:
 
     Parameters: `table`, the columns of frames.csv; of an older run nobody knows it.
     """
-    found = Counter(table.get(ORDER_FROM, ()))
+    result = Counter(table.get(ORDER_FROM, ()))
     words = {MODEL: "of the model", AT_LEAST: AT_LEAST}
-    return "".join(f"; {found[word]} {text}" for word, text in words.items() if found[word])
+    return "".join(f"; {result[word]} {text}" for word, text in words.items() if result[word])
 
 
 def order_columns(order: Array, uncertainty: Array) -> dict[str, Any]:
@@ -63,14 +63,14 @@ def order_columns(order: Array, uncertainty: Array) -> dict[str, Any]:
     """
     known = uncertainty[np.isfinite(order) & np.isfinite(uncertainty)]
     typical = float(np.median(known)) if known.size else float("nan")
-    found = dict.fromkeys(LARGEST) | {"n_max": float("nan"), ORDER_SPREAD: typical}
+    result = dict.fromkeys(LARGEST) | {"n_max": float("nan"), ORDER_SPREAD: typical}
     if not np.isfinite(order).any():
-        return found
+        return result
     row, col = largest_pixel(order)
     beside = _beside_unread(order, row, col)
-    found |= {"n_max": float(order[row, col]), "n_max_row_px": row, "n_max_col_px": col}
-    found |= {"n_max_uncertainty": float(uncertainty[row, col])}
-    return found | {ORDER_FROM: AT_LEAST if beside else FRAME}
+    result |= {"n_max": float(order[row, col]), "n_max_row_px": row, "n_max_col_px": col}
+    result |= {"n_max_uncertainty": float(uncertainty[row, col])}
+    return result | {ORDER_FROM: AT_LEAST if beside else FRAME}
 
 
 def largest_pixel(order: Array) -> tuple[int, int]:
@@ -106,9 +106,9 @@ def largest_with_model(
     nobody asks how sure the model is. Returns columns and sentences.
     """
     order, nothing = reading.order, float("nan")
-    found: dict[str, Any] = dict.fromkeys(LARGEST_BY_MODEL, nothing) | {ORDER_FROM: None}
+    result: dict[str, Any] = dict.fromkeys(LARGEST_BY_MODEL, nothing) | {ORDER_FROM: None}
     if not np.isfinite(order).any():
-        return found, ()
+        return result, ()
     trusted = seen.picture.material & specimen_model(scene).trusted(scene, seen.pixels, 0.0)
     model = np.where(trusted, seen.picture.order, -np.inf)
     read = np.isfinite(order) & trusted
@@ -130,12 +130,12 @@ def largest_with_model(
     if source != AT_LEAST:
         spread = np.hypot(spread, _between(seen.picture.order, *pixel))
     x, z = seen.pixels.place(*pixel)
-    found |= {"n_max": float(value), "n_max_x_mm": x, "n_max_z_mm": z}
-    found |= {"n_max_uncertainty": float(spread), ORDER_FROM: source}
+    result |= {"n_max": float(value), "n_max_x_mm": x, "n_max_z_mm": z}
+    result |= {"n_max_uncertainty": float(spread), ORDER_FROM: source}
     if len(values) > 1:
         also = np.hypot(spreads[1], values[1] * excess / top)
-        found |= dict(zip(PRESSURE, (float(values[1]), float(also)), strict=True))
-    return found, said
+        result |= dict(zip(PRESSURE, (float(values[1]), float(also)), strict=True))
+    return result, said
 
 
 def _between(order: Array, row: int, col: int) -> float:

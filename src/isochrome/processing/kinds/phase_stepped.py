@@ -41,14 +41,14 @@ def load_residual(scene: Scene, reader: FrameReader) -> ResidualStress | None:
         return None
     with open_no_load_steps(scene, reader.full_shape) as unloaded:
         light, valid, sigma = _stacked(list(unloaded), scene, Capture(unloaded.bit_depth))
-    found = read_residual(light, _chains(scene), sigma=sigma, valid=valid)
-    if not np.isfinite(found.field).any():
+    result = read_residual(light, _chains(scene), sigma=sigma, valid=valid)
+    if not np.isfinite(result.field).any():
         raise InputError(
             f"{scene.path(name)}: frames.no_load_steps has no pixel that can be read; check that "
             "its frames are the steps of [[polariscope.step]], in order, and their light; residual "
             "stress beyond half an order nearly all over cannot be read"
         )
-    return found
+    return result
 
 
 def process_stepped(
@@ -67,7 +67,7 @@ def process_stepped(
     Returns a ProcessedFrame. Raises InputError on a blank set, or steps that cannot tell the order.
     """
     light, valid, sigma = _stacked(frames, scene, capture)
-    found = read_steps(
+    result = read_steps(
         light,
         _chains(scene),
         sigma=sigma,
@@ -76,17 +76,17 @@ def process_stepped(
         model=_model(scene, (light.shape[1], light.shape[2]), residual),
         residual=residual,
     )
-    contrast = found.contrast[np.isfinite(found.order)]
+    contrast = result.contrast[np.isfinite(result.order)]
     return ProcessedFrame(
         **frame_fields(replace(frames[0], name=f"{frames[0].name} to {frames[-1].name}"), scene),
-        normalised=found.dark_field,
-        reading=found.reading,
+        normalised=result.dark_field,
+        reading=result.reading,
         # of the dark field (1 - cos δ)/2, mid-way between its ends
         noise=float(sigma / np.median(contrast)) if contrast.size else float("nan"),
-        chi=found.chi,
-        warnings=found.warnings,
-        isoclinic=found.isoclinic,
-        columns=_columns(found, residual),
+        chi=result.chi,
+        warnings=result.warnings,
+        isoclinic=result.isoclinic,
+        columns=_columns(result, residual),
     )
 
 

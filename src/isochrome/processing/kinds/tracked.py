@@ -136,15 +136,15 @@ class KeyFrames:
         """One frame more. Raises InputError, PhysicsError."""
         label, distance = place_of(self.recipe.scene, frame)
         fields = frame_fields(frame, self.scene) | {"label": label, "distance_m": distance}
-        found = FollowedFrame(**fields, keys=self.keys)
+        result = FollowedFrame(**fields, keys=self.keys)
         try:
             tracked, whole = self._tracked(frame)
-            found = replace(found, tracked=tracked, warnings=tracked.warnings)
-            return self._with_map(found, frame, whole) if self.recipe.maps == "all" else found
+            result = replace(result, tracked=tracked, warnings=tracked.warnings)
+            return self._with_map(result, frame, whole) if self.recipe.maps == "all" else result
         except IsochromeError as error:
             if not self.recipe.keep_going:
                 raise
-            return replace(found, tracked=None, warnings=(str(error),), failed=True)
+            return replace(result, tracked=None, warnings=(str(error),), failed=True)
 
     def _tracked(self, frame: Frame) -> tuple[Tracked, ProcessedFrame | None]:
         """The tracked values; where there is no track yet, those of the whole frame, as a search.
@@ -198,12 +198,12 @@ class KeyFrames:
         """The values of a frame that was processed wholly, as if they had been tracked."""
         fit = whole.fit
         assert fit is not None
-        found = np.full((3, len(self.keys)), np.nan)
+        result = np.full((3, len(self.keys)), np.nan)
         for k, key in enumerate(self.keys):
             if key in fit.keys:
                 j = fit.keys.index(key)
-                found[:, k] = fit.values[j], fit.standard_uncertainty[j], fit.cramer_rao_bound[j]
-        values, spread, bound = found
+                result[:, k] = fit.values[j], fit.standard_uncertainty[j], fit.cramer_rao_bound[j]
+        values, spread, bound = result
         return Tracked(
             values=values,
             standard_uncertainty=spread,

@@ -73,7 +73,7 @@ def process_with_model(
     gain = np.where(seen.illumination > 0.0, seen.illumination, np.nan)
     signal = np.where(inside, (data.light - seen.background) / gain, np.nan)
     largest, of_largest = largest_with_model(reading, seen, fit.scene, fit)
-    found = ProcessedFrame(
+    result = ProcessedFrame(
         **frame_fields(frame) | {"pixel_mm": seen.pixels.pixel_mm},
         normalised=signal.astype(np.float32),
         reading=reading,
@@ -83,7 +83,7 @@ def process_with_model(
         largest=largest,
         warnings=(*said, *notes, *(() if slip else _warnings(fit, reading, lost)), *of_largest),
     )
-    return _without_model(found, frame, scene, capture, data, slip) if lost else found
+    return _without_model(result, frame, scene, capture, data, slip) if lost else result
 
 
 def read_frame(
@@ -99,8 +99,8 @@ def read_frame(
     reading = _read(data, seen, lost)
     if frame.mask is not None:
         own = seen.picture.material & frame.mask
-        kept = float(np.isfinite(reading.order).sum() / max(1, int(own.sum())))
-        reading = replace(reading, kept=kept)
+        selected = float(np.isfinite(reading.order).sum() / max(1, int(own.sum())))
+        reading = replace(reading, kept=selected)
     return reading, noise, lost
 
 
@@ -147,8 +147,8 @@ def _fitted(
 
 def _opposite(given: Scene, fit: FrameFit) -> list[str]:
     """What is said where the shear points the other way than the scene's."""
-    found = zip(fit.keys, fit.values, fit.standard_uncertainty, strict=True)
-    texts = [opposite_shear(given, key, float(value), float(u)) for key, value, u in found]
+    result = zip(fit.keys, fit.values, fit.standard_uncertainty, strict=True)
+    texts = [opposite_shear(given, key, float(value), float(u)) for key, value, u in result]
     return [text for text in texts if text is not None and fit.positive]
 
 
@@ -211,8 +211,10 @@ def _read(data: FrameData, seen: ModelFrame, lost: bool) -> OrderReading:
 def _without_values(fit: FrameFit, scene: Scene) -> FrameFit:
     """A fit that was lost: only the place it began with is left of it, and its chi."""
     values = [scene.get(key) if key.startswith("camera.") else None for key in fit.keys]
-    kept = np.array([np.nan if value is None else value for value in values], dtype=float)
-    return replace(fit, scene=scene, values=kept, standard_uncertainty=np.full(len(kept), np.nan))
+    selected = np.array([np.nan if value is None else value for value in values], dtype=float)
+    return replace(
+        fit, scene=scene, values=selected, standard_uncertainty=np.full(len(selected), np.nan)
+    )
 
 
 def _of_chi(fit: FrameFit) -> list[str]:
@@ -227,29 +229,29 @@ def _of_chi(fit: FrameFit) -> list[str]:
 
 
 def _warnings(fit: FrameFit, reading: OrderReading, lost: bool) -> list[str]:
-    found = _of_chi(fit)
+    result = _of_chi(fit)
     if not fit.positive:
-        found.append(f"the scene's fringes are not in this frame; {_CORRECT}")
+        result.append(f"the scene's fringes are not in this frame; {_CORRECT}")
     elif fit.plain:
-        found.append(
+        result.append(
             "no smooth illumination fits with this model, so that one amplitude stands for all the "
             "frame; give no-load frames"
         )
     near = [m for m in fit.others if m.chi < ALIKE_CHI * fit.chi]
     if near:
-        found.append(
+        result.append(
             f"{counted(len(near), 'other solution')} fit{'s' * (len(near) == 1)} nearly as well; "
             "give the load more closely"
         )
     if not fit.converged:
-        found.append(
+        result.append(
             "the fit did not converge fully; begin it nearer, with load and place in the scene"
         )
     if lost:
-        found.append(_NO_ORDER)
+        result.append(_NO_ORDER)
     else:
-        found += of_share(reading)
-    return found
+        result += of_share(reading)
+    return result
 
 
 def of_share(reading: OrderReading) -> list[str]:

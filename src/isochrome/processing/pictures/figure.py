@@ -342,9 +342,9 @@ def tracked_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Sho
     Parameters: `scene`; `table`, the columns of frames.csv; `items`, the key frames to be shown.
     Returns a Figure.
     """
-    found = frame_values(table)
+    result = frame_values(table)
     wide, high = frames_size(items) if items else (0.0, 0.0)
-    tall = max(high, PANEL_IN * (len(found.keys) + 1)) + 0.3
+    tall = max(high, PANEL_IN * (len(result.keys) + 1)) + 0.3
     figure = new_figure(_WIDTH + wide, tall)
     if items:
         parts: Any = figure.subfigures(1, 2, width_ratios=(_WIDTH, wide))
@@ -356,8 +356,8 @@ def tracked_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Sho
         write_head(right, f"key frames, normalised; {draw_frames(right, items)}")
     else:  # nobody wants maps
         left = figure.subfigures(1, 1)
-    draw_frame_values(left, found)
-    count, whole = len(found.chi), int(found.whole.sum())
+    draw_frame_values(left, result)
+    count, whole = len(result.chi), int(result.whole.sum())
     head = f"{plain_name(scene.name)}: {counted(count, 'frame')}, {counted(whole, 'key frame')}"
     write_head(figure, head)
     return figure
@@ -377,11 +377,11 @@ def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> Paper
     read = any(item.order is not None for item in items)
     plots = []
     if result.tracked:
-        found = result.over_frames
-        for key in found.keys:
-            own = partial(draw_values, found=found, key=key)
+        outcome = result.over_frames
+        for key in outcome.keys:
+            own = partial(draw_values, found=outcome, key=key)
             plots.append(Plot(title=KEY_LABELS.get(key, key), draw=own, height_mm=30.0))
-        plots.append(Plot(title="chi", draw=partial(draw_chi, found=found), height_mm=30.0))
+        plots.append(Plot(title="chi", draw=partial(draw_chi, found=outcome), height_mm=30.0))
     return PaperPanels(
         kinds=_kinds(items, largest, what="picture" if result.tracked else "frame"),
         labels=[plain_name(item.label, 30) for item in items],
@@ -444,12 +444,12 @@ def _item(table: dict[str, list[Any]], dataset: RunDataset, k: int) -> Shown:
 
 def _maps(dataset: RunDataset, k: int, picture: int | None) -> dict[str, np.ndarray]:
     """Frame k's maps: those over all frames, and those of key frames where it is one."""
-    found = {}
+    result = {}
     for name in (NORMALISED.name, ORDER.name, ISOCLINIC.name):
         place = k if name in dataset and _over_frames(dataset[name]) else picture
         if name in dataset and place is not None:
-            found[name] = np.asarray(dataset[name][int(place)])
-    return found
+            result[name] = np.asarray(dataset[name][int(place)])
+    return result
 
 
 def _without_a_map(table: dict[str, list[Any]], dataset: RunDataset, k: int) -> str:
