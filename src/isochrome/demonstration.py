@@ -111,7 +111,8 @@ def demo(out: str | Path = "isochrome-demo", *, progress: Progress | None = None
 def _run(out: str | Path, say: Progress) -> Demo:
     """All steps, one after the other.
 
-    The rendered cameras have nothing that the scenes do not state: frames are read `as_stated`.
+    Frames are read `as_stated`, for time: of the six nothing is freed that `process` tries, and of
+    the film a band of wavelengths, which moves the load by 0.003 %.
     """
     folder, samples = output_folder(out), samples_path()
     contact = samples / "line-contact-wear"
