@@ -72,8 +72,8 @@ def _of_file(
     if full.shape == shape:
         part = full
     elif full.shape == full_shape:
-        top, left = (0, 0) if frames.roi is None else (frames.roi.top_px, frames.roi.left_px)
-        part = full[top : top + shape[0], left : left + shape[1]]
+        top, left_px = (0, 0) if frames.roi is None else (frames.roi.top_px, frames.roi.left_px)
+        part = full[top : top + shape[0], left_px : left_px + shape[1]]
     else:
         region = "" if shape == full_shape else f", their region of interest {shape}"
         raise InputError(

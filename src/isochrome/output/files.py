@@ -127,17 +127,17 @@ def _move_all(stage: Path, target: Path) -> None:
         for number, file in enumerate(sorted(p for p in stage.rglob("*") if p.is_file())):
             place = target / file.relative_to(stage)
             place.parent.mkdir(parents=True, exist_ok=True)
-            kept = old / str(number) if os.path.lexists(place) else None
-            if kept is not None:
-                os.rename(place, kept)
-            undo.append((place, kept))
+            moved = old / str(number) if os.path.lexists(place) else None
+            if moved is not None:
+                os.rename(place, moved)
+            undo.append((place, moved))
             os.rename(file, place)
     except BaseException:
-        for place, kept in reversed(undo):
+        for place, moved in reversed(undo):
             with suppress(OSError):
                 place.unlink(missing_ok=True)
-            if kept is not None:
-                os.rename(kept, place)
+            if moved is not None:
+                os.rename(moved, place)
         raise
     finally:
         shutil.rmtree(old, ignore_errors=True)

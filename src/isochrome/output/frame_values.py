@@ -46,15 +46,15 @@ def messages_of_frames(messages: Iterable[tuple[int, str]], *, single: bool = Fa
     causes: dict[str, list[tuple[int, str]]] = {}
     for number, text in messages:
         causes.setdefault(_cause(text), []).append((number, text))
-    found = []
-    for own in causes.values():
+    lines = []
+    for entries in causes.values():
         frames: dict[str, list[int]] = {}
-        apart = len({number for number, _ in own}) < len(own)
-        together = "" if apart else _spanned([text for _, text in own])
-        for number, text in own:
+        apart = len({number for number, _ in entries}) < len(entries)
+        together = "" if apart else _spanned([text for _, text in entries])
+        for number, text in entries:
             frames.setdefault(together or text, []).append(number)
-        found += [f"{counted_frames(numbers)}: {text}" for text, numbers in frames.items()]
-    return found
+        lines += [f"{counted_frames(numbers)}: {text}" for text, numbers in frames.items()]
+    return lines
 
 
 def _cause(text: str) -> str:

@@ -94,10 +94,10 @@ class Result:
 
     def _report(self) -> list[tuple[str, str]]:
         """The main values, of many the first ones."""
-        found = list(self.main_values())
+        values = list(self.main_values())
         most = _MOST_VALUES - bool(self.uncertainty_basis)
-        more = len(found) - most
-        return found if more <= 0 else [*found[:most], (f"and {more} more", "")]
+        more = len(values) - most
+        return values if more <= 0 else [*values[:most], (f"and {more} more", "")]
 
     def __repr__(self) -> str:
         """A few lines: what it is, the main values, and how many warnings there are."""

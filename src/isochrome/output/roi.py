@@ -77,14 +77,14 @@ def roi_entries(lines: Iterable[Polyline], frame: int) -> list[tuple[str, bytes]
         Where the library is not installed.
     """
     roifile = load_roifile()
-    entries, seen = [], Counter[str]()
+    entries, counts = [], Counter[str]()
     for number, line in enumerate(lines):
         if len(line.rows) < 2:
             continue  # ImageJ has no polyline of one point
         what = f"line {number}" if line.order is None else f"N = {line.order:g}"
         name = f"frame {frame}: {what} {line.kind}"
-        seen[name] += 1
-        name += f" #{seen[name]}" if seen[name] > 1 else ""
+        counts[name] += 1
+        name += f" #{counts[name]}" if counts[name] > 1 else ""
         points = np.stack([line.cols, line.rows], axis=1).astype(np.float32)
         roi = roifile.ImagejRoi.frompoints(points, name=name, position=frame)
         roi.roitype = roifile.ROI_TYPE.POLYLINE
@@ -130,8 +130,8 @@ def read_roi_mask(path: Path, shape: tuple[int, int]) -> Mask:
     roifile = load_roifile()
     _check_size(path)
     try:
-        found = roifile.roiread(path, maxsize=MAX_BYTES)
-        rois = found if isinstance(found, list) else [found]
+        content = roifile.roiread(path, maxsize=MAX_BYTES)
+        rois = content if isinstance(content, list) else [content]
         inside = np.zeros(shape, dtype=bool)
         for roi in rois:
             if roi.roitype.name not in AREAS or roi.subtype.name in ("TEXT", "ARROW", "IMAGE"):
@@ -202,17 +202,17 @@ def load_roifile() -> ModuleType:
 
 def _inside(roi: Any, shape: tuple[int, int]) -> Mask:
     """One area as a mask, by the pixels' centres."""
-    top, left, bottom, right = (float(v) for v in (roi.top, roi.left, roi.bottom, roi.right))
+    top, left_px, bottom, right = (float(v) for v in (roi.top, roi.left, roi.bottom, roi.right))
     if roi.subpixelrect:
-        left, top, right, bottom = roi.xd, roi.yd, roi.xd + roi.widthd, roi.yd + roi.heightd
+        left_px, top, right, bottom = roi.xd, roi.yd, roi.xd + roi.widthd, roi.yd + roi.heightd
     # an area is counted from the corners of pixels: half a pixel less from their centres
     row, col = np.ogrid[0.5 : shape[0], 0.5 : shape[1]]
     if roi.roitype.name == "OVAL":
-        across, down = max(right - left, 1e-9), max(bottom - top, 1e-9)
-        x, y = (2 * col - left - right) / across, (2 * row - top - bottom) / down
+        across, down = max(right - left_px, 1e-9), max(bottom - top, 1e-9)
+        x, y = (2 * col - left_px - right) / across, (2 * row - top - bottom) / down
         return np.asarray(x**2 + y**2 <= 1)
     if roi.roitype.name == "RECT" and not roi.composite:
-        return np.asarray((row > top) & (row < bottom) & (col > left) & (col < right))
+        return np.asarray((row > top) & (row < bottom) & (col > left_px) & (col < right))
     inside = np.zeros(shape, dtype=bool)
     for outline in roi.coordinates(multi=True):
         if len(outline) >= 3:
@@ -237,6 +237,6 @@ def _filled(outline: NDArray[np.float64], shape: tuple[int, int]) -> Mask:
         across = np.sort(x0 + (row - y0) / (y1 - y0) * (x1 - x0))
         enter = np.ceil(across[0::2] - ON_SIDE).clip(0, shape[1]).astype(int)
         leave = np.floor(across[1::2] + ON_SIDE + 1).clip(0, shape[1]).astype(int)
-        entered, left = (np.bincount(k, minlength=shape[1] + 1) for k in (enter, leave))
-        inside[row] = np.cumsum(entered - left)[: shape[1]] > 0
+        entered, exited = (np.bincount(k, minlength=shape[1] + 1) for k in (enter, leave))
+        inside[row] = np.cumsum(entered - exited)[: shape[1]] > 0
     return inside

@@ -57,12 +57,12 @@ def sentence_of(
     rows = list(rows)
     parts = [spoken(*row) for row in rows]
     head = f"mean of {frames} frames, ± of each: " if frames > 1 and parts else ""
-    said = [f"{head}{', '.join(parts) or 'nothing fitted'}"]
+    clauses = [f"{head}{', '.join(parts) or 'nothing fitted'}"]
     known = any(mean is not None and mean == mean for _, mean, *_ in rows)
-    said += [basis] if basis and known else []
-    said += [f"refined: {_listed(refined)}"] if refined else []
-    said += [] if causes is None else [f"causes found: {', '.join(causes) or 'none'}"]
-    return "; ".join(said)
+    clauses += [basis] if basis and known else []
+    clauses += [f"refined: {_listed(refined)}"] if refined else []
+    clauses += [] if causes is None else [f"causes found: {', '.join(causes) or 'none'}"]
+    return "; ".join(clauses)
 
 
 def spoken(key: str, mean: Any, least: Any, most: Any, spread: Any) -> str:
@@ -157,12 +157,12 @@ def rows_by_key(table: Mapping[str, Sequence[Any]]) -> dict[str, Row]:
     """
     by_key: dict[str, list[tuple[float, float]]] = {}
     columns = (table[n] for n in ("key", "value", "standard_uncertainty"))
-    for key, *found in zip(*columns, strict=True):
-        by_key.setdefault(key, []).append((found[0], found[1]))
+    for key, value, spread in zip(*columns, strict=True):
+        by_key.setdefault(key, []).append((value, spread))
     return {
         key: (key, fmean(values), min(values), max(values), median(spreads))
-        for key, found in by_key.items()
-        for values, spreads in [tuple(zip(*found, strict=True))]
+        for key, pairs in by_key.items()
+        for values, spreads in [tuple(zip(*pairs, strict=True))]
     }
 
 

@@ -64,17 +64,17 @@ class GivenTable:
         values = [row[place] for row in self.cells]
         number = _number_reader(values)
         try:
-            found = np.array([number(cell) for cell in values], dtype=float)
+            column = np.array([number(cell) for cell in values], dtype=float)
         except ValueError:
-            found = np.array([_number_or_nan(number, cell) for cell in values])
-        bad = np.flatnonzero(~np.isfinite(found))
+            column = np.array([_number_or_nan(number, cell) for cell in values])
+        bad = np.flatnonzero(~np.isfinite(column))
         if len(bad):
             row = int(bad[0])
             raise InputError(
                 f"{self.path}: line {self.lines[row]}: {name} = {values[row].strip()!r} is not "
                 f"allowed: it is a finite number (as 0.25); correct it, or remove the line"
             )
-        return found
+        return column
 
 
 def read_given_text(path: Path, what: str, *, fallback: str | None = None) -> str:
@@ -458,10 +458,10 @@ def check_given_table(path: Path, what: str) -> None:
     OSError
         Where it is missing or may not be looked at.
     """
-    found = path.stat()
-    if not stat.S_ISREG(found.st_mode):
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):
         raise InputError(f"{path}: is not a file; name {what} itself, a CSV file")
-    if found.st_size > MOST_GIVEN:
+    if status.st_size > MOST_GIVEN:
         raise InputError(
             f"{path}: larger than {MOST_GIVEN} bytes; is it {what}? name that, a CSV file"
         )

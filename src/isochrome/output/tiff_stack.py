@@ -175,9 +175,9 @@ def imagej_view(
     """
     from matplotlib import colormaps
 
-    own = next((own for start, own in _SPANS.items() if name.startswith(start)), span)
-    low, high = (float(end) for end in own)
-    colours = next((own for start, own in _MAPS.items() if name.startswith(start)), "gray")
+    limits = next((ends for start, ends in _SPANS.items() if name.startswith(start)), span)
+    low, high = map(float, limits)
+    colours = next((map_ for start, map_ in _MAPS.items() if name.startswith(start)), "gray")
     if colours == _SIGNED:
         high = max(abs(low), abs(high))
         low = -high

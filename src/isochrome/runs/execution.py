@@ -157,30 +157,30 @@ def run_job(
         if not has_run(root):
             check_own(target, (STORE, *(f"{layer.name}.tif" for layer in job.layout.layers)))
         with _saying(root, job) as state:
-            state.own = means.restart or not has_run(root)
+            state.fresh = means.restart or not has_run(root)
             run = open_run_folder(root, job, restart=means.restart)
             if faults and progress is not None:
                 progress(Tally(0, job.layout.count, 0, 0, _of_damage(out, faults)))
             if not (means.restart or is_finished(run)):
                 take_back(run, target)
-            found: T | None = None
+            result: T | None = None
             if is_finished(run):  # and killed before all had its place
                 state.finished = True
             else:
-                state.kept = _kept(run, means)
-                _compute(job, run, state.kept, means, progress)
+                state.chunks = _kept(run, means)
+                _compute(job, run, state.chunks, means, progress)
                 try:
-                    found = finish(run)
+                    result = finish(run)
                 except PhysicsError:  # as these frames and this scene would end again
-                    state.own = True
-                    state.kept.clear()
+                    state.fresh = True
+                    state.chunks.clear()
                     raise
                 check_unchanged(stamps)
                 _leave_record(run, job)
                 state.finished = True
             publish(run, target)
             wipe(root)
-            return found
+            return result
 
 
 def _of_damage(out: str | Path, faults: Mapping[str, str]) -> str:
@@ -192,13 +192,13 @@ def _of_damage(out: str | Path, faults: Mapping[str, str]) -> str:
 
 @dataclass
 class _State:
-    """What is kept of a run: its `kept` chunks, or all of it, `finished`.
+    """What is kept of a run: its finished `chunks`, or all of it, `finished`.
 
-    `own`, whether the working folder holds nothing of an earlier run.
+    `fresh`, whether the working folder holds nothing of an earlier run.
     """
 
-    own: bool = False
-    kept: dict[int, ChunkRecord] = field(default_factory=dict)
+    fresh: bool = False
+    chunks: dict[int, ChunkRecord] = field(default_factory=dict)
     finished: bool = False
 
 
@@ -209,20 +209,20 @@ def _saying(root: Path, job: Job) -> Iterator[_State]:
     count = job.layout.count
 
     def count_kept() -> str:
-        done = count if state.finished else sum(chunk.items for chunk in state.kept.values())
+        done = count if state.finished else sum(chunk.items for chunk in state.chunks.values())
         return f"{done} of {count} are finished and kept"
 
     try:
         yield state
     except IsochromeError as error:
-        soon_again = state.own and time.perf_counter() - start < WORTH_KEEPING_S
+        soon_again = state.fresh and time.perf_counter() - start < WORTH_KEEPING_S
         if soon_again and not isinstance(error, WorkersLost):
-            state.kept.clear()
-        if not state.kept:
+            state.chunks.clear()
+        if not state.chunks:
             raise
         raise type(error)(f"{error} ({count_kept()} in {root})") from error
     except KeyboardInterrupt:
-        something = state.kept or state.finished
+        something = state.chunks or state.finished
         raise Stopped(
             f"stopped; {count_kept()} in {root}; run the same command again to resume"
             if something
@@ -234,7 +234,7 @@ def _saying(root: Path, job: Job) -> Iterator[_State]:
             "room, or see that the drive is there, and run the same command again to resume"
         ) from error
     finally:
-        if state.own and not state.kept and not state.finished:
+        if state.fresh and not state.chunks and not state.finished:
             with suppress(OSError):
                 wipe(root)
 
@@ -253,46 +253,48 @@ def _kept(run: RunFolder, means: RunOptions) -> dict[int, ChunkRecord]:
 def _compute(
     job: Job,
     run: RunFolder,
-    kept: dict[int, ChunkRecord],
-    means: RunOptions,
+    chunks: dict[int, ChunkRecord],
+    options: RunOptions,
     progress: RunProgress | None,
 ) -> None:
     """Compute the chunks that are not there; `kept` grows with each."""
-    before = sum(chunk.items for chunk in kept.values())
+    before = sum(chunk.items for chunk in chunks.values())
     check_room(run.root, job.layout, job.layout.count - before)
-    todo = [index for index in range(run.layout.chunks) if index not in kept]
+    todo = [index for index in range(run.layout.chunks) if index not in chunks]
 
     def tell() -> None:
         if progress is not None:
-            done = sum(chunk.items for chunk in kept.values())
-            flagged = sum(chunk.flagged for chunk in kept.values())
+            done = sum(chunk.items for chunk in chunks.values())
+            flagged = sum(chunk.flagged for chunk in chunks.values())
             progress(Tally(done, run.layout.count, before, flagged))
 
     tell()
-    with closing(_finished(job, run, todo, means)) as finished:
+    with closing(_finished(job, run, todo, options)) as finished:
         for index, chunk in finished:
-            kept[index] = chunk
+            chunks[index] = chunk
             tell()
 
 
-def _finished(job: Job, run: RunFolder, todo: list[int], means: RunOptions) -> Generator[Finished]:
+def _finished(
+    job: Job, run: RunFolder, todo: list[int], options: RunOptions
+) -> Generator[Finished]:
     """The chunks as they are finished, by whoever computes them."""
     if not todo:
         return
     work = one_by_one(job, run)
-    if means.cluster is not None:
-        yield from by_cluster(work, run, todo, means.cluster)
+    if options.cluster is not None:
+        yield from by_cluster(work, run, todo, options.cluster)
         return
-    workers = 1 if job.in_turn else means.workers
+    workers = 1 if job.in_turn else options.workers
     if workers is None:
         start = time.perf_counter()
         yield from alone(work, run, todo[:1])
         todo = todo[1:]
-        left = (time.perf_counter() - start) * len(todo)
-        workers = processors() if left > WORTH_WORKERS_S else 1
+        remaining_s = (time.perf_counter() - start) * len(todo)
+        workers = processors() if remaining_s > WORTH_WORKERS_S else 1
     workers = min(workers, len(todo))
     if workers > 1:
-        yield from by_processes(work, run, todo, workers, means.waiting)
+        yield from by_processes(work, run, todo, workers, options.waiting)
     else:
         yield from alone(work, run, todo)
 

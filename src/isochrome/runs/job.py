@@ -39,12 +39,12 @@ _LABELS = {
 def environment() -> dict[str, Any]:
     """The code that computes: Isochrome's version and a hash of its files, Python, libraries."""
     home = Path(isochrome.__file__).parent
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for file in sorted(home.rglob("*.py"), key=lambda f: f.relative_to(home).as_posix()):
-        found.update(file.relative_to(home).as_posix().encode() + b"\0" + file.read_bytes())
+        digest.update(file.relative_to(home).as_posix().encode() + b"\0" + file.read_bytes())
     return {
         "isochrome": isochrome.__version__,
-        "code_sha256": found.hexdigest(),
+        "code_sha256": digest.hexdigest(),
         "libraries": {"python": platform.python_version()} | _versions(),
     }
 
@@ -82,18 +82,20 @@ def run_identity(
 
 
 def _versions() -> dict[str, str]:
-    found = {}
+    versions = {}
     for name in LIBRARIES:
         try:
-            found[name] = version(name)
+            versions[name] = version(name)
         except PackageNotFoundError:  # an optional one
             continue
-    return found
+    return versions
 
 
 def identity_digest(identity: Mapping[str, Any]) -> str:
     """A hash of what a run is a result of, the same where `difference` finds none."""
-    files = [[Path(name).name, found] for name, found in (identity["inputs_sha256"] or {}).items()]
+    files = [
+        [Path(name).name, checksum] for name, checksum in (identity["inputs_sha256"] or {}).items()
+    ]
     parts = [identity.get(key) for key in ("scene", *_LABELS)]
     return hashlib.sha256(json.dumps([files, parts]).encode()).hexdigest()
 
@@ -108,8 +110,8 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
     before, now = (list((run.get("inputs_sha256") or {}).items()) for run in (old, new))
     names = [[Path(name).name for name, _ in files] for files in (before, now)]
     if names[0] != names[1]:
-        odd = sorted(set(names[0]) ^ set(names[1]))
-        return f"the input files ({', '.join(odd[:3]) or 'their order'})"
+        differing = sorted(set(names[0]) ^ set(names[1]))
+        return f"the input files ({', '.join(differing[:3]) or 'their order'})"
     changed = [name for (_, a), (name, b) in zip(before, now, strict=True) if a != b]
     if changed:
         return f"the content of {changed[0]}"
@@ -126,9 +128,9 @@ def _first_line(old: Any, new: Any) -> str:
         if a != b:
             return f"'{a}' is now '{b}'"
     longer = before if len(before) > len(now) else now
-    rest = longer[min(len(before), len(now)) :]
+    lines = longer[min(len(before), len(now)) :]
     what = "no longer there" if longer is before else "new"
-    return f"'{' '.join(rest[:2])}' is {what}"
+    return f"'{' '.join(lines[:2])}' is {what}"
 
 
 def _pair(old: Any, new: Any) -> str:
@@ -204,10 +206,10 @@ class Compact:
 
         codec = blosc.Blosc(cname="zstd", clevel=1, shuffle=blosc.SHUFFLE)
         beyond = ~(values <= self.largest)  # NaN too
-        whole = values / np.float32(self.step)
-        np.rint(whole, out=whole)
-        np.copyto(whole, np.float32(self.unknown), where=beyond)
-        steps = whole.astype(self.dtype)
+        scaled = values / np.float32(self.step)
+        np.rint(scaled, out=scaled)
+        np.copyto(scaled, np.float32(self.unknown), where=beyond)
+        steps = scaled.astype(self.dtype)
         before, blosc.use_threads = blosc.use_threads, False  # whose order is chance
         try:
             return bytes(codec.encode(steps))

@@ -87,14 +87,14 @@ class VerifiedStore(LocalStore):
             raise self._record.refusal(name, fault)
         return key in self._known
 
-    def _checked(self, key: str, found: Buffer | None, byte_range: Any) -> Buffer | None:
+    def _checked(self, key: str, buffer: Buffer | None, byte_range: Any) -> Buffer | None:
         """What was read, held against the record; zarr looks at the checksum of each chunk."""
         name = f"{self.root.name}/{key}"
-        if found is None:
+        if buffer is None:
             raise self._record.refusal(name, MISSING)
         if byte_range is None:
-            self._record.check_read(name, found.as_numpy_array())
-        return found
+            self._record.check_read(name, buffer.as_numpy_array())
+        return buffer
 
 
 _PICTURE = (("z_mm", "x_mm"), ("row", "col"))
@@ -138,8 +138,8 @@ class _OnePlace:
         """As xarray has it."""
         for other in inputs:
             _refuse_other_places(self, other)
-        found = super().__array_ufunc__(ufunc, method, *inputs, **named)  # type: ignore[misc]
-        return _of_run(found)
+        result = super().__array_ufunc__(ufunc, method, *inputs, **named)  # type: ignore[misc]
+        return _of_run(result)
 
     # on the right of an array that is no run's, Python asks these first, for they are not xarray's
     def __radd__(self, other: Any) -> Any:
@@ -195,11 +195,11 @@ class RunDataset(_OnePlace, xarray.Dataset):
         return _of_run(super().__getitem__(key))
 
 
-def _of_run(found: Any) -> Any:
+def _of_run(data: Any) -> Any:
     """What xarray made of a run's arrays, as a run's."""
-    if type(found) is xarray.Dataset:
-        return RunDataset(dict(found.data_vars), dict(found.coords), found.attrs)
-    return RunArray(found) if type(found) is xarray.DataArray else found
+    if type(data) is xarray.Dataset:
+        return RunDataset(dict(data.data_vars), dict(data.coords), data.attrs)
+    return RunArray(data) if type(data) is xarray.DataArray else data
 
 
 def _refuse_other_places(one: Any, other: Any) -> None:
@@ -216,8 +216,8 @@ def _refuse_other_places(one: Any, other: Any) -> None:
             f"{', '.join(map(str, other.dims))}: one has no scale; state its camera.pixel_mm"
         )
     for axis in set(one.indexes) & set(other.indexes) & set(_PICTURE[0]):
-        here, there = one.indexes[axis], other.indexes[axis]
-        few, many = sorted((here, there), key=len)
+        here, theirs = one.indexes[axis], other.indexes[axis]
+        few, many = sorted((here, theirs), key=len)
         if not few.isin(many).all():
             raise InputError(
                 f"{_called(one)} has {axis} from {_span(one, axis)} and {_called(other)} from "
@@ -248,8 +248,8 @@ def _span(one: Any, axis: str) -> str:
 def _shift(one: Any, axis: str) -> Any:
     """How far (mm) the frames of a map lie from its axis; 0 where there is one place."""
     names = (f"shift_{axis}", f"key_shift_{axis}")
-    found = next((one.coords[name] for name in names if name in one.coords), None)
-    return xarray.DataArray(0.0) if found is None else found.drop_vars(names, errors="ignore")
+    shift = next((one.coords[name] for name in names if name in one.coords), None)
+    return xarray.DataArray(0.0) if shift is None else shift.drop_vars(names, errors="ignore")
 
 
 def make_dataset(
@@ -272,7 +272,10 @@ def make_dataset(
         The dataset, with the axes z_mm and x_mm where these are known.
     """
     data, places = (
-        {name: (own.axes, own.values, described(name, own)) for name, own in part.items()}
+        {
+            name: (column.axes, column.values, described(name, column))
+            for name, column in part.items()
+        }
         for part in (columns, coordinates)
     )
     return as_run(xarray.Dataset(data, places, dict(attributes)))
@@ -291,14 +294,14 @@ def as_run(dataset: xarray.Dataset) -> RunDataset:
     RunDataset
         The same data, not read yet where they were not.
     """
-    found = with_identifiers(dataset)
+    named = with_identifiers(dataset)
     axes = {
         pixel: place
         for place, pixel in zip(*_PICTURE, strict=True)
-        if place in found.coords and found[place].dims == (pixel,)
+        if place in named.coords and named[place].dims == (pixel,)
     }
-    found = found.swap_dims(axes)
-    made = RunDataset(dict(found.data_vars), dict(found.coords), found.attrs)
+    named = named.swap_dims(axes)
+    made = RunDataset(dict(named.data_vars), dict(named.coords), named.attrs)
     made.set_close(dataset.close)
     return made
 
@@ -354,9 +357,9 @@ def open_growing(partial: Path) -> xarray.Dataset:
     }
     columns["finished"] = Column((axis,), np.array([k in rows for k in range(count)]), {})
     columns[axis] = Column((axis,), np.arange(count), {})
-    found = read_store(stores[-1].parent, stores[-1].parent)
-    own = {n: (c.axes, c.values, described(n, c)) for n, c in columns.items()}
-    return found.assign(own).set_coords(axis)
+    stored = read_store(stores[-1].parent, stores[-1].parent)
+    variables = {n: (c.axes, c.values, described(n, c)) for n, c in columns.items()}
+    return stored.assign(variables).set_coords(axis)
 
 
 WORKING = ".partial"
@@ -469,9 +472,9 @@ def add_columns(
     group = zarr.open_group(path, mode="r+", zarr_format=3)
     nothing = {"T": "", "f": np.nan}  # by the kind of value, else 0
     for name, column in {**coordinates, **columns}.items():
-        own = identifier(name)
+        key = identifier(name)
         group.create_array(
-            own,
+            key,
             data=column.values,
             chunks=tuple(max(1, size) for size in column.values.shape),
             fill_value=nothing.get(column.values.dtype.kind, 0),
@@ -521,8 +524,8 @@ def with_identifiers(dataset: xarray.Dataset) -> xarray.Dataset:
 
 def described(name: str, column: Column) -> dict[str, Any]:
     """The attributes of a column in a dataset, where its name is another than in a table."""
-    said = {} if identifier(name) == name else {"long_name": name}
-    return said | dict(column.attributes)
+    naming = {} if identifier(name) == name else {"long_name": name}
+    return naming | dict(column.attributes)
 
 
 def column(values: Sequence[Any], axis: str, name: str) -> Column:
@@ -632,13 +635,13 @@ def attributes(identity: Mapping[str, Any]) -> dict[str, Any]:
     dict
         The attributes.
     """
-    found: dict[str, Any] = {"Conventions": "CF-1.11", "source": "Isochrome"}
+    result: dict[str, Any] = {"Conventions": "CF-1.11", "source": "Isochrome"}
     for key, value in identity.items():
         if value is None:
             continue
         plain = isinstance(value, str | int | float)
-        found[key] = value if plain else json.dumps(value, ensure_ascii=False)
-    return found
+        result[key] = value if plain else json.dumps(value, ensure_ascii=False)
+    return result
 
 
 def open_run(path: str | Path) -> RunDataset:
@@ -741,19 +744,19 @@ def read_store(store: Path, source: Any) -> xarray.Dataset:
         for array in stored.variables.values():
             if "scale_factor" in array.attrs:  # maps in whole steps are single precision
                 array.attrs["scale_factor"] = np.float32(array.attrs["scale_factor"])
-        found = xarray.decode_cf(stored)
-        found.set_close(stored.close)
+        dataset = xarray.decode_cf(stored)
+        dataset.set_close(stored.close)
     except InputError:
         raise
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"{store}: cannot be read ({error}); run the command again with --restart"
         ) from error
-    lost = [array for array in _arrays(store) if array not in found.variables]
+    lost = [array for array in _arrays(store) if array not in dataset.variables]
     if lost and isinstance(source, Path):  # else what is not in the record is no part of it
-        found.close()
+        dataset.close()
         raise InputError(f"{store}: {lost[0]} cannot be read; run the command again with --restart")
-    return found
+    return dataset
 
 
 def _arrays(store: Path) -> list[str]:

@@ -326,19 +326,19 @@ def _end_with_parent() -> None:
 def _alone_in_worker(index: int) -> ChunkRecord:
     work, run = _TASK[0]
     with single_threaded():
-        kept = keep(run, index, work(*run.layout.span(index)))
+        record = keep(run, index, work(*run.layout.span(index)))
     trim_heap()
-    return kept
+    return record
 
 
 def _elsewhere(work: Work, span: tuple[int, int], expected: dict[str, Any]) -> Results:
     """Compute a chunk on a cluster's worker, if it has the same code and libraries."""
-    own = environment()
-    odd = [key for key in expected if own.get(key) != expected[key]]
-    if odd:
+    here = environment()
+    differing = [key for key in expected if here.get(key) != expected[key]]
+    if differing:
         raise InputError(
-            f"a worker of the cluster has another {odd[0]} ({own.get(odd[0])}, here "
-            f"{expected[odd[0]]}), whose results may differ; install the same on all"
+            f"a worker of the cluster has another {differing[0]} ({here.get(differing[0])}, here "
+            f"{expected[differing[0]]}), whose results may differ; install the same on all"
         )
     with single_threaded():
         return work(*span)

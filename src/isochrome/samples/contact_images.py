@@ -88,9 +88,9 @@ def true_contact(nominal: Scene) -> Scene:
 def placed_contact(scene: Scene, nominal: Scene, index: int) -> Scene:
     """A scene with its camera at the true place of frame `index`."""
     pixel = nominal.get("camera.pixel_mm")
-    left = nominal.get("camera.left_mm") + LEFT_PX[index] * pixel
+    left_mm = nominal.get("camera.left_mm") + LEFT_PX[index] * pixel
     top = nominal.get("camera.top_mm") + TOP_PX[index] * pixel
-    return scene.with_values({"camera.left_mm": round(left, 9), "camera.top_mm": round(top, 9)})
+    return scene.with_values({"camera.left_mm": round(left_mm, 9), "camera.top_mm": round(top, 9)})
 
 
 def fine_order(scene: Scene, state: SceneState, points: int) -> Array:
