@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
@@ -40,7 +41,7 @@ from isochrome.frames.readers.signature import signature_of
 from isochrome.frames.reading import Frame, FrameReader, Mask
 from isochrome.frames.saturation import saturation_level
 from isochrome.output import Result, counted, named_frames
-from isochrome.scene import FramesLike, Scene, check_moduli, check_pixel
+from isochrome.scene import Camera, FramesLike, Scene, check_moduli, check_pixel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -110,10 +111,9 @@ def load_signs(reader: FrameReader, scene: Scene) -> LoadSigns | None:
     """
     frames, load = scene.frames, scene.load
     changes = load is not None and not isinstance(load.normal_n, int | float)
-    light = scene.polariscope
     if frames.starts_unloaded or changes or frames.known_loads_n:
         return None
-    if light.step or light.several_wavelengths:
+    if scene.polariscope.tells_orders:
         return None
     try:
         dark, bright = load_no_load(scene, full_shape=reader.full_shape)
@@ -283,7 +283,10 @@ def survey(reader: FrameReader, scene: Scene) -> Survey:
             if frame.time_s is None:
                 result.untimed += 1
             if frame.index & (frame.index + 1) == 0:
-                _add_noise(result, frame.image, reader.bit_depth)
+                with suppress(InputError):  # too small: said by the size's own finding
+                    model = estimate_noise(frame.image, bit_depth=reader.bit_depth)
+                    middle = np.median(frame.image[np.isfinite(frame.image)])
+                    result.noise.append(float(model.sigma(middle)))
             result.count += 1
     except InputError as error:
         result.failure = str(error)
@@ -309,14 +312,6 @@ def _add(light: Survey, image: np.ndarray, clipped: float, mask: Mask | None) ->
         light.bits |= int(np.bitwise_or.reduce(values, axis=None))
 
 
-def _add_noise(light: Survey, image: np.ndarray, bit_depth: int | None) -> None:
-    try:
-        model = estimate_noise(image, bit_depth=bit_depth)
-    except InputError:  # too small: said by the size's own finding
-        return
-    light.noise.append(float(model.sigma(np.median(image[np.isfinite(image)]))))
-
-
 def refusals(*looks: Callable[[], object]) -> Iterator[Finding]:
     """A finding for each look at something that is refused."""
     for look in looks:
@@ -331,7 +326,7 @@ def misfits(reader: FrameReader, scene: Scene, count: int | None) -> Iterator[tu
     sentence.
     """
     rows, cols = reader.shape
-    camera, wear, steps = scene.camera, scene.wear, max(1, len(scene.polariscope.step))
+    wear, steps = scene.wear, len(scene.polariscope.step_numbers)
     each = count is not None and count % steps == 0
     if count is not None and not each:
         text = f"{count} frames are not a multiple of the polariscope's {steps} steps; give one "
@@ -341,19 +336,8 @@ def misfits(reader: FrameReader, scene: Scene, count: int | None) -> Iterator[tu
         text = f"frames.known_loads_n has {counted(loads, 'number')}, and the set "
         text += f"{counted(count, 'frame')}; give one for each, in their order, 0 where it is not "
         yield scene.name, f"{text}known"
-    for i, known in enumerate(scene.frames.known_order, start=1):
-        if known.row_px >= rows or known.col_px >= cols:
-            text = f"frames.known_order[{i}] at row {known.row_px}, column {known.col_px} lies "
-            yield scene.name, f"{text}outside {rows} x {cols} pixels; move it"
-    yield from _paths_beyond(scene, rows, cols)
-    wanted = (camera.height_px or rows, camera.width_px or cols) if camera else (rows, cols)
-    if wanted != (rows, cols):
-        after = "after the roi" if reader.roi else "(no frames.roi is set)"
-        text = f"frames are {rows} rows x {cols} columns {after} and the scene's camera is "
-        text += f"{wanted[0]} x {wanted[1]}; correct camera.height_px and width_px, or frames.roi"
-        if wanted == (cols, rows):
-            text += ", or turn pictures that lie on their side by frames.rotate_deg = 90 or 270"
-        yield str(reader.path), text
+    yield from _places_beyond(scene, rows, cols)
+    yield from _other_size(reader, scene.camera or Camera())
     if wear is None or scene.frames.sliding_speed_mm_per_s is not None:
         return
     first = scene.friction is not None and scene.friction.static_state_first
@@ -366,9 +350,29 @@ def misfits(reader: FrameReader, scene: Scene, count: int | None) -> Iterator[tu
         yield str(reader.path), f"{text}frames.sliding_speed_mm_per_s for a video"
 
 
-def _paths_beyond(scene: Scene, rows: int, cols: int) -> Iterator[tuple[str, str]]:
-    """Tell of known lines and free boundaries that leave the picture, by their first such point."""
+def _other_size(reader: FrameReader, camera: Camera) -> Iterator[tuple[str, str]]:
+    """Tell of frames of another size than the scene's camera has."""
+    rows, cols = reader.shape
+    wanted = (camera.height_px or rows, camera.width_px or cols)
+    if wanted == (rows, cols):
+        return
+    after = "after the roi" if reader.roi else "(no frames.roi is set)"
+    text = f"frames are {rows} rows x {cols} columns {after} and the scene's camera is "
+    text += f"{wanted[0]} x {wanted[1]}; correct camera.height_px and width_px, or frames.roi"
+    if wanted == (cols, rows):
+        text += ", or turn pictures that lie on their side by frames.rotate_deg = 90 or 270"
+    yield str(reader.path), text
+
+
+def _places_beyond(scene: Scene, rows: int, cols: int) -> Iterator[tuple[str, str]]:
+    """Tell of known points, and of lines and boundaries by their first such point, that leave the
+    picture.
+    """
     frames = scene.frames
+    for i, known in enumerate(frames.known_order, start=1):
+        if known.row_px >= rows or known.col_px >= cols:
+            text = f"frames.known_order[{i}] at row {known.row_px}, column {known.col_px} lies "
+            yield scene.name, f"{text}outside {rows} x {cols} pixels; move it"
     # an outline may run along the picture's edge, half a pixel beyond its last centre
     for name, paths, slack in (
         ("known_line", frames.known_line, 0.0),
@@ -615,7 +619,15 @@ def look_through(path: FramesLike, scene: Scene) -> Check:
     in one pass with one frame in memory, and whether a frame shows the unloaded specimen. Errors
     come first; frames that cannot be read are a finding, not an exception.
     """
-    findings = list(_of_scene(scene))
+    findings = []
+    if scene.model is None:
+        text = "process still gives normalised frames, fringe lines, and orders from known points"
+        if scene.specimen.shape is None:
+            text = f"{scene.no_model_reason}, so it has no model; {text}"
+            findings.append(Finding("note", text))
+        else:
+            text = f"{scene.no_model_reason}: no simulation and no fit; {text}"
+            findings.append(Finding("warning", text))
     try:
         reader = open_scene_frames(path, scene, any_scale=True)
     except InputError as error:
@@ -639,15 +651,6 @@ def look_through(path: FramesLike, scene: Scene) -> Check:
 def _sorted(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     order = ("error", "warning", "note")
     return tuple(sorted(findings, key=lambda f: order.index(f.level)))
-
-
-def _of_scene(scene: Scene) -> Iterator[Finding]:
-    possible = "process still gives normalised frames, fringe lines, and orders from known points"
-    if scene.model is None and scene.specimen.shape is not None:
-        text = f"{scene.no_model_reason}: no simulation and no fit; {possible}"
-        yield Finding("warning", text)
-    elif scene.model is None:
-        yield Finding("note", f"{scene.no_model_reason}, so it has no model; {possible}")
 
 
 def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import glob
 import os
 from collections import deque
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -291,10 +291,11 @@ def open_frames(
     rows, cols = source.form.shape
     dtype = source.form.dtype
     if roi is not None and (roi.top_px + roi.height_px > rows or roi.left_px + roi.width_px > cols):
+        after = " after its turn by frames.rotate_deg" if rotate_deg in (90, 270) else ""
         raise InputError(
             f"{label}: the roi, rows {roi.top_px} to {roi.top_px + roi.height_px} and columns "
             f"{roi.left_px} to {roi.left_px + roi.width_px}, lies outside the frame of {rows} rows "
-            f"and {cols} columns{_after_turn(rotate_deg)}; correct frames.roi"
+            f"and {cols} columns{after}; correct frames.roi"
         )
     container = 8 * dtype.itemsize if dtype.kind == "u" else None
     if bit_depth is None:
@@ -394,10 +395,6 @@ def channel_for(wavelength_nm: float | None) -> Channel:
     return "blue" if wavelength_nm < 490 else "green" if wavelength_nm < 580 else "red"
 
 
-def _after_turn(rotate_deg: int) -> str:
-    return " after its turn by frames.rotate_deg" if rotate_deg in (90, 270) else ""
-
-
 def _source(path: FramesLike, leave_out: Sequence[str | Path]) -> Source:
     if isinstance(path, ArrayFrames):
         return open_arrays(path)
@@ -456,13 +453,18 @@ def _suffix(path: Path) -> str:
     return path.suffix.lower()
 
 
-def _of_files(files: tuple[Path, ...], kind: Kind) -> Source:
+def _check_known(files: Iterable[Path], advice: str) -> None:
+    """Refuse files of no known kind, by their names; `advice` follows the kinds."""
     for file in files:
         if _suffix(file) not in KNOWN:
             raise InputError(
                 f"{file}: frames cannot be read from a file of this kind; known are "
-                f"{', '.join(KNOWN)}, or a folder of images or videos"
+                f"{', '.join(KNOWN)}{advice}"
             )
+
+
+def _of_files(files: tuple[Path, ...], kind: Kind) -> Source:
+    _check_known(files, ", or a folder of images or videos")
     kinds = [signature_of(f).kind for f in files]
     moving = [f for f, media in zip(files, kinds, strict=True) if media == "video"]
     if moving and len(moving) < len(files):
@@ -503,12 +505,10 @@ def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[F
         )
     if len(names) == 1 and len(places) == 1:
         return (names[0],)
-    for place in places:
-        if place not in folders and place.suffix.lower() not in KNOWN:
-            raise InputError(
-                f"{place}: frames cannot be read from a file of this kind; known are "
-                f"{', '.join(KNOWN)}; leave it out, as 'runs/*.avi' leaves out all but .avi files"
-            )
+    _check_known(
+        (place for place in places if place not in folders),
+        "; leave it out, as 'runs/*.avi' leaves out all but .avi files",
+    )
     if join:
         return (tuple(places),)
     single = [place for place in places if _holds_several(place) is False]

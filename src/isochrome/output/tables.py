@@ -200,12 +200,12 @@ def _number_reader(values: list[str]) -> Callable[[str], float]:
     """How the cells of a column are numbers: with decimal points, or all with decimal commas."""
     commas = any("," in cell for cell in values)
     if commas and not any("." in cell for cell in values):
-        return lambda cell: _plain(cell.replace(",", ".")) if _comma_or_whole(cell) else math.nan
+        return lambda cell: (
+            math.nan
+            if "," in cell and _DECIMAL_COMMA.fullmatch(cell) is None
+            else _plain(cell.replace(",", "."))
+        )
     return _plain
-
-
-def _comma_or_whole(cell: str) -> bool:
-    return "," not in cell or _DECIMAL_COMMA.fullmatch(cell) is not None
 
 
 def _plain(cell: str) -> float:
@@ -355,14 +355,10 @@ def _copy_for_excel(path: Path, copy: Path) -> None:
         ):
             writer = csv.writer(file, delimiter=";", lineterminator="\r\n")
             for row in csv.reader(given):
-                writer.writerow([_decimal_comma(cell) for cell in row])
+                # a number gets a decimal comma, all else stays
+                writer.writerow([c.replace(".", ",") if _NUMBER.fullmatch(c) else c for c in row])
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: not a readable CSV table ({error}); check the file") from error
-
-
-def _decimal_comma(cell: str) -> str:
-    """A number with a decimal comma; all else as it is."""
-    return cell.replace(".", ",") if _NUMBER.fullmatch(cell) else cell
 
 
 def _write_table(file: TextIO, columns: Mapping[str, Any], *, header: bool = True) -> None:
@@ -380,14 +376,10 @@ def _cells(values: Any) -> list[str]:
     """Values as the text of their cells; long arrays of floats by the short way."""
     if isinstance(values, np.ndarray) and values.dtype.kind == "f" and np.isfinite(values).all():
         return [f"{value:.{DIGITS}g}" for value in values.tolist()]
-    return [_cell(value) for value in values]
-
-
-def _cell(value: Any) -> str:
-    value = plain(value)
-    if value is None:
-        return ""
-    return f"{value:.{DIGITS}g}" if isinstance(value, float) else str(value)
+    return [
+        "" if v is None else f"{v:.{DIGITS}g}" if isinstance(v, float) else str(v)
+        for v in map(plain, values)
+    ]
 
 
 def read_csv(path: str | Path) -> dict[str, list[Any]]:

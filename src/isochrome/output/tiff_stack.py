@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -36,6 +36,7 @@ _OF_COLOURS = ("Labels", "xorigin", "yorigin")
 """What ImageJ is told of a stack in colour."""
 
 Photometric = Literal["minisblack", "rgb"]
+T = TypeVar("T")
 
 
 def write_tiff(
@@ -175,9 +176,8 @@ def imagej_view(
     """
     from matplotlib import colormaps
 
-    limits = next((ends for start, ends in _SPANS.items() if name.startswith(start)), span)
-    low, high = map(float, limits)
-    colours = next((map_ for start, map_ in _MAPS.items() if name.startswith(start)), "gray")
+    low, high = map(float, _by_start(_SPANS, name, span))
+    colours = _by_start(_MAPS, name, "gray")
     if colours == _SIGNED:
         high = max(abs(low), abs(high))
         low = -high
@@ -196,6 +196,11 @@ def imagej_view(
     if steps.size and np.isfinite(steps).all() and np.ptp(steps) <= 1e-3 * abs(steps.mean()):
         view |= {"finterval": float(steps.mean()), "tunit": "s"}
     return view
+
+
+def _by_start(table: Mapping[str, T], name: str, default: T) -> T:
+    """What a table has for names that begin so."""
+    return next((value for start, value in table.items() if name.startswith(start)), default)
 
 
 def _stack_layout(

@@ -139,13 +139,7 @@ def run_job(
     """
     means = means or RunOptions()
     keep_steady()
-    if means.workers is not None and means.workers < 1:
-        raise InputError(f"--workers {means.workers}: give 1 or more")
-    if job.in_turn and (means.cluster is not None or (means.workers or 1) > 1):
-        raise InputError(
-            "--workers, --cluster: each frame is looked for from the one before, which only one "
-            "process can do; leave them out"
-        )
+    _check_workers(job, means)
     root = working_folder(Path(out))
     target, stamps = Path(out).resolve(), stamps_of(job.identity)
     check_apart(stamps, target)
@@ -167,7 +161,6 @@ def run_job(
             if is_finished(run):  # and killed before all had its place
                 state.finished = True
             else:
-                state.chunks = _kept(run, means)
                 _compute(job, run, state.chunks, means, progress)
                 try:
                     result = finish(run)
@@ -181,6 +174,17 @@ def run_job(
             publish(run, target)
             wipe(root)
             return result
+
+
+def _check_workers(job: Job, options: RunOptions) -> None:
+    """Refuse no worker at all, and several where one process has to do all. Raises InputError."""
+    if options.workers is not None and options.workers < 1:
+        raise InputError(f"--workers {options.workers}: give 1 or more")
+    if job.in_turn and (options.cluster is not None or (options.workers or 1) > 1):
+        raise InputError(
+            "--workers, --cluster: each frame is looked for from the one before, which only one "
+            "process can do; leave them out"
+        )
 
 
 def _of_damage(out: str | Path, faults: Mapping[str, str]) -> str:
@@ -222,11 +226,10 @@ def _saying(root: Path, job: Job) -> Iterator[_State]:
             raise
         raise type(error)(f"{error} ({count_kept()} in {root})") from error
     except KeyboardInterrupt:
-        something = state.chunks or state.finished
+        if not (state.chunks or state.finished):
+            raise Stopped("stopped before anything was finished; nothing is left") from None
         raise Stopped(
             f"stopped; {count_kept()} in {root}; run the same command again to resume"
-            if something
-            else "stopped before anything was finished; nothing is left"
         ) from None
     except OSError as error:
         raise InputError(
@@ -239,17 +242,6 @@ def _saying(root: Path, job: Job) -> Iterator[_State]:
                 wipe(root)
 
 
-def _kept(run: RunFolder, means: RunOptions) -> dict[int, ChunkRecord]:
-    """The chunks that are there, whole."""
-    found = {}
-    for index in range(run.layout.chunks):
-        chunk = check_chunk(run, index)
-        # failed items are for who asked to keep going: to all others they are to be said again
-        if chunk is not None and (means.keep_going or not chunk.failed):
-            found[index] = chunk
-    return found
-
-
 def _compute(
     job: Job,
     run: RunFolder,
@@ -257,7 +249,12 @@ def _compute(
     options: RunOptions,
     progress: RunProgress | None,
 ) -> None:
-    """Compute the chunks that are not there; `kept` grows with each."""
+    """Compute the chunks that are not there, whole; `chunks`, all that are, grows with each."""
+    checked = {index: check_chunk(run, index) for index in range(run.layout.chunks)}
+    for index, chunk in checked.items():
+        # failed items are for who asked to keep going: to all others they are to be said again
+        if chunk is not None and (options.keep_going or not chunk.failed):
+            chunks[index] = chunk
     before = sum(chunk.items for chunk in chunks.values())
     check_room(run.root, job.layout, job.layout.count - before)
     todo = [index for index in range(run.layout.chunks) if index not in chunks]

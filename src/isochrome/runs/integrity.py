@@ -11,7 +11,7 @@ import json
 import os
 import stat
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -216,7 +216,8 @@ def seal(
     InputError.
     """
     if names is None:
-        names = sorted(_files_below(folder))
+        paths = (Path(at) / name for at, _, files in os.walk(folder) for name in files)
+        names = sorted(path.relative_to(folder).as_posix() for path in paths)
     files = {name: folder / name for name in names if name != file}
     sizes = {name: path.stat().st_size for name, path in files.items()}
     sums = dict(known or {})
@@ -236,12 +237,6 @@ def reseal(folder: Path, name: str) -> None:
     sizes = {**known.record[_SIZES], name: path.stat().st_size}
     texts = {**known.record[_SUMS], name: f"{file_sum(path):08x}"}
     _write(folder / PROVENANCE, {**known.record, _SIZES: sizes, _SUMS: texts})
-
-
-def _files_below(folder: Path) -> Iterator[str]:
-    for path, _, files in os.walk(folder):
-        for name in files:
-            yield (Path(path) / name).relative_to(folder).as_posix()
 
 
 def _write(path: Path, record: Mapping[str, Any]) -> None:

@@ -10,6 +10,7 @@ import json
 import math
 import platform
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -42,10 +43,14 @@ def environment() -> dict[str, Any]:
     digest = hashlib.sha256()
     for file in sorted(home.rglob("*.py"), key=lambda f: f.relative_to(home).as_posix()):
         digest.update(file.relative_to(home).as_posix().encode() + b"\0" + file.read_bytes())
+    libraries = {"python": platform.python_version()}
+    for name in LIBRARIES:
+        with suppress(PackageNotFoundError):  # an optional one
+            libraries[name] = version(name)
     return {
         "isochrome": isochrome.__version__,
         "code_sha256": digest.hexdigest(),
-        "libraries": {"python": platform.python_version()} | _versions(),
+        "libraries": libraries,
     }
 
 
@@ -79,16 +84,6 @@ def run_identity(
         Where a file cannot be read.
     """
     return provenance(scene_toml, files, seed) | environment() | {"options": dict(options)}
-
-
-def _versions() -> dict[str, str]:
-    versions = {}
-    for name in LIBRARIES:
-        try:
-            versions[name] = version(name)
-        except PackageNotFoundError:  # an optional one
-            continue
-    return versions
 
 
 def identity_digest(identity: Mapping[str, Any]) -> str:

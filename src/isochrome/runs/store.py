@@ -684,7 +684,6 @@ def open_run(path: str | Path) -> RunDataset:
     >>> print(f"{order.sel(x_mm=0.0, z_mm=9.0, method='nearest').item():.2f} fringes")
     0.78 fringes
     """
-
     growing = Path(path).name.endswith(WORKING)
     return as_run(open_growing(Path(path)) if growing else open_store(path))
 
@@ -752,20 +751,17 @@ def read_store(store: Path, source: Any) -> xarray.Dataset:
         raise InputError(
             f"{store}: cannot be read ({error}); run the command again with --restart"
         ) from error
-    lost = [array for array in _arrays(store) if array not in dataset.variables]
+    # what zarr cannot read, it leaves out; a group is what somebody else has put there
+    arrays = (file.parent.name for file in sorted(store.glob("*/zarr.json")) if not _is_group(file))
+    lost = [array for array in arrays if array not in dataset.variables]
     if lost and isinstance(source, Path):  # else what is not in the record is no part of it
         dataset.close()
         raise InputError(f"{store}: {lost[0]} cannot be read; run the command again with --restart")
     return dataset
 
 
-def _arrays(store: Path) -> list[str]:
-    """What stands in a store, whether or not zarr can read it: what it cannot, it leaves out."""
-    return [file.parent.name for file in sorted(store.glob("*/zarr.json")) if not _is_group(file)]
-
-
 def _is_group(file: Path) -> bool:
-    """Whether a description is that of a group, which somebody else has put there."""
+    """Whether a description is that of a group."""
     try:
         return bool(json.loads(file.read_bytes())["node_type"] == "group")
     except (OSError, ValueError, KeyError, TypeError):

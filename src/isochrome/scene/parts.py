@@ -365,6 +365,21 @@ class Polariscope(ScenePart):
         """Whether the light is more than one wavelength."""
         return self.light is not None or self.spectrum is not None or self.lines is not None
 
+    @property
+    def continuous(self) -> bool:
+        """Whether the light is a continuous spectrum, not one wavelength or separate lines."""
+        return self.light is not None or self.spectrum is not None
+
+    @property
+    def tells_orders(self) -> bool:
+        """Whether a state's frames tell its orders by themselves: by phase steps or colours."""
+        return bool(self.step) or self.several_wavelengths
+
+    @property
+    def step_numbers(self) -> tuple[int | None, ...]:
+        """The phase step of each of a state's frames; (None,), one frame, without steps."""
+        return tuple(range(len(self.step))) or (None,)
+
     @model_validator(mode="after")
     def _light_agrees(self) -> Polariscope:
         given = [k for k in ("light", "spectrum", "lines") if getattr(self, k) is not None]

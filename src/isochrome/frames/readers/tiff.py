@@ -108,18 +108,16 @@ def read_ome(text: str, path: Path) -> Ome:
     size = {axis: _count(pixels, f"Size{axis}", path) for axis in "ZCT"}
     planes = size["Z"] * size["T"]
     times = _times(pixels, planes)
-    increment = _number(pixels, "TimeIncrement", OME_SECONDS, "TimeIncrementUnit", "s")
-    if times is not None:
-        increment = None
+    interval = _number(pixels, "TimeIncrement", OME_SECONDS, "TimeIncrementUnit", "s")
     bits = pixels.get("SignificantBits")
     return Ome(
         slices=size["Z"],
         channels=max(size["C"] // max(samples, default=1), 1),
         times=size["T"],
         pixel_mm=_pixel_mm(pixels, path),
-        interval_s=increment,
+        interval_s=interval if times is None else None,
         times_s=None if times is None else _from_first(times),
-        start_s=times[0] if times else (None if increment is None else 0.0),
+        start_s=times[0] if times else None if interval is None else 0.0,
         significant_bits=int(bits) if bits and bits.isdecimal() and 1 <= int(bits) <= 16 else None,
     )
 
@@ -210,7 +208,12 @@ class PageDecoder:
         bits = page.bitspersample
         self.bits = bits if isinstance(bits, int) else None
         if layout.hidden and index > 0:
-            return self._hidden(page, index)
+            # without a head, behind the first
+            self._tif.filehandle.seek(page.dataoffsets[0] + index * page.nbytes)
+            data = self._tif.filehandle.read(page.nbytes)
+            raw = np.frombuffer(data, page.dtype.newbyteorder(self._tif.byteorder))
+            dtype = check_dtype(self._path, page.dtype)
+            return np.ascontiguousarray(raw.reshape(page.shape), dtype=dtype)
         return self._decode(page, layout.pages[index][0], index)
 
     def close(self) -> None:
@@ -259,15 +262,6 @@ class PageDecoder:
                 f"bytes in all where at least {needed} are needed; its head is wrong or the file "
                 "damaged: save it again"
             )
-
-    def _hidden(self, page: Any, index: int) -> np.ndarray:
-        """A frame without a head, behind the first."""
-        self._tif.filehandle.seek(page.dataoffsets[0] + index * page.nbytes)
-        data = self._tif.filehandle.read(page.nbytes)
-        raw = np.frombuffer(data, page.dtype.newbyteorder(self._tif.byteorder))
-        return np.ascontiguousarray(
-            raw.reshape(page.shape), dtype=check_dtype(self._path, page.dtype)
-        )
 
     def _decode(self, page: Any, place: int, index: int) -> np.ndarray:
         path = self._path
