@@ -205,6 +205,11 @@ class _State:
     chunks: dict[int, ChunkRecord] = field(default_factory=dict)
     finished: bool = False
 
+    @property
+    def anything(self) -> bool:
+        """Whether something of the run is kept."""
+        return bool(self.chunks) or self.finished
+
 
 @contextmanager
 def _saying(root: Path, job: Job) -> Iterator[_State]:
@@ -226,7 +231,7 @@ def _saying(root: Path, job: Job) -> Iterator[_State]:
             raise
         raise type(error)(f"{error} ({count_kept()} in {root})") from error
     except KeyboardInterrupt:
-        if not (state.chunks or state.finished):
+        if not state.anything:
             raise Stopped("stopped before anything was finished; nothing is left") from None
         raise Stopped(
             f"stopped; {count_kept()} in {root}; run the same command again to resume"
@@ -237,7 +242,7 @@ def _saying(root: Path, job: Job) -> Iterator[_State]:
             "room, or see that the drive is there, and run the same command again to resume"
         ) from error
     finally:
-        if state.fresh and not state.chunks and not state.finished:
+        if state.fresh and not state.anything:
             with suppress(OSError):
                 wipe(root)
 

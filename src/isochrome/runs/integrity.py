@@ -363,7 +363,24 @@ def verify(folder: str | Path, *, progress: RunProgress | None = None) -> Verifi
     >>> isochrome.verify("simulated").ok
     True
     """
-    place, damaged = Path(folder), dict[str, str]()
+    place = Path(folder)
+    known, damaged = _records_below(place)
+    todo = [(record, name) for record in known.values() for name in record.sizes]
+    for number, (record, name) in enumerate(todo):
+        if progress is not None:
+            progress(Tally(number, len(todo), 0, len(damaged)))
+        fault = record.fault(name)
+        if fault:
+            damaged[(record.place / name).relative_to(place).as_posix()] = fault
+    if progress is not None:
+        progress(Tally(len(todo), len(todo), 0, len(damaged)))
+    older = tuple(_unverified(file.parent) for file, record in known.items() if record.older)
+    return Verified(folder=place, files=len(todo), damaged=damaged, warnings=older)
+
+
+def _records_below(place: Path) -> tuple[dict[Path, ResultsRecord], dict[str, str]]:
+    """The records of a folder and of its recordings, by their files; what is wrong with others."""
+    damaged = dict[str, str]()
     records = {PROVENANCE: read_record(place), SUMMARY: read_record(place, SUMMARY)}
     known = {place / file: record for file, record in records.items() if record is not None}
     if not known:
@@ -389,17 +406,7 @@ def verify(folder: str | Path, *, progress: RunProgress | None = None) -> Verifi
             damaged[name] = MISSING
         else:
             known[recording / PROVENANCE] = record
-    todo = [(record, name) for record in known.values() for name in record.sizes]
-    for number, (record, name) in enumerate(todo):
-        if progress is not None:
-            progress(Tally(number, len(todo), 0, len(damaged)))
-        fault = record.fault(name)
-        if fault:
-            damaged[(record.place / name).relative_to(place).as_posix()] = fault
-    if progress is not None:
-        progress(Tally(len(todo), len(todo), 0, len(damaged)))
-    older = tuple(_unverified(file.parent) for file, record in known.items() if record.older)
-    return Verified(folder=place, files=len(todo), damaged=damaged, warnings=older)
+    return known, damaged
 
 
 def opened_record(place: Path, names: Iterable[str] = ()) -> ResultsRecord | None:

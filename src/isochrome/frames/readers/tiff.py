@@ -109,15 +109,19 @@ def read_ome(text: str, path: Path) -> Ome:
     planes = size["Z"] * size["T"]
     times = _times(pixels, planes)
     interval = _number(pixels, "TimeIncrement", OME_SECONDS, "TimeIncrementUnit", "s")
+    start = None if interval is None else 0.0
+    from_first: tuple[float | None, ...] | None = None
+    if times is not None:
+        interval, start, from_first = None, times[0], _from_first(times)
     bits = pixels.get("SignificantBits")
     return Ome(
         slices=size["Z"],
         channels=max(size["C"] // max(samples, default=1), 1),
         times=size["T"],
         pixel_mm=_pixel_mm(pixels, path),
-        interval_s=interval if times is None else None,
-        times_s=None if times is None else _from_first(times),
-        start_s=times[0] if times else None if interval is None else 0.0,
+        interval_s=interval,
+        times_s=from_first,
+        start_s=start,
         significant_bits=int(bits) if bits and bits.isdecimal() and 1 <= int(bits) <= 16 else None,
     )
 
