@@ -29,17 +29,8 @@ def messages_of_frames(messages: Iterable[tuple[int, str]], *, single: bool = Fa
     Sentences that differ in their numbers alone have one cause, and their numbers become spans.
     Where a frame says a sentence several times, each time of something else, all stay apart.
 
-    Parameters
-    ----------
-    messages : iterable of tuple
-        Frames' numbers and sentences.
-    single : bool, default False
-        Whether there is but one frame, which needs no number.
-
-    Returns
-    -------
-    list of str
-        The sentences.
+    Parameters: `messages`, frames' numbers and sentences; `single`, whether there is but one frame,
+    which needs no number.
     """
     if single:
         return list(dict.fromkeys(text for _, text in messages))
@@ -84,15 +75,8 @@ def _value(number: str) -> float:
 def counted_frames(frames: Sequence[int]) -> str:
     """Name frames, and of several say how many they are.
 
-    Parameters
-    ----------
-    frames : sequence of int
-        Their numbers, rising.
-
-    Returns
-    -------
-    str
-        Their names, such as 'frame 3' or 'frames 0-4, 7 (6 in all)'.
+    Parameters: `frames`, their numbers, rising. Returns their names, such as 'frame 3' or 'frames
+    0-4, 7 (6 in all)'.
     """
     count = len(frames)
     return named_frames(frames) + (f" ({count} in all)" if count > 1 else "")
@@ -101,15 +85,7 @@ def counted_frames(frames: Sequence[int]) -> str:
 def named_frames(frames: Sequence[int]) -> str:
     """Name frames as 'frame 3' or 'frames 0-4, 7', after eight spans how many more.
 
-    Parameters
-    ----------
-    frames : sequence of int
-        Their numbers, rising.
-
-    Returns
-    -------
-    str
-        Their names.
+    Parameters: `frames`, their numbers, rising.
     """
     if len(frames) == 1:
         return f"frame {frames[0]}"

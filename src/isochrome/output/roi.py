@@ -59,22 +59,8 @@ def roi_entries(lines: Iterable[Polyline], frame: int) -> list[tuple[str, bytes]
     A line is named 'frame 3: N = 1.5 bright' by its order and kind, with '#2' on for the next of
     that name, or 'frame 3: line 7 dark' by its number, from 0, where the order is not known.
 
-    Parameters
-    ----------
-    lines : iterable of Polyline
-        All lines of the frame, with rows and cols (px), kind and order.
-    frame : int
-        Number of the frame, from 0, so that ImageJ shows them on that slice of a stack.
-
-    Returns
-    -------
-    list of tuple
-        The name of each file (str) and its bytes.
-
-    Raises
-    ------
-    InputError
-        Where the library is not installed.
+    Parameters: `frame`, number of the frame, from 0, so that ImageJ shows them on that slice of a
+    stack. Raises InputError.
     """
     roifile = load_roifile()
     entries, counts = [], Counter[str]()
@@ -96,12 +82,8 @@ def roi_entries(lines: Iterable[Polyline], frame: int) -> list[tuple[str, bytes]
 def add_rois(archive: zipfile.ZipFile, contents: Iterable[tuple[str, bytes]]) -> None:
     """Add ROIs to a .zip, all of the first date that it knows: the same ROIs are the same bytes.
 
-    Parameters
-    ----------
-    archive : zipfile.ZipFile
-        The .zip, open for writing.
-    contents : iterable of tuple
-        The name of each file (str) and its bytes.
+    Parameters: `archive`, the .zip, open for writing; `contents`, the name of each file (str) and
+    its bytes.
     """
     for name, data in contents:
         archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), data)
@@ -110,22 +92,9 @@ def add_rois(archive: zipfile.ZipFile, contents: Iterable[tuple[str, bytes]]) ->
 def read_roi_mask(path: Path, shape: tuple[int, int]) -> Mask:
     """Find the pixels whose centres lie in any of the areas of an ImageJ .roi or .zip file.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    shape : tuple of int
-        Rows and cols of the frame that the areas were drawn on.
-
-    Returns
-    -------
-    ndarray of bool, shape (rows, cols)
-        True inside; parts of composite areas that lie in each other are holes.
-
-    Raises
-    ------
-    InputError
-        Where the file holds no area, a line or a point, or is not ImageJ's.
+    Parameters: `shape`, rows and cols of the frame that the areas were drawn on. Returns true
+    inside; parts of composite areas that lie in each other are holes, shape (rows, cols). Raises
+    InputError.
     """
     roifile = load_roifile()
     _check_size(path)
@@ -180,15 +149,7 @@ def _check_size(path: Path) -> None:
 def load_roifile() -> ModuleType:
     """Import the library for ImageJ's ROI files.
 
-    Returns
-    -------
-    module
-        The package roifile.
-
-    Raises
-    ------
-    InputError
-        Where it is not installed, with the remedy.
+    Raises InputError.
     """
     try:
         import roifile

@@ -35,16 +35,8 @@ _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
 class GivenTable:
     """The cells of a table that somebody gives; columns become numbers when they are asked for.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    names : tuple of str
-        Names of the columns, from its header; empty where the first line is numbers already.
-    cells : list of list of str
-        The cells, a list a row.
-    lines : list of int
-        The rows' lines in the file, from 1.
+    `names`, names of the columns, from its header; empty where the first line is numbers already;
+    `cells`, the cells, a list a row; `lines`, the rows' lines in the file, from 1.
     """
 
     path: Path
@@ -80,24 +72,8 @@ class GivenTable:
 def read_given_text(path: Path, what: str, *, fallback: str | None = None) -> str:
     """Read the text of a file that somebody gives, in UTF-8 with a byte-order mark or without one.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    what : str
-        What it is to be, in words, such as 'the friction'.
-    fallback : str, optional
-        Encoding of what is no UTF-8; without one that is refused.
-
-    Returns
-    -------
-    str
-        Its text.
-
-    Raises
-    ------
-    InputError
-        Where it is no plain file, too large, cannot be read, or is no text.
+    Parameters: `what`, what it is to be, in words, such as 'the friction'; `fallback`, encoding of
+    what is no UTF-8; without one that is refused. Raises InputError.
     """
     try:
         check_given_table(path, what)
@@ -119,18 +95,7 @@ def read_given_text(path: Path, what: str, *, fallback: str | None = None) -> st
 
 
 def numbered_lines(text: str) -> list[tuple[int, str]]:
-    """Number the lines of a table from 1; empty ones and those that begin with # are passed over.
-
-    Parameters
-    ----------
-    text : str
-        The table's text.
-
-    Returns
-    -------
-    list of tuple of int and str
-        Number and line.
-    """
+    """Number the lines of a table from 1, without empty ones and those that begin with #."""
     return [
         (number, line)
         for number, line in enumerate(text.splitlines(), start=1)
@@ -143,24 +108,7 @@ def read_given_table(path: Path, what: str) -> GivenTable:
 
     Columns are parted by semicolons, tabs, commas or spaces; numbers have decimal points, or
     decimal commas where commas part no columns. Empty lines and those that begin with # are passed
-    over.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    what : str
-        What it is to be, in words, such as 'the friction'.
-
-    Returns
-    -------
-    GivenTable
-        Its cells.
-
-    Raises
-    ------
-    InputError
-        Where it cannot be read, is empty, or a row has another number of cells than the header.
+    over. Parameters: `what`, what it is to be, in words, such as 'the friction'. Raises InputError.
     """
     lines = numbered_lines(read_given_text(path, what))
     if not lines:
@@ -259,17 +207,7 @@ def write_csv(path: str | Path, columns: Mapping[str, Sequence[Any]]) -> None:
 
     Floats get 9 significant digits, NaN and None an empty cell.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    columns : mapping of str to sequence
-        Name to values, all of one length.
-
-    Raises
-    ------
-    InputError
-        Where the lengths differ, or the file cannot be written.
+    Parameters: `columns`, name to values, all of one length. Raises InputError.
     """
     lengths = {name: len(values) for name, values in columns.items()}
     if len(set(lengths.values())) > 1:
@@ -283,15 +221,8 @@ def write_csv(path: str | Path, columns: Mapping[str, Sequence[Any]]) -> None:
 def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
     """Turn rows into the columns of a table.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-        Name to value of each row.
-
-    Returns
-    -------
-    dict of str to list
-        Name to values, in the order in which the names come up; None where a row has none.
+    Parameters: `rows`, name to value of each row. Returns name to values, in the order in which the
+    names come up; None where a row has none.
     """
     names = dict.fromkeys(name for row in rows for name in row)
     return {name: [row.get(name) for row in rows] for name in names}
@@ -300,17 +231,8 @@ def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
 def csv_text(columns: Mapping[str, Any], *, header: bool = True) -> str:
     """Give a table as the text that `write_csv` would write, to be put together with others.
 
-    Parameters
-    ----------
-    columns : mapping of str to sequence
-        Name to values, all of one length.
-    header : bool, default True
-        Whether the line of the names is wanted.
-
-    Returns
-    -------
-    str
-        The table's lines.
+    Parameters: `columns`, name to values, all of one length; `header`, whether the line of the
+    names is wanted.
     """
     text = io.StringIO(newline="")
     _write_table(text, columns, header=header)
@@ -322,20 +244,9 @@ def write_excel_copies(folder: str | Path) -> list[Path]:
 
     Semicolons between the cells, decimal commas, and a byte-order mark, by which Excel knows UTF-8.
 
-    Parameters
-    ----------
-    folder : str or Path
-        The folder; tables of folders in it count, as those of a campaign's recordings.
-
-    Returns
-    -------
-    list of Path
-        The copies: NAME_excel.csv beside NAME.csv, which stays as it is.
-
-    Raises
-    ------
-    InputError
-        Where a table cannot be read, or a copy cannot be written.
+    Parameters: `folder`, the folder; tables of folders in it count, as those of a campaign's
+    recordings. Returns the copies: NAME_excel.csv beside NAME.csv, which stays as it is. Raises
+    InputError.
     """
     made = []
     for path in sorted(Path(folder).rglob("*.csv")):
@@ -385,20 +296,7 @@ def _cells(values: Any) -> list[str]:
 def read_csv(path: str | Path) -> dict[str, list[Any]]:
     """Read a table: numbers where all cells of a column are, else text.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Returns
-    -------
-    dict of str to list
-        Name to values; an empty cell among numbers is NaN.
-
-    Raises
-    ------
-    InputError
-        Where the file cannot be read or a row is of another length.
+    Returns name to values; an empty cell among numbers is NaN. Raises InputError.
     """
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
@@ -420,15 +318,8 @@ def read_csv(path: str | Path) -> dict[str, list[Any]]:
 def numbers(values: Iterable[float | None]) -> npt.NDArray[np.float64]:
     """Make an array of a column of numbers.
 
-    Parameters
-    ----------
-    values : iterable of float or None
-        The column; None = not known.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        The numbers, NaN where one is not known.
+    Parameters: `values`, the column; None = not known. Returns the numbers, NaN where one is not
+    known, shape (n,).
     """
     return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
 
@@ -436,19 +327,7 @@ def numbers(values: Iterable[float | None]) -> npt.NDArray[np.float64]:
 def check_given_table(path: Path, what: str) -> None:
     """Refuse what is no table that somebody gives: no plain file, or one of over 10 MB.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    what : str
-        What it is to be, in words.
-
-    Raises
-    ------
-    InputError
-        Where it is no such table.
-    OSError
-        Where it is missing or may not be looked at.
+    Parameters: `what`, what it is to be, in words. Raises InputError, OSError.
     """
     status = path.stat()
     if not stat.S_ISREG(status.st_mode):

@@ -36,14 +36,9 @@ _NO_MAP = 2**64 - 1
 class RunFolder:
     """Where a run's chunks are put down: picklable, so that workers may do it.
 
-    Parameters
-    ----------
-    results : Path
-        The folder that becomes the output, in the run's working folder.
-    layout : RunLayout
-        What the run leaves.
-    digest : str
-        Of what the run is a result of, see `identity_digest`; the chunks' records hold it.
+    `results`, the folder that becomes the output, in the run's working folder; `layout`, what the
+    run leaves; `digest`, of what the run is a result of, see `identity_digest`; the chunks' records
+    hold it.
     """
 
     results: Path
@@ -182,18 +177,7 @@ def check_chunk(run: RunFolder, index: int) -> ChunkRecord | None:
 
 
 def rows(run: RunFolder) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
-    """Give each item's row and what else is known of it, in order, from the chunks' records.
-
-    Parameters
-    ----------
-    run : RunFolder
-        Where the chunks lie.
-
-    Yields
-    ------
-    tuple of dict
-        The row, and what else is known.
-    """
+    """Give each item's row and what else is known of it, in order, from the chunks' records."""
     for index in range(run.layout.chunks):
         record = read_record_of(run, index)
         assert record is not None
@@ -201,20 +185,7 @@ def rows(run: RunFolder) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
 
 
 def parts(run: RunFolder, name: str) -> Iterator[bytes]:
-    """Give the chunks' parts of a file, in order; chunks without one are passed over.
-
-    Parameters
-    ----------
-    run : RunFolder
-        Where the chunks lie.
-    name : str
-        Name of the file.
-
-    Yields
-    ------
-    bytes
-        The part.
-    """
+    """Give the chunks' parts of a file, in order; chunks without one are passed over."""
     for index in range(run.layout.chunks):
         file = run.part_file(name, index)
         if file.is_file():
@@ -224,19 +195,7 @@ def parts(run: RunFolder, name: str) -> Iterator[bytes]:
 def picture(run: RunFolder, layer: str, item: int) -> np.ndarray:
     """Read a layer's picture of one item that has one, from the store's chunk.
 
-    Parameters
-    ----------
-    run : RunFolder
-        Where the chunks lie.
-    layer : str
-        Name of the layer.
-    item : int
-        Number of the item.
-
-    Returns
-    -------
-    ndarray of float32, shape (rows, cols)
-        The picture, NaN = not known.
+    Returns (rows, cols), NaN = not known.
     """
     index, inside = divmod(item, run.layout.chunk)
     file, size = run.chunk_file(layer, index), tuple(run.layout.shape.values())

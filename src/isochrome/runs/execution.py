@@ -57,19 +57,10 @@ class Stopped(KeyboardInterrupt):
 class RunOptions:
     """By whom and how a run is computed; none of it changes a result.
 
-    Parameters
-    ----------
-    workers : int or None, default 1
-        Processes on this machine; None: as many as there are processors where it is worth starting
-        them.
-    cluster : str, optional
-        Address of a Dask scheduler instead.
-    restart : bool, default False
-        Whether to throw away what an earlier run left.
-    keep_going : bool, default False
-        Whether to leave out items that fail instead of ending with the first.
-    waiting : Waiting, optional
-        Workers that were started before.
+    `workers`, processes on this machine; None: as many as there are processors where it is worth
+    starting them; `cluster`, address of a Dask scheduler instead; `restart`, whether to throw away
+    what an earlier run left; `keep_going`, whether to leave out items that fail instead of ending
+    with the first; `waiting`, workers that were started before.
     """
 
     workers: int | None = 1
@@ -82,19 +73,8 @@ class RunOptions:
 def refuse_without_folder(out: str | Path | None, workers: int | None, cluster: str | None) -> None:
     """Refuse workers or a cluster where no folder is given for results.
 
-    Parameters
-    ----------
-    out : str, Path or None
-        The folder; None where there is none.
-    workers : int or None
-        Processes on this machine.
-    cluster : str or None
-        Address of a Dask scheduler.
-
-    Raises
-    ------
-    InputError
-        Where more than one process, or a cluster, is asked for without a folder.
+    Parameters: `out`, the folder; None where there is none; `workers`, processes on this machine;
+    `cluster`, address of a Dask scheduler. Raises InputError.
     """
     if out is None and (cluster is not None or workers != 1):
         raise InputError("workers and a cluster write to a folder: give out")
@@ -111,31 +91,9 @@ def run_job(
     """Compute a job and leave its results in a folder, all of them or none.
 
     What is finished is kept in OUT.partial. The same call goes on with it, and ends with the same
-    bytes as if nothing had happened.
-
-    Parameters
-    ----------
-    job : Job
-        What is to be computed.
-    out : str or Path
-        The folder.
-    finish : callable
-        Makes the rest of the files in `run.results` when all chunks are there.
-    means : RunOptions, optional
-        By whom and how it is computed; by default by this process alone.
-    progress : callable, optional
-        Called with a Tally of the items.
-
-    Returns
-    -------
-    object or None
-        What `finish` returns; None where the folder holds all results already.
-
-    Raises
-    ------
-    InputError
-        Where another run is at work there, an unfinished one is of something else, or the disk is
-        full; and whatever the job raises.
+    bytes as if nothing had happened. `finish` makes the rest of the files in `run.results` when all
+    chunks are there. Returns what it returns, None where the folder holds all results already.
+    Raises InputError, and whatever the job raises.
     """
     means = means or RunOptions()
     keep_steady()

@@ -257,19 +257,8 @@ def make_dataset(
 ) -> RunDataset:
     """Make a dataset of maps and columns that are in memory, as `open_run` opens one.
 
-    Parameters
-    ----------
-    columns : mapping of str to Column
-        The maps and columns, by name.
-    coordinates : mapping of str to Column
-        The coordinates, by name.
-    attributes : mapping
-        Attributes of all.
-
-    Returns
-    -------
-    RunDataset
-        The dataset, with the axes z_mm and x_mm where these are known.
+    Parameters: `columns`, the maps and columns, by name; `coordinates`, the coordinates, by name.
+    Returns the dataset, with the axes z_mm and x_mm where these are known.
     """
     data, places = (
         {
@@ -284,15 +273,8 @@ def make_dataset(
 def as_run(dataset: xarray.Dataset) -> RunDataset:
     """Give a run's dataset names that are identifiers, and its pictures axes in mm.
 
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        As it is stored, by this version or an earlier one.
-
-    Returns
-    -------
-    RunDataset
-        The same data, not read yet where they were not.
+    Parameters: `dataset`, as it is stored, by this version or an earlier one. Returns the same
+    data, not read yet where they were not.
     """
     named = with_identifiers(dataset)
     axes = {
@@ -309,19 +291,8 @@ def as_run(dataset: xarray.Dataset) -> RunDataset:
 def stored_map(array: Any, *, item: int, picture: int) -> NDArray[Any]:
     """Read one map of a store's array as numbers, however it is kept.
 
-    Parameters
-    ----------
-    array : zarr.Array
-        A layer's array.
-    item : int
-        Number of the item.
-    picture : int
-        Number of its picture, where only some items have one.
-
-    Returns
-    -------
-    ndarray of float32, shape (rows, cols)
-        The map, NaN = not known.
+    Parameters: `item`, number of the item; `picture`, number of its picture, where only some items
+    have one. Returns the map, NaN = not known, shape (rows, cols).
     """
     step = array.attrs.get("scale_factor")
     if step is None:
@@ -424,14 +395,7 @@ def _create_compact(group: Any, layer: Layer, compact: Compact, layout: RunLayou
 class Column:
     """What is known along some axes of a dataset.
 
-    Parameters
-    ----------
-    axes : tuple of str
-        Names of the axes.
-    values : ndarray
-        The values, an axis each.
-    attributes : mapping
-        Attributes, such as the units.
+    `axes`, their names; `values`, an axis each; `attributes`, such as the units.
     """
 
     axes: tuple[str, ...]
@@ -448,23 +412,8 @@ def add_columns(
     """Add columns, coordinates and attributes to a run's store.
 
     As xarray would, which is not asked, for it takes longer to start than all columns to write.
-    Names become identifiers: load.normal_n is load_normal_n.
-
-    Parameters
-    ----------
-    path : Path
-        The store.
-    columns : mapping of str to Column
-        The columns, by name.
-    coordinates : mapping of str to Column
-        The coordinates, by name.
-    attributes : mapping
-        Attributes of all.
-
-    Raises
-    ------
-    OSError
-        Where the disk cannot be written or read.
+    Names become identifiers: load.normal_n is load_normal_n. Parameters: `columns`, the columns, by
+    name; `coordinates`, the coordinates, by name. Raises OSError.
     """
     import zarr
     from zarr.codecs import Crc32cCodec, ZstdCodec
@@ -500,15 +449,8 @@ _PARTS = {
 def identifier(name: str) -> str:
     """Give the name of a column in a dataset, which may stand in Python and MATLAB code.
 
-    Parameters
-    ----------
-    name : str
-        Name of a key or column of a table, such as `load.normal_n standard_uncertainty`.
-
-    Returns
-    -------
-    str
-        The same as an identifier, such as `load_normal_n_u`.
+    Parameters: `name`, name of a key or column of a table, such as `load.normal_n
+    standard_uncertainty`. Returns the same as an identifier, such as `load_normal_n_u`.
     """
     for words, ending in _PARTS.items():
         if name.endswith(words):
@@ -533,19 +475,8 @@ def column(values: Sequence[Any], axis: str, name: str) -> Column:
 
     What is not known is NaN, or empty text.
 
-    Parameters
-    ----------
-    values : sequence
-        The values; None = not known.
-    axis : str
-        Name of the axis that they lie on.
-    name : str
-        Name of the column, in which the unit stands.
-
-    Returns
-    -------
-    Column
-        The column, with its units.
+    Parameters: `values`, the values; None = not known; `axis`, name of the axis that they lie on;
+    `name`, name of the column, in which the unit stands. Returns the column, with its units.
     """
     attributes = named_units(name)
     if isinstance(values, Floats):
@@ -563,15 +494,8 @@ def column(values: Sequence[Any], axis: str, name: str) -> Column:
 def texts(values: Iterable[Any]) -> NDArray[Any]:
     """Make a column of texts.
 
-    Parameters
-    ----------
-    values : iterable
-        The values; None = not known.
-
-    Returns
-    -------
-    ndarray of str, shape (n,)
-        The texts, empty where one is not known.
+    Parameters: `values`, the values; None = not known. Returns the texts, empty where one is not
+    known, shape (n,).
     """
     return np.array(["" if v is None else str(v) for v in values], dtype=np.dtypes.StringDType())
 
@@ -579,15 +503,8 @@ def texts(values: Iterable[Any]) -> NDArray[Any]:
 def named_units(name: str) -> dict[str, Any]:
     """Give the unit that stands in a name as attributes of its column.
 
-    Parameters
-    ----------
-    name : str
-        Name of a key or column, such as `load.normal_n`.
-
-    Returns
-    -------
-    dict
-        The attribute 'units'; empty where no unit stands in the name.
+    Parameters: `name`, name of a key or column, such as `load.normal_n`. Returns the attribute
+    'units'; empty where no unit stands in the name.
     """
     units = units_of(name)
     return {} if units is None else {"units": units}
@@ -606,15 +523,8 @@ def units_of(name: str) -> str | None:
 def column_values(variable: xarray.DataArray) -> list[Any]:
     """Give the values that `column` was given.
 
-    Parameters
-    ----------
-    variable : xarray.DataArray
-        A column of a dataset.
-
-    Returns
-    -------
-    list
-        The values; None for what is not known of whole numbers.
+    Parameters: `variable`, a column of a dataset. Returns the values; None for what is not known of
+    whole numbers.
     """
     values: list[Any] = variable.values.tolist()
     if variable.attrs.get(WHOLE):
@@ -625,15 +535,7 @@ def column_values(variable: xarray.DataArray) -> list[Any]:
 def attributes(identity: Mapping[str, Any]) -> dict[str, Any]:
     """Make attributes of a dataset of a run's identity: numbers and texts, tables as JSON.
 
-    Parameters
-    ----------
-    identity : mapping
-        What the run is a result of, as in a Job.
-
-    Returns
-    -------
-    dict
-        The attributes.
+    Parameters: `identity`, what the run is a result of, as in a Job.
     """
     result: dict[str, Any] = {"Conventions": "CF-1.11", "source": "Isochrome"}
     for key, value in identity.items():

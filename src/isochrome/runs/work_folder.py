@@ -58,20 +58,7 @@ LOCK, OWNER = "lock", "owner.txt"
 def locked(folder: Path) -> Iterator[None]:
     """Hold a folder for this process alone; it is made if need be, and removed when left empty.
 
-    Parameters
-    ----------
-    folder : Path
-        The folder.
-
-    Yields
-    ------
-    None
-        Nothing: the folder is held inside the block.
-
-    Raises
-    ------
-    InputError
-        Where another process holds it, or where it cannot be made or locked.
+    Raises InputError.
     """
     from filelock import FileLock, Timeout
 
@@ -134,20 +121,7 @@ _GROUP = "group.json"
 def working_folder(out: Path) -> Path:
     """Name the folder where a run keeps what it has of its output.
 
-    Parameters
-    ----------
-    out : Path
-        The output folder.
-
-    Returns
-    -------
-    Path
-        The folder beside it.
-
-    Raises
-    ------
-    InputError
-        Where `out` is no place for results.
+    Returns the folder beside it. Raises InputError.
     """
     try:
         check_link(out)
@@ -238,33 +212,14 @@ def open_run_folder(root: Path, job: Job, *, restart: bool) -> RunFolder:
 
 
 def has_run(root: Path) -> bool:
-    """Tell whether a working folder holds what an earlier run left.
-
-    Parameters
-    ----------
-    root : Path
-        The working folder.
-
-    Returns
-    -------
-    bool
-        Whether it does.
-    """
+    """Tell whether a working folder holds what an earlier run left."""
     return _manifest(root) is not None
 
 
 def wipe(root: Path) -> None:
     """Remove all that is in a working folder but its lock.
 
-    Parameters
-    ----------
-    root : Path
-        The working folder.
-
-    Raises
-    ------
-    OSError
-        Where the disk cannot be written or read.
+    Raises OSError.
     """
     for entry in sorted(root.iterdir(), key=lambda e: e.name != MANIFEST):
         if entry.name not in (LOCK, OWNER):
