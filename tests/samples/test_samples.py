@@ -38,9 +38,8 @@ from isochrome.reference import (
     hertz_peak_pressure,
     hertz_stress,
 )
-from isochrome.samples.beam_images import render_bending
-from isochrome.samples.disc_images import render_disc
-from isochrome.samples.film_images import render_film
+from isochrome.samples.calibration_images import render_bending, render_disc
+from isochrome.samples.contact_images import render_film
 from isochrome.samples.sensor import write_small_tiff
 from isochrome.samples.wear_traces import render_wear
 from isochrome.scene import load_scene

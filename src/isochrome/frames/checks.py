@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
@@ -40,7 +41,7 @@ from isochrome.frames.readers.signature import signature_of
 from isochrome.frames.reading import Frame, FrameReader, Mask
 from isochrome.frames.saturation import saturation_level
 from isochrome.output import Result, counted, named_frames
-from isochrome.scene import FramesLike, Scene, check_moduli, check_pixel
+from isochrome.scene import Camera, FramesLike, Scene, check_moduli, check_pixel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -95,7 +96,7 @@ class LoadSigns:
         """Look at one frame. Parameters: `frame`; `full` scale, grey levels; the `gamma`."""
         blocks = _blocks(frame.image, frame.mask) / full
         light = np.sign(blocks) * np.abs(blocks) ** gamma
-        self.unlike.append({key: _unlike(light, own) for key, own in self.pictures.items()})
+        self.unlike.append({key: _unlike(light, picture) for key, picture in self.pictures.items()})
         lines = [_swings(blocks), _swings(blocks.T)]
         most = np.max([one.max(axis=0, initial=0) for one in lines], axis=0)
         usual = [np.percentile(one, _USUAL, axis=0) for one in lines if len(one)]
@@ -110,22 +111,21 @@ def load_signs(reader: FrameReader, scene: Scene) -> LoadSigns | None:
     """
     frames, load = scene.frames, scene.load
     changes = load is not None and not isinstance(load.normal_n, int | float)
-    light = scene.polariscope
     if frames.starts_unloaded or changes or frames.known_loads_n:
         return None
-    if light.tells_orders:
+    if scene.polariscope.tells_orders:
         return None
     try:
         dark, bright = load_no_load(scene, full_shape=reader.full_shape)
     except InputError:  # has a finding of its own
         dark = bright = None
-    found = LoadSigns()
+    signs = LoadSigns()
     for key, one in (("no_load_dark", dark), ("no_load_bright", bright)):
         if one is not None:
-            found.pictures[f"frames.{key}"] = _of_light(one, frames.first_gamma)
+            signs.pictures[f"frames.{key}"] = _of_light(one, frames.first_gamma)
     if bright is not None:
-        found.span = float(np.percentile(bright.image[bright.valid], 98.0))
-    return found
+        signs.span = float(np.percentile(bright.image[bright.valid], 98.0))
+    return signs
 
 
 def unloaded_frames(
@@ -147,27 +147,27 @@ def unloaded_frames(
         if near:
             like.setdefault(min(near, key=lambda key: far[key]), []).append(index)
     heights = np.array(_SWINGS) * full
-    asked = np.flatnonzero(heights <= _OF_SPAN * np.nanmax(span))
-    if not asked.size:
+    usable = np.flatnonzero(heights <= _OF_SPAN * np.nanmax(span))
+    if not usable.size:
         return like, []
-    most, usual = (np.array([pair[k][asked[-1]] for pair in signs.swings]) for k in (0, 1))
-    named = {index for found in like.values() for index in found}
-    alone = _among_many(most <= _NONE, usual >= _MANY)
-    return like, [index for index in alone if index not in named]
+    most, usual = (np.array([pair[k][usable[-1]] for pair in signs.swings]) for k in (0, 1))
+    named = {index for numbers in like.values() for index in numbers}
+    fringeless = _among_many(most <= _NONE, usual >= _MANY)
+    return like, [index for index in fringeless if index not in named]
 
 
 def _among_many(none: NDArray[np.bool_], many: NDArray[np.bool_]) -> list[int]:
     """Runs of frames without fringes that have frames of many on both sides; at an end of the set,
     two of them on the other."""
-    found: list[int] = []
+    runs: list[int] = []
     ends = np.flatnonzero(np.diff(np.concatenate([[False], none, [False]]).astype(int)))
     for start, stop in ends.reshape(-1, 2).tolist():
         before, after = many[:start][-2:], many[stop:][:2]
         sides = [before[-1:], after[:1]] if start and stop < len(none) else [before, after]
         beside = np.concatenate(sides)
         if beside.size == 2 and beside.all() and stop - start <= _LARGEST_RUN * len(none):
-            found += range(start, stop)
-    return found
+            runs += range(start, stop)
+    return runs
 
 
 def _blocks(image: NDArray[Any], mask: NDArray[np.bool_] | None) -> Array:
@@ -192,9 +192,9 @@ def _unlike(light: Array, picture: Array) -> float:
     known = np.isfinite(light) & np.isfinite(picture)
     if light.shape != picture.shape or not known.any():
         return float("inf")
-    here, there = light[known], picture[known]
-    gain = float(np.clip(np.median(here) / max(float(np.median(there)), 1e-9), *_GAINS))
-    return float(np.percentile(np.abs(here - gain * there), _FARTHEST))
+    here, reference = light[known], picture[known]
+    gain = float(np.clip(np.median(here) / max(float(np.median(reference)), 1e-9), *_GAINS))
+    return float(np.percentile(np.abs(here - gain * reference), _FARTHEST))
 
 
 def _swings(lines: Array) -> NDArray[np.int_]:
@@ -205,10 +205,10 @@ def _swings(lines: Array) -> NDArray[np.int_]:
     way, count = np.zeros(shape, dtype=int), np.zeros(shape, dtype=int)
     for values in lines.T:
         here = values[:, None]
-        seen = np.isfinite(here)
+        finite = np.isfinite(here)
         high, low = np.fmax(high, here), np.fmin(low, here)
-        falls = seen & (way >= 0) & (high - here > height)
-        rises = seen & (way <= 0) & (here - low > height) & ~falls
+        falls = finite & (way >= 0) & (high - here > height)
+        rises = finite & (way <= 0) & (here - low > height) & ~falls
         count += falls | rises
         way = np.where(falls, -1, np.where(rises, 1, way))
         low, high = np.where(falls, here, low), np.where(rises, here, high)
@@ -268,53 +268,48 @@ def survey(reader: FrameReader, scene: Scene) -> Survey:
     Parameters: `reader`; `scene`. Returns a Survey; an InputError on the way ends it and is kept in
     `failure`.
     """
-    found, seen = Survey(load=load_signs(reader, scene)), dict[bytes, int]()
+    result, by_digest = Survey(load=load_signs(reader, scene)), dict[bytes, int]()
     full = full_scale(reader.bit_depth)
     try:
         for frame in reader:
             level = saturation_level(frame.image, full=full)
-            _add(found, frame.image, level, frame.mask)
-            if found.load is not None:
-                found.load.add(frame, full, scene.frames.first_gamma)
+            _add(result, frame.image, level, frame.mask)
+            if result.load is not None:
+                result.load.add(frame, full, scene.frames.first_gamma)
             key = hashlib.sha1(frame.image.data, usedforsecurity=False).digest()
-            first = seen.setdefault(key, frame.index)
+            first = by_digest.setdefault(key, frame.index)
             if first != frame.index:
-                found.twins.append((frame.index, first))
+                result.twins.append((frame.index, first))
             if frame.time_s is None:
-                found.untimed += 1
+                result.untimed += 1
             if frame.index & (frame.index + 1) == 0:
-                _add_noise(found, frame.image, reader.bit_depth)
-            found.count += 1
+                with suppress(InputError):  # too small: said by the size's own finding
+                    model = estimate_noise(frame.image, bit_depth=reader.bit_depth)
+                    middle = np.median(frame.image[np.isfinite(frame.image)])
+                    result.noise.append(float(model.sigma(middle)))
+            result.count += 1
     except InputError as error:
-        found.failure = str(error)
-    return found
+        result.failure = str(error)
+    return result
 
 
-def _add(found: Survey, image: np.ndarray, clipped: float, mask: Mask | None) -> None:
+def _add(light: Survey, image: np.ndarray, clipped: float, mask: Mask | None) -> None:
     image = image.ravel() if mask is None else image[mask]  # light off the specimen says nothing
     values = image[np.isfinite(image)]
-    found.not_finite.append(1 - values.size / image.size)
+    light.not_finite.append(1 - values.size / image.size)
     if values.size == 0:
-        for figures in (found.low, found.high, found.smallest, found.largest):
+        for figures in (light.low, light.high, light.smallest, light.largest):
             figures.append(float("nan"))
-        found.saturated.append(0.0)
+        light.saturated.append(0.0)
         return
     low, high = np.percentile(values[:: max(1, values.size // 50_000)], (2, 98))
-    found.low.append(float(low))
-    found.high.append(float(high))
-    found.saturated.append(float(np.mean(values >= clipped)))
-    found.smallest.append(float(values.min()))
-    found.largest.append(float(values.max()))
+    light.low.append(float(low))
+    light.high.append(float(high))
+    light.saturated.append(float(np.mean(values >= clipped)))
+    light.smallest.append(float(values.min()))
+    light.largest.append(float(values.max()))
     if image.dtype.kind == "u":
-        found.bits |= int(np.bitwise_or.reduce(values, axis=None))
-
-
-def _add_noise(found: Survey, image: np.ndarray, bit_depth: int | None) -> None:
-    try:
-        model = estimate_noise(image, bit_depth=bit_depth)
-    except InputError:  # too small: said by the size's own finding
-        return
-    found.noise.append(float(model.sigma(np.median(image[np.isfinite(image)]))))
+        light.bits |= int(np.bitwise_or.reduce(values, axis=None))
 
 
 def refusals(*looks: Callable[[], object]) -> Iterator[Finding]:
@@ -331,7 +326,7 @@ def misfits(reader: FrameReader, scene: Scene, count: int | None) -> Iterator[tu
     sentence.
     """
     rows, cols = reader.shape
-    camera, wear, steps = scene.camera, scene.wear, len(scene.polariscope.step_numbers)
+    wear, steps = scene.wear, len(scene.polariscope.step_numbers)
     each = count is not None and count % steps == 0
     if count is not None and not each:
         text = f"{count} frames are not a multiple of the polariscope's {steps} steps; give one "
@@ -341,19 +336,8 @@ def misfits(reader: FrameReader, scene: Scene, count: int | None) -> Iterator[tu
         text = f"frames.known_loads_n has {counted(loads, 'number')}, and the set "
         text += f"{counted(count, 'frame')}; give one for each, in their order, 0 where it is not "
         yield scene.name, f"{text}known"
-    for i, known in enumerate(scene.frames.known_order, start=1):
-        if known.row_px >= rows or known.col_px >= cols:
-            text = f"frames.known_order[{i}] at row {known.row_px}, column {known.col_px} lies "
-            yield scene.name, f"{text}outside {rows} x {cols} pixels; move it"
-    yield from _paths_beyond(scene, rows, cols)
-    wanted = (camera.height_px or rows, camera.width_px or cols) if camera else (rows, cols)
-    if wanted != (rows, cols):
-        after = "after the roi" if reader.roi else "(no frames.roi is set)"
-        text = f"frames are {rows} rows x {cols} columns {after} and the scene's camera is "
-        text += f"{wanted[0]} x {wanted[1]}; correct camera.height_px and width_px, or frames.roi"
-        if wanted == (cols, rows):
-            text += ", or turn pictures that lie on their side by frames.rotate_deg = 90 or 270"
-        yield str(reader.path), text
+    yield from _places_beyond(scene, rows, cols)
+    yield from _other_size(reader, scene.camera or Camera())
     if wear is None or scene.frames.sliding_speed_mm_per_s is not None:
         return
     first = scene.friction is not None and scene.friction.static_state_first
@@ -366,13 +350,33 @@ def misfits(reader: FrameReader, scene: Scene, count: int | None) -> Iterator[tu
         yield str(reader.path), f"{text}frames.sliding_speed_mm_per_s for a video"
 
 
-def _paths_beyond(scene: Scene, rows: int, cols: int) -> Iterator[tuple[str, str]]:
-    """Tell of known lines and free boundaries that leave the picture, by their first such point."""
-    own = scene.frames
+def _other_size(reader: FrameReader, camera: Camera) -> Iterator[tuple[str, str]]:
+    """Tell of frames of another size than the scene's camera has."""
+    rows, cols = reader.shape
+    wanted = (camera.height_px or rows, camera.width_px or cols)
+    if wanted == (rows, cols):
+        return
+    after = "after the roi" if reader.roi else "(no frames.roi is set)"
+    text = f"frames are {rows} rows x {cols} columns {after} and the scene's camera is "
+    text += f"{wanted[0]} x {wanted[1]}; correct camera.height_px and width_px, or frames.roi"
+    if wanted == (cols, rows):
+        text += ", or turn pictures that lie on their side by frames.rotate_deg = 90 or 270"
+    yield str(reader.path), text
+
+
+def _places_beyond(scene: Scene, rows: int, cols: int) -> Iterator[tuple[str, str]]:
+    """Tell of known points, and of lines and boundaries by their first such point, that leave the
+    picture.
+    """
+    frames = scene.frames
+    for i, known in enumerate(frames.known_order, start=1):
+        if known.row_px >= rows or known.col_px >= cols:
+            text = f"frames.known_order[{i}] at row {known.row_px}, column {known.col_px} lies "
+            yield scene.name, f"{text}outside {rows} x {cols} pixels; move it"
     # an outline may run along the picture's edge, half a pixel beyond its last centre
     for name, paths, slack in (
-        ("known_line", own.known_line, 0.0),
-        ("free_boundary", own.free_boundary, 1.0),
+        ("known_line", frames.known_line, 0.0),
+        ("free_boundary", frames.free_boundary, 1.0),
     ):
         for i, path in enumerate(paths, start=1):
             beyond = (
@@ -385,16 +389,16 @@ def _paths_beyond(scene: Scene, rows: int, cols: int) -> Iterator[tuple[str, str
                 yield scene.name, f"{text}{rows} x {cols} pixels; move it"
 
 
-def of_depth(reader: FrameReader, seen: Survey) -> Iterator[Finding]:
+def of_depth(reader: FrameReader, light: Survey) -> Iterator[Finding]:
     """Findings on bit depth: 12 bits in a 16-bit file, floats without a full scale."""
-    depth, largest = reader.bit_depth, max(seen.largest, default=0.0)
+    depth, largest = reader.bit_depth, max(light.largest, default=0.0)
     if reader.dtype.kind == "f" and depth is None and largest > 1:
         text = f"float frames reach {largest:g}; set camera.bit_depth to say what full scale is"
         yield Finding("error", text)
     if reader.dtype.kind == "f" and depth is not None and 0 < largest <= 1:
         text = f"float frames end at {largest:g}, but camera.bit_depth = {depth} says grey levels"
         yield Finding("warning", text + "; remove camera.bit_depth if they are fractions")
-    if depth is None or depth <= 8 or reader.dtype.kind != "u" or not seen.bits:
+    if depth is None or depth <= 8 or reader.dtype.kind != "u" or not light.bits:
         return
     likely = next(b for b in (8, 10, 12, 14, 16) if largest < 2**b)
     if likely < depth:
@@ -403,27 +407,27 @@ def of_depth(reader: FrameReader, seen: Survey) -> Iterator[Finding]:
             f"{depth}-bit frames whose largest value is {largest:g}: probably {likely} bits; set "
             f"camera.bit_depth = {likely} (or the exposure is very short)",
         )
-    shift = (seen.bits & -seen.bits).bit_length() - 1
+    shift = (light.bits & -light.bits).bit_length() - 1
     if shift:
         text = f"all values are multiples of {2**shift}: a {depth - shift}-bit sensor, shifted up"
         yield Finding("note", text + f"; full scale is then {2**depth - 2**shift}")
 
 
-def of_light(reader: FrameReader, seen: Survey) -> Iterator[Finding]:
+def of_light(reader: FrameReader, light: Survey) -> Iterator[Finding]:
     """Findings on each frame's light: blank, saturated, weak, jumping, repeated, noisy."""
-    if not seen.count:
+    if not light.count:
         return
     full = full_scale(reader.bit_depth)
-    low, high = np.array(seen.low), np.array(seen.high)
-    clear = ~(np.isnan(seen.largest) | (np.array(seen.smallest) == np.array(seen.largest)))
-    yield from _blank(seen, full)
-    share = np.array(seen.saturated)
+    low, high = np.array(light.low), np.array(light.high)
+    clear = ~(np.isnan(light.largest) | (np.array(light.smallest) == np.array(light.largest)))
+    yield from _blank(light, full)
+    share = np.array(light.saturated)
     worst = f"saturated in up to {100 * share.max():.1f} % of the pixels, which are masked; lower "
     yield from _frames("warning", clear & (share > SATURATED), worst + "the exposure")
     weak = clear & (high - low < LOW_CONTRAST * full) & (share <= SATURATED)
     text = "low contrast, under 10 % of full scale; raise the exposure"
     yield from _frames("warning", weak, text)
-    change = np.zeros(seen.count)
+    change = np.zeros(light.count)
     with np.errstate(divide="ignore", invalid="ignore"):
         change[1:] = np.abs(np.diff(high)) / np.maximum(high[1:], high[:-1])
     jumps = (change > JUMP) & clear
@@ -431,13 +435,13 @@ def of_light(reader: FrameReader, seen: Survey) -> Iterator[Finding]:
     yield from _frames("warning", jumps, text + UNSTEADY)
     if not jumps.any():
         yield from _of_set(high, clear & ~weak & (share <= SATURATED))
-    twins = np.zeros(seen.count, bool)
-    twins[[i for i, _ in seen.twins if i < seen.count]] = True
+    twins = np.zeros(light.count, bool)
+    twins[[i for i, _ in light.twins if i < light.count]] = True
     text = "the same, pixel by pixel, as an earlier one; did the camera stall?"
     yield from _frames("warning", twins & clear, text)
-    if seen.noise:
+    if light.noise:
         unit = "of full scale" if reader.bit_depth is None else "grey levels"
-        text = f"camera noise about {np.median(seen.noise):.3g} {unit}, rounding included"
+        text = f"camera noise about {np.median(light.noise):.3g} {unit}, rounding included"
         yield Finding("note", text)
 
 
@@ -454,9 +458,9 @@ def _of_set(high: np.ndarray, usable: np.ndarray) -> Iterator[Finding]:
         yield from _frames("warning", dim, text)
 
 
-def _blank(seen: Survey, full: float) -> Iterator[Finding]:
+def _blank(light: Survey, full: float) -> Iterator[Finding]:
     """Frames with nothing in them: no number, all black, all white, one value."""
-    small, large = np.array(seen.smallest), np.array(seen.largest)
+    small, large = np.array(light.smallest), np.array(light.largest)
     empty, flat = np.isnan(large), small == large
     yield from _frames("error", empty, "no number in it (NaN only); see how it was written")
     yield from _frames("error", flat & (large <= 0), "all black; was the light on?")
@@ -464,7 +468,7 @@ def _blank(seen: Survey, full: float) -> Iterator[Finding]:
     yield from _frames(
         "error", flat & (large > 0) & (large < full), "constant; is it a captured frame?"
     )
-    holes = (np.array(seen.not_finite) > 0) & ~empty
+    holes = (np.array(light.not_finite) > 0) & ~empty
     yield from _frames("note", holes, "some pixels are not finite; they are masked")
 
 
@@ -476,22 +480,22 @@ def _frames(level: Level, where: np.ndarray, text: str) -> Iterator[Finding]:
     yield Finding(level, f"{named_frames(index.tolist())}: {text}", int(index[0]))
 
 
-def of_unloaded(reader: FrameReader, seen: Survey, scene: Scene) -> Iterator[Finding]:
+def of_unloaded(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Finding]:
     """Findings on frames that show the unloaded specimen among those to be processed."""
-    if seen.load is None or not seen.count:
+    if light.load is None or not light.count:
         return
     full, gamma = full_scale(reader.bit_depth), scene.frames.first_gamma
-    like, alone = unloaded_frames(seen.load, seen.low, seen.high, full, gamma)
+    like, fringeless = unloaded_frames(light.load, light.low, light.high, full, gamma)
     for key, numbers in like.items():
         why = UNLOADED.format(f"nearly the same picture as {key}", "")
         yield Finding("warning", f"{named_frames(numbers)}: {why}", numbers[0])
-    if alone:
+    if fringeless:
         name = ", or name it as frames.no_load_dark or no_load_bright"
         why = UNLOADED.format("no fringes, where the frames beside show many", name)
-        yield Finding("warning", f"{named_frames(alone)}: {why}", alone[0])
+        yield Finding("warning", f"{named_frames(fringeless)}: {why}", fringeless[0])
 
 
-def of_no_load(reader: FrameReader, seen: Survey, scene: Scene) -> Iterator[Finding]:
+def of_no_load(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Finding]:
     """Findings on the no-load frames: missing, unreadable, of another size or exposure.
 
     A phase-stepped set tells its own background and illumination, and needs none of them.
@@ -510,19 +514,19 @@ def of_no_load(reader: FrameReader, seen: Survey, scene: Scene) -> Iterator[Find
     except InputError as error:
         yield Finding("error", str(error))
         return
-    if not seen.count or np.isnan(seen.low).all():
+    if not light.count or np.isnan(light.low).all():
         return
-    yield from _of_exposure(reader, seen, scene, dark, bright)
+    yield from _of_exposure(reader, light, scene, dark, bright)
 
 
 def _of_exposure(
-    reader: FrameReader, seen: Survey, scene: Scene, dark: Linear | None, bright: Linear | None
+    reader: FrameReader, light: Survey, scene: Scene, dark: Linear | None, bright: Linear | None
 ) -> Iterator[Finding]:
     """Findings on the no-load frames' exposure against the captured frames'."""
     frames = scene.frames
     full = full_scale(reader.bit_depth)
-    low = (max(float(np.nanmin(seen.low)), 0) / full) ** frames.first_gamma
-    high = (max(float(np.nanmax(seen.high)), 0) / full) ** frames.first_gamma
+    low = (max(float(np.nanmin(light.low)), 0) / full) ** frames.first_gamma
+    high = (max(float(np.nanmax(light.high)), 0) / full) ** frames.first_gamma
     if bright is not None:
         top = float(np.percentile(bright.image, 98))
         if high > 1.15 * top:
@@ -615,39 +619,38 @@ def look_through(path: FramesLike, scene: Scene) -> Check:
     in one pass with one frame in memory, and whether a frame shows the unloaded specimen. Errors
     come first; frames that cannot be read are a finding, not an exception.
     """
-    found = list(_of_scene(scene))
+    findings = []
+    if not scene.has_model:
+        text = "process still gives normalised frames, fringe lines, and orders from known points"
+        if scene.specimen.shape is None:
+            text = f"{scene.no_model_reason}, so it has no model; {text}"
+            findings.append(Finding("note", text))
+        else:
+            text = f"{scene.no_model_reason}: no simulation and no fit; {text}"
+            findings.append(Finding("warning", text))
     try:
         reader = open_scene_frames(path, scene, any_scale=True)
     except InputError as error:
-        return Check(_sorted([Finding("error", str(error)), *found]), 0, None)
+        return Check(_sorted([Finding("error", str(error)), *findings]), 0, None)
     with reader:
-        seen = survey(reader, scene)
-    if seen.failure is not None:
-        found.append(Finding("error", seen.failure, seen.count))
-    found += _of_file(reader, scene)
-    count = None if seen.failure else seen.count
-    found += [Finding("error", text) for _, text in misfits(reader, scene, count)]
-    if seen.failure is None:
-        found += _of_count(reader, seen, scene)
-    found += of_depth(reader, seen)
-    found += of_light(reader, seen)
-    found += of_no_load(reader, seen, scene)
-    found += of_unloaded(reader, seen, scene)
-    return Check(_sorted(found), seen.count, reader.shape, seen)
+        light = survey(reader, scene)
+    if light.failure is not None:
+        findings.append(Finding("error", light.failure, light.count))
+    findings += _of_file(reader, scene)
+    count = None if light.failure else light.count
+    findings += [Finding("error", text) for _, text in misfits(reader, scene, count)]
+    if light.failure is None:
+        findings += _of_count(reader, light, scene)
+    findings += of_depth(reader, light)
+    findings += of_light(reader, light)
+    findings += of_no_load(reader, light, scene)
+    findings += of_unloaded(reader, light, scene)
+    return Check(_sorted(findings), light.count, reader.shape, light)
 
 
-def _sorted(found: Iterable[Finding]) -> tuple[Finding, ...]:
+def _sorted(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     order = ("error", "warning", "note")
-    return tuple(sorted(found, key=lambda f: order.index(f.level)))
-
-
-def _of_scene(scene: Scene) -> Iterator[Finding]:
-    rest = "process still gives normalised frames, fringe lines, and orders from known points"
-    if not scene.has_model and scene.specimen.shape is not None:
-        text = f"{scene.no_model_reason}: no simulation and no fit; {rest}"
-        yield Finding("warning", text)
-    elif not scene.has_model:
-        yield Finding("note", f"{scene.no_model_reason}, so it has no model; {rest}")
+    return tuple(sorted(findings, key=lambda f: order.index(f.level)))
 
 
 def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
@@ -690,15 +693,15 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
         yield Finding("note", text)
 
 
-def _of_count(reader: FrameReader, seen: Survey, scene: Scene) -> Iterator[Finding]:
+def _of_count(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Finding]:
     timed = scene.frames.sliding_speed_mm_per_s is not None
-    if timed and seen.untimed:
-        text = f"{seen.untimed} of {seen.count} frames carry no time, and sliding_speed_mm_per_s "
+    if timed and light.untimed:
+        text = f"{light.untimed} of {light.count} frames carry no time, and sliding_speed_mm_per_s "
         yield Finding("error", text + "needs it; remove that key, or give a timed video")
     claimed = reader.claimed_count
-    if claimed is not None and claimed != seen.count:
+    if claimed is not None and claimed != light.count:
         text = (
-            f"the video's head claims {counted(claimed, 'frame')} and {seen.count} can be decoded"
+            f"the video's head claims {counted(claimed, 'frame')} and {light.count} can be decoded"
         )
         yield Finding("warning", text + "; is it whole? (some writers claim wrongly)")
 

@@ -81,7 +81,7 @@ def begins_anew(packet: bytes, length: int) -> bool | None:
     Parameters: `packet`; `length`, the bytes of a unit's length. Returns None where it holds no
     frame, or several, or something else than H.264 without layers.
     """
-    found: bool | None = None
+    is_key: bool | None = None
     place = 0
     while place < len(packet):
         begin = place + length
@@ -91,18 +91,18 @@ def begins_anew(packet: bytes, length: int) -> bool | None:
         kind = packet[begin] & KIND
         if kind in (SLICE, KEY_SLICE):
             if packet[begin + 1 : place][:1] >= FIRST:
-                if found is not None:
+                if is_key is not None:
                     return None
-                found = kind == KEY_SLICE
+                is_key = kind == KEY_SLICE
         elif kind not in ASIDE and not (kind == PARAMETERS and _frames_only(packet[begin:place])):
             return None
-    return found
+    return is_key
 
 
 def _frames_only(parameters: bytes) -> bool:
     """Whether sequence parameters allow of no fields and of no gaps; False where it is not seen."""
-    seen = parameters[:LOOKED_AT].replace(b"\0\0\3", b"\0\0")  # 3: put in so as not to be a mark
-    bits = iter("".join(f"{byte:08b}" for byte in seen[4:]))
+    head = parameters[:LOOKED_AT].replace(b"\0\0\3", b"\0\0")  # 3: put in so as not to be a mark
+    bits = iter("".join(f"{byte:08b}" for byte in head[4:]))
 
     def flag() -> bool:
         return next(bits) == "1"
@@ -115,7 +115,7 @@ def _frames_only(parameters: bytes) -> bool:
 
     try:
         number()  # their name
-        if seen[1] in HIGH:
+        if head[1] in HIGH:
             if number() == 3:  # colours in all pixels
                 flag()
             number(), number(), flag()  # bit depths, lossless
@@ -156,15 +156,15 @@ def is_whole(packet: bytes) -> bool:
 
 def _slices(packet: bytes, footer: int) -> list[bytes]:
     """The slices, from the last, as their sizes have it; none where the sizes do not come out."""
-    found, end = [], len(packet)
+    slices, end = [], len(packet)
     while end >= footer:
         place = end - footer
         size = int.from_bytes(packet[place : place + SIZE], "big") + footer
         if size > end:
             break
-        found.append(packet[end - size : end])
+        slices.append(packet[end - size : end])
         end -= size
-    return found if end == 0 else []
+    return slices if end == 0 else []
 
 
 Container = Literal["avi", "matroska", "mp4", "asf", "mpeg"]
@@ -276,7 +276,7 @@ def _chunks(file: BinaryIO, place: int, stop: int, path: Path, depth: int = 0) -
 
 def _mp4(file: BinaryIO, end: int, path: Path) -> None:
     """Boxes one behind the other; each says how long it is."""
-    place, seen = 0, set()
+    place, boxes = 0, set()
     while place < end:
         file.seek(place)
         head = file.read(16)
@@ -286,10 +286,10 @@ def _mp4(file: BinaryIO, end: int, path: Path) -> None:
         if size == 1 and len(head) == 16:
             size = int.from_bytes(head[8:], "big")
         if name not in BOXES:
-            if b"moov" in seen and b"mdat" in seen:
+            if b"moov" in boxes and b"mdat" in boxes:
                 return  # something else behind the recording
             raise _damaged(path, place)
-        seen.add(name)
+        boxes.add(name)
         if size == 0:
             size = end - place
         if size < 8:
@@ -297,7 +297,7 @@ def _mp4(file: BinaryIO, end: int, path: Path) -> None:
         if place + size > end:
             raise _broken(path, place, end)
         place += size
-    if b"moov" not in seen:
+    if b"moov" not in boxes:
         raise InputError(
             f"{path}: its index is missing: the recording was never closed, or it breaks off; save "
             "it again, or copy it again from its source"
@@ -356,13 +356,13 @@ def _element(file: BinaryIO, place: int, path: Path) -> tuple[int, int, int]:
     if len(head) < 2 or head[0] < 0x10:
         raise _damaged(path, place)
     width = 9 - head[0].bit_length()
-    rest = head[width:]
-    if not rest or rest[0] == 0:
+    digits = head[width:]
+    if not digits or digits[0] == 0:
         raise _damaged(path, place)
-    length = 9 - rest[0].bit_length()
-    if len(rest) < length:
+    length = 9 - digits[0].bit_length()
+    if len(digits) < length:
         raise _broken(path, place, place + len(head))
-    size = int.from_bytes(rest[:length], "big") & ((1 << 7 * length) - 1)
+    size = int.from_bytes(digits[:length], "big") & ((1 << 7 * length) - 1)
     if size == (1 << 7 * length) - 1:
         size = UNKNOWN_SIZE
     return int.from_bytes(head[:width], "big"), size, place + width + length
@@ -460,9 +460,9 @@ class _Clock:
         if tick is None:
             return None, None
         self._first = tick if self._first is None else self._first
-        late = self._last is None or tick > self._last
-        self._last = tick if late else self._last
-        return tick, float((tick - self._first) * self._base) if late else None
+        later = self._last is None or tick > self._last
+        self._last = tick if later else self._last
+        return tick, float((tick - self._first) * self._base) if later else None
 
 
 @contextmanager

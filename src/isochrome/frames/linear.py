@@ -102,12 +102,14 @@ def likely_no_load(names: Sequence[str]) -> dict[str, str]:
     """The no-load frames by the names of files: the scene's key to a name, where one alone is
     called so.
     """
-    found = {}
+    keys = {}
     for field in ("dark", "bright"):
-        own = [n for n in names if field in n.lower() and is_unloaded(n) and not n.endswith(".csv")]
-        if len(own) == 1:
-            found[f"frames.no_load_{field}"] = own[0]
-    return found
+        candidates = [
+            n for n in names if field in n.lower() and is_unloaded(n) and not n.endswith(".csv")
+        ]
+        if len(candidates) == 1:
+            keys[f"frames.no_load_{field}"] = candidates[0]
+    return keys
 
 
 def is_unloaded(name: str) -> bool:
@@ -196,13 +198,13 @@ def find_outliers(image: np.ndarray, finite: Mask | None = None) -> Mask:
     values: np.ndarray = image if image.dtype in (np.uint8, np.uint16) else image.astype(np.float32)
     if finite is not None and not finite.all():
         values = np.where(finite, values, np.median(values[finite]).astype(values.dtype))
-    whole = values.dtype.kind == "u"
-    least = 0.0 if whole else -np.inf
-    most = float(2 ** (8 * values.dtype.itemsize) - 1) if whole else np.inf
+    integral = values.dtype.kind == "u"
+    least = 0.0 if integral else -np.inf
+    most = float(2 ** (8 * values.dtype.itemsize) - 1) if integral else np.inf
     rows, cols = values.shape[0] - 2, values.shape[1] - 2
-    own = values[1:-1, 1:-1]
-    first_max, high = (np.full(own.shape, least, values.dtype) for _ in range(2))
-    first_min, low = (np.full(own.shape, most, values.dtype) for _ in range(2))
+    centre = values[1:-1, 1:-1]
+    first_max, high = (np.full(centre.shape, least, values.dtype) for _ in range(2))
+    first_min, low = (np.full(centre.shape, most, values.dtype) for _ in range(2))
     between = np.empty_like(high)
     for dr in range(3):
         for dc in range(3):
@@ -214,13 +216,13 @@ def find_outliers(image: np.ndarray, finite: Mask | None = None) -> Mask:
                 cv2.min(first_min, near, first_min)
     # of whole levels a difference below nought is nought, which is no excess either
     spread = cv2.subtract(high, low)
-    excess = cv2.max(cv2.subtract(own, high), cv2.subtract(low, own))
+    excess = cv2.max(cv2.subtract(centre, high), cv2.subtract(low, centre))
     quantum = 1.0 if image.dtype.kind in "ui" else 0.0
     step = max(OUTLIER_SIGMAS * _rough_sigma(values, spread), 2 * quantum)
-    limit = values.dtype.type(min(math.floor(step), most) if whole else step)
-    found = np.zeros(image.shape, bool)
-    found[1:-1, 1:-1] = (excess > spread) & (excess > limit)
-    return found
+    limit = values.dtype.type(min(math.floor(step), most) if integral else step)
+    outliers = np.zeros(image.shape, bool)
+    outliers[1:-1, 1:-1] = (excess > spread) & (excess > limit)
+    return outliers
 
 
 def _rough_sigma(values: np.ndarray, spread: np.ndarray) -> float:

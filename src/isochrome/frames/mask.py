@@ -72,8 +72,8 @@ def _of_file(
     if full.shape == shape:
         part = full
     elif full.shape == full_shape:
-        top, left = (0, 0) if frames.roi is None else (frames.roi.top_px, frames.roi.left_px)
-        part = full[top : top + shape[0], left : left + shape[1]]
+        top, left_px = (0, 0) if frames.roi is None else (frames.roi.top_px, frames.roi.left_px)
+        part = full[top : top + shape[0], left_px : left_px + shape[1]]
     else:
         region = "" if shape == full_shape else f", their region of interest {shape}"
         raise InputError(
@@ -89,7 +89,7 @@ def _of_file(
 
 def _of_image(path: Path | ArrayFrames) -> Mask:
     """An image's nonzero pixels, (row, col)."""
-    values = _values_of_array(path) if isinstance(path, ArrayFrames) else _values_of_file(path)
+    values = _values(path)
     values = np.nan_to_num(values if values.ndim == 2 else values.max(axis=2))
     inside = np.asarray(values != 0)
     partly = inside & (values != values.max())
@@ -106,15 +106,13 @@ def _of_image(path: Path | ArrayFrames) -> Mask:
     return inside
 
 
-def _values_of_array(array: ArrayFrames) -> np.ndarray:
-    if array.count != 1 or array.dtype.kind not in "biuf":
-        raise InputError(
-            f"{array}: frames.mask is to be one picture (row, col) of true and false, or numbers"
-        )
-    return array.frame(0)
-
-
-def _values_of_file(path: Path) -> np.ndarray:
+def _values(path: Path | ArrayFrames) -> np.ndarray:
+    if isinstance(path, ArrayFrames):
+        if path.count != 1 or path.dtype.kind not in "biuf":
+            raise InputError(
+                f"{path}: frames.mask is to be one picture (row, col) of true and false, or numbers"
+            )
+        return path.frame(0)
     if not path.is_file():
         raise InputError(f"{path}: frames.mask: no such file; check its name")
     signature = signature_of(path)

@@ -128,13 +128,13 @@ def _clipped_variance(residual: np.ndarray) -> tuple[float, int]:
     sigma = 1.4826 * float(np.median(size))
     if sigma == 0:  # a mostly flat, rounded frame: the median tells nothing
         sigma = float(np.sqrt(np.mean(size**2)))
-    variance, kept = sigma**2, size.size
+    variance, count = sigma**2, size.size
     for _ in range(3):
         inner = size[size <= CLIP * np.sqrt(variance)]
         if inner.size == 0:
             return 0.0, size.size
-        variance, kept = float(np.mean(inner**2)), inner.size
-    return variance, kept
+        variance, count = float(np.mean(inner**2)), inner.size
+    return variance, count
 
 
 def _fit_levels(residual: np.ndarray, level: np.ndarray) -> tuple[float, float]:
@@ -176,15 +176,15 @@ def noise_between_pixels(
         return 1.0
     fits = _polynomials(_SQUARE, _DEGREE)
     squares = np.lib.stride_tricks.sliding_window_view(image, (_SQUARE, _SQUARE))[::_STEP, ::_STEP]
-    whole = np.lib.stride_tricks.sliding_window_view(valid, (_SQUARE, _SQUARE))[::_STEP, ::_STEP]
-    light = squares[whole.all(axis=(2, 3))].reshape(-1, _SQUARE**2).astype(float)
+    windows = np.lib.stride_tricks.sliding_window_view(valid, (_SQUARE, _SQUARE))[::_STEP, ::_STEP]
+    light = squares[windows.all(axis=(2, 3))].reshape(-1, _SQUARE**2).astype(float)
     if len(light) < _FEWEST_SQUARES:
         return 1.0
     level = light.mean(axis=1)
     light -= level[:, None]
-    left = np.maximum((light**2).sum(axis=1) - ((light @ fits) ** 2).sum(axis=1), 0.0)
+    residual = np.maximum((light**2).sum(axis=1) - ((light @ fits) ** 2).sum(axis=1), 0.0)
     freedom = fits.shape[0] - fits.shape[1]
-    share = np.sqrt(left / freedom) / model.sigma(level)
+    share = np.sqrt(residual / freedom) / model.sigma(level)
     white = 1.0 - _DECILE * (2.0 * freedom) ** -0.5
     return max(1.0, float(np.percentile(share, 10.0) / white))
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import glob
 import os
 from collections import deque
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -105,26 +105,26 @@ class Parts:
         """The source of a part, opened once; InputError where it is unlike the first."""
         if number not in self._sources:
             path, first = self.files[number], self._first
-            found = self._opener(path)
-            if found.form != first.form:
-                rows, cols = found.form.shape
+            source = self._opener(path)
+            if source.form != first.form:
+                rows, cols = source.form.shape
                 raise InputError(
-                    f"{path}: holds {rows} x {cols} {found.form.pixels} pixels and "
+                    f"{path}: holds {rows} x {cols} {source.form.pixels} pixels and "
                     f"{self.files[0].name} {first.form.shape[0]} x {first.form.shape[1]} "
                     f"{first.form.pixels} ones; the files of one recording must be alike"
                 )
-            if found.sensor_bits != first.sensor_bits:
+            if source.sensor_bits != first.sensor_bits:
                 raise InputError(
-                    f"{path}: holds {found.sensor_bits} bits a pixel and {self.files[0].name} "
+                    f"{path}: holds {source.sensor_bits} bits a pixel and {self.files[0].name} "
                     f"{first.sensor_bits}; the files of one recording must be alike"
                 )
-            scales = (found.pixel_mm, first.pixel_mm)
+            scales = (source.pixel_mm, first.pixel_mm)
             if scales[0] and scales[1] and abs(scales[0] / scales[1] - 1) > SAME_SCALE:
                 raise InputError(
                     f"{path}: names {scales[0]:.6g} mm a pixel and {self.files[0].name} "
                     f"{scales[1]:.6g}; the files of one recording must have one scale"
                 )
-            self._sources[number] = found
+            self._sources[number] = source
         return self._sources[number]
 
     def listed(self) -> Extent:
@@ -158,10 +158,10 @@ class Parts:
         """When a part begins, counted from the first part's first frame, after an end."""
         if number == 0 or end_s is None:
             return end_s
-        own, first = self.source(number).start_s, self._first.start_s
-        if own is None or first is None:
+        start_s, first = self.source(number).start_s, self._first.start_s
+        if start_s is None or first is None:
             return None
-        return max(end_s, own - first)
+        return max(end_s, start_s - first)
 
     def frames(self, start: int) -> Generator[RawFrame]:
         """The frames from number `start` on."""
@@ -170,25 +170,25 @@ class Parts:
             source, before = self.source(number), done.count
             begin = self._begin(number, done.end_s)
             # a video that begins after `start` need not be counted before it is read
-            own = source.extent() if start > before or source.kind != "video" else None
+            extent = source.extent() if start > before or source.kind != "video" else None
             times: deque[float | None] = deque(maxlen=2)
-            if own is None or before + own.count > start:
+            if extent is None or before + extent.count > start:
                 count = 0
                 for raw in source.frames(max(start - before, 0)):
                     count += 1
                     time = None if raw.time_s is None or begin is None else begin + raw.time_s
                     times.append(raw.time_s)
                     yield replace(raw, time_s=time)
-                if own is None:
-                    own = source.extent() if count == 1 else Extent(count, next_time(*times))
-            assert own is not None
-            done = _after(done, begin, own)
+                if extent is None:
+                    extent = source.extent() if count == 1 else Extent(count, next_time(*times))
+            assert extent is not None
+            done = _after(done, begin, extent)
 
 
-def _after(done: Extent, begin: float | None, own: Extent) -> Extent:
+def _after(done: Extent, begin: float | None, part: Extent) -> Extent:
     """The extent of the parts up to one that begins at a time (s)."""
-    end = None if begin is None or own.end_s is None else begin + own.end_s
-    return Extent(done.count + own.count, end)
+    end = None if begin is None or part.end_s is None else begin + part.end_s
+    return Extent(done.count + part.count, end)
 
 
 def open_parts(files: tuple[Path, ...], opener: Callable[[Path], Source]) -> Source:
@@ -291,10 +291,11 @@ def open_frames(
     rows, cols = source.form.shape
     dtype = source.form.dtype
     if roi is not None and (roi.top_px + roi.height_px > rows or roi.left_px + roi.width_px > cols):
+        after = " after its turn by frames.rotate_deg" if rotate_deg in (90, 270) else ""
         raise InputError(
             f"{label}: the roi, rows {roi.top_px} to {roi.top_px + roi.height_px} and columns "
             f"{roi.left_px} to {roi.left_px + roi.width_px}, lies outside the frame of {rows} rows "
-            f"and {cols} columns{_after_turn(rotate_deg)}; correct frames.roi"
+            f"and {cols} columns{after}; correct frames.roi"
         )
     container = 8 * dtype.itemsize if dtype.kind == "u" else None
     if bit_depth is None:
@@ -355,13 +356,13 @@ def named_files(scene: Scene) -> list[Path]:
 
 def absolute(frames: FramesLike, scene: Scene) -> tuple[FramesLike, Scene]:
     """Frames and scene with absolute paths, as another machine stands in another folder."""
-    found = frames_of(frames)
-    if isinstance(found, str | Path):
-        found = str(Path(found).absolute())
-    elif isinstance(found, tuple):
-        found = tuple(str(Path(path).absolute()) for path in found)
+    located = frames_of(frames)
+    if isinstance(located, str | Path):
+        located = str(Path(located).absolute())
+    elif isinstance(located, tuple):
+        located = tuple(str(Path(path).absolute()) for path in located)
     folder = (scene.folder or Path()).absolute()
-    return found, scene.model_copy(update={"folder": folder})
+    return located, scene.model_copy(update={"folder": folder})
 
 
 def check_scale(reader: FrameReader, camera: Camera | None) -> None:
@@ -394,10 +395,6 @@ def channel_for(wavelength_nm: float | None) -> Channel:
     return "blue" if wavelength_nm < 490 else "green" if wavelength_nm < 580 else "red"
 
 
-def _after_turn(rotate_deg: int) -> str:
-    return " after its turn by frames.rotate_deg" if rotate_deg in (90, 270) else ""
-
-
 def _source(path: FramesLike, leave_out: Sequence[str | Path]) -> Source:
     if isinstance(path, ArrayFrames):
         return open_arrays(path)
@@ -409,22 +406,22 @@ def _source(path: FramesLike, leave_out: Sequence[str | Path]) -> Source:
     assert isinstance(path, str | Path)
     place = Path(path)
     try:
-        folder, there = place.is_dir(), os.path.lexists(place)
+        folder, exists = place.is_dir(), os.path.lexists(place)
     except (OSError, ValueError) as error:  # a name that no file can have
         raise InputError(f"{path}: cannot be read ({error}); check its name") from error
     if folder:
         return _of_files(_files_in(place, leave_out), "folder")
-    if not there:
+    if not exists:
         return _of_files(matches(path), "list")
     return _of_files((place,), "image")
 
 
 def matches(name: str | Path) -> tuple[Path, ...]:
     """The files and folders that a glob stands for, in natural order. Raises InputError."""
-    found = sorted(glob.glob(os.fspath(name)), key=natural_key)
-    if not found:
+    paths = sorted(glob.glob(os.fspath(name)), key=natural_key)
+    if not paths:
         raise InputError(f"{name}: no such file or folder; check its name")
-    return tuple(map(Path, found))
+    return tuple(map(Path, paths))
 
 
 _MOST_NAMED = 4
@@ -434,9 +431,9 @@ _MOST_NAMED = 4
 def _files_in(folder: Path, leave_out: Sequence[str | Path]) -> tuple[Path, ...]:
     """The frame files of a folder in natural order, hidden ones left out. Raises InputError."""
     with refusing(folder, "the folder cannot be read"):
-        there = [p for p in folder.iterdir() if p.is_file() and not p.name.startswith(".")]
+        files = [p for p in folder.iterdir() if p.is_file() and not p.name.startswith(".")]
         apart = {Path(name).resolve() for name in leave_out}
-        known = sorted((p for p in there if _suffix(p) in KNOWN), key=lambda p: natural_key(p.name))
+        known = sorted((p for p in files if _suffix(p) in KNOWN), key=lambda p: natural_key(p.name))
         wanted = [p for p in known if p.resolve() not in apart]
     if known and not wanted:
         names = ", ".join(p.name for p in known[:_MOST_NAMED])
@@ -456,15 +453,20 @@ def _suffix(path: Path) -> str:
     return path.suffix.lower()
 
 
-def _of_files(files: tuple[Path, ...], kind: Kind) -> Source:
+def _check_known(files: Iterable[Path], advice: str) -> None:
+    """Refuse files of no known kind, by their names; `advice` follows the kinds."""
     for file in files:
         if _suffix(file) not in KNOWN:
             raise InputError(
                 f"{file}: frames cannot be read from a file of this kind; known are "
-                f"{', '.join(KNOWN)}, or a folder of images or videos"
+                f"{', '.join(KNOWN)}{advice}"
             )
+
+
+def _of_files(files: tuple[Path, ...], kind: Kind) -> Source:
+    _check_known(files, ", or a folder of images or videos")
     kinds = [signature_of(f).kind for f in files]
-    moving = [f for f, own in zip(files, kinds, strict=True) if own == "video"]
+    moving = [f for f, media in zip(files, kinds, strict=True) if media == "video"]
     if moving and len(moving) < len(files):
         still = next(f for f in files if f not in moving)
         raise InputError(
@@ -503,23 +505,21 @@ def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[F
         )
     if len(names) == 1 and len(places) == 1:
         return (names[0],)
-    for place in places:
-        if place not in folders and place.suffix.lower() not in KNOWN:
-            raise InputError(
-                f"{place}: frames cannot be read from a file of this kind; known are "
-                f"{', '.join(KNOWN)}; leave it out, as 'runs/*.avi' leaves out all but .avi files"
-            )
+    _check_known(
+        (place for place in places if place not in folders),
+        "; leave it out, as 'runs/*.avi' leaves out all but .avi files",
+    )
     if join:
         return (tuple(places),)
     single = [place for place in places if _holds_several(place) is False]
     if not single:
         return tuple({os.path.abspath(place): place for place in places}.values())
-    whole = [place for place in places if _holds_several(place)]
-    if whole:
+    recordings = [place for place in places if _holds_several(place)]
+    if recordings:
         raise InputError(
-            f"{single[0]}: is a single image and {whole[0]} a whole recording; images, one to a "
-            "file, are a recording together, and videos, stacks and folders are one each: name "
-            "the ones or the others (parts of one recording: --join)"
+            f"{single[0]}: is a single image and {recordings[0]} a whole recording; images, "
+            "one to a file, are a recording together, and videos, stacks and folders are one each: "
+            "name the ones or the others (parts of one recording: --join)"
         )
     return (names[0],) if len(names) == 1 else (tuple(places),)
 
@@ -528,13 +528,14 @@ def one_recording(names: Sequence[str | Path], *, join: bool = False) -> FramesP
     """The one recording that names stand for, see `recordings_of`; InputError where they are
     several.
     """
-    found = recordings_of(names, join=join)
-    if len(found) > 1:
+    recordings = recordings_of(names, join=join)
+    if len(recordings) > 1:
         raise InputError(
-            f"{found[0]}, {found[1]}{' ...' if len(found) > 2 else ''}: {len(found)} recordings, "
-            "and one is wanted here; name one of them, or add --join if they are the parts of one"
+            f"{recordings[0]}, {recordings[1]}{' ...' if len(recordings) > 2 else ''}: "
+            f"{len(recordings)} recordings, and one is wanted here; name one of them, or "
+            "add --join if they are the parts of one"
         )
-    return found[0]
+    return recordings[0]
 
 
 def _in_order(names: Sequence[str | Path]) -> list[str | Path]:

@@ -167,8 +167,8 @@ class FrameReader:
     def _prepare(self, raw: RawFrame, index: int) -> np.ndarray:
         image = raw.image
         if self.roi is not None:
-            top, left = self.roi.top_px, self.roi.left_px
-            image = image[top : top + self.shape[0], left : left + self.shape[1]]
+            top, left_px = self.roi.top_px, self.roi.left_px
+            image = image[top : top + self.shape[0], left_px : left_px + self.shape[1]]
         if image.ndim == 3:
             if self.channel == "mean":
                 image = image.mean(axis=2, dtype=np.float32)
@@ -250,15 +250,15 @@ class SequentialFrames:
 
 def _check_range(image: np.ndarray, bit_depth: int | None, label: str) -> None:
     """Refuse values that a sensor of this bit depth cannot give."""
-    whole = image.dtype.kind == "u"
-    values = image if whole else image[np.isfinite(image)]
+    integral = image.dtype.kind == "u"
+    values = image if integral else image[np.isfinite(image)]
     full = 1.0 if bit_depth is None else 2.0**bit_depth - 1.0
-    if not whole and values.min(initial=0.0) < -_DARKEST * full:
+    if not integral and values.min(initial=0.0) < -_DARKEST * full:
         raise InputError(
             f"{label}: holds the value {values.min():.4g}, and light is 0 or more; check how "
             "the frame was written"
         )
-    if bit_depth is None or (whole and bit_depth >= 8 * image.dtype.itemsize):
+    if bit_depth is None or (integral and bit_depth >= 8 * image.dtype.itemsize):
         return
     top = values.max(initial=0)
     if top > 2**bit_depth - 1:

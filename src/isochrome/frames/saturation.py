@@ -104,8 +104,8 @@ def _histogram(
 def _last_levels(levels: np.ndarray, counts: np.ndarray, middle: float) -> list[int]:
     """Levels above the middle of the range with hardly any pixel above them, lowest first."""
     above = counts.sum() - np.cumsum(counts)
-    found: list[int] = np.flatnonzero((levels > middle) & (above <= _ABOVE * counts)).tolist()
-    return found
+    indices: list[int] = np.flatnonzero((levels > middle) & (above <= _ABOVE * counts)).tolist()
+    return indices
 
 
 def _is_piled(levels: np.ndarray, counts: np.ndarray, *, at_full: bool) -> bool:

@@ -176,16 +176,16 @@ class Stamp:
     def of(cls, path: Path) -> Stamp:
         """A file's stamp now. Raises InputError where it is missing, empty, or no plain file."""
         try:
-            found = path.stat()
+            status = path.stat()
         except FileNotFoundError as error:
             raise InputError(f"{path}: no such file; check its name") from error
         except (OSError, ValueError) as error:
             raise InputError(f"{path}: cannot be read ({error}); check its name") from error
-        if not stat.S_ISREG(found.st_mode):
+        if not stat.S_ISREG(status.st_mode):
             raise InputError(f"{path}: is not a file; name the file itself")
-        if found.st_size == 0:
+        if status.st_size == 0:
             raise InputError(f"{path}: is empty (0 bytes); copy it again from its source")
-        return cls(found.st_size, found.st_mtime)
+        return cls(status.st_size, status.st_mtime)
 
     def check(self, path: Path) -> None:
         """Refuse a file that is no longer what it was, as one being recorded. Raises InputError."""

@@ -52,33 +52,33 @@ def _stands_in(parts: tuple[str, ...], text: str) -> bool:
     """Whether parts stand in a text, one after the other."""
     at = 0
     for part in parts:
-        found = text.find(part, at)
-        if found < 0:
+        place = text.find(part, at)
+        if place < 0:
             return False
-        at = found + len(part)
+        at = place + len(part)
     return True
 
 
 @cache
 def _messages() -> tuple[tuple[tuple[str, ...], Explanation], ...]:
     """The fixed parts of each message of the page, with its entry."""
-    found = []
+    patterns = []
     for section in guide_page("messages").split("\n### ")[1:]:
-        title, _, rest = section.partition("\n")
-        words = [_words_of(name, rest) for name in ("Meaning", "Cause", "Remedy")]
+        title, _, body = section.partition("\n")
+        words = [_words_of(name, body) for name in ("Meaning", "Cause", "Remedy")]
         entry = Explanation(_plain(title), *words)
-        for message in re.findall(r"^- “(.*)”$", rest, re.MULTILINE):
-            own = _any_digits(_plain(message))
-            parts = tuple(part for part in own.split(GAP) if part.strip())
+        for message in re.findall(r"^- “(.*)”$", body, re.MULTILINE):
+            pattern = _any_digits(_plain(message))
+            parts = tuple(part for part in pattern.split(GAP) if part.strip())
             if sum(map(len, parts)) >= _SHORTEST:
-                found.append((parts, entry))
-    return tuple(found)
+                patterns.append((parts, entry))
+    return tuple(patterns)
 
 
 def _words_of(name: str, section: str) -> str:
     """What stands behind a bold word, until the next one or the end of the paragraph."""
-    found = re.search(rf"\*\*{name}\.\*\* (.*?)(?=\n\*\*|\n\n|\Z)", section, re.DOTALL)
-    return _plain(" ".join(found.group(1).split())) if found else ""
+    match = re.search(rf"\*\*{name}\.\*\* (.*?)(?=\n\*\*|\n\n|\Z)", section, re.DOTALL)
+    return _plain(" ".join(match.group(1).split())) if match else ""
 
 
 def _any_digits(text: str) -> str:

@@ -26,20 +26,7 @@ _AT_ONCE = 4096
 def output_folder(path: str | Path) -> Path:
     """Make a folder for results, with its parents, and see that it can be written to.
 
-    Parameters
-    ----------
-    path : str or Path
-        The folder.
-
-    Returns
-    -------
-    Path
-        The folder.
-
-    Raises
-    ------
-    InputError
-        Where it is a file, or where it cannot be made or written to.
+    Raises InputError.
     """
     folder = Path(path)
     try:
@@ -61,17 +48,7 @@ def check_link(folder: Path) -> None:
 
     To make what it points to would put results where nobody looks for them.
 
-    Parameters
-    ----------
-    folder : Path
-        The folder, which need not be there.
-
-    Raises
-    ------
-    InputError
-        Where it is such a link.
-    OSError
-        Where it cannot be looked at.
+    Parameters: `folder`, the folder, which need not be there. Raises InputError, OSError.
     """
     if folder.is_symlink() and not os.path.exists(folder):
         raise InputError(
@@ -85,22 +62,7 @@ def staged(out_dir: str | Path) -> Iterator[Path]:
     """Give a hidden folder beside the results; its files move there when all went well.
 
     On an exception nothing of them is left, nor `out_dir` when it was made here, and what was there
-    before is there again.
-
-    Parameters
-    ----------
-    out_dir : str or Path
-        The folder for the results.
-
-    Yields
-    ------
-    Path
-        A folder to write all results to.
-
-    Raises
-    ------
-    InputError
-        Where they cannot be written.
+    before is there again. Yields a folder to write all results to. Raises InputError.
     """
     target = Path(out_dir)
     made = not os.path.exists(target)
@@ -127,17 +89,17 @@ def _move_all(stage: Path, target: Path) -> None:
         for number, file in enumerate(sorted(p for p in stage.rglob("*") if p.is_file())):
             place = target / file.relative_to(stage)
             place.parent.mkdir(parents=True, exist_ok=True)
-            kept = old / str(number) if os.path.lexists(place) else None
-            if kept is not None:
-                os.rename(place, kept)
-            undo.append((place, kept))
+            moved = old / str(number) if os.path.lexists(place) else None
+            if moved is not None:
+                os.rename(place, moved)
+            undo.append((place, moved))
             os.rename(file, place)
     except BaseException:
-        for place, kept in reversed(undo):
+        for place, moved in reversed(undo):
             with suppress(OSError):
                 place.unlink(missing_ok=True)
-            if kept is not None:
-                os.rename(kept, place)
+            if moved is not None:
+                os.rename(moved, place)
         raise
     finally:
         shutil.rmtree(old, ignore_errors=True)
@@ -160,20 +122,7 @@ def _writing(place: Path) -> Iterator[None]:
 def replacing(path: str | Path) -> Iterator[Path]:
     """Give a hidden name beside `path` that becomes `path` on success and vanishes on failure.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file wanted.
-
-    Yields
-    ------
-    Path
-        The path to write to.
-
-    Raises
-    ------
-    InputError
-        Where the folder is missing or not writable.
+    Yields the path to write to. Raises InputError.
     """
     target = Path(path)
     beside = target.with_name(f".{target.stem}-{secrets.token_hex(4)}{target.suffix}")
@@ -196,17 +145,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
 def write_text(path: str | Path, text: str) -> None:
     """Write text as UTF-8 with plain line ends, whole or not at all.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    text : str
-        What it is to hold.
-
-    Raises
-    ------
-    InputError
-        Where it cannot be written.
+    Parameters: `text`, what it is to hold. Raises InputError.
     """
     with replacing(path) as beside:
         beside.write_text(text, encoding="utf-8", newline="\n")
@@ -215,17 +154,7 @@ def write_text(path: str | Path, text: str) -> None:
 def write_json(path: str | Path, obj: Any) -> None:
     """Write an object as JSON; numpy values become plain, NaN and infinity become null.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    obj : object
-        Nested mappings, sequences, arrays and values, see `plain`.
-
-    Raises
-    ------
-    InputError
-        Where it cannot be written.
+    Raises InputError.
     """
     write_text(path, json.dumps(plain(obj), indent=2, allow_nan=False) + "\n")
 
@@ -233,15 +162,7 @@ def write_json(path: str | Path, obj: Any) -> None:
 def json_pieces(obj: Any) -> Iterator[str]:
     """Give an object's JSON text in one line, piece by piece: a long table is never all text.
 
-    Parameters
-    ----------
-    obj : object
-        Nested mappings, sequences, arrays and values, see `plain`.
-
-    Yields
-    ------
-    str
-        What, joined, is ``json.dumps(plain(obj))``.
+    Yields what, joined, is ``json.dumps(plain(obj))``.
     """
     if isinstance(obj, Mapping):
         for number, (key, value) in enumerate(obj.items()):
@@ -260,15 +181,7 @@ def json_pieces(obj: Any) -> Iterator[str]:
 def plain(obj: Any) -> Any:
     """Make an object of what JSON knows: no numpy scalars, arrays or paths, and None for NaN.
 
-    Parameters
-    ----------
-    obj : object
-        Nested mappings, sequences, arrays and values.
-
-    Returns
-    -------
-    object
-        The same in plain Python.
+    Returns the same in plain Python.
     """
     if isinstance(obj, Mapping):
         return {str(k): plain(v) for k, v in obj.items()}

@@ -29,32 +29,23 @@ def messages_of_frames(messages: Iterable[tuple[int, str]], *, single: bool = Fa
     Sentences that differ in their numbers alone have one cause, and their numbers become spans.
     Where a frame says a sentence several times, each time of something else, all stay apart.
 
-    Parameters
-    ----------
-    messages : iterable of tuple
-        Frames' numbers and sentences.
-    single : bool, default False
-        Whether there is but one frame, which needs no number.
-
-    Returns
-    -------
-    list of str
-        The sentences.
+    Parameters: `messages`, frames' numbers and sentences; `single`, whether there is but one frame,
+    which needs no number.
     """
     if single:
         return list(dict.fromkeys(text for _, text in messages))
     causes: dict[str, list[tuple[int, str]]] = {}
     for number, text in messages:
         causes.setdefault(_cause(text), []).append((number, text))
-    found = []
-    for own in causes.values():
+    lines = []
+    for entries in causes.values():
         frames: dict[str, list[int]] = {}
-        apart = len({number for number, _ in own}) < len(own)
-        together = "" if apart else _spanned([text for _, text in own])
-        for number, text in own:
+        apart = len({number for number, _ in entries}) < len(entries)
+        together = "" if apart else _spanned([text for _, text in entries])
+        for number, text in entries:
             frames.setdefault(together or text, []).append(number)
-        found += [f"{counted_frames(numbers)}: {text}" for text, numbers in frames.items()]
-    return found
+        lines += [f"{counted_frames(numbers)}: {text}" for text, numbers in frames.items()]
+    return lines
 
 
 def _cause(text: str) -> str:
@@ -84,15 +75,8 @@ def _value(number: str) -> float:
 def counted_frames(frames: Sequence[int]) -> str:
     """Name frames, and of several say how many they are.
 
-    Parameters
-    ----------
-    frames : sequence of int
-        Their numbers, rising.
-
-    Returns
-    -------
-    str
-        Their names, such as 'frame 3' or 'frames 0-4, 7 (6 in all)'.
+    Parameters: `frames`, their numbers, rising. Returns their names, such as 'frame 3' or 'frames
+    0-4, 7 (6 in all)'.
     """
     count = len(frames)
     return named_frames(frames) + (f" ({count} in all)" if count > 1 else "")
@@ -101,15 +85,7 @@ def counted_frames(frames: Sequence[int]) -> str:
 def named_frames(frames: Sequence[int]) -> str:
     """Name frames as 'frame 3' or 'frames 0-4, 7', after eight spans how many more.
 
-    Parameters
-    ----------
-    frames : sequence of int
-        Their numbers, rising.
-
-    Returns
-    -------
-    str
-        Their names.
+    Parameters: `frames`, their numbers, rising.
     """
     if len(frames) == 1:
         return f"frame {frames[0]}"

@@ -19,21 +19,7 @@ if TYPE_CHECKING:
 def write_figure(path: str | Path, figure: Figure, *, dpi: float = FIGURE_DPI) -> None:
     """Write a matplotlib Figure as PNG by the Agg back-end, without pyplot and its state.
 
-    Letters of a file's name that the font does not have are drawn as boxes.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    figure : matplotlib.figure.Figure
-        The figure.
-    dpi : float, default 150
-        Dots per inch.
-
-    Raises
-    ------
-    InputError
-        Where it cannot be written.
+    Letters of a file's name that the font does not have are drawn as boxes. Raises InputError.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -58,24 +44,9 @@ def provenance(
 ) -> dict[str, Any]:
     """Record what a result came from: version, scene, hashes of the inputs, seed.
 
-    Parameters
-    ----------
-    scene_toml : str or None
-        The resolved scene's text.
-    inputs : iterable of InputContent, optional
-        Files, and arrays in place of files; a folder stands for the files in it.
-    seed : int, optional
-        Seed of the random numbers.
-
-    Returns
-    -------
-    dict
-        The record, for `write_json`.
-
-    Raises
-    ------
-    InputError
-        Where an input cannot be read.
+    Parameters: `scene_toml`, the resolved scene's text; `inputs`, files, and arrays in place of
+    files; a folder stands for the files in it; `seed`, seed of the random numbers. Returns the
+    record, for `write_json`. Raises InputError.
     """
     from importlib.metadata import PackageNotFoundError, version
 
@@ -97,20 +68,7 @@ def provenance(
 def sha256(path: str | Path) -> str:
     """Compute the SHA-256 of a file.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Returns
-    -------
-    str
-        The hash as hexadecimal text.
-
-    Raises
-    ------
-    InputError
-        Where it cannot be read, or is no file.
+    Returns the hash as hexadecimal text. Raises InputError.
     """
     try:
         if Path(path).exists() and not Path(path).is_file():  # a pipe would never end

@@ -94,10 +94,10 @@ class Result:
 
     def _report(self) -> list[tuple[str, str]]:
         """The main values, of many the first ones."""
-        found = list(self.main_values())
+        values = list(self.main_values())
         most = _MOST_VALUES - bool(self.uncertainty_basis)
-        more = len(found) - most
-        return found if more <= 0 else [*found[:most], (f"and {more} more", "")]
+        more = len(values) - most
+        return values if more <= 0 else [*values[:most], (f"and {more} more", "")]
 
     def __repr__(self) -> str:
         """A few lines: what it is, the main values, and how many warnings there are."""
@@ -142,20 +142,7 @@ def _in_a_line(text: str) -> str:
 def saved_picture(path: Path) -> Figure:
     """Make a Figure of a picture on disk, one dot a pixel.
 
-    Parameters
-    ----------
-    path : Path
-        A PNG file.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The picture, and nothing around it.
-
-    Raises
-    ------
-    InputError
-        Where it cannot be read.
+    Returns the picture, and nothing around it. Raises InputError.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -173,35 +160,14 @@ def saved_picture(path: Path) -> Figure:
 
 
 def counted(count: int, item: str) -> str:
-    """Give a number of items with their noun in the right number: '1 frame', '2 frames'.
-
-    Parameters
-    ----------
-    count : int
-        How many there are.
-    item : str
-        What one of them is called.
-
-    Returns
-    -------
-    str
-        Number and noun.
-    """
+    """Give a number of items with their noun in the right number: '1 frame', '2 frames'."""
     return f"{count} {item}" if count == 1 else f"{count} {item}s"
 
 
 def per_cent(share: float) -> str:
     """Give a small share of a picture in per cent; of a few pixels no '0.0 %'.
 
-    Parameters
-    ----------
-    share : float
-        The share, above 0.
-
-    Returns
-    -------
-    str
-        Such as '1.2 %', or 'less than 0.1 %'.
+    Parameters: `share`, the share, above 0. Returns text such as '1.2 %', or 'less than 0.1 %'.
     """
     return f"{100.0 * share:.1f} %" if share >= _LEAST_SHARE else "less than 0.1 %"
 
@@ -209,17 +175,8 @@ def per_cent(share: float) -> str:
 def with_uncertainty(value: float, spread: float) -> str:
     """Give a value with its standard uncertainty of two digits, both to the same decimal.
 
-    Parameters
-    ----------
-    value : float
-        The value.
-    spread : float
-        Its standard uncertainty, in the same unit; NaN = not known.
-
-    Returns
-    -------
-    str
-        Such as '14.600 ± 0.066'.
+    Parameters: `spread`, its standard uncertainty, in the same unit; NaN = not known. Returns such
+    as '14.600 ± 0.066'.
     """
     if not (math.isfinite(value) and math.isfinite(spread) and spread > 0.0):
         return f"{value:.6g} ± {spread:.2g}"
@@ -235,17 +192,8 @@ def with_uncertainty(value: float, spread: float) -> str:
 def to_last_digit(value: float, spread: float | None) -> str:
     """Give a value to the last decimal that its standard uncertainty has with two digits.
 
-    Parameters
-    ----------
-    value : float
-        The value.
-    spread : float or None
-        The standard uncertainty, in the same unit; None or NaN = not known.
-
-    Returns
-    -------
-    str
-        The value alone, with five digits where its uncertainty is not known.
+    Parameters: `spread`, the standard uncertainty, in the same unit; None or NaN = not known.
+    Returns the value alone, with five digits where its uncertainty is not known.
     """
     if not (spread and math.isfinite(spread) and math.isfinite(value)):
         return f"{value:.5g}"
@@ -255,15 +203,8 @@ def to_last_digit(value: float, spread: float | None) -> str:
 def agree(one: tuple[float, float], other: tuple[float, float]) -> bool:
     """Tell whether two values agree within two of their combined standard uncertainties.
 
-    Parameters
-    ----------
-    one, other : tuple of two floats
-        Value and standard uncertainty, in the same unit.
-
-    Returns
-    -------
-    bool
-        False where they contradict each other: of true values and uncertainties 1 in 20 does.
+    Parameters: `one`, `other`, value and standard uncertainty, in the same unit. Returns false
+    where they contradict each other: of true values and uncertainties 1 in 20 does.
     """
     return abs(one[0] - other[0]) <= 2.0 * math.hypot(one[1], other[1])
 
@@ -271,17 +212,8 @@ def agree(one: tuple[float, float], other: tuple[float, float]) -> bool:
 def rounded_texts(value: float, spread: float) -> tuple[str, str]:
     """Give a value and its uncertainty as a scene holds them, two digits beyond the latter's first.
 
-    Parameters
-    ----------
-    value : float
-        The value.
-    spread : float
-        Its standard uncertainty, in the same unit.
-
-    Returns
-    -------
-    tuple of str
-        Both, as numbers of TOML.
+    Parameters: `spread`, its standard uncertainty, in the same unit. Returns both, as numbers of
+    TOML.
     """
     if 0.0 < abs(value) < _SMALL:
         exponent = int(np.floor(np.log10(abs(value))))
@@ -305,21 +237,9 @@ def over_items(
 ) -> str:
     """Give a column as a report shows it: mean and span, with the median standard uncertainty.
 
-    Parameters
-    ----------
-    values : iterable of float or None
-        The column; None or NaN = not known.
-    spreads : iterable of float or None, optional
-        The standard uncertainties, in the same unit.
-    items : str, default 'frames'
-        What the values are of.
-    digits : int, default 5
-        Of values without an uncertainty.
-
-    Returns
-    -------
-    str
-        The text, 'not known' where no value is.
+    Parameters: `values`, the column; None or NaN = not known; `spreads`, the standard
+    uncertainties, in the same unit; `items`, what the values are of; `digits`, of values without an
+    uncertainty. Returns the text, 'not known' where no value is.
     """
     known, each = (column[np.isfinite(column)] for column in map(numbers, (values, spreads)))
     if not known.size:

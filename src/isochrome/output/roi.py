@@ -59,32 +59,18 @@ def roi_entries(lines: Iterable[Polyline], frame: int) -> list[tuple[str, bytes]
     A line is named 'frame 3: N = 1.5 bright' by its order and kind, with '#2' on for the next of
     that name, or 'frame 3: line 7 dark' by its number, from 0, where the order is not known.
 
-    Parameters
-    ----------
-    lines : iterable of Polyline
-        All lines of the frame, with rows and cols (px), kind and order.
-    frame : int
-        Number of the frame, from 0, so that ImageJ shows them on that slice of a stack.
-
-    Returns
-    -------
-    list of tuple
-        The name of each file (str) and its bytes.
-
-    Raises
-    ------
-    InputError
-        Where the library is not installed.
+    Parameters: `frame`, number of the frame, from 0, so that ImageJ shows them on that slice of a
+    stack. Raises InputError.
     """
     roifile = load_roifile()
-    entries, seen = [], Counter[str]()
+    entries, counts = [], Counter[str]()
     for number, line in enumerate(lines):
         if len(line.rows) < 2:
             continue  # ImageJ has no polyline of one point
         what = f"line {number}" if line.order is None else f"N = {line.order:g}"
         name = f"frame {frame}: {what} {line.kind}"
-        seen[name] += 1
-        name += f" #{seen[name]}" if seen[name] > 1 else ""
+        counts[name] += 1
+        name += f" #{counts[name]}" if counts[name] > 1 else ""
         points = np.stack([line.cols, line.rows], axis=1).astype(np.float32)
         roi = roifile.ImagejRoi.frompoints(points, name=name, position=frame)
         roi.roitype = roifile.ROI_TYPE.POLYLINE
@@ -96,12 +82,8 @@ def roi_entries(lines: Iterable[Polyline], frame: int) -> list[tuple[str, bytes]
 def add_rois(archive: zipfile.ZipFile, contents: Iterable[tuple[str, bytes]]) -> None:
     """Add ROIs to a .zip, all of the first date that it knows: the same ROIs are the same bytes.
 
-    Parameters
-    ----------
-    archive : zipfile.ZipFile
-        The .zip, open for writing.
-    contents : iterable of tuple
-        The name of each file (str) and its bytes.
+    Parameters: `archive`, the .zip, open for writing; `contents`, the name of each file (str) and
+    its bytes.
     """
     for name, data in contents:
         archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), data)
@@ -110,28 +92,15 @@ def add_rois(archive: zipfile.ZipFile, contents: Iterable[tuple[str, bytes]]) ->
 def read_roi_mask(path: Path, shape: tuple[int, int]) -> Mask:
     """Find the pixels whose centres lie in any of the areas of an ImageJ .roi or .zip file.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    shape : tuple of int
-        Rows and cols of the frame that the areas were drawn on.
-
-    Returns
-    -------
-    ndarray of bool, shape (rows, cols)
-        True inside; parts of composite areas that lie in each other are holes.
-
-    Raises
-    ------
-    InputError
-        Where the file holds no area, a line or a point, or is not ImageJ's.
+    Parameters: `shape`, rows and cols of the frame that the areas were drawn on. Returns true
+    inside; parts of composite areas that lie in each other are holes, shape (rows, cols). Raises
+    InputError.
     """
     roifile = load_roifile()
     _check_size(path)
     try:
-        found = roifile.roiread(path, maxsize=MAX_BYTES)
-        rois = found if isinstance(found, list) else [found]
+        content = roifile.roiread(path, maxsize=MAX_BYTES)
+        rois = content if isinstance(content, list) else [content]
         inside = np.zeros(shape, dtype=bool)
         for roi in rois:
             if roi.roitype.name not in AREAS or roi.subtype.name in ("TEXT", "ARROW", "IMAGE"):
@@ -180,15 +149,7 @@ def _check_size(path: Path) -> None:
 def load_roifile() -> ModuleType:
     """Import the library for ImageJ's ROI files.
 
-    Returns
-    -------
-    module
-        The package roifile.
-
-    Raises
-    ------
-    InputError
-        Where it is not installed, with the remedy.
+    Raises InputError.
     """
     try:
         import roifile
@@ -202,17 +163,17 @@ def load_roifile() -> ModuleType:
 
 def _inside(roi: Any, shape: tuple[int, int]) -> Mask:
     """One area as a mask, by the pixels' centres."""
-    top, left, bottom, right = (float(v) for v in (roi.top, roi.left, roi.bottom, roi.right))
+    top, left_px, bottom, right = (float(v) for v in (roi.top, roi.left, roi.bottom, roi.right))
     if roi.subpixelrect:
-        left, top, right, bottom = roi.xd, roi.yd, roi.xd + roi.widthd, roi.yd + roi.heightd
+        left_px, top, right, bottom = roi.xd, roi.yd, roi.xd + roi.widthd, roi.yd + roi.heightd
     # an area is counted from the corners of pixels: half a pixel less from their centres
     row, col = np.ogrid[0.5 : shape[0], 0.5 : shape[1]]
     if roi.roitype.name == "OVAL":
-        across, down = max(right - left, 1e-9), max(bottom - top, 1e-9)
-        x, y = (2 * col - left - right) / across, (2 * row - top - bottom) / down
+        across, down = max(right - left_px, 1e-9), max(bottom - top, 1e-9)
+        x, y = (2 * col - left_px - right) / across, (2 * row - top - bottom) / down
         return np.asarray(x**2 + y**2 <= 1)
     if roi.roitype.name == "RECT" and not roi.composite:
-        return np.asarray((row > top) & (row < bottom) & (col > left) & (col < right))
+        return np.asarray((row > top) & (row < bottom) & (col > left_px) & (col < right))
     inside = np.zeros(shape, dtype=bool)
     for outline in roi.coordinates(multi=True):
         if len(outline) >= 3:
@@ -237,6 +198,6 @@ def _filled(outline: NDArray[np.float64], shape: tuple[int, int]) -> Mask:
         across = np.sort(x0 + (row - y0) / (y1 - y0) * (x1 - x0))
         enter = np.ceil(across[0::2] - ON_SIDE).clip(0, shape[1]).astype(int)
         leave = np.floor(across[1::2] + ON_SIDE + 1).clip(0, shape[1]).astype(int)
-        entered, left = (np.bincount(k, minlength=shape[1] + 1) for k in (enter, leave))
-        inside[row] = np.cumsum(entered - left)[: shape[1]] > 0
+        entered, exited = (np.bincount(k, minlength=shape[1] + 1) for k in (enter, leave))
+        inside[row] = np.cumsum(entered - exited)[: shape[1]] > 0
     return inside

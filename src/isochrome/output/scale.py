@@ -30,20 +30,7 @@ def read_pixel_mm(path: str | Path) -> float | None:
     ImageJ's unit and pixels per centimetre count as a scale; dots per inch are a print size, not
     the object's, and do not.
 
-    Parameters
-    ----------
-    path : str or Path
-        The TIFF.
-
-    Returns
-    -------
-    float or None
-        The side, mm; None where the file names none.
-
-    Raises
-    ------
-    InputError
-        Where the file is no TIFF.
+    Returns the side, mm; None where the file names none. Raises InputError.
     """
     import tifffile
 
@@ -57,15 +44,7 @@ def read_pixel_mm(path: str | Path) -> float | None:
 def pixel_mm_of(tif: tifffile.TiffFile) -> float | None:
     """Read the pixel's side that an open TIFF names, see `read_pixel_mm`.
 
-    Parameters
-    ----------
-    tif : tifffile.TiffFile
-        The open file.
-
-    Returns
-    -------
-    float or None
-        The side, mm; None where the file names none.
+    Returns the side, mm; None where the file names none.
     """
     tags: Any = getattr(tif.pages[0], "tags", {})
     if "XResolution" not in tags or "YResolution" not in tags:

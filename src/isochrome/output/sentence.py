@@ -36,49 +36,27 @@ def sentence_of(
 
     Of several frames it is the mean, the least and the most, and the ± of one of them.
 
-    Parameters
-    ----------
-    rows : iterable of sequences
-        Key, mean, least, most and standard uncertainty of each value.
-    frames : int
-        How many there are.
-    causes : sequence of str or None
-        What the frames asked for; None where nobody asked them.
-    refined : sequence of str, optional
-        What is known better than it was stated, see `refined_texts`.
-    basis : str, default ''
-        What the ± are of, see `basis_of_uncertainty`.
-
-    Returns
-    -------
-    str
-        The sentence, without a full stop.
+    Parameters: `rows`, key, mean, least, most and standard uncertainty of each value; `causes`,
+    what the frames asked for; None where nobody asked them; `refined`, what is known better than it
+    was stated, see `refined_texts`; `basis`, what the ± are of, see `basis_of_uncertainty`.
     """
     rows = list(rows)
     parts = [spoken(*row) for row in rows]
     head = f"mean of {frames} frames, ± of each: " if frames > 1 and parts else ""
-    said = [f"{head}{', '.join(parts) or 'nothing fitted'}"]
+    clauses = [f"{head}{', '.join(parts) or 'nothing fitted'}"]
     known = any(mean is not None and mean == mean for _, mean, *_ in rows)
-    said += [basis] if basis and known else []
-    said += [f"refined: {_listed(refined)}"] if refined else []
-    said += [] if causes is None else [f"causes found: {', '.join(causes) or 'none'}"]
-    return "; ".join(said)
+    clauses += [basis] if basis and known else []
+    clauses += [f"refined: {_listed(refined)}"] if refined else []
+    clauses += [] if causes is None else [f"causes found: {', '.join(causes) or 'none'}"]
+    return "; ".join(clauses)
 
 
 def spoken(key: str, mean: Any, least: Any, most: Any, spread: Any) -> str:
     """Say a value with its name, its unit and, where it has one, its span.
 
-    Parameters
-    ----------
-    key : str
-        Its key in the scene.
-    mean, least, most, spread : float or None
-        The mean, the least, the most and the standard uncertainty; None or NaN = not known.
-
-    Returns
-    -------
-    str
-        Such as 'load 62.00 ± 0.28 N'.
+    Parameters: `key`, its key in the scene; `mean`, `least`, `most`, `spread`, the mean, the least,
+    the most and the standard uncertainty; None or NaN = not known. Returns text such as
+    'load 62.00 ± 0.28 N'.
     """
     word, unit = WORDS.get(key, (key, ""))
     if mean is None or mean != mean:
@@ -94,19 +72,9 @@ def basis_of_uncertainty(
 ) -> str:
     """Say what a ± is of, and which inputs were taken as exact.
 
-    Parameters
-    ----------
-    exact : sequence of str
-        The keys whose uncertainty is not in the ±, those that move the answer first before others.
-    frames : int, default 1
-        How many pictures there are.
-    besides : sequence of str, optional
-        What else than the pictures the ± is of.
-
-    Returns
-    -------
-    str
-        Words for `sentence_of`; none where nothing was taken as exact.
+    Parameters: `exact`, the keys whose uncertainty is not in the ±, those that move the answer
+    first before others; `frames`, how many pictures there are; `besides`, what else than the
+    pictures the ± is of. Returns words for `sentence_of`; none where nothing was taken as exact.
     """
     if not exact:
         return ""
@@ -121,17 +89,9 @@ def refined_texts(
 ) -> list[str]:
     """Say which values are known better than they were stated, as far as two digits of a ± tell.
 
-    Parameters
-    ----------
-    rows : iterable of sequences
-        As of `sentence_of`, of values that were stated and agree with that.
-    stated : mapping of str to tuple of two floats
-        Key to value and standard uncertainty as the scene states them.
-
-    Returns
-    -------
-    list of str
-        Name, value and stated value of each, the one that became surest first.
+    Parameters: `rows`, as of `sentence_of`, of values that were stated and agree with that;
+    `stated`, key to value and standard uncertainty as the scene states them. Returns name, value
+    and stated value of each, the one that became surest first.
     """
     better = []
     for key, mean, _, _, spread in rows:
@@ -145,24 +105,17 @@ def refined_texts(
 def rows_by_key(table: Mapping[str, Sequence[Any]]) -> dict[str, Row]:
     """Give the table of a fit as the rows of `sentence_of`.
 
-    Parameters
-    ----------
-    table : mapping of str to sequence
-        The columns of fit.csv.
-
-    Returns
-    -------
-    dict of str to tuple
-        Key to its row: over the frames where each has its own.
+    Parameters: `table`, the columns of fit.csv. Returns key to its row: over the frames where each
+    has its own.
     """
     by_key: dict[str, list[tuple[float, float]]] = {}
     columns = (table[n] for n in ("key", "value", "standard_uncertainty"))
-    for key, *found in zip(*columns, strict=True):
-        by_key.setdefault(key, []).append((found[0], found[1]))
+    for key, value, spread in zip(*columns, strict=True):
+        by_key.setdefault(key, []).append((value, spread))
     return {
         key: (key, fmean(values), min(values), max(values), median(spreads))
-        for key, found in by_key.items()
-        for values, spreads in [tuple(zip(*found, strict=True))]
+        for key, pairs in by_key.items()
+        for values, spreads in [tuple(zip(*pairs, strict=True))]
     }
 
 
@@ -171,15 +124,7 @@ def sentence_of_orders(table: Mapping[str, Sequence[Any]]) -> str:
 
     Of several frames the share is the mean, and the ± the median.
 
-    Parameters
-    ----------
-    table : mapping of str to sequence
-        The columns of frames.csv.
-
-    Returns
-    -------
-    str
-        The sentence, without a full stop.
+    Parameters: `table`, the columns of frames.csv. Returns the sentence, without a full stop.
     """
     count = len(table["frame"])
     head = f"in {count} frames: " if count > 1 else ""

@@ -35,16 +35,8 @@ _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
 class GivenTable:
     """The cells of a table that somebody gives; columns become numbers when they are asked for.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    names : tuple of str
-        Names of the columns, from its header; empty where the first line is numbers already.
-    cells : list of list of str
-        The cells, a list a row.
-    lines : list of int
-        The rows' lines in the file, from 1.
+    `names`, names of the columns, from its header; empty where the first line is numbers already;
+    `cells`, the cells, a list a row; `lines`, the rows' lines in the file, from 1.
     """
 
     path: Path
@@ -64,40 +56,24 @@ class GivenTable:
         values = [row[place] for row in self.cells]
         number = _number_reader(values)
         try:
-            found = np.array([number(cell) for cell in values], dtype=float)
+            column = np.array([number(cell) for cell in values], dtype=float)
         except ValueError:
-            found = np.array([_number_or_nan(number, cell) for cell in values])
-        bad = np.flatnonzero(~np.isfinite(found))
+            column = np.array([_number_or_nan(number, cell) for cell in values])
+        bad = np.flatnonzero(~np.isfinite(column))
         if len(bad):
             row = int(bad[0])
             raise InputError(
                 f"{self.path}: line {self.lines[row]}: {name} = {values[row].strip()!r} is not "
                 f"allowed: it is a finite number (as 0.25); correct it, or remove the line"
             )
-        return found
+        return column
 
 
 def read_given_text(path: Path, what: str, *, fallback: str | None = None) -> str:
     """Read the text of a file that somebody gives, in UTF-8 with a byte-order mark or without one.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    what : str
-        What it is to be, in words, such as 'the friction'.
-    fallback : str, optional
-        Encoding of what is no UTF-8; without one that is refused.
-
-    Returns
-    -------
-    str
-        Its text.
-
-    Raises
-    ------
-    InputError
-        Where it is no plain file, too large, cannot be read, or is no text.
+    Parameters: `what`, what it is to be, in words, such as 'the friction'; `fallback`, encoding of
+    what is no UTF-8; without one that is refused. Raises InputError.
     """
     try:
         check_given_table(path, what)
@@ -119,18 +95,7 @@ def read_given_text(path: Path, what: str, *, fallback: str | None = None) -> st
 
 
 def numbered_lines(text: str) -> list[tuple[int, str]]:
-    """Number the lines of a table from 1; empty ones and those that begin with # are passed over.
-
-    Parameters
-    ----------
-    text : str
-        The table's text.
-
-    Returns
-    -------
-    list of tuple of int and str
-        Number and line.
-    """
+    """Number the lines of a table from 1, without empty ones and those that begin with #."""
     return [
         (number, line)
         for number, line in enumerate(text.splitlines(), start=1)
@@ -143,24 +108,7 @@ def read_given_table(path: Path, what: str) -> GivenTable:
 
     Columns are parted by semicolons, tabs, commas or spaces; numbers have decimal points, or
     decimal commas where commas part no columns. Empty lines and those that begin with # are passed
-    over.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    what : str
-        What it is to be, in words, such as 'the friction'.
-
-    Returns
-    -------
-    GivenTable
-        Its cells.
-
-    Raises
-    ------
-    InputError
-        Where it cannot be read, is empty, or a row has another number of cells than the header.
+    over. Parameters: `what`, what it is to be, in words, such as 'the friction'. Raises InputError.
     """
     lines = numbered_lines(read_given_text(path, what))
     if not lines:
@@ -200,12 +148,12 @@ def _number_reader(values: list[str]) -> Callable[[str], float]:
     """How the cells of a column are numbers: with decimal points, or all with decimal commas."""
     commas = any("," in cell for cell in values)
     if commas and not any("." in cell for cell in values):
-        return lambda cell: _plain(cell.replace(",", ".")) if _comma_or_whole(cell) else math.nan
+        return lambda cell: (
+            math.nan
+            if "," in cell and _DECIMAL_COMMA.fullmatch(cell) is None
+            else _plain(cell.replace(",", "."))
+        )
     return _plain
-
-
-def _comma_or_whole(cell: str) -> bool:
-    return "," not in cell or _DECIMAL_COMMA.fullmatch(cell) is not None
 
 
 def _plain(cell: str) -> float:
@@ -259,17 +207,7 @@ def write_csv(path: str | Path, columns: Mapping[str, Sequence[Any]]) -> None:
 
     Floats get 9 significant digits, NaN and None an empty cell.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    columns : mapping of str to sequence
-        Name to values, all of one length.
-
-    Raises
-    ------
-    InputError
-        Where the lengths differ, or the file cannot be written.
+    Parameters: `columns`, name to values, all of one length. Raises InputError.
     """
     lengths = {name: len(values) for name, values in columns.items()}
     if len(set(lengths.values())) > 1:
@@ -283,15 +221,8 @@ def write_csv(path: str | Path, columns: Mapping[str, Sequence[Any]]) -> None:
 def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
     """Turn rows into the columns of a table.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-        Name to value of each row.
-
-    Returns
-    -------
-    dict of str to list
-        Name to values, in the order in which the names come up; None where a row has none.
+    Parameters: `rows`, name to value of each row. Returns name to values, in the order in which the
+    names come up; None where a row has none.
     """
     names = dict.fromkeys(name for row in rows for name in row)
     return {name: [row.get(name) for row in rows] for name in names}
@@ -300,17 +231,8 @@ def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
 def csv_text(columns: Mapping[str, Any], *, header: bool = True) -> str:
     """Give a table as the text that `write_csv` would write, to be put together with others.
 
-    Parameters
-    ----------
-    columns : mapping of str to sequence
-        Name to values, all of one length.
-    header : bool, default True
-        Whether the line of the names is wanted.
-
-    Returns
-    -------
-    str
-        The table's lines.
+    Parameters: `columns`, name to values, all of one length; `header`, whether the line of the
+    names is wanted.
     """
     text = io.StringIO(newline="")
     _write_table(text, columns, header=header)
@@ -322,20 +244,9 @@ def write_excel_copies(folder: str | Path) -> list[Path]:
 
     Semicolons between the cells, decimal commas, and a byte-order mark, by which Excel knows UTF-8.
 
-    Parameters
-    ----------
-    folder : str or Path
-        The folder; tables of folders in it count, as those of a campaign's recordings.
-
-    Returns
-    -------
-    list of Path
-        The copies: NAME_excel.csv beside NAME.csv, which stays as it is.
-
-    Raises
-    ------
-    InputError
-        Where a table cannot be read, or a copy cannot be written.
+    Parameters: `folder`, the folder; tables of folders in it count, as those of a campaign's
+    recordings. Returns the copies: NAME_excel.csv beside NAME.csv, which stays as it is. Raises
+    InputError.
     """
     made = []
     for path in sorted(Path(folder).rglob("*.csv")):
@@ -355,14 +266,10 @@ def _copy_for_excel(path: Path, copy: Path) -> None:
         ):
             writer = csv.writer(file, delimiter=";", lineterminator="\r\n")
             for row in csv.reader(given):
-                writer.writerow([_decimal_comma(cell) for cell in row])
+                # a number gets a decimal comma, all else stays
+                writer.writerow([c.replace(".", ",") if _NUMBER.fullmatch(c) else c for c in row])
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: not a readable CSV table ({error}); check the file") from error
-
-
-def _decimal_comma(cell: str) -> str:
-    """A number with a decimal comma; all else as it is."""
-    return cell.replace(".", ",") if _NUMBER.fullmatch(cell) else cell
 
 
 def _write_table(file: TextIO, columns: Mapping[str, Any], *, header: bool = True) -> None:
@@ -380,33 +287,16 @@ def _cells(values: Any) -> list[str]:
     """Values as the text of their cells; long arrays of floats by the short way."""
     if isinstance(values, np.ndarray) and values.dtype.kind == "f" and np.isfinite(values).all():
         return [f"{value:.{DIGITS}g}" for value in values.tolist()]
-    return [_cell(value) for value in values]
-
-
-def _cell(value: Any) -> str:
-    value = plain(value)
-    if value is None:
-        return ""
-    return f"{value:.{DIGITS}g}" if isinstance(value, float) else str(value)
+    return [
+        "" if v is None else f"{v:.{DIGITS}g}" if isinstance(v, float) else str(v)
+        for v in map(plain, values)
+    ]
 
 
 def read_csv(path: str | Path) -> dict[str, list[Any]]:
     """Read a table: numbers where all cells of a column are, else text.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Returns
-    -------
-    dict of str to list
-        Name to values; an empty cell among numbers is NaN.
-
-    Raises
-    ------
-    InputError
-        Where the file cannot be read or a row is of another length.
+    Returns name to values; an empty cell among numbers is NaN. Raises InputError.
     """
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
@@ -428,15 +318,8 @@ def read_csv(path: str | Path) -> dict[str, list[Any]]:
 def numbers(values: Iterable[float | None]) -> npt.NDArray[np.float64]:
     """Make an array of a column of numbers.
 
-    Parameters
-    ----------
-    values : iterable of float or None
-        The column; None = not known.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        The numbers, NaN where one is not known.
+    Parameters: `values`, the column; None = not known. Returns the numbers, NaN where one is not
+    known, shape (n,).
     """
     return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
 
@@ -444,24 +327,12 @@ def numbers(values: Iterable[float | None]) -> npt.NDArray[np.float64]:
 def check_given_table(path: Path, what: str) -> None:
     """Refuse what is no table that somebody gives: no plain file, or one of over 10 MB.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    what : str
-        What it is to be, in words.
-
-    Raises
-    ------
-    InputError
-        Where it is no such table.
-    OSError
-        Where it is missing or may not be looked at.
+    Parameters: `what`, what it is to be, in words. Raises InputError, OSError.
     """
-    found = path.stat()
-    if not stat.S_ISREG(found.st_mode):
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):
         raise InputError(f"{path}: is not a file; name {what} itself, a CSV file")
-    if found.st_size > MOST_GIVEN:
+    if status.st_size > MOST_GIVEN:
         raise InputError(
             f"{path}: larger than {MOST_GIVEN} bytes; is it {what}? name that, a CSV file"
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -36,6 +36,7 @@ _OF_COLOURS = ("Labels", "xorigin", "yorigin")
 """What ImageJ is told of a stack in colour."""
 
 Photometric = Literal["minisblack", "rgb"]
+T = TypeVar("T")
 
 
 def write_tiff(
@@ -48,24 +49,9 @@ def write_tiff(
 ) -> None:
     """Write a stack, whole or not at all, so that ImageJ shows its scale.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    stack : array_like, shape (frame, row, col) or (frame, row, col, 3)
-        Frames of uint8, uint16 or float32 (NaN allowed), of any byte order; the second shape with
-        `photometric` 'rgb'.
-    pixel_mm : float, optional
-        The pixel's side, mm.
-    photometric : {'minisblack', 'rgb'}, default 'minisblack'
-        Whether the frames are grey or in colour.
-    metadata : mapping, optional
-        What ImageJ is to know besides the scale, see `imagej_view`.
-
-    Raises
-    ------
-    InputError
-        Where the stack is of another form or type, or the file cannot be written.
+    Parameters: `stack`, frames of uint8, uint16 or float32 (NaN allowed), of any byte order; the
+    second shape with `photometric` 'rgb'; `photometric`, whether the frames are grey or in colour;
+    `metadata`, what ImageJ is to know besides the scale, see `imagej_view`. Raises InputError.
     """
     data = np.asarray(stack)
     if data.ndim < 3 or data.shape[0] == 0:
@@ -100,27 +86,10 @@ def write_frames(
 ) -> None:
     """Write a stack as `write_tiff` does, from frames that are there one at a time.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    frames : iterable of ndarray
-        The frames of the `dtype`, in order.
-    shape : tuple of int
-        Shape of all of them together, frames first.
-    dtype : numpy.dtype
-        Type of the frames.
-    pixel_mm : float, optional
-        The pixel's side, mm.
-    photometric : {'minisblack', 'rgb'}, default 'minisblack'
-        Whether the frames are grey or in colour.
-    metadata : mapping, optional
-        What ImageJ is to know besides the scale, by its own names.
-
-    Raises
-    ------
-    InputError
-        Where the file cannot be written.
+    Parameters: `frames`, the frames of the `dtype`, in order; `shape`, shape of all of them
+    together, frames first; `dtype`, type of the frames; `photometric`, whether the frames are grey
+    or in colour; `metadata`, what ImageJ is to know besides the scale, by its own names. Raises
+    InputError.
     """
     import tifffile
 
@@ -145,39 +114,17 @@ def imagej_view(
     top_mm: float | None = None,
     times_s: npt.ArrayLike | None = None,
 ) -> dict[str, Any]:
-    """Give what ImageJ is to know of a stack besides its scale, for `write_frames`.
+    """Give what ImageJ is to know of a stack besides its scale, by its own names for it.
 
-    Its origin is that of the scene: x and z in ImageJ are mm from there, counted at a pixel's
-    upper left corner, as ImageJ does.
-
-    Parameters
-    ----------
-    name : str
-        What the stack shows: 'fringe_order', 'sigma_1', 'sigma_1_direction'; others are grey.
-    span : tuple of two floats
-        Smallest and largest value. The colours go from nought for an order, to the same value on
-        either side of it for a stress; directions, confidence and normalised frames have their own.
-    labels : sequence of str, optional
-        What stands above each slice.
-    pixel_mm : float, optional
-        The pixel's side, mm.
-    left_mm : float, optional
-        Outer edge of the first column, mm.
-    top_mm : float, optional
-        Outer edge of the first row, mm.
-    times_s : array_like of shape (frames,), optional
-        Times of the frames, s; told where they are even to a thousandth.
-
-    Returns
-    -------
-    dict of str to Any
-        Labels, display range, look-up table, origin and interval, by ImageJ's names for them.
+    Its origin is the scene's, counted at a pixel's upper left corner. The colours of an order go
+    from nought, those of a stress to the same value on either side of it; directions, confidence
+    and normalised frames have their own `span`. `labels` stand above the slices, `left_mm` and
+    `top_mm` are outer edges, `times_s` are told where they are even to a thousandth.
     """
     from matplotlib import colormaps
 
-    own = next((own for start, own in _SPANS.items() if name.startswith(start)), span)
-    low, high = (float(end) for end in own)
-    colours = next((own for start, own in _MAPS.items() if name.startswith(start)), "gray")
+    low, high = map(float, _by_start(_SPANS, name, span))
+    colours = _by_start(_MAPS, name, "gray")
     if colours == _SIGNED:
         high = max(abs(low), abs(high))
         low = -high
@@ -196,6 +143,11 @@ def imagej_view(
     if steps.size and np.isfinite(steps).all() and np.ptp(steps) <= 1e-3 * abs(steps.mean()):
         view |= {"finterval": float(steps.mean()), "tunit": "s"}
     return view
+
+
+def _by_start(table: Mapping[str, T], name: str, default: T) -> T:
+    """What a table has for names that begin so."""
+    return next((value for start, value in table.items() if name.startswith(start)), default)
 
 
 def _stack_layout(

@@ -36,14 +36,9 @@ _NO_MAP = 2**64 - 1
 class RunFolder:
     """Where a run's chunks are put down: picklable, so that workers may do it.
 
-    Parameters
-    ----------
-    results : Path
-        The folder that becomes the output, in the run's working folder.
-    layout : RunLayout
-        What the run leaves.
-    digest : str
-        Of what the run is a result of, see `identity_digest`; the chunks' records hold it.
+    `results`, the folder that becomes the output, in the run's working folder; `layout`, what the
+    run leaves; `digest`, of what the run is a result of, see `identity_digest`; the chunks' records
+    hold it.
     """
 
     results: Path
@@ -93,35 +88,35 @@ def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
     """
     start, stop = run.layout.span(index)
     first, end = run.layout.pictures(start, stop)
-    left: dict[str, dict[str, FileSum]] = {"layers": {}, "parts": {}}
+    sums: dict[str, dict[str, FileSum]] = {"layers": {}, "parts": {}}
     for layer in run.layout.layers:
         if layer.compact is not None:
             pieces = _shard(results.packed[layer.name], run.layout.chunk)
         else:
             values = np.ascontiguousarray(results.arrays[layer.name], dtype="<f4")
             assert values.shape == (end - first, *run.layout.shape.values()), layer.name
-            rest = int(np.prod(run.layout.chunk_shape)) - values.size
-            pieces = [values.data.cast("B"), np.full(rest, np.nan, dtype="<f4").tobytes()]
+            padding = int(np.prod(run.layout.chunk_shape)) - values.size
+            pieces = [values.data.cast("B"), np.full(padding, np.nan, dtype="<f4").tobytes()]
             pieces.append(sum_bytes(crc32c(*pieces)))
         write_through(run.chunk_file(layer.name, index), *pieces)
         size = sum(memoryview(piece).nbytes for piece in pieces)
-        left["layers"][layer.name] = size, checksum_of(*pieces)
+        sums["layers"][layer.name] = size, checksum_of(*pieces)
     for name, part in results.parts.items():
         write_through(run.part_file(name, index), part)
-        left["parts"][name] = len(part), checksum_of(part)
+        sums["parts"][name] = len(part), checksum_of(part)
     states = [more["status"] for more in results.more]
-    kept = ChunkRecord(stop - start, sum(s != "ok" for s in states), states.count("failed"))
+    record = ChunkRecord(stop - start, sum(s != "ok" for s in states), states.count("failed"))
     body = {
         "of": run.digest,
-        **left,
-        "flagged": kept.flagged,
-        "failed": kept.failed,
+        **sums,
+        "flagged": record.flagged,
+        "failed": record.failed,
         "rows": [_plain(row) for row in results.rows],
         "more": [_plain(more) for more in results.more],
         "left": results.left,
     }
     write_checked(run.record_file(index), body)
-    return kept
+    return record
 
 
 def _shard(maps: list[bytes | None], count: int) -> list[bytes | memoryview]:
@@ -170,11 +165,11 @@ def check_chunk(run: RunFolder, index: int) -> ChunkRecord | None:
         return None
     start, stop = run.layout.span(index)
     try:
-        for name, left in record["layers"].items():
-            if not is_as_left(run.chunk_file(name, index), left):
+        for name, expected in record["layers"].items():
+            if not is_as_left(run.chunk_file(name, index), expected):
                 return None
-        for name, left in record["parts"].items():
-            if not is_as_left(run.part_file(name, index), left):
+        for name, expected in record["parts"].items():
+            if not is_as_left(run.part_file(name, index), expected):
                 return None
     except FileNotFoundError:
         return None
@@ -182,18 +177,7 @@ def check_chunk(run: RunFolder, index: int) -> ChunkRecord | None:
 
 
 def rows(run: RunFolder) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
-    """Give each item's row and what else is known of it, in order, from the chunks' records.
-
-    Parameters
-    ----------
-    run : RunFolder
-        Where the chunks lie.
-
-    Yields
-    ------
-    tuple of dict
-        The row, and what else is known.
-    """
+    """Give each item's row and what else is known of it, in order, from the chunks' records."""
     for index in range(run.layout.chunks):
         record = read_record_of(run, index)
         assert record is not None
@@ -201,20 +185,7 @@ def rows(run: RunFolder) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
 
 
 def parts(run: RunFolder, name: str) -> Iterator[bytes]:
-    """Give the chunks' parts of a file, in order; chunks without one are passed over.
-
-    Parameters
-    ----------
-    run : RunFolder
-        Where the chunks lie.
-    name : str
-        Name of the file.
-
-    Yields
-    ------
-    bytes
-        The part.
-    """
+    """Give the chunks' parts of a file, in order; chunks without one are passed over."""
     for index in range(run.layout.chunks):
         file = run.part_file(name, index)
         if file.is_file():
@@ -224,19 +195,7 @@ def parts(run: RunFolder, name: str) -> Iterator[bytes]:
 def picture(run: RunFolder, layer: str, item: int) -> np.ndarray:
     """Read a layer's picture of one item that has one, from the store's chunk.
 
-    Parameters
-    ----------
-    run : RunFolder
-        Where the chunks lie.
-    layer : str
-        Name of the layer.
-    item : int
-        Number of the item.
-
-    Returns
-    -------
-    ndarray of float32, shape (rows, cols)
-        The picture, NaN = not known.
+    Returns (rows, cols), NaN = not known.
     """
     index, inside = divmod(item, run.layout.chunk)
     file, size = run.chunk_file(layer, index), tuple(run.layout.shape.values())
@@ -244,8 +203,8 @@ def picture(run: RunFolder, layer: str, item: int) -> np.ndarray:
     if compact is not None:
         packed = _of_shard(file, inside, run.layout.chunk)
         return np.full(size, np.nan, "<f4") if packed is None else compact.unpack(packed, size)
-    each, rest = divmod(inside, run.layout.every)
-    assert rest == 0, f"item {item} has no picture"
+    each, remainder = divmod(inside, run.layout.every)
+    assert remainder == 0, f"item {item} has no picture"
     stored = np.memmap(
         file, dtype="<f4", mode="r", shape=(run.layout.chunk // run.layout.every, *size)
     )

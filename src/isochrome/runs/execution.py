@@ -57,19 +57,10 @@ class Stopped(KeyboardInterrupt):
 class RunOptions:
     """By whom and how a run is computed; none of it changes a result.
 
-    Parameters
-    ----------
-    workers : int or None, default 1
-        Processes on this machine; None: as many as there are processors where it is worth starting
-        them.
-    cluster : str, optional
-        Address of a Dask scheduler instead.
-    restart : bool, default False
-        Whether to throw away what an earlier run left.
-    keep_going : bool, default False
-        Whether to leave out items that fail instead of ending with the first.
-    waiting : Waiting, optional
-        Workers that were started before.
+    `workers`, processes on this machine; None: as many as there are processors where it is worth
+    starting them; `cluster`, address of a Dask scheduler instead; `restart`, whether to throw away
+    what an earlier run left; `keep_going`, whether to leave out items that fail instead of ending
+    with the first; `waiting`, workers that were started before.
     """
 
     workers: int | None = 1
@@ -82,19 +73,8 @@ class RunOptions:
 def refuse_without_folder(out: str | Path | None, workers: int | None, cluster: str | None) -> None:
     """Refuse workers or a cluster where no folder is given for results.
 
-    Parameters
-    ----------
-    out : str, Path or None
-        The folder; None where there is none.
-    workers : int or None
-        Processes on this machine.
-    cluster : str or None
-        Address of a Dask scheduler.
-
-    Raises
-    ------
-    InputError
-        Where more than one process, or a cluster, is asked for without a folder.
+    Parameters: `out`, the folder; None where there is none; `workers`, processes on this machine;
+    `cluster`, address of a Dask scheduler. Raises InputError.
     """
     if out is None and (cluster is not None or workers != 1):
         raise InputError("workers and a cluster write to a folder: give out")
@@ -111,41 +91,13 @@ def run_job(
     """Compute a job and leave its results in a folder, all of them or none.
 
     What is finished is kept in OUT.partial. The same call goes on with it, and ends with the same
-    bytes as if nothing had happened.
-
-    Parameters
-    ----------
-    job : Job
-        What is to be computed.
-    out : str or Path
-        The folder.
-    finish : callable
-        Makes the rest of the files in `run.results` when all chunks are there.
-    means : RunOptions, optional
-        By whom and how it is computed; by default by this process alone.
-    progress : callable, optional
-        Called with a Tally of the items.
-
-    Returns
-    -------
-    object or None
-        What `finish` returns; None where the folder holds all results already.
-
-    Raises
-    ------
-    InputError
-        Where another run is at work there, an unfinished one is of something else, or the disk is
-        full; and whatever the job raises.
+    bytes as if nothing had happened. `finish` makes the rest of the files in `run.results` when all
+    chunks are there. Returns what it returns, None where the folder holds all results already.
+    Raises InputError, and whatever the job raises.
     """
     means = means or RunOptions()
     keep_steady()
-    if means.workers is not None and means.workers < 1:
-        raise InputError(f"--workers {means.workers}: give 1 or more")
-    if job.in_turn and (means.cluster is not None or (means.workers or 1) > 1):
-        raise InputError(
-            "--workers, --cluster: each frame is looked for from the one before, which only one "
-            "process can do; leave them out"
-        )
+    _check_workers(job, means)
     root = working_folder(Path(out))
     target, stamps = Path(out).resolve(), stamps_of(job.identity)
     check_apart(stamps, target)
@@ -157,30 +109,40 @@ def run_job(
         if not has_run(root):
             check_own(target, (STORE, *(f"{layer.name}.tif" for layer in job.layout.layers)))
         with _saying(root, job) as state:
-            state.own = means.restart or not has_run(root)
+            state.fresh = means.restart or not has_run(root)
             run = open_run_folder(root, job, restart=means.restart)
             if faults and progress is not None:
                 progress(Tally(0, job.layout.count, 0, 0, _of_damage(out, faults)))
             if not (means.restart or is_finished(run)):
                 take_back(run, target)
-            found: T | None = None
+            result: T | None = None
             if is_finished(run):  # and killed before all had its place
                 state.finished = True
             else:
-                state.kept = _kept(run, means)
-                _compute(job, run, state.kept, means, progress)
+                _compute(job, run, state.chunks, means, progress)
                 try:
-                    found = finish(run)
+                    result = finish(run)
                 except PhysicsError:  # as these frames and this scene would end again
-                    state.own = True
-                    state.kept.clear()
+                    state.fresh = True
+                    state.chunks.clear()
                     raise
                 check_unchanged(stamps)
                 _leave_record(run, job)
                 state.finished = True
             publish(run, target)
             wipe(root)
-            return found
+            return result
+
+
+def _check_workers(job: Job, options: RunOptions) -> None:
+    """Refuse no worker at all, and several where one process has to do all. Raises InputError."""
+    if options.workers is not None and options.workers < 1:
+        raise InputError(f"--workers {options.workers}: give 1 or more")
+    if job.in_turn and (options.cluster is not None or (options.workers or 1) > 1):
+        raise InputError(
+            "--workers, --cluster: each frame is looked for from the one before, which only one "
+            "process can do; leave them out"
+        )
 
 
 def _of_damage(out: str | Path, faults: Mapping[str, str]) -> str:
@@ -192,14 +154,19 @@ def _of_damage(out: str | Path, faults: Mapping[str, str]) -> str:
 
 @dataclass
 class _State:
-    """What is kept of a run: its `kept` chunks, or all of it, `finished`.
+    """What is kept of a run: its finished `chunks`, or all of it, `finished`.
 
-    `own`, whether the working folder holds nothing of an earlier run.
+    `fresh`, whether the working folder holds nothing of an earlier run.
     """
 
-    own: bool = False
-    kept: dict[int, ChunkRecord] = field(default_factory=dict)
+    fresh: bool = False
+    chunks: dict[int, ChunkRecord] = field(default_factory=dict)
     finished: bool = False
+
+    @property
+    def anything(self) -> bool:
+        """Whether something of the run is kept."""
+        return bool(self.chunks) or self.finished
 
 
 @contextmanager
@@ -209,24 +176,23 @@ def _saying(root: Path, job: Job) -> Iterator[_State]:
     count = job.layout.count
 
     def count_kept() -> str:
-        done = count if state.finished else sum(chunk.items for chunk in state.kept.values())
+        done = count if state.finished else sum(chunk.items for chunk in state.chunks.values())
         return f"{done} of {count} are finished and kept"
 
     try:
         yield state
     except IsochromeError as error:
-        soon_again = state.own and time.perf_counter() - start < WORTH_KEEPING_S
+        soon_again = state.fresh and time.perf_counter() - start < WORTH_KEEPING_S
         if soon_again and not isinstance(error, WorkersLost):
-            state.kept.clear()
-        if not state.kept:
+            state.chunks.clear()
+        if not state.chunks:
             raise
         raise type(error)(f"{error} ({count_kept()} in {root})") from error
     except KeyboardInterrupt:
-        something = state.kept or state.finished
+        if not state.anything:
+            raise Stopped("stopped before anything was finished; nothing is left") from None
         raise Stopped(
             f"stopped; {count_kept()} in {root}; run the same command again to resume"
-            if something
-            else "stopped before anything was finished; nothing is left"
         ) from None
     except OSError as error:
         raise InputError(
@@ -234,65 +200,61 @@ def _saying(root: Path, job: Job) -> Iterator[_State]:
             "room, or see that the drive is there, and run the same command again to resume"
         ) from error
     finally:
-        if state.own and not state.kept and not state.finished:
+        if state.fresh and not state.anything:
             with suppress(OSError):
                 wipe(root)
-
-
-def _kept(run: RunFolder, means: RunOptions) -> dict[int, ChunkRecord]:
-    """The chunks that are there, whole."""
-    found = {}
-    for index in range(run.layout.chunks):
-        chunk = check_chunk(run, index)
-        # failed items are for who asked to keep going: to all others they are to be said again
-        if chunk is not None and (means.keep_going or not chunk.failed):
-            found[index] = chunk
-    return found
 
 
 def _compute(
     job: Job,
     run: RunFolder,
-    kept: dict[int, ChunkRecord],
-    means: RunOptions,
+    chunks: dict[int, ChunkRecord],
+    options: RunOptions,
     progress: RunProgress | None,
 ) -> None:
-    """Compute the chunks that are not there; `kept` grows with each."""
-    before = sum(chunk.items for chunk in kept.values())
+    """Compute the chunks that are not there, whole; `chunks`, all that are, grows with each."""
+    checked = {index: check_chunk(run, index) for index in range(run.layout.chunks)}
+    for index, chunk in checked.items():
+        # failed items are for who asked to keep going: to all others they are to be said again
+        if chunk is not None and (options.keep_going or not chunk.failed):
+            chunks[index] = chunk
+    before = sum(chunk.items for chunk in chunks.values())
     check_room(run.root, job.layout, job.layout.count - before)
-    todo = [index for index in range(run.layout.chunks) if index not in kept]
+    todo = [index for index in range(run.layout.chunks) if index not in chunks]
 
     def tell() -> None:
         if progress is not None:
-            done = sum(chunk.items for chunk in kept.values())
-            flagged = sum(chunk.flagged for chunk in kept.values())
+            done = sum(chunk.items for chunk in chunks.values())
+            flagged = sum(chunk.flagged for chunk in chunks.values())
             progress(Tally(done, run.layout.count, before, flagged))
 
     tell()
-    with closing(_finished(job, run, todo, means)) as finished:
+    with closing(_finished(job, run, todo, options)) as finished:
         for index, chunk in finished:
-            kept[index] = chunk
+            chunks[index] = chunk
             tell()
 
 
-def _finished(job: Job, run: RunFolder, todo: list[int], means: RunOptions) -> Generator[Finished]:
+def _finished(
+    job: Job, run: RunFolder, todo: list[int], options: RunOptions
+) -> Generator[Finished]:
     """The chunks as they are finished, by whoever computes them."""
     if not todo:
         return
     work = one_by_one(job, run)
-    if means.cluster is not None:
-        yield from by_cluster(work, run, todo, means.cluster)
+    if options.cluster is not None:
+        yield from by_cluster(work, run, todo, options.cluster)
         return
-    workers = 1 if job.in_turn else means.workers
+    workers = 1 if job.in_turn else options.workers
     if workers is None:
         start = time.perf_counter()
         yield from alone(work, run, todo[:1])
         todo = todo[1:]
-        left = (time.perf_counter() - start) * len(todo)
-        workers = processors() if left > WORTH_WORKERS_S else 1
+        remaining_s = (time.perf_counter() - start) * len(todo)
+        workers = processors() if remaining_s > WORTH_WORKERS_S else 1
     workers = min(workers, len(todo))
     if workers > 1:
-        yield from by_processes(work, run, todo, workers, means.waiting)
+        yield from by_processes(work, run, todo, workers, options.waiting)
     else:
         yield from alone(work, run, todo)
 

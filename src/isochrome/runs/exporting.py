@@ -173,11 +173,13 @@ def _to_csv(dataset: xarray.Dataset, path: Path) -> Path:
     shape = tuple(dataset.sizes[axis] for axis in axes)
     columns: dict[str, Any] = {}
     for name in [*axes, *(name for name in flat if name not in axes)]:
-        own = dataset[name]  # an axis without a coordinate counts from 0
+        coordinate = dataset[name]  # an axis without a coordinate counts from 0
         spread = tuple(
-            size if axis in own.dims else 1 for axis, size in zip(axes, shape, strict=True)
+            size if axis in coordinate.dims else 1 for axis, size in zip(axes, shape, strict=True)
         )
-        columns[str(name)] = np.broadcast_to(own.values.reshape(spread), shape).ravel().tolist()
+        columns[str(name)] = (
+            np.broadcast_to(coordinate.values.reshape(spread), shape).ravel().tolist()
+        )
     write_csv(path, columns)
     return path
 
@@ -245,8 +247,8 @@ def _labels(dataset: xarray.Dataset, array: xarray.DataArray) -> list[str]:
     places = product(*(range(size) for size in array.shape[:-2]))
     return [
         ", ".join(
-            f"{name} = {k if own is None else f'{own[k]:.6g}'}"
-            for name, own, k in zip(names, values, place, strict=True)
+            f"{name} = {k if axis_values is None else f'{axis_values[k]:.6g}'}"
+            for name, axis_values, k in zip(names, values, place, strict=True)
         )
         for place in places
     ]
@@ -256,8 +258,8 @@ def _of_pictures(dataset: xarray.Dataset, name: str, array: xarray.DataArray) ->
     """A coordinate's values, one for each picture of an array; None where it has none of them."""
     if name not in dataset.coords or dataset[name].ndim != 1 or array.ndim != 3:
         return None
-    (own,), axis = dataset[name].dims, array.dims[0]
+    (frame_axis,), axis = dataset[name].dims, array.dims[0]
     values = dataset[name].values
-    if axis == f"key_{own}":  # pictures of some of the frames
+    if axis == f"key_{frame_axis}":  # pictures of some of the frames
         return values[dataset[axis].values]
-    return values if axis == own else None
+    return values if axis == frame_axis else None

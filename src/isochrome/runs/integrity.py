@@ -11,7 +11,7 @@ import json
 import os
 import stat
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -87,27 +87,27 @@ def checksum_of(*pieces: Any) -> int:
     return _told_apart(crc32c(*pieces), np.frombuffer(pieces[-1], np.uint8)[-SUM_BYTES:].tobytes())
 
 
-def _told_apart(found: int, end: bytes) -> int:
-    return int.from_bytes(end, "little") if found == _OF_SUMMED else found
+def _told_apart(checksum: int, end: bytes) -> int:
+    return int.from_bytes(end, "little") if checksum == _OF_SUMMED else checksum
 
 
 def file_sum(path: Path) -> int:
     """The checksum of a file, as `checksum_of` gives it. Raises OSError."""
-    found, end = 0, b""
+    checksum, end = 0, b""
     with open(path, "rb") as file:
         while data := file.read(_BLOCK):
-            found = crc32c(data, start=found)
+            checksum = crc32c(data, start=checksum)
             end = (end + data[-SUM_BYTES:])[-SUM_BYTES:]
-    return _told_apart(found, end)
+    return _told_apart(checksum, end)
 
 
 FileSum = Sequence[int]
 """Bytes and checksum of a file."""
 
 
-def is_as_left(path: Path, left: FileSum) -> bool:
+def is_as_left(path: Path, expected: FileSum) -> bool:
     """Whether a file is the one that was left: of another size, it is not read. Raises OSError."""
-    size, checksum = left
+    size, checksum = expected
     return is_plain(path) and path.stat().st_size == size and file_sum(path) == checksum
 
 
@@ -139,23 +139,23 @@ class ResultsRecord:
                 at /= part
                 if not stat.S_ISDIR(at.lstat().st_mode):
                     return _BEHIND_LINK
-            found = (at / file).lstat()
+            status = (at / file).lstat()
         except (FileNotFoundError, NotADirectoryError):
             return MISSING
         except OSError as error:
             return f"cannot be looked at ({error.strerror})"
-        if stat.S_ISLNK(found.st_mode):
+        if stat.S_ISLNK(status.st_mode):
             return "is a link"
-        if not stat.S_ISREG(found.st_mode):
+        if not stat.S_ISREG(status.st_mode):
             return "is no file"
-        left = self.sizes[name]
-        return "" if found.st_size == left else f"has {found.st_size} bytes, and {left} were left"
+        size, expected = status.st_size, self.sizes[name]
+        return "" if size == expected else f"has {size} bytes, and {expected} were left"
 
     def fault(self, name: str) -> str:
         """What is wrong with a file, its content read, in words; empty where nothing is."""
-        found = self.size_fault(name)
-        if found or self.older:
-            return found
+        fault = self.size_fault(name)
+        if fault or self.older:
+            return fault
         try:
             same = file_sum(self.place / name) == self._sum(name)
         except OSError as error:
@@ -182,8 +182,8 @@ class ResultsRecord:
         other chunk stands in its place.
         """
         end = int.from_bytes(data[-SUM_BYTES:].tobytes(), "little")
-        own = self._sum(name)
-        if own != end and own != crc32c(data):
+        expected = self._sum(name)
+        if expected != end and expected != crc32c(data):
             self._refuse(name, self.fault(name))
 
     def refusal(self, name: str, what: str) -> InputError:
@@ -216,14 +216,15 @@ def seal(
     InputError.
     """
     if names is None:
-        names = sorted(_files_below(folder))
-    found = {name: folder / name for name in names if name != file}
-    sizes = {name: path.stat().st_size for name, path in found.items()}
+        paths = (Path(at) / name for at, _, files in os.walk(folder) for name in files)
+        names = sorted(path.relative_to(folder).as_posix() for path in paths)
+    files = {name: folder / name for name in names if name != file}
+    sizes = {name: path.stat().st_size for name, path in files.items()}
     sums = dict(known or {})
-    for name, path in found.items():
+    for name, path in files.items():
         if name not in sums:
             sums[name] = file_sum(path)
-    texts = {name: f"{sums[name]:08x}" for name in found}
+    texts = {name: f"{sums[name]:08x}" for name in files}
     _write(folder / file, {**record, _SIZES: sizes, _SUMS: texts})
 
 
@@ -236,12 +237,6 @@ def reseal(folder: Path, name: str) -> None:
     sizes = {**known.record[_SIZES], name: path.stat().st_size}
     texts = {**known.record[_SUMS], name: f"{file_sum(path):08x}"}
     _write(folder / PROVENANCE, {**known.record, _SIZES: sizes, _SUMS: texts})
-
-
-def _files_below(folder: Path) -> Iterator[str]:
-    for path, _, files in os.walk(folder):
-        for name in files:
-            yield (Path(path) / name).relative_to(folder).as_posix()
 
 
 def _write(path: Path, record: Mapping[str, Any]) -> None:
@@ -260,11 +255,11 @@ def read_record(place: Path, file: str = PROVENANCE) -> ResultsRecord | None:
     """A folder's record; None where it has none. Raises InputError where it is damaged."""
     path = place / file
     try:
-        found = path.lstat()
-        if not stat.S_ISREG(found.st_mode):
+        status = path.lstat()
+        if not stat.S_ISREG(status.st_mode):
             raise InputError(f"{path}: is no file; run the command that left {place} again")
-        if found.st_size > _MOST:
-            raise InputError(f"{path}: has {found.st_size} bytes, and is no record of results")
+        if status.st_size > _MOST:
+            raise InputError(f"{path}: has {status.st_size} bytes, and is no record of results")
         text = path.read_bytes()
     except (FileNotFoundError, NotADirectoryError):
         return None
@@ -272,11 +267,11 @@ def read_record(place: Path, file: str = PROVENANCE) -> ResultsRecord | None:
         raise InputError(f"{path}: cannot be read ({error.strerror}); see its drive") from error
     try:
         record = json.loads(text)
-        own = record.get(_OWN)
-        as_left = own is None and _SUMS not in record
-        if isinstance(own, str):
-            bare = text.replace(_line(own).encode(), _line("0" * 8).encode())
-            as_left = own == f"{crc32c(bare):08x}" and isinstance(record[_SUMS], dict)
+        checksum = record.get(_OWN)
+        as_left = checksum is None and _SUMS not in record
+        if isinstance(checksum, str):
+            bare = text.replace(_line(checksum).encode(), _line("0" * 8).encode())
+            as_left = checksum == f"{crc32c(bare):08x}" and isinstance(record[_SUMS], dict)
     except (ValueError, KeyError, AttributeError, RecursionError):
         as_left, record = False, {}
     if not as_left:
@@ -332,8 +327,8 @@ class Verified(Result):
 
     def to_json(self) -> dict[str, Any]:
         """What `--json` prints."""
-        found = {"ok": self.ok, "folder": str(self.folder), "files": self.files}
-        return found | {"damaged": dict(self.damaged), "warnings": list(self.warnings)}
+        verdict = {"ok": self.ok, "folder": str(self.folder), "files": self.files}
+        return verdict | {"damaged": dict(self.damaged), "warnings": list(self.warnings)}
 
 
 def verify(folder: str | Path, *, progress: RunProgress | None = None) -> Verified:
@@ -368,32 +363,8 @@ def verify(folder: str | Path, *, progress: RunProgress | None = None) -> Verifi
     >>> isochrome.verify("simulated").ok
     True
     """
-    place, damaged = Path(folder), dict[str, str]()
-    records = {PROVENANCE: read_record(place), SUMMARY: read_record(place, SUMMARY)}
-    known = {place / file: record for file, record in records.items() if record is not None}
-    if not known:
-        raise InputError(
-            f"{place}: holds no {PROVENANCE}, by which its files could be told; name a folder that "
-            "a command left"
-        )
-    campaign = records[SUMMARY]
-    for row in campaign.record.get("recordings", ()) if campaign is not None else ():
-        own = place / str(row["folder"])
-        if row["status"] == "failed" and not own.exists():
-            continue
-        name = f"{row['folder']}/{PROVENANCE}"
-        if own.is_symlink():
-            damaged[name] = _BEHIND_LINK
-            continue
-        try:
-            record = read_record(own)
-        except InputError as error:
-            damaged[name] = str(error)
-            continue
-        if record is None:
-            damaged[name] = MISSING
-        else:
-            known[own / PROVENANCE] = record
+    place = Path(folder)
+    known, damaged = _records_below(place)
     todo = [(record, name) for record in known.values() for name in record.sizes]
     for number, (record, name) in enumerate(todo):
         if progress is not None:
@@ -405,6 +376,37 @@ def verify(folder: str | Path, *, progress: RunProgress | None = None) -> Verifi
         progress(Tally(len(todo), len(todo), 0, len(damaged)))
     older = tuple(_unverified(file.parent) for file, record in known.items() if record.older)
     return Verified(folder=place, files=len(todo), damaged=damaged, warnings=older)
+
+
+def _records_below(place: Path) -> tuple[dict[Path, ResultsRecord], dict[str, str]]:
+    """The records of a folder and of its recordings, by their files; what is wrong with others."""
+    damaged = dict[str, str]()
+    records = {PROVENANCE: read_record(place), SUMMARY: read_record(place, SUMMARY)}
+    known = {place / file: record for file, record in records.items() if record is not None}
+    if not known:
+        raise InputError(
+            f"{place}: holds no {PROVENANCE}, by which its files could be told; name a folder that "
+            "a command left"
+        )
+    campaign = records[SUMMARY]
+    for row in campaign.record.get("recordings", ()) if campaign is not None else ():
+        recording = place / str(row["folder"])
+        if row["status"] == "failed" and not recording.exists():
+            continue
+        name = f"{row['folder']}/{PROVENANCE}"
+        if recording.is_symlink():
+            damaged[name] = _BEHIND_LINK
+            continue
+        try:
+            record = read_record(recording)
+        except InputError as error:
+            damaged[name] = str(error)
+            continue
+        if record is None:
+            damaged[name] = MISSING
+        else:
+            known[recording / PROVENANCE] = record
+    return known, damaged
 
 
 def opened_record(place: Path, names: Iterable[str] = ()) -> ResultsRecord | None:

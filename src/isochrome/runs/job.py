@@ -10,6 +10,7 @@ import json
 import math
 import platform
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -39,13 +40,17 @@ _LABELS = {
 def environment() -> dict[str, Any]:
     """The code that computes: Isochrome's version and a hash of its files, Python, libraries."""
     home = Path(isochrome.__file__).parent
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for file in sorted(home.rglob("*.py"), key=lambda f: f.relative_to(home).as_posix()):
-        found.update(file.relative_to(home).as_posix().encode() + b"\0" + file.read_bytes())
+        digest.update(file.relative_to(home).as_posix().encode() + b"\0" + file.read_bytes())
+    libraries = {"python": platform.python_version()}
+    for name in LIBRARIES:
+        with suppress(PackageNotFoundError):  # an optional one
+            libraries[name] = version(name)
     return {
         "isochrome": isochrome.__version__,
-        "code_sha256": found.hexdigest(),
-        "libraries": {"python": platform.python_version()} | _versions(),
+        "code_sha256": digest.hexdigest(),
+        "libraries": libraries,
     }
 
 
@@ -57,43 +62,18 @@ def run_identity(
 ) -> dict[str, Any]:
     """Say what a run is a result of, as provenance.json keeps it: scene, files, code and options.
 
-    Parameters
-    ----------
-    scene_toml : str
-        Text of the resolved scene.
-    files : iterable of InputContent
-        Files that are read, and arrays in place of files.
-    options : mapping of str to Any
-        Options of the command that change its result.
-    seed : int, optional
-        Seed of the random numbers.
-
-    Returns
-    -------
-    dict of str to Any
-        The record, for a Job.
-
-    Raises
-    ------
-    InputError
-        Where a file cannot be read.
+    Parameters: `scene_toml`, text of the resolved scene; `files`, files that are read, and arrays
+    in place of files; `options`, options of the command that change its result; `seed`, seed of the
+    random numbers. Returns the record, for a Job. Raises InputError.
     """
     return provenance(scene_toml, files, seed) | environment() | {"options": dict(options)}
 
 
-def _versions() -> dict[str, str]:
-    found = {}
-    for name in LIBRARIES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:  # an optional one
-            continue
-    return found
-
-
 def identity_digest(identity: Mapping[str, Any]) -> str:
     """A hash of what a run is a result of, the same where `difference` finds none."""
-    files = [[Path(name).name, found] for name, found in (identity["inputs_sha256"] or {}).items()]
+    files = [
+        [Path(name).name, checksum] for name, checksum in (identity["inputs_sha256"] or {}).items()
+    ]
     parts = [identity.get(key) for key in ("scene", *_LABELS)]
     return hashlib.sha256(json.dumps([files, parts]).encode()).hexdigest()
 
@@ -108,8 +88,8 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
     before, now = (list((run.get("inputs_sha256") or {}).items()) for run in (old, new))
     names = [[Path(name).name for name, _ in files] for files in (before, now)]
     if names[0] != names[1]:
-        odd = sorted(set(names[0]) ^ set(names[1]))
-        return f"the input files ({', '.join(odd[:3]) or 'their order'})"
+        differing = sorted(set(names[0]) ^ set(names[1]))
+        return f"the input files ({', '.join(differing[:3]) or 'their order'})"
     changed = [name for (_, a), (name, b) in zip(before, now, strict=True) if a != b]
     if changed:
         return f"the content of {changed[0]}"
@@ -126,9 +106,9 @@ def _first_line(old: Any, new: Any) -> str:
         if a != b:
             return f"'{a}' is now '{b}'"
     longer = before if len(before) > len(now) else now
-    rest = longer[min(len(before), len(now)) :]
+    lines = longer[min(len(before), len(now)) :]
     what = "no longer there" if longer is before else "new"
-    return f"'{' '.join(rest[:2])}' is {what}"
+    return f"'{' '.join(lines[:2])}' is {what}"
 
 
 def _pair(old: Any, new: Any) -> str:
@@ -152,16 +132,8 @@ class Compact:
 
     Blosc's Zstandard at its first level, its bytes shuffled: of an order read from noise of 3 grey
     levels it leaves 1.2 bytes a pixel in 1.4 ms a frame of 659 x 494; higher levels take 4 to 500
-    ms for 3 to 13 % less, LZ4 0.6 ms for 12 % more.
-
-    Parameters
-    ----------
-    step : float
-        What a value is a multiple of, from 0 on.
-    bits : int
-        16 or 8.
-    pages : bool, default False
-        Whether the TIFF stack too has a page for every item.
+    ms for 3 to 13 % less, LZ4 0.6 ms for 12 % more. `step`, what a value is a multiple of, from 0
+    on; `pages`, whether the TIFF stack too has a page for every item.
     """
 
     step: float
@@ -204,10 +176,10 @@ class Compact:
 
         codec = blosc.Blosc(cname="zstd", clevel=1, shuffle=blosc.SHUFFLE)
         beyond = ~(values <= self.largest)  # NaN too
-        whole = values / np.float32(self.step)
-        np.rint(whole, out=whole)
-        np.copyto(whole, np.float32(self.unknown), where=beyond)
-        steps = whole.astype(self.dtype)
+        scaled = values / np.float32(self.step)
+        np.rint(scaled, out=scaled)
+        np.copyto(scaled, np.float32(self.unknown), where=beyond)
+        steps = scaled.astype(self.dtype)
         before, blosc.use_threads = blosc.use_threads, False  # whose order is chance
         try:
             return bytes(codec.encode(steps))
@@ -228,19 +200,9 @@ class Compact:
 class Layer:
     """A picture for each item, float32, NaN = not known.
 
-    Parameters
-    ----------
-    name : str
-        Name of the layer.
-    units : str
-        Its unit, '1' for none.
-    what : str
-        What it is, in words.
-    stack : bool, default True
-        Whether it is left as a TIFF stack too.
-    compact : Compact, optional
-        How the store has it, then for every item, whatever the layout's `every`: the stack is of
-        the pictures alone, or as it says.
+    `units`, its unit, '1' for none; `stack`, whether it is left as a TIFF stack too; `compact`, how
+    the store has it, then for every item, whatever the layout's `every`: the stack is of the
+    pictures alone, or as it says.
     """
 
     name: str
@@ -256,31 +218,17 @@ class RunLayout:
 
     It depends on the input alone, not on the machine: so do the files.
 
-    Parameters
-    ----------
-    axes : mapping of str to int
-        Sizes of the axes over the items, by the name of the axis.
-    shape : mapping of str to int, optional
-        Sizes of the axes of an item's picture, by the name of the axis.
-    layers : tuple of Layer, optional
-        The pictures.
-    chunk : int
-        Items that are computed and kept together; 1 where there are several axes.
-    store : bool, default True
-        Whether run.zarr is left; it is where there are layers.
-    part_bytes : int, default 0
-        Bytes of the parts of files that an item gives.
-    every : int, default 1
-        Of so many items, only the first has pictures, which then lie on an axis of their own: one
-        axis over the items, and `chunk` a multiple of `every`.
+    `chunk`, items that are computed and kept together; 1 where there are several axes; `every`, of
+    so many items, only the first has pictures, which then lie on an axis of their own: one axis
+    over the items, and `chunk` a multiple of `every`.
     """
 
-    axes: Mapping[str, int]
-    shape: Mapping[str, int] = field(default_factory=dict)
+    axes: Mapping[str, int]  # over the items: sizes by their names
+    shape: Mapping[str, int] = field(default_factory=dict)  # the same of an item's picture
     layers: tuple[Layer, ...] = ()
     chunk: int
-    store: bool = True
-    part_bytes: int = 0
+    store: bool = True  # whether run.zarr is left; it is where there are layers
+    part_bytes: int = 0  # of the parts of files that an item gives
     every: int = 1
 
     @property
@@ -340,29 +288,17 @@ class RunLayout:
 class Results:
     """What a chunk's computation gives.
 
-    Parameters
-    ----------
-    arrays : mapping of str to ndarray, shape (pictures, ...)
-        By layer that is not compact, a picture for each item but where the layout says `every`.
-    rows : list of dict
-        A row of the run's table for each item.
-    more : list of dict
-        What else is known of each item, among it its `status`: 'ok', 'flagged' (it has warnings) or
-        'failed' (nothing was found in it).
-    parts : mapping of str to bytes, optional
-        The chunk's part of files that all chunks make together.
-    left : mapping, optional
-        What the next chunk begins with where they are computed in turn, for JSON.
-    packed : mapping of str to list of bytes or None, optional
-        Of each compact layer, the map of every item as `Compact.pack` gives it; None where an item
-        has none.
+    `arrays`, by layer that is not compact, a picture for each item but where the layout says
+    `every`; `more`, what else is known of each item, among it its `status`: 'ok', 'flagged' (it has
+    warnings) or 'failed' (nothing was found in it); `packed`, of each compact layer, the map of
+    every item as `Compact.pack` gives it; None where an item has none.
     """
 
     arrays: Mapping[str, NDArray[Any]]
     rows: list[dict[str, Any]]
     more: list[dict[str, Any]]
-    parts: Mapping[str, bytes] = field(default_factory=dict)
-    left: Mapping[str, Any] | None = None
+    parts: Mapping[str, bytes] = field(default_factory=dict)  # of files that all chunks make
+    left: Mapping[str, Any] | None = None  # for the next chunk, where they are computed in turn
     packed: Mapping[str, list[bytes | None]] = field(default_factory=dict)
 
 
@@ -377,16 +313,8 @@ InTurn = Callable[[int, int, Any], Results]
 class Job:
     """A long run.
 
-    Parameters
-    ----------
-    work : callable
-        Computes a chunk.
-    layout : RunLayout
-        What the run leaves.
-    identity : mapping
-        What the run is a result of, as in a Job.
-    in_turn : bool, default False
-        Whether each chunk needs what the one before has left: then one process computes all.
+    `layout`, what the run leaves; `identity`, what the run is a result of, as in a Job; `in_turn`,
+    whether each chunk needs what the one before has left: then one process computes all.
     """
 
     work: Work | InTurn
@@ -398,16 +326,7 @@ class Job:
 def chunk_size(count: int, item_bytes: int) -> int:
     """Choose a chunk's items, so that memory stays bounded and a few workers have each their share.
 
-    Parameters
-    ----------
-    count : int
-        Items of the run.
-    item_bytes : int
-        Bytes of one layer of one item.
-
-    Returns
-    -------
-    int
-        Items in a chunk, 1 at least.
+    Parameters: `count`, items of the run; `item_bytes`, bytes of one layer of one item. Returns
+    items in a chunk, 1 at least.
     """
     return max(1, min(LARGEST_CHUNK, CHUNK_BYTES // max(item_bytes, 1), -(-count // 8)))

@@ -87,14 +87,14 @@ class VerifiedStore(LocalStore):
             raise self._record.refusal(name, fault)
         return key in self._known
 
-    def _checked(self, key: str, found: Buffer | None, byte_range: Any) -> Buffer | None:
+    def _checked(self, key: str, buffer: Buffer | None, byte_range: Any) -> Buffer | None:
         """What was read, held against the record; zarr looks at the checksum of each chunk."""
         name = f"{self.root.name}/{key}"
-        if found is None:
+        if buffer is None:
             raise self._record.refusal(name, MISSING)
         if byte_range is None:
-            self._record.check_read(name, found.as_numpy_array())
-        return found
+            self._record.check_read(name, buffer.as_numpy_array())
+        return buffer
 
 
 _PICTURE = (("z_mm", "x_mm"), ("row", "col"))
@@ -138,8 +138,8 @@ class _OnePlace:
         """As xarray has it."""
         for other in inputs:
             _refuse_other_places(self, other)
-        found = super().__array_ufunc__(ufunc, method, *inputs, **named)  # type: ignore[misc]
-        return _of_run(found)
+        result = super().__array_ufunc__(ufunc, method, *inputs, **named)  # type: ignore[misc]
+        return _of_run(result)
 
     # on the right of an array that is no run's, Python asks these first, for they are not xarray's
     def __radd__(self, other: Any) -> Any:
@@ -195,11 +195,11 @@ class RunDataset(_OnePlace, xarray.Dataset):
         return _of_run(super().__getitem__(key))
 
 
-def _of_run(found: Any) -> Any:
+def _of_run(data: Any) -> Any:
     """What xarray made of a run's arrays, as a run's."""
-    if type(found) is xarray.Dataset:
-        return RunDataset(dict(found.data_vars), dict(found.coords), found.attrs)
-    return RunArray(found) if type(found) is xarray.DataArray else found
+    if type(data) is xarray.Dataset:
+        return RunDataset(dict(data.data_vars), dict(data.coords), data.attrs)
+    return RunArray(data) if type(data) is xarray.DataArray else data
 
 
 def _refuse_other_places(one: Any, other: Any) -> None:
@@ -216,8 +216,8 @@ def _refuse_other_places(one: Any, other: Any) -> None:
             f"{', '.join(map(str, other.dims))}: one has no scale; state its camera.pixel_mm"
         )
     for axis in set(one.indexes) & set(other.indexes) & set(_PICTURE[0]):
-        here, there = one.indexes[axis], other.indexes[axis]
-        few, many = sorted((here, there), key=len)
+        here, theirs = one.indexes[axis], other.indexes[axis]
+        few, many = sorted((here, theirs), key=len)
         if not few.isin(many).all():
             raise InputError(
                 f"{_called(one)} has {axis} from {_span(one, axis)} and {_called(other)} from "
@@ -248,8 +248,8 @@ def _span(one: Any, axis: str) -> str:
 def _shift(one: Any, axis: str) -> Any:
     """How far (mm) the frames of a map lie from its axis; 0 where there is one place."""
     names = (f"shift_{axis}", f"key_shift_{axis}")
-    found = next((one.coords[name] for name in names if name in one.coords), None)
-    return xarray.DataArray(0.0) if found is None else found.drop_vars(names, errors="ignore")
+    shift = next((one.coords[name] for name in names if name in one.coords), None)
+    return xarray.DataArray(0.0) if shift is None else shift.drop_vars(names, errors="ignore")
 
 
 def make_dataset(
@@ -257,22 +257,14 @@ def make_dataset(
 ) -> RunDataset:
     """Make a dataset of maps and columns that are in memory, as `open_run` opens one.
 
-    Parameters
-    ----------
-    columns : mapping of str to Column
-        The maps and columns, by name.
-    coordinates : mapping of str to Column
-        The coordinates, by name.
-    attributes : mapping
-        Attributes of all.
-
-    Returns
-    -------
-    RunDataset
-        The dataset, with the axes z_mm and x_mm where these are known.
+    Parameters: `columns`, the maps and columns, by name; `coordinates`, the coordinates, by name.
+    Returns the dataset, with the axes z_mm and x_mm where these are known.
     """
     data, places = (
-        {name: (own.axes, own.values, described(name, own)) for name, own in part.items()}
+        {
+            name: (column.axes, column.values, described(name, column))
+            for name, column in part.items()
+        }
         for part in (columns, coordinates)
     )
     return as_run(xarray.Dataset(data, places, dict(attributes)))
@@ -281,24 +273,17 @@ def make_dataset(
 def as_run(dataset: xarray.Dataset) -> RunDataset:
     """Give a run's dataset names that are identifiers, and its pictures axes in mm.
 
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        As it is stored, by this version or an earlier one.
-
-    Returns
-    -------
-    RunDataset
-        The same data, not read yet where they were not.
+    Parameters: `dataset`, as it is stored, by this version or an earlier one. Returns the same
+    data, not read yet where they were not.
     """
-    found = with_identifiers(dataset)
+    named = with_identifiers(dataset)
     axes = {
         pixel: place
         for place, pixel in zip(*_PICTURE, strict=True)
-        if place in found.coords and found[place].dims == (pixel,)
+        if place in named.coords and named[place].dims == (pixel,)
     }
-    found = found.swap_dims(axes)
-    made = RunDataset(dict(found.data_vars), dict(found.coords), found.attrs)
+    named = named.swap_dims(axes)
+    made = RunDataset(dict(named.data_vars), dict(named.coords), named.attrs)
     made.set_close(dataset.close)
     return made
 
@@ -306,19 +291,8 @@ def as_run(dataset: xarray.Dataset) -> RunDataset:
 def stored_map(array: Any, *, item: int, picture: int) -> NDArray[Any]:
     """Read one map of a store's array as numbers, however it is kept.
 
-    Parameters
-    ----------
-    array : zarr.Array
-        A layer's array.
-    item : int
-        Number of the item.
-    picture : int
-        Number of its picture, where only some items have one.
-
-    Returns
-    -------
-    ndarray of float32, shape (rows, cols)
-        The map, NaN = not known.
+    Parameters: `item`, number of the item; `picture`, number of its picture, where only some items
+    have one. Returns the map, NaN = not known, shape (rows, cols).
     """
     step = array.attrs.get("scale_factor")
     if step is None:
@@ -354,9 +328,9 @@ def open_growing(partial: Path) -> xarray.Dataset:
     }
     columns["finished"] = Column((axis,), np.array([k in rows for k in range(count)]), {})
     columns[axis] = Column((axis,), np.arange(count), {})
-    found = read_store(stores[-1].parent, stores[-1].parent)
-    own = {n: (c.axes, c.values, described(n, c)) for n, c in columns.items()}
-    return found.assign(own).set_coords(axis)
+    stored = read_store(stores[-1].parent, stores[-1].parent)
+    variables = {n: (c.axes, c.values, described(n, c)) for n, c in columns.items()}
+    return stored.assign(variables).set_coords(axis)
 
 
 WORKING = ".partial"
@@ -421,14 +395,7 @@ def _create_compact(group: Any, layer: Layer, compact: Compact, layout: RunLayou
 class Column:
     """What is known along some axes of a dataset.
 
-    Parameters
-    ----------
-    axes : tuple of str
-        Names of the axes.
-    values : ndarray
-        The values, an axis each.
-    attributes : mapping
-        Attributes, such as the units.
+    `axes`, their names; `values`, an axis each; `attributes`, such as the units.
     """
 
     axes: tuple[str, ...]
@@ -445,23 +412,8 @@ def add_columns(
     """Add columns, coordinates and attributes to a run's store.
 
     As xarray would, which is not asked, for it takes longer to start than all columns to write.
-    Names become identifiers: load.normal_n is load_normal_n.
-
-    Parameters
-    ----------
-    path : Path
-        The store.
-    columns : mapping of str to Column
-        The columns, by name.
-    coordinates : mapping of str to Column
-        The coordinates, by name.
-    attributes : mapping
-        Attributes of all.
-
-    Raises
-    ------
-    OSError
-        Where the disk cannot be written or read.
+    Names become identifiers: load.normal_n is load_normal_n. Parameters: `columns`, the columns, by
+    name; `coordinates`, the coordinates, by name. Raises OSError.
     """
     import zarr
     from zarr.codecs import Crc32cCodec, ZstdCodec
@@ -469,9 +421,9 @@ def add_columns(
     group = zarr.open_group(path, mode="r+", zarr_format=3)
     nothing = {"T": "", "f": np.nan}  # by the kind of value, else 0
     for name, column in {**coordinates, **columns}.items():
-        own = identifier(name)
+        key = identifier(name)
         group.create_array(
-            own,
+            key,
             data=column.values,
             chunks=tuple(max(1, size) for size in column.values.shape),
             fill_value=nothing.get(column.values.dtype.kind, 0),
@@ -497,15 +449,8 @@ _PARTS = {
 def identifier(name: str) -> str:
     """Give the name of a column in a dataset, which may stand in Python and MATLAB code.
 
-    Parameters
-    ----------
-    name : str
-        Name of a key or column of a table, such as `load.normal_n standard_uncertainty`.
-
-    Returns
-    -------
-    str
-        The same as an identifier, such as `load_normal_n_u`.
+    Parameters: `name`, name of a key or column of a table, such as `load.normal_n
+    standard_uncertainty`. Returns the same as an identifier, such as `load_normal_n_u`.
     """
     for words, ending in _PARTS.items():
         if name.endswith(words):
@@ -521,8 +466,8 @@ def with_identifiers(dataset: xarray.Dataset) -> xarray.Dataset:
 
 def described(name: str, column: Column) -> dict[str, Any]:
     """The attributes of a column in a dataset, where its name is another than in a table."""
-    said = {} if identifier(name) == name else {"long_name": name}
-    return said | dict(column.attributes)
+    naming = {} if identifier(name) == name else {"long_name": name}
+    return naming | dict(column.attributes)
 
 
 def column(values: Sequence[Any], axis: str, name: str) -> Column:
@@ -530,19 +475,8 @@ def column(values: Sequence[Any], axis: str, name: str) -> Column:
 
     What is not known is NaN, or empty text.
 
-    Parameters
-    ----------
-    values : sequence
-        The values; None = not known.
-    axis : str
-        Name of the axis that they lie on.
-    name : str
-        Name of the column, in which the unit stands.
-
-    Returns
-    -------
-    Column
-        The column, with its units.
+    Parameters: `values`, the values; None = not known; `axis`, name of the axis that they lie on;
+    `name`, name of the column, in which the unit stands. Returns the column, with its units.
     """
     attributes = named_units(name)
     if isinstance(values, Floats):
@@ -560,15 +494,8 @@ def column(values: Sequence[Any], axis: str, name: str) -> Column:
 def texts(values: Iterable[Any]) -> NDArray[Any]:
     """Make a column of texts.
 
-    Parameters
-    ----------
-    values : iterable
-        The values; None = not known.
-
-    Returns
-    -------
-    ndarray of str, shape (n,)
-        The texts, empty where one is not known.
+    Parameters: `values`, the values; None = not known. Returns the texts, empty where one is not
+    known, shape (n,).
     """
     return np.array(["" if v is None else str(v) for v in values], dtype=np.dtypes.StringDType())
 
@@ -576,15 +503,8 @@ def texts(values: Iterable[Any]) -> NDArray[Any]:
 def named_units(name: str) -> dict[str, Any]:
     """Give the unit that stands in a name as attributes of its column.
 
-    Parameters
-    ----------
-    name : str
-        Name of a key or column, such as `load.normal_n`.
-
-    Returns
-    -------
-    dict
-        The attribute 'units'; empty where no unit stands in the name.
+    Parameters: `name`, name of a key or column, such as `load.normal_n`. Returns the attribute
+    'units'; empty where no unit stands in the name.
     """
     units = units_of(name)
     return {} if units is None else {"units": units}
@@ -603,15 +523,8 @@ def units_of(name: str) -> str | None:
 def column_values(variable: xarray.DataArray) -> list[Any]:
     """Give the values that `column` was given.
 
-    Parameters
-    ----------
-    variable : xarray.DataArray
-        A column of a dataset.
-
-    Returns
-    -------
-    list
-        The values; None for what is not known of whole numbers.
+    Parameters: `variable`, a column of a dataset. Returns the values; None for what is not known of
+    whole numbers.
     """
     values: list[Any] = variable.values.tolist()
     if variable.attrs.get(WHOLE):
@@ -622,23 +535,15 @@ def column_values(variable: xarray.DataArray) -> list[Any]:
 def attributes(identity: Mapping[str, Any]) -> dict[str, Any]:
     """Make attributes of a dataset of a run's identity: numbers and texts, tables as JSON.
 
-    Parameters
-    ----------
-    identity : mapping
-        What the run is a result of, as in a Job.
-
-    Returns
-    -------
-    dict
-        The attributes.
+    Parameters: `identity`, what the run is a result of, as in a Job.
     """
-    found: dict[str, Any] = {"Conventions": "CF-1.11", "source": "Isochrome"}
+    result: dict[str, Any] = {"Conventions": "CF-1.11", "source": "Isochrome"}
     for key, value in identity.items():
         if value is None:
             continue
         plain = isinstance(value, str | int | float)
-        found[key] = value if plain else json.dumps(value, ensure_ascii=False)
-    return found
+        result[key] = value if plain else json.dumps(value, ensure_ascii=False)
+    return result
 
 
 def open_run(path: str | Path) -> RunDataset:
@@ -681,7 +586,6 @@ def open_run(path: str | Path) -> RunDataset:
     >>> print(f"{order.sel(x_mm=0.0, z_mm=9.0, method='nearest').item():.2f} fringes")
     0.78 fringes
     """
-
     growing = Path(path).name.endswith(WORKING)
     return as_run(open_growing(Path(path)) if growing else open_store(path))
 
@@ -741,28 +645,25 @@ def read_store(store: Path, source: Any) -> xarray.Dataset:
         for array in stored.variables.values():
             if "scale_factor" in array.attrs:  # maps in whole steps are single precision
                 array.attrs["scale_factor"] = np.float32(array.attrs["scale_factor"])
-        found = xarray.decode_cf(stored)
-        found.set_close(stored.close)
+        dataset = xarray.decode_cf(stored)
+        dataset.set_close(stored.close)
     except InputError:
         raise
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"{store}: cannot be read ({error}); run the command again with --restart"
         ) from error
-    lost = [array for array in _arrays(store) if array not in found.variables]
+    # what zarr cannot read, it leaves out; a group is what somebody else has put there
+    arrays = (file.parent.name for file in sorted(store.glob("*/zarr.json")) if not _is_group(file))
+    lost = [array for array in arrays if array not in dataset.variables]
     if lost and isinstance(source, Path):  # else what is not in the record is no part of it
-        found.close()
+        dataset.close()
         raise InputError(f"{store}: {lost[0]} cannot be read; run the command again with --restart")
-    return found
-
-
-def _arrays(store: Path) -> list[str]:
-    """What stands in a store, whether or not zarr can read it: what it cannot, it leaves out."""
-    return [file.parent.name for file in sorted(store.glob("*/zarr.json")) if not _is_group(file)]
+    return dataset
 
 
 def _is_group(file: Path) -> bool:
-    """Whether a description is that of a group, which somebody else has put there."""
+    """Whether a description is that of a group."""
     try:
         return bool(json.loads(file.read_bytes())["node_type"] == "group")
     except (OSError, ValueError, KeyError, TypeError):

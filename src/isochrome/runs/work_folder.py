@@ -58,20 +58,7 @@ LOCK, OWNER = "lock", "owner.txt"
 def locked(folder: Path) -> Iterator[None]:
     """Hold a folder for this process alone; it is made if need be, and removed when left empty.
 
-    Parameters
-    ----------
-    folder : Path
-        The folder.
-
-    Yields
-    ------
-    None
-        Nothing: the folder is held inside the block.
-
-    Raises
-    ------
-    InputError
-        Where another process holds it, or where it cannot be made or locked.
+    Raises InputError.
     """
     from filelock import FileLock, Timeout
 
@@ -106,15 +93,15 @@ def locked(folder: Path) -> Iterator[None]:
 
 def _release(folder: Path, lock: FileLock) -> None:
     """Open the lock, and remove the folder where nothing else is in it."""
-    alone = False
+    only_lock = False
     with suppress(OSError):  # the drive may be gone
         (folder / OWNER).unlink(missing_ok=True)
-        alone = {entry.name for entry in folder.iterdir()} <= {LOCK}
-        if alone and os.name != "nt":  # while it is held, so that nobody else waits for it
+        only_lock = {entry.name for entry in folder.iterdir()} <= {LOCK}
+        if only_lock and os.name != "nt":  # while it is held, so that nobody else waits for it
             (folder / LOCK).unlink()
     with suppress(OSError):
         lock.release()
-    if alone:
+    if only_lock:
         with suppress(OSError):
             (folder / LOCK).unlink(missing_ok=True)
             folder.rmdir()
@@ -134,25 +121,12 @@ _GROUP = "group.json"
 def working_folder(out: Path) -> Path:
     """Name the folder where a run keeps what it has of its output.
 
-    Parameters
-    ----------
-    out : Path
-        The output folder.
-
-    Returns
-    -------
-    Path
-        The folder beside it.
-
-    Raises
-    ------
-    InputError
-        Where `out` is no place for results.
+    Returns the folder beside it. Raises InputError.
     """
     try:
         check_link(out)
         target = out.resolve()
-        there = target.exists()
+        exists = target.exists()
     except InputError:
         raise
     except (OSError, RuntimeError, ValueError) as error:  # a link to itself, or no possible name
@@ -160,9 +134,9 @@ def working_folder(out: Path) -> Path:
         raise InputError(
             f"{out}: results cannot be written there ({reason}); name another --out folder"
         ) from error
-    if there and not target.is_dir():
+    if exists and not target.is_dir():
         raise InputError(f"{out}: is a file, not a folder; name another --out folder")
-    if target.parent == target or (there and os.path.ismount(target)):
+    if target.parent == target or (exists and os.path.ismount(target)):
         raise InputError(f"{out}: is the top of a drive; name a folder in it")
     if target.is_dir() and not os.access(target, os.W_OK):
         raise InputError(
@@ -196,9 +170,9 @@ def take_back(run: RunFolder, target: Path) -> None:
     Whether they are whole is looked at as in any run that goes on. Parameters: `run`, in a working
     folder; `target`, where the results lie. Raises OSError.
     """
-    there = replace(run, results=target)
+    placed = replace(run, results=target)
     for index in range(run.layout.chunks if run.layout.store else 0):
-        record = None if run.record_file(index).exists() else read_record_of(there, index)
+        record = None if run.record_file(index).exists() else read_record_of(placed, index)
         if record is None:
             continue
         names = [run.chunk_file(name, index) for name in record["layers"]]
@@ -238,33 +212,14 @@ def open_run_folder(root: Path, job: Job, *, restart: bool) -> RunFolder:
 
 
 def has_run(root: Path) -> bool:
-    """Tell whether a working folder holds what an earlier run left.
-
-    Parameters
-    ----------
-    root : Path
-        The working folder.
-
-    Returns
-    -------
-    bool
-        Whether it does.
-    """
+    """Tell whether a working folder holds what an earlier run left."""
     return _manifest(root) is not None
 
 
 def wipe(root: Path) -> None:
     """Remove all that is in a working folder but its lock.
 
-    Parameters
-    ----------
-    root : Path
-        The working folder.
-
-    Raises
-    ------
-    OSError
-        Where the disk cannot be written or read.
+    Raises OSError.
     """
     for entry in sorted(root.iterdir(), key=lambda e: e.name != MANIFEST):
         if entry.name not in (LOCK, OWNER):
@@ -274,17 +229,17 @@ def wipe(root: Path) -> None:
 def _manifest(root: Path) -> dict[str, Any] | None:
     """What a run is a result of; None where it breaks off: so may all that was written after it."""
     try:
-        found: dict[str, Any] = read_checked(root / MANIFEST)
-        known = isinstance(found["identity"], dict) and isinstance(found["layout"], dict)
-        inside = re.fullmatch(r"results-[0-9a-f]+", found["token"]) is not None
+        manifest: dict[str, Any] = read_checked(root / MANIFEST)
+        known = isinstance(manifest["identity"], dict) and isinstance(manifest["layout"], dict)
+        inside = re.fullmatch(r"results-[0-9a-f]+", manifest["token"]) is not None
     except (ValueError, KeyError, TypeError, RecursionError):
         return None  # no manifest of ours
-    return found if known and inside else None
+    return manifest if known and inside else None
 
 
 def _described(layout: RunLayout) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(json.dumps(asdict(layout)))
-    return found
+    record: dict[str, Any] = json.loads(json.dumps(asdict(layout)))
+    return record
 
 
 def _new(root: Path, job: Job) -> RunFolder:
@@ -429,8 +384,8 @@ def _clear_old(results: Path, target: Path) -> None:
     record = _record(target)
     outputs = _outputs(record)
     names = sorted({*outputs, *(entry.name for entry in results.iterdir())})
-    left = {"placing": results.name, "outputs": dict.fromkeys(names, 0)}
-    write_through(target / PROVENANCE, json.dumps(left).encode())
+    placing = {"placing": results.name, "outputs": dict.fromkeys(names, 0)}
+    write_through(target / PROVENANCE, json.dumps(placing).encode())
     if record.get("placing") == results.name:  # it was killed here: what is there are its own
         return
     for name in outputs:

@@ -116,22 +116,7 @@ class Waiting:
 def waiting_workers(workers: int, work: Callable[..., Any]) -> Iterator[Waiting]:
     """Start worker processes that import what `work` needs, while their task is still prepared.
 
-    Parameters
-    ----------
-    workers : int
-        How many.
-    work : callable
-        A function that can be imported.
-
-    Yields
-    ------
-    Waiting
-        The processes.
-
-    Raises
-    ------
-    WorkersLost
-        Where one of them was killed.
+    Parameters: `work`, a function that can be imported. Raises WorkersLost.
     """
     tasks = multiprocessing.get_context("spawn").Queue()
     tasks.cancel_join_thread()  # what nobody has taken keeps nobody here
@@ -172,24 +157,8 @@ def worker_pool(
 
     They are spawned. Left by an exception, the block ends them at once, whatever they are at.
 
-    Parameters
-    ----------
-    workers : int
-        How many.
-    begin : callable
-        Called in each before its first work.
-    arguments : tuple
-        What it is called with.
-
-    Yields
-    ------
-    concurrent.futures.ProcessPoolExecutor
-        The executor.
-
-    Raises
-    ------
-    WorkersLost
-        Where one of them was killed.
+    Parameters: `begin`, called in each before its first work; `arguments`, what it is called with.
+    Raises WorkersLost.
     """
     before = set(multiprocessing.active_children())
     pool = futures.ProcessPoolExecutor(
@@ -250,13 +219,7 @@ def by_cluster(
 
 
 def processors() -> int:
-    """Count the processors that this process may use.
-
-    Returns
-    -------
-    int
-        How many.
-    """
+    """Count the processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -267,19 +230,9 @@ def in_flight(
 ) -> Iterator[tuple[int, T]]:
     """Keep a few items submitted, so that memory does not grow with their number.
 
-    Parameters
-    ----------
-    submit : callable
-        Submits the item of an index and returns its future.
-    items : sequence of int
-        Indices of the items.
-    ahead : int
-        How many are submitted at a time.
-
-    Yields
-    ------
-    tuple
-        Each index with its result, in the order of completion.
+    Parameters: `submit`, submits the item of an index and returns its future; `items`, indices of
+    the items; `ahead`, how many are submitted at a time. Yields each index with its result, in the
+    order of completion.
     """
     waiting: dict[futures.Future[T], int] = {}
     todo = iter(items)
@@ -326,19 +279,19 @@ def _end_with_parent() -> None:
 def _alone_in_worker(index: int) -> ChunkRecord:
     work, run = _TASK[0]
     with single_threaded():
-        kept = keep(run, index, work(*run.layout.span(index)))
+        record = keep(run, index, work(*run.layout.span(index)))
     trim_heap()
-    return kept
+    return record
 
 
 def _elsewhere(work: Work, span: tuple[int, int], expected: dict[str, Any]) -> Results:
     """Compute a chunk on a cluster's worker, if it has the same code and libraries."""
-    own = environment()
-    odd = [key for key in expected if own.get(key) != expected[key]]
-    if odd:
+    here = environment()
+    differing = [key for key in expected if here.get(key) != expected[key]]
+    if differing:
         raise InputError(
-            f"a worker of the cluster has another {odd[0]} ({own.get(odd[0])}, here "
-            f"{expected[odd[0]]}), whose results may differ; install the same on all"
+            f"a worker of the cluster has another {differing[0]} ({here.get(differing[0])}, here "
+            f"{expected[differing[0]]}), whose results may differ; install the same on all"
         )
     with single_threaded():
         return work(*span)
@@ -372,11 +325,6 @@ def single_threaded() -> Iterator[None]:
 
     A sum over several threads is rounded in another order than over one: results would differ in
     their last bits between machines. Workers gain nothing from more threads than cores.
-
-    Yields
-    ------
-    None
-        Nothing: the block is single-threaded.
     """
     from threadpoolctl import threadpool_limits
 

@@ -34,10 +34,8 @@ def render_samples(out: str | Path, *, seed: int = SEED) -> Path:
     InputError
         Where `seed` is negative or `out` cannot be written to; then nothing is left in it.
     """
-    from isochrome.samples.beam_images import render_bending
-    from isochrome.samples.contact_images import SCENE, render_contact
-    from isochrome.samples.disc_images import render_disc
-    from isochrome.samples.film_images import render_film
+    from isochrome.samples.calibration_images import render_bending, render_disc
+    from isochrome.samples.contact_images import SCENE, render_contact, render_film
     from isochrome.samples.sensor import sample_text
     from isochrome.samples.wear_traces import render_wear
 

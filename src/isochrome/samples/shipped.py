@@ -184,5 +184,5 @@ def _stack(path: Path) -> Grey:
 
 
 def _truth(folder: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((folder / "truth.json").read_text("utf-8"))
-    return found
+    truth: dict[str, Any] = json.loads((folder / "truth.json").read_text("utf-8"))
+    return truth

@@ -70,8 +70,8 @@ def _friction(truth: Scene, rng: np.random.Generator) -> dict[str, list[float]]:
     end_s = 1e3 * max(truth.wear.distances_m) / SPEED_MM_PER_S
     time = np.arange(int(end_s * RATE_HZ) + 2) / RATE_HZ
     scatter = SCATTER * _correlated(len(time), KEEP, rng)
-    found = truth.friction_at(1e-3 * SPEED_MM_PER_S * time) + scatter
-    return {"time_s": np.round(time, 1).tolist(), "coefficient": np.round(found, 4).tolist()}
+    coefficient = truth.friction_at(1e-3 * SPEED_MM_PER_S * time) + scatter
+    return {"time_s": np.round(time, 1).tolist(), "coefficient": np.round(coefficient, 4).tolist()}
 
 
 def _trace(state: SurfaceState, rng: np.random.Generator) -> tuple[Array, Array, float]:

@@ -129,8 +129,8 @@ def _rgb_of_yuv(
 def _levels(bits: int) -> np.ndarray:
     """The grey level of every stored luminance that leaves room beyond black and white."""
     stored, top = np.arange(1 << (8 if bits <= 8 else 16)), 2**bits - 1
-    found = np.clip(np.rint((stored - (16 << (bits - 8))) * top / (219 << (bits - 8))), 0, top)
-    result: np.ndarray = found.astype(np.uint8 if bits <= 8 else np.uint16)
+    levels = np.clip(np.rint((stored - (16 << (bits - 8))) * top / (219 << (bits - 8))), 0, top)
+    result: np.ndarray = levels.astype(np.uint8 if bits <= 8 else np.uint16)
     return result
 
 

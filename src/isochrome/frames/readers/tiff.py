@@ -95,8 +95,8 @@ def read_ome(text: str, path: Path) -> Ome:
     images = root.findall("{*}Image")
     if len(images) != 1:
         raise InputError(f"{path}: holds {len(images)} image series; save the one wanted by itself")
-    own = root.get("UUID")
-    if any(note.text != own for note in images[0].iterfind("{*}Pixels/{*}TiffData/{*}UUID")):
+    uuid = root.get("UUID")
+    if any(note.text != uuid for note in images[0].iterfind("{*}Pixels/{*}TiffData/{*}UUID")):
         raise InputError(
             f"{path}: is one of several files of one OME-TIFF; save them as one file (Fiji: "
             "Bio-Formats Exporter)"
@@ -108,18 +108,20 @@ def read_ome(text: str, path: Path) -> Ome:
     size = {axis: _count(pixels, f"Size{axis}", path) for axis in "ZCT"}
     planes = size["Z"] * size["T"]
     times = _times(pixels, planes)
-    increment = _number(pixels, "TimeIncrement", OME_SECONDS, "TimeIncrementUnit", "s")
+    interval = _number(pixels, "TimeIncrement", OME_SECONDS, "TimeIncrementUnit", "s")
+    start = None if interval is None else 0.0
+    from_first: tuple[float | None, ...] | None = None
     if times is not None:
-        increment = None
+        interval, start, from_first = None, times[0], _from_first(times)
     bits = pixels.get("SignificantBits")
     return Ome(
         slices=size["Z"],
         channels=max(size["C"] // max(samples, default=1), 1),
         times=size["T"],
         pixel_mm=_pixel_mm(pixels, path),
-        interval_s=increment,
-        times_s=None if times is None else _from_first(times),
-        start_s=times[0] if times else (None if increment is None else 0.0),
+        interval_s=interval,
+        times_s=from_first,
+        start_s=start,
         significant_bits=int(bits) if bits and bits.isdecimal() and 1 <= int(bits) <= 16 else None,
     )
 
@@ -159,7 +161,7 @@ def _pixel_mm(pixels: ElementTree.Element, path: Path) -> float | None:
 
 def _times(pixels: ElementTree.Element, planes: int) -> list[float] | None:
     """The planes' own times (s), in the order of the frames, where each plane has one."""
-    found: dict[int, float] = {}
+    times: dict[int, float] = {}
     for plane in pixels.iterfind("{*}Plane"):
         factor = OME_SECONDS.get(plane.get("DeltaTUnit", "s"))
         try:
@@ -169,10 +171,10 @@ def _times(pixels: ElementTree.Element, planes: int) -> list[float] | None:
             return None
         if factor is None or not math.isfinite(value):
             return None
-        found[index] = value * factor
-    if len(found) != planes or set(found) != set(range(planes)):
+        times[index] = value * factor
+    if len(times) != planes or set(times) != set(range(planes)):
         return None
-    return [found[i] for i in range(planes)]
+    return [times[i] for i in range(planes)]
 
 
 def _from_first(times: list[float]) -> tuple[float | None, ...]:
@@ -210,7 +212,12 @@ class PageDecoder:
         bits = page.bitspersample
         self.bits = bits if isinstance(bits, int) else None
         if layout.hidden and index > 0:
-            return self._hidden(page, index)
+            # without a head, behind the first
+            self._tif.filehandle.seek(page.dataoffsets[0] + index * page.nbytes)
+            data = self._tif.filehandle.read(page.nbytes)
+            raw = np.frombuffer(data, page.dtype.newbyteorder(self._tif.byteorder))
+            dtype = check_dtype(self._path, page.dtype)
+            return np.ascontiguousarray(raw.reshape(page.shape), dtype=dtype)
         return self._decode(page, layout.pages[index][0], index)
 
     def close(self) -> None:
@@ -252,22 +259,13 @@ class PageDecoder:
         held = sum(page.databytecounts)
         bits = int(np.ravel(page.bitspersample)[0]) * max(page.samplesperpixel, 1)
         needed = rows * -(-cols * bits // 8) if page.compression == NONE else wanted
-        there = min(len(page.dataoffsets), sum(size > 0 for size in page.databytecounts))
-        if there < wanted or held < needed:
+        present = min(len(page.dataoffsets), sum(size > 0 for size in page.databytecounts))
+        if present < wanted or held < needed:
             raise InputError(
-                f"{self._path}: frame {index} has {there} of {wanted} strips or tiles, {held} "
+                f"{self._path}: frame {index} has {present} of {wanted} strips or tiles, {held} "
                 f"bytes in all where at least {needed} are needed; its head is wrong or the file "
                 "damaged: save it again"
             )
-
-    def _hidden(self, page: Any, index: int) -> np.ndarray:
-        """A frame without a head, behind the first."""
-        self._tif.filehandle.seek(page.dataoffsets[0] + index * page.nbytes)
-        data = self._tif.filehandle.read(page.nbytes)
-        raw = np.frombuffer(data, page.dtype.newbyteorder(self._tif.byteorder))
-        return np.ascontiguousarray(
-            raw.reshape(page.shape), dtype=check_dtype(self._path, page.dtype)
-        )
 
     def _decode(self, page: Any, place: int, index: int) -> np.ndarray:
         path = self._path
@@ -309,11 +307,11 @@ class PageDecoder:
         return self._by_pillow(page, place, index)
 
     def _segments(self, page: Any) -> list[bytes]:
-        found = []
+        segments = []
         for offset, size in zip(page.dataoffsets, page.databytecounts, strict=True):
             self._tif.filehandle.seek(offset)
-            found.append(self._tif.filehandle.read(size))
-        return found
+            segments.append(self._tif.filehandle.read(size))
+        return segments
 
     def _check_deflate(self, page: Any, index: int) -> None:
         """Refuse strips that swell beyond what the head says, without taking memory for them."""
@@ -388,7 +386,7 @@ def silence_stderr() -> Iterator[None]:
     """
     with _TURN:
         try:
-            kept = os.dup(STANDARD_ERROR)
+            saved = os.dup(STANDARD_ERROR)
         except OSError:  # no terminal at all, as under pythonw
             yield
             return
@@ -397,8 +395,8 @@ def silence_stderr() -> Iterator[None]:
             os.dup2(nowhere, STANDARD_ERROR)
             yield
         finally:
-            os.dup2(kept, STANDARD_ERROR)
-            os.close(kept)
+            os.dup2(saved, STANDARD_ERROR)
+            os.close(saved)
             os.close(nowhere)
 
 
@@ -488,15 +486,15 @@ def _frame_pages(tif: tifffile.TiffFile) -> tuple[tuple[int, int], ...]:
     return tuple((i, page.offset) for i, page in numbered if i == 0 or not page.is_reduced)
 
 
-def _claimed(tif: tifffile.TiffFile, found: int) -> int:
+def _claimed(tif: tifffile.TiffFile, counted: int) -> int:
     """Number of frames by the notes of ImageJ or tifffile, which may leave out their heads."""
     if tif.is_imagej:
-        return _whole(tif.imagej_metadata or {}, "images", found)
-    if tif.is_shaped and found == 1:
+        return _whole(tif.imagej_metadata or {}, "images", counted)
+    if tif.is_shaped and counted == 1:
         page: Any = tif.pages[0]
         shape = (tif.shaped_metadata or ({},))[0].get("shape", page.shape)
         return max(math.prod(map(int, shape)) // max(int(page.size), 1), 1)
-    return found
+    return counted
 
 
 def _whole(meta: dict[str, Any], key: str, default: int = 1) -> int:
@@ -581,9 +579,9 @@ def _of_ome(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     )
 
 
-def _incomplete(path: Path, named: int, there: int) -> InputError:
+def _incomplete(path: Path, named: int, present: int) -> InputError:
     return InputError(
-        f"{path}: its OME notes name {named} frames and {there} are in it; is it one of several "
+        f"{path}: its OME notes name {named} frames and {present} are in it; is it one of several "
         "files, or truncated? copy it again, or save it as one file"
     )
 

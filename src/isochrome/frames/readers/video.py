@@ -153,7 +153,9 @@ class Video:
             return 0, None
         return first, self._checked(first, item, running)
 
-    def _checked(self, first: int, item: Decoded, rest: Iterator[Decoded]) -> Iterator[Decoded]:
+    def _checked(
+        self, first: int, item: Decoded, following: Iterator[Decoded]
+    ) -> Iterator[Decoded]:
         """The frames from a key frame on, each held against what it was when it was counted.
 
         Where one is not, as after a key frame that is none, all are decoded from the first.
@@ -162,7 +164,7 @@ class Video:
         index, sums = first, self.places.sums
         yield item
         with suppress(InputError):
-            for each in rest:
+            for each in following:
                 if index + 1 >= len(sums) or checksum(each.frame) != sums[index + 1]:
                     break
                 index += 1
