@@ -13,9 +13,11 @@ from __future__ import annotations
 
 import argparse
 import csv
+import difflib
 import io
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -40,8 +42,10 @@ import isochrome
 
 ROOT = Path(__file__).resolve().parents[1]
 
-VOLATILE = ("code_sha256", "isochrome", "provenance.json")
-"""Last parts of JSON keys that name the code, not what it computed; the last is an input's name."""
+VOLATILE = ("code_sha256", "isochrome", "provenance.json", "record_crc32c", ".of")
+"""Last parts of JSON keys that name the code, not what it computed; the third, an input's name."""
+COMPARED = (".outputs.", ".outputs_crc32c.")
+"""In JSON keys: sizes and checksums of files that are compared themselves."""
 
 WEAR = "sample_images/line-contact-wear"
 SHORT_WEAR = f"{WEAR}/short.toml"
@@ -413,7 +417,8 @@ def cells(path: Path) -> dict[str, Any]:
     """The values of a table or a JSON file by place."""
     text = path.read_text("utf-8")
     if path.suffix == ".json":
-        return dict(leaves(json.loads(text or "null")))
+        own = re.match("[0-9a-f]{8}\n", text)  # a chunk's record begins with its checksum
+        return dict(leaves(json.loads(text[own.end() if own else 0 :] or "null")))
     rows = list(csv.reader(line for line in text.splitlines() if not line.startswith("#")))
     head = rows[0] if rows else []
     return {f"{head[c]} {r}": v for r, row in enumerate(rows[1:]) for c, v in enumerate(row)}
@@ -434,7 +439,12 @@ def describe_tables(old: Path, new: Path) -> str:
     """The places of two tables that differ most."""
     before, after = cells(old), cells(new)
     before, after = (
-        {k: v for k, v in c.items() if not k.endswith(VOLATILE)} for c in (before, after)
+        {
+            k: v
+            for k, v in c.items()
+            if not k.endswith(VOLATILE) and not any(part in k for part in COMPARED)
+        }
+        for c in (before, after)
     )
     if set(before) != set(after):
         names = sorted(set(before) ^ set(after))
@@ -473,7 +483,25 @@ def describe(old: Path, new: Path) -> str:
         return describe_images(old, new)
     if old.suffix == ".nc":
         return describe_netcdf(old, new)
+    if old.suffix == ".html":
+        return describe_pages(old, new)
     return f"bytes differ ({old.stat().st_size} -> {new.stat().st_size})"
+
+
+def describe_pages(old: Path, new: Path) -> str:
+    """How many lines of two pages' words differ; pictures are to be looked at."""
+    before, after = (words_of(path.read_text("utf-8")) for path in (old, new))
+    apart = [line for line in difflib.ndiff(before, after) if line[:1] in "+-"]
+    if not apart:
+        return "pictures differ, and no words"
+    return f"{len(apart)} lines of words differ: " + "; ".join(apart[:3])[:300]
+
+
+def words_of(page: str) -> list[str]:
+    """The words of a page as lines, without its pictures, its style, and what names the code."""
+    bare = re.sub(r"<(style|script|svg)\b.*?</\1>|<[^>]*>", "\n", page, flags=re.DOTALL)
+    lines = [line.strip() for line in bare.splitlines() if line.strip()]
+    return [line for line in lines if not re.fullmatch("[0-9a-f]{64}", line)]
 
 
 def describe_netcdf(old: Path, new: Path) -> str:

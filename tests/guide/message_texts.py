@@ -19,9 +19,8 @@ FEWEST_WORDS = 5
 """Of a text that is no exception's, to be a sentence to somebody."""
 
 SILENT = ("figures", "reporting", "benchmarks.py", "samples", "cli", "guide", "demonstration.py")
-"""Rooms whose texts are labels and help, but for what they raise; so are those of `figure.py`, and
-of modules that say what a report is to say."""
-REPORTS = ("run_report.py", "fit_report.py", "comparison_report.py")
+"""Rooms whose texts are labels and help, but for what they raise; so are those of `LABELS`."""
+LABELS = ("figure.py", "run_report.py")
 
 HEAD = """# Every warning and refusal
 
@@ -63,7 +62,7 @@ def texts() -> dict[str, str]:
     found: dict[str, str] = {}
     for path in modules():
         place = path.relative_to(HOUSE).as_posix()
-        silent = path.name in ("figure.py", *REPORTS) or place.startswith(SILENT)
+        silent = path.name in LABELS or place.startswith(SILENT)
         found |= dict.fromkeys(texts_of(nodes(path), raised_alone=silent), place)
     return found
 

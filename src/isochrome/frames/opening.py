@@ -453,18 +453,13 @@ def _suffix(path: Path) -> str:
     return path.suffix.lower()
 
 
-def _check_known(files: Iterable[Path], advice: str) -> None:
-    """Refuse files of no known kind, by their names; `advice` follows the kinds."""
+def _of_files(files: tuple[Path, ...], kind: Kind) -> Source:
     for file in files:
         if _suffix(file) not in KNOWN:
             raise InputError(
                 f"{file}: frames cannot be read from a file of this kind; known are "
-                f"{', '.join(KNOWN)}{advice}"
+                f"{', '.join(KNOWN)}, or a folder of images or videos"
             )
-
-
-def _of_files(files: tuple[Path, ...], kind: Kind) -> Source:
-    _check_known(files, ", or a folder of images or videos")
     kinds = [signature_of(f).kind for f in files]
     moving = [f for f, media in zip(files, kinds, strict=True) if media == "video"]
     if moving and len(moving) < len(files):
@@ -505,10 +500,12 @@ def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[F
         )
     if len(names) == 1 and len(places) == 1:
         return (names[0],)
-    _check_known(
-        (place for place in places if place not in folders),
-        "; leave it out, as 'runs/*.avi' leaves out all but .avi files",
-    )
+    for place in places:
+        if place not in folders and _suffix(place) not in KNOWN:
+            raise InputError(
+                f"{place}: frames cannot be read from a file of this kind; known are "
+                f"{', '.join(KNOWN)}; leave it out, as 'runs/*.avi' leaves out all but .avi files"
+            )
     if join:
         return (tuple(places),)
     single = [place for place in places if _holds_several(place) is False]
