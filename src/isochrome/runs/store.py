@@ -29,7 +29,6 @@ from isochrome.runs.integrity import (
 )
 from isochrome.runs.job import Compact, Layer, RunLayout
 
-
 _PICTURE = (("z_mm", "x_mm"), ("row", "col"))
 """The two axes of a picture: in mm, or where no scale is known in pixels."""
 
