@@ -1,7 +1,5 @@
 """Disc under diametral compression: rendered discs, hostile frames, and the real seven loads."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import tifffile
@@ -13,12 +11,13 @@ from isochrome.calibration.disc.disc_rim import Circle, find_rim
 from isochrome.errors import InputError, PhysicsError
 from isochrome.output import write_figure
 from isochrome.reference import disc_principal_difference
+from real_frames import REAL, needs_real
 
 from .conftest import DIAMETER, F_SIGMA, disc_from_images, disc_load
 from .conftest import SMALL_DISC as SMALL
 
 DISC = Disc(diameter_mm=DIAMETER)
-REAL = Path(__file__).parents[3] / "shared" / "real" / "disc-seven-loads"
+DISCS = REAL / "disc-seven-loads"
 
 
 def calibrated(frame, centres, seed=0, uncertainty=None, **options):
@@ -210,14 +209,14 @@ def test_a_set_from_its_file_and_its_figure(disc_frame, tmp_path):
 
 @pytest.mark.study
 @pytest.mark.long
-@pytest.mark.skipif(not REAL.is_dir(), reason="the real frames are not beside the repository")
+@needs_real
 def test_the_real_disc_is_reported_with_its_poor_fit(tmp_path):
     loads = (523, 663, 807, 922, 1045, 1152, 1221)
     text = "[disc]\ndiameter_mm = 50.0\n[camera]\nbit_depth = 8\ngamma = 2.2\n[frames]\n"
     text += 'channel = "green"\nroi = { top_px = 600, left_px = 550, height_px = 980, '
     text += "width_px = 980 }\n"
     for i, load in enumerate(loads):
-        file = (REAL / f"DSC_{8 + i:04d}.jpg").as_posix()
+        file = (DISCS / f"DSC_{8 + i:04d}.jpg").as_posix()
         text += f'[[image]]\nfile = "{file}"\nload_n = {load}\n'
     path = tmp_path / "set.toml"
     path.write_text(text, "utf-8")

@@ -346,7 +346,8 @@ def process_campaign(
     ]
     root, made = working_folder(target), not target.exists()
     with locked(root):
-        _check_place(target, root, tasks)
+        for link in _check_place(target, root, tasks):
+            link.unlink()  # the link, never what it points to
         wipe(root)
         try:
             outcomes = _all(tasks, scene, options, workers, progress)
@@ -359,8 +360,11 @@ def process_campaign(
     return Campaign(target, scene, tuple(outcomes))
 
 
-def _check_place(target: Path, root: Path, tasks: Sequence[Task]) -> None:
-    """Refuse a folder that holds something else than recordings' results, and take links out."""
+def _check_place(target: Path, root: Path, tasks: Sequence[Task]) -> list[Path]:
+    """Refuse a folder that holds something else than recordings' results.
+
+    Returns the links that were put in the place of results since.
+    """
     if not tasks:
         raise InputError("no recordings are named; name at least one")
     if (target / PROVENANCE).exists() or has_run(root):
@@ -369,14 +373,15 @@ def _check_place(target: Path, root: Path, tasks: Sequence[Task]) -> None:
             f"are {len(tasks)}; name another --out folder"
         )
     before = check_summary(target)
+    links = [task.folder for task in tasks if task.name in before and task.folder.is_symlink()]
     for task in tasks:
-        if task.name in before and task.folder.is_symlink():
-            task.folder.unlink()  # put in its place since: the link, never what it points to
-        own = task.frames if isinstance(task.frames, str | Path) else task.frames[0]
-        if task.folder.exists() and task.folder.resolve() == Path(own).resolve():
+        first = task.frames if isinstance(task.frames, str | Path) else task.frames[0]
+        place = task.folder
+        if place not in links and place.exists() and place.resolve() == Path(first).resolve():
             raise InputError(
-                f"{own}: its results would be put among its images; name another --out folder"
+                f"{first}: its results would be put among its images; name another --out folder"
             )
+    return links
 
 
 def _all(

@@ -10,8 +10,7 @@ Commands of long runs: grids of simulations, reports, and results for other prog
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -255,10 +254,6 @@ calibrate_app = typer.Typer(
 Into = Annotated[Path | None, typer.Option("--into", help="Scene file (TOML) to set the value in.")]
 
 
-def _length(name: str, text: str) -> tuple[Any, Any]:
-    return float | None, typer.Option(name, help=text, show_default=False)
-
-
 SCALE = {
     "target": (
         str | None,
@@ -269,14 +264,14 @@ SCALE = {
         typer.Option("--columns", help="Inner corners (or dots) in a row of the target."),
     ),
     "rows": (int | None, typer.Option("--rows", help="The same in a column.")),
-    "spacing_mm": _length("--spacing-mm", "From corner to corner or from dot to dot, mm."),
-    "spacing_uncertainty_mm": _length(
+    "spacing_mm": _number("--spacing-mm", "From corner to corner or from dot to dot, mm."),
+    "spacing_uncertainty_mm": _number(
         "--spacing-uncertainty-mm", "Standard uncertainty of that, mm."
     ),
-    "edges_mm": _length(
+    "edges_mm": _number(
         "--edges-mm", "Instead of a target: the distance of two parallel edges, mm."
     ),
-    "edges_uncertainty_mm": _length("--edges-uncertainty-mm", "Standard uncertainty of that, mm."),
+    "edges_uncertainty_mm": _number("--edges-uncertainty-mm", "Standard uncertainty of that, mm."),
 }
 """What a scale is taken from: type and option of each, by the name that the function takes."""
 
@@ -295,13 +290,8 @@ def _fringe_value_command(specimen: str) -> Callable[..., None]:
     ) -> None:
         from isochrome import calibration
 
-        style, excel = take_style(options), takes_excel(options)
-        run = partial(getattr(calibration, f"calibrate_{specimen}"), settings)
-        result, files = _calibrated(run, settings, out, into, as_json, style, excel)
-        if not as_json:
-            print_calibration(result)
-            typer.echo(_left(out, into, "value"))
-            print_figures(files)
+        run = getattr(calibration, f"calibrate_{specimen}")
+        _calibrate(run, settings, out, into, as_json, options, print_calibration)
 
     return command
 
@@ -361,20 +351,12 @@ def scale_command(
     **options: Any,
 ) -> None:
     """Find mm a pixel and the lens, from a chessboard, dots or two edges a known distance apart."""
-    from isochrome import calibration
+    from isochrome.calibration import calibrate_scale as run
 
-    style, excel = take_style(options), takes_excel(options)
-    run = partial(calibration.calibrate_scale, images, **options)
-    result, files = _calibrated(run, images, out, into, as_json, style, excel)
-    if as_json:
-        return
-    for name, value in result.main_values():
-        typer.echo(f"{name} = {value}")
-    for key in result.taken_as_exact:
-        typer.echo(f"taken as exact: {key}")
-    print_warnings(list(result.warnings))
-    typer.echo(_left(out, into, "values"))
-    print_figures(files)
+    def show(result: Any) -> None:
+        _print_values(result, result.taken_as_exact)
+
+    _calibrate(run, images, out, into, as_json, options, show, what="values")
 
 
 @calibrate_app.command("wear", epilog=examples_of("calibrate wear"))
@@ -388,40 +370,43 @@ def wear_command(
     **options: Any,
 ) -> None:
     """Calibrate the wear coefficient from traces over worn scars, or from worn volumes."""
-    from isochrome import calibration
+    from isochrome.calibration import calibrate_wear as run
 
-    style, excel = take_style(options), takes_excel(options)
-    run = partial(calibration.calibrate_wear, settings)
-    result, files = _calibrated(run, settings, out, into, as_json, style, excel)
-    if as_json:
-        return
+    _calibrate(run, settings, out, into, as_json, options, _print_values)
+
+
+def _print_values(result: Any, exact: Sequence[str] = ()) -> None:
+    """The values of a calibration, what was taken as `exact`, and its warnings."""
     for name, value in result.main_values():
         typer.echo(f"{name} = {value}")
+    for key in exact:
+        typer.echo(f"taken as exact: {key}")
     print_warnings(list(result.warnings))
-    typer.echo(_left(out, into, "value"))
-    print_figures(files)
 
 
-def _calibrated(
-    run: Callable[[], Any],
+def _calibrate(
+    run: Callable[..., Any],
     source: str | list[str],
     out: Path,
     into: Path | None,
     as_json: bool,
-    style: FigureStyle | None,
-    excel: bool,
-) -> tuple[Any, list[str]]:
-    """What a calibration of a `source` gives, left in `out` and in a scene, and printed as JSON.
+    options: dict[str, Any],
+    show: Callable[[Any], None],
+    *,
+    what: str = "value",
+) -> None:
+    """Calibrate from a `source`, leave the result in `out` and `what` in a scene, and tell it.
 
-    Also the files of its figure for a paper.
+    `options` of the figure and the tables are taken out; `run` gets the others.
     """
     from isochrome import calibration
 
+    style, excel = take_style(options), takes_excel(options)
     with steps(quiet=True) as say:
         say("calibrating")
         if into is not None:
             calibration.check_scene_file(into)  # before the work, not after it
-        result = run()
+        result = run(source, **options)
         calibration.save_calibration(result, out, source=source)
         if into is not None:
             first = source[0] if isinstance(source, list) else source
@@ -432,12 +417,10 @@ def _calibrated(
         places: dict[str, Any] = {"out": out} if into is None else {"out": out, "into": into}
         places |= {"figures": files} if files else {}
         print_json({**places, **result.to_json()})
-    return result, files
-
-
-def _left(out: Path, into: Path | None, what: str) -> str:
-    """Where the results are, and in which scene `what` was set."""
-    return f"results: {out}" if into is None else f"results: {out}; {what} set in {into}"
+        return
+    show(result)
+    typer.echo(f"results: {out}" if into is None else f"results: {out}; {what} set in {into}")
+    print_figures(files)
 
 
 @with_options(RUN)

@@ -307,7 +307,7 @@ stands still the steps must not decide. Doses that are one: rounding."""
 
 @dataclass(frozen=True)
 class Scar:
-    """A worn contact at n+1 nodes from its left to its right edge (see `wear.moving_mesh`)."""
+    """A worn contact at n+1 nodes from its left to its right edge (see above)."""
 
     stop: OutputState
     x_mm: Floats

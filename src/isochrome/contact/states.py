@@ -140,7 +140,7 @@ def iter_contact_states(scene: Scene) -> Iterator[SurfaceState]:
     A static state first if the scene asks for it, then those of `wear.distances_m` in its order;
     without wear one, sliding if there is friction. States wait only for others named before them. A
     contact that outgrows its grid is solved again on a wider one. PhysicsError where it does not
-    converge, reaches the grid's edge, or as `contact.validity` says.
+    converge, reaches the grid's edge, or as `refuse_unfit` says.
     """
     history, stops = wear_course(scene)
     loads = history.line_load_n_per_mm

@@ -570,8 +570,6 @@ def read_store(store: Path, source: Any) -> xarray.Dataset:
 
     Parameters: `store`, for messages; `source`, from which zarr reads it.
     """
-    import xarray
-
     try:
         stored = xarray.open_dataset(
             source, engine="zarr", consolidated=False, chunks=None, decode_cf=False

@@ -61,7 +61,7 @@ With ζ = x - i z, the pressure p, and q the shear on the surface along +x,
     sx + sz            = -(2/π) Re ∫ (q - ip)/(ζ-t) dt.
 
 Source: the stresses of a distributed load, Johnson (1985), Contact Mechanics, eq. 2.23, added up
-into complex form. Rows are convolutions in x: see `half_plane.rows`. Both fields use the
+into complex form. Rows are convolutions in x, above. Both fields use the
 same two kernels, so that whoever wants fringes alone pays nothing for the principal stresses.
 
 Where the hills of the stress difference stand: a scan whose rows get sparser with depth.
@@ -351,7 +351,7 @@ def difference_and_trace(
     """(sigma_x - sigma_z) + 2i tau_xz and sigma_x + sigma_z at any places.
 
     Parameters as `stress_components`. Returns two arrays of the places' shape, MPa.
-    Source: see `isochrome.stress.half_plane`.
+    Source: the module's.
     """
     x, z = np.broadcast_arrays(np.asarray(x_mm, float), np.asarray(z_mm, float))
     shape, x, z = x.shape, x.ravel(), z.ravel()
@@ -380,7 +380,7 @@ def stress_components(
 ) -> StressComponents:
     """Compute all three stress components at any places, by direct sums over the loaded nodes.
 
-    Source: see `isochrome.stress.half_plane`.
+    Source: the module's.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ two tractions of a node are sums of two that cannot be negative,
 
 so that no pressure pulls, and no shear acts where nothing presses. With the field linear in
 c = (a, b, regular modes), the whole inversion is a least-squares problem with signs.
-Source: the fields are those of `half_plane.pixel_sums` and `half_plane.regular`.
+Source: the fields are those of `stress.half_plane`.
 """
 
 from __future__ import annotations

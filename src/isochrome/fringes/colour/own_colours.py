@@ -1,7 +1,7 @@
 """The light of colour frames from their own colours: nobody measured it, and no order is known.
 
 Every pixel has three signals and one unknown order: two equations are left over a pixel for the
-few numbers of the light (`isochrome.fringes.colour.own_colours`), the camera's tone curve raw =
+few numbers of the light (below), the camera's tone curve raw =
 light^(1/gamma), the background D, each frame's brightness g and the illumination A, a quadratic
 surface a channel times a relief r of all channels:
 
@@ -9,7 +9,7 @@ surface a channel times a relief r of all channels:
 
 Orders are looked up with a first guess, guided by their neighbours; all numbers are corrected by
 least squares with every pixel's order free; orders are looked up again, and so on. What the bands
-leave is then given to the table itself (`colour.remaining_light`). The orders' own scale is
+leave is then given to the table itself (below). The orders' own scale is
 the green band's: colours alone cannot give it.
 Sources: Golub & Pereyra (1973), SIAM J. Numer. Anal. 10, 413, for the projection; Ajovalasit,
 Barone & Petrucci (1995), J. Strain Analysis 30, 29, for the signals.

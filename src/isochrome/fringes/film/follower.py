@@ -1,8 +1,8 @@
 """The fringe order of each pixel followed through time, from an order that is known.
 
 The light of a pixel on a crest does not say whether its order goes on or back. Its neighbours do,
-whose change is its own but for little: the change of the whole picture (`order_change`) predicts
-each pixel's order, and the wave w = cos 2 pi N corrects it by least squares over windows that
+whose change is its own but for little: that of the whole picture (`fit_order_change`) predicts each
+pixel's order, and the wave w = cos 2 pi N corrects it by least squares over windows that
 narrow down, d = Σ J r / (Σ J² + (sigma² + e² Σ 1)/u²), r = w - C cos 2 pi N, J = dw/dN, from a
 widest one in which d is in proportion to N, to a narrowest one; u is what the prediction leaves
 open, and e what the light does. What lies below the narrowest window is smoothed a little in each
