@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 from isochrome.guide import guide_page
 from isochrome.output import Floats, csv_text, json_pieces
 from isochrome.processing.in_common import tabulate_set
-from isochrome.processing.result import cell_values, frame_columns, row_of_set
+from isochrome.processing.kinds.kind import kind_of
+from isochrome.processing.kinds.tracked import TrackedFilm
+from isochrome.processing.result import cell_values, row_of_set
 from isochrome.scene import load_scene, parse_scene
 
 CELLS = st.one_of(st.none(), st.integers(), st.floats(), st.booleans(), st.sampled_from("ab"))
@@ -69,10 +71,15 @@ KNOWN = "[[frames.known_order]]\nrow_px = 2\ncol_px = 2\norder = 0.0\n"
 UNLOADED = parse_scene("[specimen]\nthickness_mm = 4.0\n")
 
 
+def columns_of(scene, *, tracked=False):
+    """The columns of frames.csv of a scene's frames."""
+    return (TrackedFilm() if tracked else kind_of(scene)).columns(scene)
+
+
 @pytest.mark.parametrize("tracked", [False, True], ids=["whole", "tracked"])
 def test_columns_are_the_scenes_whatever_is_found(tracked):
     """A lost frame added `fringe_lines`, one with a cause its keys, a first that failed none."""
-    columns = frame_columns(CONTACT, tracked=tracked)
+    columns = columns_of(CONTACT, tracked=tracked)
     keys = ("load.normal_n", "camera.left_mm", "friction.coefficient", "wear.coefficient_mm2_per_n")
     assert set(keys) < set(columns) and columns[-1] == "warnings"
     assert columns.count("causes") == 1
@@ -82,7 +89,7 @@ def test_columns_are_the_scenes_whatever_is_found(tracked):
 
 
 def test_what_a_frame_asked_for_is_in_its_causes_to_the_last_digit():
-    columns = frame_columns(CONTACT)
+    columns = columns_of(CONTACT)
     value, spread = 0.1 + 0.2, 1.0 / 3.0
     row = {
         f"camera.roll_deg{end}": v for end, v in (("", value), (" standard_uncertainty", spread))
@@ -99,14 +106,12 @@ def test_what_a_frame_asked_for_is_in_its_causes_to_the_last_digit():
 @pytest.mark.parametrize("tracked", [False, True], ids=["whole", "tracked"])
 def test_the_columns_are_in_the_guide(tracked):
     text = guide_page("files")
-    assert not [
-        n for n in frame_columns(CONTACT, tracked=tracked) if "." not in n and n not in text
-    ]
+    assert not [n for n in columns_of(CONTACT, tracked=tracked) if "." not in n and n not in text]
 
 
 def test_columns_follow_the_scenes_kind():
-    plain = frame_columns(UNLOADED)
+    plain = columns_of(UNLOADED)
     assert plain[-2:] == ("fringe_lines", "warnings") and "kept_share" not in plain
-    known = frame_columns(parse_scene("[specimen]\nthickness_mm = 4.0\n" + KNOWN))
+    known = columns_of(parse_scene("[specimen]\nthickness_mm = 4.0\n" + KNOWN))
     own = {"kept_share", "order_uncertainty", *(f"n_max{end}" for end in ENDS)}
     assert set(known) - set(plain) == own

@@ -19,7 +19,7 @@ from isochrome.optics import expose
 from isochrome.output import read_csv
 from isochrome.processing import process
 from isochrome.processing.kinds import tracked
-from isochrome.processing.kinds.film_maps import FINEST_STEP, order_step
+from isochrome.processing.kinds.tracked import FINEST_STEP, order_step
 from isochrome.processing.pictures import preview
 from isochrome.runs import Compact, export
 from isochrome.simulation import make_picture, scene_states, state_difference
@@ -202,7 +202,7 @@ def test_the_stacks_have_a_page_for_every_frame_as_run_zarr_has_it(followed):
 def test_stacks_that_would_be_too_large_hold_the_key_frames_and_it_is_said(followed, monkeypatch):
     place, _, _ = followed
     room = 4 * COUNT * SHAPE[0] * SHAPE[1] - 1
-    monkeypatch.setattr("isochrome.processing.kinds.film_maps.MOST_PAGED", room)
+    monkeypatch.setattr("isochrome.processing.kinds.tracked.MOST_PAGED", room)
     said = []
     run(place, "large", progress=lambda tally: said.append(tally.said))
     assert any("the TIFF stacks hold the key frames" in text for text in said)
@@ -228,7 +228,7 @@ def test_steps_reach_twice_the_orders_of_the_scene(largest, step):
 
 def test_orders_beyond_the_steps_are_not_known_and_said(followed, monkeypatch):
     place, _, _ = followed
-    monkeypatch.setattr("isochrome.processing.kinds.film_maps.order_step", lambda *_: 4e-5)
+    monkeypatch.setattr("isochrome.processing.kinds.tracked.order_step", lambda *_: 4e-5)
     found = run(place, out="cut")
     assert any(
         "orders above 2.621 fringes, which run.zarr cannot hold" in t for t in found.warnings

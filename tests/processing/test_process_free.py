@@ -13,6 +13,7 @@ from isochrome.frames import open_scene_frames
 from isochrome.processing import process
 from isochrome.processing.chunk import gather
 from isochrome.processing.frame_task import FrameTask
+from isochrome.processing.kinds.kind import kind_of
 from isochrome.scene import load_scene
 
 SCENE = """\
@@ -110,7 +111,8 @@ def test_a_frame_without_an_order_has_no_confidence(tmp_path):
     assert found.frames[0].reading is None and found.frames[1].reading is not None
     scene, path = load_scene(tmp_path / "scene.toml"), tmp_path / "flat.tif"
     with open_scene_frames(path, scene) as reader:
-        kept = gather(FrameTask(frames=path, scene=scene, reader=reader, key="a set"), found.frames)
+        task = FrameTask(frames=path, scene=scene, reader=reader, key="a set", kind=kind_of(scene))
+        kept = gather(task, found.frames)
     order, sure = kept.arrays["fringe_order"], kept.arrays["confidence"]
     assert not np.isfinite(order[0]).any() and (sure[0] == 0.0).all()
     assert np.isfinite(order[1]).mean() > 0.6 and (sure[1] > 0.0).mean() > 0.6

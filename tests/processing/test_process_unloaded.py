@@ -50,7 +50,7 @@ def test_the_table_says_how_high_the_orders_are_and_where_the_light_is_from():
 
 def test_the_first_pass_over_a_film_is_told_of(monkeypatch):
     film, told = LoadedFilm(3), []
-    monkeypatch.setattr("isochrome.processing.chunk.STAGE_EVERY_S", 0.0)
+    monkeypatch.setattr("isochrome.processing.kinds.followed_film.STAGE_EVERY_S", 0.0)
     process(film.frames(), film.scene(), progress=told.append)
     first = [tally.done for tally in told if tally.stage == "following the fringes"]
     every = list(range(film.count))

@@ -1,5 +1,6 @@
 from .api import check_scene, process
 from .checking import check
+from .kinds.with_model import placed_disc
 from .one_frame import (
     AnchorPreview,
     FrameResult,
@@ -11,7 +12,6 @@ from .one_frame import (
     process_frame,
 )
 from .pictures.figure import plot_order
-from .placement import placed_disc
 from .processed import Processed, restore
 from .result import PICTURE, SPREAD, ProcessedFrame
 from .run_report import process_report

@@ -23,22 +23,15 @@ from isochrome.frames import (
     open_scene_frames,
     with_file_scale,
 )
-from isochrome.fringes import make_design
-from isochrome.optics import make_chain
 from isochrome.output import counted, load_roifile
 from isochrome.processing.chunk import (
     FILM,
-    apparatus_of,
     blank_map,
     film_map,
-    frame_row,
-    layers_of,
     more_of,
     process_chunk,
     set_layout,
-    with_film,
 )
-from isochrome.processing.folder import finish_set_folder, set_dataset
 from isochrome.processing.frame_task import (
     FrameSource,
     FrameTask,
@@ -48,16 +41,7 @@ from isochrome.processing.frame_task import (
     release_caches,
 )
 from isochrome.processing.in_common import add_frame_row, tabulate_set
-from isochrome.processing.kinds.colour_light import check_colour
-from isochrome.processing.kinds.film_keys import KEY_EVERY, is_keyed
-from isochrome.processing.kinds.film_maps import check_options, refuse_unfollowed, with_maps
-from isochrome.processing.kinds.film_unloaded import check_unloaded
-from isochrome.processing.kinds.tracked import (
-    EVERY,
-    check_tracked,
-    is_followed,
-    tracked_states,
-)
+from isochrome.processing.kinds.kind import FrameKind, accepts_keys, kind_of
 from isochrome.processing.pictures.figure import figure_in_memory
 from isochrome.processing.pictures.preview import PREVIEW
 from isochrome.processing.processed import Processed, collect, refuse_unread, restore
@@ -214,7 +198,7 @@ def process(
     """
     scene = load_scene(scene)
     check_scene(scene)
-    check_options(track, each, maps, preview, out)
+    _check_options(track, each, maps, preview, out)
     if rois:
         load_roifile()  # missing, it is to be said before hours of work
     refuse_without_folder(out, workers, cluster)
@@ -229,66 +213,115 @@ def process(
         if cluster is not None:
             frames, scene = absolute(frames, scene)
             reader = open_scene_frames(frames, scene)
-        keyed = is_keyed(scene) and (track or (not each and reader.kind == "video"))
-        follow = not keyed and (track or (not each and is_followed(scene, reader)))
-        if not follow:
-            refuse_unfollowed(None if keyed else every, maps)
+        kind = _kind_of_set(scene, reader, track=track, each=each, every=every, maps=maps)
         shown = working_folder(Path(out)) / PREVIEW if out is not None and preview else None
         task = FrameTask(
-            frames=frames, scene=scene, reader=reader, key="not yet known", rois=rois,
+            frames=frames, scene=scene, reader=reader, key="not yet known", kind=kind, rois=rois,
             as_stated=as_stated, keep_going=keep_going, preview=shown,
-            every=(every or EVERY) if follow else None,
-            key_every=(every or KEY_EVERY) if keyed else None, if_film=not track,
         )  # fmt: skip
-        identity = partial(identity_of, task, files, maps)
+        identity = partial(identity_of, task, files)
         if out is not None and not restart and _is_done(Path(out), identity):
-            result = restore(scene, Path(out), reader.shape, open_set(task).residual)
+            result = restore(scene, Path(out), reader.shape, open_set(task).capture.residual)
             return replace(result, as_stated=as_stated)
         several = (workers or 1) > 1 and cluster is None
         early = waiting_workers(workers or 1, process_chunk) if several else nullcontext()
-        means = RunOptions(workers, cluster, restart, keep_going, opened.enter_context(early))
-        result = _processed(task, identity, maps, out, means, progress)
+        options = RunOptions(workers, cluster, restart, keep_going, opened.enter_context(early))
+        result = _processed(task, identity, out, options, progress)
         return replace(result, as_stated=as_stated)
+
+
+MAPS = ("all", "key", "none")
+"""What may be asked for."""
+
+
+def _check_options(
+    track: bool, each: bool, maps: str | None, preview: bool, out: str | Path | None
+) -> None:
+    """Refuse options that say two things, or nothing. Raises InputError."""
+    if track and each:
+        raise InputError("--track and --each: a set is followed, or each frame is alone; give one")
+    if maps not in (None, *MAPS):
+        raise InputError(f"--maps {maps}: give {', '.join(MAPS)}")
+    if preview and out is None:
+        raise InputError("preview: is written beside the results; give a folder for them (out)")
+
+
+def _kind_of_set(
+    scene: Scene,
+    reader: FrameReader,
+    *,
+    track: bool,
+    each: bool,
+    every: int | None,
+    maps: str | None,
+) -> FrameKind:
+    """How a set is processed: followed where that is asked, or is usual; else state by state."""
+    keyed = accepts_keys(scene) and (track or (not each and reader.kind == "video"))
+    follow = not keyed and (track or (not each and is_followed(scene, reader)))
+    if follow:
+        from isochrome.processing.kinds.tracked import EVERY, TrackedFilm
+
+        return TrackedFilm(every=every or EVERY, wanted=maps)
+    for name, value in (("every", None if keyed else every), ("maps", maps)):
+        if value is not None:
+            raise InputError(
+                f"--{name} {value}: is for a video that is followed; add --track, or leave it out"
+            )
+    if not keyed:
+        return kind_of(scene)
+    from isochrome.processing.kinds.film_keys import KEY_EVERY, KeyedFilm
+
+    return KeyedFilm(key_every=every or KEY_EVERY, by_default=not track)
+
+
+def is_followed(scene: Scene, reader: FrameReader) -> bool:
+    """Whether a set is a video of a contact whose frames can be followed."""
+    if reader.kind != "video":
+        return False
+    from isochrome.processing.kinds.tracked import EVERY, check_tracked
+
+    try:
+        check_tracked(scene, reader.shape, EVERY)
+    except InputError:
+        return False
+    return True
 
 
 def _processed(
     task: FrameTask,
     identify: Callable[[], Mapping[str, Any]],
-    maps: str | None,
     out: str | Path | None,
-    means: RunOptions,
+    options: RunOptions,
     progress: RunProgress | None,
 ) -> Processed:
     """All states of a set, in memory or into a folder."""
-    reader, every = task.reader, task.every
-    count = reader.count(decode=every is None)
-    _check_set(task.scene, reader, count)
-    said = ""
-    if every is not None:
-        check_tracked(task.scene, reader.shape, every)
-        task, said = with_maps(task, maps, count, on_disk=out is not None)
+    scene, reader = task.scene, task.reader
+    count = reader.count(decode=task.kind.key_step is None)
+    _check_set(scene, reader, count)
+    kind, text = task.kind.sized(scene, reader.shape, count, on_disk=out is not None)
+    task = replace(task, kind=kind)
     source = open_set(task)
-    if every is not None and not task.as_stated:
-        task = source.recipe = replace(task, apparatus=apparatus_of(source, count))
-    if said and progress is not None:  # what is refused before is one line
-        progress(Tally(0, count, 0, 0, said))
-    if source.recipe.follows_fringes:
-        task = source.recipe = with_film(source, count, progress)
+    task = source.task = replace(task, kind=kind.shared(source, count, progress))
+    if text and progress is not None:  # what is refused before is one line
+        progress(Tally(0, count, 0, 0, text))
     if out is None:
         return _in_memory(source, count // task.steps, progress)
     identity = identify()
     digest = hashlib.sha256(json.dumps(identity).encode()).hexdigest()
-    task = source.recipe = replace(task, key=digest)  # opened, it need not be opened again
+    task = source.task = replace(task, key=digest)  # opened, it need not be opened again
     job = Job(partial(process_chunk, task), set_layout(source, count // task.steps), identity)
 
     place = Path(out).absolute()
 
     def finish(run_folder: RunFolder) -> Processed:
-        release_caches()
-        return finish_set_folder(run_folder, place, job, task, reader.shape, source.residual)
+        from isochrome.processing.folder import finish_set_folder
 
-    result = run_job(job, out, finish, means=means, progress=progress)
-    return result or restore(task.scene, Path(out), reader.shape, source.residual)
+        release_caches()
+        residual = source.capture.residual
+        return finish_set_folder(run_folder, place, job, task, reader.shape, residual)
+
+    result = run_job(job, out, finish, means=options, progress=progress)
+    return result or restore(task.scene, Path(out), reader.shape, source.capture.residual)
 
 
 def _is_done(out: Path, identify: Callable[[], Mapping[str, Any]]) -> bool:
@@ -301,13 +334,15 @@ def _is_done(out: Path, identify: Callable[[], Mapping[str, Any]]) -> bool:
 
 def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) -> Processed:
     """All states, kept in memory."""
-    task, flagged = source.recipe, 0
-    pictures = count if task.every is None else -(-count // task.every)
-    needed = 4 * len(layers_of(task.scene)) * pictures * math.prod(source.reader.shape)
+    task, flagged = source.task, 0
+    kind = task.kind
+    pictures = -(-count // (kind.key_step or 1))
+    needed = 4 * len(kind_of(task.scene).layers(task.scene)) * pictures
     film: dict[str, list[np.ndarray]] = {}
-    if task.every is not None and task.maps == "all":
+    if kind.maps_of_all:
         film = {name: [] for name in FILM}
-        needed += 4 * len(FILM) * count * math.prod(source.reader.shape)
+        needed += 4 * len(FILM) * count
+    needed *= math.prod(source.reader.shape)
     if needed > MOST_IN_MEMORY:
         raise InputError(
             f"{source.reader.path}: the maps of {counted(pictures, 'frame')} take "
@@ -315,13 +350,12 @@ def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) ->
             "folder for them (out), or fewer frames"
         )
     rows, more, selected = list[dict[str, Any]](), dict[str, Any](), list[ProcessedFrame]()
-    outcome = source.states if task.every is None else partial(tracked_states, source)
-    for item in outcome(0, count):
+    for item in kind.states(source, 0, count):
         add_frame_row(more, len(rows), more_of(item, task.scene))
-        rows.append(frame_row(item, task))
-        for name, seen in film.items():
+        rows.append(kind.row(item, task.scene))
+        for name, film_maps in film.items():
             made = film_map(item, name)
-            seen.append(blank_map(name, source.reader.shape) if made is None else made)
+            film_maps.append(blank_map(name, source.reader.shape) if made is None else made)
         if isinstance(item, ProcessedFrame):
             selected.append(item)
         flagged += item.status != "ok"
@@ -331,7 +365,9 @@ def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) ->
     shares = [item.reading.kept if item.reading else None for item in selected]
     refuse_unread(task.scene, str(source.reader.path), table, shares)
     shape, status = source.reader.shape, more["status"]
-    result = collect(task.scene, table, status, selected, shape, source.residual)
+    result = collect(task.scene, table, status, selected, shape, source.capture.residual)
+    from isochrome.processing.folder import set_dataset
+
     draw = partial(figure_in_memory, task.scene, table, status, selected)
     load = partial(set_dataset, result, more, selected, film, shape)
     return replace(result, draw=draw, load=load)
@@ -350,28 +386,7 @@ def check_scene(scene: Scene) -> None:
     InputError
         Where light, field or steps cannot tell the order.
     """
-    steps = len(scene.polariscope.step)
-    if scene.frames.starts_unloaded:
-        check_unloaded(scene)
-    if scene.polariscope.several_wavelengths:
-        check_colour(scene)
-    elif scene.frames.colour_table is not None:
-        raise InputError(
-            f"{scene.name}: frames.colour_table is for light of several wavelengths; add "
-            "polariscope.light = 'white', or remove the table"
-        )
-    if not scene.has_model and scene.polariscope.field == "plane" and not steps:
-        raise InputError(
-            f"{scene.name}: polariscope.field = 'plane': without a model, isoclinics look "
-            "like fringes; capture the circular dark or bright field, or describe the model"
-        )
-    if steps:
-        _check_steps(scene)
-    elif scene.frames.no_load_steps is not None:
-        raise InputError(
-            f"{scene.name}: frames.no_load_steps needs [[polariscope.step]], one for each of its "
-            "frames; add them, or remove the key"
-        )
+    kind_of(scene).check(scene)
 
 
 def _check_set(scene: Scene, reader: FrameReader, count: int) -> None:
@@ -384,12 +399,3 @@ def _check_set(scene: Scene, reader: FrameReader, count: int) -> None:
         raise InputError(f"{scene.name}: camera.pixel_mm is missing, and a fit needs it; add it")
     for name, text in misfits(reader, scene, count):
         raise InputError(f"{name}: {text}")
-
-
-def _check_steps(scene: Scene) -> None:
-    """Refuse steps that cannot tell the order."""
-    polariscope = scene.polariscope
-    try:
-        make_design([make_chain(polariscope, step) for step in range(len(polariscope.step))])
-    except InputError as error:
-        raise InputError(f"{scene.name}: {error}") from error

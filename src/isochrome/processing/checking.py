@@ -98,7 +98,7 @@ def _by_fringes(path: FramesLike, scene: Scene, count: int) -> Iterator[Finding]
         scene = with_file_scale(scene, reader)
         dark, bright = load_no_load(scene, full_shape=reader.full_shape)
         capture = Capture(reader.bit_depth, dark, bright)
-        if scene.frames.known_loads_n:
+        if scene.frames.has_known_loads:
             yield from _against_others(reader, scene, capture)
             return
         if not scene.has_model:

@@ -8,12 +8,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import isochrome
-from isochrome.fringes import ResidualStress
 from isochrome.output import (
     FIGURE_DPI,
     add_rois,
@@ -26,17 +25,14 @@ from isochrome.output import (
     write_tiff,
 )
 from isochrome.processing.chunk import (
-    ISOCLINIC,
     LINES,
-    NORMALISED,
-    ORDER,
     ROIS,
-    layers_of,
     lines_of,
     picture_of,
 )
 from isochrome.processing.frame_task import FrameTask
 from isochrome.processing.in_common import add_frame_row, warnings_last
+from isochrome.processing.kinds.kind import ISOCLINIC, NORMALISED, ORDER, kind_of
 from isochrome.processing.pictures.figure import Shown, set_figure, shown_frames, shown_label
 from isochrome.processing.placement import set_grid, shift_of
 from isochrome.processing.processed import (
@@ -69,6 +65,9 @@ from isochrome.runs import (
 from isochrome.scene import Scene, dump_scene
 from isochrome.simulation import picture_axes
 from isochrome.stress import PixelGrid
+
+if TYPE_CHECKING:
+    from isochrome.fringes import ResidualStress
 
 _TRACKED_DPI = 110.0
 """Of a picture as wide as a screen."""
@@ -112,7 +111,7 @@ def finish_set_folder(
     more.clear()  # a picture needs room: of a long run no more than the table is left then
     trim_heap()
     result = replace(result, draw=draw, load=partial(open_run, out))
-    dpi = FIGURE_DPI if task.every is None else _TRACKED_DPI
+    dpi = FIGURE_DPI if task.kind.key_step is None else _TRACKED_DPI
     write_figure(folder / FIGURE, result.figure(), dpi=dpi)
     trim_heap()
     write_report(folder / REPORT, process_report(folder / STORE, result, job.identity))
@@ -218,7 +217,7 @@ def set_dataset(
             np.stack(film.get(layer.name) or [picture_of(item, layer.name) for item in frames]),
             {"units": layer.units, "long_name": layer.what},
         )
-        for layer in (layers_of(scene) if frames else ())
+        for layer in (kind_of(scene).layers(scene) if frames else ())
     }
     known = {"isochrome": isochrome.__version__, "scene": dump_scene(scene)}
     return make_dataset(maps | columns, axes, attributes(known))

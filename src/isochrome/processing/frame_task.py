@@ -9,26 +9,15 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import islice
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from isochrome.errors import InputError, IsochromeError
 from isochrome.estimation import light_basis
-from isochrome.fitting import Apparatus, frame_distance, frame_scene, scene_at, timed_distance
-from isochrome.frames import Frame, FrameReader, load_no_load
-from isochrome.fringes import ResidualStress
-from isochrome.processing.kinds.colour_light import (
-    colour_capture,
-    colour_frames,
-    process_colour,
-)
-from isochrome.processing.kinds.followed_film import FollowedFilm, followed_states
-from isochrome.processing.kinds.image_only import process_image_only
-from isochrome.processing.kinds.known_loads import known_series, process_known_loads
-from isochrome.processing.kinds.phase_stepped import load_residual, process_stepped
-from isochrome.processing.kinds.with_model import process_with_model
-from isochrome.processing.result import Capture, ProcessedFrame, failed_frame
+from isochrome.fitting import frame_distance, frame_scene, scene_at, timed_distance
+from isochrome.frames import Frame, FrameReader
+from isochrome.processing.kinds.kind import FrameKind
+from isochrome.processing.result import ProcessedFrame, failed_frame
 from isochrome.runs import run_identity, trim_heap
 from isochrome.scene import ArrayFrames, FramesLike, Scene, dump_scene
 from isochrome.specimens import surface_field_grid
@@ -105,53 +94,24 @@ class Cursor(Generic[T]):
 
 @dataclass(frozen=True, kw_only=True)
 class FrameTask:
-    """A set and what is to be done to it, for any process: `frames`, the files; `scene`.
+    """A set, its kind, and what is wanted of it, for any process.
 
-    `reader` of the frames, which has counted them and so knows their places; `key`, the same for
-    the same recipe on the same content; `rois`, whether fringe lines are wanted of frames with a
-    fit too; `as_stated`, whether nothing is fitted besides the scene's unknowns; `keep_going`,
-    whether a frame that fails is left out; `every`, from one key frame of a tracked video to the
-    next, None where every frame is processed wholly, and then its `apparatus`, what all of its
-    frames have in common, and `maps`, of which of its frames these are written: 'all', those of
-    the 'key' frames, or 'none'; `order_step`, in which those of all are kept, fringes, and `pages`,
-    whether the TIFF stacks have a page for each of them; `preview`, the picture that is written now
-    and then of the last frame, None where nobody looks; `key_every`, the same as `every` of a film
-    that is followed without a model, and the `film`; `if_film`, whether that was not asked for, and
-    frames that are no film are read one by one; `note`, what the first frame says of that.
+    The set: `frames`, the files; `scene`; `reader` of the frames, which has counted them and so
+    knows their places; `key`, the same for the same task on the same content. Its `kind`. Wanted:
+    `rois`, whether fringe lines are of frames with a fit too; `as_stated`, whether nothing is
+    fitted besides the scene's unknowns; `keep_going`, whether a frame that fails is left out;
+    `preview`, the picture that is written now and then of the last frame, None where nobody looks.
     """
 
     frames: FramesLike
     scene: Scene
     reader: FrameReader
     key: str
+    kind: FrameKind
     rois: bool = False
     as_stated: bool = False
     keep_going: bool = False
-    every: int | None = None
-    apparatus: Apparatus | None = None
-    maps: str = "key"
-    order_step: float = 1e-4
-    pages: bool = False
     preview: Path | None = None
-    key_every: int | None = None
-    film: FollowedFilm | None = None
-    if_film: bool = False
-    note: str = ""
-
-    @property
-    def held_scene(self) -> Scene:
-        """The scene with what all frames have in common."""
-        return self.scene if self.apparatus is None else self.apparatus.stated
-
-    @property
-    def follows_fringes(self) -> bool:
-        """Whether the orders of a film are followed in time, without a model."""
-        return self.scene.frames.starts_unloaded or self.key_every is not None
-
-    @property
-    def coloured(self) -> bool:
-        """Whether the orders are read from colours."""
-        return self.scene.polariscope.several_wavelengths
 
     @property
     def steps(self) -> int:
@@ -166,50 +126,22 @@ _OPENING = 20
 class FrameSource:
     """An opened set: its `reader`, what all frames share, and where its reading stands."""
 
-    def __init__(self, recipe: FrameTask) -> None:
+    def __init__(self, task: FrameTask) -> None:
         """Open the files besides the frames. Raises InputError."""
-        scene = recipe.scene
-        self.recipe = recipe
-        self.reader = recipe.reader
-        self.capture = Capture(self.reader.bit_depth)
-        self.residual: ResidualStress | None = None
-        if recipe.coloured:
-            self.capture = colour_capture(scene, self.reader)
-        elif scene.polariscope.step:
-            self.residual = load_residual(scene, self.reader)
-        else:
-            dark, bright = load_no_load(scene, full_shape=self.reader.full_shape)
-            series = known_series(scene, self.reader) if scene.frames.known_loads_n else None
-            self.capture = Capture(self.reader.bit_depth, dark, bright, series=series)
+        self.task, self.reader = task, task.reader
+        self.capture = task.kind.prepare(task.scene, task.reader)
         self._cursor = Cursor[list[Frame]](self._begin, self._anew)
 
     def _anew(self, start: int) -> int:
         """As how many states it takes to open the set at a state."""
         if self.reader.kind != "video":
             return 0
-        frame = start * self.recipe.steps
-        return (frame - self.reader.first_decoded(frame) + _OPENING) // self.recipe.steps
+        frame = start * self.task.steps
+        return (frame - self.reader.first_decoded(frame) + _OPENING) // self.task.steps
 
     def _begin(self, start: int) -> Iterator[list[Frame]]:
         """The frames of one state after another, from state `start` on."""
-        if self.recipe.coloured:
-            yield from islice(colour_frames(self.recipe.frames, self.recipe.scene), start, None)
-            return
-        steps = self.recipe.steps
-        frames = self.reader.iterate(start * steps)
-        while len(together := list(islice(frames, steps))) == steps:
-            yield together
-
-    def states(self, start: int, stop: int) -> Iterator[ProcessedFrame]:
-        """What is found in the states [start, stop). Raises InputError, PhysicsError."""
-        film = self.recipe.film
-        if film is not None:
-            captured = self.captured(film.begin(start), stop)
-            result = followed_states(film, captured, self.recipe.scene, self.capture)
-            yield from (item for item in result if item.index >= start)
-            return
-        for index, frames in self.captured(start, stop):
-            yield self.processed(index, frames)
+        return self.task.kind.captured(self, start)
 
     def captured(self, start: int, stop: int) -> Iterator[tuple[int, list[Frame]]]:
         """The frames of the states [start, stop), with the number of the state."""
@@ -219,7 +151,7 @@ class FrameSource:
             index += 1
         if index < stop:
             raise InputError(
-                f"{self.reader.path}: breaks off after {index * self.recipe.steps} frames, and had "
+                f"{self.reader.path}: breaks off after {index * self.task.steps} frames, and had "
                 "more when it was counted; is it still being written?"
             )
 
@@ -228,37 +160,26 @@ class FrameSource:
         first = replace(frames[0], index=index)
         try:
             result = self._read(first, [first, *frames[1:]])
-            if index == 0 and self.recipe.note:
-                result = replace(result, warnings=(self.recipe.note, *result.warnings))
+            if index == 0 and self.task.kind.note:
+                result = replace(result, warnings=(self.task.kind.note, *result.warnings))
             return result
         except IsochromeError as error:
-            if not self.recipe.keep_going:
+            if not self.task.keep_going:
                 raise
             return failed_frame(first, str(error))
 
     def _read(self, first: Frame, frames: list[Frame]) -> ProcessedFrame:
         """One state, with its label and distance."""
-        scene, capture = self.recipe.held_scene, self.capture
-        own, label, distance = scene, None, float("nan")
+        kind = self.task.kind
+        scene = kind.held(self.task.scene)
+        own, label, distance = scene, first.name, float("nan")
         if scene.has_model:
             label, distance = place_of(scene, first)
             own = own_scene(scene, first)
-        if self.recipe.coloured:
-            result = process_colour(frames, own, capture)
-        elif scene.polariscope.step:
-            result = process_stepped(frames, own, capture, residual=self.residual)
-            label = None if label == first.name else label  # its own name says from where to where
-        elif not scene.has_model:
-            result = process_image_only(first, own, capture)
-        elif scene.frames.known_loads_n:
-            result = process_known_loads(first, own, capture)
-        else:
-            # what belongs to the apparatus was asked before, of a few frames for all of them
-            stated = self.recipe.as_stated or self.recipe.every is not None
-            result = process_with_model(
-                first, own, capture, as_stated=stated, apparatus=self.recipe.apparatus
-            )
-        return replace(result, label=label or result.label, distance_m=distance)
+        result = kind.read(frames, own, self.capture, as_stated=self.task.as_stated)
+        if label == first.name:
+            label = result.label  # of several frames, from where to where
+        return replace(result, label=label, distance_m=distance)
 
     def close(self) -> None:
         """Close the files."""
@@ -271,13 +192,13 @@ _KEPT = threading.local()
 
 
 def open_set(task: FrameTask) -> FrameSource:
-    """The opened set of a recipe, the same as long as it is asked for. Raises InputError."""
+    """The opened set of a task, the same as long as it is asked for. Raises InputError."""
     selected: FrameSource | None = getattr(_KEPT, "set", None)
-    if selected is None or selected.recipe.key != task.key:
+    if selected is None or selected.task.key != task.key:
         close_kept()
         selected = FrameSource(task)
         _KEPT.set = selected
-    selected.recipe = task
+    selected.task = task
     return selected
 
 
@@ -311,7 +232,7 @@ def place_of(scene: Scene, frame: Frame) -> tuple[str, float]:
     if speed is not None:
         distance = timed_distance(frame, speed)
         return f"{distance:.4g} m", distance
-    if scene.indenter is None:
+    if not scene.is_contact:
         return frame.name, 0.0
     slid = frame_distance(scene, frame.index)
     if slid and scene.wear is not None:
@@ -321,17 +242,14 @@ def place_of(scene: Scene, frame: Frame) -> tuple[str, float]:
     return "initial sliding" if slides else "static", 0.0
 
 
-def identity_of(
-    task: FrameTask, files: Sequence[Path | ArrayFrames], maps: str | None = None
-) -> Mapping[str, Any]:
+def identity_of(task: FrameTask, files: Sequence[Path | ArrayFrames]) -> Mapping[str, Any]:
     """What a run on a set is a result of, as provenance.json keeps it.
 
-    Parameters: `task`; `files`, see `frames.input_files`; `maps`, as they were asked for. Raises
-    InputError where a file is not readable.
+    Parameters: `task`; `files`, see `frames.input_files`. Raises InputError where a file is not
+    readable.
     """
     scene = task.scene
     seed = scene.camera.seed if scene.camera else None
-    tracked = {} if task.every is None else {"every": task.every, "maps": maps or "default"}
-    tracked |= {} if task.key_every is None else {"key_every": task.key_every}
     stated = {"as_stated": True} if task.as_stated else {}
-    return run_identity(dump_scene(scene), files, {"rois": task.rois} | tracked | stated, seed)
+    options = {"rois": task.rois} | task.kind.identity | stated
+    return run_identity(dump_scene(scene), files, options, seed)

@@ -19,7 +19,6 @@ from isochrome.frames import Frame, open_scene_frames, to_linear, with_file_scal
 from isochrome.fringes import LARGEST_UNCERTAINTY, FollowedFringes, follow_fringes, skeletons
 from isochrome.output import numbers
 from isochrome.processing.api import check_scene
-from isochrome.processing.chunk import frame_row
 from isochrome.processing.frame_task import FrameSource, FrameTask, own_scene
 from isochrome.processing.in_common import fitted_keys, tabulate_set
 from isochrome.processing.kinds.image_only import (
@@ -29,6 +28,7 @@ from isochrome.processing.kinds.image_only import (
     refused_low,
     wave_of,
 )
+from isochrome.processing.kinds.kind import kind_of
 from isochrome.processing.processed import Processed
 from isochrome.processing.result import (
     CAUSES,
@@ -147,7 +147,7 @@ def process_frame(frames: FramesLike, scene: Scene, index: int) -> FrameResult:
     """
     with _captured(frames, scene, index) as (source, number, states):
         result = source.processed(number, states)
-        row = frame_row(result, source.recipe)
+        row = source.task.kind.row(result, scene)
     whole = Processed(
         scene=scene, model=scene.model, columns=tabulate_set([row]), frames=[result], fitted=None,
         warnings=result.warnings,
@@ -327,7 +327,9 @@ def _captured(
     with single_threaded(), open_scene_frames(frames, scene) as reader:
         scene = with_file_scale(scene, reader)
         check_pixel(scene, reader.shape)
-        task = FrameTask(frames=frames, scene=scene, reader=reader, key="one frame")
+        task = FrameTask(
+            frames=frames, scene=scene, reader=reader, key="one frame", kind=kind_of(scene)
+        )
         source = FrameSource(task)
         try:
             ((number, states),) = source.captured(index, index + 1)

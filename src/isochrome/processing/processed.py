@@ -7,12 +7,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.figures import PaperPanels
 from isochrome.fitting import (
     CORRECT,
     EARLIER,
@@ -22,9 +21,7 @@ from isochrome.fitting import (
     over_distance,
     stated_pairs,
     taken_as_exact,
-    untracked_inputs,
 )
-from isochrome.fringes import ResidualStress
 from isochrome.output import (
     FrameValues,
     Result,
@@ -65,6 +62,10 @@ from isochrome.processing.result import (
 from isochrome.runs import RunDataset, column_values, identifier, open_run
 from isochrome.scene import Scene
 from isochrome.simulation import no_model_sentence
+
+if TYPE_CHECKING:
+    from isochrome.figures import PaperPanels
+    from isochrome.fringes import ResidualStress
 
 FIGURE = "process.png"
 _AGAINST_OTHERS = (
@@ -166,7 +167,7 @@ class Processed(Result):
     @property
     def asks_causes(self) -> bool:
         """Whether frames may ask for more than the scene: not where no model is fitted."""
-        return not self.scene.frames.known_loads_n
+        return not self.scene.frames.has_known_loads
 
     @property
     def causes(self) -> list[str]:
@@ -188,7 +189,7 @@ class Processed(Result):
     def taken_as_exact(self) -> tuple[str, ...]:
         """Keys of the measured numbers whose uncertainty is in no ±."""
         keys = fitted_keys(self.columns)
-        by_model = keys and self.model is not None and self.asks_causes
+        by_model = keys and self.scene.has_model and self.asks_causes
         return taken_as_exact(self.scene, keys, tracked=self.tracked) if by_model else ()
 
     @property
@@ -248,7 +249,10 @@ def collect(
     table = wider
     warnings = [] if scene.orders_are_read else [_not_read(scene)]
     warnings += _of_residual(scene, residual) if residual is not None else []
-    warnings += untracked_inputs(scene) if PICTURE in table else []
+    if PICTURE in table:
+        from isochrome.fitting import untracked_inputs
+
+        warnings += untracked_inputs(scene)
     of_frames = zip(table["frame"], table["warnings"], strict=True)
     warnings += messages_of_frames(
         (number, text) for number, all_ in of_frames for text in all_.split(SEPARATOR) if text
@@ -279,7 +283,7 @@ def refuse_unread(
     followed = any(result != NOTHING for result in table.get(FOUND_BY, ()))
     asked = scene.orders_are_read
     normalised = np.isfinite(numbers(table["noise"])).any()
-    loads = numbers(table[LOAD]) if scene.frames.known_loads_n else None
+    loads = numbers(table[LOAD]) if scene.frames.has_known_loads else None
     result = normalised if loads is None else np.isfinite(loads).any()
     if followed or any(kept) or (result and not asked):
         return
@@ -292,7 +296,7 @@ def refuse_unread(
 
 def _not_read(scene: Scene) -> str:
     """Why the orders of a scene's frames are not read."""
-    return _AGAINST_OTHERS if scene.frames.known_loads_n else no_model_sentence(scene)
+    return _AGAINST_OTHERS if scene.frames.has_known_loads else no_model_sentence(scene)
 
 
 def restore(

@@ -5,27 +5,23 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.calibration import LoadSeries
-from isochrome.fitting import (
-    GAMMA,
-    LOAD,
-    FrameFit,
-    Tracked,
-    free_keys,
-    sliding_scene,
-    stated_pairs,
-)
+from isochrome.fitting import FrameFit, stated_pairs
 from isochrome.frames import Frame, Linear
-from isochrome.fringes import ColourTable, OrderReading, Skeleton, number_lines, order_contours
+from isochrome.fringes import OrderReading, Skeleton, number_lines, order_contours
 from isochrome.output import agree
-from isochrome.processing.kinds.largest_order import LARGEST, LARGEST_BY_MODEL, ORDER_FROM, PRESSURE
+from isochrome.processing.kinds.largest_order import ORDER_FROM
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
+
+if TYPE_CHECKING:
+    from isochrome.calibration import LoadSeries
+    from isochrome.fitting import Tracked
+    from isochrome.fringes import ColourTable, ResidualStress
 
 Array = NDArray[Any]
 
@@ -56,46 +52,11 @@ EXPLAINED = "explained_share"
 """Column of the share of a frame's light that the frames of known loads explain."""
 
 
-def frame_columns(scene: Scene, *, tracked: bool = False) -> tuple[str, ...]:
-    """The columns of frames.csv, which depend on the scene alone and not on what is found.
-
-    Parameters: `scene`, of the whole set; `tracked`, whether its frames are followed. Returns the
-    names in their order.
-    """
-    light, known = scene.polariscope, scene.frames.orders_known
-    own: tuple[str, ...]
-    if light.several_wavelengths:
-        own = ("kept_share", "strange_share", *LARGEST)
-    elif light.step:
-        own = ("kept_share", "isoclinic_share", "whole_order_from", *LARGEST)
-        own += ("residual_order_max",) if scene.frames.no_load_steps is not None else ()
-    elif scene.has_model and not scene.frames.known_loads_n:
-        keys = _set_keys(scene)
-        values = (name for key in keys for name in (key, f"{key} {SPREAD}"))
-        pressure = PRESSURE * (scene.indenter is not None)
-        refined = (REFINED,) if stated_pairs(scene) and not tracked else ()
-        own = ("kept_share", *LARGEST_BY_MODEL, *pressure, *values, CAUSES, *refined)
-    else:
-        gamma = ("gamma", f"gamma {SPREAD}") if scene.frames.gamma == "unknown" else ()
-        loads = bool(scene.frames.known_loads_n)
-        load = (LOAD, f"{LOAD} {SPREAD}", EXPLAINED) * loads
-        own = (*(("kept_share",) * known), "fringe_lines", *gamma, *load, *(LARGEST * known))
-    followed = (PICTURE, FOUND_BY) if tracked else ()
-    place = ("distance_m", "chi", "noise", "pixel_mm")
-    return ("frame", "name", "label", *followed, *place, *own, "warnings")
-
-
-def _set_keys(scene: Scene) -> tuple[str, ...]:
-    """The unknowns of a scene's frames: each has those of its own state."""
-    keys = free_keys(sliding_scene(scene))
-    return (*keys, GAMMA) if scene.frames.gamma == "unknown" else keys
-
-
 def row_of_set(row: dict[str, Any], columns: Iterable[str], scene: Scene) -> dict[str, Any]:
     """A frame's row as the set's columns have it: values of no column of theirs are its causes.
 
     Those that agree with what the scene states of them are refined instead.
-    Parameters: `row`; `columns`, of `frame_columns`; `scene`, of the set. Returns a value, or None,
+    Parameters: `row`; `columns`, of a kind's frames; `scene`, of the set. Returns a value, or None,
     for each column.
     """
     result = {name: row.get(name) for name in columns}
@@ -129,7 +90,7 @@ class Capture:
 
     Of frames whose colours tell the order, the no-load frames are (rows, cols, 3), and `table` has
     the channels' signals against order. Of a disc whose load is read against others, `series` has
-    the frames of known loads.
+    the frames of known loads; of phase steps, `residual` the stress to take out.
     """
 
     bit_depth: int | None
@@ -137,6 +98,7 @@ class Capture:
     bright: Linear | None = None
     table: ColourTable | None = None
     series: LoadSeries | None = None
+    residual: ResidualStress | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,8 +17,8 @@ from isochrome.fitting import (
     sliding_scene,
 )
 from isochrome.output import counted, numbers, with_uncertainty
-from isochrome.processing.chunk import NORMALISED, ORDER
 from isochrome.processing.in_common import fitted_keys
+from isochrome.processing.kinds.kind import NORMALISED, ORDER
 from isochrome.processing.processed import Processed
 from isochrome.processing.result import (
     CAUSES,
@@ -298,7 +298,7 @@ def _model(
     keys = fitted_keys(table)
     if not scene.has_model or not keys:
         return None, ""
-    if scene.frames.known_loads_n:
+    if scene.frames.has_known_loads:
         return None, "the stress that the disc holds without load is in no simulation"
     result = own_values(table, keys, shown.number)  # NaN for what its state does not have
     values = {key: value for key, value in result.items() if np.isfinite(value)}

@@ -369,6 +369,11 @@ class Frames(ScenePart):
         return self.starts_unloaded or bool(self.stated_orders)
 
     @property
+    def has_known_loads(self) -> bool:
+        """Whether each frame's load is read against others of known load."""
+        return bool(self.known_loads_n)
+
+    @property
     def first_gamma(self) -> float:
         """The exponent to linearise by at first: 1 where it is unknown."""
         return 1.0 if isinstance(self.gamma, str) else self.gamma

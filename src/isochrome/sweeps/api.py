@@ -339,14 +339,14 @@ def _layout(grid: SweepGrid) -> RunLayout:
     for index in range(count):
         own = grid.scene_at(index)
         pixels = pixel_grid(own)
-        forms.add((state_count(own), pixels.rows, pixels.cols, len(own.polariscope.step)))
+        forms.add((state_count(own), pixels.rows, pixels.cols, own.polariscope.step_numbers))
     if len(forms) > 1:
         raise InputError(
             f"--vary {', '.join(grid.values)}: changes the number of states, pixels or steps, and "
             "one dataset has one of each; run these sweeps apart"
         )
     ((states, rows_, cols, steps),) = forms
-    plain = not steps and not first.camera.colour
+    plain = steps == (None,) and not first.camera.colour
     layers = (ORDER, GREY) if plain else (ORDER,)
     shape = {"state": states, "row": rows_, "col": cols}
     return RunLayout(axes=grid.counts, shape=shape, layers=layers, chunk=1)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Sequence
-from typing import Any
+from dataclasses import dataclass
+from itertools import islice
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,18 +25,50 @@ from isochrome.frames import (
 )
 from isochrome.fringes import ColourReading, ColourTable, read_colour, read_table, spectral_table
 from isochrome.optics import camera_response
-from isochrome.processing.kinds.largest_order import order_columns
+from isochrome.processing.kinds.kind import FrameKind, refuse_no_load_steps
+from isochrome.processing.kinds.largest_order import LARGEST, order_columns
 from isochrome.processing.result import Capture, ProcessedFrame, frame_fields
 from isochrome.scene import FramesLike, Scene
 from isochrome.specimens import specimen_model
 from isochrome.stress import pixel_grid
+
+if TYPE_CHECKING:
+    from isochrome.processing.frame_task import FrameSource
 
 Array = NDArray[Any]
 
 _SMOOTH_PX = 1.5
 
 
-def check_colour(scene: Scene) -> None:
+@dataclass(frozen=True, kw_only=True)
+class ColourLight(FrameKind):
+    """Frames in light of several wavelengths, whose colours tell the order."""
+
+    def check(self, scene: Scene) -> None:
+        """Refuse frames that do not tell colours. Raises InputError."""
+        _check_colour(scene)
+        refuse_no_load_steps(scene)
+
+    def prepare(self, scene: Scene, reader: FrameReader) -> Capture:
+        """The colour table, and the no-load frames of each channel."""
+        return colour_capture(scene, reader)
+
+    def captured(self, source: FrameSource, start: int) -> Iterator[list[Frame]]:
+        """The channels of one frame after another."""
+        yield from islice(colour_frames(source.task.frames, source.task.scene), start, None)
+
+    def read(
+        self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
+    ) -> ProcessedFrame:
+        """The order that the colours tell."""
+        return process_colour(frames, scene, capture)
+
+    def values(self, scene: Scene) -> tuple[str, ...]:
+        """What is read, and how much of it has colours that the table has not."""
+        return ("kept_share", "strange_share", *LARGEST)
+
+
+def _check_colour(scene: Scene) -> None:
     """Refuse a scene of several wavelengths whose frames do not tell colours. Raises InputError."""
     where = f"{scene.name}: [polariscope]: light of several wavelengths"
     if scene.camera is None or not scene.camera.colour or scene.frames.channel is not None:
@@ -56,7 +90,7 @@ def check_colour(scene: Scene) -> None:
 def colour_capture(scene: Scene, reader: FrameReader) -> Capture:
     """What all frames of a set share: the colour table, and the no-load frames.
 
-    Parameters: `scene`, see `check_colour`; `reader` of the set. Returns a Capture. Raises
+    Parameters: `scene`, see `_check_colour`; `reader` of the set. Returns a Capture. Raises
     InputError where the file is grey, or the light or a no-load frame cannot be used.
     """
     if reader.channel is None:

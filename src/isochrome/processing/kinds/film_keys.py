@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -19,13 +21,15 @@ from isochrome.fringes import (
 )
 from isochrome.processing.kinds.followed_film import (
     Array,
+    Film,
     FilmData,
     FollowedFilm,
     Frames,
     Mask,
     film_time,
 )
-from isochrome.processing.kinds.image_only import read_alone
+from isochrome.processing.kinds.image_only import ImageOnly, read_alone
+from isochrome.processing.kinds.kind import FrameKind
 from isochrome.processing.result import SEPARATOR, Capture, ProcessedFrame
 from isochrome.scene import Scene
 
@@ -41,22 +45,42 @@ NOT_IN_TIME = (
     f"{LARGEST_CHANGE:g} fringe, or other things than the load do, {{}} times in {{}}; take more "
     "frames a second"
 )
+_ALONE = "each frame is read by itself: {}"
+_OR_ALONE = "{}, or leave --track out: each frame is then read by itself"
 _MOST_BREAKS = 0.5
 """Share of the steps from frame to frame beyond which a set is no film."""
 _TRIED = 16
 """Frames at most that a film may begin with: unloaded ones have no fringes."""
 
 
-def is_keyed(scene: Scene) -> bool:
-    """Whether a scene's film can be followed from key frames that are read without a model."""
-    light, frames = scene.polariscope, scene.frames
-    return (
-        not scene.has_model
-        and not frames.starts_unloaded
-        and frames.orders_known
-        and frames.gamma != "unknown"
-        and not light.tells_orders
-    )
+@dataclass(frozen=True, kw_only=True)
+class KeyedFilm(Film):
+    """A film each `key_every`-th frame of which is read from nothing.
+
+    `by_default`, whether nobody asked to follow it: frames that are no film are then read one by
+    one, and the first says so.
+    """
+
+    key_every: int = KEY_EVERY
+    by_default: bool = False
+
+    def followed(
+        self, captured: Callable[[], Frames], scene: Scene, capture: Capture, chunk: int, count: int
+    ) -> FrameKind:
+        """Followed from its key frames; read one by one where that fails by default."""
+        every = self.key_every
+        try:
+            film = prepare_keyed(captured, scene, capture, chunk=chunk, count=count, every=every)
+        except PhysicsError as error:
+            if not self.by_default:
+                raise PhysicsError(_OR_ALONE.format(error)) from error
+            return ImageOnly(note=_ALONE.format(error))
+        return replace(self, film=film)
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """Its key frames."""
+        return {"key_every": self.key_every}
 
 
 def prepare_keyed(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,12 +20,14 @@ from isochrome.processing.kinds.followed_film import (
     NOT_FOLLOWED,
     NOT_KNOWN,
     Array,
+    Film,
     FilmData,
     FollowedFilm,
     Frames,
     film_time,
 )
 from isochrome.processing.kinds.image_only import LEAST_ORDER
+from isochrome.processing.kinds.kind import FrameKind
 from isochrome.processing.result import Capture
 from isochrome.scene import Scene
 
@@ -50,7 +53,24 @@ _SAME_LIGHT = 0.02
 """Of the illumination: by so much lamps and exposures differ from day to day."""
 
 
-def check_unloaded(scene: Scene) -> None:
+@dataclass(frozen=True, kw_only=True)
+class UnloadedFilm(Film):
+    """A film that begins without load, from whose zero orders it is followed."""
+
+    def check(self, scene: Scene) -> None:
+        """Refuse a film that cannot begin without load. Raises InputError."""
+        _check_unloaded(scene)
+        super().check(scene)
+
+    def followed(
+        self, captured: Callable[[], Frames], scene: Scene, capture: Capture, chunk: int, count: int
+    ) -> FrameKind:
+        """Followed from its first frame."""
+        film = prepare_unloaded(captured, scene, capture, chunk=chunk, count=count)
+        return replace(self, film=film)
+
+
+def _check_unloaded(scene: Scene) -> None:
     """Refuse a scene whose film cannot be followed from zero load. Raises InputError."""
     name, light = f"{scene.name}: frames.starts_unloaded", scene.polariscope
     if scene.has_model:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import partial
+from time import monotonic
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,14 +35,23 @@ from isochrome.fringes import (
     pixels_together,
     read_followed,
 )
-from isochrome.processing.kinds.image_only import FLAWS
+from isochrome.processing.kinds.image_only import FLAWS, ImageOnly
+from isochrome.processing.kinds.kind import FrameKind
 from isochrome.processing.kinds.largest_order import order_columns
 from isochrome.processing.result import Capture, ProcessedFrame, frame_fields
+from isochrome.progress import STAGE_EVERY_S, RunProgress, Tally
+from isochrome.runs import chunk_size
 from isochrome.scene import Scene
+
+if TYPE_CHECKING:
+    from isochrome.processing.frame_task import FrameSource
 
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 Frames = Iterator[tuple[int, list[Frame]]]
+
+FOLLOWING = "following the fringes"
+"""What is done with a film's frames before they are read."""
 
 NOT_FOLLOWED = (
     "the film cannot be followed from frame {} to {}: the orders change by more than "
@@ -190,6 +201,52 @@ def unclipped(frame: Frame, clipped: float, by: int) -> Mask:
 def film_time(frame: Frame, index: int) -> float:
     """A frame's time (s), or its number where the file knows no times."""
     return float(index) if frame.time_s is None else frame.time_s
+
+
+@dataclass(frozen=True, kw_only=True)
+class Film(ImageOnly):
+    """A film without a model whose orders are followed in time; `film`, what its frames share."""
+
+    film: FollowedFilm | None = None
+
+    draws_lines = False
+
+    def shared(self, source: FrameSource, count: int, progress: RunProgress | None) -> FrameKind:
+        """What one pass or two over all frames tell."""
+        rows, cols = source.reader.shape
+        again = partial(_reported, partial(source.captured, 0, count), count, progress)
+        chunk = chunk_size(count, 4 * rows * cols)
+        return self.followed(again, source.task.scene, source.capture, chunk, count)
+
+    def followed(
+        self, captured: Callable[[], Frames], scene: Scene, capture: Capture, chunk: int, count: int
+    ) -> FrameKind:
+        """The film as it is followed through its `count` frames, in chunks.
+
+        `captured` gives its frames anew, each with its number. Raises InputError, PhysicsError.
+        """
+        raise NotImplementedError
+
+    def states(self, source: FrameSource, start: int, stop: int) -> Iterator[ProcessedFrame]:
+        """The frames in time, from the last kept state on."""
+        assert self.film is not None
+        captured = source.captured(self.film.begin(start), stop)
+        read = followed_states(self.film, captured, source.task.scene, source.capture)
+        yield from (item for item in read if item.index >= start)
+
+
+def _reported(
+    captured: Callable[[], Iterator[tuple[int, list[Frame]]]],
+    count: int,
+    progress: RunProgress | None,
+) -> Iterator[tuple[int, list[Frame]]]:
+    """Frames of a pass over a film, which is told of where it takes some seconds."""
+    last = monotonic()
+    for index, frames in captured():
+        if progress is not None and monotonic() - last >= STAGE_EVERY_S:
+            last = monotonic()
+            progress(Tally(index, count, 0, 0, stage=FOLLOWING))
+        yield index, frames
 
 
 def followed_states(

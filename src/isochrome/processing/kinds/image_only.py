@@ -50,7 +50,8 @@ from isochrome.fringes import (
     widened,
 )
 from isochrome.output import with_uncertainty
-from isochrome.processing.kinds.largest_order import order_columns
+from isochrome.processing.kinds.kind import FrameKind
+from isochrome.processing.kinds.largest_order import LARGEST, order_columns
 from isochrome.processing.result import SPREAD, Capture, ProcessedFrame, frame_fields
 from isochrome.scene import Frames, Scene
 
@@ -261,6 +262,28 @@ class FrameSignal:
     columns: dict[str, Any] = field(default_factory=dict)
     gamma_check: Callable[[Array], tuple[Array, list[str]]] | None = None
     others: tuple[FrameSignal, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageOnly(FrameKind):
+    """Single frames without a model, whose orders hang together with places of known order."""
+
+    def read(
+        self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
+    ) -> ProcessedFrame:
+        """The order that hangs together with known ones."""
+        return process_image_only(frames[0], scene, capture)
+
+    def values(self, scene: Scene) -> tuple[str, ...]:
+        """Fringe lines, and the orders where one is known."""
+        known = scene.frames.orders_known
+        gamma = ("gamma", f"gamma {SPREAD}") if scene.frames.gamma == "unknown" else ()
+        kept, largest = ("kept_share",) * known, LARGEST * known
+        return (*kept, "fringe_lines", *gamma, *self.loads(), *largest)
+
+    def loads(self) -> tuple[str, ...]:
+        """Columns of a frame's load, where that is read."""
+        return ()
 
 
 def process_image_only(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from isochrome.estimation import prepare_frame
 from isochrome.fitting import LOAD
 from isochrome.frames import Frame, FrameReader
 from isochrome.output import with_uncertainty
-from isochrome.processing.kinds.image_only import process_image_only
+from isochrome.processing.kinds.image_only import ImageOnly, process_image_only
 from isochrome.processing.result import EXPLAINED, SPREAD, Capture, ProcessedFrame
 from isochrome.scene import Scene
 
@@ -25,6 +25,25 @@ CONTRADICTED = 3.0
 
 FAR = 0.5
 """Ranges of the known loads beyond them from which a load is told to be far outside."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class KnownLoads(ImageOnly):
+    """Frames of a disc with residual stress, among which there are some of known load."""
+
+    def prepare(self, scene: Scene, reader: FrameReader) -> Capture:
+        """The frames of known loads too."""
+        return replace(super().prepare(scene, reader), series=known_series(scene, reader))
+
+    def read(
+        self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
+    ) -> ProcessedFrame:
+        """The load by those of the others, and the order as of an image."""
+        return process_known_loads(frames[0], scene, capture)
+
+    def loads(self) -> tuple[str, ...]:
+        """The load, and how much of the light is explained."""
+        return (LOAD, f"{LOAD} {SPREAD}", EXPLAINED)
 
 
 def known_series(scene: Scene, reader: FrameReader) -> LoadSeries:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,15 +17,55 @@ from isochrome.frames import (
     open_no_load_steps,
     to_linear,
 )
-from isochrome.fringes import ResidualStress, SteppedReading, read_residual, read_steps
+from isochrome.fringes import (
+    ResidualStress,
+    SteppedReading,
+    make_design,
+    read_residual,
+    read_steps,
+)
 from isochrome.optics import Chain, make_chain
-from isochrome.processing.kinds.largest_order import order_columns
+from isochrome.processing.kinds.kind import ISOCLINIC, FrameKind, refuse_colour_table
+from isochrome.processing.kinds.largest_order import LARGEST, order_columns
 from isochrome.processing.result import Capture, ProcessedFrame, frame_fields
+from isochrome.runs import Layer
 from isochrome.scene import Scene
 from isochrome.simulation import make_picture, scene_states, state_difference
 from isochrome.stress import pixel_grid, principal_direction
 
 Array = NDArray[Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhaseStepped(FrameKind):
+    """States of several frames, one a phase step, which tell order and isoclinic angle."""
+
+    def check(self, scene: Scene) -> None:
+        """Refuse steps that cannot tell the order. Raises InputError."""
+        refuse_colour_table(scene)
+        try:
+            make_design(_chains(scene))
+        except InputError as error:
+            raise InputError(f"{scene.name}: {error}") from error
+
+    def prepare(self, scene: Scene, reader: FrameReader) -> Capture:
+        """The residual stress that the no-load steps show."""
+        return Capture(reader.bit_depth, residual=load_residual(scene, reader))
+
+    def read(
+        self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
+    ) -> ProcessedFrame:
+        """Order and isoclinic angle of a state."""
+        return process_stepped(frames, scene, capture)
+
+    def values(self, scene: Scene) -> tuple[str, ...]:
+        """What is read, and the largest residual order."""
+        residual = ("residual_order_max",) if scene.frames.no_load_steps is not None else ()
+        return ("kept_share", "isoclinic_share", "whole_order_from", *LARGEST, *residual)
+
+    def layers(self, scene: Scene) -> tuple[Layer, ...]:
+        """The isoclinic angle too."""
+        return (*super().layers(scene), ISOCLINIC)
 
 
 def load_residual(scene: Scene, reader: FrameReader) -> ResidualStress | None:
@@ -51,22 +91,17 @@ def load_residual(scene: Scene, reader: FrameReader) -> ResidualStress | None:
     return result
 
 
-def process_stepped(
-    frames: Sequence[Frame],
-    scene: Scene,
-    capture: Capture,
-    *,
-    residual: ResidualStress | None,
-) -> ProcessedFrame:
+def process_stepped(frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
     """Fringe order and isoclinic angle of one state from the frames of its steps.
 
     Parameters: `frames`, one a step in the scene's order; `scene`, of this one state; `capture`,
     how the set was captured (no-load frames are not needed: the steps tell background and
-    illumination); `residual`, the stress to take out. A frame that is
-    saturated or faulty in a pixel is left out there; where the others do not tell, it is masked.
+    illumination), with the residual stress to take out. A frame that is saturated or faulty
+    in a pixel is left out there; where the others do not tell, it is masked.
     Returns a ProcessedFrame. Raises InputError on a blank set, or steps that cannot tell the order.
     """
     light, valid, sigma = _stacked(frames, scene, capture)
+    residual = capture.residual
     result = read_steps(
         light,
         _chains(scene),

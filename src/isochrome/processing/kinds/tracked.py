@@ -6,8 +6,10 @@ model, by the same reading as of a frame that is processed by itself.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -15,31 +17,212 @@ from isochrome.errors import InputError, IsochromeError, PhysicsError
 from isochrome.fitting import (
     GAMMA,
     SMOOTH_KEYS,
+    Apparatus,
     Tracked,
     Tracker,
     VainSearch,
+    find_apparatus,
     free_keys,
     nothing_found,
     placed,
+    scene_at,
     slid_until,
     sliding_scene,
 )
-from isochrome.frames import Frame, FrameReader
-from isochrome.processing.frame_task import FrameSource, FrameTask, place_of
+from isochrome.frames import Frame
+from isochrome.output import counted
+from isochrome.processing.frame_task import FrameSource, place_of
+from isochrome.processing.kinds.kind import CONFIDENCE, ORDER, FrameKind
 from isochrome.processing.kinds.largest_order import largest_with_model
-from isochrome.processing.kinds.with_model import of_share, read_frame
+from isochrome.processing.kinds.with_model import (
+    WithModel,
+    of_share,
+    process_with_model,
+    read_frame,
+)
 from isochrome.processing.result import (
+    FOUND_BY,
+    NOTHING,
+    PICTURE,
+    SPREAD,
+    WHOLE,
+    Capture,
     FollowedFrame,
     ProcessedFrame,
     failed_frame,
     frame_fields,
+    row_of_set,
 )
+from isochrome.progress import RunProgress
+from isochrome.runs import Compact, Layer
 from isochrome.scene import Scene
+from isochrome.simulation import make_picture, scene_states, state_difference
 from isochrome.specimens import surface_field_grid
+from isochrome.stress import pixel_grid
 
 EVERY = 200
 """Frames from one key frame to the next: a key frame costs as much as some 200 that are followed,
 and what is done between two is lost when a run is killed."""
+
+
+MOST_ON_DISK, MOST_KEPT = 20e9, 8e9
+"""Bytes up to which maps of all frames are written, or kept in memory, without being asked for."""
+
+MOST_PAGED = 1e9
+"""Bytes of a TIFF stack up to which it has a page for every frame, uncompressed."""
+
+_BYTES, _TYPICAL = 3, 1.2
+"""Bytes a pixel of order and confidence before they are compressed, and after: measured with a
+noise of 3 grey levels, see `runs.Compact`."""
+
+FINEST_STEP = 1e-4
+"""Fringes; the least order's uncertainty is ten times as much."""
+
+_MARGIN = 2.0
+"""Largest order that steps of 16 bits reach, over the scene's own: four times its load."""
+
+_LARGEST_STEPS = 65534
+_THIN = 4
+
+_CONFIDENCE_STEP = 1.0 / 254.0
+"""Of one byte, whose last value stands for what is not known."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackedFilm(WithModel):
+    """A contact's video, of which each `every`-th frame is a key frame.
+
+    `wanted`, the maps that were asked for, and `maps`, of which frames they are written: 'all',
+    those of the 'key' frames, or 'none'; `order_step` (fringes), in which those of all are kept,
+    and `pages`, whether the TIFF stacks have a page for each of them; `apparatus`, what all frames
+    have in common.
+    """
+
+    every: int = EVERY
+    wanted: str | None = None
+    maps: str = "key"
+    order_step: float = 1e-4
+    pages: bool = False
+    apparatus: Apparatus | None = None
+
+    @property
+    def key_step(self) -> int:
+        """Frames to the next key frame."""
+        return self.every
+
+    @property
+    def maps_of_all(self) -> bool:
+        """Whether all frames have maps."""
+        return self.maps == "all"
+
+    def sized(
+        self, scene: Scene, shape: tuple[int, int], count: int, on_disk: bool
+    ) -> tuple[FrameKind, str]:
+        """With the maps that are written, and a sentence of what they take. Raises InputError."""
+        check_tracked(scene, shape, self.every)
+        pixels = math.prod(shape)
+        most, each = (MOST_ON_DISK, _BYTES) if on_disk else (MOST_KEPT, 8)
+        chosen = self.wanted or ("all" if each * pixels * count <= most else "key")
+        if chosen != "all":
+            why = f"those of all {count} might take {each * pixels * count / 1e9:.3g} GB"
+            text = {"key": "maps of the key frames", "none": "no maps"}[chosen]
+            text += f"; {why}: --maps all writes them" if self.wanted is None else ""
+            return replace(self, maps=chosen), text
+        step = order_step(scene, shape)
+        pages = on_disk and 4 * pixels * count <= MOST_PAGED
+        space = (_TYPICAL if on_disk else each) * pixels
+        text = (
+            f"maps of {counted(count, 'frame')}: about {1e-6 * space:.2g} MB a frame, "
+            f"{1e-9 * space * count:.3g} GB in all, orders in steps of {step:g} fringe"
+        )
+        if on_disk and not pages:
+            text += (
+                "; the TIFF stacks hold the key frames: isochrome export --to tiff makes all pages"
+            )
+        return replace(self, maps=chosen, order_step=step, pages=pages), text
+
+    def shared(self, source: FrameSource, count: int, progress: RunProgress | None) -> FrameKind:
+        """With the apparatus, asked of a few frames."""
+        if source.task.as_stated:
+            return self
+        scene, capture = sliding_scene(source.task.scene), source.capture
+        no_load = capture.dark, capture.bright
+        apparatus = find_apparatus(
+            source.reader, scene, free_keys(scene), count=count, no_load=no_load
+        )
+        return replace(self, apparatus=apparatus)
+
+    def held(self, scene: Scene) -> Scene:
+        """The scene with the apparatus's own values."""
+        return scene if self.apparatus is None else self.apparatus.stated
+
+    def states(
+        self, source: FrameSource, start: int, stop: int
+    ) -> Iterator[ProcessedFrame | FollowedFrame]:
+        """What is read in the frames [start, stop); `start` is a key frame.
+
+        Key frames are processed as if there were no others; each of the other frames is followed
+        from the key frame before it, whose own chunk thus suffices.
+        """
+        assert start % self.every == 0
+        track = KeyFrames(source, self)
+        for index, frames in source.captured(start, stop):
+            frame = replace(frames[0], index=index)
+            if index % self.every == 0:
+                key = source.processed(index, frames)
+                surface_field_grid.cache_clear()  # of its own place, as large as ten pictures
+                track = KeyFrames(source, self)
+                track.begin(frame, key)
+                yield key
+            else:
+                yield track.follow(frame)
+
+    def read(
+        self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
+    ) -> ProcessedFrame:
+        """A key frame by itself, in the apparatus of all."""
+        # what belongs to the apparatus was asked before, of a few frames for all of them
+        return process_with_model(
+            frames[0], scene, capture, as_stated=True, apparatus=self.apparatus
+        )
+
+    def values(self, scene: Scene) -> tuple[str, ...]:
+        """What is fitted."""
+        return self.fitted(scene)
+
+    def columns(self, scene: Scene) -> tuple[str, ...]:
+        """Where a key frame lies in the stacks too, and how values were found."""
+        frame, name, label, *others = super().columns(scene)
+        return (frame, name, label, PICTURE, FOUND_BY, *others)
+
+    def row(self, item: ProcessedFrame | FollowedFrame, scene: Scene) -> dict[str, Any]:
+        """With a key frame's place and the apparatus."""
+        row = item.row()
+        if isinstance(item, ProcessedFrame):
+            place = None if self.maps == "none" else item.index // self.every
+            row |= {PICTURE: place, FOUND_BY: WHOLE if item.has_values else NOTHING}
+            held = {} if self.apparatus is None else self.apparatus.values
+            for key, (value, spread) in held.items():
+                row |= {key: value, f"{key} {SPREAD}": spread}
+        return row_of_set(row, self.columns(scene), scene)
+
+    def layers(self, scene: Scene) -> tuple[Layer, ...]:
+        """Of all frames in whole steps, of key frames, or none."""
+        layers = super().layers(scene)
+        if self.maps == "none":
+            return ()
+        if self.maps == "key":
+            return layers
+        compact = {
+            ORDER.name: Compact(self.order_step, 16, self.pages),
+            CONFIDENCE.name: Compact(_CONFIDENCE_STEP, 8, self.pages),
+        }
+        return tuple(replace(layer, compact=compact.get(layer.name)) for layer in layers)
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """Its key frames, and the maps that were asked for."""
+        return {"every": self.every, "maps": self.wanted or "default"}
 
 
 def check_tracked(scene: Scene, shape: tuple[int, int], every: int) -> None:
@@ -64,50 +247,25 @@ def check_tracked(scene: Scene, shape: tuple[int, int], every: int) -> None:
     Tracker(placed(sliding_scene(scene), shape), free_keys(scene), bit_depth=None)
 
 
-def is_followed(scene: Scene, reader: FrameReader) -> bool:
-    """Whether a set is a video of a contact whose frames can be followed."""
-    if reader.kind != "video":
-        return False
-    try:
-        check_tracked(scene, reader.shape, EVERY)
-    except InputError:
-        return False
-    return True
+def order_step(scene: Scene, shape: tuple[int, int]) -> float:
+    """Steps (fringes) of 16 bits that reach twice the largest order that a contact's scene shows.
 
-
-def tracked_states(
-    source: FrameSource, start: int, stop: int
-) -> Iterator[ProcessedFrame | FollowedFrame]:
-    """What is found in the frames [start, stop) of a video.
-
-    Key frames, each `recipe.every`-th from 0, are processed as if there were no others; each of
-    the other frames is followed from the key frame before it, whose own chunk thus suffices.
-    Parameters: `source`; `start`, a key frame; `stop`. Raises InputError, PhysicsError.
+    Parameters: `scene`; `shape` (rows, cols) of a frame.
     """
-    every = source.recipe.every
-    assert every is not None and start % every == 0
-    course = KeyFrames(source)
-    for index, frames in source.captured(start, stop):
-        frame = replace(frames[0], index=index)
-        if index % every == 0:
-            key = source.processed(index, frames)
-            surface_field_grid.cache_clear()  # of its own place, as large as ten pictures
-            course = KeyFrames(source)
-            course.begin(frame, key)
-            yield key
-        else:
-            yield course.follow(frame)
+    one = scene_at(placed(sliding_scene(scene), shape), 0.0)
+    grid = pixel_grid(one, shape).every(_THIN)
+    order = make_picture(one, state_difference(one, scene_states(one)[-1], grid), grid).order
+    wanted = _MARGIN * float(np.nanmax(order)) / _LARGEST_STEPS
+    return FINEST_STEP * max(1, math.ceil(wanted / FINEST_STEP))
 
 
 class KeyFrames:
     """The frames from one key frame to the next."""
 
-    def __init__(self, source: FrameSource) -> None:
+    def __init__(self, source: FrameSource, kind: TrackedFilm) -> None:
         """`source`, where frames are processed wholly too."""
-        self.source, self.capture = source, source.capture
-        self.recipe: FrameTask = source.recipe
-        apparatus = self.recipe.apparatus
-        given = self.recipe.scene if apparatus is None else apparatus.scene
+        self.source, self.capture, self.kind = source, source.capture, kind
+        given = source.task.scene if kind.apparatus is None else kind.apparatus.scene
         self.scene = placed(sliding_scene(given), source.reader.shape)
         self.keys = free_keys(self.scene)
         self._tracker: Tracker | None = None
@@ -125,7 +283,7 @@ class KeyFrames:
             self.keys,
             bit_depth=self.capture.bit_depth,
             no_load=(self.capture.dark, self.capture.bright),
-            apparatus=self.recipe.apparatus,
+            apparatus=self.kind.apparatus,
             usual_load_n=self.scene.load_at(0.0),
         )
         fit, distance = whole.fit, slid_until(self.scene, frame)
@@ -134,15 +292,15 @@ class KeyFrames:
 
     def follow(self, frame: Frame) -> FollowedFrame:
         """One frame more. Raises InputError, PhysicsError."""
-        label, distance = place_of(self.recipe.scene, frame)
+        label, distance = place_of(self.source.task.scene, frame)
         fields = frame_fields(frame, self.scene) | {"label": label, "distance_m": distance}
         result = FollowedFrame(**fields, keys=self.keys)
         try:
             tracked, whole = self._tracked(frame)
             result = replace(result, tracked=tracked, warnings=tracked.warnings)
-            return self._with_map(result, frame, whole) if self.recipe.maps == "all" else result
+            return self._with_map(result, frame, whole) if self.kind.maps_of_all else result
         except IsochromeError as error:
-            if not self.recipe.keep_going:
+            if not self.source.task.keep_going:
                 raise
             return replace(result, tracked=None, warnings=(str(error),), failed=True)
 

@@ -46,8 +46,8 @@ from isochrome.figures import (
 )
 from isochrome.fringes import Skeleton, order_contours, skeletons
 from isochrome.output import counted
-from isochrome.processing.chunk import ISOCLINIC, NORMALISED, ORDER
 from isochrome.processing.in_common import frame_values
+from isochrome.processing.kinds.kind import ISOCLINIC, NORMALISED, ORDER
 from isochrome.processing.result import PICTURE, ProcessedFrame
 from isochrome.runs import RunDataset, column_values
 from isochrome.scene import Scene

@@ -1,0 +1,172 @@
+"""What a kind of processing is, and which kind a scene's frames are of.
+
+A kind is a class in a module of its own, which is imported when a set is of it: what it needs to
+read frames, such as a follower or a table of colours, waits until then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from itertools import islice
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from isochrome.errors import InputError
+from isochrome.frames import Frame, FrameReader, load_no_load
+from isochrome.processing.result import Capture, FollowedFrame, ProcessedFrame, row_of_set
+from isochrome.progress import RunProgress
+from isochrome.runs import Layer
+from isochrome.scene import Scene
+
+if TYPE_CHECKING:
+    from isochrome.processing.frame_task import FrameSource
+
+NORMALISED = Layer("normalised", "1", "signal, 0 in darkness and 1 in the brightest field")
+ORDER = Layer("fringe_order", "1", "fringe order N")
+CONFIDENCE = Layer("confidence", "1", "probability that the order is right to 1/20 fringe")
+ISOCLINIC = Layer("isoclinic", "degree", "direction of sigma_1, counter-clockwise from x")
+
+ACCEPTS: Mapping[str, Callable[[Scene], bool]] = {
+    "film_unloaded.UnloadedFilm": lambda scene: scene.frames.starts_unloaded,
+    "colour_light.ColourLight": lambda scene: scene.polariscope.several_wavelengths,
+    "phase_stepped.PhaseStepped": lambda scene: bool(scene.polariscope.step),
+    "image_only.ImageOnly": lambda scene: not scene.has_model,
+    "known_loads.KnownLoads": lambda scene: bool(scene.frames.known_loads_n),
+    "with_model.WithModel": lambda scene: scene.has_model,
+}
+"""The kinds, as module and class: a scene is of the first that accepts it."""
+
+
+def kind_of(scene: Scene) -> FrameKind:
+    """The kind of a scene's frames, each state read by itself."""
+    module, name = next(k for k, accepts in ACCEPTS.items() if accepts(scene)).split(".")
+    kind: FrameKind = getattr(import_module(f"{__package__}.{module}"), name)()
+    return kind
+
+
+def accepts_keys(scene: Scene) -> bool:
+    """Whether a scene's film can be followed from key frames that are read without a model."""
+    frames = scene.frames
+    return (
+        not scene.has_model
+        and not frames.starts_unloaded
+        and frames.orders_known
+        and frames.gamma != "unknown"
+        and not scene.polariscope.tells_orders
+    )
+
+
+def refuse_colour_table(scene: Scene) -> None:
+    """Refuse a table of colours in light of one wavelength. Raises InputError."""
+    if scene.frames.colour_table is not None:
+        raise InputError(
+            f"{scene.name}: frames.colour_table is for light of several wavelengths; add "
+            "polariscope.light = 'white', or remove the table"
+        )
+
+
+def refuse_no_load_steps(scene: Scene) -> None:
+    """Refuse no-load steps where a state is one frame. Raises InputError."""
+    if scene.frames.no_load_steps is not None:
+        raise InputError(
+            f"{scene.name}: frames.no_load_steps needs [[polariscope.step]], one for each of its "
+            "frames; add them, or remove the key"
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameKind:
+    """How the frames of a set are read; `note`, what the first frame says of that.
+
+    Its methods say what is the same for most kinds; `read` and `values` are of each.
+    """
+
+    note: str = ""
+
+    draws_lines: ClassVar[bool] = True
+    """Whether fringe lines are kept of frames without a fit, though nobody asks for them."""
+
+    @property
+    def key_step(self) -> int | None:
+        """Frames from one key frame to the next, where a model is followed through others."""
+        return None
+
+    @property
+    def maps_of_all(self) -> bool:
+        """Whether the frames between key frames have maps too."""
+        return False
+
+    def check(self, scene: Scene) -> None:
+        """Refuse a scene whose frames cannot be read, before they are opened. Raises InputError."""
+        refuse_colour_table(scene)
+        if not scene.has_model and scene.polariscope.field == "plane":
+            raise InputError(
+                f"{scene.name}: polariscope.field = 'plane': without a model, isoclinics look "
+                "like fringes; capture the circular dark or bright field, or describe the model"
+            )
+        refuse_no_load_steps(scene)
+
+    def prepare(self, scene: Scene, reader: FrameReader) -> Capture:
+        """What all frames share: the files besides them. Raises InputError."""
+        dark, bright = load_no_load(scene, full_shape=reader.full_shape)
+        return Capture(reader.bit_depth, dark, bright)
+
+    def sized(
+        self, scene: Scene, shape: tuple[int, int], count: int, on_disk: bool
+    ) -> tuple[FrameKind, str]:
+        """The kind for `count` frames of a `shape`, and what to say of it. Raises InputError."""
+        return self, ""
+
+    def shared(self, source: FrameSource, count: int, progress: RunProgress | None) -> FrameKind:
+        """The kind with what the frames of an opened set have in common. Raises PhysicsError."""
+        return self
+
+    def held(self, scene: Scene) -> Scene:
+        """The scene with what all frames have in common."""
+        return scene
+
+    def captured(self, source: FrameSource, start: int) -> Iterator[list[Frame]]:
+        """The frames of one state after another, from state `start` on."""
+        steps = source.task.steps
+        frames = source.reader.iterate(start * steps)
+        while len(together := list(islice(frames, steps))) == steps:
+            yield together
+
+    def states(
+        self, source: FrameSource, start: int, stop: int
+    ) -> Iterator[ProcessedFrame | FollowedFrame]:
+        """What is read in the states [start, stop). Raises InputError, PhysicsError."""
+        for index, frames in source.captured(start, stop):
+            yield source.processed(index, frames)
+
+    def read(
+        self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
+    ) -> ProcessedFrame:
+        """One state: its `frames`, its own `scene`; `as_stated`, whether that holds as it is.
+
+        Raises InputError, PhysicsError.
+        """
+        raise NotImplementedError
+
+    def values(self, scene: Scene) -> tuple[str, ...]:
+        """Columns of what is read in a frame, which depend on the scene alone."""
+        raise NotImplementedError
+
+    def columns(self, scene: Scene) -> tuple[str, ...]:
+        """The columns of frames.csv, which depend on the scene alone and not on what is read."""
+        place = ("distance_m", "chi", "noise", "pixel_mm")
+        return ("frame", "name", "label", *place, *self.values(scene), "warnings")
+
+    def row(self, item: ProcessedFrame | FollowedFrame, scene: Scene) -> dict[str, Any]:
+        """A frame's row of frames.csv."""
+        return row_of_set(item.row(), self.columns(scene), scene)
+
+    def layers(self, scene: Scene) -> tuple[Layer, ...]:
+        """The maps that a set's run leaves."""
+        return (NORMALISED, ORDER, CONFIDENCE) if scene.orders_are_read else (NORMALISED,)
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What a result depends on besides the set, as provenance.json keeps it."""
+        return {}
