@@ -27,7 +27,7 @@ from isochrome.runs import Compact, Job, Layer, Results, RunLayout, run_job
 from isochrome.runs.integrity import ResultsRecord
 
 ROWS, COLS, DIFFERENT = 494, 659, 8
-REPEATS = 5
+REPEATS = 25
 IDENTITY = {
     "isochrome": "1", "scene": "", "inputs_sha256": {}, "options": {}, "seed": 1,
     "code_sha256": "0", "libraries": {},
@@ -55,34 +55,46 @@ def leave_run(folder: Path, count: int) -> None:
     run_job(Job(work, layout, IDENTITY), folder, lambda bench: True)
 
 
-def processor_s(read: Callable[[], object]) -> float:
-    """The least processor time of some readings from the page cache, s."""
-    took = []
-    for _ in range(REPEATS):
-        start = time.process_time()
-        read()
-        took.append(time.process_time() - start)
-    return min(took)
-
-
 def from_disk_s(read: Callable[[], object], folder: Path) -> float:
-    """The least time that passes in some readings of which no page is in memory, s."""
-    took = []
+    """The time that passes in a reading of which no page is in memory, s."""
+    for path in folder.rglob("*"):
+        if path.is_file():
+            with open(path, "rb") as file:
+                os.fsync(file.fileno())
+                os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+    start = time.perf_counter()
+    read()
+    return time.perf_counter() - start
+
+
+def processor_s(read: Callable[[], object], folder: Path) -> float:
+    """The processor's time of a reading from the page cache, s."""
+    start = time.process_time()
+    read()
+    return time.process_time() - start
+
+
+def compared(
+    took: Callable[[Callable[[], object], Path], float], read: Callable[[], object], folder: Path
+) -> str:
+    """What a reading takes without checks, and what these add: with and without in turn, medians.
+
+    In turn, so that what else the machine does falls on both alike.
+    """
+    bare, more = [], []
     for _ in range(REPEATS):
-        for path in folder.rglob("*"):
-            if path.is_file():
-                with open(path, "rb") as file:
-                    os.fsync(file.fileno())
-                    os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
-        start = time.perf_counter()
-        read()
-        took.append(time.perf_counter() - start)
-    return min(took)
-
-
-def measured(read: Callable[[], object], folder: Path) -> tuple[float, float]:
-    """Seconds from the disk, and of the processor from the page cache."""
-    return from_disk_s(read, folder), processor_s(read)
+        checked = took(read, folder)
+        with (
+            patch.object(Crc32cCodec, "_decode_sync", unchecked),
+            patch.object(ResultsRecord, "check_read", lambda *a, **k: None),
+        ):
+            bare.append(took(read, folder))
+        more.append(checked - bare[-1])
+    usual, added = np.median(bare), np.median(more)
+    error = 1.25 * np.std(more) / len(more) ** 0.5  # of a median
+    return (
+        f"{1e3 * usual:.1f} ms, checking {100 * added / usual:+.1f} ± {100 * error / usual:.1f} %"
+    )
 
 
 def unchecked(codec: Crc32cCodec, chunk_bytes, chunk_spec):
@@ -115,16 +127,7 @@ def main() -> None:
             "open_run, single precision": lambda: load("single"),
         }
         for name, read in ways.items():
-            checked = measured(read, folder)
-            with (
-                patch.object(Crc32cCodec, "_decode_sync", unchecked),
-                patch.object(ResultsRecord, "check_read", lambda *a, **k: None),
-            ):
-                bare = measured(read, folder)
-            disk, cache = (
-                f"{1e3 * without / count:.2f} ms a frame, checking {100 * (w / without - 1):+.1f} %"
-                for w, without in zip(checked, bare, strict=True)
-            )
+            disk, cache = (compared(took, read, folder) for took in (from_disk_s, processor_s))
             print(f"{name}: from the disk {disk}; from the page cache {cache}")
 
 

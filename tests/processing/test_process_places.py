@@ -201,9 +201,12 @@ def judge(specimen, kind, seed, folder):
     assert rms < (0.01 if specimen == "contact" else 0.05)
 
 
-@pytest.mark.parametrize(("specimen", "kind"), [("contact", "wrong"), ("disc", "left out")])
-def test_axes_are_of_the_place_that_was_found(specimen, kind, tmp_path):
-    judge(specimen, kind, 0, tmp_path / "out")
+@pytest.mark.parametrize(
+    ("specimen", "kind", "seed"),
+    [("contact", "wrong", 0), ("disc", "left out", 0), ("disc", "stated", 1)],
+)  # the last: its model's largest order is at a load, of which it knows nothing
+def test_axes_are_of_the_place_that_was_found(specimen, kind, seed, tmp_path):
+    judge(specimen, kind, seed, tmp_path / "out")
 
 
 @pytest.mark.long

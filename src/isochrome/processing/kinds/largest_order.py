@@ -98,8 +98,8 @@ def largest_with_model(
     """Columns of the largest order and its place, and what is said of it.
 
     It is the model's where that has pixels whose order exceeds what it has at any pixel that was
-    read, by more than the reading's uncertainty; close to point loads and edges it is not asked.
-    What the pixels within half a fringe of them say of the model is in its uncertainty; where they
+    read, by more than the reading's uncertainty; not where its largest lies at a point load or an
+    edge, of which it knows nothing. What the pixels within half a fringe of them say of the model is in its uncertainty; where they
     contradict it, or none is read, it says nothing: a load that varies through the thickness has
     its peak left out as if dust were there.
     Parameters: `reading`; `seen`, the model at every pixel; `scene`, its own; `fit`, None where
@@ -110,7 +110,7 @@ def largest_with_model(
     if not np.isfinite(order).any():
         return result, ()
     trusted = seen.picture.material & specimen_model(scene).trusted(scene, seen.pixels, 0.0)
-    model = np.where(trusted, seen.picture.order, -np.inf)
+    model = np.where(seen.picture.material, seen.picture.order, -np.inf)
     read = np.isfinite(order) & trusted
     peak, pixel = largest_pixel(model), largest_pixel(order)
     value, spread, top = order[pixel], reading.uncertainty[pixel], model[peak]
@@ -119,7 +119,7 @@ def largest_with_model(
     excess = max(np.mean(off**2 - each**2), 0.0) ** 0.5 if off.size else np.inf
     source = AT_LEAST if _beside_unread(order, *pixel) else FRAME
     said = tuple[str, ...]()
-    if top - np.max(model, where=read, initial=-np.inf) > spread:
+    if trusted[peak] and top - np.max(model, where=read, initial=-np.inf) > spread:
         agrees = off.size and np.mean((off / each) ** 2) <= POOR_CHI**2
         source, said = (MODEL, (BY_MODEL,)) if agrees else (AT_LEAST, (BY_NONE,))
     values, spreads = np.full((2, 2), nothing)
