@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 import google_crc32c
@@ -38,8 +38,8 @@ SUM_BYTES = 4
 """Bytes of the checksum at the end of a chunk in a store, by zarr's crc32c codec."""
 MISSING = "is missing"
 _BEHIND_LINK = "lies behind a link, or what is no folder"
-_BLOCK = 1 << 22
-"""Bytes of a file that are in memory at a time."""
+_BLOCK = 1 << 19
+"""Bytes that are read at a time: few enough to be in the processor's cache for their checksum."""
 _MOST = 1 << 28
 """Bytes of a record: of a million files. What is larger is none."""
 
@@ -132,14 +132,13 @@ class ResultsRecord:
 
     def size_fault(self, name: str) -> str:
         """What is wrong with a file before it is opened, in words; empty where nothing is."""
-        *folders, file = (self.place, *PurePosixPath(name).parts)
+        at, (*folders, file) = str(self.place), name.split("/")
         try:
-            at = Path(folders[0])
-            for part in folders[1:]:
-                at /= part
-                if not stat.S_ISDIR(at.lstat().st_mode):
+            for folder in folders:
+                at += f"/{folder}"
+                if not stat.S_ISDIR(os.lstat(at).st_mode):
                     return _BEHIND_LINK
-            status = (at / file).lstat()
+            status = os.lstat(f"{at}/{file}")
         except (FileNotFoundError, NotADirectoryError):
             return MISSING
         except OSError as error:
@@ -175,16 +174,21 @@ class ResultsRecord:
             if name in self.sizes:
                 self._refuse(name, self.fault(name))
 
-    def check_read(self, name: str, data: NDArray[Any]) -> None:
-        """Refuse what was read of a file, all of it.
-
-        What ends with its checksum is a chunk, which zarr compares with it: here it is seen that no
-        other chunk stands in its place.
-        """
-        end = int.from_bytes(data[-SUM_BYTES:].tobytes(), "little")
-        expected = self._sum(name)
-        if expected != end and expected != crc32c(data):
-            self._refuse(name, self.fault(name))
+    def read(self, name: str) -> NDArray[np.uint8]:
+        """All bytes of a file. Raises InputError where they are not those that were left."""
+        self._refuse(name, self.size_fault(name))
+        data, checksum = np.empty(self.sizes[name], np.uint8), 0
+        try:
+            with open(self.place / name, "rb") as file:
+                for at in range(0, data.size, _BLOCK):
+                    block = data[at : at + _BLOCK]
+                    file.readinto(block.data)
+                    checksum = crc32c(block, start=checksum)
+        except OSError as error:
+            raise self.refusal(name, f"cannot be read ({error.strerror})") from error
+        if _told_apart(checksum, data[-SUM_BYTES:].tobytes()) != self._sum(name):
+            raise self.refusal(name, self.fault(name) or "has changed while it was read")
+        return data
 
     def refusal(self, name: str, what: str) -> InputError:
         """The error that names a file and what is wrong with it."""

@@ -1,16 +1,43 @@
-"""A store of results as zarr reads it: the files that were left, each as it was left."""
+"""A store of results as zarr reads it: the files that were left, each as it was left.
+
+A file that is read as a whole is held against the record of its results while its bytes are at
+hand; zarr, which would go over them once more, is told so by the type of their buffer. Of a part of
+a file zarr compares the chunks' own checksums.
+"""
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from pathlib import Path
-from typing import Any
 
+import zarr
 from zarr.abc.store import ByteRequest
-from zarr.core.buffer import Buffer, BufferPrototype
+from zarr.codecs import Crc32cCodec
+from zarr.core.array_spec import ArraySpec
+from zarr.core.buffer import Buffer, BufferPrototype, cpu
+from zarr.registry import register_codec
 from zarr.storage import LocalStore
 
-from isochrome.runs.integrity import MISSING, ResultsRecord
+from isochrome.runs.integrity import MISSING, SUM_BYTES, ResultsRecord
+
+
+class _Verified(cpu.Buffer):
+    """Bytes of a file that is as it was left, and all that is cut from them."""
+
+
+class _ChunkSum(Crc32cCodec):
+    """zarr's crc32c codec, which passes over what is verified."""
+
+    def _decode_sync(self, chunk_bytes: Buffer, chunk_spec: ArraySpec) -> Buffer:
+        if isinstance(chunk_bytes, _Verified):
+            return chunk_bytes[:-SUM_BYTES]
+        return super()._decode_sync(chunk_bytes, chunk_spec)
+
+
+# whatever else is read in this process has its checksums compared as ever
+register_codec("crc32c", _ChunkSum)
+zarr.config.set({"codecs.crc32c": f"{_ChunkSum.__module__}.{_ChunkSum.__qualname__}"})
 
 
 class VerifiedStore(LocalStore):
@@ -36,15 +63,17 @@ class VerifiedStore(LocalStore):
         byte_range: ByteRequest | None = None,
     ) -> Buffer | None:
         """What a key holds, or a part of it; None where it is no file of the results."""
-        if not self._may_be_read(key):
+        if key not in self._known:
             return None
-        return self._checked(key, await super().get(key, prototype, byte_range), byte_range)
-
-    def get_sync(self, key: str, **options: Any) -> Buffer | None:
-        """The same in a thread of its own."""
-        if not self._may_be_read(key):
-            return None
-        return self._checked(key, super().get_sync(key, **options), options.get("byte_range"))
+        name = f"{self.root.name}/{key}"
+        if byte_range is None:
+            return _Verified(await asyncio.to_thread(self._record.read, name))
+        if fault := self._record.size_fault(name):
+            raise self._record.refusal(name, fault)
+        part = await super().get(key, prototype, byte_range)
+        if part is None:
+            raise self._record.refusal(name, MISSING)
+        return part
 
     async def list_dir(self, prefix: str) -> AsyncIterator[str]:
         """The names below a prefix that are of the results."""
@@ -52,19 +81,3 @@ class VerifiedStore(LocalStore):
         below = (key.removeprefix(start) for key in self._known if key.startswith(start))
         for name in sorted({key.partition("/")[0] for key in below}):
             yield name
-
-    def _may_be_read(self, key: str) -> bool:
-        """Whether a key is a file of the results. Raises InputError where it is not as left."""
-        name = f"{self.root.name}/{key}"
-        if key in self._known and (fault := self._record.size_fault(name)):
-            raise self._record.refusal(name, fault)
-        return key in self._known
-
-    def _checked(self, key: str, buffer: Buffer | None, byte_range: Any) -> Buffer | None:
-        """What was read, held against the record; zarr looks at the checksum of each chunk."""
-        name = f"{self.root.name}/{key}"
-        if buffer is None:
-            raise self._record.refusal(name, MISSING)
-        if byte_range is None:
-            self._record.check_read(name, buffer.as_numpy_array())
-        return buffer

@@ -99,9 +99,9 @@ def largest_with_model(
 
     It is the model's where that has pixels whose order exceeds what it has at any pixel that was
     read, by more than the reading's uncertainty; not where its largest lies at a point load or an
-    edge, of which it knows nothing. What the pixels within half a fringe of them say of the model is in its uncertainty; where they
-    contradict it, or none is read, it says nothing: a load that varies through the thickness has
-    its peak left out as if dust were there.
+    edge, of which it knows nothing. What the pixels within half a fringe of them say of the model
+    is in its uncertainty; where they contradict it, or none is read, it says nothing: a load that
+    varies through the thickness has its peak left out as if dust were there.
     Parameters: `reading`; `seen`, the model at every pixel; `scene`, its own; `fit`, None where
     nobody asks how sure the model is. Returns columns and sentences.
     """
