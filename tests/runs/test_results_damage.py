@@ -161,6 +161,15 @@ def test_a_flipped_bit_of_a_chunks_own_checksum_is_named(finished, name):
     assert list(isochrome.verify(name).damaged) == [file]
 
 
+def test_a_part_of_a_file_is_held_against_the_chunks_own_checksum(finished):
+    folder = finished("track")  # of which a frame's map is a part of a file
+    chunk = folder / "run.zarr" / "fringe_order" / "c" / "0" / "0" / "0"
+    data = chunk.read_bytes()
+    chunk.write_bytes(data[:10] + bytes([data[10] ^ 1]) + data[11:])
+    with isochrome.open_run("track") as run, pytest.raises(ValueError, match="checksum"):
+        run.fringe_order[0].values  # noqa: B018
+
+
 def test_what_is_damaged_is_computed_again_and_nothing_else(finished, monkeypatch):
     folder = finished("process")
     computed = []
