@@ -27,13 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.figures import (
-    LINE_COLOURS,
-    LINE_PT,
-    NOTE_PT,
-    new_figure,
-    style_axes,
-)
+from isochrome.figures import LINE_COLOURS, LINE_PT, NOTE_PT, new_figure, style_axes
 from isochrome.frames.linear import Linear, load_no_load, open_no_load_steps
 from isochrome.frames.noise import estimate_noise, full_scale
 from isochrome.frames.opening import check_scale, open_scene_frames, with_file_scale

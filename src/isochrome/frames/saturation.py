@@ -78,9 +78,7 @@ def saturation_level(
     return np.inf
 
 
-def _histogram(
-    values: np.ndarray,
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _histogram(values: np.ndarray) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """The levels that occur and their pixels, (n,) each; none where no bright fractions agree."""
     if values.dtype == np.uint8:
         import cv2

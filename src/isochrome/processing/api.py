@@ -24,14 +24,7 @@ from isochrome.frames import (
     with_file_scale,
 )
 from isochrome.output import counted, load_roifile
-from isochrome.processing.chunk import (
-    FILM,
-    blank_map,
-    film_map,
-    more_of,
-    process_chunk,
-    set_layout,
-)
+from isochrome.processing.chunk import FILM, blank_map, film_map, more_of, process_chunk, set_layout
 from isochrome.processing.frame_task import (
     FrameSource,
     FrameTask,
@@ -60,14 +53,7 @@ from isochrome.runs import (
     waiting_workers,
     working_folder,
 )
-from isochrome.scene import (
-    FramesLike,
-    Scene,
-    SceneLike,
-    check_pixel,
-    frames_of,
-    load_scene,
-)
+from isochrome.scene import FramesLike, Scene, SceneLike, check_pixel, frames_of, load_scene
 
 MOST_IN_MEMORY = 8_000_000_000
 """Bytes of maps beyond which a result belongs on the disk."""
@@ -374,18 +360,7 @@ def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) ->
 
 
 def check_scene(scene: Scene) -> None:
-    """Refuse a scene whose frames cannot be read, before they are opened.
-
-    Parameters
-    ----------
-    scene : Scene
-        What stood in front of the camera.
-
-    Raises
-    ------
-    InputError
-        Where light, field or steps cannot tell the order.
-    """
+    """Refuse a scene whose light, field or steps cannot tell the order, before opening frames."""
     kind_of(scene).check(scene)
 
 

@@ -21,11 +21,7 @@ from isochrome.frames import (
 from isochrome.output import named_frames
 from isochrome.processing.frame_task import own_scene
 from isochrome.processing.kinds.image_only import told_exposure
-from isochrome.processing.kinds.known_loads import (
-    known_series,
-    process_known_loads,
-    tells_load,
-)
+from isochrome.processing.kinds.known_loads import known_series, process_known_loads, tells_load
 from isochrome.processing.kinds.with_model import frame_causes
 from isochrome.processing.result import Capture
 from isochrome.runs import single_threaded

@@ -17,10 +17,7 @@ from isochrome.output import add_rois, csv_text, roi_entries
 from isochrome.processing.frame_task import FrameSource, FrameTask, open_set
 from isochrome.processing.kinds.kind import CONFIDENCE, ORDER
 from isochrome.processing.pictures.preview import write_preview
-from isochrome.processing.result import (
-    FollowedFrame,
-    ProcessedFrame,
-)
+from isochrome.processing.result import FollowedFrame, ProcessedFrame
 from isochrome.runs import Compact, Results, RunLayout, chunk_size
 from isochrome.scene import Scene
 
@@ -44,10 +41,7 @@ def set_layout(source: FrameSource, count: int) -> RunLayout:
 
 
 def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
-    """What is found in the states [start, stop) of a set.
-
-    Parameters: `task`; `start`, `stop`. Returns Results. Raises InputError, PhysicsError.
-    """
+    """What is found in the states [start, stop) of a set. Raises InputError, PhysicsError."""
     return gather(task, task.kind.states(open_set(task), start, stop))
 
 
@@ -128,10 +122,7 @@ def picture_of(item: ProcessedFrame, name: str) -> np.ndarray:
 
 
 def blank_map(name: str, shape: tuple[int, ...]) -> np.ndarray:
-    """A map of a frame of which nothing was read: no order is known, and none can be relied upon.
-
-    Parameters: `name` of the map; `shape` (rows, cols).
-    """
+    """A map of a frame of which nothing was read: no order is known, none can be relied on."""
     empty = 0.0 if name == CONFIDENCE.name else np.nan
     return np.full(shape, empty, dtype=np.float32)
 

@@ -24,23 +24,13 @@ from isochrome.output import (
     write_text,
     write_tiff,
 )
-from isochrome.processing.chunk import (
-    LINES,
-    ROIS,
-    lines_of,
-    picture_of,
-)
+from isochrome.processing.chunk import LINES, ROIS, lines_of, picture_of
 from isochrome.processing.frame_task import FrameTask
 from isochrome.processing.in_common import add_frame_row, warnings_last
 from isochrome.processing.kinds.kind import ISOCLINIC, NORMALISED, ORDER, kind_of
 from isochrome.processing.pictures.figure import Shown, set_figure, shown_frames, shown_label
 from isochrome.processing.placement import set_grid, shift_of
-from isochrome.processing.processed import (
-    FIGURE,
-    Processed,
-    collect,
-    refuse_unread,
-)
+from isochrome.processing.processed import FIGURE, Processed, collect, refuse_unread
 from isochrome.processing.result import PICTURE, ProcessedFrame
 from isochrome.processing.run_report import process_report
 from isochrome.reporting import write_report
@@ -86,10 +76,8 @@ def finish_set_folder(
 ) -> Processed:
     """Make the files that need all frames, from what is kept of their chunks.
 
-    Parameters: `run_folder`, where the chunks lie; `out`, where the results will; `job`; `task`;
-    `shape` (rows, cols);
-    `residual`, what was taken out of the frames. Returns Processed. Raises InputError, OSError, and
-    PhysicsError where nothing could be read in any frame.
+    `out`, where the results will lie; `residual`, what was taken out of the frames. PhysicsError
+    where nothing could be read in any frame.
     """
     folder, scene = run_folder.results, task.scene
     outcome: dict[str, Any] = {}
@@ -119,17 +107,11 @@ def finish_set_folder(
 
 
 def _add_to_store(
-    run_folder: RunFolder,
-    job: Job,
-    result: Processed,
-    more: dict[str, Any],
-    shape: tuple[int, int],
+    run_folder: RunFolder, job: Job, result: Processed, more: dict[str, Any], shape: tuple[int, int]
 ) -> None:
     """Add the table to run.zarr, and what ImageJ shows to the stacks.
 
     The columns as arrays live no longer than this: a long run's are as large as its table.
-    Parameters: as of `finish_set_folder`; `result`; `more`, besides its columns. Raises InputError,
-    OSError.
     """
     columns, axes = _set_columns(result, more, shape)
     add_columns(run_folder.results / STORE, columns, axes, attributes(job.identity))
@@ -203,11 +185,7 @@ def set_dataset(
     film: Mapping[str, list[np.ndarray]],
     shape: tuple[int, int],
 ) -> RunDataset:
-    """The dataset of a set that is in memory, as run.zarr has it.
-
-    Parameters: as `_set_columns`; `frames` with pictures; `film`, maps of all frames by their name.
-    Returns a RunDataset.
-    """
+    """The dataset of a set in memory, as run.zarr has it; `film`, maps of all frames by name."""
     scene, table = result.scene, result.columns
     columns, axes = _set_columns(result, more, shape)
     few = "key_frame" if PICTURE in table else "frame"
@@ -263,8 +241,6 @@ def _set_columns(
 
     x = left + (col + 1/2) pixel,  z = top + (row + 1/2) pixel, of the place that was found, the
     mean of the frames'; shift_x_mm and shift_z_mm over frame say how far each lies from there.
-    Parameters: `result`; `more`, besides its columns status, time_s, left_mm and top_mm; `shape`
-    (rows, cols).
     """
     scene, table = result.scene, result.columns
     grid = set_grid(scene, result.fitted, table, shape)
@@ -283,15 +259,9 @@ def _set_columns(
 
 
 def _set_axes(
-    scene: Scene,
-    grid: PixelGrid | None,
-    table: Mapping[str, Sequence[Any]],
-    shape: tuple[int, int],
+    scene: Scene, grid: PixelGrid | None, table: Mapping[str, Sequence[Any]], shape: tuple[int, int]
 ) -> dict[str, Column]:
-    """Coordinates of a set's maps: of rows and columns, in mm where a scale is known, and shifts.
-
-    Parameters: `scene` as given; `grid`, of `set_grid`; the rest as there.
-    """
+    """Coordinates of a set's maps, rows and columns, in mm where a scale is known, and shifts."""
     if grid is None:
         return {
             name: Column((name,), np.arange(count), {"units": "pixel"})

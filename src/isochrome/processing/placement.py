@@ -19,8 +19,7 @@ def set_grid(
 ) -> PixelGrid | None:
     """The grid of a set's maps: that of what was found, so that its simulation has the same.
 
-    Parameters: `scene` as given; `fitted`, with the frames' mean place; `table`, the columns of
-    frames.csv; `shape` (rows, cols). Returns None where no scale is known.
+    `fitted` has the frames' mean place. None where no scale is known.
     """
     pixels, place, camera = numbers(table["pixel_mm"]), fitted or scene, scene.camera
     if not np.isfinite(pixels).any():

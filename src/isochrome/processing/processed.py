@@ -236,12 +236,7 @@ def collect(
     shape: tuple[int, int],
     residual: ResidualStress | None = None,
 ) -> Processed:
-    """Put the frames' findings together.
-
-    Parameters: `scene`; `table`, the columns of frames.csv; `status` of each frame; `frames`, None
-    where they were streamed; `shape` (rows, cols) of the frames; `residual`, what was taken out of
-    them. Returns Processed.
-    """
+    """Put the frames' findings together; `frames` is None where they were streamed."""
     alone = scene.polariscope.tells_orders
     wider = with_past_loads(with_past_friction(with_scatter_of_gamma(table), scene), scene)
     if frames is not None and wider is not table:
@@ -277,8 +272,7 @@ def refuse_unread(
 ) -> None:
     """Refuse a set in none of whose frames an order was read; where none can be, none normalised.
 
-    Parameters: `scene`; `name` of the set; `table`, the columns of frames.csv; `kept`, share of the
-    specimen's pixels that were read in each frame, None where nobody read it. Raises PhysicsError.
+    `kept`, share of the specimen's pixels read in each frame, None where nobody read it.
     """
     followed = any(result != NOTHING for result in table.get(FOUND_BY, ()))
     asked = scene.orders_are_read
@@ -302,29 +296,7 @@ def _not_read(scene: Scene) -> str:
 def restore(
     scene: Scene, out: Path, shape: tuple[int, int], residual: ResidualStress | None
 ) -> Processed:
-    """Read what an earlier run found, from the folder that it left complete.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene as given.
-    out : Path
-        The folder.
-    shape : tuple of two ints
-        Rows and columns of the frames.
-    residual : ResidualStress or None
-        The residual stress that was taken out of them.
-
-    Returns
-    -------
-    Processed
-        What was found.
-
-    Raises
-    ------
-    InputError
-        Where it cannot be read.
-    """
+    """Read what an earlier run found, from the folder that it left complete."""
     names = read_csv(out / "frames.csv")
     with open_run(out) as dataset:
         table = {name: column_values(dataset[identifier(name)]) for name in names}

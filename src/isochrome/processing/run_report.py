@@ -11,23 +11,12 @@ from numpy.typing import NDArray
 
 from isochrome.errors import IsochromeError
 from isochrome.figures import centred_limit
-from isochrome.fitting import (
-    frame_scene,
-    scene_at,
-    sliding_scene,
-)
+from isochrome.fitting import frame_scene, scene_at, sliding_scene
 from isochrome.output import counted, numbers, with_uncertainty
 from isochrome.processing.in_common import fitted_keys
 from isochrome.processing.kinds.kind import NORMALISED, ORDER
 from isochrome.processing.processed import Processed
-from isochrome.processing.result import (
-    CAUSES,
-    EXPLAINED,
-    PICTURE,
-    REFINED,
-    cell_values,
-    own_values,
-)
+from isochrome.processing.result import CAUSES, EXPLAINED, PICTURE, REFINED, cell_values, own_values
 from isochrome.reporting import (
     FRINGES,
     SIGNAL,
@@ -41,12 +30,7 @@ from isochrome.reporting import (
 )
 from isochrome.runs import stored_map
 from isochrome.scene import Scene, dump_scene
-from isochrome.simulation import (
-    iter_scene_states,
-    make_picture,
-    picture_signal,
-    state_difference,
-)
+from isochrome.simulation import iter_scene_states, make_picture, picture_signal, state_difference
 from isochrome.stress import pixel_grid
 
 Array = NDArray[Any]
@@ -70,24 +54,7 @@ _OF_KNOWN_LOADS = (
 def process_report(store: Any, result: Processed, record: Mapping[str, Any]) -> ReportContent:
     """Collect what the report of processed frames says; maps are read of the few that it shows.
 
-    Parameters
-    ----------
-    store : Any
-        What zarr reads the run's store from: a Path, or what `checked_store` gives.
-    result : Processed
-        What was found.
-    record : mapping
-        What provenance.json holds: versions and hashes.
-
-    Returns
-    -------
-    ReportContent
-        What the report says.
-
-    Raises
-    ------
-    InputError
-        Where the store cannot be read.
+    `store`, a Path, or what `checked_store` gives; `record`, what provenance.json holds.
     """
     table, scene = result.columns, result.scene
     as_stated = (record.get("options") or {}).get("as_stated", False)

@@ -24,22 +24,10 @@ from isochrome.runs import (
     run_job,
     single_threaded,
 )
-from isochrome.scene import (
-    Scene,
-    SceneLike,
-    check_moduli,
-    check_pixel,
-    dump_scene,
-    load_scene,
-)
+from isochrome.scene import Scene, SceneLike, check_moduli, check_pixel, dump_scene, load_scene
 from isochrome.simulation.figure import simulation_figure, simulation_panels
 from isochrome.simulation.folder import finish_simulation_folder, run_layout
-from isochrome.simulation.model import (
-    SceneState,
-    iter_scene_states,
-    required_model,
-    state_count,
-)
+from isochrome.simulation.model import SceneState, iter_scene_states, required_model, state_count
 from isochrome.simulation.rendering import (
     HISTORY,
     PICTURE,

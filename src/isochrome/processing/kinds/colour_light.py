@@ -90,7 +90,6 @@ def _check_colour(scene: Scene) -> None:
 def colour_capture(scene: Scene, reader: FrameReader) -> Capture:
     """What all frames of a set share: the colour table, and the no-load frames.
 
-    Parameters: `scene`, see `_check_colour`; `reader` of the set. Returns a Capture. Raises
     InputError where the file is grey, or the light or a no-load frame cannot be used.
     """
     if reader.channel is None:
@@ -125,10 +124,7 @@ def _table(scene: Scene) -> ColourTable:
 
 
 def colour_frames(path: FramesLike, scene: Scene) -> Iterator[list[Frame]]:
-    """The three channels of each frame of a set, red, green and blue.
-
-    Parameters: `path` of the frames; `scene`. Yields lists of three Frames.
-    """
+    """The three channels of each frame of a set, red, green and blue."""
     with contextlib.ExitStack() as stack:
         readers = [
             stack.enter_context(open_scene_frames(path, _one_channel(scene, name)))
@@ -144,11 +140,9 @@ def _one_channel(scene: Scene, name: str) -> Scene:
 
 
 def process_colour(frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
-    """Absolute fringe order of one colour frame.
+    """Absolute fringe order of one colour frame by its channels; a model of the scene is not used.
 
-    Parameters: `frames`, its channels; `scene`, of this one state; `capture`. The scene's model,
-    if it has one, is not used. Returns a ProcessedFrame. Raises InputError on a blank frame, or
-    one that without no-load frames does not tell its illumination.
+    InputError on a blank frame, or one that without no-load frames does not tell its illumination.
     """
     light, valid, sigma = _stacked(frames, scene, capture)
     first = frames[0]

@@ -87,12 +87,10 @@ def prepare_keyed(
     captured: Callable[[], Frames], scene: Scene, capture: Capture, *, chunk: int, count: int,
     every: int = KEY_EVERY,
 ) -> FollowedFilm:  # fmt: skip
-    """Pass over a film: its key frames, and the states of its chunks.
+    """Pass over a film: its key frames, and the states of its chunks, one each `chunk` frames.
 
-    Parameters: `captured`, gives the film's frames anew, each with its number; `scene`; `capture`;
-    `chunk`, frames from one kept state to the next; `count` of the frames; `every`, frames from
-    one key frame to the next. Raises PhysicsError where no frame to begin
-    with can be read, or the frames are no film.
+    `captured` gives the film's frames anew, each with its number. PhysicsError where no frame to
+    begin with can be read, or the frames are no film.
     """
     begin, first, whole, ends = _first_key(captured(), scene, capture, count)
     assert whole.reading is not None

@@ -96,10 +96,8 @@ def prepare_unloaded(
 ) -> FollowedFilm:
     """Pass over a film that begins without load: its light, and the states of its chunks.
 
-    Parameters: `captured`, gives the film's frames anew, each with its number; `scene`; `capture`;
-    `chunk`, frames from one kept state to the next; `count` of the frames. Raises InputError where
-    nothing can be trusted, PhysicsError where the film does not begin unloaded, or no crest tells
-    its light.
+    InputError where nothing can be trusted, PhysicsError where it does not begin unloaded, or no
+    crest tells its light.
     """
     first = next(iter(captured()))[1][0]
     data = FilmData(first, scene, capture)

@@ -76,11 +76,9 @@ FEW_FOLLOWED = (
 class FollowedFilm:
     """What the frames of a film have in common, and where each chunk of them begins.
 
-    `light` of the frames' size, and `guide` on blocks of `by` pixels a side; `valid` and `material`
-    (trusted pixels, and blocks of them); `noise` with the factor `between` pixels, and `wave_noise`
-    of a block; `clipped`, the grey level from which pixels are; `kept`, the states by the number of
-    their frame; `lost`, from which frame to which, not included, nothing is known; `count` of the
-    frames; `notes` on the light.
+    `light` of the frames' size, `guide` on blocks of `by` pixels a side; `noise` with the factor
+    `between` pixels; `clipped`, the grey level from which pixels are; `kept`, states by the number
+    of their frame; `lost`, from which frame to which, not included, nothing is known.
     """
 
     light: FilmLight = field(repr=False)
@@ -167,7 +165,7 @@ class FilmData:
     def film(
         self, path: FilmPath, light: FilmLight, count: int, notes: tuple[str, ...]
     ) -> FollowedFilm:
-        """The film as it was followed. Parameters: its `path`, `light`, `count` and `notes`."""
+        """The film as it was followed."""
         joined = (light.zero, light.illumination, light.error, light.zero_error)
         zero, illumination, error, zero_error = (joined_pixels(v, self.by) for v in joined)
         guide = FilmLight(
@@ -252,11 +250,7 @@ def _reported(
 def followed_states(
     film: FollowedFilm, captured: Iterable[tuple[int, list[Frame]]], scene: Scene, capture: Capture
 ) -> Iterator[ProcessedFrame]:
-    """What is found in the frames of a film, from one on whose state is kept.
-
-    Parameters: `film`; `captured`, the frames with their numbers; `scene`; `capture`. Yields a
-    ProcessedFrame each.
-    """
+    """What is found in the frames of a film, from one on whose state is kept."""
     full, gamma = full_scale(capture.bit_depth), scene.frames.stated_gamma
     state: FilmState | None = None
     for index, (frame, *_) in captured:
@@ -300,10 +294,7 @@ def _read(
         noise=float(np.median(relative[valid])) if valid.any() else float("nan"),
         chi=chi,
         warnings=_warnings(film, frame.index, reading.kept),
-        columns={
-            "kept_share": reading.kept,
-            **order_columns(reading.order, reading.uncertainty),
-        },
+        columns={"kept_share": reading.kept, **order_columns(reading.order, reading.uncertainty)},
     )
 
 

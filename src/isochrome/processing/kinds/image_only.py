@@ -90,10 +90,10 @@ _AT_HALF, _BEYOND_HALF = 0.05, 0.1
 
 @dataclass(frozen=True)
 class NoLoadLight:
-    """The ends of a frame's light by its no-load frames.
+    """The ends of a frame's light by its no-load frames, and what to say of them.
 
-    `notes`, what to say of them; `refusal`, why no order can be told from it, if any; `dark_told`,
-    whether the dark end is known as well as it says.
+    `refusal`, why no order can be told; `dark_told`, whether the dark end is known as well as it
+    says.
     """
 
     ends: BackgroundModulation
@@ -105,11 +105,7 @@ class NoLoadLight:
 def no_load_light(
     light: Array, sigma: Array, valid: Mask, no_load: tuple[Array, Array], frames: Frames
 ) -> NoLoadLight:
-    """Find the ends of a frame's light.
-
-    Parameters: `light` (rows, cols), linear, and its noise `sigma`; `valid`, True where trusted;
-    `no_load`, the dark and the bright one (rows, cols); `frames`, what the scene says of them.
-    """
+    """The ends of a frame's linear `light` (rows, cols) by the dark and bright no-load frame."""
     dark, bright = no_load
     alike = NoLoadLight(exact_ends(dark, bright))
     if frames.no_load_exposure == "same":
@@ -129,10 +125,7 @@ def no_load_light(
 
 
 def says_a_half(orders: Sequence[float]) -> bool:
-    """Whether known orders say that N = 1/2, 3/2, ... is in the frame: by one, or between two.
-
-    Parameters: `orders`, those that are known, fringes.
-    """
+    """Whether known orders say that N = 1/2, 3/2, ... is in the frame: by one, or between two."""
     if any(abs(order % 1.0 - 0.5) < _AT_HALF for order in orders):
         return True
     least, most = min(orders, default=0.0), max(orders, default=0.0)
@@ -196,7 +189,6 @@ def above_background(signal: Array, error: Array, valid: Mask) -> tuple[Mask, tu
     """Where a brighter background would make no dark fringe, and what to say of the rest.
 
     The order may go on through a fringe there or turn back, and what lies beyond is a part apart.
-    Parameters: `signal` and its standard uncertainty `error` by the ends (rows, cols); `valid`.
     """
     above = np.where(valid, signal - _REACH * error, 0.0)
     seen = valid & (gaussian_filter(above, _POOLED_PX) > 0.0)
@@ -246,10 +238,9 @@ out of the picture, and an order beyond a bright crest may be mirrored about it.
 class FrameSignal:
     """The fringe signal 0..1 (rows, cols), its noise, where it is trusted, and what to say.
 
-    `refusal`, why no order can be told from it, if any; `error`, what the ends and the tone curve
-    leave open of the signal, over and above the noise; `ends` of the light; `columns` for
-    frames.csv; `gamma_check`, what the fringes' contrast (rows, cols) and shape make of a stated
-    gamma: an error more, and what to say.
+    `error`, what the ends and the tone curve leave open of the signal besides the noise;
+    `gamma_check`, what the fringes' contrast (rows, cols) and shape make of a stated gamma: an
+    error more, and words.
     """
 
     signal: Array
@@ -287,34 +278,20 @@ class ImageOnly(FrameKind):
 
 
 def process_image_only(
-    frame: Frame,
-    scene: Scene,
-    capture: Capture,
-    *,
-    inside: NDArray[np.bool_] | None = None,
+    frame: Frame, scene: Scene, capture: Capture, *, inside: NDArray[np.bool_] | None = None
 ) -> ProcessedFrame:
     """Normalise a frame without a model, find its fringe skeleton, and read its order.
 
-    The order is read where it hangs together with a place of known order: of `frames.known_order`,
-    `frames.known_line`, or a corner of `frames.free_boundary`.
-    Parameters as in `process_with_model`; `inside`, True on the specimen where that is known.
-    Returns a ProcessedFrame, without a reading where no order is known. A frame in which no fringe
-    shows (an unloaded specimen) is kept as it is, and says so.
+    The order is read where it hangs together with a place of known order; without one there is no
+    reading. A frame in which no fringe shows (an unloaded specimen) is kept as it is, and says so.
     """
     return read_alone(frame, scene, capture, inside=inside)[0]
 
 
 def read_alone(
-    frame: Frame,
-    scene: Scene,
-    capture: Capture,
-    *,
-    inside: NDArray[np.bool_] | None = None,
+    frame: Frame, scene: Scene, capture: Capture, *, inside: NDArray[np.bool_] | None = None
 ) -> tuple[ProcessedFrame, BackgroundModulation | None]:
-    """What `process_image_only` finds, and the ends of the frame's light, None where it has none.
-
-    Parameters as there.
-    """
+    """What `process_image_only` finds, and the ends of the frame's light, None without any."""
     linear = to_linear(frame, bit_depth=capture.bit_depth, gamma=scene.frames.first_gamma)
     if inside is not None:
         linear = replace(linear, valid=linear.valid & inside)
@@ -356,8 +333,7 @@ def refused_beforehand(
 ) -> str:
     """Why no order is read in a frame whatever is known of its orders; empty where one is.
 
-    Parameters: the `frame`, what is `seen` in it, its fringe `lines`; `capture`; `asked`, whether a
-    point is known; `inside`, as in `read_alone`.
+    `asked`, whether a point is known; `inside`, as in `read_alone`.
     """
     saturated = _saturated(frame, capture, inside)
     if capture.bright is None and saturated > MOST_SATURATED:
@@ -370,10 +346,7 @@ def refused_beforehand(
 
 
 def refused_low(order: Array, capture: Capture) -> str:
-    """Why orders are too low to be told without a bright no-load frame; empty where they are not.
-
-    Parameters: `order`, NaN = not known; `capture`.
-    """
+    """Why orders are too low to be told without a bright no-load frame; empty if they are not."""
     known = order[np.isfinite(order)]
     highest = float(np.percentile(known, _ALMOST_ALL)) if known.size else 0.0
     if capture.bright is None and 0.0 < highest < LEAST_ORDER:
@@ -461,11 +434,7 @@ def _by_ends(
 
 
 def told_exposure(frame: Frame, scene: Scene, capture: Capture) -> list[str]:
-    """What a frame's fringes say of its exposure, where it is not that of both no-load frames.
-
-    Parameters: as in `process_image_only`. Returns nothing without both no-load frames, or where
-    no fringe tells it.
-    """
+    """What a frame's fringes say of its exposure, where it is not that of both no-load frames."""
     dark, bright = capture.dark, capture.bright
     if dark is None or bright is None or scene.frames.gamma == "unknown":
         return []

@@ -10,20 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.frames import (
-    Frame,
-    FrameReader,
-    estimate_noise,
-    open_no_load_steps,
-    to_linear,
-)
-from isochrome.fringes import (
-    ResidualStress,
-    SteppedReading,
-    make_design,
-    read_residual,
-    read_steps,
-)
+from isochrome.frames import Frame, FrameReader, estimate_noise, open_no_load_steps, to_linear
+from isochrome.fringes import ResidualStress, SteppedReading, make_design, read_residual, read_steps
 from isochrome.optics import Chain, make_chain
 from isochrome.processing.kinds.kind import ISOCLINIC, FrameKind, refuse_colour_table
 from isochrome.processing.kinds.largest_order import LARGEST, order_columns
@@ -69,12 +57,10 @@ class PhaseStepped(FrameKind):
 
 
 def load_residual(scene: Scene, reader: FrameReader) -> ResidualStress | None:
-    """The residual stress that the scene's no-load steps show.
+    """The residual stress that the scene's no-load steps show; None where it names no such set.
 
-    Parameters: `scene`; `reader` of the captured frames, to be compared with. Returns a
-    ResidualStress,
-    None where the scene names no such set. Raises InputError where the set cannot be read, holds
-    another number of frames than there are steps, frames of another size, or nothing to read.
+    InputError where that cannot be read, or has another number or size of frames, or nothing to
+    read.
     """
     name = scene.frames.no_load_steps
     if name is None:
@@ -92,13 +78,10 @@ def load_residual(scene: Scene, reader: FrameReader) -> ResidualStress | None:
 
 
 def process_stepped(frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
-    """Fringe order and isoclinic angle of one state from the frames of its steps.
+    """Fringe order and isoclinic angle of one state from the frames of its steps, in order.
 
-    Parameters: `frames`, one a step in the scene's order; `scene`, of this one state; `capture`,
-    how the set was captured (no-load frames are not needed: the steps tell background and
-    illumination), with the residual stress to take out. A frame that is saturated or faulty
-    in a pixel is left out there; where the others do not tell, it is masked.
-    Returns a ProcessedFrame. Raises InputError on a blank set, or steps that cannot tell the order.
+    No-load frames are not needed: the steps tell background and illumination. A frame that is
+    saturated or faulty in a pixel is left out there; where the others do not tell, it is masked.
     """
     light, valid, sigma = _stacked(frames, scene, capture)
     residual = capture.residual

@@ -94,8 +94,7 @@ class TrackedFilm(WithModel):
 
     `wanted`, the maps that were asked for, and `maps`, of which frames they are written: 'all',
     those of the 'key' frames, or 'none'; `order_step` (fringes), in which those of all are kept,
-    and `pages`, whether the TIFF stacks have a page for each of them; `apparatus`, what all frames
-    have in common.
+    and `pages`, whether the TIFF stacks have a page for each of them.
     """
 
     every: int = EVERY
@@ -226,10 +225,7 @@ class TrackedFilm(WithModel):
 
 
 def check_tracked(scene: Scene, shape: tuple[int, int], every: int) -> None:
-    """Refuse a scene whose frames cannot be followed. Raises InputError.
-
-    Parameters: `scene`; `shape` (rows, cols) of a frame; `every`, frames to the next key frame.
-    """
+    """Refuse a scene whose frames cannot be followed. Raises InputError."""
     if every < 2:
         raise InputError(
             f"--every {every}: give 2 or more; without --track every frame is processed wholly"
@@ -248,10 +244,7 @@ def check_tracked(scene: Scene, shape: tuple[int, int], every: int) -> None:
 
 
 def order_step(scene: Scene, shape: tuple[int, int]) -> float:
-    """Steps (fringes) of 16 bits that reach twice the largest order that a contact's scene shows.
-
-    Parameters: `scene`; `shape` (rows, cols) of a frame.
-    """
+    """Steps (fringes) of 16 bits that reach twice the largest order of a contact's scene."""
     one = scene_at(placed(sliding_scene(scene), shape), 0.0)
     grid = pixel_grid(one, shape).every(_THIN)
     order = make_picture(one, state_difference(one, scene_states(one)[-1], grid), grid).order

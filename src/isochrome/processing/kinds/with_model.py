@@ -31,11 +31,7 @@ from isochrome.fringes import OrderReading, read_order
 from isochrome.output import counted
 from isochrome.processing.kinds.image_only import process_image_only
 from isochrome.processing.kinds.kind import FrameKind
-from isochrome.processing.kinds.largest_order import (
-    LARGEST_BY_MODEL,
-    PRESSURE,
-    largest_with_model,
-)
+from isochrome.processing.kinds.largest_order import LARGEST_BY_MODEL, PRESSURE, largest_with_model
 from isochrome.processing.result import (
     CAUSES,
     REFINED,
@@ -87,11 +83,8 @@ def process_with_model(
 ) -> ProcessedFrame:
     """Fit a one-state scene to a frame, and read the fringe order on the branch it names.
 
-    Parameters: `frame`; `scene`, see `single_state.frame_scene`; `capture`, how the set
-    was captured; `as_stated`, whether nothing else is fitted than the scene's unknowns;
-    `apparatus`, what the frame has in common with the others of its video. Returns a
-    ProcessedFrame. Raises InputError on a blank frame, PhysicsError where
-    the scene's fringes are not in it.
+    `apparatus`, what the frame has in common with the others of its video. InputError on a blank
+    frame, PhysicsError where the scene's fringes are not in it.
     """
     data = prepare_frame(
         frame,
@@ -130,9 +123,8 @@ def read_frame(
 ) -> tuple[OrderReading, float, bool]:
     """Read a frame's orders on the branches of its model, however that was found.
 
-    Parameters: `frame`; `data`, prepared; `seen`, its model; `chi` of the fit; `positive`, whether
-    the model's fringes are in the frame. Returns the reading, the noise over the illumination, and
-    whether the model is too far off to name branches.
+    The reading, the noise over the illumination, and whether the model is too far off to name
+    branches.
     """
     noise, lost = _is_lost(data, seen, chi=chi, positive=positive)
     reading = _read(data, seen, lost)
@@ -185,30 +177,10 @@ def _fitted(
 
 
 def placed_disc(scene: Scene, data: FrameData) -> tuple[Scene, list[str]]:
-    """Give the scene the disc's place in a frame, and the pixel where it has none.
+    """Give the scene the disc's place in a frame by its rim, and the pixel where it has none.
 
-    The rim found in the frame gives the centre; diameter over twice the radius gives the pixel.
-    Where no rim is found, the scene's own camera.left_mm, top_mm and pixel_mm are taken, and that
-    is said.
-
-    Parameters
-    ----------
-    scene : Scene
-        A scene with a disc.
-    data : FrameData
-        The frame.
-
-    Returns
-    -------
-    tuple of Scene and list of str
-        The scene, and notes in plain words.
-
-    Raises
-    ------
-    InputError
-        Where the scene has no [camera].
-    PhysicsError
-        Where there is neither a rim nor a place.
+    Where no rim is found, the scene's own place is taken, and that is said. InputError without a
+    [camera], PhysicsError where there is neither a rim nor a place.
     """
     camera, diameter = scene.camera, scene.rim_diameter_mm
     if camera is None:
@@ -242,7 +214,6 @@ def sharp_rim(data: FrameData, rim: Circle) -> Circle:
     Along each of 360 rays the steepest fall of the light within a tenth of the radius is taken; if
     these places lie on one circle, to 1 % of its radius, it is the rim. A free rim without residual
     stress is as dark as the air and shows no such fall: then the circle stays as it was.
-    Parameters: `data`; `rim`, the first circle. Returns a Circle.
     """
     from scipy.ndimage import gaussian_filter, map_coordinates
 
@@ -294,9 +265,7 @@ def frame_causes(
 ) -> tuple[list[str], Explained] | None:
     """What `process` will say of how a scene explains a frame; None where it shows no fringes.
 
-    Parameters: as of `process_with_model`. Returns the sentences, and how far the scene explains
-    the frame. Raises InputError on a blank frame, PhysicsError where no values give fringes of the
-    right contrast.
+    PhysicsError where no values give fringes of the right contrast.
     """
     no_load = capture.dark, capture.bright
     data = prepare_frame(

@@ -77,8 +77,7 @@ _SHOWN, KEY_FRAMES = 6, 3
 class Shown:
     """A processed frame as it is drawn: maps (rows, cols), NaN = not known, None = not read.
 
-    `label`; `chi`; `kept`, the share of pixels whose order is known; `lines`, found without an
-    order; `place`, its scale and outer corner.
+    `kept`, the share of pixels whose order is known; `lines`, found without an order.
     """
 
     label: str
@@ -95,8 +94,6 @@ def process_figure(scene: Scene, items: list[Shown]) -> Figure:
     """Captured frames with the fringes found in them; beside each its fringe order, if known.
 
     A phase-stepped state has its dark field in the place of the frame, and its isoclinic angles.
-
-    Parameters: `scene`; `items`, up to six of the frames. Returns a Figure.
     """
     turned = any(item.isoclinic is not None for item in items)
     figure = new_figure(*frames_size(items))
@@ -126,10 +123,7 @@ def frames_size(items: list[Shown]) -> tuple[float, float]:
 
 
 def draw_frames(figure: Figure | SubFigure, items: list[Shown]) -> str:
-    """Draw frames with their fringes, and beside each its order, if known, on an empty figure.
-
-    Parameters: `figure`; `items`. Returns what the lines are, in words.
-    """
+    """Draw frames with their fringes, and beside each its order; what the lines are, in words."""
     read, down, across = _grid(items)
     axes: Any = figure.subplots(down, across, squeeze=False)
     largest = max((highest_order(item) for item in items), default=1.0)
@@ -155,19 +149,13 @@ def draw_frames(figure: Figure | SubFigure, items: list[Shown]) -> str:
 
 
 def say_lines(largest: float, read: bool) -> str:
-    """What the lines over frames are, in words.
-
-    Parameters: the `largest` order; whether orders were `read`. Returns the words.
-    """
+    """What the lines over frames are, in words."""
     first = ", ".join(f"{order:g}" for order in _line_orders(largest)[:3])
     return f"lines: N = {first} ..." if read else "lines: dark (blue) and bright (orange) fringes"
 
 
 def draw_fringes(axes: Axes, item: Shown, largest: float) -> None:
-    """Draw the fringes of a frame as lines: whole or dark ones blue, the others orange.
-
-    Parameters: `axes`, where the frame was drawn; `item`; the `largest` order of all frames.
-    """
+    """Draw the fringes of a frame as lines: whole or dark ones blue, the others orange."""
     lines = item.lines
     if item.order is not None:
         lines = order_contours(item.order, _line_orders(largest))
@@ -280,21 +268,14 @@ def _highest_order(order: np.ndarray) -> float:
 
 
 def set_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Shown]) -> Figure:
-    """The picture of a set that was processed, tracked or not.
-
-    Parameters: `scene`; `table`, the columns of frames.csv; `items`, of `shown_frames`. Returns a
-    Figure.
-    """
+    """The picture of a set that was processed, tracked or not."""
     if PICTURE in table:
         return tracked_figure(scene, table, items)
     return process_figure(scene, items)
 
 
 def shown_frames(table: Mapping[str, list[Any]], status: list[str]) -> list[int]:
-    """The frames that are drawn: the first in which something was found, or some key frames.
-
-    Parameters: `table`, the columns of frames.csv; `status` of each frame.
-    """
+    """The frames that are drawn: the first in which something was found, or some key frames."""
     if PICTURE not in table:
         return [k for k, state in enumerate(status) if state != "failed"][:_SHOWN] or [0]
     whole = [k for k, at in enumerate(table[PICTURE]) if at is not None]
@@ -311,11 +292,7 @@ def shown_label(table: Mapping[str, list[Any]], k: int) -> str:
 def figure_in_memory(
     scene: Scene, table: Mapping[str, list[Any]], status: list[str], frames: list[ProcessedFrame]
 ) -> Figure:
-    """`set_figure` of frames that are in memory.
-
-    Parameters: `scene`; `table`, the columns of frames.csv; `status` of each frame; `frames`, of a
-    tracked video its key frames. Returns a Figure.
-    """
+    """`set_figure` of frames that are in memory, of a tracked video its key frames."""
     by_number = {item.index: item for item in frames}
     items = []
     for k in shown_frames(table, status):
@@ -337,11 +314,7 @@ def figure_in_memory(
 
 
 def tracked_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Shown]) -> Figure:
-    """Tracked values with their bands and chi, and beside them some key frames.
-
-    Parameters: `scene`; `table`, the columns of frames.csv; `items`, the key frames to be shown.
-    Returns a Figure.
-    """
+    """Tracked values with their bands and chi, and beside them some key frames."""
     result = frame_values(table)
     wide, high = frames_size(items) if items else (0.0, 0.0)
     tall = max(high, PANEL_IN * (len(result.keys) + 1)) + 0.3
@@ -369,8 +342,7 @@ _TURNED_LABEL = "from x, counter-clockwise (degrees)"
 def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> PaperPanels:
     """Frames with their fringes and their orders; of a tracked video its values too.
 
-    Parameters: `result`; `frames`, numbers of the frames that are shown. Returns PaperPanels.
-    Raises InputError where there is no such frame, or it has no map of its order.
+    InputError where there is no such frame, or it has no map of its order.
     """
     items = _items(result, frames)
     largest = max(map(highest_order, items), default=1.0)
