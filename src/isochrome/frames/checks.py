@@ -140,8 +140,7 @@ def unloaded_frames(
         near = [key for key, value in far.items() if value < _ALIKE * light]
         if near:
             like.setdefault(min(near, key=lambda key: far[key]), []).append(index)
-    heights = np.array(_SWINGS) * full
-    usable = np.flatnonzero(heights <= _OF_SPAN * np.nanmax(span))
+    usable = np.flatnonzero((np.array(_SWINGS) * full) <= _OF_SPAN * np.nanmax(span))
     if not usable.size:
         return like, []
     most, usual = (np.array([pair[k][usable[-1]] for pair in signs.swings]) for k in (0, 1))
@@ -266,8 +265,7 @@ def survey(reader: FrameReader, scene: Scene) -> Survey:
     full = full_scale(reader.bit_depth)
     try:
         for frame in reader:
-            level = saturation_level(frame.image, full=full)
-            _add(result, frame.image, level, frame.mask)
+            _add(result, frame.image, saturation_level(frame.image, full=full), frame.mask)
             if result.load is not None:
                 result.load.add(frame, full, scene.frames.first_gamma)
             key = hashlib.sha1(frame.image.data, usedforsecurity=False).digest()

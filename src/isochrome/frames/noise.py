@@ -89,8 +89,7 @@ def estimate_noise(
         bit_depth = 8 * image.dtype.itemsize
     finite = np.isfinite(image)
     usable = finite if valid is None else finite & valid
-    values = np.where(finite, image, 0).astype(np.float32)
-    residual, level, inside = _high_pass(values, usable)
+    residual, level, inside = _high_pass(np.where(finite, image, 0).astype(np.float32), usable)
     if np.count_nonzero(inside) < 16:
         raise InputError(
             "noise cannot be estimated: fewer than 16 pixels have valid neighbours; enlarge the roi"
@@ -98,8 +97,7 @@ def estimate_noise(
     floor = QUANTISATION if integer else float(np.finfo(np.float32).tiny)
     res, lev = residual[inside].astype(float), level[inside].astype(float)
     rough = np.sqrt(max(_clipped_variance(res)[0], floor))
-    full = full_scale(bit_depth)
-    inner = (lev > 4 * rough) & (lev < full - 4 * rough)
+    inner = (lev > 4 * rough) & (lev < full_scale(bit_depth) - 4 * rough)
     if np.count_nonzero(inner) > max(200, 0.02 * inner.size):
         res, lev = res[inner], lev[inner]
     offset, slope = _fit_levels(res, lev)
@@ -191,8 +189,7 @@ def noise_between_pixels(
 
 def _polynomials(side: int, degree: int) -> np.ndarray:
     """Orthonormal polynomials of two places in a square: (pixels, terms)."""
-    x = np.linspace(-1.0, 1.0, side)
-    powers = np.polynomial.legendre.legvander(x, degree)
+    powers = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, side), degree)
     terms = [
         np.outer(powers[:, i], powers[:, j]).ravel()
         for i in range(degree + 1)

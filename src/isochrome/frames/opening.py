@@ -150,8 +150,7 @@ class Parts:
         """All parts' frames, counted as surely as each of them is."""
         done = Extent(0, 0.0)
         for number in range(len(self.files)):
-            begin = self._begin(number, done.end_s)
-            done = _after(done, begin, self.source(number).extent())
+            done = _after(done, self._begin(number, done.end_s), self.source(number).extent())
         return done
 
     def _begin(self, number: int, end_s: float | None) -> float | None:
@@ -361,8 +360,7 @@ def absolute(frames: FramesLike, scene: Scene) -> tuple[FramesLike, Scene]:
         located = str(Path(located).absolute())
     elif isinstance(located, tuple):
         located = tuple(str(Path(path).absolute()) for path in located)
-    folder = (scene.folder or Path()).absolute()
-    return located, scene.model_copy(update={"folder": folder})
+    return located, scene.model_copy(update={"folder": (scene.folder or Path()).absolute()})
 
 
 def check_scale(reader: FrameReader, camera: Camera | None) -> None:

@@ -143,8 +143,7 @@ def _turned_frames(
 ) -> Generator[RawFrame]:
     with closing(source.frames(start)) as frames:
         for raw in frames:
-            image = as_turned(raw.image, rotate_deg, flip)
-            yield replace(raw, image=np.ascontiguousarray(image))
+            yield replace(raw, image=np.ascontiguousarray(as_turned(raw.image, rotate_deg, flip)))
 
 
 def _mirrored(image: np.ndarray, flip: str | None) -> np.ndarray:

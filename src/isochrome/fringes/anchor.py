@@ -94,8 +94,7 @@ def balance(
         for values in (load_turns, direction, turns, np.square(spread) / _BLOCK**2)
     )
     # a masked pixel here and there is no edge of the part
-    full = share > _FULL
-    depth = distance_transform_edt(np.pad(full, 1))[1:-1, 1:-1]
+    depth = distance_transform_edt(np.pad(share > _FULL, 1))[1:-1, 1:-1]
     for width in _WIDTHS:
         use = depth > _SUPPORT * width
         places = np.count_nonzero(use) / (4.0 * np.pi * width**2)
@@ -133,7 +132,6 @@ def _solve(bent: Array, turned: Array, turns: Array, noise: Array, places: float
         misfit = np.abs(bent + number * turned)
         # the noise of the sum is that of (turns + m) e, and of turns
         scale = np.sqrt(noise * (1.0 + (turns + number) ** 2)) + 1e-15
-        usual = np.median(misfit / scale)
-        weight = 1.0 / (scale * np.maximum(scale, misfit / usual) + 1e-30)
+        weight = 1.0 / (scale * np.maximum(scale, misfit / np.median(misfit / scale)) + 1e-30)
     spread = (weight**2 * misfit**2 * square).sum() * 0.5 * len(bent) / places
     return Balance(number, float(np.sqrt(spread)) / information)

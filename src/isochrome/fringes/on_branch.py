@@ -259,8 +259,7 @@ def widened(reading: OrderReading, error: Array) -> OrderReading:
     more than sqrt(e)/pi. A pixel of more than 0.03 fringe is not known.
     """
     known = np.isfinite(reading.order)
-    order = np.where(known, reading.order, 0.0)
-    sine = np.abs(np.sin(2.0 * np.pi * order)) * known
+    sine = np.abs(np.sin(2.0 * np.pi * np.where(known, reading.order, 0.0))) * known
     pull = gaussian_sum(sine * error, _POOLED_PX)
     slope = np.pi * gaussian_sum(sine * sine, _POOLED_PX)
     moved = np.minimum(pull / np.maximum(slope, 1e-9), np.sqrt(error) / np.pi)

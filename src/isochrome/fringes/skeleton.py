@@ -312,5 +312,4 @@ def _order_of(line: Skeleton, order: Floats) -> float | None:
     if known.size == 0 or known.size < _KNOWN * along.size:
         return None
     level = 0.5 * np.rint(2.0 * np.median(known))
-    near = np.abs(known - level) < _APART
-    return float(level) if near.mean() >= _MOST else None
+    return float(level) if (np.abs(known - level) < _APART).mean() >= _MOST else None

@@ -243,8 +243,7 @@ def _kind_of_set(
 ) -> FrameKind:
     """How a set is processed: followed where that is asked, or is usual; else state by state."""
     keyed = accepts_keys(scene) and (track or (not each and reader.kind == "video"))
-    follow = not keyed and (track or (not each and is_followed(scene, reader)))
-    if follow:
+    if not keyed and (track or (not each and is_followed(scene, reader))):
         from isochrome.processing.kinds.tracked import EVERY, TrackedFilm
 
         return TrackedFilm(every=every or EVERY, wanted=maps)

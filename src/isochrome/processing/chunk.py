@@ -71,8 +71,7 @@ def gather(task: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) ->
             maps.append(picture_of(item, name))
         # where a model was fitted, its frames can be drawn anew, and a film has thousands of them:
         # lines are for who asks
-        drawn = item.fit is None and task.kind.draws_lines
-        lines = item.skeleton() if task.rois or drawn else []
+        lines = item.skeleton() if task.rois or (item.fit is None and task.kind.draws_lines) else []
         if lines:
             tables.append(_line_table(item, lines, task.scene, header=not tables))
         if task.rois:
@@ -93,8 +92,7 @@ def _line_table(
     """The points of a frame's fringe lines, as CSV."""
     left, top = item.corner_mm(scene)
     points = skeleton_table(lines, pixel_mm=item.pixel_mm, left_mm=left, top_mm=top)
-    number = np.full(len(points["line"]), item.index)
-    return csv_text({"frame": number, **points}, header=header)
+    return csv_text({"frame": np.full(len(points["line"]), item.index), **points}, header=header)
 
 
 def _within(
@@ -123,8 +121,7 @@ def picture_of(item: ProcessedFrame, name: str) -> np.ndarray:
 
 def blank_map(name: str, shape: tuple[int, ...]) -> np.ndarray:
     """A map of a frame of which nothing was read: no order is known, none can be relied on."""
-    empty = 0.0 if name == CONFIDENCE.name else np.nan
-    return np.full(shape, empty, dtype=np.float32)
+    return np.full(shape, 0.0 if name == CONFIDENCE.name else np.nan, dtype=np.float32)
 
 
 def film_map(item: ProcessedFrame | FollowedFrame, name: str) -> np.ndarray | None:

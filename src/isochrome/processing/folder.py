@@ -156,8 +156,7 @@ def _shown(
     lines = {k: own for text in tables for k, own in lines_of(text, set(good)).items()}
 
     def read(layer: str, item: int) -> np.ndarray | None:
-        there = layer in names and more["read"][item]
-        return picture(run_folder, layer, item) if there else None
+        return picture(run_folder, layer, item) if (layer in names and more["read"][item]) else None
 
     return [
         Shown(

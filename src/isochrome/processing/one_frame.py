@@ -19,7 +19,7 @@ from isochrome.frames import Frame, open_scene_frames, to_linear, with_file_scal
 from isochrome.fringes import LARGEST_UNCERTAINTY, FollowedFringes, follow_fringes, skeletons
 from isochrome.output import numbers
 from isochrome.processing.api import check_scene
-from isochrome.processing.frame_task import FrameSource, FrameTask, own_scene
+from isochrome.processing.frame_task import FrameSource, FrameTask
 from isochrome.processing.in_common import fitted_keys, tabulate_set
 from isochrome.processing.kinds.image_only import (
     frame_signal,
@@ -58,7 +58,7 @@ _WORTH_SAYING = 0.01
 class FrameValue:
     """A value that was fitted to a frame, by its key of the scene.
 
-    `asked`, whether the frame asked for it, besides the scene's own unknowns; `refined`, whether the
+    `asked`, whether the frame asked for it, besides the scene's unknowns; `refined`, whether the
     scene states it, the frame knows more of it, and both agree.
     """
 

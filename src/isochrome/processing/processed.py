@@ -306,8 +306,7 @@ def restore(
             table[name] = ["" if text is None else text for text in table[name]]
     draw = partial(saved_picture, out.absolute() / FIGURE)
     result = collect(scene, table, status, None, shape, residual)
-    load = partial(open_run, out.absolute())
-    return replace(result, already=True, draw=draw, load=load)
+    return replace(result, already=True, draw=draw, load=partial(open_run, out.absolute()))
 
 
 def _of_residual(scene: Scene, residual: ResidualStress) -> list[str]:

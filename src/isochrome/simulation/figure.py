@@ -75,8 +75,7 @@ def stress_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Fig
         for ax in axes[len(items) :]:
             ax.set_visible(False)
         low, high = _range(maps)
-        bar = add_colour_bar(drawn, label)
-        bar.ax.set_ylim(max(low, -limit), min(high, limit))
+        add_colour_bar(drawn, label).ax.set_ylim(max(low, -limit), min(high, limit))
     marks = "× largest shear" + (", ▼ edges of contact" if scene.is_contact else "")
     write_head(figure, f"{plain_name(scene.name)}, simulated: principal stresses\n{marks}")
     return figure
@@ -302,8 +301,7 @@ def _along_surface(
         raise InputError("states without a surface under load: give those of a contact")
     drawn = given_axes(axes)
     for state, surface, colour in zip(given, surfaces, cycle(LINE_COLOURS), strict=False):
-        x = surface.grid.x_mm
-        drawn.plot(x, value(surface), color=colour, lw=BOLD_PT, label=state.label)
+        drawn.plot(surface.grid.x_mm, value(surface), color=colour, lw=BOLD_PT, label=state.label)
     widest = max(abs(edge) for surface in surfaces for edge in surface.edges_mm)
     style_axes(drawn, x_label="x (mm)", z_label=label)
     drawn.set_xlim(-1.25 * widest, 1.25 * widest)

@@ -182,8 +182,7 @@ def run_layout(work: RenderWork) -> RunLayout:
     """What a simulation keeps of its states: parts of files alone."""
     forms = [_form(work, name) for name in work.stacks]
     size = sum(int(np.prod(shape)) * dtype.itemsize for shape, dtype in forms)
-    together = min(_FEW, CHUNK_BYTES // size)
-    chunk = max(1, together, chunk_size(work.count, size))
+    chunk = max(1, min(_FEW, CHUNK_BYTES // size), chunk_size(work.count, size))
     return RunLayout(axes={"state": work.count}, chunk=chunk, store=False, part_bytes=size)
 
 

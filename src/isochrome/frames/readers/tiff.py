@@ -106,8 +106,7 @@ def read_ome(text: str, path: Path) -> Ome:
         raise InputError(f"{path}: its OME notes describe no pixels; save it again")
     samples = [_count(c, "SamplesPerPixel", path) for c in pixels.iterfind("{*}Channel")]
     size = {axis: _count(pixels, f"Size{axis}", path) for axis in "ZCT"}
-    planes = size["Z"] * size["T"]
-    times = _times(pixels, planes)
+    times = _times(pixels, size["Z"] * size["T"])
     interval = _number(pixels, "TimeIncrement", OME_SECONDS, "TimeIncrementUnit", "s")
     start = None if interval is None else 0.0
     from_first: tuple[float | None, ...] | None = None

@@ -219,8 +219,7 @@ def _step(
     column = across(root * table.signal[place])
     residual = across(root * (signal[inside] - table.signal[place]))
     size = np.sum(residual**2, axis=1)
-    usual = max(float(np.median(size)), 1e-12)
-    weight = (1.0 / (1.0 + (size / (9.0 * usual)) ** 2))[:, None]
+    weight = (1.0 / (1.0 + (size / (9.0 * max(float(np.median(size)), 1e-12))) ** 2))[:, None]
     information = float(np.sum(weight * column**2)) + EXPECTED**-2
     shared = np.hypot(_ERROR, 0.5 * float(table.spread.max()))
     by_table = shared * float(np.sum(weight * np.abs(column) * root)) / information
@@ -402,8 +401,7 @@ def correction(
     `along`, dI/dN (pixels, channels); `hold`, the prior's normal equations; `back`, from the
     unknowns to the prior's own.
     """
-    length = np.linalg.norm(along, axis=1, keepdims=True)
-    unit = along / np.maximum(length, 1e-9)
+    unit = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
     flat = design - unit[:, :, None] * np.einsum("pc,pcn->pn", unit, design)[:, None, :]
     across_unit = residual - unit * np.sum(unit * residual, axis=1, keepdims=True)
     size = np.sum(across_unit**2, axis=1)

@@ -108,8 +108,7 @@ class BandLight:
         for ratio, width in zip(self.ratio, self.width, strict=True):
             turns = ratio / np.maximum(1.0 + width * _PLACES, 0.3)
             waves.append(np.cos(2.0 * np.pi * np.outer(order, turns)) @ _WEIGHTS)
-        sign = 0.5 if bright else -0.5
-        return np.asarray(0.5 + sign * np.stack(waves, axis=1))
+        return np.asarray(0.5 + (0.5 if bright else -0.5) * np.stack(waves, axis=1))
 
 
 def band_light(numbers: Array) -> BandLight:
@@ -255,8 +254,7 @@ class Unknowns:
             background = dark**gamma
         if bright is not None:
             return background, bright**gamma - background
-        shape = theta[start:].reshape(3, len(self.surface))
-        return background, spread_out(shape, self.surface)
+        return background, spread_out(theta[start:].reshape(3, len(self.surface)), self.surface)
 
     def seen(self, theta: Array, frame: int, relief: Array) -> Seen:
         """One frame's light, with the contrast that it would have at full signal."""
@@ -289,8 +287,7 @@ class Unknowns:
         for end, part in ((shots.dark, share), (shots.bright, exposure * ideal)):
             if end is not None:
                 design[..., _GAMMA] += part * _by_gamma(end.reshape(-1, 3)[pixels], gamma)
-        low = shown.background.reshape(-1, 3)[pixels]
-        design[..., _FRAMES + frame] = low + contrast * ideal
+        design[..., _FRAMES + frame] = shown.background.reshape(-1, 3)[pixels] + contrast * ideal
         start = self.ends_from
         if shots.dark is None:
             design[:, np.arange(3), start + np.arange(3)] = share

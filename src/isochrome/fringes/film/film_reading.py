@@ -178,8 +178,7 @@ class CrestLight:
         size leaves; `known`, where to look; all (rows, cols).
         """
         thin = slice(None, None, _STRIDE)
-        near = np.abs(np.mod(order[thin, thin], 1.0) - 0.5) < _NEAR
-        use = near & known[thin, thin]
+        use = (np.abs(np.mod(order[thin, thin], 1.0) - 0.5) < _NEAR) & known[thin, thin]
         orders = order[thin, thin][use]
         signal = 0.5 - 0.5 * contrast[thin, thin][use] * np.cos(np.float32(2.0 * np.pi) * orders)
         risen = rise[thin, thin][use]
@@ -316,8 +315,7 @@ class FilmPath:
         self.lost: list[list[int]] = [[0, begin]] if begin else []
         self._key, self._every, self._last_key = key, every, begin
         self._begin, self._start = begin, start
-        nothing = np.zeros_like(start.known)
-        self._state = replace(start, known=nothing) if begin else start
+        self._state = replace(start, known=np.zeros_like(start.known)) if begin else start
         self._passed: list[_Passed] = []
         self._broken = False
 

@@ -103,8 +103,7 @@ def fit_order_change(
     fields = _fields(order, expected, gradient)
     basis = np.stack([np.broadcast_to(f, order.shape)[thin, thin][use] for f in fields])
     shown, faded = wave[thin, thin][use], contrast[thin, thin][use]
-    top = max(float(np.percentile(basis[0], _TOP)), 1e-3)
-    start = _searched(basis, shown, faded, top)
+    start = _searched(basis, shown, faded, max(float(np.percentile(basis[0], _TOP)), 1e-3))
     solution = start.copy()
     ridge = 1e-3 * shown.size * np.array(_RIDGE)
     for _ in range(_ROUNDS):
@@ -267,8 +266,7 @@ def follow_frame(
     weight = valid.astype(np.float32)
     apart = time - state.time
     contrast, steep, gradient = faded_fringes(before)
-    top = _highest(state)
-    if top < _AT_FIRST:
+    if _highest(state) < _AT_FIRST:
         order, plain = _at_first(wave, weight)
         known, broken, determined = state.known & plain, False, np.ones_like(order)
     else:
@@ -358,8 +356,7 @@ def _corrected(
         residual = (wave - contrast * np.cos(angle)) * weight
         slope = -_TURN * contrast * np.sin(angle) * weight
         flank = on_flank(slope)
-        area = 2.0 * np.pi * width**2
-        spread = (noise**2 + area * _SYSTEMATIC**2) / _SPREAD**2
+        spread = (noise**2 + (2.0 * np.pi * width**2) * _SYSTEMATIC**2) / _SPREAD**2
         least: Array = np.full((1, 1), spread, dtype=np.float32)
         if proportional:
             slope = slope * order
@@ -372,8 +369,7 @@ def _corrected(
         )
         step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
         order = np.abs(order + (step * order if proportional else step))
-    smooth = cv2.GaussianBlur(order, (0, 0), _SMOOTH_PX)
-    fine = np.float32(_SMOOTHED) * (smooth - order)
+    fine = np.float32(_SMOOTHED) * (cv2.GaussianBlur(order, (0, 0), _SMOOTH_PX) - order)
     return np.asarray(order + np.where(order > _SHARP, fine, np.float32(0.0))), telling
 
 
@@ -418,8 +414,7 @@ def continued(order: Array, known: Mask) -> Array:
     """
     weight = known.astype(np.float32)
     values = order * weight
-    total = _moment(weight, 0, 0)
-    beyond = ~known & (total > _LEAST)
+    beyond = ~known & (_moment(weight, 0, 0) > _LEAST)
     if not beyond.any():
         return order
     powers = ((0, 0), (1, 0), (0, 1))

@@ -281,8 +281,7 @@ def _seeds_of_parts(labels: Array, known_order: Sequence[KnownOrder]) -> dict[in
             if labels[r, c]
         ]
         place = min(near)[1:] if near else (0, 0)
-        index = int(labels[place]) if near else 0
-        seeds_of.setdefault(index, []).append((seed, place))
+        seeds_of.setdefault(int(labels[place]) if near else 0, []).append((seed, place))
     return seeds_of
 
 

@@ -83,8 +83,7 @@ class StepDesign:
     def variance(self, first: int, second: int | None = None) -> float:
         """Covariance of two solved unknowns (or one's variance) for unit noise."""
         i = self.solved.index(first)
-        j = i if second is None else self.solved.index(second)
-        return float(self.covariance[i, j])
+        return float(self.covariance[i, i if second is None else self.solved.index(second)])
 
 
 @dataclass(frozen=True)

@@ -162,8 +162,7 @@ def process_colour(frames: Sequence[Frame], scene: Scene, capture: Capture) -> P
     except InputError as error:
         raise InputError(f"frame {first.index} ({first.name}): {error}") from error
     trusted = np.isfinite(result.signal)
-    count = np.maximum(trusted.sum(axis=-1), 1)
-    mean = np.where(trusted, result.signal, 0.0).sum(axis=-1) / count
+    mean = np.where(trusted, result.signal, 0.0).sum(axis=-1) / np.maximum(trusted.sum(axis=-1), 1)
     return ProcessedFrame(
         **frame_fields(first, scene),
         normalised=np.where(trusted.any(axis=-1), mean, np.nan).astype(np.float32),
@@ -188,8 +187,7 @@ def _stacked(
     gamma, bit_depth = scene.frames.stated_gamma, capture.bit_depth
     light, valid, sigma = [], [], []
     for frame, name in zip(frames, CHANNELS, strict=True):
-        where = f"{frame.name}, {name}"
-        linear = to_linear(frame, bit_depth=bit_depth, gamma=gamma, name=where)
+        linear = to_linear(frame, bit_depth=bit_depth, gamma=gamma, name=f"{frame.name}, {name}")
         noise = estimate_noise(frame.image, linear.valid, bit_depth=bit_depth)
         raw = np.where(np.isfinite(frame.image), frame.image, 0.0).astype(np.float32)
         level = gaussian_filter(raw, _SMOOTH_PX)  # a pixel's weight must not follow its own noise

@@ -193,8 +193,7 @@ def above_background(signal: Array, error: Array, valid: Mask) -> tuple[Mask, tu
     above = np.where(valid, signal - _REACH * error, 0.0)
     seen = valid & (gaussian_filter(above, _POOLED_PX) > 0.0)
     share = 1.0 - float(np.mean(seen[valid])) if valid.any() else 0.0
-    said = (DARK_UNTOLD.format(100.0 * share),) if share > _WORTH_SAYING else ()
-    return seen, said
+    return seen, (DARK_UNTOLD.format(100.0 * share),) if share > _WORTH_SAYING else ()
 
 
 NO_ANCHOR = (
@@ -486,8 +485,7 @@ def _contradicted(
         )
     except InputError:  # no fringes to tell it from
         return none, []
-    share = result.tone - 1.0
-    if abs(share) < max(SIGNIFICANT * result.tone_uncertainty, WRONG_GAMMA):
+    if abs(result.tone - 1.0) < max(SIGNIFICANT * result.tone_uncertainty, WRONG_GAMMA):
         return none, []
     linear = np.maximum(light, 0.0) ** result.tone
     other = (linear - result.dark) / np.maximum(result.bright - result.dark, 1e-6)

@@ -118,8 +118,7 @@ def frames_size(items: list[Shown]) -> tuple[float, float]:
     read, down, across = _grid(items)
     rows, cols = items[0].normalised.shape
     width = 4.6 if read else 4.0
-    picture = width - _BESIDE
-    return width * across + 0.8, (picture * min(rows / cols, 1.6) + 0.75) * down + 0.5
+    return width * across + 0.8, ((width - _BESIDE) * min(rows / cols, 1.6) + 0.75) * down + 0.5
 
 
 def draw_frames(figure: Figure | SubFigure, items: list[Shown]) -> str:
@@ -253,8 +252,7 @@ def _share_bar(images: list[Any], label: str, *, is_as_high: bool = False) -> No
         return
     for shown in images:
         shown.set_interpolation("nearest")
-    length = 1.0 if len(images) == 1 else 0.6
-    add_colour_bar(images, label, length=length, is_as_high=is_as_high)
+    add_colour_bar(images, label, length=1.0 if len(images) == 1 else 0.6, is_as_high=is_as_high)
 
 
 def highest_order(item: Shown) -> float:
