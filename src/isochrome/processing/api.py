@@ -311,10 +311,10 @@ def _processed(
 
 def _is_done(out: Path, identify: Callable[[], Mapping[str, Any]]) -> bool:
     """Whether a finished run has left all, by what the files hold: no frame is decoded for it."""
-    there = (out / PROVENANCE).is_file() and (out / STORE / "zarr.json").is_file()
-    if not there or working_folder(out).exists():  # an unfinished run, or one that is at work
+    if working_folder(out).exists():  # an unfinished run, or one that is at work
         return False
-    return holds_results(out.resolve(), identify())
+    complete = (out / PROVENANCE).is_file() and (out / STORE / "zarr.json").is_file()
+    return complete and holds_results(out.resolve(), identify())
 
 
 def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) -> Processed:
@@ -367,8 +367,8 @@ def _check_set(scene: Scene, reader: FrameReader, count: int) -> None:
     """Refuse a set that cannot be this scene's, before the first frame is processed."""
     if count == 0:
         raise InputError(f"{reader.path}: holds no frame; check the file")
-    alone = scene.polariscope.tells_orders
-    fitted = scene.has_model and scene.rim_diameter_mm is None and not alone
+    by_model = scene.has_model and not scene.polariscope.tells_orders
+    fitted = by_model and scene.rim_diameter_mm is None
     if fitted and (scene.camera is None or scene.camera.pixel_mm is None):
         raise InputError(f"{scene.name}: camera.pixel_mm is missing, and a fit needs it; add it")
     for name, text in misfits(reader, scene, count):

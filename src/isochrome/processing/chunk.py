@@ -48,42 +48,50 @@ def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
 def gather(task: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) -> Results:
     """Processed frames as Results; they are let go one by one."""
     layers = task.kind.layers(task.scene)
-    compact = {layer.name: layer.compact for layer in layers if layer.compact is not None}
+    packings = {layer.name: layer.compact for layer in layers if layer.compact is not None}
+    packed: dict[str, list[bytes | None]] = {name: [] for name in packings}
     pictures: dict[str, list[np.ndarray]] = {
-        layer.name: [] for layer in layers if layer.name not in compact
+        layer.name: [] for layer in layers if layer.name not in packed
     }
-    packed: dict[str, list[bytes | None]] = {name: [] for name in compact}
     rows, more = [], []
     tables: list[str] = []
     rois: list[tuple[str, bytes]] = []
     for item in states:
-        item = _within(item, compact.get(ORDER.name))
+        item = _within(item, packings.get(ORDER.name))
         if task.preview is not None:
             write_preview(task.preview, item)
         rows.append(task.kind.row(item, task.scene))
         more.append(more_of(item, task.scene))
-        for name, kind in compact.items():
+        for name, kind in packings.items():
             made = film_map(item, name)
             packed[name].append(None if made is None else kind.pack(made))
         if isinstance(item, FollowedFrame):
             continue
         for name, maps in pictures.items():
             maps.append(picture_of(item, name))
-        # where a model was fitted, its frames can be drawn anew, and a film has thousands of them:
-        # lines are for who asks
-        lines = item.skeleton() if task.rois or (item.fit is None and task.kind.draws_lines) else []
+        lines = _lines_to_keep(task, item)
         if lines:
             tables.append(_line_table(item, lines, task.scene, header=not tables))
         if task.rois:
             rois += roi_entries(lines, item.index)
     parts = {LINES: "".join(tables).encode()} if tables else {}
     if task.rois:
-        data = io.BytesIO()
-        with zipfile.ZipFile(data, "w") as archive:
-            add_rois(archive, rois)
-        parts[ROIS] = data.getvalue()
+        parts[ROIS] = _zipped(rois)
     arrays = {name: np.stack(maps) for name, maps in pictures.items()}
     return Results(arrays, rows, more, parts, packed=packed)
+
+
+def _lines_to_keep(task: FrameTask, item: ProcessedFrame) -> list[Skeleton]:
+    """The fringe lines of a frame; with a model, which can draw them anew, for who asks alone."""
+    wanted = task.rois or (item.fit is None and task.kind.draws_lines)
+    return item.skeleton() if wanted else []
+
+
+def _zipped(rois: Sequence[tuple[str, bytes]]) -> bytes:
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w") as archive:
+        add_rois(archive, rois)
+    return data.getvalue()
 
 
 def _line_table(
@@ -114,9 +122,7 @@ def _within(
 def picture_of(item: ProcessedFrame, name: str) -> np.ndarray:
     """A layer's picture of a frame (rows, cols), blank where it has none."""
     result = item.maps().get(name)
-    if result is not None:
-        return result
-    return blank_map(name, item.normalised.shape)
+    return blank_map(name, item.normalised.shape) if result is None else result
 
 
 def blank_map(name: str, shape: tuple[int, ...]) -> np.ndarray:
@@ -150,9 +156,9 @@ def lines_of(table: bytes, frames: set[int]) -> dict[int, list[Skeleton]]:
     points = csv.DictReader(io.StringIO(table.decode()))
     wanted = (row for row in points if int(row["frame"]) in frames)
     for (frame, _), line in groupby(wanted, key=lambda row: (int(row["frame"]), row["line"])):
-        own = list(line)
-        order, kind = own[0]["order"], cast(Any, own[0]["kind"])
-        at = [np.array([float(row[name]) for row in own]) for name in ("row_px", "col_px")]
-        skeleton = Skeleton(kind, at[0], at[1], float(order) if order else None)
+        points_of_line = list(line)
+        order, kind = points_of_line[0]["order"], cast(Any, points_of_line[0]["kind"])
+        rows, cols = (np.array([float(p[n]) for p in points_of_line]) for n in ("row_px", "col_px"))
+        skeleton = Skeleton(kind, rows, cols, float(order) if order else None)
         result.setdefault(frame, []).append(skeleton)
     return result

@@ -40,14 +40,14 @@ def shift_of(edge: str, grid: PixelGrid, table: Mapping[str, Sequence[Any]]) -> 
 def shift_messages(grid: PixelGrid | None, table: Mapping[str, Sequence[Any]]) -> list[str]:
     """What to say where frames lie over half a pixel from the axes that all maps have."""
     far = {name: np.abs(shift_of(edge, grid, table)) for name, edge in _AXES} if grid else {}
-    beyond = {
-        name: np.nanmax(own)
-        for name, own in far.items()
-        if grid and (own > 0.5 * grid.pixel_mm).any()
-    }
+    beyond = [
+        f"{np.nanmax(shift):.3g} mm along {name}"
+        for name, shift in far.items()
+        if grid and (shift > 0.5 * grid.pixel_mm).any()
+    ]
     if not beyond:
         return []
-    reach = " and ".join(f"{own:.3g} mm along {name}" for name, own in beyond.items())
+    reach = " and ".join(beyond)
     return [
         f"the frames' own places lie up to {reach} from the maps' axes, which are of the mean "
         "place: a frame's places are x_mm + shift_x_mm and z_mm + shift_z_mm"

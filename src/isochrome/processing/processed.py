@@ -237,13 +237,28 @@ def collect(
     residual: ResidualStress | None = None,
 ) -> Processed:
     """Put the frames' findings together; `frames` is None where they were streamed."""
-    alone = scene.polariscope.tells_orders
     wider = with_past_loads(with_past_friction(with_scatter_of_gamma(table), scene), scene)
     if frames is not None and wider is not table:
-        frames = [_of_row(frame, wider, k) for k, frame in enumerate(frames)]
+        texts = [
+            tuple(text for text in all_.split(SEPARATOR) if text) for all_ in wider["warnings"]
+        ]
+        frames = [
+            replace(one, columns={n: wider[n][k] for n in one.columns}, warnings=texts[k])
+            for k, one in enumerate(frames)
+        ]
     table = wider
-    warnings = [] if scene.orders_are_read else [_not_read(scene)]
-    warnings += _of_residual(scene, residual) if residual is not None else []
+    warnings: list[str] = []
+    if not scene.orders_are_read:
+        known_loads = scene.frames.has_known_loads
+        warnings.append(_AGAINST_OTHERS if known_loads else no_model_sentence(scene))
+    if residual is not None:
+        warnings += residual.warnings
+        if residual.largest > _NOTABLE:
+            warnings.append(
+                f"residual stress of up to {residual.largest:.2f} fringe "
+                f"({scene.frames.no_load_steps}) was taken out as a tensor: all maps are the "
+                "load's alone"
+            )
     if PICTURE in table:
         from isochrome.fitting import untracked_inputs
 
@@ -252,19 +267,13 @@ def collect(
     warnings += messages_of_frames(
         (number, text) for number, all_ in of_frames for text in all_.split(SEPARATOR) if text
     )
-    fitted = _fitted(scene, table, shape) if scene.model and not alone else None
+    by_model = scene.model and not scene.polariscope.tells_orders
+    fitted = _fitted(scene, table, shape) if by_model else None
     warnings += shift_messages(set_grid(scene, fitted, table, shape), table)
     return Processed(
         scene=scene, model=scene.model, columns=table, frames=frames, fitted=fitted,
         warnings=tuple(warnings), residual=residual, failed=status.count("failed"),
     )  # fmt: skip
-
-
-def _of_row(frame: ProcessedFrame, table: Mapping[str, list[Any]], k: int) -> ProcessedFrame:
-    """A frame with the columns and warnings of its row `k`."""
-    columns = {name: table[name][k] for name in frame.columns}
-    said = tuple(text for text in table["warnings"][k].split(SEPARATOR) if text)
-    return replace(frame, columns=columns, warnings=said)
 
 
 def refuse_unread(
@@ -275,22 +284,16 @@ def refuse_unread(
     `kept`, share of the specimen's pixels read in each frame, None where nobody read it.
     """
     followed = any(result != NOTHING for result in table.get(FOUND_BY, ()))
-    asked = scene.orders_are_read
-    normalised = np.isfinite(numbers(table["noise"])).any()
-    loads = numbers(table[LOAD]) if scene.frames.has_known_loads else None
-    result = normalised if loads is None else np.isfinite(loads).any()
-    if followed or any(kept) or (result and not asked):
+    of_orders = scene.orders_are_read
+    light = LOAD if scene.frames.has_known_loads else "noise"
+    normalised = np.isfinite(numbers(table[light])).any()
+    if followed or any(kept) or (normalised and not of_orders):
         return
     count = counted(len(table["frame"]), "frame")
     raise PhysicsError(
         f"{name}: nothing could be read in any of its {count} (of the first: "
-        f"{table['warnings'][0]}); {CORRECT if asked else _LOOK}"
+        f"{table['warnings'][0]}); {CORRECT if of_orders else _LOOK}"
     )
-
-
-def _not_read(scene: Scene) -> str:
-    """Why the orders of a scene's frames are not read."""
-    return _AGAINST_OTHERS if scene.frames.has_known_loads else no_model_sentence(scene)
 
 
 def restore(
@@ -307,17 +310,6 @@ def restore(
     draw = partial(saved_picture, out.absolute() / FIGURE)
     result = collect(scene, table, status, None, shape, residual)
     return replace(result, already=True, draw=draw, load=partial(open_run, out.absolute()))
-
-
-def _of_residual(scene: Scene, residual: ResidualStress) -> list[str]:
-    """What to say of the residual stress once, for all frames."""
-    messages = list(residual.warnings)
-    if residual.largest > _NOTABLE:
-        messages.append(
-            f"residual stress of up to {residual.largest:.2f} fringe ({scene.frames.no_load_steps})"
-            " was taken out as a tensor: all maps are the load's alone"
-        )
-    return messages
 
 
 def _fitted(scene: Scene, table: dict[str, list[Any]], shape: tuple[int, int]) -> Scene | None:

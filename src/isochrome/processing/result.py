@@ -60,16 +60,18 @@ def row_of_set(row: dict[str, Any], columns: Iterable[str], scene: Scene) -> dic
     result = {name: row.get(name) for name in columns}
     if ORDER_FROM in result:
         result[ORDER_FROM] = result[ORDER_FROM] or ""  # texts that are not known are empty
-    asked = {
-        key: (row[key], row[f"{key} {SPREAD}"])
+    if CAUSES not in result:
+        return result
+    causes = {
+        key: (row[key], row[name])
         for key in row
-        if CAUSES in result and key not in result and f"{key} {SPREAD}" in row
+        if key not in result and (name := f"{key} {SPREAD}") in row
     }
     stated = stated_pairs(scene) if REFINED in result else {}
-    near = [key for key, pair in asked.items() if key in stated and agree(pair, stated[key])]
-    for name, keys in ((CAUSES, [key for key in asked if key not in near]), (REFINED, near)):
-        if name in result:
-            result[name] = "; ".join(f"{k} = {asked[k][0]!r} ± {asked[k][1]!r}" for k in keys)
+    near = {key: p for key, p in causes.items() if key in stated and agree(p, stated[key])}
+    others = {key: pair for key, pair in causes.items() if key not in near}
+    for name, pairs in ((CAUSES, others), (REFINED, near))[: 1 + (REFINED in result)]:
+        result[name] = "; ".join(f"{key} = {v!r} ± {u!r}" for key, (v, u) in pairs.items())
     return result
 
 
@@ -210,8 +212,8 @@ class FollowedFrame(SetFrame):
     def corner_mm(self, _: Scene) -> tuple[float, float]:
         """Outer edges (mm) of the first column and row where they were tracked, else NaN."""
         place = dict(zip(self.keys, self.tracked.values, strict=True)) if self.tracked else {}
-        left, top = (place.get(f"camera.{edge}_mm", np.nan) for edge in ("left", "top"))
-        return float(left), float(top)
+        left, top = (float(place.get(f"camera.{edge}_mm", np.nan)) for edge in ("left", "top"))
+        return left, top
 
     def row(self) -> dict[str, Any]:
         """The frame's row of frames.csv."""
