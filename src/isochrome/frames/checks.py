@@ -116,7 +116,9 @@ def load_signs(reader: FrameReader, scene: Scene) -> LoadSigns | None:
     signs = LoadSigns()
     for key, one in (("no_load_dark", dark), ("no_load_bright", bright)):
         if one is not None:
-            signs.pictures[f"frames.{key}"] = _of_light(one, frames.first_gamma)
+            # by the means of its levels, edges included, as that of frames
+            levels = _blocks(np.maximum(one.image, 0.0) ** (1.0 / frames.first_gamma), one.valid)
+            signs.pictures[f"frames.{key}"] = np.asarray(levels**frames.first_gamma)
     if bright is not None:
         signs.span = float(np.percentile(bright.image[bright.valid], 98.0))
     return signs
@@ -172,12 +174,6 @@ def _blocks(image: NDArray[Any], mask: NDArray[np.bool_] | None) -> Array:
     rows, cols = (n // by for n in values.shape)
     cut = values[: rows * by, : cols * by]
     return np.asarray(cut.reshape(rows, by, cols, by).mean(axis=(1, 3)))
-
-
-def _of_light(picture: Linear, gamma: float) -> Array:
-    """A no-load frame's light as that of frames: by the means of its levels, edges included."""
-    levels = _blocks(np.maximum(picture.image, 0.0) ** (1.0 / gamma), picture.valid)
-    return np.asarray(levels**gamma)
 
 
 def _unlike(light: Array, picture: Array) -> float:
@@ -686,8 +682,7 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
 
 
 def _of_count(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Finding]:
-    timed = scene.frames.sliding_speed_mm_per_s is not None
-    if timed and light.untimed:
+    if scene.frames.sliding_speed_mm_per_s is not None and light.untimed:
         text = f"{light.untimed} of {light.count} frames carry no time, and sliding_speed_mm_per_s "
         yield Finding("error", text + "needs it; remove that key, or give a timed video")
     claimed = reader.claimed_count

@@ -218,8 +218,10 @@ def container_of(file: BinaryIO) -> Container | None:
         return "mp4"
     if head == bytes.fromhex("3026b2758e66cf11a6d900aa0062ce6c"):
         return "asf"
-    starts = head[:4] in (b"\x00\x00\x01\xba", b"\x00\x00\x01\xb3")
-    return "mpeg" if starts or _is_stream(head, file) else None
+    if head[:4] in (b"\x00\x00\x01\xba", b"\x00\x00\x01\xb3"):
+        return "mpeg"
+    file.seek(188)  # a transport stream: packets of 188 bytes, each begun by 0x47
+    return "mpeg" if head[:1] == b"\x47" == file.read(1) else None
 
 
 def _broken(path: Path, place: int, end: int) -> InputError:
@@ -235,12 +237,6 @@ def _damaged(path: Path, place: int) -> InputError:
         f"{path}: is damaged at byte {place}, and frames after it may be lost; copy it again from "
         "its source (what is left of it: 'ffmpeg -i FILE -c copy NEW')"
     )
-
-
-def _is_stream(head: bytes, file: BinaryIO) -> bool:
-    """Whether it is an MPEG transport stream: packets of 188 bytes, each begun by 0x47."""
-    file.seek(188)
-    return head[:1] == b"\x47" == file.read(1)
 
 
 def _avi(file: BinaryIO, end: int, path: Path) -> None:

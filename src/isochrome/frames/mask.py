@@ -149,7 +149,9 @@ def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int], 
             f"{key} encloses {area:.2g} pixels; give at least three corners that do "
             "not lie on one line"
         )
-    outside, swapped = (_beyond(each, shape) for each in (points, points[:, ::-1]))
+    outside, swapped = (
+        (each < -1).any() or (each > np.array(shape)).any() for each in (points, points[:, ::-1])
+    )
     if outside and not swapped:
         raise InputError(
             f"{key} leaves the region of interest of {shape} pixels (rows, columns), "
@@ -162,10 +164,6 @@ def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int], 
             "columns); its corners are [row, col] of that region, not of the full frame"
         )
     return inside
-
-
-def _beyond(points: NDArray[np.float64], shape: tuple[int, int]) -> bool:
-    return bool((points < -1).any() or (points > np.array(shape)).any())
 
 
 def crossing_sides(points: NDArray[np.float64]) -> tuple[int, int] | None:

@@ -60,7 +60,10 @@ def saturation_level(
     if lowest == highest:
         return highest if highest >= full else np.inf
     levels, counts = _histogram(values)
-    for i in _last_levels(levels, counts, 0.5 * (lowest + highest)):
+    # levels above the middle of the range with hardly any pixel above them, lowest first
+    above = counts.sum() - np.cumsum(counts)
+    last = (levels > 0.5 * (lowest + highest)) & (above <= _ABOVE * counts)
+    for i in np.flatnonzero(last).tolist():
         level, at_full = float(levels[i]), bool(levels[i] >= full)
         if not at_full and len(levels) < _FEWEST_LEVELS:
             continue
@@ -97,13 +100,6 @@ def _histogram(values: np.ndarray) -> tuple[npt.NDArray[np.float64], npt.NDArray
         return np.empty(0), np.empty(0)
     levels, number = np.unique(values, return_counts=True)
     return levels.astype(float), number.astype(float)
-
-
-def _last_levels(levels: np.ndarray, counts: np.ndarray, middle: float) -> list[int]:
-    """Levels above the middle of the range with hardly any pixel above them, lowest first."""
-    above = counts.sum() - np.cumsum(counts)
-    indices: list[int] = np.flatnonzero((levels > middle) & (above <= _ABOVE * counts)).tolist()
-    return indices
 
 
 def _is_piled(levels: np.ndarray, counts: np.ndarray, *, at_full: bool) -> bool:

@@ -105,13 +105,17 @@ def read_order(
     spread /= np.maximum(information * information, 1e-24)
     uncertainty = np.sqrt(spread * np.maximum(misfit, 1.0) + stray * stray)
     largest = np.maximum(_LARGEST_MISFIT * amplitude, 2.0 * noise)
+    down, across = np.gradient(model)
+    down *= down
+    across *= across
+    down += across
     known = (
         (weight > 0.0)
         & (count > 0.5 * (2.0 * np.pi * _WINDOW_PX**2))
         & (uncertainty < LARGEST_UNCERTAINTY)
         & (misfit * (noise * noise) < largest * largest)
         & (np.abs(shift) < BRANCH)
-        & ~_too_steep(model)
+        & (down < np.float32(_STEEPEST**2))  # not finer than four pixels, nor beside no specimen
     )
     shift += without(model, material)
     return make_reading(np.abs(shift, out=shift), uncertainty, known, of=material)
@@ -186,15 +190,6 @@ def _moved_by_wide_windows(wave: _Wave) -> Array:
         if float(np.vdot(step, step)) < _AT_REST**2 * step.size:
             break  # the model was as near
     return shift
-
-
-def _too_steep(order: Array) -> Mask:
-    """Where fringes are finer than four pixels, and beside what is no specimen."""
-    down, across = np.gradient(order)
-    down *= down
-    across *= across
-    down += across
-    return np.asarray(~(down < np.float32(_STEEPEST**2)))
 
 
 def probability(uncertainty: Array) -> Array:

@@ -83,15 +83,11 @@ class Windows:
         times = int(np.log2(max(1.0, min(share, *(n / 4 for n in shape)))))
         block = self._side * 2**times
         square = width_px**2 - (block**2 - 1) / 12.0 - (block**2 - self._side**2) / 6.0
-        small = gaussian_sum(self._level(times), np.sqrt(square) / block, reach=_REACH)
-        small *= float(width_px**2 / square * block**2)  # of so many pixels each is the mean
-        return expanded(small, shape, 2**times)
-
-    def _level(self, times: int) -> Array:
-        """The image halved so many times."""
         while len(self._halved) <= times:
             self._halved.append(halved(self._halved[-1]))
-        return self._halved[times]
+        small = gaussian_sum(self._halved[times], np.sqrt(square) / block, reach=_REACH)
+        small *= float(width_px**2 / square * block**2)  # of so many pixels each is the mean
+        return expanded(small, shape, 2**times)
 
 
 def halved(values: Array) -> Array:

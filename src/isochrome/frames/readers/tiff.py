@@ -19,6 +19,7 @@ from collections.abc import Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
@@ -111,7 +112,12 @@ def read_ome(text: str, path: Path) -> Ome:
     start = None if interval is None else 0.0
     from_first: tuple[float | None, ...] | None = None
     if times is not None:
-        interval, start, from_first = None, times[0], _from_first(times)
+        # None for those that do not come after all before
+        interval, start, before = None, times[0], accumulate(times, max, initial=-math.inf)
+        from_first = tuple(
+            time - times[0] if time > latest else None
+            for time, latest in zip(times, before, strict=False)
+        )
     bits = pixels.get("SignificantBits")
     return Ome(
         slices=size["Z"],
@@ -174,16 +180,6 @@ def _times(pixels: ElementTree.Element, planes: int) -> list[float] | None:
     if len(times) != planes or set(times) != set(range(planes)):
         return None
     return [times[i] for i in range(planes)]
-
-
-def _from_first(times: list[float]) -> tuple[float | None, ...]:
-    """Times from the first, None for those that do not come after all before."""
-    out: list[float | None] = []
-    latest = -math.inf
-    for time in times:
-        out.append(time - times[0] if time > latest else None)
-        latest = max(latest, time)
-    return tuple(out)
 
 
 MINISWHITE, PALETTE, SEPARATED = 0, 3, 5
@@ -455,7 +451,9 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     _check_square(tif, path)
     if tif.is_ome:
         return _of_ome(tif, path)
-    pages = _frame_pages(tif)
+    numbered: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
+    # not the thumbnails and reduced copies that some programs add
+    pages = tuple((i, page.offset) for i, page in numbered if i == 0 or not page.is_reduced)
     claimed = _claimed(tif, len(pages))
     hidden = len(pages) == 1 < claimed and _fit_behind(tif, claimed)
     if not hidden and (claimed > len(pages) or _chain_breaks(tif)):
@@ -476,13 +474,6 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
             pixel_mm=pixel_mm_of(tif),
         ),
     )
-
-
-def _frame_pages(tif: tifffile.TiffFile) -> tuple[tuple[int, int], ...]:
-    """Pages that are frames: not the thumbnails and reduced copies that some programs add."""
-    pages: Any = tif.pages
-    numbered = ((i, pages[i]) for i in range(len(pages)))
-    return tuple((i, page.offset) for i, page in numbered if i == 0 or not page.is_reduced)
 
 
 def _claimed(tif: tifffile.TiffFile, counted: int) -> int:
@@ -551,9 +542,8 @@ def _check_square(tif: tifffile.TiffFile, path: Path) -> None:
 def _interval(meta: dict[str, Any]) -> float | None:
     """Seconds between the frames of an ImageJ stack."""
     step, unit = meta.get("finterval", 0), SECONDS.get(str(meta.get("tunit", "s")).lower())
-    if unit is None or not isinstance(step, int | float) or not 0 < step < float("inf"):
-        return None
-    return float(step) * unit
+    known = unit and isinstance(step, int | float) and 0 < step < float("inf")
+    return float(step) * unit if known and unit else None
 
 
 def _of_ome(tif: tifffile.TiffFile, path: Path) -> TiffLayout:

@@ -73,7 +73,11 @@ class Video:
             with refusing(self.path, f"frame {index} cannot be decoded"):
                 image = to_image(item.frame, self.path)[0]
                 self.form.check(self.path, image, f"frame {index}")
-            time = item.time_s if self.places is None else self._time(index)
+            time = item.time_s
+            if self.places is not None:
+                times = self.places.times_s
+                known = index < len(times) and np.isfinite(times[index])
+                time = float(times[index]) if known else None
             yield RawFrame(image, time, f"{self.path.name}[{index}]")
         self.stamp.check(self.path)
 
@@ -122,11 +126,6 @@ class Video:
                 f"{self.path}: gives {index + 1} frames of {len(stamps)} packets; copy it again "
                 "from its source"
             )
-
-    def _time(self, index: int) -> float | None:
-        assert self.places is not None
-        time = float(self.places.times_s[index]) if index < len(self.places.times_s) else np.nan
-        return time if np.isfinite(time) else None
 
     def _from_key(self, start: int) -> tuple[int, Iterator[Decoded] | None]:
         """Frames from the last key frame before `start`; None where they are not the known ones.

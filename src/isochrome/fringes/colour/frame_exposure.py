@@ -339,7 +339,12 @@ def find_ends(
     averaged = replace(
         small, light=light, low=dark, full=bright, surface=channel_light(*light.shape[:2])
     )
-    return *averaged.ends(theta), _on_pixels(spread, inside, light.shape[:2])
+    known = np.full(inside.shape, np.nan)
+    known[inside] = spread
+    grid = np.ix_(
+        *((np.arange(n) * m // n for n, m in zip(light.shape[:2], inside.shape, strict=True)))
+    )
+    return *averaged.ends(theta), nearest_known(known, inside)[grid]
 
 
 def _small(
@@ -412,14 +417,6 @@ def correction(
     scale = max(1.0, usual / _MEDIAN_OF_TWO)
     inverse = np.linalg.inv(normal)
     return inverse @ right, scale * inverse
-
-
-def _on_pixels(spread: Array, inside: Mask, size: tuple[int, ...]) -> Array:
-    """Values of the blocks that are `inside`, and the nearest one's elsewhere, on all pixels."""
-    known = np.full(inside.shape, np.nan)
-    known[inside] = spread
-    grid = np.ix_(*((np.arange(n) * m // n for n, m in zip(size, inside.shape, strict=True))))
-    return nearest_known(known, inside)[grid]
 
 
 def spread_out(shape: Array, surface: Array) -> Array:

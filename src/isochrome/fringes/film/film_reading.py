@@ -464,7 +464,8 @@ def read_followed(
     blocks = _spread(state.known.astype(np.float32), by, light.shape, smooth=False)
     beside = valid & (cv2.dilate(blocks, np.ones((2 * by + 1, 2 * by + 1), np.uint8)) > 0.5)
     known = blocks > 0.5
-    known |= beside & ~_whole(valid, by)  # at a rim, blocks that are cut are not followed
+    trusted = _spread(_whole_blocks(valid, by).astype(np.float32), by, light.shape, smooth=False)
+    known |= beside & (trusted <= 0.5)  # at a rim, blocks that are cut are not followed
     rise = film_light.rise(light)
     reading = read_order(
         rise,
@@ -478,12 +479,6 @@ def read_followed(
     reading = widened(reading, film_light.signal_error(light))
     known &= np.isfinite(reading.order)
     return make_reading(reading.order, reading.uncertainty, known, of=valid)
-
-
-def _whole(valid: Mask, by: int) -> Mask:
-    """Pixels (rows, cols) whose block has none that is not trusted."""
-    blocks = _whole_blocks(valid, by).astype(np.float32)
-    return np.asarray(_spread(blocks, by, valid.shape, smooth=False) > 0.5)
 
 
 def _whole_blocks(which: Mask, by: int) -> Mask:

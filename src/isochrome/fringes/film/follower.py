@@ -266,7 +266,8 @@ def follow_frame(
     weight = valid.astype(np.float32)
     apart = time - state.time
     contrast, steep, gradient = faded_fringes(before)
-    if _highest(state) < _AT_FIRST:
+    highest = state.order[state.known][::7]
+    if not highest.size or np.percentile(highest, 99.8) < _AT_FIRST:
         order, plain = _at_first(wave, weight)
         known, broken, determined = state.known & plain, False, np.ones_like(order)
     else:
@@ -292,7 +293,10 @@ def follow_frame(
     order = continued(order, known)
     change = cv2.GaussianBlur((order - before) * weight, (0, 0), _RATE_PX)
     rate = change / np.float32(apart) if apart else np.zeros_like(change)
-    drift = state.drift + np.float32(_NEWEST) * (_beside_load(rate, before, known) - state.drift)
+    orders = before[known]  # what of the rate is not in proportion to the order
+    share = float(orders @ rate[known]) / max(float(orders @ orders), 1e-6)
+    beside_load = rate - np.float32(share) * before
+    drift = state.drift + np.float32(_NEWEST) * (beside_load - state.drift)
     untold = state.untold + np.abs(drift * np.float32(apart))
     untold = np.where(determined < _TOLD, untold, np.float32(0.0))
     known &= untold < _LEFT_OPEN
@@ -301,22 +305,9 @@ def follow_frame(
     )
 
 
-def _beside_load(rate: Array, order: Array, known: Mask) -> Array:
-    """What of a rate is not in proportion to the order (rows, cols)."""
-    orders, moved = order[known], rate[known]
-    share = float(orders @ moved) / max(float(orders @ orders), 1e-6)
-    return np.asarray(rate - np.float32(share) * order)
-
-
 def _lost(state: FilmState, time: float) -> FilmState:
     """Nothing is known from here on."""
     return replace(state, known=np.zeros_like(state.known), time=time, broken=True)
-
-
-def _highest(state: FilmState) -> float:
-    """The highest order that is known, but for a few pixels."""
-    known = state.order[state.known][::7]
-    return float(np.percentile(known, 99.8)) if known.size else 0.0
 
 
 def _at_first(wave: Array, weight: Array) -> tuple[Array, Mask]:

@@ -120,7 +120,12 @@ def read_residual(
     spread = np.where(least, across, sharp)
     known = (least | beyond) & (spread < LARGEST_UNCERTAINTY)
     field = np.where(known, np.where(least, field, followed.field), np.nan)
-    field, spread = _pooled(field, spread, known)
+    pooled, less = field, spread
+    for window in _WINDOWS_PX:  # the widest that it allows: a residual stress varies little
+        smooth, smooth_spread = smoothed(field, spread, known, window_px=window)
+        wider = smooth_spread < less
+        pooled, less = np.where(wider, smooth, pooled), np.where(wider, smooth_spread, less)
+    field, spread = pooled, less
     known_share = float(known.sum() / max(1, np.count_nonzero(known | light.specimen)))
     spread = np.where(known, spread, np.nan)
     return ResidualStress(field, spread, known_share, _remarks(light, known_share), light.agrees)
@@ -189,16 +194,6 @@ def _believed(main: Mask, free: Mask, clear: Mask, apart: Mask) -> tuple[Mask, M
     parts, count = label(main)
     gainsaid = np.bincount(parts[main & clear & apart], minlength=count + 1) > 0
     return clear & (reaches[labels] | free), main & ~gainsaid[parts]
-
-
-def _pooled(field: Array, uncertainty: Array, known: Mask) -> tuple[Array, Array]:
-    """The field under the widest window that it allows: a residual stress varies little."""
-    pooled, spread = field, uncertainty
-    for window in _WINDOWS_PX:
-        smooth, less = smoothed(field, uncertainty, known, window_px=window)
-        wider = less < spread
-        pooled, spread = np.where(wider, smooth, pooled), np.where(wider, less, spread)
-    return pooled, spread
 
 
 def _remarks(light: StepLight, known_share: float) -> tuple[str, ...]:
