@@ -44,15 +44,10 @@ _NOISE, _FINE = 0.5, 1e-4
 """Grey levels, and of full scale: a computed frame has less noise, and even light of its own."""
 
 
-def saturation_level(
-    raw: np.ndarray, *, full: float, usable: npt.NDArray[np.bool_] | None = None
-) -> float:
-    """The level from which a frame is clipped, its plateau's, at full scale or below, or infinite.
-
-    A pixel that is not `usable`, such as a hot one, does not count.
-    """
+def saturation_level(raw: np.ndarray, *, full: float) -> float:
+    """From which level a frame is clipped: its plateau's, at full scale or below, or infinite."""
     image = np.asarray(raw)
-    usable = np.isfinite(image) if usable is None else np.isfinite(image) & usable
+    usable = np.isfinite(image)
     values = image.ravel() if usable.all() else image[usable]
     if not values.size:
         return np.inf
@@ -69,12 +64,17 @@ def saturation_level(
             continue
         plateau = usable & (image == level)
         fewest = _FEWEST_FULL if at_full else max(_FEWEST, _LEAST_SHARE * values.size)
-        if counts[i] < fewest or _share(plateau, _touching(plateau)) < _TOUCHING:
+        touching = np.pad(plateau, 1)  # a pixel of the plateau on one of the four sides
+        touching = (
+            touching[:-2, 1:-1] | touching[2:, 1:-1] | touching[1:-1, :-2] | touching[1:-1, 2:]
+        )
+        if counts[i] < fewest or _share(plateau, touching) < _TOUCHING:
             continue
         piled = _is_piled(levels[: i + 1], counts[: i + 1], at_full=at_full)
         if piled and at_full:
             return level
-        if (piled or _share(plateau, _solid(plateau)) > _SOLID) and _is_noisy(
+        solid = ndimage.minimum_filter(plateau, 3)  # all nine pixels about a place
+        if (piled or _share(plateau, solid) > _SOLID) and _is_noisy(
             image, usable & (image < level), full
         ):
             return level
@@ -111,17 +111,6 @@ def _is_piled(levels: np.ndarray, counts: np.ndarray, *, at_full: bool) -> bool:
     growth = max(near / far if far else near, 1.0) ** _GROWTH
     expected = near * (min(growth, _CREST) if at_full else growth)
     return bool(counts[-1] >= expected + _SIGMAS * np.sqrt(expected))
-
-
-def _touching(plateau: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Where a pixel on one of the four sides is of the plateau."""
-    padded = np.pad(plateau, 1)
-    return np.asarray(padded[:-2, 1:-1] | padded[2:, 1:-1] | padded[1:-1, :-2] | padded[1:-1, 2:])
-
-
-def _solid(plateau: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Where all nine pixels about a place are of the plateau."""
-    return np.asarray(ndimage.minimum_filter(plateau, 3))
 
 
 def _share(plateau: npt.NDArray[np.bool_], which: npt.NDArray[np.bool_]) -> float:
