@@ -87,7 +87,7 @@ class LoadSigns:
     swings: list[tuple[NDArray[np.int_], NDArray[np.int_]]] = field(default_factory=list)
 
     def add(self, frame: Frame, full: float, gamma: float) -> None:
-        """Look at one frame. Parameters: `frame`; `full` scale, grey levels; the `gamma`."""
+        """Look at one frame, whose grey levels end at `full`."""
         blocks = _blocks(frame.image, frame.mask) / full
         light = np.sign(blocks) * np.abs(blocks) ** gamma
         self.unlike.append({key: _unlike(light, picture) for key, picture in self.pictures.items()})
@@ -100,8 +100,8 @@ class LoadSigns:
 def load_signs(reader: FrameReader, scene: Scene) -> LoadSigns | None:
     """Begin to look for unloaded frames.
 
-    Parameters: `reader`; `scene`. Returns None where the scene says that the load changes, or that
-    some frames have none, and for phase steps and colours.
+    None where the scene says that the load changes, or that some frames have none, and for phase
+    steps and colours.
     """
     frames, load = scene.frames, scene.load
     changes = load is not None and not isinstance(load.normal_n, int | float)
@@ -127,11 +127,9 @@ def load_signs(reader: FrameReader, scene: Scene) -> LoadSigns | None:
 def unloaded_frames(
     signs: LoadSigns, low: Sequence[float], high: Sequence[float], full: float, gamma: float
 ) -> tuple[dict[str, list[int]], list[int]]:
-    """Tell which frames look unloaded.
-
-    Parameters: `signs` of all frames; their `low` and `high` levels, NaN where blank; `full` scale;
-    the scene's `gamma`. Returns the frames' numbers by the no-load picture that they are like, and
-    those without fringes among others with many.
+    """The numbers of frames that look unloaded, by the no-load picture that they are like, and of
+    those without fringes among others with many. `low` and `high`, the frames' levels, NaN where
+    blank.
     """
     span = np.array(high) - np.array(low)
     if not np.isfinite(span).any():
@@ -252,10 +250,8 @@ class Survey:
 
 
 def survey(reader: FrameReader, scene: Scene) -> Survey:
-    """Read all frames once, in memory that does not grow with their pixels.
-
-    Parameters: `reader`; `scene`. Returns a Survey; an InputError on the way ends it and is kept in
-    `failure`.
+    """Read all frames once, in memory that does not grow with their pixels; an InputError
+    ends it.
     """
     result, by_digest = Survey(load=load_signs(reader, scene)), dict[bytes, int]()
     full = full_scale(reader.bit_depth)
@@ -694,10 +690,7 @@ def _of_count(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Find
 
 
 def light_figure(light: Survey) -> Figure:
-    """The span of the grey levels of each frame, and the share of its pixels at full scale.
-
-    Parameters: `light`. Returns a Figure.
-    """
+    """The span of the grey levels of each frame, and the share of its pixels at full scale."""
     figure = new_figure(7.5, 4.6)
     panels: Any = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     levels, saturated = panels

@@ -167,11 +167,11 @@ def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int], 
 
 
 def crossing_sides(points: NDArray[np.float64]) -> tuple[int, int] | None:
-    """The first two sides of a closed polygon that cross, by the signs of four triangles' areas.
+    """The first two sides of a closed polygon (n, 2) that cross, by the signs of four triangles'
+    areas.
 
-    Parameters: `points` (n, 2), its corners in order. Returns the sides' numbers from 0, side i
-    going from corner i to the next, or None. Sides that only touch do not cross.
-    Source: O'Rourke (1998), Computational Geometry in C, section 1.5.
+    Side i goes from corner i, from 0, to the next. Sides that only touch do not cross. Source:
+    O'Rourke (1998), Computational Geometry in C, section 1.5.
     """
     ends = np.roll(points, -1, axis=0)
 

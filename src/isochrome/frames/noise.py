@@ -56,9 +56,8 @@ class NoiseModel:
     ) -> np.ndarray:
         """Standard deviation of the linear image, as a fraction of full scale.
 
-        sigma_lin = gamma * (raw / full)^(gamma - 1) * sigma(raw) / full. Parameters: `values`, raw
-        grey levels; `bit_depth` (None: float frames, full scale 1); `gamma` as in `to_linear`.
-        Near black the raw level is taken as one sigma at least, where the first order ends.
+        sigma_lin = gamma * (raw / full)^(gamma - 1) * sigma(raw) / full. Near black the raw level
+        is taken as one sigma at least, where the first order ends.
         """
         full = full_scale(bit_depth)
         sigma = self.sigma(values)

@@ -42,10 +42,7 @@ from isochrome.scene import ArrayFrames, Camera, FramesLike, Roi, Scene, frames_
 
 
 def open_arrays(frames: ArrayFrames) -> Source:
-    """Look at the form of frames in memory. Returns their Source.
-
-    Parameters: `frames`. Raises InputError where their type or size is none that a file may have.
-    """
+    """The Source of frames in memory; InputError where no file may have their type or size."""
     rows, cols, *colours = frames.form
     dtype = check_dtype(str(frames), frames.dtype)
     check_size(str(frames), rows, cols, dtype.itemsize * (colours[0] if colours else 1))
@@ -96,7 +93,7 @@ class Parts:
     def __init__(
         self, files: tuple[Path, ...], opener: Callable[[Path], Source], first: Source
     ) -> None:
-        """Parameters: `files`, in order; `opener` of one; `first`, the first file's source."""
+        """`opener` opens one of the files; `first` is the first one's source."""
         self.files, self._opener = files, opener
         self._sources: dict[int, Source] = {0: first}
         self._first = first
@@ -191,10 +188,9 @@ def _after(done: Extent, begin: float | None, part: Extent) -> Extent:
 
 
 def open_parts(files: tuple[Path, ...], opener: Callable[[Path], Source]) -> Source:
-    """Several videos, or several TIFF stacks, as one recording. Returns its Source.
+    """Several videos, or several TIFF stacks, as one recording.
 
-    Parameters: `files` in order; `opener` of one of them. Raises InputError, here for the first
-    file, and for a later one when it is come to.
+    InputError here for the first file, and for a later one when it is come to.
     """
     first = opener(files[0])
     if len(files) == 1:

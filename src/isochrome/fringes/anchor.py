@@ -55,12 +55,11 @@ class Balance:
 
 
 def unwrap(phase: Array, mask: Mask) -> Array:
-    """Phase made continuous over the masked-in pixels, fringe quality first.
+    """Phase (rad) made continuous over the masked-in pixels, fringe quality first; NaN elsewhere.
 
-    A NaN hangs scikit-image's unwrap_phase, so that only finite pixels are passed to it, as a
-    masked array. Parameters: `phase` (rows, cols), rad; `mask`, True = valid. Returns (rows, cols),
-    rad, NaN elsewhere; parts that do not touch have whole turns of their own. Source: Herraez,
-    Burton, Lalor & Gdeisat (2002), Applied Optics 41, 7437.
+    A NaN hangs scikit-image's unwrap_phase, so that only finite pixels are passed to it. Parts that
+    do not touch have whole turns of their own. Source: Herraez, Burton, Lalor & Gdeisat (2002),
+    Applied Optics 41, 7437.
     """
     from skimage.restoration import unwrap_phase
 

@@ -210,11 +210,7 @@ def probability(uncertainty: Array) -> Array:
 
 
 def make_reading(order: Array, uncertainty: Array, known: Mask, *, of: Mask) -> OrderReading:
-    """An OrderReading of known pixels, and which share they are of some.
-
-    Parameters: `order`, `uncertainty`, fringes; `known`, True where they are; `of`, True on the
-    pixels that could be known; all (rows, cols).
-    """
+    """An OrderReading of known pixels, and which share they are of some."""
     return OrderReading(
         masked(order, known),
         masked(uncertainty, known),
@@ -224,10 +220,8 @@ def make_reading(order: Array, uncertainty: Array, known: Mask, *, of: Mask) -> 
 
 
 def less_sure(reading: OrderReading, error: Array, largest: float) -> OrderReading:
-    """A reading whose orders may be off by more: u' = (u² + e²)^(1/2).
-
-    Parameters: `reading`; `error`, a standard uncertainty to be added (rows, cols), fringes;
-    `largest`, from which a pixel is not known. Returns an OrderReading.
+    """A reading whose orders may be off by more: u' = (u² + e²)^(1/2), not known from
+    `largest` on.
     """
     read = np.isfinite(reading.order)
     uncertainty = np.hypot(np.where(read, reading.uncertainty, 0.0), error)
@@ -237,10 +231,9 @@ def less_sure(reading: OrderReading, error: Array, largest: float) -> OrderReadi
 
 
 def moved_by_light(order: Array, error: Array) -> Array:
-    """How far an error of the signal moves an order that is read from it, fringes.
+    """How far an error e of the signal moves an order N that is read from it, fringes.
 
-    Equation: min(e/(pi |sin 2 pi N|), sqrt(e)/pi). Parameters: `order` N, fringes; `error` e of the
-    signal, of one shape.
+    min(e/(pi |sin 2 pi N|), sqrt(e)/pi).
     """
     slope = np.pi * np.abs(np.sin(2.0 * np.pi * order))
     return np.asarray(np.minimum(error / np.maximum(slope, 1e-9), np.sqrt(error) / np.pi))

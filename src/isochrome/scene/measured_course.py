@@ -73,11 +73,7 @@ FROM_FILES = tuple(kind.part for kind in _KINDS)
 
 
 def with_tables(data: Any, folder: Path | None) -> Any:
-    """A scene's tables with those read that stand in files, and the files' names under FILES.
-
-    Parameters: `data`, the scene's tables; `folder`, to which names are relative. Returns the
-    tables. Raises InputError that names the file, line and value.
-    """
+    """A scene's tables with those read that stand in files, and the files' names under FILES."""
     if not isinstance(data, dict):
         return data
     tables, files = dict(data), list(data.get(FILES, ()))
@@ -118,11 +114,7 @@ def _speed(kind: _Kind, stated: Any, frames: Any) -> float | None:
 
 
 def read_course(path: Path, kind: _Kind, speed_mm_per_s: float | None) -> dict[str, list[float]]:
-    """A file's values over the distance, as a table of a scene, see `few_lines`.
-
-    Parameters: `path`; `kind`; `speed_mm_per_s`, which times need. Returns distance_m and value.
-    Raises InputError.
-    """
+    """A file's values over the distance, as a table of a scene, see `few_lines`."""
     given = read_given_table(path, f"the {kind.part}")
     distance, value = _columns(given, kind, speed_mm_per_s)
     _refuse_gap(given, kind, distance, value)

@@ -57,8 +57,6 @@ def stress_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Fig
     """Maps of sigma_1 above those of sigma_2, with the largest shear and the contact's edges.
 
     Red is tension, blue compression; the maps of each stress have one scale.
-    Parameters: `scene`; `pixels`; `items`, up to six rendered states with components. Returns a
-    Figure.
     """
     cols = min(3, len(items))
     rows = -(-len(items) // cols)
@@ -82,10 +80,7 @@ def stress_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Fig
 
 
 def stress_kinds(pixels: PixelGrid, items: Sequence[Rendered]) -> list[PictureKind]:
-    """The maps for a paper; none where the principal stresses were not asked for.
-
-    Parameters: `pixels`; `items`, the rendered states. Returns a list of PictureKind.
-    """
+    """The maps for a paper; none where the principal stresses were not asked for."""
     kinds = []
     for name, plain in _PLAIN_NAMES.items():
         maps = [item.components.maps[name] for item in items if item.components]
@@ -138,10 +133,7 @@ def _mark(ax: Axes, item: Rendered, pixels: PixelGrid) -> None:
 
 
 def simulation_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Figure:
-    """Simulated frames on millimetre axes; for a contact, pressure and worn depth below them.
-
-    Parameters: `scene`; `pixels`; `items`, up to six rendered states. Returns a Figure.
-    """
+    """Simulated frames on millimetre axes; for a contact, pressure and worn depth below them."""
     cols = min(3, len(items))
     image_rows = -(-len(items) // cols)
     curves = items[0].state.surface is not None
@@ -189,10 +181,7 @@ def _draw_frame(
 
 
 def simulation_panels(scene: Scene, pixels: PixelGrid, items: Sequence[Rendered]) -> PaperPanels:
-    """The same for a paper, with the maps of the principal stresses where they were asked for.
-
-    Parameters: `scene`; `pixels`; `items`, the rendered states. Returns PaperPanels.
-    """
+    """The same for a paper, with the maps of the principal stresses where they were asked for."""
 
     def frame(axes: Axes, k: int) -> AxesImage:
         _draw_frame(axes, scene, pixels, items[k])

@@ -189,11 +189,7 @@ def run_layout(work: RenderWork) -> RunLayout:
 def finish_simulation_folder(
     run: RunFolder, work: RenderWork, record: Mapping[str, Any]
 ) -> dict[str, list[Any]]:
-    """Make the files from what is kept of the chunks, a chunk in memory at a time.
-
-    Parameters: `run`, where they lie; `work`; `record`, what provenance.json will hold. Returns
-    the columns of history.csv. Raises OSError.
-    """
+    """Make the files from what is kept of the chunks, a chunk in memory at a time."""
     folder, scene = run.results, work.scene
     history: dict[str, list[Any]] = {}
     for row, _ in rows(run):

@@ -64,10 +64,9 @@ def state_components(
 ) -> Components:
     """Stress components, principal stresses and the largest shear of one state.
 
-    Parameters: `scene`, `state`; its `picture`, for the material; `pixels`. Returns Components.
-    Equations: sigma_1,2 = (sigma_x + sigma_z)/2 ± |(sigma_x - sigma_z) + 2i tau_xz|/2; direction of
-    sigma_1 counter-clockwise from the image's +x, -90 to 90. Source: Timoshenko & Goodier (1970),
-    section 9.
+    sigma_1,2 = (sigma_x + sigma_z)/2 ± |(sigma_x - sigma_z) + 2i tau_xz|/2; direction of sigma_1
+    counter-clockwise from the image's +x, -90 to 90. Source: Timoshenko & Goodier (1970), section
+    9.
     """
     model = specimen_model(scene)
     stress = model.components(scene, state.surface, pixels)
@@ -123,10 +122,8 @@ def simulation_dataset(
     history: Mapping[str, Sequence[Any]],
     maps: Mapping[str, NDArray[Any]],
 ) -> RunDataset:
-    """Maps (state, row, col), frames and the history of all states.
-
-    Parameters: `scene`; `pixels`; `history`, the columns of history.csv; `maps` by name, `frames`
-    among them, a frame for each step of each state. Returns a RunDataset.
+    """Maps (state, row, col), frames, one for each step of each state, and the history of all
+    states.
     """
     count = len(history["state"])
     columns = {name: column(list(own), "state", name) for name, own in history.items()}
@@ -154,7 +151,6 @@ def history_row(index: int, item: Rendered, pixels: PixelGrid) -> dict[str, Any]
 
     The largest shear (sigma_1 - sigma_2)/2 is that of the pixel with the largest order; with the
     item's components, the largest anywhere in the material in view.
-    Parameters: `index` of the state; `item`; `pixels`. Returns column name to value.
     """
     order = np.where(item.picture.material, item.picture.order, -1.0)
     row, col = np.unravel_index(int(order.argmax()), order.shape)
@@ -189,9 +185,8 @@ def history_row(index: int, item: Rendered, pixels: PixelGrid) -> dict[str, Any]
 def profile_rows(index: int, surface: SurfaceState) -> dict[str, Any]:
     """The rows of pressure.csv for one state: the nodes that are loaded or worn.
 
-    They run from the last node before the first of them to the first after the last, so that
-    the zeros at both ends are there; beyond, all columns but x are zero and are left out.
-    Parameters: `index` of the state; `surface`. Returns column name to values, of one length.
+    They run from the last node before the first of them to the first after the last, so that the
+    zeros at both ends are there; beyond, all columns but x are zero and are left out.
     """
     touched = (surface.pressure_mpa != 0.0) | (surface.shear_mpa != 0.0)
     places = np.flatnonzero(touched | (surface.wear_depth_mm != 0.0))

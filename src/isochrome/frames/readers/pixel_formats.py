@@ -38,11 +38,8 @@ DEEP_RGB = ("rgb48le", "rgb48be", "bgr48le", "bgr48be", "rgba64le", "rgba64be", 
 
 
 def to_image(frame: Any, path: Path) -> tuple[np.ndarray, int | None]:
-    """A frame's pixels.
-
-    Parameters: `frame`, an av.VideoFrame; `path`, for messages. Returns (row, col), or
-    (row, col, 3) in RGB, uint8, uint16 or float32, and the bits of a value (None: float).
-    Raises InputError for a format that is not read.
+    """A frame's pixels (row, col), or (row, col, 3) in RGB, and the bits of a value (None:
+    float).
     """
     name: str = frame.format.name
     if name.startswith("yuvj"):

@@ -83,9 +83,8 @@ class Ome(FileNotes):
 def read_ome(text: str, path: Path) -> Ome:
     """Read the OME notes of one image in one file.
 
-    Parameters: `text`, the XML; `path`, for messages. Returns Ome. Raises InputError where they
-    are no XML, tell of several images or files, or of pixels that are not square.
-    Source: OME schema 2016-06, elements Image, Pixels, Channel, TiffData, Plane.
+    InputError where they are no XML, tell of several images or files, or of pixels that are not
+    square. Source: OME schema 2016-06, elements Image, Pixels, Channel, TiffData, Plane.
     """
     if "<!DOCTYPE" in text or "<!ENTITY" in text:  # entities can grow without bounds
         raise InputError(f"{path}: its OME notes define entities; save it again, without notes")
@@ -196,7 +195,7 @@ class PageDecoder:
     """Decodes the pages of one open TIFF, whichever is asked for."""
 
     def __init__(self, tif: tifffile.TiffFile, path: Path, *, inverted_too: bool = False) -> None:
-        """Parameters: `tif`; `path`; `inverted_too`, to take ImageJ's inverted images as stored."""
+        """`inverted_too`, to take ImageJ's inverted images as stored."""
         self._tif, self._path, self._inverted_too = tif, path, inverted_too
         self._pillow: Any = None
         self.bits: int | None = None
@@ -600,10 +599,7 @@ def open_tiff(path: Path) -> Source:
 
 
 def holds_several(path: Path) -> bool:
-    """Whether a TIFF holds more than one frame; its pages are not counted for it.
-
-    Parameters: `path`. Raises InputError where it does not tell.
-    """
+    """Whether a TIFF holds more than one frame; its pages are not counted for it."""
     Stamp.of(path)
     with refusing(path, "not a readable TIFF"), _opened(path) as tif:
         with suppress(IndexError):
@@ -616,8 +612,7 @@ def holds_several(path: Path) -> bool:
 def read_single(path: Path, *, inverted_too: bool = False) -> np.ndarray:
     """The one page of a TIFF, such as a folder of images holds.
 
-    Parameters: `path`; `inverted_too`, to take ImageJ's images that are shown inverted, as its
-    masks are, by their stored values. Raises InputError where it holds more pages or is not read.
+    `inverted_too`, to take ImageJ's images that are shown inverted, as its masks are, as stored.
     """
     Stamp.of(path)
     with refusing(path, "not a readable TIFF"), _opened(path) as tif:

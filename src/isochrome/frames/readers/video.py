@@ -33,7 +33,7 @@ class Video:
     """One video file; decoded from its start, or from a key frame once its frames are known."""
 
     def __init__(self, path: Path, stamp: Stamp, container: Container) -> None:
-        """Parameters: `path`; `stamp`, the file's when it was opened; `container`."""
+        """`stamp`, the file's when it was opened."""
         self.path, self.stamp, self.container = path, stamp, container
         self.places: Places | None = None
         self.form: StoredForm  # of the first frame, which is decoded before any is asked for
@@ -181,7 +181,7 @@ class Video:
 
 
 def open_video(path: Path) -> Source:
-    """Decode the first frame of a video. Returns its Source. Raises InputError."""
+    """Decode the first frame of a video."""
     stamp = Stamp.of(path)
     video = Video(path, stamp, check_whole(path))
     running = video.decoded()

@@ -70,9 +70,8 @@ class FrameExposure:
         return self.uncertainty < UNTOLD
 
     def order_variance(self, signal: Array, table: ColourTable, order: Array) -> Array:
-        """Variance that it leaves the order (...,), fringes²: (u Σ s s'/Σ s'²)².
-
-        Parameters: `signal` s (..., channels); `table`, for the slope s'; `order` (...,).
+        """Variance that it leaves the order (...,), fringes²: (u Σ s s'/Σ s'²)² with the table's
+        slope s'.
         """
         if not self.uncertainty:
             return np.zeros(order.shape)
@@ -117,11 +116,7 @@ class _End:
 def find_exposure(
     light: Array, table: ColourTable, *, sigma: Array, dark: Array, bright: Array, valid: Mask
 ) -> FrameExposure:
-    """Find a frame's exposure over that of both its no-load frames.
-
-    Parameters: `light`, `sigma`, its noise, `dark`, `bright`, the no-load frames, and `valid`, all
-    (rows, cols, channels); `table`. Returns a FrameExposure.
-    """
+    """Find a frame's exposure over that of both its no-load frames."""
     small = _in_blocks(light, sigma, dark, bright, valid)
     count = int(np.isfinite(small.light).all(axis=-1).sum())
     if count < _FEWEST:

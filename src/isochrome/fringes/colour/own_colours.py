@@ -128,9 +128,8 @@ def band_table(
 ) -> tuple[ColourTable, Array]:
     """The table of a light, up to where its last contrast fades, and how it changes.
 
-    Parameters: `numbers` (11,), see `band_light`; `bright`, for the bright field;
-    `highest_order` N. What a camera cannot show, less than no light, is 0.
-    Returns the ColourTable and its derivative by the numbers (orders, 3, 11).
+    Its derivative is by the numbers of `band_light` (orders, 3, 11). What a camera cannot show,
+    less than no light, is 0.
     """
     order = STEP * np.arange(int(np.ceil(highest_order / STEP)) + 1)
     light = band_light(numbers)
@@ -274,8 +273,7 @@ class Unknowns:
     ) -> Array:
         """Derivatives (pixels, 3, unknowns) of the model's light, less those of the frame's.
 
-        Parameters: `pixels`, places in the frame; `shown`; `ideal` signals (pixels, 3), and their
-        `change` by the light's numbers (pixels, 3, 11).
+        Of `ideal` signals (pixels, 3), and their `change` by the light's numbers (pixels, 3, 11).
         """
         gamma, shots = float(np.exp(theta[_GAMMA])), self.shots
         contrast = shown.contrast.reshape(-1, 3)[pixels]
@@ -337,10 +335,8 @@ def in_blocks(shots: ColourShots, blocks: int) -> ColourShots:
 def unknowns(
     shots: ColourShots, numbers: Array, gamma: float, *, fixed: bool, bright_field: bool
 ) -> Unknowns:
-    """The unknowns' first guess, and what is expected of them.
-
-    Parameters: `shots`; `numbers` of the light and `gamma` to start from, `fixed` where the gamma
-    is given; `bright_field`. Returns Unknowns. Raises InputError where nothing has contrast.
+    """The unknowns' first guess, and what is expected of them; `fixed` where the gamma is
+    given.
     """
     light = np.where(shots.valid, np.maximum(shots.raw, 0.0), np.nan) ** gamma
     if not np.isfinite(light).any(axis=(0, 1, 2)).all():
@@ -415,9 +411,8 @@ def _envelope(light: Array, surface: Array) -> Array:
 
 
 def _hold_alike(hold: Array, shape: Array) -> None:
-    """Expect the channels' surfaces to be alike in form; added to `hold`, whose last they are.
-
-    Parameters: `hold`; `shape`, the surfaces' coefficients (3, terms).
+    """Expect the channels' surfaces, whose coefficients (3, terms) end `hold`, to be alike
+    in form.
     """
     size, terms = shape[:, 0], shape.shape[1]
     unit = np.eye(len(hold))[-shape.size :]
@@ -454,10 +449,8 @@ class RemainingLight:
 
 
 def added_bend(place: Indices, away: Array, table: ColourTable, length: int) -> Array:
-    """What pixels add to the bend: their mean rest at each order, across the curve.
-
-    Parameters: `place` (n,), rows of the table; `away` (n, 3), signals less the table's; `table`;
-    `length` of the bend. Returns (length, 3).
+    """What pixels (n,), rows of the table, add to the bend (length, 3): their mean rest at each
+    order, across the curve. `away` (n, 3), signals less the table's.
     """
     size, width = len(table.signal), BEND_WIDTH / STEP
     clipped = np.clip(away, -_LARGEST, _LARGEST).T
@@ -472,10 +465,10 @@ def added_bend(place: Indices, away: Array, table: ColourTable, length: int) -> 
 
 
 def added_relief(sums: Array) -> Array:
-    """What frames add to the relief, over it, (rows, cols).
+    """What frames add to the relief, over it, (rows, cols), by the pixels' `sums` (2, rows, cols).
 
-    Equation: Σ r·a / Σ a·a over a window and all frames, r the rests and a the signals, both
-    across the curve of colours. Parameters: `sums` (2, rows, cols), of the pixels.
+    Σ r·a / Σ a·a over a window and all frames, r the rests and a the signals, both across the curve
+    of colours.
     """
     width = RELIEF_WIDTH * max(sums.shape[1:])
     smoothed, size = (gaussian_filter(part, width) for part in sums)

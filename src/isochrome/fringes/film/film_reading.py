@@ -172,10 +172,8 @@ class CrestLight:
         self._square, self._count = 0.0, 0
 
     def add(self, rise: Array, order: Array, contrast: Array, known: Mask) -> None:
-        """Take the crests of a frame.
-
-        Parameters: `rise` over the unloaded light; `order`, followed; `contrast` that a pixel's
-        size leaves; `known`, where to look; all (rows, cols).
+        """Take the crests of a frame, by the `rise` over the unloaded light and the
+        followed order.
         """
         thin = slice(None, None, _STRIDE)
         use = (np.abs(np.mod(order[thin, thin], 1.0) - 0.5) < _NEAR) & known[thin, thin]
@@ -194,9 +192,8 @@ class CrestLight:
         return self._count >= _FEWEST
 
     def illumination(self, shape: tuple[int, int]) -> tuple[Array, Array]:
-        """The illumination, and its standard uncertainty over it, on pixels of any size.
-
-        Parameters: `shape` (rows, cols). Raises InputError where too few crests were passed.
+        """The illumination, and its standard uncertainty over it, on pixels of any size (rows,
+        cols).
         """
         if not self.told:
             raise InputError(NO_CREST)
@@ -343,7 +340,7 @@ class FilmPath:
         self._agree()
 
     def _take(self, rise: Array, wave: Array, valid: Mask, time: float, index: int) -> bool:
-        """One frame more, and what it says of the illumination. Returns whether the film breaks."""
+        """One frame more, and what it says of the illumination; whether the film breaks there."""
         if self._broken:
             self._state = replace(self._state, time=time)
             return False

@@ -89,12 +89,10 @@ def fit_order_change(
     order: Array, expected: Sequence[Array], wave: Array, contrast: Array,
     gradient: tuple[Array, Array], known: Mask,
 ) -> OrderChange | None:  # fmt: skip
-    """Fit the change of a picture's order to the wave of the next frame.
+    """Fit the change of a picture's order to the wave cos 2 pi N of the next frame.
 
-    Parameters: `order` N before, fringes; `expected`, the change that went before, and the drift,
-    each over the time to the new frame; `wave` cos 2 pi N of it; `contrast`, what the pixels' size
-    leaves of it; `gradient` of the order along rows and columns; `known`, where the order is known;
-    all (rows, cols). None where too few are.
+    `expected`, the change that went before, and the drift, over the time to the new frame;
+    `gradient` of the order along rows and columns. None where too few orders are known.
     """
     thin = slice(_STRIDE // 2, None, _STRIDE)
     use = known[thin, thin]
@@ -156,10 +154,7 @@ def is_wide(steep: Array) -> Mask:
 
 
 def faded_contrast(order: Array) -> Array:
-    """What a pixel's size leaves of the contrast of fringes (rows, cols).
-
-    Parameters: `order` (rows, cols), fringes.
-    """
+    """What a pixel's size leaves of the contrast of fringes (rows, cols)."""
     return faded_fringes(order)[0]
 
 
@@ -398,11 +393,7 @@ order that is continued, fringes: less than to the crest, beyond which light is 
 
 
 def continued(order: Array, known: Mask) -> Array:
-    """Orders that go on beyond where they are known (rows, cols), fringes.
-
-    Parameters: `order` (rows, cols), fringes; `known`, where it is. What lies too far beyond stays
-    as it is.
-    """
+    """Orders that go on beyond where they are known; what lies too far beyond stays as it is."""
     weight = known.astype(np.float32)
     values = order * weight
     beyond = ~known & (_moment(weight, 0, 0) > _LEAST)
@@ -436,10 +427,8 @@ def _moment(values: Array, down: int, across: int) -> Array:
 
 
 def regained(order: Array, known: Mask, wave: Array, valid: Mask) -> tuple[Array, Mask]:
-    """Orders and where they are known, with what their light bears out beside those known before.
-
-    Parameters: `order`, fringes; `known`, where it is; `wave`, cos 2 pi N of the frame, and
-    `valid`, where it is trusted; all (rows, cols).
+    """Orders and where they are known, with what their light bears out beside those known
+    before.
     """
     for _ in range(_GROWTHS):
         order = continued(order, known)

@@ -132,10 +132,8 @@ def read_residual(
 
 
 def least_field(terms: StepTerms) -> Array:
-    """n of the least order that the light allows, 1/2 at most, pixel by pixel.
-
-    Equation: the module's. Parameters: `terms`, see `stepped.step_equations`. Returns N exp 2iθ
-    (rows, cols), complex, fringes.
+    """n of the least order that the light allows, 1/2 at most, pixel by pixel: N exp 2iθ, see the
+    module.
     """
     size = np.abs(terms.sine)
     order = np.arctan2(size, terms.cosine) / (2.0 * np.pi)
@@ -145,9 +143,7 @@ def least_field(terms: StepTerms) -> Array:
 def least_spread(field: Array, along: Array) -> Array:
     """The noise of `least_field`, the larger of that along n and across.
 
-    Equation: across n it is that of N along, times δ/sin δ, which grows towards the half order.
-    Parameters: `field`, of least order, and `along`, the uncertainty of φ/2π, fringes (rows, cols).
-    Returns (rows, cols), fringes.
+    Across n it is that of N along, times δ/sin δ, which grows towards the half order.
     """
     delta = 2.0 * np.pi * np.minimum(np.abs(field), _NEAR_HALF)
     return np.asarray(along * np.fmax(1.0, delta / np.maximum(np.sin(delta), 1e-9)))
@@ -156,9 +152,7 @@ def least_spread(field: Array, along: Array) -> Array:
 def direction_known(light: StepLight) -> Mask:
     """Where the steps tell the direction: without plane images, not about half orders.
 
-    There sin δ, which alone tells, is of the size of what is left out. Parameters: `light`, see
-    `stepped.step_light`. Returns a mask (rows, cols), True all over where plane images
-    tell.
+    There sin δ, which alone tells, is of the size of what is left out.
     """
     sine, cosine = np.abs(light.terms.sine), light.terms.cosine
     if not light.bridges:
@@ -167,10 +161,8 @@ def direction_known(light: StepLight) -> Mask:
 
 
 def _main_parts(lit: Mask, near: Mask) -> tuple[Mask, Mask]:
-    """Where the order is below a half for most of what hangs together, and what has no such part.
-
-    Parameters: `lit`, True on the specimen; `near`, where its least order is well below a half.
-    Returns the main parts, and the pixels of connected parts of the specimen without one.
+    """Where the order is below a half for most of what hangs together, and pixels of connected
+    parts of the specimen without such a part. `near`, where its least order is well below a half.
     """
     whole, _ = label(lit)
     parts, count = label(near)
@@ -186,8 +178,7 @@ def _believed(main: Mask, free: Mask, clear: Mask, apart: Mask) -> tuple[Mask, M
 
     The followed one in parts that reach into a main part or have none: what lies behind a half
     order that could not be followed has the whole number of nothing. The least one in main parts
-    that it does not gainsay. Parameters: see `_main_parts`; `clear`, where the field could be
-    followed; `apart`, where it is not the least one.
+    that it does not gainsay.
     """
     labels, count = label(clear)
     reaches = np.bincount(labels[main & clear], minlength=count + 1) > 0
