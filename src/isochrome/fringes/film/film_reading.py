@@ -74,6 +74,14 @@ class FilmLight:
     zero_error: Array = field(repr=False)  # standard uncertainty of Z, over A
     sign: float = 1.0  # 1 in the dark field, -1 in the bright one
 
+    def joined(self, by: int) -> FilmLight:
+        """The same on blocks of pixels."""
+        zero, level = joined_pixels(self.zero, by), joined_pixels(self.illumination, by)
+        error, zero_error = joined_pixels(self.error, by), joined_pixels(self.zero_error, by)
+        return FilmLight(
+            zero=zero, illumination=level, error=error, zero_error=zero_error, sign=self.sign
+        )
+
     def rise(self, light: Array) -> Array:
         """What fringes add to or take off the unloaded light, A sin² pi N (rows, cols)."""
         return np.asarray(np.float32(self.sign) * (light - self.zero))

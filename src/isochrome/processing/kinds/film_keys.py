@@ -16,7 +16,6 @@ from isochrome.fringes import (
     FilmLight,
     FilmPath,
     FilmState,
-    joined_pixels,
     joined_reading,
 )
 from isochrome.processing.kinds.followed_film import (
@@ -97,13 +96,7 @@ def prepare_keyed(
     data = FilmData(first, scene, capture)
     data.take_noise(first)
     light = _light_of(ends, data.sign)
-    guide = FilmLight(
-        zero=joined_pixels(light.zero, data.by),
-        illumination=joined_pixels(light.illumination, data.by),
-        error=joined_pixels(light.error, data.by),
-        zero_error=joined_pixels(light.zero_error, data.by),
-        sign=light.sign,
-    )
+    guide = light.joined(data.by)
     start = joined_reading(whole.reading, data.by, film_time(first, begin))
     last: list[tuple[int, Frame]] = []
 

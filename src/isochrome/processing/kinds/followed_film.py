@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from time import monotonic
@@ -97,24 +96,15 @@ class FollowedFilm:
 
     def begin(self, index: int) -> int:
         """The number of the last frame up to this one whose state is kept."""
-        return self._places[bisect_right(self._places, index) - 1]
+        return max(place for place in self.kept if place <= index)
 
     def end(self, index: int) -> int:
         """The number of the frame before the next one whose state is kept."""
-        later = bisect_right(self._places, index)
-        return self._places[later] - 1 if later < len(self._places) else self.count - 1
-
-    @property
-    def _places(self) -> list[int]:
-        return list(self.kept)
+        return min((place - 1 for place in self.kept if place > index), default=self.count - 1)
 
     def lost_since(self, index: int) -> tuple[int, int] | None:
         """From which frame to which nothing is known, for a frame of those."""
         return next((span for span in self.lost if span[0] <= index < span[1]), None)
-
-    def state(self, index: int) -> FilmState:
-        """A kept state."""
-        return self.kept[index].state()
 
 
 class FilmData:
@@ -166,20 +156,11 @@ class FilmData:
         self, path: FilmPath, light: FilmLight, count: int, notes: tuple[str, ...]
     ) -> FollowedFilm:
         """The film as it was followed."""
-        joined = (light.zero, light.illumination, light.error, light.zero_error)
-        zero, illumination, error, zero_error = (joined_pixels(v, self.by) for v in joined)
-        guide = FilmLight(
-            zero=zero,
-            illumination=illumination,
-            error=error,
-            zero_error=zero_error,
-            sign=light.sign,
-        )
         spans = tuple((span[0], span[1] if len(span) > 1 else count) for span in path.lost)
         return FollowedFilm(
-            light=light, guide=guide, by=self.by, valid=self.valid, material=self.material,
-            noise=self.noise, between=self.between, wave_noise=path.noise, clipped=self.clipped,
-            kept=path.kept, lost=spans, count=count, notes=notes,
+            light=light, guide=light.joined(self.by), by=self.by, valid=self.valid,
+            material=self.material, noise=self.noise, between=self.between,
+            wave_noise=path.noise, clipped=self.clipped, kept=path.kept, lost=spans, count=count, notes=notes,
         )  # fmt: skip
 
 
@@ -227,10 +208,26 @@ class Film(ImageOnly):
 
     def states(self, source: FrameSource, start: int, stop: int) -> Iterator[ProcessedFrame]:
         """The frames in time, from the last kept state on."""
-        assert self.film is not None
-        captured = source.captured(self.film.begin(start), stop)
-        read = followed_states(self.film, captured, source.task.scene, source.capture)
-        yield from (item for item in read if item.index >= start)
+        film, scene, capture = self.film, source.task.scene, source.capture
+        assert film is not None
+        full, gamma = full_scale(capture.bit_depth), scene.frames.stated_gamma
+        state: FilmState | None = None
+        for index, (frame, *_) in source.captured(film.begin(start), stop):
+            light, lost = plain_light(frame, full, gamma), film.lost_since(index)
+            if index in film.kept:
+                state = film.kept[index].state()
+            elif lost is None:
+                assert state is not None
+                rise = film.guide.rise(joined_pixels(light, film.by))
+                wave = light_wave(rise, film.guide.illumination)
+                trusted = film.material & unclipped(frame, film.clipped, film.by)
+                time = film_time(frame, index)
+                state = follow_frame(state, wave, trusted, time, noise=film.wave_noise)
+            assert state is not None
+            if index >= start:
+                known = state.known & ~film.kept[film.begin(index)].doubt() & (lost is None)
+                own = replace(frame, index=index)
+                yield _read(film, replace(state, known=known), own, light, scene, capture)
 
 
 def _reported(
@@ -245,30 +242,6 @@ def _reported(
             last = monotonic()
             progress(Tally(index, count, 0, 0, stage=FOLLOWING))
         yield index, frames
-
-
-def followed_states(
-    film: FollowedFilm, captured: Iterable[tuple[int, list[Frame]]], scene: Scene, capture: Capture
-) -> Iterator[ProcessedFrame]:
-    """What is found in the frames of a film, from one on whose state is kept."""
-    full, gamma = full_scale(capture.bit_depth), scene.frames.stated_gamma
-    state: FilmState | None = None
-    for index, (frame, *_) in captured:
-        light, lost = plain_light(frame, full, gamma), film.lost_since(index)
-        if index in film.kept:
-            state = film.state(index)
-        elif lost is None:
-            assert state is not None
-            wave = light_wave(
-                film.guide.rise(joined_pixels(light, film.by)), film.guide.illumination
-            )
-            trusted = film.material & unclipped(frame, film.clipped, film.by)
-            time = film_time(frame, index)
-            state = follow_frame(state, wave, trusted, time, noise=film.wave_noise)
-        assert state is not None
-        known = state.known & ~film.kept[film.begin(index)].doubt() & (lost is None)
-        own = replace(frame, index=index)
-        yield _read(film, replace(state, known=known), own, light, scene, capture)
 
 
 def _read(
