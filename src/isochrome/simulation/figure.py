@@ -72,7 +72,10 @@ def stress_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Fig
             drawn.append(_draw_stress(ax, item, image, pixels, limit, title=item.state.label))
         for ax in axes[len(items) :]:
             ax.set_visible(False)
-        low, high = _range(maps)
+        # with zero between them, and never empty
+        low = min(0.0, *(float(np.nanmin(image)) for image in maps))
+        high = max(0.0, *(float(np.nanmax(image)) for image in maps))
+        low, high = (low, high) if high > low else (-1.0, 1.0)
         add_colour_bar(drawn, label).ax.set_ylim(max(low, -limit), min(high, limit))
     marks = "× largest shear" + (", ▼ edges of contact" if scene.is_contact else "")
     write_head(figure, f"{plain_name(scene.name)}, simulated: principal stresses\n{marks}")
@@ -97,7 +100,10 @@ def stress_kinds(pixels: PixelGrid, items: Sequence[Rendered]) -> list[PictureKi
 def _draw_stress(
     axes: Axes, item: Rendered, image: np.ndarray, pixels: PixelGrid, limit: float, title: str = ""
 ) -> AxesImage:
-    """A map, red in tension and blue in compression, with its marks."""
+    """A map, red in tension and blue in compression, with its marks.
+
+    A cross where the shear is largest; carets at the edges of contact, where in view.
+    """
     shown = show_image(
         axes,
         image,
@@ -109,27 +115,15 @@ def _draw_stress(
         vmax=limit,
         title=title,
     )
-    _mark(axes, item, pixels)
-    return shown
-
-
-def _range(maps: list[np.ndarray]) -> tuple[float, float]:
-    """Smallest and largest value of all maps, with zero between them; never empty."""
-    low = min(0.0, *(float(np.nanmin(image)) for image in maps))
-    high = max(0.0, *(float(np.nanmax(image)) for image in maps))
-    return (low, high) if high > low else (-1.0, 1.0)
-
-
-def _mark(ax: Axes, item: Rendered, pixels: PixelGrid) -> None:
-    """A cross where the shear is largest; carets at the edges of contact, where in view."""
     assert item.components is not None
     peak, surface = item.components.peak, item.state.surface
     right = pixels.left_mm + pixels.cols * pixels.pixel_mm
     if surface is not None and pixels.top_mm <= 0.0:
         edges = [x for x in surface.edges_mm if pixels.left_mm <= x <= right]
-        ax.plot(edges, [0.0] * len(edges), marker=_CARET_DOWN, color=INK, ls="", clip_on=False)
-    ax.plot(peak.x_mm, peak.z_mm, "x", color=LINE_COLOURS[2], ms=8, mew=BOLD_PT, clip_on=False)
-    ax.set_xlim(pixels.left_mm, right)
+        axes.plot(edges, [0.0] * len(edges), marker=_CARET_DOWN, color=INK, ls="", clip_on=False)
+    axes.plot(peak.x_mm, peak.z_mm, "x", color=LINE_COLOURS[2], ms=8, mew=BOLD_PT, clip_on=False)
+    axes.set_xlim(pixels.left_mm, right)
+    return shown
 
 
 def simulation_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Figure:

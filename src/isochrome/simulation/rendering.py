@@ -236,8 +236,13 @@ def render(
     """
     assert scene.camera is not None
     for index, state in enumerate(states, first):
-        if state.surface is not None:
-            _refuse_too_wide(scene, state.surface, pixels)
+        width = pixels.cols * pixels.pixel_mm
+        if state.surface is not None and state.surface.contact_width_mm > width:
+            raise PhysicsError(
+                f"{scene.name}: the contact is {state.surface.contact_width_mm:.3g} mm wide, wider "
+                f"than the picture ({width:.3g} mm); lower load.normal_n or the wear, or widen the "
+                "camera"
+            )
         picture = make_picture(scene, state_difference(scene, state, pixels), pixels)
         refuse_too_fine(scene, picture)
         rng = np.random.default_rng([scene.camera.seed, index])
@@ -266,15 +271,6 @@ def _block_order(scene: Scene, state: SceneState, pixels: PixelGrid) -> float | 
     return float(order.max())
 
 
-def _refuse_too_wide(scene: Scene, surface: SurfaceState, pixels: PixelGrid) -> None:
-    width = pixels.cols * pixels.pixel_mm
-    if surface.contact_width_mm > width:
-        raise PhysicsError(
-            f"{scene.name}: the contact is {surface.contact_width_mm:.3g} mm wide, wider than the "
-            f"picture ({width:.3g} mm); lower load.normal_n or the wear, or widen the camera"
-        )
-
-
 FRAMES, ORDER, PRESSURE = "frames.tif", "fringe_order.tif", "pressure.csv"
 
 _SHOWN = 6
@@ -283,9 +279,7 @@ _SHOWN = 6
 
 def shown_states(count: int) -> list[int]:
     """Which of a number of states the figure shows."""
-    ends = np.linspace(0, count - 1, min(_SHOWN, count))
-    numbers: list[int] = ends.round().astype(int).tolist()
-    return numbers
+    return [round(end) for end in np.linspace(0, count - 1, min(_SHOWN, count))]
 
 
 class RenderWork:
@@ -322,8 +316,12 @@ class RenderWork:
             rows.append(history_row(index, item, self.pixels))
             if item.state.surface is not None:
                 tables.append(csv_text(profile_rows(index, item.state.surface), header=False))
-            for name, images in self._pictures(item).items():
-                parts[name] += np.ascontiguousarray(images).data
+            stacks = {FRAMES: item.frames, ORDER: item.picture.order.astype("<f4")}
+            if item.components is not None:
+                stacks |= {f"{name}.tif": item.components.maps[name] for name in LAYERS}
+            for name, images in stacks.items():
+                little_endian = images.astype(images.dtype.newbyteorder("<"), copy=False)
+                parts[name] += np.ascontiguousarray(little_endian).data
             if index in self.shown:
                 self._kept[index] = item
         records = {name: bytes(part) for name, part in parts.items()}
@@ -342,13 +340,6 @@ class RenderWork:
             (state[index],) = self._rendered(index, index + 1)
         self._kept |= {index: state[index] for index in wanted if index in self.shown}
         return [state[index] for index in wanted]
-
-    def _pictures(self, item: Rendered) -> dict[str, np.ndarray]:
-        """A state's pictures by the names of their files, little-endian."""
-        stacks = {FRAMES: item.frames, ORDER: item.picture.order.astype("<f4")}
-        if item.components is not None:
-            stacks |= {f"{name}.tif": item.components.maps[name] for name in LAYERS}
-        return {k: v.astype(v.dtype.newbyteorder("<"), copy=False) for k, v in stacks.items()}
 
     def _rendered(self, start: int, stop: int) -> Iterator[Rendered]:
         states = self._states(start, stop)

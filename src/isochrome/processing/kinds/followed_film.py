@@ -160,7 +160,8 @@ class FilmData:
         return FollowedFilm(
             light=light, guide=light.joined(self.by), by=self.by, valid=self.valid,
             material=self.material, noise=self.noise, between=self.between,
-            wave_noise=path.noise, clipped=self.clipped, kept=path.kept, lost=spans, count=count, notes=notes,
+            wave_noise=path.noise, clipped=self.clipped, kept=path.kept, lost=spans,
+            count=count, notes=notes,
         )  # fmt: skip
 
 

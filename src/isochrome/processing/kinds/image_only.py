@@ -114,11 +114,14 @@ def no_load_light(
     if result.ends is None:
         if result.told:
             return alike
-        off = _not_alike(_places(light, valid, no_load, frames))
+        places, off = _places(light, valid, no_load, frames), ""
+        if places and np.median([place.cost for place in places]) >= CLEAR:
+            worst = max(places, key=lambda place: abs(place.light - place.stated))
+            off = NOT_ALIKE.format(worst.row, worst.col, worst.light, worst.stated)
         return NoLoadLight(alike.ends, () if off else (SAME_EXPOSURE,), off)
     if result.crest_sure or says_a_half(frames.stated_orders):
-        said = (EXPOSED.format(result.bright),)
-        return NoLoadLight(result.ends, said, dark_told=result.dark_told)
+        notes = (EXPOSED.format(result.bright),)
+        return NoLoadLight(result.ends, notes, dark_told=result.dark_told)
     if result.bright < 1.0 and _says_alike(light, valid, no_load, result, frames):
         return alike
     return NoLoadLight(result.ends, refusal=CREST_OR_RIDGE.format(result.bright))
@@ -149,23 +152,20 @@ class _Place:
 
 
 def _says_alike(
-    light: Array, valid: Mask, no_load: tuple[Array, Array], found: NoLoadExposure, frames: Frames
+    light: Array,
+    valid: Mask,
+    no_load: tuple[Array, Array],
+    exposure: NoLoadExposure,
+    frames: Frames,
 ) -> bool:
     """Whether known orders are clearly those of the no-load frames' own light."""
     dark, bright = no_load
-    told = found.dark * dark, found.bright * bright
-    own, other = (
-        sum(place.cost for place in _places(light, valid, ends, frames)) for ends in (no_load, told)
+    exposed = exposure.dark * dark, exposure.bright * bright
+    alike, other = (
+        sum(place.cost for place in _places(light, valid, ends, frames))
+        for ends in (no_load, exposed)
     )
-    return bool(own + CLEAR < other)
-
-
-def _not_alike(places: Sequence[_Place]) -> str:
-    """What to say where known orders are not those of the light; nothing where they may be."""
-    if not places or np.median([place.cost for place in places]) < CLEAR:
-        return ""
-    worst = max(places, key=lambda place: abs(place.light - place.stated))
-    return NOT_ALIKE.format(worst.row, worst.col, worst.light, worst.stated)
+    return bool(alike + CLEAR < other)
 
 
 def _places(light: Array, valid: Mask, ends: tuple[Array, Array], frames: Frames) -> list[_Place]:
@@ -174,14 +174,14 @@ def _places(light: Array, valid: Mask, ends: tuple[Array, Array], frames: Frames
     signal = np.where(valid, (light - dark) / np.maximum(bright - dark, 1e-6), 0.0)
     weight = np.maximum(gaussian_filter(valid.astype(float), _POOLED_PX), 1e-6)
     pooled = np.clip(gaussian_filter(signal, _POOLED_PX) / weight, 0.0, 1.0)
-    own = np.arcsin(np.sqrt(pooled)) / np.pi
+    away = np.arcsin(np.sqrt(pooled)) / np.pi
     known = [(float(k.row_px), float(k.col_px), k.order) for k in frames.known_order]
     known += [(*place, line.order) for line in frames.known_line for place in line.places]
     result = []
     for row, col, order in known:
         at = round(row), round(col)
         if all(0 <= i < n for i, n in zip(at, valid.shape, strict=True)) and valid[at]:
-            result.append(_Place(row, col, abs(order - round(order)), float(own[at])))
+            result.append(_Place(row, col, abs(order - round(order)), float(away[at])))
     return result
 
 
@@ -268,8 +268,8 @@ class ImageOnly(FrameKind):
         """Fringe lines, and the orders where one is known."""
         known = scene.frames.orders_known
         gamma = ("gamma", f"gamma {SPREAD}") if scene.frames.gamma == "unknown" else ()
-        kept, largest = ("kept_share",) * known, LARGEST * known
-        return (*kept, "fringe_lines", *gamma, *self.loads(), *largest)
+        lines = ("fringe_lines", *gamma, *self.loads())
+        return ("kept_share", *lines, *LARGEST) if known else lines
 
     def loads(self) -> tuple[str, ...]:
         """Columns of a frame's load, where that is read."""
@@ -299,27 +299,38 @@ def read_alone(
         normalised=np.where(linear.valid, linear.image, np.nan).astype(np.float32),
     )
     try:
-        seen = frame_signal(frame, linear, scene, capture)
+        signal = frame_signal(frame, linear, scene, capture)
     except InputError as error:
         return replace(blank, warnings=(f"not normalised: {error}",)), None
-    lines = skeletons(np.clip(seen.signal, 0.0, 1.0))
-    asked = bool(scene.frames.known_order)
-    result, warnings = None, [refused_beforehand(frame, seen, len(lines), capture, asked, inside)]
-    if not warnings[0]:
-        result, warnings = _read(seen, scene)
-        few = refused_low(result.reading.order if result else np.zeros(0), capture)
-        if few:
-            result, warnings = None, [*warnings, few]
-    whole = replace(
+    lines = skeletons(np.clip(signal.signal, 0.0, 1.0))
+    point_known = bool(scene.frames.known_order)
+    refusal = refused_beforehand(frame, signal, len(lines), capture, point_known, inside)
+    result, warnings = None, [refusal]
+    if not refusal and not scene.frames.orders_known:
+        warnings = [NO_ANCHOR]
+    elif not refusal:
+        result, warnings = _read_signal(signal, scene)
+        if signal.others:
+            others = (_read_signal(other, scene)[0] for other in signal.others)
+            result = common_reading([result, *others])
+        few = refused_low(result.reading.order, capture)
+        warnings = [*warnings, *result.said, *([few] if few else [])]
+        result = None if few else result
+    columns = {"fringe_lines": len(lines)} | signal.columns
+    if result:
+        columns = {"kept_share": result.reading.kept} | columns
+        if np.isfinite(result.reading.order).any():
+            columns |= order_columns(result.reading.order, result.reading.uncertainty)
+    complete = replace(
         blank,
-        normalised=seen.signal.astype(np.float32),
+        normalised=signal.signal.astype(np.float32),
         reading=result.reading if result else None,
         lines=lines,
-        noise=float(np.median(seen.sigma[seen.valid])),
-        warnings=(*seen.notes, *warnings),
-        columns=_columns(result, seen, len(lines)),
+        noise=float(np.median(signal.sigma[signal.valid])),
+        warnings=(*signal.notes, *warnings),
+        columns=columns,
     )
-    return whole, seen.ends
+    return complete, signal.ends
 
 
 def refused_beforehand(
@@ -334,9 +345,14 @@ def refused_beforehand(
 
     `asked`, whether a point is known; `inside`, as in `read_alone`.
     """
-    saturated = _saturated(frame, capture, inside)
-    if capture.bright is None and saturated > MOST_SATURATED:
-        return OVEREXPOSED.format(100.0 * saturated)
+    if capture.bright is None:
+        specimen = np.ones(frame.image.shape, dtype=bool)
+        for mask in (frame.mask, inside):
+            specimen = specimen if mask is None else specimen & mask
+        level = saturation_level(frame.image, full=full_scale(capture.bit_depth))
+        saturated = float(np.mean(frame.image[specimen] >= level))
+        if saturated > MOST_SATURATED:
+            return OVEREXPOSED.format(100.0 * saturated)
     if seen.refusal:
         return seen.refusal
     if capture.bright is None and lines < FEWEST_LINES and asked:
@@ -351,15 +367,6 @@ def refused_low(order: Array, capture: Capture) -> str:
     if capture.bright is None and 0.0 < highest < LEAST_ORDER:
         return FEW_FRINGES.format(f"fringes up to order {highest:.2f}", LEAST_ORDER)
     return ""
-
-
-def _saturated(frame: Frame, capture: Capture, inside: NDArray[np.bool_] | None) -> float:
-    """Share of the specimen's pixels that lie on the frame's plateau, where it is clipped."""
-    specimen = np.ones(frame.image.shape, dtype=bool)
-    for mask in (frame.mask, inside):
-        specimen = specimen if mask is None else specimen & mask
-    level = saturation_level(frame.image, full=full_scale(capture.bit_depth))
-    return float(np.mean(frame.image[specimen] >= level))
 
 
 def _light(
@@ -392,8 +399,10 @@ def frame_signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -
         ends = fit_background_modulation(light, sigma, valid, dark=dark, bright=bright, tone=tone)
         blind = dark is None or bright is None
         refusal = "" if ends.settled else NOT_SETTLED
-        notes = _found_by_fringes(ends, blind=blind, tone=tone)
+        notes = ["normalised by its own fringes, without both no-load frames"] * blind
         if tone:
+            gamma = with_uncertainty(ends.tone, ends.tone_uncertainty)
+            notes.append(f"gamma = {gamma}, found from the fringes of this frame alone")
             columns = {"gamma": ends.tone, f"gamma {SPREAD}": ends.tone_uncertainty}
     done, result = _by_ends(light, sigma, valid, ends)
     if not dark_told:
@@ -446,19 +455,6 @@ def told_exposure(frame: Frame, scene: Scene, capture: Capture) -> list[str]:
     return [text for text in (*result.notes, result.refusal) if text and text != SAME_EXPOSURE]
 
 
-def _found_by_fringes(ends: BackgroundModulation, *, blind: bool, tone: bool) -> list[str]:
-    """What to say of ends and tone curve that were found from a frame's own fringes."""
-    notes = []
-    if blind:
-        notes.append("normalised by its own fringes, without both no-load frames")
-    if tone:
-        notes.append(
-            f"gamma = {with_uncertainty(ends.tone, ends.tone_uncertainty)}, "
-            "found from the fringes of this frame alone"
-        )
-    return notes
-
-
 def _contradicted(
     light: Array,
     sigma: Array,
@@ -499,16 +495,6 @@ def _contradicted(
     ]
 
 
-def _read(seen: FrameSignal, scene: Scene) -> tuple[FreeReading | None, list[str]]:
-    """The order from what is known of it, and what to say of it."""
-    if not scene.frames.orders_known:
-        return None, [NO_ANCHOR]
-    result, messages = _read_signal(seen, scene)
-    if seen.others:
-        result = common_reading([result, *(_read_signal(other, scene)[0] for other in seen.others)])
-    return result, [*messages, *result.said]
-
-
 def _read_signal(seen: FrameSignal, scene: Scene) -> tuple[FreeReading, list[str]]:
     """The order of one signal, and what its gamma is told by."""
     error, messages, known = seen.error, list[str](), orders_of(scene)
@@ -539,12 +525,3 @@ def wave_of(seen: FrameSignal, scene: Scene) -> tuple[Array, Array]:
     turn = -1.0 if scene.polariscope.field == "bright" else 1.0
     wave = np.where(seen.valid, turn * (1.0 - 2.0 * seen.signal), 0.0)
     return wave, np.where(seen.valid, 2.0 * seen.sigma, 1.0)
-
-
-def _columns(found: FreeReading | None, seen: FrameSignal, lines: int) -> dict[str, Any]:
-    """The frame's columns of frames.csv besides those of every frame."""
-    selected = {"kept_share": found.reading.kept} if found else {}
-    columns = selected | {"fringe_lines": lines} | seen.columns
-    if found is None or not np.isfinite(found.reading.order).any():
-        return columns
-    return columns | order_columns(found.reading.order, found.reading.uncertainty)
