@@ -82,7 +82,10 @@ class FrameResult:
         """The fitted values; none where the frame does not show the scene's model."""
         fit = self.frame.fit
         if fit is None:
-            return self._read_values
+            row = self.row  # what has an uncertainty, where it is known
+            pairs = {key: (row[key], row[f"{key} {SPREAD}"]) for key in fitted_keys(row)}
+            known = {key: pair for key, pair in pairs.items() if np.isfinite(numbers(pair)).all()}
+            return tuple(FrameValue(key, *pair, asked=False) for key, pair in known.items())
         if not self.frame.has_values:
             return ()
         asked, refined = (cell_values(self.row.get(name) or "") for name in (CAUSES, REFINED))
@@ -92,13 +95,6 @@ class FrameResult:
                 fit.keys, fit.values, fit.standard_uncertainty, strict=True
             )
         )
-
-    @property
-    def _read_values(self) -> tuple[FrameValue, ...]:
-        """What a frame without a fit has with an uncertainty, where it is known."""
-        pairs = {key: (self.row[key], self.row[f"{key} {SPREAD}"]) for key in fitted_keys(self.row)}
-        known = {key: pair for key, pair in pairs.items() if np.all(np.isfinite(numbers(pair)))}
-        return tuple(FrameValue(key, *pair, asked=False) for key, pair in known.items())
 
 
 def process_frame(frames: FramesLike, scene: Scene, index: int) -> FrameResult:

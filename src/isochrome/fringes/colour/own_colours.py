@@ -610,25 +610,39 @@ def _search(known: Unknowns, highest_order: float) -> OwnLight:
         residual = _root(np.minimum(np.concatenate([look.square for look in looks]), 0.04))
         if turn + 1 < len(TRIALS):
             theta = known.bounded(theta + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP))
-            remaining = _improved(remaining, looks, table, turn)
+            if turn >= BEND_FROM:
+                place, away = (
+                    np.concatenate([getattr(look, n) for look in looks]) for n in ("place", "away")
+                )
+                bend = remaining.bend
+                bend = bend + added_bend(place, away, table, len(bend))
+                remaining = replace(remaining, bend=bend)
+            if turn >= RELIEF_FROM:
+                sums = np.sum([look.relief for look in looks], axis=0)
+                relief = remaining.relief * (1.0 + added_relief(sums))
+                remaining = replace(remaining, relief=relief)
     both = min(len(table.signal), len(previous.signal))
     moved = float(np.abs(table.signal[:both] - previous.signal[:both]).max())
-    return _concluded(known, theta, covariance, remaining, looks, table, moved)
-
-
-def _improved(
-    remaining: RemainingLight, looks: list[_Look], table: ColourTable, turn: int
-) -> RemainingLight:
-    """The rest with what this round's looks add to it."""
-    if turn >= BEND_FROM:
-        place, away = (np.concatenate([getattr(k, n) for k in looks]) for n in ("place", "away"))
-        remaining = replace(
-            remaining, bend=remaining.bend + added_bend(place, away, table, len(remaining.bend))
-        )
-    if turn >= RELIEF_FROM:
-        sums = np.sum([look.relief for look in looks], axis=0)
-        remaining = replace(remaining, relief=remaining.relief * (1.0 + added_relief(sums)))
-    return remaining
+    square = np.concatenate([look.square for look in looks])
+    away = np.concatenate([look.away for look in looks])
+    orders = np.concatenate([look.order[np.isfinite(look.order)] for look in looks])
+    background, illumination = known.ends(theta)
+    gamma = float(np.exp(theta[_GAMMA]))
+    return OwnLight(
+        table=ColourTable(table.signal, np.sqrt(_OF_THREE * np.mean(away**2, axis=0))),
+        gamma=gamma,
+        gamma_uncertainty=gamma * float(np.sqrt(covariance[_GAMMA, _GAMMA])),
+        numbers=theta[:NUMBERS],
+        brightness=np.exp(theta[_FRAMES : _FRAMES + len(looks)]),
+        background=np.asarray(background),
+        illumination=illumination * remaining.relief[..., None],
+        residual=residual,
+        torn=float(np.mean([look.torn for look in looks])),
+        strange=float(np.mean(square > _STRANGE**2)),
+        bent=_root(remaining.bend**2),
+        moved=moved,
+        highest=float(np.percentile(orders, 99.0)),
+    )
 
 
 def _look(
@@ -691,36 +705,3 @@ def _relief_sums(inside: Mask, ideal: Array, slope: Array, away: Array) -> Array
 
 def _root(square: Array) -> float:
     return float(np.sqrt(np.mean(square)))
-
-
-def _concluded(
-    known: Unknowns,
-    theta: Array,
-    covariance: Array,
-    remaining: RemainingLight,
-    looks: list[_Look],
-    table: ColourTable,
-    moved: float,
-) -> OwnLight:
-    """What the last round has found."""
-    square = np.concatenate([look.square for look in looks])
-    away = np.concatenate([look.away for look in looks])
-    orders = np.concatenate([look.order[np.isfinite(look.order)] for look in looks])
-    background, illumination = known.ends(theta)
-    gamma = float(np.exp(theta[NUMBERS]))
-    start = NUMBERS + 1
-    return OwnLight(
-        table=ColourTable(table.signal, np.sqrt(_OF_THREE * np.mean(away**2, axis=0))),
-        gamma=gamma,
-        gamma_uncertainty=gamma * float(np.sqrt(covariance[NUMBERS, NUMBERS])),
-        numbers=theta[:NUMBERS],
-        brightness=np.exp(theta[start : start + len(looks)]),
-        background=np.asarray(background),
-        illumination=illumination * remaining.relief[..., None],
-        residual=_root(np.minimum(square, 0.04)),
-        torn=float(np.mean([look.torn for look in looks])),
-        strange=float(np.mean(square > _STRANGE**2)),
-        bent=_root(remaining.bend**2),
-        moved=moved,
-        highest=float(np.percentile(orders, 99.0)),
-    )

@@ -332,6 +332,12 @@ def _result(
         cosine, readable = np.cos(2.0 * np.pi * reading.order), known
     else:
         cosine, readable = light.terms.cosine / np.maximum(light.contrast, 1e-30), specimen
+    few = []
+    if reading.kept < 0.5 and all(part.number is not None for part in settled.parts):
+        few.append(
+            f"only {100 * reading.kept:.0f} % of the specimen's pixels could be read; more steps, "
+            "less noise or finer pixels help"
+        )
     return SteppedReading(
         reading=reading,
         isoclinic=masked(0.5 * np.degrees(np.angle(load.field)), turned),
@@ -343,7 +349,7 @@ def _result(
         warnings=(
             *settled.warnings,
             *_of_steps(light, clear),
-            *_of_share(reading.kept, settled.parts),
+            *few,
         ),
     )
 
@@ -363,16 +369,5 @@ def _of_steps(light: StepLight, clear: Mask) -> list[str]:
         remarks.append(
             f"no isoclinic is given in {100.0 * lost:.0f} % of the pixels that show one: there "
             f"chi is over {POOR_CHI:g}, and the light not that of the stated steps"
-        )
-    return remarks
-
-
-def _of_share(known_share: float, parts: tuple[FieldPart, ...]) -> list[str]:
-    """What to say where little could be read."""
-    remarks = []
-    if known_share < 0.5 and all(part.number is not None for part in parts):
-        remarks.append(
-            f"only {100 * known_share:.0f} % of the specimen's pixels could be read; more steps, "
-            "less noise or finer pixels help"
         )
     return remarks

@@ -127,7 +127,15 @@ def read_frame(
     branches.
     """
     noise, lost = _is_lost(data, seen, chi=chi, positive=positive)
-    reading = _read(data, seen, lost)
+    reading = read_order(
+        data.light,
+        seen.picture.order,
+        seen.response,
+        illumination=seen.illumination,
+        background=seen.background,
+        sigma=data.sigma,
+        valid=seen.mask & (seen.illumination > 0.0) & (not lost),
+    )
     if frame.mask is not None:
         own = seen.picture.material & frame.mask
         selected = float(np.isfinite(reading.order).sum() / max(1, int(own.sum())))
@@ -148,7 +156,16 @@ def _without_model(
         normalised=image.normalised,
         lines=image.lines,
         noise=image.noise,
-        fit=_without_values(lost.fit, scene),
+        # only the place it began with is left of it, and its chi
+        fit=replace(
+            lost.fit,
+            scene=scene,
+            values=np.array(
+                [scene.get(key) if key.startswith("camera.") else None for key in lost.fit.keys],
+                dtype=float,
+            ),
+            standard_uncertainty=np.full(len(lost.fit.keys), np.nan),
+        ),
         warnings=(*lost.warnings, *(() if slip else image.warnings)),
     )
 
@@ -279,28 +296,6 @@ def frame_causes(
     _, lost = _is_lost(*_held(data, fit), chi=fit.chi, positive=fit.positive)
     texts = [*notes, *_of_chi(fit), *([_NO_ORDER] if lost else [])]
     return texts, "not at all" if lost else "well enough"
-
-
-def _read(data: FrameData, seen: ModelFrame, lost: bool) -> OrderReading:
-    """The order of each pixel; none where the model was lost."""
-    return read_order(
-        data.light,
-        seen.picture.order,
-        seen.response,
-        illumination=seen.illumination,
-        background=seen.background,
-        sigma=data.sigma,
-        valid=seen.mask & (seen.illumination > 0.0) & (not lost),
-    )
-
-
-def _without_values(fit: FrameFit, scene: Scene) -> FrameFit:
-    """A fit that was lost: only the place it began with is left of it, and its chi."""
-    values = [scene.get(key) if key.startswith("camera.") else None for key in fit.keys]
-    selected = np.array([np.nan if value is None else value for value in values], dtype=float)
-    return replace(
-        fit, scene=scene, values=selected, standard_uncertainty=np.full(len(selected), np.nan)
-    )
 
 
 def _of_chi(fit: FrameFit) -> list[str]:
