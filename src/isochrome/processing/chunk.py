@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import zipfile
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import groupby
@@ -48,27 +49,25 @@ def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
 def gather(task: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) -> Results:
     """Processed frames as Results; they are let go one by one."""
     layers = task.kind.layers(task.scene)
-    packings = {layer.name: layer.compact for layer in layers if layer.compact is not None}
-    packed: dict[str, list[bytes | None]] = {name: [] for name in packings}
-    pictures: dict[str, list[np.ndarray]] = {
-        layer.name: [] for layer in layers if layer.name not in packed
-    }
+    steps = next((layer.compact for layer in layers if layer.name == ORDER.name), None)
+    pictures, packed = defaultdict[str, list[Any]](list), defaultdict[str, list[Any]](list)
     rows, more = [], []
     tables: list[str] = []
     rois: list[tuple[str, bytes]] = []
     for item in states:
-        item = _within(item, packings.get(ORDER.name))
+        item = _within(item, steps)
         if task.preview is not None:
             write_preview(task.preview, item)
         rows.append(task.kind.row(item, task.scene))
         more.append(more_of(item, task.scene))
-        for name, kind in packings.items():
-            made = film_map(item, name)
-            packed[name].append(None if made is None else kind.pack(made))
+        for layer in layers:
+            if layer.compact is not None:
+                made = film_map(item, layer.name)
+                packed[layer.name].append(None if made is None else layer.compact.pack(made))
+            elif isinstance(item, ProcessedFrame):
+                pictures[layer.name].append(picture_of(item, layer.name))
         if isinstance(item, FollowedFrame):
             continue
-        for name, maps in pictures.items():
-            maps.append(picture_of(item, name))
         lines = _lines_to_keep(task, item)
         if lines:
             tables.append(_line_table(item, lines, task.scene, header=not tables))
@@ -78,7 +77,7 @@ def gather(task: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) ->
     if task.rois:
         parts[ROIS] = _zipped(rois)
     arrays = {name: np.stack(maps) for name, maps in pictures.items()}
-    return Results(arrays, rows, more, parts, packed=packed)
+    return Results(arrays, rows, more, parts, packed=dict(packed))
 
 
 def _lines_to_keep(task: FrameTask, item: ProcessedFrame) -> list[Skeleton]:

@@ -247,18 +247,7 @@ def collect(
             for k, one in enumerate(frames)
         ]
     table = wider
-    warnings: list[str] = []
-    if not scene.orders_are_read:
-        known_loads = scene.frames.has_known_loads
-        warnings.append(_AGAINST_OTHERS if known_loads else no_model_sentence(scene))
-    if residual is not None:
-        warnings += residual.warnings
-        if residual.largest > _NOTABLE:
-            warnings.append(
-                f"residual stress of up to {residual.largest:.2f} fringe "
-                f"({scene.frames.no_load_steps}) was taken out as a tensor: all maps are the "
-                "load's alone"
-            )
+    warnings = _of_scene(scene, residual)
     if PICTURE in table:
         from isochrome.fitting import untracked_inputs
 
@@ -274,6 +263,23 @@ def collect(
         scene=scene, model=scene.model, columns=table, frames=frames, fitted=fitted,
         warnings=tuple(warnings), residual=residual, failed=status.count("failed"),
     )  # fmt: skip
+
+
+def _of_scene(scene: Scene, residual: ResidualStress | None) -> list[str]:
+    """What is said once: why no orders are read, and which stress was taken out."""
+    warnings: list[str] = []
+    if not scene.orders_are_read:
+        known_loads = scene.frames.has_known_loads
+        warnings.append(_AGAINST_OTHERS if known_loads else no_model_sentence(scene))
+    if residual is not None:
+        warnings += residual.warnings
+        if residual.largest > _NOTABLE:
+            warnings.append(
+                f"residual stress of up to {residual.largest:.2f} fringe "
+                f"({scene.frames.no_load_steps}) was taken out as a tensor: all maps are the "
+                "load's alone"
+            )
+    return warnings
 
 
 def refuse_unread(

@@ -68,11 +68,11 @@ def row_of_set(row: dict[str, Any], columns: Iterable[str], scene: Scene) -> dic
         if key not in result and (name := f"{key} {SPREAD}") in row
     }
     stated = stated_pairs(scene) if REFINED in result else {}
-    near = {key: p for key, p in causes.items() if key in stated and agree(p, stated[key])}
-    others = {key: pair for key, pair in causes.items() if key not in near}
-    for name, pairs in ((CAUSES, others), (REFINED, near))[: 1 + (REFINED in result)]:
-        result[name] = "; ".join(f"{key} = {v!r} ± {u!r}" for key, (v, u) in pairs.items())
-    return result
+    cells: dict[str, list[str]] = {CAUSES: [], REFINED: []}
+    for key, (value, spread) in causes.items():
+        near = key in stated and agree((value, spread), stated[key])
+        cells[REFINED if near else CAUSES].append(f"{key} = {value!r} ± {spread!r}")
+    return result | {name: "; ".join(texts) for name, texts in cells.items() if name in result}
 
 
 def cell_values(text: str) -> dict[str, tuple[float, float]]:

@@ -131,10 +131,8 @@ def _frames(
     if not of_all:
         with_maps &= np.isfinite(stored)
     having = np.flatnonzero(with_maps)
-    chi, largest = (
-        numbers(table[name])[having] if name in table else np.full(len(having), np.nan)
-        for name in ("chi", "n_max")
-    )
+    unknown = [None] * len(table["frame"])
+    chi, largest = (numbers(table.get(name, unknown))[having] for name in ("chi", "n_max"))
     chosen = choose_frames(chi, largest)
     left, top = (np.asarray(group[name]) for name in ("left_mm", "top_mm"))
     shown = []
@@ -147,9 +145,9 @@ def _frames(
         }
         signal, order = maps.get(NORMALISED.name), maps.get(ORDER.name)
         shown.append(_Shown(k, one.why, signal, order, float(left[k]), float(top[k])))
-    what = "frames" if of_all else "key frames"
     text = f"{len(chosen)} of {counted(len(table['frame']), 'frame')} are shown"
     if len(chosen) < len(having):
+        what = "key " * (not of_all) + "frames"
         text += f", chosen among {len(having)} {what} for the reason that stands beside each"
     return _report_frames(scene, table, shown), f"{text}."
 

@@ -111,12 +111,7 @@ def read_ome(text: str, path: Path) -> Ome:
     start = None if interval is None else 0.0
     from_first: tuple[float | None, ...] | None = None
     if times is not None:
-        # None for those that do not come after all before
-        interval, start, before = None, times[0], accumulate(times, max, initial=-math.inf)
-        from_first = tuple(
-            time - times[0] if time > latest else None
-            for time, latest in zip(times, before, strict=False)
-        )
+        interval, (start, from_first) = None, times
     bits = pixels.get("SignificantBits")
     return Ome(
         slices=size["Z"],
@@ -163,8 +158,13 @@ def _pixel_mm(pixels: ElementTree.Element, path: Path) -> float | None:
     return across
 
 
-def _times(pixels: ElementTree.Element, planes: int) -> list[float] | None:
-    """The planes' own times (s), in the order of the frames, where each plane has one."""
+def _times(
+    pixels: ElementTree.Element, planes: int
+) -> tuple[float, tuple[float | None, ...]] | None:
+    """The first plane's own time (s), and each one's from there, in the order of the frames.
+
+    None where not each plane has one; of one, where it does not come after all before.
+    """
     times: dict[int, float] = {}
     for plane in pixels.iterfind("{*}Plane"):
         factor = OME_SECONDS.get(plane.get("DeltaTUnit", "s"))
@@ -178,7 +178,12 @@ def _times(pixels: ElementTree.Element, planes: int) -> list[float] | None:
         times[index] = value * factor
     if len(times) != planes or set(times) != set(range(planes)):
         return None
-    return [times[i] for i in range(planes)]
+    ordered = [times[i] for i in range(planes)]
+    latest = accumulate(ordered, max, initial=-math.inf)
+    from_first = (
+        t - times[0] if t > last else None for t, last in zip(ordered, latest, strict=False)
+    )
+    return times[0], tuple(from_first)
 
 
 MINISWHITE, PALETTE, SEPARATED = 0, 3, 5
@@ -450,9 +455,7 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     _check_square(tif, path)
     if tif.is_ome:
         return _of_ome(tif, path)
-    numbered: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
-    # not the thumbnails and reduced copies that some programs add
-    pages = tuple((i, page.offset) for i, page in numbered if i == 0 or not page.is_reduced)
+    pages = _frame_pages(tif)
     claimed = _claimed(tif, len(pages))
     hidden = len(pages) == 1 < claimed and _fit_behind(tif, claimed)
     if not hidden and (claimed > len(pages) or _chain_breaks(tif)):
@@ -473,6 +476,12 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
             pixel_mm=pixel_mm_of(tif),
         ),
     )
+
+
+def _frame_pages(tif: tifffile.TiffFile) -> tuple[tuple[int, int], ...]:
+    """Pages that are frames: not the thumbnails and reduced copies that some programs add."""
+    numbered: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
+    return tuple((i, page.offset) for i, page in numbered if i == 0 or not page.is_reduced)
 
 
 def _claimed(tif: tifffile.TiffFile, counted: int) -> int:

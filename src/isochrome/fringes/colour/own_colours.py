@@ -610,17 +610,7 @@ def _search(known: Unknowns, highest_order: float) -> OwnLight:
         residual = _root(np.minimum(np.concatenate([look.square for look in looks]), 0.04))
         if turn + 1 < len(TRIALS):
             theta = known.bounded(theta + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP))
-            if turn >= BEND_FROM:
-                place, away = (
-                    np.concatenate([getattr(look, n) for look in looks]) for n in ("place", "away")
-                )
-                bend = remaining.bend
-                bend = bend + added_bend(place, away, table, len(bend))
-                remaining = replace(remaining, bend=bend)
-            if turn >= RELIEF_FROM:
-                sums = np.sum([look.relief for look in looks], axis=0)
-                relief = remaining.relief * (1.0 + added_relief(sums))
-                remaining = replace(remaining, relief=relief)
+            remaining = _improved(remaining, looks, table, turn)
     both = min(len(table.signal), len(previous.signal))
     moved = float(np.abs(table.signal[:both] - previous.signal[:both]).max())
     square = np.concatenate([look.square for look in looks])
@@ -643,6 +633,19 @@ def _search(known: Unknowns, highest_order: float) -> OwnLight:
         moved=moved,
         highest=float(np.percentile(orders, 99.0)),
     )
+
+
+def _improved(
+    remaining: RemainingLight, looks: list[_Look], table: ColourTable, turn: int
+) -> RemainingLight:
+    """The rest with what this round's looks add to it."""
+    bend, relief = remaining.bend, remaining.relief
+    if turn >= BEND_FROM:
+        place, away = (np.concatenate([getattr(k, n) for k in looks]) for n in ("place", "away"))
+        bend = bend + added_bend(place, away, table, len(bend))
+    if turn >= RELIEF_FROM:
+        relief = relief * (1.0 + added_relief(np.sum([look.relief for look in looks], axis=0)))
+    return RemainingLight(bend, relief)
 
 
 def _look(

@@ -412,11 +412,8 @@ def frame_signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -
     # an end that is not known says nothing of the tone, and without a reading nobody asks
     check = None
     if not tone and not refusal and scene.frames.orders_known:
-        own = (
-            None if dark is None else done.background,
-            None if bright is None else done.background + done.contrast,
-        )
-        check = partial(_contradicted, light, sigma, done, own, scene.frames.first_gamma)
+        given = (dark is not None, bright is not None)
+        check = partial(_contradicted, light, sigma, done, given, scene.frames.first_gamma)
     known = replace(result, refusal=refusal, notes=tuple(notes), columns=columns)
     return replace(known, gamma_check=check, others=others)
 
@@ -459,7 +456,7 @@ def _contradicted(
     light: Array,
     sigma: Array,
     done: Normalised,
-    given: tuple[Array | None, Array | None],
+    given: tuple[bool, bool],
     gamma: float,
     contrast: Array,
 ) -> tuple[Array, list[str]]:
@@ -470,7 +467,7 @@ def _contradicted(
     """
     lost = 0.5 * (1.0 - contrast) * done.contrast
     ends = done.background + lost, done.background + done.contrast - lost
-    dark, bright = (None if end is None else faded for end, faded in zip(given, ends, strict=True))
+    dark, bright = (faded if known else None for known, faded in zip(given, ends, strict=True))
     none = np.zeros(light.shape)
     try:
         away, spread = gamma_misfit(light, sigma, done.valid, ends)

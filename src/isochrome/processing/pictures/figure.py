@@ -389,17 +389,20 @@ def _over_frames(values: Any) -> bool:
 
 def _item(table: dict[str, list[Any]], dataset: RunDataset, k: int) -> Shown:
     """Frame k with its maps. Raises InputError where it has none."""
-    picture, maps = table[PICTURE][k] if PICTURE in table else k, dict[str, np.ndarray]()
-    for name in (NORMALISED.name, ORDER.name, ISOCLINIC.name):
-        place = k if name in dataset and _over_frames(dataset[name]) else picture
-        if name in dataset and place is not None:
-            maps[name] = np.asarray(dataset[name][int(place)])
+    picture = table[PICTURE][k] if PICTURE in table else k
+    places = {
+        name: k if _over_frames(dataset[name]) else picture
+        for name in (NORMALISED.name, ORDER.name, ISOCLINIC.name)
+        if name in dataset
+    }
+    maps = {n: np.asarray(dataset[n][int(p)]) for n, p in places.items() if p is not None}
     order = maps.get(ORDER.name)
     known = order is not None and bool(np.isfinite(order).any())
     signal = maps.get(NORMALISED.name)
     if signal is None:
-        if order is None or not known:
+        if not known:
             raise InputError(_without_a_map(table, dataset, k))
+        assert order is not None
         signal = np.full(order.shape, np.nan)  # a followed frame: its picture is not kept
     left, top = (float(dataset[name][k]) for name in ("left_mm", "top_mm"))
     share = table.get("kept_share", [None] * (k + 1))[k]
