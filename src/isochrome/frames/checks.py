@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.figures import LINE_COLOURS, LINE_PT, NOTE_PT, new_figure, style_axes
-from isochrome.frames.linear import Linear, load_no_load, open_no_load_steps
+from isochrome.frames.linear import load_no_load, open_no_load_steps
 from isochrome.frames.noise import estimate_noise, full_scale
 from isochrome.frames.opening import check_scale, open_scene_frames, with_file_scale
 from isochrome.frames.readers.signature import signature_of
@@ -500,14 +500,6 @@ def of_no_load(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Fin
         return
     if not light.count or np.isnan(light.low).all():
         return
-    yield from _of_exposure(reader, light, scene, dark, bright)
-
-
-def _of_exposure(
-    reader: FrameReader, light: Survey, scene: Scene, dark: Linear | None, bright: Linear | None
-) -> Iterator[Finding]:
-    """Findings on the no-load frames' exposure against the captured frames'."""
-    frames = scene.frames
     full = full_scale(reader.bit_depth)
     low = (max(float(np.nanmin(light.low)), 0) / full) ** frames.first_gamma
     high = (max(float(np.nanmax(light.high)), 0) / full) ** frames.first_gamma

@@ -80,6 +80,8 @@ def estimate_noise(
     `noise_between_pixels`. By the bit depth levels near black and white, where clipping hides
     noise, are left out. InputError where it is under 8 x 8 or has too few valid pixels.
     """
+    from scipy import ndimage
+
     image = np.asarray(image)
     if image.ndim != 2 or min(image.shape) < 8:
         raise InputError(f"noise needs a frame of at least 8 x 8 pixels, not {image.shape}")
@@ -88,7 +90,14 @@ def estimate_noise(
         bit_depth = 8 * image.dtype.itemsize
     finite = np.isfinite(image)
     usable = finite if valid is None else finite & valid
-    residual, level, inside = _high_pass(np.where(finite, image, 0).astype(np.float32), usable)
+    values = np.where(finite, image, 0).astype(np.float32)
+    residual = ndimage.correlate1d(ndimage.correlate1d(values, FOURTH, axis=0), FOURTH, axis=1)
+    residual /= np.float32(np.sum(FOURTH**2))
+    level = ndimage.uniform_filter(values, 5)
+    inside = usable.copy()  # where the 5 x 5 support is valid
+    inside[:2] = inside[-2:] = inside[:, :2] = inside[:, -2:] = False
+    if not usable.all():
+        inside &= ndimage.minimum_filter(usable, 5)
     if np.count_nonzero(inside) < 16:
         raise InputError(
             "noise cannot be estimated: fewer than 16 pixels have valid neighbours; enlarge the roi"
@@ -101,22 +110,6 @@ def estimate_noise(
         res, lev = res[inner], lev[inner]
     offset, slope = _fit_levels(res, lev)
     return NoiseModel(offset=offset, slope=slope, floor=floor)
-
-
-def _high_pass(
-    values: np.ndarray, usable: npt.NDArray[np.bool_]
-) -> tuple[np.ndarray, np.ndarray, npt.NDArray[np.bool_]]:
-    """Noise residual, smooth grey level, and where the 5 x 5 support is valid (borders are not)."""
-    from scipy import ndimage
-
-    residual = ndimage.correlate1d(ndimage.correlate1d(values, FOURTH, axis=0), FOURTH, axis=1)
-    residual /= np.float32(np.sum(FOURTH**2))
-    level = ndimage.uniform_filter(values, 5)
-    inside = usable.copy()
-    inside[:2] = inside[-2:] = inside[:, :2] = inside[:, -2:] = False
-    if not usable.all():
-        inside &= ndimage.minimum_filter(usable, 5)
-    return residual, level, inside
 
 
 def _clipped_variance(residual: np.ndarray) -> tuple[float, int]:

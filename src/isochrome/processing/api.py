@@ -216,18 +216,14 @@ def process(
         return replace(result, as_stated=as_stated)
 
 
-MAPS = ("all", "key", "none")
-"""What may be asked for."""
-
-
 def _check_options(
     track: bool, each: bool, maps: str | None, preview: bool, out: str | Path | None
 ) -> None:
-    """Refuse options that say two things, or nothing. Raises InputError."""
+    """Refuse options that say two things, or nothing."""
     if track and each:
         raise InputError("--track and --each: a set is followed, or each frame is alone; give one")
-    if maps not in (None, *MAPS):
-        raise InputError(f"--maps {maps}: give {', '.join(MAPS)}")
+    if maps not in (None, "all", "key", "none"):
+        raise InputError(f"--maps {maps}: give all, key, none")
     if preview and out is None:
         raise InputError("preview: is written beside the results; give a folder for them (out)")
 

@@ -681,6 +681,11 @@ def _look(
     design = known.design(
         theta, frame, selected[picked], shown, ideal[picked], change[place[picked]]
     )
+    unit = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 0.3)
+    across = ideal - unit * np.sum(unit * ideal, axis=1, keepdims=True)
+    relief_sums = np.zeros((2, *inside.shape))
+    relief_sums[0][inside] = np.sum(np.clip(away, -_STRANGE, _STRANGE) * across, axis=1)
+    relief_sums[1][inside] = np.sum(across**2, axis=1)
     return _Look(
         equations=(
             (weight / contrast)[..., None] * design,
@@ -692,18 +697,8 @@ def _look(
         square=square,
         order=choice.order,
         torn=float(np.mean(tears[readable])) if readable.any() else 1.0,
-        relief=_relief_sums(inside, ideal, slope, away),
+        relief=relief_sums,
     )
-
-
-def _relief_sums(inside: Mask, ideal: Array, slope: Array, away: Array) -> Array:
-    """A frame's part of what `added_relief` takes (2, rows, cols), of the pixels `inside`."""
-    unit = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 0.3)
-    across = ideal - unit * np.sum(unit * ideal, axis=1, keepdims=True)
-    sums = np.zeros((2, *inside.shape))
-    sums[0][inside] = np.sum(np.clip(away, -_STRANGE, _STRANGE) * across, axis=1)
-    sums[1][inside] = np.sum(across**2, axis=1)
-    return sums
 
 
 def _root(square: Array) -> float:

@@ -87,10 +87,22 @@ class UnloadedFilm(Film):
         data = FilmData(first, scene, capture)
         own, other = (capture.dark, capture.bright)[:: int(data.sign)]
         zero, rough = (own.image, False) if own else smooth_zero(data.light(first), data.valid)
-        top = _first_pass(captured(), data, zero, count)
-        _refuse_loaded(top, data, scene)
+        top, below = BrightestLight(), joined_pixels(zero, data.by)
+        for index, (frame, *_) in captured():
+            top.add(np.float32(data.sign) * (joined_pixels(data.light(frame), data.by) - below))
+            if index % max(1, count // _NOISE_FRAMES) == 0:
+                data.take_noise(frame)
+        least = -_DARKER * top.contrast(data.material)
+        share = float(np.mean((top.lowest < least)[data.material]))
+        if share > _DARKER_SHARE:  # later ones fall below its light
+            than = "brighter than later ones" if data.sign > 0 else "darker than later ones"
+            raise PhysicsError(NOT_UNLOADED.format(scene.name, than, 100.0 * share))
         given = None if other is None else np.maximum(data.sign * (other.image - zero), 1e-3)
-        surface = _surface(top, data, scene) if given is None else joined_pixels(given, data.by)
+        try:
+            on_blocks = None if given is None else joined_pixels(given, data.by)
+            surface = top.surface(data.material) if on_blocks is None else on_blocks
+        except InputError as error:
+            raise PhysicsError(f"{scene.name}: {error}") from error
         none = np.zeros_like(surface)
         guide = FilmLight(
             zero=joined_pixels(zero, data.by), illumination=surface, error=none, zero_error=none,
@@ -104,33 +116,6 @@ class UnloadedFilm(Film):
         path.follow((*data.joined(frames[0]), film_time(frames[0], k)) for k, frames in captured())
         light, notes = _final_light(path, data, zero, given, scene)
         return replace(self, film=data.film(path, light, count, notes))
-
-
-def _first_pass(frames: Frames, data: FilmData, zero: Array, count: int) -> BrightestLight:
-    """The brightest light of a film, and its noise."""
-    top, below = BrightestLight(), joined_pixels(zero, data.by)
-    for index, (frame, *_) in frames:
-        top.add(np.float32(data.sign) * (joined_pixels(data.light(frame), data.by) - below))
-        if index % max(1, count // _NOISE_FRAMES) == 0:
-            data.take_noise(frame)
-    return top
-
-
-def _surface(top: BrightestLight, data: FilmData, scene: Scene) -> Array:
-    """The illumination that the crests of a film lie on, on blocks. Raises PhysicsError."""
-    try:
-        return top.surface(data.material)
-    except InputError as error:
-        raise PhysicsError(f"{scene.name}: {error}") from error
-
-
-def _refuse_loaded(top: BrightestLight, data: FilmData, scene: Scene) -> None:
-    """Refuse a film whose first frame shows fringes, for later ones fall below its light."""
-    least = -_DARKER * top.contrast(data.material)
-    share = float(np.mean((top.lowest < least)[data.material]))
-    if share > _DARKER_SHARE:
-        than = "brighter than later ones" if data.sign > 0 else "darker than later ones"
-        raise PhysicsError(NOT_UNLOADED.format(scene.name, than, 100.0 * share))
 
 
 def _final_light(

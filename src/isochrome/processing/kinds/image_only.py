@@ -38,7 +38,6 @@ from isochrome.fringes import (
     FreeReading,
     KnownOrders,
     KnownPlaces,
-    NoLoadExposure,
     common_reading,
     exact_ends,
     find_no_load_exposure,
@@ -122,8 +121,14 @@ def no_load_light(
     if result.crest_sure or says_a_half(frames.stated_orders):
         notes = (EXPOSED.format(result.bright),)
         return NoLoadLight(result.ends, notes, dark_told=result.dark_told)
-    if result.bright < 1.0 and _says_alike(light, valid, no_load, result, frames):
-        return alike
+    if result.bright < 1.0:
+        exposed = result.dark * dark, result.bright * bright
+        own, other = (
+            sum(place.cost for place in _places(light, valid, ends, frames))
+            for ends in (no_load, exposed)
+        )
+        if own + CLEAR < other:  # known orders are clearly those of the no-load frames' own light
+            return alike
     return NoLoadLight(result.ends, refusal=CREST_OR_RIDGE.format(result.bright))
 
 
@@ -149,23 +154,6 @@ class _Place:
     def cost(self) -> float:
         """How badly both agree, chi²."""
         return min(((self.light - self.stated) / STATED_SPREAD) ** 2, MOST_COST)
-
-
-def _says_alike(
-    light: Array,
-    valid: Mask,
-    no_load: tuple[Array, Array],
-    exposure: NoLoadExposure,
-    frames: Frames,
-) -> bool:
-    """Whether known orders are clearly those of the no-load frames' own light."""
-    dark, bright = no_load
-    exposed = exposure.dark * dark, exposure.bright * bright
-    alike, other = (
-        sum(place.cost for place in _places(light, valid, ends, frames))
-        for ends in (no_load, exposed)
-    )
-    return bool(alike + CLEAR < other)
 
 
 def _places(light: Array, valid: Mask, ends: tuple[Array, Array], frames: Frames) -> list[_Place]:
