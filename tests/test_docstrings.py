@@ -72,7 +72,6 @@ NOT_YET = (
     "fitting/",
     "folder_report.py",
     "fringes/single_frame/",
-    "processing/",
 )
 """Where docstrings of inner names are still long: this list only gets shorter."""
 

@@ -27,14 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.figures import (
-    LINE_COLOURS,
-    LINE_PT,
-    NOTE_PT,
-    new_figure,
-    style_axes,
-)
-from isochrome.frames.linear import Linear, load_no_load, open_no_load_steps
+from isochrome.figures import LINE_COLOURS, LINE_PT, NOTE_PT, new_figure, style_axes
+from isochrome.frames.linear import load_no_load, open_no_load_steps
 from isochrome.frames.noise import estimate_noise, full_scale
 from isochrome.frames.opening import check_scale, open_scene_frames, with_file_scale
 from isochrome.frames.readers.signature import signature_of
@@ -93,7 +87,7 @@ class LoadSigns:
     swings: list[tuple[NDArray[np.int_], NDArray[np.int_]]] = field(default_factory=list)
 
     def add(self, frame: Frame, full: float, gamma: float) -> None:
-        """Look at one frame. Parameters: `frame`; `full` scale, grey levels; the `gamma`."""
+        """Look at one frame, whose grey levels end at `full`."""
         blocks = _blocks(frame.image, frame.mask) / full
         light = np.sign(blocks) * np.abs(blocks) ** gamma
         self.unlike.append({key: _unlike(light, picture) for key, picture in self.pictures.items()})
@@ -106,8 +100,8 @@ class LoadSigns:
 def load_signs(reader: FrameReader, scene: Scene) -> LoadSigns | None:
     """Begin to look for unloaded frames.
 
-    Parameters: `reader`; `scene`. Returns None where the scene says that the load changes, or that
-    some frames have none, and for phase steps and colours.
+    None where the scene says that the load changes, or that some frames have none, and for phase
+    steps and colours.
     """
     frames, load = scene.frames, scene.load
     changes = load is not None and not isinstance(load.normal_n, int | float)
@@ -122,7 +116,9 @@ def load_signs(reader: FrameReader, scene: Scene) -> LoadSigns | None:
     signs = LoadSigns()
     for key, one in (("no_load_dark", dark), ("no_load_bright", bright)):
         if one is not None:
-            signs.pictures[f"frames.{key}"] = _of_light(one, frames.first_gamma)
+            # by the means of its levels, edges included, as that of frames
+            levels = _blocks(np.maximum(one.image, 0.0) ** (1.0 / frames.first_gamma), one.valid)
+            signs.pictures[f"frames.{key}"] = np.asarray(levels**frames.first_gamma)
     if bright is not None:
         signs.span = float(np.percentile(bright.image[bright.valid], 98.0))
     return signs
@@ -131,11 +127,9 @@ def load_signs(reader: FrameReader, scene: Scene) -> LoadSigns | None:
 def unloaded_frames(
     signs: LoadSigns, low: Sequence[float], high: Sequence[float], full: float, gamma: float
 ) -> tuple[dict[str, list[int]], list[int]]:
-    """Tell which frames look unloaded.
-
-    Parameters: `signs` of all frames; their `low` and `high` levels, NaN where blank; `full` scale;
-    the scene's `gamma`. Returns the frames' numbers by the no-load picture that they are like, and
-    those without fringes among others with many.
+    """The numbers of frames that look unloaded, by the no-load picture that they are like, and of
+    those without fringes among others with many. `low` and `high`, the frames' levels, NaN where
+    blank.
     """
     span = np.array(high) - np.array(low)
     if not np.isfinite(span).any():
@@ -146,8 +140,7 @@ def unloaded_frames(
         near = [key for key, value in far.items() if value < _ALIKE * light]
         if near:
             like.setdefault(min(near, key=lambda key: far[key]), []).append(index)
-    heights = np.array(_SWINGS) * full
-    usable = np.flatnonzero(heights <= _OF_SPAN * np.nanmax(span))
+    usable = np.flatnonzero((np.array(_SWINGS) * full) <= _OF_SPAN * np.nanmax(span))
     if not usable.size:
         return like, []
     most, usual = (np.array([pair[k][usable[-1]] for pair in signs.swings]) for k in (0, 1))
@@ -179,12 +172,6 @@ def _blocks(image: NDArray[Any], mask: NDArray[np.bool_] | None) -> Array:
     rows, cols = (n // by for n in values.shape)
     cut = values[: rows * by, : cols * by]
     return np.asarray(cut.reshape(rows, by, cols, by).mean(axis=(1, 3)))
-
-
-def _of_light(picture: Linear, gamma: float) -> Array:
-    """A no-load frame's light as that of frames: by the means of its levels, edges included."""
-    levels = _blocks(np.maximum(picture.image, 0.0) ** (1.0 / gamma), picture.valid)
-    return np.asarray(levels**gamma)
 
 
 def _unlike(light: Array, picture: Array) -> float:
@@ -263,17 +250,14 @@ class Survey:
 
 
 def survey(reader: FrameReader, scene: Scene) -> Survey:
-    """Read all frames once, in memory that does not grow with their pixels.
-
-    Parameters: `reader`; `scene`. Returns a Survey; an InputError on the way ends it and is kept in
-    `failure`.
+    """Read all frames once, in memory that does not grow with their pixels; an InputError
+    ends it.
     """
     result, by_digest = Survey(load=load_signs(reader, scene)), dict[bytes, int]()
     full = full_scale(reader.bit_depth)
     try:
         for frame in reader:
-            level = saturation_level(frame.image, full=full)
-            _add(result, frame.image, level, frame.mask)
+            _add(result, frame.image, saturation_level(frame.image, full=full), frame.mask)
             if result.load is not None:
                 result.load.add(frame, full, scene.frames.first_gamma)
             key = hashlib.sha1(frame.image.data, usedforsecurity=False).digest()
@@ -516,14 +500,6 @@ def of_no_load(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Fin
         return
     if not light.count or np.isnan(light.low).all():
         return
-    yield from _of_exposure(reader, light, scene, dark, bright)
-
-
-def _of_exposure(
-    reader: FrameReader, light: Survey, scene: Scene, dark: Linear | None, bright: Linear | None
-) -> Iterator[Finding]:
-    """Findings on the no-load frames' exposure against the captured frames'."""
-    frames = scene.frames
     full = full_scale(reader.bit_depth)
     low = (max(float(np.nanmin(light.low)), 0) / full) ** frames.first_gamma
     high = (max(float(np.nanmax(light.high)), 0) / full) ** frames.first_gamma
@@ -694,8 +670,7 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
 
 
 def _of_count(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Finding]:
-    timed = scene.frames.sliding_speed_mm_per_s is not None
-    if timed and light.untimed:
+    if scene.frames.sliding_speed_mm_per_s is not None and light.untimed:
         text = f"{light.untimed} of {light.count} frames carry no time, and sliding_speed_mm_per_s "
         yield Finding("error", text + "needs it; remove that key, or give a timed video")
     claimed = reader.claimed_count
@@ -707,10 +682,7 @@ def _of_count(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Find
 
 
 def light_figure(light: Survey) -> Figure:
-    """The span of the grey levels of each frame, and the share of its pixels at full scale.
-
-    Parameters: `light`. Returns a Figure.
-    """
+    """The span of the grey levels of each frame, and the share of its pixels at full scale."""
     figure = new_figure(7.5, 4.6)
     panels: Any = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     levels, saturated = panels

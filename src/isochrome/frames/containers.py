@@ -61,8 +61,8 @@ LOOKED_AT = 64
 def length_bytes(configuration: bytes | None) -> int | None:
     """The bytes that tell a unit's length, where every access unit is sure to be one frame.
 
-    Parameters: `configuration`, what the container keeps of the decoder's. Returns None where it is
-    of another kind, or its sequence parameters allow of fields, or leave it open.
+    None where the decoder's configuration is of another kind, or its sequence parameters allow of
+    fields, or leave it open.
     """
     if not configuration or len(configuration) < 6 or configuration[0] != 1:
         return None
@@ -78,8 +78,8 @@ def length_bytes(configuration: bytes | None) -> int | None:
 def begins_anew(packet: bytes, length: int) -> bool | None:
     """Whether decoding can begin with the one frame of a packet, which no later one looks beyond.
 
-    Parameters: `packet`; `length`, the bytes of a unit's length. Returns None where it holds no
-    frame, or several, or something else than H.264 without layers.
+    `length`, the bytes of a unit's length. None where it holds no frame, or several, or something
+    else than H.264 without layers.
     """
     is_key: bool | None = None
     place = 0
@@ -143,10 +143,7 @@ MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
 def is_whole(packet: bytes) -> bool:
-    """Whether all slices of a packet of version 3 are what their checksums say.
-
-    Parameters: `packet`. Returns True too where it has no checksums, as `-slicecrc 0` writes it.
-    """
+    """Whether all slices of a packet of version 3 are what their checksums say, if it has any."""
     slices = _slices(packet, WITH)
     if slices:
         # the checksum of all bytes and of their checksum is zero, with a start of zero
@@ -182,11 +179,11 @@ BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"uuid", b"moof",
 
 
 def check_whole(path: Path) -> Container:
-    """Walk through a video's structure, without decoding. Cost: a few bytes a frame.
+    """Walk through a video's structure, without decoding: a few bytes a frame. Gives its container.
 
-    Parameters: `path`. Returns its container. Raises InputError where it is of another kind,
-    breaks off, or is damaged between its frames. A recording that was never closed (sizes left at
-    zero or 'unknown') passes when all that it holds is whole.
+    InputError where it is of another kind, breaks off, or is damaged between its frames. A
+    recording that was never closed (sizes of zero or 'unknown') passes when all that it holds is
+    whole.
     """
     try:
         with open(path, "rb") as file:
@@ -218,8 +215,10 @@ def container_of(file: BinaryIO) -> Container | None:
         return "mp4"
     if head == bytes.fromhex("3026b2758e66cf11a6d900aa0062ce6c"):
         return "asf"
-    starts = head[:4] in (b"\x00\x00\x01\xba", b"\x00\x00\x01\xb3")
-    return "mpeg" if starts or _is_stream(head, file) else None
+    if head[:4] in (b"\x00\x00\x01\xba", b"\x00\x00\x01\xb3"):
+        return "mpeg"
+    file.seek(188)  # a transport stream: packets of 188 bytes, each begun by 0x47
+    return "mpeg" if head[:1] == b"\x47" == file.read(1) else None
 
 
 def _broken(path: Path, place: int, end: int) -> InputError:
@@ -235,12 +234,6 @@ def _damaged(path: Path, place: int) -> InputError:
         f"{path}: is damaged at byte {place}, and frames after it may be lost; copy it again from "
         "its source (what is left of it: 'ffmpeg -i FILE -c copy NEW')"
     )
-
-
-def _is_stream(head: bytes, file: BinaryIO) -> bool:
-    """Whether it is an MPEG transport stream: packets of 188 bytes, each begun by 0x47."""
-    file.seek(188)
-    return head[:1] == b"\x47" == file.read(1)
 
 
 def _avi(file: BinaryIO, end: int, path: Path) -> None:
@@ -405,10 +398,10 @@ class Decoded:
 
 
 def decoded(path: Path, kind: Container, key: tuple[int, int] | None = None) -> Generator[Decoded]:
-    """Every frame of a video in the order of display; a damaged one is an InputError.
+    """Every frame of a video in the order of display, from a key frame's (number, tick) or the
+    first.
 
-    Parameters: `path`; `kind` of container; `key`, the number and tick of a key frame to begin at
-    (frames before it in time may come too), None for the first frame.
+    Frames before the key frame in time may come too. A damaged one is an InputError.
     """
     with open_container(path) as (container, stream):
         if key is not None:
@@ -551,10 +544,7 @@ class Places:
 
 
 def by_packets(path: Path, kind: Container) -> Places | None:
-    """What the packets tell; None where they may be other than a frame each.
-
-    Parameters: `path`; `kind` of container. Raises InputError where the file cannot be opened.
-    """
+    """What the packets tell; None where they may be other than a frame each."""
     ticks: list[int] = []
     keys: list[int] = []
     with open_container(path) as (container, stream):

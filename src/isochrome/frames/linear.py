@@ -159,16 +159,7 @@ def to_linear(
         )
     full = full_scale(bit_depth)
     finite = np.isfinite(raw)
-    if not finite.any():
-        raise InputError(f"{name}: holds no number (NaN only); check how it was written")
-    numbers = raw if finite.all() else raw[finite]
-    low, high = float(numbers.min()), float(numbers.max())
-    if high > full:
-        given = f"{bit_depth} bits end" if bit_depth else "float frames without a bit depth end"
-        raise InputError(f"{name}: holds {high:g}, and {given} at {full:g}; set camera.bit_depth")
-    if low == high and not allow_blank:
-        what = "all black" if high <= 0 else "all white" if high >= full else "constant"
-        raise InputError(f"{name}: is {what} (every pixel {high:g}); check light and exposure")
+    _check_levels(raw if finite.all() else raw[finite], bit_depth, allow_blank, name)
     light = raw.astype(np.float32)
     light[~finite] = 0.0
     light /= np.float32(full)
@@ -180,6 +171,19 @@ def to_linear(
     if mask is not None:
         valid &= mask
     return Linear(image=light, valid=valid)
+
+
+def _check_levels(numbers: np.ndarray, bit_depth: int | None, allow_blank: bool, name: str) -> None:
+    """Refuse a frame without a number, beyond its bit depth, or of one value."""
+    if not numbers.size:
+        raise InputError(f"{name}: holds no number (NaN only); check how it was written")
+    full, low, high = full_scale(bit_depth), float(numbers.min()), float(numbers.max())
+    if high > full:
+        given = f"{bit_depth} bits end" if bit_depth else "float frames without a bit depth end"
+        raise InputError(f"{name}: holds {high:g}, and {given} at {full:g}; set camera.bit_depth")
+    if low == high and not allow_blank:
+        what = "all black" if high <= 0 else "all white" if high >= full else "constant"
+        raise InputError(f"{name}: is {what} (every pixel {high:g}); check light and exposure")
 
 
 def find_outliers(image: np.ndarray, finite: Mask | None = None) -> Mask:

@@ -149,7 +149,9 @@ def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int], 
             f"{key} encloses {area:.2g} pixels; give at least three corners that do "
             "not lie on one line"
         )
-    outside, swapped = (_beyond(each, shape) for each in (points, points[:, ::-1]))
+    outside, swapped = (
+        (each < -1).any() or (each > np.array(shape)).any() for each in (points, points[:, ::-1])
+    )
     if outside and not swapped:
         raise InputError(
             f"{key} leaves the region of interest of {shape} pixels (rows, columns), "
@@ -164,16 +166,12 @@ def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int], 
     return inside
 
 
-def _beyond(points: NDArray[np.float64], shape: tuple[int, int]) -> bool:
-    return bool((points < -1).any() or (points > np.array(shape)).any())
-
-
 def crossing_sides(points: NDArray[np.float64]) -> tuple[int, int] | None:
-    """The first two sides of a closed polygon that cross, by the signs of four triangles' areas.
+    """The first two sides of a closed polygon (n, 2) that cross, by the signs of four triangles'
+    areas.
 
-    Parameters: `points` (n, 2), its corners in order. Returns the sides' numbers from 0, side i
-    going from corner i to the next, or None. Sides that only touch do not cross.
-    Source: O'Rourke (1998), Computational Geometry in C, section 1.5.
+    Side i goes from corner i, from 0, to the next. Sides that only touch do not cross. Source:
+    O'Rourke (1998), Computational Geometry in C, section 1.5.
     """
     ends = np.roll(points, -1, axis=0)
 

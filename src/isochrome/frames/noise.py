@@ -56,9 +56,8 @@ class NoiseModel:
     ) -> np.ndarray:
         """Standard deviation of the linear image, as a fraction of full scale.
 
-        sigma_lin = gamma * (raw / full)^(gamma - 1) * sigma(raw) / full. Parameters: `values`, raw
-        grey levels; `bit_depth` (None: float frames, full scale 1); `gamma` as in `to_linear`.
-        Near black the raw level is taken as one sigma at least, where the first order ends.
+        sigma_lin = gamma * (raw / full)^(gamma - 1) * sigma(raw) / full. Near black the raw level
+        is taken as one sigma at least, where the first order ends.
         """
         full = full_scale(bit_depth)
         sigma = self.sigma(values)
@@ -81,6 +80,8 @@ def estimate_noise(
     `noise_between_pixels`. By the bit depth levels near black and white, where clipping hides
     noise, are left out. InputError where it is under 8 x 8 or has too few valid pixels.
     """
+    from scipy import ndimage
+
     image = np.asarray(image)
     if image.ndim != 2 or min(image.shape) < 8:
         raise InputError(f"noise needs a frame of at least 8 x 8 pixels, not {image.shape}")
@@ -90,7 +91,13 @@ def estimate_noise(
     finite = np.isfinite(image)
     usable = finite if valid is None else finite & valid
     values = np.where(finite, image, 0).astype(np.float32)
-    residual, level, inside = _high_pass(values, usable)
+    residual = ndimage.correlate1d(ndimage.correlate1d(values, FOURTH, axis=0), FOURTH, axis=1)
+    residual /= np.float32(np.sum(FOURTH**2))
+    level = ndimage.uniform_filter(values, 5)
+    inside = usable.copy()  # where the 5 x 5 support is valid
+    inside[:2] = inside[-2:] = inside[:, :2] = inside[:, -2:] = False
+    if not usable.all():
+        inside &= ndimage.minimum_filter(usable, 5)
     if np.count_nonzero(inside) < 16:
         raise InputError(
             "noise cannot be estimated: fewer than 16 pixels have valid neighbours; enlarge the roi"
@@ -98,28 +105,11 @@ def estimate_noise(
     floor = QUANTISATION if integer else float(np.finfo(np.float32).tiny)
     res, lev = residual[inside].astype(float), level[inside].astype(float)
     rough = np.sqrt(max(_clipped_variance(res)[0], floor))
-    full = full_scale(bit_depth)
-    inner = (lev > 4 * rough) & (lev < full - 4 * rough)
+    inner = (lev > 4 * rough) & (lev < full_scale(bit_depth) - 4 * rough)
     if np.count_nonzero(inner) > max(200, 0.02 * inner.size):
         res, lev = res[inner], lev[inner]
     offset, slope = _fit_levels(res, lev)
     return NoiseModel(offset=offset, slope=slope, floor=floor)
-
-
-def _high_pass(
-    values: np.ndarray, usable: npt.NDArray[np.bool_]
-) -> tuple[np.ndarray, np.ndarray, npt.NDArray[np.bool_]]:
-    """Noise residual, smooth grey level, and where the 5 x 5 support is valid (borders are not)."""
-    from scipy import ndimage
-
-    residual = ndimage.correlate1d(ndimage.correlate1d(values, FOURTH, axis=0), FOURTH, axis=1)
-    residual /= np.float32(np.sum(FOURTH**2))
-    level = ndimage.uniform_filter(values, 5)
-    inside = usable.copy()
-    inside[:2] = inside[-2:] = inside[:, :2] = inside[:, -2:] = False
-    if not usable.all():
-        inside &= ndimage.minimum_filter(usable, 5)
-    return residual, level, inside
 
 
 def _clipped_variance(residual: np.ndarray) -> tuple[float, int]:
@@ -191,8 +181,7 @@ def noise_between_pixels(
 
 def _polynomials(side: int, degree: int) -> np.ndarray:
     """Orthonormal polynomials of two places in a square: (pixels, terms)."""
-    x = np.linspace(-1.0, 1.0, side)
-    powers = np.polynomial.legendre.legvander(x, degree)
+    powers = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, side), degree)
     terms = [
         np.outer(powers[:, i], powers[:, j]).ravel()
         for i in range(degree + 1)

@@ -42,10 +42,7 @@ from isochrome.scene import ArrayFrames, Camera, FramesLike, Roi, Scene, frames_
 
 
 def open_arrays(frames: ArrayFrames) -> Source:
-    """Look at the form of frames in memory. Returns their Source.
-
-    Parameters: `frames`. Raises InputError where their type or size is none that a file may have.
-    """
+    """The Source of frames in memory; InputError where no file may have their type or size."""
     rows, cols, *colours = frames.form
     dtype = check_dtype(str(frames), frames.dtype)
     check_size(str(frames), rows, cols, dtype.itemsize * (colours[0] if colours else 1))
@@ -96,7 +93,7 @@ class Parts:
     def __init__(
         self, files: tuple[Path, ...], opener: Callable[[Path], Source], first: Source
     ) -> None:
-        """Parameters: `files`, in order; `opener` of one; `first`, the first file's source."""
+        """`opener` opens one of the files; `first` is the first one's source."""
         self.files, self._opener = files, opener
         self._sources: dict[int, Source] = {0: first}
         self._first = first
@@ -150,8 +147,7 @@ class Parts:
         """All parts' frames, counted as surely as each of them is."""
         done = Extent(0, 0.0)
         for number in range(len(self.files)):
-            begin = self._begin(number, done.end_s)
-            done = _after(done, begin, self.source(number).extent())
+            done = _after(done, self._begin(number, done.end_s), self.source(number).extent())
         return done
 
     def _begin(self, number: int, end_s: float | None) -> float | None:
@@ -192,10 +188,9 @@ def _after(done: Extent, begin: float | None, part: Extent) -> Extent:
 
 
 def open_parts(files: tuple[Path, ...], opener: Callable[[Path], Source]) -> Source:
-    """Several videos, or several TIFF stacks, as one recording. Returns its Source.
+    """Several videos, or several TIFF stacks, as one recording.
 
-    Parameters: `files` in order; `opener` of one of them. Raises InputError, here for the first
-    file, and for a later one when it is come to.
+    InputError here for the first file, and for a later one when it is come to.
     """
     first = opener(files[0])
     if len(files) == 1:
@@ -361,8 +356,7 @@ def absolute(frames: FramesLike, scene: Scene) -> tuple[FramesLike, Scene]:
         located = str(Path(located).absolute())
     elif isinstance(located, tuple):
         located = tuple(str(Path(path).absolute()) for path in located)
-    folder = (scene.folder or Path()).absolute()
-    return located, scene.model_copy(update={"folder": folder})
+    return located, scene.model_copy(update={"folder": (scene.folder or Path()).absolute()})
 
 
 def check_scale(reader: FrameReader, camera: Camera | None) -> None:
@@ -454,12 +448,7 @@ def _suffix(path: Path) -> str:
 
 
 def _of_files(files: tuple[Path, ...], kind: Kind) -> Source:
-    for file in files:
-        if _suffix(file) not in KNOWN:
-            raise InputError(
-                f"{file}: frames cannot be read from a file of this kind; known are "
-                f"{', '.join(KNOWN)}, or a folder of images or videos"
-            )
+    _check_kinds(files, ", or a folder of images or videos")
     kinds = [signature_of(f).kind for f in files]
     moving = [f for f, media in zip(files, kinds, strict=True) if media == "video"]
     if moving and len(moving) < len(files):
@@ -489,29 +478,17 @@ def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[F
     """
     if not names:
         raise InputError("no frames are named; name at least one file or folder")
-    if join and len(names) == 1:
-        return (names[0],)
-    places = [place for name in _in_order(names) for place in _places(name)]
-    folders = [place for place in places if os.path.isdir(place)]
-    if join and folders:
-        raise InputError(
-            f"{folders[0]}: is a folder, which is a recording by itself, and --join is for files; "
-            "name the files of one recording"
-        )
+    if join:
+        return (_joined(names),)
+    places = _places(names)
     if len(names) == 1 and len(places) == 1:
         return (names[0],)
-    for place in places:
-        if place not in folders and _suffix(place) not in KNOWN:
-            raise InputError(
-                f"{place}: frames cannot be read from a file of this kind; known are "
-                f"{', '.join(KNOWN)}; leave it out, as 'runs/*.avi' leaves out all but .avi files"
-            )
-    if join:
-        return (tuple(places),)
-    single = [place for place in places if _holds_several(place) is False]
+    _check_kinds(places, "; leave it out, as 'runs/*.avi' leaves out all but .avi files")
+    several = {place: _holds_several(place) for place in places}
+    single = [place for place, holds in several.items() if holds is False]
+    recordings = [place for place, holds in several.items() if holds]
     if not single:
         return tuple({os.path.abspath(place): place for place in places}.values())
-    recordings = [place for place in places if _holds_several(place)]
     if recordings:
         raise InputError(
             f"{single[0]}: is a single image and {recordings[0]} a whole recording; images, "
@@ -519,6 +496,30 @@ def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[F
             "name the ones or the others (parts of one recording: --join)"
         )
     return (names[0],) if len(names) == 1 else (tuple(places),)
+
+
+def _joined(names: Sequence[str | Path]) -> FramesPath:
+    """The parts of one recording."""
+    if len(names) == 1:
+        return names[0]
+    places = _places(names)
+    for folder in filter(os.path.isdir, places):
+        raise InputError(
+            f"{folder}: is a folder, which is a recording by itself, and --join is for files; "
+            "name the files of one recording"
+        )
+    _check_kinds(places, "; leave it out, as 'runs/*.avi' leaves out all but .avi files")
+    return tuple(places)
+
+
+def _check_kinds(places: Sequence[Path], advice: str) -> None:
+    """Refuse a file from which no frames can be read."""
+    for place in places:
+        if _suffix(place) not in KNOWN and not os.path.isdir(place):
+            raise InputError(
+                f"{place}: frames cannot be read from a file of this kind; known are "
+                f"{', '.join(KNOWN)}{advice}"
+            )
 
 
 def one_recording(names: Sequence[str | Path], *, join: bool = False) -> FramesPath:
@@ -535,19 +536,20 @@ def one_recording(names: Sequence[str | Path], *, join: bool = False) -> FramesP
     return recordings[0]
 
 
-def _in_order(names: Sequence[str | Path]) -> list[str | Path]:
-    """Names in natural order where they are in the alphabet's, by the letters or by the codes."""
+def _places(names: Sequence[str | Path]) -> list[Path]:
+    """Files and folders, globs expanded, in natural order where names are in the alphabet's.
+
+    By the letters or by the codes.
+    """
     texts = [str(name) for name in names]
     letters = ["".join(c for c in text.casefold() if c.isalnum()) for text in texts]
-    expanded = texts == sorted(texts) or letters == sorted(letters)
-    return sorted(names, key=natural_key) if expanded else list(names)
-
-
-def _places(name: str | Path) -> list[Path]:
-    """The files and folders that a name stands for; itself where it is no glob."""
-    if os.path.lexists(name) or not glob.has_magic(os.fspath(name)):
-        return [Path(name)]
-    return list(matches(name))
+    if texts == sorted(texts) or letters == sorted(letters):
+        names = sorted(names, key=natural_key)
+    places: list[Path] = []
+    for name in names:
+        plain = os.path.lexists(name) or not glob.has_magic(os.fspath(name))
+        places += (Path(name),) if plain else matches(name)
+    return places
 
 
 def _holds_several(place: Path) -> bool | None:

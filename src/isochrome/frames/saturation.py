@@ -44,43 +44,44 @@ _NOISE, _FINE = 0.5, 1e-4
 """Grey levels, and of full scale: a computed frame has less noise, and even light of its own."""
 
 
-def saturation_level(
-    raw: np.ndarray, *, full: float, usable: npt.NDArray[np.bool_] | None = None
-) -> float:
-    """The level from which a frame is clipped, its plateau's, at full scale or below, or infinite.
-
-    A pixel that is not `usable`, such as a hot one, does not count.
-    """
+def saturation_level(raw: np.ndarray, *, full: float) -> float:
+    """From which level a frame is clipped: its plateau's, at full scale or below, or infinite."""
     image = np.asarray(raw)
-    usable = np.isfinite(image) if usable is None else np.isfinite(image) & usable
-    values = image.ravel() if usable.all() else image[usable]
+    usable = np.isfinite(image)
+    values = image[usable]
     if not values.size:
         return np.inf
     lowest, highest = float(values.min()), float(values.max())
     if lowest == highest:
         return highest if highest >= full else np.inf
     levels, counts = _histogram(values)
-    for i in _last_levels(levels, counts, 0.5 * (lowest + highest)):
+    # levels above the middle of the range with hardly any pixel above them, lowest first
+    above = counts.sum() - np.cumsum(counts)
+    last = (levels > 0.5 * (lowest + highest)) & (above <= _ABOVE * counts)
+    for i in np.flatnonzero(last).tolist():
         level, at_full = float(levels[i]), bool(levels[i] >= full)
         if not at_full and len(levels) < _FEWEST_LEVELS:
             continue
         plateau = usable & (image == level)
         fewest = _FEWEST_FULL if at_full else max(_FEWEST, _LEAST_SHARE * values.size)
-        if counts[i] < fewest or _share(plateau, _touching(plateau)) < _TOUCHING:
+        touching = np.pad(plateau, 1)  # a pixel of the plateau on one of the four sides
+        touching = (
+            touching[:-2, 1:-1] | touching[2:, 1:-1] | touching[1:-1, :-2] | touching[1:-1, 2:]
+        )
+        if counts[i] < fewest or _share(plateau, touching) < _TOUCHING:
             continue
         piled = _is_piled(levels[: i + 1], counts[: i + 1], at_full=at_full)
         if piled and at_full:
             return level
-        if (piled or _share(plateau, _solid(plateau)) > _SOLID) and _is_noisy(
+        solid = ndimage.minimum_filter(plateau, 3)  # all nine pixels about a place
+        if (piled or _share(plateau, solid) > _SOLID) and _is_noisy(
             image, usable & (image < level), full
         ):
             return level
     return np.inf
 
 
-def _histogram(
-    values: np.ndarray,
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _histogram(values: np.ndarray) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """The levels that occur and their pixels, (n,) each; none where no bright fractions agree."""
     if values.dtype == np.uint8:
         import cv2
@@ -101,13 +102,6 @@ def _histogram(
     return levels.astype(float), number.astype(float)
 
 
-def _last_levels(levels: np.ndarray, counts: np.ndarray, middle: float) -> list[int]:
-    """Levels above the middle of the range with hardly any pixel above them, lowest first."""
-    above = counts.sum() - np.cumsum(counts)
-    indices: list[int] = np.flatnonzero((levels > middle) & (above <= _ABOVE * counts)).tolist()
-    return indices
-
-
 def _is_piled(levels: np.ndarray, counts: np.ndarray, *, at_full: bool) -> bool:
     """Whether the last level has more pixels than those just below go on to."""
     below = counts[-5:-1][::-1]
@@ -117,17 +111,6 @@ def _is_piled(levels: np.ndarray, counts: np.ndarray, *, at_full: bool) -> bool:
     growth = max(near / far if far else near, 1.0) ** _GROWTH
     expected = near * (min(growth, _CREST) if at_full else growth)
     return bool(counts[-1] >= expected + _SIGMAS * np.sqrt(expected))
-
-
-def _touching(plateau: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Where a pixel on one of the four sides is of the plateau."""
-    padded = np.pad(plateau, 1)
-    return np.asarray(padded[:-2, 1:-1] | padded[2:, 1:-1] | padded[1:-1, :-2] | padded[1:-1, 2:])
-
-
-def _solid(plateau: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Where all nine pixels about a place are of the plateau."""
-    return np.asarray(ndimage.minimum_filter(plateau, 3))
 
 
 def _share(plateau: npt.NDArray[np.bool_], which: npt.NDArray[np.bool_]) -> float:

@@ -121,10 +121,8 @@ class Source:
 def turned(source: Source, rotate_deg: int, flip: str | None) -> Source:
     """A source whose pictures are turned, then mirrored, before anyone looks at them.
 
-    Parameters: `source`; `rotate_deg`, quarter turns, counter-clockwise as the picture is seen;
-    `flip`, 'horizontal', 'vertical' or None. Colours are decoded before, so that a turn leaves each
-    pixel its own. Returns a Source; the same where there is nothing to do. Raises InputError for
-    other turns.
+    Quarter turns, counter-clockwise as the picture is seen. Colours are decoded before, so that a
+    turn leaves each pixel its own.
     """
     if rotate_deg not in (0, 90, 180, 270):
         raise InputError(f"rotate_deg = {rotate_deg!r} is no quarter turn; give 0, 90, 180 or 270")
@@ -143,8 +141,7 @@ def _turned_frames(
 ) -> Generator[RawFrame]:
     with closing(source.frames(start)) as frames:
         for raw in frames:
-            image = as_turned(raw.image, rotate_deg, flip)
-            yield replace(raw, image=np.ascontiguousarray(image))
+            yield replace(raw, image=np.ascontiguousarray(as_turned(raw.image, rotate_deg, flip)))
 
 
 def _mirrored(image: np.ndarray, flip: str | None) -> np.ndarray:
@@ -199,9 +196,8 @@ class Stamp:
 
 @contextmanager
 def refusing(path: str | Path, what: str = "cannot be read") -> Iterator[None]:
-    """Turn whatever a decoding library raises into one InputError that names the file.
-
-    Parameters: `path`; `what`, the words after it. Warnings of the libraries are silenced.
+    """Turn whatever a decoding library raises into one InputError that names the file and
+    `what`.
     """
     try:
         with warnings.catch_warnings():
@@ -215,11 +211,7 @@ def refusing(path: str | Path, what: str = "cannot be read") -> Iterator[None]:
 
 
 def check_size(path: str | Path, rows: int, cols: int, pixel_bytes: int = 1) -> None:
-    """Refuse a frame whose head claims no pixels, or too many, before memory is taken for it.
-
-    Parameters: `path`; `rows`, `cols`; `pixel_bytes`, of all channels of a decoded pixel. Raises
-    InputError.
-    """
+    """Refuse a frame whose head claims no pixels, or too many, before memory is taken for it."""
     if rows <= 0 or cols <= 0 or rows * cols > MAX_PIXELS:
         raise InputError(
             f"{path}: claims a frame of {rows} x {cols} pixels, and 1 to {MAX_PIXELS} pixels are "

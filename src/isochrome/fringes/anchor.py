@@ -55,12 +55,11 @@ class Balance:
 
 
 def unwrap(phase: Array, mask: Mask) -> Array:
-    """Phase made continuous over the masked-in pixels, fringe quality first.
+    """Phase (rad) made continuous over the masked-in pixels, fringe quality first; NaN elsewhere.
 
-    A NaN hangs scikit-image's unwrap_phase, so that only finite pixels are passed to it, as a
-    masked array. Parameters: `phase` (rows, cols), rad; `mask`, True = valid. Returns (rows, cols),
-    rad, NaN elsewhere; parts that do not touch have whole turns of their own. Source: Herraez,
-    Burton, Lalor & Gdeisat (2002), Applied Optics 41, 7437.
+    A NaN hangs scikit-image's unwrap_phase, so that only finite pixels are passed to it. Parts that
+    do not touch have whole turns of their own. Source: Herraez, Burton, Lalor & Gdeisat (2002),
+    Applied Optics 41, 7437.
     """
     from skimage.restoration import unwrap_phase
 
@@ -94,8 +93,7 @@ def balance(
         for values in (load_turns, direction, turns, np.square(spread) / _BLOCK**2)
     )
     # a masked pixel here and there is no edge of the part
-    full = share > _FULL
-    depth = distance_transform_edt(np.pad(full, 1))[1:-1, 1:-1]
+    depth = distance_transform_edt(np.pad(share > _FULL, 1))[1:-1, 1:-1]
     for width in _WIDTHS:
         use = depth > _SUPPORT * width
         places = np.count_nonzero(use) / (4.0 * np.pi * width**2)
@@ -133,7 +131,6 @@ def _solve(bent: Array, turned: Array, turns: Array, noise: Array, places: float
         misfit = np.abs(bent + number * turned)
         # the noise of the sum is that of (turns + m) e, and of turns
         scale = np.sqrt(noise * (1.0 + (turns + number) ** 2)) + 1e-15
-        usual = np.median(misfit / scale)
-        weight = 1.0 / (scale * np.maximum(scale, misfit / usual) + 1e-30)
+        weight = 1.0 / (scale * np.maximum(scale, misfit / np.median(misfit / scale)) + 1e-30)
     spread = (weight**2 * misfit**2 * square).sum() * 0.5 * len(bent) / places
     return Balance(number, float(np.sqrt(spread)) / information)

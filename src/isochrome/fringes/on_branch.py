@@ -105,13 +105,17 @@ def read_order(
     spread /= np.maximum(information * information, 1e-24)
     uncertainty = np.sqrt(spread * np.maximum(misfit, 1.0) + stray * stray)
     largest = np.maximum(_LARGEST_MISFIT * amplitude, 2.0 * noise)
+    down, across = np.gradient(model)
+    down *= down
+    across *= across
+    down += across
     known = (
         (weight > 0.0)
         & (count > 0.5 * (2.0 * np.pi * _WINDOW_PX**2))
         & (uncertainty < LARGEST_UNCERTAINTY)
         & (misfit * (noise * noise) < largest * largest)
         & (np.abs(shift) < BRANCH)
-        & ~_too_steep(model)
+        & (down < np.float32(_STEEPEST**2))  # not finer than four pixels, nor beside no specimen
     )
     shift += without(model, material)
     return make_reading(np.abs(shift, out=shift), uncertainty, known, of=material)
@@ -188,15 +192,6 @@ def _moved_by_wide_windows(wave: _Wave) -> Array:
     return shift
 
 
-def _too_steep(order: Array) -> Mask:
-    """Where fringes are finer than four pixels, and beside what is no specimen."""
-    down, across = np.gradient(order)
-    down *= down
-    across *= across
-    down += across
-    return np.asarray(~(down < np.float32(_STEEPEST**2)))
-
-
 def probability(uncertainty: Array) -> Array:
     """Probability that an order with a normal error is right to `SURE`: erf(SURE/(√2 u)).
 
@@ -215,11 +210,7 @@ def probability(uncertainty: Array) -> Array:
 
 
 def make_reading(order: Array, uncertainty: Array, known: Mask, *, of: Mask) -> OrderReading:
-    """An OrderReading of known pixels, and which share they are of some.
-
-    Parameters: `order`, `uncertainty`, fringes; `known`, True where they are; `of`, True on the
-    pixels that could be known; all (rows, cols).
-    """
+    """An OrderReading of known pixels, and which share they are of some."""
     return OrderReading(
         masked(order, known),
         masked(uncertainty, known),
@@ -229,10 +220,8 @@ def make_reading(order: Array, uncertainty: Array, known: Mask, *, of: Mask) -> 
 
 
 def less_sure(reading: OrderReading, error: Array, largest: float) -> OrderReading:
-    """A reading whose orders may be off by more: u' = (u² + e²)^(1/2).
-
-    Parameters: `reading`; `error`, a standard uncertainty to be added (rows, cols), fringes;
-    `largest`, from which a pixel is not known. Returns an OrderReading.
+    """A reading whose orders may be off by more: u' = (u² + e²)^(1/2), not known from
+    `largest` on.
     """
     read = np.isfinite(reading.order)
     uncertainty = np.hypot(np.where(read, reading.uncertainty, 0.0), error)
@@ -242,10 +231,9 @@ def less_sure(reading: OrderReading, error: Array, largest: float) -> OrderReadi
 
 
 def moved_by_light(order: Array, error: Array) -> Array:
-    """How far an error of the signal moves an order that is read from it, fringes.
+    """How far an error e of the signal moves an order N that is read from it, fringes.
 
-    Equation: min(e/(pi |sin 2 pi N|), sqrt(e)/pi). Parameters: `order` N, fringes; `error` e of the
-    signal, of one shape.
+    min(e/(pi |sin 2 pi N|), sqrt(e)/pi).
     """
     slope = np.pi * np.abs(np.sin(2.0 * np.pi * order))
     return np.asarray(np.minimum(error / np.maximum(slope, 1e-9), np.sqrt(error) / np.pi))
@@ -259,8 +247,7 @@ def widened(reading: OrderReading, error: Array) -> OrderReading:
     more than sqrt(e)/pi. A pixel of more than 0.03 fringe is not known.
     """
     known = np.isfinite(reading.order)
-    order = np.where(known, reading.order, 0.0)
-    sine = np.abs(np.sin(2.0 * np.pi * order)) * known
+    sine = np.abs(np.sin(2.0 * np.pi * np.where(known, reading.order, 0.0))) * known
     pull = gaussian_sum(sine * error, _POOLED_PX)
     slope = np.pi * gaussian_sum(sine * sine, _POOLED_PX)
     moved = np.minimum(pull / np.maximum(slope, 1e-9), np.sqrt(error) / np.pi)

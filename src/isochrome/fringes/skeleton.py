@@ -25,7 +25,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
-from scipy.sparse import csgraph, csr_matrix
+from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
 from isochrome.errors import InputError
@@ -42,7 +42,7 @@ _RUN = 2.0  # a fringe centre is level along its run; the flank of a round fring
 _REACH_PX = 1.5  # neighbours: side by side or corner to corner
 
 
-def _whole(known: Mask, sigma_px: float) -> Mask:
+def _surrounded(known: Mask, sigma_px: float) -> Mask:
     """Mark the pixels whose neighbourhood is known, and not a continuation past the border."""
     share = ndimage.gaussian_filter(known.astype(float), sigma_px, mode="reflect")
     rim = int(np.ceil(sigma_px))
@@ -98,7 +98,8 @@ def line_points(image: Floats, sigma_px: float) -> tuple[Floats, Floats, Floats,
         step = -(g_r * n_r + g_c * n_c) / bent
         off_r, off_c = step * n_r, step * n_c  # NaN beside a level of one value: no line there
     level_run = np.abs(g_c * n_r - g_r * n_c) <= _RUN * sigma_px * np.abs(bent)
-    on_line = level_run & (np.abs(off_r) <= 0.6) & (np.abs(off_c) <= 0.6) & _whole(known, sigma_px)
+    on_line = level_run & (np.abs(off_r) <= 0.6) & (np.abs(off_c) <= 0.6)
+    on_line &= _surrounded(known, sigma_px)
     rows, cols = np.indices(image.shape, dtype=float)
     strength = np.where(on_line, sigma_px**2 * bent, 0.0)
     return strength, rows + np.where(on_line, off_r, 0), cols + np.where(on_line, off_c, 0), level
@@ -147,21 +148,18 @@ def _paths(points: NDArray[Any], min_length: float) -> Iterator[NDArray[Any]]:
         for number in range(count):
             yield from _paths(points[part == number], min_length)
         return
-    path = points[_longest_path(csgraph.minimum_spanning_tree(near))]
+    tree = csgraph.minimum_spanning_tree(near)
+    # its longest path is from the farthest point to the farthest from there
+    begin = int(np.argmax(csgraph.dijkstra(tree, directed=False, indices=0)))
+    reach, before = csgraph.dijkstra(tree, directed=False, indices=begin, return_predecessors=True)
+    order = [int(np.argmax(reach))]
+    while order[-1] != begin:
+        order.append(int(before[order[-1]]))
+    path = points[order]
     if len(path) >= min_length:
         yield path
         beside = cKDTree(path).query(points, distance_upper_bound=_REACH_PX)[0]
         yield from _paths(points[~np.isfinite(beside)], min_length)
-
-
-def _longest_path(tree: csr_matrix) -> list[int]:
-    """Find the longest path through a tree: the farthest point from the farthest point."""
-    begin = int(np.argmax(csgraph.dijkstra(tree, directed=False, indices=0)))
-    reach, before = csgraph.dijkstra(tree, directed=False, indices=begin, return_predecessors=True)
-    path = [int(np.argmax(reach))]
-    while path[-1] != begin:
-        path.append(int(before[path[-1]]))
-    return path
 
 
 Kind = Literal["dark", "bright"]
@@ -312,5 +310,4 @@ def _order_of(line: Skeleton, order: Floats) -> float | None:
     if known.size == 0 or known.size < _KNOWN * along.size:
         return None
     level = 0.5 * np.rint(2.0 * np.median(known))
-    near = np.abs(known - level) < _APART
-    return float(level) if near.mean() >= _MOST else None
+    return float(level) if (np.abs(known - level) < _APART).mean() >= _MOST else None

@@ -156,6 +156,5 @@ class _Blocks:
     def _informed(self, width_px: float) -> Array:
         """Inverse variance of such a shift."""
         if width_px not in self._information:
-            total = self._windows["slope"].sum(width_px)
-            self._information[width_px] = total + np.float32(_LEAST)
+            self._information[width_px] = self._windows["slope"].sum(width_px) + np.float32(_LEAST)
         return self._information[width_px]

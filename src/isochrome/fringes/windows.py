@@ -20,21 +20,14 @@ _COARSE = 1.75
 
 
 def block_means(values: Array, by: int) -> Array:
-    """Means over blocks of by x by pixels; a rim narrower than a block is left out.
-
-    Parameters: `values` (rows, cols, ...); `by`, pixels a side. Returns (rows // by, cols // by,
-    ...).
-    """
+    """Means over blocks of by x by pixels; a rim narrower than a block is left out."""
     rows, cols = (n // by for n in values.shape[:2])
     cut = values[: rows * by, : cols * by]
     return np.asarray(cut.reshape(rows, by, cols, by, *values.shape[2:]).mean(axis=(1, 3)))
 
 
 def valid_means(values: Array, valid: Mask, by: int) -> Array:
-    """Means over the valid pixels of each block; about nought where there are none.
-
-    Parameters: `values` and `valid`, True = trusted, of one shape, and `by` as in `block_means`.
-    """
+    """Means over the valid pixels of each block; about nought where there are none."""
     share = block_means(valid.astype(float), by)
     return block_means(np.where(valid, values, 0.0), by) / np.maximum(share, 1e-9)
 
@@ -48,11 +41,11 @@ def _window(width_px: float, reach: float) -> Array:
 
 
 def gaussian_sum(values: Array, width_px: float, *, reach: float = 4.0) -> Array:
-    """Sum over a Gaussian window whose weight is 1 in the middle.
+    """Sum over a Gaussian window whose weight is 1 in the middle, of values that are nought where
+    masked.
 
-    Parameters: `values` (rows, cols), nought where masked; `width_px`, the window's standard
-    deviation; `reach`, how many of them it extends. Returns (rows, cols), single precision.
-    The square of such a window is one of width/√2: it gives the variance of a pooled sum.
+    Its standard deviation is `width_px`, of which it extends `reach`. The square of such a window
+    is one of width/√2: it gives the variance of a pooled sum.
     """
     import cv2
 
@@ -83,15 +76,11 @@ class Windows:
         times = int(np.log2(max(1.0, min(share, *(n / 4 for n in shape)))))
         block = self._side * 2**times
         square = width_px**2 - (block**2 - 1) / 12.0 - (block**2 - self._side**2) / 6.0
-        small = gaussian_sum(self._level(times), np.sqrt(square) / block, reach=_REACH)
-        small *= float(width_px**2 / square * block**2)  # of so many pixels each is the mean
-        return expanded(small, shape, 2**times)
-
-    def _level(self, times: int) -> Array:
-        """The image halved so many times."""
         while len(self._halved) <= times:
             self._halved.append(halved(self._halved[-1]))
-        return self._halved[times]
+        small = gaussian_sum(self._halved[times], np.sqrt(square) / block, reach=_REACH)
+        small *= float(width_px**2 / square * block**2)  # of so many pixels each is the mean
+        return expanded(small, shape, 2**times)
 
 
 def halved(values: Array) -> Array:
@@ -117,11 +106,7 @@ def expanded(values: Array, shape: tuple[int, int], by: int) -> Array:
 
 
 def pooled(values: Array, width_px: float) -> Array:
-    """Mean over a Gaussian window, in single precision.
-
-    Parameters: `values` (rows, cols), real or complex, nought where masked; `width_px`, the
-    window's standard deviation. Returns (rows, cols).
-    """
+    """Mean over a Gaussian window, in single precision, of values that are nought where masked."""
     single = np.complex64 if np.iscomplexobj(values) else np.float32
     return np.asarray(gaussian_filter(values.astype(single), width_px))
 

@@ -1,5 +1,6 @@
 from .api import check_scene, process
 from .checking import check
+from .frame_task import own_scene
 from .kinds.with_model import placed_disc
 from .one_frame import (
     AnchorPreview,
@@ -7,7 +8,6 @@ from .one_frame import (
     FrameValue,
     PatchOrders,
     anchor_preview,
-    one_state,
     part_change,
     process_frame,
 )
@@ -28,7 +28,7 @@ __all__ = [
     "anchor_preview",
     "check",
     "check_scene",
-    "one_state",
+    "own_scene",
     "part_change",
     "placed_disc",
     "plot_order",

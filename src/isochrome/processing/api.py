@@ -24,14 +24,7 @@ from isochrome.frames import (
     with_file_scale,
 )
 from isochrome.output import counted, load_roifile
-from isochrome.processing.chunk import (
-    FILM,
-    blank_map,
-    film_map,
-    more_of,
-    process_chunk,
-    set_layout,
-)
+from isochrome.processing.chunk import FILM, blank_map, film_map, more_of, process_chunk, set_layout
 from isochrome.processing.frame_task import (
     FrameSource,
     FrameTask,
@@ -60,14 +53,7 @@ from isochrome.runs import (
     waiting_workers,
     working_folder,
 )
-from isochrome.scene import (
-    FramesLike,
-    Scene,
-    SceneLike,
-    check_pixel,
-    frames_of,
-    load_scene,
-)
+from isochrome.scene import FramesLike, Scene, SceneLike, check_pixel, frames_of, load_scene
 
 MOST_IN_MEMORY = 8_000_000_000
 """Bytes of maps beyond which a result belongs on the disk."""
@@ -230,18 +216,14 @@ def process(
         return replace(result, as_stated=as_stated)
 
 
-MAPS = ("all", "key", "none")
-"""What may be asked for."""
-
-
 def _check_options(
     track: bool, each: bool, maps: str | None, preview: bool, out: str | Path | None
 ) -> None:
-    """Refuse options that say two things, or nothing. Raises InputError."""
+    """Refuse options that say two things, or nothing."""
     if track and each:
         raise InputError("--track and --each: a set is followed, or each frame is alone; give one")
-    if maps not in (None, *MAPS):
-        raise InputError(f"--maps {maps}: give {', '.join(MAPS)}")
+    if maps not in (None, "all", "key", "none"):
+        raise InputError(f"--maps {maps}: give all, key, none")
     if preview and out is None:
         raise InputError("preview: is written beside the results; give a folder for them (out)")
 
@@ -257,8 +239,7 @@ def _kind_of_set(
 ) -> FrameKind:
     """How a set is processed: followed where that is asked, or is usual; else state by state."""
     keyed = accepts_keys(scene) and (track or (not each and reader.kind == "video"))
-    follow = not keyed and (track or (not each and is_followed(scene, reader)))
-    if follow:
+    if not keyed and (track or (not each and is_followed(scene, reader))):
         from isochrome.processing.kinds.tracked import EVERY, TrackedFilm
 
         return TrackedFilm(every=every or EVERY, wanted=maps)
@@ -326,10 +307,10 @@ def _processed(
 
 def _is_done(out: Path, identify: Callable[[], Mapping[str, Any]]) -> bool:
     """Whether a finished run has left all, by what the files hold: no frame is decoded for it."""
-    there = (out / PROVENANCE).is_file() and (out / STORE / "zarr.json").is_file()
-    if not there or working_folder(out).exists():  # an unfinished run, or one that is at work
+    if working_folder(out).exists():  # an unfinished run, or one that is at work
         return False
-    return holds_results(out.resolve(), identify())
+    complete = (out / PROVENANCE).is_file() and (out / STORE / "zarr.json").is_file()
+    return complete and holds_results(out.resolve(), identify())
 
 
 def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) -> Processed:
@@ -374,18 +355,7 @@ def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) ->
 
 
 def check_scene(scene: Scene) -> None:
-    """Refuse a scene whose frames cannot be read, before they are opened.
-
-    Parameters
-    ----------
-    scene : Scene
-        What stood in front of the camera.
-
-    Raises
-    ------
-    InputError
-        Where light, field or steps cannot tell the order.
-    """
+    """Refuse a scene whose light, field or steps cannot tell the order, before opening frames."""
     kind_of(scene).check(scene)
 
 
@@ -393,8 +363,8 @@ def _check_set(scene: Scene, reader: FrameReader, count: int) -> None:
     """Refuse a set that cannot be this scene's, before the first frame is processed."""
     if count == 0:
         raise InputError(f"{reader.path}: holds no frame; check the file")
-    alone = scene.polariscope.tells_orders
-    fitted = scene.has_model and scene.rim_diameter_mm is None and not alone
+    by_model = scene.has_model and not scene.polariscope.tells_orders
+    fitted = by_model and scene.rim_diameter_mm is None
     if fitted and (scene.camera is None or scene.camera.pixel_mm is None):
         raise InputError(f"{scene.name}: camera.pixel_mm is missing, and a fit needs it; add it")
     for name, text in misfits(reader, scene, count):

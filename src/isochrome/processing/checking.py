@@ -21,11 +21,7 @@ from isochrome.frames import (
 from isochrome.output import named_frames
 from isochrome.processing.frame_task import own_scene
 from isochrome.processing.kinds.image_only import told_exposure
-from isochrome.processing.kinds.known_loads import (
-    known_series,
-    process_known_loads,
-    tells_load,
-)
+from isochrome.processing.kinds.known_loads import known_series, process_known_loads, tells_load
 from isochrome.processing.kinds.with_model import frame_causes
 from isochrome.processing.result import Capture
 from isochrome.runs import single_threaded
@@ -82,11 +78,10 @@ def check(path: FramesLike, scene: SceneLike) -> Check:
     """
     scene = load_scene(scene)
     result = look_through(path, scene)
-    light = scene.polariscope
-    alone = light.tells_orders  # their states tell the order themselves
     frames = scene.frames
     tells = scene.has_model or (frames.no_load_dark and frames.no_load_bright)
-    if not result.ok or not result.count or alone or not tells:
+    orders_told = scene.polariscope.tells_orders  # by their states themselves
+    if not result.ok or not result.count or orders_told or not tells:
         return result
     with single_threaded():
         return result.with_more(_by_fringes(path, scene, result.count))
@@ -102,7 +97,9 @@ def _by_fringes(path: FramesLike, scene: Scene, count: int) -> Iterator[Finding]
             yield from _against_others(reader, scene, capture)
             return
         if not scene.has_model:
-            yield from _exposed(islice(reader, _FIRST + 1), scene, capture)
+            for frame in islice(reader, _FIRST + 1):  # exposed otherwise than no-load frames
+                for text in told_exposure(frame, own_scene(scene, frame), capture):
+                    yield Finding("warning", f"{named_frames([frame.index])}: {text}", frame.index)
             return
         tried = {*range(_FIRST), count // 2}
         frames = (frame for frame in islice(reader, max(tried) + 1) if frame.index in tried)
@@ -158,10 +155,3 @@ def _asked(
         text = refused or "the scene's fringes are not there; correct the scene, if they should be"
         grave: Level = "error" if len(bare) == count else "warning"
         yield Finding(grave, f"{named_frames(bare)}: {text}")
-
-
-def _exposed(frames: Iterator[Frame], scene: Scene, capture: Capture) -> Iterator[Finding]:
-    """Frames that are exposed otherwise than both no-load frames."""
-    for frame in frames:
-        for text in told_exposure(frame, own_scene(scene, frame), capture):
-            yield Finding("warning", f"{named_frames([frame.index])}: {text}", frame.index)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import zipfile
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import groupby
@@ -17,10 +18,7 @@ from isochrome.output import add_rois, csv_text, roi_entries
 from isochrome.processing.frame_task import FrameSource, FrameTask, open_set
 from isochrome.processing.kinds.kind import CONFIDENCE, ORDER
 from isochrome.processing.pictures.preview import write_preview
-from isochrome.processing.result import (
-    FollowedFrame,
-    ProcessedFrame,
-)
+from isochrome.processing.result import FollowedFrame, ProcessedFrame
 from isochrome.runs import Compact, Results, RunLayout, chunk_size
 from isochrome.scene import Scene
 
@@ -44,53 +42,55 @@ def set_layout(source: FrameSource, count: int) -> RunLayout:
 
 
 def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
-    """What is found in the states [start, stop) of a set.
-
-    Parameters: `task`; `start`, `stop`. Returns Results. Raises InputError, PhysicsError.
-    """
+    """What is found in the states [start, stop) of a set. Raises InputError, PhysicsError."""
     return gather(task, task.kind.states(open_set(task), start, stop))
 
 
 def gather(task: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) -> Results:
     """Processed frames as Results; they are let go one by one."""
     layers = task.kind.layers(task.scene)
-    compact = {layer.name: layer.compact for layer in layers if layer.compact is not None}
-    pictures: dict[str, list[np.ndarray]] = {
-        layer.name: [] for layer in layers if layer.name not in compact
-    }
-    packed: dict[str, list[bytes | None]] = {name: [] for name in compact}
+    steps = next((layer.compact for layer in layers if layer.name == ORDER.name), None)
+    pictures, packed = defaultdict[str, list[Any]](list), defaultdict[str, list[Any]](list)
     rows, more = [], []
     tables: list[str] = []
     rois: list[tuple[str, bytes]] = []
     for item in states:
-        item = _within(item, compact.get(ORDER.name))
+        item = _within(item, steps)
         if task.preview is not None:
             write_preview(task.preview, item)
         rows.append(task.kind.row(item, task.scene))
         more.append(more_of(item, task.scene))
-        for name, kind in compact.items():
-            made = film_map(item, name)
-            packed[name].append(None if made is None else kind.pack(made))
+        for layer in layers:
+            if layer.compact is not None:
+                made = film_map(item, layer.name)
+                packed[layer.name].append(None if made is None else layer.compact.pack(made))
+            elif isinstance(item, ProcessedFrame):
+                pictures[layer.name].append(picture_of(item, layer.name))
         if isinstance(item, FollowedFrame):
             continue
-        for name, maps in pictures.items():
-            maps.append(picture_of(item, name))
-        # where a model was fitted, its frames can be drawn anew, and a film has thousands of them:
-        # lines are for who asks
-        drawn = item.fit is None and task.kind.draws_lines
-        lines = item.skeleton() if task.rois or drawn else []
+        lines = _lines_to_keep(task, item)
         if lines:
             tables.append(_line_table(item, lines, task.scene, header=not tables))
         if task.rois:
             rois += roi_entries(lines, item.index)
     parts = {LINES: "".join(tables).encode()} if tables else {}
     if task.rois:
-        data = io.BytesIO()
-        with zipfile.ZipFile(data, "w") as archive:
-            add_rois(archive, rois)
-        parts[ROIS] = data.getvalue()
+        parts[ROIS] = _zipped(rois)
     arrays = {name: np.stack(maps) for name, maps in pictures.items()}
-    return Results(arrays, rows, more, parts, packed=packed)
+    return Results(arrays, rows, more, parts, packed=dict(packed))
+
+
+def _lines_to_keep(task: FrameTask, item: ProcessedFrame) -> list[Skeleton]:
+    """The fringe lines of a frame; with a model, which can draw them anew, for who asks alone."""
+    wanted = task.rois or (item.fit is None and task.kind.draws_lines)
+    return item.skeleton() if wanted else []
+
+
+def _zipped(rois: Sequence[tuple[str, bytes]]) -> bytes:
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w") as archive:
+        add_rois(archive, rois)
+    return data.getvalue()
 
 
 def _line_table(
@@ -99,8 +99,7 @@ def _line_table(
     """The points of a frame's fringe lines, as CSV."""
     left, top = item.corner_mm(scene)
     points = skeleton_table(lines, pixel_mm=item.pixel_mm, left_mm=left, top_mm=top)
-    number = np.full(len(points["line"]), item.index)
-    return csv_text({"frame": number, **points}, header=header)
+    return csv_text({"frame": np.full(len(points["line"]), item.index), **points}, header=header)
 
 
 def _within(
@@ -122,18 +121,12 @@ def _within(
 def picture_of(item: ProcessedFrame, name: str) -> np.ndarray:
     """A layer's picture of a frame (rows, cols), blank where it has none."""
     result = item.maps().get(name)
-    if result is not None:
-        return result
-    return blank_map(name, item.normalised.shape)
+    return blank_map(name, item.normalised.shape) if result is None else result
 
 
 def blank_map(name: str, shape: tuple[int, ...]) -> np.ndarray:
-    """A map of a frame of which nothing was read: no order is known, and none can be relied upon.
-
-    Parameters: `name` of the map; `shape` (rows, cols).
-    """
-    empty = 0.0 if name == CONFIDENCE.name else np.nan
-    return np.full(shape, empty, dtype=np.float32)
+    """A map of a frame of which nothing was read: no order is known, none can be relied on."""
+    return np.full(shape, 0.0 if name == CONFIDENCE.name else np.nan, dtype=np.float32)
 
 
 def film_map(item: ProcessedFrame | FollowedFrame, name: str) -> np.ndarray | None:
@@ -162,9 +155,9 @@ def lines_of(table: bytes, frames: set[int]) -> dict[int, list[Skeleton]]:
     points = csv.DictReader(io.StringIO(table.decode()))
     wanted = (row for row in points if int(row["frame"]) in frames)
     for (frame, _), line in groupby(wanted, key=lambda row: (int(row["frame"]), row["line"])):
-        own = list(line)
-        order, kind = own[0]["order"], cast(Any, own[0]["kind"])
-        at = [np.array([float(row[name]) for row in own]) for name in ("row_px", "col_px")]
-        skeleton = Skeleton(kind, at[0], at[1], float(order) if order else None)
+        points_of_line = list(line)
+        order, kind = points_of_line[0]["order"], cast(Any, points_of_line[0]["kind"])
+        rows, cols = (np.array([float(p[n]) for p in points_of_line]) for n in ("row_px", "col_px"))
+        skeleton = Skeleton(kind, rows, cols, float(order) if order else None)
         result.setdefault(frame, []).append(skeleton)
     return result

@@ -24,23 +24,13 @@ from isochrome.output import (
     write_text,
     write_tiff,
 )
-from isochrome.processing.chunk import (
-    LINES,
-    ROIS,
-    lines_of,
-    picture_of,
-)
+from isochrome.processing.chunk import LINES, ROIS, lines_of, picture_of
 from isochrome.processing.frame_task import FrameTask
 from isochrome.processing.in_common import add_frame_row, warnings_last
 from isochrome.processing.kinds.kind import ISOCLINIC, NORMALISED, ORDER, kind_of
-from isochrome.processing.pictures.figure import Shown, set_figure, shown_frames, shown_label
+from isochrome.processing.pictures.figure import Shown, row_fields, set_figure, shown_frames
 from isochrome.processing.placement import set_grid, shift_of
-from isochrome.processing.processed import (
-    FIGURE,
-    Processed,
-    collect,
-    refuse_unread,
-)
+from isochrome.processing.processed import FIGURE, Processed, collect, refuse_unread
 from isochrome.processing.result import PICTURE, ProcessedFrame
 from isochrome.processing.run_report import process_report
 from isochrome.reporting import write_report
@@ -86,17 +76,15 @@ def finish_set_folder(
 ) -> Processed:
     """Make the files that need all frames, from what is kept of their chunks.
 
-    Parameters: `run_folder`, where the chunks lie; `out`, where the results will; `job`; `task`;
-    `shape` (rows, cols);
-    `residual`, what was taken out of the frames. Returns Processed. Raises InputError, OSError, and
-    PhysicsError where nothing could be read in any frame.
+    `out`, where the results will lie; `residual`, what was taken out of the frames. PhysicsError
+    where nothing could be read in any frame.
     """
     folder, scene = run_folder.results, task.scene
     outcome: dict[str, Any] = {}
     more: dict[str, Any] = {}
-    for number, (row, rest) in enumerate(rows(run_folder)):
+    for number, (row, others) in enumerate(rows(run_folder)):
         add_frame_row(outcome, number, row)
-        add_frame_row(more, number, rest)
+        add_frame_row(more, number, others)
     table = warnings_last(outcome)
     refuse_unread(scene, str(task.reader.path), table, more["kept"])
     result = collect(scene, table, more["status"], None, shape, residual)
@@ -119,17 +107,11 @@ def finish_set_folder(
 
 
 def _add_to_store(
-    run_folder: RunFolder,
-    job: Job,
-    result: Processed,
-    more: dict[str, Any],
-    shape: tuple[int, int],
+    run_folder: RunFolder, job: Job, result: Processed, more: dict[str, Any], shape: tuple[int, int]
 ) -> None:
     """Add the table to run.zarr, and what ImageJ shows to the stacks.
 
     The columns as arrays live no longer than this: a long run's are as large as its table.
-    Parameters: as of `finish_set_folder`; `result`; `more`, besides its columns. Raises InputError,
-    OSError.
     """
     columns, axes = _set_columns(result, more, shape)
     add_columns(run_folder.results / STORE, columns, axes, attributes(job.identity))
@@ -154,8 +136,8 @@ def _join_lines(run_folder: RunFolder, task: FrameTask) -> None:
             zipfile.ZipFile(beside, "w") as archive,
         ):
             for part in parts(run_folder, ROIS):
-                with zipfile.ZipFile(io.BytesIO(part)) as own:
-                    add_rois(archive, ((name, own.read(name)) for name in own.namelist()))
+                with zipfile.ZipFile(io.BytesIO(part)) as inner:
+                    add_rois(archive, ((name, inner.read(name)) for name in inner.namelist()))
 
 
 def _shown(
@@ -174,23 +156,16 @@ def _shown(
     lines = {k: own for text in tables for k, own in lines_of(text, set(good)).items()}
 
     def read(layer: str, item: int) -> np.ndarray | None:
-        there = layer in names and more["read"][item]
-        return picture(run_folder, layer, item) if there else None
+        return picture(run_folder, layer, item) if (layer in names and more["read"][item]) else None
 
     return [
         Shown(
-            label=shown_label(table, k),
-            chi=float(table["chi"][k]),
+            **row_fields(table, k, more["left_mm"][k], more["top_mm"][k]),
             kept=more["kept"][k] if more["kept"][k] is not None else float("nan"),
             normalised=picture(run_folder, NORMALISED.name, k),
             order=read(ORDER.name, k),
             isoclinic=read(ISOCLINIC.name, k),
             lines=lines.get(k, []),
-            place={
-                "pixel_mm": table["pixel_mm"][k],
-                "left_mm": more["left_mm"][k],
-                "top_mm": more["top_mm"][k],
-            },
         )
         for k in good
     ]
@@ -203,11 +178,7 @@ def set_dataset(
     film: Mapping[str, list[np.ndarray]],
     shape: tuple[int, int],
 ) -> RunDataset:
-    """The dataset of a set that is in memory, as run.zarr has it.
-
-    Parameters: as `_set_columns`; `frames` with pictures; `film`, maps of all frames by their name.
-    Returns a RunDataset.
-    """
+    """The dataset of a set in memory, as run.zarr has it; `film`, maps of all frames by name."""
     scene, table = result.scene, result.columns
     columns, axes = _set_columns(result, more, shape)
     few = "key_frame" if PICTURE in table else "frame"
@@ -249,10 +220,9 @@ def _write_residual(
     """The residual stress that was taken out, as order and direction. Raises InputError."""
     span = 0.0, residual.largest
     for name in ("order", "isoclinic"):
-        values = getattr(residual, name)[None]
         map_name = "fringe_order" if name == "order" else name
         view = imagej_view(map_name, span, labels=["without load"], **place)
-        path = run_folder.results / f"residual_{name}.tif"
+        path, values = run_folder.results / f"residual_{name}.tif", getattr(residual, name)[None]
         write_tiff(path, values, pixel_mm=place["pixel_mm"], metadata=view)
 
 
@@ -263,8 +233,6 @@ def _set_columns(
 
     x = left + (col + 1/2) pixel,  z = top + (row + 1/2) pixel, of the place that was found, the
     mean of the frames'; shift_x_mm and shift_z_mm over frame say how far each lies from there.
-    Parameters: `result`; `more`, besides its columns status, time_s, left_mm and top_mm; `shape`
-    (rows, cols).
     """
     scene, table = result.scene, result.columns
     grid = set_grid(scene, result.fitted, table, shape)
@@ -274,24 +242,18 @@ def _set_columns(
     axes = {name: columns.pop(name) for name in _COORDINATES}
     axes |= _set_axes(scene, grid, table, shape)
     if PICTURE in table and any(at is not None for at in table[PICTURE]):
-        whole = [k for k, at in enumerate(table[PICTURE]) if at is not None]
-        axes["key_frame"] = Column(("key_frame",), np.array(whole), {})
+        keys = [k for k, at in enumerate(table[PICTURE]) if at is not None]
+        axes["key_frame"] = Column(("key_frame",), np.array(keys), {})
         for name in ("shift_x_mm", "shift_z_mm") if grid is not None else ():
-            own = axes[name]
-            axes[f"key_{name}"] = Column(("key_frame",), own.values[whole], own.attributes)
+            shift = axes[name]
+            axes[f"key_{name}"] = Column(("key_frame",), shift.values[keys], shift.attributes)
     return columns, axes
 
 
 def _set_axes(
-    scene: Scene,
-    grid: PixelGrid | None,
-    table: Mapping[str, Sequence[Any]],
-    shape: tuple[int, int],
+    scene: Scene, grid: PixelGrid | None, table: Mapping[str, Sequence[Any]], shape: tuple[int, int]
 ) -> dict[str, Column]:
-    """Coordinates of a set's maps: of rows and columns, in mm where a scale is known, and shifts.
-
-    Parameters: `scene` as given; `grid`, of `set_grid`; the rest as there.
-    """
+    """Coordinates of a set's maps, rows and columns, in mm where a scale is known, and shifts."""
     if grid is None:
         return {
             name: Column((name,), np.arange(count), {"units": "pixel"})
@@ -304,8 +266,10 @@ def _set_axes(
     ):
         if not scene.has_model:
             stated = scene.camera and getattr(scene.camera, f"{edge}_mm") is not None
-            said = {"units": "mm", "long_name": what if stated else "from the picture's outer edge"}
-            axes[f"{name}_mm"] = replace(axes[f"{name}_mm"], attributes=said)
-        said = {"units": "mm", "long_name": f"of the frame's own place from {name}_mm"}
-        axes[f"shift_{name}_mm"] = Column(("frame",), shift_of(edge, grid, table), said)
+            long_name = what if stated else "from the picture's outer edge"
+            axes[f"{name}_mm"] = replace(
+                axes[f"{name}_mm"], attributes={"units": "mm", "long_name": long_name}
+            )
+        attribute = {"units": "mm", "long_name": f"of the frame's own place from {name}_mm"}
+        axes[f"shift_{name}_mm"] = Column(("frame",), shift_of(edge, grid, table), attribute)
     return axes

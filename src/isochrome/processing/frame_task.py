@@ -61,11 +61,7 @@ class Cursor(Generic[T]):
     """A source that is read in order, from any item on: forward by passing over, back anew."""
 
     def __init__(self, begin: Callable[[int], Iterator[T]], anew: Callable[[int], int]) -> None:
-        """Prepare to read; `begin(start)` opens the source and gives its items from `start` on.
-
-        `anew(start)`, as how many items this takes. To go on over more than so many, it is opened
-        anew, as it is to go back.
-        """
+        """`begin(start)` gives items from `start` on; `anew(start)`, how many that is worth."""
         self._begin = begin
         self._anew = anew
         self._items: Ahead[T] | None = None
@@ -96,11 +92,9 @@ class Cursor(Generic[T]):
 class FrameTask:
     """A set, its kind, and what is wanted of it, for any process.
 
-    The set: `frames`, the files; `scene`; `reader` of the frames, which has counted them and so
-    knows their places; `key`, the same for the same task on the same content. Its `kind`. Wanted:
-    `rois`, whether fringe lines are of frames with a fit too; `as_stated`, whether nothing is
-    fitted besides the scene's unknowns; `keep_going`, whether a frame that fails is left out;
-    `preview`, the picture that is written now and then of the last frame, None where nobody looks.
+    `reader` has counted the frames and so knows their places; `key`, the same for the same task on
+    the same content; `rois`, whether fringe lines are wanted of frames with a fit too; `preview`,
+    the picture that is written now and then of the last frame.
     """
 
     frames: FramesLike
@@ -243,11 +237,7 @@ def place_of(scene: Scene, frame: Frame) -> tuple[str, float]:
 
 
 def identity_of(task: FrameTask, files: Sequence[Path | ArrayFrames]) -> Mapping[str, Any]:
-    """What a run on a set is a result of, as provenance.json keeps it.
-
-    Parameters: `task`; `files`, see `frames.input_files`. Raises InputError where a file is not
-    readable.
-    """
+    """What a run on a set is a result of, as provenance.json keeps it. Raises InputError."""
     scene = task.scene
     seed = scene.camera.seed if scene.camera else None
     stated = {"as_stated": True} if task.as_stated else {}

@@ -46,10 +46,7 @@ def fitted_keys(table: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def frame_values(table: Mapping[str, Sequence[Any]]) -> FrameValues:
-    """The fitted values of frames.csv.
-
-    Parameters: `table`, its columns. Returns FrameValues.
-    """
+    """The fitted values of frames.csv."""
     keys, count = fitted_keys(table), len(table["frame"])
     values, spreads = (
         np.array([numbers(table[f"{key}{ending}"]) for key in keys]).reshape(len(keys), count).T
@@ -68,10 +65,7 @@ def frame_values(table: Mapping[str, Sequence[Any]]) -> FrameValues:
 
 
 def tabulate_set(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
-    """Rows as columns, in order of first appearance, the warnings last; None where a row has none.
-
-    Parameters: `rows`, of frames.csv, one a frame. Returns column name to values.
-    """
+    """Rows as columns, in order of first appearance, warnings last; None where a row has none."""
     table: dict[str, Any] = {}
     for number, row in enumerate(rows):
         add_frame_row(table, number, row)
@@ -79,11 +73,10 @@ def tabulate_set(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
 
 
 def add_frame_row(table: dict[str, Any], number: int, row: Mapping[str, Any]) -> None:
-    """Add a row to columns, None where it has no value of one.
+    """Add row `number` to columns, None where it has no value of one.
 
     An hour of video has a hundred thousand rows: columns of numbers are Floats, and a text that is
     the one before it takes no room of its own.
-    Parameters: `table`, column name to values, which grow; `number` of rows in it; `row`.
     """
     for name, value in row.items():
         if name not in table:
@@ -105,10 +98,8 @@ def with_scatter_of_gamma(table: dict[str, list[Any]]) -> dict[str, list[Any]]:
     """Widen the uncertainty of gammas that scatter by more: one camera has one gamma.
 
     Where chi² = sum ((g - mean)/u)² of n frames is what a chance of 1 % exceeds, of n - 1 degrees
-    of freedom, u becomes the scatter, if that is larger; the frames' warnings say so. Once widened,
-    a table stays as it is.
-    Parameters: `table`, the columns of frames.csv. Returns the columns.
-    Source: Birge (1932), Phys. Rev. 40, 207, for the test of consistency.
+    of freedom, u becomes the scatter, if that is larger; the frames' warnings say so. Source: Birge
+    (1932), Phys. Rev. 40, 207, for the test of consistency.
     """
     name = f"{_GAMMA} {SPREAD}"
     if _GAMMA not in table:
@@ -140,13 +131,9 @@ def with_scatter_of_gamma(table: dict[str, list[Any]]) -> dict[str, list[Any]]:
 def with_past_friction(table: dict[str, list[Any]], scene: Scene) -> dict[str, list[Any]]:
     """Widen the uncertainty of frictions that were others before, while the block wore.
 
-    Each frame is explained by a block that has worn under that frame's own friction. Friction
-    shifts the pressure along the surface, and so the scar remembers what it was. By the other
-    frames' frictions the mean over the distance slid is known: of a frame that differs from it, u
-    becomes the shift, if that is larger. A frame that shows its past friction has it among its
-    causes, and stays as it is. Once widened, a table stays as it is.
-    Parameters: `table`, the columns of frames.csv; `scene` of the set. Returns them; the same
-    object where nothing is wider.
+    Friction shifts the pressure, so the scar remembers the mean of the others over the distance
+    slid: where a frame differs from it, u becomes the shift, if larger. A frame that shows its past
+    friction has it among its causes, and stays as it is. The same object where nothing is wider.
     """
     name = f"{FRICTION} {SPREAD}"
     if scene.wear is None or name not in table:
@@ -164,13 +151,10 @@ def with_past_friction(table: dict[str, list[Any]], scene: Scene) -> dict[str, l
 def with_past_loads(table: dict[str, list[Any]], scene: Scene) -> dict[str, list[Any]]:
     """Widen the uncertainty of wear coefficients whose block other loads have worn.
 
-    A frame by itself is explained by a block that its own load P has worn: k is off by P'/P - 1, by
-    the mean P' of the loads over the distance slid. A followed frame knows the loads since its
-    track began, and one for those before. What their scatter does besides is `_OF_PAST_LOADS` of
-    it, over what it has worn since. Before the first frame the loads are taken for those of the
-    others. u becomes the shift, if that is larger; once widened, a table stays as it is.
-    Parameters: `table`, the columns of frames.csv; `scene` of the set. Returns them; the same
-    object where nothing is wider.
+    Of a frame by itself k is off by P'/P - 1, with P' the mean load over the distance slid, before
+    the first frame taken for that of the others; a followed frame knows the loads since its track
+    began. Their scatter does `_OF_PAST_LOADS` of it besides. The same object where nothing is
+    wider.
     """
     name = f"{WEAR} {SPREAD}"
     if scene.wear is None or name not in table or f"{LOAD} {SPREAD}" not in table:

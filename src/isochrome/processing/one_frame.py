@@ -19,7 +19,7 @@ from isochrome.frames import Frame, open_scene_frames, to_linear, with_file_scal
 from isochrome.fringes import LARGEST_UNCERTAINTY, FollowedFringes, follow_fringes, skeletons
 from isochrome.output import numbers
 from isochrome.processing.api import check_scene
-from isochrome.processing.frame_task import FrameSource, FrameTask, own_scene
+from isochrome.processing.frame_task import FrameSource, FrameTask
 from isochrome.processing.in_common import fitted_keys, tabulate_set
 from isochrome.processing.kinds.image_only import (
     frame_signal,
@@ -56,20 +56,10 @@ _WORTH_SAYING = 0.01
 
 @dataclass(frozen=True)
 class FrameValue:
-    """A value that was fitted to a frame.
+    """A value that was fitted to a frame, by its key of the scene.
 
-    Parameters
-    ----------
-    key : str
-        Its key of the scene.
-    value : float
-        The value.
-    standard_uncertainty : float
-        Its standard uncertainty.
-    asked : bool
-        Whether the frame asked for it, besides the scene's own unknowns.
-    refined : bool, default False
-        Whether the scene states it, the frame knows more of it, and both agree.
+    `asked`, whether the frame asked for it, besides the scene's unknowns; `refined`, whether the
+    scene states it, the frame knows more of it, and both agree.
     """
 
     key: str
@@ -81,17 +71,7 @@ class FrameValue:
 
 @dataclass(frozen=True)
 class FrameResult:
-    """What `process` finds in one frame of a set.
-
-    Parameters
-    ----------
-    frame : ProcessedFrame
-        Its maps and warnings.
-    row : dict of str to Any
-        Its row of frames.csv.
-    summary_text : str
-        What was found as a sentence.
-    """
+    """What `process` finds in a frame of a set, its row of frames.csv, and what that says."""
 
     frame: ProcessedFrame
     row: dict[str, Any]
@@ -102,7 +82,10 @@ class FrameResult:
         """The fitted values; none where the frame does not show the scene's model."""
         fit = self.frame.fit
         if fit is None:
-            return self._read_values
+            row = self.row  # what has an uncertainty, where it is known
+            pairs = {key: (row[key], row[f"{key} {SPREAD}"]) for key in fitted_keys(row)}
+            known = {key: pair for key, pair in pairs.items() if np.isfinite(numbers(pair)).all()}
+            return tuple(FrameValue(key, *pair, asked=False) for key, pair in known.items())
         if not self.frame.has_values:
             return ()
         asked, refined = (cell_values(self.row.get(name) or "") for name in (CAUSES, REFINED))
@@ -113,38 +96,9 @@ class FrameResult:
             )
         )
 
-    @property
-    def _read_values(self) -> tuple[FrameValue, ...]:
-        """What a frame without a fit has with an uncertainty, where it is known."""
-        pairs = {key: (self.row[key], self.row[f"{key} {SPREAD}"]) for key in fitted_keys(self.row)}
-        known = {key: pair for key, pair in pairs.items() if np.all(np.isfinite(numbers(pair)))}
-        return tuple(FrameValue(key, *pair, asked=False) for key, pair in known.items())
-
 
 def process_frame(frames: FramesLike, scene: Scene, index: int) -> FrameResult:
-    """Read one frame of a set, as `process` reads it.
-
-    Parameters
-    ----------
-    frames : str, Path, sequence of them, array or sequence of arrays
-        The set, as for `process`.
-    scene : Scene
-        What stood in front of the camera, of the whole set.
-    index : int
-        Number of the frame from 0; of the state, where several frames make one.
-
-    Returns
-    -------
-    FrameResult
-        What was found.
-
-    Raises
-    ------
-    InputError
-        Where the frame or the scene is wrong.
-    PhysicsError
-        Where the scene's model cannot be solved.
-    """
+    """Read one frame of a set, as `process` reads it, by its number, or its state's, from 0."""
     with _captured(frames, scene, index) as (source, number, states):
         result = source.processed(number, states)
         row = source.task.kind.row(result, scene)
@@ -157,16 +111,9 @@ def process_frame(frames: FramesLike, scene: Scene, index: int) -> FrameResult:
 
 @dataclass(frozen=True, kw_only=True)
 class PatchOrders:
-    """The orders of a frame's patches under what a scene says of them.
+    """The orders (m, n) of a frame's patches with their middles `rows`, `cols` (px of the region).
 
-    Parameters
-    ----------
-    rows, cols : ndarray of int (m,), (n,)
-        The patches' middles, px of the region.
-    order : ndarray (m, n)
-        Fringe order, NaN = not known.
-    said : tuple of str
-        What `process` says of it.
+    NaN = not known; `said`, what `process` says of it.
     """
 
     rows: NDArray[Any]
@@ -178,14 +125,7 @@ class PatchOrders:
 class AnchorPreview:
     """A frame whose fringes are followed, and asked what known orders would make of it.
 
-    Parameters
-    ----------
-    frame : Frame
-        The frame.
-    scene : Scene
-        Without a model. What it knows of the orders matters where fringes have lost contrast.
-    capture : Capture
-        How the set was captured.
+    The `scene` has no model; what it knows of the orders matters where fringes have lost contrast.
     """
 
     def __init__(self, frame: Frame, scene: Scene, capture: Capture) -> None:
@@ -243,21 +183,9 @@ class AnchorPreview:
 
 
 def part_change(before: Array, after: Array, under: str, what: str) -> tuple[str, str]:
-    """Say what becomes of the orders of a part.
+    """Say what becomes of the orders (p,) of a part's patches, which is called `under`, by `what`.
 
-    Parameters
-    ----------
-    before, after : ndarray (p,)
-        The orders of its patches now, and as they would be; NaN = not known.
-    under : str
-        What the part is called.
-    what : str
-        What would be set.
-
-    Returns
-    -------
-    tuple of str
-        The kind, 'nothing', 'new', 'moved', 'changed', 'same' or 'lost', and the words.
+    The kind, 'nothing', 'new', 'moved', 'changed', 'same' or 'lost', and the words; NaN: unknown.
     """
     if not np.isfinite(after).any():
         if not np.isfinite(before).any():
@@ -290,24 +218,7 @@ def _span(order: Array) -> str:
 def anchor_preview(frames: FramesLike, scene: Scene, index: int) -> AnchorPreview:
     """Follow the fringes of one frame, to say what known orders would make of it.
 
-    Parameters
-    ----------
-    frames : str, Path, sequence of them, array or sequence of arrays
-        The set, as for `process`.
-    scene : Scene
-        What stood in front of the camera, without a model.
-    index : int
-        Number of the frame from 0.
-
-    Returns
-    -------
-    AnchorPreview
-        What is asked.
-
-    Raises
-    ------
-    InputError
-        Where the frame or the scene is wrong, or the scene's frames tell their orders themselves.
+    InputError where the scene's frames tell their orders themselves.
     """
     if scene.polariscope.tells_orders:
         raise InputError(
@@ -336,26 +247,3 @@ def _captured(
             yield source, number, states
         finally:
             source.close()
-
-
-def one_state(scene: Scene, frame: Frame) -> Scene:
-    """Give the scene of one frame alone: its state, by its time or its number.
-
-    Parameters
-    ----------
-    scene : Scene
-        The set's scene, with a model.
-    frame : Frame
-        The frame.
-
-    Returns
-    -------
-    Scene
-        A scene of one state, whose load, friction and wear are numbers.
-
-    Raises
-    ------
-    InputError
-        Where the frame has no time and needs one.
-    """
-    return own_scene(scene, frame)

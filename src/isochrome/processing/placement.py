@@ -19,8 +19,7 @@ def set_grid(
 ) -> PixelGrid | None:
     """The grid of a set's maps: that of what was found, so that its simulation has the same.
 
-    Parameters: `scene` as given; `fitted`, with the frames' mean place; `table`, the columns of
-    frames.csv; `shape` (rows, cols). Returns None where no scale is known.
+    `fitted` has the frames' mean place. None where no scale is known.
     """
     pixels, place, camera = numbers(table["pixel_mm"]), fitted or scene, scene.camera
     if not np.isfinite(pixels).any():
@@ -41,14 +40,14 @@ def shift_of(edge: str, grid: PixelGrid, table: Mapping[str, Sequence[Any]]) -> 
 def shift_messages(grid: PixelGrid | None, table: Mapping[str, Sequence[Any]]) -> list[str]:
     """What to say where frames lie over half a pixel from the axes that all maps have."""
     far = {name: np.abs(shift_of(edge, grid, table)) for name, edge in _AXES} if grid else {}
-    beyond = {
-        name: np.nanmax(own)
-        for name, own in far.items()
-        if grid and (own > 0.5 * grid.pixel_mm).any()
-    }
+    beyond = [
+        f"{np.nanmax(shift):.3g} mm along {name}"
+        for name, shift in far.items()
+        if grid and (shift > 0.5 * grid.pixel_mm).any()
+    ]
     if not beyond:
         return []
-    reach = " and ".join(f"{own:.3g} mm along {name}" for name, own in beyond.items())
+    reach = " and ".join(beyond)
     return [
         f"the frames' own places lie up to {reach} from the maps' axes, which are of the mean "
         "place: a frame's places are x_mm + shift_x_mm and z_mm + shift_z_mm"

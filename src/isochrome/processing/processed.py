@@ -236,19 +236,18 @@ def collect(
     shape: tuple[int, int],
     residual: ResidualStress | None = None,
 ) -> Processed:
-    """Put the frames' findings together.
-
-    Parameters: `scene`; `table`, the columns of frames.csv; `status` of each frame; `frames`, None
-    where they were streamed; `shape` (rows, cols) of the frames; `residual`, what was taken out of
-    them. Returns Processed.
-    """
-    alone = scene.polariscope.tells_orders
+    """Put the frames' findings together; `frames` is None where they were streamed."""
     wider = with_past_loads(with_past_friction(with_scatter_of_gamma(table), scene), scene)
     if frames is not None and wider is not table:
-        frames = [_of_row(frame, wider, k) for k, frame in enumerate(frames)]
+        texts = [
+            tuple(text for text in all_.split(SEPARATOR) if text) for all_ in wider["warnings"]
+        ]
+        frames = [
+            replace(one, columns={n: wider[n][k] for n in one.columns}, warnings=texts[k])
+            for k, one in enumerate(frames)
+        ]
     table = wider
-    warnings = [] if scene.orders_are_read else [_not_read(scene)]
-    warnings += _of_residual(scene, residual) if residual is not None else []
+    warnings = _of_scene(scene, residual)
     if PICTURE in table:
         from isochrome.fitting import untracked_inputs
 
@@ -257,7 +256,8 @@ def collect(
     warnings += messages_of_frames(
         (number, text) for number, all_ in of_frames for text in all_.split(SEPARATOR) if text
     )
-    fitted = _fitted(scene, table, shape) if scene.model and not alone else None
+    by_model = scene.model and not scene.polariscope.tells_orders
+    fitted = _fitted(scene, table, shape) if by_model else None
     warnings += shift_messages(set_grid(scene, fitted, table, shape), table)
     return Processed(
         scene=scene, model=scene.model, columns=table, frames=frames, fitted=fitted,
@@ -265,11 +265,21 @@ def collect(
     )  # fmt: skip
 
 
-def _of_row(frame: ProcessedFrame, table: Mapping[str, list[Any]], k: int) -> ProcessedFrame:
-    """A frame with the columns and warnings of its row `k`."""
-    columns = {name: table[name][k] for name in frame.columns}
-    said = tuple(text for text in table["warnings"][k].split(SEPARATOR) if text)
-    return replace(frame, columns=columns, warnings=said)
+def _of_scene(scene: Scene, residual: ResidualStress | None) -> list[str]:
+    """What is said once: why no orders are read, and which stress was taken out."""
+    warnings: list[str] = []
+    if not scene.orders_are_read:
+        known_loads = scene.frames.has_known_loads
+        warnings.append(_AGAINST_OTHERS if known_loads else no_model_sentence(scene))
+    if residual is not None:
+        warnings += residual.warnings
+        if residual.largest > _NOTABLE:
+            warnings.append(
+                f"residual stress of up to {residual.largest:.2f} fringe "
+                f"({scene.frames.no_load_steps}) was taken out as a tensor: all maps are the "
+                "load's alone"
+            )
+    return warnings
 
 
 def refuse_unread(
@@ -277,54 +287,25 @@ def refuse_unread(
 ) -> None:
     """Refuse a set in none of whose frames an order was read; where none can be, none normalised.
 
-    Parameters: `scene`; `name` of the set; `table`, the columns of frames.csv; `kept`, share of the
-    specimen's pixels that were read in each frame, None where nobody read it. Raises PhysicsError.
+    `kept`, share of the specimen's pixels read in each frame, None where nobody read it.
     """
     followed = any(result != NOTHING for result in table.get(FOUND_BY, ()))
-    asked = scene.orders_are_read
-    normalised = np.isfinite(numbers(table["noise"])).any()
-    loads = numbers(table[LOAD]) if scene.frames.has_known_loads else None
-    result = normalised if loads is None else np.isfinite(loads).any()
-    if followed or any(kept) or (result and not asked):
+    of_orders = scene.orders_are_read
+    light = LOAD if scene.frames.has_known_loads else "noise"
+    normalised = np.isfinite(numbers(table[light])).any()
+    if followed or any(kept) or (normalised and not of_orders):
         return
     count = counted(len(table["frame"]), "frame")
     raise PhysicsError(
         f"{name}: nothing could be read in any of its {count} (of the first: "
-        f"{table['warnings'][0]}); {CORRECT if asked else _LOOK}"
+        f"{table['warnings'][0]}); {CORRECT if of_orders else _LOOK}"
     )
-
-
-def _not_read(scene: Scene) -> str:
-    """Why the orders of a scene's frames are not read."""
-    return _AGAINST_OTHERS if scene.frames.has_known_loads else no_model_sentence(scene)
 
 
 def restore(
     scene: Scene, out: Path, shape: tuple[int, int], residual: ResidualStress | None
 ) -> Processed:
-    """Read what an earlier run found, from the folder that it left complete.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene as given.
-    out : Path
-        The folder.
-    shape : tuple of two ints
-        Rows and columns of the frames.
-    residual : ResidualStress or None
-        The residual stress that was taken out of them.
-
-    Returns
-    -------
-    Processed
-        What was found.
-
-    Raises
-    ------
-    InputError
-        Where it cannot be read.
-    """
+    """Read what an earlier run found, from the folder that it left complete."""
     names = read_csv(out / "frames.csv")
     with open_run(out) as dataset:
         table = {name: column_values(dataset[identifier(name)]) for name in names}
@@ -334,19 +315,7 @@ def restore(
             table[name] = ["" if text is None else text for text in table[name]]
     draw = partial(saved_picture, out.absolute() / FIGURE)
     result = collect(scene, table, status, None, shape, residual)
-    load = partial(open_run, out.absolute())
-    return replace(result, already=True, draw=draw, load=load)
-
-
-def _of_residual(scene: Scene, residual: ResidualStress) -> list[str]:
-    """What to say of the residual stress once, for all frames."""
-    messages = list(residual.warnings)
-    if residual.largest > _NOTABLE:
-        messages.append(
-            f"residual stress of up to {residual.largest:.2f} fringe ({scene.frames.no_load_steps})"
-            " was taken out as a tensor: all maps are the load's alone"
-        )
-    return messages
+    return replace(result, already=True, draw=draw, load=partial(open_run, out.absolute()))
 
 
 def _fitted(scene: Scene, table: dict[str, list[Any]], shape: tuple[int, int]) -> Scene | None:

@@ -56,30 +56,27 @@ def row_of_set(row: dict[str, Any], columns: Iterable[str], scene: Scene) -> dic
     """A frame's row as the set's columns have it: values of no column of theirs are its causes.
 
     Those that agree with what the scene states of them are refined instead.
-    Parameters: `row`; `columns`, of a kind's frames; `scene`, of the set. Returns a value, or None,
-    for each column.
     """
     result = {name: row.get(name) for name in columns}
     if ORDER_FROM in result:
         result[ORDER_FROM] = result[ORDER_FROM] or ""  # texts that are not known are empty
-    asked = {
-        key: (row[key], row[f"{key} {SPREAD}"])
+    if CAUSES not in result:
+        return result
+    causes = {
+        key: (row[key], row[name])
         for key in row
-        if CAUSES in result and key not in result and f"{key} {SPREAD}" in row
+        if key not in result and (name := f"{key} {SPREAD}") in row
     }
     stated = stated_pairs(scene) if REFINED in result else {}
-    near = [key for key, pair in asked.items() if key in stated and agree(pair, stated[key])]
-    for name, keys in ((CAUSES, [key for key in asked if key not in near]), (REFINED, near)):
-        if name in result:
-            result[name] = "; ".join(f"{k} = {asked[k][0]!r} ± {asked[k][1]!r}" for k in keys)
-    return result
+    cells: dict[str, list[str]] = {CAUSES: [], REFINED: []}
+    for key, (value, spread) in causes.items():
+        near = key in stated and agree((value, spread), stated[key])
+        cells[REFINED if near else CAUSES].append(f"{key} = {value!r} ± {spread!r}")
+    return result | {name: "; ".join(texts) for name, texts in cells.items() if name in result}
 
 
 def cell_values(text: str) -> dict[str, tuple[float, float]]:
-    """What a cell of the column of causes, or of refined values, holds.
-
-    Parameters: `text` of the cell. Returns key to value and standard uncertainty.
-    """
+    """What a cell of causes, or of refined values, holds: key to value and standard uncertainty."""
     parts = (re.split(" = | ± ", part) for part in text.split("; ") if part)
     return {key: (float(value), float(spread)) for key, value, spread in parts}
 
@@ -88,9 +85,8 @@ def cell_values(text: str) -> dict[str, tuple[float, float]]:
 class Capture:
     """How a set was captured: the sensor's `bit_depth`, the `dark` and `bright` no-load frames.
 
-    Of frames whose colours tell the order, the no-load frames are (rows, cols, 3), and `table` has
-    the channels' signals against order. Of a disc whose load is read against others, `series` has
-    the frames of known loads; of phase steps, `residual` the stress to take out.
+    Where colours tell the order, these are (rows, cols, 3), and `table` has the channels' signals
+    against order; `series`, the frames of known loads; `residual`, the stress to take out of steps.
     """
 
     bit_depth: int | None
@@ -103,11 +99,7 @@ class Capture:
 
 @dataclass(frozen=True, kw_only=True)
 class SetFrame:
-    """What every frame of a set has, however it was processed.
-
-    `label`, what stands above it; `time_s` since the recording began, where the file knows it;
-    `pixel_mm`, its scale; `warnings` in plain words; `failed`, whether nothing could be found.
-    """
+    """What every frame of a set has, however it was processed; `failed`: nothing could be found."""
 
     index: int
     name: str
@@ -138,42 +130,9 @@ class SetFrame:
 class ProcessedFrame(SetFrame):
     """What was found in one frame; maps are (row, col), NaN = not known.
 
-    Parameters
-    ----------
-    index : int
-        Number of the frame, or of the state, from 0.
-    name : str
-        Name for messages.
-    label : str
-        What stands above it in figures.
-    distance_m : float, default nan
-        Sliding distance, m.
-    time_s : float, optional
-        Time since the recording began, s, where the file knows it.
-    pixel_mm : float, optional
-        Side of a pixel, mm.
-    warnings : tuple of str, optional
-        What to beware of, in sentences.
-    failed : bool, default False
-        Whether nothing could be found in it.
-    normalised : ndarray of shape (row, col)
-        The signal 0 to 1, with background and illumination out.
-    reading : OrderReading, optional
-        The fringe order; None without a model.
-    fit : FrameFit, optional
-        The fit with its scene; None without a model.
-    lines : list of Skeleton, optional
-        The fringe skeleton, without a model.
-    noise : float, default nan
-        Noise of the signal.
-    chi : float, default nan
-        Residual over noise of the whole frame.
-    isoclinic : ndarray of shape (row, col), optional
-        Direction of sigma_1, degrees; of phase-stepped sets alone.
-    largest : dict of str to Any, optional
-        The columns of its largest order; empty without a model.
-    columns : dict of str to Any, optional
-        What a frame without a fit has in frames.csv besides.
+    `normalised`, the signal 0 to 1, and its `noise`; with a model the order's `reading`, the `fit`
+    and the columns of the `largest` order; without one the fringe `lines` and its own `columns`;
+    `isoclinic`, the direction of sigma_1 (degrees) of phase steps; `chi` of the whole frame.
     """
 
     normalised: Array
@@ -203,10 +162,7 @@ class ProcessedFrame(SetFrame):
         return order_contours(self.reading.order, min_length_px=_SHORTEST_PX)
 
     def corner_mm(self, scene: Scene) -> tuple[float, float]:
-        """Outer edges (mm) of the first column and row, in the scene's axes; 0 where none has any.
-
-        Parameters: `scene`, the set's. Returns left and top.
-        """
+        """Outer edges (mm) of the first column and row, in the scene's axes; 0 without any."""
         own = scene if self.fit is None else self.fit.scene
         if own.has_model and own.camera is not None and own.camera.pixel_mm is not None:
             grid = pixel_grid(own, (self.normalised.shape[0], self.normalised.shape[1]))
@@ -242,9 +198,8 @@ class ProcessedFrame(SetFrame):
 class FollowedFrame(SetFrame):
     """A frame between two key frames of a tracked video.
 
-    `keys` and `tracked`, what was found, None in a frame that failed; its orders, `reading`, where
-    maps of all frames are wanted, with the `noise` of its signal, the `scene` that it shows and
-    the columns of its `largest` order.
+    `tracked`, the values of `keys`, None in a frame that failed; its `reading`, where maps of all
+    frames are wanted, with the `scene` that it shows and the columns of its `largest` order.
     """
 
     keys: tuple[str, ...]
@@ -257,8 +212,8 @@ class FollowedFrame(SetFrame):
     def corner_mm(self, _: Scene) -> tuple[float, float]:
         """Outer edges (mm) of the first column and row where they were tracked, else NaN."""
         place = dict(zip(self.keys, self.tracked.values, strict=True)) if self.tracked else {}
-        left, top = (place.get(f"camera.{edge}_mm", np.nan) for edge in ("left", "top"))
-        return float(left), float(top)
+        left, top = (float(place.get(f"camera.{edge}_mm", np.nan)) for edge in ("left", "top"))
+        return left, top
 
     def row(self) -> dict[str, Any]:
         """The frame's row of frames.csv."""

@@ -11,23 +11,13 @@ from numpy.typing import NDArray
 
 from isochrome.errors import IsochromeError
 from isochrome.figures import centred_limit
-from isochrome.fitting import (
-    frame_scene,
-    scene_at,
-    sliding_scene,
-)
+from isochrome.fitting import frame_scene, scene_at, sliding_scene
 from isochrome.output import counted, numbers, with_uncertainty
 from isochrome.processing.in_common import fitted_keys
 from isochrome.processing.kinds.kind import NORMALISED, ORDER
+from isochrome.processing.pictures.figure import place_of_row
 from isochrome.processing.processed import Processed
-from isochrome.processing.result import (
-    CAUSES,
-    EXPLAINED,
-    PICTURE,
-    REFINED,
-    cell_values,
-    own_values,
-)
+from isochrome.processing.result import CAUSES, EXPLAINED, PICTURE, REFINED, cell_values, own_values
 from isochrome.reporting import (
     FRINGES,
     SIGNAL,
@@ -41,16 +31,14 @@ from isochrome.reporting import (
 )
 from isochrome.runs import stored_map
 from isochrome.scene import Scene, dump_scene
-from isochrome.simulation import (
-    iter_scene_states,
-    make_picture,
-    picture_signal,
-    state_difference,
-)
+from isochrome.simulation import iter_scene_states, make_picture, picture_signal, state_difference
 from isochrome.stress import pixel_grid
 
 Array = NDArray[Any]
+_Model = tuple[Array, Array]
+"""What a frame's own values make: its signal, 0 in darkness, and its order (fringes)."""
 
+_NONE = "There is none: nothing was fitted to these frames."
 _NO_BUDGET = (
     "Processing states each ± without the shares of what it is of; isochrome fit with the same "
     "frames gives them."
@@ -70,24 +58,7 @@ _OF_KNOWN_LOADS = (
 def process_report(store: Any, result: Processed, record: Mapping[str, Any]) -> ReportContent:
     """Collect what the report of processed frames says; maps are read of the few that it shows.
 
-    Parameters
-    ----------
-    store : Any
-        What zarr reads the run's store from: a Path, or what `checked_store` gives.
-    result : Processed
-        What was found.
-    record : mapping
-        What provenance.json holds: versions and hashes.
-
-    Returns
-    -------
-    ReportContent
-        What the report says.
-
-    Raises
-    ------
-    InputError
-        Where the store cannot be read.
+    `store`, a Path, or what `checked_store` gives; `record`, what provenance.json holds.
     """
     table, scene = result.columns, result.scene
     as_stated = (record.get("options") or {}).get("as_stated", False)
@@ -102,7 +73,7 @@ def process_report(store: Any, result: Processed, record: Mapping[str, Any]) -> 
         frames=frames,
         choice=choice,
         curves=curves_of(result.over_frames),
-        no_budget=_no_budget(fitted, result.asks_causes),
+        no_budget=(_NO_BUDGET if result.asks_causes else _OF_KNOWN_LOADS) if fitted else _NONE,
         causes=result.causes if looked and fitted else None,
         refined=result.refined,
         tables=_causes(table),
@@ -113,20 +84,13 @@ def process_report(store: Any, result: Processed, record: Mapping[str, Any]) -> 
     )
 
 
-def _no_budget(fitted: bool, by_model: bool) -> str:
-    """What stands in the place of a budget."""
-    if not fitted:
-        return "There is none: nothing was fitted to these frames."
-    return _NO_BUDGET if by_model else _OF_KNOWN_LOADS
-
-
 def _goodness(table: Mapping[str, list[Any]]) -> str:
     """Chi in a sentence: about 1 where the model describes the frames."""
-    told = numbers(table[EXPLAINED]) if EXPLAINED in table else np.zeros(0)
-    told = 100.0 * told[np.isfinite(told)]
-    if told.size:
+    share = numbers(table[EXPLAINED]) if EXPLAINED in table else np.zeros(0)
+    share = 100.0 * share[np.isfinite(share)]
+    if share.size:
         return (
-            f"The frames of known loads explain {told.min():.0f} to {told.max():.0f} % of a "
+            f"The frames of known loads explain {share.min():.0f} to {share.max():.0f} % of a "
             "frame's light; what they do not is in the ±."
         )
     chi = numbers(table["chi"])
@@ -161,41 +125,31 @@ def _frames(
     group: Any = zarr.open_group(store, mode="r")
     stored = numbers(table[PICTURE] if PICTURE in table else table["frame"])
     arrays = {name: group[name] for name in (NORMALISED.name, ORDER.name) if name in group}
+    # else of key frames alone
+    of_all = {n for n, array in arrays.items() if array.metadata.dimension_names[0] == "frame"}
     with_maps = np.isfinite(numbers(table["noise"]))  # of a frame that is left out nobody knows it
-    of_all = any(_over_frames(array) for array in arrays.values())
     if not of_all:
         with_maps &= np.isfinite(stored)
     having = np.flatnonzero(with_maps)
-    chi, largest = (
-        numbers(table[name])[having] if name in table else np.full(len(having), np.nan)
-        for name in ("chi", "n_max")
-    )
+    unknown = [None] * len(table["frame"])
+    chi, largest = (numbers(table.get(name, unknown))[having] for name in ("chi", "n_max"))
     chosen = choose_frames(chi, largest)
     left, top = (np.asarray(group[name]) for name in ("left_mm", "top_mm"))
     shown = []
     for one in chosen:
         k = int(having[one.number])
-        layers = _layers(arrays, k, stored[k])
-        shown.append(_Shown(k, one.why, layers, float(left[k]), float(top[k])))
-    what = "frames" if of_all else "key frames"
+        maps = {
+            name: stored_map(array, item=k, picture=k if name in of_all else int(stored[k]))
+            for name, array in arrays.items()
+            if name in of_all or np.isfinite(stored[k])
+        }
+        signal, order = maps.get(NORMALISED.name), maps.get(ORDER.name)
+        shown.append(_Shown(k, one.why, signal, order, float(left[k]), float(top[k])))
     text = f"{len(chosen)} of {counted(len(table['frame']), 'frame')} are shown"
     if len(chosen) < len(having):
+        what = "key " * (not of_all) + "frames"
         text += f", chosen among {len(having)} {what} for the reason that stands beside each"
     return _report_frames(scene, table, shown), f"{text}."
-
-
-def _over_frames(array: Any) -> bool:
-    """Whether an array of the store has a map of every frame, or those of key frames alone."""
-    return bool(array.metadata.dimension_names[0] == "frame")
-
-
-def _layers(arrays: Mapping[str, Any], k: int, picture: float) -> dict[str, Array]:
-    """Frame k's maps: those over all frames, and those of key frames where it has a `picture`."""
-    return {
-        name: stored_map(array, item=k, picture=k if _over_frames(array) else int(picture))
-        for name, array in arrays.items()
-        if _over_frames(array) or np.isfinite(picture)
-    }
 
 
 _LIGHT = (0.0, 1.0)
@@ -208,29 +162,17 @@ _NOT_KEPT = "its picture is not kept: only those of key frames are"
 
 @dataclass(frozen=True)
 class _Shown:
-    """A frame that is shown: its number, the reason, its maps, and where it stands (mm)."""
+    """A frame that is shown: its number, the reason, its maps, and where it stands (mm).
+
+    `signal`, 0 in darkness, None where its picture is not kept; `order`, None where none is read.
+    """
 
     number: int
     why: str
-    layers: Mapping[str, Array]
+    signal: Array | None
+    order: Array | None
     left_mm: float
     top_mm: float
-
-    @property
-    def signal(self) -> Array | None:
-        """The frame as a signal, 0 in darkness; None where its picture is not kept."""
-        return self.layers.get(NORMALISED.name)
-
-    @property
-    def order(self) -> Array | None:
-        """Its fringe order, None where none is read."""
-        return self.layers.get(ORDER.name)
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        rows, cols = next(iter(self.layers.values())).shape
-        return rows, cols
 
 
 def _report_frames(
@@ -241,33 +183,28 @@ def _report_frames(
     orders = [one.order[np.isfinite(one.order)] for one in shown if one.order is not None]
     largest = max((float(known.max()) for known in orders if known.size), default=1.0)
     gaps = [
-        one.order - model.order
+        None if one.order is None or model is None else one.order - model[1]
         for one, (model, _) in zip(shown, models, strict=True)
-        if one.order is not None and model is not None
     ]
-    limit = centred_limit(*gaps) if gaps else 1.0
-    result = []
-    for one, (model, note) in zip(shown, models, strict=True):
-        panes = _panes(one, model, largest, limit)
-        pixel = table["pixel_mm"][one.number]
-        result.append(
-            ReportFrame(
-                number=one.number,
-                label=str(table["label"][one.number]),
-                why=one.why,
-                panes=panes,
-                order=one.order,
-                model_order=None if model is None else model.order,
-                pixel_mm=None if pixel is None or pixel != pixel else float(pixel),
-                left_mm=one.left_mm if np.isfinite(one.left_mm) else 0.0,
-                top_mm=one.top_mm if np.isfinite(one.top_mm) else 0.0,
-                notes=(*((_NOT_KEPT,) * (one.signal is None)), *((note,) if note else ())),
-            )
+    limit = centred_limit(*(gap for gap in gaps if gap is not None))
+    return [
+        ReportFrame(
+            number=one.number,
+            label=str(table["label"][one.number]),
+            why=one.why,
+            panes=_panes(one, model, gap, largest, limit),
+            order=one.order,
+            model_order=None if model is None else model[1],
+            notes=tuple(filter(None, (_NOT_KEPT if one.signal is None else "", note))),
+            **place_of_row(table, one.number, one.left_mm, one.top_mm),
         )
-    return result
+        for one, (model, note), gap in zip(shown, models, gaps, strict=True)
+    ]
 
 
-def _panes(shown: _Shown, model: _Model | None, largest: float, limit: float) -> tuple[Pane, ...]:
+def _panes(
+    shown: _Shown, model: _Model | None, gap: Array | None, largest: float, limit: float
+) -> tuple[Pane, ...]:
     """The pictures of a frame; where its own is not kept, its order stands in the first place."""
     own, order = list[Pane](), list[Pane]()
     if shown.signal is not None:
@@ -276,19 +213,10 @@ def _panes(shown: _Shown, model: _Model | None, largest: float, limit: float) ->
         order.append(Pane("order", "fringe order N", shown.order, (0.0, largest), FRINGES))
     simulated = list[Pane]()
     if model is not None:
-        simulated.append(Pane("simulation", "simulation", model.signal, _LIGHT, SIGNAL))
-    if model is not None and shown.order is not None:
-        gap = shown.order - model.order
+        simulated.append(Pane("simulation", "simulation", model[0], _LIGHT, SIGNAL))
+    if gap is not None:
         simulated.append(Pane("difference", _DIFFERENCE, gap, (-limit, limit), FRINGES))
     return (*own, *simulated, *order) if own else (*order, *simulated)
-
-
-@dataclass(frozen=True)
-class _Model:
-    """What a frame's own values make: `signal`, 0 in darkness, and `order` (fringes)."""
-
-    signal: Array
-    order: Array
 
 
 def _model(
@@ -312,23 +240,24 @@ def _model(
         signal = picture_signal(own, picture)
     except IsochromeError as error:
         return None, f"its simulation was refused: {error}"
-    there = picture.material
-    return _Model(np.where(there, signal, np.nan), np.where(there, picture.order, np.nan)), ""
+    signal, order = (np.where(picture.material, v, np.nan) for v in (signal, picture.order))
+    return (signal, order), ""
 
 
 def _own_scene(
     scene: Scene, table: Mapping[str, list[Any]], shown: _Shown, values: Mapping[str, float]
 ) -> Scene:
     """The scene of a frame alone, as `own_scene` has it, with what was fitted."""
-    rows, cols = shown.shape
+    image = shown.order if shown.signal is None else shown.signal
+    assert image is not None
     bare = sliding_scene(scene)
     if scene.frames.sliding_speed_mm_per_s is None:
         bare = frame_scene(bare, shown.number)
     else:
         bare = scene_at(bare, float(table["distance_m"][shown.number]))
     camera: dict[str, Any] = {
-        "camera.height_px": rows,
-        "camera.width_px": cols,
+        "camera.height_px": image.shape[0],
+        "camera.width_px": image.shape[1],
         "camera.pixel_mm": float(table["pixel_mm"][shown.number]),
         "camera.left_mm": shown.left_mm,
         "camera.top_mm": shown.top_mm,

@@ -130,11 +130,11 @@ class ArrayFrames:
 
     def digest(self) -> str:
         """The SHA-256 of its form and of all pixels, as hexadecimal text."""
-        found = hashlib.sha256(f"{self.count} {self.form} {self.dtype.name}".encode())
-        found.update(repr(self.times()).encode())
+        digest = hashlib.sha256(f"{self.count} {self.form} {self.dtype.name}".encode())
+        digest.update(repr(self.times()).encode())
         for index in range(self.count):
-            found.update(np.ascontiguousarray(self.frame(index)).data)
-        return found.hexdigest()
+            digest.update(np.ascontiguousarray(self.frame(index)).data)
+        return digest.hexdigest()
 
     def _item(self, index: int) -> np.ndarray:
         """A frame as it is given."""
@@ -217,18 +217,14 @@ class ArrayFrames:
                 continue
             steps = np.diff(places)
             side = float(steps.mean())
-            even = np.ptp(steps) <= 1e-3 * abs(side) and (common is None or _alike(common, side))
-            if not (side > 0 and even):
+            even = side > 0 and np.ptp(steps) <= 1e-3 * side
+            if not even or abs((common or side) / side - 1.0) >= 1e-3:
                 raise InputError(
                     f"{self}: its coordinate {name} does not rise by one step, the same in both "
                     f"directions; sort it with .sortby('{name}'), or drop the coordinate"
                 )
             common = side
         return common
-
-
-def _alike(one: float, other: float) -> bool:
-    return abs(one / other - 1.0) < 1e-3
 
 
 def _numpy_type(dtype: Any) -> np.dtype[Any]:

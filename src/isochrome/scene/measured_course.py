@@ -15,6 +15,7 @@ noise that lasts over many rows is not followed either. Both are from second dif
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -73,11 +74,7 @@ FROM_FILES = tuple(kind.part for kind in _KINDS)
 
 
 def with_tables(data: Any, folder: Path | None) -> Any:
-    """A scene's tables with those read that stand in files, and the files' names under FILES.
-
-    Parameters: `data`, the scene's tables; `folder`, to which names are relative. Returns the
-    tables. Raises InputError that names the file, line and value.
-    """
+    """A scene's tables with those read that stand in files, and the files' names under FILES."""
     if not isinstance(data, dict):
         return data
     tables, files = dict(data), list(data.get(FILES, ()))
@@ -118,11 +115,7 @@ def _speed(kind: _Kind, stated: Any, frames: Any) -> float | None:
 
 
 def read_course(path: Path, kind: _Kind, speed_mm_per_s: float | None) -> dict[str, list[float]]:
-    """A file's values over the distance, as a table of a scene, see `few_lines`.
-
-    Parameters: `path`; `kind`; `speed_mm_per_s`, which times need. Returns distance_m and value.
-    Raises InputError.
-    """
+    """A file's values over the distance, as a table of a scene, see `few_lines`."""
     given = read_given_table(path, f"the {kind.part}")
     distance, value = _columns(given, kind, speed_mm_per_s)
     _refuse_gap(given, kind, distance, value)
@@ -199,7 +192,13 @@ def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Fl
         return distance_m, value
     block = max(1, count // (_QUARTERS * FEW))
     block_means = value[: count // block * block].reshape(-1, block).mean(axis=1)
-    noise = _Noise(_noise_of(value), block, _noise_of(block_means))
+    of_rows, of_means = _noise_of(value), _noise_of(block_means)
+
+    def noise(rows: Any) -> Any:
+        """Standard error of the mean over so many rows (any shape)."""
+        means = of_means * np.sqrt(np.minimum(1.0, block / rows))
+        return np.maximum(of_rows / np.sqrt(rows), means)
+
     allowed = FOLLOWED * float(np.abs(value).max()) + _LEAST
     bends = np.unique(np.linspace(0, count - 1, 5).round().astype(int))
     while True:
@@ -247,22 +246,6 @@ def _line_values(s: Floats, value: Floats, bends: Any) -> Floats:
     return np.asarray(solveh_banded(bands, load))
 
 
-@dataclass(frozen=True)
-class _Noise:
-    """Noise of rows, and of means over a block of them."""
-
-    of_rows: float
-    block: int
-    of_means: float
-
-    def __call__(self, count: Any) -> Any:
-        """Standard error of the mean over so many rows (any shape)."""
-        import numpy as np
-
-        of_means = self.of_means * np.sqrt(np.minimum(1.0, self.block / count))
-        return np.maximum(self.of_rows / np.sqrt(count), of_means)
-
-
 def _noise_of(values: Floats) -> float:
     """Noise of a series (n,), from its second differences, which a smooth course hardly has."""
     import numpy as np
@@ -270,7 +253,9 @@ def _noise_of(values: Floats) -> float:
     return float(np.median(np.abs(np.diff(values, 2))) / (0.6745 * 6.0**0.5))
 
 
-def _worst_means(residual: Floats, bends: Any, allowed: float, noise: _Noise) -> Floats:
+def _worst_means(
+    residual: Floats, bends: Any, allowed: float, noise: Callable[[Any], Any]
+) -> Floats:
     """Of each stretch (m-1,) the largest mean of a quarter, over what is allowed there; 0 for one
     between neighbours."""
     import numpy as np

@@ -100,10 +100,7 @@ class NonNegativeTable(DistanceTable):
 
 
 def check_samples(part: ScenePart, place: str, value: str) -> None:
-    """Refuse samples of which one number has no partner, or whose places do not rise.
-
-    Parameters: `part`; `place`, `value`, its keys. Raises ValueError.
-    """
+    """Refuse samples of which one number has no partner, or whose places do not rise."""
     places, values = getattr(part, place), getattr(part, value)
     if len(places) != len(values):
         raise ValueError(
@@ -139,8 +136,8 @@ OverDistance = Annotated[
 def value_at(value: float | DistanceTable, distance_m: Distance) -> Distance:
     """A number, or a table's linear interpolation at a distance (m), constant beyond its ends.
 
-    Parameters: `value`; `distance_m`, a number or an array of any shape. Returns that shape.
-    A search puts an array of its own rows for the number, and asks at as many distances.
+    Of any shape. A search puts an array of its own rows for the number, and asks at as many
+    distances.
     """
     import numpy as np
 

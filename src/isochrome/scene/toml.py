@@ -75,8 +75,7 @@ def load_scene(scene: SceneLike) -> Scene:
         return scene_of_tables
     path = Path(scene)
     if str(scene) in scene_names():
-        text = (LIBRARY / f"{scene}.toml").read_text("utf-8")
-        return parse_scene(text, name=str(scene))
+        return parse_scene((LIBRARY / f"{scene}.toml").read_text("utf-8"), name=str(scene))
     if path.is_dir():
         raise InputError(f"{scene}: is a folder, not a scene file; name the .toml file in it")
     if not path.is_file():

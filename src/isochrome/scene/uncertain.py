@@ -69,7 +69,12 @@ def split_uncertainties(
         for name, value in stated.items():
             if table_model is not None and name in table_model.model_fields:
                 key = f"{part}.{name}"
-                _refuse_unmeasured(key, table_model.model_fields[name].annotation)
+                annotation = table_model.model_fields[name].annotation
+                if part in _UNMEASURED or not _is_measured(annotation):
+                    raise ValueError(
+                        f"{key} is no measured number, and has no standard_uncertainty; give the "
+                        "plain value"
+                    )
                 pairs[key] = plain_value(key, value)[1]
         plain[part] = table | {n: v.get(VALUE) for n, v in stated.items()}
     return plain, pairs
@@ -148,14 +153,6 @@ def _table_model(model: type[BaseModel], part: str) -> type[BaseModel] | None:
         if isinstance(kind, type) and issubclass(kind, BaseModel):
             return kind
     return None
-
-
-def _refuse_unmeasured(key: str, annotation: Any) -> None:
-    """Raise ValueError for a key that is no measured number."""
-    if key.split(".")[0] in _UNMEASURED or not _is_measured(annotation):
-        raise ValueError(
-            f"{key} is no measured number, and has no standard_uncertainty; give the plain value"
-        )
 
 
 def _is_measured(annotation: Any) -> bool:

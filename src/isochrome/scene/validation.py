@@ -90,7 +90,12 @@ def _sentence(model: type[BaseModel], error: ValidationError) -> str:
     errors = error.errors(include_url=False)
     first = next((e for e in errors if e["type"] == "extra_forbidden"), errors[0])
     known = _keys_beside(model, first["loc"])
-    key = _dotted(first["loc"])
+    key = ""
+    for item in first["loc"]:
+        if isinstance(item, int):
+            key += f"[{item + 1}]"
+        elif item not in (NUMBER, TABLE):
+            key += f".{item}" if key else item
     more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
     if first["type"] == "extra_forbidden":
         return f"unknown key '{key}'; {_meant(str(first['loc'][-1]), known)}{more}"
@@ -101,8 +106,9 @@ def _sentence(model: type[BaseModel], error: ValidationError) -> str:
         return f"{message}{more}"
     if first["type"] == "value_error":
         return f"[{key}] {message}{more}"
-    allowed = message[0].lower() + message[1:]
-    return f"{key} = {_short(first['input'])} is not allowed: {allowed}; correct it{more}"
+    value, allowed = " ".join(repr(first["input"]).split()), message[0].lower() + message[1:]
+    value = value if len(value) <= 60 else value[:57] + "..."
+    return f"{key} = {value} is not allowed: {allowed}; correct it{more}"
 
 
 def _meant(word: str, known: list[str]) -> str:
@@ -117,21 +123,6 @@ def _meant(word: str, known: list[str]) -> str:
     other = given[0] == wanted[0] and given[2] in UNITS and wanted[2] in UNITS
     unit = f" It is in {UNITS[wanted[2]]}, not {UNITS[given[2]]}" if other else ""
     return f"did you mean '{near}'?{unit}"
-
-
-def _short(value: Any) -> str:
-    text = " ".join(repr(value).split())
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _dotted(loc: tuple[int | str, ...]) -> str:
-    text = ""
-    for item in loc:
-        if isinstance(item, int):
-            text += f"[{item + 1}]"
-        elif item not in (NUMBER, TABLE):
-            text += f".{item}" if text else item
-    return text
 
 
 def _keys_beside(model: type[BaseModel], loc: tuple[int | str, ...]) -> list[str]:

@@ -112,15 +112,34 @@ class Scene(ScenePart):
 
     @model_validator(mode="after")
     def _parts_agree(self) -> Scene:
-        if self.indenter is not None and self.specimen.shape not in (None, "block"):
+        self._check_needed()
+        self._check_sliding()
+        self._check_frames()
+        if self.specimen.shape == "block":
+            self._check_block()
+        if self.load is not None:
+            self._check_load(self.load)
+        return self
+
+    def _check_needed(self) -> None:
+        shape, contact = self.specimen.shape, self.indenter is not None
+        if contact and shape not in (None, "block"):
             raise ValueError(
-                f"[indenter] and [specimen] shape = '{self.specimen.shape}' exclude each other: "
+                f"[indenter] and [specimen] shape = '{shape}' exclude each other: "
                 "a contact's specimen is a half-plane or a block; remove one"
             )
-        for key in self._needed():
+        optics = ("specimen.thickness_mm", "specimen.fringe_value_n_per_mm", "load.normal_n")
+        needed = (*self._body.needs, *optics) if self._body else ()
+        if contact:
+            size = ("specimen.width_mm", "specimen.height_mm") if shape == "block" else ()
+            needed = ("specimen.young_gpa", "specimen.poisson", *optics, *size)
+        what = "a contact" if contact and shape is None else f"a {shape}"
+        for key in needed:
             part, name = key.split(".")
             if getattr(getattr(self, part), name, None) is None:
-                raise ValueError(f"{key} is missing, and {self._what()} needs it; add it")
+                raise ValueError(f"{key} is missing, and {what} needs it; add it")
+
+    def _check_sliding(self) -> None:
         if self.indenter is None and (self.friction or self.wear):
             raise ValueError("[friction] and [wear] need an [indenter]; add it, or remove them")
         if self.scar and self.wear is None:
@@ -130,28 +149,19 @@ class Scene(ScenePart):
                 "wear.law = 'dissipated_energy' needs [friction], which dissipates the energy; "
                 "add it, or set wear.law = 'archard'"
             )
-        if self.polariscope.step and self.frames.known_line:
+
+    def _check_frames(self) -> None:
+        light, frames = self.polariscope, self.frames
+        if light.step and frames.known_line:
             raise ValueError(
                 "[[frames.known_line]] is for single frames, and [[polariscope.step]] makes a "
                 "phase-stepped set; give a point of it as [[frames.known_order]]"
             )
-        if self.frames.known_loads_n:
-            self._check_known_loads()
-        if self.specimen.shape == "block":
-            self._check_block()
-        load = self.load
-        if load is not None and isinstance(load.normal_n, DistanceTable):
-            self._check_load_table(load)
-        if load is not None and load.tangential_n is not None:
-            self._check_tangential(load)
-        if self.specimen.shape == "beam" and load is not None:
-            inner, outer = load.inner_span_mm or 0.0, load.outer_span_mm or 0.0
-            if inner >= outer:
-                raise ValueError(
-                    f"load.inner_span_mm = {inner:g} must be less than load.outer_span_mm = "
-                    f"{outer:g}; are they swapped?"
-                )
-        return self
+        if frames.known_loads_n and (self.model != "disc" or light.tells_orders):
+            raise ValueError(
+                "frames.known_loads_n is for single frames of a disc (specimen.shape = 'disc') in "
+                "light of one wavelength; remove it"
+            )
 
     def _check_block(self) -> None:
         specimen = self.specimen
@@ -172,27 +182,27 @@ class Scene(ScenePart):
                 "set support = 'fixed', or remove [friction]"
             )
 
-    def _check_known_loads(self) -> None:
-        light = self.polariscope
-        if self.model != "disc" or light.step or light.several_wavelengths:
-            raise ValueError(
-                "frames.known_loads_n is for single frames of a disc (specimen.shape = 'disc') in "
-                "light of one wavelength; remove it"
-            )
-
-    def _check_load_table(self, load: Load) -> None:
-        if self.indenter is None:
+    def _check_load(self, load: Load) -> None:
+        if isinstance(load.normal_n, DistanceTable) and self.indenter is None:
             raise ValueError(
                 "load.normal_n is a table over sliding distance, and nothing slides without an "
                 "[indenter]; give load.normal_n as a number"
             )
-        if load.tangential_n is not None:
+        if isinstance(load.normal_n, DistanceTable) and load.tangential_n is not None:
             raise ValueError(
                 "load.normal_n is a table over sliding distance, and load.tangential_n is for a "
                 "stuck contact; give load.normal_n as a number, or remove load.tangential_n"
             )
+        if load.tangential_n is not None:
+            self._check_tangential(load.tangential_n)
+        inner, outer = load.inner_span_mm or 0.0, load.outer_span_mm or 0.0
+        if self.specimen.shape == "beam" and inner >= outer:
+            raise ValueError(
+                f"load.inner_span_mm = {inner:g} must be less than load.outer_span_mm = "
+                f"{outer:g}; are they swapped?"
+            )
 
-    def _check_tangential(self, load: Load) -> None:
+    def _check_tangential(self, tangential_n: float) -> None:
         if self.friction is None:
             raise ValueError("load.tangential_n needs [friction]: a stuck contact's limit; add it")
         if self.wear is not None:
@@ -200,24 +210,11 @@ class Scene(ScenePart):
                 "load.tangential_n is for a stuck contact, and [wear] for a sliding one; remove one"
             )
         held = abs(self.friction_at(0.0)) * self.load_at(0.0)
-        tangential = load.tangential_n or 0.0
-        if abs(tangential) > held:
+        if abs(tangential_n) > held:
             raise ValueError(
-                f"load.tangential_n = {tangential:g} is more than friction can hold, "
+                f"load.tangential_n = {tangential_n:g} is more than friction can hold, "
                 f"{held:g} N; lower it, or leave it out for a sliding contact"
             )
-
-    def _needed(self) -> tuple[str, ...]:
-        optics = ("specimen.thickness_mm", "specimen.fringe_value_n_per_mm", "load.normal_n")
-        if self.indenter is not None:
-            block = ("specimen.width_mm", "specimen.height_mm")
-            size = block if self.specimen.shape == "block" else ()
-            return ("specimen.young_gpa", "specimen.poisson", *optics, *size)
-        return (*self._body.needs, *optics) if self._body else ()
-
-    def _what(self) -> str:
-        shape = self.specimen.shape
-        return "a contact" if self.indenter is not None and shape is None else f"a {shape}"
 
     @property
     def _body(self) -> Body | None:

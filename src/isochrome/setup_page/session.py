@@ -48,7 +48,7 @@ from isochrome.frames import (
     with_file_scale,
 )
 from isochrome.output import with_uncertainty, write_text
-from isochrome.processing import one_state
+from isochrome.processing import own_scene
 from isochrome.runs import single_threaded
 from isochrome.scene import (
     FramesLike,
@@ -435,7 +435,7 @@ class SetupSession:
             if self._model is None or self._model[0] != key:
                 frame = self.frame(index, scene)
                 self.pixels(scene)  # its scale
-                state = one_state(with_file_scale(scene, self.reader(scene)), frame)
+                state = own_scene(with_file_scale(scene, self.reader(scene)), frame)
                 model = LiveModel(state, (region.height_px, region.width_px))
                 rows = slice(region.top_px, region.top_px + region.height_px)
                 cols = slice(region.left_px, region.left_px + region.width_px)

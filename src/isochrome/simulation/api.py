@@ -24,22 +24,10 @@ from isochrome.runs import (
     run_job,
     single_threaded,
 )
-from isochrome.scene import (
-    Scene,
-    SceneLike,
-    check_moduli,
-    check_pixel,
-    dump_scene,
-    load_scene,
-)
+from isochrome.scene import Scene, SceneLike, check_moduli, check_pixel, dump_scene, load_scene
 from isochrome.simulation.figure import simulation_figure, simulation_panels
 from isochrome.simulation.folder import finish_simulation_folder, run_layout
-from isochrome.simulation.model import (
-    SceneState,
-    iter_scene_states,
-    required_model,
-    state_count,
-)
+from isochrome.simulation.model import SceneState, iter_scene_states, required_model, state_count
 from isochrome.simulation.rendering import (
     HISTORY,
     PICTURE,
@@ -226,8 +214,23 @@ def simulate(
     check_pixel(scene, None)
     pixels, count = pixel_grid(scene), state_count(scene)
     if out is not None:
-        options = RunOptions(workers, cluster, restart)
-        return _to_folder(scene, pixels, count, Path(out), components, options, progress)
+        seed = scene.camera.seed if scene.camera else None
+        files = scene.files(of_frames=False)
+        identity = run_identity(dump_scene(scene), files, {"components": components}, seed)
+        if cluster is not None:  # another machine stands in another folder
+            scene = scene.model_copy(update={"folder": (scene.folder or Path()).absolute()})
+        with single_threaded():
+            work = RenderWork(scene, pixels, count, components=components)
+            job = Job(work, run_layout(work), identity)
+            finish = partial(finish_simulation_folder, work=work, record=identity)
+            options = RunOptions(workers, cluster, restart)
+            columns = run_job(job, Path(out), finish, means=options, progress=progress)
+        already = columns is None
+        draw = partial(_draw, work, Path(out).absolute() / PICTURE, already)
+        return Simulation(
+            scene=scene, pixels=pixels, history=columns or read_csv(Path(out) / HISTORY),
+            already=already, draw=draw, components=components,
+        )  # fmt: skip
     refuse_without_folder(out, workers, cluster)
     states, shown = iter_scene_states(scene), shown_states(count)
     items, results, frames, orders = [], [], [], []
@@ -247,35 +250,6 @@ def simulate(
     return Simulation(
         scene=scene, pixels=pixels, history=history, states=results, frames=np.concatenate(frames),
         orders=np.stack(orders), maps=layers, draw=partial(simulation_figure, scene, pixels, items),
-        components=components,
-    )  # fmt: skip
-
-
-def _to_folder(
-    scene: Scene,
-    pixels: PixelGrid,
-    count: int,
-    out: Path,
-    components: bool,
-    options: RunOptions,
-    progress: RunProgress | None,
-) -> Simulation:
-    """The simulation by whoever computes it, into a folder."""
-    seed = scene.camera.seed if scene.camera else None
-    files = scene.files(of_frames=False)
-    identity = run_identity(dump_scene(scene), files, {"components": components}, seed)
-    if options.cluster is not None:  # another machine stands in another folder
-        scene = scene.model_copy(update={"folder": (scene.folder or Path()).absolute()})
-    with single_threaded():
-        work = RenderWork(scene, pixels, count, components=components)
-        job = Job(work, run_layout(work), identity)
-        finish = partial(finish_simulation_folder, work=work, record=identity)
-        history = run_job(job, out, finish, means=options, progress=progress)
-    already = history is None
-    draw = partial(_draw, work, out.absolute() / PICTURE, already)
-    history = history or read_csv(out / HISTORY)
-    return Simulation(
-        scene=scene, pixels=pixels, history=history, already=already, draw=draw,
         components=components,
     )  # fmt: skip
 

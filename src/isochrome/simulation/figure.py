@@ -57,8 +57,6 @@ def stress_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Fig
     """Maps of sigma_1 above those of sigma_2, with the largest shear and the contact's edges.
 
     Red is tension, blue compression; the maps of each stress have one scale.
-    Parameters: `scene`; `pixels`; `items`, up to six rendered states with components. Returns a
-    Figure.
     """
     cols = min(3, len(items))
     rows = -(-len(items) // cols)
@@ -74,19 +72,18 @@ def stress_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Fig
             drawn.append(_draw_stress(ax, item, image, pixels, limit, title=item.state.label))
         for ax in axes[len(items) :]:
             ax.set_visible(False)
-        low, high = _range(maps)
-        bar = add_colour_bar(drawn, label)
-        bar.ax.set_ylim(max(low, -limit), min(high, limit))
+        # with zero between them, and never empty
+        low = min(0.0, *(float(np.nanmin(image)) for image in maps))
+        high = max(0.0, *(float(np.nanmax(image)) for image in maps))
+        low, high = (low, high) if high > low else (-1.0, 1.0)
+        add_colour_bar(drawn, label).ax.set_ylim(max(low, -limit), min(high, limit))
     marks = "× largest shear" + (", ▼ edges of contact" if scene.is_contact else "")
     write_head(figure, f"{plain_name(scene.name)}, simulated: principal stresses\n{marks}")
     return figure
 
 
 def stress_kinds(pixels: PixelGrid, items: Sequence[Rendered]) -> list[PictureKind]:
-    """The maps for a paper; none where the principal stresses were not asked for.
-
-    Parameters: `pixels`; `items`, the rendered states. Returns a list of PictureKind.
-    """
+    """The maps for a paper; none where the principal stresses were not asked for."""
     kinds = []
     for name, plain in _PLAIN_NAMES.items():
         maps = [item.components.maps[name] for item in items if item.components]
@@ -103,7 +100,10 @@ def stress_kinds(pixels: PixelGrid, items: Sequence[Rendered]) -> list[PictureKi
 def _draw_stress(
     axes: Axes, item: Rendered, image: np.ndarray, pixels: PixelGrid, limit: float, title: str = ""
 ) -> AxesImage:
-    """A map, red in tension and blue in compression, with its marks."""
+    """A map, red in tension and blue in compression, with its marks.
+
+    A cross where the shear is largest; carets at the edges of contact, where in view.
+    """
     shown = show_image(
         axes,
         image,
@@ -115,34 +115,19 @@ def _draw_stress(
         vmax=limit,
         title=title,
     )
-    _mark(axes, item, pixels)
-    return shown
-
-
-def _range(maps: list[np.ndarray]) -> tuple[float, float]:
-    """Smallest and largest value of all maps, with zero between them; never empty."""
-    low = min(0.0, *(float(np.nanmin(image)) for image in maps))
-    high = max(0.0, *(float(np.nanmax(image)) for image in maps))
-    return (low, high) if high > low else (-1.0, 1.0)
-
-
-def _mark(ax: Axes, item: Rendered, pixels: PixelGrid) -> None:
-    """A cross where the shear is largest; carets at the edges of contact, where in view."""
     assert item.components is not None
     peak, surface = item.components.peak, item.state.surface
     right = pixels.left_mm + pixels.cols * pixels.pixel_mm
     if surface is not None and pixels.top_mm <= 0.0:
         edges = [x for x in surface.edges_mm if pixels.left_mm <= x <= right]
-        ax.plot(edges, [0.0] * len(edges), marker=_CARET_DOWN, color=INK, ls="", clip_on=False)
-    ax.plot(peak.x_mm, peak.z_mm, "x", color=LINE_COLOURS[2], ms=8, mew=BOLD_PT, clip_on=False)
-    ax.set_xlim(pixels.left_mm, right)
+        axes.plot(edges, [0.0] * len(edges), marker=_CARET_DOWN, color=INK, ls="", clip_on=False)
+    axes.plot(peak.x_mm, peak.z_mm, "x", color=LINE_COLOURS[2], ms=8, mew=BOLD_PT, clip_on=False)
+    axes.set_xlim(pixels.left_mm, right)
+    return shown
 
 
 def simulation_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Figure:
-    """Simulated frames on millimetre axes; for a contact, pressure and worn depth below them.
-
-    Parameters: `scene`; `pixels`; `items`, up to six rendered states. Returns a Figure.
-    """
+    """Simulated frames on millimetre axes; for a contact, pressure and worn depth below them."""
     cols = min(3, len(items))
     image_rows = -(-len(items) // cols)
     curves = items[0].state.surface is not None
@@ -190,10 +175,7 @@ def _draw_frame(
 
 
 def simulation_panels(scene: Scene, pixels: PixelGrid, items: Sequence[Rendered]) -> PaperPanels:
-    """The same for a paper, with the maps of the principal stresses where they were asked for.
-
-    Parameters: `scene`; `pixels`; `items`, the rendered states. Returns PaperPanels.
-    """
+    """The same for a paper, with the maps of the principal stresses where they were asked for."""
 
     def frame(axes: Axes, k: int) -> AxesImage:
         _draw_frame(axes, scene, pixels, items[k])
@@ -302,8 +284,7 @@ def _along_surface(
         raise InputError("states without a surface under load: give those of a contact")
     drawn = given_axes(axes)
     for state, surface, colour in zip(given, surfaces, cycle(LINE_COLOURS), strict=False):
-        x = surface.grid.x_mm
-        drawn.plot(x, value(surface), color=colour, lw=BOLD_PT, label=state.label)
+        drawn.plot(surface.grid.x_mm, value(surface), color=colour, lw=BOLD_PT, label=state.label)
     widest = max(abs(edge) for surface in surfaces for edge in surface.edges_mm)
     style_axes(drawn, x_label="x (mm)", z_label=label)
     drawn.set_xlim(-1.25 * widest, 1.25 * widest)

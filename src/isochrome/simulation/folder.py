@@ -28,7 +28,6 @@ from isochrome.output import (
 from isochrome.reporting import (
     FRINGES,
     GREY_LEVELS,
-    Curve,
     Pane,
     ReportContent,
     ReportFrame,
@@ -79,6 +78,9 @@ def simulation_report(folder: Path, scene: Scene, record: Mapping[str, Any]) -> 
     history = read_csv(folder / HISTORY)
     count = len(history["state"])
     frames = _frames(folder, scene, history)
+    distance, across = numbers(history["distance_m"]), "sliding distance (m)"
+    if not np.isfinite(distance).all() or np.ptp(distance) == 0.0:  # nothing slides
+        distance, across = np.arange(len(distance), dtype=float), "state"
     few = ", chosen for the reason that stands beside each" if len(frames) < count else ""
     return ReportContent(
         command="simulate",
@@ -86,7 +88,11 @@ def simulation_report(folder: Path, scene: Scene, record: Mapping[str, Any]) -> 
         verdict=_verdict(history),
         frames=frames,
         choice=f"{len(frames)} of {counted(count, 'rendered state')} are shown{few}.",
-        curves=list(_curves(history)),
+        curves=[
+            make_curve(f"{name} ({unit})", across, distance, values)
+            for name, unit, values in _known(history)
+            if np.isfinite(values).sum() > 1
+        ],
         no_budget=_NO_BUDGET,
         tables=[ReportTable(f"The states ({HISTORY})", history)],
         causes_text=_NO_CAUSES,
@@ -116,16 +122,6 @@ def _verdict(history: Mapping[str, list[Any]]) -> str:
     where = f"From {slid[0]:g} to {slid[-1]:g} m of sliding: " if np.ptp(slid) > 0.0 else ""
     text = f"{where}{', '.join(parts)}."
     return f"{text[:1].upper()}{text[1:]}"
-
-
-def _curves(history: Mapping[str, list[Any]]) -> Iterator[Curve]:
-    """The quantities over the distance, or over the states where nothing slides."""
-    distance, across = numbers(history["distance_m"]), "sliding distance (m)"
-    if not np.isfinite(distance).all() or np.ptp(distance) == 0.0:
-        distance, across = np.arange(len(distance), dtype=float), "state"
-    for name, unit, values in _known(history):
-        if np.isfinite(values).sum() > 1:
-            yield make_curve(f"{name} ({unit})", across, distance, values)
 
 
 def _frames(folder: Path, scene: Scene, history: Mapping[str, Sequence[Any]]) -> list[ReportFrame]:
@@ -182,19 +178,14 @@ def run_layout(work: RenderWork) -> RunLayout:
     """What a simulation keeps of its states: parts of files alone."""
     forms = [_form(work, name) for name in work.stacks]
     size = sum(int(np.prod(shape)) * dtype.itemsize for shape, dtype in forms)
-    together = min(_FEW, CHUNK_BYTES // size)
-    chunk = max(1, together, chunk_size(work.count, size))
+    chunk = max(1, min(_FEW, CHUNK_BYTES // size), chunk_size(work.count, size))
     return RunLayout(axes={"state": work.count}, chunk=chunk, store=False, part_bytes=size)
 
 
 def finish_simulation_folder(
     run: RunFolder, work: RenderWork, record: Mapping[str, Any]
 ) -> dict[str, list[Any]]:
-    """Make the files from what is kept of the chunks, a chunk in memory at a time.
-
-    Parameters: `run`, where they lie; `work`; `record`, what provenance.json will hold. Returns
-    the columns of history.csv. Raises OSError.
-    """
+    """Make the files from what is kept of the chunks, a chunk in memory at a time."""
     folder, scene = run.results, work.scene
     history: dict[str, list[Any]] = {}
     for row, _ in rows(run):

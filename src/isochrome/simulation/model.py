@@ -112,16 +112,23 @@ def iter_scene_states(scene: Scene) -> Iterator[SceneState]:
     model = required_model(scene)
     if not scene.is_contact:
         return iter((SceneState(model, 0.0, None),))
-    return (SceneState(_label(s), s.distance_m, s) for s in iter_contact_states(scene))
+    return (
+        SceneState(
+            f"{s.distance_m:g} m" if s.distance_m else "initial sliding" if s.sliding else "static",
+            s.distance_m,
+            s,
+        )
+        for s in iter_contact_states(scene)
+    )
 
 
 def state_count(scene: Scene) -> int:
     """Number of states of a scene, without solving them."""
     if not scene.is_contact:
         return 1
-    static = scene.friction is not None and scene.friction.static_state_first
     if scene.load is not None and scene.load.tangential_n is not None:
         return 1
+    static = scene.friction is not None and scene.friction.static_state_first
     return int(static) + (len(scene.wear.distances_m) if scene.wear else 1)
 
 
@@ -139,14 +146,6 @@ def no_model_sentence(scene: Scene) -> str:
         "`isochrome process` still gives the normalised frames, the fringe skeleton, and the order "
         "from [[frames.known_order]]"
     )
-
-
-def _label(state: SurfaceState) -> str:
-    if not state.sliding and state.distance_m == 0.0:
-        return "static"
-    if state.distance_m == 0.0:
-        return "initial sliding"
-    return f"{state.distance_m:g} m"
 
 
 def state_difference(scene: Scene, state: SceneState, pixels: PixelGrid) -> StressDifference:

@@ -64,10 +64,9 @@ def state_components(
 ) -> Components:
     """Stress components, principal stresses and the largest shear of one state.
 
-    Parameters: `scene`, `state`; its `picture`, for the material; `pixels`. Returns Components.
-    Equations: sigma_1,2 = (sigma_x + sigma_z)/2 ± |(sigma_x - sigma_z) + 2i tau_xz|/2; direction of
-    sigma_1 counter-clockwise from the image's +x, -90 to 90. Source: Timoshenko & Goodier (1970),
-    section 9.
+    sigma_1,2 = (sigma_x + sigma_z)/2 ± |(sigma_x - sigma_z) + 2i tau_xz|/2; direction of sigma_1
+    counter-clockwise from the image's +x, -90 to 90. Source: Timoshenko & Goodier (1970), section
+    9.
     """
     model = specimen_model(scene)
     stress = model.components(scene, state.surface, pixels)
@@ -123,10 +122,8 @@ def simulation_dataset(
     history: Mapping[str, Sequence[Any]],
     maps: Mapping[str, NDArray[Any]],
 ) -> RunDataset:
-    """Maps (state, row, col), frames and the history of all states.
-
-    Parameters: `scene`; `pixels`; `history`, the columns of history.csv; `maps` by name, `frames`
-    among them, a frame for each step of each state. Returns a RunDataset.
+    """Maps (state, row, col), frames, one for each step of each state, and the history of all
+    states.
     """
     count = len(history["state"])
     columns = {name: column(list(own), "state", name) for name, own in history.items()}
@@ -154,7 +151,6 @@ def history_row(index: int, item: Rendered, pixels: PixelGrid) -> dict[str, Any]
 
     The largest shear (sigma_1 - sigma_2)/2 is that of the pixel with the largest order; with the
     item's components, the largest anywhere in the material in view.
-    Parameters: `index` of the state; `item`; `pixels`. Returns column name to value.
     """
     order = np.where(item.picture.material, item.picture.order, -1.0)
     row, col = np.unravel_index(int(order.argmax()), order.shape)
@@ -189,9 +185,8 @@ def history_row(index: int, item: Rendered, pixels: PixelGrid) -> dict[str, Any]
 def profile_rows(index: int, surface: SurfaceState) -> dict[str, Any]:
     """The rows of pressure.csv for one state: the nodes that are loaded or worn.
 
-    They run from the last node before the first of them to the first after the last, so that
-    the zeros at both ends are there; beyond, all columns but x are zero and are left out.
-    Parameters: `index` of the state; `surface`. Returns column name to values, of one length.
+    They run from the last node before the first of them to the first after the last, so that the
+    zeros at both ends are there; beyond, all columns but x are zero and are left out.
     """
     touched = (surface.pressure_mpa != 0.0) | (surface.shear_mpa != 0.0)
     places = np.flatnonzero(touched | (surface.wear_depth_mm != 0.0))
@@ -241,8 +236,13 @@ def render(
     """
     assert scene.camera is not None
     for index, state in enumerate(states, first):
-        if state.surface is not None:
-            _refuse_too_wide(scene, state.surface, pixels)
+        width = pixels.cols * pixels.pixel_mm
+        if state.surface is not None and state.surface.contact_width_mm > width:
+            raise PhysicsError(
+                f"{scene.name}: the contact is {state.surface.contact_width_mm:.3g} mm wide, wider "
+                f"than the picture ({width:.3g} mm); lower load.normal_n or the wear, or widen the "
+                "camera"
+            )
         picture = make_picture(scene, state_difference(scene, state, pixels), pixels)
         refuse_too_fine(scene, picture)
         rng = np.random.default_rng([scene.camera.seed, index])
@@ -271,15 +271,6 @@ def _block_order(scene: Scene, state: SceneState, pixels: PixelGrid) -> float | 
     return float(order.max())
 
 
-def _refuse_too_wide(scene: Scene, surface: SurfaceState, pixels: PixelGrid) -> None:
-    width = pixels.cols * pixels.pixel_mm
-    if surface.contact_width_mm > width:
-        raise PhysicsError(
-            f"{scene.name}: the contact is {surface.contact_width_mm:.3g} mm wide, wider than the "
-            f"picture ({width:.3g} mm); lower load.normal_n or the wear, or widen the camera"
-        )
-
-
 FRAMES, ORDER, PRESSURE = "frames.tif", "fringe_order.tif", "pressure.csv"
 
 _SHOWN = 6
@@ -288,9 +279,7 @@ _SHOWN = 6
 
 def shown_states(count: int) -> list[int]:
     """Which of a number of states the figure shows."""
-    ends = np.linspace(0, count - 1, min(_SHOWN, count))
-    numbers: list[int] = ends.round().astype(int).tolist()
-    return numbers
+    return [round(end) for end in np.linspace(0, count - 1, min(_SHOWN, count))]
 
 
 class RenderWork:
@@ -327,8 +316,12 @@ class RenderWork:
             rows.append(history_row(index, item, self.pixels))
             if item.state.surface is not None:
                 tables.append(csv_text(profile_rows(index, item.state.surface), header=False))
-            for name, images in self._pictures(item).items():
-                parts[name] += np.ascontiguousarray(images).data
+            stacks = {FRAMES: item.frames, ORDER: item.picture.order.astype("<f4")}
+            if item.components is not None:
+                stacks |= {f"{name}.tif": item.components.maps[name] for name in LAYERS}
+            for name, images in stacks.items():
+                little_endian = images.astype(images.dtype.newbyteorder("<"), copy=False)
+                parts[name] += np.ascontiguousarray(little_endian).data
             if index in self.shown:
                 self._kept[index] = item
         records = {name: bytes(part) for name, part in parts.items()}
@@ -347,13 +340,6 @@ class RenderWork:
             (state[index],) = self._rendered(index, index + 1)
         self._kept |= {index: state[index] for index in wanted if index in self.shown}
         return [state[index] for index in wanted]
-
-    def _pictures(self, item: Rendered) -> dict[str, np.ndarray]:
-        """A state's pictures by the names of their files, little-endian."""
-        stacks = {FRAMES: item.frames, ORDER: item.picture.order.astype("<f4")}
-        if item.components is not None:
-            stacks |= {f"{name}.tif": item.components.maps[name] for name in LAYERS}
-        return {k: v.astype(v.dtype.newbyteorder("<"), copy=False) for k, v in stacks.items()}
 
     def _rendered(self, start: int, stop: int) -> Iterator[Rendered]:
         states = self._states(start, stop)

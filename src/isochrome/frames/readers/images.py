@@ -38,7 +38,7 @@ PNG_END = b"IEND\xaeB`\x82"
 
 
 def open_images(paths: tuple[Path, ...], kind: Kind) -> Source:
-    """Read the first of some image files of one size. Returns their Source. Raises InputError."""
+    """Read the first of some image files of one size."""
     first = paths[0]
     form = StoredForm.of(read_image(first))
     head = tiff.open_tiff(first) if signature_of(first).kind == "tiff" else None
@@ -62,11 +62,10 @@ def _frames(paths: tuple[Path, ...], form: StoredForm, start: int) -> Generator[
 
 
 def read_image(path: Path) -> np.ndarray:
-    """Decode one image file.
+    """Decode one image file, to (row, col), or (row, col, 3) in RGB, uint8, uint16 or float.
 
-    Parameters: `path`. Returns (row, col), or (row, col, 3) in RGB, uint8, uint16 or float;
-    transparency is dropped, a palette becomes RGB, and a camera's orientation mark is ignored:
-    the pixels stay where the sensor had them. Raises InputError.
+    Transparency is dropped, a palette becomes RGB, and a camera's orientation mark is ignored: the
+    pixels stay where the sensor had them.
     """
     kind = signature_of(path).kind
     if kind == "tiff":

@@ -38,11 +38,8 @@ DEEP_RGB = ("rgb48le", "rgb48be", "bgr48le", "bgr48be", "rgba64le", "rgba64be", 
 
 
 def to_image(frame: Any, path: Path) -> tuple[np.ndarray, int | None]:
-    """A frame's pixels.
-
-    Parameters: `frame`, an av.VideoFrame; `path`, for messages. Returns (row, col), or
-    (row, col, 3) in RGB, uint8, uint16 or float32, and the bits of a value (None: float).
-    Raises InputError for a format that is not read.
+    """A frame's pixels (row, col), or (row, col, 3) in RGB, and the bits of a value (None:
+    float).
     """
     name: str = frame.format.name
     if name.startswith("yuvj"):
@@ -53,8 +50,7 @@ def to_image(frame: Any, path: Path) -> tuple[np.ndarray, int | None]:
     if name.startswith("yuv") and "p" in name:
         return _rgb_of_yuv(frame, full=frame.color_range == FULL_RANGE)
     if name.startswith(("gray", "ya")):
-        step = 2 if name.startswith("ya") else 1
-        grey = plane_of(frame, 0)[:, ::step]
+        grey = plane_of(frame, 0)[:, :: 2 if name.startswith("ya") else 1]
         return np.array(grey, order="C"), None if "f" in name else _bits(frame)
     if name.startswith(("gbrp", "gbrap")) and "f" not in name:
         green, blue, red = (plane_of(frame, k) for k in range(3))
@@ -146,5 +142,4 @@ def _through(table: np.ndarray, values: np.ndarray) -> np.ndarray:
 def _widened(chroma: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """A plane of fewer rows and columns on all pixels, each value on those that it was taken of."""
     down, across = -(-shape[0] // chroma.shape[0]), -(-shape[1] // chroma.shape[1])
-    wide = np.repeat(np.repeat(chroma, down, axis=0), across, axis=1)
-    return wide[: shape[0], : shape[1]]
+    return np.repeat(np.repeat(chroma, down, axis=0), across, axis=1)[: shape[0], : shape[1]]

@@ -52,11 +52,7 @@ class Signature:
 
 
 def signature_of(path: Path) -> Signature:
-    """Tell what a file is by its first bytes.
-
-    Parameters: `path`. Returns its Signature. Raises InputError where it is missing or empty, and
-    where it is nothing that is read; it names what it seems to be.
-    """
+    """Tell what a file is by its first bytes; InputError where it is nothing that is read."""
     Stamp.of(path)
     try:
         with open(path, "rb") as file:

@@ -19,6 +19,7 @@ from collections.abc import Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
@@ -82,9 +83,8 @@ class Ome(FileNotes):
 def read_ome(text: str, path: Path) -> Ome:
     """Read the OME notes of one image in one file.
 
-    Parameters: `text`, the XML; `path`, for messages. Returns Ome. Raises InputError where they
-    are no XML, tell of several images or files, or of pixels that are not square.
-    Source: OME schema 2016-06, elements Image, Pixels, Channel, TiffData, Plane.
+    InputError where they are no XML, tell of several images or files, or of pixels that are not
+    square. Source: OME schema 2016-06, elements Image, Pixels, Channel, TiffData, Plane.
     """
     if "<!DOCTYPE" in text or "<!ENTITY" in text:  # entities can grow without bounds
         raise InputError(f"{path}: its OME notes define entities; save it again, without notes")
@@ -106,13 +106,12 @@ def read_ome(text: str, path: Path) -> Ome:
         raise InputError(f"{path}: its OME notes describe no pixels; save it again")
     samples = [_count(c, "SamplesPerPixel", path) for c in pixels.iterfind("{*}Channel")]
     size = {axis: _count(pixels, f"Size{axis}", path) for axis in "ZCT"}
-    planes = size["Z"] * size["T"]
-    times = _times(pixels, planes)
+    times = _times(pixels, size["Z"] * size["T"])
     interval = _number(pixels, "TimeIncrement", OME_SECONDS, "TimeIncrementUnit", "s")
     start = None if interval is None else 0.0
     from_first: tuple[float | None, ...] | None = None
     if times is not None:
-        interval, start, from_first = None, times[0], _from_first(times)
+        interval, (start, from_first) = None, times
     bits = pixels.get("SignificantBits")
     return Ome(
         slices=size["Z"],
@@ -159,8 +158,13 @@ def _pixel_mm(pixels: ElementTree.Element, path: Path) -> float | None:
     return across
 
 
-def _times(pixels: ElementTree.Element, planes: int) -> list[float] | None:
-    """The planes' own times (s), in the order of the frames, where each plane has one."""
+def _times(
+    pixels: ElementTree.Element, planes: int
+) -> tuple[float, tuple[float | None, ...]] | None:
+    """The first plane's own time (s), and each one's from there, in the order of the frames.
+
+    None where not each plane has one; of one, where it does not come after all before.
+    """
     times: dict[int, float] = {}
     for plane in pixels.iterfind("{*}Plane"):
         factor = OME_SECONDS.get(plane.get("DeltaTUnit", "s"))
@@ -174,17 +178,12 @@ def _times(pixels: ElementTree.Element, planes: int) -> list[float] | None:
         times[index] = value * factor
     if len(times) != planes or set(times) != set(range(planes)):
         return None
-    return [times[i] for i in range(planes)]
-
-
-def _from_first(times: list[float]) -> tuple[float | None, ...]:
-    """Times from the first, None for those that do not come after all before."""
-    out: list[float | None] = []
-    latest = -math.inf
-    for time in times:
-        out.append(time - times[0] if time > latest else None)
-        latest = max(latest, time)
-    return tuple(out)
+    ordered = [times[i] for i in range(planes)]
+    latest = accumulate(ordered, max, initial=-math.inf)
+    from_first = (
+        t - times[0] if t > last else None for t, last in zip(ordered, latest, strict=False)
+    )
+    return times[0], tuple(from_first)
 
 
 MINISWHITE, PALETTE, SEPARATED = 0, 3, 5
@@ -201,7 +200,7 @@ class PageDecoder:
     """Decodes the pages of one open TIFF, whichever is asked for."""
 
     def __init__(self, tif: tifffile.TiffFile, path: Path, *, inverted_too: bool = False) -> None:
-        """Parameters: `tif`; `path`; `inverted_too`, to take ImageJ's inverted images as stored."""
+        """`inverted_too`, to take ImageJ's inverted images as stored."""
         self._tif, self._path, self._inverted_too = tif, path, inverted_too
         self._pillow: Any = None
         self.bits: int | None = None
@@ -481,8 +480,7 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
 
 def _frame_pages(tif: tifffile.TiffFile) -> tuple[tuple[int, int], ...]:
     """Pages that are frames: not the thumbnails and reduced copies that some programs add."""
-    pages: Any = tif.pages
-    numbered = ((i, pages[i]) for i in range(len(pages)))
+    numbered: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
     return tuple((i, page.offset) for i, page in numbered if i == 0 or not page.is_reduced)
 
 
@@ -552,9 +550,8 @@ def _check_square(tif: tifffile.TiffFile, path: Path) -> None:
 def _interval(meta: dict[str, Any]) -> float | None:
     """Seconds between the frames of an ImageJ stack."""
     step, unit = meta.get("finterval", 0), SECONDS.get(str(meta.get("tunit", "s")).lower())
-    if unit is None or not isinstance(step, int | float) or not 0 < step < float("inf"):
-        return None
-    return float(step) * unit
+    known = unit and isinstance(step, int | float) and 0 < step < float("inf")
+    return float(step) * unit if known and unit else None
 
 
 def _of_ome(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
@@ -611,10 +608,7 @@ def open_tiff(path: Path) -> Source:
 
 
 def holds_several(path: Path) -> bool:
-    """Whether a TIFF holds more than one frame; its pages are not counted for it.
-
-    Parameters: `path`. Raises InputError where it does not tell.
-    """
+    """Whether a TIFF holds more than one frame; its pages are not counted for it."""
     Stamp.of(path)
     with refusing(path, "not a readable TIFF"), _opened(path) as tif:
         with suppress(IndexError):
@@ -627,8 +621,7 @@ def holds_several(path: Path) -> bool:
 def read_single(path: Path, *, inverted_too: bool = False) -> np.ndarray:
     """The one page of a TIFF, such as a folder of images holds.
 
-    Parameters: `path`; `inverted_too`, to take ImageJ's images that are shown inverted, as its
-    masks are, by their stored values. Raises InputError where it holds more pages or is not read.
+    `inverted_too`, to take ImageJ's images that are shown inverted, as its masks are, as stored.
     """
     Stamp.of(path)
     with refusing(path, "not a readable TIFF"), _opened(path) as tif:

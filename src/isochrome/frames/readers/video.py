@@ -33,7 +33,7 @@ class Video:
     """One video file; decoded from its start, or from a key frame once its frames are known."""
 
     def __init__(self, path: Path, stamp: Stamp, container: Container) -> None:
-        """Parameters: `path`; `stamp`, the file's when it was opened; `container`."""
+        """`stamp`, the file's when it was opened."""
         self.path, self.stamp, self.container = path, stamp, container
         self.places: Places | None = None
         self.form: StoredForm  # of the first frame, which is decoded before any is asked for
@@ -73,7 +73,11 @@ class Video:
             with refusing(self.path, f"frame {index} cannot be decoded"):
                 image = to_image(item.frame, self.path)[0]
                 self.form.check(self.path, image, f"frame {index}")
-            time = item.time_s if self.places is None else self._time(index)
+            time = item.time_s
+            if self.places is not None:
+                times = self.places.times_s
+                known = index < len(times) and np.isfinite(times[index])
+                time = float(times[index]) if known else None
             yield RawFrame(image, time, f"{self.path.name}[{index}]")
         self.stamp.check(self.path)
 
@@ -122,11 +126,6 @@ class Video:
                 f"{self.path}: gives {index + 1} frames of {len(stamps)} packets; copy it again "
                 "from its source"
             )
-
-    def _time(self, index: int) -> float | None:
-        assert self.places is not None
-        time = float(self.places.times_s[index]) if index < len(self.places.times_s) else np.nan
-        return time if np.isfinite(time) else None
 
     def _from_key(self, start: int) -> tuple[int, Iterator[Decoded] | None]:
         """Frames from the last key frame before `start`; None where they are not the known ones.
@@ -182,7 +181,7 @@ class Video:
 
 
 def open_video(path: Path) -> Source:
-    """Decode the first frame of a video. Returns its Source. Raises InputError."""
+    """Decode the first frame of a video."""
     stamp = Stamp.of(path)
     video = Video(path, stamp, check_whole(path))
     running = video.decoded()

@@ -43,9 +43,8 @@ class Choice:
 def candidate_orders(signal: Array, weight: Array, table: ColourTable) -> tuple[Array, Array]:
     """Orders at which a colour is nearest to the table: minima of chi² = Σ_c w_c (y_c - s_c(N))².
 
-    Parameters: `signal` y (n, channels); `weight` 1/variance (n, channels), 0 where a channel is
-    not to be trusted; `table`. Returns orders and chi², (n, candidates), the best first; chi² is
-    infinite where there are fewer.
+    Orders and chi² (n, candidates), the best first, infinite where there are fewer; weight 0 where
+    a channel is not to be trusted.
     """
     coarse = table.signal[::_EVERY]
     step = STEP * _EVERY

@@ -155,8 +155,10 @@ def _reading(
     highest = table.highest_of(_LEAST_CONTRAST[shown.blind]) - _BELOW_WHITE
     known = readable & described & value.agreed & (value.order < highest) & (not lost)
     known &= (value.doubt < _LARGEST_DOUBT) & (uncertainty < _LARGEST_UNCERTAINTY)
-    if shown.unlit_unknown and specimen is None:
-        known &= ~_perhaps_unlit(value.order)
+    if shown.unlit_unknown and specimen is None:  # black places might be no specimen at all
+        core = ndimage.distance_transform_edt(value.order < _UNLIT_ORDER) > _UNLIT_PX
+        if core.any():
+            known &= ndimage.distance_transform_edt(~core) > _UNLIT_PX + 4
     known = _without_islands(value.order, known)
     sure = probability(uncertainty) * (1.0 - value.doubt)
     degrees = float(value.degrees[readable].sum(dtype=float))
@@ -175,14 +177,6 @@ def _reading(
         lost=lost,
         exposure=shown.exposure,
     )
-
-
-def _perhaps_unlit(order: Array) -> Mask:
-    """Black places that might be no specimen at all, where nothing says that there is light."""
-    core = ndimage.distance_transform_edt(order < _UNLIT_ORDER) > _UNLIT_PX
-    if not core.any():
-        return np.asarray(core)
-    return np.asarray(ndimage.distance_transform_edt(~core) <= _UNLIT_PX + 4)
 
 
 def _without_islands(order: Array, known: Mask) -> Mask:

@@ -57,10 +57,8 @@ def colour_signal(
 ) -> ColourSignal:
     """Take background and illumination out of a colour frame: s = (I - D)/(B - D).
 
-    Parameters: `light` (rows, cols, channels); `table`; `sigma`, noise of the light; `dark`,
-    `bright`, the no-load frames as light, None where missing; `valid`, of the light's shape.
-    The variance is that of the frame, of the no-load frames and of the table's spread.
-    Returns a ColourSignal. Raises InputError where sizes differ or nothing has contrast.
+    The variance is that of the frame, of the no-load frames and of the table's spread. InputError
+    where sizes differ or nothing has contrast.
     """
     for name, frame in (("dark", dark), ("bright", bright)):
         if frame is not None and frame.shape != light.shape:
@@ -179,10 +177,8 @@ class ColourValue:
 def refine_colour(
     shown: ColourSignal, choice: Choice, factor: int, table: ColourTable
 ) -> ColourValue:
-    """Refine chosen orders to the value that the neighbourhood's colours give.
-
-    Parameters: `shown`, the signal; `choice`, for blocks of `factor` x `factor` pixels; `table`.
-    Returns a ColourValue.
+    """Refine orders that were chosen for blocks of `factor` pixels a side by the neighbourhood's
+    colours.
     """
     trusted = np.isfinite(shown.signal)
     order, agreed, doubt = _base(choice, factor, trusted.shape[:2])

@@ -70,9 +70,8 @@ class FrameExposure:
         return self.uncertainty < UNTOLD
 
     def order_variance(self, signal: Array, table: ColourTable, order: Array) -> Array:
-        """Variance that it leaves the order (...,), fringes²: (u Σ s s'/Σ s'²)².
-
-        Parameters: `signal` s (..., channels); `table`, for the slope s'; `order` (...,).
+        """Variance that it leaves the order (...,), fringes²: (u Σ s s'/Σ s'²)² with the table's
+        slope s'.
         """
         if not self.uncertainty:
             return np.zeros(order.shape)
@@ -117,11 +116,7 @@ class _End:
 def find_exposure(
     light: Array, table: ColourTable, *, sigma: Array, dark: Array, bright: Array, valid: Mask
 ) -> FrameExposure:
-    """Find a frame's exposure over that of both its no-load frames.
-
-    Parameters: `light`, `sigma`, its noise, `dark`, `bright`, the no-load frames, and `valid`, all
-    (rows, cols, channels); `table`. Returns a FrameExposure.
-    """
+    """Find a frame's exposure over that of both its no-load frames."""
     small = _in_blocks(light, sigma, dark, bright, valid)
     count = int(np.isfinite(small.light).all(axis=-1).sum())
     if count < _FEWEST:
@@ -219,8 +214,7 @@ def _step(
     column = across(root * table.signal[place])
     residual = across(root * (signal[inside] - table.signal[place]))
     size = np.sum(residual**2, axis=1)
-    usual = max(float(np.median(size)), 1e-12)
-    weight = (1.0 / (1.0 + (size / (9.0 * usual)) ** 2))[:, None]
+    weight = (1.0 / (1.0 + (size / (9.0 * max(float(np.median(size)), 1e-12))) ** 2))[:, None]
     information = float(np.sum(weight * column**2)) + EXPECTED**-2
     shared = np.hypot(_ERROR, 0.5 * float(table.spread.max()))
     by_table = shared * float(np.sum(weight * np.abs(column) * root)) / information
@@ -340,7 +334,12 @@ def find_ends(
     averaged = replace(
         small, light=light, low=dark, full=bright, surface=channel_light(*light.shape[:2])
     )
-    return *averaged.ends(theta), _on_pixels(spread, inside, light.shape[:2])
+    known = np.full(inside.shape, np.nan)
+    known[inside] = spread
+    grid = np.ix_(
+        *((np.arange(n) * m // n for n, m in zip(light.shape[:2], inside.shape, strict=True)))
+    )
+    return *averaged.ends(theta), nearest_known(known, inside)[grid]
 
 
 def _small(
@@ -402,8 +401,7 @@ def correction(
     `along`, dI/dN (pixels, channels); `hold`, the prior's normal equations; `back`, from the
     unknowns to the prior's own.
     """
-    length = np.linalg.norm(along, axis=1, keepdims=True)
-    unit = along / np.maximum(length, 1e-9)
+    unit = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
     flat = design - unit[:, :, None] * np.einsum("pc,pcn->pn", unit, design)[:, None, :]
     across_unit = residual - unit * np.sum(unit * residual, axis=1, keepdims=True)
     size = np.sum(across_unit**2, axis=1)
@@ -414,14 +412,6 @@ def correction(
     scale = max(1.0, usual / _MEDIAN_OF_TWO)
     inverse = np.linalg.inv(normal)
     return inverse @ right, scale * inverse
-
-
-def _on_pixels(spread: Array, inside: Mask, size: tuple[int, ...]) -> Array:
-    """Values of the blocks that are `inside`, and the nearest one's elsewhere, on all pixels."""
-    known = np.full(inside.shape, np.nan)
-    known[inside] = spread
-    grid = np.ix_(*((np.arange(n) * m // n for n, m in zip(size, inside.shape, strict=True))))
-    return nearest_known(known, inside)[grid]
 
 
 def spread_out(shape: Array, surface: Array) -> Array:

@@ -108,8 +108,7 @@ class BandLight:
         for ratio, width in zip(self.ratio, self.width, strict=True):
             turns = ratio / np.maximum(1.0 + width * _PLACES, 0.3)
             waves.append(np.cos(2.0 * np.pi * np.outer(order, turns)) @ _WEIGHTS)
-        sign = 0.5 if bright else -0.5
-        return np.asarray(0.5 + sign * np.stack(waves, axis=1))
+        return np.asarray(0.5 + (0.5 if bright else -0.5) * np.stack(waves, axis=1))
 
 
 def band_light(numbers: Array) -> BandLight:
@@ -129,9 +128,8 @@ def band_table(
 ) -> tuple[ColourTable, Array]:
     """The table of a light, up to where its last contrast fades, and how it changes.
 
-    Parameters: `numbers` (11,), see `band_light`; `bright`, for the bright field;
-    `highest_order` N. What a camera cannot show, less than no light, is 0.
-    Returns the ColourTable and its derivative by the numbers (orders, 3, 11).
+    Its derivative is by the numbers of `band_light` (orders, 3, 11). What a camera cannot show,
+    less than no light, is 0.
     """
     order = STEP * np.arange(int(np.ceil(highest_order / STEP)) + 1)
     light = band_light(numbers)
@@ -255,8 +253,7 @@ class Unknowns:
             background = dark**gamma
         if bright is not None:
             return background, bright**gamma - background
-        shape = theta[start:].reshape(3, len(self.surface))
-        return background, spread_out(shape, self.surface)
+        return background, spread_out(theta[start:].reshape(3, len(self.surface)), self.surface)
 
     def seen(self, theta: Array, frame: int, relief: Array) -> Seen:
         """One frame's light, with the contrast that it would have at full signal."""
@@ -276,8 +273,7 @@ class Unknowns:
     ) -> Array:
         """Derivatives (pixels, 3, unknowns) of the model's light, less those of the frame's.
 
-        Parameters: `pixels`, places in the frame; `shown`; `ideal` signals (pixels, 3), and their
-        `change` by the light's numbers (pixels, 3, 11).
+        Of `ideal` signals (pixels, 3), and their `change` by the light's numbers (pixels, 3, 11).
         """
         gamma, shots = float(np.exp(theta[_GAMMA])), self.shots
         contrast = shown.contrast.reshape(-1, 3)[pixels]
@@ -289,8 +285,7 @@ class Unknowns:
         for end, part in ((shots.dark, share), (shots.bright, exposure * ideal)):
             if end is not None:
                 design[..., _GAMMA] += part * _by_gamma(end.reshape(-1, 3)[pixels], gamma)
-        low = shown.background.reshape(-1, 3)[pixels]
-        design[..., _FRAMES + frame] = low + contrast * ideal
+        design[..., _FRAMES + frame] = shown.background.reshape(-1, 3)[pixels] + contrast * ideal
         start = self.ends_from
         if shots.dark is None:
             design[:, np.arange(3), start + np.arange(3)] = share
@@ -340,10 +335,8 @@ def in_blocks(shots: ColourShots, blocks: int) -> ColourShots:
 def unknowns(
     shots: ColourShots, numbers: Array, gamma: float, *, fixed: bool, bright_field: bool
 ) -> Unknowns:
-    """The unknowns' first guess, and what is expected of them.
-
-    Parameters: `shots`; `numbers` of the light and `gamma` to start from, `fixed` where the gamma
-    is given; `bright_field`. Returns Unknowns. Raises InputError where nothing has contrast.
+    """The unknowns' first guess, and what is expected of them; `fixed` where the gamma is
+    given.
     """
     light = np.where(shots.valid, np.maximum(shots.raw, 0.0), np.nan) ** gamma
     if not np.isfinite(light).any(axis=(0, 1, 2)).all():
@@ -418,9 +411,8 @@ def _envelope(light: Array, surface: Array) -> Array:
 
 
 def _hold_alike(hold: Array, shape: Array) -> None:
-    """Expect the channels' surfaces to be alike in form; added to `hold`, whose last they are.
-
-    Parameters: `hold`; `shape`, the surfaces' coefficients (3, terms).
+    """Expect the channels' surfaces, whose coefficients (3, terms) end `hold`, to be alike
+    in form.
     """
     size, terms = shape[:, 0], shape.shape[1]
     unit = np.eye(len(hold))[-shape.size :]
@@ -457,10 +449,8 @@ class RemainingLight:
 
 
 def added_bend(place: Indices, away: Array, table: ColourTable, length: int) -> Array:
-    """What pixels add to the bend: their mean rest at each order, across the curve.
-
-    Parameters: `place` (n,), rows of the table; `away` (n, 3), signals less the table's; `table`;
-    `length` of the bend. Returns (length, 3).
+    """What pixels (n,), rows of the table, add to the bend (length, 3): their mean rest at each
+    order, across the curve. `away` (n, 3), signals less the table's.
     """
     size, width = len(table.signal), BEND_WIDTH / STEP
     clipped = np.clip(away, -_LARGEST, _LARGEST).T
@@ -475,10 +465,10 @@ def added_bend(place: Indices, away: Array, table: ColourTable, length: int) -> 
 
 
 def added_relief(sums: Array) -> Array:
-    """What frames add to the relief, over it, (rows, cols).
+    """What frames add to the relief, over it, (rows, cols), by the pixels' `sums` (2, rows, cols).
 
-    Equation: Σ r·a / Σ a·a over a window and all frames, r the rests and a the signals, both
-    across the curve of colours. Parameters: `sums` (2, rows, cols), of the pixels.
+    Σ r·a / Σ a·a over a window and all frames, r the rests and a the signals, both across the curve
+    of colours.
     """
     width = RELIEF_WIDTH * max(sums.shape[1:])
     smoothed, size = (gaussian_filter(part, width) for part in sums)
@@ -623,22 +613,39 @@ def _search(known: Unknowns, highest_order: float) -> OwnLight:
             remaining = _improved(remaining, looks, table, turn)
     both = min(len(table.signal), len(previous.signal))
     moved = float(np.abs(table.signal[:both] - previous.signal[:both]).max())
-    return _concluded(known, theta, covariance, remaining, looks, table, moved)
+    square = np.concatenate([look.square for look in looks])
+    away = np.concatenate([look.away for look in looks])
+    orders = np.concatenate([look.order[np.isfinite(look.order)] for look in looks])
+    background, illumination = known.ends(theta)
+    gamma = float(np.exp(theta[_GAMMA]))
+    return OwnLight(
+        table=ColourTable(table.signal, np.sqrt(_OF_THREE * np.mean(away**2, axis=0))),
+        gamma=gamma,
+        gamma_uncertainty=gamma * float(np.sqrt(covariance[_GAMMA, _GAMMA])),
+        numbers=theta[:NUMBERS],
+        brightness=np.exp(theta[_FRAMES : _FRAMES + len(looks)]),
+        background=np.asarray(background),
+        illumination=illumination * remaining.relief[..., None],
+        residual=residual,
+        torn=float(np.mean([look.torn for look in looks])),
+        strange=float(np.mean(square > _STRANGE**2)),
+        bent=_root(remaining.bend**2),
+        moved=moved,
+        highest=float(np.percentile(orders, 99.0)),
+    )
 
 
 def _improved(
     remaining: RemainingLight, looks: list[_Look], table: ColourTable, turn: int
 ) -> RemainingLight:
     """The rest with what this round's looks add to it."""
+    bend, relief = remaining.bend, remaining.relief
     if turn >= BEND_FROM:
         place, away = (np.concatenate([getattr(k, n) for k in looks]) for n in ("place", "away"))
-        remaining = replace(
-            remaining, bend=remaining.bend + added_bend(place, away, table, len(remaining.bend))
-        )
+        bend = bend + added_bend(place, away, table, len(bend))
     if turn >= RELIEF_FROM:
-        sums = np.sum([look.relief for look in looks], axis=0)
-        remaining = replace(remaining, relief=remaining.relief * (1.0 + added_relief(sums)))
-    return remaining
+        relief = relief * (1.0 + added_relief(np.sum([look.relief for look in looks], axis=0)))
+    return RemainingLight(bend, relief)
 
 
 def _look(
@@ -674,6 +681,11 @@ def _look(
     design = known.design(
         theta, frame, selected[picked], shown, ideal[picked], change[place[picked]]
     )
+    unit = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 0.3)
+    across = ideal - unit * np.sum(unit * ideal, axis=1, keepdims=True)
+    relief_sums = np.zeros((2, *inside.shape))
+    relief_sums[0][inside] = np.sum(np.clip(away, -_STRANGE, _STRANGE) * across, axis=1)
+    relief_sums[1][inside] = np.sum(across**2, axis=1)
     return _Look(
         equations=(
             (weight / contrast)[..., None] * design,
@@ -685,52 +697,9 @@ def _look(
         square=square,
         order=choice.order,
         torn=float(np.mean(tears[readable])) if readable.any() else 1.0,
-        relief=_relief_sums(inside, ideal, slope, away),
+        relief=relief_sums,
     )
-
-
-def _relief_sums(inside: Mask, ideal: Array, slope: Array, away: Array) -> Array:
-    """A frame's part of what `added_relief` takes (2, rows, cols), of the pixels `inside`."""
-    unit = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 0.3)
-    across = ideal - unit * np.sum(unit * ideal, axis=1, keepdims=True)
-    sums = np.zeros((2, *inside.shape))
-    sums[0][inside] = np.sum(np.clip(away, -_STRANGE, _STRANGE) * across, axis=1)
-    sums[1][inside] = np.sum(across**2, axis=1)
-    return sums
 
 
 def _root(square: Array) -> float:
     return float(np.sqrt(np.mean(square)))
-
-
-def _concluded(
-    known: Unknowns,
-    theta: Array,
-    covariance: Array,
-    remaining: RemainingLight,
-    looks: list[_Look],
-    table: ColourTable,
-    moved: float,
-) -> OwnLight:
-    """What the last round has found."""
-    square = np.concatenate([look.square for look in looks])
-    away = np.concatenate([look.away for look in looks])
-    orders = np.concatenate([look.order[np.isfinite(look.order)] for look in looks])
-    background, illumination = known.ends(theta)
-    gamma = float(np.exp(theta[NUMBERS]))
-    start = NUMBERS + 1
-    return OwnLight(
-        table=ColourTable(table.signal, np.sqrt(_OF_THREE * np.mean(away**2, axis=0))),
-        gamma=gamma,
-        gamma_uncertainty=gamma * float(np.sqrt(covariance[NUMBERS, NUMBERS])),
-        numbers=theta[:NUMBERS],
-        brightness=np.exp(theta[start : start + len(looks)]),
-        background=np.asarray(background),
-        illumination=illumination * remaining.relief[..., None],
-        residual=_root(np.minimum(square, 0.04)),
-        torn=float(np.mean([look.torn for look in looks])),
-        strange=float(np.mean(square > _STRANGE**2)),
-        bent=_root(remaining.bend**2),
-        moved=moved,
-        highest=float(np.percentile(orders, 99.0)),
-    )

@@ -74,6 +74,14 @@ class FilmLight:
     zero_error: Array = field(repr=False)  # standard uncertainty of Z, over A
     sign: float = 1.0  # 1 in the dark field, -1 in the bright one
 
+    def joined(self, by: int) -> FilmLight:
+        """The same on blocks of pixels."""
+        zero, level = joined_pixels(self.zero, by), joined_pixels(self.illumination, by)
+        error, zero_error = joined_pixels(self.error, by), joined_pixels(self.zero_error, by)
+        return FilmLight(
+            zero=zero, illumination=level, error=error, zero_error=zero_error, sign=self.sign
+        )
+
     def rise(self, light: Array) -> Array:
         """What fringes add to or take off the unloaded light, A sin² pi N (rows, cols)."""
         return np.asarray(np.float32(self.sign) * (light - self.zero))
@@ -172,14 +180,11 @@ class CrestLight:
         self._square, self._count = 0.0, 0
 
     def add(self, rise: Array, order: Array, contrast: Array, known: Mask) -> None:
-        """Take the crests of a frame.
-
-        Parameters: `rise` over the unloaded light; `order`, followed; `contrast` that a pixel's
-        size leaves; `known`, where to look; all (rows, cols).
+        """Take the crests of a frame, by the `rise` over the unloaded light and the
+        followed order.
         """
         thin = slice(None, None, _STRIDE)
-        near = np.abs(np.mod(order[thin, thin], 1.0) - 0.5) < _NEAR
-        use = near & known[thin, thin]
+        use = (np.abs(np.mod(order[thin, thin], 1.0) - 0.5) < _NEAR) & known[thin, thin]
         orders = order[thin, thin][use]
         signal = 0.5 - 0.5 * contrast[thin, thin][use] * np.cos(np.float32(2.0 * np.pi) * orders)
         risen = rise[thin, thin][use]
@@ -195,9 +200,8 @@ class CrestLight:
         return self._count >= _FEWEST
 
     def illumination(self, shape: tuple[int, int]) -> tuple[Array, Array]:
-        """The illumination, and its standard uncertainty over it, on pixels of any size.
-
-        Parameters: `shape` (rows, cols). Raises InputError where too few crests were passed.
+        """The illumination, and its standard uncertainty over it, on pixels of any size (rows,
+        cols).
         """
         if not self.told:
             raise InputError(NO_CREST)
@@ -316,8 +320,7 @@ class FilmPath:
         self.lost: list[list[int]] = [[0, begin]] if begin else []
         self._key, self._every, self._last_key = key, every, begin
         self._begin, self._start = begin, start
-        nothing = np.zeros_like(start.known)
-        self._state = replace(start, known=nothing) if begin else start
+        self._state = replace(start, known=np.zeros_like(start.known)) if begin else start
         self._passed: list[_Passed] = []
         self._broken = False
 
@@ -345,7 +348,7 @@ class FilmPath:
         self._agree()
 
     def _take(self, rise: Array, wave: Array, valid: Mask, time: float, index: int) -> bool:
-        """One frame more, and what it says of the illumination. Returns whether the film breaks."""
+        """One frame more, and what it says of the illumination; whether the film breaks there."""
         if self._broken:
             self._state = replace(self._state, time=time)
             return False
@@ -466,7 +469,8 @@ def read_followed(
     blocks = _spread(state.known.astype(np.float32), by, light.shape, smooth=False)
     beside = valid & (cv2.dilate(blocks, np.ones((2 * by + 1, 2 * by + 1), np.uint8)) > 0.5)
     known = blocks > 0.5
-    known |= beside & ~_whole(valid, by)  # at a rim, blocks that are cut are not followed
+    trusted = _spread(_whole_blocks(valid, by).astype(np.float32), by, light.shape, smooth=False)
+    known |= beside & (trusted <= 0.5)  # at a rim, blocks that are cut are not followed
     rise = film_light.rise(light)
     reading = read_order(
         rise,
@@ -480,12 +484,6 @@ def read_followed(
     reading = widened(reading, film_light.signal_error(light))
     known &= np.isfinite(reading.order)
     return make_reading(reading.order, reading.uncertainty, known, of=valid)
-
-
-def _whole(valid: Mask, by: int) -> Mask:
-    """Pixels (rows, cols) whose block has none that is not trusted."""
-    blocks = _whole_blocks(valid, by).astype(np.float32)
-    return np.asarray(_spread(blocks, by, valid.shape, smooth=False) > 0.5)
 
 
 def _whole_blocks(which: Mask, by: int) -> Mask:

@@ -89,12 +89,10 @@ def fit_order_change(
     order: Array, expected: Sequence[Array], wave: Array, contrast: Array,
     gradient: tuple[Array, Array], known: Mask,
 ) -> OrderChange | None:  # fmt: skip
-    """Fit the change of a picture's order to the wave of the next frame.
+    """Fit the change of a picture's order to the wave cos 2 pi N of the next frame.
 
-    Parameters: `order` N before, fringes; `expected`, the change that went before, and the drift,
-    each over the time to the new frame; `wave` cos 2 pi N of it; `contrast`, what the pixels' size
-    leaves of it; `gradient` of the order along rows and columns; `known`, where the order is known;
-    all (rows, cols). None where too few are.
+    `expected`, the change that went before, and the drift, over the time to the new frame;
+    `gradient` of the order along rows and columns. None where too few orders are known.
     """
     thin = slice(_STRIDE // 2, None, _STRIDE)
     use = known[thin, thin]
@@ -103,8 +101,7 @@ def fit_order_change(
     fields = _fields(order, expected, gradient)
     basis = np.stack([np.broadcast_to(f, order.shape)[thin, thin][use] for f in fields])
     shown, faded = wave[thin, thin][use], contrast[thin, thin][use]
-    top = max(float(np.percentile(basis[0], _TOP)), 1e-3)
-    start = _searched(basis, shown, faded, top)
+    start = _searched(basis, shown, faded, max(float(np.percentile(basis[0], _TOP)), 1e-3))
     solution = start.copy()
     ridge = 1e-3 * shown.size * np.array(_RIDGE)
     for _ in range(_ROUNDS):
@@ -157,10 +154,7 @@ def is_wide(steep: Array) -> Mask:
 
 
 def faded_contrast(order: Array) -> Array:
-    """What a pixel's size leaves of the contrast of fringes (rows, cols).
-
-    Parameters: `order` (rows, cols), fringes.
-    """
+    """What a pixel's size leaves of the contrast of fringes (rows, cols)."""
     return faded_fringes(order)[0]
 
 
@@ -267,8 +261,8 @@ def follow_frame(
     weight = valid.astype(np.float32)
     apart = time - state.time
     contrast, steep, gradient = faded_fringes(before)
-    top = _highest(state)
-    if top < _AT_FIRST:
+    highest = state.order[state.known][::7]
+    if not highest.size or np.percentile(highest, 99.8) < _AT_FIRST:
         order, plain = _at_first(wave, weight)
         known, broken, determined = state.known & plain, False, np.ones_like(order)
     else:
@@ -294,7 +288,10 @@ def follow_frame(
     order = continued(order, known)
     change = cv2.GaussianBlur((order - before) * weight, (0, 0), _RATE_PX)
     rate = change / np.float32(apart) if apart else np.zeros_like(change)
-    drift = state.drift + np.float32(_NEWEST) * (_beside_load(rate, before, known) - state.drift)
+    orders = before[known]  # what of the rate is not in proportion to the order
+    share = float(orders @ rate[known]) / max(float(orders @ orders), 1e-6)
+    beside_load = rate - np.float32(share) * before
+    drift = state.drift + np.float32(_NEWEST) * (beside_load - state.drift)
     untold = state.untold + np.abs(drift * np.float32(apart))
     untold = np.where(determined < _TOLD, untold, np.float32(0.0))
     known &= untold < _LEFT_OPEN
@@ -303,22 +300,9 @@ def follow_frame(
     )
 
 
-def _beside_load(rate: Array, order: Array, known: Mask) -> Array:
-    """What of a rate is not in proportion to the order (rows, cols)."""
-    orders, moved = order[known], rate[known]
-    share = float(orders @ moved) / max(float(orders @ orders), 1e-6)
-    return np.asarray(rate - np.float32(share) * order)
-
-
 def _lost(state: FilmState, time: float) -> FilmState:
     """Nothing is known from here on."""
     return replace(state, known=np.zeros_like(state.known), time=time, broken=True)
-
-
-def _highest(state: FilmState) -> float:
-    """The highest order that is known, but for a few pixels."""
-    known = state.order[state.known][::7]
-    return float(np.percentile(known, 99.8)) if known.size else 0.0
 
 
 def _at_first(wave: Array, weight: Array) -> tuple[Array, Mask]:
@@ -358,8 +342,7 @@ def _corrected(
         residual = (wave - contrast * np.cos(angle)) * weight
         slope = -_TURN * contrast * np.sin(angle) * weight
         flank = on_flank(slope)
-        area = 2.0 * np.pi * width**2
-        spread = (noise**2 + area * _SYSTEMATIC**2) / _SPREAD**2
+        spread = (noise**2 + (2.0 * np.pi * width**2) * _SYSTEMATIC**2) / _SPREAD**2
         least: Array = np.full((1, 1), spread, dtype=np.float32)
         if proportional:
             slope = slope * order
@@ -372,8 +355,7 @@ def _corrected(
         )
         step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
         order = np.abs(order + (step * order if proportional else step))
-    smooth = cv2.GaussianBlur(order, (0, 0), _SMOOTH_PX)
-    fine = np.float32(_SMOOTHED) * (smooth - order)
+    fine = np.float32(_SMOOTHED) * (cv2.GaussianBlur(order, (0, 0), _SMOOTH_PX) - order)
     return np.asarray(order + np.where(order > _SHARP, fine, np.float32(0.0))), telling
 
 
@@ -411,15 +393,10 @@ order that is continued, fringes: less than to the crest, beyond which light is 
 
 
 def continued(order: Array, known: Mask) -> Array:
-    """Orders that go on beyond where they are known (rows, cols), fringes.
-
-    Parameters: `order` (rows, cols), fringes; `known`, where it is. What lies too far beyond stays
-    as it is.
-    """
+    """Orders that go on beyond where they are known; what lies too far beyond stays as it is."""
     weight = known.astype(np.float32)
     values = order * weight
-    total = _moment(weight, 0, 0)
-    beyond = ~known & (total > _LEAST)
+    beyond = ~known & (_moment(weight, 0, 0) > _LEAST)
     if not beyond.any():
         return order
     powers = ((0, 0), (1, 0), (0, 1))
@@ -450,10 +427,8 @@ def _moment(values: Array, down: int, across: int) -> Array:
 
 
 def regained(order: Array, known: Mask, wave: Array, valid: Mask) -> tuple[Array, Mask]:
-    """Orders and where they are known, with what their light bears out beside those known before.
-
-    Parameters: `order`, fringes; `known`, where it is; `wave`, cos 2 pi N of the frame, and
-    `valid`, where it is trusted; all (rows, cols).
+    """Orders and where they are known, with what their light bears out beside those known
+    before.
     """
     for _ in range(_GROWTHS):
         order = continued(order, known)

@@ -81,12 +81,11 @@ class Direction:
 
 
 def four_theta(terms: StepTerms, design: StepDesign, sigma: Array | float) -> tuple[Array, Array]:
-    """Each pixel's information on 4θ, as a complex number along exp 4iθ, and its size.
+    """Each pixel's information on 4θ, as a complex number along exp 4iθ, and its size, both times
+    sigma².
 
-    Equation: E = S²/(4 vS) + Q (A - c)/vQ, with S = A sin δ exp 2iθ, Q = A (1 - cos δ) exp 4iθ,
-    c = A cos δ, and vS, vQ their variances for unit noise; the squares' means of noise are taken
-    off. Parameters: `terms`, `design`; `sigma`, noise of the light. Returns E and the information
-    on 4θ (rows, cols), both times sigma².
+    E = S²/(4 vS) + Q (A - c)/vQ, with S = A sin δ exp 2iθ, Q = A (1 - cos δ) exp 4iθ, c = A cos δ,
+    and vS, vQ their variances for unit noise; the squares' means of noise are taken off.
     """
     first, second = design.variance(SINE), design.variance(SINE_SINE)
     spread = 0.5 * (first + second)
@@ -105,11 +104,7 @@ def four_theta(terms: StepTerms, design: StepDesign, sigma: Array | float) -> tu
 def find_direction(
     terms: StepTerms, design: StepDesign, *, sigma: Array | float, valid: Mask
 ) -> Direction:
-    """The continuous direction of a set of steps, up to 90° over each connected part.
-
-    Parameters: `terms`, `design`, see `stepped.step_equations`; `sigma`, noise of the light, a
-    number or (rows, cols); `valid`, True = trusted pixels (rows, cols). Returns a Direction.
-    """
+    """The continuous direction of a set of steps, up to 90° over each connected part."""
     along, size = (np.where(valid, part, 0.0) for part in four_theta(terms, design, sigma))
     narrow, information = _centred(along, size, _WINDOW_PX)
     wide = pooled(along, _WIDE_PX)
@@ -281,8 +276,7 @@ def _seeds_of_parts(labels: Array, known_order: Sequence[KnownOrder]) -> dict[in
             if labels[r, c]
         ]
         place = min(near)[1:] if near else (0, 0)
-        index = int(labels[place]) if near else 0
-        seeds_of.setdefault(index, []).append((seed, place))
+        seeds_of.setdefault(int(labels[place]) if near else 0, []).append((seed, place))
     return seeds_of
 
 

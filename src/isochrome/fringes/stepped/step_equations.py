@@ -83,8 +83,7 @@ class StepDesign:
     def variance(self, first: int, second: int | None = None) -> float:
         """Covariance of two solved unknowns (or one's variance) for unit noise."""
         i = self.solved.index(first)
-        j = i if second is None else self.solved.index(second)
-        return float(self.covariance[i, j])
+        return float(self.covariance[i, i if second is None else self.solved.index(second)])
 
 
 @dataclass(frozen=True)
@@ -105,8 +104,8 @@ class StepTerms:
 def step_row(chain: Chain) -> list[float]:
     """The coefficients of one step's light over the seven unknowns of `StepDesign`.
 
-    Equation: |w|² = (|β|² + |γ|²)/2 + (|β|² - |γ|²)/2 cos 4θ + Re(β γ*) sin 4θ in I above.
-    Parameters: `chain`, its elements. Source: as for `isochrome.optics.polariscope`; expanded here.
+    |w|² = (|β|² + |γ|²)/2 + (|β|² - |γ|²)/2 cos 4θ + Re(β γ*) sin 4θ in I above. Source: as for
+    `isochrome.optics.polariscope`; expanded here.
     """
     a, b, c = abs(chain.alpha) ** 2, abs(chain.beta) ** 2, abs(chain.gamma) ** 2
     mean = 0.5 * (b + c)
@@ -157,9 +156,8 @@ def solve_steps(stack: Array, design: StepDesign, direction: Array | None = None
     """Least squares of every pixel's light over the steps, one product of matrices.
 
     Where the steps do not tell 4θ or A apart but depend on them a little (misaligned elements), a
-    second pass takes that little out, with `direction` 2θ and the first pass's amplitude.
-    Parameters: `stack` (steps, rows, cols), light; `design`; `direction` exp 2iθ (rows, cols),
-    complex, up to its sign, for the second pass. Returns StepTerms.
+    second pass takes that out, with the first pass's amplitude and `direction` exp 2iθ (rows,
+    cols), complex, up to its sign.
     """
     shape = stack.shape[1:]
     light = np.ascontiguousarray(stack).reshape(len(stack), -1)

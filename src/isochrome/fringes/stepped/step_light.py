@@ -84,11 +84,7 @@ def settle_field(
     residual: Array | None = None,
     compatible: bool = True,
 ) -> SettledField:
-    """The field n of a set, with the whole numbers that phase leaves open.
-
-    Parameters: `light`, see `stepped.step_light`; `known_order`, `model`, `residual` and
-    `compatible` as in `isochrome.fringes.stepped.integer_order.settle`. Returns a SettledField.
-    """
+    """The field n of a set, with the whole numbers that phase leaves open, see `settle`."""
     direction = light.direction
     turns, known = _continuous(light.terms, direction, light.seen)
     if residual is not None:
@@ -154,10 +150,9 @@ def smoothed(
 ) -> tuple[Array, Array]:
     """n under a kernel that leaves quadratics as they are, where its whole support is known.
 
-    Equation: 2 G(w) - G(√2 w), G a Gaussian of standard deviation w, has no second moment; white
-    noise is left with the factor √(0.458/π)/w of it. Where fringes are fine, or beside a mask, n
-    stays that of the pixel. Parameters: `field`, complex (rows, cols), fringes; `uncertainty`
-    (rows, cols), fringes; `known`, True where they are; `window_px` w. Returns both, smoothed.
+    2 G(w) - G(√2 w), G a Gaussian of standard deviation w, has no second moment; white noise is
+    left with the factor √(0.458/π)/w of it. Where fringes are fine, or beside a mask, n stays that
+    of the pixel.
     """
     filled = np.where(known, field, 0.0).astype(np.complex64)
     narrow, wide = (gaussian_filter(filled, w * window_px, truncate=3.0) for w in (1.0, 2**0.5))
@@ -214,10 +209,8 @@ def measure_steps(
 ) -> StepLight:
     """Read δ, the direction of sigma_1 and their noise from the images of a set's steps.
 
-    Parameters: `stack` (steps, rows, cols), light in any unit; `chains`, the elements of each step;
-    `sigma`, standard deviation of the light's noise, in its unit, a number or (rows, cols);
-    `valid`, True = trusted, (rows, cols) or frame by frame, (steps, rows, cols). Returns a
-    StepLight. Raises InputError where the steps cannot tell the order.
+    `valid`, True = trusted, (rows, cols) or frame by frame, (steps, rows, cols). InputError where
+    the steps cannot tell the order.
     """
     design = make_design(chains)
     light = np.asarray(stack, dtype=np.promote_types(stack.dtype, np.float32))
@@ -301,11 +294,11 @@ def _part_inverse(design: StepDesign, present: Mask) -> tuple[Array, float, floa
 
 
 def bright_enough(contrast: Array, trusted: Mask) -> Mask:
-    """Where the fringes' contrast is near that of the surroundings: elsewhere they are too fine.
+    """Where the fringes' contrast A V is near that of the surroundings: elsewhere they are too
+    fine.
 
     A pixel's area leaves sinc(g_x) sinc(g_y) of it, g the gradient in fringes a pixel; beyond half
-    a fringe a pixel phase turns back on itself, and only the contrast tells. Parameters: `contrast`
-    A V (rows, cols); `trusted`, True = usable pixels. Returns a mask (rows, cols).
+    a fringe a pixel phase turns back on itself, and only the contrast tells.
     """
     import cv2
 
@@ -322,9 +315,8 @@ def bright_enough(contrast: Array, trusted: Mask) -> Mask:
 
 
 def fringed(contrast: Array, design: StepDesign, sigma: Array | float) -> Mask:
-    """Where light comes through at all, coarse fringes or fine: the specimen, not a dark surround.
-
-    Parameters: `contrast` A V (rows, cols); `design`; `sigma`, noise of the light. Returns a mask.
+    """Where light comes through at all, coarse fringes or fine: the specimen, not a dark
+    surround.
     """
     noise = sum(design.variance(j) for j in (COSINE, SINE, SINE_SINE)) * np.square(sigma)
     power = pooled(contrast**2 - noise, _WINDOW_PX)
@@ -336,10 +328,8 @@ def step_misfit(
 ) -> tuple[Array, float]:
     """Residual of the light over its noise, pooled about each pixel, and over all of them.
 
-    What no choice of the seven unknowns can explain: moved or dirty elements, a wrong gamma.
-    Parameters: `light` (steps, rows, cols); `design`; `sigma`, noise of the light; `readable`, True
-    = pixels that count. Returns the pooled residual (rows, cols), 1 where the steps leave nothing
-    to compare, and chi, NaN then.
+    What no choice of the seven unknowns can explain: moved or dirty elements, a wrong gamma. 1
+    where the steps leave nothing to compare, and chi, NaN then.
     """
     directions, values, _ = np.linalg.svd(design.matrix)
     rank = int((values > 1e-6).sum())
@@ -358,8 +348,7 @@ def steps_agree(misfit: Array, readable: Mask) -> Mask:
 
     An element that is off turns the direction everywhere, also where the light hardly shows it:
     where most of the picture does not fit, nothing of it is believed; where a part does not, that
-    part. Parameters: `misfit`, residual over noise about each pixel, and `readable`, True = pixels
-    that count (rows, cols). Returns a mask (rows, cols).
+    part.
     """
     least = np.sort(misfit[readable])[: int((1.0 - _LOCAL) * np.count_nonzero(readable))]
     usual = float(np.sqrt(np.mean(np.square(least)))) if least.size else 1.0
@@ -374,9 +363,8 @@ def phase_uncertainty(
 ) -> Array:
     """Standard uncertainty of φ/2π from the noise, φ = atan2(A sin δ, A cos δ) along the direction.
 
-    Equation: var φ = σ² gᵀ Σ g with g = (-sin φ, cos φ cos 2θ, cos φ sin 2θ)/(A V).
-    Parameters: `terms`, `design`, `direction`; `sigma`, noise of the light. Returns (rows, cols),
-    fringes. Source: propagation of uncertainty, first order (JCGM 100:2008, 5.1.2).
+    var φ = σ² gᵀ Σ g with g = (-sin φ, cos φ cos 2θ, cos φ sin 2θ)/(A V). Source: propagation of
+    uncertainty, first order (JCGM 100:2008, 5.1.2).
     """
     along = (terms.sine * np.conj(direction.twice)).real
     contrast = np.hypot(terms.cosine, along) + 1e-30

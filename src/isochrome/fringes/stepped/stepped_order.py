@@ -120,17 +120,20 @@ def read_residual(
     spread = np.where(least, across, sharp)
     known = (least | beyond) & (spread < LARGEST_UNCERTAINTY)
     field = np.where(known, np.where(least, field, followed.field), np.nan)
-    field, spread = _pooled(field, spread, known)
+    pooled, less = field, spread
+    for window in _WINDOWS_PX:  # the widest that it allows: a residual stress varies little
+        smooth, smooth_spread = smoothed(field, spread, known, window_px=window)
+        wider = smooth_spread < less
+        pooled, less = np.where(wider, smooth, pooled), np.where(wider, smooth_spread, less)
+    field, spread = pooled, less
     known_share = float(known.sum() / max(1, np.count_nonzero(known | light.specimen)))
     spread = np.where(known, spread, np.nan)
     return ResidualStress(field, spread, known_share, _remarks(light, known_share), light.agrees)
 
 
 def least_field(terms: StepTerms) -> Array:
-    """n of the least order that the light allows, 1/2 at most, pixel by pixel.
-
-    Equation: the module's. Parameters: `terms`, see `stepped.step_equations`. Returns N exp 2iθ
-    (rows, cols), complex, fringes.
+    """n of the least order that the light allows, 1/2 at most, pixel by pixel: N exp 2iθ, see the
+    module.
     """
     size = np.abs(terms.sine)
     order = np.arctan2(size, terms.cosine) / (2.0 * np.pi)
@@ -140,9 +143,7 @@ def least_field(terms: StepTerms) -> Array:
 def least_spread(field: Array, along: Array) -> Array:
     """The noise of `least_field`, the larger of that along n and across.
 
-    Equation: across n it is that of N along, times δ/sin δ, which grows towards the half order.
-    Parameters: `field`, of least order, and `along`, the uncertainty of φ/2π, fringes (rows, cols).
-    Returns (rows, cols), fringes.
+    Across n it is that of N along, times δ/sin δ, which grows towards the half order.
     """
     delta = 2.0 * np.pi * np.minimum(np.abs(field), _NEAR_HALF)
     return np.asarray(along * np.fmax(1.0, delta / np.maximum(np.sin(delta), 1e-9)))
@@ -151,9 +152,7 @@ def least_spread(field: Array, along: Array) -> Array:
 def direction_known(light: StepLight) -> Mask:
     """Where the steps tell the direction: without plane images, not about half orders.
 
-    There sin δ, which alone tells, is of the size of what is left out. Parameters: `light`, see
-    `stepped.step_light`. Returns a mask (rows, cols), True all over where plane images
-    tell.
+    There sin δ, which alone tells, is of the size of what is left out.
     """
     sine, cosine = np.abs(light.terms.sine), light.terms.cosine
     if not light.bridges:
@@ -162,10 +161,8 @@ def direction_known(light: StepLight) -> Mask:
 
 
 def _main_parts(lit: Mask, near: Mask) -> tuple[Mask, Mask]:
-    """Where the order is below a half for most of what hangs together, and what has no such part.
-
-    Parameters: `lit`, True on the specimen; `near`, where its least order is well below a half.
-    Returns the main parts, and the pixels of connected parts of the specimen without one.
+    """Where the order is below a half for most of what hangs together, and pixels of connected
+    parts of the specimen without such a part. `near`, where its least order is well below a half.
     """
     whole, _ = label(lit)
     parts, count = label(near)
@@ -181,24 +178,13 @@ def _believed(main: Mask, free: Mask, clear: Mask, apart: Mask) -> tuple[Mask, M
 
     The followed one in parts that reach into a main part or have none: what lies behind a half
     order that could not be followed has the whole number of nothing. The least one in main parts
-    that it does not gainsay. Parameters: see `_main_parts`; `clear`, where the field could be
-    followed; `apart`, where it is not the least one.
+    that it does not gainsay.
     """
     labels, count = label(clear)
     reaches = np.bincount(labels[main & clear], minlength=count + 1) > 0
     parts, count = label(main)
     gainsaid = np.bincount(parts[main & clear & apart], minlength=count + 1) > 0
     return clear & (reaches[labels] | free), main & ~gainsaid[parts]
-
-
-def _pooled(field: Array, uncertainty: Array, known: Mask) -> tuple[Array, Array]:
-    """The field under the widest window that it allows: a residual stress varies little."""
-    pooled, spread = field, uncertainty
-    for window in _WINDOWS_PX:
-        smooth, less = smoothed(field, uncertainty, known, window_px=window)
-        wider = less < spread
-        pooled, spread = np.where(wider, smooth, pooled), np.where(wider, less, spread)
-    return pooled, spread
 
 
 def _remarks(light: StepLight, known_share: float) -> tuple[str, ...]:
@@ -346,6 +332,12 @@ def _result(
         cosine, readable = np.cos(2.0 * np.pi * reading.order), known
     else:
         cosine, readable = light.terms.cosine / np.maximum(light.contrast, 1e-30), specimen
+    few = []
+    if reading.kept < 0.5 and all(part.number is not None for part in settled.parts):
+        few.append(
+            f"only {100 * reading.kept:.0f} % of the specimen's pixels could be read; more steps, "
+            "less noise or finer pixels help"
+        )
     return SteppedReading(
         reading=reading,
         isoclinic=masked(0.5 * np.degrees(np.angle(load.field)), turned),
@@ -357,7 +349,7 @@ def _result(
         warnings=(
             *settled.warnings,
             *_of_steps(light, clear),
-            *_of_share(reading.kept, settled.parts),
+            *few,
         ),
     )
 
@@ -377,16 +369,5 @@ def _of_steps(light: StepLight, clear: Mask) -> list[str]:
         remarks.append(
             f"no isoclinic is given in {100.0 * lost:.0f} % of the pixels that show one: there "
             f"chi is over {POOR_CHI:g}, and the light not that of the stated steps"
-        )
-    return remarks
-
-
-def _of_share(known_share: float, parts: tuple[FieldPart, ...]) -> list[str]:
-    """What to say where little could be read."""
-    remarks = []
-    if known_share < 0.5 and all(part.number is not None for part in parts):
-        remarks.append(
-            f"only {100 * known_share:.0f} % of the specimen's pixels could be read; more steps, "
-            "less noise or finer pixels help"
         )
     return remarks

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import islice
 from typing import TYPE_CHECKING, Any
@@ -23,12 +23,12 @@ from isochrome.frames import (
     open_scene_frames,
     to_linear,
 )
-from isochrome.fringes import ColourReading, ColourTable, read_colour, read_table, spectral_table
+from isochrome.fringes import ColourReading, read_colour, read_table, spectral_table
 from isochrome.optics import camera_response
 from isochrome.processing.kinds.kind import FrameKind, refuse_no_load_steps
 from isochrome.processing.kinds.largest_order import LARGEST, order_columns
 from isochrome.processing.result import Capture, ProcessedFrame, frame_fields
-from isochrome.scene import FramesLike, Scene
+from isochrome.scene import Scene
 from isochrome.specimens import specimen_model
 from isochrome.stress import pixel_grid
 
@@ -46,64 +46,97 @@ class ColourLight(FrameKind):
 
     def check(self, scene: Scene) -> None:
         """Refuse frames that do not tell colours. Raises InputError."""
-        _check_colour(scene)
+        where = f"{scene.name}: [polariscope]: light of several wavelengths"
+        if scene.camera is None or not scene.camera.colour or scene.frames.channel is not None:
+            raise InputError(
+                f"{where} can be processed by its colours alone: set camera.colour = true and "
+                "leave out frames.channel; for frames taken through a filter, give its "
+                "wavelength_nm alone"
+            )
+        if scene.polariscope.step:
+            raise InputError(
+                f"{where} has no phase steps: remove [[polariscope.step]], or give wavelength_nm "
+                "alone"
+            )
+        if scene.polariscope.field == "plane":
+            raise InputError(
+                f"{where} needs the circular dark or bright field: isoclinics have no colour; set "
+                "polariscope.field"
+            )
         refuse_no_load_steps(scene)
 
     def prepare(self, scene: Scene, reader: FrameReader) -> Capture:
         """The colour table, and the no-load frames of each channel."""
-        return colour_capture(scene, reader)
+        if reader.channel is None:
+            raise InputError(
+                f"{reader.path}: is grey, and camera.colour says that the frames have colours; "
+                "give colour frames, or for a filter's light its wavelength_nm alone"
+            )
+        assert scene.camera is not None
+        pairs = [
+            load_no_load(_one_channel(scene, name), full_shape=reader.full_shape)
+            for name in CHANNELS
+        ]
+        dark, bright = map(_in_colour, zip(*pairs, strict=True))
+        camera, name = scene.camera, scene.frames.colour_table
+        if name is not None:
+            return Capture(reader.bit_depth, dark, bright, read_table(scene.path(name)))
+        path = scene.path(camera.response) if camera.response is not None else None
+        table = spectral_table(scene.polariscope, camera_response(camera, path))
+        return Capture(reader.bit_depth, dark, bright, table)
 
     def captured(self, source: FrameSource, start: int) -> Iterator[list[Frame]]:
         """The channels of one frame after another."""
-        yield from islice(colour_frames(source.task.frames, source.task.scene), start, None)
+        path, scene = source.task.frames, source.task.scene
+        with ExitStack() as opened:
+            readers = [
+                opened.enter_context(open_scene_frames(path, _one_channel(scene, name)))
+                for name in CHANNELS
+            ]
+            yield from map(list, islice(zip(*readers, strict=True), start, None))
 
     def read(
         self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
     ) -> ProcessedFrame:
-        """The order that the colours tell."""
-        return process_colour(frames, scene, capture)
+        """The order that the colours tell; a model of the scene is not used."""
+        light, valid, sigma = _stacked(frames, scene, capture)
+        first = frames[0]
+        assert capture.table is not None
+        for part in (capture.dark, capture.bright):
+            valid = valid & part.valid if part else valid
+        try:
+            result = read_colour(
+                light,
+                capture.table,
+                sigma=sigma,
+                dark=capture.dark.image if capture.dark else None,
+                bright=capture.bright.image if capture.bright else None,
+                valid=valid,
+                specimen=_specimen(scene, first),
+            )
+        except InputError as error:
+            raise InputError(f"frame {first.index} ({first.name}): {error}") from error
+        trusted = np.isfinite(result.signal)
+        mean = np.where(trusted, result.signal, 0.0).sum(axis=-1) / np.maximum(
+            trusted.sum(axis=-1), 1
+        )
+        return ProcessedFrame(
+            **frame_fields(first, scene),
+            normalised=np.where(trusted.any(axis=-1), mean, np.nan).astype(np.float32),
+            reading=result,
+            noise=result.noise,
+            chi=result.chi,
+            warnings=_warnings(result),
+            columns={
+                "kept_share": result.kept,
+                "strange_share": result.strange,
+                **order_columns(result.order, result.uncertainty),
+            },
+        )
 
     def values(self, scene: Scene) -> tuple[str, ...]:
         """What is read, and how much of it has colours that the table has not."""
         return ("kept_share", "strange_share", *LARGEST)
-
-
-def _check_colour(scene: Scene) -> None:
-    """Refuse a scene of several wavelengths whose frames do not tell colours. Raises InputError."""
-    where = f"{scene.name}: [polariscope]: light of several wavelengths"
-    if scene.camera is None or not scene.camera.colour or scene.frames.channel is not None:
-        raise InputError(
-            f"{where} can be processed by its colours alone: set camera.colour = true and leave "
-            "out frames.channel; for frames taken through a filter, give its wavelength_nm alone"
-        )
-    if scene.polariscope.step:
-        raise InputError(
-            f"{where} has no phase steps: remove [[polariscope.step]], or give wavelength_nm alone"
-        )
-    if scene.polariscope.field == "plane":
-        raise InputError(
-            f"{where} needs the circular dark or bright field: isoclinics have no colour; set "
-            "polariscope.field"
-        )
-
-
-def colour_capture(scene: Scene, reader: FrameReader) -> Capture:
-    """What all frames of a set share: the colour table, and the no-load frames.
-
-    Parameters: `scene`, see `_check_colour`; `reader` of the set. Returns a Capture. Raises
-    InputError where the file is grey, or the light or a no-load frame cannot be used.
-    """
-    if reader.channel is None:
-        raise InputError(
-            f"{reader.path}: is grey, and camera.colour says that the frames have colours; give "
-            "colour frames, or for a filter's light its wavelength_nm alone"
-        )
-    assert scene.camera is not None
-    pairs = [
-        load_no_load(_one_channel(scene, name), full_shape=reader.full_shape) for name in CHANNELS
-    ]
-    dark, bright = map(_in_colour, zip(*pairs, strict=True))
-    return Capture(reader.bit_depth, dark, bright, _table(scene))
 
 
 def _in_colour(channels: Sequence[Linear | None]) -> Linear | None:
@@ -115,74 +148,9 @@ def _in_colour(channels: Sequence[Linear | None]) -> Linear | None:
     return Linear(image, np.stack([part.valid for part in known], axis=-1))
 
 
-def _table(scene: Scene) -> ColourTable:
-    """The scene's own table, or else the one that its light and camera have."""
-    assert scene.camera is not None
-    if scene.frames.colour_table is not None:
-        return read_table(scene.path(scene.frames.colour_table))
-    path = scene.path(scene.camera.response) if scene.camera.response is not None else None
-    return spectral_table(scene.polariscope, camera_response(scene.camera, path))
-
-
-def colour_frames(path: FramesLike, scene: Scene) -> Iterator[list[Frame]]:
-    """The three channels of each frame of a set, red, green and blue.
-
-    Parameters: `path` of the frames; `scene`. Yields lists of three Frames.
-    """
-    with contextlib.ExitStack() as stack:
-        readers = [
-            stack.enter_context(open_scene_frames(path, _one_channel(scene, name)))
-            for name in CHANNELS
-        ]
-        for frames in zip(*readers, strict=True):
-            yield list(frames)
-
-
 def _one_channel(scene: Scene, name: str) -> Scene:
     result = scene.with_values({"frames.channel": name})
     return result.model_copy(update={"folder": scene.folder, "name": scene.name})
-
-
-def process_colour(frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
-    """Absolute fringe order of one colour frame.
-
-    Parameters: `frames`, its channels; `scene`, of this one state; `capture`. The scene's model,
-    if it has one, is not used. Returns a ProcessedFrame. Raises InputError on a blank frame, or
-    one that without no-load frames does not tell its illumination.
-    """
-    light, valid, sigma = _stacked(frames, scene, capture)
-    first = frames[0]
-    assert capture.table is not None
-    for part in (capture.dark, capture.bright):
-        valid = valid & part.valid if part else valid
-    try:
-        result = read_colour(
-            light,
-            capture.table,
-            sigma=sigma,
-            dark=capture.dark.image if capture.dark else None,
-            bright=capture.bright.image if capture.bright else None,
-            valid=valid,
-            specimen=_specimen(scene, first),
-        )
-    except InputError as error:
-        raise InputError(f"frame {first.index} ({first.name}): {error}") from error
-    trusted = np.isfinite(result.signal)
-    count = np.maximum(trusted.sum(axis=-1), 1)
-    mean = np.where(trusted, result.signal, 0.0).sum(axis=-1) / count
-    return ProcessedFrame(
-        **frame_fields(first, scene),
-        normalised=np.where(trusted.any(axis=-1), mean, np.nan).astype(np.float32),
-        reading=result,
-        noise=result.noise,
-        chi=result.chi,
-        warnings=_warnings(result),
-        columns={
-            "kept_share": result.kept,
-            "strange_share": result.strange,
-            **order_columns(result.order, result.uncertainty),
-        },
-    )
 
 
 def _stacked(
@@ -194,8 +162,7 @@ def _stacked(
     gamma, bit_depth = scene.frames.stated_gamma, capture.bit_depth
     light, valid, sigma = [], [], []
     for frame, name in zip(frames, CHANNELS, strict=True):
-        where = f"{frame.name}, {name}"
-        linear = to_linear(frame, bit_depth=bit_depth, gamma=gamma, name=where)
+        linear = to_linear(frame, bit_depth=bit_depth, gamma=gamma, name=f"{frame.name}, {name}")
         noise = estimate_noise(frame.image, linear.valid, bit_depth=bit_depth)
         raw = np.where(np.isfinite(frame.image), frame.image, 0.0).astype(np.float32)
         level = gaussian_filter(raw, _SMOOTH_PX)  # a pixel's weight must not follow its own noise
@@ -215,20 +182,20 @@ def _specimen(scene: Scene, frame: Frame) -> NDArray[np.bool_] | None:
     return below & (mask is None or mask)
 
 
-def _warnings(found: ColourReading) -> tuple[str, ...]:
+def _warnings(reading: ColourReading) -> tuple[str, ...]:
     messages = []
-    if found.lost:
+    if reading.lost:
         messages.append(
-            f"the colours of {100 * found.strange:.0f} % of the pixels are not the table's "
-            f"(chi = {found.chi:.2f}): no order was read; check the light, camera.response "
+            f"the colours of {100 * reading.strange:.0f} % of the pixels are not the table's "
+            f"(chi = {reading.chi:.2f}): no order was read; check the light, camera.response "
             "and frames.gamma, or calibrate a colour table: 'isochrome calibrate colour'"
         )
-    elif found.chi > POOR_CHI:
+    elif reading.chi > POOR_CHI:
         messages.append(
-            f"chi = {found.chi:.2f}: the table does not describe the colours within their noise; "
+            f"chi = {reading.chi:.2f}: the table does not describe the colours within their noise; "
             "check camera.response and frames.gamma, and use the orders with care"
         )
-    exposure = found.exposure
+    exposure = reading.exposure
     if exposure.factor != 1.0:
         messages.append(
             f"exposed {exposure.factor:.3g} times as long as the no-load frames, or lit so much "
@@ -239,8 +206,8 @@ def _warnings(found: ColourReading) -> tuple[str, ...]:
             "its colours do not tell whether it is exposed as its no-load frames are, which is "
             "assumed; orders that this leaves open by over 0.03 fringe are left out"
         )
-    if found.blind:
+    if reading.blind:
         messages.append("illumination found from the frame itself, without both no-load frames")
-    if not found.lost and found.kept < 0.5:
-        messages.append(f"only {100 * found.kept:.0f} % of the lit pixels could be read")
+    if not reading.lost and reading.kept < 0.5:
+        messages.append(f"only {100 * reading.kept:.0f} % of the lit pixels could be read")
     return tuple(messages)

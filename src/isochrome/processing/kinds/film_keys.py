@@ -16,7 +16,6 @@ from isochrome.fringes import (
     FilmLight,
     FilmPath,
     FilmState,
-    joined_pixels,
     joined_reading,
 )
 from isochrome.processing.kinds.followed_film import (
@@ -87,25 +86,17 @@ def prepare_keyed(
     captured: Callable[[], Frames], scene: Scene, capture: Capture, *, chunk: int, count: int,
     every: int = KEY_EVERY,
 ) -> FollowedFilm:  # fmt: skip
-    """Pass over a film: its key frames, and the states of its chunks.
+    """Pass over a film: its key frames, and the states of its chunks, one each `chunk` frames.
 
-    Parameters: `captured`, gives the film's frames anew, each with its number; `scene`; `capture`;
-    `chunk`, frames from one kept state to the next; `count` of the frames; `every`, frames from
-    one key frame to the next. Raises PhysicsError where no frame to begin
-    with can be read, or the frames are no film.
+    `captured` gives the film's frames anew, each with its number. PhysicsError where no frame to
+    begin with can be read, or the frames are no film.
     """
     begin, first, whole, ends = _first_key(captured(), scene, capture, count)
     assert whole.reading is not None
     data = FilmData(first, scene, capture)
     data.take_noise(first)
     light = _light_of(ends, data.sign)
-    guide = FilmLight(
-        zero=joined_pixels(light.zero, data.by),
-        illumination=joined_pixels(light.illumination, data.by),
-        error=joined_pixels(light.error, data.by),
-        zero_error=joined_pixels(light.zero_error, data.by),
-        sign=light.sign,
-    )
+    guide = light.joined(data.by)
     start = joined_reading(whole.reading, data.by, film_time(first, begin))
     last: list[tuple[int, Frame]] = []
 

@@ -22,7 +22,6 @@ from isochrome.processing.kinds.followed_film import (
     Array,
     Film,
     FilmData,
-    FollowedFilm,
     Frames,
     film_time,
 )
@@ -59,96 +58,64 @@ class UnloadedFilm(Film):
 
     def check(self, scene: Scene) -> None:
         """Refuse a film that cannot begin without load. Raises InputError."""
-        _check_unloaded(scene)
+        name, light = f"{scene.name}: frames.starts_unloaded", scene.polariscope
+        if scene.has_model:
+            raise InputError(
+                f"{name} is for films without a model, and the scene has one, which names the "
+                "orders; leave the key out"
+            )
+        if light.tells_orders:
+            raise InputError(
+                f"{name}: phase steps and colours tell the order of each state; leave the key out"
+            )
+        if scene.frames.known_order or scene.frames.known_line or scene.frames.free_boundary:
+            raise InputError(
+                f"{name}: the orders are counted from zero, and known orders are for single "
+                "frames; leave one of them out"
+            )
+        if scene.frames.gamma == "unknown":
+            raise InputError(
+                f"{name}: frames.gamma = 'unknown' is for single frames; give a number"
+            )
         super().check(scene)
 
     def followed(
         self, captured: Callable[[], Frames], scene: Scene, capture: Capture, chunk: int, count: int
     ) -> FrameKind:
         """Followed from its first frame."""
-        film = prepare_unloaded(captured, scene, capture, chunk=chunk, count=count)
-        return replace(self, film=film)
-
-
-def _check_unloaded(scene: Scene) -> None:
-    """Refuse a scene whose film cannot be followed from zero load. Raises InputError."""
-    name, light = f"{scene.name}: frames.starts_unloaded", scene.polariscope
-    if scene.has_model:
-        raise InputError(
-            f"{name} is for films without a model, and the scene has one, which names the orders; "
-            "leave the key out"
-        )
-    if light.tells_orders:
-        raise InputError(
-            f"{name}: phase steps and colours tell the order of each state; leave the key out"
-        )
-    if scene.frames.known_order or scene.frames.known_line or scene.frames.free_boundary:
-        raise InputError(
-            f"{name}: the orders are counted from zero, and known orders are for single frames; "
-            "leave one of them out"
-        )
-    if scene.frames.gamma == "unknown":
-        raise InputError(f"{name}: frames.gamma = 'unknown' is for single frames; give a number")
-
-
-def prepare_unloaded(
-    captured: Callable[[], Frames], scene: Scene, capture: Capture, *, chunk: int, count: int
-) -> FollowedFilm:
-    """Pass over a film that begins without load: its light, and the states of its chunks.
-
-    Parameters: `captured`, gives the film's frames anew, each with its number; `scene`; `capture`;
-    `chunk`, frames from one kept state to the next; `count` of the frames. Raises InputError where
-    nothing can be trusted, PhysicsError where the film does not begin unloaded, or no crest tells
-    its light.
-    """
-    first = next(iter(captured()))[1][0]
-    data = FilmData(first, scene, capture)
-    own, other = (capture.dark, capture.bright)[:: int(data.sign)]
-    zero, rough = (own.image, False) if own else smooth_zero(data.light(first), data.valid)
-    top = _first_pass(captured(), data, zero, count)
-    _refuse_loaded(top, data, scene)
-    given = None if other is None else np.maximum(data.sign * (other.image - zero), 1e-3)
-    surface = _surface(top, data, scene) if given is None else joined_pixels(given, data.by)
-    none = np.zeros_like(surface)
-    guide = FilmLight(
-        zero=joined_pixels(zero, data.by), illumination=surface, error=none, zero_error=none,
-        sign=data.sign,
-    )  # fmt: skip
-    if rough:  # the first frame's own noise is in all differences from it
-        data.between *= float(np.sqrt(2.0))
-    level = float(np.median(surface[data.material]))
-    start = unloaded_state(data.material, film_time(first, 0))
-    path = FilmPath(start, guide, noise=data.wave_noise(level), chunk=chunk)
-    path.follow((*data.joined(frames[0]), film_time(frames[0], k)) for k, frames in captured())
-    light, notes = _final_light(path, data, zero, given, scene)
-    return data.film(path, light, count, notes)
-
-
-def _first_pass(frames: Frames, data: FilmData, zero: Array, count: int) -> BrightestLight:
-    """The brightest light of a film, and its noise."""
-    top, below = BrightestLight(), joined_pixels(zero, data.by)
-    for index, (frame, *_) in frames:
-        top.add(np.float32(data.sign) * (joined_pixels(data.light(frame), data.by) - below))
-        if index % max(1, count // _NOISE_FRAMES) == 0:
-            data.take_noise(frame)
-    return top
-
-
-def _surface(top: BrightestLight, data: FilmData, scene: Scene) -> Array:
-    """The illumination that the crests of a film lie on, on blocks. Raises PhysicsError."""
-    try:
-        return top.surface(data.material)
-    except InputError as error:
-        raise PhysicsError(f"{scene.name}: {error}") from error
-
-
-def _refuse_loaded(top: BrightestLight, data: FilmData, scene: Scene) -> None:
-    """Refuse a film whose first frame shows fringes, for later ones fall below its light."""
-    least = -_DARKER * top.contrast(data.material)
-    share = float(np.mean((top.lowest < least)[data.material]))
-    if share > _DARKER_SHARE:
-        than = "brighter than later ones" if data.sign > 0 else "darker than later ones"
-        raise PhysicsError(NOT_UNLOADED.format(scene.name, than, 100.0 * share))
+        first = next(iter(captured()))[1][0]
+        data = FilmData(first, scene, capture)
+        own, other = (capture.dark, capture.bright)[:: int(data.sign)]
+        zero, rough = (own.image, False) if own else smooth_zero(data.light(first), data.valid)
+        top, below = BrightestLight(), joined_pixels(zero, data.by)
+        for index, (frame, *_) in captured():
+            top.add(np.float32(data.sign) * (joined_pixels(data.light(frame), data.by) - below))
+            if index % max(1, count // _NOISE_FRAMES) == 0:
+                data.take_noise(frame)
+        least = -_DARKER * top.contrast(data.material)
+        share = float(np.mean((top.lowest < least)[data.material]))
+        if share > _DARKER_SHARE:  # later ones fall below its light
+            than = "brighter than later ones" if data.sign > 0 else "darker than later ones"
+            raise PhysicsError(NOT_UNLOADED.format(scene.name, than, 100.0 * share))
+        given = None if other is None else np.maximum(data.sign * (other.image - zero), 1e-3)
+        try:
+            on_blocks = None if given is None else joined_pixels(given, data.by)
+            surface = top.surface(data.material) if on_blocks is None else on_blocks
+        except InputError as error:
+            raise PhysicsError(f"{scene.name}: {error}") from error
+        none = np.zeros_like(surface)
+        guide = FilmLight(
+            zero=joined_pixels(zero, data.by), illumination=surface, error=none, zero_error=none,
+            sign=data.sign,
+        )  # fmt: skip
+        if rough:  # the first frame's own noise is in all differences from it
+            data.between *= float(np.sqrt(2.0))
+        level = float(np.median(surface[data.material]))
+        start = unloaded_state(data.material, film_time(first, 0))
+        path = FilmPath(start, guide, noise=data.wave_noise(level), chunk=chunk)
+        path.follow((*data.joined(frames[0]), film_time(frames[0], k)) for k, frames in captured())
+        light, notes = _final_light(path, data, zero, given, scene)
+        return replace(self, film=data.film(path, light, count, notes))
 
 
 def _final_light(

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from time import monotonic
@@ -76,11 +75,9 @@ FEW_FOLLOWED = (
 class FollowedFilm:
     """What the frames of a film have in common, and where each chunk of them begins.
 
-    `light` of the frames' size, and `guide` on blocks of `by` pixels a side; `valid` and `material`
-    (trusted pixels, and blocks of them); `noise` with the factor `between` pixels, and `wave_noise`
-    of a block; `clipped`, the grey level from which pixels are; `kept`, the states by the number of
-    their frame; `lost`, from which frame to which, not included, nothing is known; `count` of the
-    frames; `notes` on the light.
+    `light` of the frames' size, `guide` on blocks of `by` pixels a side; `noise` with the factor
+    `between` pixels; `clipped`, the grey level from which pixels are; `kept`, states by the number
+    of their frame; `lost`, from which frame to which, not included, nothing is known.
     """
 
     light: FilmLight = field(repr=False)
@@ -99,24 +96,15 @@ class FollowedFilm:
 
     def begin(self, index: int) -> int:
         """The number of the last frame up to this one whose state is kept."""
-        return self._places[bisect_right(self._places, index) - 1]
+        return max(place for place in self.kept if place <= index)
 
     def end(self, index: int) -> int:
         """The number of the frame before the next one whose state is kept."""
-        later = bisect_right(self._places, index)
-        return self._places[later] - 1 if later < len(self._places) else self.count - 1
-
-    @property
-    def _places(self) -> list[int]:
-        return list(self.kept)
+        return min((place - 1 for place in self.kept if place > index), default=self.count - 1)
 
     def lost_since(self, index: int) -> tuple[int, int] | None:
         """From which frame to which nothing is known, for a frame of those."""
         return next((span for span in self.lost if span[0] <= index < span[1]), None)
-
-    def state(self, index: int) -> FilmState:
-        """A kept state."""
-        return self.kept[index].state()
 
 
 class FilmData:
@@ -167,21 +155,13 @@ class FilmData:
     def film(
         self, path: FilmPath, light: FilmLight, count: int, notes: tuple[str, ...]
     ) -> FollowedFilm:
-        """The film as it was followed. Parameters: its `path`, `light`, `count` and `notes`."""
-        joined = (light.zero, light.illumination, light.error, light.zero_error)
-        zero, illumination, error, zero_error = (joined_pixels(v, self.by) for v in joined)
-        guide = FilmLight(
-            zero=zero,
-            illumination=illumination,
-            error=error,
-            zero_error=zero_error,
-            sign=light.sign,
-        )
+        """The film as it was followed."""
         spans = tuple((span[0], span[1] if len(span) > 1 else count) for span in path.lost)
         return FollowedFilm(
-            light=light, guide=guide, by=self.by, valid=self.valid, material=self.material,
-            noise=self.noise, between=self.between, wave_noise=path.noise, clipped=self.clipped,
-            kept=path.kept, lost=spans, count=count, notes=notes,
+            light=light, guide=light.joined(self.by), by=self.by, valid=self.valid,
+            material=self.material, noise=self.noise, between=self.between,
+            wave_noise=path.noise, clipped=self.clipped, kept=path.kept, lost=spans,
+            count=count, notes=notes,
         )  # fmt: skip
 
 
@@ -229,10 +209,26 @@ class Film(ImageOnly):
 
     def states(self, source: FrameSource, start: int, stop: int) -> Iterator[ProcessedFrame]:
         """The frames in time, from the last kept state on."""
-        assert self.film is not None
-        captured = source.captured(self.film.begin(start), stop)
-        read = followed_states(self.film, captured, source.task.scene, source.capture)
-        yield from (item for item in read if item.index >= start)
+        film, scene, capture = self.film, source.task.scene, source.capture
+        assert film is not None
+        full, gamma = full_scale(capture.bit_depth), scene.frames.stated_gamma
+        state: FilmState | None = None
+        for index, (frame, *_) in source.captured(film.begin(start), stop):
+            light, lost = plain_light(frame, full, gamma), film.lost_since(index)
+            if index in film.kept:
+                state = film.kept[index].state()
+            elif lost is None:
+                assert state is not None
+                rise = film.guide.rise(joined_pixels(light, film.by))
+                wave = light_wave(rise, film.guide.illumination)
+                trusted = film.material & unclipped(frame, film.clipped, film.by)
+                time = film_time(frame, index)
+                state = follow_frame(state, wave, trusted, time, noise=film.wave_noise)
+            assert state is not None
+            if index >= start:
+                known = state.known & ~film.kept[film.begin(index)].doubt() & (lost is None)
+                own = replace(frame, index=index)
+                yield _read(film, replace(state, known=known), own, light, scene, capture)
 
 
 def _reported(
@@ -247,34 +243,6 @@ def _reported(
             last = monotonic()
             progress(Tally(index, count, 0, 0, stage=FOLLOWING))
         yield index, frames
-
-
-def followed_states(
-    film: FollowedFilm, captured: Iterable[tuple[int, list[Frame]]], scene: Scene, capture: Capture
-) -> Iterator[ProcessedFrame]:
-    """What is found in the frames of a film, from one on whose state is kept.
-
-    Parameters: `film`; `captured`, the frames with their numbers; `scene`; `capture`. Yields a
-    ProcessedFrame each.
-    """
-    full, gamma = full_scale(capture.bit_depth), scene.frames.stated_gamma
-    state: FilmState | None = None
-    for index, (frame, *_) in captured:
-        light, lost = plain_light(frame, full, gamma), film.lost_since(index)
-        if index in film.kept:
-            state = film.state(index)
-        elif lost is None:
-            assert state is not None
-            wave = light_wave(
-                film.guide.rise(joined_pixels(light, film.by)), film.guide.illumination
-            )
-            trusted = film.material & unclipped(frame, film.clipped, film.by)
-            time = film_time(frame, index)
-            state = follow_frame(state, wave, trusted, time, noise=film.wave_noise)
-        assert state is not None
-        known = state.known & ~film.kept[film.begin(index)].doubt() & (lost is None)
-        own = replace(frame, index=index)
-        yield _read(film, replace(state, known=known), own, light, scene, capture)
 
 
 def _read(
@@ -300,10 +268,7 @@ def _read(
         noise=float(np.median(relative[valid])) if valid.any() else float("nan"),
         chi=chi,
         warnings=_warnings(film, frame.index, reading.kept),
-        columns={
-            "kept_share": reading.kept,
-            **order_columns(reading.order, reading.uncertainty),
-        },
+        columns={"kept_share": reading.kept, **order_columns(reading.order, reading.uncertainty)},
     )
 
 

@@ -38,7 +38,6 @@ from isochrome.fringes import (
     FreeReading,
     KnownOrders,
     KnownPlaces,
-    NoLoadExposure,
     common_reading,
     exact_ends,
     find_no_load_exposure,
@@ -90,10 +89,10 @@ _AT_HALF, _BEYOND_HALF = 0.05, 0.1
 
 @dataclass(frozen=True)
 class NoLoadLight:
-    """The ends of a frame's light by its no-load frames.
+    """The ends of a frame's light by its no-load frames, and what to say of them.
 
-    `notes`, what to say of them; `refusal`, why no order can be told from it, if any; `dark_told`,
-    whether the dark end is known as well as it says.
+    `refusal`, why no order can be told; `dark_told`, whether the dark end is known as well as it
+    says.
     """
 
     ends: BackgroundModulation
@@ -105,11 +104,7 @@ class NoLoadLight:
 def no_load_light(
     light: Array, sigma: Array, valid: Mask, no_load: tuple[Array, Array], frames: Frames
 ) -> NoLoadLight:
-    """Find the ends of a frame's light.
-
-    Parameters: `light` (rows, cols), linear, and its noise `sigma`; `valid`, True where trusted;
-    `no_load`, the dark and the bright one (rows, cols); `frames`, what the scene says of them.
-    """
+    """The ends of a frame's linear `light` (rows, cols) by the dark and bright no-load frame."""
     dark, bright = no_load
     alike = NoLoadLight(exact_ends(dark, bright))
     if frames.no_load_exposure == "same":
@@ -118,21 +113,27 @@ def no_load_light(
     if result.ends is None:
         if result.told:
             return alike
-        off = _not_alike(_places(light, valid, no_load, frames))
+        places, off = _places(light, valid, no_load, frames), ""
+        if places and np.median([place.cost for place in places]) >= CLEAR:
+            worst = max(places, key=lambda place: abs(place.light - place.stated))
+            off = NOT_ALIKE.format(worst.row, worst.col, worst.light, worst.stated)
         return NoLoadLight(alike.ends, () if off else (SAME_EXPOSURE,), off)
     if result.crest_sure or says_a_half(frames.stated_orders):
-        said = (EXPOSED.format(result.bright),)
-        return NoLoadLight(result.ends, said, dark_told=result.dark_told)
-    if result.bright < 1.0 and _says_alike(light, valid, no_load, result, frames):
-        return alike
+        notes = (EXPOSED.format(result.bright),)
+        return NoLoadLight(result.ends, notes, dark_told=result.dark_told)
+    if result.bright < 1.0:
+        exposed = result.dark * dark, result.bright * bright
+        own, other = (
+            sum(place.cost for place in _places(light, valid, ends, frames))
+            for ends in (no_load, exposed)
+        )
+        if own + CLEAR < other:  # known orders are clearly those of the no-load frames' own light
+            return alike
     return NoLoadLight(result.ends, refusal=CREST_OR_RIDGE.format(result.bright))
 
 
 def says_a_half(orders: Sequence[float]) -> bool:
-    """Whether known orders say that N = 1/2, 3/2, ... is in the frame: by one, or between two.
-
-    Parameters: `orders`, those that are known, fringes.
-    """
+    """Whether known orders say that N = 1/2, 3/2, ... is in the frame: by one, or between two."""
     if any(abs(order % 1.0 - 0.5) < _AT_HALF for order in orders):
         return True
     least, most = min(orders, default=0.0), max(orders, default=0.0)
@@ -155,40 +156,20 @@ class _Place:
         return min(((self.light - self.stated) / STATED_SPREAD) ** 2, MOST_COST)
 
 
-def _says_alike(
-    light: Array, valid: Mask, no_load: tuple[Array, Array], found: NoLoadExposure, frames: Frames
-) -> bool:
-    """Whether known orders are clearly those of the no-load frames' own light."""
-    dark, bright = no_load
-    told = found.dark * dark, found.bright * bright
-    own, other = (
-        sum(place.cost for place in _places(light, valid, ends, frames)) for ends in (no_load, told)
-    )
-    return bool(own + CLEAR < other)
-
-
-def _not_alike(places: Sequence[_Place]) -> str:
-    """What to say where known orders are not those of the light; nothing where they may be."""
-    if not places or np.median([place.cost for place in places]) < CLEAR:
-        return ""
-    worst = max(places, key=lambda place: abs(place.light - place.stated))
-    return NOT_ALIKE.format(worst.row, worst.col, worst.light, worst.stated)
-
-
 def _places(light: Array, valid: Mask, ends: tuple[Array, Array], frames: Frames) -> list[_Place]:
     """The known places that are seen: in a light s the order is k ± asin(sqrt s)/pi."""
     dark, bright = ends
     signal = np.where(valid, (light - dark) / np.maximum(bright - dark, 1e-6), 0.0)
     weight = np.maximum(gaussian_filter(valid.astype(float), _POOLED_PX), 1e-6)
     pooled = np.clip(gaussian_filter(signal, _POOLED_PX) / weight, 0.0, 1.0)
-    own = np.arcsin(np.sqrt(pooled)) / np.pi
+    away = np.arcsin(np.sqrt(pooled)) / np.pi
     known = [(float(k.row_px), float(k.col_px), k.order) for k in frames.known_order]
     known += [(*place, line.order) for line in frames.known_line for place in line.places]
     result = []
     for row, col, order in known:
         at = round(row), round(col)
         if all(0 <= i < n for i, n in zip(at, valid.shape, strict=True)) and valid[at]:
-            result.append(_Place(row, col, abs(order - round(order)), float(own[at])))
+            result.append(_Place(row, col, abs(order - round(order)), float(away[at])))
     return result
 
 
@@ -196,13 +177,11 @@ def above_background(signal: Array, error: Array, valid: Mask) -> tuple[Mask, tu
     """Where a brighter background would make no dark fringe, and what to say of the rest.
 
     The order may go on through a fringe there or turn back, and what lies beyond is a part apart.
-    Parameters: `signal` and its standard uncertainty `error` by the ends (rows, cols); `valid`.
     """
     above = np.where(valid, signal - _REACH * error, 0.0)
     seen = valid & (gaussian_filter(above, _POOLED_PX) > 0.0)
     share = 1.0 - float(np.mean(seen[valid])) if valid.any() else 0.0
-    said = (DARK_UNTOLD.format(100.0 * share),) if share > _WORTH_SAYING else ()
-    return seen, said
+    return seen, (DARK_UNTOLD.format(100.0 * share),) if share > _WORTH_SAYING else ()
 
 
 NO_ANCHOR = (
@@ -246,10 +225,9 @@ out of the picture, and an order beyond a bright crest may be mirrored about it.
 class FrameSignal:
     """The fringe signal 0..1 (rows, cols), its noise, where it is trusted, and what to say.
 
-    `refusal`, why no order can be told from it, if any; `error`, what the ends and the tone curve
-    leave open of the signal, over and above the noise; `ends` of the light; `columns` for
-    frames.csv; `gamma_check`, what the fringes' contrast (rows, cols) and shape make of a stated
-    gamma: an error more, and what to say.
+    `error`, what the ends and the tone curve leave open of the signal besides the noise;
+    `gamma_check`, what the fringes' contrast (rows, cols) and shape make of a stated gamma: an
+    error more, and words.
     """
 
     signal: Array
@@ -278,8 +256,8 @@ class ImageOnly(FrameKind):
         """Fringe lines, and the orders where one is known."""
         known = scene.frames.orders_known
         gamma = ("gamma", f"gamma {SPREAD}") if scene.frames.gamma == "unknown" else ()
-        kept, largest = ("kept_share",) * known, LARGEST * known
-        return (*kept, "fringe_lines", *gamma, *self.loads(), *largest)
+        lines = ("fringe_lines", *gamma, *self.loads())
+        return ("kept_share", *lines, *LARGEST) if known else lines
 
     def loads(self) -> tuple[str, ...]:
         """Columns of a frame's load, where that is read."""
@@ -287,34 +265,20 @@ class ImageOnly(FrameKind):
 
 
 def process_image_only(
-    frame: Frame,
-    scene: Scene,
-    capture: Capture,
-    *,
-    inside: NDArray[np.bool_] | None = None,
+    frame: Frame, scene: Scene, capture: Capture, *, inside: NDArray[np.bool_] | None = None
 ) -> ProcessedFrame:
     """Normalise a frame without a model, find its fringe skeleton, and read its order.
 
-    The order is read where it hangs together with a place of known order: of `frames.known_order`,
-    `frames.known_line`, or a corner of `frames.free_boundary`.
-    Parameters as in `process_with_model`; `inside`, True on the specimen where that is known.
-    Returns a ProcessedFrame, without a reading where no order is known. A frame in which no fringe
-    shows (an unloaded specimen) is kept as it is, and says so.
+    The order is read where it hangs together with a place of known order; without one there is no
+    reading. A frame in which no fringe shows (an unloaded specimen) is kept as it is, and says so.
     """
     return read_alone(frame, scene, capture, inside=inside)[0]
 
 
 def read_alone(
-    frame: Frame,
-    scene: Scene,
-    capture: Capture,
-    *,
-    inside: NDArray[np.bool_] | None = None,
+    frame: Frame, scene: Scene, capture: Capture, *, inside: NDArray[np.bool_] | None = None
 ) -> tuple[ProcessedFrame, BackgroundModulation | None]:
-    """What `process_image_only` finds, and the ends of the frame's light, None where it has none.
-
-    Parameters as there.
-    """
+    """What `process_image_only` finds, and the ends of the frame's light, None without any."""
     linear = to_linear(frame, bit_depth=capture.bit_depth, gamma=scene.frames.first_gamma)
     if inside is not None:
         linear = replace(linear, valid=linear.valid & inside)
@@ -323,27 +287,38 @@ def read_alone(
         normalised=np.where(linear.valid, linear.image, np.nan).astype(np.float32),
     )
     try:
-        seen = frame_signal(frame, linear, scene, capture)
+        signal = frame_signal(frame, linear, scene, capture)
     except InputError as error:
         return replace(blank, warnings=(f"not normalised: {error}",)), None
-    lines = skeletons(np.clip(seen.signal, 0.0, 1.0))
-    asked = bool(scene.frames.known_order)
-    result, warnings = None, [refused_beforehand(frame, seen, len(lines), capture, asked, inside)]
-    if not warnings[0]:
-        result, warnings = _read(seen, scene)
-        few = refused_low(result.reading.order if result else np.zeros(0), capture)
-        if few:
-            result, warnings = None, [*warnings, few]
-    whole = replace(
+    lines = skeletons(np.clip(signal.signal, 0.0, 1.0))
+    point_known = bool(scene.frames.known_order)
+    refusal = refused_beforehand(frame, signal, len(lines), capture, point_known, inside)
+    result, warnings = None, [refusal]
+    if not refusal and not scene.frames.orders_known:
+        warnings = [NO_ANCHOR]
+    elif not refusal:
+        result, warnings = _read_signal(signal, scene)
+        if signal.others:
+            others = (_read_signal(other, scene)[0] for other in signal.others)
+            result = common_reading([result, *others])
+        few = refused_low(result.reading.order, capture)
+        warnings = [*warnings, *result.said, *([few] if few else [])]
+        result = None if few else result
+    columns = {"fringe_lines": len(lines)} | signal.columns
+    if result:
+        columns = {"kept_share": result.reading.kept} | columns
+        if np.isfinite(result.reading.order).any():
+            columns |= order_columns(result.reading.order, result.reading.uncertainty)
+    complete = replace(
         blank,
-        normalised=seen.signal.astype(np.float32),
+        normalised=signal.signal.astype(np.float32),
         reading=result.reading if result else None,
         lines=lines,
-        noise=float(np.median(seen.sigma[seen.valid])),
-        warnings=(*seen.notes, *warnings),
-        columns=_columns(result, seen, len(lines)),
+        noise=float(np.median(signal.sigma[signal.valid])),
+        warnings=(*signal.notes, *warnings),
+        columns=columns,
     )
-    return whole, seen.ends
+    return complete, signal.ends
 
 
 def refused_beforehand(
@@ -356,12 +331,16 @@ def refused_beforehand(
 ) -> str:
     """Why no order is read in a frame whatever is known of its orders; empty where one is.
 
-    Parameters: the `frame`, what is `seen` in it, its fringe `lines`; `capture`; `asked`, whether a
-    point is known; `inside`, as in `read_alone`.
+    `asked`, whether a point is known; `inside`, as in `read_alone`.
     """
-    saturated = _saturated(frame, capture, inside)
-    if capture.bright is None and saturated > MOST_SATURATED:
-        return OVEREXPOSED.format(100.0 * saturated)
+    if capture.bright is None:
+        specimen = np.ones(frame.image.shape, dtype=bool)
+        for mask in (frame.mask, inside):
+            specimen = specimen if mask is None else specimen & mask
+        level = saturation_level(frame.image, full=full_scale(capture.bit_depth))
+        saturated = float(np.mean(frame.image[specimen] >= level))
+        if saturated > MOST_SATURATED:
+            return OVEREXPOSED.format(100.0 * saturated)
     if seen.refusal:
         return seen.refusal
     if capture.bright is None and lines < FEWEST_LINES and asked:
@@ -370,24 +349,12 @@ def refused_beforehand(
 
 
 def refused_low(order: Array, capture: Capture) -> str:
-    """Why orders are too low to be told without a bright no-load frame; empty where they are not.
-
-    Parameters: `order`, NaN = not known; `capture`.
-    """
+    """Why orders are too low to be told without a bright no-load frame; empty if they are not."""
     known = order[np.isfinite(order)]
     highest = float(np.percentile(known, _ALMOST_ALL)) if known.size else 0.0
     if capture.bright is None and 0.0 < highest < LEAST_ORDER:
         return FEW_FRINGES.format(f"fringes up to order {highest:.2f}", LEAST_ORDER)
     return ""
-
-
-def _saturated(frame: Frame, capture: Capture, inside: NDArray[np.bool_] | None) -> float:
-    """Share of the specimen's pixels that lie on the frame's plateau, where it is clipped."""
-    specimen = np.ones(frame.image.shape, dtype=bool)
-    for mask in (frame.mask, inside):
-        specimen = specimen if mask is None else specimen & mask
-    level = saturation_level(frame.image, full=full_scale(capture.bit_depth))
-    return float(np.mean(frame.image[specimen] >= level))
 
 
 def _light(
@@ -420,8 +387,10 @@ def frame_signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -
         ends = fit_background_modulation(light, sigma, valid, dark=dark, bright=bright, tone=tone)
         blind = dark is None or bright is None
         refusal = "" if ends.settled else NOT_SETTLED
-        notes = _found_by_fringes(ends, blind=blind, tone=tone)
+        notes = ["normalised by its own fringes, without both no-load frames"] * blind
         if tone:
+            gamma = with_uncertainty(ends.tone, ends.tone_uncertainty)
+            notes.append(f"gamma = {gamma}, found from the fringes of this frame alone")
             columns = {"gamma": ends.tone, f"gamma {SPREAD}": ends.tone_uncertainty}
     done, result = _by_ends(light, sigma, valid, ends)
     if not dark_told:
@@ -431,11 +400,8 @@ def frame_signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -
     # an end that is not known says nothing of the tone, and without a reading nobody asks
     check = None
     if not tone and not refusal and scene.frames.orders_known:
-        own = (
-            None if dark is None else done.background,
-            None if bright is None else done.background + done.contrast,
-        )
-        check = partial(_contradicted, light, sigma, done, own, scene.frames.first_gamma)
+        given = (dark is not None, bright is not None)
+        check = partial(_contradicted, light, sigma, done, given, scene.frames.first_gamma)
     known = replace(result, refusal=refusal, notes=tuple(notes), columns=columns)
     return replace(known, gamma_check=check, others=others)
 
@@ -461,11 +427,7 @@ def _by_ends(
 
 
 def told_exposure(frame: Frame, scene: Scene, capture: Capture) -> list[str]:
-    """What a frame's fringes say of its exposure, where it is not that of both no-load frames.
-
-    Parameters: as in `process_image_only`. Returns nothing without both no-load frames, or where
-    no fringe tells it.
-    """
+    """What a frame's fringes say of its exposure, where it is not that of both no-load frames."""
     dark, bright = capture.dark, capture.bright
     if dark is None or bright is None or scene.frames.gamma == "unknown":
         return []
@@ -478,24 +440,11 @@ def told_exposure(frame: Frame, scene: Scene, capture: Capture) -> list[str]:
     return [text for text in (*result.notes, result.refusal) if text and text != SAME_EXPOSURE]
 
 
-def _found_by_fringes(ends: BackgroundModulation, *, blind: bool, tone: bool) -> list[str]:
-    """What to say of ends and tone curve that were found from a frame's own fringes."""
-    notes = []
-    if blind:
-        notes.append("normalised by its own fringes, without both no-load frames")
-    if tone:
-        notes.append(
-            f"gamma = {with_uncertainty(ends.tone, ends.tone_uncertainty)}, "
-            "found from the fringes of this frame alone"
-        )
-    return notes
-
-
 def _contradicted(
     light: Array,
     sigma: Array,
     done: Normalised,
-    given: tuple[Array | None, Array | None],
+    given: tuple[bool, bool],
     gamma: float,
     contrast: Array,
 ) -> tuple[Array, list[str]]:
@@ -506,7 +455,7 @@ def _contradicted(
     """
     lost = 0.5 * (1.0 - contrast) * done.contrast
     ends = done.background + lost, done.background + done.contrast - lost
-    dark, bright = (None if end is None else faded for end, faded in zip(given, ends, strict=True))
+    dark, bright = (faded if known else None for known, faded in zip(given, ends, strict=True))
     none = np.zeros(light.shape)
     try:
         away, spread = gamma_misfit(light, sigma, done.valid, ends)
@@ -517,8 +466,7 @@ def _contradicted(
         )
     except InputError:  # no fringes to tell it from
         return none, []
-    share = result.tone - 1.0
-    if abs(share) < max(SIGNIFICANT * result.tone_uncertainty, WRONG_GAMMA):
+    if abs(result.tone - 1.0) < max(SIGNIFICANT * result.tone_uncertainty, WRONG_GAMMA):
         return none, []
     linear = np.maximum(light, 0.0) ** result.tone
     other = (linear - result.dark) / np.maximum(result.bright - result.dark, 1e-6)
@@ -530,16 +478,6 @@ def _contradicted(
         f"{with_uncertainty(best, gamma * result.tone_uncertainty)}: set frames.gamma = "
         f"{best:.2g} or 'unknown'; orders that this would move are left out"
     ]
-
-
-def _read(seen: FrameSignal, scene: Scene) -> tuple[FreeReading | None, list[str]]:
-    """The order from what is known of it, and what to say of it."""
-    if not scene.frames.orders_known:
-        return None, [NO_ANCHOR]
-    result, messages = _read_signal(seen, scene)
-    if seen.others:
-        result = common_reading([result, *(_read_signal(other, scene)[0] for other in seen.others)])
-    return result, [*messages, *result.said]
 
 
 def _read_signal(seen: FrameSignal, scene: Scene) -> tuple[FreeReading, list[str]]:
@@ -572,12 +510,3 @@ def wave_of(seen: FrameSignal, scene: Scene) -> tuple[Array, Array]:
     turn = -1.0 if scene.polariscope.field == "bright" else 1.0
     wave = np.where(seen.valid, turn * (1.0 - 2.0 * seen.signal), 0.0)
     return wave, np.where(seen.valid, 2.0 * seen.sigma, 1.0)
-
-
-def _columns(found: FreeReading | None, seen: FrameSignal, lines: int) -> dict[str, Any]:
-    """The frame's columns of frames.csv besides those of every frame."""
-    selected = {"kept_share": found.reading.kept} if found else {}
-    columns = selected | {"fringe_lines": lines} | seen.columns
-    if found is None or not np.isfinite(found.reading.order).any():
-        return columns
-    return columns | order_columns(found.reading.order, found.reading.uncertainty)

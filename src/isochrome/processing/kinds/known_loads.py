@@ -49,8 +49,7 @@ class KnownLoads(ImageOnly):
 def known_series(scene: Scene, reader: FrameReader) -> LoadSeries:
     """Lay the frames whose loads the scene states over each other.
 
-    Parameters: `scene`, with frames.known_loads_n, one for each frame; `reader` of the set. Returns
-    a LoadSeries. Raises InputError on a blank frame, PhysicsError where one shows no disc.
+    InputError on a blank frame, PhysicsError where one shows no disc.
     """
     loads = dict(enumerate(scene.frames.known_loads_n))
     own = [frame for frame in reader if loads.get(frame.index)]
@@ -69,9 +68,7 @@ def _shot(frame: Frame, scene: Scene, capture: Capture, load_n: float) -> Shot:
 def process_known_loads(frame: Frame, scene: Scene, capture: Capture) -> ProcessedFrame:
     """Read a frame's load against the frames of known loads, and its order as the image tells it.
 
-    Parameters: `frame`, by its number in the set; `scene`; `capture`, with the series. Returns a
-    ProcessedFrame; its load is NaN where the known loads do not tell it, and a warning says why.
-    Raises InputError on a blank frame.
+    The load is NaN where the known loads do not tell it, and a warning says why.
     """
     assert capture.series is not None and scene.rim_diameter_mm is not None
     try:

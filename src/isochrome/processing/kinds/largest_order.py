@@ -47,20 +47,14 @@ BY_NONE = (
 
 
 def largest_from(table: Mapping[str, Sequence[Any]]) -> str:
-    """How many largest orders are from elsewhere than their frames; empty where none is.
-
-    Parameters: `table`, the columns of frames.csv; of an older run nobody knows it.
-    """
+    """How many largest orders are from elsewhere than their frames; empty where none is."""
     result = Counter(table.get(ORDER_FROM, ()))
     words = {MODEL: "of the model", AT_LEAST: AT_LEAST}
     return "".join(f"; {result[word]} {text}" for word, text in words.items() if result[word])
 
 
 def order_columns(order: Array, uncertainty: Array) -> dict[str, Any]:
-    """Columns of the orders that are known: the largest with its pixel, and the median of their u.
-
-    Parameters: `order`, `uncertainty` (rows, cols), fringes; NaN where an order is not known.
-    """
+    """Columns of the orders that are known: the largest, its pixel, and the median of their u."""
     known = uncertainty[np.isfinite(order) & np.isfinite(uncertainty)]
     typical = float(np.median(known)) if known.size else float("nan")
     result = dict.fromkeys(LARGEST) | {"n_max": float("nan"), ORDER_SPREAD: typical}
@@ -97,13 +91,10 @@ def largest_with_model(
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Columns of the largest order and its place, and what is said of it.
 
-    It is the model's where that has pixels whose order exceeds what it has at any pixel that was
-    read, by more than the reading's uncertainty; not where its largest lies at a point load or an
-    edge, of which it knows nothing. What the pixels within half a fringe of them say of the model
-    is in its uncertainty; where they contradict it, or none is read, it says nothing: a load that
-    varies through the thickness has its peak left out as if dust were there.
-    Parameters: `reading`; `seen`, the model at every pixel; `scene`, its own; `fit`, None where
-    nobody asks how sure the model is. Returns columns and sentences.
+    The model's, where it exceeds all that was read by more than u; not where it has its largest at
+    a point load or an edge, of which it knows nothing. What the pixels within half a fringe of its
+    peak say of it is in its uncertainty; where they contradict it, or none is read, it says
+    nothing: a load that varies through the thickness has its peak left out as if dust were there.
     """
     order, nothing = reading.order, float("nan")
     result: dict[str, Any] = dict.fromkeys(LARGEST_BY_MODEL, nothing) | {ORDER_FROM: None}

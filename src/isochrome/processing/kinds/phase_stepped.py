@@ -10,20 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.frames import (
-    Frame,
-    FrameReader,
-    estimate_noise,
-    open_no_load_steps,
-    to_linear,
-)
-from isochrome.fringes import (
-    ResidualStress,
-    SteppedReading,
-    make_design,
-    read_residual,
-    read_steps,
-)
+from isochrome.frames import Frame, FrameReader, estimate_noise, open_no_load_steps, to_linear
+from isochrome.fringes import ResidualStress, make_design, read_residual, read_steps
 from isochrome.optics import Chain, make_chain
 from isochrome.processing.kinds.kind import ISOCLINIC, FrameKind, refuse_colour_table
 from isochrome.processing.kinds.largest_order import LARGEST, order_columns
@@ -50,13 +38,54 @@ class PhaseStepped(FrameKind):
 
     def prepare(self, scene: Scene, reader: FrameReader) -> Capture:
         """The residual stress that the no-load steps show."""
-        return Capture(reader.bit_depth, residual=load_residual(scene, reader))
+        name = scene.frames.no_load_steps
+        if name is None:
+            return Capture(reader.bit_depth)
+        with open_no_load_steps(scene, reader.full_shape) as unloaded:
+            light, valid, sigma = _stacked(list(unloaded), scene, Capture(unloaded.bit_depth))
+        result = read_residual(light, _chains(scene), sigma=sigma, valid=valid)
+        if not np.isfinite(result.field).any():
+            raise InputError(
+                f"{scene.path(name)}: frames.no_load_steps has no pixel that can be read; check "
+                "that its frames are the steps of [[polariscope.step]], in order, and their "
+                "light; residual stress beyond half an order nearly all over cannot be read"
+            )
+        return Capture(reader.bit_depth, residual=result)
 
     def read(
         self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
     ) -> ProcessedFrame:
         """Order and isoclinic angle of a state."""
-        return process_stepped(frames, scene, capture)
+        light, valid, sigma = _stacked(frames, scene, capture)
+        residual = capture.residual
+        result = read_steps(
+            light,
+            _chains(scene),
+            sigma=sigma,
+            valid=valid,
+            known_order=[(k.row_px, k.col_px, k.order) for k in scene.frames.known_order],
+            model=_model(scene, (light.shape[1], light.shape[2]), residual),
+            residual=residual,
+        )
+        name = f"{frames[0].name} to {frames[-1].name}"
+        contrast = result.contrast[np.isfinite(result.order)]
+        return ProcessedFrame(
+            **frame_fields(replace(frames[0], name=name), scene),
+            normalised=result.dark_field,
+            reading=result.reading,
+            # of the dark field (1 - cos δ)/2, mid-way between its ends
+            noise=float(sigma / np.median(contrast)) if contrast.size else float("nan"),
+            chi=result.chi,
+            warnings=result.warnings,
+            isoclinic=result.isoclinic,
+            columns={
+                "kept_share": result.reading.kept,
+                "isoclinic_share": float(np.isfinite(result.isoclinic).mean()),
+                "whole_order_from": result.parts[0].source if result.parts else "none",
+                **order_columns(result.order, result.reading.uncertainty),
+                **({} if residual is None else {"residual_order_max": residual.largest}),
+            },
+        )
 
     def values(self, scene: Scene) -> tuple[str, ...]:
         """What is read, and the largest residual order."""
@@ -66,63 +95,6 @@ class PhaseStepped(FrameKind):
     def layers(self, scene: Scene) -> tuple[Layer, ...]:
         """The isoclinic angle too."""
         return (*super().layers(scene), ISOCLINIC)
-
-
-def load_residual(scene: Scene, reader: FrameReader) -> ResidualStress | None:
-    """The residual stress that the scene's no-load steps show.
-
-    Parameters: `scene`; `reader` of the captured frames, to be compared with. Returns a
-    ResidualStress,
-    None where the scene names no such set. Raises InputError where the set cannot be read, holds
-    another number of frames than there are steps, frames of another size, or nothing to read.
-    """
-    name = scene.frames.no_load_steps
-    if name is None:
-        return None
-    with open_no_load_steps(scene, reader.full_shape) as unloaded:
-        light, valid, sigma = _stacked(list(unloaded), scene, Capture(unloaded.bit_depth))
-    result = read_residual(light, _chains(scene), sigma=sigma, valid=valid)
-    if not np.isfinite(result.field).any():
-        raise InputError(
-            f"{scene.path(name)}: frames.no_load_steps has no pixel that can be read; check that "
-            "its frames are the steps of [[polariscope.step]], in order, and their light; residual "
-            "stress beyond half an order nearly all over cannot be read"
-        )
-    return result
-
-
-def process_stepped(frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
-    """Fringe order and isoclinic angle of one state from the frames of its steps.
-
-    Parameters: `frames`, one a step in the scene's order; `scene`, of this one state; `capture`,
-    how the set was captured (no-load frames are not needed: the steps tell background and
-    illumination), with the residual stress to take out. A frame that is saturated or faulty
-    in a pixel is left out there; where the others do not tell, it is masked.
-    Returns a ProcessedFrame. Raises InputError on a blank set, or steps that cannot tell the order.
-    """
-    light, valid, sigma = _stacked(frames, scene, capture)
-    residual = capture.residual
-    result = read_steps(
-        light,
-        _chains(scene),
-        sigma=sigma,
-        valid=valid,
-        known_order=[(k.row_px, k.col_px, k.order) for k in scene.frames.known_order],
-        model=_model(scene, (light.shape[1], light.shape[2]), residual),
-        residual=residual,
-    )
-    contrast = result.contrast[np.isfinite(result.order)]
-    return ProcessedFrame(
-        **frame_fields(replace(frames[0], name=f"{frames[0].name} to {frames[-1].name}"), scene),
-        normalised=result.dark_field,
-        reading=result.reading,
-        # of the dark field (1 - cos δ)/2, mid-way between its ends
-        noise=float(sigma / np.median(contrast)) if contrast.size else float("nan"),
-        chi=result.chi,
-        warnings=result.warnings,
-        isoclinic=result.isoclinic,
-        columns=_columns(result, residual),
-    )
 
 
 def _chains(scene: Scene) -> list[Chain]:
@@ -176,14 +148,3 @@ def _model(
         return result
 
     return order
-
-
-def _columns(found: SteppedReading, residual: ResidualStress | None) -> dict[str, Any]:
-    """The state's columns of frames.csv."""
-    columns = {
-        "kept_share": found.reading.kept,
-        "isoclinic_share": float(np.isfinite(found.isoclinic).mean()),
-        "whole_order_from": found.parts[0].source if found.parts else "none",
-        **order_columns(found.order, found.reading.uncertainty),
-    }
-    return columns if residual is None else columns | {"residual_order_max": residual.largest}

@@ -94,8 +94,7 @@ class TrackedFilm(WithModel):
 
     `wanted`, the maps that were asked for, and `maps`, of which frames they are written: 'all',
     those of the 'key' frames, or 'none'; `order_step` (fringes), in which those of all are kept,
-    and `pages`, whether the TIFF stacks have a page for each of them; `apparatus`, what all frames
-    have in common.
+    and `pages`, whether the TIFF stacks have a page for each of them.
     """
 
     every: int = EVERY
@@ -226,10 +225,7 @@ class TrackedFilm(WithModel):
 
 
 def check_tracked(scene: Scene, shape: tuple[int, int], every: int) -> None:
-    """Refuse a scene whose frames cannot be followed. Raises InputError.
-
-    Parameters: `scene`; `shape` (rows, cols) of a frame; `every`, frames to the next key frame.
-    """
+    """Refuse a scene whose frames cannot be followed. Raises InputError."""
     if every < 2:
         raise InputError(
             f"--every {every}: give 2 or more; without --track every frame is processed wholly"
@@ -248,10 +244,7 @@ def check_tracked(scene: Scene, shape: tuple[int, int], every: int) -> None:
 
 
 def order_step(scene: Scene, shape: tuple[int, int]) -> float:
-    """Steps (fringes) of 16 bits that reach twice the largest order that a contact's scene shows.
-
-    Parameters: `scene`; `shape` (rows, cols) of a frame.
-    """
+    """Steps (fringes) of 16 bits that reach twice the largest order of a contact's scene."""
     one = scene_at(placed(sliding_scene(scene), shape), 0.0)
     grid = pixel_grid(one, shape).every(_THIN)
     order = make_picture(one, state_difference(one, scene_states(one)[-1], grid), grid).order
@@ -271,24 +264,23 @@ class KeyFrames:
         self._tracker: Tracker | None = None
         self._vain = VainSearch(source.capture.bit_depth)
 
-    def begin(self, frame: Frame, whole: ProcessedFrame) -> None:
+    def begin(self, frame: Frame, complete: ProcessedFrame) -> None:
         """Start the track where the fit of a wholly processed frame ended, if it told values."""
-        if not whole.has_values:
-            if not whole.failed:
+        if not complete.has_values:
+            if not complete.failed:
                 self._vain.remember(frame)
             return
-        assert whole.fit is not None
-        tracker = Tracker(
-            _begun(self.scene, whole),
+        assert complete.fit is not None
+        self._tracker = Tracker(
+            _begun(self.scene, complete),
             self.keys,
             bit_depth=self.capture.bit_depth,
             no_load=(self.capture.dark, self.capture.bright),
             apparatus=self.kind.apparatus,
             usual_load_n=self.scene.load_at(0.0),
         )
-        fit, distance = whole.fit, slid_until(self.scene, frame)
-        tracker.begin(frame, fit.scene, fit.chi, distance)
-        self._tracker = tracker
+        fit, distance = complete.fit, slid_until(self.scene, frame)
+        self._tracker.begin(frame, fit.scene, fit.chi, distance)
 
     def follow(self, frame: Frame) -> FollowedFrame:
         """One frame more. Raises InputError, PhysicsError."""
@@ -296,9 +288,9 @@ class KeyFrames:
         fields = frame_fields(frame, self.scene) | {"label": label, "distance_m": distance}
         result = FollowedFrame(**fields, keys=self.keys)
         try:
-            tracked, whole = self._tracked(frame)
+            tracked, complete = self._tracked(frame)
             result = replace(result, tracked=tracked, warnings=tracked.warnings)
-            return self._with_map(result, frame, whole) if self.kind.maps_of_all else result
+            return self._with_map(result, frame, complete) if self.kind.maps_of_all else result
         except IsochromeError as error:
             if not self.source.task.keep_going:
                 raise
@@ -314,54 +306,50 @@ class KeyFrames:
             return self._tracker.track(frame, slid_until(self.scene, frame)), None
         if self._vain.is_repeated(frame):
             return nothing_found(len(self.keys)), None
-        whole = self._whole(frame)
-        self.begin(frame, whole)
-        if not whole.has_values:
+        try:  # as if it were a key frame; nothing where the physics is refused
+            complete = self.source.processed(frame.index, [frame])
+        except PhysicsError as error:
+            complete = replace(failed_frame(frame, str(error)), failed=False)
+        self.begin(frame, complete)
+        if not complete.has_values:
             return nothing_found(len(self.keys)), None
-        return self._of_whole(whole), whole
+        return self._of_complete(complete), complete
 
     def _with_map(
-        self, found: FollowedFrame, frame: Frame, whole: ProcessedFrame | None
+        self, item: FollowedFrame, frame: Frame, complete: ProcessedFrame | None
     ) -> FollowedFrame:
         """A followed frame with its orders, read on the branches of the followed model.
 
         Raises InputError, PhysicsError.
         """
-        tracked = found.tracked
-        if whole is not None and whole.fit is not None:
-            own = {name: getattr(whole, name) for name in ("reading", "noise", "largest")}
-            return replace(found, scene=whole.fit.scene, **own)
+        tracked = item.tracked
+        if complete is not None and complete.fit is not None:
+            fields = {name: getattr(complete, name) for name in ("reading", "noise", "largest")}
+            return replace(item, scene=complete.fit.scene, **fields)
         if self._tracker is None or tracked is None or not tracked.positive:
-            return found
-        data, seen, scene = self._tracker.model_frame(frame)
+            return item
+        data, model, scene = self._tracker.model_frame(frame)
         reading, noise, lost = read_frame(
-            frame, data, seen, chi=tracked.chi, positive=tracked.positive
+            frame, data, model, chi=tracked.chi, positive=tracked.positive
         )
         if lost:
-            return found
-        largest, of_largest = largest_with_model(reading, seen, scene)
-        said = (*found.warnings, *of_share(reading), *of_largest)
+            return item
+        largest, of_largest = largest_with_model(reading, model, scene)
+        notes = (*item.warnings, *of_share(reading), *of_largest)
         return replace(
-            found, reading=reading, noise=noise, scene=scene, largest=largest, warnings=said
+            item, reading=reading, noise=noise, scene=scene, largest=largest, warnings=notes
         )
 
-    def _whole(self, frame: Frame) -> ProcessedFrame:
-        """A frame as if it were a key frame; nothing where the physics is refused."""
-        try:
-            return self.source.processed(frame.index, [frame])
-        except PhysicsError as error:
-            return replace(failed_frame(frame, str(error)), failed=False)
-
-    def _of_whole(self, whole: ProcessedFrame) -> Tracked:
+    def _of_complete(self, complete: ProcessedFrame) -> Tracked:
         """The values of a frame that was processed wholly, as if they had been tracked."""
-        fit = whole.fit
+        fit = complete.fit
         assert fit is not None
-        result = np.full((3, len(self.keys)), np.nan)
+        values, spread, bound = np.full((3, len(self.keys)), np.nan)
         for k, key in enumerate(self.keys):
             if key in fit.keys:
                 j = fit.keys.index(key)
-                result[:, k] = fit.values[j], fit.standard_uncertainty[j], fit.cramer_rao_bound[j]
-        values, spread, bound = result
+                values[k], spread[k] = fit.values[j], fit.standard_uncertainty[j]
+                bound[k] = fit.cramer_rao_bound[j]
         return Tracked(
             values=values,
             standard_uncertainty=spread,

@@ -31,11 +31,7 @@ from isochrome.fringes import OrderReading, read_order
 from isochrome.output import counted
 from isochrome.processing.kinds.image_only import process_image_only
 from isochrome.processing.kinds.kind import FrameKind
-from isochrome.processing.kinds.largest_order import (
-    LARGEST_BY_MODEL,
-    PRESSURE,
-    largest_with_model,
-)
+from isochrome.processing.kinds.largest_order import LARGEST_BY_MODEL, PRESSURE, largest_with_model
 from isochrome.processing.result import (
     CAUSES,
     REFINED,
@@ -87,11 +83,8 @@ def process_with_model(
 ) -> ProcessedFrame:
     """Fit a one-state scene to a frame, and read the fringe order on the branch it names.
 
-    Parameters: `frame`; `scene`, see `single_state.frame_scene`; `capture`, how the set
-    was captured; `as_stated`, whether nothing else is fitted than the scene's unknowns;
-    `apparatus`, what the frame has in common with the others of its video. Returns a
-    ProcessedFrame. Raises InputError on a blank frame, PhysicsError where
-    the scene's fringes are not in it.
+    `apparatus`, what the frame has in common with the others of its video. InputError on a blank
+    frame, PhysicsError where the scene's fringes are not in it.
     """
     data = prepare_frame(
         frame,
@@ -130,12 +123,19 @@ def read_frame(
 ) -> tuple[OrderReading, float, bool]:
     """Read a frame's orders on the branches of its model, however that was found.
 
-    Parameters: `frame`; `data`, prepared; `seen`, its model; `chi` of the fit; `positive`, whether
-    the model's fringes are in the frame. Returns the reading, the noise over the illumination, and
-    whether the model is too far off to name branches.
+    The reading, the noise over the illumination, and whether the model is too far off to name
+    branches.
     """
     noise, lost = _is_lost(data, seen, chi=chi, positive=positive)
-    reading = _read(data, seen, lost)
+    reading = read_order(
+        data.light,
+        seen.picture.order,
+        seen.response,
+        illumination=seen.illumination,
+        background=seen.background,
+        sigma=data.sigma,
+        valid=seen.mask & (seen.illumination > 0.0) & (not lost),
+    )
     if frame.mask is not None:
         own = seen.picture.material & frame.mask
         selected = float(np.isfinite(reading.order).sum() / max(1, int(own.sum())))
@@ -156,7 +156,16 @@ def _without_model(
         normalised=image.normalised,
         lines=image.lines,
         noise=image.noise,
-        fit=_without_values(lost.fit, scene),
+        # only the place it began with is left of it, and its chi
+        fit=replace(
+            lost.fit,
+            scene=scene,
+            values=np.array(
+                [scene.get(key) if key.startswith("camera.") else None for key in lost.fit.keys],
+                dtype=float,
+            ),
+            standard_uncertainty=np.full(len(lost.fit.keys), np.nan),
+        ),
         warnings=(*lost.warnings, *(() if slip else image.warnings)),
     )
 
@@ -185,30 +194,10 @@ def _fitted(
 
 
 def placed_disc(scene: Scene, data: FrameData) -> tuple[Scene, list[str]]:
-    """Give the scene the disc's place in a frame, and the pixel where it has none.
+    """Give the scene the disc's place in a frame by its rim, and the pixel where it has none.
 
-    The rim found in the frame gives the centre; diameter over twice the radius gives the pixel.
-    Where no rim is found, the scene's own camera.left_mm, top_mm and pixel_mm are taken, and that
-    is said.
-
-    Parameters
-    ----------
-    scene : Scene
-        A scene with a disc.
-    data : FrameData
-        The frame.
-
-    Returns
-    -------
-    tuple of Scene and list of str
-        The scene, and notes in plain words.
-
-    Raises
-    ------
-    InputError
-        Where the scene has no [camera].
-    PhysicsError
-        Where there is neither a rim nor a place.
+    Where no rim is found, the scene's own place is taken, and that is said. InputError without a
+    [camera], PhysicsError where there is neither a rim nor a place.
     """
     camera, diameter = scene.camera, scene.rim_diameter_mm
     if camera is None:
@@ -242,7 +231,6 @@ def sharp_rim(data: FrameData, rim: Circle) -> Circle:
     Along each of 360 rays the steepest fall of the light within a tenth of the radius is taken; if
     these places lie on one circle, to 1 % of its radius, it is the rim. A free rim without residual
     stress is as dark as the air and shows no such fall: then the circle stays as it was.
-    Parameters: `data`; `rim`, the first circle. Returns a Circle.
     """
     from scipy.ndimage import gaussian_filter, map_coordinates
 
@@ -294,9 +282,7 @@ def frame_causes(
 ) -> tuple[list[str], Explained] | None:
     """What `process` will say of how a scene explains a frame; None where it shows no fringes.
 
-    Parameters: as of `process_with_model`. Returns the sentences, and how far the scene explains
-    the frame. Raises InputError on a blank frame, PhysicsError where no values give fringes of the
-    right contrast.
+    PhysicsError where no values give fringes of the right contrast.
     """
     no_load = capture.dark, capture.bright
     data = prepare_frame(
@@ -310,28 +296,6 @@ def frame_causes(
     _, lost = _is_lost(*_held(data, fit), chi=fit.chi, positive=fit.positive)
     texts = [*notes, *_of_chi(fit), *([_NO_ORDER] if lost else [])]
     return texts, "not at all" if lost else "well enough"
-
-
-def _read(data: FrameData, seen: ModelFrame, lost: bool) -> OrderReading:
-    """The order of each pixel; none where the model was lost."""
-    return read_order(
-        data.light,
-        seen.picture.order,
-        seen.response,
-        illumination=seen.illumination,
-        background=seen.background,
-        sigma=data.sigma,
-        valid=seen.mask & (seen.illumination > 0.0) & (not lost),
-    )
-
-
-def _without_values(fit: FrameFit, scene: Scene) -> FrameFit:
-    """A fit that was lost: only the place it began with is left of it, and its chi."""
-    values = [scene.get(key) if key.startswith("camera.") else None for key in fit.keys]
-    selected = np.array([np.nan if value is None else value for value in values], dtype=float)
-    return replace(
-        fit, scene=scene, values=selected, standard_uncertainty=np.full(len(selected), np.nan)
-    )
 
 
 def _of_chi(fit: FrameFit) -> list[str]:

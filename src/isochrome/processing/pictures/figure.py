@@ -77,8 +77,7 @@ _SHOWN, KEY_FRAMES = 6, 3
 class Shown:
     """A processed frame as it is drawn: maps (rows, cols), NaN = not known, None = not read.
 
-    `label`; `chi`; `kept`, the share of pixels whose order is known; `lines`, found without an
-    order; `place`, its scale and outer corner.
+    `kept`, the share of pixels whose order is known; `lines`, found without an order.
     """
 
     label: str
@@ -95,8 +94,6 @@ def process_figure(scene: Scene, items: list[Shown]) -> Figure:
     """Captured frames with the fringes found in them; beside each its fringe order, if known.
 
     A phase-stepped state has its dark field in the place of the frame, and its isoclinic angles.
-
-    Parameters: `scene`; `items`, up to six of the frames. Returns a Figure.
     """
     turned = any(item.isoclinic is not None for item in items)
     figure = new_figure(*frames_size(items))
@@ -121,15 +118,11 @@ def frames_size(items: list[Shown]) -> tuple[float, float]:
     read, down, across = _grid(items)
     rows, cols = items[0].normalised.shape
     width = 4.6 if read else 4.0
-    picture = width - _BESIDE
-    return width * across + 0.8, (picture * min(rows / cols, 1.6) + 0.75) * down + 0.5
+    return width * across + 0.8, ((width - _BESIDE) * min(rows / cols, 1.6) + 0.75) * down + 0.5
 
 
 def draw_frames(figure: Figure | SubFigure, items: list[Shown]) -> str:
-    """Draw frames with their fringes, and beside each its order, if known, on an empty figure.
-
-    Parameters: `figure`; `items`. Returns what the lines are, in words.
-    """
+    """Draw frames with their fringes, and beside each its order; what the lines are, in words."""
     read, down, across = _grid(items)
     axes: Any = figure.subplots(down, across, squeeze=False)
     largest = max((highest_order(item) for item in items), default=1.0)
@@ -144,7 +137,12 @@ def draw_frames(figure: Figure | SubFigure, items: list[Shown]) -> str:
             title = f"fringe order, {100 * item.kept:.1f} % known"
             orders.append(_show_order(axes[k, 1], item.order, largest, title, item.place))
         if item.isoclinic is not None:
-            directions.append(_show_isoclinic(axes[k, 2], item.isoclinic, item.place))
+            known = 100.0 * float(np.isfinite(item.isoclinic).mean())
+            title = f"direction of sigma_1, known in {known:.1f} %"
+            look: dict[str, Any] = {"cmap": DIRECTION_MAP, "vmin": -90.0, "vmax": 90.0}
+            directions.append(
+                show_image(axes[k, 2], item.isoclinic, title=title, **look, **item.place)
+            )
         draw_fringes(ax, item, largest)
     _share_bar(orders, ORDER_LABEL, is_as_high=len(orders) == 1)
     label = "counter-clockwise from x (degrees)"
@@ -155,19 +153,13 @@ def draw_frames(figure: Figure | SubFigure, items: list[Shown]) -> str:
 
 
 def say_lines(largest: float, read: bool) -> str:
-    """What the lines over frames are, in words.
-
-    Parameters: the `largest` order; whether orders were `read`. Returns the words.
-    """
+    """What the lines over frames are, in words."""
     first = ", ".join(f"{order:g}" for order in _line_orders(largest)[:3])
     return f"lines: N = {first} ..." if read else "lines: dark (blue) and bright (orange) fringes"
 
 
 def draw_fringes(axes: Axes, item: Shown, largest: float) -> None:
-    """Draw the fringes of a frame as lines: whole or dark ones blue, the others orange.
-
-    Parameters: `axes`, where the frame was drawn; `item`; the `largest` order of all frames.
-    """
+    """Draw the fringes of a frame as lines: whole or dark ones blue, the others orange."""
     lines = item.lines
     if item.order is not None:
         lines = order_contours(item.order, _line_orders(largest))
@@ -250,23 +242,13 @@ def _line_orders(largest: float) -> np.ndarray:
     return np.arange(step, largest + step, step)
 
 
-def _show_isoclinic(axes: Any, isoclinic: np.ndarray, place: Place) -> Any:
-    """Direction of sigma_1, in colours that close on themselves."""
-    known = 100.0 * float(np.isfinite(isoclinic).mean())
-    return show_image(
-        axes, isoclinic, cmap=DIRECTION_MAP, vmin=-90.0, vmax=90.0,
-        title=f"direction of sigma_1, known in {known:.1f} %", **place,
-    )  # fmt: skip
-
-
 def _share_bar(images: list[Any], label: str, *, is_as_high: bool = False) -> None:
     """One colour bar for a column of maps, which have the same colours."""
     if not images:
         return
     for shown in images:
         shown.set_interpolation("nearest")
-    length = 1.0 if len(images) == 1 else 0.6
-    add_colour_bar(images, label, length=length, is_as_high=is_as_high)
+    add_colour_bar(images, label, length=1.0 if len(images) == 1 else 0.6, is_as_high=is_as_high)
 
 
 def highest_order(item: Shown) -> float:
@@ -280,21 +262,12 @@ def _highest_order(order: np.ndarray) -> float:
 
 
 def set_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Shown]) -> Figure:
-    """The picture of a set that was processed, tracked or not.
-
-    Parameters: `scene`; `table`, the columns of frames.csv; `items`, of `shown_frames`. Returns a
-    Figure.
-    """
-    if PICTURE in table:
-        return tracked_figure(scene, table, items)
-    return process_figure(scene, items)
+    """The picture of a set that was processed, tracked or not."""
+    return tracked_figure(scene, table, items) if PICTURE in table else process_figure(scene, items)
 
 
 def shown_frames(table: Mapping[str, list[Any]], status: list[str]) -> list[int]:
-    """The frames that are drawn: the first in which something was found, or some key frames.
-
-    Parameters: `table`, the columns of frames.csv; `status` of each frame.
-    """
+    """The frames that are drawn: the first in which something was found, or some key frames."""
     if PICTURE not in table:
         return [k for k, state in enumerate(status) if state != "failed"][:_SHOWN] or [0]
     whole = [k for k, at in enumerate(table[PICTURE]) if at is not None]
@@ -303,19 +276,30 @@ def shown_frames(table: Mapping[str, list[Any]], status: list[str]) -> list[int]
     return [good[round(place)] for place in places]
 
 
-def shown_label(table: Mapping[str, list[Any]], k: int) -> str:
-    """What stands above a frame that is drawn."""
-    return f"frame {k}, {table['label'][k]}" if PICTURE in table else str(table["label"][k])
+def place_of_row(table: Mapping[str, list[Any]], k: int, left: float, top: float) -> Place:
+    """Where frame k stands, by its row and outer edges (mm), which may not be known."""
+    pixel = table["pixel_mm"][k]
+    return {
+        "pixel_mm": None if pixel is None or pixel != pixel else float(pixel),
+        "left_mm": left if np.isfinite(left) else 0.0,
+        "top_mm": top if np.isfinite(top) else 0.0,
+    }
+
+
+def row_fields(table: Mapping[str, list[Any]], k: int, left: float, top: float) -> dict[str, Any]:
+    """What frame k's row of frames.csv, and its outer edges (mm), say to who draws it."""
+    chi, label = table["chi"][k], str(table["label"][k])
+    return {
+        "label": f"frame {k}, {label}" if PICTURE in table else label,
+        "chi": float("nan") if chi is None else float(chi),
+        "place": place_of_row(table, k, left, top),
+    }
 
 
 def figure_in_memory(
     scene: Scene, table: Mapping[str, list[Any]], status: list[str], frames: list[ProcessedFrame]
 ) -> Figure:
-    """`set_figure` of frames that are in memory.
-
-    Parameters: `scene`; `table`, the columns of frames.csv; `status` of each frame; `frames`, of a
-    tracked video its key frames. Returns a Figure.
-    """
+    """`set_figure` of frames that are in memory, of a tracked video its key frames."""
     by_number = {item.index: item for item in frames}
     items = []
     for k in shown_frames(table, status):
@@ -323,25 +307,19 @@ def figure_in_memory(
         (left, top), reading = item.corner_mm(scene), item.reading
         items.append(
             Shown(
-                label=shown_label(table, k),
-                chi=item.chi,
+                **row_fields(table, k, left, top),
                 kept=reading.kept if reading else float("nan"),
                 normalised=item.normalised,
                 order=reading.order if reading else None,
                 isoclinic=item.isoclinic,
                 lines=item.lines,
-                place={"pixel_mm": item.pixel_mm, "left_mm": left, "top_mm": top},
             )
         )
     return set_figure(scene, table, items)
 
 
 def tracked_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Shown]) -> Figure:
-    """Tracked values with their bands and chi, and beside them some key frames.
-
-    Parameters: `scene`; `table`, the columns of frames.csv; `items`, the key frames to be shown.
-    Returns a Figure.
-    """
+    """Tracked values with their bands and chi, and beside them some key frames."""
     result = frame_values(table)
     wide, high = frames_size(items) if items else (0.0, 0.0)
     tall = max(high, PANEL_IN * (len(result.keys) + 1)) + 0.3
@@ -369,18 +347,20 @@ _TURNED_LABEL = "from x, counter-clockwise (degrees)"
 def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> PaperPanels:
     """Frames with their fringes and their orders; of a tracked video its values too.
 
-    Parameters: `result`; `frames`, numbers of the frames that are shown. Returns PaperPanels.
-    Raises InputError where there is no such frame, or it has no map of its order.
+    InputError where there is no such frame, or it has no map of its order.
     """
-    items = _items(result, frames)
+    table, dataset = result.columns, result.dataset
+    usual = _usual_frames(table, dataset)
+    chosen = chosen_frames(frames, len(table["frame"]), usual)
+    items = [_item(table, dataset, k) for k in chosen]
     largest = max(map(highest_order, items), default=1.0)
     read = any(item.order is not None for item in items)
     plots = []
     if result.tracked:
         outcome = result.over_frames
         for key in outcome.keys:
-            own = partial(draw_values, found=outcome, key=key)
-            plots.append(Plot(title=KEY_LABELS.get(key, key), draw=own, height_mm=30.0))
+            drawn = partial(draw_values, found=outcome, key=key)
+            plots.append(Plot(title=KEY_LABELS.get(key, key), draw=drawn, height_mm=30.0))
         plots.append(Plot(title="chi", draw=partial(draw_chi, found=outcome), height_mm=30.0))
     return PaperPanels(
         kinds=_kinds(items, largest, what="picture" if result.tracked else "frame"),
@@ -388,13 +368,6 @@ def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> Paper
         plots=plots,
         notes=[*(_numbers(item) for item in items), f"L{say_lines(largest, read)[1:]}"],
     )
-
-
-def _items(result: Processed, frames: tuple[int, ...] | None) -> list[Shown]:
-    """The frames that are shown, read from the dataset."""
-    table, dataset = result.columns, result.dataset
-    usual = _usual_frames(table, dataset)
-    return [_item(table, dataset, k) for k in chosen_frames(frames, len(table["frame"]), usual)]
 
 
 def _usual_frames(table: dict[str, list[Any]], dataset: RunDataset) -> list[int]:
@@ -416,40 +389,31 @@ def _over_frames(values: Any) -> bool:
 
 def _item(table: dict[str, list[Any]], dataset: RunDataset, k: int) -> Shown:
     """Frame k with its maps. Raises InputError where it has none."""
-    maps = _maps(dataset, k, table[PICTURE][k] if PICTURE in table else k)
+    picture = table[PICTURE][k] if PICTURE in table else k
+    places = {
+        name: k if _over_frames(dataset[name]) else picture
+        for name in (NORMALISED.name, ORDER.name, ISOCLINIC.name)
+        if name in dataset
+    }
+    maps = {n: np.asarray(dataset[n][int(p)]) for n, p in places.items() if p is not None}
     order = maps.get(ORDER.name)
     known = order is not None and bool(np.isfinite(order).any())
     signal = maps.get(NORMALISED.name)
     if signal is None:
-        if order is None or not known:
+        if not known:
             raise InputError(_without_a_map(table, dataset, k))
+        assert order is not None
         signal = np.full(order.shape, np.nan)  # a followed frame: its picture is not kept
     left, top = (float(dataset[name][k]) for name in ("left_mm", "top_mm"))
-    pixel = table["pixel_mm"][k]
+    share = table.get("kept_share", [None] * (k + 1))[k]
     return Shown(
-        label=shown_label(table, k),
-        chi=float(np.nan if table["chi"][k] is None else table["chi"][k]),
-        kept=_share(table, k),
+        **row_fields(table, k, left, top),
+        kept=float("nan") if share is None else float(share),
         normalised=signal,
         order=order if known else None,
         isoclinic=maps.get(ISOCLINIC.name) if known else None,
         lines=[] if known else skeletons(np.clip(signal, 0.0, 1.0)),
-        place={
-            "pixel_mm": None if pixel is None or pixel != pixel else float(pixel),
-            "left_mm": left if np.isfinite(left) else 0.0,
-            "top_mm": top if np.isfinite(top) else 0.0,
-        },
     )
-
-
-def _maps(dataset: RunDataset, k: int, picture: int | None) -> dict[str, np.ndarray]:
-    """Frame k's maps: those over all frames, and those of key frames where it is one."""
-    result = {}
-    for name in (NORMALISED.name, ORDER.name, ISOCLINIC.name):
-        place = k if name in dataset and _over_frames(dataset[name]) else picture
-        if name in dataset and place is not None:
-            result[name] = np.asarray(dataset[name][int(place)])
-    return result
 
 
 def _without_a_map(table: dict[str, list[Any]], dataset: RunDataset, k: int) -> str:
@@ -460,11 +424,6 @@ def _without_a_map(table: dict[str, list[Any]], dataset: RunDataset, k: int) -> 
         having = [j for j, state in enumerate(status) if state != "failed"]
     some = f"{', '.join(map(str, having[:8]))}{' ...' * (len(having) > 8)}" or "none"
     return f"frames = {k} of a figure: has no map of its order; frames that have one: {some}"
-
-
-def _share(table: dict[str, list[Any]], k: int) -> float:
-    share = table.get("kept_share", [None] * (k + 1))[k]
-    return float("nan") if share is None else float(share)
 
 
 def _kinds(items: Sequence[Shown], largest: float, *, what: str) -> list[PictureKind]:

@@ -26,8 +26,7 @@ _STRIP_PX, _LETTER = 22, 0.45
 def write_preview(place: Path, item: ProcessedFrame | FollowedFrame) -> None:
     """Write a frame's orders as a picture, unless one was written just now or it has none.
 
-    It is put in its place whole, so that a viewer never sees half of it. Parameters: `place`, the
-    file; `item`. Raises OSError.
+    It is put in its place whole, so that a viewer never sees half of it.
     """
     reading = item.reading
     if reading is None:
@@ -46,10 +45,9 @@ def write_preview(place: Path, item: ProcessedFrame | FollowedFrame) -> None:
 
 
 def preview_picture(order: np.ndarray, words: str) -> np.ndarray:
-    """Orders in colours from 0 to the largest, grey where they are not known, under some words.
+    """Orders in colours from 0 to the largest, grey where not known, under some words in ASCII.
 
-    Parameters: `order` (rows, cols), fringes, NaN = not known; `words`, in ASCII. Returns blue,
-    green and red (rows + 22, cols, 3), 8 bits.
+    Blue, green and red (rows + 22, cols, 3), 8 bits.
     """
     import cv2
     from matplotlib import colormaps
