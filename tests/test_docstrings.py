@@ -69,7 +69,10 @@ NOT_YET = (
     "calibration/beam/",
     "calibration/disc/",
     "calibration/whole_set/",
-    "fitting/",
+    "fitting/causes/",
+    "fitting/search/",
+    "fitting/tracking/",
+    "fitting/tractions/",
     "folder_report.py",
     "fringes/single_frame/",
 )

@@ -6,6 +6,7 @@ import numpy as np
 
 from isochrome.estimation import prepare_frame
 from isochrome.fitting import fit_frame
+from isochrome.fitting.joint.joint_fit import JointProblem
 from isochrome.frames import Frame
 from isochrome.scene import parse_scene
 from isochrome.simulation import make_picture, scene_states, simulate, state_difference
@@ -86,3 +87,8 @@ def orders(scene):
 def pulls(fit, true):
     """Errors over standard uncertainties."""
     return (fit.values - np.array([true[key] for key in fit.keys])) / fit.standard_uncertainty
+
+
+def fit_jointly(frames, sequence, start, *, shape):
+    """Prepared frames fitted together, from values in the right basin."""
+    return JointProblem(frames, sequence, start, shape).fitted(start)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from engine_frames import fit_jointly
 from scipy.ndimage import gaussian_filter
 from scipy.optimize import minimize_scalar
 
@@ -12,7 +13,6 @@ from isochrome.estimation import fit_intensity, prepare_frame
 from isochrome.fitting import fit_frame
 from isochrome.fitting.frame.frame_fit import cramer_rao_bound
 from isochrome.fitting.joint.frame_sequence import make_sequence
-from isochrome.fitting.joint.joint_fit import fit_jointly
 from isochrome.fitting.wear_laws import segments
 from isochrome.frames import Frame
 from isochrome.scene import parse_scene

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from engine_frames import fit_jointly
 
 from isochrome.errors import InputError
 from isochrome.estimation import prepare_frame
@@ -15,7 +16,6 @@ from isochrome.fitting.joint.frame_sequence import (
     make_sequence,
     stepwise,
 )
-from isochrome.fitting.joint.joint_fit import fit_jointly
 from isochrome.fitting.joint.normal_equations import add_up, linearise_frame, make_renderer
 from isochrome.frames import Frame
 from isochrome.output import write_tiff

@@ -180,6 +180,14 @@ def budget_of(
     return budget_items([(NOISE, None, noise, 1.0), *rows])
 
 
+def budgets_of(
+    noise: Array, inputs: tuple[tuple[str, float, float], ...], sensitivity: Array
+) -> tuple[tuple[BudgetInput, ...], ...]:
+    """The budget of each of some values (p,), empty ones where there are no inputs."""
+    pairs = zip(noise.tolist(), sensitivity, strict=True)
+    return tuple(budget_of(noise_of, inputs, row) if inputs else () for noise_of, row in pairs)
+
+
 def budget_items(rows: Sequence[BudgetRow]) -> tuple[BudgetInput, ...]:
     """The budget of inputs, each its key, value, uncertainty and sensitivity; largest share first.
 

@@ -1,7 +1,4 @@
-"""`fit`: a scene's unknowns from captured frames, each with its standard uncertainty.
-
-A fit's stages: each frame on its own, as chunks of a long run; then all of them together.
-"""
+"""`fit`: each frame on its own, as chunks of a long run; then all of them together."""
 
 from __future__ import annotations
 
@@ -81,10 +78,9 @@ Row = dict[str, Any]
 class FrameWork:
     """Fits frames of `data` for the unknowns of `sequence` that act in them, whoever calls it.
 
-    `follow`, whether a frame is looked for where the last one was, and there alone; `as_stated`,
-    whether nothing else is fitted.
-    Where nothing ties the frames together, that is the fit: what a frame asks for is freed in it,
-    and unknowns that it does not tell apart are refused.
+    `follow`: a frame is looked for where the last one was, and there alone; `as_stated`: nothing
+    else is fitted. Where nothing ties the frames together, that is the fit: what a frame asks for
+    is freed in it, and unknowns that it does not tell apart are refused.
     """
 
     data: PreparedFrames
@@ -166,13 +162,10 @@ def joint_stage(
     *,
     as_stated: bool = False,
 ) -> tuple[Fit, JointFit]:
-    """All frames together, from what each says on its own.
+    """All frames together, from what each says on its own: the Fit and the JointFit behind it.
 
     Where nothing ties them together, their own fits are the result, and no frame is read again.
-    Parameters: `data`; `sequence`; `single_fits`, each frame's fit; `messages` of frames, by their
-    numbers; `progress`, called with each frame of each pass; `as_stated`, whether nothing else is
-    fitted. Returns the Fit and the JointFit behind it. Raises PhysicsError for unknowns that the
-    frames do not tell, or not apart.
+    PhysicsError for unknowns that the frames do not tell, or not apart.
     """
     if not any(fit.positive for fit in single_fits):
         cause = next(iter(messages_of_frames(messages, single=sequence.count == 1)), CORRECT)
@@ -183,16 +176,10 @@ def joint_stage(
     data.plain = {i for i, fit in enumerate(single_fits) if fit.plain}
     data.noises = {i: fit.noise_ratio for i, fit in enumerate(single_fits) if fit.noise_ratio > 1.0}
     if is_each(sequence) and _frame_tells_all(sequence, single_fits):
-        for key in dict.fromkeys(u.key for u in sequence.unknowns):
-            refuse_undetermined(
-                key, (f for i, f in enumerate(single_fits) if key in sequence.acting(i))
-            )
-        joint = fit_of_each(sequence, single_fits)
-        notices = tuple(messages_of_frames(messages, single=sequence.count == 1))
-        if sequence.areas:
-            joint = with_scars(joint, single_fits[0])
-            notices += scar_messages(sequence.areas, joint.scene)
-        return make_result(joint, single_fits, None, (*notices, *_opposite_shears(joint))), joint
+        joint = _apart(sequence, single_fits)
+        notices = messages_of_frames(messages, single=sequence.count == 1)
+        notices += (*scar_messages(sequence.areas, joint.scene), *_opposite_shears(joint))
+        return make_result(joint, single_fits, None, tuple(notices)), joint
     start = starting_values(sequence, single_fits)
     now = solve_jointly(data, sequence, start, progress)
     apart = _worn_apart(now)
@@ -200,18 +187,27 @@ def joint_stage(
     joint = now.fit
     if not as_stated:
         # what a law of wear leaves is no cause: asked is the fit that needs none
-        extended = free_causes(now if apart is None else apart)
+        extended = free_causes(apart or now)
         notes = cause_messages(extended)
         if not extended.is_plain:
-            now = extended.now if apart is None else now.joined(extended.now)
-            apart = None if apart is None else extended.now
+            freed = extended.now
+            now, apart = (now.joined(freed), freed) if apart else (freed, None)
             data.lights, data.outside = now.data.lights, now.data.outside
-        joint = extended.fit if apart is None else now.fit
+        joint = now.fit if apart else extended.fit
     assert now.fit.information is not None
     refuse_alike(tuple(u.key for u in joint.unknowns), now.fit.information, joint.known)
-    laws = None if apart is None else _laws(apart.fit)
+    laws = _laws(apart.fit) if apart else None
     notes += (*scar_messages(sequence.areas, joint.scene), *_opposite_shears(joint))
     return make_result(joint, single_fits, laws, notes), joint
+
+
+def _apart(sequence: Sequence, single_fits: list[FrameFit]) -> JointFit:
+    """Frames' own fits as one, with measured scars; PhysicsError for a key that none tells."""
+    for key in dict.fromkeys(u.key for u in sequence.unknowns):
+        having = (f for i, f in enumerate(single_fits) if key in sequence.acting(i))
+        refuse_undetermined(key, having)
+    joint = fit_of_each(sequence, single_fits)
+    return with_scars(joint, single_fits[0]) if sequence.areas else joint
 
 
 def _frame_tells_all(sequence: Sequence, single_fits: list[FrameFit]) -> bool:

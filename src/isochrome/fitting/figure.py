@@ -46,21 +46,14 @@ def figure_of_frames(
     lights: Lights,
     scenes: tuple[Scene, ...],
 ) -> Figure:
-    """`fit_figure` of frames that are read once more: they may be many.
-
-    Parameters: `path` and `scene`, of the frames; `plain` and `lights`, see PreparedFrames;
-    `scenes`. Returns a Figure. Raises InputError where the frames are not there any more.
-    """
+    """`fit_figure` of frames that are read once more: they may be many, or gone (InputError)."""
     with closing(PreparedFrames(path, scene)) as frames:
         frames.plain, frames.lights = set(plain), lights
         return fit_figure(scene.name, frames, scenes)
 
 
 def fit_figure(name: str, frames: PreparedFrames, scenes: tuple[Scene, ...]) -> Figure:
-    """Captured light, fitted light, and their difference over the noise, for up to six frames.
-
-    Parameters: `name` of the scene; `frames`; their fitted one-state `scenes`. Returns a Figure.
-    """
+    """Captured light, fitted light, and their difference over the noise, for up to six frames."""
     shown = np.unique(np.linspace(0, len(scenes) - 1, min(_SHOWN, len(scenes))).round().astype(int))
     wanted = {i: frames[i] for i in shown.tolist()}
     rows, cols = wanted[0].light.shape
@@ -90,20 +83,14 @@ def picture_place(pixels: PixelGrid) -> dict[str, Any]:
 
 
 def show_residual(axis: Axes, data: FrameData, model: Array, mask: Mask, **options: Any) -> None:
-    """A frame's light less a model's (rows, cols), over the noise, where the mask is True.
-
-    `options` as in `show_image`.
-    """
+    """A frame's light less a model's (rows, cols), over the noise, where the mask is True."""
     residual = np.where(mask, (data.light - model) / data.sigma, np.nan)
     label = "(captured - fitted) / noise"
     show_image(axis, residual, cmap=DIFFERENCE_MAP, vmin=-5, vmax=5, colour_label=label, **options)
 
 
 def over_distance_figure(name: str, result: Fit) -> Figure | None:
-    """Each per-frame key over the sliding distance, and the wear between frames with its laws.
-
-    Parameters: `name` of the scene; `result`. Returns a Figure, None where nothing is per frame.
-    """
+    """Each per-frame key, and the wear, over the distance; None where nothing is per frame."""
     values = result.over_frames
     keys = values.keys
     count = len(keys) + (result.wear_laws is not None)
@@ -154,10 +141,7 @@ def _wear(axis: Axes, result: Fit) -> None:
 
 
 def budget_figure(name: str, result: Fit) -> Figure:
-    """Each value's uncertainty budget as bars; of several frames with their own, the mean square.
-
-    Parameters: `name` of the scene; `result`, with a budget. Returns a Figure.
-    """
+    """Each value's uncertainty budget as bars; of several frames' own, the mean square."""
     keys = tuple(dict.fromkeys(budget.key for budget in result.budget))
     columns = min(_COLUMNS, len(keys))
     rows = -(-len(keys) // columns)

@@ -1,7 +1,4 @@
-"""The files that `fit` leaves, and a fit from the files of an earlier run.
-
-What the report of a fit or a track says.
-"""
+"""The files that `fit` leaves, their report, and a fit from the files of an earlier run."""
 
 from __future__ import annotations
 
@@ -52,25 +49,17 @@ _TRACK_CAUSES = (
 
 
 def fit_report(folder: Path, result: Fit | Track, record: Mapping[str, Any]) -> ReportContent:
-    """Collect what the report of a fit or a track says.
-
-    Parameters
-    ----------
-    folder : Path
-        Where its figure is.
-    result : Fit or Track
-        What was found.
-    record : mapping
-        What provenance.json holds: versions, hashes and options.
-
-    Returns
-    -------
-    ReportContent
-        What the report says.
-    """
+    """What the report of a fit or a track says; `record`, what provenance.json holds."""
     options = record.get("options") or {}
-    looked = not options.get("as_stated", False)
-    of_kind = _of_track(result, looked) if isinstance(result, Track) else _of_fit(result)
+    if isinstance(result, Track):
+        of_kind = {
+            "command": "fit --track",
+            "verdict": result.summary_text,
+            "no_budget": _TRACK_BUDGET,
+            "causes_text": "" if options.get("as_stated", False) else _TRACK_CAUSES,
+        }
+    else:
+        of_kind = _of_fit(result)
     values = result.over_frames
     chi = values.chi[np.isfinite(values.chi)]
     goodness = f"{chi.max():.2f} at most" if chi.size else "not known"
@@ -83,19 +72,10 @@ def fit_report(folder: Path, result: Fit | Track, record: Mapping[str, Any]) -> 
         warnings=result.warnings,
         scene=dump_scene(result.scene),
         paper=paper_rows(result.scene, record),
-        picture=(folder / "fit.png").read_bytes(),
+        picture=(folder / PICTURE).read_bytes(),
+        taken_as_exact=result.taken_as_exact,
         **of_kind,
     )
-
-
-def _of_track(result: Track, looked: bool) -> dict[str, Any]:
-    return {
-        "command": "fit --track",
-        "verdict": result.summary_text,
-        "no_budget": _TRACK_BUDGET,
-        "causes_text": _TRACK_CAUSES if looked else "",
-        "taken_as_exact": result.taken_as_exact,
-    }
 
 
 def _of_fit(result: Fit) -> dict[str, Any]:
@@ -113,7 +93,6 @@ def _of_fit(result: Fit) -> dict[str, Any]:
         "tables": tables,
         "causes": result.causes,
         "refined": result.refined,
-        "taken_as_exact": result.taken_as_exact,
     }
 
 
@@ -123,11 +102,7 @@ PICTURE = "fit.png"
 def write_fit(
     run_folder: RunFolder, job: Job, name: str, data: PreparedFrames, result: Fit, joint: JointFit
 ) -> None:
-    """Leave a fit's files.
-
-    Parameters: `run_folder`, in whose folder; `job`; `name` of the scene; `data`, the frames;
-    `result`; `joint`, the fit behind it. Raises OSError.
-    """
+    """Leave a fit's files in the folder of its run."""
     folder = run_folder.results
     if result.wear_laws is not None:
         write_csv(folder / "wear_laws.csv", result.wear_laws.table())
@@ -164,11 +139,7 @@ def column_name(key: str, part: str) -> str:
 
 
 def keep_values(folder: Path, job: Job, result: Fit | Track, columns: dict[str, Column]) -> None:
-    """Leave what every fit leaves: fit.csv, fit.json, scene, values over frame, report.
-
-    Parameters: `folder`, with the run's store; `job`; `result`; `columns` of the store. Raises
-    OSError.
-    """
+    """Leave what every fit leaves: fit.csv, fit.json, scene, values over frame, report."""
     write_csv(folder / "fit.csv", result.columns)
     write_text(folder / "scene.toml", dump_scene(result.scene))
     write_json(folder / "fit.json", result.to_json())
@@ -182,20 +153,14 @@ def keep_values(folder: Path, job: Job, result: Fit | Track, columns: dict[str, 
 
 
 def kept_values(out: Path, scene: Scene) -> tuple[dict[str, Any], Scene]:
-    """A fit's JSON and its fitted scene, from the folder that an earlier run left complete.
-
-    Parameters: `out`; `scene`, as given, for its name and folder.
-    """
+    """A fit's JSON and its fitted scene, from the folder that an earlier run left complete."""
     text = (out / "scene.toml").read_text("utf-8")
     fitted = parse_scene(text, name=scene.name, folder=scene.folder)
     return json.loads((out / "fit.json").read_text("utf-8")), fitted
 
 
 def restore_fit(out: Path, scene: Scene, keys: tuple[str, ...] | None = None) -> Fit:
-    """A fit without tractions, from the folder that an earlier run left complete.
-
-    Parameters: `out`; `scene`, as given; `keys`, as of a Fit. Returns a Fit.
-    """
+    """A fit without tractions, from the folder that an earlier run left complete."""
     estimates, fitted = kept_values(out, scene)
     rows = estimates["frames"]
     single = len(rows) == 1
@@ -223,22 +188,7 @@ def restore_fit(out: Path, scene: Scene, keys: tuple[str, ...] | None = None) ->
 
 
 def restore_values(out: Path, scene: Scene, options: Mapping[str, Any]) -> Fit | Track:
-    """Read a fit or a track from the folder that a run left complete.
-
-    Parameters
-    ----------
-    out : Path
-        The folder.
-    scene : Scene
-        The scene, for its name.
-    options : mapping
-        Those of the run's provenance.json: of a track its keys.
-
-    Returns
-    -------
-    Fit or Track
-        What was found; a fit without its tractions.
-    """
+    """A fit, without its tractions, or a track, from the folder that a run left complete."""
     if "track" not in options:
         keys = (*options.get("free", ()), *options.get("per_frame", ()))
         return restore_fit(out, scene, None if options.get("as_stated") else keys)

@@ -1,7 +1,4 @@
-"""The frames of a fit, prepared one after the other, as often as the fit goes through them.
-
-What a fit refuses before it starts, and what the frames cannot tell apart.
-"""
+"""The frames of a fit, prepared as often as it goes through them, and what it refuses."""
 
 from __future__ import annotations
 
@@ -41,15 +38,15 @@ def light_terms(stored: list[list[list[int]]]) -> tuple[Terms, Terms]:
 
 
 class FrameSet:
-    """Prepared frames in memory, in order; every iteration starts at the first.
+    """Prepared frames (rows, cols) in memory, in order; every iteration starts at the first.
 
-    Attributes: `shape` (rows, cols); `plain`, indices of frames that get one amplitude for all
-    their light, and `lights` of those that get a richer one; `noises`, by how much more noise some
-    have than their finest part shows; `outside` (rows, cols), pixels that are left out.
+    `plain`, numbers of frames that get one amplitude for all their light, `lights` of those that
+    get a richer one; `noises`, by how much more noise some have than their finest part shows;
+    `outside` (rows, cols), pixels that are left out.
     """
 
     def __init__(self, shape: tuple[int, int], frames: Sequence[FrameData] = ()) -> None:
-        """`shape` (rows, cols) of a frame; `frames`, those that are there already."""
+        """`frames`, those that are there already."""
         self.shape = shape
         self._count = len(frames)
         self._kept = dict(enumerate(frames))
@@ -80,10 +77,7 @@ class FrameSet:
             yield data.plain() if i in self.plain else data
 
     def seen(self, terms: tuple[Terms, Terms] | None, outside: Mask | None) -> Self:
-        """The same frames with some light in all of them, and without some pixels.
-
-        Parameters: `terms` of the light, None for that of today; `outside` (rows, cols) or None.
-        """
+        """The same frames with other light in all of them, and without the pixels `outside`."""
         view = copy(self)
         if terms is not None:
             view.lights = dict.fromkeys(range(self._count), terms)
@@ -97,10 +91,10 @@ class FrameSet:
 
 
 class PreparedFrames(FrameSet):
-    """Prepared frames of a path.
+    """Prepared frames of a path, which other processes may take.
 
-    It may be handed to other processes. Attributes: `path`; `reader`; `given`, the scene, with the
-    frames' scale; `scene`, with the frames' own distances too where their times tell them.
+    `given`, the scene with the frames' scale; `scene`, with their own distances too, by their
+    times.
     """
 
     def __init__(self, path: FramesLike, scene: Scene) -> None:
@@ -173,11 +167,7 @@ _SENSOR = ("camera.pixel_mm", "camera.blur_px", "frames.gamma")
 
 
 def refuse_keys(scene: Scene, shared: tuple[str, ...], per_frame: tuple[str, ...]) -> None:
-    """Refuse keys that are unknown, doubled, or have the same effect as the load.
-
-    Parameters: `scene`; `shared`, keys of all frames; `per_frame`, keys with a value a frame.
-    Raises InputError that names the key and what to do.
-    """
+    """InputError for keys that are unknown, doubled, or have the same effect as the load."""
     required_model(scene)
     keys = shared + per_frame
     if not keys:
@@ -225,10 +215,7 @@ def _refuse_unfitted(scene: Scene, key: str, *, is_own: bool) -> None:
 
 
 def refuse_states(path: FramesLike, count: int, scene: Scene) -> None:
-    """Raise InputError where a scene has other states than one, or one for each of `count` frames.
-
-    Parameters: `path` of the frames, for the message; `count` of them; `scene`.
-    """
+    """InputError where a scene has other states than one, or one for each of `count` frames."""
     states = state_count(scene)
     if states not in (1, count):
         raise InputError(
@@ -239,12 +226,10 @@ def refuse_states(path: FramesLike, count: int, scene: Scene) -> None:
 
 
 def refuse_alike(keys: tuple[str, ...], information: Array, known: tuple[str, ...] = ()) -> None:
-    """Refuse unknowns that the frames cannot tell apart, by their correlation.
+    """PhysicsError for unknowns (p,) that the frames' information (p, p) cannot tell apart.
 
-    Parameters: `keys` of the unknowns (p,); `information` (p, p) of the frames alone; `known`, keys
-    with an uncertainty that the scene states: they are held, for what it leaves uncertain in all
+    `known` keys, whose uncertainty the scene states, are held: what it leaves uncertain in all
     others together makes no two of them alike.
-    Raises PhysicsError that names the pair.
     """
     unknown = [k for k, key in enumerate(keys) if key not in known]
     keys, information = tuple(keys[k] for k in unknown), information[np.ix_(unknown, unknown)]
@@ -263,21 +248,14 @@ def refuse_alike(keys: tuple[str, ...], information: Array, known: tuple[str, ..
 
 
 def refuse_bent(scene: Scene, what: str) -> None:
-    """Refuse a camera that is not square where that is not in the model.
-
-    Parameters: `scene`; `what` cannot be done, and what to do. Raises InputError.
-    """
+    """InputError for a camera that is not square where that is not in the model."""
     for key in LENS:
         if scene.get(key):
             raise InputError(f"{key} = {scene.get(key):g}: such frames cannot be {what}")
 
 
 def refuse_untracked(scene: Scene, keys: tuple[str, ...], known: tuple[str, ...]) -> None:
-    """Refuse what cannot be tracked through a video.
-
-    Parameters: `scene`; `keys` to track; `known`, those that can be. Raises InputError that names
-    the key and what to do.
-    """
+    """InputError for what cannot be tracked through a video."""
     if not scene.is_contact:
         raise InputError(f"a {scene.model} cannot be tracked, only contacts can; leave --track out")
     for key in keys:

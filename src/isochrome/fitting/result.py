@@ -239,12 +239,7 @@ def make_result(
     laws: WearLaws | None = None,
     notes: tuple[str, ...] = (),
 ) -> Fit:
-    """A fit as it is reported.
-
-    Parameters: `joint`, over all frames; `single_fits`, the frames' own fits, for their other
-    minima; `laws`, the wear laws compared, None where they cannot be; `notes`, what else is to be
-    said.
-    """
+    """A fit as it is reported; `single_fits`, for their other minima; `notes`, what else to say."""
     shared: Found = {}
     per_frame: list[Found] = [{} for _ in joint.scenes]
     for unknown, *parts in zip(
@@ -272,18 +267,15 @@ def make_result(
         ),
         other_minima=[_others(fit) for fit in single_fits],
         wear_laws=laws,
-        warnings=(*notes, *_warnings(joint, single_fits), *_of_law(joint.scene, laws)),
-        budget=tuple(_budgets(joint)),
+        warnings=(*notes, *_warnings(joint, single_fits, laws)),
+        budget=tuple(
+            KeyBudget(frame, unknown.key, inputs)
+            for unknown, inputs in zip(joint.unknowns, joint.budget, strict=False)
+            for frame in ((None,) if unknown.shared else unknown.frames)
+            if inputs
+        ),
         taken_as_exact=taken_as_exact(scene, tuple(u.key for u in joint.unknowns)),
     )
-
-
-def _budgets(joint: JointFit) -> Iterator[KeyBudget]:
-    """The budgets of a fit's values; none where no input has an uncertainty."""
-    for unknown, inputs in zip(joint.unknowns, joint.budget, strict=False):
-        if inputs:
-            frames = (None,) if unknown.shared else unknown.frames
-            yield from (KeyBudget(frame, unknown.key, inputs) for frame in frames)
 
 
 def _with_found_uncertainties(scene: Scene, estimates: Found) -> Scene:
@@ -301,7 +293,7 @@ def _others(fit: FrameFit) -> list[dict[str, float]]:
     return [dict(zip(fit.keys, m.values.tolist(), strict=True)) | {"chi": m.chi} for m in near]
 
 
-def _warnings(joint: JointFit, single_fits: list[FrameFit]) -> list[str]:
+def _warnings(joint: JointFit, single_fits: list[FrameFit], laws: WearLaws | None) -> list[str]:
     messages_found = []
     poor = [i for i, chi in enumerate(joint.frame_chi) if chi > POOR_CHI]
     if poor:
@@ -341,38 +333,19 @@ def _warnings(joint: JointFit, single_fits: list[FrameFit]) -> list[str]:
         messages_found.append(
             "the fit did not converge fully; begin it nearer, with load and place in the scene"
         )
+    wear = joint.scene.wear
+    if laws is not None and wear is not None and laws.speaks_against(wear.law):
+        messages_found.append(
+            f"wear.law = '{wear.law}' is not what the frames show: {laws.sentence()}; change the "
+            "law in the scene, and fit again"
+        )
     return messages_found
 
 
-def _of_law(scene: Scene, laws: WearLaws | None) -> list[str]:
-    """What to say where the frames speak against the scene's own wear law."""
-    if laws is None or scene.wear is None or not laws.speaks_against(scene.wear.law):
-        return []
-    return [
-        f"wear.law = '{scene.wear.law}' is not what the frames show: {laws.sentence()}; change the "
-        "law in the scene, and fit again"
-    ]
-
-
 def fitted_scene(scene: Scene, shared: Found, per_frame: list[Found]) -> Scene:
-    """The scene with values of frames that were fitted each on its own.
+    """The scene with values of frames that were fitted each on its own: their means.
 
-    Per-frame values become their mean; friction becomes a table over distance, which says itself
-    what it was before.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene of all frames, as given.
-    shared : dict
-        Key to {'value': float} of what all frames share.
-    per_frame : list of dict
-        The same for each frame.
-
-    Returns
-    -------
-    Scene
-        The scene with these values.
+    Friction becomes a table over distance, which says itself what it was before.
     """
     values: dict[str, Any] = {key: estimate["value"] for key, estimate in shared.items()}
     for key in keys_of(per_frame):

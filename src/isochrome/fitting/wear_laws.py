@@ -1,16 +1,13 @@
 """Which wear law the frames speak for, by its evidence.
 
-Every law here has the form dh = kappa(s) p ds, so that frames tell laws apart by what was worn
-between them. The frames are fitted once with a wear coefficient of its own between each two: that
-fit's values and their information matrix hold all that the frames say, and each law is a curve
-through them, phi(theta). With Q the least square distance of a law from the values,
+All laws have dh = kappa(s) p ds. One fit with a wear coefficient between each two frames holds, by
+its values and information N, all that the frames say, and each law is a curve through these. With Q
+the least square distance of a law,
 
     ln Z = -Q/2 - 1/2 ln det(J^T N J + prior) + ln prior + const,
 
-Laplace's approximation of the evidence; what all laws share, flat priors among it, cancels.
+Laplace's approximation; what all laws share cancels.
 Source: MacKay (2003), Information Theory, Inference, and Learning Algorithms, chapters 27 and 28.
-
-What the evidence says of the wear laws, in words and in a table.
 """
 
 from __future__ import annotations
@@ -48,10 +45,9 @@ _ITERATIONS, _SETTLED = 60, 1e-3
 class LawFit:
     """One law through what the frames say.
 
-    `law`; `parameters`, {value, standard_uncertainty} by name; `between`, the mean coefficient
-    (mm²/N) that it gives between the frames (n,); `misfit` Q, in noise variances, of `freedom`
-    degrees; `chi`, residual over noise over all pixels with this law; `log_evidence`, ln Z less
-    that of the preferred law.
+    `between`, the mean coefficient (mm²/N) that it gives between the frames (n,); `misfit` Q, in
+    noise variances, of `freedom` degrees; `chi`, over all pixels; `log_evidence`, less the
+    preferred law's.
     """
 
     law: str
@@ -81,8 +77,8 @@ class Law:
 def segments(sequence: Sequence) -> Sequence | None:
     """The same frames with a wear coefficient between each two, by Archard's law.
 
-    Returns None where fewer than two frames are worn, or the coefficient is not free: then no law
-    can be told. Of many frames some neighbours share a coefficient.
+    Of many frames some neighbours share one. None where fewer than two frames are worn, or the
+    coefficient is not free: then no law can be told.
     """
     frames = sorted(
         {i for u in sequence.unknowns if u.key == WEAR for i in u.frames},
@@ -101,10 +97,7 @@ def segments(sequence: Sequence) -> Sequence | None:
 
 
 def mean_coefficients(scene: Scene, ends_m: Array) -> Array:
-    """Mean of kappa between distances (mm²/N): what Archard's law would need there.
-
-    Parameters: `scene` of a run, with any law; `ends_m` (n,), rising from above 0. Returns (n,).
-    """
+    """Mean of kappa (mm²/N) between rising distances (n,): what Archard's law would need there."""
     _, stops = wear_course(with_part(scene, "wear", distances_m=tuple(ends_m.tolist())))
     dose = np.array([0.0] + [stop.dose_mm_per_mpa for stop in stops])
     return np.diff(dose) / (1e3 * np.diff(ends_m, prepend=0.0))
@@ -113,14 +106,10 @@ def mean_coefficients(scene: Scene, ends_m: Array) -> Array:
 def compare_laws(
     sequence: Sequence, values: Array, information: Array, *, cost: float, freedom: int
 ) -> tuple[LawFit, ...]:
-    """The wear laws by falling evidence.
+    """The wear laws by falling evidence; 'running_in' is Archard's with a linear coefficient.
 
-    Parameters: `sequence`, of `segments`, and its fitted `values` (p,); `information` (p, p), J^T J
-    over the noise variance; `cost`, sum of squared residuals over noise, of `freedom` pixels.
-    Returns a LawFit each: 'archard', 'sarkar' and 'dissipated_energy' where there is friction, and
-    'running_in', Archard's with a coefficient that goes linearly from one value to another; the
-    prior of their ratio is a factor of e, that of the distance a factor of e about the geometric
-    mean of the worn distances.
+    `cost`, sum of squared residuals over noise, of `freedom` pixels. The prior of a running-in's
+    ratio is a factor of e, that of its distance one about the worn distances' geometric mean.
     """
     fits = [
         _fit_law(law, sequence, values, information, cost=cost, freedom=freedom)
@@ -155,9 +144,8 @@ def _laws(sequence: Sequence, values: Array) -> list[Law]:
 
 def _running_in(ends: Array, coefficients: Array) -> Law:
     """Archard's law with a coefficient that is linear in the distance until it stays."""
-    last = max(
-        coefficients[-1], _LEAST * float(np.mean(coefficients))
-    )  # where it has ceased, it has no logarithm
+    # where it has ceased, it has no logarithm
+    last = max(coefficients[-1], _LEAST * float(np.mean(coefficients)))
     start = np.log([last, 1.0, float(np.exp(np.mean(np.log(ends))))])
 
     def wear(t: Array) -> dict[str, Any]:
@@ -212,13 +200,16 @@ def _fit_law(
         moved[segment] = mean_coefficients(scene, ends)
         return (moved - values)[friction + segment] * size
 
-    laws = [
+    turned = [(0.0,)]
+    if count > 1:  # such a law may have several valleys
+        turned = [(0.0, ratio, turn) for ratio in (-0.7, 0.7) for turn in (-0.7, 0.7)]
+    places = [
         nearest_point(
-            curve, centre + np.pad(turned, (0, len(friction))), centre, steps, reduced, precision
+            curve, centre + np.pad(start, (0, len(friction))), centre, steps, reduced, precision
         )
-        for turned in _starts(law)
+        for start in turned
     ]
-    best = min(laws, key=lambda place: place.cost)
+    best = min(places, key=lambda place: place.cost)
     narrow = law.prior[np.isfinite(law.prior)]
     log_z = -0.5 * (best.cost + float(np.linalg.slogdet(best.normal)[1]))
     log_z -= float(np.log(narrow).sum())
@@ -239,19 +230,10 @@ def _fit_law(
     )
 
 
-def _starts(law: Law) -> list[Array]:
-    """Where to begin: a law of several parameters may have several valleys."""
-    if len(law.names) == 1:
-        return [np.zeros(1)]
-    return [np.array([0.0, ratio, turn]) for ratio in (-0.7, 0.7) for turn in (-0.7, 0.7)]
-
-
 def marginal(information: Array, selected: list[int]) -> tuple[Array, Array]:
-    """What is known of some unknowns whatever the others are: the Schur complement.
+    """What is known of `selected` unknowns whatever the others are: N_kk - N_kr N_rr^-1 N_rk.
 
-    Equation: N_kk - N_kr N_rr^-1 N_rk. Parameters: `information` (p, p); `selected`, indices (k,).
-    Returns it for the kept unknowns times `size`, (k, k), and `size` (k,), with which the
-    information's diagonal is one.
+    Times `size`, (k, k), and that `size` (k,), with which the information's diagonal is one.
     """
     others = [k for k in range(len(information)) if k not in selected]
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
@@ -267,10 +249,7 @@ def marginal(information: Array, selected: list[int]) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class CurvePlace:
-    """A place `unknown` (m,) on a curve: how far it is, and in which direction it comes nearer.
-
-    The other attributes as in `nearest_point`.
-    """
+    """A place `unknown` (m,) on a curve, as of `nearest_point`: its cost, and where it falls."""
 
     curve: Callable[[Array], Array]
     unknown: Array
@@ -324,12 +303,9 @@ def nearest_point(
     information: Array,
     precision: Array,
 ) -> CurvePlace:
-    """The point of a curve that is nearest to zero.
+    """The point of a curve c (m,) -> (k,) with least c(u)^T N c(u) + (u - u0)^T Λ (u - u0).
 
-    Equation: the least of c(u)^T N c(u) + (u - u0)^T Λ (u - u0).
-    Parameters: `curve` c, unknowns (m,) to (k,); `unknown` (m,), where it starts; `centre` u0 and
-    `precision`, the diagonal of Λ (m,), of the prior; `steps` (m,), of differences; `information`
-    N (k, k). Returns a CurvePlace.
+    `centre` u0 and `precision`, the diagonal of Λ, of the prior; `steps` (m,), of differences.
     """
     first = CurvePlace(curve, unknown, centre, steps, information, precision)
     return minimise(
@@ -348,11 +324,10 @@ _BY_FRICTION = {"archard", "sarkar", "dissipated_energy"}
 
 @dataclass(frozen=True)
 class WearLaws:
-    """The wear laws compared.
+    """The wear laws by falling evidence, and the fit that needs none.
 
-    `laws`, by falling evidence; `between`, the mean coefficient from the last frame's distance to
-    a frame's own, {from_m, to_m, value, standard_uncertainty}, mm²/N; `chi`, residual over noise
-    with these.
+    `between`, its mean coefficient from the last frame's distance to a frame's own, {from_m, to_m,
+    value, standard_uncertainty}, mm²/N; `chi`, its residual over noise.
     """
 
     laws: tuple[LawFit, ...]

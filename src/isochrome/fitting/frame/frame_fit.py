@@ -1,9 +1,4 @@
-"""Fit a scene's unknowns to the intensity of one frame, wherever the scene starts.
-
-What one frame says of its scene: values, how sure they are, and of what else that depends.
-
-How sure a number is that follows from a fitted scene: its largest order, its pressure.
-"""
+"""Fit a scene's unknowns to the intensity of one frame, wherever the scene starts."""
 
 from __future__ import annotations
 
@@ -16,10 +11,12 @@ from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import (
     RIVAL_CHI,
     STEP,
+    BudgetInput,
     FrameData,
     Minimum,
     Prior,
     block_correlation,
+    budget_of,
     less_explained,
     local_noise,
     standard_uncertainty,
@@ -48,47 +45,12 @@ from isochrome.stress import pixel_grid
 
 @dataclass(frozen=True, kw_only=True)
 class FrameFit:
-    """What one frame says of its scene.
+    """What one frame says of its scene, whose unknowns are `keys` (p,), in the keys' units.
 
-    Parameters
-    ----------
-    scene : Scene
-        The scene with the fitted values.
-    keys : tuple of str, (p,)
-        The unknowns that were fitted.
-    values : ndarray, (p,)
-        Their values, in the units that the keys name.
-    standard_uncertainty : ndarray, (p,)
-        Their standard uncertainties, inf for what the frame does not tell: of the noise and of all
-        inputs whose uncertainty is stated.
-    covariance : ndarray, (p, p)
-        Their covariance, of the same.
-    noise_uncertainty : ndarray, (p,)
-        Their standard uncertainties by the frame's noise alone.
-    inputs : StatedInputs
-        What was known beforehand (m,): unknowns with a prior first, then what was held.
-    sensitivity : ndarray, (p, m)
-        Change of the values over that of each input's stated value.
-    cramer_rao_bound : ndarray, (p,)
-        The least standard uncertainties that noise like this frame's allows.
-    information : ndarray, (p, p)
-        The Fisher information of the frame's pixels, from which the bound follows.
-    freedom : int
-        Pixels less unknowns.
-    chi : float
-        Residual over noise.
-    others : tuple of Minimum
-        Other minima, by rising chi.
-    converged : bool
-        Whether the steps came to an end.
-    plain : bool
-        True where a free illumination came out negative and one amplitude for all the frame had to
-        do. The model is poor then.
-    positive : bool
-        False where even that is negative. The scene's fringes are not in the frame then, nor any
-        light that follows them by more than noise does by chance.
-    noise_ratio : float, default 1.0
-        The noise over what the frame's finest part shows, which compression takes away.
+    `covariance` and `standard_uncertainty` (inf: not told) are of the noise and of all stated
+    `inputs` (m,), priors first, of which `sensitivity` (p, m) is d value/d input; `information`, of
+    the pixels; `chi`, residual over noise; `others`, minima by rising chi; `plain`, one amplitude
+    had to do for all the light; not `positive`: the scene's fringes are not in the frame.
     """
 
     scene: Scene
@@ -107,7 +69,12 @@ class FrameFit:
     converged: bool
     plain: bool
     positive: bool
-    noise_ratio: float = 1.0
+    noise_ratio: float = 1.0  # the noise over what the finest part shows, as compression takes it
+
+    def budget_of_key(self, key: str) -> tuple[BudgetInput, ...]:
+        """The uncertainty budget of one unknown."""
+        k = self.keys.index(key)
+        return budget_of(float(self.noise_uncertainty[k]), self.inputs.rows, self.sensitivity[k])
 
     def less_sure(self, more: Array) -> FrameFit:
         """The same with a covariance that is larger by `more` (p, p), as if by noise."""
@@ -156,37 +123,12 @@ def fit_frame(
     cold: bool = True,
     stated: StatedInputs | None = None,
 ) -> FrameFit:
-    """Fit the unknowns of a one-state scene to one frame.
+    """Fit the unknowns of a one-state scene, by default `free_keys`, to one frame.
 
-    The fit begins at the scene's own values, on a thinned frame with a coarse contact. Where that
-    does not describe the frame, `search.cold_start` searches over a factor of four in load. Then
-    every trusted pixel is fitted with a fine contact. An unknown frames.gamma is an unknown more.
-
-    Parameters
-    ----------
-    data : FrameData
-        The frame.
-    scene : Scene
-        One state (see `frame_scene`), where the fit starts.
-    keys : tuple of str, (p,), optional
-        The unknowns, by default `free_keys`.
-    cold : bool, default True
-        False to search only where the scene's own values lead to no light at all.
-    stated : StatedInputs, optional
-        What is known beforehand, by default what the scene states: of unknowns priors, else inputs
-        of the budget.
-
-    Returns
-    -------
-    FrameFit
-        Values with their uncertainties, and the fitted scene.
-
-    Raises
-    ------
-    InputError
-        For a key that cannot be free.
-    PhysicsError
-        Where no values give fringes of the right contrast.
+    From the scene's own values on a thinned frame with a coarse contact, else, if `cold`, by a
+    search over a factor of four in load; then on every trusted pixel. `stated`: priors and inputs,
+    by default the scene's. InputError for a key that cannot be free, PhysicsError where no values
+    give fringes of the right contrast.
     """
     return fit_with_model(data, scene, keys, cold=cold, stated=stated).fit
 
@@ -411,25 +353,7 @@ def _better_side(model: FrameModel, final: RefinedFit) -> RefinedFit:
 
 
 def placed(scene: Scene, shape: tuple[int, int]) -> Scene:
-    """The scene with its picture's place written out.
-
-    Parameters
-    ----------
-    scene : Scene
-        Any scene with a camera.
-    shape : tuple of int, (2,)
-        Rows and columns of a frame.
-
-    Returns
-    -------
-    Scene
-        The same with numbers at camera.left_mm and camera.top_mm (mm).
-
-    Raises
-    ------
-    InputError
-        Where the scene's camera has other pixels.
-    """
+    """The scene with its picture's place written out; InputError for a camera of other pixels."""
     grid = pixel_grid(scene, shape)
     if (grid.rows, grid.cols) != shape:
         raise InputError(
@@ -444,17 +368,11 @@ _SURFACE_PX = 0.5
 
 
 def cramer_rao_bound(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> Array:
-    """The least standard uncertainty that any unbiased estimate of a frame's unknowns can have.
+    """The least standard uncertainties (p,) of any unbiased estimate; inf for what is not told.
 
-    Equation: sqrt(diag(F⁻¹)), F = Σ j jᵀ over all trusted pixels of the specimen, j the derivative
-    of the stored level over its noise, less what illumination and background explain of it, which
-    nobody knows either. The noise is the frame's own, its rounding included; what its variance
-    would tell by changing with the level is left out.
-    Parameters: `data`, for its noise, its trusted pixels and its light's smoothness; `scene`, one
-    state, with the true values (or the fitted ones); `keys`, the unknowns (p,).
-    Returns the bounds (p,), in the keys' units, inf for what the frame does not tell. Raises
-    PhysicsError where the scene cannot be solved. Source: Kay (1993), Fundamentals of Statistical
-    Signal Processing I, section 3.7; Golub & Pereyra (1973) for the linear unknowns.
+    sqrt(diag(F⁻¹)), F = Σ j jᵀ over the specimen's trusted pixels, j the derivative of the stored
+    level over its noise less what the light explains of it, at the scene's own values. PhysicsError
+    where it cannot be solved. Source: Kay (1993), Statistical Signal Processing I, section 3.7.
     """
     scene = with_numerics(placed(scene, data.shape))
     values = values_of(scene, keys)
@@ -466,31 +384,11 @@ def cramer_rao_bound(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> Ar
 
 
 def propagated(fit: FrameFit, numbers: Callable[[Scene], Array]) -> tuple[Array, Array]:
-    """Give numbers of a fitted scene, and their standard uncertainties.
+    """Numbers (m,) of a fitted scene and their standard uncertainties, inf where they are not told.
 
-    Equation: u² = g C gᵀ + Σ (g c + h)² u_i² with g, h the derivatives by the unknowns and by the
-    inputs that the fit holds, C the covariance by noise, c the values' sensitivity to the inputs: a
-    load that makes up for a wrong fringe value leaves the order as it is.
-    Source: JCGM 102:2011, 6.2.
-
-    Parameters
-    ----------
-    fit : FrameFit
-        The fit.
-    numbers : callable
-        Gives the numbers (m,) of a scene.
-
-    Returns
-    -------
-    values : ndarray, (m,)
-        The numbers.
-    standard_uncertainty : ndarray, (m,)
-        Theirs; inf where a value matters that the frame does not tell.
-
-    Raises
-    ------
-    PhysicsError
-        Where the scene cannot be solved beside its values.
+    u² = g C gᵀ + Σ (g c + h)² u_i² with g, h the derivatives by the unknowns and the held inputs, C
+    the covariance by noise, c the sensitivity: a load that makes up for a wrong fringe value leaves
+    the order as it is. PhysicsError beside unsolvable scenes. Source: JCGM 102:2011, 6.2.
     """
     keys = tuple(dict.fromkeys((*fit.keys, *fit.inputs.keys)))
     values, steps = values_of(fit.scene, keys), STEP * scales(fit.scene, keys)

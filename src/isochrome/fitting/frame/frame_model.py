@@ -1,19 +1,13 @@
-"""A scene's unknowns about one set of values: signal, derivatives, and the steps to the best ones.
+"""One frame's pixels as the sensor stored them, and a scene's unknowns about one set of values.
 
-With the weighted derivatives J of the model at trusted pixels, less what illumination and
-background explain of them, J⊥, a residual r moves the unknowns by (J⊥ᵀ J⊥)⁻¹ J⊥ᵀ r. Once near
-enough the derivatives may stay as they are: only the residual must be exact for the fit to end
-where it should (Kaufman's variable projection, BIT 15, 1975, 49-57; Gauss and Newton).
+With the weighted derivatives J less what illumination and background explain of them, J⊥, a
+residual r moves the unknowns by (J⊥ᵀ J⊥)⁻¹ J⊥ᵀ r; near enough J may stay, if r is exact. Source:
+Kaufman (1975), BIT 15, 49-57.
 
-A frame's trusted pixels as the sensor stored them, and least squares on light through its tone.
+A camera stores T(m) = m^(1/γ) of the light m, with noise that knows nothing of m, so that the model
+is held against the stored levels, about a model m_0:
 
-A camera stores T(m) = m^(1/γ) of the light m, with noise that knows nothing of m. Grey levels that
-are turned into light first, m = raw^γ, carry a noise that is neither even nor centred. So the model
-is held against the stored levels: about a model m_0,
-
-    (raw - T(m)) / σ  ≈  (d - m) w,    d = m_0 + (raw - T(m_0)) / T'(m_0),    w = T'(m_0) / σ,
-
-which is linear in m again, and exact once m_0 is m. With γ = 1 it is exact at once.
+    (raw - T(m)) / σ  ≈  (d - m) w,    d = m_0 + (raw - T(m_0)) / T'(m_0),    w = T'(m_0) / σ.
 """
 
 from __future__ import annotations
@@ -162,10 +156,9 @@ def stored(model: Array, gamma: float) -> Array:
 def solve_with_gamma(
     pixels: Pixels, signal: Array, gamma: float, *, near: Array | None = None
 ) -> GammaFit | None:
-    """Illumination and background that fit best through the tone curve for a signal (n,).
+    """Illumination and background that fit a signal (n,) best through the tone curve.
 
-    Parameters: `pixels`; `signal`, at them; `gamma`; `near` (n,), a model to start from. Returns a
-    GammaFit, None where the signal is not finite.
+    `near` (n,), a model to start from. None where the signal is not finite.
     """
     if not np.isfinite(signal.sum()):
         return None
@@ -427,8 +420,7 @@ class LocalModel:
     def sensitivity(self, stated: tuple[str, ...], held: Array) -> Array:
         """Change of the values over that of what is known beforehand, (p, stated + held).
 
-        Parameters: `stated`, the keys with a prior; `held` (m, n), derivatives by inputs that the
-        fit holds, see `FrameModel.input_rows`. Equation: see `isochrome.estimation.priors`.
+        Of keys with a prior, and of `held` derivatives (m, n), as in `isochrome.estimation.priors`.
         """
         stated_columns = [self.keys.index(key) for key in stated]
         cross = (self.rows @ held.T).astype(float)
@@ -511,15 +503,10 @@ def refine_fit(
     tolerance: float = _NEAR,
     iterations: int = 25,
 ) -> RefinedFit | None:
-    """Damped steps with derivatives that are kept as long as they serve.
+    """Damped steps with derivatives that are kept as long as they serve: each costs a residual.
 
-    A derivative costs as much as a residual, for each unknown, and steps with those of an earlier
-    place still end where the exact residuals say: that is why this loop is not
-    `isochrome.estimation.minimise`, which takes them anew at each place.
-    Parameters: `model`; `start` (p,); `gamma_fit`, the solution there if it is known; `tolerance`,
-    the last step in standard uncertainties; `iterations`, exact residuals at most. Returns a
-    RefinedFit, None where the start makes no scene that can be solved. Raises PhysicsError where
-    only the start does.
+    `iterations`, exact residuals at most; `tolerance`, the last step in standard uncertainties.
+    None where the start makes no scene that can be solved, PhysicsError where only the start does.
     """
     values = np.clip(np.asarray(start, float), model.limits.low, model.limits.high)
     gamma_fit = gamma_fit or model.at(values)

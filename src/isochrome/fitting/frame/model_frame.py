@@ -23,26 +23,10 @@ of that in an order pooled over its neighbourhood."""
 
 @dataclass(frozen=True, kw_only=True)
 class ModelFrame:
-    """What a scene says of every pixel of a frame.
+    """What a scene says of every pixel (rows, cols) of a frame: I = B + A S in the light's unit.
 
-    Parameters
-    ----------
-    pixels : PixelGrid
-        The picture's place and scale.
-    picture : Picture
-        Stress difference, fringe order and material at every pixel.
-    response : callable
-        Fringe order to signal, both (rows, cols), at this frame's directions and pixels.
-    signal : ndarray, (rows, cols)
-        The polariscope's signal, 0 to 1.
-    illumination : ndarray, (rows, cols)
-        The fitted illumination A of I = B + A S, in the light's unit.
-    background : ndarray, (rows, cols)
-        The fitted background B, in the light's unit.
-    mask : ndarray of bool, (rows, cols)
-        True where the pixel is trusted, of the specimen, and its fringes are not washed out.
-    chi : float
-        Residual over noise.
+    `response`, from fringe order to signal at this frame's directions; `mask`, trusted pixels of
+    the specimen whose fringes are not washed out; `chi`, residual over noise.
     """
 
     pixels: PixelGrid
@@ -55,10 +39,7 @@ class ModelFrame:
     chi: float
 
     def contrast_noise(self, sigma: Array) -> float:
-        """Noise over the fringes' amplitude, by the median pixel; NaN where nothing is lit.
-
-        Parameters: `sigma`, the light's noise, (rows, cols).
-        """
+        """Noise `sigma` over the fringes' amplitude, by the median pixel; NaN: nothing is lit."""
         # both are smooth: of every few rows and columns the median is the same
         every = thinning(self.mask.size, _ENOUGH)
         sigma, light, lit = (
@@ -69,21 +50,9 @@ class ModelFrame:
 
 
 def evaluate_model(data: FrameData, scene: Scene, *, difference: Array | None = None) -> ModelFrame:
-    """Render a one-state scene on the frame's own pixels, and fit the linear part to it.
+    """Render a one-state scene on a frame's own pixels, and fit the linear light to it.
 
-    Parameters
-    ----------
-    data : FrameData
-        The frame; it is read with the scene's gamma where it was read with another.
-    scene : Scene
-        One state with fitted values.
-    difference : ndarray of complex, (rows, cols), optional
-        Its stress difference, MPa, where it is known already.
-
-    Returns
-    -------
-    ModelFrame
-        The picture, its light, and chi.
+    `difference` (rows, cols), its stress difference (MPa) where it is known already.
     """
     if scene.frames.stated_gamma != data.gamma:
         data = data.toned(scene.frames.stated_gamma)
@@ -125,9 +94,8 @@ def evaluate_model(data: FrameData, scene: Scene, *, difference: Array | None = 
 def fitted_light(data: FrameData, signal: Array, mask: Mask) -> tuple[Array, Array, float]:
     """The illumination and background (rows, cols) that fit best beside a signal, and chi.
 
-    By every few of a large frame's pixels, in single precision: a handful of coefficients are known
-    a hundred times better than any pixel's light. Chi is inf where the illumination comes out
-    negative. Raises InputError where no pixel is trusted.
+    By every few of a large frame's pixels, which know a handful of coefficients well enough. Chi is
+    inf for a negative illumination. InputError where no pixel is trusted.
     """
     stride = thinning(int(np.count_nonzero(mask)), _ENOUGH)
     full_frame, data = data, data.every(stride)

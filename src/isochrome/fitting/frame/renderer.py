@@ -1,10 +1,7 @@
-"""The same simulation, made quick for a fit: what did not change is not computed again.
+"""What a scene's polariscope makes of its stress, made quick for a fit.
 
-The mechanics (contact, wear) of the last few sets of values are kept, and so is the last field.
-Where the contact stands in the picture is a phase of the tractions' waves, see
-`half_plane.series`: the field is made where it is wanted, on every pixel or on a few.
-
-What a scene's polariscope makes of a stress difference: fringes, and the light behind it.
+The mechanics of the last few sets of values are kept, and so is the last field. Where a contact
+stands in the picture is a phase of the tractions' waves, see `stress.half_plane_series`.
 """
 
 from __future__ import annotations
@@ -45,10 +42,7 @@ from isochrome.stress import (
 
 @dataclass(frozen=True)
 class FringeOptics:
-    """The polariscope's `chain`; the specimen's `thickness_mm` d and fringe value f_sigma.
-
-    `blur_px`, standard deviation of the camera's blur.
-    """
+    """A polariscope, a specimen's `thickness_mm` d and fringe value f_sigma, a camera's blur."""
 
     chain: Chain
     thickness_mm: float
@@ -107,22 +101,10 @@ class _Rendered:
 
 
 class SceneRenderer:
-    """Signals of a one-state scene on every `stride`-th pixel of a picture.
+    """Signals of a one-state scene on every `stride`-th pixel of a picture (rows, cols).
 
-    Parameters
-    ----------
-    scene : Scene
-        One state.
-    shape : tuple of two ints
-        Rows and columns of the picture.
-    stride : int, default 1
-        Pixels from one that is rendered to the next.
-    solve : callable, optional
-        Gives a scene's state; None: the scene is solved on its own.
-    hidden_px : float, default 0.0
-        Depth above which nobody looks, px.
-    rough : bool, default False
-        Whether the pixels' area is left out.
+    `solve` gives a scene's state, by default on its own; nobody looks above `hidden_px`; `rough`:
+    the pixels' area is left out.
     """
 
     def __init__(
@@ -147,9 +129,8 @@ class SceneRenderer:
     def order_field(self, scene: Scene) -> tuple[Array, Array]:
         """Stress difference (rows, cols) and visibility of the fringes at the strided pixels.
 
-        Both are those of the pixels' area; with a stride, and so without all pixels to blur, the
-        visibility stands for the camera's blur too.
-        Raises PhysicsError where the scene's values cannot be solved.
+        Both are of the pixels' area; with a stride the visibility stands for the camera's blur too.
+        PhysicsError where the scene's values cannot be solved.
         """
         camera = scene.camera
         assert camera is not None
@@ -169,8 +150,7 @@ class SceneRenderer:
     def signal(self, scene: Scene, *, visibility: Array | None = None) -> Array:
         """Polariscope signal at the strided pixels (rows, cols); no specimen, no light.
 
-        Parameters: `scene`; `visibility`, where it is known. Raises PhysicsError where the scene's
-        values cannot be solved.
+        PhysicsError where the scene's values cannot be solved.
         """
         if visibility is None:
             field, visibility = self.order_field(scene)
@@ -212,10 +192,7 @@ class SceneRenderer:
         return pixel_grid(scene, self.shape).every(self.stride)
 
     def field_alone(self, scene: Scene) -> Array:
-        """The field without its visibility; the last one if only the optics have changed.
-
-        Raises PhysicsError where the scene's values cannot be solved.
-        """
+        """The field without its visibility; the last one if only the optics have changed."""
         state, last = self.state(scene), self._last
         if last is not None and last.state is state and last.key[:-1] == _standing(scene):
             return last.field
@@ -224,10 +201,7 @@ class SceneRenderer:
         return self._seen_by_area(made.difference, self._above(scene, pixels))
 
     def difference(self, scene: Scene, state: SceneState) -> Array:
-        """The stress difference (rows, cols), MPa, in the middles of the strided pixels.
-
-        Parameters: `scene`; `state`, its own, solved.
-        """
+        """The stress difference (rows, cols), MPa, of a solved state in the pixels' middles."""
         return self._field(scene, state, self._pixels(scene), slopes=False).difference
 
     def _field(

@@ -25,17 +25,7 @@ def with_part(scene: Scene, part: str, **values: Any) -> Scene:
 def frame_scene(scene: Scene, state: int) -> Scene:
     """The scene of one frame alone: its own distance, load and friction.
 
-    Parameters
-    ----------
-    scene : Scene
-        A scene of one or many states.
-    state : int
-        Which of them, counted from 0, the static state first where the scene has one.
-
-    Returns
-    -------
-    Scene
-        A scene with a single state.
+    States count from 0, the static one first where the scene has one.
     """
     if not scene.is_contact:
         return scene
@@ -48,20 +38,7 @@ def frame_scene(scene: Scene, state: int) -> Scene:
 
 
 def frame_distance(scene: Scene, state: int) -> float | None:
-    """Sliding distance of a state.
-
-    Parameters
-    ----------
-    scene : Scene
-        A scene of one or many states.
-    state : int
-        Which of them, counted as in `frame_scene`.
-
-    Returns
-    -------
-    float or None
-        The distance (m), None where nothing slides.
-    """
+    """Sliding distance of a state (m), counted as in `frame_scene`; None where nothing slides."""
     if not scene.is_contact or is_held(scene):
         return None
     static_first = bool(scene.friction and scene.friction.static_state_first)
@@ -72,42 +49,16 @@ def frame_distance(scene: Scene, state: int) -> float | None:
 
 
 def sliding_scene(scene: Scene) -> Scene:
-    """The scene of a video by time, all of whose frames slide: none is static first.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene of the video.
-
-    Returns
-    -------
-    Scene
-        The same without a static first state where frames.sliding_speed_mm_per_s is given.
-    """
+    """A video's scene: where frames.sliding_speed_mm_per_s is given, no state is static first."""
     if scene.frames.sliding_speed_mm_per_s is None or scene.friction is None:
         return scene
     return scene.with_values({"friction.static_state_first": False})
 
 
 def slid_until(scene: Scene, frame: Frame) -> float | None:
-    """The distance slid until a frame, by its time or its number.
+    """The distance (m) slid until a frame, by time or number; None where nothing wears.
 
-    Parameters
-    ----------
-    scene : Scene
-        The scene of the video.
-    frame : Frame
-        One of its frames.
-
-    Returns
-    -------
-    float or None
-        The distance (m), None where nothing wears.
-
-    Raises
-    ------
-    InputError
-        Where a frame has no time and needs one.
+    InputError where a frame has no time and needs one.
     """
     if scene.wear is None:
         return None
@@ -118,25 +69,7 @@ def slid_until(scene: Scene, frame: Frame) -> float | None:
 
 
 def timed_distance(frame: Frame, speed_mm_per_s: float) -> float:
-    """Sliding distance of a video's frame: s = v t.
-
-    Parameters
-    ----------
-    frame : Frame
-        The frame, with its time t (s).
-    speed_mm_per_s : float
-        The sliding speed v (mm/s).
-
-    Returns
-    -------
-    float
-        The distance s (m).
-
-    Raises
-    ------
-    InputError
-        Where the frame has no time.
-    """
+    """Sliding distance of a video's frame, s = v t (m); InputError where it has no time."""
     if frame.time_s is None:
         raise InputError(
             f"frame {frame.index} ({frame.name}) has no time, which "
@@ -146,11 +79,7 @@ def timed_distance(frame: Frame, speed_mm_per_s: float) -> float:
 
 
 def state_scene(scene: Scene, state: int) -> Scene:
-    """The scene of one state with its whole history: its distance alone, tables as they are.
-
-    Parameters: `scene`; `state`, counted as in `frame_scene`. Returns a Scene of a single state,
-    which is exactly the scene's own.
-    """
+    """The scene of one state with its whole history: its distance alone, tables as they are."""
     distance = frame_distance(scene, state)
     if distance is None:
         return frame_scene(scene, state)
@@ -162,26 +91,9 @@ def state_scene(scene: Scene, state: int) -> Scene:
 def scene_at(scene: Scene, distance_m: float) -> Scene:
     """The scene at one sliding distance: one state; load, friction and wear as numbers.
 
-    The wear coefficient is the one that makes the same dose there under the state's constant
-    friction. A coefficient or friction that varies on the way gives the equivalent of Archard's
-    law, K/s.
-
-    Parameters
-    ----------
-    scene : Scene
-        A contact, with values that may be tables over distance.
-    distance_m : float
-        The sliding distance s (m).
-
-    Returns
-    -------
-    Scene
-        A scene with a single state.
-
-    Raises
-    ------
-    InputError
-        Where the load changes while the contact wears: no constant load has worn that scar.
+    The wear coefficient makes the same dose under the state's constant friction; what varies on the
+    way gives the equivalent of Archard's law, K/s. InputError where the load changes while the
+    contact wears: no constant load has worn that scar.
     """
     loaded = _loaded_at(scene, distance_m)
     if scene.friction:
@@ -225,24 +137,8 @@ def with_numerics(
 ) -> Scene:
     """A contact scene with a surface grid that stays the same while its values move.
 
-    A fit that ends on other numerics than a simulation's would take their difference for physics:
-    without nodes and a tolerance it is as fine as the scene is on its own.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene; others than contacts stay as they are.
-    room : float, default 1.2
-        Factor on the window that the scene's own values need.
-    nodes_per_pixel : int, optional
-        Nodes on the surface for each pixel.
-    tolerance : float, optional
-        Tolerance of the wear.
-
-    Returns
-    -------
-    Scene
-        The scene with its grid.
+    Without nodes and a tolerance as fine as a simulation of the scene: else the difference would
+    pass for physics. `room`, factor on the window that the scene's own values need.
     """
     if not scene.is_contact or scene.camera is None or scene.camera.pixel_mm is None:
         return scene

@@ -1,7 +1,4 @@
-"""The unknowns of a scene: which a frame can tell, where to begin, and what to look at.
-
-What a scene states of its measured numbers: priors of a fit, or inputs of its budget.
-"""
+"""The unknowns of a scene, and what it states of its measured numbers: priors, or inputs."""
 
 from __future__ import annotations
 
@@ -56,20 +53,9 @@ _SIGNED = (LEFT, TOP, TANGENTIAL)
 
 
 def free_keys(scene: Scene) -> tuple[str, ...]:
-    """The unknowns that a single frame of a one-state scene can tell, by default.
+    """The unknowns that a frame of a one-state scene can tell: load and place; friction or wear.
 
-    These are the load and the place; the friction where there is sliding, the tangential load where
-    the contact is held, the wear where there is a worn depth.
-
-    Parameters
-    ----------
-    scene : Scene
-        One state.
-
-    Returns
-    -------
-    tuple of str
-        Keys of the scene.
+    The friction where there is sliding, the tangential load where the contact is held.
     """
     keys = list(specimen_model(scene).unknowns)
     if is_held(scene):
@@ -217,10 +203,9 @@ class StatedInputs:
 
 
 def stated_inputs(scene: Scene, given: Scene | None = None) -> StatedInputs:
-    """The measured numbers of a scene that have an uncertainty and move its fringes.
+    """The measured numbers of a scene that have an uncertainty and move its fringes, no tables.
 
-    Parameters: `scene`; `given`, what one frame's scene was made of, whose wear may be counted by
-    another law. A key that the scene has not, or has as a table, is none of them.
+    `given`, what one frame's scene was made of, whose wear may be counted by another law.
     """
     entries = []
     for key, spread in scene.uncertainties.items():
@@ -238,18 +223,7 @@ def stated_inputs(scene: Scene, given: Scene | None = None) -> StatedInputs:
 
 
 def stated_pairs(scene: Scene) -> dict[str, tuple[float, float]]:
-    """Give what a scene states with an uncertainty and its fringes follow.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-
-    Returns
-    -------
-    dict of str to tuple of two floats
-        Key to value and standard uncertainty.
-    """
+    """Key to value and standard uncertainty of what a scene states and its fringes follow."""
     return {key: (value, spread) for key, value, spread in stated_inputs(scene).rows}
 
 
@@ -263,23 +237,10 @@ def inputs_of_rows(rows: Iterable[tuple[str, float, float]]) -> StatedInputs:
 def taken_as_exact(
     scene: Scene, keys: tuple[str, ...], *, tracked: bool = False
 ) -> tuple[str, ...]:
-    """Name the measured numbers that move a scene's fringes, and that a fit takes as exact.
+    """The measured numbers that move a scene's fringes and that a fit of `keys` takes as exact.
 
-    Numbers with a stated uncertainty, 0 too, are none of them, but for a track.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-    keys : tuple of str
-        The fit's unknowns.
-    tracked : bool, default False
-        Whether its ± leave out what the scene states of others.
-
-    Returns
-    -------
-    tuple of str
-        Their keys, those that move a load most first.
+    Those with a stated uncertainty, 0 too, are none of them, but for a track; what moves a load
+    most comes first.
     """
     exact = []
     counted = () if tracked else scene.uncertainties

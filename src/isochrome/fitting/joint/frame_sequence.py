@@ -1,9 +1,7 @@
 """Several frames as functions of common unknowns: the scenes that a set of values stands for.
 
-The frames of a worn contact are states of one run. What the surface went through before a frame
-is part of that frame, so that the values of load, friction and wear at the frames' distances are
-tables over distance in one scene, and each frame is that scene at its own distance. What a frame
-owes to its history are states that are solved together, and a few numbers that it shows of it.
+The frames of a worn contact are states of one run: load, friction and wear at their distances are
+tables over distance in one scene, and each frame is that scene at its own distance, with its past.
 """
 
 from __future__ import annotations
@@ -44,19 +42,7 @@ class Unknown:
 
 @dataclass(frozen=True)
 class MeasuredArea:
-    """The worn area of one trace.
-
-    Parameters
-    ----------
-    name : str
-        The trace's file.
-    distance_m : float
-        Distance slid, m.
-    area_mm2, standard_uncertainty_mm2 : float
-        The worn area and what roughness and levelling leave of it open, mm².
-    messages : tuple of str
-        What its levelling says.
-    """
+    """The worn area of the trace `name`, and what roughness and levelling leave of it open."""
 
     name: str
     distance_m: float
@@ -124,18 +110,7 @@ class Sequence:
 
 
 def over_distance(points: dict[float, float]) -> Any:
-    """Take values at some distances as a scene does: as a table, or as one number.
-
-    Parameters
-    ----------
-    points : dict of float to float
-        Distances (m) to values.
-
-    Returns
-    -------
-    float or dict
-        The value of a single distance, else 'distance_m', rising, and 'value', both lists.
-    """
+    """Values at some distances (m) as a scene takes them: a table, or a single one's number."""
     rising = sorted(points)
     if len(rising) == 1:
         return points[rising[0]]
@@ -220,13 +195,11 @@ class SharedRun:
 
 
 def local_values(common: Scene, distances_m: tuple[float | None, ...]) -> Array:
-    """What a frame of a run shows of its course: load P (N), friction mu, worn area per frame.
+    """What frames of a run show of its course: load P (N), friction mu, worn area (mm²).
 
-    The worn area W = ∫ P' dK, with dh = p dK and ∫ p dx = P', is the area of the scar; a frame
-    follows its history through it all but alone: the scar's shape at one area changes a frame's
-    derivatives by some per cent (measured), and nothing else, since residuals are of the whole run.
-    Parameters: `common`, the scene of the run; `distances_m` (frames,), None for a static state.
-    Returns (frames, 3), N, 1, mm².
+    The worn area W = ∫ P' dK, with dh = p dK and ∫ p dx = P', is the scar's; a frame follows its
+    history through it all but alone: the shape at one area changes derivatives by some per cent,
+    and nothing else, since residuals are of the whole run. Returns (frames, 3).
     """
     distances = sorted({d for d in distances_m if d is not None} | {0.0})
     history, stops = wear_course(with_part(common, "wear", distances_m=tuple(distances)))
@@ -243,11 +216,10 @@ def local_values(common: Scene, distances_m: tuple[float | None, ...]) -> Array:
 
 
 def alone_scene(scene: Scene, state: int) -> Scene:
-    """A frame of a run as if all its wear had been at its own load and friction.
+    """A frame of a run as if all its wear had been at its own load and friction: one state.
 
-    Parameters: `scene`; `state`, counted as in `frame_scene`. Returns a one-state Scene of numbers,
-    worn by the scene's law as much as in the run: where a fit of one frame on its own starts. By
-    Archard's where the law wears nothing at the frame's own friction.
+    Worn as much as in the run, by the scene's law, or by Archard's where that wears nothing at the
+    frame's own friction.
     """
     distance = frame_distance(scene, state)
     if distance is None or scene.wear is None:

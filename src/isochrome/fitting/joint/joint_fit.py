@@ -1,7 +1,4 @@
-"""Several frames fitted together: unknowns that they share, and unknowns of each.
-
-A joint fit that is asked for causes: what belongs to the apparatus is common to all frames.
-"""
+"""Several frames fitted together: unknowns that they share, the apparatus' among them, and own."""
 
 from __future__ import annotations
 
@@ -19,6 +16,7 @@ from isochrome.estimation import (
     Damping,
     FrameData,
     budget_of,
+    budgets_of,
     information_bound,
     is_determined,
     minimise,
@@ -224,11 +222,7 @@ class JointSolution:
 def solve_jointly(
     data: FrameSet, sequence: Sequence, start: Array, progress: Callable[[], None]
 ) -> JointSolution:
-    """Fit frames together, and keep what can be asked.
-
-    Parameters: as of `fit_jointly`. Raises PhysicsError where the start cannot be solved or a key
-    changes nothing.
-    """
+    """Fit frames together, and keep what can be asked; raises as `JointProblem.fitted`."""
     problem = JointProblem(data, sequence, start, data.shape, progress)
     fit = problem.fitted(start)
     plates = [k for k, u in enumerate(fit.unknowns) if u.key.endswith("plate_error_deg")]
@@ -275,15 +269,12 @@ _ALIKE = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class JointFit:
-    """Fitted unknowns of a `sequence`.
+    """Fitted unknowns (p,) of a `sequence`.
 
-    `values`, `standard_uncertainty`, `noise_uncertainty` by the frames' noise alone,
-    `cramer_rao_bound` (p,); `covariance` (p, p); `information` (p, p), J^T J over the noise
-    variance; `chi`, residual over noise over all frames, `frame_chi` of each; `cost`, the sum of
-    squares, and its `freedom`; `scene`, with tables over distance; `scenes`, of each frame;
-    `converged`; `lost`, frames whose illumination came out negative; `budget` of each unknown,
-    empty where no input has an uncertainty; `known`, the keys of inputs that have. The matrices are
-    None where nothing ties the frames together.
+    `noise_uncertainty`, by the frames' noise alone; `information`, J^T J over the noise variance;
+    `chi`, residual over noise, `frame_chi` of each; `cost`, the sum of squares; `lost`, frames
+    whose light came out negative; `budget` of each unknown, empty without stated inputs, whose keys
+    are `known`. The matrices (p, p) are None where nothing ties the frames together.
     """
 
     sequence: Sequence
@@ -314,37 +305,19 @@ class JointFit:
         assert self.covariance is not None
         variance = np.diag(more)
         noise = np.sqrt(self.noise_uncertainty**2 + variance)
+        budgets = []
+        for noise_of, budget in zip(noise.tolist(), self.budget, strict=False):
+            inputs = [item for item in budget if item.input != NOISE]
+            rows = tuple((i.input, i.value or 0.0, i.standard_uncertainty) for i in inputs)
+            weights = np.array([item.sensitivity for item in inputs])
+            budgets.append(budget_of(noise_of, rows, weights) if budget else ())
         return replace(
             self,
             covariance=self.covariance + more,
             standard_uncertainty=np.sqrt(self.standard_uncertainty**2 + variance),
             noise_uncertainty=noise,
-            budget=tuple(map(_budget_with, noise.tolist(), self.budget)),
+            budget=tuple(budgets),
         )
-
-
-def _budget_with(noise: float, budget: tuple[BudgetInput, ...]) -> tuple[BudgetInput, ...]:
-    """A budget with another noise; an empty one stays empty."""
-    known = [item for item in budget if item.input != NOISE]
-    rows = tuple((item.input, item.value or 0.0, item.standard_uncertainty) for item in known)
-    return budget_of(noise, rows, np.array([item.sensitivity for item in known])) if budget else ()
-
-
-def fit_jointly(
-    frames: Iterable[FrameData],
-    sequence: Sequence,
-    start: Array,
-    *,
-    shape: tuple[int, int],
-    progress: Callable[[], None] = lambda: None,
-) -> JointFit:
-    """Least squares over the intensities of all frames, first thinned, then on every pixel.
-
-    Parameters: `frames`, gone through once a pass; `sequence`; `start` (p,), in the right basin;
-    `shape` (rows, cols) of a frame; `progress`, called with each frame of each pass. Returns a
-    JointFit. Raises PhysicsError where the start cannot be solved or a key changes nothing.
-    """
-    return JointProblem(frames, sequence, start, shape, progress).fitted(start)
 
 
 class JointProblem:
@@ -356,11 +329,14 @@ class JointProblem:
         sequence: Sequence,
         start: Array,
         shape: tuple[int, int],
-        progress: Callable[[], None],
+        progress: Callable[[], None] = lambda: None,
         *,
         margin_px: float = 0.0,
     ) -> None:
-        """`margin_px`, rows at the surface that are left out besides."""
+        """`frames` of a `shape`, gone through once a pass; `start` (p,), in the right basin.
+
+        `margin_px`, rows at the surface that are left out besides.
+        """
         fine = with_numerics(sequence.whole(start), room=1.3).numerics
         self.progress, self.frames, self.shape = progress, frames, shape
         self._margin_px = margin_px
@@ -385,7 +361,10 @@ class JointProblem:
         )
 
     def fitted(self, start: Array) -> JointFit:
-        """The fit, first to thinned frames. Raises PhysicsError, see `fit_jointly`."""
+        """Least squares over the intensities of all frames, first thinned, then on every pixel.
+
+        PhysicsError where the start cannot be solved or a key changes nothing.
+        """
         values, _, _ = self.solve(start, self.coarse_stride, _LOOSE)
         self.keep_clear(values)
         values, normal, converged = self.solve(values, 1, _TIGHT)
@@ -406,9 +385,15 @@ class JointProblem:
             raise PhysicsError(
                 "the scene cannot be solved where the frames' own fits end; give closer values"
             )
+
+        def enough(here: NormalEquations) -> float:
+            # a gain of `tolerance` in standard uncertainties, and what derivatives do not resolve
+            beyond = max(0.0, here.cost - here.freedom)
+            return tolerance**2 * max(1.0, here.cost / here.freedom) + _UNSOUND * beyond
+
         sums = minimise(
             at, values, normal, damping=Damping(1e-6, least=1e-4), iterations=_ITERATIONS,
-            enough=lambda here: _enough(here, tolerance),
+            enough=enough,
             better=lambda new, old: new.cost <= old.cost * (1.0 + _ALIKE),
             bounds=self.bounds,
         )  # fmt: skip
@@ -479,10 +464,7 @@ class JointProblem:
             converged=converged and bool(np.all(determined)),
             lost=tuple(i for i, good in enumerate(normal.positive) if not good),
             noise_uncertainty=noise_spread,
-            budget=tuple(
-                budget_of(noise_of, inputs.rows, row) if inputs.keys else ()
-                for noise_of, row in zip(noise_spread.tolist(), sensitivity, strict=True)
-            ),
+            budget=budgets_of(noise_spread, inputs.rows, sensitivity),
             known=inputs.keys,
         )
 
@@ -552,12 +534,3 @@ class JointProblem:
         common = sequence.whole(values)
         frames = range(sequence.count)
         return tuple(placed(sequence.frame(common, values, i), self.shape) for i in frames)
-
-
-def _enough(normal: NormalEquations, tolerance: float) -> float:
-    """The promised gain of a step below which it is the last.
-
-    That is `tolerance` in standard uncertainties, and what the derivatives do not resolve.
-    """
-    beyond = max(0.0, normal.cost - normal.freedom)
-    return tolerance**2 * max(1.0, normal.cost / normal.freedom) + _UNSOUND * beyond

@@ -54,10 +54,9 @@ def measured_areas(scene: Scene) -> tuple[MeasuredArea, ...]:
 def _spreads(traces: list[LevelledTrace]) -> list[float]:
     """The standard uncertainties of traces' worn areas beside each other, mm².
 
-    Student's factor of each alone would count four times over what four spectra leave open of the
-    scale of their noise: it is that of their weighted mean, whose degrees of freedom are
-    1 / Σ share² / ν (Welch (1947), Biometrika 34, 28; Satterthwaite (1946), Biometrics Bull. 2,
-    110).
+    Student's factor is that of their weighted mean, with 1 / Σ share² / ν degrees of freedom: of
+    each alone it would count the noise's scale over again. Source: Welch (1947), Biometrika 34, 28;
+    Satterthwaite (1946), Biometrics Bull. 2, 110.
     """
     if not traces:
         return []
@@ -68,10 +67,7 @@ def _spreads(traces: list[LevelledTrace]) -> list[float]:
 
 
 def scar_rows(sequence: Sequence, values: Array) -> tuple[Array, Array]:
-    """How a sequence's measured areas go with its unknowns, and what they differ by, both over u.
-
-    Parameters: `values` (p,) of the unknowns. Returns dW/dv (p, m) and A - W (m,).
-    """
+    """Derivatives dW/dv (p, m) of a sequence's worn areas, and A - W (m,), both over u."""
     areas = sequence.areas
     distances = tuple(area.distance_m for area in areas)
     spread = np.array([area.standard_uncertainty_mm2 for area in areas])

@@ -1,9 +1,8 @@
 """The normal equations of many frames, added up frame by frame: memory holds one of them.
 
-The linear parts of different frames have nothing in common, so that each frame's are eliminated
-on their own, and what is left, J^T J and J^T r, adds up. A frame of a run shows load, friction and
-worn area; it is rendered once more for each of these, and the chain rule through `local_values`
-carries them to whatever unknowns the course is made of.
+Each frame's linear parts are eliminated on their own; J^T J and J^T r add up. A frame of a run
+shows load, friction and worn area: it is rendered once more for each, and the chain rule through
+`local_values` carries them to whatever unknowns the course is made of.
 """
 
 from __future__ import annotations
@@ -37,11 +36,10 @@ from isochrome.scene import DistanceTable, Scene
 class NormalEquations:
     """Sums over frames at one set of values: `normal` J^T J (p, p) and `gradient` J^T r (p,).
 
-    `middle` (p, p), the sum of r² j j^T over the pixels, widened by the residuals' correlation;
-    `squares` (p,), of the rows before the linear parts were eliminated; `cost`, sum of squared
-    residuals over noise; `freedom`, pixels less linear unknowns; `positive` (frames,), False where
-    a frame's illumination came out negative; `chi` (frames,), of each frame; `prior_cost`, what is
-    known beforehand of the unknowns adds to the cost.
+    `middle`, Σ r² j j^T, widened by the residuals' correlation; `squares` (p,), of rows with the
+    linear parts; `cost`, over noise; `freedom`, pixels less linear unknowns; `positive`, False
+    where a frame's light came out negative; `chi` of each frame; `prior_cost`, what is known
+    beforehand adds.
     """
 
     normal: Array
@@ -95,9 +93,8 @@ def add_up(
 ) -> NormalEquations | None:
     """The normal equations of all frames at `values` (p,); None where they cannot be solved.
 
-    Parameters: `frames`, as thin as the renderer; `sequence`; `renderer`, with the stride and the
-    shared run; `regions`, the pixels to use of a frame; `progress`, called with each frame done;
-    `exact`, whether derivatives are by both sides, and products in double precision.
+    `frames`, as thin as the renderer; `regions`, a frame's pixels to use; `exact`: derivatives by
+    both sides, and products in double precision.
     """
     maps = DirectionMaps(sequence, values)
     total: NormalEquations | None = None
@@ -125,8 +122,7 @@ def linearise_frame(
 ) -> NormalEquations | None:
     """One frame's normal equations along its directions: scenes `moved` beside the one `here`.
 
-    Its `squares` are a matrix, of each two directions. Returns None where a scene cannot be solved.
-    Source: see `isochrome.estimation.intensity`.
+    Its `squares` are a matrix, of each two directions. None where a scene cannot be solved.
     """
     solved = solved_along(data, here, moved, renderer=renderer, region=region)
     if solved is None:
@@ -156,10 +152,7 @@ def solved_along(
     renderer: SceneRenderer,
     region: Array,
 ) -> tuple[Pixels, GammaFit, Array] | None:
-    """A frame's pixels, their light, and the weighted derivatives along its directions (d, n).
-
-    Parameters and None: as of `linearise_frame`.
-    """
+    """A frame's pixels, their light, and the weighted derivatives along its directions (d, n)."""
     gamma = here.frames.stated_gamma
     free = [ahead.frames.stated_gamma - gamma for ahead, *_ in moved]
     pixels = trusted_pixels(data.toned(gamma) if any(free) else data, region)
@@ -180,10 +173,7 @@ def solved_along(
 
 
 def clear_region(data: FrameData, here: Scene, *, renderer: SceneRenderer, region: Array) -> Array:
-    """A frame's region without the pixels whose model is near black or white, where noise is cut.
-
-    Parameters: `data`; `here`, its scene; `renderer`; `region` (rows, cols). Returns (rows, cols).
-    """
+    """A frame's region without pixels whose model is near black or white, where noise is cut."""
     gamma = here.frames.stated_gamma
     pixels = trusted_pixels(data, region)
     gamma_fit = solve_with_gamma(pixels, safe_signal(renderer, here)[pixels.keep], gamma)
@@ -290,11 +280,7 @@ def local_slopes(
     local: Array,
     keys: Collection[str],
 ) -> Array:
-    """Change of the `local_values` at some distances by one unit of each unknown (p, distances, 3).
-
-    Parameters: `values` (p,) of the unknowns; `local` (distances, 3), the local values there;
-    `keys`, those of the unknowns that move them: others give 0.
-    """
+    """Change of `local_values` (distances, 3) by a unit of each unknown, 0 but for `keys`."""
     derivatives = np.zeros((len(values), *local.shape))
     common = sequence.whole(values)
     for row, unknown in enumerate(sequence.unknowns):

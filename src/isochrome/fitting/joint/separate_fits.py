@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from isochrome.errors import PhysicsError
 from isochrome.estimation import (
     CUTOFF,
-    BudgetInput,
-    budget_of,
+    budgets_of,
     information_bound,
     scaled_inverse,
     standard_uncertainty,
@@ -31,11 +30,10 @@ _STEPS = 4
 
 
 def is_each(sequence: Sequence) -> bool:
-    """Whether each frame's own fit is all that can be known of it.
+    """Whether each frame's own fit is all that can be known of it: nothing is shared, no history.
 
-    So it is where frames share neither unknowns nor a history, and for a single frame, but where a
-    frame shows a state that other distances led to, which its own fit does not follow, or scars
-    were measured of a run of several.
+    Not where a frame shows a state that other distances led to, nor where scars were measured of a
+    run of several.
     """
     if sequence.areas and sequence.count > 1:
         return False
@@ -48,20 +46,8 @@ def is_each(sequence: Sequence) -> bool:
 
 
 def fit_of_each(sequence: Sequence, single_fits: list[FrameFit]) -> JointFit:
-    """The fits of frames that nothing ties together as one of all of them.
-
-    Memory grows with the frames, not with the square of their number. A frame's own fit may have
-    more keys than the sequence, of a smooth stress: they become unknowns too.
-    Parameters: `sequence`; `single_fits`, each frame's fit. Returns a JointFit, without matrices.
-    """
-    own_load = any(u.key == LOAD and not u.shared for u in sequence.unknowns)
-    shared = sequence.count == 1 and not own_load
-    more = dict.fromkeys(
-        key for i, fit in enumerate(single_fits) for key in fit.keys[len(sequence.acting(i)) :]
-    )
-    places = [(key, i) for key in more for i, fit in enumerate(single_fits) if key in fit.keys]
-    added = tuple(Unknown(key, (i,), shared) for key, i in places)
-    wider = replace(sequence, unknowns=(*sequence.unknowns, *added))
+    """The fits of frames that nothing ties together as one of all of them, without matrices."""
+    wider = _with_own_keys(sequence, single_fits)
     first = [(single_fits[unknown.frames[0]], unknown.key) for unknown in wider.unknowns]
     values, spread, noise, bound = (
         np.array([getattr(fit, name)[fit.keys.index(key)] for fit, key in first])
@@ -86,46 +72,62 @@ def fit_of_each(sequence: Sequence, single_fits: list[FrameFit]) -> JointFit:
         converged=all(fit.converged for fit in single_fits),
         lost=tuple(i for i, fit in enumerate(single_fits) if not fit.positive),
         noise_uncertainty=noise,
-        budget=tuple(
-            budget_of(noise_of, fit.inputs.rows, fit.sensitivity[fit.keys.index(key)])
-            if known
-            else ()
-            for noise_of, (fit, key) in zip(noise.tolist(), first, strict=True)
-        ),
+        budget=tuple(fit.budget_of_key(key) if known else () for fit, key in first),
         known=known,
     )
 
 
-def with_scars(joint: JointFit, single_fit: FrameFit) -> JointFit:
-    """The fit of a single frame, with the worn areas that were measured beside it.
-
-    The frame says v0 with covariance C, all that it leaves undecided among it but what is held, and
-    an area A with uncertainty u says W(v). With H = dW/dv over u, the values of both,
-
-        v = v0 + K ((A - W(v))/u + H (v - v0)),  K = C H^T (H C H^T + 1)^-1,
-
-    have the covariance (1 - K H) C: they are never less sure than the frame's own.
-    Parameters: `joint`, of the frame alone, by `fit_of_each`; `single_fit`, which tells all its
-    keys.
-    Source: Rodgers (2000), Inverse methods for atmospheric sounding, sections 4.1 and 5.3.
-    """
-    update = _scar_update(joint.sequence, single_fit)
-    known, complement, gain = single_fit.inputs, update.left, update.gain
-    noise = (
-        single_fit.covariance
-        - (single_fit.sensitivity * known.spread**2) @ single_fit.sensitivity.T
+def _with_own_keys(sequence: Sequence, single_fits: list[FrameFit]) -> Sequence:
+    """A sequence with what its frames' own fits have more, of a smooth stress, as unknowns."""
+    own_load = any(u.key == LOAD and not u.shared for u in sequence.unknowns)
+    shared = sequence.count == 1 and not own_load
+    more = dict.fromkeys(
+        key for i, fit in enumerate(single_fits) for key in fit.keys[len(sequence.acting(i)) :]
     )
+    added = [
+        Unknown(key, (i,), shared)
+        for key in more
+        for i, fit in enumerate(single_fits)
+        if key in fit.keys
+    ]
+    return replace(sequence, unknowns=(*sequence.unknowns, *added))
+
+
+def with_scars(joint: JointFit, single_fit: FrameFit) -> JointFit:
+    """The fit of a single frame, by `fit_of_each`, with the worn areas measured beside it.
+
+    The frame says v0 with covariance C of all but what is held; an area A of uncertainty u says
+    W(v), H = dW/dv / u: v = v0 + K ((A - W(v))/u + H (v - v0)), K = C H^T (H C H^T + 1)^-1, of
+    covariance (1 - K H) C. Source: Rodgers (2000), Inverse methods for atmospheric sounding, 5.3.
+    """
+    keys, known, sensitivity = single_fit.keys, single_fit.inputs, single_fit.sensitivity
+    held = known.some(keys, free=False)
+    added = tuple(Unknown(key, (0,), True) for key in held.keys)
+    wider = replace(joint.sequence, unknowns=(*joint.sequence.unknowns, *added))
+    size, free = single_fit.values.size, sensitivity.shape[1] - len(held.keys)
+    by_held = sensitivity[:, free:]
+    prior = single_fit.covariance - (by_held * held.spread**2) @ by_held.T
+    values = single_fit.values
+    for _ in range(_STEPS):
+        rows, residual = scar_rows(wider, np.r_[values, held.values])
+        slope = rows[:size].T
+        spread = slope @ prior @ slope.T + np.eye(residual.size)
+        gain = np.linalg.solve(spread, slope @ prior).T
+        values = single_fit.values + gain @ (residual + slope @ (values - single_fit.values))
+    _, residual = scar_rows(wider, np.r_[values, held.values])
+    complement = np.eye(size) - gain @ slope
+    noise = single_fit.covariance - (sensitivity * known.spread**2) @ sensitivity.T
     noise = complement @ noise @ complement.T + gain @ gain.T
-    sensitivity = complement @ single_fit.sensitivity
-    # of the inputs, those that are held come last, and move the areas too
-    sensitivity[:, sensitivity.shape[1] - update.by_held.shape[1] :] -= gain @ update.by_held
+    sensitivity = complement @ sensitivity
+    sensitivity[:, free:] -= gain @ rows[size:].T  # what is held moves the areas too
     covariance = noise + (sensitivity * known.spread**2) @ sensitivity.T
-    information = single_fit.information + update.slope.T @ update.slope
-    inverse = scaled_inverse(information + known.prior(single_fit.keys).normal, CUTOFF)
-    values, every = update.values, np.ones(len(single_fit.keys), dtype=bool)
-    moved, residual = values - single_fit.values, update.residual
+    information = single_fit.information + slope.T @ slope
+    inverse = scaled_inverse(information + known.prior(keys).normal, CUTOFF)
+    every = np.ones(size, dtype=bool)
+    moved = values - single_fit.values
     cost = joint.cost + float(moved @ single_fit.information @ moved + residual @ residual)
     noise_spread = standard_uncertainty(noise, every)
+    freedom = joint.freedom + residual.size
     return replace(
         joint,
         values=values,
@@ -133,76 +135,20 @@ def with_scars(joint: JointFit, single_fit: FrameFit) -> JointFit:
         cramer_rao_bound=information_bound(inverse, every),
         covariance=covariance,
         information=information,
-        chi=float(np.sqrt(cost / (joint.freedom + residual.size))),
+        chi=float(np.sqrt(cost / freedom)),
         cost=cost,
-        freedom=joint.freedom + residual.size,
+        freedom=freedom,
         scene=joint.sequence.whole(values),
-        scenes=(
-            single_fit.scene.with_values(dict(zip(single_fit.keys, values.tolist(), strict=True))),
-        ),
+        scenes=(single_fit.scene.with_values(dict(zip(keys, values.tolist(), strict=True))),),
         noise_uncertainty=noise_spread,
-        budget=_budgets(noise_spread, single_fit, sensitivity),
+        budget=budgets_of(noise_spread, known.rows, sensitivity),
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class _ScarUpdate:
-    """A frame's `values` (p,) with scars: what `with_scars` calls K, `gain` (p, m), and H, `slope`.
-
-    `left` (p, p), 1 - K H; `by_held` (m, k), change of the areas with what is held, over their
-    uncertainties; `residual` (m,), what the areas differ by in the end.
-    """
-
-    values: Array
-    gain: Array
-    slope: Array
-    left: Array
-    by_held: Array
-    residual: Array
-
-
-def _scar_update(sequence: Sequence, single_fit: FrameFit) -> _ScarUpdate:
-    """The values of a frame and its scars, by repeated steps."""
-    held = single_fit.inputs.some(single_fit.keys, free=False)
-    added = tuple(Unknown(key, (0,), True) for key in held.keys)
-    wider = replace(sequence, unknowns=(*sequence.unknowns, *added))
-    values, size = single_fit.values, single_fit.values.size
-    by_input = single_fit.sensitivity[:, single_fit.sensitivity.shape[1] - len(held.keys) :]
-    noise_covariance = single_fit.covariance - (by_input * held.spread**2) @ by_input.T
-    for _ in range(_STEPS):
-        rows, residual = scar_rows(wider, np.r_[values, held.values])
-        slope = rows[:size].T
-        spread = slope @ noise_covariance @ slope.T + np.eye(residual.size)
-        gain = np.linalg.solve(spread, slope @ noise_covariance).T
-        values = single_fit.values + gain @ (residual + slope @ (values - single_fit.values))
-    _, residual = scar_rows(wider, np.r_[values, held.values])
-    complement = np.eye(size) - gain @ slope
-    return _ScarUpdate(
-        values=values,
-        gain=gain,
-        slope=slope,
-        left=complement,
-        by_held=rows[size:].T,
-        residual=residual,
-    )
-
-
-def _budgets(
-    noise: Array, fit: FrameFit, sensitivity: Array
-) -> tuple[tuple[BudgetInput, ...], ...]:
-    """The budget of each unknown (p,), by the fit's inputs; empty ones where it has none."""
-    if not fit.inputs.keys:
-        return tuple(() for _ in noise)
-    pairs = zip(noise.tolist(), sensitivity, strict=True)
-    return tuple(budget_of(noise_of, fit.inputs.rows, row) for noise_of, row in pairs)
 
 
 def starting_values(sequence: Sequence, single_fits: list[FrameFit]) -> Array:
-    """Where the joint fit starts, from the frames' own fits.
+    """Where the joint fit starts: own values, means weighted by uncertainty, wear by worn areas.
 
-    A frame's own value is its own; a shared one, the mean weighted by the uncertainties. The wear
-    coefficient is found from the areas that the frames say were worn, under their own friction.
-    Raises PhysicsError for an unknown that no frame tells, nor a measured scar.
+    PhysicsError for an unknown that no frame tells, nor a measured scar.
     """
     for unknown in sequence.unknowns:
         if sequence.areas and unknown.key in COURSE:
