@@ -101,9 +101,7 @@ def side_by_side(
         raise InputError(f"{len(metrics)} metrics for {len(pairs)} frames: give one a frame")
     chosen = [(*pairs[k], metrics[k]) for k in _evenly_spaced(len(pairs), max_rows)]
     of_order = any(numbers.orders is not None for *_, numbers in chosen)
-    images = [pair_images(experiment, simulation, each, of_order) for each in chosen]
-    grey = grey_range([image for row in images for image in row[:2]])
-    limit = centred_limit(*(gap for *_, gap in images))
+    images, grey, limit = _images_of(experiment, simulation, chosen, of_order)
     place = place_of_pair(experiment, simulation)
 
     figure, panels, captions, foot = _lay_out(len(chosen), experiment.signal.shape[1:])
@@ -130,19 +128,14 @@ def side_by_side_panels(
 ) -> PaperPanels:
     """The same for a paper: one scale, one grey range and one difference range for all frames.
 
-    Parameters: both sets; their `metrics`; `frames`, numbers of the pairs that are shown. Returns
-    PaperPanels. Raises InputError where there is no such pair.
+    InputError where there is no pair of the numbers `frames`.
     """
     pairs = frame_pairs(experiment, simulation)
     shown = chosen_frames(frames, len(pairs), _evenly_spaced(len(pairs), _ROWS_FOR_PAPER))
     chosen = [(*pairs[k], metrics[k]) for k in shown]
     of_order = any(numbers.orders is not None for *_, numbers in chosen)
-    images = [pair_images(experiment, simulation, each, of_order) for each in chosen]
-    grey = grey_range([image for row in images for image in row[:2]])
-    limit, place = (
-        centred_limit(*(gap for *_, gap in images)),
-        place_of_pair(experiment, simulation),
-    )
+    images, grey, limit = _images_of(experiment, simulation, chosen, of_order)
+    place = place_of_pair(experiment, simulation)
 
     def draw(axes: Axes, k: int, column: int) -> AxesImage:
         cmap, (low, high) = (FRAME_MAP, grey) if column < 2 else (DIFFERENCE_MAP, (-limit, limit))
@@ -222,11 +215,11 @@ def plot_side_by_side(
     of_order = here.order is not None and there.order is not None
     own, model = (part.only(at) for part, at in zip((here, there), pairs[frame], strict=True))
     (numbers,) = compare_frames(own, model)
-    images = pair_images(own, model, (0, 0, numbers), of_order)
-    limit, place = centred_limit(images[2]), place_of_pair(here, there)
+    (images,), grey, limit = _images_of(own, model, [(0, 0, numbers)], of_order)
+    place = place_of_pair(here, there)
     panels = three_axes(images[0].shape) if axes is None else list(axes)
     label = plain_name(here.label(pairs[frame][0]), _LABEL_LENGTH)
-    drawn = _draw_row(panels, images, grey_range(list(images[:2])), limit, label, place)
+    drawn = _draw_row(panels, images, grey, limit, label, place)
     if lines:
         _draw_lines(panels[0], model, 0, place)
     add_colour_bar(drawn, f"difference of {_of_what(of_order)}")
@@ -257,7 +250,7 @@ def _of_what(of_order: bool) -> str:
 
 def _draw_row(
     panels: Sequence[Axes],
-    images: tuple[NDArray[Any], NDArray[Any], NDArray[Any]],
+    images: _Images,
     grey: tuple[float, float],
     limit: float,
     label: str,
@@ -288,25 +281,29 @@ def _draw_lines(axes: Axes, simulation: ComparedFrames, index: int, place: Place
             draw_line(axes, line.rows, line.cols, place, **look)
 
 
-def pair_images(
+_Images = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
+"""The signals of a pair, and experiment - simulation in fringes or in signal units."""
+
+
+def _images_of(
     experiment: ComparedFrames,
     simulation: ComparedFrames,
-    pair: tuple[int, int, FrameMetrics],
+    rows: Sequence[tuple[int, int, FrameMetrics]],
     of_order: bool,
-) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """The signals of a pair, and experiment - simulation in fringes or in signal units."""
-    here, there, numbers = pair
-    measured, model = experiment.signal[here], simulation.signal[there]
-    if of_order and experiment.order is not None and simulation.order is not None:
-        return measured, model, experiment.order[here] - simulation.order[there]
-    return measured, model, measured - (numbers.signals.gain * model + numbers.signals.offset)
-
-
-def grey_range(images: list[NDArray[Any]]) -> tuple[float, float]:
-    """Black and white for all frames of the figure: the range that 99 % of the pixels fill."""
-    bounds = [np.nanpercentile(image, (0.5, 99.5)) for image in images]
+) -> tuple[list[_Images], tuple[float, float], float]:
+    """Images of some pairs, the grey range that 99 % of the pixels fill, and the gaps' limit."""
+    images: list[_Images] = []
+    for here, there, numbers in rows:
+        measured, model = experiment.signal[here], simulation.signal[there]
+        if of_order and experiment.order is not None and simulation.order is not None:
+            gap = experiment.order[here] - simulation.order[there]
+        else:
+            gap = measured - (numbers.signals.gain * model + numbers.signals.offset)
+        images.append((measured, model, gap))
+    bounds = [np.nanpercentile(image, (0.5, 99.5)) for row in images for image in row[:2]]
     low, high = float(np.min(bounds)), float(np.max(bounds))
-    return (low, high) if high > low else (low - 0.5, high + 0.5)
+    grey = (low, high) if high > low else (low - 0.5, high + 0.5)
+    return images, grey, centred_limit(*(gap for *_, gap in images))
 
 
 def _evenly_spaced(count: int, most: int) -> list[int]:
@@ -407,38 +404,25 @@ def comparison_report(
     record: Mapping[str, Any],
     scene: Scene | None = None,
 ) -> ReportContent:
-    """What the report says.
-
-    Parameters: `experiment`, `simulation`, the sets; `metrics` of their pairs of frames; `columns`
-    of metrics.csv; `record`, what provenance.json holds; `scene` of the experiment, None of bare
-    frames. Returns ReportContent.
-    """
+    """What the report says; `record`, what provenance.json holds; `scene`: None of bare frames."""
     chosen = choose_frames([m.signals.rmse for m in metrics], [m.signals.rmse for m in metrics])
     pairs = frame_pairs(experiment, simulation)
     of_order = any(m.orders is not None for m in metrics)
-    images = {
-        one.number: pair_images(
-            experiment, simulation, (*pairs[one.number], metrics[one.number]), of_order
-        )
-        for one in chosen
-    }
-    grey = grey_range([image for row in images.values() for image in row[:2]])
-    limit = centred_limit(*(gap for *_, gap in images.values()))
+    rows = [(*pairs[one.number], metrics[one.number]) for one in chosen]
+    images, grey, limit = _images_of(experiment, simulation, rows, of_order)
     place = place_of_pair(experiment, simulation)
-    frames = []
-    for one in chosen:
-        here, there = pairs[one.number]
-        frames.append(
-            ReportFrame(
-                number=metrics[one.number].frame,
-                label=metrics[one.number].label,
-                why=one.why.replace("chi", "difference"),
-                panes=_panes(images[one.number], grey, limit, of_order),
-                order=None if experiment.order is None else experiment.order[here],
-                model_order=None if simulation.order is None else simulation.order[there],
-                **place,
-            )
+    frames = [
+        ReportFrame(
+            number=numbers.frame,
+            label=numbers.label,
+            why=one.why.replace("chi", "difference"),
+            panes=_panes(image, grey, limit, of_order),
+            order=None if experiment.order is None else experiment.order[here],
+            model_order=None if simulation.order is None else simulation.order[there],
+            **place,
         )
+        for one, image, (here, there, numbers) in zip(chosen, images, rows, strict=True)
+    ]
     few = ", for the reason that stands beside each" if len(chosen) < len(metrics) else ""
     return ReportContent(
         command="compare",
@@ -456,7 +440,7 @@ def comparison_report(
 
 
 def _panes(
-    images: tuple[Any, Any, Any], grey: tuple[float, float], limit: float, of_order: bool
+    images: _Images, grey: tuple[float, float], limit: float, of_order: bool
 ) -> tuple[Pane, ...]:
     """The pictures of a pair: both on one range of grey, and their difference."""
     own, model, gap = images
@@ -609,14 +593,24 @@ def compare(
         raise InputError("frames are compared with frames; simulate the scene first")
     here, there = load_frame_set(experiment), load_frame_set(simulation)
     metrics = compare_frames(here, there)
-    load = partial(_both_sets, experiment, simulation)
-    draw = partial(_draw, load, metrics)
+
+    # a result holds numbers, not films: the sets are read again
+    def load() -> tuple[ComparedFrames, ComparedFrames]:
+        return load_frame_set(experiment), load_frame_set(simulation)
+
+    def draw() -> Figure:
+        return side_by_side(*load(), metrics)
+
     result = Comparison(metrics, _table(metrics), draw=draw, load=load)
     if out is not None:
         with staged(out) as folder:
             write_csv(folder / "metrics.csv", result.columns)
             sets = ((experiment, here, "experiment"), (simulation, there, "simulation"))
-            record = provenance(None, [_hashed(*one) for one in sets])
+            inputs = [
+                given if isinstance(given, str | Path) else ArrayFrames(own.signal, name)
+                for given, own, name in sets
+            ]
+            record = provenance(None, inputs)
             on_disk = all(isinstance(given, str | Path) for given in (experiment, simulation))
             record[_SETS] = [str(experiment), str(simulation)] if on_disk else None
             write_figure(folder / "comparison.png", side_by_side(here, there, metrics))
@@ -657,24 +651,6 @@ def _scene_of(given: SetToCompare) -> Scene | None:
         return load_scene(file) if file.is_file() else None
     own = getattr(given, "scene", None)
     return own if isinstance(own, Scene) else None
-
-
-def _hashed(given: SetToCompare, frames: ComparedFrames, name: str) -> str | Path | ArrayFrames:
-    """What provenance.json has the hash of: files, or what was in memory."""
-    return given if isinstance(given, str | Path) else ArrayFrames(frames.signal, name)
-
-
-def _both_sets(
-    experiment: SetToCompare, simulation: SetToCompare
-) -> tuple[ComparedFrames, ComparedFrames]:
-    """The sets, read again: a result holds numbers, not films."""
-    return load_frame_set(experiment), load_frame_set(simulation)
-
-
-def _draw(
-    load: Callable[[], tuple[ComparedFrames, ComparedFrames]], metrics: list[FrameMetrics]
-) -> Figure:
-    return side_by_side(*load(), metrics)
 
 
 def _table(metrics: list[FrameMetrics]) -> dict[str, list[Any]]:

@@ -22,7 +22,7 @@ from isochrome.fringes import Skeleton, order_contours, skeletons
 from isochrome.output import read_csv, read_pixel_mm
 from isochrome.processing import PICTURE, Processed
 from isochrome.runs import opened_record
-from isochrome.scene import FramesLike, Scene, dump_scene, load_scene
+from isochrome.scene import FramesLike, dump_scene, load_scene
 from isochrome.simulation import Simulation
 from isochrome.stress import pixel_grid
 
@@ -188,9 +188,9 @@ def compare_orders(
     half of it, beyond it another is nearer. A pixel mirrored beside a branch's edge is not counted:
     the share is a lower bound. InputError where the shapes differ or nothing is known in both.
     """
-    measured, model, valid = _paired(experiment, simulation, mask, "fringe-order maps")
-    known = valid & np.isfinite(measured) & np.isfinite(model)
-    _check_any(known, "fringe order")
+    measured, model, valid, known = _paired(
+        experiment, simulation, mask, "fringe-order maps", "fringe order"
+    )
     difference = measured[known] - model[known]
     size = np.abs(difference)
     right = size <= WRONG_BRANCH_FRINGES
@@ -210,18 +210,15 @@ def compare_signals(
     *,
     mask: ArrayLike | None = None,
     noise: ArrayLike | None = None,
-    data_range: float = 1.0,
 ) -> SignalMetrics:
     """Compare two images of the same fringes, whatever their brightness and contrast.
 
     NCC = <(E - Ē)(S - S̄)>/(sd E sd S); RMSE = rms r, r = E - (gain S + offset) by least squares;
     over noise (a standard deviation) rms (r/noise), 1 if only noise is left. SSIM (7 x 7, E and
-    gain S + offset, windows wholly known, `data_range` E's span) is given as others report it: a
+    gain S + offset, windows wholly known, of a span of 1) is given as others report it: a
     perfect model scores .893 on one noisy frame, one 1 % off in load .890. NaN: cannot be said.
     """
-    measured, model, valid = _paired(experiment, simulation, mask, "images")
-    known = valid & np.isfinite(measured) & np.isfinite(model)
-    _check_any(known, "signal")
+    measured, model, _, known = _paired(experiment, simulation, mask, "images", "signal")
     gain, offset = brightness_line(measured[known], model[known])
     residual = measured - (gain * model + offset)
     over_noise = np.nan
@@ -234,7 +231,7 @@ def compare_signals(
         ncc=_correlation(measured[known], model[known]),
         rmse=_rms(residual[known]),
         rmse_over_noise=over_noise,
-        ssim=_ssim(measured, gain * model + offset, known, data_range),
+        ssim=_ssim(measured, gain * model + offset, known),
         gain=gain,
         offset=offset,
     )
@@ -251,9 +248,9 @@ def brightness_line(measured: Floats, model: Floats) -> tuple[float, float]:
 
 
 def _paired(
-    experiment: ArrayLike, simulation: ArrayLike, mask: ArrayLike | None, what: str
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Bring both sides and the mask to arrays of one shape, or refuse."""
+    experiment: ArrayLike, simulation: ArrayLike, mask: ArrayLike | None, what: str, quantity: str
+) -> tuple[Floats, Floats, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Both sides in one shape, the mask, and the pixels of it that both know, one at least."""
     measured = np.asarray(experiment, dtype=np.float64)
     model = np.asarray(simulation, dtype=np.float64)
     if measured.shape != model.shape or measured.ndim != 2:
@@ -262,23 +259,18 @@ def _paired(
             "two 2-D arrays of one shape; simulate with the experiment's [camera] width_px, "
             "height_px and [frames] roi"
         )
-    if mask is None:
-        return measured, model, np.ones(measured.shape, dtype=bool)
-    valid = np.asarray(mask, dtype=bool)
+    valid = np.ones(measured.shape, bool) if mask is None else np.asarray(mask, dtype=bool)
     if valid.shape != measured.shape:
         raise InputError(
             f"a mask of shape {valid.shape} for {what} of shape {measured.shape}: give equal shapes"
         )
-    return measured, model, valid
-
-
-def _check_any(known: NDArray[np.bool_], what: str) -> None:
-    """Refuse a comparison of nothing."""
+    known = valid & np.isfinite(measured) & np.isfinite(model)
     if not known.any():
         raise InputError(
-            f"no pixel has a known {what} in both the experiment and the simulation: nothing to "
-            "compare; check the mask, the region of interest and that the frames overlap"
+            f"no pixel has a known {quantity} in both the experiment and the simulation: nothing "
+            "to compare; check the mask, the region of interest and that the frames overlap"
         )
+    return measured, model, valid, known
 
 
 def _rms(values: Floats) -> float:
@@ -292,7 +284,7 @@ def _correlation(measured: Floats, model: Floats) -> float:
     return float(np.clip(a @ b / scale, -1.0, 1.0)) if scale > tiny else float("nan")
 
 
-def _ssim(measured: Floats, model: Floats, known: NDArray[np.bool_], data_range: float) -> float:
+def _ssim(measured: Floats, model: Floats, known: NDArray[np.bool_]) -> float:
     from scipy.ndimage import binary_erosion
     from skimage.metrics import structural_similarity
 
@@ -304,7 +296,7 @@ def _ssim(measured: Floats, model: Floats, known: NDArray[np.bool_], data_range:
         np.where(known, measured, level),
         np.where(known, model, level),
         win_size=_SSIM_WINDOW,
-        data_range=data_range,
+        data_range=1.0,
         full=True,
     )
     return float(local[whole].mean())
@@ -375,11 +367,9 @@ class ComparedFrames:
     def only(self, index: int) -> ComparedFrames:
         """Frame `index` alone."""
         own = slice(index, index + 1)
-        noise = self.noise_of(index)
-        return replace(
-            self, signal=self.signal[own], order=None if self.order is None else self.order[own],
-            labels=self.labels[own], noise=noise,
-        )  # fmt: skip
+        order = None if self.order is None else self.order[own]
+        labels, noise = self.labels[own], self.noise_of(index)
+        return replace(self, signal=self.signal[own], order=order, labels=labels, noise=noise)
 
     def noise_of(self, index: int) -> float | None:
         """Noise of frame `index` in signal units; None when not known."""
@@ -450,9 +440,9 @@ def compare_frames(
 
 
 def frame_pairs(experiment: ComparedFrames, simulation: ComparedFrames) -> list[tuple[int, int]]:
-    """Pair the frames of two sets: one to one, or the single frame of one set with all.
+    """Indices (experiment, simulation) of each pair: one to one, or a set's single frame with all.
 
-    Returns (experiment index, simulation index). Raises InputError when the sets do not fit.
+    InputError where the sets do not fit.
     """
     if experiment.signal.shape[1:] != simulation.signal.shape[1:]:
         raise InputError(
@@ -513,40 +503,42 @@ def load_frame_set(given: SetToCompare, *, bit_depth: int | None = None) -> Comp
         for signal_name, table_name in _SIGNALS:
             if place.is_dir() and (place / signal_name).exists():
                 return _load_result(place, signal_name, table_name, bit_depth)
-    return _load_bare(given, bit_depth)
+    with open_frames(given, bit_depth=bit_depth) as reader:
+        images = [scaled(frame.image, reader.bit_depth) for frame in reader]
+        scale = reader.pixel_mm
+    if not images:
+        raise InputError(
+            f"{reader.path}: no frame in it; give a TIFF stack, an image folder or a video"
+        )
+    return ComparedFrames(signal=np.stack(images), pixel_mm=scale)
 
 
-def _of_result(found: Processed | Simulation, bit_depth: int | None) -> ComparedFrames:
-    """The frames of a result whose maps are in memory."""
-    if isinstance(found, Simulation):
-        stack, order = found.frames, found.orders
+def _of_result(result: Processed | Simulation, bit_depth: int | None) -> ComparedFrames:
+    """The frames of a result whose maps are in memory, at the place that was found."""
+    if isinstance(result, Simulation):
+        stack, order, scene = result.frames, result.orders, result.scene
     else:
-        stack, order = _maps_of(found)
+        stack, order = _maps_of(result)
+        scene = result.fitted or result.scene
     if stack is None:
         raise InputError(
-            f"{found.title}: its maps are in the folder that it was written to; name that folder"
+            f"{result.title}: its maps are in the folder that it was written to; name that folder"
         )
-    table = found.columns
+    table = result.columns
     if PICTURE in table:
         table = _of_pictures(table, [at is not None for at in table[PICTURE]])
-    parts = _Parts(
-        name=found.title, stack=stack, order=order, scene=tomllib.loads(dump_scene(_placed(found))),
-        table=table, simulated=isinstance(found, Simulation),
+    return _compared(
+        stack, order, tomllib.loads(dump_scene(scene)), table, bit_depth, name=result.title,
+        simulated=isinstance(result, Simulation),
     )  # fmt: skip
-    return _compared(parts, bit_depth)
 
 
-def _placed(found: Processed | Simulation) -> Scene:
-    """The scene of a result with the place that was found."""
-    return found.scene if isinstance(found, Simulation) else found.fitted or found.scene
-
-
-def _maps_of(found: Processed) -> tuple[NDArray[Any] | None, NDArray[Any] | None]:
+def _maps_of(result: Processed) -> tuple[NDArray[Any] | None, NDArray[Any] | None]:
     """Signals and orders (frame, row, col); None for what is not in memory, or was not read."""
-    if found.frames is None:
+    if result.frames is None:
         return None, None
-    stack = np.stack([frame.normalised for frame in found.frames])
-    readings = [frame.reading for frame in found.frames]
+    stack = np.stack([frame.normalised for frame in result.frames])
+    readings = [frame.reading for frame in result.frames]
     if not any(readings):
         return stack, None
     blank = np.full(stack.shape[1:], np.nan, np.float32)
@@ -566,62 +558,56 @@ def _load_result(
         if order is not None and len(order) == len(shown):  # a page for every frame
             order = order[shown]
     fitted = folder / "fitted_scene.toml"  # with the place that was found
-    parts = _Parts(
-        name=str(folder / signal_name), stack=stack, order=order,
-        scene=_scene(fitted if fitted.is_file() else folder / "scene.toml"), table=table,
-        simulated=signal_name == "frames.tif", pixel_mm=read_pixel_mm(folder / signal_name),
+    return _compared(
+        stack, order, _scene(fitted if fitted.is_file() else folder / "scene.toml"), table,
+        bit_depth, name=str(folder / signal_name), simulated=signal_name == "frames.tif",
+        pixel_mm=read_pixel_mm(folder / signal_name),
     )  # fmt: skip
-    return _compared(parts, bit_depth)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Parts:
-    """What a result's folder holds: `name`, for messages; `stack` (frame, row, col[, channel]).
+def _compared(
+    stack: NDArray[Any],
+    order: NDArray[Any] | None,
+    scene: dict[str, Any],
+    table: Mapping[str, Sequence[Any]],
+    bit_depth: int | None,
+    *,
+    name: str,
+    simulated: bool,
+    pixel_mm: float | None = None,
+) -> ComparedFrames:
+    """A result's frames (frame, row, col[, channel]) as a signal of 0 to 1, with orders and place.
 
-    `order` (frame, row, col), None where none was read; `scene`, its tables; `table`, a column each
-    of frames.csv or history.csv; `simulated`, whether a simulation left it; `pixel_mm` of the file.
+    `scene`, its tables; `table`, the columns of frames.csv or history.csv.
     """
-
-    name: str
-    stack: NDArray[Any]
-    order: NDArray[Any] | None
-    scene: dict[str, Any]
-    table: Mapping[str, Sequence[Any]]
-    simulated: bool
-    pixel_mm: float | None = None
-
-
-def _compared(parts: _Parts, bit_depth: int | None) -> ComparedFrames:
-    """A result's frames as a signal of 0 to 1, with their orders, place and labels."""
-    scene, order, table = parts.scene, parts.order, parts.table
     camera = scene.get("camera", {})
-    light = scaled(parts.stack, bit_depth or camera.get("bit_depth"))
+    light = scaled(stack, bit_depth or camera.get("bit_depth"))
     signal = _one_channel(light, scene)
     steps = len(scene.get("polariscope", {}).get("step", ()))
     if order is not None and steps > 1 and len(signal) == steps * len(order):
         raise InputError(
-            f"{parts.name}: is a phase-stepped set, {steps} frames for each of "
+            f"{name}: is a phase-stepped set, {steps} frames for each of "
             f"{len(order)} states, and a comparison needs one dark-field frame a state; take "
             "[[polariscope.step]] out of the scene and simulate it again"
         )
     if order is not None and order.shape != signal.shape:
         raise InputError(
-            f"{parts.name} has shape {signal.shape} and {_ORDER} beside it {order.shape}: "
+            f"{name} has shape {signal.shape} and {_ORDER} beside it {order.shape}: "
             "the folder mixes two runs; make it again"
         )
     length = len(next(iter(table.values()), ()))
     if table and length != len(signal):
         raise InputError(
-            f"{parts.name}: its table has {length} rows for {len(signal)} frames: the folder mixes "
+            f"{name}: its table has {length} rows for {len(signal)} frames: the folder mixes "
             "two runs; make it again"
         )
-    if order is not None and parts.simulated:
+    if order is not None and simulated:
         signal = np.where(np.isfinite(order), signal, np.float32(np.nan))  # no specimen there
     left, top = _corner(scene, (signal.shape[1], signal.shape[2]))
     return ComparedFrames(
         signal=signal,
         order=None if order is None else order.astype(np.float32, copy=False),
-        pixel_mm=parts.pixel_mm or camera.get("pixel_mm"),
+        pixel_mm=pixel_mm or camera.get("pixel_mm"),
         left_mm=left,
         top_mm=top,
         labels=_labels(table, len(signal)),
@@ -632,30 +618,16 @@ def _compared(parts: _Parts, bit_depth: int | None) -> ComparedFrames:
 def _corner(scene: dict[str, Any], shape: tuple[int, int]) -> tuple[float, float]:
     """Outer edges (mm) of the first column and row; a model's are known without being stated."""
     camera = scene.get("camera", {})
-    if camera.get("pixel_mm") and (whole := load_scene(scene)).model is not None:
-        grid = pixel_grid(whole, shape)
+    if camera.get("pixel_mm") and (described := load_scene(scene)).model is not None:
+        grid = pixel_grid(described, shape)
         return grid.left_mm, grid.top_mm
     return float(camera.get("left_mm", 0.0)), float(camera.get("top_mm", 0.0))
 
 
-def _load_bare(given: FramesLike, bit_depth: int | None) -> ComparedFrames:
-    with open_frames(given, bit_depth=bit_depth) as reader:
-        images = [scaled(frame.image, reader.bit_depth) for frame in reader]
-        scale = reader.pixel_mm
-    if not images:
-        raise InputError(
-            f"{reader.path}: no frame in it; give a TIFF stack, an image folder or a video"
-        )
-    return ComparedFrames(signal=np.stack(images), pixel_mm=scale)
-
-
 def scaled(image: NDArray[Any], bit_depth: int | None = None) -> NDArray[np.floating]:
-    """Scale whole-number pixels to 0..1 by the sensor's bit depth; leave floats as they are.
+    """Whole-number pixels over 2^bits - 1, as float32; floats as they are.
 
-    signal = counts / (2^bits - 1)
-
-    `image`: any shape; `bit_depth`: default that of the array's type. Returns float32. Raises
-    InputError when a count is beyond the bit depth.
+    InputError where a count is beyond the bit depth, by default that of the array's type.
     """
     if not np.issubdtype(image.dtype, np.integer):
         return image.astype(np.float32, copy=False)
@@ -669,7 +641,7 @@ def scaled(image: NDArray[Any], bit_depth: int | None = None) -> NDArray[np.floa
 
 
 def _read_stack(path: Path) -> NDArray[Any]:
-    """Read a TIFF as (frame, row, col) or, in colour, (frame, row, col, 3), in its own type."""
+    """A TIFF as (frame, row, col) or, in colour, (frame, row, col, 3), in its own type."""
     return np.stack([raw.image for raw in open_tiff(path).frames(0)])
 
 

@@ -81,7 +81,7 @@ class SimulatedScar:
     @property
     def worn_area_mm2(self) -> float:
         """Worn area ∫h dx, mm²."""
-        return _area(self.x_mm, self.depth_um)
+        return float(1e-3 * np.trapezoid(self.depth_um, self.x_mm))
 
     def on_bins(self, x_mm: Array, values: Array) -> Array:
         """Means (m,) of a profile (n,) of this scar over equal bins about places (m,), mm."""
@@ -176,10 +176,6 @@ def _edges(state: SurfaceState) -> tuple[float, float]:
     worn = np.flatnonzero(state.wear_depth_mm > 0.0)
     x, half = state.grid.x_mm, 0.5 * state.grid.spacing_mm
     return float(x[worn[0]]) - half, float(x[worn[-1]]) + half
-
-
-def _area(x_mm: Array, depth_um: Array) -> float:
-    return float(1e-3 * np.trapezoid(depth_um, x_mm))
 
 
 def simulated_text(value: float, spread: float) -> str:
@@ -316,10 +312,7 @@ def _both(trace: LevelledTrace, scar: SimulatedScar, shift: float) -> NDArray[np
 
 
 def scar_columns(name: str, scar: SimulatedScar, pair: ScarPair | None) -> dict[str, Any]:
-    """A row of metrics.csv; None where the trace shows no scar.
-
-    Parameters: `name` of the trace; `scar` at its distance; `pair`. Returns name to value.
-    """
+    """A row of metrics.csv; None where the trace shows no scar."""
     trace = pair.trace if pair else None
     area, spread = pair.area_difference_mm2 if pair else (None, None)
     return {
@@ -345,7 +338,7 @@ def scar_columns(name: str, scar: SimulatedScar, pair: ScarPair | None) -> dict[
 
 
 def profile_columns(name: str, pair: ScarPair) -> dict[str, Any]:
-    """The rows of scars.csv for one trace. Parameters: `name` of the trace; `pair`."""
+    """The rows of scars.csv for one trace."""
     return {
         "trace": [name] * len(pair.x_mm),
         "distance_m": [pair.scar.distance_m] * len(pair.x_mm),
@@ -464,10 +457,7 @@ class ScarComparison(Result):
         return {"metrics": self.columns, "warnings": list(self.warnings)}
 
     def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
-        """Give the scars for a paper; see `paper_figure`.
-
-        `frames`: numbers of the distances that are shown. Raises InputError where one is not there.
-        """
+        """Give the scars for a paper, at the distances of these numbers; see `paper_figure`."""
         return scars_panels(self.names, self.scars, self.pairs, frames)
 
 
@@ -509,8 +499,9 @@ def _traces(
 ) -> tuple[list[Path], list[float]]:
     """Files of traces, and their distances (m)."""
     rows: list[tuple[Path, float]]
-    if isinstance(measured, str | Path) and _is_wear_set(Path(measured)):
-        measured = WearSet.read(measured)
+    file = Path(measured) if isinstance(measured, str | Path) else None
+    if file is not None and file.is_file() and "trace" in parse_toml(read_text(file), str(file)):
+        measured = WearSet.read(file)  # no scene has traces
     if isinstance(measured, WearSet):
         rows = [(measured.path(trace.file), trace.distance_m) for trace in measured.trace]
     elif isinstance(measured, str | Path | Scene):
@@ -527,11 +518,6 @@ def _traces(
     if wrong or not rows:
         raise InputError(f"distances of traces {wrong}: give traces, each with one above 0 m")
     return [file for file, _ in rows], [distance for _, distance in rows]
-
-
-def _is_wear_set(path: Path) -> bool:
-    """Whether a TOML file has traces, as sets of a wear calibration and no scenes have."""
-    return path.is_file() and "trace" in parse_toml(read_text(path), str(path))
 
 
 def _simulated_scene(simulation: str | Path | Scene) -> Scene:
@@ -577,6 +563,24 @@ _BESIDE = 1.7
 """Half of what is drawn over half of the widest scar."""
 
 
+_Row = tuple[SimulatedScar, list[tuple[str, ScarPair]], Any]
+"""Of a distance its simulated scar, its named traces, and their colour."""
+
+
+def _rows_at(
+    distances: Sequence[float],
+    names: Sequence[str],
+    scars: Sequence[SimulatedScar],
+    pairs: Sequence[ScarPair | None],
+) -> list[_Row]:
+    rows: list[_Row] = []
+    for k, distance in enumerate(distances):
+        members = [i for i, scar in enumerate(scars) if scar.distance_m == distance]
+        traces = [(names[i], pair) for i in members if (pair := pairs[i]) is not None]
+        rows.append((scars[members[0]], traces, LINE_COLOURS[k % len(LINE_COLOURS)]))
+    return rows
+
+
 def scars_figure(
     name: str,
     names: Sequence[str],
@@ -586,31 +590,31 @@ def scars_figure(
     """Draw measured scars beside simulated ones, and below each distance's overlay and difference.
 
     The top row is the paper's Fig. 7 beside its Fig. 9: all measured scars, and all simulated ones
-    with the band of the scene's inputs.
-    Parameters: `name` of the scene; `names` of the traces; `scars` and `pairs`, one a trace.
-    Returns a Figure.
+    with the band of the inputs of the scene, whose `name` is given.
     """
     shown = _spread_distances(sorted({scar.distance_m for scar in scars}), MOST_DISTANCES)
     figure = new_figure(11.0, 3.1 + 2.5 * len(shown) + 0.6)
-    rows: Any = figure.subplots(
+    panels: Any = figure.subplots(
         len(shown) + 1, 2, squeeze=False, sharex=True, height_ratios=[1.25] + [1.0] * len(shown)
     )
-    left, right = rows[0]
-    right.sharey(left)
-    for k, distance in enumerate(shown):
-        colour = LINE_COLOURS[k % len(LINE_COLOURS)]
-        members = [i for i, scar in enumerate(scars) if scar.distance_m == distance]
-        traces = [(names[i], pair) for i in members if (pair := pairs[i]) is not None]
-        _draw_all(left, right, scars[members[0]], traces, colour)
-        _draw_distance(rows[k + 1], scars[members[0]], traces, colour)
+    first, second = panels[0]
+    second.sharey(first)
+    rows = _rows_at(shown, names, scars, pairs)
+    for (overlay, gap), row in zip(panels[1:], rows, strict=True):
+        _draw_mean(first, row)
+        _draw_simulated(second, row)
+        _draw_overlay(overlay, row)
+        _draw_gap(gap, row)
+        style_axes(overlay, title=_area_text(row))
+        style_axes(gap, title=_difference_text(row))
     half = _BESIDE * 0.5 * max(scar.width_mm for scar in scars)
-    left.set_xlim(-half, half)
-    left.invert_yaxis()
-    style_axes(left, z_label="depth (µm)", title="measured, levelled and aligned")
-    style_axes(right, z_label="depth (µm)", title="simulated")
-    for axes in rows[0]:
+    first.set_xlim(-half, half)
+    first.invert_yaxis()
+    style_axes(first, z_label="depth (µm)", title="measured, levelled and aligned")
+    style_axes(second, z_label="depth (µm)", title="simulated")
+    for axes in panels[0]:
         add_legend(axes, loc="lower right")
-    for axes in rows[-1]:
+    for axes in panels[-1]:
         style_axes(axes, x_label="x (mm)")
     write_head(
         figure,
@@ -634,119 +638,93 @@ def scars_panels(
 ) -> PaperPanels:
     """The same for a paper: all measured and all simulated scars, and each distance's.
 
-    Parameters: `names`, `scars`, `pairs` as for `scars_figure`; `frames`, numbers of the distances
-    that are shown. Returns PaperPanels. Raises InputError where there is no such distance.
+    InputError where there is no distance of the numbers `frames`.
     """
     distances = sorted({scar.distance_m for scar in scars})
     few = [distances.index(s) for s in _spread_distances(distances, _FOR_PAPER)]
     shown = [distances[k] for k in chosen_frames(frames, len(distances), few, items="distances")]
-    rows = []
-    for k, distance in enumerate(shown):
-        members = [i for i, scar in enumerate(scars) if scar.distance_m == distance]
-        traces = [(names[i], pair) for i in members if (pair := pairs[i]) is not None]
-        rows.append((scars[members[0]], traces, LINE_COLOURS[k % len(LINE_COLOURS)]))
+    rows = _rows_at(shown, names, scars, pairs)
     half = _BESIDE * 0.5 * max(scar.width_mm for scar in scars)
 
-    def within(axes: Axes, draw: Callable[[Axes], None], *, down: bool) -> None:
-        draw(axes)
-        axes.set_xlim(-half, half)
-        if down and not axes.yaxis_inverted():
-            axes.invert_yaxis()
-        style_axes(axes, x_label="x (mm)", z_label="depth (µm)" if down else "")
+    def plot(title: str, draw: Callable[[Axes], None], *, down: bool = True) -> Plot:
+        def within(axes: Axes) -> None:
+            draw(axes)
+            axes.set_xlim(-half, half)
+            if down and not axes.yaxis_inverted():
+                axes.invert_yaxis()
+            style_axes(axes, x_label="x (mm)", z_label="depth (µm)" if down else "")
+
+        return Plot(title=title, draw=within)
 
     def measured(axes: Axes) -> None:
-        for scar, traces, colour in rows:
-            if traces:
-                _draw_mean(axes, traces, colour, f"{scar.distance_m:g} m")
+        for row in rows:
+            _draw_mean(axes, row)
         add_legend(axes, loc="lower right")
 
     def simulated(axes: Axes) -> None:
-        for scar, _, colour in rows:
-            _draw_simulated(axes, scar, colour, lw=LINE_PT, label=f"{scar.distance_m:g} m")
+        for row in rows:
+            _draw_simulated(axes, row)
 
-    plots, notes = [], []
-    for title, draw in (("measured", measured), ("simulated", simulated)):
-        plots.append(Plot(title=title, draw=partial(within, draw=draw, down=True)))
-    for scar, traces, colour in rows:
-        overlay = partial(_draw_overlay, scar=scar, traces=traces, colour=colour)
-        gap = partial(_draw_gap, traces=traces, colour=colour)
-        name = f"{scar.distance_m:g} m"
-        plots.append(Plot(title=name, draw=partial(within, draw=overlay, down=True)))
-        own = partial(within, draw=gap, down=False)
-        plots.append(Plot(title=f"{name}, measured − simulated", draw=own))
-        notes.append(f"{_area_text(scar, traces)}; {_difference_text(traces)}.")
+    plots, notes = [plot("measured", measured), plot("simulated", simulated)], []
+    for row in rows:
+        name = f"{row[0].distance_m:g} m"
+        plots.append(plot(name, partial(_draw_overlay, row=row)))
+        gap = partial(_draw_gap, row=row)
+        plots.append(plot(f"{name}, measured − simulated", gap, down=False))
+        notes.append(f"{_area_text(row)}; {_difference_text(row)}.")
     notes.append(f"Bands: ± {BAND:g} standard uncertainties.")
     return PaperPanels(plots=plots, notes=notes)
 
 
-def _draw_all(
-    left: Axes,
-    right: Axes,
-    scar: SimulatedScar,
-    traces: Sequence[tuple[str, ScarPair]],
-    colour: Any,
-) -> None:
-    """One distance's lines in the top row: the mean of its traces, and the simulated scar."""
-    label = f"{scar.distance_m:g} m"
-    if traces:
-        _draw_mean(left, traces, colour, label)
-    _draw_simulated(right, scar, colour, lw=LINE_PT, label=label)
-
-
-def _draw_mean(axes: Axes, traces: Sequence[tuple[str, ScarPair]], colour: Any, label: str) -> None:
+def _draw_mean(axes: Axes, row: _Row) -> None:
     """The mean of a distance's traces."""
-    x = traces[0][1].x_mm
-    each = [np.interp(x, pair.x_mm, pair.trace.depth_um) for _, pair in traces]
-    axes.plot(x, np.mean(each, axis=0), color=colour, lw=LINE_PT, label=label)
+    scar, traces, colour = row
+    if traces:
+        x = traces[0][1].x_mm
+        each = [np.interp(x, pair.x_mm, pair.trace.depth_um) for _, pair in traces]
+        label = f"{scar.distance_m:g} m"
+        axes.plot(x, np.mean(each, axis=0), color=colour, lw=LINE_PT, label=label)
 
 
-def _draw_simulated(axes: Axes, scar: SimulatedScar, colour: Any, **line: Any) -> None:
+def _draw_simulated(axes: Axes, row: _Row, **look: Any) -> None:
+    scar, _, colour = row
     spread = np.broadcast_to(root_sum_square(scar.moved_um), scar.depth_um.shape)
-    draw_band(axes, scar.x_mm, scar.depth_um, spread, colour=colour, **line)
+    look = {"colour": colour, "lw": LINE_PT, "label": f"{scar.distance_m:g} m"} | look
+    draw_band(axes, scar.x_mm, scar.depth_um, spread, **look)
 
 
-def _draw_distance(
-    panels: Sequence[Axes],
-    scar: SimulatedScar,
-    traces: Sequence[tuple[str, ScarPair]],
-    colour: Any,
-) -> None:
-    """Overlay and difference of one distance."""
-    overlay, gap = panels
-    _draw_overlay(overlay, scar, traces, colour)
-    _draw_gap(gap, traces, colour)
-    style_axes(overlay, title=_area_text(scar, traces))
-    style_axes(gap, title=_difference_text(traces))
+def _draw_traces(axes: Axes, row: _Row, depth: Callable[[ScarPair], Array]) -> None:
+    """A depth of each trace of a distance, paler from trace to trace."""
+    _, traces, colour = row
+    for number, (name, pair) in enumerate(traces):
+        look = {"color": colour, "lw": LINE_PT, "alpha": 1.0 - 0.6 * number / len(traces)}
+        axes.plot(pair.x_mm, depth(pair), label=plain_name(name, 24), **look)
 
 
-def _draw_overlay(
-    overlay: Axes, scar: SimulatedScar, traces: Sequence[tuple[str, ScarPair]], colour: Any
-) -> None:
+def _draw_overlay(axes: Axes, row: _Row) -> None:
     """The traces of a distance over its simulated scar."""
-    _draw_simulated(overlay, scar, INK, lw=BOLD_PT, label="simulated")
-    for number, (name, pair) in enumerate(traces):
-        tone = {"color": colour, "lw": LINE_PT, "alpha": 1.0 - 0.6 * number / len(traces)}
-        overlay.plot(pair.x_mm, pair.trace.depth_um, label=plain_name(name, 24), **tone)
-    overlay.invert_yaxis()
-    add_legend(overlay, loc="lower right")
-    style_axes(overlay, z_label="depth (µm)")
+    _draw_simulated(axes, row, colour=INK, lw=BOLD_PT, label="simulated")
+    _draw_traces(axes, row, lambda pair: pair.trace.depth_um)
+    axes.invert_yaxis()
+    add_legend(axes, loc="lower right")
+    style_axes(axes, z_label="depth (µm)")
 
 
-def _draw_gap(gap: Axes, traces: Sequence[tuple[str, ScarPair]], colour: Any) -> None:
+def _draw_gap(axes: Axes, row: _Row) -> None:
     """What the traces of a distance differ by from the simulated scar."""
-    for number, (name, pair) in enumerate(traces):
-        tone = {"color": colour, "lw": LINE_PT, "alpha": 1.0 - 0.6 * number / len(traces)}
-        gap.plot(pair.x_mm, pair.difference_um, label=plain_name(name, 24), **tone)
-    gap.axhline(0.0, color=GREY, lw=FINE_PT)
+    _, traces, colour = row
+    _draw_traces(axes, row, lambda pair: pair.difference_um)
+    axes.axhline(0.0, color=GREY, lw=FINE_PT)
     if traces:
         pair = traces[0][1]
         band = BAND * pair.difference_uncertainty_um
-        gap.fill_between(pair.x_mm, -band, band, color=colour, alpha=0.2, lw=0)
-    style_axes(gap, z_label="difference (µm)")
+        axes.fill_between(pair.x_mm, -band, band, color=colour, alpha=0.2, lw=0)
+    style_axes(axes, z_label="difference (µm)")
 
 
-def _area_text(scar: SimulatedScar, traces: Sequence[tuple[str, ScarPair]]) -> str:
+def _area_text(row: _Row) -> str:
     """Worn areas, in 1e-3 mm²: the mean of the traces' beside the simulated one."""
+    scar, traces, _ = row
     model = simulated_text(
         1e3 * scar.worn_area_mm2, 1e3 * float(root_sum_square(scar.moved_area_mm2))
     )
@@ -759,7 +737,8 @@ def _area_text(scar: SimulatedScar, traces: Sequence[tuple[str, ScarPair]]) -> s
     return f"{head} {own}, simulated {model}"
 
 
-def _difference_text(traces: Sequence[tuple[str, ScarPair]]) -> str:
+def _difference_text(row: _Row) -> str:
+    traces = row[1]
     if not traces:
         return "measured − simulated: nothing to compare"
     rms = np.mean([pair.rms_um for _, pair in traces])
