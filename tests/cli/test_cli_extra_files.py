@@ -1,7 +1,5 @@
 """Files that a command leaves besides its results: a figure for a paper, tables for Excel."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

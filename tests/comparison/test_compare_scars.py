@@ -4,8 +4,6 @@ Where nothing yields, a worn scar is the cylinder's own arc: depth (a² - x²)/2
 a = (3 R A/2)^(1/3) and the area A = k P s/t. Its truth needs no wear solver.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 

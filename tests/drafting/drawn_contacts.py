@@ -5,8 +5,6 @@ package. Material and radius are known, the load within a factor of three, and n
 picture may be turned and mirrored, of either field, its contact anywhere, sliding to either side.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Judges what `init` makes of a drawn contact: the right scene, a wrong one, or a refusal."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from drawn_contacts import WIDTH_MM, DrawnContact

@@ -1,7 +1,5 @@
 """Figures for a paper: letters of 7 pt or more that do not touch, at both widths; their files."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -4,8 +4,6 @@ Bars of 32 columns, bright or dark, are the bits of the frame's number: no codec
 upper quarter is darker, so that top and bottom, rows and columns cannot be confused.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Frames from arrays: read as a file of the same pixels; what is no frames is refused in a line."""
 
-from __future__ import annotations
-
 import pickle
 import re
 from collections import UserList

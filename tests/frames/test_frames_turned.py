@@ -4,8 +4,6 @@ A file turned back by numpy, with the turn stated, must give what the file itsel
 byte: the turn moves grey levels and computes nothing.
 """
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

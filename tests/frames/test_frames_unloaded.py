@@ -1,7 +1,5 @@
 """`check` names frames of the unloaded specimen among loaded ones, and no others."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import tifffile

@@ -1,7 +1,5 @@
 """Light of known fringe orders in a few lines of numpy, without the package: the tests' truth."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

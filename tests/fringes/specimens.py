@@ -3,8 +3,6 @@
 The truth is the mechanics' (closed forms, or the contact's solution), never a reading's.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any

@@ -4,8 +4,6 @@ The truth of a frame is the order of its picture, which `read_colour` never sees
 from the scene's own light; what a wrong table does is a test of its own.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """The equations of the light's ends are those of differences of the model itself."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Smooth images of the light's ends: what they span, and spots where a frame asks for them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The ends of the light and the tone curve from a frame's own fringes, on rendered specimens."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -3,8 +3,6 @@
 The frames are rendered here: sin² of a smooth field, a lamp of 1.7 : 1 with a bright bar.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Orders followed from frame to frame: crests, both ways, and what a state keeps."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One frame read without a model: against rendered specimens whose fringe order is known."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -3,8 +3,6 @@
 The frames are closed forms of `outside_fields`, or formulae; lines are level curves of the truth.
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

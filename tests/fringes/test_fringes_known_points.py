@@ -3,8 +3,6 @@
 Each frame is a formula's; what is known of it is what the formula says at the point.
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Regions mirrored about a crest: turned back where the light tells, given up where it does not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

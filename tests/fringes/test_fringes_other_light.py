@@ -1,7 +1,5 @@
 """Smooth lights that explain one frame: which are possible, and what they have in common."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Closed rings to order 30, and fringes that lose contrast: parabolas and slopes, written out."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter

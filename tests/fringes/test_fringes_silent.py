@@ -1,7 +1,5 @@
 """Frames that we had no part in, read without a model: nothing is called known that is not so."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """What is fuzzed: each target takes any bytes, and may only refuse them in one sentence."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass

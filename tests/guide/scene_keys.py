@@ -1,7 +1,5 @@
 """The page of all keys, made from the classes that check them: their fields and docstrings."""
 
-from __future__ import annotations
-
 import typing
 from collections.abc import Iterator
 from typing import Any, Literal

@@ -1,7 +1,5 @@
 """What a message means: found by its words, whatever the values in it."""
 
-from __future__ import annotations
-
 import message_texts
 import pytest
 

@@ -1,7 +1,5 @@
 """The developers' page names modules and rooms that are there."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

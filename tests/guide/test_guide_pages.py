@@ -1,7 +1,5 @@
 """The guide's pages are there, and those made from the code say all that the code has."""
 
-from __future__ import annotations
-
 import ast
 import io
 import re

@@ -4,8 +4,6 @@ Each run is a new process without any rights beyond its user's, even where the u
 bounds on its memory, its time and, where wanted, the size of the files that it writes.
 """
 
-from __future__ import annotations
-
 import ctypes
 import multiprocessing
 import os

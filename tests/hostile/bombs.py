@@ -1,7 +1,5 @@
 """Files that swell: a few bytes that claim, or become, gigabytes."""
 
-from __future__ import annotations
-
 import io
 import struct
 import zipfile

@@ -1,7 +1,5 @@
 """What hostile inputs are made from: small valid frames, videos and scenes, and the commands."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """Heads that lie: files that say of themselves what they do not hold."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Frames that are files well made, and no recording."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

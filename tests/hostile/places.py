@@ -1,7 +1,5 @@
 """Output folders that lead elsewhere, may not be written, or have no room left."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Scene files that are none, or that ask for what no machine has."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

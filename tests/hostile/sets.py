@@ -1,7 +1,5 @@
 """Calibration sets, regions and what earlier runs have left, damaged or forged."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

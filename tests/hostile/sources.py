@@ -1,7 +1,5 @@
 """Frames that are no files, cannot be read, vanish, or change while they are read."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

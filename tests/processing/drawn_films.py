@@ -4,8 +4,6 @@ Specimens are the closed forms of `tests/benchmarks/outside_fields.py`; a pixel'
 over nine samples of it. No code of the package takes part.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """`check` asks the first frame that shows fringes, and says what `process` will say of it."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,8 +1,6 @@
 """What is found in arrays is what is found in the files of their pixels, bit by bit; nothing is
 written."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

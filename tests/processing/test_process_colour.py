@@ -1,7 +1,5 @@
 """`process` on colour frames in white light: order by the colours, from files to files."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Maps of every frame of a followed video: as `--each` gives them, compact, whoever makes them."""
 
-from __future__ import annotations
-
 import threading
 
 import cv2

@@ -1,7 +1,5 @@
 """Frames processed without a model, from a point whose order is known."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

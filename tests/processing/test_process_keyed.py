@@ -1,7 +1,5 @@
 """Films without a model: key frames are read from nothing, the others are followed from them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import tifffile

@@ -1,7 +1,5 @@
 """A worn block remembers the friction that it was worn under: a frame's ± covers it."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

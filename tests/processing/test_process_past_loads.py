@@ -1,7 +1,5 @@
 """A worn block remembers the loads that it was worn under: the wear coefficient's ± covers it."""
 
-from __future__ import annotations
-
 from math import hypot, sqrt
 
 import numpy as np

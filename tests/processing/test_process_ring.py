@@ -1,7 +1,5 @@
 """A captured ring in white light whose lamp and camera nobody described: order against load."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

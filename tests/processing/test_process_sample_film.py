@@ -3,8 +3,6 @@
 The film is rendered by the package, from 3 x 3 points a pixel; what was put in lies beside it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

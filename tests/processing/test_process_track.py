@@ -1,7 +1,5 @@
 """A tracked video: key frames as ever, a row for every frame, the same bytes by whomever."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import tifffile

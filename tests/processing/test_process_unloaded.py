@@ -1,7 +1,5 @@
 """Films that begin without load: orders counted from zero, without a model or a known point."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from functools import lru_cache

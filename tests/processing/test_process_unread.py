@@ -1,7 +1,5 @@
 """A set in which nothing can be read is refused as a whole: exit code 3, and no results."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import tifffile

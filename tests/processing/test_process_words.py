@@ -3,8 +3,6 @@
 The frames are the first two of the sample, whose true values nobody of the package renders here.
 """
 
-from __future__ import annotations
-
 import html
 import json
 import re

@@ -1,7 +1,5 @@
 """Films of a contact whose truth is known, as a camera with noise sees them."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

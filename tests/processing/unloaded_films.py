@@ -5,8 +5,6 @@ a hole under tension (Kirsch 1898) and a force on a half-plane (Flamant 1892) wi
 its surface that comes and goes by itself. Light is uneven, and a pixel sees the mean over its area.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property, partial
 

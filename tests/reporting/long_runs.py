@@ -1,7 +1,5 @@
 """A run's folder of any length, from a short run that was really made."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """`isochrome report FOLDER`: the page of a run from its folder alone, and what is refused."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

@@ -1,7 +1,5 @@
 """The pages of a simulation and of calibrations, beside the run and made anew of its folder."""
 
-from __future__ import annotations
-
 import base64
 import csv
 import io

@@ -1,7 +1,5 @@
 """The report in a real browser, opened from a file with the network cut."""
 
-from __future__ import annotations
-
 import re
 from itertools import product
 

@@ -1,7 +1,5 @@
 """Curves over distance: what is thinned keeps its peaks and its bands."""
 
-from __future__ import annotations
-
 import base64
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The page of a report: what is in it, what cannot be, and how large it is."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import io

@@ -1,7 +1,5 @@
 """Keys and lists of tables set in TOML text or taken out of it: all else stays."""
 
-from __future__ import annotations
-
 import tomllib
 
 import pytest

@@ -1,7 +1,5 @@
 """Wrong scenes are refused in one sentence: file, key, value, what is allowed, the fix."""
 
-from __future__ import annotations
-
 import pytest
 
 from isochrome.errors import InputError

@@ -1,7 +1,5 @@
 """Friction and load from files: read as they stand, long ones by few lines, or refused."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

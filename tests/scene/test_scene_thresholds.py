@@ -1,7 +1,5 @@
 """Every bound of a scene's values: kept to on this side, refused by name on the other."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

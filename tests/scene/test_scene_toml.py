@@ -1,7 +1,5 @@
 """Scenes in and out of TOML: nothing is lost, and the shipped scene is the paper's."""
 
-from __future__ import annotations
-
 import math
 import tomllib
 from pathlib import Path

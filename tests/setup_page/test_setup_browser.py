@@ -1,8 +1,6 @@
 """The set-up page in a real browser: from frames to a scene, places, keys, and nothing asked of
 others."""
 
-from __future__ import annotations
-
 import io
 import json
 import shutil

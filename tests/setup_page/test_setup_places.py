@@ -1,7 +1,5 @@
 """Points of the picture and values of the scene: held to the lens's own rendering and by hand."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a known point would do to the map is said before it is set, and is what the map then is."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The page's cold search without a browser: what it puts into the scene, and what it leaves."""
 
-from __future__ import annotations
-
 import re
 import shutil
 

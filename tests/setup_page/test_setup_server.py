@@ -1,7 +1,5 @@
 """The server by plain sockets: who is let in, and what is refused before it is read."""
 
-from __future__ import annotations
-
 import json
 import signal
 import socket

@@ -1,7 +1,5 @@
 """The page's tools without a browser: what each does to the scene's text."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -3,8 +3,6 @@
 The truth is what was put into the sample images: see their truth.json.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import tomllib

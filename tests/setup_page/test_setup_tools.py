@@ -1,7 +1,5 @@
 """The page's tools in a real browser: points, lines, fields and what they leave in the scene."""
 
-from __future__ import annotations
-
 import pytest
 
 from browsers import skip_without_browser
