@@ -1,8 +1,4 @@
-"""Every command as a user runs it, in a folder with letters beyond ASCII.
-
-The frames are simulated and processed in another process; the rest calls the command line's own
-entry, and one of each command with `-m long` another process once more.
-"""
+"""Every command as a user runs it, in a folder with letters beyond ASCII."""
 
 import csv
 import json
@@ -60,9 +56,6 @@ def processed(captured, run_in):
     return captured, done.json()
 
 
-# Help
-
-
 def test_help_imports_nothing_heavy():
     code = (
         "import sys\n"
@@ -118,9 +111,6 @@ def test_help_names_the_completion_of_shells(quick_isochrome):
     assert "--install-completion" in quick_isochrome("--help").out
 
 
-# Simulate
-
-
 def test_simulate_leaves_what_the_contract_names(captured):
     out = captured / "Bild ü"
     assert files_in(out) == {
@@ -165,9 +155,6 @@ def test_simulating_twice_gives_the_same_bytes(captured, quick_isochrome, place)
     for name in ("history.csv", "frames.tif", "pressure.csv", "fringe_order.tif"):
         one, two = ((f / name).read_bytes() for f in (captured / "Bild ü", place / "twice"))
         assert one == two, name
-
-
-# Process, compare
 
 
 def test_process_leaves_what_the_contract_names(processed):
@@ -238,9 +225,6 @@ def test_check_finds_nothing_wrong_with_simulated_frames(quick_isochrome):
     assert done.out.endswith("2 frames read: no error found\n")
 
 
-# Fit
-
-
 @pytest.mark.long
 @pytest.mark.process_too
 def test_fit_gives_the_keys_by_name_and_a_scene_that_reloads(quick_isochrome, place):
@@ -260,9 +244,6 @@ def test_fit_gives_the_keys_by_name_and_a_scene_that_reloads(quick_isochrome, pl
     table = columns_of(place / "Anpassung" / "fit.csv")
     assert table["key"] == ["load.normal_n", "friction.coefficient", "friction.coefficient"]
     assert quick_isochrome("check", "frames.tif", "--scene", "Anpassung/scene.toml").code == 0
-
-
-# Calibrate
 
 
 @pytest.mark.study

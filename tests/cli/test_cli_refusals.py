@@ -1,9 +1,4 @@
-"""Bad input, as a user meets it: one line that says what to do, exit 2 or 3, nothing left behind.
-
-Every case calls the command line's own entry, in a folder with a space and letters beyond ASCII in
-its name. What a process of its own adds is the same for all: its streams, its exit code, what it
-does as it ends. A case of each command and of either code has one, with `-m study`, or always.
-"""
+"""Bad input: one line that says what to do, exit 2 or 3, nothing left behind."""
 
 import contextlib
 import json
@@ -72,9 +67,6 @@ def process(frames, scene="small.toml"):
 
 def simulate(scene, out="out"):
     return ("simulate", scene, "--out", out)
-
-
-# Frames
 
 
 @pytest.mark.process_too
@@ -218,9 +210,6 @@ def test_in_another_process_a_refusal_is_one_line_too(place, isochrome):
     assert done.err.startswith("isochrome: weg.toml: ") and not (place / "out").exists()
 
 
-# A pixel in micrometres or metres
-
-
 @pytest.fixture
 def of_no_scale(place):
     """The frames without the scale that the simulation names in their file."""
@@ -295,9 +284,6 @@ def test_the_check_names_a_pixel_of_another_unit(quick_isochrome, scene_with, of
     assert all(word in said for word in words)
 
 
-# Scenes
-
-
 @pytest.mark.parametrize("command", ["simulate", "process", "check", "fit"])
 def test_negative_modulus_in_every_command(refuses, scene_with, command):
     scene = scene_with("young_gpa = 2.1", "young_gpa = -2.1")
@@ -351,9 +337,6 @@ def test_frames_given_as_the_scene(refuses):
     refuses(2, ["frames.tif"], *simulate("frames.tif"))
 
 
-# Physics
-
-
 def test_contact_wider_than_its_grid(refuses, scene_with):
     scene = scene_with("\n[numerics]\nwindow_mm = 0.5\n")
     refuses(3, ["wrong scene", "numerics.window_mm", "0.5"], *simulate(scene))
@@ -382,9 +365,6 @@ def test_pixels_as_wide_as_the_contact_in_a_large_picture(place, refuses, scene_
     refuses(3, ["finer than two pixels", "pixel_mm = 0.3"], *simulate(scene))
 
 
-# Results
-
-
 def test_out_is_an_existing_file(place, refuses):
     (place / "Datei").write_text("mine", "utf-8")
     refuses(2, ["Datei", "is a file", "--out"], *simulate("small.toml", "Datei"))
@@ -403,9 +383,6 @@ def test_a_refusal_leaves_the_results_of_the_run_before(
     scene = scene_with("fringe_value_n_per_mm = 14.6", "fringe_value_n_per_mm = 0.3")
     refuses(3, ["finer"], *simulate(scene))
     assert (place / "out" / "history.csv").is_file()
-
-
-# Fit
 
 
 def fit(*keys):
@@ -450,9 +427,6 @@ def test_a_key_named_twice(refuses):
     refuses(2, ["load.normal_n", "twice"], *fit("load.normal_n", "load.normal_n"))
 
 
-# Compare
-
-
 def test_compare_of_different_sizes(place, refuses):
     write_stack(place / "low.tif", tifffile.imread(place / "frames.tif")[:, :100])
     refuses(2, ["(120, 160)", "(100, 160)"], "compare", "frames.tif", "low.tif", "--out", "out")
@@ -494,9 +468,6 @@ def test_friction_from_a_file_that_falls(place, refuses):
     refuses(2, words, "simulate", "Reibung.toml", "--out", "out")
 
 
-# Calibration sets
-
-
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
@@ -522,9 +493,6 @@ def test_calibration_set_of_the_other_specimen(place, refuses):
 
 def test_calibration_set_that_does_not_exist(refuses):
     refuses(2, ["weg.toml"], "calibrate", "bending", "weg.toml", "--out", "out")
-
-
-# JSON, and the check
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,4 @@
-"""Measured scars beside simulated ones, where both are known: the arc of a stiff contact.
-
-Where nothing yields, a worn scar is the cylinder's own arc: depth (a² - x²)/2R with the chord
-a = (3 R A/2)^(1/3) and the area A = k P s/t. Its truth needs no wear solver.
-"""
+"""Measured scars beside simulated ones, where both are known: the arc of a stiff contact."""
 
 import json
 from dataclasses import dataclass

@@ -38,10 +38,8 @@ def known_of(case: DrawnContact) -> dict:
 
 def truth_unmirrored(case: DrawnContact) -> dict:
     """What a scene without frames.flip must say: a mirror is the contact that slides otherwise.
-
     A picture that is mirrored top to bottom is one turned by half a turn and mirrored left to
-    right.
-    """
+    right."""
     friction, left = case.true.friction.coefficient, case.true.camera.left_mm
     mirrored = case.flip is not None
     return {

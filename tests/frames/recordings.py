@@ -1,8 +1,4 @@
-"""Recordings of every kind that this machine can write, each frame with its number as a bar code.
-
-Bars of 32 columns, bright or dark, are the bits of the frame's number: no codec loses them. The
-upper quarter is darker, so that top and bottom, rows and columns cannot be confused.
-"""
+"""Recordings of every kind, each frame with its number as a bar code."""
 
 import struct
 from collections.abc import Callable, Iterable
@@ -160,7 +156,6 @@ def ome_in_disorder(folder: Path) -> Path:
 
 def packed_tiff(bits: int, fill: int = 1) -> Callable[[Path], Path]:
     """Pixels of 10 or 12 bits one behind the other, as some cameras write them.
-
     `fill`, what the head says of the order of bits in a byte: 1, the highest first; 2, the lowest.
     """
 

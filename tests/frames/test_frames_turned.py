@@ -1,8 +1,4 @@
-"""Pictures that lie otherwise than the scene: frames.rotate_deg and frames.flip, everywhere alike.
-
-A file turned back by numpy, with the turn stated, must give what the file itself gives, byte by
-byte: the turn moves grey levels and computes nothing.
-"""
+"""Pictures that do not lie as the scene does: frames.rotate_deg and frames.flip."""
 
 from itertools import product
 

@@ -1,7 +1,5 @@
 """Rendered frames whose fringe order is known: specimens, and a poor camera that looks at them.
-
-The truth is the mechanics' (closed forms, or the contact's solution), never a reading's.
-"""
+The truth is the mechanics' (closed forms, or the contact's solution), never a reading's."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -86,10 +84,8 @@ class Shot:
 @dataclass(frozen=True)
 class Light:
     """A shot made ready to be read: linear `light` and its `sigma`, ends, `wave`, `valid`.
-
     `settled`, whether the search for the ends that no no-load frame gave came to rest; `error` of
-    the signal by what it left open; `tone`, the exponent that was found, 1 where none was asked.
-    """
+    the signal by what it left open; `tone`, the exponent that was found, 1 where none was asked."""
 
     light: np.ndarray
     sigma: np.ndarray
@@ -116,9 +112,7 @@ def view(name: str) -> View:
 
 def contact_view(name: str, values: dict[str, Any]) -> View:
     """The paper's contact with some of its scene's values changed; its last state.
-
-    Without a friction coefficient it does not slide, without distances it is not worn.
-    """
+    Without a friction coefficient it does not slide, without distances it is not worn."""
     scene = load_scene("line-contact-wear")
     scene = scene.with_values({"friction.static_state_first": False})
     absent = {
@@ -221,7 +215,6 @@ def shoot(
     seed: int = 0,
 ) -> Shot:
     """An 8-bit frame of a view, and its no-load frames.
-
     `glare`, share of the picture under round reflections of lamps, which saturate in all frames;
     `saturated`, share of the specimen's pixels that are overexposed, in the bright frame far more.
     """
@@ -264,11 +257,9 @@ def _lamps(shape: tuple[int, int], share: float, rng: np.random.Generator) -> np
 
 def light_of(shot: Shot, *, ends: str = "both", gamma: float | str | None = None) -> Light:
     """The shot as a reading is given it, normalised with its no-load frames.
-
     Parameters: `ends`, which no-load frames there are: 'both', 'dark', or 'none'; what is missing
     is found from the fringes. `gamma`, that the user says the camera has (None: the true one), or
-    'unknown', and found from the fringes too.
-    """
+    'unknown', and found from the fringes too."""
     unknown = gamma == "unknown"
     said = 1.0 if unknown else shot.camera.gamma if gamma is None else float(gamma)
     linear, dark, bright = (
@@ -307,9 +298,7 @@ def light_of(shot: Shot, *, ends: str = "both", gamma: float | str | None = None
 
 def known_point(seen: View, within: np.ndarray | None = None) -> tuple[int, int, float]:
     """A point whose order a user could give: deep in the specimen, half-way between two crests.
-
-    `within`, True where it may lie, such as where a shot is trusted.
-    """
+    `within`, True where it may lie, such as where a shot is trusted."""
     inside = seen.material if within is None else seen.material & within
     order = np.where(seen.material, seen.order, 0.0)
     between = np.abs(np.mod(2.0 * order, 1.0) - 0.5) < 0.1
@@ -322,9 +311,7 @@ def known_point(seen: View, within: np.ndarray | None = None) -> tuple[int, int,
 @lru_cache(maxsize=32)
 def random_scene(seed: int) -> tuple[View, dict[str, float]]:
     """A contact that a laboratory might have, of order 1 to 6, and the camera that sees it.
-
-    Returns the view and the keywords of `shoot`. The same seed gives the same scene.
-    """
+    Returns the view and the keywords of `shoot`. The same seed gives the same scene."""
     rng = np.random.default_rng([seed, 2024])
     while True:
         values = {

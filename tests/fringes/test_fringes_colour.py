@@ -1,8 +1,4 @@
-"""Colour frames: orders read from rendered frames whose order is known, and honest masks.
-
-The truth of a frame is the order of its picture, which `read_colour` never sees. The table comes
-from the scene's own light; what a wrong table does is a test of its own.
-"""
+"""Colour frames: orders read from rendered frames whose order is known, and honest masks."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -322,9 +318,6 @@ def test_an_unloaded_specimen_is_zero_and_blindly_nothing():
         Shot(
             np.full_like(shot.dark, 8), shot.dark, shot.bright, shot.order, shot.table, 3.0, 1.0
         ).read("none")
-
-
-# --- tables -------------------------------------------------------------------------
 
 
 def test_a_table_is_the_integral_over_the_spectrum():

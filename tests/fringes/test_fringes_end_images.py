@@ -141,9 +141,7 @@ def test_an_end_is_as_uncertain_as_it_is_off():
 @pytest.mark.parametrize("noise", [0.02, 0.03])
 def test_the_no_load_frames_own_noise_is_no_tone_curve(noise):
     """In flat patches it looks like one: 0.16 ± .03 and 0.27 ± .03 were found of a linear camera.
-
-    Broad rings, in light that is linear; the no-load frames are means of sixteen.
-    """
+    Broad rings, in light that is linear; the no-load frames are means of sixteen."""
     rows, cols = np.indices(LIT, dtype=float)
     rng = np.random.default_rng(1)
     order = 0.6 + 6e-5 * ((cols - 150.0) ** 2 + (rows - 120.0) ** 2)
@@ -156,10 +154,8 @@ def test_the_no_load_frames_own_noise_is_no_tone_curve(noise):
 @pytest.mark.parametrize(("times", "within"), [(3.0, (2.0, 4.5)), (0.3, (1.0, 1.0))])
 def test_spots_out_of_view_are_as_large_as_those_in_view(times, within):
     """Sixty terms of a prior that is `times` too small, half of them measured to a hundredth.
-
     What is left open of the others is their true variance, to what thirty normal values tell of it
-    (1 in 1000: a half to twice); spots that are smaller than expected make nothing surer.
-    """
+    (1 in 1000: a half to twice); spots that are smaller than expected make nothing surer."""
     rng = np.random.default_rng(4)
     precision = rng.uniform(1.0, 4.0, 60)
     terms = times * rng.standard_normal(60) / np.sqrt(precision)

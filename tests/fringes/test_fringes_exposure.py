@@ -1,7 +1,5 @@
 """One frame of few fringes in uneven light: no-load frames of any exposure, and none.
-
-The frames are rendered here: sin² of a smooth field, a lamp of 1.7 : 1 with a bright bar.
-"""
+The frames are rendered here: sin² of a smooth field, a lamp of 1.7 : 1 with a bright bar."""
 
 import numpy as np
 import pytest
@@ -106,9 +104,7 @@ def test_an_untold_background_leaves_out_what_it_might_turn_over():
 
 def ridge(exposures, known, *, top=0.35, more=None):
     """What `process` makes of an order that stays below 1/2, highest along a line, and the order.
-
-    One known point, at the share `known` of the way up; `more`, further keys of the scene.
-    """
+    One known point, at the share `known` of the way up; `more`, further keys of the scene."""
     z, x = places()
     order = top - 0.15 * z**2 - 0.0015 * x**2
     rng = np.random.default_rng(7)

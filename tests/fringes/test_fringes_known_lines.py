@@ -1,5 +1,4 @@
 """Fringe lines of known order and free corners: what they settle, and what they must not.
-
 The frames are closed forms of `outside_fields`, or formulae; lines are level curves of the truth.
 """
 

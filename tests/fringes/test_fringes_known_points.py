@@ -1,7 +1,5 @@
 """Points of known order: on lines and between them, one among many that is wrong, open questions.
-
-Each frame is a formula's; what is known of it is what the formula says at the point.
-"""
+Each frame is a formula's; what is known of it is what the formula says at the point."""
 
 import re
 

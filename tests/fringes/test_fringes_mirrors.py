@@ -88,9 +88,7 @@ def test_labels_that_are_right_are_left_and_sure(lowest):
 
 def test_beyond_a_flat_valley_along_a_crest_nothing_is_sure():
     """N touches 1 and no more: mirroring what lies beyond changes the light nowhere.
-
-    n = 1 + b y |y| has the light of 1 + b y², and its gradient is as continuous.
-    """
+    n = 1 + b y |y| has the light of 1 + b y², and its gradient is as continuous."""
     order = valley(1.0, 6e-5, tilt=0.0)
     patches, labels, _ = true_labels(order, 0.13)
     ((crest, unsure),) = open_seams(patches, terms_of(patches, labels), [START], [])
@@ -165,10 +163,8 @@ def test_a_few_patches_beyond_nought_are_no_line():
 
 def test_a_stated_noise_that_is_far_too_large_leaves_the_uncertainty_honest():
     """The noise of a frame has a floor for dust and compression; what patches leave tells less.
-
     With the floor alone the errors were a third of their uncertainty. Below it is 0.001 fringe that
-    is kept for what a quadratic cannot follow.
-    """
+    is kept for what a quadratic cannot follow."""
     order = 0.8 + 6e-5 * (ROWS - 80.0) ** 2 + 4e-3 * COLS
     wave, _, valid = light(order, 0.06)
     for stated in (0.06, 0.18):

@@ -229,9 +229,6 @@ def test_random_residual_stresses_break_no_branch_and_turn_no_direction(seed):
     assert np.sqrt(np.mean(error**2)) <= 0.01
 
 
-# The parts
-
-
 def test_the_least_order_is_the_order_below_a_half_and_its_mirror_above():
     order, theta = np.array([[0.0, 0.1, 0.49, 0.7, 1.2]]), 0.4
     delta, twice = 2.0 * np.pi * order, np.exp(2j * theta)

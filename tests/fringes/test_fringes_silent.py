@@ -53,9 +53,7 @@ def test_in_uneven_light_nothing_is_silently_wrong(seed):
 @pytest.mark.parametrize("seed", [pytest.param(127, marks=STUDY), 379])
 def test_a_wedge_under_the_lamps_spot_is_not_mirrored(seed):
     """The crest of N = 1/2 lies under the spot: 19 and 8 % were silently read from its other side.
-
-    The second has a line of N = 0 that is known, and by the mirrored reading another.
-    """
+    The second has a line of N = 0 that is known, and by the mirrored reading another."""
     row = CASE.judged(seed)
     assert row.wrong == 0.0 and row.kept > 0.5
 

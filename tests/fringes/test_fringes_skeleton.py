@@ -23,9 +23,7 @@ def captured(order, noise=NOISE, seed=0):
 
 def location_errors(lines, position, spacing_px):
     """Signed distance in px of every point to the nearest true line of its kind.
-
-    `position` maps (rows, cols) to px across the fringes, counted from a dark line.
-    """
+    `position` maps (rows, cols) to px across the fringes, counted from a dark line."""
     parts = []
     for line in lines:
         half_orders = 2.0 * position(line.rows, line.cols) / spacing_px - (line.kind == "bright")
@@ -176,10 +174,8 @@ def test_brightness_and_contrast_do_not_move_lines(gain, offset):
 
 def disc_order(rows, cols):
     """Diametral compression along z in closed form, centre order 6, radius 150 px.
-
     sigma1 - sigma2 is proportional to (1 - x² - z²) / ((x² + z²)² + 1 + 2 (x² - z²)), x and z over
-    the radius (Frocht 1948, Photoelasticity II).
-    """
+    the radius (Frocht 1948, Photoelasticity II)."""
     x, z = (cols - 170.2) / 150.0, (rows - 160.7) / 150.0
     square = x**2 + z**2
     return 6.0 * (1.0 - square) / (square**2 + 1.0 + 2.0 * (x**2 - z**2))
@@ -192,9 +188,7 @@ def bent_order(rows, cols):
 
 def distances(line, order):
     """Distance in px of a line's points to the true iso-order line, and the gradient (1/px) there.
-
-    To first order (N - level) / |grad N|, with N and its gradient from the closed form.
-    """
+    To first order (N - level) / |grad N|, with N and its gradient from the closed form."""
     step = 1e-4
     down = (order(line.rows + step, line.cols) - order(line.rows - step, line.cols)) / (2 * step)
     right = (order(line.rows, line.cols + step) - order(line.rows, line.cols - step)) / (2 * step)

@@ -42,9 +42,6 @@ MISALIGNED = {
 }
 
 
-# The linear algebra, against products of Jones matrices written out
-
-
 def element(retardance, axis_deg):
     turn = np.radians(axis_deg)
     rotate = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
@@ -198,9 +195,6 @@ def test_the_order_of_the_steps_does_not_matter():
     both = np.isfinite(one.order) & np.isfinite(other.order)
     assert both.mean() > 0.95
     assert np.abs(one.order - other.order)[both].max() < 1e-4
-
-
-# Whole sets, with noise of 3 grey levels and a vignette of 30 %
 
 
 @pytest.mark.parametrize(
@@ -385,9 +379,6 @@ def test_frames_without_a_readable_pixel_say_so():
     assert not np.isfinite(found.order).any() and not np.isfinite(found.isoclinic).any()
     assert (found.reading.confidence == 0.0).all() and found.reading.kept == 0.0
     assert any("could be read" in words for words in found.warnings)
-
-
-# The whole number
 
 
 def disc_field(rows=400, cols=400, size=170.0):

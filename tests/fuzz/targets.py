@@ -31,9 +31,7 @@ class Target:
 
     def take(self, data: bytes, path: Path) -> str | None:
         """Run on some bytes at a path; returns the refusal's sentence, None where all was read.
-
-        Anything but an InputError goes through: a finding.
-        """
+        Anything but an InputError goes through: a finding."""
         path.write_bytes(data)
         try:
             self.run(path)

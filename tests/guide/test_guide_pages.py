@@ -37,9 +37,6 @@ def test_a_page_that_is_not_there_is_refused_with_the_nearest():
         guide_page("phase-step")
 
 
-# Keys
-
-
 @pytest.mark.parametrize("model", [Scene, CalibrationSet, ColourSet])
 def test_every_key_has_words(model):
     """And a line in the page, under its own table."""
@@ -64,9 +61,6 @@ def test_keys_are_shown_with_their_range_unit_and_default():
     assert "| `coefficient_mm2_per_n` | number ≥ 0 or a table over distance | mm²/N |" in page
     assert "| `gamma` | number ≥ 0.1, ≤ 10 | – | `1.0` |" in page
     assert "| mm/s |" in page and "| MPa/mm |" in page
-
-
-# Files and columns
 
 
 def test_every_file_that_the_code_names_has_words():
@@ -94,9 +88,6 @@ def test_a_new_column_would_be_noticed():
     assert file_columns.has_words("load.normal_n mean", known)
     assert not file_columns.has_words("shininess", known)
     assert not file_columns.has_words("load.normal_n shininess", known)
-
-
-# Messages
 
 
 def test_every_message_has_its_meaning_cause_and_remedy():
@@ -143,9 +134,6 @@ def f(x):
 def test_a_refusal_that_the_code_makes_is_on_the_page():
     page = guide_page("messages")
     assert "fringes finer than two pixels" in page and "nothing could be read in any" in page
-
-
-# Pages by hand
 
 
 @pytest.mark.parametrize("topic", BY_HAND)

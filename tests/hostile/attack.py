@@ -1,8 +1,4 @@
-"""A hostile case, and the command line run on it in a process with bounds.
-
-Each run is a new process without any rights beyond its user's, even where the user is root, with
-bounds on its memory, its time and, where wanted, the size of the files that it writes.
-"""
+"""A hostile case, and the command line run on it in a process with bounds."""
 
 import ctypes
 import multiprocessing
@@ -34,11 +30,9 @@ SERVER.set_forkserver_preload(
 @dataclass(frozen=True)
 class Case:
     """A hostile input: `make(place)` writes it into a folder and returns the command's arguments.
-
     `says`, words that the refusal must hold: what is wrong where, and what to do; `code`, the exit
     code; `file_bytes`, the largest file that may be written; `inside`, called in the process before
-    the command; `kept`, whether finished work may stay in OUT.partial; `slow`, for the long run.
-    """
+    the command; `kept`, whether finished work may stay in OUT.partial; `slow`, for the long run."""
 
     make: Callable[[Path], list[str]]
     says: tuple[str, ...]

@@ -208,9 +208,7 @@ def small_disc(tmp_path_factory):
 
 def test_a_rim_that_is_not_the_discs_is_told(small_disc):
     """The rim is 50 mm wide, and the scene's pixel makes 51 mm of it, and 53 mm.
-
-    Asked of the disc's place alone: a fit to a disc of another size takes seconds to be lost.
-    """
+    Asked of the disc's place alone: a fit to a disc of another size takes seconds to be lost."""
     path, scene = small_disc
     (frame,) = open_frames(path)
     data = prepare_frame(frame, scene, bit_depth=8)

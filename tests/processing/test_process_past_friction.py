@@ -95,10 +95,8 @@ def one_frame(scene):
 )
 def test_a_single_frame_whose_friction_was_another_before_is_right_within_its_uncertainty(past):
     """Its truth is a table over distance, which the frame's model has not.
-
     With the scar of one friction the frame of 0.15 came out at 0.2605, 20 of its ±, with a camera
-    that was turned and looked from the side.
-    """
+    that was turned and looked from the side."""
     stated = worn("coefficient = 0.25")
     row = process(one_frame(worn(CHANGED.format(past))), stated).table.iloc[0]
     for key in ("friction.coefficient", "load.normal_n", "camera.left_mm"):

@@ -49,9 +49,7 @@ def orders(tmp_path_factory):
 
 def at_edge(order, side):
     """The order at the hole's edge: a parabola through the ten pixels beside it that are known.
-
-    The mask ends 1 to 2 pixels before the edge; where pixels there are not known, a few more.
-    """
+    The mask ends 1 to 2 pixels before the edge; where pixels there are not known, a few more."""
     edge = HOLE_LEFT if side == "left" else HOLE_RIGHT
     col = np.arange(order.shape[1])
     inside = (col < edge) if side == "left" else (col > edge)
@@ -83,7 +81,6 @@ def test_most_of_the_ring_is_read_and_both_halves_agree(orders):
 
 def ring_difference(place):
     """sigma_1 - sigma_2 for P/(R d) = 1, and which pixels lie away from the edges and the loads.
-
     `place`: column and row of the centre, outer radius (px), hole over it, tilt of the load (rad).
     """
     col, row, radius, hole, tilt = place
@@ -97,10 +94,8 @@ def ring_difference(place):
 
 def test_the_orders_are_those_of_the_closed_form_times_the_load(orders):
     """One place for all frames, and one factor each: what load, thickness and material make.
-
     No size but the shape of the ring is known, and no fringe value; the factors over the loads
-    must be one number.
-    """
+    must be one number."""
     begun = np.array([111.6, 111.5, 111.5, 0.51, 0.0])
     room = np.array([5.0, 5.0, 3.0, 0.03, 0.2])
     used = ring_difference(begun)[1] & np.isfinite(orders[1:])

@@ -1,7 +1,5 @@
 """The sample film by one command: load, friction, wear, and the order of every frame.
-
-The film is rendered by the package, from 3 x 3 points a pixel; what was put in lies beside it.
-"""
+The film is rendered by the package, from 3 x 3 points a pixel; what was put in lies beside it."""
 
 import numpy as np
 import pytest
@@ -37,9 +35,7 @@ def test_load_is_within_a_twentieth_of_a_per_cent_in_every_frame(sample, found):
 )
 def test_values_lie_about_what_was_put_in_as_they_say(sample, found, key):
     """200 pulls of mean square 1 scatter by a tenth; no jump anywhere in the film.
-
-    Under the swinging load the wear coefficient once jumped by 30 of its uncertainties.
-    """
+    Under the swinging load the wear coefficient once jumped by 30 of its uncertainties."""
     error = found.table[key] - np.array(sample.truth[key])
     pulls = (error / found.table[f"{key} standard_uncertainty"]).dropna()
     assert 0.8 < np.sqrt(np.mean(pulls**2)) < 1.3

@@ -1,7 +1,5 @@
 """The first ± that is read says what it is of: terminal, JSON, page, report, of both kinds of set.
-
-The frames are the first two of the sample, whose true values nobody of the package renders here.
-"""
+The frames are the first two of the sample, whose true values nobody of the package renders here."""
 
 import html
 import json

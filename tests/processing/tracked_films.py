@@ -60,9 +60,7 @@ def film(scene, values, seed):
 
 def write_video(path, frames, codec, pixels, options=None, *, rate=RATE, numbers=None):
     """Write grey frames by PyAV; a subsampled format takes an even number of columns of them.
-
-    `numbers` of the frames in time, where some between them are missing.
-    """
+    `numbers` of the frames in time, where some between them are missing."""
     import av
 
     with av.open(str(path), "w") as out:

@@ -271,9 +271,7 @@ def test_it_is_readable_at_any_width(chromium, report_file, hostile_file, width)
 
 def test_contrast_labels_and_roles_pass_an_automated_check(chromium, report_file, other_files):
     """All rules of axe-core, at both ends of the widths and with the tables unfolded.
-
-    Of a run with frames, of a simulation and of a calibration.
-    """
+    Of a run with frames, of a simulation and of a calibration."""
     from axe_playwright_python.sync_playwright import Axe
 
     axe = Axe()

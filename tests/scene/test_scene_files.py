@@ -250,9 +250,6 @@ def test_a_long_noisy_load_wears_what_its_integral_says(tmp_path):
     assert state.line_load_n_per_mm * 4.0 == pytest.approx(true_load(233.0), abs=0.05)
 
 
-# --- through the commands ----------------------------------------------------------------------
-
-
 @pytest.fixture
 def with_files(tmp_path):
     """A small scene whose friction and load stand in files, and the same with the tables in it."""

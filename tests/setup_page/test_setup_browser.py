@@ -229,11 +229,9 @@ def test_a_search_without_what_it_needs_says_the_fields_names(chromium, fresh):
 @needs_real
 def test_from_the_real_disc_to_a_scene_that_refuses_to_lie(chromium, tmp_path):
     """Its residual stress is no model's: page and check say so beforehand, and there is no load.
-
     With the load that was stated, and the f_sigma of all seven loads, a disc's closed form leaves
     0.79 of the light's own scatter, and 0.785 to 0.801 at 0.2 to 1.6 times that load: this frame
-    does not tell it. Diameter, thickness and light are not stated by those who took the frames.
-    """
+    does not tell it. Diameter, thickness and light are not stated by those who took the frames."""
     shutil.copy(REAL_DISC / "DSC_0010.jpg", tmp_path)
     with tab(chromium, open_session(tmp_path / "DSC_0010.jpg")) as own:
         save_real_disc(own)

@@ -1,7 +1,5 @@
 """Calibration sets on the set-up page: without a browser, and from fresh images to f_sigma in one.
-
-The truth is what was put into the sample images: see their truth.json.
-"""
+The truth is what was put into the sample images: see their truth.json."""
 
 import json
 import shutil
