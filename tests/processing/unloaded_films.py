@@ -1,4 +1,4 @@
-"""Films of specimens that are loaded from zero, by closed forms in numpy: no code of the package."""
+"""Films of specimens, by closed forms in numpy: no code of the package."""
 
 from dataclasses import dataclass
 from functools import cached_property, partial
