@@ -24,14 +24,20 @@ from isochrome.cli import main
 from isochrome.cli.options import save_paper_figure
 from isochrome.demonstration import Demo
 from isochrome.errors import InputError
-from isochrome.figures import PaperPanels, PictureKind, Plot, budget_plot, frame_values_figure
-from isochrome.figures.layout import PAGE_MM
-from isochrome.figures.paper import curve_columns, data_name
-from isochrome.fringes.colour.colour_table import ColourTable
+from isochrome.figures import (
+    PAGE_MM,
+    PaperPanels,
+    PictureKind,
+    Plot,
+    budget_plot,
+    curve_columns,
+    data_name,
+    frame_values_figure,
+)
+from isochrome.fringes import ColourTable
 from isochrome.output import FrameValues, write_excel_copies, write_tiff
+from isochrome.processing import FOUND_BY, PICTURE, tracked_figure
 from isochrome.processing.pictures.figure import Shown as ShownFrame
-from isochrome.processing.pictures.figure import tracked_figure
-from isochrome.processing.result import FOUND_BY, PICTURE
 from scene_texts import SMALL_CAMERA, WORN_CONTACT
 from shipped_sets import some_of_a_shipped_set
 

@@ -8,8 +8,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from isochrome.calibration import load_set
-from isochrome.calibration.loading import read_shots
+from isochrome.calibration import load_set, read_shots
 from isochrome.errors import InputError
 from isochrome.estimation import prepare_frame
 from isochrome.frames import (

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from isochrome.frames import Frame, saturation_level, to_linear
-from isochrome.processing.kinds.image_only import process_image_only
-from isochrome.processing.result import Capture
+from isochrome.frames import saturation_level, to_linear
+from isochrome.processing import process_frame
 from isochrome.scene import parse_scene
 
 ROW, COL = np.mgrid[:240, :320].astype(float)
@@ -125,6 +124,6 @@ def test_orders_are_read_of_a_full_frame_and_not_of_a_clipped_one(crest, clip, r
     levels, _ = stored(crest, noise=0.0 if read else 2.0, clip=clip)
     assert np.mean(levels >= clip) > 0.03
     scene = parse_scene(TEXT.replace("ORDER", f"{ORDER[100, 230]}"))
-    found = process_image_only(Frame(0, levels, None, "a"), scene, Capture(8))
+    found = process_frame(levels, scene, 0).frame
     assert any("saturated" in text for text in found.warnings) is not read
     assert (found.reading is not None) is read

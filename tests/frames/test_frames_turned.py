@@ -8,9 +8,7 @@ import tifffile
 from PIL import Image
 
 from isochrome import check, fit, process, track
-from isochrome.calibration import CalibrationSet, ColourSet
-from isochrome.calibration.colour import read_colour_shots
-from isochrome.calibration.loading import read_shots
+from isochrome.calibration import CalibrationSet, ColourSet, read_colour_shots, read_shots
 from isochrome.errors import InputError
 from isochrome.frames import as_captured, open_frames, open_scene_frames
 from isochrome.scene import dump_scene, parse_scene

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from closed_forms import dark_field, disc, grey
 
-from isochrome.fringes import read_free, read_order
-from isochrome.fringes.on_branch import SURE
+from isochrome.fringes import SURE, read_free, read_order
 
 SHAPE = (160, 200)
 ROWS, COLS = np.indices(SHAPE, dtype=float)

@@ -4,10 +4,8 @@ The frames are rendered here: sin² of a smooth field, a lamp of 1.7 : 1 with a 
 import numpy as np
 import pytest
 
-from isochrome.frames import Frame, to_linear
 from isochrome.fringes import find_no_load_exposure
-from isochrome.processing.kinds.image_only import process_image_only, says_a_half
-from isochrome.processing.result import Capture
+from isochrome.processing import process_frame, says_a_half
 from isochrome.scene import parse_scene
 
 SHAPE = (96, 128)
@@ -57,9 +55,14 @@ def read(order, image, ends):
         away[:8], away[-8:], away[:, :8], away[:, -8:] = (np.inf,) * 4
         row, col = np.unravel_index(np.argmin(away), SHAPE)
         points.append({"row_px": int(row), "col_px": int(col), "order": float(order[row, col])})
-    scene = parse_scene(SCENE).with_values({"frames.known_order": tuple(points)})
-    light = [end if end is None else to_linear(end, bit_depth=8) for end in ends]
-    return process_image_only(Frame(0, image, None, "frame"), scene, Capture(8, *light))
+    return processed(image, ends, points)
+
+
+def processed(image, ends, points, more=None):
+    """What `process` makes of a frame with its dark and bright no-load frame and known points."""
+    light = dict(zip(("frames.no_load_dark", "frames.no_load_bright"), ends, strict=True))
+    scene = parse_scene(SCENE).with_values({"frames.known_order": tuple(points)} | (more or {}))
+    return process_frame(image, scene.with_values(light), 0).frame
 
 
 def errors(found, order):
@@ -113,9 +116,7 @@ def ridge(exposures, known, *, top=0.35, more=None):
     wanted = order.min() + known * np.ptp(order)
     row = 10 + int(np.argmin(np.abs(order[10:-10, 64] - wanted)))
     point = {"row_px": row, "col_px": 64, "order": round(float(order[row, 64]), 2)}
-    scene = parse_scene(SCENE).with_values({"frames.known_order": (point,)} | (more or {}))
-    light = [to_linear(end, bit_depth=8) for end in (dark, bright)]
-    return process_image_only(Frame(0, image, None, "frame"), scene, Capture(8, *light)), order
+    return processed(image, (dark, bright), [point], more), order
 
 
 @pytest.mark.parametrize("exposures", ANY[:3])
@@ -147,9 +148,7 @@ def test_a_known_order_that_another_exposure_alone_explains_is_not_ignored():
     signals = np.sin(np.pi * order) ** 2, np.ones(SHAPE), np.zeros(SHAPE)
     image, bright, dark = (stored(s, e, rng) for s, e in zip(signals, ANY[2], strict=True))
     point = {"row_px": 48, "col_px": 64, "order": 0.4}
-    scene = parse_scene(SCENE).with_values({"frames.known_order": (point,)})
-    light = [to_linear(end, bit_depth=8) for end in (dark, bright)]
-    found = process_image_only(Frame(0, image, None, "frame"), scene, Capture(8, *light))
+    found = processed(image, (dark, bright), [point])
     assert found.reading is None
     assert any("the known orders say that it is not" in line for line in found.warnings)
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from isochrome.errors import InputError
-from isochrome.fringes import FreeReading, read_free
-from isochrome.fringes.on_branch import SURE
+from isochrome.fringes import SURE, FreeReading, read_free
 from isochrome.fringes.single_frame.patch_labels import label_patches
 from isochrome.fringes.single_frame.patches import Patches, binned
 from specimens import (

@@ -9,10 +9,8 @@ import pytest
 from skimage.measure import find_contours
 
 from isochrome.benchmarks import load_benchmarks
-from isochrome.frames import Frame, to_linear
 from isochrome.fringes import KnownPlaces, read_free
-from isochrome.processing.kinds.image_only import process_image_only
-from isochrome.processing.result import Capture
+from isochrome.processing import process_frame
 from isochrome.scene import FreeBoundary, parse_scene
 
 FIELDS, SILENT = load_benchmarks("outside_fields"), load_benchmarks("case_silent")
@@ -237,10 +235,12 @@ def processed(order, toml):
         light = 20.0 + 200.0 * s + 2.0 * rng.normal(size=SHAPE)
         return np.clip(np.rint(light), 0.0, 255.0).astype(np.uint8)
 
-    ends = [to_linear(stored(np.full(SHAPE, s)), bit_depth=8, allow_blank=True) for s in (0.0, 1.0)]
-    scene = parse_scene('[specimen]\nshape = "other"\n' + toml)
-    frame = Frame(0, stored(signal), None, "frame")
-    return process_image_only(frame, scene, Capture(8, *ends), inside=body)
+    dark, bright = (stored(np.full(SHAPE, s)) for s in (0.0, 1.0))
+    scene = parse_scene('[specimen]\nshape = "other"\n[camera]\nbit_depth = 8\n' + toml)
+    values = {"frames.no_load_dark": dark, "frames.no_load_bright": bright}
+    if not body.all():
+        values["frames.mask"] = 255 * body.astype(np.uint8)
+    return process_frame(stored(signal), scene.with_values(values), 0).frame
 
 
 def test_process_reads_by_the_scenes_lines_and_by_its_free_corners():

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from isochrome.benchmarks import load_benchmarks
-from isochrome.fringes import FreeReading, common_reading
-from isochrome.fringes.on_branch import make_reading
+from isochrome.fringes import FreeReading, common_reading, make_reading
 from isochrome.fringes.single_frame.background_modulation import as_doubtful
 from isochrome.fringes.single_frame.end_search import Found, _dearer, possible
 

@@ -4,10 +4,7 @@ import numpy as np
 import pytest
 from closed_forms import step_light
 
-from isochrome.fringes import read_residual, read_steps
-from isochrome.fringes.anchor import balance
-from isochrome.fringes.stepped.step_equations import StepTerms
-from isochrome.fringes.stepped.stepped_order import least_field
+from isochrome.fringes import StepTerms, balance, least_field, read_residual, read_steps
 from isochrome.optics import make_chain
 from isochrome.scene import Polariscope
 from stepped_sets import (

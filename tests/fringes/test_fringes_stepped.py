@@ -7,11 +7,20 @@ from hypothesis import strategies as st
 from scipy.ndimage import maximum_filter
 
 from isochrome.errors import InputError
-from isochrome.fringes import make_design, read_steps
-from isochrome.fringes.anchor import Balance, balance, unwrap
-from isochrome.fringes.stepped.integer_order import settle
-from isochrome.fringes.stepped.step_equations import COSINE, CROSS, SINE, SINE_SINE, solve_steps
-from isochrome.fringes.stepped.step_light import fill_gaps
+from isochrome.fringes import (
+    COSINE,
+    CROSS,
+    SINE,
+    SINE_SINE,
+    Balance,
+    balance,
+    fill_gaps,
+    make_design,
+    read_steps,
+    settle,
+    solve_steps,
+    unwrap,
+)
 from isochrome.optics import make_chain
 from isochrome.scene import Polariscope
 from isochrome.simulation import simulate
@@ -485,7 +494,7 @@ def test_a_known_order_outside_the_specimen_is_said():
 
 def test_a_model_that_singles_out_no_whole_number_gives_none():
     """A ramp of orders, and a model that is half a fringe off: m and m + 1 are as likely."""
-    from isochrome.fringes.stepped.integer_order import Direction
+    from isochrome.fringes import Direction
 
     order = np.tile(np.linspace(2.0, 6.0, 200), (150, 1))
     still, ones = np.full(order.shape, 1e-3), np.ones(order.shape)
@@ -513,7 +522,7 @@ def test_unwrapping_leaves_out_what_is_not_a_number():
 
 def test_small_parts_are_left_open():
     """A spot apart from the rest has no whole number of its own, nor does it take the rest's."""
-    from isochrome.fringes.stepped.integer_order import Direction
+    from isochrome.fringes import Direction
 
     field, inside = disc_field()
     inside[2:8, 2:8] = True

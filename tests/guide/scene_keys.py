@@ -10,7 +10,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from isochrome.calibration.settings import CalibrationSet, ColourSet
+from isochrome.calibration import CalibrationSet, ColourSet
 from isochrome.runs.store import units_of
 from isochrome.scene import Scene
 

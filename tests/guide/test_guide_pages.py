@@ -10,7 +10,7 @@ import pytest
 import scene_keys
 from write_pages import COMMAND, GUIDE, PAGES
 
-from isochrome.calibration.settings import CalibrationSet, ColourSet
+from isochrome.calibration import CalibrationSet, ColourSet
 from isochrome.errors import InputError
 from isochrome.guide import TOPICS, guide_page
 from isochrome.scene import Scene

@@ -15,9 +15,8 @@ from isochrome.comparison import load_frame_set
 from isochrome.errors import InputError
 from isochrome.optics import expose
 from isochrome.output import read_csv
-from isochrome.processing import process
+from isochrome.processing import FINEST_STEP, order_step, process
 from isochrome.processing.kinds import tracked
-from isochrome.processing.kinds.tracked import FINEST_STEP, order_step
 from isochrome.processing.pictures import preview
 from isochrome.runs import Compact, export
 from isochrome.simulation import make_picture, scene_states, state_difference

@@ -5,8 +5,7 @@ import pytest
 import tifffile
 
 from isochrome.output import read_csv
-from isochrome.processing import process
-from isochrome.processing.in_common import with_scatter_of_gamma
+from isochrome.processing import process, with_scatter_of_gamma
 
 UNCERTAINTY = "gamma standard_uncertainty"
 TEXT = '[specimen]\n[camera]\nbit_depth = 8\n[frames]\ngamma = "unknown"\n'

@@ -7,8 +7,7 @@ import pytest
 
 from fitting.test_fit_track import save
 from fitting.test_fit_track_worn import worn_film
-from isochrome.processing import process
-from isochrome.processing.in_common import with_past_loads
+from isochrome.processing import process, with_past_loads
 from isochrome.scene import load_scene
 
 LOAD, WEAR, SPREAD = "load.normal_n", "wear.coefficient_mm2_per_n", "standard_uncertainty"

@@ -14,8 +14,7 @@ from isochrome.cli import app
 from isochrome.output import read_csv
 from isochrome.samples import samples_path
 from isochrome.scene import dump_scene, load_scene
-from isochrome.setup_page import open_session
-from isochrome.setup_page.server import fit_answer
+from isochrome.setup_page import fit_answer, open_session
 
 PIXEL, LOAD = "camera.pixel_mm", "load.normal_n"
 EXACT = [PIXEL, "specimen.thickness_mm", "specimen.fringe_value_n_per_mm", "indenter.radius_mm",

@@ -7,7 +7,7 @@ import pytest
 
 from isochrome.errors import InputError
 from isochrome.scene import parse_scene
-from isochrome.setup_page.places import (
+from isochrome.setup_page import (
     on_line,
     pixel_scale,
     place_of_point,

@@ -8,8 +8,7 @@ import pytest
 from browsers import open_chromium, skip_without_browser
 from isochrome.errors import InputError
 from isochrome.processing import anchor_preview, part_change
-from isochrome.setup_page import apply_tool, server
-from isochrome.setup_page.server import ClickPreview, order_map_of_points
+from isochrome.setup_page import ClickPreview, apply_tool, order_map_of_points, server
 
 POINT = {"row": 420, "col": 100, "order": 0.42, "extremum": None}
 SPAN = r"(\d+\.\d)\.\.(\d+\.\d)"

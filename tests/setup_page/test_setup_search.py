@@ -9,8 +9,7 @@ import tifffile
 from drafting.drawn_contacts import drawn_contact
 from isochrome.errors import InputError, PhysicsError
 from isochrome.samples import samples_path
-from isochrome.setup_page import apply_tool, open_session, session_state
-from isochrome.setup_page.cold_search import find_in_frames, page_words
+from isochrome.setup_page import apply_tool, find_in_frames, open_session, page_words, session_state
 
 from .conftest import GIVEN
 

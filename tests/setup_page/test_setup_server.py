@@ -9,8 +9,7 @@ import time
 
 import pytest
 
-from isochrome.setup_page import open_session
-from isochrome.setup_page.server import MOST_BYTES
+from isochrome.setup_page import MOST_BYTES, open_session
 from runs.killing import listen
 
 from .conftest import served

@@ -18,10 +18,15 @@ from isochrome.errors import InputError
 from isochrome.frames import open_scene_frames
 from isochrome.samples import samples_path
 from isochrome.scene import load_scene
-from isochrome.setup_page import apply_tool, open_session, session_state
-from isochrome.setup_page.edits import without_model
-from isochrome.setup_page.server import fit_answer, order_map_of_points
-from isochrome.setup_page.session import LiveModel
+from isochrome.setup_page import (
+    LiveModel,
+    apply_tool,
+    fit_answer,
+    open_session,
+    order_map_of_points,
+    session_state,
+    without_model,
+)
 
 from .conftest import GIVEN
 

@@ -12,8 +12,7 @@ from browsers import open_chromium, skip_without_browser
 from isochrome.calibration import Calibration, ImageFit, cause_sentence
 from isochrome.errors import InputError
 from isochrome.samples import samples_path
-from isochrome.setup_page import apply_tool, open_session, session_state
-from isochrome.setup_page.session import calibration_answer
+from isochrome.setup_page import apply_tool, calibration_answer, open_session, session_state
 
 BEAM = {"beam.height_mm": 20, "beam.inner_span_mm": 40, "beam.outer_span_mm": 100}
 MOST_ACTIONS = 12
