@@ -18,10 +18,8 @@ import isochrome
 from calibration.target_pictures import Shown, dots
 from figures.drawn_texts import drawn_texts, outside, overlaps
 from isochrome.calibration import ColourCalibration
-from isochrome.campaigns import Campaign
-from isochrome.campaigns.outcome import Outcome
-from isochrome.cli import main
-from isochrome.cli.options import save_paper_figure
+from isochrome.campaigns import Campaign, Outcome
+from isochrome.cli import main, save_paper_figure
 from isochrome.demonstration import Demo
 from isochrome.errors import InputError
 from isochrome.figures import (
@@ -37,7 +35,7 @@ from isochrome.figures import (
 from isochrome.fringes import ColourTable
 from isochrome.output import FrameValues, write_excel_copies, write_tiff
 from isochrome.processing import FOUND_BY, PICTURE, tracked_figure
-from isochrome.processing.pictures.figure import Shown as ShownFrame
+from isochrome.processing import Shown as ShownFrame
 from scene_texts import SMALL_CAMERA, WORN_CONTACT
 from shipped_sets import some_of_a_shipped_set
 

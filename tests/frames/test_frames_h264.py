@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from recordings import COLS, COUNT, RATE, ROWS, UNEVEN, _frame, coded, decoded, video
 
 from isochrome.errors import InputError
-from isochrome.frames import open_frames
-from isochrome.frames.containers import begins_anew, length_bytes
+from isochrome.frames import begins_anew, length_bytes, open_frames
 
 
 def number(value):

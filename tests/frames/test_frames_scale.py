@@ -5,7 +5,7 @@ import pytest
 import tifffile
 
 from isochrome.errors import InputError
-from isochrome.fitting.frame_set import PreparedFrames
+from isochrome.fitting import PreparedFrames
 from isochrome.frames import look_through, open_frames, open_scene_frames, with_file_scale
 from isochrome.output import write_tiff
 from isochrome.processing import process

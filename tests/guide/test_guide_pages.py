@@ -14,7 +14,7 @@ from isochrome.calibration import CalibrationSet, ColourSet
 from isochrome.errors import InputError
 from isochrome.guide import TOPICS, guide_page
 from isochrome.scene import Scene
-from isochrome.simulation.rendering import LAYERS
+from isochrome.simulation import LAYERS
 
 BY_HAND = [topic for topic in TOPICS if topic not in PAGES]
 

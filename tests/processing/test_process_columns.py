@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from isochrome.guide import guide_page
 from isochrome.output import Floats, csv_text, json_pieces
-from isochrome.processing import cell_values, kind_of, row_of_set, tabulate_set
-from isochrome.processing.kinds.tracked import TrackedFilm
+from isochrome.processing import TrackedFilm, cell_values, kind_of, row_of_set, tabulate_set
 from isochrome.scene import load_scene, parse_scene
 
 CELLS = st.one_of(st.none(), st.integers(), st.floats(), st.booleans(), st.sampled_from("ab"))

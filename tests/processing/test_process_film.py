@@ -1,5 +1,6 @@
 """Maps of every frame of a followed video: as `--each` gives them, compact, whoever makes them."""
 
+import pkgutil
 import threading
 
 import cv2
@@ -16,8 +17,6 @@ from isochrome.errors import InputError
 from isochrome.optics import expose
 from isochrome.output import read_csv
 from isochrome.processing import FINEST_STEP, order_step, process
-from isochrome.processing.kinds import tracked
-from isochrome.processing.pictures import preview
 from isochrome.runs import Compact, export
 from isochrome.simulation import make_picture, scene_states, state_difference
 from isochrome.stress import pixel_grid
@@ -280,17 +279,18 @@ def test_options_that_say_nothing_are_refused(tmp_path, more, said):
 
 def test_a_growing_run_can_be_opened_and_looked_at(followed, monkeypatch):
     place, _, _ = followed
-    looks, follow = [], tracked.KeyFrames.follow
+    follow_of = "isochrome.processing.kinds.tracked.KeyFrames.follow"
+    looks, follow = [], pkgutil.resolve_name(follow_of)
 
     def looked(self, frame):
         if frame.index == 7:
             with open_run(place / "grown.partial") as dataset:
                 looks.append((dataset.finished.values.tolist(), dataset.load_normal_n.values,
                               dataset.fringe_order.values))  # fmt: skip
-            looks.append(cv2.imread(str(place / "grown.partial" / preview.PREVIEW)))
+            looks.append(cv2.imread(str(place / "grown.partial" / "preview.png")))
         return follow(self, frame)
 
-    monkeypatch.setattr(tracked.KeyFrames, "follow", looked)
+    monkeypatch.setattr(follow_of, looked)
     # the chunk before is written while this one is computed
     monkeypatch.setattr("isochrome.runs.workers.futures.ThreadPoolExecutor", _AtOnce)
     run(place, out="grown", preview=True)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import isochrome
-from isochrome.processing import ProcessedFrame, process, with_past_friction
-from isochrome.processing.processed import collect
+from isochrome.processing import ProcessedFrame, collect, process, with_past_friction
 from isochrome.samples import samples_path
 from isochrome.scene import load_scene, parse_scene
 

@@ -3,7 +3,7 @@ from .checking import check
 from .in_common import tabulate_set, with_past_friction, with_past_loads, with_scatter_of_gamma
 from .kinds.image_only import says_a_half
 from .kinds.kind import kind_of
-from .kinds.tracked import FINEST_STEP, order_step
+from .kinds.tracked import FINEST_STEP, TrackedFilm, order_step
 from .kinds.with_model import placed_disc
 from .one_frame import (
     AnchorPreview,
@@ -15,8 +15,8 @@ from .one_frame import (
     part_change,
     process_frame,
 )
-from .pictures.figure import plot_order, tracked_figure
-from .processed import Processed, restore
+from .pictures.figure import Shown, plot_order, tracked_figure
+from .processed import Processed, collect, restore
 from .result import FOUND_BY, PICTURE, SPREAD, ProcessedFrame, cell_values, row_of_set
 from .run_report import process_report
 
@@ -31,10 +31,13 @@ __all__ = [
     "PatchOrders",
     "Processed",
     "ProcessedFrame",
+    "Shown",
+    "TrackedFilm",
     "anchor_preview",
     "cell_values",
     "check",
     "check_scene",
+    "collect",
     "kind_of",
     "one_state",
     "order_step",
