@@ -70,6 +70,13 @@ def hostile(cases: list[Case], *says: str, **how: object) -> Callable[[Callable]
     return add
 
 
+def case(
+    cases: list[Case], name: str, make: Callable[[Path], list[str]], *says: str, **how: object
+) -> None:
+    """Put a case of a few words down in a list."""
+    cases.append(Case(make, says, label=name, **how))  # type: ignore[arg-type]
+
+
 def snapshot(place: Path) -> dict[str, object]:
     """All names below a folder, hidden ones too, with bytes, or where a link points."""
     found: dict[str, object] = {}

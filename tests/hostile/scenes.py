@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hostile.attack import Case, hostile
+from hostile.attack import Case, case, hostile
 from hostile.given import (
     CONTACT,
     contact_with,
@@ -188,26 +188,18 @@ polygon(
     "3000 corners",
     "draw it with fewer",
 )
-
-
-@hostile(SCENES, "roi", "lies outside the frame", "correct frames.roi")
-def region_outside_the_frame(place: Path) -> list[str]:
-    return with_frames(place, "[frames]\nroi = {top_px=40, left_px=0, height_px=20, width_px=9}\n")
-
-
-@hostile(SCENES, "frames.roi", "correct it")
-def region_at_minus_one(place: Path) -> list[str]:
-    return with_frames(place, "[frames]\nroi = {top_px=-1, left_px=0, height_px=20, width_px=9}\n")
-
-
-@hostile(SCENES, "frames.roi", "correct it")
-def region_of_no_rows(place: Path) -> list[str]:
-    return with_frames(place, "[frames]\nroi = {top_px=0, left_px=0, height_px=0, width_px=9}\n")
-
-
-@hostile(SCENES, "gone.tif", "no such file", "check its name")
-def no_load_frame_that_is_missing(place: Path) -> list[str]:
-    return with_frames(place, "[frames]\nno_load_dark = 'gone.tif'\n")
+case(SCENES, "region outside the frame",
+     lambda p: with_frames(p, "[frames]\nroi = {top_px=40, left_px=0, height_px=20, width_px=9}\n"),
+     "roi", "lies outside the frame", "correct frames.roi")  # fmt: skip
+case(SCENES, "region at minus one",
+     lambda p: with_frames(p, "[frames]\nroi = {top_px=-1, left_px=0, height_px=20, width_px=9}\n"),
+     "frames.roi", "correct it")  # fmt: skip
+case(SCENES, "region of no rows",
+     lambda p: with_frames(p, "[frames]\nroi = {top_px=0, left_px=0, height_px=0, width_px=9}\n"),
+     "frames.roi", "correct it")  # fmt: skip
+case(SCENES, "no load frame that is missing",
+     lambda p: with_frames(p, "[frames]\nno_load_dark = 'gone.tif'\n"), "gone.tif", "no such file",
+     "check its name")  # fmt: skip
 
 
 @hostile(SCENES, "dark.png", "no_load_dark", "capture both with the same camera settings")
@@ -216,14 +208,11 @@ def no_load_frame_of_another_size(place: Path) -> list[str]:
     return with_frames(place, "[frames]\nno_load_dark = 'dark.png'\n")
 
 
-@hostile(SCENES, "/dev/zero", "cannot be read")
-def no_load_frame_that_is_a_device(place: Path) -> list[str]:
-    return with_frames(place, "[frames]\nno_load_dark = '/dev/zero'\n")
-
-
-@hostile(SCENES, "no_load_dark", "")
-def no_load_frame_without_a_name(place: Path) -> list[str]:
-    return with_frames(place, "[frames]\nno_load_dark = ''\n")
+case(SCENES, "no load frame that is a device",
+     lambda p: with_frames(p, "[frames]\nno_load_dark = '/dev/zero'\n"), "/dev/zero",
+     "cannot be read")  # fmt: skip
+case(SCENES, "no load frame without a name",
+     lambda p: with_frames(p, "[frames]\nno_load_dark = ''\n"), "no_load_dark", "")  # fmt: skip
 
 
 @hostile(SCENES, "dark.tif", "NaN", "check")
@@ -232,9 +221,9 @@ def no_load_frame_of_nan(place: Path) -> list[str]:
     return with_frames(place, "[frames]\nno_load_dark = 'dark.tif'\n")
 
 
-@hostile(SCENES, "known_order", "outside")
-def known_order_outside_the_frame(place: Path) -> list[str]:
-    return with_frames(place, "[[frames.known_order]]\nrow_px = 480\ncol_px = 2\norder = 1.0\n")
+case(SCENES, "known order outside the frame",
+     lambda p: with_frames(p, "[[frames.known_order]]\nrow_px = 480\ncol_px = 2\norder = 1.0\n"),
+     "known_order", "outside")  # fmt: skip
 
 
 @hostile(SCENES, "mask", "")

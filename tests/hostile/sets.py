@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hostile.attack import Case, hostile
+from hostile.attack import Case, case, hostile
 from hostile.bombs import with_mask
 from hostile.given import (
     BENDING,
@@ -158,16 +158,18 @@ def export_of_a_run_without_its_store(place: Path) -> list[str]:
     return export(place)
 
 
-@hostile(SETS, "run.zarr", "run the command that left")
-def export_of_a_run_whose_store_is_garbage(place: Path) -> list[str]:
-    (finished(place) / "run.zarr" / "zarr.json").write_bytes(b"\xff{garbage")
-    return export(place)
+def garbled(place: Path, name: str, data: bytes) -> None:
+    """A run one of whose files is other bytes."""
+    (finished(place) / name).write_bytes(data)
 
 
-@hostile(SETS, "run.zarr", "run the command that left", slow=True)
-def export_of_a_run_one_of_whose_columns_is_garbage(place: Path) -> list[str]:
-    (finished(place) / "run.zarr" / "chi" / "zarr.json").write_bytes(b"[]")
-    return export(place)
+RUN_AGAIN = ("run.zarr", "run the command that left")
+case(SETS, "export of a run whose store is garbage",
+     lambda p: garbled(p, "run.zarr/zarr.json", b"\xff{garbage") or export(p),
+     *RUN_AGAIN)  # fmt: skip
+case(SETS, "export of a run one of whose columns is garbage",
+     lambda p: garbled(p, "run.zarr/chi/zarr.json", b"[]") or export(p), *RUN_AGAIN,
+     slow=True)  # fmt: skip
 
 
 @hostile(SETS, "run.zarr", "run the command that left", slow=True)
@@ -195,15 +197,14 @@ def comparison_with_a_run_whose_maps_are_garbage(place: Path) -> list[str]:
     return compare(place)
 
 
-@hostile(SETS, "old/", "no provenance.json", "move it away")
-def results_over_a_run_whose_record_is_garbage(place: Path) -> list[str]:
-    (finished(place) / "provenance.json").write_bytes(b"\xff[")
+def results_over(place: Path, record: bytes) -> list[str]:
+    garbled(place, "provenance.json", record)
     write_scene(place, "[specimen]\nthickness_mm = 4.0\n")
     return [*process("f.tif", "wrong.toml")[:-1], "old"]
 
 
-@hostile(SETS, "old/", "no provenance.json", "move it away", slow=True)
-def results_over_a_run_whose_record_names_no_files(place: Path) -> list[str]:
-    (finished(place) / "provenance.json").write_text('{"outputs": [1, {"a": 2}]}')
-    write_scene(place, "[specimen]\nthickness_mm = 4.0\n")
-    return [*process("f.tif", "wrong.toml")[:-1], "old"]
+NO_RECORD = ("old/", "no provenance.json", "move it away")
+case(SETS, "results over a run whose record is garbage", lambda p: results_over(p, b"\xff["),
+     *NO_RECORD)  # fmt: skip
+case(SETS, "results over a run whose record names no files",
+     lambda p: results_over(p, b'{"outputs": [1, {"a": 2}]}'), *NO_RECORD, slow=True)  # fmt: skip

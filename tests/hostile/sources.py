@@ -1,29 +1,25 @@
 """Frames that are no files, cannot be read, vanish, or change while they are read."""
 
 import os
+from functools import partial
 from pathlib import Path
 
-from hostile.attack import Case, hostile
+from hostile.attack import Case, case, hostile
 from hostile.given import image, pictures, process, stack, video
 
 SOURCES: list[Case] = []
 
 
-@hostile(SOURCES, "p.avi", "is not a file", "name the file itself")
-def pipe_as_frames(place: Path) -> list[str]:
-    os.mkfifo(place / "p.avi")
-    return process("p.avi")
+def piped(place: Path, name: str) -> list[str]:
+    os.mkfifo(place / name)
+    return process(name)
 
 
-@hostile(SOURCES, "p.tif", "is not a file", "name the file itself")
-def pipe_as_a_stack(place: Path) -> list[str]:
-    os.mkfifo(place / "p.tif")
-    return process("p.tif")
-
-
-@hostile(SOURCES, "/dev/zero", "cannot be read", "folder")
-def device_without_end_as_frames(place: Path) -> list[str]:
-    return process("/dev/zero")
+for name, what in (("p.avi", "frames"), ("p.tif", "a stack")):
+    case(SOURCES, f"pipe as {what}", partial(piped, name=name), name, "is not a file",
+         "name the file itself")  # fmt: skip
+case(SOURCES, "device without end as frames", lambda _: process("/dev/zero"), "/dev/zero",
+     "cannot be read", "folder")  # fmt: skip
 
 
 @hostile(SOURCES, "z.tif", "is not a file", "name the file itself")
@@ -32,14 +28,11 @@ def link_to_a_device_without_end(place: Path) -> list[str]:
     return process("z.tif")
 
 
-@hostile(SOURCES, "/dev/stdin", "cannot be read", "folder")
-def standard_input_as_frames(place: Path) -> list[str]:
-    return process("/dev/stdin")
-
-
-@hostile(SOURCES, "-", "no such file or folder", "check its name")
-def dash_as_frames(place: Path) -> list[str]:
-    return ["process", "--scene", "plain.toml", "--out", "out", "--", "-"]
+case(SOURCES, "standard input as frames", lambda _: process("/dev/stdin"), "/dev/stdin",
+     "cannot be read", "folder")  # fmt: skip
+case(SOURCES, "dash as frames",
+     lambda _: ["process", "--scene", "plain.toml", "--out", "out", "--", "-"], "-",
+     "no such file or folder", "check its name")  # fmt: skip
 
 
 @hostile(SOURCES, "p.toml", "")
@@ -117,9 +110,8 @@ def scene_that_is_a_link_to_itself(place: Path) -> list[str]:
     return process("f.tif")
 
 
-@hostile(SOURCES, "File name too long", "check its name")
-def frames_of_a_name_of_three_hundred_letters(place: Path) -> list[str]:
-    return process("f" * 300 + ".tif")
+case(SOURCES, "frames of a name of three hundred letters", lambda _: process("f" * 300 + ".tif"),
+     "File name too long", "check its name")  # fmt: skip
 
 
 @hostile(SOURCES, "no such file", "check its name")
