@@ -167,9 +167,15 @@ def test_damaged_slices_of_ffv1_are_not_replaced_by_those_of_the_frame_before(na
         assert numbers == list(range(20)) and "frame 20 is damaged" in reason
 
 
-def test_ffv1_without_checksums_is_read(tmp_path):
+def test_ome_notes_with_entities_are_refused_and_ffv1_without_checksums_is_read(tmp_path):
     path = video(tmp_path / "v.mkv", "ffv1", "gray", options={"level": "3", "slicecrc": "0"})
     assert read_until_refused(path) == (list(range(COUNT)), None)
+    path = STILL["OME in disorder"].write(tmp_path)
+    with tifffile.TiffFile(path, mode="r+b") as tif:
+        notes = tif.pages[0].tags["ImageDescription"]
+        notes.overwrite(notes.value.replace("<OME", '<!DOCTYPE a [<!ENTITY b "c">]><OME'))
+    with pytest.raises(InputError, match="entities"):
+        open_frames(path)
 
 
 def test_a_video_that_cannot_be_searched_is_read_from_its_start(tmp_path, monkeypatch):
@@ -515,12 +521,3 @@ def test_ome_notes_of_more_frames_than_there_are_are_refused(tmp_path, size):
         notes.overwrite(notes.value.replace(f'SizeT="{COUNT}"', f'SizeT="{size}"'))
     peak, reason = peak_of(lambda: open_frames(path))
     assert f"name {size} frames and {COUNT} are in it" in reason and peak < 50e6
-
-
-def test_entities_in_ome_notes_are_refused(tmp_path):
-    path = STILL["OME in disorder"].write(tmp_path)
-    with tifffile.TiffFile(path, mode="r+b") as tif:
-        notes = tif.pages[0].tags["ImageDescription"]
-        notes.overwrite(notes.value.replace("<OME", '<!DOCTYPE a [<!ENTITY b "c">]><OME'))
-    with pytest.raises(InputError, match="entities"):
-        open_frames(path)

@@ -52,17 +52,14 @@ def test_a_plateau_below_the_types_end_is_saturation_too(clip, depth, full):
     assert not to_linear(levels, bit_depth=8 if depth == 8 else 16).valid[lost].any()
 
 
-def test_hot_pixels_and_glare_above_a_plateau_do_not_hide_it():
+def test_only_a_plateau_on_top_is_saturation():
     levels, lost = stored(265.0, noise=2.0, clip=240.0)
     levels[::60, ::70] = 255
     levels[5:10, 5:10] = 255
     for kind, full, depth in ((levels, 255.0, 8), ((levels / 255.0).astype(np.float32), 1.0, None)):
         assert saturation_level(kind, full=full) == pytest.approx(240.0 * full / 255.0)
         assert not to_linear(kind, bit_depth=depth).valid[lost].any()
-
-
-def test_even_light_of_a_computed_frame_below_full_scale_is_no_saturation():
-    """A bright field far from the contact: one level over half of the picture, without noise."""
+    # A bright field far from the contact: one level over half of the picture, without noise
     levels = np.rint(230.0 * np.cos(np.pi * np.exp(-((ROW / 60.0) ** 2))) ** 2).astype(np.uint8)
     assert np.mean(levels == levels.max()) > 0.2
     assert saturation_level(levels, full=255.0) == np.inf
