@@ -100,10 +100,7 @@ def test_a_pixel_alone_among_masked_ones_is_not_known():
     valid[::6, ::6] = True
     order = ramp(0.04)
     assert not np.isfinite(read(captured(order), order, valid=valid).order).any()
-
-
-def test_an_order_is_never_below_zero():
-    """A model that says nearly nothing: the light may ask for less, and an order has no sign."""
+    # A model that says nearly nothing: the light may ask for less, and an order has no sign
     order = np.full(SHAPE, 0.02) + 1e-4 * COLS
     got = read(captured(order), order)
     assert np.isfinite(got.order).any()

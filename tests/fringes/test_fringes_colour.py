@@ -203,7 +203,7 @@ def test_gamma_bright_field_and_more_noise(kwargs):
     meets_the_bar(shot.read(), shot.order, kept=0.95)
 
 
-def test_one_saturated_channel_leaves_the_other_two():
+def test_one_channel_alone_tells_no_order():
     shot = rendered("contact", mu=0.3)
     over = [np.array(a, dtype=float) for a in (shot.frame, shot.dark, shot.bright)]
     for image in over:
@@ -212,10 +212,6 @@ def test_one_saturated_channel_leaves_the_other_two():
     lit = Shot(*over, shot.order, shot.table, shot.noise, 1.0)
     assert (over[0][..., 1] == 255.0).mean() > 0.1
     meets_the_bar(lit.read(), shot.order, kept=0.95)
-
-
-def test_one_channel_alone_tells_no_order():
-    shot = rendered("contact", mu=0.3)
     over = shot.frame.copy()
     over[60:120, 80:200, :2] = 255  # red and green are saturated there
     got = Shot(over, shot.dark, shot.bright, shot.order, shot.table, shot.noise, 1.0).read()
@@ -293,6 +289,14 @@ def test_a_wrong_table_shows_in_chi_and_nothing_is_read(kind, peaks, widths, no_
 def test_a_wrong_gamma_shows_and_nothing_is_read():
     reading = rendered("contact", mu=0.3, gamma=2.2).read(gamma=1.0)
     assert reading.chi > 1.5 and not np.isfinite(reading.order).any()
+    shot = rendered("contact")
+    idle = Shot(shot.dark, shot.dark, shot.bright, 0.0 * shot.order, shot.table, 3.0, 1.0)
+    reading = idle.read()
+    assert np.nanmax(reading.order) < 0.06  # sqrt of the noise of N², sin² being flat there
+    with pytest.raises(InputError, match=r"no fringes|not the table's"):
+        Shot(
+            np.full_like(shot.dark, 8), shot.dark, shot.bright, shot.order, shot.table, 3.0, 1.0
+        ).read("none")
 
 
 @pytest.mark.long
@@ -309,18 +313,7 @@ def test_light_too_uneven_to_be_found_needs_the_no_load_frames():
     assert not np.isfinite(blind.order).any() and not blind.confidence.any()
 
 
-def test_an_unloaded_specimen_is_zero_and_blindly_nothing():
-    shot = rendered("contact")
-    idle = Shot(shot.dark, shot.dark, shot.bright, 0.0 * shot.order, shot.table, 3.0, 1.0)
-    reading = idle.read()
-    assert np.nanmax(reading.order) < 0.06  # sqrt of the noise of N², sin² being flat there
-    with pytest.raises(InputError, match=r"no fringes|not the table's"):
-        Shot(
-            np.full_like(shot.dark, 8), shot.dark, shot.bright, shot.order, shot.table, 3.0, 1.0
-        ).read("none")
-
-
-def test_a_table_is_the_integral_over_the_spectrum():
+def test_a_table_is_the_integral_over_the_spectrum_and_ends_where_all_is_white():
     """Against a plain sum over a fine grid of wavelengths."""
     table = spectral_table(WHITE, camera_response(Camera(colour=True)))
     wave = np.linspace(400.0, 700.0, 30001)
@@ -334,9 +327,6 @@ def test_a_table_is_the_integral_over_the_spectrum():
         exact = (sensor * light * ends).sum(axis=1) / (sensor * ends).sum(axis=1)
         # the trapezoid's own error on 1e-2 nm is 1e-8
         np.testing.assert_allclose(table.signal[int(order * 256)], exact, rtol=0, atol=1e-6)
-
-
-def test_a_table_ends_where_all_is_white_and_lines_never_are():
     white = spectral_table(WHITE, camera_response(Camera(colour=True)))
     assert 5.0 < white.highest < 10.0
     assert white.white == pytest.approx([0.5] * 3, abs=0.01)
@@ -346,9 +336,6 @@ def test_a_table_ends_where_all_is_white_and_lines_never_are():
     )
     endless = spectral_table(lines, gaussian_response((600, 540, 460), (5, 5, 5)))
     assert endless.highest == 12.0 and endless.white is None
-
-
-def test_real_plates_widen_the_table():
     scope = Polariscope(wavelength_nm=587.0, light="white", plate_wavelength_nm=560.0)
     assert (spectral_table(scope, camera_response(Camera(colour=True))).spread > 0.002).all()
 

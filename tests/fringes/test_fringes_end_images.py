@@ -21,7 +21,7 @@ LIT = (240, 300)
 NOISE = 0.012
 
 
-def test_the_polynomials_of_all_rooms_span_the_same_images():
+def test_smooth_images_of_all_rooms_and_bins_are_the_same():
     """Quadratics of the place: Legendre's, plain powers, and those of binned pixels."""
     wanted = polynomial_basis(SHAPE, 2).reshape(6, -1)
     binned = np.moveaxis(binned_light(SHAPE, 1).images, -1, 0)
@@ -29,16 +29,10 @@ def test_the_polynomials_of_all_rooms_span_the_same_images():
         flat = other.reshape(6, -1)
         left = wanted - np.linalg.lstsq(flat.T, wanted.T, rcond=None)[0].T @ flat
         assert np.abs(left).max() < 1e-12
-
-
-def test_binned_light_is_that_at_the_middles_of_bins():
-    """A plane's mean over a bin is its value there; the terms are 1, x, x², y, xy, y²."""
+    # A plane's mean over a bin is its value there; the terms are 1, x, x², y, xy, y²
     full, half = (binned_light(SHAPE, by).images[..., [0, 1, 3]] for by in (1, 4))
     blocks = full.reshape(10, 4, 15, 4, 3).mean(axis=(1, 3))
     np.testing.assert_allclose(half, blocks, atol=1e-14)
-
-
-def test_a_sum_of_smooth_images_is_that_of_their_pictures():
     smooth = binned_light(SHAPE, 2, spots=0.1)
     terms = np.random.default_rng(0).normal(size=smooth.spread.size)
     np.testing.assert_allclose(smooth.sum(terms), smooth.images @ terms, rtol=0, atol=1e-12)
@@ -78,7 +72,7 @@ def frame(*, spot=0.0, bar=0.0, noise=NOISE, slope=0.03, seed=3):
 
 
 @pytest.mark.long
-def test_a_spot_is_found_where_the_frame_shows_it():
+def test_a_spot_is_found_where_the_frame_shows_it_and_an_end_is_as_uncertain_as_it_is_off():
     """By quadratics alone the bright end would be off by 5 % of the contrast."""
     *given, bright = frame(spot=0.5, bar=0.3)
     found = fit_background_modulation(*given)
@@ -87,6 +81,12 @@ def test_a_spot_is_found_where_the_frame_shows_it():
     quadratic = binned_light(LIT, 1).images.reshape(bright.size, -1)
     left = bright.ravel() - quadratic @ np.linalg.lstsq(quadratic, bright.ravel(), rcond=None)[0]
     assert np.sqrt(np.mean(left**2)) > 0.03
+    # over the frame, spots and all: the bright end's pulls
+    *given, bright = frame(spot=0.4)
+    found = fit_background_modulation(*given)
+    pulls = (found.bright - bright) / np.sqrt(found.variance[1, 1])
+    # a smooth field has some ten independent places; a prior that is too wide gives less
+    assert 0.2 < np.sqrt(np.mean(pulls**2)) < 2.0
 
 
 def test_an_even_lamp_asks_for_no_spots():
@@ -126,16 +126,6 @@ def test_a_surface_through_the_crests_is_the_lamp_and_leaves_out_what_is_none(tu
     # lines' light is smoothed over 3 px: (2 pi/50 x 3)²/4 = .036 of a crest,
     # a tenth of that once sharpened
     assert np.sqrt(np.mean(away[crest] ** 2)) < 0.01
-
-
-@pytest.mark.long
-def test_an_end_is_as_uncertain_as_it_is_off():
-    """Over the frame, spots and all: the bright end's pulls."""
-    *given, bright = frame(spot=0.4)
-    found = fit_background_modulation(*given)
-    pulls = (found.bright - bright) / np.sqrt(found.variance[1, 1])
-    # a smooth field has some ten independent places; a prior that is too wide gives less
-    assert 0.2 < np.sqrt(np.mean(pulls**2)) < 2.0
 
 
 @pytest.mark.parametrize("noise", [0.02, 0.03])

@@ -93,18 +93,9 @@ def test_a_kept_state_is_taken_up_again():
     assert kept.doubting(doubt).doubts == 1
 
 
-def test_a_wave_is_that_of_its_rise():
+def test_an_order_goes_on_beyond_where_it_is_known_and_a_wave_is_that_of_its_rise():
     found = light_wave(np.array([[0.0, 1.0, 2.0]]), np.array([[2.0, 2.0, 2.0]]))
     assert np.allclose(found, [[1.0, 0.0, -1.0]])
-
-
-def tilted(slope):
-    """Orders that rise along the rows, fringes a pixel, and the left half where they are known."""
-    orders = 0.2 + slope * np.arange(COLS, dtype=np.float32) + np.zeros((ROWS, 1), np.float32)
-    return orders, np.arange(COLS) < COLS // 2 + np.zeros((ROWS, 1), int)
-
-
-def test_an_order_goes_on_beyond_where_it_is_known():
     orders, known = tilted(0.06)
     found = continued(np.where(known, orders, 7.0), known)
     edge = COLS // 2
@@ -112,6 +103,12 @@ def test_an_order_goes_on_beyond_where_it_is_known():
     assert np.abs(found - orders)[:, edge : edge + 2].max() < 0.01
     assert np.array_equal(found[known], orders[known])
     assert (found[:, edge + 10 :] == 7.0).all()
+
+
+def tilted(slope):
+    """Orders that rise along the rows, fringes a pixel, and the left half where they are known."""
+    orders = 0.2 + slope * np.arange(COLS, dtype=np.float32) + np.zeros((ROWS, 1), np.float32)
+    return orders, np.arange(COLS) < COLS // 2 + np.zeros((ROWS, 1), int)
 
 
 def test_what_its_light_bears_out_is_regained():

@@ -201,12 +201,16 @@ def test_beside_isotropic_points_the_order_is_right_or_masked():
     assert np.nanmax(error) < SURE
 
 
-def test_without_a_known_point_nothing_is_known():
+def test_without_a_known_point_inside_the_frame_nothing_is_known():
     _, light, _ = reading("contact, mu 0.3")
     got = read_free(light.wave[CUT], light.wave_sigma[CUT], light.valid[CUT], [])
     assert not np.isfinite(got.reading.order).any()
     assert got.reading.kept == 0.0 and got.anchored == 0.0
     assert not got.reading.confidence.any()
+    frame, _, (_, _, order) = part(80, 30)
+    got = read_free(*frame, [(900, 900, order)])
+    assert got.misses == ((900, 900, order),)
+    assert not np.isfinite(got.reading.order).any()
 
 
 def part(row: int, col: int) -> tuple[tuple[np.ndarray, ...], np.ndarray, tuple]:
@@ -334,13 +338,6 @@ def test_a_frame_of_fewer_patches_than_a_part_needs_is_a_miss(shape):
     _, got = small_frame(shape)
     assert got.reading.order.shape == shape
     assert not np.isfinite(got.reading.order).any() and got.misses == ((0, 0, 0.2),)
-
-
-def test_a_known_point_outside_the_frame_is_a_miss():
-    frame, _, (_, _, order) = part(80, 30)
-    got = read_free(*frame, [(900, 900, order)])
-    assert got.misses == ((900, 900, order),)
-    assert not np.isfinite(got.reading.order).any()
 
 
 def a_lattice(slope, chi):

@@ -73,9 +73,6 @@ def test_a_beams_line_of_order_1_does_not_hide_its_line_of_nought():
     for got in (read(BENT, [(124, 110, 1.0)]), read(BENT, lines=[along(BENT, 1.0)])):
         assert not np.isfinite(got.reading.order).any()
         assert "cannot decide on which side" in got.said[0]
-
-
-def test_a_beams_neutral_axis_as_a_line_of_nought_has_both_sides_read():
     axis = KnownPlaces(((80.4, 20.0), (79.1, 110.0), (80.8, 200.0)), 0.0, "frames.known_line[1]")
     for known in ((), [(124, 110, 1.0)]):
         got = read(BENT, known, [axis])
