@@ -102,12 +102,9 @@ def test_every_command_has_two_examples_and_their_options_are_its_own():
             command.make_context(words, arguments[len(words.split()) :])
 
 
-def test_the_version_is_the_packages(quick_isochrome):
+def test_help_names_the_completion_and_the_version_is_the_packages(quick_isochrome):
     done = quick_isochrome("--version")
     assert (done.code, done.out, done.err) == (0, f"isochrome {version('isochrome')}\n", "")
-
-
-def test_help_names_the_completion_of_shells(quick_isochrome):
     assert "--install-completion" in quick_isochrome("--help").out
 
 

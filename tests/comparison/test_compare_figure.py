@@ -50,7 +50,7 @@ def test_panels_letters_labels_and_numbers(count):
     assert "95 % below 0.02" in text and "NCC" in text and "µm" in text
 
 
-def test_axes_are_in_millimetres_and_shared():
+def test_axes_are_in_millimetres_and_shared_or_count_pixels():
     figure = side_by_side(*frame_sets(2))
     shown = panels(figure)
     for axes in shown:
@@ -59,15 +59,12 @@ def test_axes_are_in_millimetres_and_shared():
         assert axes.get_aspect() == 1.0
     assert shown[0].get_ylabel() == "z (mm)"
     assert [axes.get_xlabel() for axes in shown] == [""] * 3 + ["x (mm)"] * 3
-
-
-def test_without_a_scale_axes_count_pixels():
     figure = side_by_side(*frame_sets(1, pixel_mm=None))
     assert panels(figure)[0].get_xlabel() == "column (px)"
     assert "No pixel scale" in all_text(figure)
 
 
-def test_one_grey_range_and_one_centred_difference_range():
+def test_one_grey_range_and_differences_follow_what_is_known():
     shown = panels(side_by_side(*frame_sets(3)))
     greys = {axes.images[0].get_clim() for k, axes in enumerate(shown) if k % 3 < 2}
     differences = {axes.images[0].get_clim() for axes in shown[2::3]}
@@ -75,9 +72,6 @@ def test_one_grey_range_and_one_centred_difference_range():
     ((low, high),) = differences
     assert low == -high
     assert shown[2].images[0].get_cmap().name == figures.DIFFERENCE_MAP
-
-
-def test_difference_and_bar_follow_what_is_known():
     experiment, simulation = frame_sets(1)
     bars = [a.get_ylabel() for a in side_by_side(experiment, simulation).axes]
     assert "difference of fringe order (fringes)" in bars

@@ -82,13 +82,18 @@ def measured(tmp_path):
     return tmp_path / "scene.toml"
 
 
-def test_a_stiff_simulated_scar_is_the_arc():
+def test_the_static_state_is_no_scar():
     (scar,) = simulated_scars(parse_scene(STIFF), [233.0])
     a = half_chord(233.0)
     # what the contact yields still widens it, by (hertz/chord)³/3 = 4e-5 or so
     assert scar.worn_area_mm2 == pytest.approx(worn_area(233.0), rel=1e-4)
     assert scar.width_mm == pytest.approx(2.0 * a, rel=5e-3)
     assert scar.depth_um.max() == pytest.approx(1e3 * a**2 / (2.0 * RADIUS), rel=5e-3)
+    scene = load_scene("line-contact-wear")
+    assert scene.friction.static_state_first
+    (scar,) = simulated_scars(scene, [77.0])
+    assert scar.distance_m == 77.0
+    assert scar.worn_area_mm2 == pytest.approx(worn_area(77.0), rel=1e-3)
 
 
 def test_the_band_is_that_of_the_closed_form():
@@ -113,14 +118,6 @@ def test_the_band_is_that_of_the_closed_form():
         -share / 3.0 * depth, rel=2e-2
     )
     assert abs(scar.moved_area_mm2["indenter.radius_mm"]) < 1e-4 * worn_area(233.0)
-
-
-def test_the_static_state_is_no_scar():
-    scene = load_scene("line-contact-wear")
-    assert scene.friction.static_state_first
-    (scar,) = simulated_scars(scene, [77.0])
-    assert scar.distance_m == 77.0
-    assert scar.worn_area_mm2 == pytest.approx(worn_area(77.0), rel=1e-3)
 
 
 def test_measured_scars_lie_on_the_simulated_ones(measured, tmp_path):

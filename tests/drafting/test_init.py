@@ -51,7 +51,7 @@ def test_95_of_100_drawn_contacts_end_in_the_right_scene_and_none_in_a_wrong_one
     assert sum(v.kind == "right" for v in verdicts) >= 95
 
 
-def test_the_text_is_the_scene_and_says_where_each_value_is_from(draft):
+def test_the_text_is_the_scene_says_where_values_are_from_and_what_is_to_be_filled_in(draft):
     assert isochrome.parse_scene(draft.text, name="scene") == draft.scene
     for value in draft.values:
         assert draft.scene.get(value.key) in _as_written(value.value)
@@ -59,18 +59,15 @@ def test_the_text_is_the_scene_and_says_where_each_value_is_from(draft):
     assert line.endswith("# as given; GPa")
     load = next(row for row in draft.text.split("\n") if row.startswith("normal_n"))
     assert "# found, ± " in load
+    opened = {key.key for key in draft.open}
+    assert "polariscope.wavelength_nm" in opened and "frames.no_load_bright" in opened
+    filled = draft.text.replace("# wavelength_nm =", "wavelength_nm = 587.0")
+    assert isochrome.parse_scene(filled).polariscope.wavelength_nm == 587.0
 
 
 def _as_written(value):
     """The value, or numbers that are it to the digits of a text."""
     return [value] if isinstance(value, str) else [pytest.approx(value, rel=1e-4)]
-
-
-def test_a_line_that_nobody_knows_is_to_be_filled_in(draft):
-    opened = {key.key for key in draft.open}
-    assert "polariscope.wavelength_nm" in opened and "frames.no_load_bright" in opened
-    filled = draft.text.replace("# wavelength_nm =", "wavelength_nm = 587.0")
-    assert isochrome.parse_scene(filled).polariscope.wavelength_nm == 587.0
 
 
 @pytest.mark.long
@@ -136,7 +133,7 @@ def test_a_wrong_value_is_refused(case, key, factor):
         isochrome.init(case.captured, known)
 
 
-def test_what_no_frame_tells_is_asked_for(case):
+def test_twelve_bits_in_sixteen_are_asked_about(case):
     known = known_of(case)
     del known["radius_mm"], known["load_n"]
     with pytest.raises(isochrome.InputError, match=r"give --radius-mm and --load-n"):
@@ -147,15 +144,9 @@ def test_what_no_frame_tells_is_asked_for(case):
         isochrome.init(case.captured, known)
     with open_frames(case.captured) as frames:
         assert open_questions(frames, KnownValues(**known)) == ("pixel_mm",)
-
-
-def test_colours_need_to_be_named(case):
     colours = np.repeat(case.captured[..., None], 3, axis=2)
     with pytest.raises(isochrome.InputError, match=r"--wavelength-nm.*or --channel"):
         isochrome.init(colours, known_of(case))
-
-
-def test_twelve_bits_in_sixteen_are_asked_about(case):
     deep = case.captured.astype(np.uint16) * 16
     with pytest.raises(isochrome.InputError, match=r"as of 12 bits.*--bit-depth 12"):
         isochrome.init(deep, known_of(case))
@@ -276,7 +267,7 @@ def folder(tmp_path):
 OTHER = {"shape": "other", "pixel_mm": 0.13}
 
 
-def test_a_folders_no_load_frames_are_no_frames(folder):
+def test_folders_of_no_load_frames_are_told_apart(folder):
     assert "disc-560N.tif: 1 frame of" in isochrome.init(folder, OTHER).text
     (folder / "no-load-dark.tif").rename(folder / "ground.tif")
     assert ": 2 frames of" in isochrome.init(folder, OTHER).text  # nobody says what it is
@@ -285,9 +276,6 @@ def test_a_folders_no_load_frames_are_no_frames(folder):
         'no_load_bright = "no-load-bright.tif"\n'
     )
     assert "disc-560N.tif: 1 frame of" in isochrome.init(folder, OTHER).text
-
-
-def test_a_folder_of_no_load_frames_alone_is_said_to_be_one(folder):
     (folder / "disc-560N.tif").unlink()
     with pytest.raises(isochrome.InputError, match=r"besides no-load-bright\.tif, no-load"):
         isochrome.init(folder, OTHER)

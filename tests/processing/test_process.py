@@ -99,16 +99,11 @@ def test_all_sample_frames_are_read_to_a_hundredth_of_a_fringe(true_order):
         right_to_a_hundredth(item, true)
 
 
-def test_stated_uncertainty_is_that_of_the_errors(first_and_last, true_order):
+def test_uncertainty_and_confidence_are_those_of_the_errors(first_and_last, true_order):
     for item, state in zip(first_and_last.frames, (0, 5), strict=True):
         pull = (item.reading.order - true_order[state]) / item.reading.uncertainty
         pull = pull[np.isfinite(pull)]
         assert 0.8 < np.sqrt(np.mean(pull**2)) < 1.3
-
-
-def test_confidence_is_the_share_of_pixels_right_to_a_twentieth_of_a_fringe(
-    first_and_last, true_order
-):
     judged = 0
     for item, state in zip(first_and_last.frames, (0, 5), strict=True):
         known = np.isfinite(item.reading.order)
@@ -215,9 +210,6 @@ def test_a_rim_that_is_not_the_discs_is_told(small_disc):
     for wider, told in ((1.02, False), (1.06, True)):
         _, notes = placed_disc(scene.with_values({"camera.pixel_mm": 0.39 * wider}), data)
         assert any("mm wide by camera.pixel_mm" in note for note in notes) == told
-
-
-def test_a_disc_is_found_with_its_load(small_disc):
     found = process(*small_disc)
     assert found.columns["load.normal_n"][0] == pytest.approx(560.0, rel=1e-3)
     assert 0.9 < found.columns["chi"][0] < 1.1

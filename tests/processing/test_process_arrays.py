@@ -82,11 +82,15 @@ def test_fit_and_check_of_an_array_are_those_of_its_file(ring):
     assert numbers_of(one) == numbers_of(other) and one.ok
 
 
-def test_a_scene_may_be_its_tables(ring):
+def test_arrays_and_tables_are_taken_as_files_are_and_too_many_maps_refused(ring):
     tables = RING.model_dump(exclude_unset=True)
     found = isochrome.simulate(tables)
     assert np.array_equal(found.frames, ring[0])
     assert isochrome.check(ring[0], tables).ok
+    endless = Endless(ring[0][0])
+    with pytest.raises(InputError, match=r"900000 frames take 177 GB.*give a folder") as refusal:
+        isochrome.process(endless, RING)
+    assert endless.asked < 5 and len(str(refusal.value).splitlines()) == 1
 
 
 def test_an_array_in_memory_and_on_disk_leaves_the_same_and_is_not_taken_for_another(ring, empty):
@@ -130,13 +134,6 @@ class Endless:
     def __getitem__(self, index):
         self.asked += 1
         return self.frame
-
-
-def test_maps_that_memory_cannot_hold_are_refused_before_any_is_made(ring):
-    endless = Endless(ring[0][0])
-    with pytest.raises(InputError, match=r"900000 frames take 177 GB.*give a folder") as refusal:
-        isochrome.process(endless, RING)
-    assert endless.asked < 5 and len(str(refusal.value).splitlines()) == 1
 
 
 def test_steps_of_an_array_and_an_array_of_the_unloaded_specimen(empty):

@@ -35,15 +35,12 @@ def test_columns_hold_what_the_rows_do(rows):
         assert all(same(value, row.get(name)) for value, row in zip(values, rows, strict=True))
 
 
-def test_numbers_take_eight_bytes_as_long_as_all_are():
+def test_numbers_take_eight_bytes_and_a_text_that_comes_again_none():
     rows = [{"warnings": "", "chi": 1.0 + k, "wear": float(k)} for k in range(100)]
     table = tabulate_set(rows)
     assert list(table) == ["chi", "wear", "warnings"]  # the longest texts last
     assert isinstance(table["chi"], Floats) and table["chi"].itemsize == 8
     assert isinstance(tabulate_set([*rows, {"warnings": ""}])["wear"], list)
-
-
-def test_a_text_that_comes_again_is_the_one_before():
     texts = ["".join(["fo", "llowed"]) for _ in range(3)]
     assert texts[0] is not texts[1]
     found = tabulate_set({"found_by": text} for text in texts)["found_by"]

@@ -139,7 +139,7 @@ def test_a_figure_shows_the_maps_of_the_frames_that_it_names(followed, kept):
     assert np.isnan(of_frame[1]).all()  # its picture is not kept, and the panel says so
 
 
-def test_a_figure_of_few_key_frames_shows_other_frames_too(followed):
+def test_figures_show_frames_that_have_maps_and_refuse_others(followed):
     _, found, _ = followed
     figure = isochrome.paper_figure(found)
     shown = [values for name, values in shown_maps(figure).items() if "order" in name]
@@ -150,9 +150,6 @@ def test_a_figure_of_few_key_frames_shows_other_frames_too(followed):
     assert texts.count("its picture\nis not kept") == 2
     alone = shown_maps(isochrome.paper_figure(found, isochrome.FigureStyle(frames=(3,))))
     assert len(alone) == 1  # no panel for a picture that nobody has
-
-
-def test_frames_without_a_map_are_refused_in_a_figure(followed):
     place, _, _ = followed
     found = run(place, out=None, maps="key")
     shown = shown_maps(isochrome.paper_figure(found))

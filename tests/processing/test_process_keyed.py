@@ -36,15 +36,11 @@ def test_orders_are_read_anew_after_a_gap():
     assert "read anew in frame 6" in found.table["warnings"][6]
 
 
-def test_a_film_in_which_nothing_can_be_read_says_so():
+def test_a_film_of_nothing_or_of_far_loads_is_refused():
     film = LoadedFilm(4)
     with pytest.raises(PhysicsError, match="no order could be read in any of the frames"):
         process(film.frames(range(1)), film.scene(**AXIS), track=True)
-
-
-def test_a_set_whose_loads_are_far_apart_is_no_film():
-    """Each frame can be read, and none of them be followed to from the one before."""
-    film = LoadedFilm(4)
+    # each frame can be read, and none of them be followed to from the one before
     numbers = [22, 32, 40]
     assert np.abs(np.diff(film.course[numbers])).min() > 1.0
     with pytest.raises(PhysicsError, match="cannot be followed in time"):

@@ -75,12 +75,9 @@ def test_check_reads_loads_and_refuses_those_that_do_not_belong(frames):
     assert any("3 other loads are known" in one.text for one in few.findings)
 
 
-def test_too_few_known_loads_are_no_result(frames):
+def test_too_few_loads_or_not_one_a_frame_are_refused(frames):
     with pytest.raises(PhysicsError, match=r"nothing could be read .*3 other loads are known"):
         process(frames[:4], with_loads(*LOADS[:4]))
-
-
-def test_a_number_for_each_frame(frames):
     with pytest.raises(InputError, match=r"known_loads_n has 6 numbers, and the set 7 frames"):
         process(frames, with_loads(*LOADS[:6]))
 

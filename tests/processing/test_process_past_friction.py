@@ -27,11 +27,14 @@ def test_a_friction_that_was_another_before_is_wider_by_what_the_scar_remembers(
     assert with_past_friction(found, SCENE) is found  # once is enough
 
 
-def test_a_friction_that_is_always_the_same_and_a_block_that_wears_not_stay():
+def test_a_friction_of_one_course_or_shown_in_the_frame_stays():
     given = table([0.2] * 4, [0, 31, 77, 155])
     assert with_past_friction(given, SCENE) is given
     given = table([0.2, 0.2, 0.2, 0.3], [0, 31, 77, 155])
     assert with_past_friction(given, SCENE.model_copy(update={"wear": None})) is given
+    given = table([0.2, 0.2, 0.2, 0.3], [0, 31, 77, 155])
+    shown = {"causes": ["", "", "", "friction.earlier_change = -0.1 ± 0.001"]}
+    assert with_past_friction(given | shown, SCENE)[SPREAD] == [1e-6] * 4
 
 
 @pytest.mark.long
@@ -113,23 +116,14 @@ def test_a_single_frame_of_one_friction_asks_for_no_other_before():
     assert abs(row[KEY] - 0.25) < 3.0 * row[SPREAD]
 
 
-def test_an_earlier_change_is_a_table_that_ends_in_another_friction():
+def test_an_earlier_change_is_a_table_that_ends_in_another_friction_and_is_refused_beside_one():
     stated = worn("coefficient = 0.25\nearlier_change = -0.1")
     states = [isochrome.simulate(s).states[-1] for s in (stated, worn(CHANGED.format(0.15)))]
     first, second = (state.surface.pressure_mpa for state in states)
     # the last two centimetres, which wear the peaks at the scar's ends; of one friction it is 1.6 %
     assert np.abs(first - second).sum() < 5e-4 * first.sum()
-
-
-def test_an_earlier_change_beside_a_table_is_refused():
     with pytest.raises(isochrome.InputError, match=r"earlier_change.*says what it was before"):
         worn(CHANGED.format(0.15) + "\nearlier_change = 0.1")
-
-
-def test_a_frame_that_shows_its_past_stays_as_sure_as_it_is():
-    given = table([0.2, 0.2, 0.2, 0.3], [0, 31, 77, 155])
-    shown = {"causes": ["", "", "", "friction.earlier_change = -0.1 ± 0.001"]}
-    assert with_past_friction(given | shown, SCENE)[SPREAD] == [1e-6] * 4
 
 
 def test_a_frame_that_is_made_wider_and_has_nothing_to_say_says_nothing():

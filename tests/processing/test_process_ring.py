@@ -67,14 +67,11 @@ def test_the_order_at_the_holes_edge_is_in_proportion_to_the_load(orders, side):
     assert np.abs(each / each.mean() - 1.0).max() < 0.05
 
 
-def test_without_load_the_order_is_near_zero(orders):
+def test_without_load_the_order_is_near_zero_and_most_of_the_ring_is_read(orders):
     known = orders[0][np.isfinite(orders[0])]
     assert known.size > 20_000
     assert np.median(known) < 0.05 and np.percentile(known, 99.0) < 0.1
-
-
-def test_most_of_the_ring_is_read_and_both_halves_agree(orders):
-    """The ring and its load are the same on both sides but for the frame's own tilt."""
+    # the ring and its load are the same on both sides but for the frame's own tilt
     for order in orders[1:]:
         assert np.isfinite(order).sum() > 0.9 * np.isfinite(orders[0]).sum()
 

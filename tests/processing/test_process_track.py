@@ -117,15 +117,12 @@ def test_the_dataset_has_pictures_of_key_frames_and_columns_of_all(tracked, tmp_
     assert run.stat().st_size > 3 * 2 * 4 * SHAPE[0] * SHAPE[1]
 
 
-def test_a_comparison_takes_the_key_frames(tracked):
+def test_a_complete_run_gives_its_table_again_and_its_key_frames_are_compared(tracked):
     place, _ = tracked
     found = load_frame_set(place / "out")
     assert found.signal.shape == (2, *SHAPE) and found.order.shape == (2, *SHAPE)
     assert found.labels == ("static",) * 2
     assert found.noise.shape == (2,) and np.isfinite(found.noise).all()
-
-
-def test_a_complete_run_gives_its_table_again(tracked):
     place, found = tracked
     again = run(place)
     assert again.already and again.warnings == found.warnings
@@ -139,16 +136,10 @@ def test_a_complete_run_gives_its_table_again(tracked):
 
 @pytest.mark.study
 @pytest.mark.long
-def test_two_workers_leave_the_same_files(tracked):
+def test_other_key_frames_are_another_run_and_two_workers_leave_the_same_files(tracked):
     place, _ = tracked
     run(place, "two", workers=2)
     assert contents(place / "two") == contents(place / "out")
-
-
-@pytest.mark.study
-@pytest.mark.long
-def test_other_key_frames_are_another_run(tracked):
-    place, _ = tracked
     found = process(
         place / "film.tif", place / "scene.toml", place / "other", track=True, every=EVERY
     )

@@ -100,7 +100,7 @@ def test_every_text_of_a_run_is_kept_apart_from_its_neighbours(hostile_file):
         assert inside and "</bdi>" in behind, body[at - 80 : at]
 
 
-def test_headings_are_in_order_and_pictures_have_words(page):
+def test_headings_are_in_order_and_all_that_a_report_promises_is_there(page):
     levels = [int(tag[1]) for tag, _ in page.elements if re.fullmatch(r"h[1-6]", tag)]
     assert levels[0] == 1 and levels.count(1) == 1
     assert all(b - a <= 1 for a, b in pairwise(levels))
@@ -108,9 +108,6 @@ def test_headings_are_in_order_and_pictures_have_words(page):
     assert all(image.get("alt") for image in page.of("img") if "src" in image)
     ids = [own["id"] for _, own in page.elements if "id" in own]
     assert len(ids) == len(set(ids))
-
-
-def test_all_that_a_report_promises_is_on_the_page(page):
     text = page.text
     for words in ("Causes found", "Uncertainty budget", "Remedy", "For a paper", "Scene",
                   "N is rounded to 0.001 fringe", "two standard uncertainties"):  # fmt: skip
@@ -233,8 +230,10 @@ def test_a_report_is_the_same_each_time(report_file):
     assert report_html(made_content()).encode() == report_file.read_bytes()
 
 
-def test_few_frames_are_all_shown():
+def test_few_frames_are_all_shown_unknown_ones_too():
     assert [one.number for one in choose_frames(np.ones(8), np.ones(8))] == list(range(8))
+    nothing = np.full(50, np.nan)
+    assert len(choose_frames(nothing, nothing)) == 8
 
 
 @pytest.mark.parametrize("count", [9, 10, 100, 20_000])
@@ -247,11 +246,6 @@ def test_of_many_frames_the_ends_the_worst_and_the_largest_are_among_the_chosen(
     assert chosen[count // 3] == "the largest chi" and chosen[count // 2] == "the largest order"
     gaps = np.diff(sorted(chosen))
     assert gaps.max() <= max(3, count // 3)  # nowhere is much left out
-
-
-def test_frames_of_which_nothing_is_known_are_chosen_too():
-    nothing = np.full(50, np.nan)
-    assert len(choose_frames(nothing, nothing)) == 8
 
 
 def test_frames_without_an_order_or_a_scale_have_a_page(tmp_path):

@@ -93,18 +93,19 @@ def test_where_no_fringe_is_followed_a_point_would_anchor_nothing(bench):
     assert "of the region" in inside["words"]
 
 
-def test_an_order_that_fits_no_fringe_is_said_so_and_nothing_of_the_scene_changes(bench):
+def test_what_fits_no_fringe_or_would_be_refused_is_an_answer_and_changes_nothing(bench):
     text, revision = bench.text, bench.revision
     found = ClickPreview(bench).answer(0, asked([POINT | {"order": 0.0}]))
     assert found["kind"] == "nothing" and "stays without an order" in found["words"]
     assert any("fits no fringe there" in said for said in found["said"])
     assert (bench.text, bench.revision) == (text, revision)
-
-
-def test_a_line_is_asked_of_as_one(bench):
     line = {"points": [[420, 100], [425, 104]], "order": 0.5}
     found = ClickPreview(bench).answer(0, asked(lines=[line], on_line=True))
     assert "this line would anchor nothing" in found["words"] or spans(found["words"])
+    one = {"points": [[420, 100]], "order": 1}  # a line of one place
+    found = ClickPreview(bench).answer(0, asked(lines=[one]))
+    assert found["kind"] == "nothing" and "frames.known_line" in found["words"]
+    assert ClickPreview(bench).answer(9, asked([POINT]))["kind"] == "nothing"
 
 
 def test_a_frame_is_followed_once_for_all_places_that_are_asked(bench, monkeypatch):
@@ -136,13 +137,6 @@ def test_what_is_no_point_is_refused(bench):
     ):  # fmt: skip
         with pytest.raises(InputError):
             preview.answer(0, wrong)
-
-
-def test_what_a_click_would_refuse_is_an_answer(bench):
-    one = {"points": [[420, 100]], "order": 1}  # a line of one place
-    found = ClickPreview(bench).answer(0, asked(lines=[one]))
-    assert found["kind"] == "nothing" and "frames.known_line" in found["words"]
-    assert ClickPreview(bench).answer(9, asked([POINT]))["kind"] == "nothing"
 
 
 @pytest.fixture(scope="module")

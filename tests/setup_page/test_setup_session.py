@@ -76,7 +76,9 @@ def test_every_kind_of_specimen_becomes_a_scene(session, kind):
     assert session.scene().model == (None if kind == "other" else kind)
 
 
-def test_scale_contact_and_surface_are_read_off_the_picture(made):
+def test_scale_contact_and_surface_are_read_off_the_picture(
+    made,
+):
     apply_tool(made, {"tool": "scale", "points": [[10, 100], [10, 600]], "length_mm": 3.0})
     assert values_of(made)["camera"]["pixel_mm"] == 0.006
     apply_tool(made, {"tool": "contact", "point": [1.5, 324.5]})
@@ -93,9 +95,6 @@ def test_scale_contact_and_surface_are_read_off_the_picture(made):
     assert state["place"] == pytest.approx([row, 324.5], abs=0.02)
     for end_row, end_col in state["surface"]:
         assert end_row == pytest.approx(6.0 - 4.0 * (end_col - 20.0) / 600.0, abs=0.05)
-
-
-def test_another_scale_leaves_the_contact_where_it_is_in_the_picture(made):
     apply_tool(made, {"tool": "contact", "point": [4.0, 300.0]})
     apply_tool(made, {"tool": "scale", "points": [[0, 0], [0, 400]], "length_mm": 3.0})
     assert session_state(made)["place"] == pytest.approx([4.0, 300.0], abs=0.01)
@@ -145,15 +144,6 @@ def test_a_change_that_is_no_scene_leaves_all_as_it_was_and_undo_takes_one_back(
     assert made.text == before
 
 
-def test_a_scene_that_is_there_keeps_its_comments(fresh):
-    own = "# bench 3\n[specimen]\nthickness_mm = 4.0  # calliper\n\n[camera]\r\npixel_mm = 0.006\n"
-    (fresh / "scene.toml").write_bytes(own.encode())
-    session = open_session(fresh / "captured.tif")
-    apply_tool(session, {"tool": "values", "values": {"specimen.thickness_mm": 5.0}})
-    apply_tool(session, {"tool": "save"})
-    assert (fresh / "scene.toml").read_bytes() == own.replace("4.0", "5.0").encode()
-
-
 def test_a_file_that_another_program_changed_is_not_written_over(made, fresh):
     """Its words are named; a page that is loaded anew has the file's scene, and Undo the page's."""
     apply_tool(made, {"tool": "save"})
@@ -181,17 +171,23 @@ def test_a_file_that_another_program_changed_is_not_written_over(made, fresh):
     assert file.read_text() == mine
 
 
-def test_a_scene_that_came_while_the_page_was_open_is_not_written_over(made, fresh):
+def test_a_scene_of_a_second_page_is_not_written_over_and_one_of_the_package_copied(made, fresh):
     (fresh / "scene.toml").write_text("# of a second page\n")
     with pytest.raises(InputError, match="was changed by another program"):
         apply_tool(made, {"tool": "save"})
     assert (fresh / "scene.toml").read_text() == "# of a second page\n"
 
 
-def test_a_scene_of_the_package_is_copied_beside_the_frames(fresh):
+def test_a_scene_that_is_there_keeps_its_comments_and_the_packages_is_copied(fresh):
     session = open_session(fresh / "captured.tif", "line-contact-wear")
     assert session.scene_file == fresh / "scene.toml" and not session.is_saved
     assert session.scene().load.normal_n == 44.0
+    own = "# bench 3\n[specimen]\nthickness_mm = 4.0  # calliper\n\n[camera]\r\npixel_mm = 0.006\n"
+    (fresh / "scene.toml").write_bytes(own.encode())
+    session = open_session(fresh / "captured.tif")
+    apply_tool(session, {"tool": "values", "values": {"specimen.thickness_mm": 5.0}})
+    apply_tool(session, {"tool": "save"})
+    assert (fresh / "scene.toml").read_bytes() == own.replace("4.0", "5.0").encode()
 
 
 @pytest.mark.parametrize("name", ["/etc/passwd", "../secret.csv", "elsewhere/a.csv"])
@@ -245,14 +241,11 @@ def test_the_live_model_is_the_simulation_but_for_what_no_eye_sees(made):
         assert np.median(difference) < 0.005
 
 
-def test_live_values_out_of_range_are_said(made):
+def test_live_values_out_of_range_are_said_and_known_points_shown_without_the_model(made):
     with pytest.raises(InputError, match=r"load\.normal_n"):
         made.live(1, {"load.normal_n": -1.0})
     with pytest.raises(InputError, match="there are 6"):
         made.live(6, {})
-
-
-def test_known_points_are_shown_without_the_model(made):
     with pytest.raises(InputError, match="no order is known anywhere"):
         order_map_of_points(made, 0)
     point = {"row": 420, "col": 100, "order": 0.0}

@@ -59,15 +59,29 @@ def test_what_is_still_open_is_said_and_not_saved(made):
     apply_tool(made, {"tool": "values", "values": {"camera.pixel_mm": 0.05}})
     apply_tool(made, {"tool": "save"})
     assert isochrome.calibration.load_set(made.scene_file).camera.pixel_mm == 0.05
+    with pytest.raises(InputError, match="not beside the scene"):
+        apply_tool(made, {"tool": "text", "text": made.text.replace("bending-060N", "../other")})
+    with pytest.raises(InputError, match=r"\[disc\] is none of a set of a beam"):
+        apply_tool(made, {"tool": "text", "text": made.text + "[disc]\ndiameter_mm = 5.0\n"})
 
 
-def test_the_beams_edges_give_the_scale_and_its_uncertainty(made):
+def test_the_inner_rollers_give_the_scale_and_what_is_read(made):
     """Its height of 20 mm over 400 px, each point half a pixel uncertain."""
     apply_tool(made, {"tool": "edges", "points": [[20.0, 200.0], [420.0, 200.0]]})
     values = session_state(made)["values"]
     assert values["camera.pixel_mm"] == pytest.approx(0.05)
     # 0.05 mm times 0.5 px * sqrt(2) over 400 px
     assert values["uncertainty.pixel_mm"] == pytest.approx(8.8e-5, rel=0.01)
+    # 40 mm over 400 px is 0.1 mm; half the height of 20 mm, 100 px, is left at either side
+    apply_tool(made, {"tool": "rollers", "points": [[30.0, 440.0], [30.0, 40.0]]})
+    scene = made.scene()
+    assert scene.camera.pixel_mm == pytest.approx(0.1)
+    roi = scene.frames.roi
+    assert (roi.left_px, roi.width_px, roi.top_px, roi.height_px) == (140, 201, 0, 440)
+    before = made.text
+    with pytest.raises(InputError, match="nothing is left to read"):
+        apply_tool(made, {"tool": "rollers", "points": [[30.0, 60.0], [30.0, 40.0]]})
+    assert made.text == before
 
 
 def test_another_scale_takes_the_uncertainty_of_the_last_one_away(made):
@@ -84,19 +98,6 @@ def test_another_scale_takes_the_uncertainty_of_the_last_one_away(made):
     own = {"camera.pixel_mm": 0.05, "uncertainty.pixel_mm": 1e-5}
     apply_tool(made, {"tool": "values", "values": own})
     assert tomllib.loads(made.text)["uncertainty"]["pixel_mm"] == 1e-5
-
-
-def test_the_inner_rollers_give_the_scale_and_what_is_read(made):
-    """40 mm over 400 px is 0.1 mm; half the height of 20 mm, 100 px, is left at either side."""
-    apply_tool(made, {"tool": "rollers", "points": [[30.0, 440.0], [30.0, 40.0]]})
-    scene = made.scene()
-    assert scene.camera.pixel_mm == pytest.approx(0.1)
-    roi = scene.frames.roi
-    assert (roi.left_px, roi.width_px, roi.top_px, roi.height_px) == (140, 201, 0, 440)
-    before = made.text
-    with pytest.raises(InputError, match="nothing is left to read"):
-        apply_tool(made, {"tool": "rollers", "points": [[30.0, 60.0], [30.0, 40.0]]})
-    assert made.text == before
 
 
 def test_three_points_on_the_rim_give_the_square_about_it(tmp_path):
@@ -156,13 +157,6 @@ def test_a_sets_file_alone_opens_it_and_a_scenes_page_has_no_such_tool(made, tmp
     assert scene.subject is None
     with pytest.raises(InputError, match="--calibration"):
         apply_tool(scene, {"tool": "loads", "loads": [60.0]})
-
-
-def test_a_set_names_no_file_of_another_folder(made):
-    with pytest.raises(InputError, match="not beside the scene"):
-        apply_tool(made, {"tool": "text", "text": made.text.replace("bending-060N", "../other")})
-    with pytest.raises(InputError, match=r"\[disc\] is none of a set of a beam"):
-        apply_tool(made, {"tool": "text", "text": made.text + "[disc]\ndiameter_mm = 5.0\n"})
 
 
 def calibrated_on_page(own):
