@@ -60,8 +60,7 @@ def test_axes_are_in_millimetres_and_shared_or_count_pixels():
     assert shown[0].get_ylabel() == "z (mm)"
     assert [axes.get_xlabel() for axes in shown] == [""] * 3 + ["x (mm)"] * 3
     figure = side_by_side(*frame_sets(1, pixel_mm=None))
-    assert panels(figure)[0].get_xlabel() == "column (px)"
-    assert "No pixel scale" in all_text(figure)
+    assert panels(figure)[0].get_xlabel() == "column (px)" and "No pixel scale" in all_text(figure)
 
 
 def test_one_grey_range_and_differences_follow_what_is_known():
@@ -70,8 +69,7 @@ def test_one_grey_range_and_differences_follow_what_is_known():
     differences = {axes.images[0].get_clim() for axes in shown[2::3]}
     assert len(greys) == 1
     ((low, high),) = differences
-    assert low == -high
-    assert shown[2].images[0].get_cmap().name == figures.DIFFERENCE_MAP
+    assert low == -high and shown[2].images[0].get_cmap().name == figures.DIFFERENCE_MAP
     experiment, simulation = frame_sets(1)
     bars = [a.get_ylabel() for a in side_by_side(experiment, simulation).axes]
     assert "difference of fringe order (fringes)" in bars
@@ -93,8 +91,7 @@ def test_lines_of_the_simulation_lie_on_its_dark_fringes():
 
 def test_many_frames_are_thinned_and_the_foot_says_so():
     figure = side_by_side(*frame_sets(11), max_rows=3)
-    assert len(panels(figure)) == 9
-    assert "3 of 11 frames shown" in all_text(figure)
+    assert len(panels(figure)) == 9 and "3 of 11 frames shown" in all_text(figure)
     titles = [axes.get_title(loc="left") for axes in panels(figure)[::3]]
     assert titles[0].endswith(" 0 m") and titles[-1].endswith(" 310 m")
     with pytest.raises(InputError, match="max_rows = 9"):
@@ -119,8 +116,7 @@ def test_pictures_leave_no_global_state(tmp_path):
     before = dict(matplotlib.rcParams)
     path = tmp_path / "side.png"
     write_figure(path, side_by_side(*frame_sets(1)), dpi=50)
-    assert path.stat().st_size > 5000
-    assert dict(matplotlib.rcParams) == before
+    assert path.stat().st_size > 5000 and dict(matplotlib.rcParams) == before
 
 
 def test_show_image_marks_unknown_pixels_and_has_a_bar():
@@ -175,8 +171,7 @@ def test_result_folders_become_frame_sets(tmp_path):
     assert (simulated.left_mm, simulated.top_mm) == (-0.8, 0.1)
     np.testing.assert_allclose(simulated.signal, simulation.signal, rtol=0, atol=0.003)
     processed = load_frame_set(tmp_path / "exp")
-    assert np.isnan(processed.order[:, :5, :5]).all()
-    assert processed.noise_of(1) == 0.02
+    assert np.isnan(processed.order[:, :5, :5]).all() and processed.noise_of(1) == 0.02
     found = compare_frames(processed, simulated)
     assert found[2].orders.bias == pytest.approx(0.02, abs=1e-5)
 
@@ -198,11 +193,8 @@ def test_bare_frames_are_scaled_by_the_sensors_bits(tmp_path):
     counts = np.array([[[0, 1023], [511, 256]]] * 2, dtype=np.uint16)
     write_tiff(tmp_path / "bare.tif", counts, pixel_mm=PIXEL_MM)
     found = load_frame_set(tmp_path / "bare.tif", bit_depth=10)
-    assert found.signal.shape == (2, 2, 2)
-    assert found.signal.max() == 1.0
-    assert found.order is None
-    assert found.pixel_mm == pytest.approx(PIXEL_MM, rel=1e-5)
-    assert found.label(1) == "frame 1"
+    assert found.signal.shape == (2, 2, 2) and found.signal.max() == 1.0 and found.order is None
+    assert found.pixel_mm == pytest.approx(PIXEL_MM, rel=1e-5) and found.label(1) == "frame 1"
 
 
 def test_loading_refuses_what_does_not_fit(tmp_path):

@@ -76,8 +76,7 @@ def test_unknown_and_masked_orders_do_not_count():
     measured = model + 0.01
     measured[:5] = 1.0 - model[:5]
     found = compare_orders(measured, model)
-    assert found.wrong_branch_share == 0.25
-    assert found.rms_right_branch == pytest.approx(0.01)
+    assert found.wrong_branch_share == 0.25 and found.rms_right_branch == pytest.approx(0.01)
     assert found.rms == pytest.approx(np.sqrt(0.25 * 0.36 + 0.75 * 1e-4))
     model = np.zeros((10, 10))
     measured = np.full((10, 10), 0.1)
@@ -86,8 +85,7 @@ def test_unknown_and_masked_orders_do_not_count():
     mask = np.ones((10, 10), bool)
     mask[1] = False
     found = compare_orders(measured, model, mask=mask)
-    assert found.rms == pytest.approx(0.1)
-    assert found.compared_share == pytest.approx(80 / 90)
+    assert found.rms == pytest.approx(0.1) and found.compared_share == pytest.approx(80 / 90)
 
 
 @pytest.mark.parametrize("compare", [compare_orders, compare_signals])
@@ -104,8 +102,7 @@ def test_refusals_say_shapes_and_what_to_do(compare):
 
 def test_identical_signals_score_one_by_any_noise_and_what_is_unknown_does_not_count(signal):
     found = compare_signals(signal, signal, noise=NOISE)
-    assert found.ncc == pytest.approx(1.0, abs=1e-12)
-    assert found.ssim == pytest.approx(1.0, abs=1e-9)
+    assert found.ncc == pytest.approx(1.0, abs=1e-12) and found.ssim == pytest.approx(1.0, abs=1e-9)
     assert found.rmse < 1e-12
     assert (found.gain, found.offset) == (pytest.approx(1.0), pytest.approx(0.0, abs=1e-12))
     noise = np.where(np.arange(659) < 300, 0.01, 0.03) * np.ones_like(signal)
@@ -117,8 +114,7 @@ def test_identical_signals_score_one_by_any_noise_and_what_is_unknown_does_not_c
     measured = signal.copy()
     measured[100:150, 200:300] = np.nan
     found = compare_signals(measured, signal)
-    assert found.ncc == pytest.approx(1.0)
-    assert found.ssim == pytest.approx(1.0)
+    assert found.ncc == pytest.approx(1.0) and found.ssim == pytest.approx(1.0)
     assert found.rmse < 1e-12
 
 
@@ -150,8 +146,7 @@ def test_a_part_is_as_like_as_it_is_alone():
 
 def test_a_constant_image_has_no_correlation():
     found = compare_signals(np.random.default_rng(0).random((9, 9)), np.full((9, 9), 0.3))
-    assert np.isnan(found.ncc)
-    assert found.gain == 0.0
+    assert np.isnan(found.ncc) and found.gain == 0.0
     assert np.isnan(compare_signals(np.ones((4, 4)), np.ones((4, 4))).ssim)  # below its window
 
 
@@ -171,8 +166,7 @@ def test_a_missing_line_lowers_the_matched_share_only():
     col = np.indices((80, 200))[1] / 40.0
     whole = order_contours(col, [1.0, 2.0, 3.0, 4.0])
     found = skeleton_distance([line for line in whole if line.order != 3.0], whole)
-    assert found.mean_px == 0.0
-    assert found.matched_share == pytest.approx(6 / 7)
+    assert found.mean_px == 0.0 and found.matched_share == pytest.approx(6 / 7)
     nothing = skeleton_distance([], whole)
     assert np.isnan(nothing.mean_px) and nothing.matched_share == 0.0
     with pytest.raises(InputError, match="no fringe line"):
@@ -233,10 +227,8 @@ def test_ssim_cannot_judge_accuracy_and_the_others_can(order, signal):
     wrong = compare_signals(measured, off, noise=NOISE)
     assert perfect.ssim < 0.92  # a perfect model looks bad
     assert perfect.ssim - wrong.ssim < 0.02  # and hardly better than a wrong one
-    assert perfect.rmse_over_noise == pytest.approx(1.0, abs=0.01)
-    assert wrong.rmse_over_noise > 1.5
-    assert perfect.ncc > wrong.ncc
-    assert compare_orders(order, off_order).rms > 0.005
+    assert perfect.rmse_over_noise == pytest.approx(1.0, abs=0.01) and wrong.rmse_over_noise > 1.5
+    assert perfect.ncc > wrong.ncc and compare_orders(order, off_order).rms > 0.005
     apart = skeleton_distance(order_contours(order), order_contours(off_order))
     assert 0.5 < apart.mean_px < 3.0
 
@@ -250,8 +242,7 @@ def test_frames_are_paired_one_to_one_or_one_to_all(order):
     experiment = frame_set(np.stack([small, 1.02 * small]), labels=("static", "sliding, 31 m"))
     found = compare_frames(experiment, frame_set(small[None], pixel_mm=PIXEL_MM), mask=small > 0.3)
     assert [(each.frame, each.label) for each in found] == [(0, "static"), (1, "sliding, 31 m")]
-    assert found[0].orders.rms == 0.0
-    assert found[1].orders.bias > 0.005
+    assert found[0].orders.rms == 0.0 and found[1].orders.bias > 0.005
     assert found[1].skeleton.mean_mm > 0
     with pytest.raises(InputError, match="2 frames of the experiment and 3"):
         compare_frames(experiment, frame_set(np.stack([small] * 3)))
@@ -266,8 +257,7 @@ def test_a_frame_without_orders_falls_back_to_its_signal(order):
     small = order[None, :120, 200:400]
     signal_only = ComparedFrames(signal=np.sin(np.pi * small) ** 2, noise=np.array([0.01]))
     found = compare_frames(signal_only, frame_set(small))[0]
-    assert found.orders is None
-    assert found.skeleton.mean_px < 0.05
+    assert found.orders is None and found.skeleton.mean_px < 0.05
     assert found.signals.rmse_over_noise < 1e-9
     empty = ComparedFrames(signal=np.full(small.shape, np.nan))
     with pytest.raises(InputError, match="frame 0"):

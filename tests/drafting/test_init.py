@@ -47,8 +47,7 @@ def test_a_whole_picture_ends_in_the_right_scene(seed):
 def test_95_of_100_drawn_contacts_end_in_the_right_scene_and_none_in_a_wrong_one():
     verdicts = [judged(drawn_contact(seed)) for seed in range(100)]
     wrong = {k: v.words for k, v in enumerate(verdicts) if v.kind == "wrong"}
-    assert not wrong
-    assert sum(v.kind == "right" for v in verdicts) >= 95
+    assert not wrong and sum(v.kind == "right" for v in verdicts) >= 95
 
 
 def test_the_text_is_the_scene_says_where_values_are_from_and_what_is_to_be_filled_in(draft):
@@ -232,8 +231,7 @@ def test_a_disc_ends_in_its_scene_though_it_lies_on_its_side():
     spread = {value.key: value.standard_uncertainty for value in found.values}
     for key, truth in (("load.normal_n", 560.0), ("camera.pixel_mm", 0.13), ("frames.gamma", 1.4)):
         assert abs(found.scene.get(key) - truth) < 3.0 * spread[key]
-    assert found.scene.frames.rotate_deg == 90
-    assert found.scene.polariscope.field == "dark"
+    assert found.scene.frames.rotate_deg == 90 and found.scene.polariscope.field == "dark"
 
 
 @pytest.mark.long

@@ -48,10 +48,8 @@ ROOT = Path(__file__).parents[2]
 def check(figure: Figure, width_mm: float) -> None:
     """What holds for every figure: its width, its letters, and that they stand apart."""
     texts = drawn_texts(figure)
-    assert figure.get_figwidth() * 25.4 == pytest.approx(width_mm)
-    assert len(texts) > 5
-    assert not [text.words for text in texts if text.size_pt < LEAST_PT]
-    assert not overlaps(texts)
+    assert figure.get_figwidth() * 25.4 == pytest.approx(width_mm) and len(texts) > 5
+    assert not [text.words for text in texts if text.size_pt < LEAST_PT] and not overlaps(texts)
     assert not outside(texts, figure)
 
 
@@ -82,8 +80,7 @@ def test_small_and_overlapping_letters_would_be_noticed():
     figure.text(0.1, 0.2, "apart", fontsize=8, rotation=90)
     texts = drawn_texts(figure)
     assert [text.size_pt for text in texts] == [8, 6, 8, 8]
-    assert overlaps(texts) == [("one", "other")]
-    assert outside(texts, figure) == ["over the edge"]
+    assert overlaps(texts) == [("one", "other")] and outside(texts, figure) == ["over the edge"]
 
 
 def some_scars(worn: dict) -> object:
@@ -296,8 +293,7 @@ def test_a_figure_of_what_is_not_worn_has_no_panel_of_worn_depth(worn):
     for frames in ((0,), (1,)):
         figure = isochrome.paper_figure(worn["simulate"], isochrome.FigureStyle(frames=frames))
         titles.append([axes.get_title(loc="left")[4:] for axes in figure.axes])
-    assert "worn depth" in titles[1] and "worn depth" not in titles[0]
-    assert "pressure" in titles[0]
+    assert "worn depth" in titles[1] and "worn depth" not in titles[0] and "pressure" in titles[0]
 
 
 def test_data_of_plots_that_a_new_figure_does_not_have_are_removed(worn, tmp_path):
@@ -455,8 +451,7 @@ def test_bands_and_bars_of_a_curve_are_among_its_data():
     axes.axhline(0.0)
     axes.set(xlabel="x (mm)", ylabel="y (N)")
     found = {name: column.tolist() for name, column in curve_columns(axes).items()}
-    assert found.pop("x (mm)")[:2] == [1.0, 3.0]
-    assert found.pop("one: x (mm)") == [0.0, 1.0, 2.0]
+    assert found.pop("x (mm)")[:2] == [1.0, 3.0] and found.pop("one: x (mm)") == [0.0, 1.0, 2.0]
     nan = pytest.approx(np.nan, nan_ok=True)
     assert found == {
         "two: y (N)": [2.0, 4.0, nan],

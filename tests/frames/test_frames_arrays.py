@@ -72,15 +72,13 @@ def test_an_array_is_read_as_the_file_of_its_pixels(tmp_path, name, options):
     tifffile.imwrite(tmp_path / "stack.tif", GREY, photometric="minisblack")
     wanted = images(tmp_path / "stack.tif", **options)
     found = images(GIVEN[name], **options)
-    assert [image.dtype for image in found] == [np.uint16] * 3
-    assert np.array_equal(found, wanted)
+    assert [image.dtype for image in found] == [np.uint16] * 3 and np.array_equal(found, wanted)
 
 
 def test_a_dask_array_is_computed_frame_by_frame():
     dask = pytest.importorskip("dask.array")
     lazy = dask.from_array(GREY, chunks=(1, 20, 24))
-    assert np.array_equal(images(lazy), GREY)
-    assert np.array_equal(images(axes(lazy)), GREY)
+    assert np.array_equal(images(lazy), GREY) and np.array_equal(images(axes(lazy)), GREY)
     with open_frames(lazy) as reader:
         assert next(frame.image for frame in reader.iterate(2, 3)).tolist() == GREY[2].tolist()
 
@@ -243,8 +241,7 @@ def test_noise_about_zero_is_light_and_nan_is_not_known():
 
 def test_files_stay_files_and_arrays_go_to_other_processes():
     assert frames_of("a.tif") == "a.tif" and frames_of(["a.tif", "b.tif"]) == ("a.tif", "b.tif")
-    assert frames_of(iter(["a.tif"])) == ("a.tif",)
-    assert isinstance(frames_of(GREY), ArrayFrames)
+    assert frames_of(iter(["a.tif"])) == ("a.tif",) and isinstance(frames_of(GREY), ArrayFrames)
     again = pickle.loads(pickle.dumps(open_frames(GREY)))
     assert np.array_equal([frame.image for frame in again], GREY)
 

@@ -133,8 +133,7 @@ def test_light_at_black_has_an_uncertainty_under_any_gamma(gamma):
     model = NoiseModel(offset=9.0, slope=0.0, floor=1 / 12)
     at_black = float(model.linear_sigma(0.0, bit_depth=8, gamma=gamma))
     # by hand: gamma u^(gamma-1) u at u = 3/255
-    assert at_black == pytest.approx(gamma * (3 / 255) ** gamma, rel=1e-12)
-    assert at_black > 0.0
+    assert at_black == pytest.approx(gamma * (3 / 255) ** gamma, rel=1e-12) and at_black > 0.0
     levels = model.linear_sigma(np.arange(256.0), bit_depth=8, gamma=gamma)
     assert (np.diff(levels) >= 0.0).all()  # nowhere less than at black
 

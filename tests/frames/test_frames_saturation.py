@@ -24,8 +24,7 @@ def stored(crest, *, noise=0.0, clip=255.0, depth=8, seed=3):
 def test_a_frame_that_reaches_the_top_level_by_chance_is_not_saturated(crest, noise):
     levels, _ = stored(crest, noise=noise)
     top = levels + np.uint8(255 - levels.max())  # its brightest pixel is 255
-    assert top.max() == 255
-    assert saturation_level(top, full=255.0) == np.inf
+    assert top.max() == 255 and saturation_level(top, full=255.0) == np.inf
     assert to_linear(top, bit_depth=8).valid.mean() > 0.9999
 
 
@@ -47,8 +46,7 @@ def test_a_plateau_below_the_types_end_is_saturation_too(clip, depth, full):
     """A camera that clips at 240 of 255; 12 bits in a file of 16; 12 bits that end early."""
     scale = clip / 240.0
     levels, lost = stored(1.1 * clip, noise=2.0 * scale, clip=clip, depth=depth)
-    assert saturation_level(levels, full=full) == clip
-    assert lost.mean() > 0.05
+    assert saturation_level(levels, full=full) == clip and lost.mean() > 0.05
     assert not to_linear(levels, bit_depth=8 if depth == 8 else 16).valid[lost].any()
 
 
@@ -61,8 +59,7 @@ def test_only_a_plateau_on_top_is_saturation():
         assert not to_linear(kind, bit_depth=depth).valid[lost].any()
     # A bright field far from the contact: one level over half of the picture, without noise
     levels = np.rint(230.0 * np.cos(np.pi * np.exp(-((ROW / 60.0) ** 2))) ** 2).astype(np.uint8)
-    assert np.mean(levels == levels.max()) > 0.2
-    assert saturation_level(levels, full=255.0) == np.inf
+    assert np.mean(levels == levels.max()) > 0.2 and saturation_level(levels, full=255.0) == np.inf
 
 
 @pytest.mark.parametrize("gamma", [0.7, 1.0, 2.2])

@@ -53,8 +53,7 @@ def test_a_quarter_turn_is_counter_clockwise_and_a_flip_comes_after_it(tmp_path)
     }
     for (turn, flip), rows in wanted.items():
         with open_frames(tmp_path / "f.tif", rotate_deg=turn, flip=flip) as reader:
-            assert reader.shape == np.shape(rows)
-            assert next(iter(reader)).image.tolist() == rows
+            assert reader.shape == np.shape(rows) and next(iter(reader)).image.tolist() == rows
 
 
 @pytest.mark.parametrize(("turn", "flip"), list(product(TURNS, FLIPS)))
@@ -164,8 +163,7 @@ def test_a_tracked_recording_is_turned_too(tmp_path, contact):
         scene = stated(parse_scene(text, folder=folder), turn, flip)
         tracked = track(path, scene, ["load.normal_n"])
         found.append({k: v for k, v in tracked.columns.items() if k != "file"})
-    assert found[0]["value"][2] == pytest.approx(44.0, rel=0.01)
-    assert str(found[0]) == str(found[1])
+    assert found[0]["value"][2] == pytest.approx(44.0, rel=0.01) and str(found[0]) == str(found[1])
 
 
 @pytest.mark.long

@@ -140,8 +140,7 @@ def errors(reading, order):
 def meets_the_bar(reading, order, *, kept):
     """The bar for colour: RMS 0.02 fringe, wrong branch 0.1 %; and most of N <= 3 is known."""
     error = errors(reading, order)
-    assert np.sqrt(np.mean(error**2)) <= 0.02
-    assert np.mean(np.abs(error) > 0.5) <= 1e-3
+    assert np.sqrt(np.mean(error**2)) <= 0.02 and np.mean(np.abs(error) > 0.5) <= 1e-3
     assert np.isfinite(reading.order[order <= 3.0]).mean() >= kept
 
 
@@ -156,8 +155,7 @@ def test_with_no_load_frames_the_order_is_read(kind, mu):
     meets_the_bar(reading, shot.order, kept=0.97)
     error = errors(reading, shot.order)
     assert np.sqrt(np.mean(error**2)) <= 0.01  # a single pixel's own noise leaves 0.006
-    assert not (np.abs(error) > 0.5).any()
-    assert 0.9 < reading.chi < 1.15 and not reading.blind
+    assert not (np.abs(error) > 0.5).any() and 0.9 < reading.chi < 1.15 and not reading.blind
 
 
 @pytest.mark.study
@@ -192,8 +190,7 @@ def test_without_no_load_frames_the_light_is_found(kind, no_load):
     assert off.sum() <= 1e-3 * known.sum()
     error = (reading.order - shot.order)[known & ~off]
     assert np.sqrt(np.mean(error**2)) <= 0.02 and np.mean(np.abs(error) > 0.5) <= 1e-3
-    assert known[shot.order <= 3.0].mean() >= 0.85
-    assert reading.blind
+    assert known[shot.order <= 3.0].mean() >= 0.85 and reading.blind
 
 
 @pytest.mark.long
@@ -259,8 +256,7 @@ def test_orders_beyond_the_colours_are_masked_not_guessed():
     assert np.nanmax(shot.order) > 30.0
     reading = shot.read()
     error = errors(reading, shot.order)
-    assert np.mean(np.abs(error) > 0.5) <= 1e-3
-    assert np.nanmax(reading.order) < 7.0
+    assert np.mean(np.abs(error) > 0.5) <= 1e-3 and np.nanmax(reading.order) < 7.0
     assert np.isfinite(reading.order[shot.order <= 3.0]).mean() >= 0.8
 
 
@@ -328,8 +324,7 @@ def test_a_table_is_the_integral_over_the_spectrum_and_ends_where_all_is_white()
         # the trapezoid's own error on 1e-2 nm is 1e-8
         np.testing.assert_allclose(table.signal[int(order * 256)], exact, rtol=0, atol=1e-6)
     white = spectral_table(WHITE, camera_response(Camera(colour=True)))
-    assert 5.0 < white.highest < 10.0
-    assert white.white == pytest.approx([0.5] * 3, abs=0.01)
+    assert 5.0 < white.highest < 10.0 and white.white == pytest.approx([0.5] * 3, abs=0.01)
     assert white.highest_of(0.2) < white.highest_of(0.05) < white.highest
     lines = Polariscope(
         wavelength_nm=587.0, lines={"wavelength_nm": (460.0, 540.0, 600.0), "power": (1, 1, 1)}

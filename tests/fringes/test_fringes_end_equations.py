@@ -111,8 +111,7 @@ def test_a_patch_without_a_number_is_no_good_and_the_others_are_as_before():
     noise = light.noise.copy()
     noise[lost] = np.nan
     found = fit_patches(replace(light, noise=noise))
-    assert np.isinf(found.chi.ravel()[lost])
-    assert np.isinf(found.spread.reshape(-1, 6)[lost]).all()
+    assert np.isinf(found.chi.ravel()[lost]) and np.isinf(found.spread.reshape(-1, 6)[lost]).all()
     others = np.arange(len(noise)) != lost
     for name in ("terms", "spread"):
         mine, whole = (getattr(each, name).reshape(-1, 6)[others] for each in (found, wanted))

@@ -136,8 +136,7 @@ GAMMA = 2.2
 def test_an_unknown_gamma_is_found_from_the_fringes(name, ends):
     seen, light, got = reading(name, ends, "unknown", gamma=GAMMA)
     # 3 %: with it the light's middle is off by 0.03 * 0.5 ln 2 = 0.01, the order by 0.003
-    assert light.tone == pytest.approx(GAMMA, rel=0.03)
-    assert is_right(seen, got)
+    assert light.tone == pytest.approx(GAMMA, rel=0.03) and is_right(seen, got)
 
 
 @pytest.mark.long
@@ -151,8 +150,7 @@ def test_fringes_contradict_a_wrong_gamma_and_no_right_one(gamma, told):
     light = light_of(shoot(view("worn contact, mu 0.3"), gamma=gamma), gamma=1.0)
     ends = light.background, light.background + light.contrast
     away, spread = gamma_misfit(light.light, light.sigma, light.valid, ends)
-    assert (abs(away) > 5.0 * spread) is told
-    assert (away > 0.1) is told
+    assert (abs(away) > 5.0 * spread) is told and (away > 0.1) is told
 
 
 def test_a_reading_grows_as_uncertain_as_the_signal():

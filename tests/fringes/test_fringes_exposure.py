@@ -85,8 +85,7 @@ def test_crests_and_troughs_tell_the_exposures(seed, exposures):
     found = find_no_load_exposure(
         image, np.full(SHAPE, 1.0 / 255.0), np.ones(SHAPE, bool), dark=dark, bright=bright
     )
-    assert found.told
-    assert abs(found.bright * of_bright / own - 1.0) < 0.02
+    assert found.told and abs(found.bright * of_bright / own - 1.0) < 0.02
     if of_bright == own == of_dark:
         assert found.ends is None and found.bright == found.dark == 1.0
     else:
@@ -218,8 +217,7 @@ def judge(seed, exposures):
     order, image, bright, dark = drawn(seed, exposures)
     found = read(order, image, (dark, bright))
     error, stated = errors(found, order)
-    assert len(error) > 0.1 * order.size
-    assert np.sqrt(np.mean(error**2)) < 0.02
+    assert len(error) > 0.1 * order.size and np.sqrt(np.mean(error**2)) < 0.02
     assert_not_silent(error, stated)
     said = any("exposed" in line for line in found.warnings)
     assert said == (exposures != ANY[0])

@@ -39,8 +39,7 @@ def test_rings_are_located_to_a_fraction_of_a_pixel(spacing):
     lines = skeletons(captured(radius(ROW, COL) / spacing))
     lines = [each for each in lines if radius(each.rows, each.cols).min() > spacing]
     error = np.abs(location_errors(lines, radius, spacing))
-    assert np.median(error) < 0.15
-    assert np.percentile(error, 95) < 0.3
+    assert np.median(error) < 0.15 and np.percentile(error, 95) < 0.3
     assert {each.kind for each in lines} == {"dark", "bright"}
 
 
@@ -53,8 +52,7 @@ def test_straight_fringes_are_all_found_and_located(spacing, median):
 
     lines = skeletons(captured(across(ROW, COL) / spacing, seed=1))
     error = location_errors(lines, across, spacing)
-    assert np.median(np.abs(error)) < median
-    assert abs(error.mean()) < 0.02
+    assert np.median(np.abs(error)) < median and abs(error.mean()) < 0.02
     expected = 2.0 * ROW.size / spacing  # px of line: area over the spacing of lines
     found = sum(np.hypot(np.diff(each.rows), np.diff(each.cols)).sum() for each in lines)
     assert found == pytest.approx(expected, rel=0.15)
@@ -153,8 +151,7 @@ def test_table_places_pixels_in_millimetres():
     assert table["kind"].tolist() == ["dark", "dark", "bright"]
     np.testing.assert_allclose(table["x_mm"], [-1.975, -1.97, -1.945], rtol=0, atol=1e-12)
     np.testing.assert_allclose(table["z_mm"], [0.505, 0.515, 0.545], rtol=0, atol=1e-12)
-    assert np.isnan(table["order"][2])
-    assert np.isnan(skeleton_table(lines)["x_mm"]).all()
+    assert np.isnan(table["order"][2]) and np.isnan(skeleton_table(lines)["x_mm"]).all()
     assert all(column.size == 0 for column in skeleton_table([]).values())
 
 

@@ -56,10 +56,8 @@ def right_to_a_hundredth(item, true):
     error = item.reading.order - true
     known = np.isfinite(item.reading.order)
     assert np.isfinite(error[known]).all()  # nothing is read where there is no specimen
-    assert np.sqrt(np.mean(error[known] ** 2)) <= 0.01
-    assert np.abs(error[known]).max() < 0.25
-    assert 0.9 < item.chi < 1.1
-    assert item.reading.kept >= 0.95
+    assert np.sqrt(np.mean(error[known] ** 2)) <= 0.01 and np.abs(error[known]).max() < 0.25
+    assert 0.9 < item.chi < 1.1 and item.reading.kept >= 0.95
     # a worn contact's largest order lies at its edge, on the surface, where none is read
     assert all("n_max and its place are those of the fitted model" in w for w in item.warnings)
     assert abs(item.largest["n_max"] - np.nanmax(true)) <= 2.0 * item.largest["n_max_uncertainty"]
@@ -236,8 +234,7 @@ def test_without_a_model_the_frame_is_normalised_and_that_is_said(tmp_path, text
     signal = tifffile.imread(tmp_path / "out" / "normalised.tif")
     assert signal.shape == (60, 80) and signal.dtype == np.float32
     lines = read_csv(tmp_path / "out" / "skeleton.csv")
-    assert len(lines["frame"]) > 100
-    assert found.columns["fringe_lines"][0] > 0
+    assert len(lines["frame"]) > 100 and found.columns["fringe_lines"][0] > 0
 
 
 @pytest.mark.long

@@ -75,8 +75,7 @@ def test_columns_are_the_scenes_whatever_is_found(tracked):
     """A lost frame added `fringe_lines`, one with a cause its keys, a first that failed none."""
     columns = columns_of(CONTACT, tracked=tracked)
     keys = ("load.normal_n", "camera.left_mm", "friction.coefficient", "wear.coefficient_mm2_per_n")
-    assert set(keys) < set(columns) and columns[-1] == "warnings"
-    assert columns.count("causes") == 1
+    assert set(keys) < set(columns) and columns[-1] == "warnings" and columns.count("causes") == 1
     rows = [{"frame": 0}, {"frame": 1, "fringe_lines": 3}, dict.fromkeys(columns, 1.0)]
     for row in rows:
         assert tuple(row_of_set(row, columns, CONTACT)) == columns

@@ -80,8 +80,7 @@ def test_each_frame_has_the_map_that_it_has_when_it_is_processed_alone(followed)
     truth = true_orders(contact(sliding=True), course(COUNT))
     error = (order - truth)[np.isfinite(order)]
     # what the noise leaves of a pooled reading; the bar of a frame by itself is the same
-    assert np.sqrt(np.mean(error**2)) < 0.005
-    assert np.mean(np.abs(error) > 0.25) == 0.0
+    assert np.sqrt(np.mean(error**2)) < 0.005 and np.mean(np.abs(error) > 0.25) == 0.0
 
 
 def test_a_followed_frame_has_the_columns_of_a_whole_one(followed):
@@ -292,8 +291,7 @@ def test_a_growing_run_can_be_opened_and_looked_at(followed, monkeypatch):
     monkeypatch.setattr("isochrome.runs.workers.futures.ThreadPoolExecutor", _AtOnce)
     run(place, out="grown", preview=True)
     (finished, load, order), picture = looks
-    assert finished == [True] * 5 + [False] * 3
-    assert np.isfinite(load).tolist() == finished
+    assert finished == [True] * 5 + [False] * 3 and np.isfinite(load).tolist() == finished
     assert np.isfinite(order).any(axis=(1, 2)).tolist() == finished
     assert picture.shape == (SHAPE[0] + 22, SHAPE[1], 3)
     assert picture[22:].std(axis=(0, 1)).min() > 10.0  # colours, not a blank
@@ -351,8 +349,7 @@ def test_a_worn_film_under_a_load_that_swings_has_the_maps_of_its_frames_alone(t
     # a frame alone takes a constant load for what wore it, and so leaves out more
     assert np.mean(np.isfinite(alone) & ~np.isfinite(own)) < 0.005
     error = found.dataset.fringe_order.values - np.stack(orders)
-    assert np.sqrt(np.nanmean(error**2)) < 0.005
-    assert np.nanmax(np.abs(error)) < 0.25
+    assert np.sqrt(np.nanmean(error**2)) < 0.005 and np.nanmax(np.abs(error)) < 0.25
     assert found.columns["found_by"].count("track") == 199
     values = np.array(found.columns[LOAD], dtype=float)
     spread = np.array(found.columns[f"{LOAD} standard_uncertainty"], dtype=float)

@@ -22,8 +22,7 @@ def table(frictions, distances, uncertainty=1e-6):
 def test_a_friction_that_was_another_before_is_wider_by_what_the_scar_remembers():
     """0.20 until 50 m, then rising to 0.30 at 100 m: by hand a mean of 0.2 and of 0.225."""
     found = with_past_friction(table([None, 0.2, 0.2, 0.3], [0, 0, 50, 100]), SCENE)
-    assert found[SPREAD][:3] == [1e-6] * 3
-    assert found[SPREAD][3] == pytest.approx(0.015 * 0.075)
+    assert found[SPREAD][:3] == [1e-6] * 3 and found[SPREAD][3] == pytest.approx(0.015 * 0.075)
     assert with_past_friction(found, SCENE) is found  # once is enough
 
 
@@ -112,8 +111,7 @@ def test_a_single_frame_whose_friction_was_another_before_is_right_within_its_un
 
 def test_a_single_frame_of_one_friction_asks_for_no_other_before():
     row = process(one_frame(worn("coefficient = 0.25")), worn("coefficient = 0.25")).table.iloc[0]
-    assert not row["causes"]
-    assert abs(row[KEY] - 0.25) < 3.0 * row[SPREAD]
+    assert not row["causes"] and abs(row[KEY] - 0.25) < 3.0 * row[SPREAD]
 
 
 def test_an_earlier_change_is_a_table_that_ends_in_another_friction_and_is_refused_beside_one():

@@ -248,8 +248,7 @@ def test_both_commands_that_track_say_the_same(tmp_path):
     # all but the first frame, of which process takes every pixel, hold the same pixels: Newton's
     # last step is a twentieth of a standard uncertainty at most
     apart = (one.values - other.values)[[1, 4, 5]] / one.standard_uncertainty[[1, 4, 5]]
-    assert np.abs(apart).max() < 0.05
-    assert one.summary().keys() == other.summary().keys()
+    assert np.abs(apart).max() < 0.05 and one.summary().keys() == other.summary().keys()
 
 
 @pytest.mark.long
@@ -348,8 +347,7 @@ def test_a_worn_contact_is_followed_by_its_frames_times(tmp_path):
     assert found.columns["found_by"] == ["whole frame", *["track"] * 5] * 2
     load, friction = (numbers(found.columns[key]) for key in (LOAD, FRICTION))
     # some 5 standard uncertainties of 0.01 N and 4e-4
-    assert np.all(np.abs(load - 44.0) < 0.05)
-    assert np.all(np.abs(friction - 0.2) < 2e-3)
+    assert np.all(np.abs(load - 44.0) < 0.05) and np.all(np.abs(friction - 0.2) < 2e-3)
     wear = numbers(found.columns["wear.coefficient_mm2_per_n"])
     spread = numbers(found.columns["wear.coefficient_mm2_per_n standard_uncertainty"])
     assert np.isnan(wear[0])  # nothing is worn yet

@@ -204,8 +204,7 @@ def test_a_scales_page_states_the_pixel(tmp_path):
     )
     assert abs(value - found.pixel_mm.value) <= spread
     assert "By image (scale.json)" in page.text and len(page.inside["script"]) == 2
-    assert picture.name in page.text
-    assert same_bytes(tmp_path / "out", tmp_path / "again")
+    assert picture.name in page.text and same_bytes(tmp_path / "out", tmp_path / "again")
 
 
 def test_the_page_of_colours_states_gamma_and_each_warning(tmp_path):

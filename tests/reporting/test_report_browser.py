@@ -207,8 +207,7 @@ def test_the_slider_of_a_followed_film_goes_to_frames_without_a_picture(chromium
         own.page.hover("#stage")
         assert re.search(r"N = [\d.]+ fringes; simulation [\d.]+; difference", own.readout())
         own.page.fill("#frame", "0")
-        assert own.page.text_content(".sides span") == "experiment"
-        assert own.said == []
+        assert own.page.text_content(".sides span") == "experiment" and own.said == []
 
 
 def test_every_tool_goes_by_the_keyboard_alone(opened):

@@ -102,8 +102,7 @@ def test_every_text_of_a_run_is_kept_apart_from_its_neighbours(hostile_file):
 
 def test_headings_are_in_order_and_all_that_a_report_promises_is_there(page):
     levels = [int(tag[1]) for tag, _ in page.elements if re.fullmatch(r"h[1-6]", tag)]
-    assert levels[0] == 1 and levels.count(1) == 1
-    assert all(b - a <= 1 for a, b in pairwise(levels))
+    assert levels[0] == 1 and levels.count(1) == 1 and all(b - a <= 1 for a, b in pairwise(levels))
     assert page.of("html")[0]["lang"] == "en"
     assert all(image.get("alt") for image in page.of("img") if "src" in image)
     ids = [own["id"] for _, own in page.elements if "id" in own]
@@ -180,8 +179,7 @@ def test_a_report_of_many_large_frames_is_below_ten_megabytes(tmp_path):
     frame = ReportFrame(number=0, label="a", why="b", panes=panes, order=noise)
     frames = [frame] * 2
     file = write_report(tmp_path / "report.html", replace(content, frames=frames))
-    assert file.stat().st_size < 10e6
-    assert "means over squares of" in file.read_text("utf-8")
+    assert file.stat().st_size < 10e6 and "means over squares of" in file.read_text("utf-8")
 
 
 def test_a_report_that_would_be_too_large_is_refused_and_leaves_nothing(tmp_path):

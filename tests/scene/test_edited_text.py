@@ -67,8 +67,7 @@ def test_one_value_changes_and_every_comment_stays(key, written):
     wanted = tomllib.loads(TEXT)
     table, name = key.split(".")
     wanted.setdefault(table, {})[name] = tomllib.loads(f"v = {written}")["v"]
-    assert tomllib.loads(found) == wanted
-    assert comments_of(found) == comments_of(TEXT)
+    assert tomllib.loads(found) == wanted and comments_of(found) == comments_of(TEXT)
 
 
 def test_values_of_several_lines_lists_and_tables_are_values():
@@ -111,8 +110,7 @@ def test_a_key_goes_from_any_layout(text):
 
 
 def test_a_key_that_is_not_there_leaves_all_and_what_cannot_be_edited_is_said():
-    assert without_value(TEXT, "frames.flip") == TEXT
-    assert without_value(TEXT, "wear") == TEXT
+    assert without_value(TEXT, "frames.flip") == TEXT and without_value(TEXT, "wear") == TEXT
     with pytest.raises(InputError, match=r"my: .* set load\.normal_n = 3 in it by hand"):
         with_value("load = [1]", "load.normal_n", "3", name="my")
     with pytest.raises(InputError, match="its layout cannot be edited"):
@@ -125,8 +123,7 @@ def test_a_list_of_tables_is_replaced_and_taken_out():
     assert tomllib.loads(found)["frames"]["known_order"] == entries
     assert comments_of(found) == [c for c in comments_of(TEXT) if c != "corner"]
     gone = with_table_list(found, "frames.known_order", [])
-    assert "known_order" not in gone
-    assert comments_of(gone) == comments_of(found)
+    assert "known_order" not in gone and comments_of(gone) == comments_of(found)
 
 
 PLAIN = st.recursive(

@@ -197,8 +197,7 @@ def test_the_shipped_scene_is_the_papers_experiment():
     assert (indenter.radius_mm, indenter.young_gpa, indenter.poisson) == (49.22 / 2, 210.0, 0.3)
     assert scene.load.normal_n == 44.0
     assert scene.friction_at(0.0) == scene.friction_at(233.0) == 0.25
-    assert scene.friction.static_state_first
-    assert scene.wear.coefficient_mm2_per_n == 2e-9
+    assert scene.friction.static_state_first and scene.wear.coefficient_mm2_per_n == 2e-9
     assert scene.wear.distances_m == (0.0, 31.0, 77.0, 155.0, 233.0)
     assert (scene.polariscope.wavelength_nm, scene.polariscope.field) == (587.0, "dark")
     camera = scene.camera
@@ -213,8 +212,7 @@ def test_absent_parts_are_absent_and_stand_for_nothing():
     scene = parse_scene('[specimen]\nshape = "ring"\n')
     assert scene.model is None
     parts = (scene.indenter, scene.load, scene.friction, scene.wear, scene.camera)
-    assert parts == (None,) * len(parts)
-    assert scene.friction_at(10.0) == 0.0
+    assert parts == (None,) * len(parts) and scene.friction_at(10.0) == 0.0
     assert scene.polariscope.plate_wavelength_nm is None and scene.polariscope.step == ()
     assert dump_scene(scene).strip() == '[specimen]\nshape = "ring"'
     scene = parse_scene("[specimen]\n")
@@ -259,8 +257,7 @@ def test_load_friction_and_wear_answer_for_many_distances_at_once(table, where):
     scene = load_scene("line-contact-wear").with_values(values)
     for ask in (scene.load_at, scene.wear_coefficient_at, scene.friction_at):
         many = ask(np.array([where, where]))
-        assert many.shape == (2, len(where))
-        assert many.tolist() == [[ask(s) for s in where]] * 2
+        assert many.shape == (2, len(where)) and many.tolist() == [[ask(s) for s in where]] * 2
     assert type(scene.load_at(where[0])) is type(scene.friction_at(where[0])) is float
 
 
@@ -292,8 +289,7 @@ def test_paths_in_a_scene_are_relative_to_its_own_file(tmp_path):
     file.parent.mkdir()
     file.write_text('[specimen]\nshape = "ring"\n[frames]\nno_load_dark = "dark.tif"\n')
     scene = load_scene(file)
-    assert scene.path(scene.frames.no_load_dark) == file.parent / "dark.tif"
-    assert scene.name == "one"
+    assert scene.path(scene.frames.no_load_dark) == file.parent / "dark.tif" and scene.name == "one"
     assert load_scene(scene) is scene
     assert parse_scene(dump_scene(scene)).path("x.csv") == Path("x.csv")
 

@@ -25,8 +25,7 @@ gamma = { value = 1.1, standard_uncertainty = 0.01 }
 
 def test_values_are_plain_uncertainties_beside_them_and_written_text_the_same():
     scene = parse_scene(TEXT)
-    assert scene.specimen.thickness_mm == 6.0
-    assert isinstance(scene.specimen.thickness_mm, float)
+    assert scene.specimen.thickness_mm == 6.0 and isinstance(scene.specimen.thickness_mm, float)
     assert scene.get("frames.gamma") == 1.1
     assert scene.uncertainties == {
         "camera.pixel_mm": 2e-4,
@@ -40,8 +39,7 @@ def test_values_are_plain_uncertainties_beside_them_and_written_text_the_same():
     assert isinstance(hash(scene), int)
     text = dump_scene(scene)
     assert "thickness_mm = { value = 6.0, standard_uncertainty = 0.02 }\n" in text
-    assert parse_scene(text) == scene
-    assert pickle.loads(pickle.dumps(scene)) == scene
+    assert parse_scene(text) == scene and pickle.loads(pickle.dumps(scene)) == scene
     plain = parse_scene(TEXT).with_values({}).model_copy(update={"stated_uncertainty": ()})
     assert "standard_uncertainty" not in dump_scene(plain)
 

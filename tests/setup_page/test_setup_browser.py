@@ -130,8 +130,7 @@ def test_from_the_samples_frames_to_a_scene_by_the_form_alone(chromium, fresh):
         own.click("#make")
         own.click("#save")
         own.status("Saved")
-        assert own.actions <= MOST_ACTIONS
-        assert own.said == []
+        assert own.actions <= MOST_ACTIONS and own.said == []
     scene, frames = fresh / "scene.toml", fresh / "captured.tif"
     assert isochrome.check(frames, scene).ok
     found = isochrome.process(frames, scene)
@@ -167,8 +166,7 @@ def test_from_the_samples_frames_to_a_scene_by_one_search(chromium, fresh):
         assert found["polariscope.field"] == "dark"
         own.click("#save")
         own.status("Saved")
-        assert own.actions == 10 < MOST_ACTIONS
-        assert own.said == []
+        assert own.actions == 10 < MOST_ACTIONS and own.said == []
     scene, frames = fresh / "scene.toml", fresh / "captured.tif"
     assert isochrome.load_scene(scene).camera.top_mm == float(found["camera.top_mm"].split()[0])
     assert isochrome.check(frames, scene).ok
@@ -200,8 +198,7 @@ def test_from_a_rendered_disc_to_a_scene(chromium, tmp_path):
         )
         own.click("#save")
         own.status("Saved")
-        assert own.actions == 7
-        assert own.page.is_visible("#find-result")
+        assert own.actions == 7 and own.page.is_visible("#find-result")
         own.click("#undo")
         own.status("Taken back")
         assert not own.page.evaluate("page.state.has_scene")
@@ -418,8 +415,7 @@ def test_nothing_goes_wrong_and_nobody_else_is_asked(chromium, made):
         own.page.fill("#frame-number", "3")
         own.page.press("#frame-number", "Tab")
         own.page.wait_for_function("() => document.getElementById('canvas').dataset.frame === '3'")
-        assert own.said == []
-        assert len(own.asked) > 10
+        assert own.said == [] and len(own.asked) > 10
 
 
 def test_the_policy_stops_a_script_and_another_address(chromium, made):
@@ -432,8 +428,7 @@ def test_the_policy_stops_a_script_and_another_address(chromium, made):
         failed = own.page.evaluate(
             "fetch('http://example.org/').then(() => 'sent', () => 'stopped')"
         )
-        assert failed == "stopped"
-        assert any("Content Security Policy" in line for line in own.said)
+        assert failed == "stopped" and any("Content Security Policy" in line for line in own.said)
         own.asked = [url for url in own.asked if "example.org" not in url]
 
 
@@ -466,8 +461,7 @@ def test_the_live_model_follows_the_slider_and_the_scene_takes_its_value(chromiu
         )
         own.settle()
         page.wait_for_timeout(400)
-        assert page.locator("#canvas").screenshot() != before
-        assert made.scene().load.normal_n > 41.0
+        assert page.locator("#canvas").screenshot() != before and made.scene().load.normal_n > 41.0
 
 
 def test_every_tool_goes_by_the_keyboard_alone(chromium, made):
@@ -512,8 +506,7 @@ def test_every_tool_goes_by_the_keyboard_alone(chromium, made):
             assert len(page.evaluate("points()")) == count, name
         frames = made.scene().frames
         assert frames.known_order and frames.known_line and len(frames.polygon_px) == 3
-        assert [len(edge.places) for edge in frames.free_boundary] == [3]
-        assert frames.roi is not None
+        assert [len(edge.places) for edge in frames.free_boundary] == [3] and frames.roi is not None
         page.fill("#point-0-row", "250")
         page.keyboard.press("Tab")
         page.wait_for_timeout(100)
@@ -561,8 +554,7 @@ def test_a_free_edge_is_set_corner_by_corner_and_moves_with_the_region(chromium,
         (edge,) = made.scene().frames.free_boundary
         # a pixel of the screen is less than one of the frame here
         assert np.allclose(edge.row_px, [440, 440, 60], atol=1.0)
-        assert np.allclose(edge.col_px, [10, 290, 290], atol=1.0)
-        assert own.said == []
+        assert np.allclose(edge.col_px, [10, 290, 290], atol=1.0) and own.said == []
 
 
 def test_the_server_ends_with_the_page(chromium, made):
@@ -584,5 +576,4 @@ def test_the_page_says_what_the_uncertainties_of_a_fit_are_of(chromium, made):
         own.page.click("#fit")
         own.page.wait_for_selector("#fit-result td.value", timeout=120_000)
         said = own.page.text_content("#fit-result") or ""
-        assert "± from the picture alone: camera.pixel_mm" in said
-        assert "were taken as exact" in said
+        assert "± from the picture alone: camera.pixel_mm" in said and "were taken as exact" in said

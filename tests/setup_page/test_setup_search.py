@@ -101,8 +101,7 @@ def test_a_region_is_not_turned_under_the_user(case, drawn):
     values = form_of(case) | {"polariscope.field": wrong, "frames.rotate_deg": case.turn}
     with pytest.raises(PhysicsError) as refused:
         find_in_frames(drawn, 0, form=("contact", values | {"frames.gamma": 1.0}), held=True)
-    assert "--" not in str(refused.value) and "'Load'" in str(refused.value)
-    assert drawn.text == ""
+    assert "--" not in str(refused.value) and "'Load'" in str(refused.value) and drawn.text == ""
 
 
 def test_what_is_missing_is_asked_for_by_the_names_of_fields(case, drawn):

@@ -51,8 +51,7 @@ def test_a_fresh_folder_has_no_scene_and_the_form_makes_one(session, fresh):
         "no_load_dark": "no-load-dark.tif", "no_load_bright": "no-load-bright.tif",
     }  # fmt: skip
     assert tables["load"]["normal_n"] == 40.0 and tables["wear"]["distances_m"][-1] == 233
-    assert "# Thickness, mm" in session.text
-    assert not (fresh / "scene.toml").exists()
+    assert "# Thickness, mm" in session.text and not (fresh / "scene.toml").exists()
     apply_tool(session, {"tool": "save"})
     assert load_scene(fresh / "scene.toml").load.normal_n == 40.0
     assert session_state(session)["saved"]
@@ -113,18 +112,15 @@ def test_a_region_moves_all_that_is_counted_in_it(made, roll):
     box = {"top_px": 20, "left_px": 40, "height_px": 440, "width_px": 600}
     apply_tool(made, {"tool": "region", "region": box})
     tables = values_of(made)["frames"]
-    assert tables["roi"] == box
-    assert tables["polygon_px"][0] == [30.0, 60.0]
+    assert tables["roi"] == box and tables["polygon_px"][0] == [30.0, 60.0]
     assert tables["known_order"][0] == {"row_px": 180, "col_px": 260, "order": 1.5}
     assert tables["known_line"][0]["col_px"] == [110.0, 140.5]
     state = session_state(made)
-    assert state["place"] == pytest.approx([30.0, 324.0], abs=0.01)
-    assert state["polygon"] == square
+    assert state["place"] == pytest.approx([30.0, 324.0], abs=0.01) and state["polygon"] == square
     assert [(one["row"], one["col"]) for one in state["known_order"]] == [(200, 300), (410, 80)]
     assert state["known_line"] == lines
     apply_tool(made, {"tool": "region", "region": None})
-    assert "roi" not in values_of(made)["frames"]
-    assert session_state(made)["polygon"] == square
+    assert "roi" not in values_of(made)["frames"] and session_state(made)["polygon"] == square
     assert session_state(made)["place"] == pytest.approx([30.0, 324.0], abs=0.02)
 
 
@@ -237,8 +233,7 @@ def test_the_live_model_is_the_simulation_but_for_what_no_eye_sees(made):
         wanted = isochrome.polariscope_light(given, isochrome.stress_map(given, state))
         difference = np.abs(model.signal(values) - wanted.to_numpy())
         # steep stress at the contact's edges, where a pixel shows a mean that is left out here
-        assert np.quantile(difference, 0.99) < 0.03
-        assert np.median(difference) < 0.005
+        assert np.quantile(difference, 0.99) < 0.03 and np.median(difference) < 0.005
 
 
 def test_live_values_out_of_range_are_said_and_known_points_shown_without_the_model(made):
@@ -330,8 +325,7 @@ def test_no_load_frames_beside_the_frames_of_a_folder_are_no_frames(folder):
     assert state["beside"] == ["no-load-bright.png", "no-load-dark.png"]
     apply_tool(session, {"tool": "new", "kind": "contact", "values": GIVEN})
     named = {"no_load_dark": "no-load-dark.png", "no_load_bright": "no-load-bright.png"}
-    assert values_of(session)["frames"] == named
-    assert session_state(session)["frames"]["count"] == 6
+    assert values_of(session)["frames"] == named and session_state(session)["frames"]["count"] == 6
     apply_tool(session, {"tool": "save"})
     scene = load_scene(folder / "scene.toml")
     with open_scene_frames(folder, scene) as reader:

@@ -274,8 +274,7 @@ def test_a_cause_is_taken_into_the_set_by_its_button(made, monkeypatch, width):
         page.get_by_role("button", name="Take The lens's distortion").click()
         own.settle()
         own.status("taken into the set")
-        assert made.calibration_set().camera.distortion == -0.002135
-        assert own.said == []
+        assert made.calibration_set().camera.distortion == -0.002135 and own.said == []
 
 
 @pytest.mark.browser
@@ -302,8 +301,7 @@ def test_from_fresh_images_to_a_set_that_gives_f_sigma(kind, tmp_path):
             for key, text in given.items():
                 own.fill(key, text)
             calibrated_on_page(own)
-            assert own.actions <= MOST_ACTIONS
-            assert own.said == []
+            assert own.actions <= MOST_ACTIONS and own.said == []
             own.page.wait_for_function("() => Number(canvas.dataset.outlines) > 0")
             own.page.wait_for_selector("#check-result[data-ok=true]")
     run = isochrome.calibrate_bending if kind == "bending" else isochrome.calibrate_disc
@@ -311,5 +309,4 @@ def test_from_fresh_images_to_a_set_that_gives_f_sigma(kind, tmp_path):
     truth = json.loads((samples_path() / kind / "truth.json").read_text())
     true = truth["fringe_value_n_per_mm"]
     # the sizes and loads are exact: all that is left of the ± is the images', see the samples
-    assert abs(found.fringe_value_n_per_mm - true) < found.standard_uncertainty
-    assert found.chi < 1.05
+    assert abs(found.fringe_value_n_per_mm - true) < found.standard_uncertainty and found.chi < 1.05

@@ -43,8 +43,7 @@ def test_two_clicks_make_the_surface_line_and_stay_where_they_were_set(chromium,
         click(own, 30, 500)
         assert made.scene().camera.roll_deg == pytest.approx(5.71, abs=0.3)
         own.click("#clear-tool")
-        assert made.scene().camera.roll_deg in (None, 0.0)
-        assert page.evaluate("own.surface") == []
+        assert made.scene().camera.roll_deg in (None, 0.0) and page.evaluate("own.surface") == []
         page.focus("#stage")
         page.keyboard.press("Enter")
         page.keyboard.press("Shift+ArrowLeft")
@@ -53,8 +52,7 @@ def test_two_clicks_make_the_surface_line_and_stay_where_they_were_set(chromium,
         own.settle()
         assert len(page.evaluate("own.surface")) == 2
         page.keyboard.press("Enter")
-        assert len(page.evaluate("own.surface")) == 1
-        assert own.said == []
+        assert len(page.evaluate("own.surface")) == 1 and own.said == []
 
 
 def test_a_contact_above_the_picture_can_be_set_there(chromium, made):
@@ -103,10 +101,8 @@ def test_a_second_line_is_dragged_chosen_by_keys_and_taken_away(chromium, lined,
         page.mouse.up()
         page.wait_for_timeout(80)
         own.settle()
-        assert lines()[0] == first
-        assert lines()[1][0] == second[0]
-        assert lines()[1][1] == pytest.approx((400, 470), abs=1.0)
-        assert page.evaluate("line") == 1
+        assert lines()[0] == first and lines()[1][0] == second[0]
+        assert lines()[1][1] == pytest.approx((400, 470), abs=1.0) and page.evaluate("line") == 1
         assert "Line 2 of 2" in page.locator("#line-number option:checked").inner_text()
         page.focus("#line-number")
         page.keyboard.press("ArrowUp")
@@ -121,8 +117,7 @@ def test_a_second_line_is_dragged_chosen_by_keys_and_taken_away(chromium, lined,
         page.keyboard.press("Enter")
         page.wait_for_timeout(80)
         own.settle()
-        assert lines() == [first]
-        assert own.said == []
+        assert lines() == [first] and own.said == []
 
 
 @pytest.mark.parametrize("given", ["-1", "thick"])
@@ -167,8 +162,7 @@ def test_text_that_is_typed_and_not_used_stays(chromium, made):
         page.keyboard.press("Tab")
         page.wait_for_timeout(80)
         own.settle()
-        assert made.scene().specimen.thickness_mm == 5.0
-        assert page.input_value("#text") == typed
+        assert made.scene().specimen.thickness_mm == 5.0 and page.input_value("#text") == typed
         own.click("#save")
         own.status("Saved, without the text that is typed")
         own.click("#use-text")
@@ -177,8 +171,7 @@ def test_text_that_is_typed_and_not_used_stays(chromium, made):
         page.click("#drop-text")
         assert page.input_value("#text") == made.text and page.is_hidden("#text-typed")
         own.click("#undo")
-        assert page.input_value("#text") == made.text
-        assert own.said == []
+        assert page.input_value("#text") == made.text and own.said == []
 
 
 def test_a_mask_that_loses_its_third_corner_is_said_to_stay(chromium, made):
@@ -194,8 +187,7 @@ def test_a_mask_that_loses_its_third_corner_is_said_to_stay(chromium, made):
         own.page.wait_for_function("() => page.state.polygon.length === 0")
         assert made.scene().frames.polygon_px is None
         own.click("#undo")
-        assert len(own.page.evaluate("points()")) == 3
-        assert own.said == []
+        assert len(own.page.evaluate("points()")) == 3 and own.said == []
 
 
 def test_values_of_a_wrong_model_are_not_offered_together(chromium, made):
@@ -206,8 +198,7 @@ def test_values_of_a_wrong_model_are_not_offered_together(chromium, made):
         page.locator("#step-fit summary").click()
         show = "given => { page.fit = given; showFit(); }"
         page.evaluate(show, told | {"chi": 4.2, "wrong": True})
-        assert page.is_hidden("#take-all")
-        assert "chi is over 3" in page.text_content("#fit-result")
+        assert page.is_hidden("#take-all") and "chi is over 3" in page.text_content("#fit-result")
         page.evaluate(show, told | {"chi": 1.1, "wrong": False})
         assert page.is_visible("#take-all")
         assert "chi is over 3" not in page.text_content("#fit-result")
@@ -260,8 +251,7 @@ def test_something_else_has_no_model_to_slide(chromium, session):
         own.click("#undo")
         assert page.is_visible("#place-words") and page.is_hidden("#order-words")
         page.select_option("#kind", "other")
-        assert page.is_visible("#order-words") and page.is_hidden("#place-words")
-        assert own.said == []
+        assert page.is_visible("#order-words") and page.is_hidden("#place-words") and own.said == []
 
 
 def test_on_a_narrow_page_numbers_stay_whole_and_the_next_step_comes_into_view(chromium, session):
@@ -293,6 +283,5 @@ def test_on_a_narrow_page_numbers_stay_whole_and_the_next_step_comes_into_view(c
             "all => all.map(one => { const range = document.createRange();"
             " range.selectNodeContents(one); return range.getClientRects().length; })",
         )
-        assert heights == [1, 1]
-        assert page.evaluate("document.documentElement.scrollWidth") <= 360
+        assert heights == [1, 1] and page.evaluate("document.documentElement.scrollWidth") <= 360
         assert own.said == []
