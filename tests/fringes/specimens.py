@@ -191,49 +191,27 @@ def camera(
 ) -> Camera:
     """A camera of 8 bits: noise in grey levels, blur in pixels."""
     return Camera(
-        bit_depth=8,
-        brightness=brightness,
-        background=background,
-        vignette=vignette,
-        gamma=gamma,
-        blur_px=blur,
-        noise_grey=noise,
-    )
+        bit_depth=8, brightness=brightness, background=background, vignette=vignette, gamma=gamma,
+        blur_px=blur, noise_grey=noise,
+    )  # fmt: skip
 
 
 def shoot(
-    seen: View,
-    *,
-    noise: float = 3.0,
-    gamma: float = 1.0,
-    blur: float = 0.0,
-    glare: float = 0.0,
-    saturated: float = 0.0,
-    brightness: float = 0.85,
-    background: float = 0.05,
-    vignette: float = 0.3,
-    seed: int = 0,
+    seen: View, *, glare: float = 0.0, saturated: float = 0.0, seed: int = 0, **how: float
 ) -> Shot:
-    """An 8-bit frame of a view, and its no-load frames.
+    """An 8-bit frame of a view, and its no-load frames; `how`, of `camera`.
     `glare`, share of the picture under round reflections of lamps, which saturate in all frames;
     `saturated`, share of the specimen's pixels that are overexposed, in the bright frame far more.
     """
     signal = np.where(seen.material, picture_signal(seen.scene, seen.picture), 0.0)
     lamps = 4.0 * _lamps(signal.shape, glare, np.random.default_rng([seed, 8]))
-    taken = camera(
-        noise=noise,
-        gamma=gamma,
-        blur=blur,
-        brightness=brightness,
-        background=background,
-        vignette=vignette,
-    )
+    taken = camera(**how)
     if saturated > 0.0:
         ideal = taken.model_copy(update={"bit_depth": None, "noise_grey": 0.0, "gamma": 1.0})
-        light = (expose(signal, ideal) - background) / brightness
+        light = (expose(signal, ideal) - taken.background) / taken.brightness
         level = float(np.quantile(light[seen.material], 1.0 - saturated))
-        taken = taken.model_copy(update={"brightness": (1.0 - background) / level})
-    averaged = taken.model_copy(update={"noise_grey": noise / np.sqrt(AVERAGED)})
+        taken = taken.model_copy(update={"brightness": (1.0 - taken.background) / level})
+    averaged = taken.model_copy(update={"noise_grey": taken.noise_grey / np.sqrt(AVERAGED)})
     rng = np.random.default_rng([seed, 7])
     return Shot(
         seen,

@@ -123,7 +123,7 @@ def shown_maps(figure):
     }
 
 
-@pytest.mark.parametrize("kept", ["folder", "memory"])
+@pytest.mark.parametrize("kept", ["folder", pytest.param("memory", marks=pytest.mark.long)])
 def test_a_figure_shows_the_maps_of_the_frames_that_it_names(followed, kept):
     """Pictures are numbered by key frame, orders by frame: 5 is the second key frame."""
     place, found, _ = followed
@@ -138,6 +138,7 @@ def test_a_figure_shows_the_maps_of_the_frames_that_it_names(followed, kept):
     assert np.isnan(of_frame[1]).all()  # its picture is not kept, and the panel says so
 
 
+@pytest.mark.long
 def test_figures_show_frames_that_have_maps_and_refuse_others(followed):
     _, found, _ = followed
     figure = isochrome.paper_figure(found)
