@@ -77,6 +77,18 @@ def case(
     cases.append(Case(make, says, label=name, **how))  # type: ignore[arg-type]
 
 
+def after(
+    do: Callable[[Path], object], then: list[str] | Callable[[Path], list[str]]
+) -> Callable[[Path], list[str]]:
+    """What makes a case: something is done in its folder, and then there are arguments."""
+
+    def make(place: Path) -> list[str]:
+        do(place)
+        return then(place) if callable(then) else then
+
+    return make
+
+
 def snapshot(place: Path) -> dict[str, object]:
     """All names below a folder, hidden ones too, with bytes, or where a link points."""
     found: dict[str, object] = {}

@@ -7,7 +7,7 @@ from pathlib import Path
 import tifffile
 from PIL import Image
 
-from hostile.attack import Case, case, hostile
+from hostile.attack import Case, after, case, hostile
 from hostile.given import changed, grey_tags, image, picture, pictures, png, process, tiff, video
 
 HEADS: list[Case] = []
@@ -142,16 +142,11 @@ def bigtiff_with_a_tag_of_two_to_the_sixty_values(place: Path) -> list[str]:
     return process("f.tif")
 
 
-@hostile(HEADS, "f.tif", "square pixels", "correct its scale")
-def tiff_whose_scale_is_another_across_than_down(place: Path) -> list[str]:
-    tifffile.imwrite(place / "f.tif", picture(), resolution=(100, 1e-3))
-    return process("f.tif")
-
-
-@hostile(HEADS, "f.png", "is not an image", "check the file")
-def png_of_no_rows(place: Path) -> list[str]:
-    png(place / "f.png", 0, 64, b"")
-    return process("f.png")
+case(HEADS, "tiff whose scale is another across than down",
+     after(lambda p: tifffile.imwrite(p / "f.tif", picture(), resolution=(100, 1e-3)),
+     process("f.tif")), "f.tif", "square pixels", "correct its scale")  # fmt: skip
+case(HEADS, "png of no rows", after(lambda p: png(p / "f.png", 0, 64, b""), process("f.png")),
+     "f.png", "is not an image", "check the file")  # fmt: skip
 
 
 @hostile(HEADS, "f.png", "holds 4 pictures", "save")

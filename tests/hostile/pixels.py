@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import tifffile
 
-from hostile.attack import Case, case, hostile
+from hostile.attack import Case, after, case, hostile
 from hostile.given import (
     PLAIN,
     image,
@@ -45,22 +45,15 @@ def pixels_of_complex_numbers(place: Path) -> list[str]:
     return process("f.tif")
 
 
-@hostile(PIXELS, "f.tif", "int16", "save them as")
-def pixels_with_a_sign(place: Path) -> list[str]:
-    stack(place / "f.tif", pictures().astype(np.int16) - 200)
-    return process("f.tif")
-
-
-@hostile(PIXELS, "f.tif[0]", "constant", "check")
-def constant_frames(place: Path) -> list[str]:
-    stack(place / "f.tif", np.full((3, 48, 64), 90, np.uint8))
-    return process("f.tif")
-
-
-@hostile(PIXELS, "f.tif", "check")
-def frame_of_one_pixel(place: Path) -> list[str]:
-    stack(place / "f.tif", picture()[None, :1, :1])
-    return process("f.tif")
+case(PIXELS, "pixels with a sign",
+     after(lambda p: stack(p / "f.tif", pictures().astype(np.int16) - 200), process("f.tif")),
+     "f.tif", "int16", "save them as")  # fmt: skip
+case(PIXELS, "constant frames",
+     after(lambda p: stack(p / "f.tif", np.full((3, 48, 64), 90, np.uint8)), process("f.tif")),
+     "f.tif[0]", "constant", "check")  # fmt: skip
+case(PIXELS, "frame of one pixel",
+     after(lambda p: stack(p / "f.tif", picture()[None, :1, :1]), process("f.tif")), "f.tif",
+     "check")  # fmt: skip
 
 
 @hostile(PIXELS, "frame 1", "20 x 64", "remove or crop the odd one", slow=True)
@@ -102,13 +95,9 @@ case(PIXELS, "colour image among grey ones", lambda p: folder(p, np.dstack([pict
 case(PIXELS, "deep image among shallow ones",
      lambda p: folder(p, picture().astype(np.uint16) * 257), "1.png", "uint16",
      "save all frames alike", slow=True)  # fmt: skip
-
-
-@hostile(PIXELS, "holds no image", "name a folder with frames")
-def folder_without_an_image(place: Path) -> list[str]:
-    (place / "d").mkdir()
-    (place / "d" / "notes.txt").write_text("no image")
-    return process("d")
+case(PIXELS, "folder without an image",
+     after(lambda p: ((p / "d").mkdir(), (p / "d" / "notes.txt").write_text("no image")),
+     process("d")), "holds no image", "name a folder with frames")  # fmt: skip
 
 
 def two_sizes(

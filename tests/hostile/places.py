@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
-from hostile.attack import Case, case, hostile
+from hostile.attack import Case, after, case, hostile
 from hostile.given import CONTACT, process, simulate, stack, write_scene
 
 PLACES: list[Case] = []
@@ -58,19 +58,12 @@ case(PLACES, "out on a missing drive",
 case(PLACES, "out on a missing drive for simulate",
      lambda p: [*simulating(p)[:-1], "/proc/nonexistent-drive/out"], "out",
      "name another")  # fmt: skip
-
-
-@hostile(PLACES, "out.partial", "symbolic link", "remove it")
-def working_folder_is_a_link_elsewhere(place: Path) -> list[str]:
-    (place / "elsewhere").mkdir()
-    (place / "out.partial").symlink_to("elsewhere")
-    return processing(place)
-
-
-@hostile(PLACES, "out.partial", "name another")
-def working_folder_is_a_file(place: Path) -> list[str]:
-    (place / "out.partial").write_text("mine")
-    return processing(place)
+case(PLACES, "working folder is a link elsewhere",
+     after(lambda p: ((p / "elsewhere").mkdir(), (p / "out.partial").symlink_to("elsewhere")),
+     lambda p: processing(p)), "out.partial", "symbolic link", "remove it")  # fmt: skip
+case(PLACES, "working folder is a file",
+     after(lambda p: (p / "out.partial").write_text("mine"), lambda p: processing(p)),
+     "out.partial", "name another")  # fmt: skip
 
 
 @hostile(PLACES, "out.partial", "symbolic links", "name another")
@@ -81,35 +74,20 @@ def lock_in_the_working_folder_is_a_link_elsewhere(place: Path) -> list[str]:
     return processing(place)
 
 
-@hostile(PLACES, "d/f.tif", "beside the input", "name another")
-def out_is_the_folder_of_the_frames(place: Path) -> list[str]:
-    (place / "d").mkdir()
-    stack(place / "d" / "f.tif")
-    return [*process("d")[:-1], "d"]
-
-
+case(PLACES, "out is the folder of the frames",
+     after(lambda p: ((p / "d").mkdir(), stack(p / "d" / "f.tif")), [*process("d")[:-1], "d"]),
+     "d/f.tif", "beside the input", "name another")  # fmt: skip
 case(PLACES, "out is the frames", lambda p: [*processing(p)[:-1], "f.tif"], "f.tif", "is a file",
      "name another")  # fmt: skip
-
-
-@hostile(PLACES, "fringe_order.tif", "beside the input", "name another")
-def results_would_replace_the_frames(place: Path) -> list[str]:
-    stack(place / "out" / "fringe_order.tif")
-    return process("out/fringe_order.tif")
-
-
-@hostile(PLACES, "out/scene.toml", "no provenance.json", "move it away", kept=True)
-def results_would_replace_the_scene(place: Path) -> list[str]:
-    write_scene(place, CONTACT, "out/scene.toml")
-    return simulate("out/scene.toml")
-
-
-@hostile(PLACES, "out/frames.tif", "no provenance.json", "move it away", kept=True)
-def results_would_replace_somebodys_frames(place: Path) -> list[str]:
-    stack(place / "out" / "frames.tif")
-    return simulating(place)
-
-
+case(PLACES, "results would replace the frames",
+     after(lambda p: stack(p / "out" / "fringe_order.tif"), process("out/fringe_order.tif")),
+     "fringe_order.tif", "beside the input", "name another")  # fmt: skip
+case(PLACES, "results would replace the scene",
+     after(lambda p: write_scene(p, CONTACT, "out/scene.toml"), simulate("out/scene.toml")),
+     "out/scene.toml", "no provenance.json", "move it away", kept=True)  # fmt: skip
+case(PLACES, "results would replace somebodys frames",
+     after(lambda p: stack(p / "out" / "frames.tif"), lambda p: simulating(p)), "out/frames.tif",
+     "no provenance.json", "move it away", kept=True)  # fmt: skip
 case(PLACES, "out is the root", lambda p: [*processing(p)[:-1], "/"], "/", "top of a drive",
      "name a folder in it")  # fmt: skip
 case(PLACES, "out is a device", lambda p: [*processing(p)[:-1], "/dev/null"], "/dev/null",
