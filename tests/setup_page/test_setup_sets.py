@@ -196,14 +196,12 @@ def test_the_sets_page_passes_an_automated_check_and_its_tools_go_by_keys(made, 
             page.keyboard.press("Enter")
             for _ in range(20):
                 page.keyboard.press(f"Shift+{key}")
-        page.wait_for_timeout(400)
-        own.settle()
+        own.settle(400)
         # 400 px apart, and the column by which the page sets the second one beside the first
         assert made.scene().camera.pixel_mm == pytest.approx(20.0 / 400.0, rel=0.15)
         page.fill("#load-1", "101,5")
         page.keyboard.press("Tab")
         page.wait_for_function("() => page.state.images[1].load_n === 101.5")
-        assert own.said == []
 
 
 CAUSES = (
@@ -274,7 +272,7 @@ def test_a_cause_is_taken_into_the_set_by_its_button(made, monkeypatch, width):
         page.get_by_role("button", name="Take The lens's distortion").click()
         own.settle()
         own.status("taken into the set")
-        assert made.calibration_set().camera.distortion == -0.002135 and own.said == []
+        assert made.calibration_set().camera.distortion == -0.002135
 
 
 @pytest.mark.browser
@@ -297,7 +295,7 @@ def test_from_fresh_images_to_a_set_that_gives_f_sigma(kind, tmp_path):
     with open_chromium() as browser:
         from .test_setup_browser import tab
 
-        with tab(browser, open_session(folder, calibration=calibration)) as own:
+        with tab(browser, open_session(folder, calibration=calibration), quiet=False) as own:
             for key, text in given.items():
                 own.fill(key, text)
             calibrated_on_page(own)
