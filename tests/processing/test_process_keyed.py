@@ -78,6 +78,7 @@ def test_a_video_whose_loads_are_far_apart_has_its_frames_read_alone_and_says_so
         process(*arguments, track=True)
 
 
+@pytest.mark.long
 def test_workers_and_folders_give_the_same_bytes(tmp_path):
     film = LoadedFilm(4)
     tifffile.imwrite(tmp_path / "film.tif", film.frames(range(20, 46)))

@@ -56,12 +56,14 @@ def test_each_load_is_read_against_the_others(frames, tmp_path):
     assert not (tmp_path / "out" / "fringe_order.tif").exists()
 
 
+@pytest.mark.long
 def test_one_frame_alone_gives_the_same_load_as_the_set(frames):
     whole = process(frames, with_loads(*LOADS))
     (one,) = process_frame(frames_of(frames), with_loads(*LOADS), 3).values
     assert one.key == "load.normal_n" and one.value == whole.table["load.normal_n"][3]
 
 
+@pytest.mark.long
 def test_check_reads_loads_and_refuses_those_that_do_not_belong(frames):
     assert check(frames, with_loads(*LOADS)).ok
     found = check(frames, with_loads(*LOADS[:6]))
@@ -70,9 +72,13 @@ def test_check_reads_loads_and_refuses_those_that_do_not_belong(frames):
     assert not few.ok and any("3 other loads are known" in one.text for one in few.findings)
 
 
-def test_too_few_loads_or_not_one_a_frame_are_refused(frames):
+@pytest.mark.long
+def test_too_few_known_loads_are_no_result(frames):
     with pytest.raises(PhysicsError, match=r"nothing could be read .*3 other loads are known"):
         process(frames[:4], with_loads(*LOADS[:4]))
+
+
+def test_a_number_for_each_frame(frames):
     with pytest.raises(InputError, match=r"known_loads_n has 6 numbers, and the set 7 frames"):
         process(frames, with_loads(*LOADS[:6]))
 

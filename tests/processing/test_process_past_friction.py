@@ -114,14 +114,18 @@ def test_a_single_frame_of_one_friction_asks_for_no_other_before():
     assert not row["causes"] and abs(row[KEY] - 0.25) < 3.0 * row[SPREAD]
 
 
-def test_an_earlier_change_is_a_table_that_ends_in_another_friction_and_is_refused_beside_one():
+def test_an_earlier_change_beside_a_table_is_refused():
+    with pytest.raises(isochrome.InputError, match=r"earlier_change.*says what it was before"):
+        worn(CHANGED.format(0.15) + "\nearlier_change = 0.1")
+
+
+@pytest.mark.long
+def test_an_earlier_change_is_a_table_that_ends_in_another_friction():
     stated = worn("coefficient = 0.25\nearlier_change = -0.1")
     states = [isochrome.simulate(s).states[-1] for s in (stated, worn(CHANGED.format(0.15)))]
     first, second = (state.surface.pressure_mpa for state in states)
     # the last two centimetres, which wear the peaks at the scar's ends; of one friction it is 1.6 %
     assert np.abs(first - second).sum() < 5e-4 * first.sum()
-    with pytest.raises(isochrome.InputError, match=r"earlier_change.*says what it was before"):
-        worn(CHANGED.format(0.15) + "\nearlier_change = 0.1")
 
 
 def test_a_frame_that_is_made_wider_and_has_nothing_to_say_says_nothing():

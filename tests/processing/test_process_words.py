@@ -65,7 +65,9 @@ FIT = ("--per-frame", LOAD, "--per-frame", "camera.left_mm", "--per-frame", "cam
        "--per-frame", "friction.coefficient")  # fmt: skip
 
 
-@pytest.mark.parametrize(("command", "more"), [("process", ()), ("fit", FIT)])
+@pytest.mark.parametrize(
+    ("command", "more"), [("process", ()), pytest.param("fit", FIT, marks=pytest.mark.long)]
+)
 def test_a_scene_that_states_no_uncertainty_is_said_to_be_taken_as_exact(sample, command, more):
     said, found, page, _ = run(sample, command, "bare", *more)
     words = WORDS.format("pictures")
@@ -108,6 +110,7 @@ def test_of_a_track_what_is_stated_is_in_no_uncertainty_and_counts_as_exact(samp
     assert not set(EXACT) & set(taken_as_exact(scene, (LOAD,)))
 
 
+@pytest.mark.long
 def test_the_set_up_page_says_it_of_one_frame(sample):
     for name in ("bare", "honest"):
         session = open_session(sample / "two.tif", sample / f"{name}.toml")
