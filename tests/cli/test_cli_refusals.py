@@ -255,7 +255,7 @@ def test_nan_frames(place, refuses, scene_with):
     refuses(2, ["nan.tif[0]", "NaN"], *process("nan.tif", scene))
 
 
-def test_images_of_two_sizes_in_one_folder(place, refuses):
+def test_images_of_two_sizes_are_refused(place, refuses, scene_with):
     from PIL import Image
 
     (place / "folder").mkdir()
@@ -263,9 +263,6 @@ def test_images_of_two_sizes_in_one_folder(place, refuses):
         image = tifffile.imread(place / "frames.tif")[i, :rows]
         Image.fromarray(image).save(place / "folder" / f"{i}.png")
     refuses(2, ["1.png", "100 x 160", "120 x 160"], *process("folder"))
-
-
-def test_no_load_file_of_another_size(place, refuses, scene_with):
     tifffile.imwrite(place / "dark.tif", np.zeros((100, 160), np.uint8))
     scene = scene_with('\n[frames]\nno_load_dark = "dark.tif"\n')
     words = ["dark.tif", "frames.no_load_dark", "(100, 160)", "(120, 160)"]
@@ -448,12 +445,16 @@ def test_check_finds_blank_frames_and_ends_with_2(place, quick_isochrome, value,
 
 
 @pytest.mark.process_too
-def test_check_finds_a_truncated_tiff_and_ends_with_2(place, quick_isochrome):
+def test_check_finds_a_truncated_tiff_and_its_json_is_no_refusals(place, quick_isochrome):
     whole = (place / "frames.tif").read_bytes()
     (place / "cut.tif").write_bytes(whole[: len(whole) // 2])
     done = quick_isochrome("check", "cut.tif", "--scene", "small.toml")
     assert (done.code, done.err) == (2, "")
     assert done.out.startswith("error: cut.tif") and "truncated" in done.out
+    # A result never has the key 'error': a script may tell the two apart by it.
+    done = quick_isochrome("check", "frames.tif", "--scene", "small.toml", "--json")
+    assert done.code == 0 and "error" not in done.json()
+    assert json.dumps(done.json(), allow_nan=False)
 
 
 USAGE = {
@@ -486,11 +487,3 @@ def test_a_usage_error_is_one_line_that_names_the_help(quick_isochrome, argument
     assert set(done.json()) == {"error", "exit_code"} and done.json()["exit_code"] == done.code == 2
     if arguments != ("--verson",):  # --json stands before no command
         assert USAGE[arguments] in done.json()["error"]
-
-
-@pytest.mark.process_too
-def test_the_two_json_shapes_cannot_be_mixed_up(quick_isochrome):
-    # A result never has the key 'error': a script may tell the two apart by it.
-    done = quick_isochrome("check", "frames.tif", "--scene", "small.toml", "--json")
-    assert done.code == 0 and "error" not in done.json()
-    assert json.dumps(done.json(), allow_nan=False)

@@ -100,7 +100,7 @@ def test_many_frames_are_thinned_and_the_foot_says_so():
         side_by_side(*frame_sets(2), [])
 
 
-def test_words_stay_inside_the_figure():
+def test_words_stay_inside_the_figure_and_no_global_state_is_left(tmp_path):
     experiment, simulation = frame_sets(2, noise=0.01)
     figure = side_by_side(experiment, simulation)
     figure.canvas.draw()
@@ -110,9 +110,6 @@ def test_words_stay_inside_the_figure():
             box = text.get_window_extent()
             assert box.x0 >= page.x0 and box.x1 <= page.x1
             assert box.y0 >= page.y0 and box.y1 <= page.y1
-
-
-def test_pictures_leave_no_global_state(tmp_path):
     before = dict(matplotlib.rcParams)
     path = tmp_path / "side.png"
     write_figure(path, side_by_side(*frame_sets(1)), dpi=50)
@@ -187,9 +184,6 @@ def test_off_the_specimen_a_simulated_frame_is_not_known(tmp_path):
     found = load_frame_set(tmp_path / "sim")
     np.testing.assert_array_equal(np.isnan(found.signal), np.isnan(found.order))
     assert np.isnan(found.signal[:, :9]).all() and np.isfinite(found.signal[:, 9:]).any()
-
-
-def test_bare_frames_are_scaled_by_the_sensors_bits(tmp_path):
     counts = np.array([[[0, 1023], [511, 256]]] * 2, dtype=np.uint16)
     write_tiff(tmp_path / "bare.tif", counts, pixel_mm=PIXEL_MM)
     found = load_frame_set(tmp_path / "bare.tif", bit_depth=10)

@@ -142,9 +142,6 @@ def test_a_part_is_as_like_as_it_is_alone():
     measured[40:] = np.nan
     assert compare_signals(measured, model).ssim == pytest.approx(part.ssim, abs=1e-9)
     assert part.ssim < 0.95
-
-
-def test_a_constant_image_has_no_correlation():
     found = compare_signals(np.random.default_rng(0).random((9, 9)), np.full((9, 9), 0.3))
     assert np.isnan(found.ncc) and found.gain == 0.0
     assert np.isnan(compare_signals(np.ones((4, 4)), np.ones((4, 4))).ssim)  # below its window
@@ -162,7 +159,7 @@ def test_a_shift_is_the_skeleton_distance(shift):
     assert found.matched_share > 0.94  # a line may lie within the rim of one side only
 
 
-def test_a_missing_line_lowers_the_matched_share_only():
+def test_a_missing_line_lowers_the_matched_share_only_and_orders_keep_neighbours_apart():
     col = np.indices((80, 200))[1] / 40.0
     whole = order_contours(col, [1.0, 2.0, 3.0, 4.0])
     found = skeleton_distance([line for line in whole if line.order != 3.0], whole)
@@ -171,6 +168,9 @@ def test_a_missing_line_lowers_the_matched_share_only():
     assert np.isnan(nothing.mean_px) and nothing.matched_share == 0.0
     with pytest.raises(InputError, match="no fringe line"):
         skeleton_distance([], [])
+    col = np.indices((40, 100))[1] / 10.0
+    here, there = order_contours(col, [3.0]), order_contours(col, [4.0])
+    assert np.isnan(skeleton_distance(here, there).mean_px)
 
 
 def line(col, rows=41, kind="dark", order=None):
@@ -209,12 +209,6 @@ def test_a_point_between_two_of_the_other_line_is_as_near_as_the_line():
     found = skeleton_distance([point], [long], reach_px=4.0)
     # filled up every 0.2 px, the nearest is at most 0.1 px along the line: 3 px to 2e-3
     assert found.p95_px == pytest.approx(3.0, abs=2e-3)
-
-
-def test_orders_keep_a_line_from_its_wrong_neighbour():
-    col = np.indices((40, 100))[1] / 10.0
-    here, there = order_contours(col, [3.0]), order_contours(col, [4.0])
-    assert np.isnan(skeleton_distance(here, there).mean_px)
 
 
 def test_ssim_cannot_judge_accuracy_and_the_others_can(order, signal):

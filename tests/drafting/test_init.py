@@ -62,6 +62,11 @@ def test_the_text_is_the_scene_says_where_values_are_from_and_what_is_to_be_fill
     assert "polariscope.wavelength_nm" in opened and "frames.no_load_bright" in opened
     filled = draft.text.replace("# wavelength_nm =", "wavelength_nm = 587.0")
     assert isochrome.parse_scene(filled).polariscope.wavelength_nm == 587.0
+    printed = repr(draft)
+    assert "load.normal_n" in printed and "to fill in" in printed
+    found = draft.to_json()
+    assert found["values"][0].keys() == {"key", "value", "origin", "standard_uncertainty", "note"}
+    assert list(draft.table.columns) == ["key", "value", "standard_uncertainty", "origin"]
 
 
 def _as_written(value):
@@ -82,11 +87,15 @@ def test_a_mirror_that_is_known_is_written_and_friction_has_its_own_side(case):
     )
 
 
-def test_a_scene_says_which_side_friction_points_to_and_what_a_mirror_would_change(draft, case):
+def test_a_turned_picture_has_the_camera_of_the_turned_one(draft, case):
     side = "right" if truth_unmirrored(case)["friction.coefficient"] > 0.0 else "left"
     text = " ".join(draft.text.replace("\n# ", " ").split())
     assert f"drags the surface to the {side} of the picture" in text
     assert "run init again with --flip horizontal" in text
+    turn = truth_unmirrored(case)["frames.rotate_deg"]
+    assert draft.scene.frames.rotate_deg == turn and turn in (90, 270)
+    rows, cols = case.captured.shape
+    assert (draft.scene.camera.height_px, draft.scene.camera.width_px) == (cols, rows)
 
 
 def test_check_and_process_take_the_scene_as_it_is(case, draft):
@@ -177,13 +186,6 @@ def test_the_first_frame_that_shows_the_contact_is_looked_at(case):
     unloaded = np.clip(rng.normal(10.0, 3.0, case.captured.shape), 0, 255).astype(np.uint8)
     found = isochrome.init(np.stack([unloaded, case.captured]), known_of(case))
     assert found.frame == 1
-
-
-def test_a_turned_picture_has_the_camera_of_the_turned_one(draft, case):
-    turn = truth_unmirrored(case)["frames.rotate_deg"]
-    assert draft.scene.frames.rotate_deg == turn and turn in (90, 270)
-    rows, cols = case.captured.shape
-    assert (draft.scene.camera.height_px, draft.scene.camera.width_px) == (cols, rows)
 
 
 def test_files_are_left_and_a_scene_is_never_written_over(case, draft, tmp_path, monkeypatch):
@@ -283,14 +285,6 @@ def test_folders_of_no_load_frames_are_told_apart(folder):
     )
     found = isochrome.check(folder, folder / "scene.toml")
     assert not found.ok and "put the loaded frames there" in found.findings[0].text
-
-
-def test_a_report_has_what_was_found(draft):
-    printed = repr(draft)
-    assert "load.normal_n" in printed and "to fill in" in printed
-    found = draft.to_json()
-    assert found["values"][0].keys() == {"key", "value", "origin", "standard_uncertainty", "note"}
-    assert list(draft.table.columns) == ["key", "value", "standard_uncertainty", "origin"]
 
 
 @pytest.mark.long

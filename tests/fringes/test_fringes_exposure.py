@@ -102,6 +102,11 @@ def test_an_untold_background_leaves_out_what_it_might_turn_over():
     beyond = np.isfinite(found.reading.order) & (order > 1.0)
     assert not beyond.any()
     assert_not_silent(*errors(found, order))
+    order, image, bright, dark = drawn(0, (1.0, 1.0, 1.0), highest=0.42)
+    found = read(np.clip(order, 0.0, 0.42), image, (dark, bright))
+    assert any(
+        "do not tell whether it is exposed as its no-load frames" in w for w in found.warnings
+    )
 
 
 def ridge(exposures, known, *, top=0.35, more=None):
@@ -203,14 +208,6 @@ def test_below_a_crest_nothing_is_made_of_the_exposure(seed):
         image, np.full(SHAPE, 1.0 / 255.0), np.ones(SHAPE, bool), dark=dark, bright=bright
     )
     assert not found.told and found.ends is None
-
-
-def test_a_frame_without_a_crest_says_that_its_exposure_is_assumed():
-    order, image, bright, dark = drawn(0, (1.0, 1.0, 1.0), highest=0.42)
-    found = read(np.clip(order, 0.0, 0.42), image, (dark, bright))
-    assert any(
-        "do not tell whether it is exposed as its no-load frames" in w for w in found.warnings
-    )
 
 
 def judge(seed, exposures):

@@ -107,7 +107,7 @@ def tilted(slope):
     return orders, np.arange(COLS) < COLS // 2 + np.zeros((ROWS, 1), int)
 
 
-def test_what_its_light_bears_out_is_regained():
+def test_what_its_light_bears_out_is_regained_and_what_it_speaks_against_not():
     """From a fringe's flank on it is, up to its crest; a film whose fringes move passes those."""
     orders, known = tilted(0.06)
     gained = np.zeros_like(known)
@@ -120,11 +120,7 @@ def test_what_its_light_bears_out_is_regained():
         assert not (new & crest).any()
         gained |= new
     assert gained[:, COLS // 2].mean() > 0.95 and not gained[:, COLS // 2 + 4 :].any()
-
-
-def test_what_its_light_speaks_against_is_not_regained():
-    """Beside what is known another body begins, of orders that are a quarter of a fringe apart."""
-    orders, known = tilted(0.06)
+    # beside what is known another body begins, of orders that are a quarter of a fringe apart
     other = np.where(known, orders, orders + 0.25)
     _, wider = regained(orders * known, known, wave(other, 3), EVERYWHERE)
     assert not (wider & ~known).any()

@@ -195,7 +195,7 @@ def test_beside_isotropic_points_the_order_is_right_or_masked():
     assert np.isfinite(error).any() and np.nanmax(error) < SURE
 
 
-def test_without_a_known_point_inside_the_frame_nothing_is_known():
+def test_without_a_known_point_inside_the_frame_or_of_noise_nothing_is_known():
     _, light, _ = reading("contact, mu 0.3")
     got = read_free(light.wave[CUT], light.wave_sigma[CUT], light.valid[CUT], [])
     assert not np.isfinite(got.reading.order).any()
@@ -203,6 +203,9 @@ def test_without_a_known_point_inside_the_frame_nothing_is_known():
     frame, _, (_, _, order) = part(80, 30)
     got = read_free(*frame, [(900, 900, order)])
     assert got.misses == ((900, 900, order),) and not np.isfinite(got.reading.order).any()
+    wave = np.random.default_rng(4).normal(size=(160, 220))
+    got = read_free(wave, np.full(wave.shape, 0.03), np.ones(wave.shape, bool), [(50, 50, 0.25)])
+    assert not np.isfinite(got.reading.order).any()
 
 
 def part(row: int, col: int) -> tuple[tuple[np.ndarray, ...], np.ndarray, tuple]:
@@ -280,12 +283,6 @@ def test_a_constant_frame_tells_nothing(level, known):
     for wave in (np.full_like(sigma, level), level + noise):
         got = read_free(wave, sigma, np.ones(sigma.shape, bool), known)
         assert not np.isfinite(got.reading.order).any() and got.misses == tuple(known)
-
-
-def test_noise_alone_tells_nothing():
-    wave = np.random.default_rng(4).normal(size=(160, 220))
-    got = read_free(wave, np.full(wave.shape, 0.03), np.ones(wave.shape, bool), [(50, 50, 0.25)])
-    assert not np.isfinite(got.reading.order).any()
 
 
 @pytest.mark.long

@@ -375,13 +375,15 @@ def test_a_pixel_whose_other_frames_tell_badly_is_not_read():
     assert gain[:3, 0] == pytest.approx(growth[:3], rel=1e-5) and np.isnan(gain[3, 0])
 
 
-def test_frames_without_a_readable_pixel_say_so():
+def test_frames_without_a_readable_pixel_and_known_orders_outside_are_said():
     rng = np.random.default_rng(5)
     light = rng.normal(0.5, 0.01, (10, 60, 80))
     found = read_steps(light, chains_of(disc()), sigma=0.01)
     assert not np.isfinite(found.order).any() and not np.isfinite(found.isoclinic).any()
     assert (found.reading.confidence == 0.0).all() and found.reading.kept == 0.0
     assert any("could be read" in words for words in found.warnings)
+    found = read(small(disc(**{"load.normal_n": 150.0}), 2), known_order=[(5, 5, 0.0)])
+    assert "row 5, column 5" in " ".join(found.warnings) and found.parts[0].source == "equilibrium"
 
 
 def disc_field(rows=400, cols=400, size=170.0):
@@ -477,11 +479,6 @@ def test_known_orders_go_before_equilibrium_and_their_quarrel_is_said():
     neither = read(scene, known_order=[(row, col, right + 0.28)])
     assert not np.isfinite(neither.order).any()
     assert "disagrees with the light" in " ".join(neither.warnings)
-
-
-def test_a_known_order_outside_the_specimen_is_said():
-    found = read(small(disc(**{"load.normal_n": 150.0}), 2), known_order=[(5, 5, 0.0)])
-    assert "row 5, column 5" in " ".join(found.warnings) and found.parts[0].source == "equilibrium"
 
 
 def test_a_model_that_singles_out_no_whole_number_gives_none():

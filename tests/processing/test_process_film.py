@@ -83,7 +83,7 @@ def test_each_frame_has_the_map_that_it_has_when_it_is_processed_alone(followed)
     assert np.sqrt(np.mean(error**2)) < 0.005 and np.mean(np.abs(error) > 0.25) == 0.0
 
 
-def test_a_followed_frame_has_the_columns_of_a_whole_one(followed):
+def test_a_followed_frame_has_the_columns_and_pages_of_a_whole_one(followed):
     place, found, said = followed
     table = read_csv(place / "out" / "frames.csv")
     truth = true_orders(contact(sliding=True), course(COUNT))
@@ -94,6 +94,16 @@ def test_a_followed_frame_has_the_columns_of_a_whole_one(followed):
     assert min(table["kept_share"]) > 0.95
     assert [k for k, at in enumerate(found.columns["picture"]) if at is not None] == [0, 5]
     assert any("maps of 8 frames" in text and "MB a frame" in text for text in said)
+    place, _, _ = followed
+    with open_run(place / "out") as dataset:
+        for name in ("fringe_order", "confidence"):
+            stored = dataset[name].values
+            with tifffile.TiffFile(place / "out" / f"{name}.tif") as tif:
+                np.testing.assert_array_equal(tif.asarray(), stored)
+                assert len(tif.imagej_metadata["Labels"]) == COUNT
+        assert tifffile.imread(place / "out" / "normalised.tif").shape == (2, *SHAPE)
+        compared = load_frame_set(place / "out")
+        np.testing.assert_array_equal(compared.order, dataset.fringe_order.values[[0, 5]])
 
 
 def test_maps_are_kept_in_whole_steps_whose_error_is_half_of_one(followed):
@@ -177,19 +187,6 @@ def test_the_report_shows_frames_between_the_key_frames(followed):
         own = decoded(one["order"], one["rows"], one["cols"])
         # orders of a report are rounded to its step
         np.testing.assert_allclose(own, order[k, : one["rows"], : one["cols"]], atol=0.00051)
-
-
-def test_the_stacks_have_a_page_for_every_frame_as_run_zarr_has_it(followed):
-    place, _, _ = followed
-    with open_run(place / "out") as dataset:
-        for name in ("fringe_order", "confidence"):
-            stored = dataset[name].values
-            with tifffile.TiffFile(place / "out" / f"{name}.tif") as tif:
-                np.testing.assert_array_equal(tif.asarray(), stored)
-                assert len(tif.imagej_metadata["Labels"]) == COUNT
-        assert tifffile.imread(place / "out" / "normalised.tif").shape == (2, *SHAPE)
-        compared = load_frame_set(place / "out")
-        np.testing.assert_array_equal(compared.order, dataset.fringe_order.values[[0, 5]])
 
 
 def test_stacks_that_would_be_too_large_hold_the_key_frames_and_it_is_said(followed, monkeypatch):

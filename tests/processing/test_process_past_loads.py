@@ -36,9 +36,6 @@ def test_a_followed_frame_knows_the_loads_since_its_track_began():
     found = with_past_loads(table([40.0, 44.0, 48.0], **by), SCENE)
     begun = 0.3 * sqrt(8.0) / 44.0  # at 50 m: a third of the way at the end
     assert found[f"{WEAR} {SPREAD}"][1:] == pytest.approx([2e-9 * begun / 2, 2e-9 * begun / 3])
-
-
-def test_steady_loads_those_that_are_stated_and_a_single_frame_stay():
     given = table([44.0] * 3)
     assert with_past_loads(given, SCENE) is given
     given = {name: column for name, column in table([40.0, 44.0, 48.0]).items() if LOAD not in name}

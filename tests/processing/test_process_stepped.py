@@ -173,14 +173,11 @@ def test_frames_that_are_no_whole_sets_are_refused(worn, tmp_path, count, words)
     assert not (tmp_path / "out").exists()
 
 
-def test_steps_that_cannot_tell_the_order_are_refused_before_the_frames():
+def test_steps_that_cannot_tell_the_order_and_an_unknown_gamma_are_refused(tmp_path):
     with pytest.raises(
         InputError, match=r"^set: \[\[polariscope.step\]\]: the 4 steps do not determine"
     ):
         process("nowhere.tif", stepped(steps=STEPS[6:]))
-
-
-def test_an_unknown_gamma_is_refused_for_steps(tmp_path):
     # Steps are compared as light: they do not tell the curve from the angles.
     scene = image_only(stepped()).with_values({"frames.gamma": "unknown"})
     write_tiff(tmp_path / "set.tif", np.tile(np.arange(40, dtype=np.uint8), (len(STEPS), 40, 1)))

@@ -124,10 +124,7 @@ def test_a_load_changes_its_line_alone_and_comments_stay(made):
     assert "bending-100N" not in made.text and "bending-150N" in made.text
     with pytest.raises(InputError, match="4 images"):
         apply_tool(made, {"tool": "loads", "loads": [60.0]})
-
-
-def test_images_that_come_and_go_leave_the_others_as_they_are_written(made):
-    """Comments of a table, above it and behind its values, and a load with its uncertainty."""
+    # comments of a table, above it and behind its values, and a load with its uncertainty
     apply_tool(made, {"tool": "values", "values": {"camera.pixel_mm": 0.05}})
     apply_tool(made, {"tool": "loads", "loads": [60.0, None, 150.0, None]})
     sure = "load_n = { value = 150.0, standard_uncertainty = 0.5 }  # by the cell"
