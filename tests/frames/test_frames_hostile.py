@@ -313,33 +313,26 @@ def test_folders_pipes_and_empty_files_in_a_files_place(tmp_path, suffix):
     assert "not a file" in read_until_refused([tmp_path / f"d{suffix}"])[1]
 
 
-@pytest.mark.parametrize("name", ["HuffYUV in AVI", "uncompressed grey in AVI"])
-def test_a_video_that_is_being_written_is_refused(tmp_path, name):
-    check_growing(MOVING[name].write(tmp_path))
-
-
-def test_a_stack_that_is_being_written_is_refused(tmp_path):
-    check_growing(STILL["plain pages"].write(tmp_path))
-
-
-def check_growing(path):
+@pytest.mark.parametrize("name", ["HuffYUV in AVI", "uncompressed grey in AVI", "plain pages"])
+def test_a_recording_that_is_being_written_is_refused(tmp_path, name):
+    path = (MOVING | STILL)[name].write(tmp_path)
     reader = open_frames(path)
     running = iter(reader)
     next(running)
     with open(path, "ab") as file:
         file.write(b"more")
-    with pytest.raises(InputError, match="changed while it was read"):
-        list(running)
-    with pytest.raises(InputError, match="changed while it was read"):
-        list(reader)
+    for frames in (running, reader):
+        with pytest.raises(InputError, match="changed while it was read"):
+            list(frames)
 
 
-def test_time_stamps_that_go_backwards_are_no_times(tmp_path):
+@pytest.mark.parametrize("stamp", [120, 450], ids=["backwards", "another's"])
+def test_a_time_stamp_that_two_frames_share_is_the_firsts(tmp_path, stamp):
     path = FFV1(tmp_path)
     data = bytearray(path.read_bytes())
     place = data.find(b"\x81" + struct.pack(">h", 500))  # frame 10's, after 450 ms
     assert place > 0
-    data[place + 1 : place + 3] = struct.pack(">h", 120)
+    data[place + 1 : place + 3] = struct.pack(">h", stamp)
     path.write_bytes(data)
     reader = open_frames(path)
     reader.count()
@@ -348,17 +341,6 @@ def test_time_stamps_that_go_backwards_are_no_times(tmp_path):
         wanted = [None if i == 10 else t for i, t in enumerate(EVEN)]
         assert [f.time_s for f in frames] == pytest.approx(wanted, abs=1e-3)
     assert next(reader.iterate(10, 11)).time_s is None
-
-
-def test_a_time_stamp_that_two_frames_share_is_the_firsts(tmp_path):
-    path = FFV1(tmp_path)
-    data = bytearray(path.read_bytes())
-    place = data.find(b"\x81" + struct.pack(">h", 500))  # frame 10's, after 450 ms
-    assert place > 0
-    data[place + 1 : place + 3] = struct.pack(">h", 450)
-    path.write_bytes(data)
-    wanted = [None if i == 10 else t for i, t in enumerate(EVEN)]
-    assert [f.time_s for f in open_frames(path)] == pytest.approx(wanted, abs=1e-3)
 
 
 def test_a_playlist_in_a_videos_clothes_opens_nothing(tmp_path):
