@@ -1,8 +1,4 @@
-"""Every command as a user runs it, in a folder with letters beyond ASCII.
-
-The frames are simulated and processed in another process; the rest calls the command line's own
-entry, and one of each command with `-m long` another process once more.
-"""
+"""Every command as a user runs it, in a folder with letters beyond ASCII."""
 
 import csv
 import json
@@ -60,9 +56,6 @@ def processed(captured, run_in):
     return captured, done.json()
 
 
-# Help
-
-
 def test_help_imports_nothing_heavy():
     code = (
         "import sys\n"
@@ -80,8 +73,7 @@ def test_help_imports_nothing_heavy():
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda c: " ".join(c) or "isochrome")
 def test_help_of_every_command(quick_isochrome, command):
     done = quick_isochrome(*command, "--help")
-    assert (done.code, done.err) == (0, "")
-    assert "Usage: " in done.out
+    assert (done.code, done.err) == (0, "") and "Usage: " in done.out
     if command in ((), ("calibrate",)):
         names = [c[-1] for c in COMMANDS if c[:-1] == command and c]
         assert all(name in done.out for name in names)
@@ -109,16 +101,10 @@ def test_every_command_has_two_examples_and_their_options_are_its_own():
             command.make_context(words, arguments[len(words.split()) :])
 
 
-def test_the_version_is_the_packages(quick_isochrome):
+def test_help_names_the_completion_and_the_version_is_the_packages(quick_isochrome):
     done = quick_isochrome("--version")
     assert (done.code, done.out, done.err) == (0, f"isochrome {version('isochrome')}\n", "")
-
-
-def test_help_names_the_completion_of_shells(quick_isochrome):
     assert "--install-completion" in quick_isochrome("--help").out
-
-
-# Simulate
 
 
 def test_simulate_leaves_what_the_contract_names(captured):
@@ -128,8 +114,7 @@ def test_simulate_leaves_what_the_contract_names(captured):
         "provenance.json", "simulation.png", "report.html",
     }  # fmt: skip
     history = columns_of(out / "history.csv")
-    assert set(HISTORY) <= set(history)
-    assert history["distance_m"] == ["0", "77"]
+    assert set(HISTORY) <= set(history) and history["distance_m"] == ["0", "77"]
     assert float(history["wear_depth_um"][1]) == pytest.approx(2.477, abs=0.01)
     pressure = columns_of(out / "pressure.csv")
     assert set(pressure) == {"state", "x_mm", "pressure_mpa", "shear_mpa", "wear_depth_um"}
@@ -165,9 +150,6 @@ def test_simulating_twice_gives_the_same_bytes(captured, quick_isochrome, place)
     for name in ("history.csv", "frames.tif", "pressure.csv", "fringe_order.tif"):
         one, two = ((f / name).read_bytes() for f in (captured / "Bild ü", place / "twice"))
         assert one == two, name
-
-
-# Process, compare
 
 
 def test_process_leaves_what_the_contract_names(processed):
@@ -225,8 +207,7 @@ def test_what_was_found_can_be_simulated_and_compared(processed, quick_isochrome
         "metrics.csv", "comparison.png", "provenance.json", "report.html",
     }  # fmt: skip
     assert set(columns_of(place / "Vergleich" / "metrics.csv")) == set(metrics)
-    assert max(metrics["order_rms_fringe"]) < 0.005
-    assert max(metrics["wrong_branch_share"]) == 0.0
+    assert max(metrics["order_rms_fringe"]) < 0.005 and max(metrics["wrong_branch_share"]) == 0.0
     # The surface stands a hundredth of a pixel apart: rows that one side calls air do not count.
     assert min(metrics["ncc"]) > 0.999
 
@@ -234,11 +215,7 @@ def test_what_was_found_can_be_simulated_and_compared(processed, quick_isochrome
 @pytest.mark.process_too
 def test_check_finds_nothing_wrong_with_simulated_frames(quick_isochrome):
     done = quick_isochrome("check", "frames.tif", "--scene", "small.toml")
-    assert (done.code, done.err) == (0, "")
-    assert done.out.endswith("2 frames read: no error found\n")
-
-
-# Fit
+    assert (done.code, done.err) == (0, "") and done.out.endswith("2 frames read: no error found\n")
 
 
 @pytest.mark.long
@@ -254,15 +231,11 @@ def test_fit_gives_the_keys_by_name_and_a_scene_that_reloads(quick_isochrome, pl
     assert set(found["load.normal_n"]) == parts
     assert found["load.normal_n"]["value"] == pytest.approx(44.0, rel=1e-3)
     names = {"frame", "distance_m", "chi", "other_minima", "friction.coefficient"}
-    assert [set(f) for f in found["frames"]] == [names] * 2
-    assert 0.9 < found["chi"] < 1.1
+    assert [set(f) for f in found["frames"]] == [names] * 2 and 0.9 < found["chi"] < 1.1
     assert {"fit.csv", "scene.toml", "fit.png"} <= files_in(place / "Anpassung")
     table = columns_of(place / "Anpassung" / "fit.csv")
     assert table["key"] == ["load.normal_n", "friction.coefficient", "friction.coefficient"]
     assert quick_isochrome("check", "frames.tif", "--scene", "Anpassung/scene.toml").code == 0
-
-
-# Calibrate
 
 
 @pytest.mark.study
@@ -290,8 +263,7 @@ def test_calibrate_finds_the_fringe_value(quick_isochrome, place, specimen, comm
     assert saved == {k: v for k, v in found.items() if k != "out"}
     spread = found["standard_uncertainty"]
     assert abs(found["fringe_value_n_per_mm"] - 14.6) < 4.0 * spread < 0.5
-    assert 0.9 < found["chi"] < 1.1
-    assert abs(found["order_at_zero_load"]) < 0.06
+    assert 0.9 < found["chi"] < 1.1 and abs(found["order_at_zero_load"]) < 0.06
     assert files_in(place / "Kalibrierung") == {
         "budget.csv", "calibration.json", "calibration.png", "images.csv", "provenance.json",
         "report.html",
@@ -307,6 +279,5 @@ def test_demo_runs_from_anywhere(isochrome, place):
     assert max(summary["metrics"]["order_rms_fringe"]) < 0.01
     assert len(summary["film"]["load.normal_n"]) == 45
     said = {text for part in ("frames", "film") for text in summary[part]["warnings"] if text}
-    assert said
-    assert all(any(text in whole for whole in summary["warnings"]) for text in said)
+    assert said and all(any(text in whole for whole in summary["warnings"]) for text in said)
     assert (place / "Vorführung" / "comparison" / "comparison.png").is_file()

@@ -1,7 +1,5 @@
 """Files that a command leaves besides its results: a figure for a paper, tables for Excel."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -38,8 +36,7 @@ def test_a_figure_for_a_paper_and_tables_for_excel_stand_beside_the_results(scen
         "simulate", scene, "--out", out, "--width", "8.5cm", "--format", "SVG", "--csv", "excel",
         "--json",
     )  # fmt: skip
-    assert code == 0
-    assert json.loads(text)["figures"] == [str(out / "figure_85mm.svg")]
+    assert code == 0 and json.loads(text)["figures"] == [str(out / "figure_85mm.svg")]
     left = {path.name for path in out.iterdir() if path.is_file()} - set(plain)
     assert left == {"figure_85mm.svg", "history_excel.csv", "pressure_excel.csv"}
     assert all((out / name).read_bytes() == content for name, content in plain.items())
@@ -58,8 +55,7 @@ def test_a_figure_for_a_paper_and_tables_for_excel_stand_beside_the_results(scen
 )
 def test_what_cannot_be_is_refused_before_the_work(scene, tmp_path, words, said):
     code, text = run("simulate", scene, "--out", tmp_path / "out", *words)
-    assert code and said in text
-    assert not (tmp_path / "out").exists()
+    assert code and said in text and not (tmp_path / "out").exists()
 
 
 def test_a_table_for_excel_has_semicolons_decimal_commas_and_a_mark(tmp_path):

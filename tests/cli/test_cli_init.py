@@ -21,8 +21,7 @@ def run(*words, **more):
 
 def test_a_scene_is_written_and_what_is_open_is_said(tmp_path):
     result = run(*GIVEN, "--out", str(tmp_path))
-    assert result.exit_code == 0
-    assert "to fill in: specimen.thickness_mm" in result.stdout
+    assert result.exit_code == 0 and "to fill in: specimen.thickness_mm" in result.stdout
     assert (tmp_path / "scene.toml").is_file() and (tmp_path / "scene.png").is_file()
 
 
@@ -30,8 +29,7 @@ def test_json_is_one_object_with_the_values_and_their_origin(tmp_path):
     result = run(*GIVEN, "--out", str(tmp_path), "--json")
     found = json.loads(result.stdout)
     pixel = next(value for value in found["values"] if value["key"] == "camera.pixel_mm")
-    assert pixel["value"] == 0.13 and pixel["origin"] == "given"
-    assert found["out"] == str(tmp_path)
+    assert pixel["value"] == 0.13 and pixel["origin"] == "given" and found["out"] == str(tmp_path)
 
 
 def test_a_scene_that_is_there_stays_without_replace(tmp_path):

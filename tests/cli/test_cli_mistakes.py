@@ -52,10 +52,7 @@ def test_a_decimal_comma_where_a_whole_number_is_due(place, quick_isochrome):
     done = quick_isochrome("process", "frames.tif", "--scene", "small.toml", "--every", "2,5")
     assert done.code == 2 and done.err.count("\n") == 1 and "'--every'" in done.err
     assert "2,5 is no whole number" in done.err and "point" not in done.err
-
-
-def test_a_decimal_comma_among_the_values_of_a_sweep(place, quick_isochrome):
-    """Where it parts two values they are named: no point is taken without a word."""
+    # where it parts two values they are named: no point is taken without a word
     done = quick_isochrome("sweep", "small.toml", "--vary", "load.normal_n=6,5:7,5:3", *OUT)
     assert done.code == 2 and "with points in its numbers, not commas" in done.err
     done = quick_isochrome("sweep", "small.toml", "--vary", "friction.coefficient=0,1,0,2", *OUT)
@@ -70,17 +67,17 @@ def test_a_byte_order_mark_is_read_over(place, quick_isochrome):
     assert quick_isochrome("check", "frames.tif", "--scene", "s.toml").code == 0
 
 
-def test_the_byte_order_mark_of_another_encoding(scene_said):
+def test_byte_order_marks_and_backslashes_are_read_over_or_named(scene_said):
     said = scene_said("[load]", "[load]", encoding="utf-16")
     assert "UTF-16" in said and "save it as UTF-8" in said
+    said = scene_said("[load]", FRAMES.format(r'"C:\Users\lab\mask.png"'))
+    assert "a backslash in double quotes" in said and "single quotes" in said
+    said = scene_said("fringe_value_n_per_mm", "f_sigma")
+    assert "'specimen.f_sigma'; it is called 'fringe_value_n_per_mm'" in said
+    assert "N/mm per fringe" in said
 
 
 FRAMES = "[frames]\nmask = {}\n[load]"
-
-
-def test_a_backslash_that_is_no_escape(scene_said):
-    said = scene_said("[load]", FRAMES.format(r'"C:\Users\lab\mask.png"'))
-    assert "a backslash in double quotes" in said and "single quotes" in said
 
 
 @pytest.mark.parametrize("path", [r"runs\new.png", r"runs\the.png"])
@@ -88,12 +85,6 @@ def test_a_backslash_that_became_another_letter(scene_said, path):
     """It was looked for as a file with a new line or a tab in its name."""
     said = scene_said("[load]", FRAMES.format(f'"{path}"'))
     assert "frames.mask" in said and "a backslash begins an escape" in said and "with /" in said
-
-
-def test_f_sigma(scene_said):
-    said = scene_said("fringe_value_n_per_mm", "f_sigma")
-    assert "'specimen.f_sigma'; it is called 'fringe_value_n_per_mm'" in said
-    assert "N/mm per fringe" in said
 
 
 @pytest.mark.parametrize(

@@ -50,7 +50,7 @@ def test_panels_letters_labels_and_numbers(count):
     assert "95 % below 0.02" in text and "NCC" in text and "µm" in text
 
 
-def test_axes_are_in_millimetres_and_shared():
+def test_axes_are_in_millimetres_and_shared_or_count_pixels():
     figure = side_by_side(*frame_sets(2))
     shown = panels(figure)
     for axes in shown:
@@ -59,25 +59,17 @@ def test_axes_are_in_millimetres_and_shared():
         assert axes.get_aspect() == 1.0
     assert shown[0].get_ylabel() == "z (mm)"
     assert [axes.get_xlabel() for axes in shown] == [""] * 3 + ["x (mm)"] * 3
-
-
-def test_without_a_scale_axes_count_pixels():
     figure = side_by_side(*frame_sets(1, pixel_mm=None))
-    assert panels(figure)[0].get_xlabel() == "column (px)"
-    assert "No pixel scale" in all_text(figure)
+    assert panels(figure)[0].get_xlabel() == "column (px)" and "No pixel scale" in all_text(figure)
 
 
-def test_one_grey_range_and_one_centred_difference_range():
+def test_one_grey_range_and_differences_follow_what_is_known():
     shown = panels(side_by_side(*frame_sets(3)))
     greys = {axes.images[0].get_clim() for k, axes in enumerate(shown) if k % 3 < 2}
     differences = {axes.images[0].get_clim() for axes in shown[2::3]}
     assert len(greys) == 1
     ((low, high),) = differences
-    assert low == -high
-    assert shown[2].images[0].get_cmap().name == figures.DIFFERENCE_MAP
-
-
-def test_difference_and_bar_follow_what_is_known():
+    assert low == -high and shown[2].images[0].get_cmap().name == figures.DIFFERENCE_MAP
     experiment, simulation = frame_sets(1)
     bars = [a.get_ylabel() for a in side_by_side(experiment, simulation).axes]
     assert "difference of fringe order (fringes)" in bars
@@ -99,8 +91,7 @@ def test_lines_of_the_simulation_lie_on_its_dark_fringes():
 
 def test_many_frames_are_thinned_and_the_foot_says_so():
     figure = side_by_side(*frame_sets(11), max_rows=3)
-    assert len(panels(figure)) == 9
-    assert "3 of 11 frames shown" in all_text(figure)
+    assert len(panels(figure)) == 9 and "3 of 11 frames shown" in all_text(figure)
     titles = [axes.get_title(loc="left") for axes in panels(figure)[::3]]
     assert titles[0].endswith(" 0 m") and titles[-1].endswith(" 310 m")
     with pytest.raises(InputError, match="max_rows = 9"):
@@ -109,7 +100,7 @@ def test_many_frames_are_thinned_and_the_foot_says_so():
         side_by_side(*frame_sets(2), [])
 
 
-def test_words_stay_inside_the_figure():
+def test_words_stay_inside_the_figure_and_no_global_state_is_left(tmp_path):
     experiment, simulation = frame_sets(2, noise=0.01)
     figure = side_by_side(experiment, simulation)
     figure.canvas.draw()
@@ -119,14 +110,10 @@ def test_words_stay_inside_the_figure():
             box = text.get_window_extent()
             assert box.x0 >= page.x0 and box.x1 <= page.x1
             assert box.y0 >= page.y0 and box.y1 <= page.y1
-
-
-def test_pictures_leave_no_global_state(tmp_path):
     before = dict(matplotlib.rcParams)
     path = tmp_path / "side.png"
     write_figure(path, side_by_side(*frame_sets(1)), dpi=50)
-    assert path.stat().st_size > 5000
-    assert dict(matplotlib.rcParams) == before
+    assert path.stat().st_size > 5000 and dict(matplotlib.rcParams) == before
 
 
 def test_show_image_marks_unknown_pixels_and_has_a_bar():
@@ -181,8 +168,7 @@ def test_result_folders_become_frame_sets(tmp_path):
     assert (simulated.left_mm, simulated.top_mm) == (-0.8, 0.1)
     np.testing.assert_allclose(simulated.signal, simulation.signal, rtol=0, atol=0.003)
     processed = load_frame_set(tmp_path / "exp")
-    assert np.isnan(processed.order[:, :5, :5]).all()
-    assert processed.noise_of(1) == 0.02
+    assert np.isnan(processed.order[:, :5, :5]).all() and processed.noise_of(1) == 0.02
     found = compare_frames(processed, simulated)
     assert found[2].orders.bias == pytest.approx(0.02, abs=1e-5)
 
@@ -198,17 +184,11 @@ def test_off_the_specimen_a_simulated_frame_is_not_known(tmp_path):
     found = load_frame_set(tmp_path / "sim")
     np.testing.assert_array_equal(np.isnan(found.signal), np.isnan(found.order))
     assert np.isnan(found.signal[:, :9]).all() and np.isfinite(found.signal[:, 9:]).any()
-
-
-def test_bare_frames_are_scaled_by_the_sensors_bits(tmp_path):
     counts = np.array([[[0, 1023], [511, 256]]] * 2, dtype=np.uint16)
     write_tiff(tmp_path / "bare.tif", counts, pixel_mm=PIXEL_MM)
     found = load_frame_set(tmp_path / "bare.tif", bit_depth=10)
-    assert found.signal.shape == (2, 2, 2)
-    assert found.signal.max() == 1.0
-    assert found.order is None
-    assert found.pixel_mm == pytest.approx(PIXEL_MM, rel=1e-5)
-    assert found.label(1) == "frame 1"
+    assert found.signal.shape == (2, 2, 2) and found.signal.max() == 1.0 and found.order is None
+    assert found.pixel_mm == pytest.approx(PIXEL_MM, rel=1e-5) and found.label(1) == "frame 1"
 
 
 def test_loading_refuses_what_does_not_fit(tmp_path):

@@ -42,7 +42,7 @@ def signal(order):
     return np.sin(np.pi * order) ** 2
 
 
-def test_identical_orders_differ_by_nothing(order):
+def test_identical_orders_and_signals_differ_by_nothing(order):
     found = compare_orders(order, order)
     assert (found.rms, found.p95, found.bias, found.wrong_branch_share) == (0, 0, 0, 0)
     assert found.compared_share == 1.0
@@ -71,17 +71,13 @@ def test_p95_leaves_out_the_worst_twentieth():
     assert found.rms_right_branch == pytest.approx(np.sqrt(np.mean((np.arange(26) / 100) ** 2)))
 
 
-def test_a_mirrored_patch_is_a_wrong_branch_and_leaves_the_right_rms():
+def test_unknown_and_masked_orders_do_not_count():
     model = np.full((20, 20), 0.2)
     measured = model + 0.01
     measured[:5] = 1.0 - model[:5]
     found = compare_orders(measured, model)
-    assert found.wrong_branch_share == 0.25
-    assert found.rms_right_branch == pytest.approx(0.01)
+    assert found.wrong_branch_share == 0.25 and found.rms_right_branch == pytest.approx(0.01)
     assert found.rms == pytest.approx(np.sqrt(0.25 * 0.36 + 0.75 * 1e-4))
-
-
-def test_unknown_and_masked_orders_do_not_count():
     model = np.zeros((10, 10))
     measured = np.full((10, 10), 0.1)
     measured[0] = np.nan
@@ -89,8 +85,7 @@ def test_unknown_and_masked_orders_do_not_count():
     mask = np.ones((10, 10), bool)
     mask[1] = False
     found = compare_orders(measured, model, mask=mask)
-    assert found.rms == pytest.approx(0.1)
-    assert found.compared_share == pytest.approx(80 / 90)
+    assert found.rms == pytest.approx(0.1) and found.compared_share == pytest.approx(80 / 90)
 
 
 @pytest.mark.parametrize("compare", [compare_orders, compare_signals])
@@ -105,12 +100,22 @@ def test_refusals_say_shapes_and_what_to_do(compare):
         compare(np.zeros((8, 8)), np.zeros((8, 8)), mask=np.zeros((8, 8), bool))
 
 
-def test_identical_signals_score_one(signal):
+def test_identical_signals_score_one_by_any_noise_and_what_is_unknown_does_not_count(signal):
     found = compare_signals(signal, signal, noise=NOISE)
-    assert found.ncc == pytest.approx(1.0, abs=1e-12)
-    assert found.ssim == pytest.approx(1.0, abs=1e-9)
+    assert found.ncc == pytest.approx(1.0, abs=1e-12) and found.ssim == pytest.approx(1.0, abs=1e-9)
     assert found.rmse < 1e-12
     assert (found.gain, found.offset) == (pytest.approx(1.0), pytest.approx(0.0, abs=1e-12))
+    noise = np.where(np.arange(659) < 300, 0.01, 0.03) * np.ones_like(signal)
+    measured = signal + noise * np.random.default_rng(2).standard_normal(signal.shape)
+    assert compare_signals(measured, signal, noise=noise).rmse_over_noise == pytest.approx(1, 0.01)
+    assert np.isnan(compare_signals(measured, signal).rmse_over_noise)
+    with pytest.raises(InputError, match="noise"):
+        compare_signals(measured, signal, noise=0.0)
+    measured = signal.copy()
+    measured[100:150, 200:300] = np.nan
+    found = compare_signals(measured, signal)
+    assert found.ncc == pytest.approx(1.0) and found.ssim == pytest.approx(1.0)
+    assert found.rmse < 1e-12
 
 
 @settings(max_examples=30, deadline=None)
@@ -128,24 +133,6 @@ def test_the_simulations_brightness_and_contrast_do_not_matter(gain, offset):
     assert negative.ncc == pytest.approx(-plain.ncc)
 
 
-def test_rmse_over_noise_is_one_for_a_perfect_model(signal):
-    noise = np.where(np.arange(659) < 300, 0.01, 0.03) * np.ones_like(signal)
-    measured = signal + noise * np.random.default_rng(2).standard_normal(signal.shape)
-    assert compare_signals(measured, signal, noise=noise).rmse_over_noise == pytest.approx(1, 0.01)
-    assert np.isnan(compare_signals(measured, signal).rmse_over_noise)
-    with pytest.raises(InputError, match="noise"):
-        compare_signals(measured, signal, noise=0.0)
-
-
-def test_unknown_signal_pixels_do_not_count(signal):
-    measured = signal.copy()
-    measured[100:150, 200:300] = np.nan
-    found = compare_signals(measured, signal)
-    assert found.ncc == pytest.approx(1.0)
-    assert found.ssim == pytest.approx(1.0)
-    assert found.rmse < 1e-12
-
-
 def test_a_part_is_as_like_as_it_is_alone():
     """No window of the SSIM looks beyond what is known: 40 rows of 60 are as those 40 alone."""
     rng = np.random.default_rng(6)
@@ -155,12 +142,8 @@ def test_a_part_is_as_like_as_it_is_alone():
     measured[40:] = np.nan
     assert compare_signals(measured, model).ssim == pytest.approx(part.ssim, abs=1e-9)
     assert part.ssim < 0.95
-
-
-def test_a_constant_image_has_no_correlation():
     found = compare_signals(np.random.default_rng(0).random((9, 9)), np.full((9, 9), 0.3))
-    assert np.isnan(found.ncc)
-    assert found.gain == 0.0
+    assert np.isnan(found.ncc) and found.gain == 0.0
     assert np.isnan(compare_signals(np.ones((4, 4)), np.ones((4, 4))).ssim)  # below its window
 
 
@@ -176,16 +159,18 @@ def test_a_shift_is_the_skeleton_distance(shift):
     assert found.matched_share > 0.94  # a line may lie within the rim of one side only
 
 
-def test_a_missing_line_lowers_the_matched_share_only():
+def test_a_missing_line_lowers_the_matched_share_only_and_orders_keep_neighbours_apart():
     col = np.indices((80, 200))[1] / 40.0
     whole = order_contours(col, [1.0, 2.0, 3.0, 4.0])
     found = skeleton_distance([line for line in whole if line.order != 3.0], whole)
-    assert found.mean_px == 0.0
-    assert found.matched_share == pytest.approx(6 / 7)
+    assert found.mean_px == 0.0 and found.matched_share == pytest.approx(6 / 7)
     nothing = skeleton_distance([], whole)
     assert np.isnan(nothing.mean_px) and nothing.matched_share == 0.0
     with pytest.raises(InputError, match="no fringe line"):
         skeleton_distance([], [])
+    col = np.indices((40, 100))[1] / 10.0
+    here, there = order_contours(col, [3.0]), order_contours(col, [4.0])
+    assert np.isnan(skeleton_distance(here, there).mean_px)
 
 
 def line(col, rows=41, kind="dark", order=None):
@@ -226,12 +211,6 @@ def test_a_point_between_two_of_the_other_line_is_as_near_as_the_line():
     assert found.p95_px == pytest.approx(3.0, abs=2e-3)
 
 
-def test_orders_keep_a_line_from_its_wrong_neighbour():
-    col = np.indices((40, 100))[1] / 10.0
-    here, there = order_contours(col, [3.0]), order_contours(col, [4.0])
-    assert np.isnan(skeleton_distance(here, there).mean_px)
-
-
 def test_ssim_cannot_judge_accuracy_and_the_others_can(order, signal):
     """ANCHORS: a perfect model scores .893 against one noisy frame, 1 % off in load .890."""
     rng = np.random.default_rng(3)
@@ -242,10 +221,8 @@ def test_ssim_cannot_judge_accuracy_and_the_others_can(order, signal):
     wrong = compare_signals(measured, off, noise=NOISE)
     assert perfect.ssim < 0.92  # a perfect model looks bad
     assert perfect.ssim - wrong.ssim < 0.02  # and hardly better than a wrong one
-    assert perfect.rmse_over_noise == pytest.approx(1.0, abs=0.01)
-    assert wrong.rmse_over_noise > 1.5
-    assert perfect.ncc > wrong.ncc
-    assert compare_orders(order, off_order).rms > 0.005
+    assert perfect.rmse_over_noise == pytest.approx(1.0, abs=0.01) and wrong.rmse_over_noise > 1.5
+    assert perfect.ncc > wrong.ncc and compare_orders(order, off_order).rms > 0.005
     apart = skeleton_distance(order_contours(order), order_contours(off_order))
     assert 0.5 < apart.mean_px < 3.0
 
@@ -259,8 +236,7 @@ def test_frames_are_paired_one_to_one_or_one_to_all(order):
     experiment = frame_set(np.stack([small, 1.02 * small]), labels=("static", "sliding, 31 m"))
     found = compare_frames(experiment, frame_set(small[None], pixel_mm=PIXEL_MM), mask=small > 0.3)
     assert [(each.frame, each.label) for each in found] == [(0, "static"), (1, "sliding, 31 m")]
-    assert found[0].orders.rms == 0.0
-    assert found[1].orders.bias > 0.005
+    assert found[0].orders.rms == 0.0 and found[1].orders.bias > 0.005
     assert found[1].skeleton.mean_mm > 0
     with pytest.raises(InputError, match="2 frames of the experiment and 3"):
         compare_frames(experiment, frame_set(np.stack([small] * 3)))
@@ -275,8 +251,7 @@ def test_a_frame_without_orders_falls_back_to_its_signal(order):
     small = order[None, :120, 200:400]
     signal_only = ComparedFrames(signal=np.sin(np.pi * small) ** 2, noise=np.array([0.01]))
     found = compare_frames(signal_only, frame_set(small))[0]
-    assert found.orders is None
-    assert found.skeleton.mean_px < 0.05
+    assert found.orders is None and found.skeleton.mean_px < 0.05
     assert found.signals.rmse_over_noise < 1e-9
     empty = ComparedFrames(signal=np.full(small.shape, np.nan))
     with pytest.raises(InputError, match="frame 0"):

@@ -1,10 +1,4 @@
-"""Measured scars beside simulated ones, where both are known: the arc of a stiff contact.
-
-Where nothing yields, a worn scar is the cylinder's own arc: depth (a² - x²)/2R with the chord
-a = (3 R A/2)^(1/3) and the area A = k P s/t. Its truth needs no wear solver.
-"""
-
-from __future__ import annotations
+"""Measured scars beside simulated ones, where both are known: the arc of a stiff contact."""
 
 import json
 from dataclasses import dataclass
@@ -88,13 +82,18 @@ def measured(tmp_path):
     return tmp_path / "scene.toml"
 
 
-def test_a_stiff_simulated_scar_is_the_arc():
+def test_the_static_state_is_no_scar():
     (scar,) = simulated_scars(parse_scene(STIFF), [233.0])
     a = half_chord(233.0)
     # what the contact yields still widens it, by (hertz/chord)³/3 = 4e-5 or so
     assert scar.worn_area_mm2 == pytest.approx(worn_area(233.0), rel=1e-4)
     assert scar.width_mm == pytest.approx(2.0 * a, rel=5e-3)
     assert scar.depth_um.max() == pytest.approx(1e3 * a**2 / (2.0 * RADIUS), rel=5e-3)
+    scene = load_scene("line-contact-wear")
+    assert scene.friction.static_state_first
+    (scar,) = simulated_scars(scene, [77.0])
+    assert scar.distance_m == 77.0
+    assert scar.worn_area_mm2 == pytest.approx(worn_area(77.0), rel=1e-3)
 
 
 def test_the_band_is_that_of_the_closed_form():
@@ -121,14 +120,6 @@ def test_the_band_is_that_of_the_closed_form():
     assert abs(scar.moved_area_mm2["indenter.radius_mm"]) < 1e-4 * worn_area(233.0)
 
 
-def test_the_static_state_is_no_scar():
-    scene = load_scene("line-contact-wear")
-    assert scene.friction.static_state_first
-    (scar,) = simulated_scars(scene, [77.0])
-    assert scar.distance_m == 77.0
-    assert scar.worn_area_mm2 == pytest.approx(worn_area(77.0), rel=1e-3)
-
-
 def test_measured_scars_lie_on_the_simulated_ones(measured, tmp_path):
     found = compare(measured, measured, tmp_path / "out")
     table = found.columns
@@ -141,14 +132,12 @@ def test_measured_scars_lie_on_the_simulated_ones(measured, tmp_path):
         gap, spread = row["area_difference_mm2"], row["area_difference_uncertainty_mm2"]
         assert gap == pytest.approx(row["measured_area_mm2"] - row["simulated_area_mm2"])
         both = row["measured_area_uncertainty_mm2"], row["simulated_area_uncertainty_mm2"]
-        assert spread == pytest.approx(np.hypot(*both))
-        assert abs(gap) < 3.0 * spread
+        assert spread == pytest.approx(np.hypot(*both)) and abs(gap) < 3.0 * spread
         # the edges of a trace are by a shape that runs out more smoothly than an arc
         assert row["measured_width_mm"] == pytest.approx(2.0 * half_chord(distance), rel=0.06)
         assert row["difference_rms_um"] == pytest.approx(0.15, rel=0.5)
         assert 0.5 < row["difference_chi"] < 1.5
-    assert found.warnings == ()
-    assert "77.csv, 77 m" in repr(found) and "simulated" in repr(found)
+    assert found.warnings == () and "77.csv, 77 m" in repr(found) and "simulated" in repr(found)
     check_folder(tmp_path / "out", found)
 
 
@@ -200,8 +189,7 @@ def test_a_trace_without_a_clear_scar_is_left_out_and_said(measured):
     assert found.columns["simulated_area_mm2"][0] == pytest.approx(worn_area(77.0), rel=1e-4)
     assert found.columns["measured_area_mm2"][1] is not None
     (said,) = found.warnings
-    assert "77.csv: no scar stands out" in said
-    assert "no clear scar" in repr(found)
+    assert "77.csv: no scar stands out" in said and "no clear scar" in repr(found)
     assert found.figure().axes
     write_trace(measured.parent / "233.csv", rough)
     with pytest.raises(PhysicsError, match=r"77.csv: no scar stands out"):

@@ -1,11 +1,4 @@
-"""Contacts as a laboratory might photograph them, drawn at random, and what is known of each.
-
-The light and the sensor are those of `benchmarks.outside_camera`, which shares no code with the
-package. Material and radius are known, the load within a factor of three, and nothing else: the
-picture may be turned and mirrored, of either field, its contact anywhere, sliding to either side.
-"""
-
-from __future__ import annotations
+"""Contacts as a laboratory might photograph them, drawn at random, and what is known of each."""
 
 from dataclasses import dataclass
 
@@ -50,11 +43,9 @@ bit_depth = 8
 @dataclass(frozen=True, kw_only=True)
 class DrawnContact:
     """A captured picture and its truth.
-
     `captured`, grey levels as the camera gives them; `true`, the scene of the picture that lies as
     a scene wants it; `turn`, `flip`, what brings the captured one there; `field`, `gamma`;
-    `about_n`, the load as the user knows it; `order`, that most pixels stay below.
-    """
+    `about_n`, the load as the user knows it; `order`, that most pixels stay below."""
 
     captured: np.ndarray
     true: Scene
@@ -68,9 +59,7 @@ class DrawnContact:
 
 def drawn_contact(seed: int, *, shrunk: int = 1) -> DrawnContact:
     """The contact of a seed: order 1 to 8 in the picture, noise of 1 to 4 grey levels of 255.
-
-    `shrunk`, how many times fewer pixels a side it has, and lower orders.
-    """
+    `shrunk`, how many times fewer pixels a side it has, and lower orders."""
     rng = np.random.default_rng([seed, 2020])
     while True:
         true = _random_scene(rng, shrunk)

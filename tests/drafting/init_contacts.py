@@ -1,7 +1,5 @@
 """Judges what `init` makes of a drawn contact: the right scene, a wrong one, or a refusal."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from drawn_contacts import WIDTH_MM, DrawnContact
@@ -40,10 +38,8 @@ def known_of(case: DrawnContact) -> dict:
 
 def truth_unmirrored(case: DrawnContact) -> dict:
     """What a scene without frames.flip must say: a mirror is the contact that slides otherwise.
-
     A picture that is mirrored top to bottom is one turned by half a turn and mirrored left to
-    right.
-    """
+    right."""
     friction, left = case.true.friction.coefficient, case.true.camera.left_mm
     mirrored = case.flip is not None
     return {

@@ -47,11 +47,10 @@ def test_a_whole_picture_ends_in_the_right_scene(seed):
 def test_95_of_100_drawn_contacts_end_in_the_right_scene_and_none_in_a_wrong_one():
     verdicts = [judged(drawn_contact(seed)) for seed in range(100)]
     wrong = {k: v.words for k, v in enumerate(verdicts) if v.kind == "wrong"}
-    assert not wrong
-    assert sum(v.kind == "right" for v in verdicts) >= 95
+    assert not wrong and sum(v.kind == "right" for v in verdicts) >= 95
 
 
-def test_the_text_is_the_scene_and_says_where_each_value_is_from(draft):
+def test_the_text_is_the_scene_says_where_values_are_from_and_what_is_to_be_filled_in(draft):
     assert isochrome.parse_scene(draft.text, name="scene") == draft.scene
     for value in draft.values:
         assert draft.scene.get(value.key) in _as_written(value.value)
@@ -59,18 +58,20 @@ def test_the_text_is_the_scene_and_says_where_each_value_is_from(draft):
     assert line.endswith("# as given; GPa")
     load = next(row for row in draft.text.split("\n") if row.startswith("normal_n"))
     assert "# found, ± " in load
+    opened = {key.key for key in draft.open}
+    assert "polariscope.wavelength_nm" in opened and "frames.no_load_bright" in opened
+    filled = draft.text.replace("# wavelength_nm =", "wavelength_nm = 587.0")
+    assert isochrome.parse_scene(filled).polariscope.wavelength_nm == 587.0
+    printed = repr(draft)
+    assert "load.normal_n" in printed and "to fill in" in printed
+    found = draft.to_json()
+    assert found["values"][0].keys() == {"key", "value", "origin", "standard_uncertainty", "note"}
+    assert list(draft.table.columns) == ["key", "value", "standard_uncertainty", "origin"]
 
 
 def _as_written(value):
     """The value, or numbers that are it to the digits of a text."""
     return [value] if isinstance(value, str) else [pytest.approx(value, rel=1e-4)]
-
-
-def test_a_line_that_nobody_knows_is_to_be_filled_in(draft):
-    opened = {key.key for key in draft.open}
-    assert "polariscope.wavelength_nm" in opened and "frames.no_load_bright" in opened
-    filled = draft.text.replace("# wavelength_nm =", "wavelength_nm = 587.0")
-    assert isochrome.parse_scene(filled).polariscope.wavelength_nm == 587.0
 
 
 @pytest.mark.long
@@ -86,11 +87,15 @@ def test_a_mirror_that_is_known_is_written_and_friction_has_its_own_side(case):
     )
 
 
-def test_a_scene_says_which_side_friction_points_to_and_what_a_mirror_would_change(draft, case):
+def test_a_turned_picture_has_the_camera_of_the_turned_one(draft, case):
     side = "right" if truth_unmirrored(case)["friction.coefficient"] > 0.0 else "left"
     text = " ".join(draft.text.replace("\n# ", " ").split())
     assert f"drags the surface to the {side} of the picture" in text
     assert "run init again with --flip horizontal" in text
+    turn = truth_unmirrored(case)["frames.rotate_deg"]
+    assert draft.scene.frames.rotate_deg == turn and turn in (90, 270)
+    rows, cols = case.captured.shape
+    assert (draft.scene.camera.height_px, draft.scene.camera.width_px) == (cols, rows)
 
 
 def test_check_and_process_take_the_scene_as_it_is(case, draft):
@@ -136,7 +141,7 @@ def test_a_wrong_value_is_refused(case, key, factor):
         isochrome.init(case.captured, known)
 
 
-def test_what_no_frame_tells_is_asked_for(case):
+def test_twelve_bits_in_sixteen_are_asked_about(case):
     known = known_of(case)
     del known["radius_mm"], known["load_n"]
     with pytest.raises(isochrome.InputError, match=r"give --radius-mm and --load-n"):
@@ -147,15 +152,9 @@ def test_what_no_frame_tells_is_asked_for(case):
         isochrome.init(case.captured, known)
     with open_frames(case.captured) as frames:
         assert open_questions(frames, KnownValues(**known)) == ("pixel_mm",)
-
-
-def test_colours_need_to_be_named(case):
     colours = np.repeat(case.captured[..., None], 3, axis=2)
     with pytest.raises(isochrome.InputError, match=r"--wavelength-nm.*or --channel"):
         isochrome.init(colours, known_of(case))
-
-
-def test_twelve_bits_in_sixteen_are_asked_about(case):
     deep = case.captured.astype(np.uint16) * 16
     with pytest.raises(isochrome.InputError, match=r"as of 12 bits.*--bit-depth 12"):
         isochrome.init(deep, known_of(case))
@@ -187,13 +186,6 @@ def test_the_first_frame_that_shows_the_contact_is_looked_at(case):
     unloaded = np.clip(rng.normal(10.0, 3.0, case.captured.shape), 0, 255).astype(np.uint8)
     found = isochrome.init(np.stack([unloaded, case.captured]), known_of(case))
     assert found.frame == 1
-
-
-def test_a_turned_picture_has_the_camera_of_the_turned_one(draft, case):
-    turn = truth_unmirrored(case)["frames.rotate_deg"]
-    assert draft.scene.frames.rotate_deg == turn and turn in (90, 270)
-    rows, cols = case.captured.shape
-    assert (draft.scene.camera.height_px, draft.scene.camera.width_px) == (cols, rows)
 
 
 def test_files_are_left_and_a_scene_is_never_written_over(case, draft, tmp_path, monkeypatch):
@@ -241,8 +233,7 @@ def test_a_disc_ends_in_its_scene_though_it_lies_on_its_side():
     spread = {value.key: value.standard_uncertainty for value in found.values}
     for key, truth in (("load.normal_n", 560.0), ("camera.pixel_mm", 0.13), ("frames.gamma", 1.4)):
         assert abs(found.scene.get(key) - truth) < 3.0 * spread[key]
-    assert found.scene.frames.rotate_deg == 90
-    assert found.scene.polariscope.field == "dark"
+    assert found.scene.frames.rotate_deg == 90 and found.scene.polariscope.field == "dark"
 
 
 @pytest.mark.long
@@ -276,7 +267,7 @@ def folder(tmp_path):
 OTHER = {"shape": "other", "pixel_mm": 0.13}
 
 
-def test_a_folders_no_load_frames_are_no_frames(folder):
+def test_folders_of_no_load_frames_are_told_apart(folder):
     assert "disc-560N.tif: 1 frame of" in isochrome.init(folder, OTHER).text
     (folder / "no-load-dark.tif").rename(folder / "ground.tif")
     assert ": 2 frames of" in isochrome.init(folder, OTHER).text  # nobody says what it is
@@ -285,9 +276,6 @@ def test_a_folders_no_load_frames_are_no_frames(folder):
         'no_load_bright = "no-load-bright.tif"\n'
     )
     assert "disc-560N.tif: 1 frame of" in isochrome.init(folder, OTHER).text
-
-
-def test_a_folder_of_no_load_frames_alone_is_said_to_be_one(folder):
     (folder / "disc-560N.tif").unlink()
     with pytest.raises(isochrome.InputError, match=r"besides no-load-bright\.tif, no-load"):
         isochrome.init(folder, OTHER)
@@ -297,14 +285,6 @@ def test_a_folder_of_no_load_frames_alone_is_said_to_be_one(folder):
     )
     found = isochrome.check(folder, folder / "scene.toml")
     assert not found.ok and "put the loaded frames there" in found.findings[0].text
-
-
-def test_a_report_has_what_was_found(draft):
-    printed = repr(draft)
-    assert "load.normal_n" in printed and "to fill in" in printed
-    found = draft.to_json()
-    assert found["values"][0].keys() == {"key", "value", "origin", "standard_uncertainty", "note"}
-    assert list(draft.table.columns) == ["key", "value", "standard_uncertainty", "origin"]
 
 
 @pytest.mark.long

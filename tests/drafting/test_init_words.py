@@ -1,7 +1,5 @@
 """What `init` says is no surer than its frame: no fringes, richer light, causes that look alike."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The texts that a figure really draws: their sizes and places, as its renderer is told them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Figures for a paper: letters of 7 pt or more that do not touch, at both widths; their files."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -20,20 +18,24 @@ import isochrome
 from calibration.target_pictures import Shown, dots
 from figures.drawn_texts import drawn_texts, outside, overlaps
 from isochrome.calibration import ColourCalibration
-from isochrome.campaigns import Campaign
-from isochrome.campaigns.outcome import Outcome
-from isochrome.cli import main
-from isochrome.cli.options import save_paper_figure
+from isochrome.campaigns import Campaign, Outcome
+from isochrome.cli import main, save_paper_figure
 from isochrome.demonstration import Demo
 from isochrome.errors import InputError
-from isochrome.figures import PaperPanels, PictureKind, Plot, budget_plot, frame_values_figure
-from isochrome.figures.layout import PAGE_MM
-from isochrome.figures.paper import curve_columns, data_name
-from isochrome.fringes.colour.colour_table import ColourTable
+from isochrome.figures import (
+    PAGE_MM,
+    PaperPanels,
+    PictureKind,
+    Plot,
+    budget_plot,
+    curve_columns,
+    data_name,
+    frame_values_figure,
+)
+from isochrome.fringes import ColourTable
 from isochrome.output import FrameValues, write_excel_copies, write_tiff
-from isochrome.processing.pictures.figure import Shown as ShownFrame
-from isochrome.processing.pictures.figure import tracked_figure
-from isochrome.processing.result import FOUND_BY, PICTURE
+from isochrome.processing import FOUND_BY, PICTURE, tracked_figure
+from isochrome.processing import Shown as ShownFrame
 from scene_texts import SMALL_CAMERA, WORN_CONTACT
 from shipped_sets import some_of_a_shipped_set
 
@@ -46,10 +48,8 @@ ROOT = Path(__file__).parents[2]
 def check(figure: Figure, width_mm: float) -> None:
     """What holds for every figure: its width, its letters, and that they stand apart."""
     texts = drawn_texts(figure)
-    assert figure.get_figwidth() * 25.4 == pytest.approx(width_mm)
-    assert len(texts) > 5
-    assert not [text.words for text in texts if text.size_pt < LEAST_PT]
-    assert not overlaps(texts)
+    assert figure.get_figwidth() * 25.4 == pytest.approx(width_mm) and len(texts) > 5
+    assert not [text.words for text in texts if text.size_pt < LEAST_PT] and not overlaps(texts)
     assert not outside(texts, figure)
 
 
@@ -80,12 +80,7 @@ def test_small_and_overlapping_letters_would_be_noticed():
     figure.text(0.1, 0.2, "apart", fontsize=8, rotation=90)
     texts = drawn_texts(figure)
     assert [text.size_pt for text in texts] == [8, 6, 8, 8]
-    assert overlaps(texts) == [("one", "other")]
-    assert outside(texts, figure) == ["over the edge"]
-
-
-def some_scars(worn: dict) -> object:
-    return isochrome.compare(ROOT / "sample_images" / "wear" / "set.toml", "line-contact-wear")
+    assert overlaps(texts) == [("one", "other")] and outside(texts, figure) == ["over the edge"]
 
 
 def a_scale(worn: dict) -> object:
@@ -104,65 +99,53 @@ def a_colour_table(worn: dict) -> object:
     )  # fmt: skip
 
 
-def with_components(worn: dict) -> object:
-    return isochrome.simulate(worn["home"] / "scene.toml", components=True)
+def at(worn: dict, distances: list[float]) -> isochrome.Scene:
+    """The scene with other distances."""
+    scene = isochrome.load_scene(worn["home"] / "scene.toml")
+    return scene.with_values({"wear.distances_m": distances})
 
 
 def a_tracked_video(worn: dict) -> object:
-    film = isochrome.load_scene(worn["home"] / "scene.toml")
-    film = film.with_values({"wear.distances_m": [0.5 * k for k in range(4)]})
-    frames = isochrome.simulate(film).frames
-    return isochrome.process(frames, film, track=True, every=3)
+    film = at(worn, [0.5 * k for k in range(4)])
+    return isochrome.process(isochrome.simulate(film).frames, film, track=True, every=3)
 
 
 def without_a_model(worn: dict) -> object:
-    frames = worn["home"] / "simulated" / "frames.tif"
     bare = isochrome.parse_scene(
         "[specimen]\nyoung_gpa = 2.1\npoisson = 0.4\nthickness_mm = 4.0\n"
         "fringe_value_n_per_mm = 14.6\n[polariscope]\nwavelength_nm = 587.0\n" + SMALL_CAMERA
     )
-    return isochrome.process(frames, bare)
+    return isochrome.process(worn["home"] / "simulated" / "frames.tif", bare)
 
 
-def the_beam(worn: dict) -> object:
-    given = some_of_a_shipped_set(worn["home"] / "sets", "bending", (0, 3))
-    return isochrome.calibrate_bending(given)
-
-
-def the_disc(worn: dict) -> object:
-    given = some_of_a_shipped_set(worn["home"] / "sets", "disc", (0, 2))
-    return isochrome.calibrate_disc(given)
-
-
-def the_wear(worn: dict) -> object:
-    return isochrome.calibrate_wear(ROOT / "sample_images" / "wear" / "set.toml")
-
-
-def the_paper_case(worn: dict) -> object:
-    return isochrome.simulate("line-contact-wear")
-
-
-def many_states(worn: dict) -> object:
-    scene = isochrome.load_scene(worn["home"] / "scene.toml")
-    return isochrome.simulate(scene.with_values({"wear.distances_m": list(range(12))}))
+def some_of(worn: dict, name: str, images: tuple[int, ...]) -> Path:
+    return some_of_a_shipped_set(worn["home"] / "sets", name, images)
 
 
 STUDY = pytest.mark.study
 """CI draws each figure once, in the narrowest of a journal's columns with its numbers: what fits
 there fits elsewhere but for a chance, and the default tests hold both columns of three figures."""
 
-OTHERS = (
-    some_scars, a_scale, a_colour_table, with_components, a_tracked_video, without_a_model,
-    the_beam, the_wear, the_paper_case, many_states,
-    # three times as long as any other; the beam's figure has the same panels
-    pytest.param(the_disc, marks=STUDY),
-)  # fmt: skip
+WEAR_SET = ROOT / "sample_images" / "wear" / "set.toml"
+OTHERS = {
+    "scars": lambda _: isochrome.compare(WEAR_SET, "line-contact-wear"),
+    "scale": a_scale,
+    "colour table": a_colour_table,
+    "components": lambda worn: isochrome.simulate(worn["home"] / "scene.toml", components=True),
+    "tracked video": a_tracked_video,
+    "no model": without_a_model,
+    "beam": lambda worn: isochrome.calibrate_bending(some_of(worn, "bending", (0, 3))),
+    "wear": lambda _: isochrome.calibrate_wear(WEAR_SET),
+    "paper's case": lambda _: isochrome.simulate("line-contact-wear"),
+    "many states": lambda worn: isochrome.simulate(at(worn, list(range(12)))),
+    "disc": lambda worn: isochrome.calibrate_disc(some_of(worn, "disc", (0, 2))),
+}
 
 
 @pytest.fixture(scope="module")
 def others(worn):
     """Makes the other results, each once."""
-    return cache(partial(lambda make: make(worn)))
+    return cache(lambda name: OTHERS[name](worn))
 
 
 @pytest.mark.long
@@ -170,17 +153,21 @@ def others(worn):
 @pytest.mark.parametrize(
     "width", [85.0, *(pytest.param(width, marks=STUDY) for width in (174.0, 60.0, 120.0))]
 )
-@pytest.mark.parametrize("make", OTHERS)
-def test_letters_of_every_figure_are_large_enough_and_apart(others, make, width, numbers):
+@pytest.mark.parametrize(
+    # the disc takes three times as long as any other; the beam's figure has the same panels
+    "name",
+    [pytest.param(name, marks=STUDY if name == "disc" else ()) for name in OTHERS],
+)
+def test_letters_of_every_figure_are_large_enough_and_apart(others, name, width, numbers):
     style = isochrome.FigureStyle(width_mm=width, numbers=numbers)
-    figure = isochrome.paper_figure(others(make), style)
+    figure = isochrome.paper_figure(others(name), style)
     check(figure, width)
-    if make in (the_beam, the_disc):  # a row of three, the last with a colour bar
+    if name in ("beam", "disc"):  # a row of three, the last with a colour bar
         tops = [axes.get_window_extent().y1 for axes in figure.axes if axes.images][
             : 2 + (width > 60)
         ]
         assert max(tops) - min(tops) < 1.0
-    if make in (the_beam, the_disc, the_wear, a_scale):  # at 85 mm they were up to 373 mm tall
+    if name in ("beam", "disc", "wear", "scale"):  # at 85 mm they were up to 373 mm tall
         assert 25.4 * figure.get_figheight() <= PAGE_MM
 
 
@@ -294,8 +281,7 @@ def test_a_figure_of_what_is_not_worn_has_no_panel_of_worn_depth(worn):
     for frames in ((0,), (1,)):
         figure = isochrome.paper_figure(worn["simulate"], isochrome.FigureStyle(frames=frames))
         titles.append([axes.get_title(loc="left")[4:] for axes in figure.axes])
-    assert "worn depth" in titles[1] and "worn depth" not in titles[0]
-    assert "pressure" in titles[0]
+    assert "worn depth" in titles[1] and "worn depth" not in titles[0] and "pressure" in titles[0]
 
 
 def test_data_of_plots_that_a_new_figure_does_not_have_are_removed(worn, tmp_path):
@@ -313,10 +299,11 @@ def test_data_of_plots_that_a_new_figure_does_not_have_are_removed(worn, tmp_pat
     assert (tmp_path / "other_b.csv").read_text("utf-8") == "of somebody else\n"
 
 
+@pytest.mark.long
 def test_a_figure_that_is_taller_than_a_page_is_written_with_a_warning(
     worn, tmp_path, monkeypatch, capsys
 ):
-    style = isochrome.FigureStyle(width_mm=85, frames=(0, 1) * 6, formats=("png",), dpi=60)
+    style = isochrome.FigureStyle(width_mm=85, frames=(0, 1) * 4, formats=("png",), dpi=60)
     with pytest.warns(
         UserWarning, match=r"the figure is \d+ mm tall; choose fewer --frames"
     ) as said:
@@ -335,7 +322,7 @@ def numbers_shown(axis) -> int:
     return sum(low <= place <= high for place in axis.get_ticklocs())
 
 
-@pytest.mark.parametrize("count", [3, 6])
+@pytest.mark.parametrize("count", [3, pytest.param(6, marks=pytest.mark.long)])
 def test_each_axis_with_numbers_has_two_at_least(worn, count):
     style = isochrome.FigureStyle(width_mm=85, frames=(0, 1) * (count // 2) + (0,) * (count % 2))
     figure = isochrome.paper_figure(worn["compare"], style)
@@ -401,6 +388,7 @@ def test_what_is_taller_than_a_page_is_laid_out_closer():
     assert len({round(axes.get_window_extent().y1) for axes in few[:3]}) == 2
 
 
+@pytest.mark.long
 def test_spare_plots_are_left_out_last_of_all_and_this_is_said(tmp_path):
     ranks = (0, 1, 0, 2, 0, 0, 0, 0)
     made = Made(*(a_plot(f"plot {k}", spare=rank) for k, rank in enumerate(ranks)))
@@ -410,10 +398,10 @@ def test_spare_plots_are_left_out_last_of_all_and_this_is_said(tmp_path):
     assert [file.name for file in files[1:]] == [f"figure_{letter}.csv" for letter in "abcdef"]
     tall, shown = tall_and_axes(made)
     assert tall <= PAGE_MM and len(shown) == 6
-    crowd = Made(*(a_plot(f"plot {k}", spare=k % 2) for k in range(24)))
+    crowd = Made(*(a_plot(f"plot {k}", spare=k % 2) for k in range(16)))
     with pytest.warns(UserWarning, match=r"^the figure is \d+ mm tall"):  # nothing is left out
         files = isochrome.save_figure(crowd, tmp_path / "crowd", style)
-    assert len(files) == 25
+    assert len(files) == 17
 
 
 @pytest.mark.parametrize("width", [60.0, 85.0])
@@ -453,8 +441,7 @@ def test_bands_and_bars_of_a_curve_are_among_its_data():
     axes.axhline(0.0)
     axes.set(xlabel="x (mm)", ylabel="y (N)")
     found = {name: column.tolist() for name, column in curve_columns(axes).items()}
-    assert found.pop("x (mm)")[:2] == [1.0, 3.0]
-    assert found.pop("one: x (mm)") == [0.0, 1.0, 2.0]
+    assert found.pop("x (mm)")[:2] == [1.0, 3.0] and found.pop("one: x (mm)") == [0.0, 1.0, 2.0]
     nan = pytest.approx(np.nan, nan_ok=True)
     assert found == {
         "two: y (N)": [2.0, 4.0, nan],

@@ -1,10 +1,4 @@
-"""Recordings of every kind that this machine can write, each frame with its number as a bar code.
-
-Bars of 32 columns, bright or dark, are the bits of the frame's number: no codec loses them. The
-upper quarter is darker, so that top and bottom, rows and columns cannot be confused.
-"""
-
-from __future__ import annotations
+"""Recordings of every kind, each frame with its number as a bar code."""
 
 import struct
 from collections.abc import Callable, Iterable
@@ -162,7 +156,6 @@ def ome_in_disorder(folder: Path) -> Path:
 
 def packed_tiff(bits: int, fill: int = 1) -> Callable[[Path], Path]:
     """Pixels of 10 or 12 bits one behind the other, as some cameras write them.
-
     `fill`, what the head says of the order of bits in a byte: 1, the highest first; 2, the lowest.
     """
 
@@ -296,112 +289,63 @@ STILL = {
     "folder of TIFF stacks": Recording(tiff_parts, "tiff", times=EVEN),
 }  # fmt: skip
 
+
+def movie(file: str, codec: str, pixels: str, exact: bool = True, **how: Any) -> Recording:
+    """A video of a file's name; `how`, of `video`."""
+    times = how.get("times", EVEN)
+    made = written(file, codec, pixels, **how)
+    return Recording(made, "video", how.get("bits", 8), exact, times)
+
+
+def movies(suffix: str, codec: str, pixels: str, as_glob: bool, exact: bool = False, bits: int = 8):
+    made = video_parts(suffix, codec, pixels, as_glob, bits)
+    return Recording(made, "video", bits, exact, EVEN)
+
+
+YUV, B_FRAMES = "yuv420p", {"bf": "2"}
 MOVING = {
     "OpenCV's MJPG in AVI": Recording(opencv_mjpg, "video", exact=False, times=EVEN),
-    "MJPG in AVI": Recording(
-        written("v.avi", "mjpeg", "yuvj420p"), "video", exact=False, times=EVEN
+    "MJPG in AVI": movie("v.avi", "mjpeg", "yuvj420p", False),
+    "uncompressed grey in AVI": movie("v.avi", "rawvideo", "gray"),
+    "uncompressed BGR in AVI": movie("v.avi", "rawvideo", "bgr24"),
+    "FFV1 grey": movie("v.mkv", "ffv1", "gray"),
+    "FFV1 grey, uneven": movie("v.mkv", "ffv1", "gray", times=UNEVEN),
+    "FFV1 10 bit": movie("v.mkv", "ffv1", "gray10le", bits=10),
+    "FFV1 12 bit": movie("v.mkv", "ffv1", "gray12le", bits=12),
+    "FFV1 16 bit": movie("v.mkv", "ffv1", "gray16le", bits=16),
+    "FFV1 16 bit in AVI": movie("v.avi", "ffv1", "gray16le", bits=16),
+    "FFV1 RGB": movie("v.mkv", "ffv1", "bgr0"),
+    "FFV1 10 bit RGB": movie("v.mkv", "ffv1", "gbrp10le", bits=10),
+    "FFV1 YUV": movie("v.mkv", "ffv1", YUV, False),
+    "HuffYUV in AVI": movie("v.avi", "huffyuv", "rgb24"),
+    "FFVHuff grey in AVI": movie("v.avi", "ffvhuff", "gray"),
+    "Ut Video in AVI": movie("v.avi", "utvideo", "gbrp"),
+    "PNG in MOV": movie("v.mov", "png", "rgb24"),
+    "MPEG-4 in AVI": movie("v.avi", "mpeg4", YUV, False),
+    "MPEG-4 with B-frames in AVI": movie("v.avi", "mpeg4", YUV, False, options=B_FRAMES),
+    "MPEG-4 with B-frames in MP4": movie("v.mp4", "mpeg4", YUV, False, options=B_FRAMES),
+    "MPEG-2 with B-frames": movie("v.mpg", "mpeg2video", YUV, False, options=B_FRAMES),
+    "H.264 in MP4": movie("v.mp4", "libx264", YUV, False),
+    "H.264 in MP4, uneven": movie("v.mp4", "libx264", YUV, False, times=UNEVEN),
+    "H.264 in MKV, uneven": movie("v.mkv", "libx264", YUV, False, times=UNEVEN),
+    "H.264 with open groups": movie(
+        "v.mkv", "libx264", YUV, False, options={"x264-params": "open-gop=1:bframes=3"}
     ),
-    "uncompressed grey in AVI": Recording(
-        written("v.avi", "rawvideo", "gray"), "video", times=EVEN
+    "H.264 with refresh in place of key frames": movie(
+        "v.mkv", "libx264", YUV, False, options={"x264-params": "intra-refresh=1"}
     ),
-    "uncompressed BGR in AVI": Recording(
-        written("v.avi", "rawvideo", "bgr24"), "video", times=EVEN
-    ),
-    "FFV1 grey": Recording(written("v.mkv", "ffv1", "gray"), "video", times=EVEN),
-    "FFV1 grey, uneven": Recording(
-        written("v.mkv", "ffv1", "gray", times=UNEVEN), "video", times=UNEVEN
-    ),
-    "FFV1 10 bit": Recording(
-        written("v.mkv", "ffv1", "gray10le", bits=10), "video", bits=10, times=EVEN
-    ),
-    "FFV1 12 bit": Recording(
-        written("v.mkv", "ffv1", "gray12le", bits=12), "video", bits=12, times=EVEN
-    ),
-    "FFV1 16 bit": Recording(
-        written("v.mkv", "ffv1", "gray16le", bits=16), "video", bits=16, times=EVEN
-    ),
-    "FFV1 16 bit in AVI": Recording(
-        written("v.avi", "ffv1", "gray16le", bits=16), "video", bits=16, times=EVEN
-    ),
-    "FFV1 RGB": Recording(written("v.mkv", "ffv1", "bgr0"), "video", times=EVEN),
-    "FFV1 10 bit RGB": Recording(
-        written("v.mkv", "ffv1", "gbrp10le", bits=10), "video", bits=10, times=EVEN
-    ),
-    "FFV1 YUV": Recording(written("v.mkv", "ffv1", "yuv420p"), "video", exact=False, times=EVEN),
-    "HuffYUV in AVI": Recording(written("v.avi", "huffyuv", "rgb24"), "video", times=EVEN),
-    "FFVHuff grey in AVI": Recording(written("v.avi", "ffvhuff", "gray"), "video", times=EVEN),
-    "Ut Video in AVI": Recording(written("v.avi", "utvideo", "gbrp"), "video", times=EVEN),
-    "PNG in MOV": Recording(written("v.mov", "png", "rgb24"), "video", times=EVEN),
-    "MPEG-4 in AVI": Recording(
-        written("v.avi", "mpeg4", "yuv420p"), "video", exact=False, times=EVEN
-    ),
-    "MPEG-4 with B-frames in AVI": Recording(
-        written("v.avi", "mpeg4", "yuv420p", options={"bf": "2"}), "video", exact=False, times=EVEN
-    ),
-    "MPEG-4 with B-frames in MP4": Recording(
-        written("v.mp4", "mpeg4", "yuv420p", options={"bf": "2"}), "video", exact=False, times=EVEN
-    ),
-    "MPEG-2 with B-frames": Recording(
-        written("v.mpg", "mpeg2video", "yuv420p", options={"bf": "2"}), "video", exact=False,
-        times=EVEN,
-    ),
-    "H.264 in MP4": Recording(
-        written("v.mp4", "libx264", "yuv420p"), "video", exact=False, times=EVEN
-    ),
-    "H.264 in MP4, uneven": Recording(
-        written("v.mp4", "libx264", "yuv420p", times=UNEVEN), "video", exact=False, times=UNEVEN
-    ),
-    "H.264 in MKV, uneven": Recording(
-        written("v.mkv", "libx264", "yuv420p", times=UNEVEN), "video", exact=False, times=UNEVEN
-    ),
-    "H.264 with open groups": Recording(
-        written("v.mkv", "libx264", "yuv420p", options={"x264-params": "open-gop=1:bframes=3"}),
-        "video", exact=False, times=EVEN,
-    ),
-    "H.264 with refresh in place of key frames": Recording(
-        written("v.mkv", "libx264", "yuv420p", options={"x264-params": "intra-refresh=1"}),
-        "video", exact=False, times=EVEN,
-    ),
-    "H.264 in AVI": Recording(
-        written("v.avi", "libx264", "yuv420p"), "video", exact=False, times=EVEN
-    ),
-    "H.264 in a transport stream": Recording(
-        written("v.ts", "libx264", "yuv420p"), "video", exact=False, times=EVEN
-    ),
-    "H.264 lossless RGB": Recording(
-        written("v.mkv", "libx264rgb", "rgb24", options={"qp": "0"}), "video", times=EVEN
-    ),
-    "H.264 10 bit": Recording(
-        written("v.mp4", "libx264", "yuv420p10le", bits=10), "video", bits=10, exact=False,
-        times=EVEN,
-    ),
-    "H.265 in MP4": Recording(
-        written("v.mp4", "libx265", "yuv420p", options=_QUIET), "video", exact=False, times=EVEN
-    ),
-    "H.265 12 bit grey": Recording(
-        written("v.mkv", "libx265", "gray12le", bits=12, options=_QUIET), "video", bits=12,
-        exact=False, times=EVEN,
-    ),
-    "VP8": Recording(written("v.webm", "libvpx", "yuv420p"), "video", exact=False, times=EVEN),
-    "VP9, uneven": Recording(
-        written("v.webm", "libvpx-vp9", "yuv420p", times=UNEVEN), "video", exact=False,
-        times=UNEVEN,
-    ),
-    "ProRes": Recording(
-        written("v.mov", "prores_ks", "yuv422p10le", bits=10), "video", bits=10, exact=False,
-        times=EVEN,
-    ),
-    "WMV": Recording(written("v.wmv", "wmv2", "yuv420p"), "video", exact=False, times=EVEN),
-    "glob of MJPG in AVI": Recording(
-        video_parts(".avi", "mjpeg", "yuvj420p", True), "video", exact=False, times=EVEN
-    ),
-    "glob of H.264 with B-frames in AVI": Recording(
-        video_parts(".avi", "libx264", "yuv420p", True), "video", exact=False, times=EVEN
-    ),
-    "folder of H.264 in MP4": Recording(
-        video_parts(".mp4", "libx264", "yuv420p", False), "video", exact=False, times=EVEN
-    ),
-    "folder of FFV1 16 bit": Recording(
-        video_parts(".mkv", "ffv1", "gray16le", False, 16), "video", bits=16, times=EVEN
-    ),
-}  # fmt: skip
+    "H.264 in AVI": movie("v.avi", "libx264", YUV, False),
+    "H.264 in a transport stream": movie("v.ts", "libx264", YUV, False),
+    "H.264 lossless RGB": movie("v.mkv", "libx264rgb", "rgb24", options={"qp": "0"}),
+    "H.264 10 bit": movie("v.mp4", "libx264", "yuv420p10le", False, bits=10),
+    "H.265 in MP4": movie("v.mp4", "libx265", YUV, False, options=_QUIET),
+    "H.265 12 bit grey": movie("v.mkv", "libx265", "gray12le", False, bits=12, options=_QUIET),
+    "VP8": movie("v.webm", "libvpx", YUV, False),
+    "VP9, uneven": movie("v.webm", "libvpx-vp9", YUV, False, times=UNEVEN),
+    "ProRes": movie("v.mov", "prores_ks", "yuv422p10le", False, bits=10),
+    "WMV": movie("v.wmv", "wmv2", YUV, False),
+    "glob of MJPG in AVI": movies(".avi", "mjpeg", "yuvj420p", True),
+    "glob of H.264 with B-frames in AVI": movies(".avi", "libx264", YUV, True),
+    "folder of H.264 in MP4": movies(".mp4", "libx264", YUV, False),
+    "folder of FFV1 16 bit": movies(".mkv", "ffv1", "gray16le", False, True, 16),
+}

@@ -1,7 +1,5 @@
 """Frames from arrays: read as a file of the same pixels; what is no frames is refused in a line."""
 
-from __future__ import annotations
-
 import pickle
 import re
 from collections import UserList
@@ -74,15 +72,13 @@ def test_an_array_is_read_as_the_file_of_its_pixels(tmp_path, name, options):
     tifffile.imwrite(tmp_path / "stack.tif", GREY, photometric="minisblack")
     wanted = images(tmp_path / "stack.tif", **options)
     found = images(GIVEN[name], **options)
-    assert [image.dtype for image in found] == [np.uint16] * 3
-    assert np.array_equal(found, wanted)
+    assert [image.dtype for image in found] == [np.uint16] * 3 and np.array_equal(found, wanted)
 
 
 def test_a_dask_array_is_computed_frame_by_frame():
     dask = pytest.importorskip("dask.array")
     lazy = dask.from_array(GREY, chunks=(1, 20, 24))
-    assert np.array_equal(images(lazy), GREY)
-    assert np.array_equal(images(axes(lazy)), GREY)
+    assert np.array_equal(images(lazy), GREY) and np.array_equal(images(axes(lazy)), GREY)
     with open_frames(lazy) as reader:
         assert next(frame.image for frame in reader.iterate(2, 3)).tolist() == GREY[2].tolist()
 
@@ -97,11 +93,16 @@ def test_colours_of_an_array_are_red_green_and_blue(tmp_path, channel):
     assert np.array_equal(images(list(COLOUR), **options), wanted)
 
 
-def test_one_picture_is_one_frame():
+def test_a_frame_is_a_copy():
     with open_frames(GREY[0]) as reader:
         assert reader.count() == 1 and reader.kind == "array" and reader.shape == (20, 24)
         assert reader.dtype == np.uint16 and reader.bit_depth == 16
         assert np.array_equal(next(iter(reader)).image, GREY[0])
+    # what is done with a frame is not done to the caller's array
+    mine = GREY.copy()
+    for image in images(mine):
+        image[:] = 0
+    assert np.array_equal(mine, GREY)
 
 
 def test_only_what_is_asked_for_is_made():
@@ -113,14 +114,6 @@ def test_only_what_is_asked_for_is_made():
     assert set(lazy.asked) == {0, 800_000}
 
 
-def test_a_frame_is_a_copy():
-    """What is done with a frame is not done to the caller's array."""
-    mine = GREY.copy()
-    for image in images(mine):
-        image[:] = 0
-    assert np.array_equal(mine, GREY)
-
-
 def test_times_and_scale_are_those_of_the_coordinates():
     x, z = 0.01 * np.arange(24) - 0.3, 0.01 * np.arange(20)
     given = axes(GREY, ("frame", "z_mm", "x_mm"), time_s=("frame", [5.0, 5.5, 6.5]), x_mm=x, z_mm=z)
@@ -129,9 +122,6 @@ def test_times_and_scale_are_those_of_the_coordinates():
         assert reader.pixel_mm == pytest.approx(0.01)
     with open_frames(GREY) as reader:
         assert {frame.time_s for frame in reader} == {None} and reader.pixel_mm is None
-
-
-def test_an_array_of_another_scale_than_the_scene_is_refused():
     from isochrome.frames import open_scene_frames
 
     x, z = 0.02 * np.arange(24), 0.02 * np.arange(20)
@@ -235,7 +225,7 @@ def test_a_bad_frame_is_refused_in_one_line_by_its_number(name):
     assert len(str(refusal.value).splitlines()) == 1
 
 
-def test_a_frame_of_nan_alone_is_refused_and_a_pixel_of_nan_is_not_known():
+def test_noise_about_zero_is_light_and_nan_is_not_known():
     from isochrome.frames import to_linear
 
     with pytest.raises(InputError, match="NaN only"):
@@ -244,18 +234,16 @@ def test_a_frame_of_nan_alone_is_refused_and_a_pixel_of_nan_is_not_known():
     some[3, 4] = np.nan
     found = to_linear(next(iter(open_frames(some))), bit_depth=None)
     assert not found.valid[3, 4] and found.valid.sum() > 400
-
-
-def test_noise_about_zero_is_light_as_of_a_file():
-    """A float camera's dark frames go below zero by their noise."""
+    # A float camera's dark frames go below zero by their noise
     dark = RNG.normal(0.0, 0.02, (2, 20, 24)).astype(np.float32)
     assert np.array_equal(images(dark), dark)
 
 
-def test_files_stay_files():
+def test_files_stay_files_and_arrays_go_to_other_processes():
     assert frames_of("a.tif") == "a.tif" and frames_of(["a.tif", "b.tif"]) == ("a.tif", "b.tif")
-    assert frames_of(iter(["a.tif"])) == ("a.tif",)
-    assert isinstance(frames_of(GREY), ArrayFrames)
+    assert frames_of(iter(["a.tif"])) == ("a.tif",) and isinstance(frames_of(GREY), ArrayFrames)
+    again = pickle.loads(pickle.dumps(open_frames(GREY)))
+    assert np.array_equal([frame.image for frame in again], GREY)
 
 
 def test_the_digest_is_that_of_the_pixels_wherever_they_come_from():
@@ -268,11 +256,6 @@ def test_the_digest_is_that_of_the_pixels_wherever_they_come_from():
     assert ArrayFrames(GREY.view(np.float16)).digest() != own
     timed = axes(GREY, time_s=("frame", [0.0, 1.0, 3.0]))
     assert ArrayFrames(timed).digest() != own
-
-
-def test_an_array_goes_to_other_processes():
-    again = pickle.loads(pickle.dumps(open_frames(GREY)))
-    assert np.array_equal([frame.image for frame in again], GREY)
 
 
 def test_a_scene_of_dictionaries_takes_numpy_and_arrays():

@@ -73,13 +73,10 @@ def test_fault_is_found_and_its_frame_named(tmp_path, frames, level, words):
     assert words in texts(checked(tmp_path, frames), level)
 
 
-def test_many_frames_with_one_fault_are_one_finding(tmp_path):
+def test_several_faulty_frames_are_told_apart(tmp_path):
     check = checked(tmp_path, [np.zeros((ROWS, COLS))] * 3 + [fringe()])
     (black,) = [f for f in check.findings if "all black" in f.text]
     assert black.text.startswith("frames 0-2:") and black.frame == 0
-
-
-def test_nan_frame_and_nan_pixels_are_told_apart(tmp_path):
     part = fringe(0, 1)
     part[3, 4] = np.nan
     check = checked(
@@ -89,12 +86,18 @@ def test_nan_frame_and_nan_pixels_are_told_apart(tmp_path):
     assert "frame 1: some pixels are not finite" in texts(check, "note")
 
 
-def test_twelve_bits_in_a_sixteen_bit_file_are_suspected(tmp_path):
+def test_a_full_scale_of_fewer_bits_is_suspected_to_the_last_level(tmp_path):
     check = checked(tmp_path, [fringe(0, 4095)], "[specimen]\n", dtype=np.uint16)
     assert "probably 12 bits; set camera.bit_depth = 12" in texts(check, "warning")
     shifted = np.floor(fringe(0, 4095)) * 16
     check = checked(tmp_path, [shifted], "[specimen]\n", dtype=np.uint16)
     assert "multiples of 16: a 12-bit sensor" in texts(check, "note")
+    # 4095 is the last level of 12 bits
+    for largest, bits in ((4095, 12), (4096, 14), (1023, 10)):
+        frame = fringe(0, largest)
+        frame[3, 4] = largest
+        check = checked(tmp_path, [frame], "[specimen]\n", dtype=np.uint16)
+        assert f"camera.bit_depth = {bits} " in texts(check, "warning")
 
 
 def test_bit_depth_too_small_is_an_error_with_the_frame(tmp_path):
@@ -103,38 +106,30 @@ def test_bit_depth_too_small_is_an_error_with_the_frame(tmp_path):
     assert not check.ok and "frame 1" in texts(check, "error") and check.count == 1
 
 
-def test_count_size_and_scale_are_held_against_the_scene(tmp_path):
+def test_what_the_scene_says_is_held_against_the_frames(tmp_path):
     check = checked(tmp_path, [fringe(i)[:-2] for i in range(3)], CONTACT, pixel_mm=0.02)
     errors = texts(check, "error")
-    assert "3 frames, and the scene has 4 states" in errors
-    assert "58 rows x 80 columns" in errors
+    assert "3 frames, and the scene has 4 states" in errors and "58 rows x 80 columns" in errors
     assert "names 0.02 mm a pixel" in errors
-
-
-def test_steps_and_known_orders_are_held_against_the_frames(tmp_path):
     toml = PLAIN + "[[polariscope.step]]\npolariser_deg = 0.0\nanalyser_deg = 90.0\n" * 2
     toml += "[[frames.known_order]]\nrow_px = 60\ncol_px = 3\norder = 0.0\n"
     errors = texts(checked(tmp_path, [fringe(i) for i in range(3)], toml), "error")
     assert "3 frames are not a multiple of the polariscope's 2 steps" in errors
     assert "known_order[1] at row 60" in errors
-
-
-def test_known_lines_and_outlines_beyond_the_picture_are_named_by_their_first_such_point(tmp_path):
     toml = PLAIN + "[[frames.known_line]]\nrow_px = [3, 60.5]\ncol_px = [4, 4]\norder = 1.0\n"
     toml += "[[frames.free_boundary]]\nrow_px = [-0.5, 59.5, 0]\ncol_px = [0, 0, 81]\n"
     errors = texts(checked(tmp_path, [fringe()], toml), "error")
     assert "known_line[1], point 2 at row 60.5, column 4 lies outside 60 x 80 pixels" in errors
     assert "free_boundary[1], point 3 at row 0, column 81 lies outside" in errors
-
-
-def test_speed_without_times_is_an_error(tmp_path):
     toml = CONTACT + "[frames]\nsliding_speed_mm_per_s = 5.0\n"
     assert "carry no time" in texts(checked(tmp_path, [fringe()], toml), "error")
 
 
-def test_ring_is_said_to_have_no_model_yet(tmp_path):
+def test_neither_a_ring_nor_a_missing_path_is_an_exception(tmp_path):
     check = checked(tmp_path, [fringe()], '[specimen]\nshape = "ring"\n')
     assert "a ring has no model without specimen.hole_mm" in texts(check, "warning") and check.ok
+    nothing = look_through(tmp_path / "none.tif", parse_scene(PLAIN))
+    assert not nothing.ok and nothing.count == 0 and "none.tif" in texts(nothing, "error")
 
 
 def test_no_load_frames_of_other_size_or_exposure_are_reported(tmp_path):
@@ -145,21 +140,13 @@ def test_no_load_frames_of_other_size_or_exposure_are_reported(tmp_path):
     assert "no_load_bright is (59, 80)" in texts(checked(tmp_path, [fringe()], toml), "error")
 
 
-def test_unreadable_path_is_a_finding_and_not_an_exception(tmp_path):
-    nothing = look_through(tmp_path / "none.tif", parse_scene(PLAIN))
-    assert not nothing.ok and nothing.count == 0 and "none.tif" in texts(nothing, "error")
-
-
 STEPS = PLAIN + "".join(
     f"[[polariscope.step]]\npolariser_deg = {a}\nanalyser_deg = {a - 90}\n" for a in (90, 112.5)
 )
 
 
-def test_a_stepped_set_needs_no_dark_and_bright_frames(tmp_path):
+def test_a_stepped_set_needs_no_dark_and_bright_frames_but_no_load_steps_that_fit(tmp_path):
     assert texts(checked(tmp_path, [fringe(0), fringe(1)], STEPS), "warning") == ""
-
-
-def test_a_no_load_stepped_set_that_does_not_fit_is_reported(tmp_path):
     toml = STEPS + '[frames]\nno_load_steps = "n.tif"\n'
     frames = [fringe(0), fringe(1)]
     assert "n.tif" in texts(checked(tmp_path, frames, toml), "error")
@@ -197,15 +184,6 @@ def test_an_exposure_other_than_the_no_load_frames_is_reported_from_either_side(
         found = texts(checked(tmp_path, [fringe()], toml), "warning")
         for words in ("no_load_bright only", "no_load_dark begins at"):
             assert (words in found) == (words in said)
-
-
-def test_a_full_scale_of_fewer_bits_is_suspected_to_the_last_level(tmp_path):
-    """4095 is the last level of 12 bits."""
-    for largest, bits in ((4095, 12), (4096, 14), (1023, 10)):
-        frame = fringe(0, largest)
-        frame[3, 4] = largest
-        check = checked(tmp_path, [frame], "[specimen]\n", dtype=np.uint16)
-        assert f"camera.bit_depth = {bits} " in texts(check, "warning")
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import importlib
 import pickle
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -57,6 +58,8 @@ def check_contract(recording, path):
             else:  # a lossy codec's error, and rounding on the way to it: under 3 % of full scale
                 inner = np.s_[ROWS // 2 : -8, 8:24]
                 assert abs(float(f.image[inner].mean()) - wanted[inner].mean()) < 0.03 * full
+        if reader.kind in ("folder", "list"):
+            assert [Path(name).stem for name in reader.names] == [f"frame{i}" for i in range(COUNT)]
         if recording.pixel_mm is not None:
             assert reader.pixel_mm == pytest.approx(recording.pixel_mm, rel=1e-5)
         # any part of it, by a reader that has not counted, by those that have, and by a copy

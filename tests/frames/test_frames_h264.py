@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from recordings import COLS, COUNT, RATE, ROWS, UNEVEN, _frame, coded, decoded, video
 
 from isochrome.errors import InputError
-from isochrome.frames import open_frames
-from isochrome.frames.containers import begins_anew, length_bytes
+from isochrome.frames import begins_anew, length_bytes, open_frames
 
 
 def number(value):
@@ -81,11 +80,13 @@ def test_parameters_that_leave_it_open_are_not_relied_on(sets):
     assert length_bytes(configuration(*sets)) is None
 
 
-def test_another_configuration_is_not_relied_on():
+def test_another_configuration_or_a_packet_that_breaks_off_is_not_relied_on():
     whole = configuration(parameters())
     assert length_bytes(b"\0\0\0\1" + parameters()) is None  # as AVI has it
     assert length_bytes(None) is None and length_bytes(b"") is None and length_bytes(b"\1") is None
     assert all(length_bytes(whole[:k]) is None for k in range(len(whole) - 4))
+    whole = packet(NOTE, KEY)
+    assert all(begins_anew(whole[:k], 4) is None for k in range(len(whole)))
 
 
 NOTE, KEY, PLAIN, REST = b"\x06\x05", b"\x65\x88\x84", b"\x41\x9a\x02", b"\x41\x42\x02"
@@ -117,11 +118,6 @@ def packet(*units: bytes, length: int = 4) -> bytes:
 @pytest.mark.parametrize("length", [1, 2, 4])
 def test_a_packet_of_one_frame_is_known(units, key, length):
     assert begins_anew(packet(*units, length=length), length) is key
-
-
-def test_a_packet_that_breaks_off_is_not_relied_on():
-    whole = packet(NOTE, KEY)
-    assert all(begins_anew(whole[:k], 4) is None for k in range(len(whole)))
 
 
 @given(st.binary(max_size=80), st.sampled_from([1, 2, 4]))

@@ -8,8 +8,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from isochrome.calibration import load_set
-from isochrome.calibration.loading import read_shots
+from isochrome.calibration import load_set, read_shots
 from isochrome.errors import InputError
 from isochrome.estimation import prepare_frame
 from isochrome.frames import (
@@ -50,7 +49,7 @@ def test_mask_image_is_taken_at_either_size(tmp_path, name, cut):
     np.testing.assert_array_equal(found, DISC[CUT])
 
 
-def test_colour_label_and_soft_edged_masks_count_what_is_not_zero(tmp_path):
+def test_a_mask_image_counts_what_is_stored_and_not_zero(tmp_path):
     colour = np.zeros((*FULL, 3))
     colour[DISC, 2] = 7
     save(tmp_path / "c.png", colour)
@@ -60,9 +59,6 @@ def test_colour_label_and_soft_edged_masks_count_what_is_not_zero(tmp_path):
     for name in ("c.png", "l.png"):
         found = load_mask(scene_of(tmp_path, f'mask = "{name}"'), PART, FULL)
         np.testing.assert_array_equal(found, DISC[CUT])
-
-
-def test_imagej_mask_that_is_shown_inverted_counts_what_is_stored(tmp_path):
     tifffile.imwrite(
         tmp_path / "m.tif", (255 * DISC).astype(np.uint8), imagej=True, photometric="miniswhite"
     )
@@ -72,7 +68,7 @@ def test_imagej_mask_that_is_shown_inverted_counts_what_is_stored(tmp_path):
     np.testing.assert_array_equal(found, DISC[CUT])
 
 
-def test_polygon_holds_the_pixels_whose_centres_lie_in_it(tmp_path):
+def test_polygons_and_masks_hold_the_pixels_whose_centres_lie_in_both(tmp_path):
     corners = [[4.5, 7.5], [4.5, 30.5], [20.5, 30.5], [20.5, 7.5]]
     found = load_mask(scene_of(tmp_path, f"polygon_px = {corners}"), PART, FULL)
     wanted = np.zeros(PART, bool)
@@ -81,6 +77,13 @@ def test_polygon_holds_the_pixels_whose_centres_lie_in_it(tmp_path):
     turned = [[-20, 20], [15, -15], [50, 20], [15, 55]]  # may leave the frame
     found = load_mask(scene_of(tmp_path, f"polygon_px = {turned}", roi=""), FULL, FULL)
     np.testing.assert_array_equal(found, np.abs(ROW - 15) + np.abs(COL - 20) <= 35)
+    save(tmp_path / "m.png", DISC)
+    half = "polygon_px = [[-1, -1], [-1, 19.5], [30, 19.5], [30, -1]]"
+    found = load_mask(scene_of(tmp_path, 'mask = "m.png"', half), PART, FULL)
+    np.testing.assert_array_equal(found, (DISC & (COL < 20 + 19.5))[CUT])
+    away = "polygon_px = [[0, 0], [0, 5], [5, 0]]"
+    with pytest.raises(InputError, match="no pixel in common"):
+        load_mask(scene_of(tmp_path, 'mask = "m.png"', away), PART, FULL)
 
 
 def test_a_closed_free_boundary_is_the_specimens_outline_and_an_open_one_is_not(tmp_path):
@@ -97,16 +100,6 @@ def test_a_closed_free_boundary_is_the_specimens_outline_and_an_open_one_is_not(
     with pytest.raises(InputError, match=r"frames\.free_boundary\[1\]: the sides after corners"):
         load_mask(scene_of(tmp_path, crossed), PART, FULL)
     assert load_mask(scene_of(tmp_path, beyond), PART, FULL)[29, 5]
-
-
-def test_mask_and_polygon_together_keep_what_is_inside_both(tmp_path):
-    save(tmp_path / "m.png", DISC)
-    half = "polygon_px = [[-1, -1], [-1, 19.5], [30, 19.5], [30, -1]]"
-    found = load_mask(scene_of(tmp_path, 'mask = "m.png"', half), PART, FULL)
-    np.testing.assert_array_equal(found, (DISC & (COL < 20 + 19.5))[CUT])
-    away = "polygon_px = [[0, 0], [0, 5], [5, 0]]"
-    with pytest.raises(InputError, match="no pixel in common"):
-        load_mask(scene_of(tmp_path, 'mask = "m.png"', away), PART, FULL)
 
 
 @pytest.mark.parametrize(

@@ -42,11 +42,19 @@ def test_sigma_is_found_within_three_percent_under_fringes(sigma, gamma):
         assert found == pytest.approx(truth, rel=0.03)
 
 
-def test_fringes_twice_as_fine_still_leave_ten_percent_at_camera_noise():
+def test_hot_pixels_and_an_edge_hardly_matter():
     ideal = fringes(1, finest=0.2, gamma=2.2)
     found = np.median(estimate_noise(captured(ideal, 3.0, 1)).sigma(ideal))
     # The leak of the fringe through the filter, 5 % here, is the reason for the tolerance.
     assert found == pytest.approx(np.sqrt(9 + 1 / 12), rel=0.1)
+    ideal = fringes(3)
+    ideal[:, 200:] = 20.0
+    image = captured(ideal, 3.0, 3)
+    rng = np.random.default_rng(0)
+    image[rng.integers(0, SHAPE[0], 30), rng.integers(0, SHAPE[1], 30)] = 255
+    found = np.median(estimate_noise(image).sigma(ideal))
+    # Clipped at 4 sigma; what remains of 30 spots with 25 pixels each is below 1 %.
+    assert found == pytest.approx(np.sqrt(9 + 1 / 12), rel=0.05)
 
 
 def test_shot_noise_is_found_at_every_level():
@@ -58,28 +66,14 @@ def test_shot_noise_is_found_at_every_level():
     np.testing.assert_allclose(model.sigma(levels), np.sqrt(25 + 0.5 * levels), rtol=0.06)
 
 
-def test_hot_pixels_and_an_edge_hardly_matter():
-    ideal = fringes(3)
-    ideal[:, 200:] = 20.0
-    image = captured(ideal, 3.0, 3)
-    rng = np.random.default_rng(0)
-    image[rng.integers(0, SHAPE[0], 30), rng.integers(0, SHAPE[1], 30)] = 255
-    found = np.median(estimate_noise(image).sigma(ideal))
-    # Clipped at 4 sigma; what remains of 30 spots with 25 pixels each is below 1 %.
-    assert found == pytest.approx(np.sqrt(9 + 1 / 12), rel=0.05)
-
-
-def test_mask_keeps_a_textured_part_out():
+def test_what_lies_beside_a_pixel_counts_by_the_mask_too():
     image = captured(fringes(4), 3.0, 4)
     valid = np.ones(SHAPE, bool)
     valid[:, 100:220] = False
     image[:, 100:220] = np.random.default_rng(0).integers(0, 255, (SHAPE[0], 120))
     found = np.median(estimate_noise(image, valid).sigma(image[valid]))
     assert found == pytest.approx(np.sqrt(9 + 1 / 12), rel=0.03)
-
-
-def test_what_lies_beside_a_pixel_counts_by_the_mask_too():
-    """Strips of ten columns, every other one textured: residuals reach two pixels to each side."""
+    # strips of ten columns, every other one textured: residuals reach two pixels to each side
     image = captured(fringes(4, finest=0.05), 3.0, 4)
     valid = np.ones(SHAPE, bool)
     valid[:, np.arange(SHAPE[1]) % 20 >= 10] = False
@@ -139,8 +133,7 @@ def test_light_at_black_has_an_uncertainty_under_any_gamma(gamma):
     model = NoiseModel(offset=9.0, slope=0.0, floor=1 / 12)
     at_black = float(model.linear_sigma(0.0, bit_depth=8, gamma=gamma))
     # by hand: gamma u^(gamma-1) u at u = 3/255
-    assert at_black == pytest.approx(gamma * (3 / 255) ** gamma, rel=1e-12)
-    assert at_black > 0.0
+    assert at_black == pytest.approx(gamma * (3 / 255) ** gamma, rel=1e-12) and at_black > 0.0
     levels = model.linear_sigma(np.arange(256.0), bit_depth=8, gamma=gamma)
     assert (np.diff(levels) >= 0.0).all()  # nowhere less than at black
 

@@ -44,21 +44,15 @@ def test_blank_frame_is_refused_by_name(value, words):
         to_linear(image, bit_depth=8, name="frame 3")
 
 
-def test_blank_no_load_frame_is_allowed_but_not_one_without_numbers():
+def test_saturated_and_nan_pixels_are_masked():
     assert to_linear(np.zeros((8, 8), np.uint8), bit_depth=8, allow_blank=True).valid.all()
     with pytest.raises(InputError, match="NaN"):
         to_linear(np.full((8, 8), np.nan), bit_depth=None, allow_blank=True)
-
-
-def test_saturated_and_nan_pixels_are_masked():
     image = np.tile(np.linspace(0.1, 0.9, 20, dtype=np.float32), (10, 1))
     image[2, 3], image[5, 6:9] = np.nan, 1.0
     linear = to_linear(image, bit_depth=None)
     assert not linear.valid[2, 3] and not linear.valid[5, 6:9].any()
     assert np.isnan(linear.image[2, 3]) and linear.valid.sum() == 200 - 4
-
-
-def test_float_frame_beyond_one_asks_for_the_bit_depth():
     with pytest.raises(InputError, match=r"camera\.bit_depth"):
         to_linear(np.array([[0.0, 200.0]]), bit_depth=None)
 
@@ -102,7 +96,7 @@ def test_signal_does_not_change_with_exposure_and_offset(scale, shift):
     np.testing.assert_allclose(first, second, atol=2e-6)  # float32
 
 
-def test_pixels_without_contrast_or_trust_are_nan():
+def test_pixels_without_contrast_are_nan_and_wrong_no_load_frames_refused():
     bright = BRIGHT.copy()
     bright[:, :10] = DARK[:, :10]
     frame = to_linear(noisy(DARK + (BRIGHT - DARK) * 0.5, 3), bit_depth=8)
@@ -110,9 +104,6 @@ def test_pixels_without_contrast_or_trust_are_nan():
     result = normalise(frame, DARK, bright)
     assert not result.valid[:, :10].any() and not result.valid[50, 60]
     np.testing.assert_array_equal(np.isnan(result.signal), ~result.valid)
-
-
-def test_swapped_or_odd_sized_no_load_frames_are_refused():
     with pytest.raises(InputError, match="swapped"):
         normalise(DARK, BRIGHT, DARK)
     with pytest.raises(InputError, match=r"no-load bright frame is \(119, 160\)"):
@@ -144,6 +135,7 @@ def test_no_load_frames_are_read_like_the_frames_and_stacks_averaged(tmp_path):
     np.testing.assert_allclose(found[1].image, BRIGHT[10:60, 20:80], atol=1e-3)
     with pytest.raises(InputError, match=r"no_load_dark is \(120, 160\)"):
         load_no_load(parse_scene(SCENE, folder=tmp_path), full_shape=(ROWS, COLS + 1))
+    assert load_no_load(parse_scene("[specimen]\n")) == (None, None)
 
 
 def test_missing_small_or_overexposed_no_load_frames_are_refused(tmp_path):
@@ -159,17 +151,12 @@ def test_missing_small_or_overexposed_no_load_frames_are_refused(tmp_path):
         load_no_load(scene)
 
 
-def test_scene_without_no_load_frames_gives_none():
-    assert load_no_load(parse_scene("[specimen]\n")) == (None, None)
-
-
 def test_light_below_zero_is_not_valid_under_a_gamma():
     """A background was subtracted: what the tone curve made of it is not known."""
     image = np.tile(np.linspace(-0.1, 0.9, 21), (10, 1))
     image[:, 2] = 0.0
     bent = to_linear(image, bit_depth=None, gamma=2.2)
-    assert not bent.valid[:, :2].any() and bent.valid[:, 2:].all()
-    assert (bent.image >= 0.0).all()
+    assert not bent.valid[:, :2].any() and bent.valid[:, 2:].all() and (bent.image >= 0.0).all()
     plain = to_linear(image, bit_depth=None)
     assert plain.valid.all()  # of a linear camera it is light like any other
     np.testing.assert_allclose(plain.image[:, 0], -0.1, rtol=1e-6)
@@ -232,5 +219,4 @@ def test_a_pixel_that_one_of_several_no_load_frames_spoils_is_not_valid(tmp_path
     write_tiff(tmp_path / "dark.tif", frames)
     text = '[specimen]\n[frames]\nno_load_dark = "dark.tif"\n'
     dark, bright = load_no_load(parse_scene(text, folder=tmp_path))
-    assert bright is None
-    assert np.argwhere(~dark.valid).tolist() == [[4, 5]]
+    assert bright is None and np.argwhere(~dark.valid).tolist() == [[4, 5]]

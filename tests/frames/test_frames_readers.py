@@ -1,38 +1,32 @@
-"""One contract for every reader, and what hostile files meet."""
+"""What every reader does besides the contract of all, and what hostile files meet."""
 
 import contextlib
 import pickle
-import struct
 
 import cv2
 import numpy as np
 import pytest
 import tifffile
 from PIL import Image
+from recordings import COLS, COUNT, MOVING, ROWS, STILL, decoded, stack
 
 from isochrome.errors import InputError
 from isochrome.frames import open_frames
 from isochrome.output import write_tiff
 from isochrome.scene import Roi
 
-COUNT, ROWS, COLS = 12, 48, 64
+RECORDINGS = STILL | MOVING
+SOURCES = (
+    "plain pages", "16 bit, big-endian", "deflate", "LZW", "ImageJ, one head", "folder of PNG",
+    "folder of 16-bit RGB PNG", "folder of TIFF", "list of BMP", "glob of PNG",
+    "OpenCV's MJPG in AVI", "FFV1 16 bit",
+)  # fmt: skip
+"""One of each way to read; test_frames_contract.py has all."""
 
 
-def coded(number: int, full: int = 255) -> np.ndarray:
-    """A frame with its number in four bright or dark bars, 16 columns each (even under JPEG)."""
-    bars = [0.75 * full if number >> bit & 1 else 0.2 * full for bit in range(4)]
-    frame = np.repeat(np.repeat(np.array(bars)[None], ROWS, 0), COLS // 4, 1)
-    frame[: ROWS // 4] *= 0.5  # rows differ from columns, top from bottom
-    return frame
-
-
-def decoded(image: np.ndarray, full: int = 255) -> int:
-    bars = image[image.shape[0] // 2 :].mean(axis=0).reshape(4, -1).mean(axis=1)
-    return sum(int(b > 0.5 * full) << bit for bit, b in enumerate(bars))
-
-
-def stack(dtype=np.uint8, full=255):
-    return np.stack([coded(i, full) for i in range(COUNT)]).astype(dtype)
+@pytest.fixture(params=SOURCES)
+def source(request, tmp_path):
+    return RECORDINGS[request.param].write(tmp_path)
 
 
 def write_tiff8(folder):
@@ -40,150 +34,18 @@ def write_tiff8(folder):
     return folder / "s.tif"
 
 
-def write_tiff16(folder):
-    tifffile.imwrite(folder / "s.tif", stack(np.uint16, 65535), photometric="minisblack")
-    return folder / "s.tif"
-
-
-def write_big_endian(folder):
-    tifffile.imwrite(
-        folder / "s.tif", stack(np.uint16, 65535), photometric="minisblack", byteorder=">"
-    )
-    return folder / "s.tif"
-
-
-def write_deflate(folder):
-    tifffile.imwrite(folder / "s.tif", stack(), photometric="minisblack", compression="zlib")
-    return folder / "s.tif"
-
-
-def write_lzw(folder):
-    pages = [Image.fromarray(f) for f in stack()]
-    pages[0].save(folder / "s.tif", save_all=True, append_images=pages[1:], compression="tiff_lzw")
-    return folder / "s.tif"
-
-
-def write_one_head(folder):
-    """ImageJ's layout for large stacks: one directory, the frames one behind the other."""
-    tifffile.imwrite(folder / "s.tif", stack(), imagej=True, truncate=True)
-    return folder / "s.tif"
-
-
-def write_pngs(folder):
-    for i, frame in enumerate(stack()):
-        cv2.imwrite(str(folder / f"frame{i}.png"), frame)
-    return folder
-
-
-def write_png16(folder):
-    for i, frame in enumerate(stack(np.uint16, 65535)):
-        cv2.imwrite(str(folder / f"frame{i}.png"), np.dstack([frame] * 3))
-    return folder
-
-
-def write_bmp_list(folder):
-    for i, frame in enumerate(stack()):
-        Image.fromarray(frame).save(folder / f"frame{i}.bmp")
-    return [folder / f"frame{i}.bmp" for i in range(COUNT)]
-
-
-def write_glob(folder):
-    write_pngs(folder)
-    return str(folder / "frame*.png")
-
-
-def write_tiffs(folder):
-    for i, frame in enumerate(stack()):
-        tifffile.imwrite(folder / f"frame{i}.tiff", frame)
-    return folder
-
-
-def write_video(folder, name="v.avi", code="MJPG"):
-    fourcc = cv2.VideoWriter_fourcc(*code)
-    video = cv2.VideoWriter(str(folder / name), fourcc, 20.0, (COLS, ROWS))
-    for frame in stack():
-        video.write(np.dstack([frame] * 3))
-    video.release()
-    return folder / name
-
-
-def write_grey16_video(folder):
-    options = [cv2.VIDEOWRITER_PROP_DEPTH, cv2.CV_16U, cv2.VIDEOWRITER_PROP_IS_COLOR, 0]
-    video = cv2.VideoWriter(
-        str(folder / "v.mkv"), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*"FFV1"), 20.0, (COLS, ROWS),
-        options,
-    )  # fmt: skip
-    if not video.isOpened():
-        pytest.skip("this OpenCV writes no 16-bit FFV1")
-    for frame in stack(np.uint16, 65535):
-        video.write(frame)
-    video.release()
-    return folder / "v.mkv"
-
-
-# writer, kind, bits, exact values, timed
-SOURCES = {
-    "tiff8": (write_tiff8, "tiff", 8, True, False),
-    "tiff16": (write_tiff16, "tiff", 16, True, False),
-    "tiff big-endian": (write_big_endian, "tiff", 16, True, False),
-    "tiff deflate": (write_deflate, "tiff", 8, True, False),
-    "tiff LZW": (write_lzw, "tiff", 8, True, False),
-    "tiff one head": (write_one_head, "tiff", 8, True, False),
-    "folder of PNG": (write_pngs, "folder", 8, True, False),
-    "folder of 16-bit RGB PNG": (write_png16, "folder", 16, True, False),
-    "folder of TIFF": (write_tiffs, "folder", 8, True, False),
-    "list of BMP": (write_bmp_list, "list", 8, True, False),
-    "glob": (write_glob, "list", 8, True, False),
-    "AVI": (write_video, "video", 8, False, True),
-    "FFV1 16-bit grey": (write_grey16_video, "video", 16, True, True),
-}
-
-
-@pytest.fixture(params=SOURCES)
-def source(request, tmp_path):
-    write, *facts = SOURCES[request.param]
-    return write(tmp_path), *facts
-
-
-def test_reader_contract(source):
-    path, kind, bits, exact, timed = source
-    full = 2**bits - 1
-    with open_frames(path) as reader:
-        assert (reader.kind, reader.shape, reader.bit_depth) == (kind, (ROWS, COLS), bits)
-        frames = list(reader)
-        assert [decoded(f.image, full) for f in frames] == list(range(COUNT))
-        assert [f.index for f in frames] == list(range(COUNT))
-        assert reader.count() == COUNT
-        assert all(f.image.dtype == reader.dtype and f.image.ndim == 2 for f in frames)
-        assert [decoded(f.image, full) for f in reader] == list(range(COUNT)), "reads again"
-        if exact:
-            for f in frames:
-                np.testing.assert_array_equal(f.image, coded(f.index, full).astype(reader.dtype))
-        # 20 frames a second; containers round time to a millisecond.
-        if timed:
-            assert [f.time_s for f in frames] == pytest.approx(
-                [i / 20 for i in range(COUNT)], abs=1e-3
-            )
-        else:
-            assert {f.time_s for f in frames} == {None}
-    if reader.names:
-        assert reader.names[2].startswith("frame2.") and reader.names[10].startswith("frame10.")
-
-
 def test_roi_is_rows_and_columns_of_the_full_frame(source):
-    path = source[0]
     roi = Roi(top_px=20, left_px=16, height_px=10, width_px=30)
-    with open_frames(path) as whole, open_frames(path, roi=roi) as part:
+    with open_frames(source) as whole, open_frames(source, roi=roi) as part:
         assert part.shape == (10, 30) and part.full_shape == (ROWS, COLS)
         for a, b in zip(whole, part, strict=True):
             np.testing.assert_array_equal(a.image[20:30, 16:46], b.image)
     with pytest.raises(InputError, match=r"lies outside .* correct frames\.roi"):
-        open_frames(path, roi=Roi(top_px=40, left_px=0, height_px=10, width_px=30))
+        open_frames(source, roi=Roi(top_px=90, left_px=0, height_px=10, width_px=30))
 
 
 def test_reader_leaves_no_open_file_and_can_go_to_another_process(source):
-    path = source[0]
-    with open_frames(path) as reader:
+    with open_frames(source) as reader:
         copy = pickle.loads(pickle.dumps(reader))
         next(iter(reader))
         assert copy.count() == COUNT
@@ -193,14 +55,11 @@ def test_reader_leaves_no_open_file_and_can_go_to_another_process(source):
         next(running)
 
 
-def test_single_image_is_one_frame(tmp_path):
+def test_a_single_image_is_one_frame_and_a_tiffs_scale_is_read(tmp_path):
     Image.fromarray(stack()[5]).save(tmp_path / "x.png")
     with open_frames(tmp_path / "x.png") as reader:
         (frame,) = reader
         assert reader.kind == "image" and decoded(frame.image) == 5
-
-
-def test_pixel_size_comes_from_the_tiff(tmp_path):
     assert open_frames(write_tiff8(tmp_path)).pixel_mm == pytest.approx(0.01, rel=1e-6)
 
 
@@ -275,16 +134,6 @@ def test_twelve_bits_in_a_pgm_are_not_stretched(tmp_path):
     np.testing.assert_array_equal(frame.image, values)
 
 
-def test_float_tiff_keeps_nan(tmp_path):
-    image = np.linspace(0, 1, 60, dtype=np.float32).reshape(1, 6, 10)
-    image[0, 2, 3] = np.nan
-    write_tiff(tmp_path / "f.tif", image)
-    reader = open_frames(tmp_path / "f.tif")
-    (frame,) = reader
-    assert reader.bit_depth is None
-    np.testing.assert_array_equal(frame.image, image[0])
-
-
 def test_value_beyond_the_bit_depth_names_frame_value_and_key(tmp_path):
     data = np.zeros((3, 6, 8), np.uint16)
     data[1, 2, 3] = 1024
@@ -305,12 +154,10 @@ def test_file_that_is_not_what_it_is_named_is_refused(tmp_path, capfd, suffix, c
     assert capfd.readouterr().err == ""
 
 
-@pytest.mark.parametrize(
-    "name", ["tiff8", "tiff16", "tiff deflate", "tiff one head", "folder of 16-bit RGB PNG"]
-)
+@pytest.mark.parametrize("name", [*SOURCES[:3], "ImageJ, one head", "folder of 16-bit RGB PNG"])
 @pytest.mark.parametrize("part", [0.01, 0.3, 0.6, 0.99])
 def test_truncated_file_is_refused_and_never_read_in_part(tmp_path, capfd, name, part):
-    path = SOURCES[name][0](tmp_path)
+    path = RECORDINGS[name].write(tmp_path)
     path = sorted(path.iterdir())[0] if path.is_dir() else path
     data = path.read_bytes()
     path.write_bytes(data[: int(part * len(data))])
@@ -340,28 +187,12 @@ def test_truncated_image_is_refused(tmp_path, suffix):
 
 
 def test_truncated_video_is_refused_or_ends_early_without_chatter(tmp_path, capfd):
-    path = write_video(tmp_path)
-    path.write_bytes(path.read_bytes()[:6000])
+    path = MOVING["OpenCV's MJPG in AVI"].write(tmp_path)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     read = []
     with contextlib.suppress(InputError):  # the one or the other, by OpenCV's version
         read = [decoded(f.image) for f in open_frames(path)]
-    assert read == list(range(len(read)))
-    assert capfd.readouterr().err == ""
-
-
-def test_image_that_claims_gigapixels_is_refused_before_memory_is_taken(tmp_path):
-    Image.fromarray(stack()[0]).save(tmp_path / "b.png")
-    data = bytearray((tmp_path / "b.png").read_bytes())
-    data[16:24] = struct.pack(">II", 100_000, 100_000)
-    (tmp_path / "b.png").write_bytes(data)
-    with pytest.raises(InputError, match=r"b\.png"):
-        open_frames(tmp_path / "b.png")
-    tifffile.imwrite(tmp_path / "b.tif", np.zeros((4, 4), np.uint8))
-    with tifffile.TiffFile(tmp_path / "b.tif", mode="r+b") as tif:
-        tif.pages[0].tags["ImageWidth"].overwrite(60_000)
-        tif.pages[0].tags["ImageLength"].overwrite(60_000)
-    with pytest.raises(InputError, match=r"60000 x 60000"):
-        open_frames(tmp_path / "b.tif")
+    assert read == list(range(len(read))) and capfd.readouterr().err == ""
 
 
 def test_folder_without_images_list_without_names_and_missing_paths_are_refused(tmp_path):
@@ -371,14 +202,11 @@ def test_folder_without_images_list_without_names_and_missing_paths_are_refused(
             open_frames(bad)
 
 
-def test_odd_one_in_a_folder_is_named(tmp_path):
-    write_pngs(tmp_path)
+def test_a_picture_or_a_stack_with_an_odd_one_is_refused_by_its_name(tmp_path):
+    STILL["folder of PNG"].write(tmp_path)
     Image.fromarray(np.zeros((ROWS, COLS + 2), np.uint8)).save(tmp_path / "frame7.png")
-    with pytest.raises(InputError, match=r"frame7\.png.*48 x 66.*48 x 64"):
+    with pytest.raises(InputError, match=r"frame7\.png.*96 x 194.*96 x 192"):
         list(open_frames(tmp_path))
-
-
-def test_odd_page_in_a_stack_is_named(tmp_path):
     with tifffile.TiffWriter(tmp_path / "o.tif") as tif:
         for cols in (8, 8, 9):
             tif.write(np.zeros((6, cols), np.uint8), metadata=None)
@@ -400,7 +228,7 @@ def test_white_is_zero_is_refused_rather_than_read_inverted(tmp_path):
 
 
 def test_damaged_deep_png_is_refused_and_not_decoded_in_part(tmp_path):
-    path = write_png16(tmp_path) / "frame0.png"
+    path = STILL["folder of 16-bit RGB PNG"].write(tmp_path) / "frame0.png"
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 0xFF
     path.write_bytes(data)

@@ -9,7 +9,7 @@ from real_frames import REAL, needs_real
 pytestmark = needs_real
 
 
-def test_ring_bitmaps_that_opencv_does_not_read_come_in_order_of_load():
+def test_a_ring_is_read_in_order_of_load_and_checked_in_plain_words():
     with open_frames(REAL / "ring-five-loads", wavelength_nm=546) as reader:
         frames = list(reader)
     assert reader.names == ("0.bmp", "100.bmp", "200.bmp", "300.bmp", "400.bmp")
@@ -17,9 +17,6 @@ def test_ring_bitmaps_that_opencv_does_not_read_come_in_order_of_load():
     # The first is the unloaded specimen in the dark field: by far the darkest.
     means = [f.image.mean() for f in frames]
     assert means[0] < 0.5 * min(means[1:])
-
-
-def test_ring_set_is_checked_in_plain_words():
     checked = look_through(REAL / "ring-five-loads", parse_scene('[specimen]\nshape = "ring"\n'))
     assert checked.ok and checked.count == 5
     assert any("a ring has no model without specimen.hole_mm" in f.text for f in checked.findings)

@@ -87,7 +87,7 @@ def test_mixtures_are_refused(place, names, said):
         recordings_of(names)
 
 
-def test_join_makes_one_of_them(place):
+def test_several_recordings_are_joined_or_refused_where_one_is_wanted(place):
     assert found("run*.avi", join=True) == ["run*.avi"]
     assert found("run2.avi", "run1.avi", join=True) == [["run2.avi", "run1.avi"]]
     assert found("run1.avi", "run10.avi", "run2.avi", join=True) == [
@@ -95,9 +95,6 @@ def test_join_makes_one_of_them(place):
     ]
     with pytest.raises(InputError, match="folder: is a folder, which is a recording by itself"):
         recordings_of(["folder", "run1.avi"], join=True)
-
-
-def test_where_one_is_wanted_several_are_refused(place):
     assert one_recording(["img*.tif"]) == "img*.tif"
     assert one_recording(["run*.avi"], join=True) == "run*.avi"
     with pytest.raises(InputError, match=r"run1\.avi, run2\.avi \.\.\.: 3 recordings.*--join"):

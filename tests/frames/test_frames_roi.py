@@ -62,15 +62,9 @@ def test_lines_of_a_stack_stand_on_their_slices(tmp_path):
     _, rois = written(tmp_path / "lines.zip", LINES[1:3], frame=6)
     assert [roi[3] for roi in rois] == [7, 7]
     assert [roi[0] for roi in rois] == ["frame 6: N = 1 dark", "frame 6: N = 1.5 bright"]
-
-
-def test_the_same_lines_are_the_same_bytes(tmp_path):
     for name in ("a.zip", "b.zip"):
         written(tmp_path / name)
     assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
-
-
-def test_no_lines_give_an_empty_set(tmp_path):
     assert written(tmp_path / "none.zip", []) == ([], [])
 
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from isochrome.frames import Frame, saturation_level, to_linear
-from isochrome.processing.kinds.image_only import process_image_only
-from isochrome.processing.result import Capture
+from isochrome.frames import saturation_level, to_linear
+from isochrome.processing import process_frame
 from isochrome.scene import parse_scene
 
 ROW, COL = np.mgrid[:240, :320].astype(float)
@@ -25,8 +24,7 @@ def stored(crest, *, noise=0.0, clip=255.0, depth=8, seed=3):
 def test_a_frame_that_reaches_the_top_level_by_chance_is_not_saturated(crest, noise):
     levels, _ = stored(crest, noise=noise)
     top = levels + np.uint8(255 - levels.max())  # its brightest pixel is 255
-    assert top.max() == 255
-    assert saturation_level(top, full=255.0) == np.inf
+    assert top.max() == 255 and saturation_level(top, full=255.0) == np.inf
     assert to_linear(top, bit_depth=8).valid.mean() > 0.9999
 
 
@@ -48,25 +46,20 @@ def test_a_plateau_below_the_types_end_is_saturation_too(clip, depth, full):
     """A camera that clips at 240 of 255; 12 bits in a file of 16; 12 bits that end early."""
     scale = clip / 240.0
     levels, lost = stored(1.1 * clip, noise=2.0 * scale, clip=clip, depth=depth)
-    assert saturation_level(levels, full=full) == clip
-    assert lost.mean() > 0.05
+    assert saturation_level(levels, full=full) == clip and lost.mean() > 0.05
     assert not to_linear(levels, bit_depth=8 if depth == 8 else 16).valid[lost].any()
 
 
-def test_hot_pixels_and_glare_above_a_plateau_do_not_hide_it():
+def test_only_a_plateau_on_top_is_saturation():
     levels, lost = stored(265.0, noise=2.0, clip=240.0)
     levels[::60, ::70] = 255
     levels[5:10, 5:10] = 255
     for kind, full, depth in ((levels, 255.0, 8), ((levels / 255.0).astype(np.float32), 1.0, None)):
         assert saturation_level(kind, full=full) == pytest.approx(240.0 * full / 255.0)
         assert not to_linear(kind, bit_depth=depth).valid[lost].any()
-
-
-def test_even_light_of_a_computed_frame_below_full_scale_is_no_saturation():
-    """A bright field far from the contact: one level over half of the picture, without noise."""
+    # A bright field far from the contact: one level over half of the picture, without noise
     levels = np.rint(230.0 * np.cos(np.pi * np.exp(-((ROW / 60.0) ** 2))) ** 2).astype(np.uint8)
-    assert np.mean(levels == levels.max()) > 0.2
-    assert saturation_level(levels, full=255.0) == np.inf
+    assert np.mean(levels == levels.max()) > 0.2 and saturation_level(levels, full=255.0) == np.inf
 
 
 @pytest.mark.parametrize("gamma", [0.7, 1.0, 2.2])
@@ -125,6 +118,6 @@ def test_orders_are_read_of_a_full_frame_and_not_of_a_clipped_one(crest, clip, r
     levels, _ = stored(crest, noise=0.0 if read else 2.0, clip=clip)
     assert np.mean(levels >= clip) > 0.03
     scene = parse_scene(TEXT.replace("ORDER", f"{ORDER[100, 230]}"))
-    found = process_image_only(Frame(0, levels, None, "a"), scene, Capture(8))
+    found = process_frame(levels, scene, 0).frame
     assert any("saturated" in text for text in found.warnings) is not read
     assert (found.reading is not None) is read

@@ -5,7 +5,7 @@ import pytest
 import tifffile
 
 from isochrome.errors import InputError
-from isochrome.fitting.frame_set import PreparedFrames
+from isochrome.fitting import PreparedFrames
 from isochrome.frames import look_through, open_frames, open_scene_frames, with_file_scale
 from isochrome.output import write_tiff
 from isochrome.processing import process
@@ -110,7 +110,7 @@ def test_slices_at_several_times_are_refused(tmp_path, way):
         open_frames(tmp_path / "s.tif")
 
 
-def test_several_series_are_refused(tmp_path):
+def test_several_series_or_slices_are_refused(tmp_path):
     with tifffile.TiffWriter(tmp_path / "s.ome.tif", ome=True) as tif:
         tif.write(FRAMES, metadata={"axes": "TYX"})
         tif.write(FRAMES, metadata={"axes": "TYX"})

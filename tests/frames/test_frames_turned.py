@@ -1,10 +1,4 @@
-"""Pictures that lie otherwise than the scene: frames.rotate_deg and frames.flip, everywhere alike.
-
-A file turned back by numpy, with the turn stated, must give what the file itself gives, byte by
-byte: the turn moves grey levels and computes nothing.
-"""
-
-from __future__ import annotations
+"""Pictures that do not lie as the scene does: frames.rotate_deg and frames.flip."""
 
 from itertools import product
 
@@ -14,9 +8,7 @@ import tifffile
 from PIL import Image
 
 from isochrome import check, fit, process, track
-from isochrome.calibration import CalibrationSet, ColourSet
-from isochrome.calibration.colour import read_colour_shots
-from isochrome.calibration.loading import read_shots
+from isochrome.calibration import CalibrationSet, ColourSet, read_colour_shots, read_shots
 from isochrome.errors import InputError
 from isochrome.frames import as_captured, open_frames, open_scene_frames
 from isochrome.scene import dump_scene, parse_scene
@@ -61,8 +53,7 @@ def test_a_quarter_turn_is_counter_clockwise_and_a_flip_comes_after_it(tmp_path)
     }
     for (turn, flip), rows in wanted.items():
         with open_frames(tmp_path / "f.tif", rotate_deg=turn, flip=flip) as reader:
-            assert reader.shape == np.shape(rows)
-            assert next(iter(reader)).image.tolist() == rows
+            assert reader.shape == np.shape(rows) and next(iter(reader)).image.tolist() == rows
 
 
 @pytest.mark.parametrize(("turn", "flip"), list(product(TURNS, FLIPS)))
@@ -172,8 +163,7 @@ def test_a_tracked_recording_is_turned_too(tmp_path, contact):
         scene = stated(parse_scene(text, folder=folder), turn, flip)
         tracked = track(path, scene, ["load.normal_n"])
         found.append({k: v for k, v in tracked.columns.items() if k != "file"})
-    assert found[0]["value"][2] == pytest.approx(44.0, rel=0.01)
-    assert str(found[0]) == str(found[1])
+    assert found[0]["value"][2] == pytest.approx(44.0, rel=0.01) and str(found[0]) == str(found[1])
 
 
 @pytest.mark.long

@@ -1,7 +1,5 @@
 """`check` names frames of the unloaded specimen among loaded ones, and no others."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import tifffile
@@ -52,14 +50,18 @@ def test_a_no_load_frame_among_the_frames_is_named_with_what_to_do(sample, place
     assert "or name it as frames.no_load_dark" in finding.text
 
 
-def test_the_samples_frames_are_all_loaded():
-    disc = samples_path() / "disc"
-    film = samples_path() / "sliding-film"
-    for frames, scene in (
-        (BENCH / "captured.tif", BENCH), (disc / "disc-350N.png", disc), (film / "film.avi", film),
-    ):  # fmt: skip
-        found = look_through(frames, isochrome.load_scene(scene / "scene.toml"))
-        assert found.count and not [f for f in found.findings if WORDS in f.text]
+@pytest.mark.parametrize(
+    ("name", "frames"),
+    [
+        ("line-contact-wear", "captured.tif"),
+        ("disc", "disc-350N.png"),
+        pytest.param("sliding-film", "film.avi", marks=pytest.mark.long),
+    ],
+)
+def test_the_samples_frames_are_all_loaded(name, frames):
+    folder = samples_path() / name
+    found = look_through(folder / frames, isochrome.load_scene(folder / "scene.toml"))
+    assert found.count and not [f for f in found.findings if WORDS in f.text]
 
 
 @pytest.mark.parametrize("load", [0.3, 1.0, 5.0])

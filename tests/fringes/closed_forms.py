@@ -1,7 +1,5 @@
 """Light of known fringe orders in a few lines of numpy, without the package: the tests' truth."""
 
-from __future__ import annotations
-
 import numpy as np
 
 
@@ -14,7 +12,6 @@ def point_load(
     above_px: float = 12.0,
 ) -> np.ndarray:
     """N exp 2i theta of a force on a half-plane and a stress along x, theta from +x, y upward.
-
     Flamant: radial compression of `load` cos(alpha)/r fringes, r in pixels and alpha from the
     force, which leans by `tilt_deg`; the surface is `above_px` above the first row, in the middle.
     """
@@ -27,9 +24,7 @@ def point_load(
 
 def disc(shape: tuple[int, int], radius_px: float, centre: float) -> np.ndarray:
     """N exp 2i theta of a disc under diametral load, `centre` fringes there; NaN outside.
-
-    Frocht (1948): 4 (1 - |s|^2)/conj(s^2 + 1)^2, over its value of 4 in the centre.
-    """
+    Frocht (1948): 4 (1 - |s|^2)/conj(s^2 + 1)^2, over its value of 4 in the centre."""
     rows, cols = np.indices(shape, dtype=float)
     s = (cols - 0.5 * (shape[1] - 1) - 1j * (rows - 0.5 * (shape[0] - 1))) / radius_px
     inside = (np.abs(s) < 0.97) & (np.abs(np.abs(s.imag) - 1.0 + 1j * s.real) > 0.3)
@@ -39,9 +34,7 @@ def disc(shape: tuple[int, int], radius_px: float, centre: float) -> np.ndarray:
 
 def valley(shape: tuple[int, int], *, slope: float, lowest: float) -> np.ndarray:
     """N exp 2i theta whose real part passes through 0 down the middle; the other is `lowest` on.
-
-    `slope` in fringes a pixel; the imaginary part doubles from the first row to the last.
-    """
+    `slope` in fringes a pixel; the imaginary part doubles from the first row to the last."""
     rows, cols = np.indices(shape, dtype=float)
     return slope * (cols - 0.5 * shape[1]) + 1j * lowest * (1.0 + rows / shape[0])
 
@@ -59,9 +52,7 @@ def grey(light: np.ndarray, noise: float, rng: np.random.Generator) -> np.ndarra
 
 def step_light(field: np.ndarray, angles, *, background: float = 0.05, amplitude: float = 0.8):
     """The light of one step by products of Jones matrices, ideal plates.
-
-    `angles`: polariser, both plates' fast axes (None without plates) and analyser, degrees.
-    """
+    `angles`: polariser, both plates' fast axes (None without plates) and analyser, degrees."""
     polariser, first, second, analyser = angles
     theta, delta = 0.5 * np.angle(field), 2.0 * np.pi * np.abs(field)
     wave = np.cos(np.radians(polariser)), np.sin(np.radians(polariser))

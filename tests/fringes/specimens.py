@@ -1,9 +1,5 @@
 """Rendered frames whose fringe order is known: specimens, and a poor camera that looks at them.
-
-The truth is the mechanics' (closed forms, or the contact's solution), never a reading's.
-"""
-
-from __future__ import annotations
+The truth is the mechanics' (closed forms, or the contact's solution), never a reading's."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -88,10 +84,8 @@ class Shot:
 @dataclass(frozen=True)
 class Light:
     """A shot made ready to be read: linear `light` and its `sigma`, ends, `wave`, `valid`.
-
     `settled`, whether the search for the ends that no no-load frame gave came to rest; `error` of
-    the signal by what it left open; `tone`, the exponent that was found, 1 where none was asked.
-    """
+    the signal by what it left open; `tone`, the exponent that was found, 1 where none was asked."""
 
     light: np.ndarray
     sigma: np.ndarray
@@ -118,9 +112,7 @@ def view(name: str) -> View:
 
 def contact_view(name: str, values: dict[str, Any]) -> View:
     """The paper's contact with some of its scene's values changed; its last state.
-
-    Without a friction coefficient it does not slide, without distances it is not worn.
-    """
+    Without a friction coefficient it does not slide, without distances it is not worn."""
     scene = load_scene("line-contact-wear")
     scene = scene.with_values({"friction.static_state_first": False})
     absent = {
@@ -199,50 +191,27 @@ def camera(
 ) -> Camera:
     """A camera of 8 bits: noise in grey levels, blur in pixels."""
     return Camera(
-        bit_depth=8,
-        brightness=brightness,
-        background=background,
-        vignette=vignette,
-        gamma=gamma,
-        blur_px=blur,
-        noise_grey=noise,
-    )
+        bit_depth=8, brightness=brightness, background=background, vignette=vignette, gamma=gamma,
+        blur_px=blur, noise_grey=noise,
+    )  # fmt: skip
 
 
 def shoot(
-    seen: View,
-    *,
-    noise: float = 3.0,
-    gamma: float = 1.0,
-    blur: float = 0.0,
-    glare: float = 0.0,
-    saturated: float = 0.0,
-    brightness: float = 0.85,
-    background: float = 0.05,
-    vignette: float = 0.3,
-    seed: int = 0,
+    seen: View, *, glare: float = 0.0, saturated: float = 0.0, seed: int = 0, **how: float
 ) -> Shot:
-    """An 8-bit frame of a view, and its no-load frames.
-
+    """An 8-bit frame of a view, and its no-load frames; `how`, of `camera`.
     `glare`, share of the picture under round reflections of lamps, which saturate in all frames;
     `saturated`, share of the specimen's pixels that are overexposed, in the bright frame far more.
     """
     signal = np.where(seen.material, picture_signal(seen.scene, seen.picture), 0.0)
     lamps = 4.0 * _lamps(signal.shape, glare, np.random.default_rng([seed, 8]))
-    taken = camera(
-        noise=noise,
-        gamma=gamma,
-        blur=blur,
-        brightness=brightness,
-        background=background,
-        vignette=vignette,
-    )
+    taken = camera(**how)
     if saturated > 0.0:
         ideal = taken.model_copy(update={"bit_depth": None, "noise_grey": 0.0, "gamma": 1.0})
-        light = (expose(signal, ideal) - background) / brightness
+        light = (expose(signal, ideal) - taken.background) / taken.brightness
         level = float(np.quantile(light[seen.material], 1.0 - saturated))
-        taken = taken.model_copy(update={"brightness": (1.0 - background) / level})
-    averaged = taken.model_copy(update={"noise_grey": noise / np.sqrt(AVERAGED)})
+        taken = taken.model_copy(update={"brightness": (1.0 - taken.background) / level})
+    averaged = taken.model_copy(update={"noise_grey": taken.noise_grey / np.sqrt(AVERAGED)})
     rng = np.random.default_rng([seed, 7])
     return Shot(
         seen,
@@ -266,11 +235,9 @@ def _lamps(shape: tuple[int, int], share: float, rng: np.random.Generator) -> np
 
 def light_of(shot: Shot, *, ends: str = "both", gamma: float | str | None = None) -> Light:
     """The shot as a reading is given it, normalised with its no-load frames.
-
     Parameters: `ends`, which no-load frames there are: 'both', 'dark', or 'none'; what is missing
     is found from the fringes. `gamma`, that the user says the camera has (None: the true one), or
-    'unknown', and found from the fringes too.
-    """
+    'unknown', and found from the fringes too."""
     unknown = gamma == "unknown"
     said = 1.0 if unknown else shot.camera.gamma if gamma is None else float(gamma)
     linear, dark, bright = (
@@ -309,9 +276,7 @@ def light_of(shot: Shot, *, ends: str = "both", gamma: float | str | None = None
 
 def known_point(seen: View, within: np.ndarray | None = None) -> tuple[int, int, float]:
     """A point whose order a user could give: deep in the specimen, half-way between two crests.
-
-    `within`, True where it may lie, such as where a shot is trusted.
-    """
+    `within`, True where it may lie, such as where a shot is trusted."""
     inside = seen.material if within is None else seen.material & within
     order = np.where(seen.material, seen.order, 0.0)
     between = np.abs(np.mod(2.0 * order, 1.0) - 0.5) < 0.1
@@ -324,9 +289,7 @@ def known_point(seen: View, within: np.ndarray | None = None) -> tuple[int, int,
 @lru_cache(maxsize=32)
 def random_scene(seed: int) -> tuple[View, dict[str, float]]:
     """A contact that a laboratory might have, of order 1 to 6, and the camera that sees it.
-
-    Returns the view and the keywords of `shoot`. The same seed gives the same scene.
-    """
+    Returns the view and the keywords of `shoot`. The same seed gives the same scene."""
     rng = np.random.default_rng([seed, 2024])
     while True:
         values = {

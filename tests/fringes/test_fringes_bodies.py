@@ -1,7 +1,5 @@
 """Several bodies in a frame, each with a whole number of its own, and bodies with holes."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from closed_forms import dark_field, disc, grey
 
-from isochrome.fringes import read_free, read_order
-from isochrome.fringes.on_branch import SURE
+from isochrome.fringes import SURE, read_free, read_order
 
 SHAPE = (160, 200)
 ROWS, COLS = np.indices(SHAPE, dtype=float)
@@ -64,8 +63,7 @@ def test_a_model_that_is_off_by_less_than_a_branch_is_read_right(slope, off):
 def test_a_model_that_is_off_by_more_than_a_branch_gives_nothing(slope, off):
     """The light's nearest answer is then another fringe's, or the same one's mirror image."""
     got = read(captured(ramp(slope)), ramp(slope) + off)
-    assert not np.isfinite(got.order).any()
-    assert got.kept == 0.0 and not got.confidence.any()
+    assert not np.isfinite(got.order).any() and got.kept == 0.0 and not got.confidence.any()
 
 
 @pytest.mark.parametrize("slope", [0.27, 0.3])
@@ -87,8 +85,7 @@ def test_masked_pixels_and_what_is_no_specimen_are_not_known():
     light = captured(order)
     light[~valid] = 9.0  # what is masked is not looked at
     got = read(light, order, valid=valid)
-    assert not np.isfinite(got.order[:, :30]).any()
-    assert not np.isfinite(got.order[~valid]).any()
+    assert not np.isfinite(got.order[:, :30]).any() and not np.isfinite(got.order[~valid]).any()
     far = np.isfinite(order) & valid
     assert np.nanmax(np.abs(got.order - order)[far]) < SURE
     # of the specimen, masked pixels among it; beside the mask half of a window is wanted
@@ -101,14 +98,10 @@ def test_a_pixel_alone_among_masked_ones_is_not_known():
     valid[::6, ::6] = True
     order = ramp(0.04)
     assert not np.isfinite(read(captured(order), order, valid=valid).order).any()
-
-
-def test_an_order_is_never_below_zero():
-    """A model that says nearly nothing: the light may ask for less, and an order has no sign."""
+    # A model that says nearly nothing: the light may ask for less, and an order has no sign
     order = np.full(SHAPE, 0.02) + 1e-4 * COLS
     got = read(captured(order), order)
-    assert np.isfinite(got.order).any()
-    assert np.nanmin(got.order) >= 0.0
+    assert np.isfinite(got.order).any() and np.nanmin(got.order) >= 0.0
 
 
 def test_confidence_is_the_probability_to_be_right_to_a_twentieth():
@@ -158,8 +151,7 @@ def test_beside_a_glare_the_error_is_covered(name, size):
     """A fringe's flank takes added light for order, and only crests tell; pulls were 5 to 17."""
     order = SPECIMENS[name]
     ratios, share = beside_glares(lambda light: read(light, order), order, 12.0, size)
-    assert rms(ratios) < 1.3
-    assert np.mean(np.abs(ratios) < 3.0) > 0.98
+    assert rms(ratios) < 1.3 and np.mean(np.abs(ratios) < 3.0) > 0.98
     # neither by knowing nothing, nor by uncertainties that cover anything
     assert share > 0.5 and rms(ratios) > 0.7
 
@@ -180,8 +172,7 @@ def test_a_model_that_is_off_is_no_glare():
     right, off = read(light, order), read(light, 1.03 * order)
     assert 0.5 < rms(pulls(off, order)) < 1.2
     ratio = np.nanmedian(off.uncertainty) / np.nanmedian(right.uncertainty)
-    assert ratio < 3.0
-    assert off.kept > 0.95 * right.kept
+    assert ratio < 3.0 and off.kept > 0.95 * right.kept
 
 
 @pytest.mark.long
@@ -221,5 +212,4 @@ def test_where_no_crest_is_in_sight_the_order_is_read_all_the_same():
     """2000 pixels a fringe, from 0.28 to 0.42: no window tells a glare, and none is made up."""
     order = 0.28 + 0.0005 * COLS + 0.00025 * ROWS
     got = read(captured(order), order)
-    assert got.kept > 0.99
-    assert 0.8 < rms(pulls(got, order)) < 1.1
+    assert got.kept > 0.99 and 0.8 < rms(pulls(got, order)) < 1.1

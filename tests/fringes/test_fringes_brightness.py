@@ -1,7 +1,5 @@
 """How bright frames of an unknown light are against each other, before their orders are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,10 +1,4 @@
-"""Colour frames: orders read from rendered frames whose order is known, and honest masks.
-
-The truth of a frame is the order of its picture, which `read_colour` never sees. The table comes
-from the scene's own light; what a wrong table does is a test of its own.
-"""
-
-from __future__ import annotations
+"""Colour frames: orders read from rendered frames whose order is known, and honest masks."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -146,8 +140,7 @@ def errors(reading, order):
 def meets_the_bar(reading, order, *, kept):
     """The bar for colour: RMS 0.02 fringe, wrong branch 0.1 %; and most of N <= 3 is known."""
     error = errors(reading, order)
-    assert np.sqrt(np.mean(error**2)) <= 0.02
-    assert np.mean(np.abs(error) > 0.5) <= 1e-3
+    assert np.sqrt(np.mean(error**2)) <= 0.02 and np.mean(np.abs(error) > 0.5) <= 1e-3
     assert np.isfinite(reading.order[order <= 3.0]).mean() >= kept
 
 
@@ -162,8 +155,7 @@ def test_with_no_load_frames_the_order_is_read(kind, mu):
     meets_the_bar(reading, shot.order, kept=0.97)
     error = errors(reading, shot.order)
     assert np.sqrt(np.mean(error**2)) <= 0.01  # a single pixel's own noise leaves 0.006
-    assert not (np.abs(error) > 0.5).any()
-    assert 0.9 < reading.chi < 1.15 and not reading.blind
+    assert not (np.abs(error) > 0.5).any() and 0.9 < reading.chi < 1.15 and not reading.blind
 
 
 @pytest.mark.study
@@ -198,8 +190,7 @@ def test_without_no_load_frames_the_light_is_found(kind, no_load):
     assert off.sum() <= 1e-3 * known.sum()
     error = (reading.order - shot.order)[known & ~off]
     assert np.sqrt(np.mean(error**2)) <= 0.02 and np.mean(np.abs(error) > 0.5) <= 1e-3
-    assert known[shot.order <= 3.0].mean() >= 0.85
-    assert reading.blind
+    assert known[shot.order <= 3.0].mean() >= 0.85 and reading.blind
 
 
 @pytest.mark.long
@@ -209,7 +200,7 @@ def test_gamma_bright_field_and_more_noise(kwargs):
     meets_the_bar(shot.read(), shot.order, kept=0.95)
 
 
-def test_one_saturated_channel_leaves_the_other_two():
+def test_one_channel_alone_tells_no_order():
     shot = rendered("contact", mu=0.3)
     over = [np.array(a, dtype=float) for a in (shot.frame, shot.dark, shot.bright)]
     for image in over:
@@ -218,10 +209,6 @@ def test_one_saturated_channel_leaves_the_other_two():
     lit = Shot(*over, shot.order, shot.table, shot.noise, 1.0)
     assert (over[0][..., 1] == 255.0).mean() > 0.1
     meets_the_bar(lit.read(), shot.order, kept=0.95)
-
-
-def test_one_channel_alone_tells_no_order():
-    shot = rendered("contact", mu=0.3)
     over = shot.frame.copy()
     over[60:120, 80:200, :2] = 255  # red and green are saturated there
     got = Shot(over, shot.dark, shot.bright, shot.order, shot.table, shot.noise, 1.0).read()
@@ -269,8 +256,7 @@ def test_orders_beyond_the_colours_are_masked_not_guessed():
     assert np.nanmax(shot.order) > 30.0
     reading = shot.read()
     error = errors(reading, shot.order)
-    assert np.mean(np.abs(error) > 0.5) <= 1e-3
-    assert np.nanmax(reading.order) < 7.0
+    assert np.mean(np.abs(error) > 0.5) <= 1e-3 and np.nanmax(reading.order) < 7.0
     assert np.isfinite(reading.order[shot.order <= 3.0]).mean() >= 0.8
 
 
@@ -299,6 +285,14 @@ def test_a_wrong_table_shows_in_chi_and_nothing_is_read(kind, peaks, widths, no_
 def test_a_wrong_gamma_shows_and_nothing_is_read():
     reading = rendered("contact", mu=0.3, gamma=2.2).read(gamma=1.0)
     assert reading.chi > 1.5 and not np.isfinite(reading.order).any()
+    shot = rendered("contact")
+    idle = Shot(shot.dark, shot.dark, shot.bright, 0.0 * shot.order, shot.table, 3.0, 1.0)
+    reading = idle.read()
+    assert np.nanmax(reading.order) < 0.06  # sqrt of the noise of N², sin² being flat there
+    with pytest.raises(InputError, match=r"no fringes|not the table's"):
+        Shot(
+            np.full_like(shot.dark, 8), shot.dark, shot.bright, shot.order, shot.table, 3.0, 1.0
+        ).read("none")
 
 
 @pytest.mark.long
@@ -315,21 +309,7 @@ def test_light_too_uneven_to_be_found_needs_the_no_load_frames():
     assert not np.isfinite(blind.order).any() and not blind.confidence.any()
 
 
-def test_an_unloaded_specimen_is_zero_and_blindly_nothing():
-    shot = rendered("contact")
-    idle = Shot(shot.dark, shot.dark, shot.bright, 0.0 * shot.order, shot.table, 3.0, 1.0)
-    reading = idle.read()
-    assert np.nanmax(reading.order) < 0.06  # sqrt of the noise of N², sin² being flat there
-    with pytest.raises(InputError, match=r"no fringes|not the table's"):
-        Shot(
-            np.full_like(shot.dark, 8), shot.dark, shot.bright, shot.order, shot.table, 3.0, 1.0
-        ).read("none")
-
-
-# --- tables -------------------------------------------------------------------------
-
-
-def test_a_table_is_the_integral_over_the_spectrum():
+def test_a_table_is_the_integral_over_the_spectrum_and_ends_where_all_is_white():
     """Against a plain sum over a fine grid of wavelengths."""
     table = spectral_table(WHITE, camera_response(Camera(colour=True)))
     wave = np.linspace(400.0, 700.0, 30001)
@@ -343,21 +323,14 @@ def test_a_table_is_the_integral_over_the_spectrum():
         exact = (sensor * light * ends).sum(axis=1) / (sensor * ends).sum(axis=1)
         # the trapezoid's own error on 1e-2 nm is 1e-8
         np.testing.assert_allclose(table.signal[int(order * 256)], exact, rtol=0, atol=1e-6)
-
-
-def test_a_table_ends_where_all_is_white_and_lines_never_are():
     white = spectral_table(WHITE, camera_response(Camera(colour=True)))
-    assert 5.0 < white.highest < 10.0
-    assert white.white == pytest.approx([0.5] * 3, abs=0.01)
+    assert 5.0 < white.highest < 10.0 and white.white == pytest.approx([0.5] * 3, abs=0.01)
     assert white.highest_of(0.2) < white.highest_of(0.05) < white.highest
     lines = Polariscope(
         wavelength_nm=587.0, lines={"wavelength_nm": (460.0, 540.0, 600.0), "power": (1, 1, 1)}
     )
     endless = spectral_table(lines, gaussian_response((600, 540, 460), (5, 5, 5)))
     assert endless.highest == 12.0 and endless.white is None
-
-
-def test_real_plates_widen_the_table():
     scope = Polariscope(wavelength_nm=587.0, light="white", plate_wavelength_nm=560.0)
     assert (spectral_table(scope, camera_response(Camera(colour=True))).spread > 0.002).all()
 

@@ -1,17 +1,11 @@
 """One frame of few fringes in uneven light: no-load frames of any exposure, and none.
-
-The frames are rendered here: sin² of a smooth field, a lamp of 1.7 : 1 with a bright bar.
-"""
-
-from __future__ import annotations
+The frames are rendered here: sin² of a smooth field, a lamp of 1.7 : 1 with a bright bar."""
 
 import numpy as np
 import pytest
 
-from isochrome.frames import Frame, to_linear
 from isochrome.fringes import find_no_load_exposure
-from isochrome.processing.kinds.image_only import process_image_only, says_a_half
-from isochrome.processing.result import Capture
+from isochrome.processing import process_frame, says_a_half
 from isochrome.scene import parse_scene
 
 SHAPE = (96, 128)
@@ -61,9 +55,14 @@ def read(order, image, ends):
         away[:8], away[-8:], away[:, :8], away[:, -8:] = (np.inf,) * 4
         row, col = np.unravel_index(np.argmin(away), SHAPE)
         points.append({"row_px": int(row), "col_px": int(col), "order": float(order[row, col])})
-    scene = parse_scene(SCENE).with_values({"frames.known_order": tuple(points)})
-    light = [end if end is None else to_linear(end, bit_depth=8) for end in ends]
-    return process_image_only(Frame(0, image, None, "frame"), scene, Capture(8, *light))
+    return processed(image, ends, points)
+
+
+def processed(image, ends, points, more=None):
+    """What `process` makes of a frame with its dark and bright no-load frame and known points."""
+    light = dict(zip(("frames.no_load_dark", "frames.no_load_bright"), ends, strict=True))
+    scene = parse_scene(SCENE).with_values({"frames.known_order": tuple(points)} | (more or {}))
+    return process_frame(image, scene.with_values(light), 0).frame
 
 
 def errors(found, order):
@@ -86,8 +85,7 @@ def test_crests_and_troughs_tell_the_exposures(seed, exposures):
     found = find_no_load_exposure(
         image, np.full(SHAPE, 1.0 / 255.0), np.ones(SHAPE, bool), dark=dark, bright=bright
     )
-    assert found.told
-    assert abs(found.bright * of_bright / own - 1.0) < 0.02
+    assert found.told and abs(found.bright * of_bright / own - 1.0) < 0.02
     if of_bright == own == of_dark:
         assert found.ends is None and found.bright == found.dark == 1.0
     else:
@@ -104,13 +102,16 @@ def test_an_untold_background_leaves_out_what_it_might_turn_over():
     beyond = np.isfinite(found.reading.order) & (order > 1.0)
     assert not beyond.any()
     assert_not_silent(*errors(found, order))
+    order, image, bright, dark = drawn(0, (1.0, 1.0, 1.0), highest=0.42)
+    found = read(np.clip(order, 0.0, 0.42), image, (dark, bright))
+    assert any(
+        "do not tell whether it is exposed as its no-load frames" in w for w in found.warnings
+    )
 
 
 def ridge(exposures, known, *, top=0.35, more=None):
     """What `process` makes of an order that stays below 1/2, highest along a line, and the order.
-
-    One known point, at the share `known` of the way up; `more`, further keys of the scene.
-    """
+    One known point, at the share `known` of the way up; `more`, further keys of the scene."""
     z, x = places()
     order = top - 0.15 * z**2 - 0.0015 * x**2
     rng = np.random.default_rng(7)
@@ -119,9 +120,7 @@ def ridge(exposures, known, *, top=0.35, more=None):
     wanted = order.min() + known * np.ptp(order)
     row = 10 + int(np.argmin(np.abs(order[10:-10, 64] - wanted)))
     point = {"row_px": row, "col_px": 64, "order": round(float(order[row, 64]), 2)}
-    scene = parse_scene(SCENE).with_values({"frames.known_order": (point,)} | (more or {}))
-    light = [to_linear(end, bit_depth=8) for end in (dark, bright)]
-    return process_image_only(Frame(0, image, None, "frame"), scene, Capture(8, *light)), order
+    return processed(image, (dark, bright), [point], more), order
 
 
 @pytest.mark.parametrize("exposures", ANY[:3])
@@ -132,13 +131,10 @@ def test_a_ridge_of_the_order_is_not_taken_for_a_crest(exposures):
     assert any("its brightest line has" in line for line in found.warnings)
 
 
-def test_a_known_order_on_a_ridge_says_that_all_are_exposed_alike():
+def test_a_known_order_on_a_ridge_or_the_scene_says_that_all_are_exposed_alike():
     found, order = ridge(ANY[0], 1.0)
     error, _ = errors(found, order)
     assert len(error) > 0.8 * order.size and np.sqrt(np.mean(error**2)) < 0.01
-
-
-def test_exposures_that_are_stated_to_be_alike_are_not_looked_for():
     found, order = ridge(ANY[0], 0.6, more={"frames.no_load_exposure": "same"})
     error, _ = errors(found, order)
     assert len(error) > 0.8 * order.size and np.sqrt(np.mean(error**2)) < 0.01
@@ -153,9 +149,7 @@ def test_a_known_order_that_another_exposure_alone_explains_is_not_ignored():
     signals = np.sin(np.pi * order) ** 2, np.ones(SHAPE), np.zeros(SHAPE)
     image, bright, dark = (stored(s, e, rng) for s, e in zip(signals, ANY[2], strict=True))
     point = {"row_px": 48, "col_px": 64, "order": 0.4}
-    scene = parse_scene(SCENE).with_values({"frames.known_order": (point,)})
-    light = [to_linear(end, bit_depth=8) for end in (dark, bright)]
-    found = process_image_only(Frame(0, image, None, "frame"), scene, Capture(8, *light))
+    found = processed(image, (dark, bright), [point])
     assert found.reading is None
     assert any("the known orders say that it is not" in line for line in found.warnings)
 
@@ -216,20 +210,11 @@ def test_below_a_crest_nothing_is_made_of_the_exposure(seed):
     assert not found.told and found.ends is None
 
 
-def test_a_frame_without_a_crest_says_that_its_exposure_is_assumed():
-    order, image, bright, dark = drawn(0, (1.0, 1.0, 1.0), highest=0.42)
-    found = read(np.clip(order, 0.0, 0.42), image, (dark, bright))
-    assert any(
-        "do not tell whether it is exposed as its no-load frames" in w for w in found.warnings
-    )
-
-
 def judge(seed, exposures):
     order, image, bright, dark = drawn(seed, exposures)
     found = read(order, image, (dark, bright))
     error, stated = errors(found, order)
-    assert len(error) > 0.1 * order.size
-    assert np.sqrt(np.mean(error**2)) < 0.02
+    assert len(error) > 0.1 * order.size and np.sqrt(np.mean(error**2)) < 0.02
     assert_not_silent(error, stated)
     said = any("exposed" in line for line in found.warnings)
     assert said == (exposures != ANY[0])

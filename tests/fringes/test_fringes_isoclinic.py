@@ -32,9 +32,7 @@ EDGE[1:-1, 1:-1] = False
 @lru_cache
 def reading(name, angles, seed, stated=1.0):
     """A field's order and the reading's isoclinic: its error and uncertainty, degrees.
-
-    `stated`, share of the noise that the reading is told.
-    """
+    `stated`, share of the noise that the reading is told."""
     field, rng = FIELDS[name], np.random.default_rng([seed, 31])
     inside = np.isfinite(field)
     shown = np.where(inside, field, 0.0)
@@ -91,9 +89,7 @@ def test_the_isoclinics_error_is_as_large_as_its_uncertainty_says(name, angles):
 
 def test_the_isoclinic_is_as_uncertain_as_the_light_scatters_not_as_was_stated():
     """Less noise is stated: the misfit of ten steps with seven unknowns tells the rest.
-
-    Of half the noise chi were 2, which may be wrong steps as well: no direction is told then.
-    """
+    Of half the noise chi were 2, which may be wrong steps as well: no direction is told then."""
     order, turn, uncertainty = reading("disc", tuple(TEN), 0, stated=0.8)
     (everywhere, *_) = pulls(order, turn, uncertainty)
     assert 0.9 < rms(everywhere) < 1.15
@@ -116,10 +112,8 @@ def test_what_is_not_known_of_a_residual_stress_is_not_known_of_the_load():
 
 def test_no_direction_is_told_where_the_loads_order_is_within_its_noise_of_zero():
     """The load is 0.006 fringe beside a residual stress of 0.3 that turns by 3° a pixel.
-
     At the frame's ends the turning is seen from one side: what is left there of the residual
-    stress is as large as the load, and turns its direction by up to 90°.
-    """
+    stress is as large as the load, and turns its direction by up to 90°."""
     turning = np.exp(0.1j * np.indices((60, 120))[1])
     shown, load = 0.3 * turning, 0.006j * turning
     light = np.stack([step_light(shown, four) for four in TEN])

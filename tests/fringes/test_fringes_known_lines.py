@@ -1,9 +1,6 @@
 """Fringe lines of known order and free corners: what they settle, and what they must not.
-
 The frames are closed forms of `outside_fields`, or formulae; lines are level curves of the truth.
 """
-
-from __future__ import annotations
 
 import re
 
@@ -12,10 +9,8 @@ import pytest
 from skimage.measure import find_contours
 
 from isochrome.benchmarks import load_benchmarks
-from isochrome.frames import Frame, to_linear
 from isochrome.fringes import KnownPlaces, read_free
-from isochrome.processing.kinds.image_only import process_image_only
-from isochrome.processing.result import Capture
+from isochrome.processing import process_frame
 from isochrome.scene import FreeBoundary, parse_scene
 
 FIELDS, SILENT = load_benchmarks("outside_fields"), load_benchmarks("case_silent")
@@ -78,9 +73,6 @@ def test_a_beams_line_of_order_1_does_not_hide_its_line_of_nought():
     for got in (read(BENT, [(124, 110, 1.0)]), read(BENT, lines=[along(BENT, 1.0)])):
         assert not np.isfinite(got.reading.order).any()
         assert "cannot decide on which side" in got.said[0]
-
-
-def test_a_beams_neutral_axis_as_a_line_of_nought_has_both_sides_read():
     axis = KnownPlaces(((80.4, 20.0), (79.1, 110.0), (80.8, 200.0)), 0.0, "frames.known_line[1]")
     for known in ((), [(124, 110, 1.0)]):
         got = read(BENT, known, [axis])
@@ -240,10 +232,12 @@ def processed(order, toml):
         light = 20.0 + 200.0 * s + 2.0 * rng.normal(size=SHAPE)
         return np.clip(np.rint(light), 0.0, 255.0).astype(np.uint8)
 
-    ends = [to_linear(stored(np.full(SHAPE, s)), bit_depth=8, allow_blank=True) for s in (0.0, 1.0)]
-    scene = parse_scene('[specimen]\nshape = "other"\n' + toml)
-    frame = Frame(0, stored(signal), None, "frame")
-    return process_image_only(frame, scene, Capture(8, *ends), inside=body)
+    dark, bright = (stored(np.full(SHAPE, s)) for s in (0.0, 1.0))
+    scene = parse_scene('[specimen]\nshape = "other"\n[camera]\nbit_depth = 8\n' + toml)
+    values = {"frames.no_load_dark": dark, "frames.no_load_bright": bright}
+    if not body.all():
+        values["frames.mask"] = 255 * body.astype(np.uint8)
+    return process_frame(stored(signal), scene.with_values(values), 0).frame
 
 
 def test_process_reads_by_the_scenes_lines_and_by_its_free_corners():

@@ -1,9 +1,5 @@
 """Points of known order: on lines and between them, one among many that is wrong, open questions.
-
-Each frame is a formula's; what is known of it is what the formula says at the point.
-"""
-
-from __future__ import annotations
+Each frame is a formula's; what is known of it is what the formula says at the point."""
 
 import re
 
@@ -61,9 +57,11 @@ def test_a_point_on_a_line_does_not_say_the_side(level):
     assert share > 0.95 and worst < 0.05
 
 
-def test_points_on_two_lines_say_the_side_together():
+def test_points_on_two_lines_say_the_side_and_two_that_contradict_leave_nothing_known():
     share, worst = kept(read(SLOPE, [on_line(SLOPE, 2.0), on_line(SLOPE, 2.5)]), SLOPE)
     assert share > 0.95 and worst < 0.05
+    got = read(SLOPE, [at(SLOPE, 20, 40), at(SLOPE, 130, 100, 1.0)])
+    assert not np.isfinite(got.reading.order).any() and "contradict each other" in got.said[0]
 
 
 @pytest.mark.parametrize("off", [1.0, -1.0])
@@ -73,16 +71,9 @@ def test_among_several_points_a_wrong_one_is_named_and_the_rest_stand(off, other
     wrong = at(SLOPE, 90, 125, off)
     got = read(SLOPE, [wrong, *right])
     share, worst = kept(got, SLOPE)
-    assert share > 0.95 and worst < 0.05
-    assert got.misses == (wrong,)
+    assert share > 0.95 and worst < 0.05 and got.misses == (wrong,)
     (said,) = got.said
     assert f"contradicted by {others} others" in said and f"{SLOPE[90, 125]:.2f}" in said
-
-
-def test_two_points_that_contradict_each_other_leave_nothing_known():
-    got = read(SLOPE, [at(SLOPE, 20, 40), at(SLOPE, 130, 100, 1.0)])
-    assert not np.isfinite(got.reading.order).any()
-    assert "contradict each other" in got.said[0]
 
 
 def test_an_order_that_the_light_has_nowhere_near_is_told_with_what_it_has():
@@ -91,9 +82,6 @@ def test_an_order_that_the_light_has_nowhere_near_is_told_with_what_it_has():
     got = read(SLOPE, [wrong])
     assert got.misses == (wrong,) and "fits no fringe there" in got.said[0]
     assert f"{true:.2f}" in got.said[0]
-
-
-def test_a_point_outside_the_specimen_or_where_nothing_is_followed_is_told_apart():
     valid = COLS < 150
     outside = read(SLOPE, [at(SLOPE, 80, 190)], valid=valid)
     assert "outside the specimen" in outside.said[0]
@@ -107,7 +95,7 @@ def flat_valley():
     return 1.0 + 6e-5 * (ROWS - 80.0) ** 2
 
 
-def test_an_open_seam_is_named_with_the_point_that_settles_it():
+def test_an_open_seam_is_named_with_the_point_that_closes_it_either_way():
     order = flat_valley()
     got = read(order, [at(order, 5, 110)], noise=0.13)
     (said,) = got.said
@@ -116,10 +104,7 @@ def test_an_open_seam_is_named_with_the_point_that_settles_it():
     assert row > 80
     share, worst = kept(read(order, [at(order, 5, 110), at(order, row, col)], noise=0.13), order)
     assert share > 0.8 and worst < 0.05
-
-
-def test_a_point_beyond_an_open_seam_closes_it_either_way():
-    """The light of 1 + b y² is that of 1 + b y |y|: the point says which it is."""
+    # the light of 1 + b y² is that of 1 + b y |y|: the point says which it is
     for order in (flat_valley(), 1.0 - 6e-5 * (ROWS - 80.0) * np.abs(ROWS - 80.0)):
         points = [at(order, 5, 110), at(order, 154, 110)]
         got = read(order, points, noise=0.13)

@@ -1,15 +1,12 @@
 """Smooth lights that explain one frame: which are possible, and what they have in common."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from isochrome.benchmarks import load_benchmarks
-from isochrome.fringes import FreeReading, common_reading
-from isochrome.fringes.on_branch import make_reading
+from isochrome.fringes import FreeReading, common_reading, make_reading
 from isochrome.fringes.single_frame.background_modulation import as_doubtful
 from isochrome.fringes.single_frame.end_search import Found, _dearer, possible
 
@@ -144,9 +141,6 @@ def test_two_results_widen_each_other_by_their_difference():
 )
 def test_a_crest_near_the_border_is_not_read_as_a_fall_of_the_lamp(seed):
     """Frames in which a lamp that falls and an order that goes on beyond a crest look alike.
-
-    What is known of them was up to .48 fringes off, at a stated .003: RMS .02 to .08.
-    """
+    What is known of them was up to .48 fringes off, at a stated .003: RMS .02 to .08."""
     found = load_benchmarks("case_silent").judged(seed)
-    assert found.kept > 0.3
-    assert found.rms < 0.02 and found.pull < 3.0
+    assert found.kept > 0.3 and found.rms < 0.02 and found.pull < 3.0

@@ -4,10 +4,7 @@ import numpy as np
 import pytest
 from closed_forms import step_light
 
-from isochrome.fringes import read_residual, read_steps
-from isochrome.fringes.anchor import balance
-from isochrome.fringes.stepped.step_equations import StepTerms
-from isochrome.fringes.stepped.stepped_order import least_field
+from isochrome.fringes import StepTerms, balance, least_field, read_residual, read_steps
 from isochrome.optics import make_chain
 from isochrome.scene import Polariscope
 from stepped_sets import (
@@ -79,10 +76,8 @@ def test_the_loads_own_field_is_left(case):
     assert np.sqrt(np.mean(error**2)) <= 0.005 and np.abs(error).max() < 0.25
     assert scalar_error(sets) > 0.1  # directions differ: orders do not subtract
     turn = turn_of(found, sets)
-    assert np.median(turn) <= 0.1 and turn.max() < 45.0
-    assert turn.size > 0.9 * error.size
-    assert found.parts[0].source == "equilibrium"
-    assert found.warnings == () and apart.warnings == ()
+    assert np.median(turn) <= 0.1 and turn.max() < 45.0 and turn.size > 0.9 * error.size
+    assert found.parts[0].source == "equilibrium" and found.warnings == () and apart.warnings == ()
     pull = error / found.reading.uncertainty[np.isfinite(found.order)]
     assert 0.85 < np.sqrt(np.mean(pull**2)) < 1.1
     # the dark field is that of the load alone
@@ -102,8 +97,7 @@ def test_the_residual_stress_is_read_even_beyond_half_an_order(highest):
     true = np.conj(residual) * 6.0 / 7.0
     error = np.abs(found.field - true)[np.isfinite(found.field)]
     assert error.size > 0.95 * np.isfinite(sets.order).sum()
-    assert np.sqrt(np.mean(error**2)) <= 0.005 and error.max() < 0.1
-    assert found.warnings == ()
+    assert np.sqrt(np.mean(error**2)) <= 0.005 and error.max() < 0.1 and found.warnings == ()
     assert found.largest == pytest.approx(np.nanmax(sets.residual_order), abs=0.03)
     strong = np.isfinite(found.field) & (sets.residual_order > 0.5 * highest)
     turn = found.isoclinic[strong] + 0.5 * np.degrees(np.angle(residual[strong]))
@@ -147,8 +141,7 @@ def test_the_whole_number_of_a_loaded_disc_needs_the_residual_to_be_left_out_of_
     scene, _ = light_disc()
     sets = with_residual(scene, disc_residual(scene, 0.45))
     with_it, without = of_load(sets, scene, unloaded(sets, scene)), of_load(sets, scene, None)
-    assert with_it.parts[0].source == "equilibrium"
-    assert without.parts[0].source == "none"
+    assert with_it.parts[0].source == "equilibrium" and without.parts[0].source == "none"
 
 
 @pytest.mark.long
@@ -227,9 +220,6 @@ def test_random_residual_stresses_break_no_branch_and_turn_no_direction(seed):
     assert np.abs(error).max() < 0.25 and turn_of(found, sets).max() < 45.0
     # twice the noise of the bar, and pixels of twice the size about the loads
     assert np.sqrt(np.mean(error**2)) <= 0.01
-
-
-# The parts
 
 
 def test_the_least_order_is_the_order_below_a_half_and_its_mirror_above():

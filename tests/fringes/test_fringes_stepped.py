@@ -7,11 +7,20 @@ from hypothesis import strategies as st
 from scipy.ndimage import maximum_filter
 
 from isochrome.errors import InputError
-from isochrome.fringes import make_design, read_steps
-from isochrome.fringes.anchor import Balance, balance, unwrap
-from isochrome.fringes.stepped.integer_order import settle
-from isochrome.fringes.stepped.step_equations import COSINE, CROSS, SINE, SINE_SINE, solve_steps
-from isochrome.fringes.stepped.step_light import fill_gaps
+from isochrome.fringes import (
+    COSINE,
+    CROSS,
+    SINE,
+    SINE_SINE,
+    Balance,
+    balance,
+    fill_gaps,
+    make_design,
+    read_steps,
+    settle,
+    solve_steps,
+    unwrap,
+)
 from isochrome.optics import make_chain
 from isochrome.scene import Polariscope
 from isochrome.simulation import simulate
@@ -40,9 +49,6 @@ MISALIGNED = {
     "polariscope.output_plate_error_deg": 0.8,
     "polariscope.analyser_error_deg": -0.5,
 }
-
-
-# The linear algebra, against products of Jones matrices written out
 
 
 def element(retardance, axis_deg):
@@ -184,8 +190,7 @@ def test_steps_a_little_off_do_not_solve_for_what_they_hardly_tell():
     # unit noise over twelve frames: 1 for exact elements, 1.22 at most for these; it is 4.8 where
     # background and 4θ, which they tell by their errors alone, are solved for too
     for term in (COSINE, SINE, SINE_SINE):
-        assert exact.variance(term) == pytest.approx(1.0)
-        assert turned.variance(term) < 1.5
+        assert exact.variance(term) == pytest.approx(1.0) and turned.variance(term) < 1.5
 
 
 def test_the_order_of_the_steps_does_not_matter():
@@ -196,11 +201,7 @@ def test_the_order_of_the_steps_does_not_matter():
     other = read_steps(light[mixed], [chains[i] for i in mixed], sigma=sigma, valid=valid)
     # single precision sums in another order: 1e-6 of the light, 1e-5 fringe
     both = np.isfinite(one.order) & np.isfinite(other.order)
-    assert both.mean() > 0.95
-    assert np.abs(one.order - other.order)[both].max() < 1e-4
-
-
-# Whole sets, with noise of 3 grey levels and a vignette of 30 %
+    assert both.mean() > 0.95 and np.abs(one.order - other.order)[both].max() < 1e-4
 
 
 @pytest.mark.parametrize(
@@ -236,8 +237,7 @@ def test_six_circular_steps_are_enough():
     order, turn, kept = errors(read(scene), scene)
     assert np.sqrt(np.mean(order**2)) <= 0.005 and np.abs(order).max() < 0.25
     # no plane images: a whole order says nothing of the direction, a half one less
-    assert np.median(np.abs(turn)) <= 0.2
-    assert kept > 0.95
+    assert np.median(np.abs(turn)) <= 0.2 and kept > 0.95
 
 
 @pytest.mark.study
@@ -249,8 +249,7 @@ def test_six_steps_with_real_plates_leave_out_what_they_cannot_tell():
         {"load.normal_n": 19.3, "camera.left_mm": -1.1}
     )
     order, turn, kept = errors(read(scene), scene)
-    assert np.abs(order).max() < 0.25 and np.abs(turn).max() < 45.0
-    assert kept > 0.85
+    assert np.abs(order).max() < 0.25 and np.abs(turn).max() < 45.0 and kept > 0.85
 
 
 @pytest.mark.long
@@ -261,8 +260,7 @@ def test_noise_of_ten_grey_levels_is_told_and_breaks_no_branch(scene):
     order, turn, kept = errors(found, scene)
     assert np.abs(order).max() < 0.25 and kept > 0.9
     pull = order / found.reading.uncertainty[np.isfinite(found.order)]
-    assert 0.9 < np.sqrt(np.mean(pull**2)) < 1.1
-    assert np.abs(turn).max() < 45.0
+    assert 0.9 < np.sqrt(np.mean(pull**2)) < 1.1 and np.abs(turn).max() < 45.0
 
 
 @pytest.mark.long
@@ -273,8 +271,7 @@ def test_random_angles_and_loads_break_no_branch(seed):
     values = {"load.bulk_mpa": rng.uniform(-10, 10), "polariscope.plate_wavelength_nm": 620.0}
     scene = contact(rng.uniform(0.05, 0.4), steps=steps, **values)
     order, turn, kept = errors(read(scene), scene)
-    assert np.abs(order).max() < 0.25 and np.abs(turn).max() < 45.0
-    assert kept > 0.9
+    assert np.abs(order).max() < 0.25 and np.abs(turn).max() < 45.0 and kept > 0.9
 
 
 def test_wrong_angles_give_a_poor_chi_and_that_is_said():
@@ -378,16 +375,15 @@ def test_a_pixel_whose_other_frames_tell_badly_is_not_read():
     assert gain[:3, 0] == pytest.approx(growth[:3], rel=1e-5) and np.isnan(gain[3, 0])
 
 
-def test_frames_without_a_readable_pixel_say_so():
+def test_frames_without_a_readable_pixel_and_known_orders_outside_are_said():
     rng = np.random.default_rng(5)
     light = rng.normal(0.5, 0.01, (10, 60, 80))
     found = read_steps(light, chains_of(disc()), sigma=0.01)
     assert not np.isfinite(found.order).any() and not np.isfinite(found.isoclinic).any()
     assert (found.reading.confidence == 0.0).all() and found.reading.kept == 0.0
     assert any("could be read" in words for words in found.warnings)
-
-
-# The whole number
+    found = read(small(disc(**{"load.normal_n": 150.0}), 2), known_order=[(5, 5, 0.0)])
+    assert "row 5, column 5" in " ".join(found.warnings) and found.parts[0].source == "equilibrium"
 
 
 def disc_field(rows=400, cols=400, size=170.0):
@@ -408,8 +404,7 @@ def test_equilibrium_gives_the_whole_number_of_a_disc(wrong):
     turns = np.abs(field) - wrong
     found = balance(turns, twice, inside, spread=np.full(inside.shape, 1e-3))
     # blocks of four pixels and Gaussians cut off at 3.5 widths: a hundredth
-    assert found.number == pytest.approx(wrong, abs=0.05)
-    assert found.whole == wrong
+    assert found.number == pytest.approx(wrong, abs=0.05) and found.whole == wrong
     flipped = balance(-turns, -twice, inside, spread=np.full(inside.shape, 1e-3))
     assert flipped.number == pytest.approx(-wrong, abs=0.05)  # the same n
 
@@ -486,15 +481,9 @@ def test_known_orders_go_before_equilibrium_and_their_quarrel_is_said():
     assert "disagrees with the light" in " ".join(neither.warnings)
 
 
-def test_a_known_order_outside_the_specimen_is_said():
-    found = read(small(disc(**{"load.normal_n": 150.0}), 2), known_order=[(5, 5, 0.0)])
-    assert "row 5, column 5" in " ".join(found.warnings)
-    assert found.parts[0].source == "equilibrium"
-
-
 def test_a_model_that_singles_out_no_whole_number_gives_none():
     """A ramp of orders, and a model that is half a fringe off: m and m + 1 are as likely."""
-    from isochrome.fringes.stepped.integer_order import Direction
+    from isochrome.fringes import Direction
 
     order = np.tile(np.linspace(2.0, 6.0, 200), (150, 1))
     still, ones = np.full(order.shape, 1e-3), np.ones(order.shape)
@@ -522,7 +511,7 @@ def test_unwrapping_leaves_out_what_is_not_a_number():
 
 def test_small_parts_are_left_open():
     """A spot apart from the rest has no whole number of its own, nor does it take the rest's."""
-    from isochrome.fringes.stepped.integer_order import Direction
+    from isochrome.fringes import Direction
 
     field, inside = disc_field()
     inside[2:8, 2:8] = True

@@ -1,7 +1,5 @@
 """Valid files made invalid: bytes, sizes, pieces and words changed, by a seeded generator."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 

@@ -7,8 +7,6 @@ coverage where atheris is installed, else by chance. A crash, more than 10 s or 
 anything but a refusal in one sentence is a finding. The exit code is 1 where there are any.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import os

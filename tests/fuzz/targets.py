@@ -1,7 +1,5 @@
 """What is fuzzed: each target takes any bytes, and may only refuse them in one sentence."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -33,9 +31,7 @@ class Target:
 
     def take(self, data: bytes, path: Path) -> str | None:
         """Run on some bytes at a path; returns the refusal's sentence, None where all was read.
-
-        Anything but an InputError goes through: a finding.
-        """
+        Anything but an InputError goes through: a finding."""
         path.write_bytes(data)
         try:
             self.run(path)

@@ -1,7 +1,5 @@
 """The page of files and columns: words from files.toml, units from the names."""
 
-from __future__ import annotations
-
 import ast
 import re
 import tomllib

@@ -1,7 +1,5 @@
 """The sentences that the package can say, read from its code; and the page of what they mean."""
 
-from __future__ import annotations
-
 import ast
 import re
 import tomllib

@@ -1,7 +1,5 @@
 """The page of all keys, made from the classes that check them: their fields and docstrings."""
 
-from __future__ import annotations
-
 import typing
 from collections.abc import Iterator
 from typing import Any, Literal
@@ -12,7 +10,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from isochrome.calibration.settings import CalibrationSet, ColourSet
+from isochrome.calibration import CalibrationSet, ColourSet
 from isochrome.runs.store import units_of
 from isochrome.scene import Scene
 

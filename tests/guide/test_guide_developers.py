@@ -1,7 +1,5 @@
 """The developers' page names modules and rooms that are there."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -14,17 +12,15 @@ CODE = "\n".join(path.read_text("utf-8") for path in HOUSE.rglob("*.py"))
 PAGE = (HOUSE / "guide" / "developers.md").read_text("utf-8")
 
 
-def test_every_module_that_the_page_names_is_there():
+def test_the_page_names_modules_and_rooms_that_are_there_and_the_one_rule():
     named = set(re.findall(r"`((?:[a-z_]+/)+[a-z_]+\.py)`", PAGE))
     homes = (HOUSE, HOUSE.parents[1])
     missing = {name for name in named if not any((home / name).is_file() for home in homes)}
     assert len(named) > 15 and not missing
-
-
-def test_every_room_is_on_the_page():
     rooms = {path.parent.name for path in HOUSE.glob("*/__init__.py")}
     table = PAGE.split("| room |")[1].split("\n\n")[0]
     assert not {room for room in rooms if f"`{room}`" not in table}
+    assert "**A defect is answered at its root: which prior, which model, which operator" in PAGE
 
 
 @pytest.mark.parametrize("head", ["one frame through `process`", "one scene through `simulate`"])
@@ -38,7 +34,3 @@ def test_a_way_has_few_steps_and_types_and_all_of_them_are_there(head):
     assert 10 <= len(steps) <= 12 and 10 <= len(types) <= 14
     assert not [name for name in types if f"\nclass {name}" not in CODE]
     assert not [n for n in functions if f"\ndef {n}(" not in CODE and n not in rooms]
-
-
-def test_the_page_has_the_one_rule():
-    assert "**A defect is answered at its root: which prior, which model, which operator" in PAGE

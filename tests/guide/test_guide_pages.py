@@ -1,7 +1,5 @@
 """The guide's pages are there, and those made from the code say all that the code has."""
 
-from __future__ import annotations
-
 import ast
 import io
 import re
@@ -12,11 +10,11 @@ import pytest
 import scene_keys
 from write_pages import COMMAND, GUIDE, PAGES
 
-from isochrome.calibration.settings import CalibrationSet, ColourSet
+from isochrome.calibration import CalibrationSet, ColourSet
 from isochrome.errors import InputError
 from isochrome.guide import TOPICS, guide_page
 from isochrome.scene import Scene
-from isochrome.simulation.rendering import LAYERS
+from isochrome.simulation import LAYERS
 
 BY_HAND = [topic for topic in TOPICS if topic not in PAGES]
 
@@ -27,19 +25,13 @@ def test_a_page_is_what_the_code_says(topic):
     assert guide_page(topic) == PAGES[topic](), told
 
 
-def test_every_page_is_a_topic_and_begins_with_its_title():
+def test_every_page_is_a_topic_with_its_title_and_others_are_refused():
     assert {path.stem for path in GUIDE.glob("*.md")} == set(TOPICS)
     for topic in TOPICS:
         assert guide_page(topic).startswith("# "), topic
         assert topic in guide_page()
-
-
-def test_a_page_that_is_not_there_is_refused_with_the_nearest():
     with pytest.raises(InputError, match="did you mean 'phase-steps'"):
         guide_page("phase-step")
-
-
-# Keys
 
 
 @pytest.mark.parametrize("model", [Scene, CalibrationSet, ColourSet])
@@ -68,18 +60,12 @@ def test_keys_are_shown_with_their_range_unit_and_default():
     assert "| mm/s |" in page and "| MPa/mm |" in page
 
 
-# Files and columns
-
-
-def test_every_file_that_the_code_names_has_words():
+def test_every_file_has_words_and_no_words_are_of_none():
     missing = sorted(file_columns.left_by_the_code() - set(file_columns.files()))
     assert not missing, (
         f"no words for the files {missing}; write [command, when, what it is] of each in "
         f"tests/guide/files.toml, then run `{COMMAND}`"
     )
-
-
-def test_no_file_has_words_that_no_code_leaves():
     made = {"imagej", "records"} | {
         f"{name}.{end}" for name in ("calibration", "scale") for end in ("json", "png")
     }
@@ -96,9 +82,6 @@ def test_a_new_column_would_be_noticed():
     assert file_columns.has_words("load.normal_n mean", known)
     assert not file_columns.has_words("shininess", known)
     assert not file_columns.has_words("load.normal_n shininess", known)
-
-
-# Messages
 
 
 def test_every_message_has_its_meaning_cause_and_remedy():
@@ -129,7 +112,7 @@ def test_every_entry_is_whole_and_is_for_a_message_that_the_code_has():
         assert id(entry) in used, entry.title
 
 
-def test_messages_are_read_from_the_code():
+def test_messages_are_read_from_the_code_and_its_refusals_on_the_page():
     code = '''
 def f(x):
     """This docstring is no message at all."""
@@ -140,14 +123,8 @@ def f(x):
 '''
     found = set(message_texts.texts_of(list(ast.walk(ast.parse(code)))))
     assert found == {"…: is bad; mend it", "a sentence that is a warning, of many words"}
-
-
-def test_a_refusal_that_the_code_makes_is_on_the_page():
     page = guide_page("messages")
     assert "fringes finer than two pixels" in page and "nothing could be read in any" in page
-
-
-# Pages by hand
 
 
 @pytest.mark.parametrize("topic", BY_HAND)

@@ -1,7 +1,5 @@
 """Write the pages of the guide that are made from the code: `python tests/guide/write_pages.py`."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from pathlib import Path

@@ -1,10 +1,4 @@
-"""A hostile case, and the command line run on it in a process with bounds.
-
-Each run is a new process without any rights beyond its user's, even where the user is root, with
-bounds on its memory, its time and, where wanted, the size of the files that it writes.
-"""
-
-from __future__ import annotations
+"""A hostile case, and the command line run on it in a process with bounds."""
 
 import ctypes
 import multiprocessing
@@ -36,11 +30,9 @@ SERVER.set_forkserver_preload(
 @dataclass(frozen=True)
 class Case:
     """A hostile input: `make(place)` writes it into a folder and returns the command's arguments.
-
     `says`, words that the refusal must hold: what is wrong where, and what to do; `code`, the exit
     code; `file_bytes`, the largest file that may be written; `inside`, called in the process before
-    the command; `kept`, whether finished work may stay in OUT.partial; `slow`, for the long run.
-    """
+    the command; `kept`, whether finished work may stay in OUT.partial; `slow`, for the long run."""
 
     make: Callable[[Path], list[str]]
     says: tuple[str, ...]
@@ -76,6 +68,25 @@ def hostile(cases: list[Case], *says: str, **how: object) -> Callable[[Callable]
         return make
 
     return add
+
+
+def case(
+    cases: list[Case], name: str, make: Callable[[Path], list[str]], *says: str, **how: object
+) -> None:
+    """Put a case of a few words down in a list."""
+    cases.append(Case(make, says, label=name, **how))  # type: ignore[arg-type]
+
+
+def after(
+    do: Callable[[Path], object], then: list[str] | Callable[[Path], list[str]]
+) -> Callable[[Path], list[str]]:
+    """What makes a case: something is done in its folder, and then there are arguments."""
+
+    def make(place: Path) -> list[str]:
+        do(place)
+        return then(place) if callable(then) else then
+
+    return make
 
 
 def snapshot(place: Path) -> dict[str, object]:

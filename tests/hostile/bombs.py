@@ -1,7 +1,5 @@
 """Files that swell: a few bytes that claim, or become, gigabytes."""
 
-from __future__ import annotations
-
 import io
 import struct
 import zipfile
@@ -11,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import tifffile
 
-from hostile.attack import Case, hostile
+from hostile.attack import Case, after, case, hostile
 from hostile.given import (
     changed,
     contact_with,
@@ -32,52 +30,33 @@ BOMBS: list[Case] = []
 HUGE = 100_000
 
 
-@hostile(BOMBS, "b.tif", "100000 x 100000", "crop it or save it again")
-def tiff_page_of_ten_gigapixels_by_deflate(place: Path) -> list[str]:
-    data = zeros(50)
-    tiff(place / "b.tif", grey_tags(HUGE, HUGE, size=len(data), compression=8).values(), data)
+def packed(place: Path, rows: int, cols: int, compression: int, data: bytes) -> list[str]:
+    tags = grey_tags(rows, cols, size=len(data), compression=compression)
+    tiff(place / "b.tif", tags.values(), data)
     return process("b.tif")
 
 
-@hostile(BOMBS, "b.tif", "100000 x 100000", "crop it or save it again")
-def tiff_page_of_ten_gigapixels_by_lzw(place: Path) -> list[str]:
-    data = bytes.fromhex("8000") * 500
-    tiff(place / "b.tif", grey_tags(HUGE, HUGE, size=len(data), compression=5).values(), data)
-    return process("b.tif")
-
-
-@hostile(BOMBS, "b.tif", "100000 x 100000", "crop it or save it again")
-def tiff_page_of_ten_gigapixels_by_zstd(place: Path) -> list[str]:
-    data = bytes.fromhex("28b52ffd") + bytes(500)
-    tiff(place / "b.tif", grey_tags(HUGE, HUGE, size=len(data), compression=50000).values(), data)
-    return process("b.tif")
-
-
-@hostile(BOMBS, "b.tif", "not a readable TIFF", "save it again")
-def tiff_strip_of_zstd_that_is_garbage(place: Path) -> list[str]:
-    data = bytes.fromhex("28b52ffd") + bytes(500)
-    tiff(place / "b.tif", grey_tags(48, 64, size=len(data), compression=50000).values(), data)
-    return process("b.tif")
-
-
-@hostile(BOMBS, "b.tif", "swells", "save it again")
-def tiff_strip_that_swells_beyond_its_page(place: Path) -> list[str]:
-    data = zeros(3000)
-    tiff(place / "b.tif", grey_tags(48, 64, size=len(data), compression=8).values(), data)
-    return process("b.tif")
-
-
-@hostile(BOMBS, "b.tif", "not a readable TIFF", "save it again")
-def tiff_strip_of_lzw_that_is_garbage(place: Path) -> list[str]:
-    data = bytes.fromhex("80ffff55aa00ff13") * 50
-    tiff(place / "b.tif", grey_tags(48, 64, size=len(data), compression=5).values(), data)
-    return process("b.tif")
-
-
-@hostile(BOMBS, "b.png", "10000000000 pixels", "save it again")
-def png_of_ten_gigapixels(place: Path) -> list[str]:
-    png(place / "b.png", HUGE, HUGE, zeros(50))
-    return process("b.png")
+DEFLATE, LZW, ZSTD = 8, 5, 50000
+ZSTD_HEAD = bytes.fromhex("28b52ffd") + bytes(500)
+SAYS = {HUGE: ("b.tif", "100000 x 100000", "crop it or save it again"),
+        48: ("b.tif", "not a readable TIFF", "save it again")}  # fmt: skip
+case(BOMBS, "tiff page of ten gigapixels by deflate",
+     lambda p: packed(p, HUGE, HUGE, DEFLATE, zeros(50)), *SAYS[HUGE])  # fmt: skip
+case(BOMBS, "tiff page of ten gigapixels by lzw",
+     lambda p: packed(p, HUGE, HUGE, LZW, bytes.fromhex("8000") * 500), *SAYS[HUGE])  # fmt: skip
+case(BOMBS, "tiff page of ten gigapixels by zstd",
+     lambda p: packed(p, HUGE, HUGE, ZSTD, ZSTD_HEAD), *SAYS[HUGE])  # fmt: skip
+case(BOMBS, "tiff strip of zstd that is garbage",
+     lambda p: packed(p, 48, 64, ZSTD, ZSTD_HEAD), *SAYS[48])  # fmt: skip
+case(BOMBS, "tiff strip of lzw that is garbage",
+     lambda p: packed(p, 48, 64, LZW, bytes.fromhex("80ffff55aa00ff13") * 50),
+     *SAYS[48])  # fmt: skip
+case(BOMBS, "tiff strip that swells beyond its page",
+     lambda p: packed(p, 48, 64, DEFLATE, zeros(3000)), "b.tif", "swells",
+     "save it again")  # fmt: skip
+case(BOMBS, "png of ten gigapixels",
+     after(lambda p: png(p / "b.png", HUGE, HUGE, zeros(50)), process("b.png")), "b.png",
+     "10000000000 pixels", "save it again")  # fmt: skip
 
 
 @hostile(BOMBS, "b.png", "check the file, or save it again")

@@ -1,7 +1,5 @@
 """What hostile inputs are made from: small valid frames, videos and scenes, and the commands."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Iterable
@@ -76,9 +74,7 @@ def contact_with(place: Path, old: str, new: str) -> None:
 
 def tiff(path: Path, tags: Iterable[tuple], body: bytes = b"", after: int = 0) -> None:
     """A TIFF of one page by hand: `tags` (tag, type, count, value); `body` begins at byte 8.
-
-    `after`, where the next page is said to be.
-    """
+    `after`, where the next page is said to be."""
     tags = sorted(tags)
     head = b"II*\0" + struct.pack("<I", 8 + len(body))
     page = struct.pack("<H", len(tags))

@@ -1,13 +1,11 @@
 """Frames that are files well made, and no recording."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 import tifffile
 
-from hostile.attack import Case, hostile
+from hostile.attack import Case, after, case, hostile
 from hostile.given import (
     PLAIN,
     image,
@@ -30,34 +28,15 @@ def floats(place: Path, change: slice | tuple, value: float) -> list[str]:
     return process("f.tif")
 
 
-@hostile(PIXELS, "f.tif[0]", "NaN", "check")
-def every_pixel_nan(place: Path) -> list[str]:
-    return floats(place, np.s_[:], np.nan)
-
-
-@hostile(PIXELS, "f.tif[0]", "check")
-def every_pixel_infinite(place: Path) -> list[str]:
-    return floats(place, np.s_[:], np.inf)
-
-
-@hostile(PIXELS, "f.tif[1]", "NaN", "check", slow=True)
-def one_frame_of_nan(place: Path) -> list[str]:
-    return floats(place, np.s_[1], np.nan)
-
-
-@hostile(PIXELS, "f.tif[1]", "check", slow=True)
-def one_frame_of_minus_infinity(place: Path) -> list[str]:
-    return floats(place, np.s_[1], -np.inf)
-
-
-@hostile(PIXELS, "f.tif[0]", "check")
-def every_pixel_negative(place: Path) -> list[str]:
-    return floats(place, np.s_[:], -0.5)
-
-
-@hostile(PIXELS, "f.tif[0]", "bit_depth")
-def fractions_beyond_every_scale(place: Path) -> list[str]:
-    return floats(place, np.s_[:, 3, 4], 1e38)
+case(PIXELS, "every pixel nan", lambda p: floats(p, np.s_[:], np.nan), "f.tif[0]", "NaN", "check")
+case(PIXELS, "every pixel infinite", lambda p: floats(p, np.s_[:], np.inf), "f.tif[0]", "check")
+case(PIXELS, "one frame of nan", lambda p: floats(p, np.s_[1], np.nan), "f.tif[1]", "NaN", "check",
+     slow=True)  # fmt: skip
+case(PIXELS, "one frame of minus infinity", lambda p: floats(p, np.s_[1], -np.inf), "f.tif[1]",
+     "check", slow=True)  # fmt: skip
+case(PIXELS, "every pixel negative", lambda p: floats(p, np.s_[:], -0.5), "f.tif[0]", "check")
+case(PIXELS, "fractions beyond every scale", lambda p: floats(p, np.s_[:, 3, 4], 1e38), "f.tif[0]",
+     "bit_depth")  # fmt: skip
 
 
 @hostile(PIXELS, "f.tif")
@@ -66,22 +45,15 @@ def pixels_of_complex_numbers(place: Path) -> list[str]:
     return process("f.tif")
 
 
-@hostile(PIXELS, "f.tif", "int16", "save them as")
-def pixels_with_a_sign(place: Path) -> list[str]:
-    stack(place / "f.tif", pictures().astype(np.int16) - 200)
-    return process("f.tif")
-
-
-@hostile(PIXELS, "f.tif[0]", "constant", "check")
-def constant_frames(place: Path) -> list[str]:
-    stack(place / "f.tif", np.full((3, 48, 64), 90, np.uint8))
-    return process("f.tif")
-
-
-@hostile(PIXELS, "f.tif", "check")
-def frame_of_one_pixel(place: Path) -> list[str]:
-    stack(place / "f.tif", picture()[None, :1, :1])
-    return process("f.tif")
+case(PIXELS, "pixels with a sign",
+     after(lambda p: stack(p / "f.tif", pictures().astype(np.int16) - 200), process("f.tif")),
+     "f.tif", "int16", "save them as")  # fmt: skip
+case(PIXELS, "constant frames",
+     after(lambda p: stack(p / "f.tif", np.full((3, 48, 64), 90, np.uint8)), process("f.tif")),
+     "f.tif[0]", "constant", "check")  # fmt: skip
+case(PIXELS, "frame of one pixel",
+     after(lambda p: stack(p / "f.tif", picture()[None, :1, :1]), process("f.tif")), "f.tif",
+     "check")  # fmt: skip
 
 
 @hostile(PIXELS, "frame 1", "20 x 64", "remove or crop the odd one", slow=True)
@@ -116,26 +88,16 @@ def folder(place: Path, odd: np.ndarray, suffix: str = ".png") -> list[str]:
     return process("d")
 
 
-@hostile(PIXELS, "1.png", "20 x 64", "remove or crop the odd one", slow=True)
-def image_of_another_size_in_a_folder(place: Path) -> list[str]:
-    return folder(place, picture(rows=20))
-
-
-@hostile(PIXELS, "1.png", "colour", "save all frames alike", slow=True)
-def colour_image_among_grey_ones(place: Path) -> list[str]:
-    return folder(place, np.dstack([picture()] * 3))
-
-
-@hostile(PIXELS, "1.png", "uint16", "save all frames alike", slow=True)
-def deep_image_among_shallow_ones(place: Path) -> list[str]:
-    return folder(place, picture().astype(np.uint16) * 257)
-
-
-@hostile(PIXELS, "holds no image", "name a folder with frames")
-def folder_without_an_image(place: Path) -> list[str]:
-    (place / "d").mkdir()
-    (place / "d" / "notes.txt").write_text("no image")
-    return process("d")
+case(PIXELS, "image of another size in a folder", lambda p: folder(p, picture(rows=20)), "1.png",
+     "20 x 64", "remove or crop the odd one", slow=True)  # fmt: skip
+case(PIXELS, "colour image among grey ones", lambda p: folder(p, np.dstack([picture()] * 3)),
+     "1.png", "colour", "save all frames alike", slow=True)  # fmt: skip
+case(PIXELS, "deep image among shallow ones",
+     lambda p: folder(p, picture().astype(np.uint16) * 257), "1.png", "uint16",
+     "save all frames alike", slow=True)  # fmt: skip
+case(PIXELS, "folder without an image",
+     after(lambda p: ((p / "d").mkdir(), (p / "d" / "notes.txt").write_text("no image")),
+     process("d")), "holds no image", "name a folder with frames")  # fmt: skip
 
 
 def two_sizes(
@@ -167,14 +129,10 @@ def two_sizes(
     return process(name)
 
 
-@hostile(PIXELS, "v.avi", "frame 1 is 32 x 48", "remove or crop the odd one", slow=True)
-def mjpeg_whose_frames_change_size(place: Path) -> list[str]:
-    return two_sizes(place, "v.avi", "mjpeg", "yuvj420p")
-
-
-@hostile(PIXELS, "v.mkv", "frame 1", "remove or crop", slow=True)
-def mkv_of_two_joined_recordings(place: Path) -> list[str]:
-    return two_sizes(place, "v.mkv", "mjpeg", "yuvj420p")
+case(PIXELS, "mjpeg whose frames change size", lambda p: two_sizes(p, "v.avi", "mjpeg", "yuvj420p"),
+     "v.avi", "frame 1 is 32 x 48", "remove or crop the odd one", slow=True)  # fmt: skip
+case(PIXELS, "mkv of two joined recordings", lambda p: two_sizes(p, "v.mkv", "mjpeg", "yuvj420p"),
+     "v.mkv", "frame 1", "remove or crop", slow=True)  # fmt: skip
 
 
 @hostile(PIXELS, "2.mkv", "must be alike")

@@ -1,16 +1,15 @@
 """Output folders that lead elsewhere, may not be written, or have no room left."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil
 import sys
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
-from hostile.attack import Case, hostile
+from hostile.attack import Case, after, case, hostile
 from hostile.given import CONTACT, process, simulate, stack, write_scene
 
 PLACES: list[Case] = []
@@ -31,48 +30,40 @@ def without_out(place: Path) -> None:
     shutil.rmtree(place / "out")
 
 
-@hostile(PLACES, "out", "name another")
-def out_is_a_link_to_itself(place: Path) -> list[str]:
+def linked(place: Path, target: str, then: Callable[[Path], list[str]]) -> list[str]:
+    """An `out` that is a link."""
     without_out(place)
-    (place / "out").symlink_to("out")
-    return processing(place)
+    (place / "out").symlink_to(target)
+    return then(place)
 
 
-@hostile(PLACES, "out", "name another")
-def out_is_a_link_to_itself_for_simulate(place: Path) -> list[str]:
-    without_out(place)
-    (place / "out").symlink_to("out")
-    return simulating(place)
+def read_only(place: Path, then: Callable[[Path], list[str]]) -> list[str]:
+    (place / "out").chmod(0o555)
+    return then(place)
 
 
-@hostile(PLACES, "out", "/nonexistent-drive/results", "see that its drive is")
-def out_is_a_link_to_a_missing_drive(place: Path) -> list[str]:
-    without_out(place)
-    (place / "out").symlink_to("/nonexistent-drive/results")
-    return processing(place)
-
-
-@hostile(PLACES, "nonexistent-drive", "name another")
-def out_on_a_missing_drive(place: Path) -> list[str]:
-    return [*processing(place)[:-1], "/proc/nonexistent-drive/results"]
-
-
-@hostile(PLACES, "out", "name another")
-def out_on_a_missing_drive_for_simulate(place: Path) -> list[str]:
-    return [*simulating(place)[:-1], "/proc/nonexistent-drive/out"]
-
-
-@hostile(PLACES, "out.partial", "symbolic link", "remove it")
-def working_folder_is_a_link_elsewhere(place: Path) -> list[str]:
-    (place / "elsewhere").mkdir()
-    (place / "out.partial").symlink_to("elsewhere")
-    return processing(place)
-
-
-@hostile(PLACES, "out.partial", "name another")
-def working_folder_is_a_file(place: Path) -> list[str]:
-    (place / "out.partial").write_text("mine")
-    return processing(place)
+AWAY = "/nonexistent-drive/results"
+case(PLACES, "out is a link to itself", lambda p: linked(p, "out", processing), "out",
+     "name another")  # fmt: skip
+case(PLACES, "out is a link to itself for simulate", lambda p: linked(p, "out", simulating),
+     "out", "name another")  # fmt: skip
+case(PLACES, "out is a link to a missing drive", lambda p: linked(p, AWAY, processing),
+     "out", AWAY, "see that its drive is")  # fmt: skip
+case(PLACES, "out is read only", lambda p: read_only(p, processing), "out", "name another")
+case(PLACES, "out is read only for simulate", lambda p: read_only(p, simulating), "out",
+     "name another")  # fmt: skip
+case(PLACES, "out on a missing drive",
+     lambda p: [*processing(p)[:-1], "/proc/nonexistent-drive/results"], "nonexistent-drive",
+     "name another")  # fmt: skip
+case(PLACES, "out on a missing drive for simulate",
+     lambda p: [*simulating(p)[:-1], "/proc/nonexistent-drive/out"], "out",
+     "name another")  # fmt: skip
+case(PLACES, "working folder is a link elsewhere",
+     after(lambda p: ((p / "elsewhere").mkdir(), (p / "out.partial").symlink_to("elsewhere")),
+     lambda p: processing(p)), "out.partial", "symbolic link", "remove it")  # fmt: skip
+case(PLACES, "working folder is a file",
+     after(lambda p: (p / "out.partial").write_text("mine"), lambda p: processing(p)),
+     "out.partial", "name another")  # fmt: skip
 
 
 @hostile(PLACES, "out.partial", "symbolic links", "name another")
@@ -83,56 +74,24 @@ def lock_in_the_working_folder_is_a_link_elsewhere(place: Path) -> list[str]:
     return processing(place)
 
 
-@hostile(PLACES, "d/f.tif", "beside the input", "name another")
-def out_is_the_folder_of_the_frames(place: Path) -> list[str]:
-    (place / "d").mkdir()
-    stack(place / "d" / "f.tif")
-    return [*process("d")[:-1], "d"]
-
-
-@hostile(PLACES, "f.tif", "is a file", "name another")
-def out_is_the_frames(place: Path) -> list[str]:
-    return [*processing(place)[:-1], "f.tif"]
-
-
-@hostile(PLACES, "fringe_order.tif", "beside the input", "name another")
-def results_would_replace_the_frames(place: Path) -> list[str]:
-    stack(place / "out" / "fringe_order.tif")
-    return process("out/fringe_order.tif")
-
-
-@hostile(PLACES, "out/scene.toml", "no provenance.json", "move it away", kept=True)
-def results_would_replace_the_scene(place: Path) -> list[str]:
-    write_scene(place, CONTACT, "out/scene.toml")
-    return simulate("out/scene.toml")
-
-
-@hostile(PLACES, "out/frames.tif", "no provenance.json", "move it away", kept=True)
-def results_would_replace_somebodys_frames(place: Path) -> list[str]:
-    stack(place / "out" / "frames.tif")
-    return simulating(place)
-
-
-@hostile(PLACES, "/", "top of a drive", "name a folder in it")
-def out_is_the_root(place: Path) -> list[str]:
-    return [*processing(place)[:-1], "/"]
-
-
-@hostile(PLACES, "/dev/null", "is a file", "name another")
-def out_is_a_device(place: Path) -> list[str]:
-    return [*processing(place)[:-1], "/dev/null"]
-
-
-@hostile(PLACES, "out", "name another")
-def out_is_read_only(place: Path) -> list[str]:
-    (place / "out").chmod(0o555)
-    return processing(place)
-
-
-@hostile(PLACES, "out", "name another")
-def out_is_read_only_for_simulate(place: Path) -> list[str]:
-    (place / "out").chmod(0o555)
-    return simulating(place)
+case(PLACES, "out is the folder of the frames",
+     after(lambda p: ((p / "d").mkdir(), stack(p / "d" / "f.tif")), [*process("d")[:-1], "d"]),
+     "d/f.tif", "beside the input", "name another")  # fmt: skip
+case(PLACES, "out is the frames", lambda p: [*processing(p)[:-1], "f.tif"], "f.tif", "is a file",
+     "name another")  # fmt: skip
+case(PLACES, "results would replace the frames",
+     after(lambda p: stack(p / "out" / "fringe_order.tif"), process("out/fringe_order.tif")),
+     "fringe_order.tif", "beside the input", "name another")  # fmt: skip
+case(PLACES, "results would replace the scene",
+     after(lambda p: write_scene(p, CONTACT, "out/scene.toml"), simulate("out/scene.toml")),
+     "out/scene.toml", "no provenance.json", "move it away", kept=True)  # fmt: skip
+case(PLACES, "results would replace somebodys frames",
+     after(lambda p: stack(p / "out" / "frames.tif"), lambda p: simulating(p)), "out/frames.tif",
+     "no provenance.json", "move it away", kept=True)  # fmt: skip
+case(PLACES, "out is the root", lambda p: [*processing(p)[:-1], "/"], "/", "top of a drive",
+     "name a folder in it")  # fmt: skip
+case(PLACES, "out is a device", lambda p: [*processing(p)[:-1], "/dev/null"], "/dev/null",
+     "is a file", "name another")  # fmt: skip
 
 
 @hostile(PLACES, "out", "name another")
@@ -143,14 +102,10 @@ def folder_above_out_is_read_only(place: Path) -> list[str]:
     return arguments
 
 
-@hostile(PLACES, "File name too long", "name another")
-def out_has_a_name_of_three_hundred_letters(place: Path) -> list[str]:
-    return [*processing(place)[:-1], "o" * 300]
-
-
-@hostile(PLACES, "File name too long", "name another")
-def out_leaves_no_letters_for_the_working_folder(place: Path) -> list[str]:
-    return [*processing(place)[:-1], "o" * 250]
+case(PLACES, "out has a name of three hundred letters", lambda p: [*processing(p)[:-1], "o" * 300],
+     "File name too long", "name another")  # fmt: skip
+case(PLACES, "out leaves no letters for the working folder",
+     lambda p: [*processing(p)[:-1], "o" * 250], "File name too long", "name another")  # fmt: skip
 
 
 def little_room() -> None:
@@ -158,9 +113,8 @@ def little_room() -> None:
     shutil.disk_usage = lambda path: SimpleNamespace(total=10**9, used=10**9, free=1000)  # type: ignore[assignment]
 
 
-@hostile(PLACES, "out", "are free there", "make room", inside=little_room)
-def disk_without_room_for_the_results(place: Path) -> list[str]:
-    return processing(place)
+case(PLACES, "disk without room for the results", lambda p: processing(p), "out", "are free there",
+     "make room", inside=little_room)  # fmt: skip
 
 
 def full_after(count: int) -> None:

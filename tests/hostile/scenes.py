@@ -1,12 +1,10 @@
 """Scene files that are none, or that ask for what no machine has."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 
-from hostile.attack import Case, hostile
+from hostile.attack import Case, after, case, hostile
 from hostile.given import (
     CONTACT,
     contact_with,
@@ -21,64 +19,35 @@ from hostile.given import (
 SCENES: list[Case] = []
 
 
-@hostile(SCENES, "wrong.toml", "larger than", "settings file")
-def scene_of_a_hundred_megabytes(place: Path) -> list[str]:
-    write_scene(place, CONTACT + "# " + "x" * 100_000_000 + "\n")
-    return simulate()
-
-
-@hostile(SCENES, "wrong.toml", "not valid TOML")
-def scene_nested_a_hundred_thousand_deep(place: Path) -> list[str]:
-    write_scene(place, CONTACT + "deep = " + "[" * 100_000 + "]" * 100_000 + "\n")
-    return simulate()
-
-
-@hostile(SCENES, "wrong.toml")
-def scene_of_tables_nested_ten_thousand_deep(place: Path) -> list[str]:
-    write_scene(place, CONTACT + "[" + ".".join("a" * 10_000) + "]\nb = 1\n")
-    return simulate()
-
-
-@hostile(SCENES, "wrong.toml", "unknown key")
-def scene_of_fifty_thousand_keys(place: Path) -> list[str]:
-    write_scene(place, CONTACT + "".join(f"k{n} = {n}\n" for n in range(50_000)))
-    return simulate()
-
-
-@hostile(SCENES, "wrong.toml", "larger than", "settings file")
-def scene_of_a_million_keys(place: Path) -> list[str]:
-    write_scene(place, CONTACT + "".join(f"k{n} = {n}\n" for n in range(1_000_000)))
-    return simulate()
-
-
-@hostile(SCENES, "wrong.toml", "not valid TOML", "correct that line")
-def scene_with_nul_bytes(place: Path) -> list[str]:
-    write_scene(place, CONTACT.replace("44.0", "44.0\0"))
-    return simulate()
-
-
-@hostile(SCENES, "wrong.toml", "save it as UTF-8")
-def scene_in_another_encoding(place: Path) -> list[str]:
-    (place / "wrong.toml").write_bytes(("# Öl\n" + CONTACT).encode("utf-16"))
-    return simulate()
-
-
-@hostile(SCENES, "wrong.toml", "not valid TOML", "correct that line")
-def scene_with_a_key_twice(place: Path) -> list[str]:
-    contact_with(place, "normal_n = 44.0", "normal_n = 44.0\nnormal_n = 55.0")
-    return simulate()
-
-
-@hostile(SCENES, "wrong.toml", "not valid TOML", "correct that line")
-def scene_with_a_table_twice(place: Path) -> list[str]:
-    write_scene(place, CONTACT + "[load]\nnormal_n = 3.0\n")
-    return simulate()
-
-
-@hostile(SCENES, "wrong.toml", "specimen", "missing")
-def empty_scene(place: Path) -> list[str]:
-    write_scene(place, "")
-    return simulate()
+case(SCENES, "scene of a hundred megabytes",
+     after(lambda p: write_scene(p, CONTACT + "# " + "x" * 100_000_000 + "\n"), simulate()),
+     "wrong.toml", "larger than", "settings file")  # fmt: skip
+case(SCENES, "scene nested a hundred thousand deep",
+     after(lambda p: write_scene(p, CONTACT + "deep = " + "[" * 100_000 + "]" * 100_000 + "\n"),
+     simulate()), "wrong.toml", "not valid TOML")  # fmt: skip
+case(SCENES, "scene of tables nested ten thousand deep",
+     after(lambda p: write_scene(p, CONTACT + "[" + ".".join("a" * 10_000) + "]\nb = 1\n"),
+     simulate()), "wrong.toml")  # fmt: skip
+case(SCENES, "scene of fifty thousand keys",
+     after(lambda p: write_scene(p, CONTACT + "".join(f"k{n} = {n}\n" for n in range(50_000))),
+     simulate()), "wrong.toml", "unknown key")  # fmt: skip
+case(SCENES, "scene of a million keys",
+     after(lambda p: write_scene(p, CONTACT + "".join(f"k{n} = {n}\n" for n in range(1_000_000))),
+     simulate()), "wrong.toml", "larger than", "settings file")  # fmt: skip
+case(SCENES, "scene with nul bytes",
+     after(lambda p: write_scene(p, CONTACT.replace("44.0", "44.0\0")), simulate()), "wrong.toml",
+     "not valid TOML", "correct that line")  # fmt: skip
+case(SCENES, "scene in another encoding",
+     after(lambda p: (p / "wrong.toml").write_bytes(("# Öl\n" + CONTACT).encode("utf-16")),
+     simulate()), "wrong.toml", "save it as UTF-8")  # fmt: skip
+case(SCENES, "scene with a key twice",
+     after(lambda p: contact_with(p, "normal_n = 44.0", "normal_n = 44.0\nnormal_n = 55.0"),
+     simulate()), "wrong.toml", "not valid TOML", "correct that line")  # fmt: skip
+case(SCENES, "scene with a table twice",
+     after(lambda p: write_scene(p, CONTACT + "[load]\nnormal_n = 3.0\n"), simulate()),
+     "wrong.toml", "not valid TOML", "correct that line")  # fmt: skip
+case(SCENES, "empty scene", after(lambda p: write_scene(p, ""), simulate()), "wrong.toml",
+     "specimen", "missing")  # fmt: skip
 
 
 LONG = ("a time", "true", "400", "1e-308", "a table", "wear of 1e29", "1e-29", "X-ray", "half",
@@ -146,12 +115,9 @@ number("picture at 1e29 mm", "left_mm = -1.6", "left_mm = 1e29", "camera.left_mm
 number("nodes of 1e-9 mm", "[load]", "[numerics]\nspacing_mm = 1e-9\n[load]", "nodes", code=3)
 number("tolerance of 0", "[load]", "[numerics]\ntolerance = 0.0\n[load]", "numerics.tolerance")
 number("spacing of NaN", "[load]", "[numerics]\nspacing_mm = nan\n[load]", "numerics.spacing_mm")
-
-
-@hostile(SCENES, "wrong.toml", "larger than", "settings file")
-def a_million_wear_states(place: Path) -> list[str]:
-    contact_with(place, "[0.0, 77.0]", str([float(n) for n in range(1_000_000)]))
-    return simulate()
+case(SCENES, "a million wear states",
+     after(lambda p: contact_with(p, "[0.0, 77.0]", str([float(n) for n in range(1_000_000)])),
+     simulate()), "wrong.toml", "larger than", "settings file")  # fmt: skip
 
 
 @hostile(SCENES, "camera.width_px x height_px", "lower them")
@@ -190,53 +156,34 @@ polygon(
     "3000 corners",
     "draw it with fewer",
 )
-
-
-@hostile(SCENES, "roi", "lies outside the frame", "correct frames.roi")
-def region_outside_the_frame(place: Path) -> list[str]:
-    return with_frames(place, "[frames]\nroi = {top_px=40, left_px=0, height_px=20, width_px=9}\n")
-
-
-@hostile(SCENES, "frames.roi", "correct it")
-def region_at_minus_one(place: Path) -> list[str]:
-    return with_frames(place, "[frames]\nroi = {top_px=-1, left_px=0, height_px=20, width_px=9}\n")
-
-
-@hostile(SCENES, "frames.roi", "correct it")
-def region_of_no_rows(place: Path) -> list[str]:
-    return with_frames(place, "[frames]\nroi = {top_px=0, left_px=0, height_px=0, width_px=9}\n")
-
-
-@hostile(SCENES, "gone.tif", "no such file", "check its name")
-def no_load_frame_that_is_missing(place: Path) -> list[str]:
-    return with_frames(place, "[frames]\nno_load_dark = 'gone.tif'\n")
-
-
-@hostile(SCENES, "dark.png", "no_load_dark", "capture both with the same camera settings")
-def no_load_frame_of_another_size(place: Path) -> list[str]:
-    image(place / "dark.png", picture(rows=20))
-    return with_frames(place, "[frames]\nno_load_dark = 'dark.png'\n")
-
-
-@hostile(SCENES, "/dev/zero", "cannot be read")
-def no_load_frame_that_is_a_device(place: Path) -> list[str]:
-    return with_frames(place, "[frames]\nno_load_dark = '/dev/zero'\n")
-
-
-@hostile(SCENES, "no_load_dark", "")
-def no_load_frame_without_a_name(place: Path) -> list[str]:
-    return with_frames(place, "[frames]\nno_load_dark = ''\n")
-
-
-@hostile(SCENES, "dark.tif", "NaN", "check")
-def no_load_frame_of_nan(place: Path) -> list[str]:
-    stack(place / "dark.tif", np.full((1, 48, 64), np.nan, np.float32))
-    return with_frames(place, "[frames]\nno_load_dark = 'dark.tif'\n")
-
-
-@hostile(SCENES, "known_order", "outside")
-def known_order_outside_the_frame(place: Path) -> list[str]:
-    return with_frames(place, "[[frames.known_order]]\nrow_px = 480\ncol_px = 2\norder = 1.0\n")
+case(SCENES, "region outside the frame",
+     lambda p: with_frames(p, "[frames]\nroi = {top_px=40, left_px=0, height_px=20, width_px=9}\n"),
+     "roi", "lies outside the frame", "correct frames.roi")  # fmt: skip
+case(SCENES, "region at minus one",
+     lambda p: with_frames(p, "[frames]\nroi = {top_px=-1, left_px=0, height_px=20, width_px=9}\n"),
+     "frames.roi", "correct it")  # fmt: skip
+case(SCENES, "region of no rows",
+     lambda p: with_frames(p, "[frames]\nroi = {top_px=0, left_px=0, height_px=0, width_px=9}\n"),
+     "frames.roi", "correct it")  # fmt: skip
+case(SCENES, "no load frame that is missing",
+     lambda p: with_frames(p, "[frames]\nno_load_dark = 'gone.tif'\n"), "gone.tif", "no such file",
+     "check its name")  # fmt: skip
+case(SCENES, "no load frame of another size",
+     after(lambda p: image(p / "dark.png", picture(rows=20)),
+     lambda p: with_frames(p, "[frames]\nno_load_dark = 'dark.png'\n")), "dark.png", "no_load_dark",
+     "capture both with the same camera settings")  # fmt: skip
+case(SCENES, "no load frame that is a device",
+     lambda p: with_frames(p, "[frames]\nno_load_dark = '/dev/zero'\n"), "/dev/zero",
+     "cannot be read")  # fmt: skip
+case(SCENES, "no load frame without a name",
+     lambda p: with_frames(p, "[frames]\nno_load_dark = ''\n"), "no_load_dark", "")  # fmt: skip
+case(SCENES, "no load frame of nan",
+     after(lambda p: stack(p / "dark.tif", np.full((1, 48, 64), np.nan, np.float32)),
+     lambda p: with_frames(p, "[frames]\nno_load_dark = 'dark.tif'\n")), "dark.tif", "NaN",
+     "check")  # fmt: skip
+case(SCENES, "known order outside the frame",
+     lambda p: with_frames(p, "[[frames.known_order]]\nrow_px = 480\ncol_px = 2\norder = 1.0\n"),
+     "known_order", "outside")  # fmt: skip
 
 
 @hostile(SCENES, "mask", "")

@@ -1,7 +1,5 @@
 """Calibration sets, regions and what earlier runs have left, damaged or forged."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -10,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hostile.attack import Case, hostile
+from hostile.attack import Case, after, case, hostile
 from hostile.bombs import with_mask
 from hostile.given import (
     BENDING,
@@ -66,10 +64,9 @@ def set_of_a_hundred_megabytes(place: Path) -> list[str]:
     return ["calibrate", "disc", "set.toml", "--out", "out"]
 
 
-@hostile(SETS, "m.roi", "not a readable ImageJ ROI", "save it again")
-def region_file_of_garbage(place: Path) -> list[str]:
-    (place / "m.roi").write_bytes(os.urandom(500))
-    return with_mask(place, "m.roi")
+case(SETS, "region file of garbage",
+     after(lambda p: (p / "m.roi").write_bytes(os.urandom(500)), lambda p: with_mask(p, "m.roi")),
+     "m.roi", "not a readable ImageJ ROI", "save it again")  # fmt: skip
 
 
 @hostile(SETS, "m.roi", "save it again")
@@ -89,34 +86,27 @@ def region_archive_cut_in_half(place: Path) -> list[str]:
     return with_mask(place, "m.zip")
 
 
-@hostile(SETS, "m.zip", "holds no ROI", "ROI manager")
-def region_archive_of_nothing(place: Path) -> list[str]:
-    zipfile.ZipFile(place / "m.zip", "w").close()
-    return with_mask(place, "m.zip")
+case(SETS, "region archive of nothing",
+     after(lambda p: zipfile.ZipFile(p / "m.zip", "w").close(), lambda p: with_mask(p, "m.zip")),
+     "m.zip", "holds no ROI", "ROI manager")  # fmt: skip
+case(SETS, "region archive that is a pipe",
+     after(lambda p: os.mkfifo(p / "m.zip"), lambda p: with_mask(p, "m.zip")), "m.zip",
+     "no such file", "check its name")  # fmt: skip
+case(SETS, "mask of the whole frame",
+     after(lambda p: image(p / "m.png", np.full((48, 64), 255, np.uint8)),
+     lambda p: with_mask(p, "m.png")), "m.png", "no pixel that is 0", "remove the key")  # fmt: skip
+case(SETS, "mask of another size",
+     after(lambda p: image(p / "m.png", (picture(rows=20) > 128).astype(np.uint8)),
+     lambda p: with_mask(p, "m.png")), "m.png", "make the mask of one of these sizes")  # fmt: skip
 
 
-@hostile(SETS, "m.zip", "no such file", "check its name")
-def region_archive_that_is_a_pipe(place: Path) -> list[str]:
-    os.mkfifo(place / "m.zip")
-    return with_mask(place, "m.zip")
-
-
-@hostile(SETS, "m.png", "no pixel that is 0", "remove the key")
-def mask_of_the_whole_frame(place: Path) -> list[str]:
-    image(place / "m.png", np.full((48, 64), 255, np.uint8))
-    return with_mask(place, "m.png")
-
-
-@hostile(SETS, "m.png", "make the mask of one of these sizes")
-def mask_of_another_size(place: Path) -> list[str]:
-    image(place / "m.png", (picture(rows=20) > 128).astype(np.uint8))
-    return with_mask(place, "m.png")
+PROFILED = CONTACT.replace("radius_mm = 24.61", "profile = 'p.csv'")
 
 
 def profile(name: str, text: str, *says: str) -> None:
     def make(place: Path) -> list[str]:
         (place / "p.csv").write_text(text, "utf-8")
-        write_scene(place, CONTACT.replace("radius_mm = 24.61", "profile = 'p.csv'"))
+        write_scene(place, PROFILED)
         return simulate()
 
     SETS.append(Case(make, says, label=name))
@@ -127,13 +117,9 @@ profile("profile of NaN", "x_mm,gap_mm\n0,nan\n1,0\n2,1\n", "p.csv", "finite")
 profile("profile of text", "x_mm,gap_mm\n0,a\n1,b\n2,c\n", "p.csv", "gap_mm = 'a'")
 profile("profile that goes back", "x_mm,gap_mm\n0,1\n2,0\n1,1\n", "p.csv", "rising x_mm")
 profile("profile of NULs", "\0" * 500, "p.csv", "no text")
-
-
-@hostile(SETS, "p.csv", "is not a file", "itself")
-def profile_that_is_a_pipe(place: Path) -> list[str]:
-    os.mkfifo(place / "p.csv")
-    write_scene(place, CONTACT.replace("radius_mm = 24.61", "profile = 'p.csv'"))
-    return simulate()
+case(SETS, "profile that is a pipe",
+     after(lambda p: (os.mkfifo(p / "p.csv"), write_scene(p, PROFILED)), simulate()),
+     "p.csv", "is not a file", "itself")  # fmt: skip
 
 
 def finished(place: Path) -> Path:
@@ -154,22 +140,23 @@ def export(place: Path) -> list[str]:
     return ["export", "old", "--to", "csv", "--out", "out"]
 
 
-@hostile(SETS, "old", "run.zarr", "is missing", slow=True)
-def export_of_a_run_without_its_store(place: Path) -> list[str]:
-    shutil.rmtree(finished(place) / "run.zarr")
-    return export(place)
+case(SETS, "export of a run without its store",
+     after(lambda p: shutil.rmtree(finished(p) / "run.zarr"), lambda p: export(p)), "old",
+     "run.zarr", "is missing", slow=True)  # fmt: skip
 
 
-@hostile(SETS, "run.zarr", "run the command that left")
-def export_of_a_run_whose_store_is_garbage(place: Path) -> list[str]:
-    (finished(place) / "run.zarr" / "zarr.json").write_bytes(b"\xff{garbage")
-    return export(place)
+def garbled(place: Path, name: str, data: bytes) -> None:
+    """A run one of whose files is other bytes."""
+    (finished(place) / name).write_bytes(data)
 
 
-@hostile(SETS, "run.zarr", "run the command that left", slow=True)
-def export_of_a_run_one_of_whose_columns_is_garbage(place: Path) -> list[str]:
-    (finished(place) / "run.zarr" / "chi" / "zarr.json").write_bytes(b"[]")
-    return export(place)
+RUN_AGAIN = ("run.zarr", "run the command that left")
+case(SETS, "export of a run whose store is garbage",
+     lambda p: garbled(p, "run.zarr/zarr.json", b"\xff{garbage") or export(p),
+     *RUN_AGAIN)  # fmt: skip
+case(SETS, "export of a run one of whose columns is garbage",
+     lambda p: garbled(p, "run.zarr/chi/zarr.json", b"[]") or export(p), *RUN_AGAIN,
+     slow=True)  # fmt: skip
 
 
 @hostile(SETS, "run.zarr", "run the command that left", slow=True)
@@ -197,15 +184,14 @@ def comparison_with_a_run_whose_maps_are_garbage(place: Path) -> list[str]:
     return compare(place)
 
 
-@hostile(SETS, "old/", "no provenance.json", "move it away")
-def results_over_a_run_whose_record_is_garbage(place: Path) -> list[str]:
-    (finished(place) / "provenance.json").write_bytes(b"\xff[")
+def results_over(place: Path, record: bytes) -> list[str]:
+    garbled(place, "provenance.json", record)
     write_scene(place, "[specimen]\nthickness_mm = 4.0\n")
     return [*process("f.tif", "wrong.toml")[:-1], "old"]
 
 
-@hostile(SETS, "old/", "no provenance.json", "move it away", slow=True)
-def results_over_a_run_whose_record_names_no_files(place: Path) -> list[str]:
-    (finished(place) / "provenance.json").write_text('{"outputs": [1, {"a": 2}]}')
-    write_scene(place, "[specimen]\nthickness_mm = 4.0\n")
-    return [*process("f.tif", "wrong.toml")[:-1], "old"]
+NO_RECORD = ("old/", "no provenance.json", "move it away")
+case(SETS, "results over a run whose record is garbage", lambda p: results_over(p, b"\xff["),
+     *NO_RECORD)  # fmt: skip
+case(SETS, "results over a run whose record names no files",
+     lambda p: results_over(p, b'{"outputs": [1, {"a": 2}]}'), *NO_RECORD, slow=True)  # fmt: skip

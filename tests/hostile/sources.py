@@ -1,72 +1,43 @@
 """Frames that are no files, cannot be read, vanish, or change while they are read."""
 
-from __future__ import annotations
-
 import os
+from functools import partial
 from pathlib import Path
 
-from hostile.attack import Case, hostile
+from hostile.attack import Case, after, case, hostile
 from hostile.given import image, pictures, process, stack, video
 
 SOURCES: list[Case] = []
 
 
-@hostile(SOURCES, "p.avi", "is not a file", "name the file itself")
-def pipe_as_frames(place: Path) -> list[str]:
-    os.mkfifo(place / "p.avi")
-    return process("p.avi")
+def piped(place: Path, name: str) -> list[str]:
+    os.mkfifo(place / name)
+    return process(name)
 
 
-@hostile(SOURCES, "p.tif", "is not a file", "name the file itself")
-def pipe_as_a_stack(place: Path) -> list[str]:
-    os.mkfifo(place / "p.tif")
-    return process("p.tif")
-
-
-@hostile(SOURCES, "/dev/zero", "cannot be read", "folder")
-def device_without_end_as_frames(place: Path) -> list[str]:
-    return process("/dev/zero")
-
-
-@hostile(SOURCES, "z.tif", "is not a file", "name the file itself")
-def link_to_a_device_without_end(place: Path) -> list[str]:
-    (place / "z.tif").symlink_to("/dev/zero")
-    return process("z.tif")
-
-
-@hostile(SOURCES, "/dev/stdin", "cannot be read", "folder")
-def standard_input_as_frames(place: Path) -> list[str]:
-    return process("/dev/stdin")
-
-
-@hostile(SOURCES, "-", "no such file or folder", "check its name")
-def dash_as_frames(place: Path) -> list[str]:
-    return ["process", "--scene", "plain.toml", "--out", "out", "--", "-"]
-
-
-@hostile(SOURCES, "p.toml", "")
-def pipe_as_a_scene(place: Path) -> list[str]:
-    os.mkfifo(place / "p.toml")
-    stack(place / "f.tif")
-    return process("f.tif", "p.toml")
-
-
-@hostile(SOURCES, "/dev/zero", "")
-def device_without_end_as_a_scene(place: Path) -> list[str]:
-    stack(place / "f.tif")
-    return process("f.tif", "/dev/zero")
-
-
-@hostile(SOURCES, "x.tif", "holds no image", "name a folder with frames")
-def folder_that_is_named_as_a_stack(place: Path) -> list[str]:
-    (place / "x.tif").mkdir()
-    return process("x.tif")
-
-
-@hostile(SOURCES, "e.tif", "0 bytes", "copy it again")
-def empty_stack(place: Path) -> list[str]:
-    (place / "e.tif").touch()
-    return process("e.tif")
+for name, what in (("p.avi", "frames"), ("p.tif", "a stack")):
+    case(SOURCES, f"pipe as {what}", partial(piped, name=name), name, "is not a file",
+         "name the file itself")  # fmt: skip
+case(SOURCES, "device without end as frames", lambda _: process("/dev/zero"), "/dev/zero",
+     "cannot be read", "folder")  # fmt: skip
+case(SOURCES, "link to a device without end",
+     after(lambda p: (p / "z.tif").symlink_to("/dev/zero"), process("z.tif")), "z.tif",
+     "is not a file", "name the file itself")  # fmt: skip
+case(SOURCES, "standard input as frames", lambda _: process("/dev/stdin"), "/dev/stdin",
+     "cannot be read", "folder")  # fmt: skip
+case(SOURCES, "dash as frames",
+     lambda _: ["process", "--scene", "plain.toml", "--out", "out", "--", "-"], "-",
+     "no such file or folder", "check its name")  # fmt: skip
+case(SOURCES, "pipe as a scene", after(lambda p: (os.mkfifo(p / "p.toml"), stack(p / "f.tif")),
+     lambda p: process("f.tif", "p.toml")), "p.toml", "")  # fmt: skip
+case(SOURCES, "device without end as a scene",
+     after(lambda p: stack(p / "f.tif"), process("f.tif", "/dev/zero")), "/dev/zero",
+     "")  # fmt: skip
+case(SOURCES, "folder that is named as a stack",
+     after(lambda p: (p / "x.tif").mkdir(), process("x.tif")), "x.tif", "holds no image",
+     "name a folder with frames")  # fmt: skip
+case(SOURCES, "empty stack", after(lambda p: (p / "e.tif").touch(), process("e.tif")), "e.tif",
+     "0 bytes", "copy it again")  # fmt: skip
 
 
 @hostile(SOURCES, "1.png", "0 bytes", "copy it again")
@@ -77,17 +48,12 @@ def empty_image_in_a_folder(place: Path) -> list[str]:
     return process("d")
 
 
-@hostile(SOURCES, "f.tif", "Permission denied")
-def stack_that_may_not_be_read(place: Path) -> list[str]:
-    stack(place / "f.tif")
-    (place / "f.tif").chmod(0)
-    return process("f.tif")
-
-
-@hostile(SOURCES, "f.mkv", "Permission denied")
-def video_that_may_not_be_read(place: Path) -> list[str]:
-    video(place / "f.mkv").chmod(0)
-    return process("f.mkv")
+case(SOURCES, "stack that may not be read",
+     after(lambda p: (stack(p / "f.tif"), (p / "f.tif").chmod(0)), process("f.tif")), "f.tif",
+     "Permission denied")  # fmt: skip
+case(SOURCES, "video that may not be read",
+     after(lambda p: video(p / "f.mkv").chmod(0), process("f.mkv")), "f.mkv",
+     "Permission denied")  # fmt: skip
 
 
 @hostile(SOURCES, "d", "Permission denied")
@@ -98,17 +64,12 @@ def folder_that_may_not_be_read(place: Path) -> list[str]:
     return process("d")
 
 
-@hostile(SOURCES, "plain.toml", "Permission denied")
-def scene_that_may_not_be_read(place: Path) -> list[str]:
-    stack(place / "f.tif")
-    (place / "plain.toml").chmod(0)
-    return process("f.tif")
-
-
-@hostile(SOURCES, "loop.tif", "check its name")
-def frames_that_are_a_link_to_themselves(place: Path) -> list[str]:
-    (place / "loop.tif").symlink_to("loop.tif")
-    return process("loop.tif")
+case(SOURCES, "scene that may not be read",
+     after(lambda p: (stack(p / "f.tif"), (p / "plain.toml").chmod(0)), process("f.tif")),
+     "plain.toml", "Permission denied")  # fmt: skip
+case(SOURCES, "frames that are a link to themselves",
+     after(lambda p: (p / "loop.tif").symlink_to("loop.tif"), process("loop.tif")), "loop.tif",
+     "check its name")  # fmt: skip
 
 
 @hostile(SOURCES, "plain.toml")
@@ -119,15 +80,11 @@ def scene_that_is_a_link_to_itself(place: Path) -> list[str]:
     return process("f.tif")
 
 
-@hostile(SOURCES, "File name too long", "check its name")
-def frames_of_a_name_of_three_hundred_letters(place: Path) -> list[str]:
-    return process("f" * 300 + ".tif")
-
-
-@hostile(SOURCES, "no such file", "check its name")
-def name_that_is_a_broken_pattern(place: Path) -> list[str]:
-    stack(place / "f.tif")
-    return process("[!f*.tif")
+case(SOURCES, "frames of a name of three hundred letters", lambda _: process("f" * 300 + ".tif"),
+     "File name too long", "check its name")  # fmt: skip
+case(SOURCES, "name that is a broken pattern",
+     after(lambda p: stack(p / "f.tif"), process("[!f*.tif")), "no such file",
+     "check its name")  # fmt: skip
 
 
 def meanwhile(do) -> None:

@@ -1,9 +1,4 @@
-"""Sixty hostile inputs and more: each is refused in one line, and nothing has changed.
-
-All go through the command line, in a process of their own without rights beyond its user's, with
-two gigabytes of memory and twenty seconds of computing. The cases stand in the modules beside this
-one, a list each: what they are is said there.
-"""
+"""Sixty hostile inputs and more: each is refused in one line, and nothing has changed."""
 
 import re
 import sys

@@ -1,10 +1,4 @@
-"""Films that are drawn by a seed: specimen, orders, course, lamp, noise and field.
-
-Specimens are the closed forms of `tests/benchmarks/outside_fields.py`; a pixel's light is the mean
-over nine samples of it. No code of the package takes part.
-"""
-
-from __future__ import annotations
+"""Films that are drawn by a seed: specimen, orders, course, lamp, noise and field."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -31,8 +25,7 @@ per cent of the specimen: beside loads and tips both are larger."""
 @dataclass(frozen=True)
 class DrawnFilm(LoadedFilm):
     """A film by its `number` under a `seed`; `shape` and `noise` as of a LoadedFilm, but that
-    a noise of None is drawn.
-    """
+    a noise of None is drawn."""
 
     shape: tuple[int, int] = MIDDLE
     noise: float | None = None
@@ -215,9 +208,7 @@ class DrawnKnownFilm(DrawnFilm):
 
 def drawn_known_film(number, shape, *, seed, count=60):
     """A DrawnKnownFilm by its `number` under a `seed`: the first that has a place without stress.
-
-    It is looked for in frames of one size, so that a film is the same in another.
-    """
+    It is looked for in frames of one size, so that a film is the same in another."""
     for draw in range(DRAWS):
         film = DrawnKnownFilm(number, MIDDLE, seed=seed, count=count, draw=draw)
         if film.least()[0] < NOUGHT:

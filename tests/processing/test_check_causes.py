@@ -1,7 +1,5 @@
 """`check` asks the first frame that shows fringes, and says what `process` will say of it."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -87,10 +85,8 @@ def strange():
 
 def refused_beforehand(path, scene, monkeypatch):
     """The one error of `check`, where `process` refuses the frames, too.
-
     A bar below the noise makes a right model one that is too far off; see the real disc in
-    tests/setup_page for one that is.
-    """
+    tests/setup_page for one that is."""
     assert check(path, scene).ok
     monkeypatch.setattr("isochrome.processing.kinds.with_model.TOO_FAR", 1e-3)
     found = check(path, scene)

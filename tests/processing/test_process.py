@@ -56,10 +56,8 @@ def right_to_a_hundredth(item, true):
     error = item.reading.order - true
     known = np.isfinite(item.reading.order)
     assert np.isfinite(error[known]).all()  # nothing is read where there is no specimen
-    assert np.sqrt(np.mean(error[known] ** 2)) <= 0.01
-    assert np.abs(error[known]).max() < 0.25
-    assert 0.9 < item.chi < 1.1
-    assert item.reading.kept >= 0.95
+    assert np.sqrt(np.mean(error[known] ** 2)) <= 0.01 and np.abs(error[known]).max() < 0.25
+    assert 0.9 < item.chi < 1.1 and item.reading.kept >= 0.95
     # a worn contact's largest order lies at its edge, on the surface, where none is read
     assert all("n_max and its place are those of the fitted model" in w for w in item.warnings)
     assert abs(item.largest["n_max"] - np.nanmax(true)) <= 2.0 * item.largest["n_max_uncertainty"]
@@ -99,16 +97,11 @@ def test_all_sample_frames_are_read_to_a_hundredth_of_a_fringe(true_order):
         right_to_a_hundredth(item, true)
 
 
-def test_stated_uncertainty_is_that_of_the_errors(first_and_last, true_order):
+def test_uncertainty_and_confidence_are_those_of_the_errors(first_and_last, true_order):
     for item, state in zip(first_and_last.frames, (0, 5), strict=True):
         pull = (item.reading.order - true_order[state]) / item.reading.uncertainty
         pull = pull[np.isfinite(pull)]
         assert 0.8 < np.sqrt(np.mean(pull**2)) < 1.3
-
-
-def test_confidence_is_the_share_of_pixels_right_to_a_twentieth_of_a_fringe(
-    first_and_last, true_order
-):
     judged = 0
     for item, state in zip(first_and_last.frames, (0, 5), strict=True):
         known = np.isfinite(item.reading.order)
@@ -208,18 +201,13 @@ def small_disc(tmp_path_factory):
 
 def test_a_rim_that_is_not_the_discs_is_told(small_disc):
     """The rim is 50 mm wide, and the scene's pixel makes 51 mm of it, and 53 mm.
-
-    Asked of the disc's place alone: a fit to a disc of another size takes seconds to be lost.
-    """
+    Asked of the disc's place alone: a fit to a disc of another size takes seconds to be lost."""
     path, scene = small_disc
     (frame,) = open_frames(path)
     data = prepare_frame(frame, scene, bit_depth=8)
     for wider, told in ((1.02, False), (1.06, True)):
         _, notes = placed_disc(scene.with_values({"camera.pixel_mm": 0.39 * wider}), data)
         assert any("mm wide by camera.pixel_mm" in note for note in notes) == told
-
-
-def test_a_disc_is_found_with_its_load(small_disc):
     found = process(*small_disc)
     assert found.columns["load.normal_n"][0] == pytest.approx(560.0, rel=1e-3)
     assert 0.9 < found.columns["chi"][0] < 1.1
@@ -246,8 +234,7 @@ def test_without_a_model_the_frame_is_normalised_and_that_is_said(tmp_path, text
     signal = tifffile.imread(tmp_path / "out" / "normalised.tif")
     assert signal.shape == (60, 80) and signal.dtype == np.float32
     lines = read_csv(tmp_path / "out" / "skeleton.csv")
-    assert len(lines["frame"]) > 100
-    assert found.columns["fringe_lines"][0] > 0
+    assert len(lines["frame"]) > 100 and found.columns["fringe_lines"][0] > 0
 
 
 @pytest.mark.long

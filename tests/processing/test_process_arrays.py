@@ -1,8 +1,6 @@
 """What is found in arrays is what is found in the files of their pixels, bit by bit; nothing is
 written."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
@@ -84,11 +82,14 @@ def test_fit_and_check_of_an_array_are_those_of_its_file(ring):
     assert numbers_of(one) == numbers_of(other) and one.ok
 
 
-def test_a_scene_may_be_its_tables(ring):
+def test_arrays_and_tables_are_taken_as_files_are_and_too_many_maps_refused(ring):
     tables = RING.model_dump(exclude_unset=True)
     found = isochrome.simulate(tables)
-    assert np.array_equal(found.frames, ring[0])
-    assert isochrome.check(ring[0], tables).ok
+    assert np.array_equal(found.frames, ring[0]) and isochrome.check(ring[0], tables).ok
+    endless = Endless(ring[0][0])
+    with pytest.raises(InputError, match=r"900000 frames take 177 GB.*give a folder") as refusal:
+        isochrome.process(endless, RING)
+    assert endless.asked < 5 and len(str(refusal.value).splitlines()) == 1
 
 
 def test_an_array_in_memory_and_on_disk_leaves_the_same_and_is_not_taken_for_another(ring, empty):
@@ -132,13 +133,6 @@ class Endless:
     def __getitem__(self, index):
         self.asked += 1
         return self.frame
-
-
-def test_maps_that_memory_cannot_hold_are_refused_before_any_is_made(ring):
-    endless = Endless(ring[0][0])
-    with pytest.raises(InputError, match=r"900000 frames take 177 GB.*give a folder") as refusal:
-        isochrome.process(endless, RING)
-    assert endless.asked < 5 and len(str(refusal.value).splitlines()) == 1
 
 
 def test_steps_of_an_array_and_an_array_of_the_unloaded_specimen(empty):
@@ -185,8 +179,7 @@ def set_of_arrays(name):
 def test_calibration_of_arrays_is_that_of_their_files(name):
     calibrate = SETS[name]
     one, other = calibrate(set_of_arrays(name)), calibrate(samples_path() / name / "set.toml")
-    assert numbers_of(one) == numbers_of(other)
-    assert one.columns["file"][0] == "image 1"
+    assert numbers_of(one) == numbers_of(other) and one.columns["file"][0] == "image 1"
 
 
 @pytest.mark.parametrize(
@@ -295,7 +288,5 @@ def test_the_sample_arrays_give_what_their_files_give_and_no_file_is_written():
     """process, fit, check and track of the six sample frames: every number, and every map."""
     (of_files,) = printed([SAMPLE, AS_FILES, COMMANDS])
     of_arrays, written = printed([SAMPLE, AS_ARRAYS, WATCHED, COMMANDS, "print(written)"])
-    assert json.loads(of_arrays) == json.loads(of_files)
-    assert len(json.loads(of_files)[1]) == 18
-    assert written == "[]"
-    assert [path.name for path in Path().iterdir()] == ["OUT"]
+    assert json.loads(of_arrays) == json.loads(of_files) and len(json.loads(of_files)[1]) == 18
+    assert written == "[]" and [path.name for path in Path().iterdir()] == ["OUT"]

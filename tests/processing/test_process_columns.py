@@ -9,10 +9,7 @@ from hypothesis import strategies as st
 
 from isochrome.guide import guide_page
 from isochrome.output import Floats, csv_text, json_pieces
-from isochrome.processing.in_common import tabulate_set
-from isochrome.processing.kinds.kind import kind_of
-from isochrome.processing.kinds.tracked import TrackedFilm
-from isochrome.processing.result import cell_values, row_of_set
+from isochrome.processing import TrackedFilm, cell_values, kind_of, row_of_set, tabulate_set
 from isochrome.scene import load_scene, parse_scene
 
 CELLS = st.one_of(st.none(), st.integers(), st.floats(), st.booleans(), st.sampled_from("ab"))
@@ -38,15 +35,12 @@ def test_columns_hold_what_the_rows_do(rows):
         assert all(same(value, row.get(name)) for value, row in zip(values, rows, strict=True))
 
 
-def test_numbers_take_eight_bytes_as_long_as_all_are():
+def test_numbers_take_eight_bytes_and_a_text_that_comes_again_none():
     rows = [{"warnings": "", "chi": 1.0 + k, "wear": float(k)} for k in range(100)]
     table = tabulate_set(rows)
     assert list(table) == ["chi", "wear", "warnings"]  # the longest texts last
     assert isinstance(table["chi"], Floats) and table["chi"].itemsize == 8
     assert isinstance(tabulate_set([*rows, {"warnings": ""}])["wear"], list)
-
-
-def test_a_text_that_comes_again_is_the_one_before():
     texts = ["".join(["fo", "llowed"]) for _ in range(3)]
     assert texts[0] is not texts[1]
     found = tabulate_set({"found_by": text} for text in texts)["found_by"]
@@ -81,8 +75,7 @@ def test_columns_are_the_scenes_whatever_is_found(tracked):
     """A lost frame added `fringe_lines`, one with a cause its keys, a first that failed none."""
     columns = columns_of(CONTACT, tracked=tracked)
     keys = ("load.normal_n", "camera.left_mm", "friction.coefficient", "wear.coefficient_mm2_per_n")
-    assert set(keys) < set(columns) and columns[-1] == "warnings"
-    assert columns.count("causes") == 1
+    assert set(keys) < set(columns) and columns[-1] == "warnings" and columns.count("causes") == 1
     rows = [{"frame": 0}, {"frame": 1, "fringe_lines": 3}, dict.fromkeys(columns, 1.0)]
     for row in rows:
         assert tuple(row_of_set(row, columns, CONTACT)) == columns

@@ -1,7 +1,6 @@
 """Maps of every frame of a followed video: as `--each` gives them, compact, whoever makes them."""
 
-from __future__ import annotations
-
+import pkgutil
 import threading
 
 import cv2
@@ -17,10 +16,7 @@ from isochrome.comparison import load_frame_set
 from isochrome.errors import InputError
 from isochrome.optics import expose
 from isochrome.output import read_csv
-from isochrome.processing import process
-from isochrome.processing.kinds import tracked
-from isochrome.processing.kinds.tracked import FINEST_STEP, order_step
-from isochrome.processing.pictures import preview
+from isochrome.processing import FINEST_STEP, order_step, process
 from isochrome.runs import Compact, export
 from isochrome.simulation import make_picture, scene_states, state_difference
 from isochrome.stress import pixel_grid
@@ -84,11 +80,10 @@ def test_each_frame_has_the_map_that_it_has_when_it_is_processed_alone(followed)
     truth = true_orders(contact(sliding=True), course(COUNT))
     error = (order - truth)[np.isfinite(order)]
     # what the noise leaves of a pooled reading; the bar of a frame by itself is the same
-    assert np.sqrt(np.mean(error**2)) < 0.005
-    assert np.mean(np.abs(error) > 0.25) == 0.0
+    assert np.sqrt(np.mean(error**2)) < 0.005 and np.mean(np.abs(error) > 0.25) == 0.0
 
 
-def test_a_followed_frame_has_the_columns_of_a_whole_one(followed):
+def test_a_followed_frame_has_the_columns_and_pages_of_a_whole_one(followed):
     place, found, said = followed
     table = read_csv(place / "out" / "frames.csv")
     truth = true_orders(contact(sliding=True), course(COUNT))
@@ -99,6 +94,16 @@ def test_a_followed_frame_has_the_columns_of_a_whole_one(followed):
     assert min(table["kept_share"]) > 0.95
     assert [k for k, at in enumerate(found.columns["picture"]) if at is not None] == [0, 5]
     assert any("maps of 8 frames" in text and "MB a frame" in text for text in said)
+    place, _, _ = followed
+    with open_run(place / "out") as dataset:
+        for name in ("fringe_order", "confidence"):
+            stored = dataset[name].values
+            with tifffile.TiffFile(place / "out" / f"{name}.tif") as tif:
+                np.testing.assert_array_equal(tif.asarray(), stored)
+                assert len(tif.imagej_metadata["Labels"]) == COUNT
+        assert tifffile.imread(place / "out" / "normalised.tif").shape == (2, *SHAPE)
+        compared = load_frame_set(place / "out")
+        np.testing.assert_array_equal(compared.order, dataset.fringe_order.values[[0, 5]])
 
 
 def test_maps_are_kept_in_whole_steps_whose_error_is_half_of_one(followed):
@@ -128,7 +133,7 @@ def shown_maps(figure):
     }
 
 
-@pytest.mark.parametrize("kept", ["folder", "memory"])
+@pytest.mark.parametrize("kept", ["folder", pytest.param("memory", marks=pytest.mark.long)])
 def test_a_figure_shows_the_maps_of_the_frames_that_it_names(followed, kept):
     """Pictures are numbered by key frame, orders by frame: 5 is the second key frame."""
     place, found, _ = followed
@@ -143,7 +148,8 @@ def test_a_figure_shows_the_maps_of_the_frames_that_it_names(followed, kept):
     assert np.isnan(of_frame[1]).all()  # its picture is not kept, and the panel says so
 
 
-def test_a_figure_of_few_key_frames_shows_other_frames_too(followed):
+@pytest.mark.long
+def test_figures_show_frames_that_have_maps_and_refuse_others(followed):
     _, found, _ = followed
     figure = isochrome.paper_figure(found)
     shown = [values for name, values in shown_maps(figure).items() if "order" in name]
@@ -154,9 +160,6 @@ def test_a_figure_of_few_key_frames_shows_other_frames_too(followed):
     assert texts.count("its picture\nis not kept") == 2
     alone = shown_maps(isochrome.paper_figure(found, isochrome.FigureStyle(frames=(3,))))
     assert len(alone) == 1  # no panel for a picture that nobody has
-
-
-def test_frames_without_a_map_are_refused_in_a_figure(followed):
     place, _, _ = followed
     found = run(place, out=None, maps="key")
     shown = shown_maps(isochrome.paper_figure(found))
@@ -184,19 +187,6 @@ def test_the_report_shows_frames_between_the_key_frames(followed):
         own = decoded(one["order"], one["rows"], one["cols"])
         # orders of a report are rounded to its step
         np.testing.assert_allclose(own, order[k, : one["rows"], : one["cols"]], atol=0.00051)
-
-
-def test_the_stacks_have_a_page_for_every_frame_as_run_zarr_has_it(followed):
-    place, _, _ = followed
-    with open_run(place / "out") as dataset:
-        for name in ("fringe_order", "confidence"):
-            stored = dataset[name].values
-            with tifffile.TiffFile(place / "out" / f"{name}.tif") as tif:
-                np.testing.assert_array_equal(tif.asarray(), stored)
-                assert len(tif.imagej_metadata["Labels"]) == COUNT
-        assert tifffile.imread(place / "out" / "normalised.tif").shape == (2, *SHAPE)
-        compared = load_frame_set(place / "out")
-        np.testing.assert_array_equal(compared.order, dataset.fringe_order.values[[0, 5]])
 
 
 def test_stacks_that_would_be_too_large_hold_the_key_frames_and_it_is_said(followed, monkeypatch):
@@ -283,23 +273,23 @@ def test_options_that_say_nothing_are_refused(tmp_path, more, said):
 
 def test_a_growing_run_can_be_opened_and_looked_at(followed, monkeypatch):
     place, _, _ = followed
-    looks, follow = [], tracked.KeyFrames.follow
+    follow_of = "isochrome.processing.kinds.tracked.KeyFrames.follow"
+    looks, follow = [], pkgutil.resolve_name(follow_of)
 
     def looked(self, frame):
         if frame.index == 7:
             with open_run(place / "grown.partial") as dataset:
                 looks.append((dataset.finished.values.tolist(), dataset.load_normal_n.values,
                               dataset.fringe_order.values))  # fmt: skip
-            looks.append(cv2.imread(str(place / "grown.partial" / preview.PREVIEW)))
+            looks.append(cv2.imread(str(place / "grown.partial" / "preview.png")))
         return follow(self, frame)
 
-    monkeypatch.setattr(tracked.KeyFrames, "follow", looked)
+    monkeypatch.setattr(follow_of, looked)
     # the chunk before is written while this one is computed
     monkeypatch.setattr("isochrome.runs.workers.futures.ThreadPoolExecutor", _AtOnce)
     run(place, out="grown", preview=True)
     (finished, load, order), picture = looks
-    assert finished == [True] * 5 + [False] * 3
-    assert np.isfinite(load).tolist() == finished
+    assert finished == [True] * 5 + [False] * 3 and np.isfinite(load).tolist() == finished
     assert np.isfinite(order).any(axis=(1, 2)).tolist() == finished
     assert picture.shape == (SHAPE[0] + 22, SHAPE[1], 3)
     assert picture[22:].std(axis=(0, 1)).min() > 10.0  # colours, not a blank
@@ -357,8 +347,7 @@ def test_a_worn_film_under_a_load_that_swings_has_the_maps_of_its_frames_alone(t
     # a frame alone takes a constant load for what wore it, and so leaves out more
     assert np.mean(np.isfinite(alone) & ~np.isfinite(own)) < 0.005
     error = found.dataset.fringe_order.values - np.stack(orders)
-    assert np.sqrt(np.nanmean(error**2)) < 0.005
-    assert np.nanmax(np.abs(error)) < 0.25
+    assert np.sqrt(np.nanmean(error**2)) < 0.005 and np.nanmax(np.abs(error)) < 0.25
     assert found.columns["found_by"].count("track") == 199
     values = np.array(found.columns[LOAD], dtype=float)
     spread = np.array(found.columns[f"{LOAD} standard_uncertainty"], dtype=float)

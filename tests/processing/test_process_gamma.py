@@ -5,8 +5,7 @@ import pytest
 import tifffile
 
 from isochrome.output import read_csv
-from isochrome.processing import process
-from isochrome.processing.in_common import with_scatter_of_gamma
+from isochrome.processing import process, with_scatter_of_gamma
 
 UNCERTAINTY = "gamma standard_uncertainty"
 TEXT = '[specimen]\n[camera]\nbit_depth = 8\n[frames]\ngamma = "unknown"\n'
@@ -33,7 +32,7 @@ def test_gammas_that_scatter_beyond_their_uncertainty_are_as_uncertain_as_they_s
     assert with_scatter_of_gamma(found) is found  # once is enough
 
 
-def test_gammas_that_agree_and_one_alone_are_left_as_they_are():
+def test_gammas_that_agree_one_alone_and_wider_ones_keep_theirs():
     rng = np.random.default_rng(7)
     said = 0
     for _ in range(300):
@@ -42,9 +41,6 @@ def test_gammas_that_agree_and_one_alone_are_left_as_they_are():
     assert said <= 10  # of 3 by chance
     for given in (table([1.4], 0.01), table([1.4, None, float("nan")], 0.01)):
         assert with_scatter_of_gamma(given) is given
-
-
-def test_a_frame_without_gamma_and_a_wider_one_keep_theirs():
     given = table([1.3, None, 1.9, 1.6], 0.01)
     given[UNCERTAINTY] = [0.01, None, 0.01, 0.5]
     found = with_scatter_of_gamma(given)
@@ -65,8 +61,7 @@ def test_a_set_says_it_once_in_its_table_and_its_frames(tmp_path):
     whole = process(tmp_path / "film.tif", tmp_path / "scene.toml")
     kept = process(tmp_path / "film.tif", tmp_path / "scene.toml", tmp_path / "out")
     again = process(tmp_path / "film.tif", tmp_path / "scene.toml", tmp_path / "out")
-    assert again.already
-    assert whole.columns["gamma"] == pytest.approx([1.2, 1.9], rel=0.05)
+    assert again.already and whole.columns["gamma"] == pytest.approx([1.2, 1.9], rel=0.05)
     for found in (whole, kept, again):
         told = [text for text in found.warnings if "gamma scatters" in text]
         assert len(told) == 1 and "(frame 0) to" in told[0]

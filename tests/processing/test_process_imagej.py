@@ -1,7 +1,5 @@
 """The maps of `process` in ImageJ: scale, origin, labels, display range and colours."""
 
-from __future__ import annotations
-
 from zlib import crc32
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Films without a model: key frames are read from nothing, the others are followed from them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import tifffile
@@ -21,9 +19,7 @@ def test_frames_are_followed_from_a_key_frame_in_the_middle_of_a_film():
     numbers = list(range(20, 40))
     found = process(film.frames(numbers), film.scene(**AXIS), track=True, every=15)
     kept, wrong, rms = judged(film, found, numbers).T
-    assert wrong.max() == 0.0
-    assert kept.min() > 0.6
-    assert rms.max() < 0.02
+    assert wrong.max() == 0.0 and kept.min() > 0.6 and rms.max() < 0.02
     assert "key frame" in found.table["warnings"][0]
 
 
@@ -33,20 +29,15 @@ def test_orders_are_read_anew_after_a_gap():
     numbers = [*range(20, 26), *range(36, 42)]
     found = process(film.frames(numbers), film.scene(**AXIS), track=True)
     kept, wrong, _ = judged(film, found, numbers).T
-    assert wrong.max() == 0.0
-    assert kept.min() > 0.6
+    assert wrong.max() == 0.0 and kept.min() > 0.6
     assert "read anew in frame 6" in found.table["warnings"][6]
 
 
-def test_a_film_in_which_nothing_can_be_read_says_so():
+def test_a_film_of_nothing_or_of_far_loads_is_refused():
     film = LoadedFilm(4)
     with pytest.raises(PhysicsError, match="no order could be read in any of the frames"):
         process(film.frames(range(1)), film.scene(**AXIS), track=True)
-
-
-def test_a_set_whose_loads_are_far_apart_is_no_film():
-    """Each frame can be read, and none of them be followed to from the one before."""
-    film = LoadedFilm(4)
+    # each frame can be read, and none of them be followed to from the one before
     numbers = [22, 32, 40]
     assert np.abs(np.diff(film.course[numbers])).min() > 1.0
     with pytest.raises(PhysicsError, match="cannot be followed in time"):
@@ -61,8 +52,7 @@ def test_a_video_is_followed_by_default_and_each_reads_its_frames_alone(tmp_path
     found = process(tmp_path / "film.mkv", film.scene(**AXIS))
     assert "key frame" in found.table["warnings"][0]
     kept, wrong, _ = judged(film, found, numbers).T
-    assert wrong.max() == 0.0
-    assert kept.min() > 0.6
+    assert wrong.max() == 0.0 and kept.min() > 0.6
     apart = np.diff(found.dataset.time_s.values)
     assert apart.max() == pytest.approx(2.0 * apart.min(), rel=1e-3)  # stored in milliseconds
     alone = process(tmp_path / "film.mkv", film.scene(**AXIS), each=True)
@@ -88,6 +78,7 @@ def test_a_video_whose_loads_are_far_apart_has_its_frames_read_alone_and_says_so
         process(*arguments, track=True)
 
 
+@pytest.mark.long
 def test_workers_and_folders_give_the_same_bytes(tmp_path):
     film = LoadedFilm(4)
     tifffile.imwrite(tmp_path / "film.tif", film.frames(range(20, 46)))
@@ -142,6 +133,4 @@ def test_a_followed_film_keeps_what_single_frames_keep(number):
     scene, images = film.scene(**film.known()), film.frames()
     kept, wrong, rms = judged(film, process(images, scene, track=True)).T
     single = judged(film, process(images[::13], scene), range(0, 40, 13))[:, 0]
-    assert wrong.max() < 1e-3
-    assert np.median(rms) < 0.01
-    assert np.median(kept[::13] - single) > -0.02
+    assert wrong.max() < 1e-3 and np.median(rms) < 0.01 and np.median(kept[::13] - single) > -0.02

@@ -45,36 +45,34 @@ def test_each_load_is_read_against_the_others(frames, tmp_path):
     found = process(frames, with_loads(*stated), tmp_path / "out")
     load = np.array(found.table["load.normal_n"])
     spread = np.array(found.table["load.normal_n standard_uncertainty"])
-    assert np.all(np.abs(load - LOADS) < 3.0 * spread)
-    assert min(found.table["explained_share"]) > 0.8
+    assert np.all(np.abs(load - LOADS) < 3.0 * spread) and min(found.table["explained_share"]) > 0.8
     assert "stated as 1110 N" in found.table["warnings"][5]
     assert not any("stated as" in text for k, text in enumerate(found.table["warnings"]) if k != 5)
-    assert not found.causes
-    assert not found.asks_causes
+    assert not found.causes and not found.asks_causes
     assert any("no model names the fringes" in text for text in found.warnings)
     report = (tmp_path / "out" / "report.html").read_text("utf-8")
-    assert "causes found" not in report
-    assert "no simulation" in report
+    assert "causes found" not in report and "no simulation" in report
     assert "taken as exact" not in report.lower()
     assert not (tmp_path / "out" / "fringe_order.tif").exists()
 
 
+@pytest.mark.long
 def test_one_frame_alone_gives_the_same_load_as_the_set(frames):
     whole = process(frames, with_loads(*LOADS))
     (one,) = process_frame(frames_of(frames), with_loads(*LOADS), 3).values
-    assert one.key == "load.normal_n"
-    assert one.value == whole.table["load.normal_n"][3]
+    assert one.key == "load.normal_n" and one.value == whole.table["load.normal_n"][3]
 
 
+@pytest.mark.long
 def test_check_reads_loads_and_refuses_those_that_do_not_belong(frames):
     assert check(frames, with_loads(*LOADS)).ok
     found = check(frames, with_loads(*LOADS[:6]))
     assert any("has 6 numbers, and the set 7 frames" in one.text for one in found.findings)
     few = check(frames[:4], with_loads(*LOADS[:4]))
-    assert not few.ok
-    assert any("3 other loads are known" in one.text for one in few.findings)
+    assert not few.ok and any("3 other loads are known" in one.text for one in few.findings)
 
 
+@pytest.mark.long
 def test_too_few_known_loads_are_no_result(frames):
     with pytest.raises(PhysicsError, match=r"nothing could be read .*3 other loads are known"):
         process(frames[:4], with_loads(*LOADS[:4]))
@@ -110,7 +108,5 @@ def test_the_real_disc_by_its_own_loads(tmp_path):
     load = np.array(found.table["load.normal_n"])
     spread = np.array(found.table["load.normal_n standard_uncertainty"])
     pulls = (load - loads) / spread
-    assert np.all(np.abs(pulls[:6]) < 2.0)
-    assert np.all(spread < 0.08 * load)
-    assert "stated as 1221 N" in found.table["warnings"][6]
-    assert abs(load[6] / loads[6] - 1.0) < 0.06
+    assert np.all(np.abs(pulls[:6]) < 2.0) and np.all(spread < 0.08 * load)
+    assert "stated as 1221 N" in found.table["warnings"][6] and abs(load[6] / loads[6] - 1.0) < 0.06

@@ -1,7 +1,5 @@
 """A worn block remembers the loads that it was worn under: the wear coefficient's ± covers it."""
 
-from __future__ import annotations
-
 from math import hypot, sqrt
 
 import numpy as np
@@ -9,8 +7,7 @@ import pytest
 
 from fitting.test_fit_track import save
 from fitting.test_fit_track_worn import worn_film
-from isochrome.processing import process
-from isochrome.processing.in_common import with_past_loads
+from isochrome.processing import process, with_past_loads
 from isochrome.scene import load_scene
 
 LOAD, WEAR, SPREAD = "load.normal_n", "wear.coefficient_mm2_per_n", "standard_uncertainty"
@@ -39,9 +36,6 @@ def test_a_followed_frame_knows_the_loads_since_its_track_began():
     found = with_past_loads(table([40.0, 44.0, 48.0], **by), SCENE)
     begun = 0.3 * sqrt(8.0) / 44.0  # at 50 m: a third of the way at the end
     assert found[f"{WEAR} {SPREAD}"][1:] == pytest.approx([2e-9 * begun / 2, 2e-9 * begun / 3])
-
-
-def test_steady_loads_those_that_are_stated_and_a_single_frame_stay():
     given = table([44.0] * 3)
     assert with_past_loads(given, SCENE) is given
     given = {name: column for name, column in table([40.0, 44.0, 48.0]).items() if LOAD not in name}
@@ -60,6 +54,5 @@ def test_the_wear_of_a_load_that_swings_lies_within_its_uncertainty(tmp_path):
     found = process(tmp_path / "film.tif", scene, track=True, every=40).columns
     value, spread = (np.array(found[name], float) for name in (WEAR, f"{WEAR} {SPREAD}"))
     pull = (value - scene.get(WEAR)) / spread
-    assert np.all(np.abs(pull) < 4.0)
-    assert np.sqrt(np.mean(pull**2)) < 1.5
+    assert np.all(np.abs(pull) < 4.0) and np.sqrt(np.mean(pull**2)) < 1.5
     assert np.median(spread) < 0.02 * scene.get(WEAR)  # the loads scatter by 3.5 %

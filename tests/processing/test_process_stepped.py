@@ -127,13 +127,17 @@ def test_a_set_needs_no_model_and_each_state_stands_alone(worn, tmp_path):
     assert np.array_equal(one.isoclinic, other.isoclinic, equal_nan=True)
 
 
-def test_known_orders_of_the_scene_are_used(worn, tmp_path):
+def test_known_orders_of_the_scene_are_used_and_one_light_in_all_steps_refused(worn, tmp_path):
     scene, frames, orders = worn
     write_tiff(tmp_path / "set.tif", frames[:10])
     row, col = np.unravel_index(np.nanargmin(np.abs(orders[0] - 1.72)), orders[0].shape)
     seed = {"row_px": int(row), "col_px": int(col), "order": 1.72}
     seeded = image_only(scene).with_values({"frames.known_order": (seed,)})
     assert process(tmp_path / "set.tif", seeded).columns["whole_order_from"] == ["known order"]
+    scene, frames, _ = worn
+    write_tiff(tmp_path / "set.tif", np.repeat(frames[:1], 20, axis=0))
+    with pytest.raises(InputError, match="the same light in every step"):
+        process(tmp_path / "set.tif", scene)
 
 
 def test_the_models_load_may_be_off_where_only_the_model_tells(tmp_path):
@@ -169,21 +173,11 @@ def test_frames_that_are_no_whole_sets_are_refused(worn, tmp_path, count, words)
     assert not (tmp_path / "out").exists()
 
 
-def test_steps_that_cannot_tell_the_order_are_refused_before_the_frames():
+def test_steps_that_cannot_tell_the_order_and_an_unknown_gamma_are_refused(tmp_path):
     with pytest.raises(
         InputError, match=r"^set: \[\[polariscope.step\]\]: the 4 steps do not determine"
     ):
         process("nowhere.tif", stepped(steps=STEPS[6:]))
-
-
-def test_the_same_frame_over_and_over_is_refused(worn, tmp_path):
-    scene, frames, _ = worn
-    write_tiff(tmp_path / "set.tif", np.repeat(frames[:1], 20, axis=0))
-    with pytest.raises(InputError, match="the same light in every step"):
-        process(tmp_path / "set.tif", scene)
-
-
-def test_an_unknown_gamma_is_refused_for_steps(tmp_path):
     # Steps are compared as light: they do not tell the curve from the angles.
     scene = image_only(stepped()).with_values({"frames.gamma": "unknown"})
     write_tiff(tmp_path / "set.tif", np.tile(np.arange(40, dtype=np.uint8), (len(STEPS), 40, 1)))

@@ -1,7 +1,5 @@
 """A tracked video: key frames as ever, a row for every frame, the same bytes by whomever."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import tifffile
@@ -119,15 +117,12 @@ def test_the_dataset_has_pictures_of_key_frames_and_columns_of_all(tracked, tmp_
     assert run.stat().st_size > 3 * 2 * 4 * SHAPE[0] * SHAPE[1]
 
 
-def test_a_comparison_takes_the_key_frames(tracked):
+def test_a_complete_run_gives_its_table_again_and_its_key_frames_are_compared(tracked):
     place, _ = tracked
     found = load_frame_set(place / "out")
     assert found.signal.shape == (2, *SHAPE) and found.order.shape == (2, *SHAPE)
     assert found.labels == ("static",) * 2
     assert found.noise.shape == (2,) and np.isfinite(found.noise).all()
-
-
-def test_a_complete_run_gives_its_table_again(tracked):
     place, found = tracked
     again = run(place)
     assert again.already and again.warnings == found.warnings
@@ -141,16 +136,10 @@ def test_a_complete_run_gives_its_table_again(tracked):
 
 @pytest.mark.study
 @pytest.mark.long
-def test_two_workers_leave_the_same_files(tracked):
+def test_other_key_frames_are_another_run_and_two_workers_leave_the_same_files(tracked):
     place, _ = tracked
     run(place, "two", workers=2)
     assert contents(place / "two") == contents(place / "out")
-
-
-@pytest.mark.study
-@pytest.mark.long
-def test_other_key_frames_are_another_run(tracked):
-    place, _ = tracked
     found = process(
         place / "film.tif", place / "scene.toml", place / "other", track=True, every=EVERY
     )
@@ -259,8 +248,7 @@ def test_both_commands_that_track_say_the_same(tmp_path):
     # all but the first frame, of which process takes every pixel, hold the same pixels: Newton's
     # last step is a twentieth of a standard uncertainty at most
     apart = (one.values - other.values)[[1, 4, 5]] / one.standard_uncertainty[[1, 4, 5]]
-    assert np.abs(apart).max() < 0.05
-    assert one.summary().keys() == other.summary().keys()
+    assert np.abs(apart).max() < 0.05 and one.summary().keys() == other.summary().keys()
 
 
 @pytest.mark.long
@@ -359,8 +347,7 @@ def test_a_worn_contact_is_followed_by_its_frames_times(tmp_path):
     assert found.columns["found_by"] == ["whole frame", *["track"] * 5] * 2
     load, friction = (numbers(found.columns[key]) for key in (LOAD, FRICTION))
     # some 5 standard uncertainties of 0.01 N and 4e-4
-    assert np.all(np.abs(load - 44.0) < 0.05)
-    assert np.all(np.abs(friction - 0.2) < 2e-3)
+    assert np.all(np.abs(load - 44.0) < 0.05) and np.all(np.abs(friction - 0.2) < 2e-3)
     wear = numbers(found.columns["wear.coefficient_mm2_per_n"])
     spread = numbers(found.columns["wear.coefficient_mm2_per_n standard_uncertainty"])
     assert np.isnan(wear[0])  # nothing is worn yet

@@ -1,7 +1,5 @@
 """Films that begin without load: orders counted from zero, without a model or a known point."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from functools import lru_cache
@@ -33,8 +31,7 @@ def test_orders_are_counted_from_zero_through_unloading_and_pauses(number):
     assert wrong.max() == 0.0
     # frames of a quarter of the size have four times the gradient, and a tenth of a mm of noise
     # stands over fewer pixels; what is near order 0 cannot be read to 0.03 fringe
-    assert kept[5:].min() > 0.7
-    assert rms[5:].max() < 0.015
+    assert kept[5:].min() > 0.7 and rms[5:].max() < 0.015
 
 
 def test_the_table_says_how_high_the_orders_are_and_where_the_light_is_from():
@@ -43,8 +40,7 @@ def test_the_table_says_how_high_the_orders_are_and_where_the_light_is_from():
     # at the edge fringes come to 7 pixels, and the last of them are not read
     assert (highest[5:] > 0.75 * film.course[5:]).all()
     assert (highest[5:] < film.course[5:] + 0.05).all()
-    assert "crests that pass" in found.table["warnings"][0]
-    assert not any(found.table["warnings"][5:])
+    assert "crests that pass" in found.table["warnings"][0] and not any(found.table["warnings"][5:])
     assert np.nanmedian(np.array(found.table["chi"], dtype=float)) < 1.3
 
 
@@ -74,9 +70,7 @@ def test_after_a_gap_nothing_is_known_and_it_is_said(number):
     numbers, gap = with_gap(film, GAP)
     found = process(film.frames(numbers), film.scene())
     kept, wrong, _ = judged(film, found, numbers).T
-    assert wrong.max() == 0.0
-    assert kept[gap - 1] > 0.7
-    assert not kept[gap:].any()
+    assert wrong.max() == 0.0 and kept[gap - 1] > 0.7 and not kept[gap:].any()
     assert all(f"from frame {gap - 1} to {gap}" in text for text in found.table["warnings"][gap:])
 
 
@@ -93,8 +87,7 @@ def test_frames_may_be_missing_where_the_order_changes_little():
         numbers.append(ahead)
     assert len(numbers) < 0.8 * film.count
     kept, wrong, _ = judged(film, process(film.frames(numbers), film.scene()), numbers).T
-    assert wrong.max() == 0.0
-    assert kept[5:].min() > 0.7
+    assert wrong.max() == 0.0 and kept[5:].min() > 0.7
 
 
 @pytest.mark.long
@@ -105,8 +98,7 @@ def test_times_are_those_of_the_file(tmp_path):
     assert np.abs(np.diff(film.course[numbers])).max() > 0.3
     found = process(_video(film, numbers, tmp_path), film.scene())
     kept, wrong, _ = judged(film, found, numbers).T
-    assert wrong.max() == 0.0
-    assert kept[5:].min() > 0.7
+    assert wrong.max() == 0.0 and kept[5:].min() > 0.7
 
 
 @pytest.mark.long
@@ -116,8 +108,7 @@ def test_a_film_that_is_run_backwards_has_the_same_orders():
     there = [*range(film.count // 2), *reversed(range(film.count // 2))]
     orders = process(film.frames(there), film.scene()).dataset.fringe_order.values
     differ = np.abs(orders[: film.count // 2] - orders[film.count // 2 :][::-1])
-    assert np.nanmax(differ) < 0.2
-    assert np.isfinite(differ[5:]).mean() > 0.7
+    assert np.nanmax(differ) < 0.2 and np.isfinite(differ[5:]).mean() > 0.7
 
 
 @needs_real
@@ -128,8 +119,7 @@ def test_real_frames_of_far_loads_are_refused(files, tmp_path):
     given = ["process", str(REAL / files), "--scene", str(tmp_path / "scene.toml")]
     command = [sys.executable, "-m", "isochrome", *given, "--out", str(tmp_path / "out")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 3
-    assert "cannot be followed" in done.stderr
+    assert done.returncode == 3 and "cannot be followed" in done.stderr
     assert not (tmp_path / "out").exists()
 
 
@@ -151,9 +141,7 @@ def test_a_film_whose_orders_stay_low_needs_the_bright_frame():
         "no_load_dark": np.rint(255 * dark + 0 * bright).astype(np.uint8),
     }
     kept, wrong, rms = judged(film, process(film.frames(numbers), scene), numbers).T
-    assert wrong.max() == 0.0
-    assert kept[-1] > 0.5
-    assert rms[-1] < 0.02
+    assert wrong.max() == 0.0 and kept[-1] > 0.5 and rms[-1] < 0.02
 
 
 @pytest.mark.long
@@ -164,8 +152,7 @@ def test_the_bright_field_is_followed_too():
     turned = np.clip(np.rint(255 * (2 * dark + bright) - frames), 0, 255).astype(np.uint8)
     scene = film.scene() | {"polariscope": {"field": "bright"}}
     kept, wrong, _ = judged(film, process(turned, scene)).T
-    assert wrong.max() == 0.0
-    assert kept[3:].min() > 0.7
+    assert wrong.max() == 0.0 and kept[3:].min() > 0.7
 
 
 @pytest.mark.parametrize(
@@ -211,8 +198,7 @@ def test_twelve_films_of_whole_size(number):
     """The issue's row: wrong branches below 0.1 %, without a known point."""
     film, found = followed(number, WHOLE)
     _, wrong, rms = judged(film, found).T
-    assert wrong.max() < 1e-3
-    assert np.median(rms) < 0.01
+    assert wrong.max() < 1e-3 and np.median(rms) < 0.01
 
 
 @pytest.mark.long
@@ -225,8 +211,7 @@ def test_twelve_gaps_of_whole_size(number):
     numbers, gap = with_gap(film, GAP)
     found = process(film.frames(numbers), film.scene())
     kept, wrong, _ = judged(film, found, numbers).T
-    assert wrong.max() < 1e-3
-    assert not kept[gap:].any()
+    assert wrong.max() < 1e-3 and not kept[gap:].any()
 
 
 @pytest.mark.study

@@ -1,9 +1,5 @@
 """The first ± that is read says what it is of: terminal, JSON, page, report, of both kinds of set.
-
-The frames are the first two of the sample, whose true values nobody of the package renders here.
-"""
-
-from __future__ import annotations
+The frames are the first two of the sample, whose true values nobody of the package renders here."""
 
 import html
 import json
@@ -18,8 +14,7 @@ from isochrome.cli import app
 from isochrome.output import read_csv
 from isochrome.samples import samples_path
 from isochrome.scene import dump_scene, load_scene
-from isochrome.setup_page import open_session
-from isochrome.setup_page.server import fit_answer
+from isochrome.setup_page import fit_answer, open_session
 
 PIXEL, LOAD = "camera.pixel_mm", "load.normal_n"
 EXACT = [PIXEL, "specimen.thickness_mm", "specimen.fringe_value_n_per_mm", "indenter.radius_mm",
@@ -70,7 +65,9 @@ FIT = ("--per-frame", LOAD, "--per-frame", "camera.left_mm", "--per-frame", "cam
        "--per-frame", "friction.coefficient")  # fmt: skip
 
 
-@pytest.mark.parametrize(("command", "more"), [("process", ()), ("fit", FIT)])
+@pytest.mark.parametrize(
+    ("command", "more"), [("process", ()), pytest.param("fit", FIT, marks=pytest.mark.long)]
+)
 def test_a_scene_that_states_no_uncertainty_is_said_to_be_taken_as_exact(sample, command, more):
     said, found, page, _ = run(sample, command, "bare", *more)
     words = WORDS.format("pictures")
@@ -113,6 +110,7 @@ def test_of_a_track_what_is_stated_is_in_no_uncertainty_and_counts_as_exact(samp
     assert not set(EXACT) & set(taken_as_exact(scene, (LOAD,)))
 
 
+@pytest.mark.long
 def test_the_set_up_page_says_it_of_one_frame(sample):
     for name in ("bare", "honest"):
         session = open_session(sample / "two.tif", sample / f"{name}.toml")

@@ -1,7 +1,5 @@
 """Films of a contact whose truth is known, as a camera with noise sees them."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np
@@ -62,9 +60,7 @@ def film(scene, values, seed):
 
 def write_video(path, frames, codec, pixels, options=None, *, rate=RATE, numbers=None):
     """Write grey frames by PyAV; a subsampled format takes an even number of columns of them.
-
-    `numbers` of the frames in time, where some between them are missing.
-    """
+    `numbers` of the frames in time, where some between them are missing."""
     import av
 
     with av.open(str(path), "w") as out:

@@ -1,11 +1,4 @@
-"""Films of specimens that are loaded from zero, by closed forms in numpy: no code of the package.
-
-Orders are those of a disc under diametral load (Frocht 1948), a beam in pure bending, a plate with
-a hole under tension (Kirsch 1898) and a force on a half-plane (Flamant 1892) with a tension along
-its surface that comes and goes by itself. Light is uneven, and a pixel sees the mean over its area.
-"""
-
-from __future__ import annotations
+"""Films of specimens, by closed forms in numpy: no code of the package."""
 
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -242,8 +235,7 @@ class KnownFilm(LoadedFilm):
 
 def judged(film, found, numbers=None):
     """Of each frame the share of the specimen that is known, of that what is on a wrong branch, and
-    the RMS of the error of the rest; of the `numbers` of the film's frames.
-    """
+    the RMS of the error of the rest; of the `numbers` of the film's frames."""
     orders = found.dataset.fringe_order.values
     rows = []
     for order, number in zip(

@@ -1,7 +1,5 @@
 """Pages that several tests look at."""
 
-from __future__ import annotations
-
 import pytest
 from pages import HOSTILE, Page, made_content
 

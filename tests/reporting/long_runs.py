@@ -1,7 +1,5 @@
 """A run's folder of any length, from a short run that was really made."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Mapping, Sequence
@@ -23,12 +21,10 @@ WORST_CHI, LARGEST_N = 9.0, 99.0
 
 def lengthen(source: Path, target: Path, count: int, every: int = 1) -> dict[str, Any]:
     """Write a run of `count` frames; every n-th has maps, those of the chosen ones in files.
-
     The rows are those of the source's last frame, with a load that swings, distances that grow,
     a file and a warning of each frame's own, one frame of a large chi and one of a large order.
     Maps that no report should ask for have no file: they would be tens of gigabytes, and whoever
-    reads them finds nothing known. Returns the columns of frames.csv.
-    """
+    reads them finds nothing known. Returns the columns of frames.csv."""
     shutil.copytree(source, target, ignore=shutil.ignore_patterns("*.tif", STORE, "*.png"))
     found = read_csv(source / "frames.csv")
     table: dict[str, Any] = {name: [values[-1]] * count for name, values in found.items()}

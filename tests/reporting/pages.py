@@ -1,7 +1,5 @@
 """A report made up by hand: two frames of a known field, with names that would be code."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

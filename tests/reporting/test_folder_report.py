@@ -1,7 +1,5 @@
 """`isochrome report FOLDER`: the page of a run from its folder alone, and what is refused."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re
@@ -77,29 +75,22 @@ def test_orders_on_the_page_are_the_runs_own_and_the_simulation_lies_on_them(run
     ]  # fmt: skip
 
 
-def test_the_verdict_states_the_load_with_its_uncertainty(runs):
+def test_the_page_states_the_load_with_its_uncertainty_and_its_own_figure(runs):
     for name in ("processed", "fitted"):
         verdict = Page(runs / name / "report.html").text
         load, spread = map(float, re.search(r"Load ([\d.]+) ± ([\d.]+) N", verdict).groups())
         assert abs(load - LOAD_N) < 4.0 * spread + 0.05
-
-
-def test_a_fits_own_figure_is_in_its_page(runs):
     (image,) = (one for one in Page(runs / "fitted" / "report.html").of("img") if one.get("class"))
     data = base64.b64decode(image["src"].partition(",")[2])
     assert data == (runs / "fitted" / "fit.png").read_bytes()
 
 
-def test_by_default_it_is_written_in_the_runs_own_folder(runs, tmp_path):
+def test_it_is_written_in_the_runs_own_folder_and_the_run_stays_complete(runs, tmp_path):
     folder = shutil.copytree(runs / "fitted", tmp_path / "fitted")
     (folder / "report.html").unlink()
     assert isochrome.report(folder) == folder / "report.html"
     assert (folder / "report.html").stat().st_size > 1000
-
-
-def test_a_run_is_complete_with_a_page_that_was_made_anew(runs, tmp_path):
-    """It is a view, and the folder's record then knows the new one."""
-    folder = shutil.copytree(runs / "fitted", tmp_path / "fitted")
+    # it is a view, and the folder's record then knows the new one
     (folder / "report.html").write_text("mine")
     record = json.loads((folder / "provenance.json").read_text("utf-8"))
     assert not holds_results(folder, record)
@@ -131,8 +122,7 @@ def test_a_comparison_is_made_anew_of_its_two_sets(tmp_path, monkeypatch):
     page = tmp_path / "both" / "report.html"
     before = page.read_bytes()
     page.unlink()
-    assert isochrome.report("both") == Path("both") / "report.html"
-    assert page.read_bytes() == before
+    assert isochrome.report("both") == Path("both") / "report.html" and page.read_bytes() == before
     write_tiff(tmp_path / "two.tif", np.zeros((2, 40, 50), np.uint8))
     with pytest.raises(InputError, match=r"one\.tif or two\.tif is another by now"):
         isochrome.report("both")

@@ -1,7 +1,5 @@
 """The pages of a simulation and of calibrations, beside the run and made anew of its folder."""
 
-from __future__ import annotations
-
 import base64
 import csv
 import io
@@ -76,17 +74,6 @@ def test_a_simulations_pictures_and_orders_are_those_of_its_stacks(simulated, tm
         own = decoded(one["order"], *order.shape)
         assert (np.isnan(own) == np.isnan(order)).all()
         assert np.nanmax(np.abs(own - order)) <= 0.005 + 1e-6
-
-
-def is_shown(picture, frame, brightest):
-    """Whether a picture is a frame in 64 levels, from 0 to the brightest pixel that is shown."""
-    data = base64.b64decode(picture["src"].partition(",")[2])
-    grey = np.asarray(Image.open(io.BytesIO(data)).convert("L"), float)
-    return np.abs(grey - frame * (255.0 / brightest)).max() <= 0.5 * 255.0 / 63.0 + 1.0
-
-
-def test_a_simulations_page_says_what_its_history_holds(simulated):
-    page = Page(simulated / "report.html")
     with open(simulated / "history.csv", encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     ends = [f"{float(row['p_max_mpa']):.4g}" for row in (rows[0], rows[-1])]
@@ -98,10 +85,14 @@ def test_a_simulations_page_says_what_its_history_holds(simulated):
         "largest fringe order (fringes)", "largest shear stress (MPa)",
     ]  # fmt: skip
     assert "coefficient_mm2_per_n" in page.text and "SHA-256 of the code" in page.text
-
-
-def test_a_simulations_page_is_made_anew_of_its_folder(simulated, tmp_path):
     assert same_but_for_the_name(simulated, tmp_path, "worn")
+
+
+def is_shown(picture, frame, brightest):
+    """Whether a picture is a frame in 64 levels, from 0 to the brightest pixel that is shown."""
+    data = base64.b64decode(picture["src"].partition(",")[2])
+    grey = np.asarray(Image.open(io.BytesIO(data)).convert("L"), float)
+    return np.abs(grey - frame * (255.0 / brightest)).max() <= 0.5 * 255.0 / 63.0 + 1.0
 
 
 def same_but_for_the_name(folder, out, name):
@@ -180,18 +171,15 @@ def test_a_wear_calibrations_page_states_k_and_its_settings(worn, tmp_path):
     for words in ("By distance (calibration.json)", "SHA-256 of", "The wear laws"):
         assert words in page.text
     assert same_bytes(worn, tmp_path)
+    (image,) = (one for one in Page(worn / "report.html").of("img") if one.get("class") == "whole")
+    data = base64.b64decode(image["src"].partition(",")[2])
+    assert data == (worn / "calibration.png").read_bytes()
 
 
 def same_bytes(folder, out):
     """Whether the page made anew is the run's own."""
     own = (folder / "report.html").read_bytes()
     return isochrome.report(folder, out).read_bytes() == own
-
-
-def test_the_figure_of_a_calibration_is_in_its_page(worn):
-    (image,) = (one for one in Page(worn / "report.html").of("img") if one.get("class") == "whole")
-    data = base64.b64decode(image["src"].partition(",")[2])
-    assert data == (worn / "calibration.png").read_bytes()
 
 
 def test_a_scales_page_states_the_pixel(tmp_path):
@@ -206,8 +194,7 @@ def test_a_scales_page_states_the_pixel(tmp_path):
     )
     assert abs(value - found.pixel_mm.value) <= spread
     assert "By image (scale.json)" in page.text and len(page.inside["script"]) == 2
-    assert picture.name in page.text
-    assert same_bytes(tmp_path / "out", tmp_path / "again")
+    assert picture.name in page.text and same_bytes(tmp_path / "out", tmp_path / "again")
 
 
 def test_the_page_of_colours_states_gamma_and_each_warning(tmp_path):

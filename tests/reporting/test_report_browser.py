@@ -1,7 +1,5 @@
 """The report in a real browser, opened from a file with the network cut."""
 
-from __future__ import annotations
-
 import re
 from itertools import product
 
@@ -209,8 +207,7 @@ def test_the_slider_of_a_followed_film_goes_to_frames_without_a_picture(chromium
         own.page.hover("#stage")
         assert re.search(r"N = [\d.]+ fringes; simulation [\d.]+; difference", own.readout())
         own.page.fill("#frame", "0")
-        assert own.page.text_content(".sides span") == "experiment"
-        assert own.said == []
+        assert own.page.text_content(".sides span") == "experiment" and own.said == []
 
 
 def test_every_tool_goes_by_the_keyboard_alone(opened):
@@ -273,9 +270,7 @@ def test_it_is_readable_at_any_width(chromium, report_file, hostile_file, width)
 
 def test_contrast_labels_and_roles_pass_an_automated_check(chromium, report_file, other_files):
     """All rules of axe-core, at both ends of the widths and with the tables unfolded.
-
-    Of a run with frames, of a simulation and of a calibration.
-    """
+    Of a run with frames, of a simulation and of a calibration."""
     from axe_playwright_python.sync_playwright import Axe
 
     axe = Axe()

@@ -1,7 +1,5 @@
 """A report of a long run: some of its frames, all of its peaks, in bounded room."""
 
-from __future__ import annotations
-
 import re
 import time
 

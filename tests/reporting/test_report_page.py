@@ -1,7 +1,5 @@
 """The page of a report: what is in it, what cannot be, and how large it is."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import io
@@ -102,17 +100,13 @@ def test_every_text_of_a_run_is_kept_apart_from_its_neighbours(hostile_file):
         assert inside and "</bdi>" in behind, body[at - 80 : at]
 
 
-def test_headings_are_in_order_and_pictures_have_words(page):
+def test_headings_are_in_order_and_all_that_a_report_promises_is_there(page):
     levels = [int(tag[1]) for tag, _ in page.elements if re.fullmatch(r"h[1-6]", tag)]
-    assert levels[0] == 1 and levels.count(1) == 1
-    assert all(b - a <= 1 for a, b in pairwise(levels))
+    assert levels[0] == 1 and levels.count(1) == 1 and all(b - a <= 1 for a, b in pairwise(levels))
     assert page.of("html")[0]["lang"] == "en"
     assert all(image.get("alt") for image in page.of("img") if "src" in image)
     ids = [own["id"] for _, own in page.elements if "id" in own]
     assert len(ids) == len(set(ids))
-
-
-def test_all_that_a_report_promises_is_on_the_page(page):
     text = page.text
     for words in ("Causes found", "Uncertainty budget", "Remedy", "For a paper", "Scene",
                   "N is rounded to 0.001 fringe", "two standard uncertainties"):  # fmt: skip
@@ -176,7 +170,7 @@ def test_orders_are_rounded_to_a_thousandth_where_that_has_room():
     assert np.isfinite(decoded(coarse["order"], *order.shape)).all()
 
 
-def test_a_report_of_many_large_frames_is_below_ten_megabytes(tmp_path):
+def test_a_report_of_many_large_frames_has_room_or_is_refused(tmp_path):
     content = made_content()
     rng = np.random.default_rng(2)
     noise = rng.uniform(0.0, 20.0, (1024, 1280))
@@ -185,11 +179,7 @@ def test_a_report_of_many_large_frames_is_below_ten_megabytes(tmp_path):
     frame = ReportFrame(number=0, label="a", why="b", panes=panes, order=noise)
     frames = [frame] * 2
     file = write_report(tmp_path / "report.html", replace(content, frames=frames))
-    assert file.stat().st_size < 10e6
-    assert "means over squares of" in file.read_text("utf-8")
-
-
-def test_a_report_that_would_be_too_large_is_refused_and_leaves_nothing(tmp_path):
+    assert file.stat().st_size < 10e6 and "means over squares of" in file.read_text("utf-8")
     with pytest.raises(InputError, match=r"would take 10\.\d MB"):
         write_report(tmp_path / "report.html", replace(made_content(), verdict="x" * 10_000_001))
     assert not list(tmp_path.iterdir())
@@ -235,8 +225,10 @@ def test_a_report_is_the_same_each_time(report_file):
     assert report_html(made_content()).encode() == report_file.read_bytes()
 
 
-def test_few_frames_are_all_shown():
+def test_few_frames_are_all_shown_unknown_ones_too():
     assert [one.number for one in choose_frames(np.ones(8), np.ones(8))] == list(range(8))
+    nothing = np.full(50, np.nan)
+    assert len(choose_frames(nothing, nothing)) == 8
 
 
 @pytest.mark.parametrize("count", [9, 10, 100, 20_000])
@@ -249,11 +241,6 @@ def test_of_many_frames_the_ends_the_worst_and_the_largest_are_among_the_chosen(
     assert chosen[count // 3] == "the largest chi" and chosen[count // 2] == "the largest order"
     gaps = np.diff(sorted(chosen))
     assert gaps.max() <= max(3, count // 3)  # nowhere is much left out
-
-
-def test_frames_of_which_nothing_is_known_are_chosen_too():
-    nothing = np.full(50, np.nan)
-    assert len(choose_frames(nothing, nothing)) == 8
 
 
 def test_frames_without_an_order_or_a_scale_have_a_page(tmp_path):

@@ -1,7 +1,5 @@
 """The paper's scene with its friction and load from elsewhere."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

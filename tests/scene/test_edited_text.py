@@ -1,7 +1,5 @@
 """Keys and lists of tables set in TOML text or taken out of it: all else stays."""
 
-from __future__ import annotations
-
 import tomllib
 
 import pytest
@@ -69,14 +67,21 @@ def test_one_value_changes_and_every_comment_stays(key, written):
     wanted = tomllib.loads(TEXT)
     table, name = key.split(".")
     wanted.setdefault(table, {})[name] = tomllib.loads(f"v = {written}")["v"]
-    assert tomllib.loads(found) == wanted
-    assert comments_of(found) == comments_of(TEXT)
+    assert tomllib.loads(found) == wanted and comments_of(found) == comments_of(TEXT)
 
 
-def test_a_value_of_several_lines_is_one_value():
+def test_values_of_several_lines_lists_and_tables_are_values():
     found = with_value(TEXT, "frames.polygon_px", "[[0.0, 0.0], [9.0, 0.0], [9.0, 9.0]]")
     assert tomllib.loads(found)["frames"]["polygon_px"][1] == [9.0, 0.0]
     assert [c for c in comments_of(TEXT) if c != "first"] == comments_of(found)
+    text = "[frames]\nknown_order = [{ row_px = 1, col_px = 2, order = 0.0 }]\ngamma = 1.4\n"
+    found = with_table_list(text, "frames.known_order", [{"row_px": 3, "col_px": 4, "order": 1.0}])
+    data = tomllib.loads(found)["frames"]
+    assert data == {"gamma": 1.4, "known_order": [{"row_px": 3, "col_px": 4, "order": 1.0}]}
+    text = "[frames.roi]\ntop_px = 1\n# mine\n[load]\nnormal_n = 1.0\n"
+    found = with_value(text, "frames.roi", "{ top_px = 9 }")
+    assert tomllib.loads(found) == {"frames": {"roi": {"top_px": 9}}, "load": {"normal_n": 1.0}}
+    assert "# mine" in found
 
 
 @pytest.mark.parametrize("key", ["camera.bit_depth", "frames.roi", "frames.gamma", "load.normal_n"])
@@ -104,9 +109,12 @@ def test_a_key_goes_from_any_layout(text):
     assert tomllib.loads(without_value(text, "frames.gamma")) == {"frames": {"channel": "red"}}
 
 
-def test_a_key_that_is_not_there_leaves_all_as_it_is():
-    assert without_value(TEXT, "frames.flip") == TEXT
-    assert without_value(TEXT, "wear") == TEXT
+def test_a_key_that_is_not_there_leaves_all_and_what_cannot_be_edited_is_said():
+    assert without_value(TEXT, "frames.flip") == TEXT and without_value(TEXT, "wear") == TEXT
+    with pytest.raises(InputError, match=r"my: .* set load\.normal_n = 3 in it by hand"):
+        with_value("load = [1]", "load.normal_n", "3", name="my")
+    with pytest.raises(InputError, match="its layout cannot be edited"):
+        with_value(TEXT, "camera.bit_depth", "8", comment="new\nseed = 3")
 
 
 def test_a_list_of_tables_is_replaced_and_taken_out():
@@ -115,32 +123,7 @@ def test_a_list_of_tables_is_replaced_and_taken_out():
     assert tomllib.loads(found)["frames"]["known_order"] == entries
     assert comments_of(found) == [c for c in comments_of(TEXT) if c != "corner"]
     gone = with_table_list(found, "frames.known_order", [])
-    assert "known_order" not in gone
-    assert comments_of(gone) == comments_of(found)
-
-
-def test_a_list_that_stands_in_one_line_is_replaced_too():
-    text = "[frames]\nknown_order = [{ row_px = 1, col_px = 2, order = 0.0 }]\ngamma = 1.4\n"
-    found = with_table_list(text, "frames.known_order", [{"row_px": 3, "col_px": 4, "order": 1.0}])
-    data = tomllib.loads(found)["frames"]
-    assert data == {"gamma": 1.4, "known_order": [{"row_px": 3, "col_px": 4, "order": 1.0}]}
-
-
-def test_a_table_of_its_own_becomes_a_value():
-    text = "[frames.roi]\ntop_px = 1\n# mine\n[load]\nnormal_n = 1.0\n"
-    found = with_value(text, "frames.roi", "{ top_px = 9 }")
-    assert tomllib.loads(found) == {"frames": {"roi": {"top_px": 9}}, "load": {"normal_n": 1.0}}
-    assert "# mine" in found
-
-
-def test_a_layout_that_cannot_be_edited_is_said_with_the_line_to_write():
-    with pytest.raises(InputError, match=r"my: .* set load\.normal_n = 3 in it by hand"):
-        with_value("load = [1]", "load.normal_n", "3", name="my")
-
-
-def test_an_edit_that_would_say_more_is_refused():
-    with pytest.raises(InputError, match="its layout cannot be edited"):
-        with_value(TEXT, "camera.bit_depth", "8", comment="new\nseed = 3")
+    assert "known_order" not in gone and comments_of(gone) == comments_of(found)
 
 
 PLAIN = st.recursive(
@@ -189,16 +172,17 @@ def test_a_lists_tables_that_stay_keep_their_comments_and_a_table_that_goes_take
     assert with_table_list(windows, key, [first, second, third]) == added.replace("\n", "\r\n")
 
 
-def test_a_lists_tables_in_another_order_are_written_anew():
+def test_a_list_in_another_order_is_written_anew_and_one_that_stands_apart_left():
     second, first = ({"row_px": r, "col_px": r + 1, "order": r / 2 - 0.5} for r in (3, 1))
     found = with_table_list(COMMENTED, "frames.known_order", [second, first])
     assert parse_toml(found, "scene")["frames"]["known_order"] == [second, first]
-
-
-def test_a_list_is_added_to_a_text_without_table_heads():
     text = "frames.gamma = 1.4 # mine\n"
     found = with_table_list(text, "image", [{"file": "a.png", "load_n": 1.0}])
     assert found == text + '\n[[image]]\nfile = "a.png"\nload_n = 1.0\n'
+    # the library would move its second table to the first
+    text = IMAGES.replace("[[image]]\nfile = 'b'", "[camera]\npixel_mm = 1\n[[image]]\nfile = 'b'")
+    with pytest.raises(InputError, match="its layout cannot be edited"):
+        with_value(text, "camera.pixel_mm", "2.0")
 
 
 IMAGES = "[[image]]\nfile = 'a'  # first\nload_n = 1  # cell\n[[image]]\nfile = 'b'\n# blurred\n"
@@ -210,10 +194,3 @@ def test_one_entry_of_a_lists_table_changes_or_is_added():
     added = with_list_value(IMAGES, "image", 1, "load_n", 2.5)
     assert tomllib.loads(added)["image"][1] == {"file": "b", "load_n": 2.5}
     assert comments_of(added) == comments_of(IMAGES)
-
-
-def test_a_list_whose_tables_stand_apart_is_left_as_it_is():
-    """The library would move its second table to the first."""
-    text = IMAGES.replace("[[image]]\nfile = 'b'", "[camera]\npixel_mm = 1\n[[image]]\nfile = 'b'")
-    with pytest.raises(InputError, match="its layout cannot be edited"):
-        with_value(text, "camera.pixel_mm", "2.0")

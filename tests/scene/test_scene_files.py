@@ -1,7 +1,5 @@
 """Friction and load from files: read as they stand, long ones by few lines, or refused."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -15,7 +13,6 @@ from isochrome.errors import InputError
 from isochrome.fitting import fit
 from isochrome.processing import process
 from isochrome.scene import Scene, dump_scene, load_scene, parse_scene
-from isochrome.scene.measured_course import FEW, FOLLOWED, few_lines
 from isochrome.simulation import simulate
 from isochrome.sweeps import sweep
 
@@ -171,6 +168,8 @@ def test_a_scene_is_written_with_the_table_and_needs_the_file_no_more(tmp_path):
 
 # --- long files --------------------------------------------------------------------------------
 
+FEW, FOLLOWED = 200, 2e-4
+"""Points of which each is used as it stands, and the share of the largest that lines may miss."""
 ROW_COUNT = 100_000
 PLACES = np.linspace(0.0, 240.0, ROW_COUNT)
 
@@ -190,10 +189,21 @@ def load_integral(s):
     return 44.0 * s + 48.0 * np.log(np.cosh((s - 100.0) / 8.0) / np.cosh(100.0 / 8.0))
 
 
+def few_lines(folder, value, places=PLACES):
+    """Places and values that a scene has of a file of them, as its friction or as its load."""
+    if np.abs(value).max() < 5.0:
+        write_table(folder / "mu.csv", distance_m=places, coefficient=value)
+        course = file_scene(folder, friction='file = "mu.csv"').friction.coefficient
+    else:
+        write_table(folder / "p.csv", distance_m=places, normal_n=value)
+        course = file_scene(folder, load='file = "p.csv"').load.normal_n
+    return np.array(course.distance_m), np.array(course.value)
+
+
 @pytest.mark.parametrize("curve", [true_friction, true_load])
-def test_a_long_smooth_file_is_followed_within_what_is_stated(curve):
+def test_a_long_smooth_file_is_followed_within_what_is_stated(tmp_path, curve):
     value = curve(PLACES)
-    s, v = few_lines(PLACES, value, "curve")
+    s, v = few_lines(tmp_path, value)
     assert len(s) <= FEW // 2
     # a line is off by three times its mean over a quarter where that holds a parabola's end
     assert np.abs(np.interp(PLACES, s, v) - value).max() < 3.0 * FOLLOWED * np.abs(value).max()
@@ -203,13 +213,13 @@ def test_a_long_smooth_file_is_followed_within_what_is_stated(curve):
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.99], ids=["white", "of 100 rows"])
-def test_noise_is_averaged_and_not_followed(memory):
+def test_noise_is_averaged_and_not_followed(tmp_path, memory):
     from scipy.signal import lfilter
 
     noise = lfilter([1.0], [1.0, -memory], np.random.default_rng(3).normal(size=ROW_COUNT))
     sigma = 0.01
     value = true_friction(PLACES) + sigma * noise / noise.std()
-    s, v = few_lines(PLACES, value, "curve")
+    s, v = few_lines(tmp_path, value)
     assert len(s) <= 40
     off = np.interp(PLACES, s, v) - true_friction(PLACES)
     # means over a stretch of noise of such memory, (1+m)/(1-m) rows long, and what is not followed
@@ -217,25 +227,25 @@ def test_noise_is_averaged_and_not_followed(memory):
     assert off.std() < 3.0 * sigma / rows**0.5 + 4.0 * FOLLOWED
 
 
-def test_a_jump_of_a_long_file_is_found_to_a_row():
+def test_a_jump_of_a_long_file_is_found_to_a_row(tmp_path):
     value = np.where(PLACES < 100.0, 40.0, 48.0)
-    s, v = few_lines(PLACES, value, "curve")
+    s, v = few_lines(tmp_path, value)
     off = np.abs(np.interp(PLACES, s, v) - value) > 0.01
     assert np.count_nonzero(off) <= 4
 
 
 @pytest.mark.parametrize("count", [FEW, FEW + 1])
-def test_few_rows_are_used_as_they_stand(count):
+def test_few_rows_are_used_as_they_stand(tmp_path, count):
     s = np.linspace(0.0, 1.0, count)
     value = 0.2 + 1e-3 * np.random.default_rng(0).normal(size=count)
-    found = few_lines(s, value, "curve")
+    found = few_lines(tmp_path, value, s)
     assert (len(found[0]) == count) == (count == FEW)
 
 
-def test_a_file_that_swings_with_each_stroke_is_refused_not_averaged_to_nothing():
+def test_a_file_that_swings_with_each_stroke_is_refused_not_averaged_to_nothing(tmp_path):
     strokes = 0.25 * np.sign(np.sin(PLACES * 2.0 * np.pi / 0.02))
     with pytest.raises(InputError, match=r"mu.csv: swings by 0\.2.*means over the strokes"):
-        few_lines(PLACES, strokes, "mu.csv")
+        few_lines(tmp_path, strokes)
 
 
 def test_a_long_noisy_load_wears_what_its_integral_says(tmp_path):
@@ -250,9 +260,6 @@ def test_a_long_noisy_load_wears_what_its_integral_says(tmp_path):
     assert state.worn_area_mm2 == pytest.approx(area, rel=4.0 * mean_error + 1e-4)
     # 4 means over the rows of a stretch of 25
     assert state.line_load_n_per_mm * 4.0 == pytest.approx(true_load(233.0), abs=0.05)
-
-
-# --- through the commands ----------------------------------------------------------------------
 
 
 @pytest.fixture

@@ -1,7 +1,5 @@
 """Every bound of a scene's values: kept to on this side, refused by name on the other."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -168,17 +166,14 @@ def test_a_number_of_a_file_whose_size_is_a_slip_is_refused(tmp_path, allowed, r
     assert "between 1e-30 and 1e+30; correct it" in text
 
 
-def test_a_settings_file_is_read_up_to_a_megabyte(tmp_path):
+def test_a_settings_file_is_read_up_to_a_megabyte_and_with_a_byte_order_mark(tmp_path):
     path, text = tmp_path / "my.toml", dump_scene(SCENE)
     path.write_text(text + "#" * (1_000_000 - len(text)), "utf-8")
     assert dump_scene(load_scene(path)) == text
     path.write_text(text + "#" * (1_000_001 - len(text)), "utf-8")
     with pytest.raises(InputError, match=r"my\.toml: larger than 1000000 bytes"):
         load_scene(path)
-
-
-def test_a_scene_saved_with_a_byte_order_mark_is_read(tmp_path):
-    """Some editors put three bytes before the first letter of what they call UTF-8."""
+    # some editors put three bytes before the first letter of what they call UTF-8
     path = tmp_path / "my.toml"
     text = dump_scene(SCENE)
     path.write_bytes(b"\xef\xbb\xbf" + text.encode())

@@ -23,10 +23,9 @@ gamma = { value = 1.1, standard_uncertainty = 0.01 }
 """
 
 
-def test_values_are_plain_and_uncertainties_stand_beside_them():
+def test_values_are_plain_uncertainties_beside_them_and_written_text_the_same():
     scene = parse_scene(TEXT)
-    assert scene.specimen.thickness_mm == 6.0
-    assert isinstance(scene.specimen.thickness_mm, float)
+    assert scene.specimen.thickness_mm == 6.0 and isinstance(scene.specimen.thickness_mm, float)
     assert scene.get("frames.gamma") == 1.1
     assert scene.uncertainties == {
         "camera.pixel_mm": 2e-4,
@@ -35,29 +34,17 @@ def test_values_are_plain_and_uncertainties_stand_beside_them():
         "specimen.fringe_value_n_per_mm": 0.066,
         "specimen.thickness_mm": 0.02,
     }
-
-
-def test_uncertainties_do_not_change():
-    scene = parse_scene(TEXT)
     with pytest.raises(TypeError):
         scene.uncertainties["load.normal_n"] = 1.0
     assert isinstance(hash(scene), int)
-
-
-def test_written_text_reads_as_the_same_scene():
-    scene = parse_scene(TEXT)
     text = dump_scene(scene)
     assert "thickness_mm = { value = 6.0, standard_uncertainty = 0.02 }\n" in text
-    assert parse_scene(text) == scene
-    assert pickle.loads(pickle.dumps(scene)) == scene
-
-
-def test_a_scene_without_uncertainties_is_written_as_before():
+    assert parse_scene(text) == scene and pickle.loads(pickle.dumps(scene)) == scene
     plain = parse_scene(TEXT).with_values({}).model_copy(update={"stated_uncertainty": ()})
     assert "standard_uncertainty" not in dump_scene(plain)
 
 
-def test_changed_values_keep_uncertainties_and_may_state_new_ones():
+def test_changed_values_keep_uncertainties_which_go_with_their_number():
     scene = parse_scene(TEXT)
     moved = scene.with_values({"specimen.thickness_mm": 5.0})
     assert moved.uncertainties == scene.uncertainties
@@ -65,14 +52,11 @@ def test_changed_values_keep_uncertainties_and_may_state_new_ones():
     known = scene.with_values({"specimen.thickness_mm": stated, "load.bulk_mpa": 1.0})
     assert known.uncertainties == scene.uncertainties | {"specimen.thickness_mm": 0.5}
     assert known.specimen.thickness_mm == 5.0
-
-
-def test_an_uncertainty_goes_with_its_number():
     scene = parse_scene(TEXT).with_values({"frames.gamma": "unknown", "camera.pixel_mm": None})
     assert not {"frames.gamma", "camera.pixel_mm"} & set(scene.uncertainties)
 
 
-def test_a_table_over_distance_has_none():
+def test_neither_tables_nor_wrong_values_have_an_uncertainty():
     text = """
 [specimen]
 [load]
@@ -80,6 +64,13 @@ normal_n = { distance_m = [0, 1], value = [3, 4], standard_uncertainty = 0.1 }
 """
     with pytest.raises(InputError, match=r"load\.normal_n = .* is not allowed: a measured number"):
         parse_scene(text)
+    text = "[specimen]\nthickness_mm = { value = -6, standard_uncertainty = 0.02 }"
+    with pytest.raises(InputError, match=r"specimen\.thickness_mm = -6 is not allowed"):
+        parse_scene(text)
+    with pytest.raises(InputError, match="only a single number"):
+        parse_scene("[specimen]\nthickness_mm = { value = [6], standard_uncertainty = 0.02 }")
+    with pytest.raises(InputError, match="unknown key 'stated_uncertainty'"):
+        parse_scene("stated_uncertainty = [['specimen.thickness_mm', 1.0]]\n[specimen]")
 
 
 @pytest.mark.parametrize("spread", ["-1", "nan", "inf", "'much'", "true", "1e40"])
@@ -105,19 +96,6 @@ def test_what_is_not_measured_has_no_uncertainty(text, message):
         parse_scene(f"{text} = {{ value = 8, standard_uncertainty = 1 }}")
 
 
-def test_values_are_checked_as_plain_ones():
-    text = "[specimen]\nthickness_mm = { value = -6, standard_uncertainty = 0.02 }"
-    with pytest.raises(InputError, match=r"specimen\.thickness_mm = -6 is not allowed"):
-        parse_scene(text)
-    with pytest.raises(InputError, match="only a single number"):
-        parse_scene("[specimen]\nthickness_mm = { value = [6], standard_uncertainty = 0.02 }")
-
-
-def test_no_table_of_a_file_is_called_like_the_pairs():
-    with pytest.raises(InputError, match="unknown key 'stated_uncertainty'"):
-        parse_scene("stated_uncertainty = [['specimen.thickness_mm', 1.0]]\n[specimen]")
-
-
 DATED = TEXT.replace("= 0.066 }", '= 0.066, date = "2026-11-25" }')
 FRINGE_VALUE = "specimen.fringe_value_n_per_mm"
 
@@ -135,14 +113,11 @@ def test_a_fringe_value_has_the_day_of_its_calibration(written):
     assert parse_scene(edited).fringe_value_date == "2026-11-25"
 
 
-def test_a_date_is_allowed_in_tables_of_python():
+def test_a_date_belongs_to_its_value_in_tables_of_python_too():
     value = {"value": 14.6, "standard_uncertainty": 0.1, "date": datetime.date(2026, 11, 25)}
     scene = load_scene({"specimen": {"fringe_value_n_per_mm": value}})
     assert scene.fringe_value_date == "2026-11-25"
-
-
-def test_a_date_belongs_to_its_value():
-    """A value that a fit has found, or that somebody sets, is not that of the day."""
+    # A value that a fit has found, or that somebody sets, is not that of the day
     scene = parse_scene(DATED)
     assert scene.with_values({"load.normal_n": 310.0}).fringe_value_date == "2026-11-25"
     assert scene.with_values({FRINGE_VALUE: 14.6}).fringe_value_date == "2026-11-25"

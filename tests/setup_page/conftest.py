@@ -1,7 +1,5 @@
 """A fresh folder with the sample's frames, and a page on it."""
 
-from __future__ import annotations
-
 import shutil
 import threading
 from contextlib import contextmanager

@@ -1,8 +1,6 @@
 """The set-up page in a real browser: from frames to a scene, places, keys, and nothing asked of
 others."""
 
-from __future__ import annotations
-
 import io
 import json
 import shutil
@@ -66,8 +64,10 @@ class SetupTab:
         self.page.click(selector)
         self.settle()
 
-    def settle(self):
+    def settle(self, after_ms=0):
         """Wait until the tools are done."""
+        if after_ms:
+            self.page.wait_for_timeout(after_ms)
         self.page.evaluate("queue")
 
     def tool(self, name):
@@ -81,15 +81,16 @@ class SetupTab:
 
 
 @contextmanager
-def tab(browser, session, **options):
+def tab(browser, session, *, quiet=True, **options):
+    """A page that asks nobody else, and says nothing to its console where it is to be quiet."""
     with served(session) as server:
         own = SetupTab(browser, server, **options)
         try:
             yield own
+            assert not quiet or own.said == []
         finally:
             own.context.close()
-        own_url = server.url
-        assert [url for url in own.asked if not url.startswith((own_url, "data:"))] == []
+        assert [url for url in own.asked if not url.startswith((server.url, "data:"))] == []
 
 
 def within(found, truth, key):
@@ -133,7 +134,6 @@ def test_from_the_samples_frames_to_a_scene_by_the_form_alone(chromium, fresh):
         own.click("#save")
         own.status("Saved")
         assert own.actions <= MOST_ACTIONS
-        assert own.said == []
     scene, frames = fresh / "scene.toml", fresh / "captured.tif"
     assert isochrome.check(frames, scene).ok
     found = isochrome.process(frames, scene)
@@ -170,7 +170,6 @@ def test_from_the_samples_frames_to_a_scene_by_one_search(chromium, fresh):
         own.click("#save")
         own.status("Saved")
         assert own.actions == 10 < MOST_ACTIONS
-        assert own.said == []
     scene, frames = fresh / "scene.toml", fresh / "captured.tif"
     assert isochrome.load_scene(scene).camera.top_mm == float(found["camera.top_mm"].split()[0])
     assert isochrome.check(frames, scene).ok
@@ -184,7 +183,7 @@ def test_from_a_rendered_disc_to_a_scene(chromium, tmp_path):
     """Its rim gives the scale too: the user states no pixel."""
     shutil.copy(samples_path() / "disc" / "disc-560N.png", tmp_path)
     truth = json.loads((samples_path() / "disc" / "truth.json").read_text())
-    with tab(chromium, open_session(tmp_path / "disc-560N.png")) as own:
+    with tab(chromium, open_session(tmp_path / "disc-560N.png"), quiet=False) as own:
         own.actions += 1
         own.page.select_option("#kind", "disc")
         given = tomllib.loads((samples_path() / "disc" / "scene.toml").read_text())["specimen"]
@@ -202,8 +201,7 @@ def test_from_a_rendered_disc_to_a_scene(chromium, tmp_path):
         )
         own.click("#save")
         own.status("Saved")
-        assert own.actions == 7
-        assert own.page.is_visible("#find-result")
+        assert own.actions == 7 and own.page.is_visible("#find-result")
         own.click("#undo")
         own.status("Taken back")
         assert not own.page.evaluate("page.state.has_scene")
@@ -215,7 +213,7 @@ def test_from_a_rendered_disc_to_a_scene(chromium, tmp_path):
 
 
 def test_a_search_without_what_it_needs_says_the_fields_names(chromium, fresh):
-    with tab(chromium, open_session(fresh / "captured.tif")) as own:
+    with tab(chromium, open_session(fresh / "captured.tif"), quiet=False) as own:
         own.page.click("#find")
         own.settle()
         assert "wrong" in own.page.get_attribute("#status", "class")
@@ -231,13 +229,11 @@ def test_a_search_without_what_it_needs_says_the_fields_names(chromium, fresh):
 @needs_real
 def test_from_the_real_disc_to_a_scene_that_refuses_to_lie(chromium, tmp_path):
     """Its residual stress is no model's: page and check say so beforehand, and there is no load.
-
     With the load that was stated, and the f_sigma of all seven loads, a disc's closed form leaves
     0.79 of the light's own scatter, and 0.785 to 0.801 at 0.2 to 1.6 times that load: this frame
-    does not tell it. Diameter, thickness and light are not stated by those who took the frames.
-    """
+    does not tell it. Diameter, thickness and light are not stated by those who took the frames."""
     shutil.copy(REAL_DISC / "DSC_0010.jpg", tmp_path)
-    with tab(chromium, open_session(tmp_path / "DSC_0010.jpg")) as own:
+    with tab(chromium, open_session(tmp_path / "DSC_0010.jpg"), quiet=False) as own:
         save_real_disc(own)
         assert own.actions <= MOST_ACTIONS
         scene = isochrome.load_scene(tmp_path / "scene.toml")
@@ -291,7 +287,7 @@ def test_from_the_real_discs_known_loads_to_the_one_that_nobody_stated(chromium,
     """Its residual stress is no model's, but it is the same in all seven frames of the series."""
     for file in REAL_DISC.glob("*.jpg"):
         shutil.copy(file, tmp_path)
-    with tab(chromium, open_session(tmp_path)) as own:
+    with tab(chromium, open_session(tmp_path), quiet=False) as own:
         loads = "523 663 0 922 1045 1152 1221"
         save_real_disc(own, ("frames.known_loads_n", loads), ("polariscope.wavelength_nm", "546"))
         assert own.actions <= MOST_ACTIONS
@@ -381,7 +377,7 @@ def spot_on_screen(page, scale, zoom):
 def test_a_point_is_set_where_the_user_sees_it(chromium, spotted, scale, zoom, width):
     """The spot is found in a picture of the screen, and clicked; the scene has its pixel."""
     view = {"width": width, "height": 620}
-    with tab(chromium, spotted, viewport=view, device_scale_factor=scale) as own:
+    with tab(chromium, spotted, viewport=view, device_scale_factor=scale, quiet=False) as own:
         page = own.page
         page.uncheck("#show-model")
         page.fill("#zoom", str(zoom))
@@ -411,7 +407,7 @@ def test_a_point_is_set_where_the_user_sees_it(chromium, spotted, scale, zoom, w
 
 
 def test_nothing_goes_wrong_and_nobody_else_is_asked(chromium, made):
-    with tab(chromium, made) as own:
+    with tab(chromium, made, quiet=False) as own:
         own.page.wait_for_function("() => document.getElementById('canvas').dataset.model")
         for name in (
             "scale", "contact", "surface", "region", "mask", "order", "line", "boundary", "look",
@@ -422,12 +418,11 @@ def test_nothing_goes_wrong_and_nobody_else_is_asked(chromium, made):
         own.page.fill("#frame-number", "3")
         own.page.press("#frame-number", "Tab")
         own.page.wait_for_function("() => document.getElementById('canvas').dataset.frame === '3'")
-        assert own.said == []
-        assert len(own.asked) > 10
+        assert own.said == [] and len(own.asked) > 10
 
 
 def test_the_policy_stops_a_script_and_another_address(chromium, made):
-    with tab(chromium, made) as own:
+    with tab(chromium, made, quiet=False) as own:
         own.page.evaluate(
             "() => { const one = document.createElement('script'); one.text = 'window.stolen = 1';"
             " document.body.append(one); }"
@@ -436,8 +431,7 @@ def test_the_policy_stops_a_script_and_another_address(chromium, made):
         failed = own.page.evaluate(
             "fetch('http://example.org/').then(() => 'sent', () => 'stopped')"
         )
-        assert failed == "stopped"
-        assert any("Content Security Policy" in line for line in own.said)
+        assert failed == "stopped" and any("Content Security Policy" in line for line in own.said)
         own.asked = [url for url in own.asked if "example.org" not in url]
 
 
@@ -453,11 +447,11 @@ def test_names_are_text(chromium, fresh):
         own.page.select_option("#no-load-dark", bad)
         own.settle()
         assert session.scene().frames.no_load_dark == bad
-        assert own.page.evaluate("window.stolen") is None and own.said == []
+        assert own.page.evaluate("window.stolen") is None
 
 
 def test_the_live_model_follows_the_slider_and_the_scene_takes_its_value(chromium, made):
-    with tab(chromium, made) as own:
+    with tab(chromium, made, quiet=False) as own:
         page = own.page
         page.wait_for_function("() => document.getElementById('canvas').dataset.model")
         page.fill("#wipe", "100")
@@ -470,8 +464,7 @@ def test_the_live_model_follows_the_slider_and_the_scene_takes_its_value(chromiu
         )
         own.settle()
         page.wait_for_timeout(400)
-        assert page.locator("#canvas").screenshot() != before
-        assert made.scene().load.normal_n > 41.0
+        assert page.locator("#canvas").screenshot() != before and made.scene().load.normal_n > 41.0
 
 
 def test_every_tool_goes_by_the_keyboard_alone(chromium, made):
@@ -511,22 +504,18 @@ def test_every_tool_goes_by_the_keyboard_alone(chromium, made):
                 for _ in range(10 if name == "region" else 1 + k):
                     page.keyboard.press("Shift+ArrowDown" if k else "Shift+ArrowUp")
                     page.keyboard.press("Shift+ArrowRight" if k else "Shift+ArrowLeft")
-            page.wait_for_timeout(400)
-            own.settle()
+            own.settle(400)
             assert len(page.evaluate("points()")) == count, name
         frames = made.scene().frames
         assert frames.known_order and frames.known_line and len(frames.polygon_px) == 3
-        assert [len(edge.places) for edge in frames.free_boundary] == [3]
-        assert frames.roi is not None
+        assert [len(edge.places) for edge in frames.free_boundary] == [3] and frames.roi is not None
         page.fill("#point-0-row", "250")
         page.keyboard.press("Tab")
-        page.wait_for_timeout(100)
-        own.settle()
+        own.settle(100)
         assert made.scene().frames.known_line[0].row_px[0] == 250 - frames.roi.top_px
         page.focus("#stage")
         page.keyboard.press("Control+s")
         own.status("Saved")
-        assert own.said == []
 
 
 def test_contrast_labels_and_roles_pass_an_automated_check(chromium, made):
@@ -534,7 +523,7 @@ def test_contrast_labels_and_roles_pass_an_automated_check(chromium, made):
 
     for width in (360, 1280):
         view = {"width": width, "height": 800}
-        with tab(chromium, made, viewport=view, bypass_csp=True) as own:
+        with tab(chromium, made, viewport=view, bypass_csp=True, quiet=False) as own:
             own.page.eval_on_selector_all("details", "all => all.forEach(one => one.open = true)")
             for name in ("contact", "line"):
                 own.tool(name)
@@ -566,7 +555,6 @@ def test_a_free_edge_is_set_corner_by_corner_and_moves_with_the_region(chromium,
         # a pixel of the screen is less than one of the frame here
         assert np.allclose(edge.row_px, [440, 440, 60], atol=1.0)
         assert np.allclose(edge.col_px, [10, 290, 290], atol=1.0)
-        assert own.said == []
 
 
 def test_the_server_ends_with_the_page(chromium, made):
@@ -584,9 +572,8 @@ def test_the_server_ends_with_the_page(chromium, made):
 
 
 def test_the_page_says_what_the_uncertainties_of_a_fit_are_of(chromium, made):
-    with tab(chromium, made) as own:
+    with tab(chromium, made, quiet=False) as own:
         own.page.click("#fit")
         own.page.wait_for_selector("#fit-result td.value", timeout=120_000)
         said = own.page.text_content("#fit-result") or ""
-        assert "± from the picture alone: camera.pixel_mm" in said
-        assert "were taken as exact" in said
+        assert "± from the picture alone: camera.pixel_mm" in said and "were taken as exact" in said

@@ -1,7 +1,5 @@
 """Points of the picture and values of the scene: held to the lens's own rendering and by hand."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -9,7 +7,7 @@ import pytest
 
 from isochrome.errors import InputError
 from isochrome.scene import parse_scene
-from isochrome.setup_page.places import (
+from isochrome.setup_page import (
     on_line,
     pixel_scale,
     place_of_point,
@@ -49,9 +47,10 @@ def test_there_and_back(camera):
     assert place_of_point(placed, (20.0, 300.0)) == pytest.approx((0.0, 0.0), abs=1e-12)
 
 
-def test_a_contact_between_two_pixels_by_hand():
+def test_a_contact_between_two_pixels_and_a_scale_by_hand():
     left, top = placed_at(pixels_of(), (9.5, 299.5))  # the edge after 10 rows and 300 columns
     assert (left, top) == pytest.approx((-300 * 0.00607, -10 * 0.00607), abs=1e-12)
+    assert pixel_scale((0.0, 0.0), (30.0, 40.0), 2.5) == 0.05
 
 
 @pytest.mark.parametrize("roll", [-4.0, 0.0, 2.5])
@@ -62,10 +61,6 @@ def test_the_roll_of_a_surface_that_the_camera_sees_turned(roll):
     assert surface_roll(*ends) == pytest.approx(roll, abs=1e-9)
     assert surface_roll(*reversed(ends)) == pytest.approx(roll, abs=1e-9)
     assert on_line(*ends, ends[0][1]) == pytest.approx(ends[0][0])
-
-
-def test_a_scale_by_hand():
-    assert pixel_scale((0.0, 0.0), (30.0, 40.0), 2.5) == 0.05
 
 
 @pytest.mark.parametrize(

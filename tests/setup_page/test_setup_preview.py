@@ -1,7 +1,5 @@
 """What a known point would do to the map is said before it is set, and is what the map then is."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -10,8 +8,7 @@ import pytest
 from browsers import open_chromium, skip_without_browser
 from isochrome.errors import InputError
 from isochrome.processing import anchor_preview, part_change
-from isochrome.setup_page import apply_tool, server
-from isochrome.setup_page.server import ClickPreview, order_map_of_points
+from isochrome.setup_page import ClickPreview, apply_tool, order_map_of_points, server
 
 POINT = {"row": 420, "col": 100, "order": 0.42, "extremum": None}
 SPAN = r"(\d+\.\d)\.\.(\d+\.\d)"
@@ -96,18 +93,19 @@ def test_where_no_fringe_is_followed_a_point_would_anchor_nothing(bench):
     assert "of the region" in inside["words"]
 
 
-def test_an_order_that_fits_no_fringe_is_said_so_and_nothing_of_the_scene_changes(bench):
+def test_what_fits_no_fringe_or_would_be_refused_is_an_answer_and_changes_nothing(bench):
     text, revision = bench.text, bench.revision
     found = ClickPreview(bench).answer(0, asked([POINT | {"order": 0.0}]))
     assert found["kind"] == "nothing" and "stays without an order" in found["words"]
     assert any("fits no fringe there" in said for said in found["said"])
     assert (bench.text, bench.revision) == (text, revision)
-
-
-def test_a_line_is_asked_of_as_one(bench):
     line = {"points": [[420, 100], [425, 104]], "order": 0.5}
     found = ClickPreview(bench).answer(0, asked(lines=[line], on_line=True))
     assert "this line would anchor nothing" in found["words"] or spans(found["words"])
+    one = {"points": [[420, 100]], "order": 1}  # a line of one place
+    found = ClickPreview(bench).answer(0, asked(lines=[one]))
+    assert found["kind"] == "nothing" and "frames.known_line" in found["words"]
+    assert ClickPreview(bench).answer(9, asked([POINT]))["kind"] == "nothing"
 
 
 def test_a_frame_is_followed_once_for_all_places_that_are_asked(bench, monkeypatch):
@@ -126,8 +124,7 @@ def test_a_frame_is_followed_once_for_all_places_that_are_asked(bench, monkeypat
         preview.answer(0, asked([POINT | {"row": row}], at=(row, 100)))
     assert followed == [0]
     other = preview.answer(1, {"points": [], "lines": []})
-    assert other["kind"] == "ready"
-    assert followed == [0, 1]
+    assert other["kind"] == "ready" and followed == [0, 1]
 
 
 def test_what_is_no_point_is_refused(bench):
@@ -139,13 +136,6 @@ def test_what_is_no_point_is_refused(bench):
     ):  # fmt: skip
         with pytest.raises(InputError):
             preview.answer(0, wrong)
-
-
-def test_what_a_click_would_refuse_is_an_answer(bench):
-    one = {"points": [[420, 100]], "order": 1}  # a line of one place
-    found = ClickPreview(bench).answer(0, asked(lines=[one]))
-    assert found["kind"] == "nothing" and "frames.known_line" in found["words"]
-    assert ClickPreview(bench).answer(9, asked([POINT]))["kind"] == "nothing"
 
 
 @pytest.fixture(scope="module")
@@ -195,7 +185,6 @@ def test_the_words_beside_the_mouse_are_what_the_map_is_after_the_click(chromium
         assert said == pytest.approx(span_of(orders), abs=0.15)
         share = float(re.search(r"(\d+) % of the frame", words)[1]) / 100.0
         assert share == pytest.approx(np.isfinite(orders).mean(), abs=0.05)
-        assert own.said == []
 
 
 @pytest.mark.browser
@@ -219,7 +208,6 @@ def test_a_number_that_is_typed_says_what_it_would_do_before_it_is_taken(chromiu
         assert spans(words)[1] == pytest.approx(span_of(after), abs=0.15)
         own.tool("look")
         assert page.is_hidden("#preview") and page.is_hidden("#preview-box")
-        assert own.said == []
 
 
 @pytest.mark.browser
@@ -235,4 +223,3 @@ def test_the_keys_alone_are_told_what_enter_would_set(chromium, bench):
             page.keyboard.press("Tab")
         page.wait_for_function("() => would.found !== null", timeout=30_000)
         assert "Order 0 here" in page.text_content("#preview")
-        assert own.said == []

@@ -1,7 +1,5 @@
 """The page's cold search without a browser: what it puts into the scene, and what it leaves."""
 
-from __future__ import annotations
-
 import re
 import shutil
 
@@ -11,8 +9,7 @@ import tifffile
 from drafting.drawn_contacts import drawn_contact
 from isochrome.errors import InputError, PhysicsError
 from isochrome.samples import samples_path
-from isochrome.setup_page import apply_tool, open_session, session_state
-from isochrome.setup_page.cold_search import find_in_frames, page_words
+from isochrome.setup_page import apply_tool, find_in_frames, open_session, page_words, session_state
 
 from .conftest import GIVEN
 
@@ -99,16 +96,12 @@ def test_a_region_is_not_turned_under_the_user(case, drawn):
     with pytest.raises(InputError, match=rf"turned by {case.turn} degrees.*take them away"):
         find_in_frames(drawn, 0)
     assert drawn.text == before
-
-
-def test_what_is_held_is_not_searched_for(case, drawn):
-    """The wrong field, held, explains nothing: the refusal names the page's fields."""
+    # the wrong field, held, explains nothing: the refusal names the page's fields
     wrong = {"dark": "bright", "bright": "dark"}[case.field]
     values = form_of(case) | {"polariscope.field": wrong, "frames.rotate_deg": case.turn}
     with pytest.raises(PhysicsError) as refused:
         find_in_frames(drawn, 0, form=("contact", values | {"frames.gamma": 1.0}), held=True)
-    assert "--" not in str(refused.value) and "'Load'" in str(refused.value)
-    assert drawn.text == ""
+    assert "--" not in str(refused.value) and "'Load'" in str(refused.value) and drawn.text == ""
 
 
 def test_what_is_missing_is_asked_for_by_the_names_of_fields(case, drawn):

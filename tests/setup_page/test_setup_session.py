@@ -1,7 +1,5 @@
 """The page's tools without a browser: what each does to the scene's text."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal
@@ -20,10 +18,15 @@ from isochrome.errors import InputError
 from isochrome.frames import open_scene_frames
 from isochrome.samples import samples_path
 from isochrome.scene import load_scene
-from isochrome.setup_page import apply_tool, open_session, session_state
-from isochrome.setup_page.edits import without_model
-from isochrome.setup_page.server import fit_answer, order_map_of_points
-from isochrome.setup_page.session import LiveModel
+from isochrome.setup_page import (
+    LiveModel,
+    apply_tool,
+    fit_answer,
+    open_session,
+    order_map_of_points,
+    session_state,
+    without_model,
+)
 
 from .conftest import GIVEN
 
@@ -48,8 +51,7 @@ def test_a_fresh_folder_has_no_scene_and_the_form_makes_one(session, fresh):
         "no_load_dark": "no-load-dark.tif", "no_load_bright": "no-load-bright.tif",
     }  # fmt: skip
     assert tables["load"]["normal_n"] == 40.0 and tables["wear"]["distances_m"][-1] == 233
-    assert "# Thickness, mm" in session.text
-    assert not (fresh / "scene.toml").exists()
+    assert "# Thickness, mm" in session.text and not (fresh / "scene.toml").exists()
     apply_tool(session, {"tool": "save"})
     assert load_scene(fresh / "scene.toml").load.normal_n == 40.0
     assert session_state(session)["saved"]
@@ -73,7 +75,9 @@ def test_every_kind_of_specimen_becomes_a_scene(session, kind):
     assert session.scene().model == (None if kind == "other" else kind)
 
 
-def test_scale_contact_and_surface_are_read_off_the_picture(made):
+def test_scale_contact_and_surface_are_read_off_the_picture(
+    made,
+):
     apply_tool(made, {"tool": "scale", "points": [[10, 100], [10, 600]], "length_mm": 3.0})
     assert values_of(made)["camera"]["pixel_mm"] == 0.006
     apply_tool(made, {"tool": "contact", "point": [1.5, 324.5]})
@@ -90,9 +94,6 @@ def test_scale_contact_and_surface_are_read_off_the_picture(made):
     assert state["place"] == pytest.approx([row, 324.5], abs=0.02)
     for end_row, end_col in state["surface"]:
         assert end_row == pytest.approx(6.0 - 4.0 * (end_col - 20.0) / 600.0, abs=0.05)
-
-
-def test_another_scale_leaves_the_contact_where_it_is_in_the_picture(made):
     apply_tool(made, {"tool": "contact", "point": [4.0, 300.0]})
     apply_tool(made, {"tool": "scale", "points": [[0, 0], [0, 400]], "length_mm": 3.0})
     assert session_state(made)["place"] == pytest.approx([4.0, 300.0], abs=0.01)
@@ -111,18 +112,15 @@ def test_a_region_moves_all_that_is_counted_in_it(made, roll):
     box = {"top_px": 20, "left_px": 40, "height_px": 440, "width_px": 600}
     apply_tool(made, {"tool": "region", "region": box})
     tables = values_of(made)["frames"]
-    assert tables["roi"] == box
-    assert tables["polygon_px"][0] == [30.0, 60.0]
+    assert tables["roi"] == box and tables["polygon_px"][0] == [30.0, 60.0]
     assert tables["known_order"][0] == {"row_px": 180, "col_px": 260, "order": 1.5}
     assert tables["known_line"][0]["col_px"] == [110.0, 140.5]
     state = session_state(made)
-    assert state["place"] == pytest.approx([30.0, 324.0], abs=0.01)
-    assert state["polygon"] == square
+    assert state["place"] == pytest.approx([30.0, 324.0], abs=0.01) and state["polygon"] == square
     assert [(one["row"], one["col"]) for one in state["known_order"]] == [(200, 300), (410, 80)]
     assert state["known_line"] == lines
     apply_tool(made, {"tool": "region", "region": None})
-    assert "roi" not in values_of(made)["frames"]
-    assert session_state(made)["polygon"] == square
+    assert "roi" not in values_of(made)["frames"] and session_state(made)["polygon"] == square
     assert session_state(made)["place"] == pytest.approx([30.0, 324.0], abs=0.02)
 
 
@@ -140,15 +138,6 @@ def test_a_change_that_is_no_scene_leaves_all_as_it_was_and_undo_takes_one_back(
     apply_tool(made, {"tool": "values", "values": {"load.normal_n": 50}})
     apply_tool(made, {"tool": "undo"})
     assert made.text == before
-
-
-def test_a_scene_that_is_there_keeps_its_comments(fresh):
-    own = "# bench 3\n[specimen]\nthickness_mm = 4.0  # calliper\n\n[camera]\r\npixel_mm = 0.006\n"
-    (fresh / "scene.toml").write_bytes(own.encode())
-    session = open_session(fresh / "captured.tif")
-    apply_tool(session, {"tool": "values", "values": {"specimen.thickness_mm": 5.0}})
-    apply_tool(session, {"tool": "save"})
-    assert (fresh / "scene.toml").read_bytes() == own.replace("4.0", "5.0").encode()
 
 
 def test_a_file_that_another_program_changed_is_not_written_over(made, fresh):
@@ -178,17 +167,23 @@ def test_a_file_that_another_program_changed_is_not_written_over(made, fresh):
     assert file.read_text() == mine
 
 
-def test_a_scene_that_came_while_the_page_was_open_is_not_written_over(made, fresh):
+def test_a_scene_of_a_second_page_is_not_written_over_and_one_of_the_package_copied(made, fresh):
     (fresh / "scene.toml").write_text("# of a second page\n")
     with pytest.raises(InputError, match="was changed by another program"):
         apply_tool(made, {"tool": "save"})
     assert (fresh / "scene.toml").read_text() == "# of a second page\n"
 
 
-def test_a_scene_of_the_package_is_copied_beside_the_frames(fresh):
+def test_a_scene_that_is_there_keeps_its_comments_and_the_packages_is_copied(fresh):
     session = open_session(fresh / "captured.tif", "line-contact-wear")
     assert session.scene_file == fresh / "scene.toml" and not session.is_saved
     assert session.scene().load.normal_n == 44.0
+    own = "# bench 3\n[specimen]\nthickness_mm = 4.0  # calliper\n\n[camera]\r\npixel_mm = 0.006\n"
+    (fresh / "scene.toml").write_bytes(own.encode())
+    session = open_session(fresh / "captured.tif")
+    apply_tool(session, {"tool": "values", "values": {"specimen.thickness_mm": 5.0}})
+    apply_tool(session, {"tool": "save"})
+    assert (fresh / "scene.toml").read_bytes() == own.replace("4.0", "5.0").encode()
 
 
 @pytest.mark.parametrize("name", ["/etc/passwd", "../secret.csv", "elsewhere/a.csv"])
@@ -238,18 +233,14 @@ def test_the_live_model_is_the_simulation_but_for_what_no_eye_sees(made):
         wanted = isochrome.polariscope_light(given, isochrome.stress_map(given, state))
         difference = np.abs(model.signal(values) - wanted.to_numpy())
         # steep stress at the contact's edges, where a pixel shows a mean that is left out here
-        assert np.quantile(difference, 0.99) < 0.03
-        assert np.median(difference) < 0.005
+        assert np.quantile(difference, 0.99) < 0.03 and np.median(difference) < 0.005
 
 
-def test_live_values_out_of_range_are_said(made):
+def test_live_values_out_of_range_are_said_and_known_points_shown_without_the_model(made):
     with pytest.raises(InputError, match=r"load\.normal_n"):
         made.live(1, {"load.normal_n": -1.0})
     with pytest.raises(InputError, match="there are 6"):
         made.live(6, {})
-
-
-def test_known_points_are_shown_without_the_model(made):
     with pytest.raises(InputError, match="no order is known anywhere"):
         order_map_of_points(made, 0)
     point = {"row": 420, "col": 100, "order": 0.0}
@@ -334,8 +325,7 @@ def test_no_load_frames_beside_the_frames_of_a_folder_are_no_frames(folder):
     assert state["beside"] == ["no-load-bright.png", "no-load-dark.png"]
     apply_tool(session, {"tool": "new", "kind": "contact", "values": GIVEN})
     named = {"no_load_dark": "no-load-dark.png", "no_load_bright": "no-load-bright.png"}
-    assert values_of(session)["frames"] == named
-    assert session_state(session)["frames"]["count"] == 6
+    assert values_of(session)["frames"] == named and session_state(session)["frames"]["count"] == 6
     apply_tool(session, {"tool": "save"})
     scene = load_scene(folder / "scene.toml")
     with open_scene_frames(folder, scene) as reader:

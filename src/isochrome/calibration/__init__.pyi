@@ -1,9 +1,10 @@
 from .beam.api import bending_from_shots, calibrate_bending
 from .camera_scale import calibrate_scale
-from .colour import ColourCalibration, calibrate_colour
+from .colour import ColourCalibration, calibrate_colour, read_colour_shots
 from .disc.api import calibrate_disc, disc_from_shots
 from .disc.disc_rim import Circle, find_rim, fit_circle
 from .load_reading import LoadReading, LoadSeries, lay_series, read_load
+from .loading import read_shots
 from .result import Calibration, ImageFit
 from .saved import calibration_report, check_scene_file, save_calibration, write_into_scene
 from .scale_result import MeasuredValue, ScaleCalibration, ScalePicture
@@ -49,7 +50,9 @@ __all__ = [
     "fit_circle",
     "lay_series",
     "load_set",
+    "read_colour_shots",
     "read_load",
+    "read_shots",
     "save_calibration",
     "write_into_scene",
 ]

@@ -1,3 +1,4 @@
 from .api import Campaign, process_campaign
+from .outcome import Outcome
 
-__all__ = ["Campaign", "process_campaign"]
+__all__ = ["Campaign", "Outcome", "process_campaign"]

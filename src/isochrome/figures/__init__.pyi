@@ -1,11 +1,12 @@
 from .layout import (
+    PAGE_MM,
     FigureStyle,
     PaperPanels,
     PictureKind,
     Plot,
     chosen_frames,
 )
-from .paper import data_name, paper_figure, save_figure
+from .paper import curve_columns, data_name, paper_figure, save_figure
 from .plots import (
     BAND,
     KEY_LABELS,
@@ -71,6 +72,7 @@ __all__ = [
     "LINE_STYLES",
     "NOTE_PT",
     "OVERLAY_COLOUR",
+    "PAGE_MM",
     "PALE",
     "PANEL_IN",
     "PAPER_DIRECTION_MAP",
@@ -88,6 +90,7 @@ __all__ = [
     "budget_plot",
     "centred_limit",
     "chosen_frames",
+    "curve_columns",
     "data_name",
     "draw_band",
     "draw_budget",

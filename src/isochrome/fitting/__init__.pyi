@@ -26,7 +26,7 @@ from .frame.unknowns import (
     stated_pairs,
     taken_as_exact,
 )
-from .frame_set import CORRECT
+from .frame_set import CORRECT, PreparedFrames
 from .joint.frame_sequence import over_distance
 from .result import TOO_FAR, fitted_scene
 from .search.picture_search import Lying, PictureStart, search_picture
@@ -51,6 +51,7 @@ __all__ = [
     "Lying",
     "ModelFrame",
     "PictureStart",
+    "PreparedFrames",
     "SceneRenderer",
     "Tracked",
     "Tracker",

@@ -200,7 +200,7 @@ def _fit_law(
         moved[segment] = mean_coefficients(scene, ends)
         return (moved - values)[friction + segment] * size
 
-    turned = [(0.0,)]
+    turned: list[tuple[float, ...]] = [(0.0,)]
     if count > 1:  # such a law may have several valleys
         turned = [(0.0, ratio, turn) for ratio in (-0.7, 0.7) for turn in (-0.7, 0.7)]
     places = [

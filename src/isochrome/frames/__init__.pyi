@@ -1,4 +1,5 @@
 from .checks import Check, Finding, Level, look_through, misfits
+from .containers import begins_anew, length_bytes
 from .linear import (
     Linear,
     Normalised,
@@ -45,6 +46,7 @@ __all__ = [
     "absolute",
     "as_captured",
     "as_turned",
+    "begins_anew",
     "channel_for",
     "check_scale",
     "estimate_noise",
@@ -52,6 +54,7 @@ __all__ = [
     "full_scale",
     "input_files",
     "is_unloaded",
+    "length_bytes",
     "likely_no_load",
     "load_mask",
     "load_no_load",

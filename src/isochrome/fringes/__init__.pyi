@@ -1,3 +1,4 @@
+from .anchor import Balance, balance, unwrap
 from .colour.colour_order import ColourReading, read_colour
 from .colour.colour_table import (
     STEP,
@@ -22,7 +23,15 @@ from .film.film_reading import (
     smooth_zero,
 )
 from .film.follower import LARGEST_CHANGE, FilmState, follow_frame, unloaded_state
-from .on_branch import BRANCH, LARGEST_UNCERTAINTY, OrderReading, read_order, widened
+from .on_branch import (
+    BRANCH,
+    LARGEST_UNCERTAINTY,
+    SURE,
+    OrderReading,
+    make_reading,
+    read_order,
+    widened,
+)
 from .single_frame.background_modulation import (
     BackgroundModulation,
     exact_ends,
@@ -46,22 +55,45 @@ from .single_frame.stated_orders import (
     known_orders,
 )
 from .skeleton import Skeleton, number_lines, order_contours, skeleton_table, skeletons
-from .stepped.step_equations import make_design
-from .stepped.stepped_order import ResidualStress, SteppedReading, read_residual, read_steps
+from .stepped.integer_order import Direction, settle
+from .stepped.step_equations import (
+    COSINE,
+    CROSS,
+    SINE,
+    SINE_SINE,
+    StepTerms,
+    make_design,
+    solve_steps,
+)
+from .stepped.step_light import fill_gaps
+from .stepped.stepped_order import (
+    ResidualStress,
+    SteppedReading,
+    least_field,
+    read_residual,
+    read_steps,
+)
 
 __all__ = [
     "BRANCH",
     "CLEAR",
+    "COSINE",
+    "CROSS",
     "LARGEST_CHANGE",
     "LARGEST_UNCERTAINTY",
     "MOST_COST",
+    "SINE",
+    "SINE_SINE",
     "STATED_SPREAD",
     "STEP",
+    "SURE",
     "BackgroundModulation",
+    "Balance",
     "BrightestLight",
     "ColourReading",
     "ColourShots",
     "ColourTable",
+    "Direction",
     "FilmLight",
     "FilmPath",
     "FilmState",
@@ -75,11 +107,14 @@ __all__ = [
     "OwnLight",
     "ResidualStress",
     "Skeleton",
+    "StepTerms",
     "SteppedReading",
+    "balance",
     "band_light",
     "band_scale",
     "common_reading",
     "exact_ends",
+    "fill_gaps",
     "find_light",
     "find_no_load_exposure",
     "fit_background_modulation",
@@ -90,8 +125,10 @@ __all__ = [
     "joined_pixels",
     "joined_reading",
     "known_orders",
+    "least_field",
     "light_wave",
     "make_design",
+    "make_reading",
     "measured_table",
     "number_lines",
     "order_contours",
@@ -103,11 +140,14 @@ __all__ = [
     "read_residual",
     "read_steps",
     "read_table",
+    "settle",
     "skeleton_table",
     "skeletons",
     "smooth_zero",
+    "solve_steps",
     "spectral_table",
     "table_columns",
     "unloaded_state",
+    "unwrap",
     "widened",
 ]

@@ -1,6 +1,10 @@
 from .api import check_scene, process
 from .checking import check
 from .frame_task import own_scene
+from .in_common import tabulate_set, with_past_friction, with_past_loads, with_scatter_of_gamma
+from .kinds.image_only import says_a_half
+from .kinds.kind import kind_of
+from .kinds.tracked import FINEST_STEP, TrackedFilm, order_step
 from .kinds.with_model import placed_disc
 from .one_frame import (
     AnchorPreview,
@@ -11,12 +15,14 @@ from .one_frame import (
     part_change,
     process_frame,
 )
-from .pictures.figure import plot_order
-from .processed import Processed, restore
-from .result import PICTURE, SPREAD, ProcessedFrame
+from .pictures.figure import Shown, plot_order, tracked_figure
+from .processed import Processed, collect, restore
+from .result import FOUND_BY, PICTURE, SPREAD, ProcessedFrame, cell_values, row_of_set
 from .run_report import process_report
 
 __all__ = [
+    "FINEST_STEP",
+    "FOUND_BY",
     "PICTURE",
     "SPREAD",
     "AnchorPreview",
@@ -25,9 +31,15 @@ __all__ = [
     "PatchOrders",
     "Processed",
     "ProcessedFrame",
+    "Shown",
+    "TrackedFilm",
     "anchor_preview",
+    "cell_values",
     "check",
     "check_scene",
+    "collect",
+    "kind_of",
+    "order_step",
     "own_scene",
     "part_change",
     "placed_disc",
@@ -36,4 +48,11 @@ __all__ = [
     "process_frame",
     "process_report",
     "restore",
+    "row_of_set",
+    "says_a_half",
+    "tabulate_set",
+    "tracked_figure",
+    "with_past_friction",
+    "with_past_loads",
+    "with_scatter_of_gamma",
 ]

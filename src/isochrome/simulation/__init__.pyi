@@ -13,10 +13,11 @@ from .model import (
     state_count,
     state_difference,
 )
-from .rendering import Rendered, picture_axes, render
+from .rendering import LAYERS, Rendered, picture_axes, render
 from .steps import camera_frame, polariscope_light, stress_map, surface_tractions
 
 __all__ = [
+    "LAYERS",
     "Picture",
     "Rendered",
     "SceneState",
