@@ -266,10 +266,10 @@ def _note(item: Item, comment: str, mark: str) -> None:
     if not comment:
         return
     trivia = item.trivia
-    kept = re.sub(rf";?[ \t]*{mark}[^;]*", "", trivia.comment) if mark else trivia.comment
-    kept = kept.replace("#;", "#").rstrip()
+    remaining = re.sub(rf";?[ \t]*{mark}[^;]*", "", trivia.comment) if mark else trivia.comment
+    remaining = remaining.replace("#;", "#").rstrip()
     trivia.comment_ws = trivia.comment_ws or "  "
-    trivia.comment = ("# " if kept in ("", "#") else f"{kept}; ") + comment
+    trivia.comment = ("# " if remaining in ("", "#") else f"{remaining}; ") + comment
 
 
 def _cut(table: Item) -> str:
