@@ -515,11 +515,10 @@ def _decode(packet: Any, clock: _Clock, path: Path, count: int) -> list[Any]:
             "source"
         )
     clock.push(packet)
-    frames = packet.decode()
+    frames: list[Any] = packet.decode()
     if any(frame.is_corrupt for frame in frames):
         raise InputError(f"{path}: frame {count} is damaged; copy the file again from its source")
-    result: list[Any] = frames
-    return result
+    return frames
 
 
 def checksum(frame: Any) -> int:
@@ -549,28 +548,26 @@ def by_packets(path: Path, kind: Container) -> Places | None:
     keys: list[int] = []
     with open_container(path) as (container, stream):
         context = stream.codec_context
-        length = length_bytes(context.extradata) if context.name == "h264" else None
-        if length is None and context.name not in FRAME_BY_PACKET:
+        unit = length_bytes(context.extradata) if context.name == "h264" else None
+        if unit is None and context.name not in FRAME_BY_PACKET:
             return None
         base, packets = stream.time_base, container.demux(stream)
-        while True:
-            try:
-                with refusing(path):
-                    packet = next(packets, None)
-            except InputError:  # decoding says it better
-                return None
-            tick = None if packet is None else packet.dts if kind == "avi" else packet.pts
-            if packet is None or (packet.size == 0 and tick is None):  # the end
-                break
-            if packet.size == 0 or packet.is_corrupt or packet.is_discard or tick is None:
-                return None
-            key = packet.is_keyframe if length is None else begins_anew(bytes(packet), length)
-            if key is None:
-                return None
-            if key:
-                keys.append(len(ticks))
-            ticks.append(tick)
-    return _in_order(np.array(ticks, np.int64), keys, base, reordered=length is not None)
+        try:
+            with refusing(path):
+                for packet in packets:
+                    tick = packet.dts if kind == "avi" else packet.pts
+                    if packet.size == 0 and tick is None:  # the end
+                        break
+                    if packet.size == 0 or packet.is_corrupt or packet.is_discard or tick is None:
+                        return None
+                    key = packet.is_keyframe if unit is None else begins_anew(bytes(packet), unit)
+                    if key is None:
+                        return None
+                    keys += [len(ticks)] * key
+                    ticks.append(tick)
+        except InputError:  # decoding says it better
+            return None
+    return _in_order(np.array(ticks, np.int64), keys, base, reordered=unit is not None)
 
 
 def _in_order(ticks: np.ndarray, keys: list[int], base: Any, *, reordered: bool) -> Places | None:

@@ -241,8 +241,7 @@ def _rough_sigma(values: np.ndarray, spread: np.ndarray) -> float:
         return _middle_of_bytes(values[::2]) * 1.4826 / float(np.sqrt(70.0))
     v = values[::2].astype(np.float32)
     mixed = v[:, :-4] - 4 * v[:, 1:-3] + 6 * v[:, 2:-2] - 4 * v[:, 3:-1] + v[:, 4:]
-    result: float = float(np.median(np.abs(mixed))) * 1.4826 / np.sqrt(70.0)
-    return result
+    return float(np.median(np.abs(mixed))) * 1.4826 / float(np.sqrt(70.0))
 
 
 def _middle_of_bytes(levels: np.ndarray) -> float:

@@ -62,8 +62,7 @@ class NoiseModel:
         full = full_scale(bit_depth)
         sigma = self.sigma(values)
         level = np.maximum(np.asarray(values, dtype=float), sigma) / full
-        result: np.ndarray = gamma * level ** (gamma - 1) * sigma / full
-        return result
+        return np.asarray(gamma * level ** (gamma - 1) * sigma / full)
 
 
 def full_scale(bit_depth: int | None) -> float:
@@ -187,5 +186,4 @@ def _polynomials(side: int, degree: int) -> np.ndarray:
         for i in range(degree + 1)
         for j in range(degree + 1 - i)
     ]
-    orthonormal: np.ndarray = np.linalg.qr(np.stack(terms, axis=1))[0]
-    return orthonormal
+    return np.asarray(np.linalg.qr(np.stack(terms, axis=1))[0])

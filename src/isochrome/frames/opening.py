@@ -155,9 +155,7 @@ class Parts:
         if number == 0 or end_s is None:
             return end_s
         start_s, first = self.source(number).start_s, self._first.start_s
-        if start_s is None or first is None:
-            return None
-        return max(end_s, start_s - first)
+        return None if start_s is None or first is None else max(end_s, start_s - first)
 
     def frames(self, start: int) -> Generator[RawFrame]:
         """The frames from number `start` on."""
@@ -405,9 +403,7 @@ def _source(path: FramesLike, leave_out: Sequence[str | Path]) -> Source:
         raise InputError(f"{path}: cannot be read ({error}); check its name") from error
     if folder:
         return _of_files(_files_in(place, leave_out), "folder")
-    if not exists:
-        return _of_files(matches(path), "list")
-    return _of_files((place,), "image")
+    return _of_files((place,), "image") if exists else _of_files(matches(path), "list")
 
 
 def matches(name: str | Path) -> tuple[Path, ...]:

@@ -145,9 +145,7 @@ def _turned_frames(
 
 
 def _mirrored(image: np.ndarray, flip: str | None) -> np.ndarray:
-    if flip is None:
-        return image
-    return image[:, ::-1] if flip == "horizontal" else image[::-1]
+    return image if flip is None else image[:, ::-1] if flip == "horizontal" else image[::-1]
 
 
 def as_turned(image: np.ndarray, rotate_deg: int, flip: str | None) -> np.ndarray:

@@ -113,10 +113,10 @@ def _against_others(reader: FrameReader, scene: Scene, capture: Capture) -> Iter
     except (InputError, PhysicsError) as error:
         yield Finding("error", str(error))
         return
-    own = replace(capture, series=series)
+    capture_of_set = replace(capture, series=series)
     middle = len(scene.frames.known_loads_n) // 2
     looked = [frame for frame in reader if frame.index in (0, middle)]
-    result = [process_known_loads(frame, scene, own) for frame in looked]
+    result = [process_known_loads(frame, scene, capture_of_set) for frame in looked]
     read = any(tells_load(frame) for frame in result)
     for frame in result:
         for text in frame.warnings[:1] if not tells_load(frame) else ():
@@ -132,21 +132,23 @@ def _asked(
     lost: list[Finding] = []
     refused = None
     for frame in frames:
-        said = None
+        reading = None
         try:
-            said = frame_causes(frame, own_scene(scene, frame), capture)
+            reading = frame_causes(frame, own_scene(scene, frame), capture)
         except (InputError, PhysicsError) as error:
             refused = refused or str(error)
-        if said is None:
+        if reading is None:
             bare.append(frame.index)
             continue
-        texts, explained = said
+        texts, explained = reading
         level: Level = "error" if explained == "with a slip" else "warning"
-        told = [Finding(level, f"{named_frames([frame.index])}: {t}", frame.index) for t in texts]
+        findings = [
+            Finding(level, f"{named_frames([frame.index])}: {t}", frame.index) for t in texts
+        ]
         if explained != "not at all":
-            yield from told
+            yield from findings
             return
-        lost = lost or told
+        lost = lost or findings
     if lost:
         *before, last = lost
         yield from before

@@ -6,7 +6,7 @@ import csv
 import io
 import zipfile
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import groupby
 from typing import Any, cast
@@ -70,12 +70,18 @@ def gather(task: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) ->
             continue
         lines = _lines_to_keep(task, item)
         if lines:
-            tables.append(_line_table(item, lines, task.scene, header=not tables))
+            left, top = item.corner_mm(task.scene)
+            points = skeleton_table(lines, pixel_mm=item.pixel_mm, left_mm=left, top_mm=top)
+            number = np.full(len(points["line"]), item.index)
+            tables.append(csv_text({"frame": number, **points}, header=not tables))
         if task.rois:
             rois += roi_entries(lines, item.index)
     parts = {LINES: "".join(tables).encode()} if tables else {}
     if task.rois:
-        parts[ROIS] = _zipped(rois)
+        data = io.BytesIO()
+        with zipfile.ZipFile(data, "w") as archive:
+            add_rois(archive, rois)
+        parts[ROIS] = data.getvalue()
     arrays = {name: np.stack(maps) for name, maps in pictures.items()}
     return Results(arrays, rows, more, parts, packed=dict(packed))
 
@@ -84,22 +90,6 @@ def _lines_to_keep(task: FrameTask, item: ProcessedFrame) -> list[Skeleton]:
     """The fringe lines of a frame; with a model, which can draw them anew, for who asks alone."""
     wanted = task.rois or (item.fit is None and task.kind.draws_lines)
     return item.skeleton() if wanted else []
-
-
-def _zipped(rois: Sequence[tuple[str, bytes]]) -> bytes:
-    data = io.BytesIO()
-    with zipfile.ZipFile(data, "w") as archive:
-        add_rois(archive, rois)
-    return data.getvalue()
-
-
-def _line_table(
-    item: ProcessedFrame, lines: Sequence[Skeleton], scene: Scene, *, header: bool
-) -> str:
-    """The points of a frame's fringe lines, as CSV."""
-    left, top = item.corner_mm(scene)
-    points = skeleton_table(lines, pixel_mm=item.pixel_mm, left_mm=left, top_mm=top)
-    return csv_text({"frame": np.full(len(points["line"]), item.index), **points}, header=header)
 
 
 def _within(

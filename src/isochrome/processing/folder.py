@@ -120,8 +120,13 @@ def _add_to_store(
     if grid is not None:
         place = {"pixel_mm": grid.pixel_mm, "left_mm": grid.left_mm, "top_mm": grid.top_mm}
     _write_stacks(run_folder, result.columns, axes, place)
-    if result.residual is not None:
-        _write_residual(run_folder, result.residual, place)
+    residual = result.residual
+    for name in () if residual is None else ("order", "isoclinic"):
+        assert residual is not None
+        map_name = "fringe_order" if name == "order" else name
+        view = imagej_view(map_name, (0.0, residual.largest), labels=["without load"], **place)
+        path, values = run_folder.results / f"residual_{name}.tif", getattr(residual, name)[None]
+        write_tiff(path, values, pixel_mm=place["pixel_mm"], metadata=view)
 
 
 def _join_lines(run_folder: RunFolder, task: FrameTask) -> None:
@@ -212,18 +217,6 @@ def _write_stacks(
             times_s=[times[k] for k in pages], **place,
         )  # fmt: skip
         write_stack(run_folder, layer, view, pixel_mm=place["pixel_mm"])
-
-
-def _write_residual(
-    run_folder: RunFolder, residual: ResidualStress, place: Mapping[str, float | None]
-) -> None:
-    """The residual stress that was taken out, as order and direction. Raises InputError."""
-    span = 0.0, residual.largest
-    for name in ("order", "isoclinic"):
-        map_name = "fringe_order" if name == "order" else name
-        view = imagej_view(map_name, span, labels=["without load"], **place)
-        path, values = run_folder.results / f"residual_{name}.tif", getattr(residual, name)[None]
-        write_tiff(path, values, pixel_mm=place["pixel_mm"], metadata=view)
 
 
 def _set_columns(

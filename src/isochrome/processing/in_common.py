@@ -105,15 +105,15 @@ def with_scatter_of_gamma(table: dict[str, list[Any]]) -> dict[str, list[Any]]:
     if _GAMMA not in table:
         return table
     value, spread = numbers(table[_GAMMA]), numbers(table[name])
-    told = np.flatnonzero(np.isfinite(value) & (spread > 0.0))
-    if len(told) < 2:
+    known = np.flatnonzero(np.isfinite(value) & (spread > 0.0))
+    if len(known) < 2:
         return table
-    own, weight = value[told], spread[told] ** -2.0
-    mean = float(np.average(own, weights=weight))
-    if np.sum(weight * (own - mean) ** 2) <= chdtri(len(told) - 1, _CHANCE):
+    value_known, weight = value[known], spread[known] ** -2.0
+    mean = float(np.average(value_known, weights=weight))
+    if np.sum(weight * (value_known - mean) ** 2) <= chdtri(len(known) - 1, _CHANCE):
         return table
-    scatter = float(np.std(own, ddof=1))
-    least, largest = (int(told[k]) for k in (np.argmin(own), np.argmax(own)))
+    scatter = float(np.std(value_known, ddof=1))
+    least, largest = (int(known[k]) for k in (np.argmin(value_known), np.argmax(value_known)))
     text = (
         f"gamma scatters between the frames of one camera by more than each frame's own "
         f"uncertainty: from {value[least]:.3f} (frame {table['frame'][least]}) to "
@@ -122,7 +122,7 @@ def with_scatter_of_gamma(table: dict[str, list[Any]]) -> dict[str, list[Any]]:
         "it as frames.gamma"
     )
     wider, messages = list(table[name]), list(table["warnings"])
-    for k in told:
+    for k in known:
         wider[k] = max(wider[k], scatter)
         messages[k] = SEPARATOR.join(filter(None, (messages[k], text)))
     return table | {name: wider, "warnings": messages}
@@ -138,14 +138,16 @@ def with_past_friction(table: dict[str, list[Any]], scene: Scene) -> dict[str, l
     name = f"{FRICTION} {SPREAD}"
     if scene.wear is None or name not in table:
         return table
-    order, slid, own = _over_distance(table, FRICTION)
+    order, slid, friction = _over_distance(table, FRICTION)
     if not len(order):
         return table
     away = slid - slid[0]
-    past = np.divide(_integral(slid, own), away, out=own.copy(), where=away > 0.0)
+    past = np.divide(_integral(slid, friction), away, out=friction.copy(), where=away > 0.0)
     causes = table.get(CAUSES) or [""] * len(table[name])
     shown = [EARLIER in cell_values(causes[k] or "") for k in order]
-    return _widened(table, name, order, np.where(shown, 0.0, _OF_THE_PAST * np.abs(own - past)))
+    return _widened(
+        table, name, order, np.where(shown, 0.0, _OF_THE_PAST * np.abs(friction - past))
+    )
 
 
 def with_past_loads(table: dict[str, list[Any]], scene: Scene) -> dict[str, list[Any]]:
@@ -163,18 +165,18 @@ def with_past_loads(table: dict[str, list[Any]], scene: Scene) -> dict[str, list
     if not len(order) or not slid[-1] > 0.0:
         return table
     first, span = slid[0], slid[-1] - slid[0]
-    means = []
+    averages = []
     for values in (load, load * load):
         since = _integral(slid, values)
         before = first * (since[-1] / span if span > 0.0 else values.mean())
-        means.append(np.divide(before + since, slid, out=values.copy(), where=slid > 0.0))
-    past, scatter = means[0], np.sqrt(np.maximum(means[1] - means[0] ** 2, 0.0))
+        averages.append(np.divide(before + since, slid, out=values.copy(), where=slid > 0.0))
+    past, scatter = averages[0], np.sqrt(np.maximum(averages[1] - averages[0] ** 2, 0.0))
     found_by = table.get(FOUND_BY)
-    alone = np.array([found_by is None or found_by[k] != FOLLOWED for k in order])
-    begun = np.maximum.accumulate(np.where(alone, np.arange(len(order)), 0))
+    by_itself = np.array([found_by is None or found_by[k] != FOLLOWED for k in order])
+    begun = np.maximum.accumulate(np.where(by_itself, np.arange(len(order)), 0))
     scattered = _OF_PAST_LOADS * (slid * scatter / past)[begun]
     remembered = np.divide(scattered, slid, out=np.zeros(len(slid)), where=slid > 0.0)
-    shift = np.where(alone, np.hypot(remembered, past / load - 1.0), remembered)
+    shift = np.where(by_itself, np.hypot(remembered, past / load - 1.0), remembered)
     return _widened(table, name, order, np.abs(numbers(table[WEAR]))[order] * shift)
 
 

@@ -102,11 +102,11 @@ def process_frame(frames: FramesLike, scene: Scene, index: int) -> FrameResult:
     with _captured(frames, scene, index) as (source, number, states):
         result = source.processed(number, states)
         row = source.task.kind.row(result, scene)
-    whole = Processed(
+    one_state = Processed(
         scene=scene, model=scene.model, columns=tabulate_set([row]), frames=[result], fitted=None,
         warnings=result.warnings,
     )  # fmt: skip
-    return FrameResult(result, row, whole.summary_text)
+    return FrameResult(result, row, one_state.summary_text)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -325,10 +325,10 @@ def _fitted(scene: Scene, table: dict[str, list[Any]], shape: tuple[int, int]) -
         return None
     keys = fitted_keys(table)
     # of a tracked video the key frames count, whose every pixel was fitted
-    whole = whole_frames(table) if PICTURE in table else [True] * len(table["frame"])
-    own = [
+    complete = whole_frames(table) if PICTURE in table else [True] * len(table["frame"])
+    fitted = [
         {key: {"value": value} for key, value in own_values(table, keys, k).items()} if at else {}
-        for k, at in enumerate(whole)
+        for k, at in enumerate(complete)
     ]
     grid = {
         # a disc's may come from its rim
@@ -336,12 +336,12 @@ def _fitted(scene: Scene, table: dict[str, list[Any]], shape: tuple[int, int]) -
         "camera.height_px": shape[0],
         "camera.width_px": shape[1],
     }
-    result = fitted_scene(scene.with_values(grid), {}, own)
+    result = fitted_scene(scene.with_values(grid), {}, fitted)
     if scene.frames.sliding_speed_mm_per_s is None or not scene.wear or FRICTION not in keys:
         return result
     points = {
         float(s): float(values[FRICTION]["value"])
-        for s, values in zip(table["distance_m"], own, strict=True)
+        for s, values in zip(table["distance_m"], fitted, strict=True)
         if FRICTION in values and np.isfinite(values[FRICTION]["value"])
     }
     return (

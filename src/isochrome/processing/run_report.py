@@ -206,9 +206,9 @@ def _panes(
     shown: _Shown, model: _Model | None, gap: Array | None, largest: float, limit: float
 ) -> tuple[Pane, ...]:
     """The pictures of a frame; where its own is not kept, its order stands in the first place."""
-    own, order = list[Pane](), list[Pane]()
+    experiment, order = list[Pane](), list[Pane]()
     if shown.signal is not None:
-        own.append(Pane("experiment", "experiment", shown.signal, _LIGHT, SIGNAL))
+        experiment.append(Pane("experiment", "experiment", shown.signal, _LIGHT, SIGNAL))
     if shown.order is not None:
         order.append(Pane("order", "fringe order N", shown.order, (0.0, largest), FRINGES))
     simulated = list[Pane]()
@@ -216,7 +216,7 @@ def _panes(
         simulated.append(Pane("simulation", "simulation", model[0], _LIGHT, SIGNAL))
     if gap is not None:
         simulated.append(Pane("difference", _DIFFERENCE, gap, (-limit, limit), FRINGES))
-    return (*own, *simulated, *order) if own else (*order, *simulated)
+    return (*experiment, *simulated, *order) if experiment else (*order, *simulated)
 
 
 def _model(
@@ -233,11 +233,11 @@ def _model(
     if not values:
         return None, "nothing was fitted to it, so there is no simulation"
     try:
-        own = _own_scene(scene, table, shown, values)
-        *_, state = iter_scene_states(own)
-        pixels = pixel_grid(own)
-        picture = make_picture(own, state_difference(own, state, pixels), pixels)
-        signal = picture_signal(own, picture)
+        fitted = _own_scene(scene, table, shown, values)
+        *_, state = iter_scene_states(fitted)
+        pixels = pixel_grid(fitted)
+        picture = make_picture(fitted, state_difference(fitted, state, pixels), pixels)
+        signal = picture_signal(fitted, picture)
     except IsochromeError as error:
         return None, f"its simulation was refused: {error}"
     signal, order = (np.where(picture.material, v, np.nan) for v in (signal, picture.order))

@@ -75,7 +75,10 @@ class ArrayFrames:
             self._stacked = not single
             self.count = 1 if single else next(iter(shape), 0)
             self.form = shape if single else shape[1:]
-            self.dtype = _numpy_type(given.dtype)
+            try:
+                self.dtype = np.dtype(given.dtype)
+            except TypeError:  # numpy does not know it
+                self.dtype = np.dtype(object)
         elif hasattr(given, "__len__") and hasattr(given, "__getitem__"):
             self._stacked, self.count = True, len(given)
             self._check_count()
@@ -225,15 +228,6 @@ class ArrayFrames:
                 )
             common = side
         return common
-
-
-def _numpy_type(dtype: Any) -> np.dtype[Any]:
-    """An array's type as numpy's; that of any object where numpy does not know it."""
-    try:
-        numpy_dtype: np.dtype[Any] = np.dtype(dtype)
-    except TypeError:
-        return np.dtype(object)
-    return numpy_dtype
 
 
 FramesLike = str | Path | Sequence[str | Path] | FrameSequence | ArrayFrames

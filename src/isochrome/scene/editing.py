@@ -11,6 +11,7 @@ import json
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, cast
 
 from isochrome.errors import InputError
@@ -35,14 +36,13 @@ def with_value(
     wanted = parse_toml(text, name)
     table, _, entry = key.partition(".")
     entries = wanted.setdefault(table, {})
-    if isinstance(entries, dict):
-        entries[entry] = tomllib.loads(f"value = {written}")["value"]
-        edited = _edited(
-            text, lambda doc: _set(doc, (table, entry), written, comment, mark), wanted
-        )
-        if edited is not None:
-            return edited
-    raise InputError(f"{name}: its layout cannot be edited; set {key} = {written} in it by hand")
+    by_hand = f"{name}: its layout cannot be edited; set {key} = {written} in it by hand"
+    if not isinstance(entries, dict):
+        raise InputError(by_hand)
+    entries[entry] = tomllib.loads(f"value = {written}")["value"]
+    return _edited(
+        text, lambda doc: _set(doc, (table, entry), written, comment, mark), by_hand, wanted
+    )
 
 
 def without_value(text: str, key: str, *, name: str = "scene") -> str:
@@ -60,10 +60,8 @@ def without_value(text: str, key: str, *, name: str = "scene") -> str:
     emptied = copy.deepcopy(wanted)
     if entry and not holder:
         del emptied[table]  # a table that held nothing else may go with it
-    edited = _edited(text, lambda doc: _take_out(doc, key.split(".")), wanted, emptied)
-    if edited is None:
-        raise InputError(f"{name}: its layout cannot be edited; take {key} out of it by hand")
-    return edited
+    by_hand = f"{name}: its layout cannot be edited; take {key} out of it by hand"
+    return _edited(text, lambda doc: _take_out(doc, key.split(".")), by_hand, wanted, emptied)
 
 
 def with_table_list(
@@ -83,10 +81,8 @@ def with_table_list(
     holder[entry_name or table] = tables = [dict(entry) for entry in entries]
     stay = [entry for entry in tables_now if entry in tables]
     stay = stay if tables[: len(stay)] == stay else []
-    edited = _edited(text, lambda doc: _set_list(doc, key.split("."), stay, tables), wanted)
-    if edited is not None:
-        return edited
-    raise InputError(f"{name}: its layout cannot be edited; write [[{key}]] in it by hand")
+    by_hand = f"{name}: its layout cannot be edited; write [[{key}]] in it by hand"
+    return _edited(text, lambda doc: _set_list(doc, key.split("."), stay, tables), by_hand, wanted)
 
 
 def with_list_value(
@@ -102,11 +98,9 @@ def with_list_value(
     def edit(document: TOMLDocument) -> None:
         document[key][place][entry] = value
 
-    edited = _edited(text, edit, wanted)
-    if edited is None:
-        what = f"{entry} = {value} of {key} {place + 1}"
-        raise InputError(f"{name}: its layout cannot be edited; set {what} by hand")
-    return edited
+    what = f"{entry} = {value} of {key} {place + 1}"
+    by_hand = f"{name}: its layout cannot be edited; set {what} by hand"
+    return _edited(text, edit, by_hand, wanted)
 
 
 def toml_text(value: Any) -> str:
@@ -124,12 +118,13 @@ def toml_text(value: Any) -> str:
 
 
 def _edited(
-    text: str, edit: Callable[[TOMLDocument], str | None], *wanted: Mapping[str, Any]
-) -> str | None:
+    text: str, edit: Callable[[TOMLDocument], str | None], by_hand: str, *wanted: Mapping[str, Any]
+) -> str:
     """Text whose document was edited, with what `edit` returns behind it.
 
-    None where it then says none of `wanted`, or tomlkit, which joins a list's tables that stand
-    apart, moves something. A blank within a line may go (behind a date in braces, as of 0.15).
+    InputError `by_hand` where it then says none of `wanted`, or tomlkit, which joins a list's
+    tables that stand apart, moves something. A blank within a line may go (behind a date in braces,
+    as of 0.15).
     """
     import tomlkit
     from tomlkit.exceptions import TOMLKitError
@@ -140,18 +135,18 @@ def _edited(
     try:
         document = tomlkit.parse(plain + added)
         if "".join(document.as_string().split()) != "".join(plain.split()):
-            return None
+            raise InputError(by_hand)
         behind = edit(document) or ""
         edited = document.as_string()
-    except (TOMLKitError, RecursionError):
-        return None
+    except (TOMLKitError, RecursionError) as error:
+        raise InputError(by_hand) from error
     edited = edited if behind else edited.removesuffix(added)
     edited += "\n" + behind if behind and edited.strip() else behind
     edited = edited.replace("\n", "\r\n") if windows else edited
-    try:
-        return edited if parse_toml(edited, "scene") in wanted else None
-    except InputError:
-        return None
+    with suppress(InputError):
+        if parse_toml(edited, "scene") in wanted:
+            return edited
+    raise InputError(by_hand)
 
 
 def _set(
@@ -271,10 +266,10 @@ def _note(item: Item, comment: str, mark: str) -> None:
     if not comment:
         return
     trivia = item.trivia
-    kept = re.sub(rf";?[ \t]*{mark}[^;]*", "", trivia.comment) if mark else trivia.comment
-    kept = kept.replace("#;", "#").rstrip()
+    remaining = re.sub(rf";?[ \t]*{mark}[^;]*", "", trivia.comment) if mark else trivia.comment
+    remaining = remaining.replace("#;", "#").rstrip()
     trivia.comment_ws = trivia.comment_ws or "  "
-    trivia.comment = ("# " if kept in ("", "#") else f"{kept}; ") + comment
+    trivia.comment = ("# " if remaining in ("", "#") else f"{remaining}; ") + comment
 
 
 def _cut(table: Item) -> str:

@@ -196,8 +196,8 @@ def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Fl
 
     def noise(rows: Any) -> Any:
         """Standard error of the mean over so many rows (any shape)."""
-        means = of_means * np.sqrt(np.minimum(1.0, block / rows))
-        return np.maximum(of_rows / np.sqrt(rows), means)
+        averaged = of_means * np.sqrt(np.minimum(1.0, block / rows))
+        return np.maximum(of_rows / np.sqrt(rows), averaged)
 
     allowed = FOLLOWED * float(np.abs(value).max()) + _LEAST
     bends = np.unique(np.linspace(0, count - 1, 5).round().astype(int))

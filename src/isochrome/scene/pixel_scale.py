@@ -49,11 +49,11 @@ def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
     small a part as one likes, whose size is the camera's.
     """
     _check_sizes(scene)
-    camera, seen = scene.camera, _width(scene)
-    if camera is None or camera.pixel_mm is None or seen is None:
+    camera, shown = scene.camera, _width(scene)
+    if camera is None or camera.pixel_mm is None or shown is None:
         return
     pixel = camera.pixel_mm
-    width, what = seen
+    width, what = shown
     check_width(scene.name, pixel, shape, width, what)
     if scene.indenter is None or pixel <= UNDOUBTED_MM:
         return

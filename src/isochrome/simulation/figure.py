@@ -67,9 +67,10 @@ def stress_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Fig
         axes = half.subplots(rows, cols, squeeze=False).ravel()
         maps = [item.components.maps[name] for item in items if item.components]
         limit = centred_limit(*maps, percentile=99.8)
-        drawn = []
-        for ax, item, image in zip(axes, items, maps, strict=False):
-            drawn.append(_draw_stress(ax, item, image, pixels, limit, title=item.state.label))
+        drawn = [
+            _draw_stress(ax, item, image, pixels, limit, title=item.state.label)
+            for ax, item, image in zip(axes, items, maps, strict=False)
+        ]
         for ax in axes[len(items) :]:
             ax.set_visible(False)
         # with zero between them, and never empty

@@ -126,7 +126,7 @@ def simulation_dataset(
     states.
     """
     count = len(history["state"])
-    columns = {name: column(list(own), "state", name) for name, own in history.items()}
+    columns = {name: column(list(values), "state", name) for name, values in history.items()}
     places = {name: columns.pop(name) for name in ("state", "label", "distance_m")}
     places |= picture_axes(pixels, coloured=maps["frames"].ndim == 4)
     for name, values in maps.items():
@@ -134,8 +134,8 @@ def simulation_dataset(
         names: tuple[str, ...] = ("state", "step", "row", "col", "channel")[: stack.ndim]
         if stack.shape[1] == 1:
             stack, names = stack[:, 0], ("state", *names[2:])
-        said = {"units": _UNITS.get(name, "MPa"), "long_name": _WHAT.get(name, name)}
-        columns[name] = Column(names, stack, said)
+        attribute = {"units": _UNITS.get(name, "MPa"), "long_name": _WHAT.get(name, name)}
+        columns[name] = Column(names, stack, attribute)
     return make_dataset(columns, places, attributes({"scene": dump_scene(scene)}))
 
 
@@ -159,7 +159,7 @@ def history_row(index: int, item: Rendered, pixels: PixelGrid) -> dict[str, Any]
     peak = item.components.peak if item.components else ShearPeak(shear, *place)
     surface = item.state.surface
     nothing = float("nan")
-    found: dict[str, Any] = {
+    columns: dict[str, Any] = {
         "state": index,
         "label": item.state.label,
         "distance_m": item.state.distance_m,
@@ -178,8 +178,8 @@ def history_row(index: int, item: Rendered, pixels: PixelGrid) -> dict[str, Any]
         "residual": surface.residual if surface else nothing,
     }
     if item.block_order is not None:  # how far a half-plane would be off
-        found["block_order_max"] = item.block_order
-    return found
+        columns["block_order_max"] = item.block_order
+    return columns
 
 
 def profile_rows(index: int, surface: SurfaceState) -> dict[str, Any]:

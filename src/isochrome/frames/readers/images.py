@@ -131,5 +131,4 @@ def _by_opencv(path: Path, data: bytes) -> np.ndarray:
         raise InputError(f"{path}: the image breaks off or is damaged; copy it again")
     if raw.ndim == 3:
         raw = raw[..., 0] if raw.shape[2] < 3 else raw[..., 2::-1]
-    result: np.ndarray = raw
-    return result
+    return np.asarray(raw)

@@ -126,8 +126,7 @@ def _levels(bits: int) -> np.ndarray:
     """The grey level of every stored luminance that leaves room beyond black and white."""
     stored, top = np.arange(1 << (8 if bits <= 8 else 16)), 2**bits - 1
     levels = np.clip(np.rint((stored - (16 << (bits - 8))) * top / (219 << (bits - 8))), 0, top)
-    result: np.ndarray = levels.astype(np.uint8 if bits <= 8 else np.uint16)
-    return result
+    return np.asarray(levels.astype(np.uint8 if bits <= 8 else np.uint16))
 
 
 def _through(table: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -430,9 +430,7 @@ class TiffLayout:
     def time_s(self, index: int) -> float | None:
         """Time of a frame since the first (s), None where the file does not tell it."""
         times, interval = self.notes.times_s, self.notes.interval_s
-        if times is not None:
-            return times[index]
-        return None if interval is None else index * interval
+        return times[index] if times else None if interval is None else index * interval
 
     @property
     def end_s(self) -> float | None:
@@ -504,8 +502,7 @@ def _fit_behind(tif: tifffile.TiffFile, claimed: int) -> bool:
     """Whether that many frames have room behind the only head: ImageJ's layout of large stacks."""
     page: Any = tif.pages[0]
     plain = page.axes == "YX" and page.is_contiguous and page.compression == 1
-    result: bool = plain and page.dataoffsets[0] + claimed * page.nbytes <= tif.filehandle.size
-    return result
+    return bool(plain and page.dataoffsets[0] + claimed * page.nbytes <= tif.filehandle.size)
 
 
 def _chain_breaks(tif: tifffile.TiffFile) -> bool:
@@ -515,8 +512,7 @@ def _chain_breaks(tif: tifffile.TiffFile) -> bool:
     file.seek(last.offset)
     tags = struct.unpack(form.tagnoformat, file.read(form.tagnosize))[0]
     file.seek(last.offset + form.tagnosize + tags * form.tagsize)
-    result: bool = struct.unpack(form.offsetformat, file.read(form.offsetsize))[0] != 0
-    return result
+    return bool(struct.unpack(form.offsetformat, file.read(form.offsetsize))[0] != 0)
 
 
 def _check_axes(path: Path, channels: int, slices: int, times: int) -> None:

@@ -6,7 +6,6 @@ from collections.abc import Generator, Iterator
 from contextlib import suppress
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -102,7 +101,9 @@ class Video:
         if not times:
             raise InputError(f"{self.path}: no frame of this video can be decoded; is it whole?")
         self.stamp.check(self.path)
-        end = next_time(*times[-2:]) if len(times) > 1 else _duration(last)
+        long, base = getattr(last, "duration", None), last.time_base  # how long a frame stands
+        end = float(long * base) if long and base else None
+        end = next_time(*times[-2:]) if len(times) > 1 else end
         end = None if end is None or np.isnan(end) else end
         return Places(
             np.array(times), np.array(ticks, np.int64), np.array(sums, np.uint32),
@@ -210,9 +211,3 @@ def open_video(path: Path) -> Source:
         lossy=lossy,
         start_s=None if item.tick is None else float(item.tick * base),
     )
-
-
-def _duration(frame: Any) -> float | None:
-    """How long a frame stands (s), where its file says so."""
-    ticks = getattr(frame, "duration", None)
-    return float(ticks * frame.time_base) if ticks and frame.time_base else None

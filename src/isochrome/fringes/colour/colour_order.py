@@ -159,7 +159,12 @@ def _reading(
         core = ndimage.distance_transform_edt(value.order < _UNLIT_ORDER) > _UNLIT_PX
         if core.any():
             known &= ndimage.distance_transform_edt(~core) > _UNLIT_PX + 4
-    known = _without_islands(value.order, known)
+    # without what is beside a jump of the order, and pieces too small to be guided
+    known &= ~ndimage.binary_dilation(beside_jumps(value.order, JUMP), iterations=2)
+    pieces, _ = ndimage.label(known)
+    size = np.bincount(pieces.ravel())
+    size[0] = 0
+    known &= (size >= _SMALLEST_ISLAND * size.sum())[pieces]
     sure = probability(uncertainty) * (1.0 - value.doubt)
     degrees = float(value.degrees[readable].sum(dtype=float))
     body = int(np.count_nonzero(shown.lit if specimen is None else specimen))
@@ -177,14 +182,3 @@ def _reading(
         lost=lost,
         exposure=shown.exposure,
     )
-
-
-def _without_islands(order: Array, known: Mask) -> Mask:
-    """Take away what is beside a jump of the order, and pieces too small to be guided."""
-    known = known & ~ndimage.binary_dilation(beside_jumps(order, JUMP), iterations=2)
-    pieces, count = ndimage.label(known)
-    if count == 0:
-        return known
-    size = np.bincount(pieces.ravel())
-    size[0] = 0
-    return np.asarray(known & (size >= _SMALLEST_ISLAND * size.sum())[pieces])

@@ -86,7 +86,12 @@ def settle_field(
 ) -> SettledField:
     """The field n of a set, with the whole numbers that phase leaves open, see `settle`."""
     direction = light.direction
-    turns, known = _continuous(light.terms, direction, light.seen)
+    terms = light.terms  # φ/2π unwrapped along the direction
+    phase = np.arctan2((terms.sine * np.conj(direction.twice)).real, terms.cosine)
+    turns = unwrap(phase, light.seen) / (2.0 * np.pi)
+    # where the direction turns within its window the sign of sin δ is open; no harm near N = 0
+    open_sign = np.abs(terms.sine) > 2.0 * np.pi * LARGEST_UNCERTAINTY * np.abs(terms.cosine)
+    known = light.seen & np.isfinite(turns) & ~(open_sign & (direction.coherence < _COHERENT))
     if residual is not None:
         known &= np.isfinite(residual)
     # nearer to a whole order than to be told from zero, a sign that breaks may do no harm
@@ -109,15 +114,6 @@ def settle_field(
     known &= np.isfinite(numbers)
     field = np.where(known, (turns + numbers) * direction.twice, np.nan)
     return SettledField(field, known, parts, warnings)
-
-
-def _continuous(terms: StepTerms, direction: Direction, readable: Mask) -> tuple[Array, Mask]:
-    """φ/2π unwrapped along the direction, and where both are seen."""
-    phase = np.arctan2((terms.sine * np.conj(direction.twice)).real, terms.cosine)
-    turns = unwrap(phase, readable) / (2.0 * np.pi)
-    # where the direction turns within its window the sign of sin δ is open; no harm near N = 0
-    open_sign = np.abs(terms.sine) > 2.0 * np.pi * LARGEST_UNCERTAINTY * np.abs(terms.cosine)
-    return turns, readable & np.isfinite(turns) & ~(open_sign & (direction.coherence < _COHERENT))
 
 
 def _broken(order: Array, turns: Array, direction: Direction) -> Mask:

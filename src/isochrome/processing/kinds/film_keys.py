@@ -91,13 +91,13 @@ def prepare_keyed(
     `captured` gives the film's frames anew, each with its number. PhysicsError where no frame to
     begin with can be read, or the frames are no film.
     """
-    begin, first, whole, ends = _first_key(captured(), scene, capture, count)
-    assert whole.reading is not None
+    begin, first, key_frame, ends = _first_key(captured(), scene, capture, count)
+    assert key_frame.reading is not None
     data = FilmData(first, scene, capture)
     data.take_noise(first)
     light = _light_of(ends, data.sign)
     guide = light.joined(data.by)
-    start = joined_reading(whole.reading, data.by, film_time(first, begin))
+    start = joined_reading(key_frame.reading, data.by, film_time(first, begin))
     last: list[tuple[int, Frame]] = []
 
     def key() -> FilmState | None:
@@ -121,7 +121,7 @@ def prepare_keyed(
     breaks = len(path.lost) - (begin > 0)
     if breaks > _MOST_BREAKS * (count - 1 - begin):
         raise PhysicsError(NOT_IN_TIME.format(scene.name, breaks, count - 1 - begin))
-    notes = (*whole.warnings, KEY_LIGHT.format(begin))
+    notes = (*key_frame.warnings, KEY_LIGHT.format(begin))
     return data.film(path, light, count, notes)
 
 
@@ -133,10 +133,10 @@ def _first_key(
     for index, (frame, *_) in frames:
         if index % max(1, count // _TRIED):
             continue
-        whole, ends = read_alone(frame, scene, capture)
-        if ends is not None and _is_read(whole):
-            return index, frame, whole, ends
-        why = why or SEPARATOR.join(whole.warnings)
+        key_frame, ends = read_alone(frame, scene, capture)
+        if ends is not None and _is_read(key_frame):
+            return index, frame, key_frame, ends
+        why = why or SEPARATOR.join(key_frame.warnings)
     raise PhysicsError(NO_KEY.format(scene.name, why))
 
 

@@ -85,8 +85,10 @@ class UnloadedFilm(Film):
         """Followed from its first frame."""
         first = next(iter(captured()))[1][0]
         data = FilmData(first, scene, capture)
-        own, other = (capture.dark, capture.bright)[:: int(data.sign)]
-        zero, rough = (own.image, False) if own else smooth_zero(data.light(first), data.valid)
+        field_zero, other = (capture.dark, capture.bright)[:: int(data.sign)]
+        zero, rough = (
+            (field_zero.image, False) if field_zero else smooth_zero(data.light(first), data.valid)
+        )
         top, below = BrightestLight(), joined_pixels(zero, data.by)
         for index, (frame, *_) in captured():
             top.add(np.float32(data.sign) * (joined_pixels(data.light(frame), data.by) - below))
@@ -123,8 +125,8 @@ def _final_light(
 ) -> tuple[FilmLight, tuple[str, ...]]:
     """The light of the frames' size by the crests that were followed, and what to say of it."""
     shape = (zero.shape[0], zero.shape[1])
-    told = path.crests.told and path.highest > LEAST_ORDER
-    if not told and given is None:
+    crests_tell = path.crests.told and path.highest > LEAST_ORDER
+    if not crests_tell and given is None:
         if path.lost:
             where = path.lost[0][0]
             text = f"{NOT_FOLLOWED.format(where - 1, where)}; {NOT_KNOWN}"
@@ -132,7 +134,7 @@ def _final_light(
         raise PhysicsError(FEW_ORDERS.format(scene.name, path.highest, LEAST_ORDER))
     none = np.zeros(shape, dtype=np.float32)
     level, error, notes = given, none, tuple[str, ...]()
-    if told:
+    if crests_tell:
         result, spread = path.crests.illumination(shape)
         scale = 1.0 if given is None else float(np.median((result / given)[data.valid]))
         if given is None or abs(scale - 1.0) > _SAME_LIGHT:

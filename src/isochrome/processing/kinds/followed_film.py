@@ -259,8 +259,8 @@ def _read(
     signal = film.light.rise(light) / film.light.illumination
     relative = sigma / film.light.illumination
     known = np.isfinite(reading.order)
-    left = (signal - fringe_response(np.where(known, reading.order, 0.0))) / relative
-    chi = float(np.sqrt(np.mean(np.square(left[known])))) if known.any() else float("nan")
+    residual = (signal - fringe_response(np.where(known, reading.order, 0.0))) / relative
+    chi = float(np.sqrt(np.mean(np.square(residual[known])))) if known.any() else float("nan")
     return ProcessedFrame(
         **frame_fields(frame, scene),
         normalised=np.where(valid, signal, np.nan).astype(np.float32),
@@ -272,17 +272,17 @@ def _read(
     )
 
 
-def _warnings(film: FollowedFilm, index: int, kept: float) -> tuple[str, ...]:
+def _warnings(film: FollowedFilm, index: int, known_share: float) -> tuple[str, ...]:
     """What to say of a frame."""
-    said = list(film.notes) if index == 0 else []
+    notes = list(film.notes) if index == 0 else []
     for start, stop in film.lost:
         if start <= index < max(stop, start + 1):
             again = NOT_KNOWN if stop >= film.count else READ_ANEW.format(stop)
-            return (*said, f"{NOT_FOLLOWED.format(start - 1, start)}; {again}")
+            return (*notes, f"{NOT_FOLLOWED.format(start - 1, start)}; {again}")
     begin = film.begin(index)
     if film.kept[begin].doubts:
         share = 100.0 * film.kept[begin].doubts / max(1, int(np.count_nonzero(film.material)))
-        said.append(DIFFERING.format(share, begin, film.end(index)))
-    if kept < 0.5 and index > 0:
-        said.append(FEW_FOLLOWED.format(100.0 * kept))
-    return tuple(said)
+        notes.append(DIFFERING.format(share, begin, film.end(index)))
+    if known_share < 0.5 and index > 0:
+        notes.append(FEW_FOLLOWED.format(100.0 * known_share))
+    return tuple(notes)

@@ -179,9 +179,9 @@ def above_background(signal: Array, error: Array, valid: Mask) -> tuple[Mask, tu
     The order may go on through a fringe there or turn back, and what lies beyond is a part apart.
     """
     above = np.where(valid, signal - _REACH * error, 0.0)
-    seen = valid & (gaussian_filter(above, _POOLED_PX) > 0.0)
-    share = 1.0 - float(np.mean(seen[valid])) if valid.any() else 0.0
-    return seen, (DARK_UNTOLD.format(100.0 * share),) if share > _WORTH_SAYING else ()
+    above_noise = valid & (gaussian_filter(above, _POOLED_PX) > 0.0)
+    share = 1.0 - float(np.mean(above_noise[valid])) if valid.any() else 0.0
+    return above_noise, (DARK_UNTOLD.format(100.0 * share),) if share > _WORTH_SAYING else ()
 
 
 NO_ANCHOR = (
@@ -480,29 +480,29 @@ def _contradicted(
     ]
 
 
-def _read_signal(seen: FrameSignal, scene: Scene) -> tuple[FreeReading, list[str]]:
+def _read_signal(signal: FrameSignal, scene: Scene) -> tuple[FreeReading, list[str]]:
     """The order of one signal, and what its gamma is told by."""
-    error, messages, known = seen.error, list[str](), orders_of(scene)
-    light, apart = (*wave_of(seen, scene), seen.valid), known.corners
+    error, messages, known = signal.error, list[str](), orders_of(scene)
+    light, apart = (*wave_of(signal, scene), signal.valid), known.corners
     result = read_free(*light, (), lines=known.places, corners=apart, error=error)
-    if seen.gamma_check is not None:
-        other, messages = seen.gamma_check(result.contrast)
+    if signal.gamma_check is not None:
+        other, messages = signal.gamma_check(result.contrast)
         error = np.hypot(error, other)
     return replace(result, reading=widened(result.reading, error)), messages
 
 
 def orders_of(scene: Scene) -> KnownOrders:
     """What a `scene` says of the orders in its frames."""
-    own = scene.frames
+    stated = scene.frames
     points: list[tuple[float, float, float] | tuple[float, float, float, str]] = [
         (k.row_px, k.col_px, k.order, k.extremum) if k.extremum else (k.row_px, k.col_px, k.order)
-        for k in own.known_order
+        for k in stated.known_order
     ]
     lines = [
         KnownPlaces(line.places, line.order, f"frames.known_line[{i}]")
-        for i, line in enumerate(own.known_line, start=1)
+        for i, line in enumerate(stated.known_line, start=1)
     ]
-    return known_orders(points, lines, [c for edge in own.free_boundary for c in edge.corners])
+    return known_orders(points, lines, [c for edge in stated.free_boundary for c in edge.corners])
 
 
 def wave_of(seen: FrameSignal, scene: Scene) -> tuple[Array, Array]:

@@ -52,17 +52,17 @@ def known_series(scene: Scene, reader: FrameReader) -> LoadSeries:
     InputError on a blank frame, PhysicsError where one shows no disc.
     """
     loads = dict(enumerate(scene.frames.known_loads_n))
-    own = [frame for frame in reader if loads.get(frame.index)]
+    shown = [frame for frame in reader if loads.get(frame.index)]
     capture = Capture(reader.bit_depth)
-    shots = [_shot(frame, scene, capture, loads[frame.index]) for frame in own]
-    return lay_series(shots, [frame.index for frame in own])
+    shots = [_shot(frame, scene, capture, loads[frame.index]) for frame in shown]
+    return lay_series(shots, [frame.index for frame in shown])
 
 
 def _shot(frame: Frame, scene: Scene, capture: Capture, load_n: float) -> Shot:
     data = prepare_frame(frame, scene, bit_depth=capture.bit_depth, gamma_found=True)
     bright = scene.polariscope.field == "bright"
-    seen = {name: getattr(data, name) for name in ("light", "sigma", "valid", "raw", "raw_sigma")}
-    return Shot(**seen, name=data.name, gamma=data.gamma, load_n=load_n, bright=bright)
+    fields = {name: getattr(data, name) for name in ("light", "sigma", "valid", "raw", "raw_sigma")}
+    return Shot(**fields, name=data.name, gamma=data.gamma, load_n=load_n, bright=bright)
 
 
 def process_known_loads(frame: Frame, scene: Scene, capture: Capture) -> ProcessedFrame:
@@ -81,8 +81,8 @@ def process_known_loads(frame: Frame, scene: Scene, capture: Capture) -> Process
         f"{LOAD} {SPREAD}": read.standard_uncertainty,
         EXPLAINED: read.explained,
     }
-    said = _told(read, scene.frames.known_loads_n, frame.index)
-    result = _with_orders(frame, scene, capture, read.rim, said, columns)
+    notes = _told(read, scene.frames.known_loads_n, frame.index)
+    result = _with_orders(frame, scene, capture, read.rim, notes, columns)
     scale = scene.camera.pixel_mm if scene.camera else None
     scale = scale or scene.rim_diameter_mm / (2.0 * read.rim.radius)
     return replace(result, pixel_mm=scale, chi=read.chi)
@@ -90,19 +90,19 @@ def process_known_loads(frame: Frame, scene: Scene, capture: Capture) -> Process
 
 def _told(read: LoadReading, loads: Sequence[float], number: int) -> list[str]:
     """What to beware of in a load that was read."""
-    said = list[str]()
+    notes = list[str]()
     stated = loads[number] if number < len(loads) else 0.0
     away = abs(read.load_n - stated) / read.standard_uncertainty
     if stated and away > CONTRADICTED:
-        said.append(
+        notes.append(
             f"its load is stated as {stated:g} N, and the other known loads tell "
             f"{with_uncertainty(read.load_n, read.standard_uncertainty)} N, {away:.1f} standard "
             "uncertainties away; check this load, and whether it had changed when the frame was "
             "taken"
         )
     if read.beyond > FAR:
-        said.append("its load lies far outside of the known loads; measure one beyond it")
-    return said
+        notes.append("its load lies far outside of the known loads; measure one beyond it")
+    return notes
 
 
 def _with_orders(
@@ -110,7 +110,7 @@ def _with_orders(
     scene: Scene,
     capture: Capture,
     rim: Circle | None,
-    said: Sequence[str],
+    notes: Sequence[str],
     columns: dict[str, float],
 ) -> ProcessedFrame:
     """What the image alone tells within its `rim`, with what is `said` of its load, its columns."""
@@ -121,10 +121,10 @@ def _with_orders(
     result = process_image_only(frame, scene, capture, inside=inside)
     # where nobody asked for orders it is said once, of the set
     image = result.warnings if scene.frames.orders_known else ()
-    own = {"fringe_lines": len(result.lines)} | result.columns | columns
-    return replace(result, columns=own, warnings=(*said, *image))
+    row = {"fringe_lines": len(result.lines)} | result.columns | columns
+    return replace(result, columns=row, warnings=(*notes, *image))
 
 
-def tells_load(found: ProcessedFrame) -> bool:
+def tells_load(frame: ProcessedFrame) -> bool:
     """Whether a frame's load was read."""
-    return bool(np.isfinite(found.columns.get(LOAD, np.nan)))
+    return bool(np.isfinite(frame.columns.get(LOAD, np.nan)))

@@ -144,7 +144,6 @@ def _model(
         if residual is None:
             return picture.order
         twice = np.exp(2j * principal_direction(picture.difference))
-        result: Array = np.abs(picture.order * twice + residual.field)
-        return result
+        return np.asarray(np.abs(picture.order * twice + residual.field))
 
     return order

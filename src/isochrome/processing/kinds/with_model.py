@@ -93,9 +93,9 @@ def process_with_model(
         no_load=(capture.dark, capture.bright),
         gamma_found=True,
     )
-    said: tuple[str, ...] = ()
+    notes_before: tuple[str, ...] = ()
     if apparatus is not None:
-        data, said = apparatus.seen(data), apparatus.warnings
+        data, notes_before = apparatus.seen(data), apparatus.warnings
     data, fit, scene, notes, slip = _fitted(
         data, scene, frame, as_stated, followed=apparatus is not None
     )
@@ -113,7 +113,12 @@ def process_with_model(
         noise=noise,
         chi=fit.chi,
         largest=largest,
-        warnings=(*said, *notes, *(() if slip else _warnings(fit, reading, lost)), *of_largest),
+        warnings=(
+            *notes_before,
+            *notes,
+            *(() if slip else _warnings(fit, reading, lost)),
+            *of_largest,
+        ),
     )
     return _without_model(result, frame, scene, capture, data, slip) if lost else result
 
@@ -137,8 +142,8 @@ def read_frame(
         valid=seen.mask & (seen.illumination > 0.0) & (not lost),
     )
     if frame.mask is not None:
-        own = seen.picture.material & frame.mask
-        selected = float(np.isfinite(reading.order).sum() / max(1, int(own.sum())))
+        specimen = seen.picture.material & frame.mask
+        selected = float(np.isfinite(reading.order).sum() / max(1, int(specimen.sum())))
         reading = replace(reading, kept=selected)
     return reading, noise, lost
 
@@ -185,10 +190,10 @@ def _fitted(
         if as_stated:
             fit = fit_frame(data, scene)
             return data, fit, scene, [*notes, *_opposite(scene, fit)], False
-        freed = fit_with_causes(data, scene, past=not followed)
-        fit, slip = freed.fit, freed.slip is not None
-        notes += [*cause_messages(freed), *(() if slip else _opposite(scene, fit))]
-        return freed.data, fit, scene, notes, slip
+        extended = fit_with_causes(data, scene, past=not followed)
+        fit, slip = extended.fit, extended.slip is not None
+        notes += [*cause_messages(extended), *(() if slip else _opposite(scene, fit))]
+        return extended.data, fit, scene, notes, slip
     except PhysicsError as error:
         raise PhysicsError(f"frame {frame.index} ({frame.name}): {error}") from error
 

@@ -164,8 +164,8 @@ def draw_fringes(axes: Axes, item: Shown, largest: float) -> None:
     if item.order is not None:
         lines = order_contours(item.order, _line_orders(largest))
     for line in lines:
-        whole = line.kind == "dark" if line.order is None else float(line.order).is_integer()
-        colour = LINE_COLOURS[0 if whole else 1]
+        is_dark = line.kind == "dark" if line.order is None else float(line.order).is_integer()
+        colour = LINE_COLOURS[0 if is_dark else 1]
         draw_line(axes, line.rows, line.cols, item.place, color=colour, lw=LINE_PT)
 
 
@@ -270,8 +270,8 @@ def shown_frames(table: Mapping[str, list[Any]], status: list[str]) -> list[int]
     """The frames that are drawn: the first in which something was found, or some key frames."""
     if PICTURE not in table:
         return [k for k, state in enumerate(status) if state != "failed"][:_SHOWN] or [0]
-    whole = [k for k, at in enumerate(table[PICTURE]) if at is not None]
-    good = [k for k in whole if status[k] != "failed"] or whole[:1]
+    keys = [k for k, at in enumerate(table[PICTURE]) if at is not None]
+    good = [k for k in keys if status[k] != "failed"] or keys[:1]
     places = np.linspace(0, len(good) - 1, min(KEY_FRAMES, len(good)))
     return [good[round(place)] for place in places]
 
@@ -335,8 +335,8 @@ def tracked_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Sho
     else:  # nobody wants maps
         left = figure.subfigures(1, 1)
     draw_frame_values(left, result)
-    count, whole = len(result.chi), int(result.whole.sum())
-    head = f"{plain_name(scene.name)}: {counted(count, 'frame')}, {counted(whole, 'key frame')}"
+    count, key_count = len(result.chi), int(result.whole.sum())
+    head = f"{plain_name(scene.name)}: {counted(count, 'frame')}, {counted(key_count, 'key frame')}"
     write_head(figure, head)
     return figure
 
