@@ -224,8 +224,7 @@ def polynomial_basis(
         raise InputError(
             f"times has the shape {image.shape} and the frame {tuple(shape)}; give one pixel grid"
         )
-    result: Array = stack * image
-    return result
+    return np.asarray(stack * image)
 
 
 def channel_light(rows: int, cols: int) -> Array:

@@ -52,7 +52,7 @@ def fit_report(folder: Path, result: Fit | Track, record: Mapping[str, Any]) -> 
     """What the report of a fit or a track says; `record`, what provenance.json holds."""
     options = record.get("options") or {}
     if isinstance(result, Track):
-        of_kind = {
+        of_kind: dict[str, Any] = {
             "command": "fit --track",
             "verdict": result.summary_text,
             "no_budget": _TRACK_BUDGET,
