@@ -191,6 +191,10 @@ class WearSet(ImageSet):
                 "a [[volume]] beside traces needs its uncertainty to be weighed against them; "
                 "write value_mm3 = { value = ..., standard_uncertainty = ... }"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _named_once(self) -> WearSet:
         for file, times in Counter(trace.file for trace in self.trace).items():
             if times > 1:
                 raise ValueError(f"trace file = {file!r} stands twice; name each trace once")

@@ -67,10 +67,10 @@ def elastic_constants(scene: Scene) -> tuple[float, float]:
     return 1.0 / compliance, coupling
 
 
-def line_load(scene: Scene, distance_m: float = 0.0) -> float:
-    """Normal load over thickness P' at a sliding distance, N/mm."""
+def line_load(scene: Scene) -> float:
+    """Normal load over thickness P' before sliding, N/mm."""
     assert scene.specimen.thickness_mm is not None
-    return scene.load_at(distance_m) / scene.specimen.thickness_mm
+    return scene.load_at(0.0) / scene.specimen.thickness_mm
 
 
 def contact_grid(

@@ -173,7 +173,7 @@ def _states_on(
     site = make_site(scene, grid)
     static = scene.friction is None or scene.friction.static_state_first
     held = scene.load.tangential_n if scene.load else None
-    if (static and not scene.wear) or (static and scene.friction) or held is not None:
+    if (static and (not scene.wear or scene.friction)) or held is not None:
         yield _static_state(site, line_load(scene))
     if held is not None or (scene.friction is None and not scene.wear):
         return

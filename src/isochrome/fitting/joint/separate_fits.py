@@ -199,10 +199,10 @@ def _wear_factors(
         return even
     order = np.argsort([sequence.distances_m[sequence.unknowns[k].frames[0]] or 0.0 for k in worn])
     last = [sum(len(sequence.unknowns[k].frames) for k in worn[: j + 1]) - 1 for j in order]
-    own = np.diff(np.array(fitted)[last], prepend=0.0) / np.diff(np.array(given)[last], prepend=0.0)
+    worn_since, expected = (np.diff(np.array(v)[last], prepend=0.0) for v in (fitted, given))
     factors = np.empty(len(worn))
-    factors[order] = own
-    return factors if np.all(own > 0.1 * even) else even
+    factors[order] = worn_since / expected
+    return factors if np.all(factors > 0.1 * even) else even
 
 
 def _spread(fit: FrameFit, key: str) -> float:
