@@ -179,8 +179,12 @@ def target_places(image: Array, target: str, columns: int, rows: int, *, name: s
     Columns and rows in the picture, from the first pixel's middle; `columns` and `rows` are of
     inner corners, or dots. PhysicsError where the target is not found.
     """
+    # from black to white, whatever its levels; dust and glare are cut
+    low, high = np.percentile(image, [0.5, 99.5])
+    share = np.clip((image - low) / max(high - low, 1e-12), 0.0, 1.0)
+    grey = np.asarray(np.rint(255.0 * share), dtype=np.uint8)
     finder = _corners if target == "chessboard" else _dots
-    places = finder(_eight_bits(image), image, (columns, rows))
+    places = finder(grey, image, (columns, rows))
     if places is None:
         what = "inner corners" if target == "chessboard" else "dots"
         other = " (a board of 10 x 7 squares has 9 x 6)" if target == "chessboard" else ""
@@ -192,13 +196,6 @@ def target_places(image: Array, target: str, columns: int, rows: int, *, name: s
     return places.reshape(rows, columns, 2)
 
 
-def _eight_bits(image: Array) -> NDArray[np.uint8]:
-    """The picture from black to white, whatever its levels; dust and glare are cut."""
-    low, high = np.percentile(image, [0.5, 99.5])
-    share = (image - low) / max(high - low, 1e-12)
-    return np.asarray(np.rint(255.0 * np.clip(share, 0.0, 1.0)), dtype=np.uint8)
-
-
 def _corners(grey: NDArray[np.uint8], image: Array, size: tuple[int, int]) -> Array | None:
     """A chessboard's inner corners, each refined where all gradients about it point past it."""
     import cv2
@@ -207,27 +204,23 @@ def _corners(grey: NDArray[np.uint8], image: Array, size: tuple[int, int]) -> Ar
     hard = sure | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE  # finds less in noise
     small = -(-max(grey.shape) // _LOOKED_AT_PX)
     for block, flags in ((small, sure), (small, hard), (1, sure)):
-        success, corners = cv2.findChessboardCornersSB(_binned(grey, block), size, flags=flags)
+        tall, wide = (n // block for n in grey.shape)  # what is over at the right and below is cut
+        binned = grey[: tall * block, : wide * block].reshape(tall, block, wide, block)
+        level = np.asarray(np.rint(binned.mean(axis=(1, 3))), dtype=np.uint8)
+        success, corners = cv2.findChessboardCornersSB(level, size, flags=flags)
         if success:
             break
     else:
         return None
     corners = np.asarray((corners + 0.5) * block - 0.5, dtype=np.float32)
     places = corners.reshape(size[1], size[0], 2)
-    near = _nearest(places)
+    near = min(float(np.linalg.norm(np.diff(places, axis=k), axis=2).min()) for k in (0, 1))
     half = int(np.clip(_WINDOW * near, _SMALLEST_WINDOW, _LARGEST_WINDOW))
-    level = np.asarray(image / max(float(np.abs(image).max()), 1e-12), dtype=np.float32)
-    level = gaussian_filter(level, min(_SMOOTH_PX, _SMOOTH_SHARE * near), mode="nearest")
+    light = np.asarray(image / max(float(np.abs(image).max()), 1e-12), dtype=np.float32)
+    light = gaussian_filter(light, min(_SMOOTH_PX, _SMOOTH_SHARE * near), mode="nearest")
     end = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-4)
-    refined = cv2.cornerSubPix(level, corners.copy(), (half, half), (-1, -1), end)
+    refined = cv2.cornerSubPix(light, corners.copy(), (half, half), (-1, -1), end)
     return np.asarray(refined, dtype=float)
-
-
-def _binned(grey: NDArray[np.uint8], block: int) -> NDArray[np.uint8]:
-    """The means of square blocks of pixels; what is over at the right and below is cut."""
-    rows, cols = (n // block for n in grey.shape)
-    cut = grey[: rows * block, : cols * block].reshape(rows, block, cols, block)
-    return np.asarray(np.rint(cut.mean(axis=(1, 3))), dtype=np.uint8)
 
 
 def _dots(grey: NDArray[np.uint8], image: Array, size: tuple[int, int]) -> Array | None:
@@ -245,12 +238,6 @@ def _dots(grey: NDArray[np.uint8], image: Array, size: tuple[int, int]) -> Array
         if success:
             return np.asarray(middles, dtype=float)
     return None
-
-
-def _nearest(places: NDArray[Any]) -> float:
-    """The least distance of two neighbours, px."""
-    steps = [np.linalg.norm(np.diff(places, axis=axis), axis=2).min() for axis in (0, 1)]
-    return float(min(steps))
 
 
 SHARED = ("spacing_px", "keystone_x", "keystone_z", "distortion")
@@ -564,7 +551,11 @@ def _from_target(
     if spacing[1] is not None:
         inputs.append(("spacing_mm", spacing[0], spacing[1], pixel / spacing[0]))
     if target == "dots":
-        inputs.append(("size of the dots", *_dot_effect(fit, pictures[0][1]), pixel))
+        # the middle of a dot's picture is further out than that of the dot, by k a² / R² of the
+        # distance; for dots of radius a = spacing / 4
+        bent, reach = values["distortion"], 0.5 * math.hypot(*pictures[0][1].shape)
+        effect = abs(bent) * (0.25 * values["spacing_px"] / reach) ** 2
+        inputs.append(("size of the dots", bent, effect, pixel))
     if fit.shortening:
         inputs.append(("seen aslant", fit.shortening, 0.5 * fit.shortening, pixel))
     noise = pixel * spread["spacing_px"] / values["spacing_px"]
@@ -585,14 +576,6 @@ def _from_target(
         budget=budget, taken_as_exact=("spacing_mm",) if spacing[1] is None else (),
         warnings=_target_warnings(fit),
     )  # fmt: skip
-
-
-def _dot_effect(fit: TargetFit, image: Array) -> tuple[float, float]:
-    """Distortion, and what it does to the scale: the middle of a dot's picture is not that of the
-    dot, but further out by k a² / R² of the distance; for dots of radius a = spacing / 4.
-    """
-    distortion, radius = fit.values["distortion"], 0.25 * fit.values["spacing_px"]
-    return distortion, abs(distortion) * (radius / (0.5 * math.hypot(*image.shape))) ** 2
 
 
 def _combined(

@@ -399,16 +399,15 @@ class ColourCalibration(Result):
 
     def to_json(self) -> dict[str, Any]:
         """The calibration without its table and images, for calibration.json."""
-        names = ("red", "green", "blue")
         return {
             "way": self.way,
             "gamma": self.gamma,
             "gamma_standard_uncertainty": self.gamma_uncertainty,
             "wavelength_nm": self.wavelength_nm,
-            "bands_nm": self.bands_nm and dict(zip(names, self.bands_nm, strict=True)),
-            "widths_nm": self.widths_nm and dict(zip(names, self.widths_nm, strict=True)),
+            "bands_nm": self.bands_nm and dict(zip(CHANNELS, self.bands_nm, strict=True)),
+            "widths_nm": self.widths_nm and dict(zip(CHANNELS, self.widths_nm, strict=True)),
             "residual": self.residual,
-            "spread": dict(zip(names, map(float, self.colour_table.spread), strict=True)),
+            "spread": dict(zip(CHANNELS, map(float, self.colour_table.spread), strict=True)),
             "strange_share": self.strange,
             "highest_order_seen": self.highest,
             "highest_order_of_table": self.colour_table.highest,
@@ -611,13 +610,9 @@ def _levels(light: NDArray[Any], calibration: ColourCalibration) -> NDArray[Any]
     raw = np.maximum(light, 0.0) ** (1.0 / calibration.gamma)
     depth = calibration.bit_depth
     if depth is None:
-        share: NDArray[Any] = np.minimum(raw, 0.999).astype(np.float32)
-        return share
-    full = 2**depth - 1
-    levels: NDArray[Any] = np.minimum(np.rint(full * raw), full - 1).astype(
-        np.uint8 if depth <= 8 else np.uint16
-    )
-    return levels
+        return np.asarray(np.minimum(raw, 0.999), np.float32)
+    full, kind = 2**depth - 1, np.uint8 if depth <= 8 else np.uint16
+    return np.asarray(np.minimum(np.rint(full * raw), full - 1), kind)
 
 
 def _values(calibration: ColourCalibration) -> str:

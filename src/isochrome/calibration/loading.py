@@ -161,7 +161,9 @@ def calibrate_channels(
             table[channel] = {"refused": str(error)}
             continue
         values = {name: getattr(one, name) for name in SUMMARY}
-        table[channel] = values | {"wavelength_nm": _line_of(given, channel)}
+        every = scope.lines.wavelength_nm if scope.lines else ()
+        lines = [w for w in every if channel_for(w) == channel]
+        table[channel] = values | {"wavelength_nm": lines[0] if len(lines) == 1 else None}
     return replace(result, channels=table, warnings=(*_messages(table, main), *result.warnings))
 
 
@@ -179,14 +181,6 @@ def _in_colour(given: CalibrationSet) -> bool:
                 return False
             views.append(next(iter(reader)).image)
     return not np.array_equal(views[0], views[1])
-
-
-def _line_of(given: CalibrationSet, channel: str) -> float | None:
-    """The one line of the light (nm) that a channel sees; None where it is not known."""
-    if given.polariscope.lines is None:
-        return None
-    lines = [w for w in given.polariscope.lines.wavelength_nm if channel_for(w) == channel]
-    return lines[0] if len(lines) == 1 else None
 
 
 def _messages(table: dict[str, Any], main: str) -> tuple[str, ...]:

@@ -252,14 +252,21 @@ class Calibration(Result):
     def figure(self) -> Figure:
         """Up to four images beside fit, residual and a cut; below, the order over the load."""
         shown = _spread([i for i in self.images if i.view is not None])
-        tall = CUTS[self.specimen].row_inches
+        where = CUTS[self.specimen]
+        tall = where.row_inches
         figure = new_figure(13.0, tall * len(shown) + 4.2)
         halves: Any = figure.subfigures(2, 1, height_ratios=[tall * len(shown), 3.8])
         upper, lower = halves
         panels = upper.subplots(len(shown), 4, squeeze=False, width_ratios=[1, 1, 1.2, 1.7])
         limit = _residual_limit([i.view for i in shown if i.view is not None])
         for axes, item in zip(panels, shown, strict=True):
-            _image_row(list(axes), item, CUTS[self.specimen], limit)
+            for axis, (image, title, options) in zip(axes, _maps(item, limit), strict=False):
+                small, pixel = _square(image, _view_of(item).pixel_mm)
+                label = "noise sigmas" if "residual" in title else ""
+                show_image(axis, small, pixel_mm=pixel, title=title, colour_label=label, **options)
+            _cut(axes[3], item, where)
+            title = f"N = {_order_text(item)} at the {where.place} (dots captured, line fitted)"
+            style_axes(axes[3], title=title)
         line, misfit, budget = lower.subplots(1, 3, width_ratios=[1.5, 1, 1.2])
         _line(line, self)
         _misfit(misfit, self)
@@ -304,11 +311,7 @@ class Calibration(Result):
         budget = budget_plot("uncertainty budget", parts, unit="N/mm")
         plots += [
             Plot(title="order over load", draw=order_line),
-            Plot(
-                title=_misfit_title(self),
-                draw=partial(_misfit, calibration=self),
-                spare=2,
-            ),
+            Plot(title=_misfit_title(self), draw=partial(_misfit, calibration=self), spare=2),
             budget,
         ]
         value, *others = _values(self)
@@ -382,16 +385,6 @@ def _view_of(item: ImageFit) -> View:
 def _residual_limit(views: list[View]) -> float:
     sizes = [np.nanpercentile(np.abs(v.residual) / v.sigma, 98) for v in views]
     return float(max([4.0, *sizes]))
-
-
-def _image_row(axes: list[Any], item: ImageFit, where: Cut, limit: float) -> None:
-    for axis, (image, title, options) in zip(axes, _maps(item, limit), strict=False):
-        small, pixel = _square(image, _view_of(item).pixel_mm)
-        label = "noise sigmas" if "residual" in title else ""
-        show_image(axis, small, pixel_mm=pixel, title=title, colour_label=label, **options)
-    _cut(axes[3], item, where)
-    title = f"N = {_order_text(item)} at the {where.place} (dots captured, line fitted)"
-    style_axes(axes[3], title=title)
 
 
 def _maps(item: ImageFit, limit: float) -> tuple[tuple[Array, str, dict[str, Any]], ...]:

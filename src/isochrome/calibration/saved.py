@@ -54,6 +54,12 @@ CLEAR = 3.0
 unless the scene states another."""
 
 
+SceneCalibration = Calibration | ScaleCalibration | WearCalibration
+"""Those whose values are a scene's."""
+
+AnyCalibration = SceneCalibration | ColourCalibration
+
+
 def calibration_day() -> str:
     """Today's date, universal time, as ISO text."""
     return datetime.datetime.now(datetime.UTC).date().isoformat()
@@ -77,7 +83,7 @@ def check_scene_file(path: str | Path) -> str:
 
 
 def write_into_scene(
-    calibration: Calibration | ScaleCalibration | WearCalibration,
+    calibration: SceneCalibration,
     scene: str | Path,
     *,
     source: str | Path | None = None,
@@ -131,11 +137,19 @@ def write_into_scene(
         _check_picture(calibration, parse_scene(text, folder=Path(scene).parent), str(scene))
     if isinstance(calibration, WearCalibration):
         calibration = _by_scene_law(calibration, text, str(scene))
-    comment = _comment(calibration, source)
-    entries = [(key, rounded_texts(*value)) for key, value in _to_write(calibration, text)]
-    for key, entry in reversed(entries):  # each is put on top of its table
+    origin = "" if source is None else f", {Path(source).name}"
+    words = f"{MARK}{calibration.scene_comment}{origin}"
+    comment = "".join(c for c in words if c.isprintable() and c != ";")  # which ends it
+    stated = parse_toml(text, "scene")
+    entries: list[tuple[str, tuple[str, str]]] = []
+    for key, (value, spread) in calibration.scene_values.items():
+        table, _, entry = key.partition(".")
+        # the first value, and of the others those that are clear or that the scene states
+        if not entries or abs(value) > CLEAR * spread or entry in stated.get(table, {}):
+            entries.append((key, rounded_texts(value, spread)))
+    for key, texts in reversed(entries):  # each is put on top of its table
         date = calibration_day() if key == FRINGE_VALUE else None
-        text = edited(text, *entry, comment, name=str(scene), key=key, date=date)
+        text = edited(text, *texts, comment, name=str(scene), key=key, date=date)
     target = Path(scene).resolve()  # a link stays a link
     with replacing(target) as beside:
         beside.write_bytes((mark + text).encode("utf-8"))
@@ -180,17 +194,6 @@ def _by_scene_law(calibration: WearCalibration, text: str, name: str) -> WearCal
     )
 
 
-def _to_write(
-    calibration: Calibration | ScaleCalibration | WearCalibration, text: str
-) -> Iterator[tuple[str, tuple[float, float]]]:
-    """The first value, and of the others those that are clear or that the scene states."""
-    stated = parse_toml(text, "scene")
-    for k, (key, (value, spread)) in enumerate(calibration.scene_values.items()):
-        table, _, entry = key.partition(".")
-        if k == 0 or abs(value) > CLEAR * spread or entry in stated.get(table, {}):
-            yield key, (value, spread)
-
-
 def _check_picture(calibration: ScaleCalibration, scene: Scene, name: str) -> None:
     """Refuse a scene whose frames are turned, cut or of another size than a scale's pictures."""
     camera, frames = scene.camera, scene.frames
@@ -215,15 +218,6 @@ def _check_picture(calibration: ScaleCalibration, scene: Scene, name: str) -> No
             f"{calibration.shape[1]} x {calibration.shape[0]}; calibrate with a picture of the "
             "same size"
         )
-
-
-def _comment(
-    calibration: Calibration | ScaleCalibration | WearCalibration, source: str | Path | None
-) -> str:
-    """What the comment says of the values."""
-    origin = "" if source is None else f", {Path(source).name}"
-    mark = f"{MARK}{calibration.scene_comment}{origin}"
-    return "".join(c for c in mark if c.isprintable() and c != ";")  # which ends it
 
 
 _LISTS = {
@@ -268,7 +262,13 @@ def calibration_report(folder: Path, name: str, record: Mapping[str, Any]) -> Re
         budget=budget,
         no_budget=_NO_BUDGET,
         tables=list(_report_tables(content, file)),
-        causes=[_cause(one) for one in causes] if causes else None,
+        causes=[
+            f"{one['cause']}: {one['key']} = "
+            f"{with_uncertainty(one['value'], one['standard_uncertainty'])}"
+            for one in causes
+        ]
+        if causes
+        else None,
         causes_text=no_causes,
         taken_as_exact=content.get("taken_as_exact") or (),
         warnings=content["warnings"],
@@ -391,15 +391,6 @@ def _cell(value: Any) -> Any:
     return value
 
 
-def _cause(cause: Mapping[str, Any]) -> str:
-    """What the images asked for, with its value."""
-    value = with_uncertainty(cause["value"], cause["standard_uncertainty"])
-    return f"{cause['cause']}: {cause['key']} = {value}"
-
-
-AnyCalibration = Calibration | ColourCalibration | ScaleCalibration | WearCalibration
-
-
 def save_calibration(
     calibration: AnyCalibration,
     out: str | Path,
@@ -427,9 +418,7 @@ def save_calibration(
         seal(folder, record)
 
 
-def _tables(
-    calibration: Calibration | ScaleCalibration | WearCalibration,
-) -> dict[str, dict[str, list[Any]]]:
+def _tables(calibration: SceneCalibration) -> dict[str, dict[str, list[Any]]]:
     """A calibration's tables by the names of their files."""
     if isinstance(calibration, Calibration):
         tables = {"images.csv": calibration.columns}

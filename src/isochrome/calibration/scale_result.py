@@ -185,11 +185,7 @@ class ScaleCalibration(Result):
         draw_budget(panels[0, 1], parts, x_label="contribution to u (mm)", title=title)
         for axes in panels[1:, 1]:
             axes.set_axis_off()
-        rows = list(self.values.items())
-        texts = [
-            f"{name} = {with_uncertainty(measured.value, measured.standard_uncertainty)}"
-            for name, measured in rows
-        ]
+        texts = _texts(self)
         head = ["    ".join(texts[:1] + texts[4:]), "    ".join(texts[1:4])]
         write_head(figure, "\n".join(line for line in head if line))
         return figure
@@ -208,10 +204,7 @@ class ScaleCalibration(Result):
             return _draw_points(axes, shown[k], factor)
 
         parts = {item.input: item.contribution for item in self.budget}
-        values = "; ".join(
-            f"{name} = {with_uncertainty(measured.value, measured.standard_uncertainty)}"
-            for name, measured in self.values.items()
-        )
+        values = "; ".join(_texts(self))
         return PaperPanels(
             kinds=[PictureKind(name="points", draw=draw)],
             labels=[plain_name(picture.file, 24) for picture in shown],
@@ -274,7 +267,18 @@ _LONGEST_ARROW = 0.06
 def _factor(calibration: ScaleCalibration, shown: Sequence[ScalePicture]) -> float:
     """How many times as long the residuals are drawn as they are."""
     largest = max(float(np.percentile(np.hypot(*p.residual_px.T), 95)) for p in shown)
-    return _round(_LONGEST_ARROW * calibration.shape[1] / max(largest, 1e-9))
+    factor = _LONGEST_ARROW * calibration.shape[1] / max(largest, 1e-9)
+    decade = 10.0 ** np.floor(np.log10(factor))
+    # a round number: 1, 2 or 5 times a power of ten, not above it
+    return float(max(step for step in (1.0, 2.0, 5.0) if step * decade <= factor * 1.0001) * decade)
+
+
+def _texts(calibration: ScaleCalibration) -> list[str]:
+    """Each value with its uncertainty."""
+    return [
+        f"{name} = {with_uncertainty(measured.value, measured.standard_uncertainty)}"
+        for name, measured in calibration.values.items()
+    ]
 
 
 def _title(picture: ScalePicture, factor: float) -> str:
@@ -295,9 +299,3 @@ def _draw_points(axes: Axes, picture: ScalePicture, factor: float) -> AxesImage:
     axes.set_xlim(-0.5, cols - 0.5)
     axes.set_ylim(rows - 0.5, -0.5)
     return drawn
-
-
-def _round(factor: float) -> float:
-    """A magnification as a round number: 1, 2 or 5 times a power of ten, not above it."""
-    decade = 10.0 ** np.floor(np.log10(factor))
-    return float(max(step for step in (1.0, 2.0, 5.0) if step * decade <= factor * 1.0001) * decade)

@@ -48,7 +48,7 @@ def with_stated(model: type[BaseModel], data: dict[str, Any]) -> dict[str, Any]:
     ValueError for what is stated twice, and for a key that is no input of the budget.
     """
     plain, stated = split_uncertainties(model, data)
-    images, loads = _loads(plain.get("image"))
+    images, of_images = plain_rows(plain.get("image"), "image", ("load_n",))
     spreads = {}
     for key, spread in stated.items():
         if key not in _INPUTS and key not in _SPANS:
@@ -62,32 +62,50 @@ def with_stated(model: type[BaseModel], data: dict[str, Any]) -> dict[str, Any]:
     if spans:
         # of each span, such that both together are as uncertain as stated
         spreads["span_mm"] = float(np.sqrt(np.sum(np.square(spans)) / len(_SPANS)))
-    if loads:
-        spreads["load_percent"] = 100.0 * float(np.sqrt(np.mean(np.square(loads))))
+    if "load_n" in of_images:
+        spreads["load_percent"] = common_percent(of_images["load_n"])
+    return under_uncertainty(plain | {"image": images} if spreads else plain, spreads)
+
+
+def common_percent(relative: list[float]) -> float:
+    """The root mean square of relative uncertainties, per cent: they are taken as one."""
+    return 100.0 * float(np.sqrt(np.mean(np.square(relative))))
+
+
+def under_uncertainty(plain: dict[str, Any], spreads: dict[str, Any]) -> dict[str, Any]:
+    """A set's tables with uncertainties under [uncertainty]; ValueError for one stated twice."""
     if not spreads:
         return plain
     given = plain.get("uncertainty") or {}
-    if not isinstance(given, dict):
+    if isinstance(given, BaseModel):
         given = given.model_dump(exclude_none=True)
+    table = given if isinstance(given, dict) else {}
     for key in spreads:
-        if key in given:
+        if key in table:
             raise ValueError(f"uncertainty.{key} is stated beside its value too; remove one")
-    return plain | {"uncertainty": given | spreads, "image": images}
+    return plain | {"uncertainty": table | spreads}
 
 
-def _loads(images: Any) -> tuple[Any, list[float]]:
-    """The images with plain loads, and the loads' relative uncertainties where they are stated."""
-    if not isinstance(images, list | tuple):
-        return images, []
-    plain, spreads = [], []
-    for number, image in enumerate(images, start=1):
-        load = image.get("load_n") if isinstance(image, dict) else None
-        if isinstance(load, dict):
-            value, spread = plain_value(f"image[{number}].load_n", load)
-            image = image | {"load_n": value}
-            if isinstance(value, int | float) and value > 0:
-                spreads.append(spread / value)
-        plain.append(image)
+def plain_rows(
+    rows: Any, kind: str, names: tuple[str, ...], absolute: str = ""
+) -> tuple[Any, dict[str, list[float]]]:
+    """Tables of a `kind` with plain values, and the uncertainties beside them, by name.
+
+    They are relative, but for that of the value called `absolute`.
+    """
+    if not isinstance(rows, list | tuple):
+        return rows, {}
+    plain: list[Any] = []
+    spreads: dict[str, list[float]] = {}
+    for number, row in enumerate(rows, start=1):
+        for name in names if isinstance(row, dict) else ():
+            if isinstance(row.get(name), dict):
+                value, spread = plain_value(f"{kind}[{number}].{name}", row[name])
+                row = row | {name: value}
+                if isinstance(value, int | float) and value > 0:
+                    size = 1.0 if name == absolute else value
+                    spreads.setdefault(name, []).append(spread / size)
+        plain.append(row)
     return plain, spreads
 
 

@@ -103,5 +103,5 @@ def noise_of(image: Array, mask: NDArray[np.bool_]) -> Array:
     """Noise of a linear image at its local level, (rows, cols); see `isochrome.frames`."""
     filled = np.where(mask, image, np.median(image[mask]))
     sigma = estimate_noise(filled, mask).sigma(uniform_filter(filled, 3))
-    result: Array = np.maximum(np.asarray(sigma, dtype=float), 1e-4 * float(np.ptp(filled)) + 1e-12)
-    return result
+    least = 1e-4 * float(np.ptp(filled)) + 1e-12
+    return np.asarray(np.maximum(np.asarray(sigma, dtype=float), least))

@@ -24,6 +24,7 @@ from isochrome.calibration.wear_set import (
     TraceScatter,
     WearSet,
     WornVolume,
+    levelled_of,
     trace_scars,
     worn_volumes,
 )
@@ -46,29 +47,9 @@ _OWN_WIDTH = 0.03
 otherwise in a trace than in the model."""
 
 
-def contradictions(
-    settings: WearSet,
-    scars: Sequence[TraceScar],
-    volumes: Sequence[WornVolume],
-    spread: Array,
-    scatter: TraceScatter,
-    laws: Sequence[WearLawFit],
-    law: str,
-) -> tuple[str, ...]:
-    """All warnings of a wear calibration, in sentences."""
-    return (
-        *_of_traces(scars, scatter),
-        *_of_order(volumes, spread),
-        *_of_laws(volumes, laws, law),
-        *_of_inputs(settings, volumes),
-        *_of_scene(settings, volumes, laws),
-    )
-
-
 def _of_traces(scars: Sequence[TraceScar], scatter: TraceScatter) -> Iterator[str]:
-    for scar in scars:
-        if scar.levelled is not None:
-            yield from scar.levelled.messages
+    for trace in levelled_of(scars):
+        yield from trace.messages
     unclear = [scar for scar in scars if scar.levelled is None]
     if unclear:
         names = ", ".join(scar.test.file for scar in unclear)
@@ -112,13 +93,12 @@ def _of_order(volumes: Sequence[WornVolume], spread: Array) -> Iterator[str]:
 
 def _width(volume: WornVolume) -> tuple[float, float] | None:
     """Mean width of a volume's scars and its uncertainty, mm."""
-    traces = [scar.levelled for scar in volume.scars if scar.levelled is not None]
+    traces = levelled_of(volume.scars)
     if not traces:
         return None
-    spreads = np.array([np.hypot(*scar.edge_uncertainty_mm) for scar in traces])
-    return float(np.mean([s.width_mm for s in traces])), float(
-        np.sqrt(np.mean(spreads**2) / len(spreads))
-    )
+    spreads = np.array([np.hypot(*trace.edge_uncertainty_mm) for trace in traces])
+    width = float(np.mean([trace.width_mm for trace in traces]))
+    return width, float(np.sqrt(np.mean(spreads**2) / len(spreads)))
 
 
 def _of_laws(volumes: Sequence[WornVolume], laws: Sequence[WearLawFit], law: str) -> Iterator[str]:
@@ -154,21 +134,12 @@ def _of_laws(volumes: Sequence[WornVolume], laws: Sequence[WearLawFit], law: str
 
 def _of_inputs(settings: WearSet, volumes: Sequence[WornVolume]) -> Iterator[str]:
     known = settings.uncertainty
-    missing = [
-        name
-        for name, value in (("load", known.load_percent), ("distance", known.distance_percent))
-        if value is None
-    ]
+    stated = {"load": known.load_percent, "distance": known.distance_percent}
     if any(volume.scars for volume in volumes):
-        missing += [
-            name
-            for name, value in (
-                ("width", known.width_mm),
-                ("the profilometer's heights", known.height_percent),
-                ("its lateral scale", known.lateral_percent),
-            )
-            if value is None
-        ]
+        stated["width"] = known.width_mm
+        stated["the profilometer's heights"] = known.height_percent
+        stated["its lateral scale"] = known.lateral_percent
+    missing = [name for name, value in stated.items() if value is None]
     if missing:
         yield (
             f"no uncertainty is given for {', '.join(missing)}: what the scars show is included, "
@@ -211,14 +182,12 @@ def _of_scene(
                 f"normal_n = {volume.normal_n:g} at {volume.place} and the scene's load.normal_n "
                 f"= {load:g}; correct one of them"
             )
-        wear = {
-            "coefficient_mm2_per_n": archard.coefficient_mm2_per_n,
-            "law": "archard",
-            "distances_m": (volume.distance_m,),
-        }
-        worn_scene = scene.with_values(
-            {"load.normal_n": volume.normal_n, **{f"wear.{k}": v for k, v in wear.items()}}
-        )
+        worn_scene = scene.with_values({
+            "load.normal_n": volume.normal_n,
+            "wear.coefficient_mm2_per_n": archard.coefficient_mm2_per_n,
+            "wear.law": "archard",
+            "wear.distances_m": (volume.distance_m,),
+        })  # fmt: skip
         try:
             state = list(contact_states(worn_scene))[-1]
         except IsochromeError as error:
@@ -298,11 +267,15 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
             f"{_PLAUSIBLE[1]:g} is allowed; check volumes (mm³), loads (N) and distances (m)"
         )
     inputs = common_inputs(given, volumes, spread, k)
-    chi = None if _has_scatter_only(volumes) else _chi(archard, scatter)
+    scattered = _has_scatter_only(volumes)
+    # of the square scatter over its degrees of freedom, in what the shoulders promise
+    square = archard.chi_square * scatter.factor + scatter.chi_square
+    count = 0 if scattered else archard.freedom + scatter.freedom
+    chi = float(np.sqrt(square / count)) if count > 0 else None
     rows = _own_rows(volumes, spread, archard) + inputs
     budget, total = budget_items(rows), _joined(np.array([u * c for _, _, u, c in rows]))
     freedom = _freedom(volumes, scatter, archard, spread, total)
-    reach = _reach(freedom, total, scattered=_has_scatter_only(volumes))
+    reach = _reach(freedom, total, scattered=scattered)
     law = laws[0].law
     if law != "archard" and archard.log_evidence > -SURE:
         law = "archard"
@@ -317,7 +290,13 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
         by_distance=_by_distance(given, volumes, spread),
         traces=scars,
         budget=budget,
-        warnings=contradictions(given, scars, volumes, spread, scatter, laws, law),
+        warnings=(
+            *_of_traces(scars, scatter),
+            *_of_order(volumes, spread),
+            *_of_laws(volumes, laws, law),
+            *_of_inputs(given, volumes),
+            *_of_scene(given, volumes, laws),
+        ),
     )
 
 
@@ -358,7 +337,7 @@ def _own_rows(volumes: Sequence[WornVolume], spread: Array, archard: WearLawFit)
     promised = np.sqrt(sum(part**2 for part in parts.values()))
     # less scatter than was promised makes both parts less, more of it is a part of its own
     share = np.minimum(1.0, np.divide(spread, promised, out=np.ones_like(spread), where=traced))
-    rows: list[tuple[str, float | None, float, float]] = []
+    rows: list[BudgetRow] = []
     if traced.any():
         for name, part in parts.items():
             rows.append((name, None, _joined(weights * part * share), 1.0))
@@ -389,7 +368,7 @@ def common_inputs(
     part = _weights(volumes, spread) * np.array([v.volume_mm3 for v in volumes])
     traced = float(part[by_traces].sum())
     first = volumes[0]
-    rows: list[tuple[str, float | None, float, float]] = []
+    rows: list[BudgetRow] = []
     if known.load_percent:
         load = first.normal_n
         rows.append(("normal_n", load, load * known.load_percent / 100.0, -k / load))
@@ -403,9 +382,8 @@ def common_inputs(
         if known.height_percent:
             rows.append(("profilometer's height scale", 1.0, known.height_percent / 100.0, traced))
         if known.lateral_percent:
-            rows.append(
-                ("profilometer's lateral scale", 1.0, known.lateral_percent / 100.0, traced)
-            )
+            share = known.lateral_percent / 100.0
+            rows.append(("profilometer's lateral scale", 1.0, share, traced))
     return rows
 
 
@@ -438,13 +416,6 @@ def _reach(freedom: float, total: float, *, scattered: bool) -> float:
         return 1.959964 * total
     scale = total if scattered else total / np.sqrt(student_factor_of(freedom))
     return float(stdtrit(freedom, 0.975) * scale)
-
-
-def _chi(archard: WearLawFit, scatter: TraceScatter) -> float | None:
-    """Root of the square scatter over its degrees of freedom, in what the shoulders promise."""
-    freedom = archard.freedom + scatter.freedom
-    square = archard.chi_square * scatter.factor + scatter.chi_square
-    return float(np.sqrt(square / freedom)) if freedom > 0 else None
 
 
 def _by_distance(

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, logsumexp
 
-from isochrome.calibration.wear_set import UNLIKELY, TraceScar, WornVolume
+from isochrome.calibration.wear_set import UNLIKELY, TraceScar, WornVolume, levelled_of
 from isochrome.contact import wear_rate
 from isochrome.estimation import BudgetInput
 from isochrome.figures import (
@@ -234,7 +234,7 @@ class WornDistance:
     def to_json(self) -> dict[str, Any]:
         """Its numbers by name."""
         volume = self.volume
-        areas = [s.levelled for s in volume.scars if s.levelled is not None]
+        areas = levelled_of(volume.scars)
         widths = [area.width_mm for area in areas]
         return {
             "distance_m": volume.distance_m,
@@ -335,18 +335,15 @@ class WearCalibration(Result):
 
     def main_values(self) -> Iterator[tuple[str, str]]:
         """The coefficient, its interval, chi, the law, and each distance's own."""
-        unit = 1e-9
-        value = with_uncertainty(
-            self.coefficient_mm2_per_n / unit, self.standard_uncertainty / unit
-        )
-        yield "coefficient_mm2_per_n", f"{value} e-9"
-        low, high = (f"{edge / unit:.4g}" for edge in self.interval_95)
+        pair = self.coefficient_mm2_per_n / _UNIT, self.standard_uncertainty / _UNIT
+        yield "coefficient_mm2_per_n", f"{with_uncertainty(*pair)} e-9"
+        low, high = (f"{edge / _UNIT:.4g}" for edge in self.interval_95)
         yield "interval_95", f"{low} to {high} e-9"
         if self.chi is not None:
             yield "chi", f"{self.chi:.2f}"
         yield "law", self.law
         for row in self.by_distance:
-            pair = row.coefficient_mm2_per_n / unit, row.standard_uncertainty / unit
+            pair = row.coefficient_mm2_per_n / _UNIT, row.standard_uncertainty / _UNIT
             yield row.volume.place, f"{with_uncertainty(*pair)} e-9"
 
     @property
@@ -379,13 +376,8 @@ class WearCalibration(Result):
         distances = list(dict.fromkeys(scar.test.distance_m for scar in self.traces))[:MOST_ROWS]
         rows = len(distances) + 1
         figure = new_figure(13.0, 2.5 * len(distances) + 4.4)
-        panels: Any = figure.subplots(
-            rows,
-            2,
-            squeeze=False,
-            width_ratios=[1, 1.25],
-            height_ratios=[1.0] * (rows - 1) + [1.35],
-        )
+        ratios: Any = {"width_ratios": [1, 1.25], "height_ratios": [1.0] * (rows - 1) + [1.35]}
+        panels: Any = figure.subplots(rows, 2, squeeze=False, **ratios)
         for place, (raw, level) in zip(distances, panels[:-1], strict=True):
             scars = [scar for scar in self.traces if scar.test.distance_m == place]
             _draw_raw(raw, scars, f"{place:g} m: as measured, less the line through the ends")
@@ -394,12 +386,8 @@ class WearCalibration(Result):
             axes.set_xlabel("x (mm)")
         _draw_coefficients(panels[-1, 0], self)
         parts = {item.input: item.contribution / _UNIT for item in self.budget}
-        draw_budget(
-            panels[-1, 1],
-            parts,
-            x_label="contribution to u (1e-9 mm²/N)",
-            title="uncertainty budget",
-        )
+        label = "contribution to u (1e-9 mm²/N)"
+        draw_budget(panels[-1, 1], parts, x_label=label, title="uncertainty budget")
         write_head(figure, "    ".join(_values(self)))
         return figure
 
@@ -490,9 +478,8 @@ def _draw_raw(axes: Any, scars: list[TraceScar], title: str) -> None:
 
 def _draw_levelled(axes: Any, scars: list[TraceScar]) -> None:
     """Depths from the scars' middles, downward, with the worn areas and the edges."""
-    clear = [scar for scar in scars if scar.levelled is not None]
-    traces = [scar.levelled for scar in clear if scar.levelled is not None]
-    names = [plain_name(scar.test.file, 24) for scar in clear]
+    traces = levelled_of(scars)
+    names = [plain_name(scar.test.file, 24) for scar in scars if scar.levelled is not None]
     for one, name, colour in zip(traces, names, _colours(len(traces)), strict=True):
         x = one.x_mm - one.centre_mm
         axes.plot(x, -one.depth_um, color=colour, lw=LINE_PT, label=name)

@@ -12,6 +12,7 @@ degrees of freedom. Source: Gelman et al. (2013), Bayesian Data Analysis, sectio
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -22,7 +23,12 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from scipy.special import chdtrc
 
-from isochrome.calibration.settings import ImageSet
+from isochrome.calibration.settings import (
+    ImageSet,
+    common_percent,
+    plain_rows,
+    under_uncertainty,
+)
 from isochrome.scars import (
     LevelledTrace,
     UnclearScarError,
@@ -35,7 +41,6 @@ from isochrome.scene import (
     NonNegative,
     Positive,
     ScenePart,
-    plain_value,
     split_uncertainties,
 )
 
@@ -171,14 +176,8 @@ class WearSet(ImageSet):
                 "the key 'scar.width_mm' is missing, the width of the worn track along the "
                 "cylinder's axis, and traces need it; add it"
             )
-        for kind, tests in (("trace", self.trace), ("volume", self.volume)):
-            for number, (one, other) in enumerate(pairwise(tests), start=2):
-                if other.distance_m < one.distance_m:
-                    raise ValueError(
-                        f"{kind}[{number}].distance_m = {other.distance_m:g} comes after "
-                        f"{one.distance_m:g}, and distances must not fall; check it, and sort the "
-                        f"[[{kind}]] by distance"
-                    )
+        _refuse_falling("trace", self.trace)
+        _refuse_falling("volume", self.volume)
         if not any(volume.value_mm3 for volume in self.volume) and not self.trace:
             raise ValueError("no [[volume]] is above 0; a coefficient needs one that is")
         stated = self.uncertainty.volume_mm3
@@ -192,11 +191,25 @@ class WearSet(ImageSet):
                 "a [[volume]] beside traces needs its uncertainty to be weighed against them; "
                 "write value_mm3 = { value = ..., standard_uncertainty = ... }"
             )
-        files = [trace.file for trace in self.trace]
-        twice = next((f for f in files if files.count(f) > 1), None)
-        if twice is not None:
-            raise ValueError(f"trace file = {twice!r} stands twice; name each trace once")
         return self
+
+    @model_validator(mode="after")
+    def _named_once(self) -> WearSet:
+        for file, times in Counter(trace.file for trace in self.trace).items():
+            if times > 1:
+                raise ValueError(f"trace file = {file!r} stands twice; name each trace once")
+        return self
+
+
+def _refuse_falling(kind: str, tests: Sequence[SlidTest]) -> None:
+    """ValueError for tests that are not by rising distance."""
+    for number, (one, other) in enumerate(pairwise(tests), start=2):
+        if other.distance_m < one.distance_m:
+            raise ValueError(
+                f"{kind}[{number}].distance_m = {other.distance_m:g} comes after "
+                f"{one.distance_m:g}, and distances must not fall; check it, and sort the "
+                f"[[{kind}]] by distance"
+            )
 
 
 _COMMON = {"normal_n": "load_percent", "distance_m": "distance_percent"}
@@ -213,7 +226,7 @@ def _with_stated(model: type[WearSet], data: dict[str, Any]) -> dict[str, Any]:
         uncertainties["width_mm"] = spread
     relative: dict[str, list[float]] = {}
     for kind in ("trace", "volume"):
-        tests, spreads = _plain_tests(plain.get(kind), kind)
+        tests, spreads = plain_rows(plain.get(kind), kind, (*_COMMON, "value_mm3"), "value_mm3")
         if tests is not None:
             plain = plain | {kind: tests}
         for name, values in spreads.items():
@@ -222,34 +235,8 @@ def _with_stated(model: type[WearSet], data: dict[str, Any]) -> dict[str, Any]:
     if of_volumes:
         uncertainties["volume_mm3"] = of_volumes
     for name, values in relative.items():
-        uncertainties[_COMMON[name]] = 100.0 * float(np.sqrt(np.mean(np.square(values))))
-    if not uncertainties:
-        return plain
-    given = plain.get("uncertainty")
-    table = given if isinstance(given, dict) else {}
-    for key in uncertainties:
-        if key in table:
-            raise ValueError(f"uncertainty.{key} is stated beside its value too; remove one")
-    return plain | {"uncertainty": table | uncertainties}
-
-
-def _plain_tests(tests: Any, kind: str) -> tuple[Any, dict[str, list[float]]]:
-    """Tests with plain values, and the uncertainties beside them: relative, a volume's in mm³."""
-    if not isinstance(tests, list | tuple):
-        return tests, {}
-    plain: list[Any] = []
-    spreads: dict[str, list[float]] = {}
-    for number, test in enumerate(tests, start=1):
-        if isinstance(test, dict):
-            for name in (*_COMMON, "value_mm3"):
-                if isinstance(test.get(name), dict):
-                    value, spread = plain_value(f"{kind}[{number}].{name}", test[name])
-                    test = test | {name: value}
-                    if isinstance(value, int | float) and value > 0:
-                        size = 1.0 if name == "value_mm3" else value
-                        spreads.setdefault(name, []).append(spread / size)
-        plain.append(test)
-    return plain, spreads
+        uncertainties[_COMMON[name]] = common_percent(values)
+    return under_uncertainty(plain, uncertainties)
 
 
 Array = NDArray[Any]
@@ -268,6 +255,11 @@ class TraceScar:
     test: WearTrace
     levelled: LevelledTrace | None
     why_not: str = ""
+
+
+def levelled_of(scars: Sequence[TraceScar]) -> list[LevelledTrace]:
+    """The traces in which a scar stands out."""
+    return [scar.levelled for scar in scars if scar.levelled is not None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -336,7 +328,9 @@ def worn_volumes(
     A distance of which one trace shows no clear scar is left out: to take the others alone would
     take those that chance made deep.
     """
-    groups = [group for group in _groups(scars) if all(scar.levelled for scar in group)]
+    keys = dict.fromkeys(_key(scar.test) for scar in scars)
+    groups = [tuple(scar for scar in scars if _key(scar.test) == key) for key in keys]
+    groups = [group for group in groups if all(scar.levelled for scar in group)]
     scatter = _scatter(groups)
     volumes = [_of_traces(settings, group, scatter) for group in groups]
     spreads = settings.uncertainty.volume_mm3
@@ -357,22 +351,14 @@ def _key(test: SlidTest) -> tuple[float, float, float | None]:
     return test.distance_m, test.normal_n, test.friction
 
 
-def _groups(scars: Sequence[TraceScar]) -> list[tuple[TraceScar, ...]]:
-    """Traces of one distance, load and friction, in the set's order."""
-    keys = dict.fromkeys(_key(scar.test) for scar in scars)
-    return [tuple(scar for scar in scars if _key(scar.test) == key) for key in keys]
-
-
 def _areas(group: Sequence[TraceScar]) -> tuple[Array, Array]:
     """Areas (n,), mm², and their variances by the spectra, mm⁴.
 
     How well those are known is in the factor φ here, and not in each.
     """
-    scars = [scar.levelled for scar in group if scar.levelled is not None]
-    areas = np.array([scar.worn_area_mm2 for scar in scars])
-    return areas, np.array(
-        [scar.worn_area_uncertainty_mm2**2 / scar.student_factor for scar in scars]
-    )
+    traces = levelled_of(group)
+    variances = [trace.worn_area_uncertainty_mm2**2 / trace.student_factor for trace in traces]
+    return np.array([trace.worn_area_mm2 for trace in traces]), np.array(variances)
 
 
 def _scatter(groups: Sequence[tuple[TraceScar, ...]]) -> TraceScatter:
@@ -380,7 +366,7 @@ def _scatter(groups: Sequence[tuple[TraceScar, ...]]) -> TraceScatter:
     square, freedom, weights, known = 0.0, 0, [], []
     for group in groups:
         areas, variances = _areas(group)
-        freedoms = [scar.levelled.degrees_of_freedom for scar in group if scar.levelled is not None]
+        freedoms = [trace.degrees_of_freedom for trace in levelled_of(group)]
         known += freedoms
         mean = float(variances.mean()) * student_factor_of(sum(freedoms))
         square += float(np.sum((areas - areas.mean()) ** 2)) / mean
@@ -403,10 +389,7 @@ def _of_traces(
     assert settings.scar is not None
     areas, variances = _areas(group)
     width, count = settings.scar.width_mm, len(areas)
-    levels = np.array(
-        [s.levelled.levelling_uncertainty_mm2**2 / s.levelled.student_factor
-         for s in group if s.levelled is not None]
-    )  # fmt: skip
+    levels = [t.levelling_uncertainty_mm2**2 / t.student_factor for t in levelled_of(group)]
     total = float(np.mean(variances)) / count
     level = min(float(np.mean(levels)) / count, total)
     first = group[0].test

@@ -1,35 +1,19 @@
-"""Contact pressure under a fixed load, by an active set.
+"""Contact pressure under a fixed load, by an active set, and the surface operator behind it.
 
-Find p >= 0 and the approach d with gap = g + u(p) + c p - d >= 0, p·gap = 0 and h Σp = P'. The
-diagonal c is zero in a static contact and k ds in an implicit wear step.
-
-On a trial set of nodes the equations are linear. The set then moves
-by the signs of pressure and gap (block principal pivoting; Júdice & Pires 1994, Comput. Oper. Res.
-21, 587), run by run in the numbers that the root singularity at an edge tells, with Murty's single
-pivot as the safeguard, which is finite for this class of operators. A cold start comes from a
-coarser grid, and has the edges within a node or two; one or two trial sets then do at any size.
-
-The undeformed gap between indenter and specimen: a cylinder, a flat, a measured profile.
-
-The contact's linear equations on a trial set of nodes.
-
-With contact on the set, g + u(p) + c p = d there, p = 0 elsewhere, and h Σp = P'; the gap g >= 0
-has 0 for its smallest, so that no datum is rounded along. On a small grid they are solved directly.
-On a larger one by generalised conjugate residuals, which converge for every operator with a
-positive definite symmetric part, symmetric or not (Eisenstat, Elman & Schultz 1983, SIAM J. Numer.
-Anal. 20, 345); friction's coupling is antisymmetric, so it never spoils that. The preconditioner is
-the operator's inverse on an endless lattice, about |k|, projected on the load-free corrections: six
-or seven iterations to 1e-10 at any size.
-
-Elastic displacement of the contact's surface, by convolution on a uniform grid.
-
-Pressure is linear between nodes (a sum of hats of half-width h). The displacement into the block,
+Find p >= 0 and the approach d with gap = g + u(p) + c p - d >= 0, p·gap = 0, h Σp = P'; c is zero
+in a static contact and k ds in an implicit wear step. Pressure is linear between nodes (hats of
+half-width h), so that the displacement into the block,
 
     u(x) = -(2/(pi E*)) ∫ p(t) ln|x-t| dt - (mu/(2 G*)) ∫_x^{x2} p(t) dt + C,
 
-is then exact at every node, and a sum over differences of nodes: one FFT each way, zero-padded so
-that nothing is periodic. Source: Johnson (1985), Contact Mechanics, sections 2.4 and 5.4. The
-second integral is antisymmetric up to a constant, which the approach of the bodies takes up.
+is exact at every node and a sum over differences of nodes: one zero-padded FFT each way. On a trial
+set the equations are linear: solved directly on a small grid, else by generalised conjugate
+residuals, which converge for any operator with a positive definite symmetric part (friction's
+coupling is antisymmetric), preconditioned by the inverse on an endless lattice. The set moves by
+the signs of pressure and gap, run by run in the numbers that the root singularity at an edge tells,
+with Murty's single pivot as the safeguard; a cold start comes from a coarser grid. Sources: Johnson
+(1985), Contact Mechanics, sections 2.4 and 5.4; Júdice & Pires (1994), Comput. Oper. Res. 21, 587;
+Eisenstat, Elman & Schultz (1983), SIAM J. Numer. Anal. 20, 345.
 """
 
 from __future__ import annotations
@@ -72,14 +56,11 @@ class Surface:
     spacing_mm: float  # h
     modulus_mpa: float  # E*
     normal: NDArray[np.complex128] = field(repr=False)  # spectrum of the normal influence, mm/MPa
-    # mm/MPa per unit mu; None: no coupling
-    coupling: NDArray[np.complex128] | None = field(repr=False)
+    coupling: NDArray[np.complex128] | None = field(repr=False)  # mm/MPa per unit mu, or none
     lattice_normal: Floats = field(repr=False)  # symbol on an endless grid
     lattice_coupling: NDArray[np.complex128] | None = field(repr=False)
-    # small grids: the kernels (n, n)
-    dense: tuple[Floats, Floats | None] | None = field(repr=False)
-    # large grids: every fourth node, where a cold start begins
-    coarse: Surface | None = field(repr=False)
+    dense: tuple[Floats, Floats | None] | None = field(repr=False)  # kernels (n, n) of a small grid
+    coarse: Surface | None = field(repr=False)  # every fourth node of a large one: a cold start's
 
     @property
     def length(self) -> int:
@@ -107,6 +88,12 @@ def make_surface(
         with np.errstate(divide="ignore", invalid="ignore"):
             lattice_coupling = -1j * step / np.tan(theta / 2.0)
         lattice_coupling[0] = 0.0
+    dense = coarse = None
+    if n <= _DENSE:
+        dense = toeplitz(half), None if ahead is None else toeplitz(ahead, -ahead)
+    else:
+        moduli = {"contact_modulus_mpa": contact_modulus_mpa, "coupling_per_mpa": coupling_per_mpa}
+        coarse = make_surface((n - 1) // COARSER + 1, COARSER * h, **moduli)
     return Surface(
         nodes=n,
         spacing_mm=h,
@@ -115,17 +102,8 @@ def make_surface(
         coupling=coupling,
         lattice_normal=2.0 * h / contact_modulus_mpa * _lattice_symbol(theta),
         lattice_coupling=lattice_coupling,
-        dense=None
-        if n > _DENSE
-        else (toeplitz(half), None if ahead is None else toeplitz(ahead, -ahead)),
-        coarse=None
-        if n <= _DENSE
-        else make_surface(
-            (n - 1) // COARSER + 1,
-            COARSER * h,
-            contact_modulus_mpa=contact_modulus_mpa,
-            coupling_per_mpa=coupling_per_mpa,
-        ),
+        dense=dense,
+        coarse=coarse,
     )
 
 
@@ -158,8 +136,7 @@ def log_of_hat(nodes: int, spacing_mm: float) -> Floats:
     near = lag[:_NEAR]
     series[:_NEAR] = _second_antiderivative(near + 1) + _second_antiderivative(near - 1)
     series[:_NEAR] -= 2.0 * _second_antiderivative(near)
-    result: Floats = spacing_mm * (series + np.log(spacing_mm))
-    return result
+    return np.asarray(spacing_mm * (series + np.log(spacing_mm)))
 
 
 def _second_antiderivative(x: Floats) -> Floats:
@@ -280,8 +257,7 @@ class ActiveSystem:
         """The lattice's inverse, cut to the contact set (1 inside, 0 outside)."""
         length = self.surface.length
         z = scipy.fft.irfft(self.inverse * scipy.fft.rfft(residual, length), length)
-        result: Floats = inside * z[: self.surface.nodes]
-        return result
+        return np.asarray(inside * z[: self.surface.nodes])
 
     def solve(
         self, active: NDArray[np.bool_], start: Floats, tolerance: float, *, look: bool
@@ -319,7 +295,9 @@ class ActiveSystem:
         inside, count = active.astype(float), int(np.count_nonzero(active))
         along = self.precondition(inside, inside)
         along /= along.sum()
-        p = self._start(inside, start)
+        p = inside * start
+        borne = p.sum()
+        p = p * (self.total / borne) if borne > 0.0 else inside * (self.total / inside.sum())
         u = self.apply(p)
         state = np.stack([p, _project(inside, count, self.gap + u), u])
         scale = _range(u) ** 2
@@ -367,14 +345,6 @@ class ActiveSystem:
         wrong = np.where(active, pulls, gap < -overlap * _range(u))
         return ActiveSet(pressure, gap, approach, wrong, used)
 
-    def _start(self, inside: Floats, start: Floats) -> Floats:
-        p = inside * start
-        total = p.sum()
-        result: Floats = (
-            p * (self.total / total) if total > 0.0 else inside * (self.total / inside.sum())
-        )
-        return result
-
     def residual(self, active: NDArray[np.bool_], gap: Floats) -> float:
         """Largest violation of gap = 0 in contact and gap >= 0 outside, over the displacement."""
         violation = np.where(active, np.abs(gap), np.maximum(-gap, 0.0)).max()
@@ -383,8 +353,7 @@ class ActiveSystem:
 
 def _project(inside: Floats, count: int, values: Floats) -> Floats:
     """Values on the contact set less their mean there; zero outside."""
-    result: Floats = inside * (values - _dot(inside, values) / count)
-    return result
+    return np.asarray(inside * (values - _dot(inside, values) / count))
 
 
 def _dot(rows: Floats, vector: Floats) -> Any:
@@ -495,21 +464,24 @@ def _to_the_edge(active: NDArray[np.bool_], wrong: NDArray[np.bool_]) -> NDArray
     much pulls. Beyond one that is δ too far in, the bodies overlap over 3δ/2.
     """
     change = wrong.copy()
-    pulls = np.diff(np.pad(wrong & active, 1).astype(np.int8))
-    for start, end in np.flatnonzero(pulls).reshape(-1, 2):
+    for start, end in _runs(wrong & active):
         more = end - start - 1
         if start == 0 or not active[start - 1]:
             change[end : end + more] = active[end : end + more]
         elif end == len(active) or not active[end]:
             change[max(start - more, 0) : start] = active[max(start - more, 0) : start]
-    overlaps = np.diff(np.pad(wrong & ~active, 1).astype(np.int8))
-    for start, end in np.flatnonzero(overlaps).reshape(-1, 2):
+    for start, end in _runs(wrong & ~active):
         less = (end - start) // 3
         if start > 0 and active[start - 1]:
             change[end - less : end] = False
         elif end < len(active) and active[end]:
             change[start : start + less] = False
     return change
+
+
+def _runs(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """First nodes of the runs in a mask, and those behind their last ones (m, 2)."""
+    return np.flatnonzero(np.diff(np.pad(mask, 1).astype(np.int8))).reshape(-1, 2)
 
 
 def _from_coarse(
@@ -540,12 +512,10 @@ def _inside(nodes: Floats, pressure: Floats) -> NDArray[np.bool_]:
     """
     square = pressure**2
     inside = np.zeros(len(nodes), dtype=bool)
-    for start, end in np.flatnonzero(np.diff(np.pad(square > 0.0, 1).astype(np.int8))).reshape(
-        -1, 2
-    ):
+    for start, end in _runs(square > 0.0):
         run = square[start:end]
-        first, right = (start - _reach(run), end - 1 + _reach(run[::-1]))
-        inside |= (nodes > first) & (nodes < right)
+        first, last = start - _reach(run), end - 1 + _reach(run[::-1])
+        inside |= (nodes > first) & (nodes < last)
     return inside
 
 

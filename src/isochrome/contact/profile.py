@@ -58,10 +58,8 @@ def elastic_constants(scene: Scene) -> tuple[float, float]:
     block, other = scene.specimen, scene.indenter
     assert other is not None and block.young_gpa is not None and block.poisson is not None
     compliance = coupling = 0.0
-    for young, nu, sign in (
-        (block.young_gpa, block.poisson, 1),
-        (other.young_gpa, other.poisson, -1),
-    ):
+    bodies = (block.young_gpa, block.poisson, 1), (other.young_gpa, other.poisson, -1)
+    for young, nu, sign in bodies:
         shear = 1e3 * young / (2.0 * (1.0 + nu))
         nu = nu if block.plane == "strain" else nu / (1.0 + nu)
         compliance += (1.0 - nu) / (2.0 * shear)
@@ -69,10 +67,10 @@ def elastic_constants(scene: Scene) -> tuple[float, float]:
     return 1.0 / compliance, coupling
 
 
-def line_load(scene: Scene, distance_m: float = 0.0) -> float:
-    """Normal load over thickness P' at a sliding distance, N/mm."""
+def line_load(scene: Scene) -> float:
+    """Normal load over thickness P' before sliding, N/mm."""
     assert scene.specimen.thickness_mm is not None
-    return scene.load_at(distance_m) / scene.specimen.thickness_mm
+    return scene.load_at(0.0) / scene.specimen.thickness_mm
 
 
 def contact_grid(
@@ -110,9 +108,8 @@ def contact_grid(
             f"{scene.name}: a window of {2 * half:.3g} mm has only {nodes} nodes of {spacing:.3g} "
             "mm; set a finer numerics.spacing_mm or a larger numerics.window_mm"
         )
-    if pixel and pixel > max(
-        2.0 * reach, UNDOUBTED_MM
-    ):  # every pixel would be divided into thousands of nodes
+    # every pixel would be divided into thousands of nodes
+    if pixel and pixel > max(2.0 * reach, UNDOUBTED_MM):
         raise PhysicsError(
             f"{scene.name}: camera.pixel_mm = {pixel:g} is wider than the contact, "
             f"{2.0 * reach:.3g} mm; give it in mm (not in µm), or raise the load"

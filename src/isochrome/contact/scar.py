@@ -1,40 +1,25 @@
-"""A mesh that moves with the contact's edges: integrals and derivatives in closed form.
+"""Wear under a cylinder, on a mesh that moves with the edges of the contact.
 
-Nodes ξ = (3c - c³)/2 on the contact, c = cos φ, φ equally spaced, its edges included. They crowd as
-φ⁴ at the edges, where pressure and depth are broken powers of the distance: what is d^γ is φ^(4γ),
-smooth enough for formulas of fourth order. With the load per φ, w = p (3/2) sin³φ = Σ c_k cos kφ,
-the integrals of the surface displacement are
+While both edges advance, the contact is one interval, the depth vanishes at its ends, and all is
+smooth in their frame, x = m + b ξ, in Hertz's units (lengths in a, p in p0, h in a²/R, K in a²/(R
+p0) of the first load; only mu beta is left of friction and materials):
+
+    ∂h/∂K = p + (m' + b' ξ)/b ∂h/∂ξ,    b A p + h + x²/2 = d,    b ∫ p dξ = (π/2) P'/P'_0,
+    A p = -(1/π) ∫ p ln|ξ-t| dt - mu beta ∫_ξ^1 p.
+
+Nodes ξ = (3c - c³)/2, c = cos φ, φ equally spaced, crowd as φ⁴ at the edges: the broken powers of
+pressure and depth there, p ~ distance^γ with tan(πγ) = 2V/E* at an edge of speed V, become smooth
+enough for formulas of fourth order. With the load per φ, w = p (3/2) sin³φ = Σ c_k cos kφ,
 
     ∫ p ln|ξ-t| dt = const - π Σ_{k>=1} (c_k/k) cos kφ + ∫ w(φ') ln(3 - c² - c c' - c'²) dφ',
     ∫_ξ^1 p dt     = c_0 φ + Σ_{k>=1} (c_k/k) sin kφ,
 
-the last kernel that of (ξ-t)/(c-c'), smooth inside and left to the trapezoidal rule. Both are
-matrices that no grid spacing or contact width changes. The edges themselves are nodes, where p = 0:
-a pressure without bound there would not hold the equations at the nodes beside.
-Sources: the series are those of Mason & Handscomb (2003), Chebyshev Polynomials, section 9.5;
-crowding for weak singularities at the ends is that of Kress (1990), Numer. Math. 58, 145.
-
-The equations of a wearing contact in the frame of its edges, in Hertz's units.
-
-In the frame ξ that moves with the edges, x = m + b ξ,
-
-    ∂h/∂K = p + (m' + b' ξ)/b ∂h/∂ξ,    b A p + h + x²/2 = d,    b ∫ p dξ = (π/2) P'/P'_0,
-
-with x in a, p in p0, h in a²/R and K in a²/(R p0) of the first load, where only mu beta is left of
-friction and materials: A p = -(1/π) ∫ p ln|ξ-t| dt - mu beta ∫_ξ^1 p (see `contact.mesh`).
-Sources: Archard (1953), J. Appl. Phys. 24, 981; Johnson (1985), Contact Mechanics, sections 2.4,
-4.2 and 5.4, written in that frame.
-
-Wear under a cylinder, on a mesh that moves with the edges of the contact.
-
-While both edges advance, the contact is one interval, the depth vanishes at its ends, and all is
-smooth in their frame (see `contact.scar_equations`). No node enters or leaves the contact, so that
-a formula of high order in the dose keeps its order; on a fixed grid every node that an edge passes
-is a kink. The formula is the fourth-order backward differentiation with variable steps. Its
-unknowns (h, m, b, d) are corrected by one Newton step from their forecast, whose error is the
-step's control; states between steps are read off the same polynomial. In the far run p ~ distance^γ
-at an edge that moves at V, with tan(πγ) = 2V/E*: steep, and resolved by a mesh that crowds there.
-Source: Hairer, Nørsett & Wanner (1993), Solving ODEs I, section III.5.
+matrices that no width changes. Steps are those of the fourth-order backward differentiation with
+variable steps: (h, m, b, d) are corrected by one Newton step from their forecast, whose error is
+the step's control; states between steps are read off the same polynomial. Sources: Archard (1953),
+J. Appl. Phys. 24, 981; Johnson (1985), Contact Mechanics, sections 2.4, 4.2 and 5.4; Mason &
+Handscomb (2003), Chebyshev Polynomials, section 9.5; Kress (1990), Numer. Math. 58, 145, for the
+crowding; Hairer, Nørsett & Wanner (1993), Solving ODEs I, section III.5.
 """
 
 from __future__ import annotations
@@ -93,10 +78,7 @@ def crowding(phi: Floats) -> Floats:
 
 @lru_cache(maxsize=4)
 def make_mesh(intervals: int) -> Mesh:
-    """The matrices of a mesh, which depend on the count of its intervals alone.
-
-    Parameters: `intervals`, n >= 8. Returns the Mesh.
-    """
+    """The matrices of a mesh, which depend on the count of its intervals, 8 at least, alone."""
     n = intervals
     phi, k = angles(n), np.arange(1, n + 1)
     inner, c = phi[1:-1], np.cos(phi)
@@ -205,10 +187,9 @@ class ScarEquations:
     def step(
         self, dose: float, span: float, base: Floats, forecast: Floats
     ) -> tuple[MeshPoint, Floats]:
-        """The state at a dose where (h, m, b)' = (state - base)/span: one Newton step.
+        """The state at a dose where (h, m, b)' = (state - base)/span, and its change.
 
-        Parameters: `dose`; `span`, `base` (n+2,), the formula's; `forecast` (n+2,), the state to
-        start from. Returns the MeshPoint and the change from the forecast.
+        One Newton step from the `forecast` (n+2,) of the state.
         """
         load, a = self._driven(*self.course.at(dose * self.units.dose_mm_per_mpa))
         xi, n = self.mesh.xi, len(self.mesh.xi) - 2
@@ -254,8 +235,7 @@ def hertz_units(
 ) -> Units:
     """Units of a cylinder's contact under a line load: a² = 4 P' R/(π E*), p0 = E* a/(2R).
 
-    Parameters: `radius_mm` R; `modulus_mpa` E*; `coupling_per_mpa` 1/G*; `load` P' (N/mm).
-    Returns Units. Source: Johnson (1985), section 4.2.
+    `coupling_per_mpa` is 1/G*. Source: Johnson (1985), section 4.2.
     """
     length = math.sqrt(4.0 * load * radius_mm / (math.pi * modulus_mpa))
     return Units(

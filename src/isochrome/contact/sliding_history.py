@@ -1,15 +1,10 @@
 """The course of a run: wear dose, load and friction over the sliding distance.
 
-Every wear law here has the form dh = kappa(s) p ds, so that the distance enters only through the
-dose K(s) = ∫ kappa ds (mm/MPa) and dh/dK = p.
-
-Where to sample a course over the distance: kinks, smooth stretches, and the dose over them.
-
-kappa is smooth between the points of the scene's tables: Gauss-Legendre quadrature of each smooth
-stretch gives the dose to rounding where a coefficient is a number or a table. Stretches of a law
-that goes with the distance otherwise are halved until a second rule gives the same dose. Load and
-friction are linear in the distance, not in the dose; each stretch is halved until they are linear
-in the dose as well, which puts samples densely where kappa vanishes and sparsely elsewhere.
+Every wear law has the form dh = kappa(s) p ds, so that the distance enters only through the dose
+K(s) = ∫ kappa ds (mm/MPa), dh/dK = p. kappa is smooth between the points of the scene's tables:
+Gauss-Legendre quadrature of each smooth stretch gives the dose, to rounding where a coefficient is
+a number or a table; other stretches are halved until a second rule gives the same dose, and until
+load and friction are linear in the dose, as they are in the distance.
 """
 
 from __future__ import annotations
@@ -43,10 +38,7 @@ _MAX_HALVINGS = 40
 
 
 def kinks_of(scene: Scene, end: float) -> Floats:
-    """Distances at which a slope changes: the tables' points, and the zeros of mu for |mu|.
-
-    Parameters: `scene`, with a load; `end` (m). Returns them (m,), m, rising from 0 to `end`.
-    """
+    """Distances (m,), m, from 0 to `end`, at which a slope changes: tables' points, zeros of mu."""
     assert scene.load is not None
     friction = scene.friction.coefficient if scene.friction else 0.0
     wear = dict(scene.wear).values() if scene.wear else ()
@@ -81,23 +73,17 @@ def integral(
     nodes: Floats = _NODES,
     weights: Floats = _WEIGHTS,
 ) -> Floats:
-    """Integrals of a rate over smooth stretches, by Gauss-Legendre quadrature.
+    """Integrals ∫ rate ds (m,) over smooth stretches from `a` to `b` (m,), m, by Gauss-Legendre.
 
-    Equation: ∫ rate ds from a to b. Parameters: `rate`, a function of distances of any shape; `a`,
-    `b` (m,), the stretches' ends, m; `nodes`, `weights` (k,) of another rule on -1 to 1. Returns
-    (m,).
+    `nodes`, `weights` (k,) of another rule on -1 to 1.
     """
     half = 0.5 * (b - a)
     values = rate((0.5 * (a + b))[:, None] + half[:, None] * nodes)
-    result: Floats = half * np.einsum("ij,j->i", values, weights)
-    return result
+    return np.asarray(half * np.einsum("ij,j->i", values, weights))
 
 
 def mean(rate: Callable[[float], Floats], distance_m: float) -> Floats:
-    """Mean of a rate from 0 to a distance (m), by eight points; a constant to its last bit.
-
-    Parameters: `rate`, of a distance, of any shape; `distance_m`. Returns that shape.
-    """
+    """Mean of a rate from 0 to a distance (m), by eight points; a constant to its last bit."""
     first, *others = [rate(0.5 * distance_m * (1.0 + float(node))) for node in _NODES]
     steps = [0.5 * w * (r - first) for w, r in zip(_WEIGHTS[1:], others, strict=True)]
     return np.asarray(first + np.sum(steps, axis=0))

@@ -1,7 +1,4 @@
-"""A scene's contact states: static, first sliding, and worn at the distances asked for.
-
-The limits of grid, profile and theory that a solved contact is held to before it is returned.
-"""
+"""A scene's contact states: static, first sliding, and worn, each held to the theory's limits."""
 
 from __future__ import annotations
 
@@ -93,9 +90,8 @@ def _refuse_end_of_profile(scene: Scene, grid: ContactGrid, inside: np.ndarray) 
 def touches_outside(scene: Scene, state: SurfaceState) -> bool:
     """Whether a measured profile meets the specimen beyond the grid, where no node would know.
 
-    Equation: gap + u < d at the profile's rows and at places between them, with u of `displacement`
-    carried on beyond the grid, where a hat of pressure is a line force.
-    Parameters: `scene`; `state`, solved. Returns True if the window is too small.
+    gap + u < d at the profile's rows and at places between them, with u of `displacement` carried
+    on beyond the grid, where a hat of pressure is a line force.
     """
     if scene.profile_file is None:
         return False
@@ -153,7 +149,8 @@ def iter_contact_states(scene: Scene) -> Iterator[SurfaceState]:
             growth=1.5**attempt,
         )
         for state in islice(_states_on(scene, grid, history, stops), given, None):
-            if _touches_edge(state) or touches_outside(scene, state):
+            ends = state.pressure_mpa[[0, -1]], state.wear_depth_mm[[0, -1]]
+            if np.any(ends) or touches_outside(scene, state):
                 break
             refuse_unfit(scene, state)
             given += 1
@@ -169,19 +166,6 @@ def iter_contact_states(scene: Scene) -> Iterator[SurfaceState]:
     )
 
 
-def _path(scene: Scene, history: SlidingHistory) -> SlidingHistory:
-    """The scene's course as it is sampled at PATH_TOLERANCE, see `worn_states`."""
-    if history.steady or scene.numerics.tolerance == PATH_TOLERANCE:
-        return history
-    return wear_course(scene.with_values({"numerics.tolerance": PATH_TOLERANCE}))[0]
-
-
-def _touches_edge(state: SurfaceState) -> bool:
-    """Whether the contact is at the edge of its grid, or was while it wore."""
-    ends = [0, -1]
-    return bool(state.pressure_mpa[ends].any() or state.wear_depth_mm[ends].any())
-
-
 def _states_on(
     scene: Scene, grid: ContactGrid, history: SlidingHistory, stops: list[OutputState]
 ) -> Iterator[SurfaceState]:
@@ -189,13 +173,16 @@ def _states_on(
     site = make_site(scene, grid)
     static = scene.friction is None or scene.friction.static_state_first
     held = scene.load.tangential_n if scene.load else None
-    if (static and not scene.wear) or (static and scene.friction) or held is not None:
+    if (static and (not scene.wear or scene.friction)) or held is not None:
         yield _static_state(site, line_load(scene))
     if held is not None or (scene.friction is None and not scene.wear):
         return
     order = sorted(range(len(stops)), key=lambda i: stops[i].dose_mm_per_mpa)
     rising = [stops[i] for i in order]
-    worn = worn_states(site, history, rising, path=_path(scene, history))
+    path = history  # as it is sampled at PATH_TOLERANCE, see `worn_states`
+    if not history.steady and scene.numerics.tolerance != PATH_TOLERANCE:
+        path, _ = wear_course(scene.with_values({"numerics.tolerance": PATH_TOLERANCE}))
+    worn = worn_states(site, history, rising, path=path)
     waiting: dict[int, SurfaceState] = {}
     place = 0
     for i, state in zip(order, worn, strict=True):
@@ -238,5 +225,4 @@ def _partial_slip(
     if stuck > 1e-9 * load:
         held = solve_pressure(site.surface, site.gap_mm, stuck, start=contact.pressure)
         inner = held.pressure
-    result: Floats = np.sign(tangential) * abs(mu) * (contact.pressure - inner)
-    return result
+    return np.asarray(np.sign(tangential) * abs(mu) * (contact.pressure - inner))

@@ -6,16 +6,12 @@ Each step of the second-order backward differentiation formula with a variable r
 
     h_{n+1} = [(1+w)² h_n - w² h_{n-1}]/(1+2w) + dK (1+w)/(1+2w) p_{n+1},
 
-is one contact solve with dK (1+w)/(1+2w) added to the operator's diagonal: no more work than an
-explicit step, stable for any step and better conditioned. Steps are chosen so that the pressure
-stays near its own linear forecast in two measures. One is the displacement that the difference
-would make, in which a kink one node wide at the moving edge of the contact is as small as its
-effect below the surface. But so is a corner, or the top of a narrow hill: the other measure is the
-pressure itself where it is largest, for which the tolerance is promised.
+is one contact solve with dK (1+w)/(1+2w) added to the operator's diagonal, stable for any step.
+Steps are chosen so that the pressure stays near its own linear forecast in two measures: the
+displacement that the difference would make, in which a kink one node wide at the moving edge is as
+small as its effect below the surface, and the pressure itself where it is largest.
 Sources: Archard (1953), J. Appl. Phys. 24, 981; Hairer, Nørsett & Wanner (1993), Solving ODEs I,
 section III.5.
-
-The worn states of a scene on one grid.
 """
 
 from __future__ import annotations
@@ -105,15 +101,6 @@ class _Allowed:
     peak: float
 
 
-def _allowed(tolerance: float, *, steady: bool) -> _Allowed:
-    share = 1.0 if steady else _CHANGING
-    return _Allowed(
-        residual=_ACCURACY * tolerance,
-        displacement=share * min(_FORECAST * tolerance, _LARGEST_FORECAST),
-        peak=min(_PEAK_FORECAST * tolerance, _LARGEST_PEAK_FORECAST),
-    )
-
-
 @dataclass(frozen=True)
 class _Past:
     """What the formula remembers: the last depth and pressure, and the step that led from them."""
@@ -143,7 +130,12 @@ def wear_history(
     contact = solve_pressure(surface, gap_mm + start.depth_mm, load, friction=mu, tolerance=1e-10)
     now = WornState(start.dose_mm_per_mpa, contact, start.depth_mm)
     past: _Past | None = None
-    allowed = _allowed(tolerance, steady=history.steady)
+    share = 1.0 if history.steady else _CHANGING
+    allowed = _Allowed(
+        residual=_ACCURACY * tolerance,
+        displacement=share * min(_FORECAST * tolerance, _LARGEST_FORECAST),
+        peak=min(_PEAK_FORECAST * tolerance, _LARGEST_PEAK_FORECAST),
+    )
     scale = (gap_mm[contact.pressure > 0.0].max() - gap_mm.min()) / contact.pressure.max()
     relaxing, careful = float(surface.lattice_normal[-1]), _CAREFUL * tolerance**0.5
     near = _Near(relaxing, careful, paused_doses(history, stops))
@@ -325,30 +317,37 @@ def worn_states(
         yield elastic_state(site, start.depth_mm, stop)
     pauses = paused_doses(course, stops)
     jump = course.next_jump(0.0)
-    last: tuple[Scar, Floats | None] | None = None
+    last: Scar | None = None
+    sharp: Floats | None = None  # depth under the last scar, where its edge may be overrun
     for scar in _scars(site, course, stops[done:], tolerance, path=path or course):
-        dose, depth = scar.stop.dose_mm_per_mpa, None
-        if dose in pauses or dose == jump:
-            same = last is not None and last[0].stop.dose_mm_per_mpa == dose
-            depth = last[1] if last is not None and same else _sharp_depth(site, course, scar)
-        last, done = (scar, depth), done + 1
-        yield _scar_state(site, course, scar, depth)
-    later = stops[done:]
-    if later and last is not None:
-        scar, depth = last
         dose = scar.stop.dose_mm_per_mpa
-        if depth is None and (course.next_jump(dose) < np.inf or max(pauses, default=0.0) > dose):
-            depth = _sharp_depth(site, course, scar)
-        if depth is None:
-            _, depth = scar_on_nodes(scar, site.grid.x_mm)
-        start = WornStart(dose, depth)
-    if later:
-        share = 1.0 if course.steady else _AFTER
-        history = wear_history(
-            site.surface, site.gap_mm, course, later, tolerance=share * tolerance, start=start
-        )
-        for stop, worn in zip(later, history, strict=True):
-            yield _state(site, stop, worn.contact, worn.depth_mm)
+        if dose not in pauses and dose != jump:
+            sharp = None
+        elif last is None or last.stop.dose_mm_per_mpa != dose:
+            sharp = _sharp_depth(site, course, scar)
+        last, done = scar, done + 1
+        yield _scar_state(site, course, scar, sharp)
+    later = stops[done:]
+    if not later:
+        return
+    if last is not None:
+        start = _after_scar(site, course, last, sharp, last_pause=max(pauses, default=0.0))
+    share = 1.0 if course.steady else _AFTER
+    history = wear_history(
+        site.surface, site.gap_mm, course, later, tolerance=share * tolerance, start=start
+    )
+    for stop, worn in zip(later, history, strict=True):
+        yield _state(site, stop, worn.contact, worn.depth_mm)
+
+
+def _after_scar(
+    site: ContactSetup, history: SlidingHistory, scar: Scar, sharp: Floats | None, last_pause: float
+) -> WornStart:
+    """Where the grid goes on from a scar: its depth is sharp where an edge may yet be overrun."""
+    dose = scar.stop.dose_mm_per_mpa
+    if sharp is None and (history.next_jump(dose) < np.inf or last_pause > dose):
+        sharp = _sharp_depth(site, history, scar)
+    return WornStart(dose, scar_on_nodes(scar, site.grid.x_mm)[1] if sharp is None else sharp)
 
 
 def _scars(

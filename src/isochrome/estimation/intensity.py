@@ -103,10 +103,15 @@ def fit_intensity(
     point = search.at(params)
     if point is None:
         raise InputError(f"the response is not finite at the start {params}; start elsewhere")
+
+    def better(trial: _Point, point: _Point) -> bool:
+        """Less cost, and no light that turns negative: another basin's sign."""
+        return (trial.part.positive or not point.part.positive) and trial.cost < point.cost
+
     descent = minimise(
         search.at, params, point, damping=Damping(1e-3), iterations=_MOST_STEPS,
         enough=lambda at: _LAST_STEP**2 * max(1.0, at.cost / problem.size),
-        better=_better, bounds=search.bounds,
+        better=better, bounds=search.bounds,
     )  # fmt: skip
     rows = search.jacobian(descent.values, descent.point.part, central=central)
     return _result(image, search, descent, rows, illumination, background)
@@ -179,11 +184,6 @@ def reduced_normal(problem: SeparableProblem, rows: Array, part: LinearPart) -> 
         rows - (known[:split].T @ problem.light) * part.signal - known[split:].T @ problem.dark
     )
     return projected @ projected.T
-
-
-def _better(trial: _Point, point: _Point) -> bool:
-    """Whether a step lowers the cost without turning the light negative: another basin's sign."""
-    return (trial.part.positive or not point.part.positive) and trial.cost < point.cost
 
 
 def _result(

@@ -177,8 +177,7 @@ def scaled_inverse(matrix: Array, cutoff: float = 1e-12) -> Array:
     values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
     good = values > cutoff * values[-1:]
     half = (scale[:, None] * vectors[:, good]) / np.sqrt(values[good])
-    result: Array = half @ half.T
-    return result
+    return np.asarray(half @ half.T)
 
 
 CUTOFF = 1e-14

@@ -202,21 +202,17 @@ def light_products(
 
 
 def polynomial_basis(
-    shape: tuple[int, int],
-    degree: int,
-    *,
-    times: ArrayLike | None = None,
-    dtype: type[np.floating] = np.float64,
+    shape: tuple[int, int], degree: int, *, times: ArrayLike | None = None
 ) -> Array:
     """Legendre products P_i(y) P_j(x), i + j <= degree, with x and y in -1..1 over the frame.
 
     The stack (k, rows, cols), k = (degree + 1)(degree + 2)/2, the constant first; `times`, such as
-    the no-load bright less the dark frame, multiplies every member, else it is of `dtype`.
+    the no-load bright less the dark frame, multiplies every member.
     InputError for a negative degree or an image of another shape.
     """
     if degree < 0:
         raise InputError(f"degree = {degree} is not allowed: a polynomial's is 0 or more; raise it")
-    stack = light_products((_unit(shape[0]), _unit(shape[1])), total_degree(degree), dtype)
+    stack = light_products((_unit(shape[0]), _unit(shape[1])), total_degree(degree), np.float64)
     if times is None:
         return stack
     image = np.asarray(times, dtype=float)
@@ -224,8 +220,7 @@ def polynomial_basis(
         raise InputError(
             f"times has the shape {image.shape} and the frame {tuple(shape)}; give one pixel grid"
         )
-    result: Array = stack * image
-    return result
+    return np.asarray(stack * image)
 
 
 def channel_light(rows: int, cols: int) -> Array:

@@ -175,7 +175,7 @@ def joint_stage(
         )
     data.plain = {i for i, fit in enumerate(single_fits) if fit.plain}
     data.noises = {i: fit.noise_ratio for i, fit in enumerate(single_fits) if fit.noise_ratio > 1.0}
-    if is_each(sequence) and _frame_tells_all(sequence, single_fits):
+    if _frames_tell_all(sequence, single_fits):
         joint = _apart(sequence, single_fits)
         notices = messages_of_frames(messages, single=sequence.count == 1)
         notices += (*scar_messages(sequence.areas, joint.scene), *_opposite_shears(joint))
@@ -190,8 +190,8 @@ def joint_stage(
         extended = free_causes(apart or now)
         notes = cause_messages(extended)
         if not extended.is_plain:
-            freed = extended.now
-            now, apart = (now.joined(freed), freed) if apart else (freed, None)
+            wider = extended.now
+            now, apart = (now.joined(wider), wider) if apart else (wider, None)
             data.lights, data.outside = now.data.lights, now.data.outside
         joint = now.fit if apart else extended.fit
     assert now.fit.information is not None
@@ -210,10 +210,10 @@ def _apart(sequence: Sequence, single_fits: list[FrameFit]) -> JointFit:
     return with_scars(joint, single_fits[0]) if sequence.areas else joint
 
 
-def _frame_tells_all(sequence: Sequence, single_fits: list[FrameFit]) -> bool:
-    """Whether scars, if any were measured, add to a frame that tells all unknowns by itself."""
-    if not sequence.areas:
-        return True
+def _frames_tell_all(sequence: Sequence, single_fits: list[FrameFit]) -> bool:
+    """Whether nothing ties the frames, and scars, if any, add to one that tells all unknowns."""
+    if not (sequence.areas and is_each(sequence)):
+        return is_each(sequence)
     (fit,) = single_fits
     try:
         refuse_alike(fit.keys, fit.information, fit.inputs.keys)
@@ -396,21 +396,21 @@ class _Task:
         self,
         data: PreparedFrames,
         shared: tuple[str, ...],
-        own: tuple[str, ...],
+        per_frame: tuple[str, ...],
         follow: bool,
         tractions: bool,
         as_stated: bool,
         progress: RunProgress | None,
     ) -> None:
-        sequence = make_sequence(placed(data.scene, data.shape), len(data), shared, own)
+        sequence = make_sequence(placed(data.scene, data.shape), len(data), shared, per_frame)
         if data.scene.scar:
             refuse_scars(sequence)
             sequence = replace(sequence, areas=measured_areas(data.scene))
         rows, cols = data.shape
         self.data, self.tractions = data, tractions
-        self.free_top = "camera.top_mm" in shared + own
+        self.free_top = "camera.top_mm" in shared + per_frame
         self.work = FrameWork(data, sequence, follow, as_stated)
-        self.asked = None if as_stated else shared + own
+        self.asked = None if as_stated else shared + per_frame
         self.layout = RunLayout(
             axes={"frame": len(data)}, chunk=chunk_size(len(data), 4 * rows * cols)
         )

@@ -108,7 +108,10 @@ class PreparedFrames(FrameSet):
         self._count = self.reader.count()
         if self._count == 0:
             raise InputError(f"{path}: holds no frame; check the file")
-        self.scene = self._with_distances(self.given)
+        self.scene, speed = self.given, self.given.frames.sliding_speed_mm_per_s
+        if speed is not None and self.given.wear is not None:
+            distances = [timed_distance(frame, speed) for frame in self.reader]
+            self.scene = sliding_scene(self.given.with_values({"wear.distances_m": distances}))
         if self._count > 1 and self.scene.is_contact:
             refuse_states(path, self._count, self.scene)
 
@@ -138,14 +141,6 @@ class PreparedFrames(FrameSet):
             if self._count <= _KEPT:
                 self._kept[i] = data
             yield data
-
-    def _with_distances(self, scene: Scene) -> Scene:
-        """The scene with a distance a frame, from the frames' times where a speed is given."""
-        speed = scene.frames.sliding_speed_mm_per_s
-        if speed is None or scene.wear is None:
-            return scene
-        distances = [timed_distance(frame, speed) for frame in self.reader]
-        return sliding_scene(scene.with_values({"wear.distances_m": distances}))
 
 
 _SAME_EFFECT = {

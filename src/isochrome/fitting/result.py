@@ -249,25 +249,17 @@ def make_result(
         estimate = dict(zip(PARTS, map(float, parts), strict=True))
         for place in [shared] if unknown.shared else [per_frame[i] for i in unknown.frames]:
             place[unknown.key] = estimate
-    # a run's course is in the scene already, as tables
-    averages = {
-        key: float(np.mean([f[key]["value"] for f in per_frame if key in f]))
-        for key in keys_of(per_frame)
-        if not joint.sequence.in_course(key)
-    }
-    scene = joint.scene.with_values(averages) if averages else joint.scene
+    scene = _scene_of_all(joint, shared, per_frame)
     return Fit(
         shared=shared,
         frames=per_frame,
         distance_m=list(joint.sequence.distances_m),
         frame_chi=list(joint.frame_chi),
         chi=joint.chi,
-        scene=_with_found_uncertainties(
-            scene, shared | (per_frame[0] if len(per_frame) == 1 else {})
-        ),
+        scene=scene,
         other_minima=[_others(fit) for fit in single_fits],
         wear_laws=laws,
-        warnings=(*notes, *_warnings(joint, single_fits, laws)),
+        warnings=(*notes, *_warnings(joint, single_fits), *_against_law(joint.scene, laws)),
         budget=tuple(
             KeyBudget(frame, unknown.key, inputs)
             for unknown, inputs in zip(joint.unknowns, joint.budget, strict=False)
@@ -278,11 +270,19 @@ def make_result(
     )
 
 
-def _with_found_uncertainties(scene: Scene, estimates: Found) -> Scene:
-    """The fitted scene with what is known now of the values that it had stated before."""
+def _scene_of_all(joint: JointFit, shared: Found, per_frame: list[Found]) -> Scene:
+    """The fitted scene, with the means of what each frame has of its own."""
+    # a run's course is in the scene already, as tables
+    averages = {
+        key: float(np.mean([f[key]["value"] for f in per_frame if key in f]))
+        for key in keys_of(per_frame)
+        if not joint.sequence.in_course(key)
+    }
+    scene = joint.scene.with_values(averages) if averages else joint.scene
+    # what is known now of the values that the scene had stated before
     known = {
         key: {part: estimate[part] for part in PARTS[:2]}
-        for key, estimate in estimates.items()
+        for key, estimate in (shared | (per_frame[0] if len(per_frame) == 1 else {})).items()
         if key in scene.uncertainties and np.isfinite(estimate["standard_uncertainty"])
     }
     return scene.with_values(known) if known else scene
@@ -293,7 +293,7 @@ def _others(fit: FrameFit) -> list[dict[str, float]]:
     return [dict(zip(fit.keys, m.values.tolist(), strict=True)) | {"chi": m.chi} for m in near]
 
 
-def _warnings(joint: JointFit, single_fits: list[FrameFit], laws: WearLaws | None) -> list[str]:
+def _warnings(joint: JointFit, single_fits: list[FrameFit]) -> list[str]:
     messages_found = []
     poor = [i for i, chi in enumerate(joint.frame_chi) if chi > POOR_CHI]
     if poor:
@@ -333,13 +333,17 @@ def _warnings(joint: JointFit, single_fits: list[FrameFit], laws: WearLaws | Non
         messages_found.append(
             "the fit did not converge fully; begin it nearer, with load and place in the scene"
         )
-    wear = joint.scene.wear
-    if laws is not None and wear is not None and laws.speaks_against(wear.law):
-        messages_found.append(
-            f"wear.law = '{wear.law}' is not what the frames show: {laws.sentence()}; change the "
-            "law in the scene, and fit again"
-        )
     return messages_found
+
+
+def _against_law(scene: Scene, laws: WearLaws | None) -> list[str]:
+    """What to say where the frames speak against the scene's own wear law."""
+    if laws is None or scene.wear is None or not laws.speaks_against(scene.wear.law):
+        return []
+    return [
+        f"wear.law = '{scene.wear.law}' is not what the frames show: {laws.sentence()}; change the "
+        "law in the scene, and fit again"
+    ]
 
 
 def fitted_scene(scene: Scene, shared: Found, per_frame: list[Found]) -> Scene:

@@ -200,14 +200,14 @@ def _fit_law(
         moved[segment] = mean_coefficients(scene, ends)
         return (moved - values)[friction + segment] * size
 
-    turned: list[tuple[float, ...]] = [(0.0,)]
+    starts = [[0.0]]
     if count > 1:  # such a law may have several valleys
-        turned = [(0.0, ratio, turn) for ratio in (-0.7, 0.7) for turn in (-0.7, 0.7)]
+        starts = [[0.0, ratio, turn] for ratio in (-0.7, 0.7) for turn in (-0.7, 0.7)]
     places = [
         nearest_point(
             curve, centre + np.pad(start, (0, len(friction))), centre, steps, reduced, precision
         )
-        for start in turned
+        for start in starts
     ]
     best = min(places, key=lambda place: place.cost)
     narrow = law.prior[np.isfinite(law.prior)]

@@ -1,7 +1,4 @@
-"""The camera: what the sensor makes of the light.
-
-The sensor's response over wavelength: a measured one from a file, or a generic one.
-"""
+"""The camera: what the sensor makes of the light, and its response over wavelength."""
 
 from __future__ import annotations
 
@@ -61,10 +58,7 @@ def camera_response(camera: Camera, path: Path | None = None) -> Response:
 
 
 def read_response(path: Path, names: tuple[str, ...]) -> Response:
-    """A measured response: a CSV file with the column wavelength_nm and one for each channel.
-
-    Parameters: `path`; `names` of the channels' columns. Returns a Response. Raises InputError.
-    """
+    """A measured response: a CSV file with wavelength_nm and a column for each of `names`."""
     given = read_given_table(path, "the camera's response")
     columns = ("wavelength_nm", *names)
     if not set(columns) <= set(given.names):
@@ -111,9 +105,7 @@ def expose(
 
 
 def stored_type(bit_depth: int | None) -> np.dtype[Any]:
-    """Type of a sensor's grey levels: uint8 up to 8 bits, uint16 beyond, float32 without a bit
-    depth.
-    """
+    """Type of a sensor's grey levels: uint8 up to 8 bits, uint16 beyond, else float32."""
     if bit_depth is None:
         return np.dtype(np.float32)
     return np.dtype(np.uint8 if bit_depth <= 8 else np.uint16)

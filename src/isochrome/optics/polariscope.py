@@ -1,13 +1,11 @@
-"""The polariscope by Jones calculus: analyser · plate · specimen · plate · polariser.
+"""The polariscope by Jones calculus (analyser, plate, specimen, plate, polariser), and its law.
 
 A retarder of retardance δ with its fast axis at θ is J = cos(δ/2) I - i sin(δ/2) [[cos 2θ, sin 2θ],
-[sin 2θ, -cos 2θ]]. The field behind the analyser is then α cos(δ/2) - i w sin(δ/2) with
-w = β cos 2θ + γ sin 2θ, and α, β, γ three complex numbers of the elements alone. Real plates and
-any angles so cost no more than ideal ones. The specimen's axis is the direction of sigma_1; which
-of its axes is the fast one only turns the sign of δ, which no frame of matched plates shows.
-Source: Theocaris & Gdoutos (1979), Matrix Theory of Photoelasticity; Jones (1941), JOSA 31, 488.
-
-The stress-optic law: principal stress difference to fringe order.
+[sin 2θ, -cos 2θ]]. The field behind the analyser is then α cos(δ/2) - i w sin(δ/2) with w = β cos
+2θ + γ sin 2θ, and α, β, γ three complex numbers of the elements alone: real plates and any angles
+cost no more than ideal ones. The specimen's axis is the direction of sigma_1; which of its axes is
+the fast one only turns the sign of δ, which no frame of matched plates shows. Source: Theocaris &
+Gdoutos (1979), Matrix Theory of Photoelasticity; Jones (1941), JOSA 31, 488.
 """
 
 from __future__ import annotations
@@ -119,12 +117,8 @@ def _nominal_angles(polariscope: Polariscope, step: int | None) -> _Angles:
     """Angles of the elements as they should stand (degrees)."""
     if step is not None:
         angles = polariscope.step[step]
-        return (
-            angles.polariser_deg,
-            angles.input_plate_deg,
-            angles.output_plate_deg,
-            angles.analyser_deg,
-        )
+        plates = angles.input_plate_deg, angles.output_plate_deg
+        return angles.polariser_deg, *plates, angles.analyser_deg
     if polariscope.field == "plane":
         axis = 90.0 if polariscope.axis_deg is None else polariscope.axis_deg
         return axis, None, None, axis + 90.0
@@ -137,12 +131,8 @@ def _with_errors(angles: _Angles, polariscope: Polariscope) -> _Angles:
     if first is not None and second is not None:
         first += polariscope.input_plate_error_deg
         second += polariscope.output_plate_error_deg
-    return (
-        polariser + polariscope.polariser_error_deg,
-        first,
-        second,
-        analyser + polariscope.analyser_error_deg,
-    )
+    polariser += polariscope.polariser_error_deg
+    return polariser, first, second, analyser + polariscope.analyser_error_deg
 
 
 def retarder(retardance_rad: float, fast_axis_deg: float) -> NDArray[np.complex128]:
@@ -180,13 +170,11 @@ def polariscope_signal(
         light *= visibility
         light *= -0.5 * chain.ideal
         light += 0.5
-        dark: Array = light
-        return dark
+        return np.asarray(light)
     if direction is None:
         raise ValueError("a chain that is not ideal needs the direction of sigma_1")
     w = chain.beta * np.cos(2.0 * direction) + chain.gamma * np.sin(2.0 * direction)
     straight, crossed = abs(chain.alpha) ** 2, np.abs(w) ** 2
     mixed = np.imag(chain.alpha * np.conj(w))
     wave = 0.5 * (straight - crossed) * np.cos(turns) - mixed * np.sin(turns)
-    oblique: Array = 0.5 * (straight + crossed) + visibility * wave
-    return oblique
+    return np.asarray(0.5 * (straight + crossed) + visibility * wave)

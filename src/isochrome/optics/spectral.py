@@ -1,13 +1,9 @@
 """The polariscope's signal for light of several wavelengths, in every channel of the camera.
 
-The light as the camera weighs it: one wavelength, separate lines, or a spectrum in samples.
-
-The light of a spectrum S(l) behind the polariscope, seen by a channel of response R(l), is
-I = ∫ S R I(N l0/l) dl / ∫ S R dl, where l0 is the wavelength of the material fringe value: the
-stress-optic constant is taken as the same at all wavelengths, so that the order goes as 1/l.
-Source: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29, for the integral.
-
-What a pixel's area makes of the fringes: less contrast, and a mean order; never aliasing.
+The light of a spectrum S(l), seen by a channel of response R(l), is I = ∫ S R I(N l0/l) dl / ∫ S R
+dl, l0 the wavelength of the material fringe value: the stress-optic constant is the same at all, so
+that the order goes as 1/l. A pixel's area takes contrast off fringes and shows a mean order, no
+aliasing. Source: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29.
 """
 
 from __future__ import annotations
@@ -127,10 +123,7 @@ def pixel_visibility(order: Array) -> tuple[Array, float]:
 
 
 def slope_visibility(rows: Array, cols: Array, *, out: Array | None = None) -> Array:
-    """Contrast V, in 0..1, that square pixels leave where the order has slopes in fringes a pixel.
-
-    Equation: sinc(g_x) sinc(g_y), see `pixel_visibility`; `rows` are the slopes down the picture.
-    """
+    """Contrast sinc(g_x) sinc(g_y) that square pixels leave, of slopes in fringes a pixel."""
     return np.multiply(_sinc(rows), _sinc(cols), out=out)
 
 
@@ -154,8 +147,7 @@ def _sinc(x: Array) -> Array:
     angle += _TINY
     value = np.sin(angle)
     value /= angle
-    result: Array = np.maximum(value, 0.0, out=value)
-    return result
+    return np.asarray(np.maximum(value, 0.0, out=value))
 
 
 def _slope(order: Array, axis: int) -> Array:
@@ -313,10 +305,9 @@ def _over(angles: Sequence[Array], amplitudes: Array) -> Array:
 
 
 def _harmonics(chains: Sequence[Chain]) -> tuple[Array, Array, Array]:
-    """The signal's amplitudes over 1, cos 4θ, sin 4θ, cos 2θ, sin 2θ: still, of cos δ, of sin δ.
+    """The signal's amplitudes (s, 5) over 1, cos 4θ, sin 4θ, cos 2θ, sin 2θ, by 1, cos δ, sin δ.
 
     From I = (|α|² + |w|²)/2 + (|α|² - |w|²)/2 cos δ - Im(α w*) sin δ with w = β cos 2θ + γ sin 2θ.
-    Returns three arrays (s, 5).
     """
     a, b, c = (np.array([getattr(x, n) for x in chains]) for n in ("alpha", "beta", "gamma"))
     straight, none = 0.5 * np.abs(a) ** 2, np.zeros(len(chains))
@@ -333,8 +324,7 @@ def _wave_table(
 ) -> Callable[[Array], Array]:
     """Σ_s (cosine_s cos 2 pi k_s N + sine_s sin 2 pi k_s N) as cubics in N with exact slopes.
 
-    Within a block of orders the waves are those of the first block, turned: one product of
-    matrices a block. Parameters: `highest` N; `ratio` k (s,); `cosine`, `sine` (s, ...).
+    Within a block of orders the waves are those of the first block, turned: one product a block.
     """
     from scipy.interpolate import CubicHermiteSpline
 

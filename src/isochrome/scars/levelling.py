@@ -225,6 +225,11 @@ class ScarShape:
     covariance: Array | None = None
     clear: float = 0.0
 
+    @property
+    def edges_mm(self) -> tuple[float, float]:
+        """The left and the right edge, mm."""
+        return self.centre_mm - self.half_mm, self.centre_mm + self.half_mm
+
     @cached_property
     def edge_uncertainty_mm(self) -> tuple[float, float]:
         """Standard uncertainties of the left and the right edge, c - a and c + a, mm."""
@@ -252,12 +257,6 @@ def whitening(x_mm: Array, covariance: Array) -> Array:
     root = np.linalg.inv(np.linalg.cholesky(covariance + curved @ curved.T))
     q = np.linalg.qr(root @ form[:, :2])[0]
     return np.asarray(root - q @ (q.T @ root))
-
-
-def white_covariance_of(z_um: Array) -> Array:
-    """A first covariance (n, n): what second differences show, as if it were white."""
-    size = 1.4826 * float(np.median(np.abs(np.diff(z_um, 2)))) / np.sqrt(6.0)
-    return np.asarray(max(size, 1e-6) ** 2 * np.eye(len(z_um)))
 
 
 def first_place(x_mm: Array, z_um: Array, white: Array) -> ScarShape:
@@ -416,7 +415,7 @@ def levelled(trace: Trace) -> LevelledTrace:
     result = _level(bins, place, roughness, unworn, messages=messages, name=trace.name)
     if max(result.ridges_mm2) < _PILED_UP * result.ridge_uncertainty_mm2:
         return result
-    unworn = unworn & ~_near(bins.x_mm, place, _FLANK)
+    unworn = unworn & (np.abs(bins.x_mm - place.centre_mm) > (1.0 + _FLANK) * place.half_mm)
     result = _level(bins, place, roughness, unworn, messages=messages, name=trace.name, ridged=True)
     left_um, right_um = (1e3 * ridge for ridge in result.ridges_mm2)
     return replace(
@@ -430,11 +429,6 @@ def levelled(trace: Trace) -> LevelledTrace:
     )
 
 
-def _near(x_mm: Array, place: ScarShape, flank: float) -> Mask:
-    """Which places are in the scar or beside it, within so many half-widths."""
-    return np.asarray(np.abs(x_mm - place.centre_mm) <= (1.0 + flank) * place.half_mm)
-
-
 def _find(bins: BinnedTrace, name: str) -> tuple[ScarShape, Roughness, Mask]:
     """The scar's place, the roughness beside it and the shoulders, each by the others in turn."""
     x, z, n = bins.x_mm, bins.z_um, len(bins.x_mm)
@@ -445,7 +439,10 @@ def _find(bins: BinnedTrace, name: str) -> tuple[ScarShape, Roughness, Mask]:
         fitted = fit_roughness(z, unworn, form, bins.spacing_mm, before)
         return fitted, whitening(x, _firm(fitted.covariance(n)))
 
-    roughness, white = roots(first_place(x, z, whitening(x, white_covariance_of(z))))
+    # at first what second differences show, as if it were white
+    size = 1.4826 * float(np.median(np.abs(np.diff(z, 2)))) / np.sqrt(6.0)
+    white = whitening(x, max(size, 1e-6) ** 2 * np.eye(n))
+    roughness, white = roots(first_place(x, z, white))
     place = refine_place(x, z, first_place(x, z, white), white)
     roughness, white = roots(place, roughness)
     place = refine_place(x, z, place, white)
@@ -459,20 +456,13 @@ def _firm(covariance: Array) -> Array:
     return covariance
 
 
-def _guard_of(place: ScarShape, spacing_mm: float) -> tuple[float, float]:
-    """Guards beside the left and the right edge, mm."""
-    least = max(_LEAST_GUARD * place.half_mm, spacing_mm)
-    if place.covariance is None:
-        return 0.2 * place.half_mm, 0.2 * place.half_mm
-    left_mm, right_mm = (
-        min(max(_GUARD * u, least), 0.5 * place.half_mm) for u in place.edge_uncertainty_mm
-    )
-    return left_mm, right_mm
-
-
 def _window(place: ScarShape, spacing_mm: float) -> tuple[float, float]:
-    left_mm, right_mm = _guard_of(place, spacing_mm)
-    return place.centre_mm - place.half_mm - left_mm, place.centre_mm + place.half_mm + right_mm
+    """Ends of a scar with a guard beside each edge, mm."""
+    left_mm = right_mm = 0.2 * place.half_mm
+    if place.covariance is not None:
+        least, most = max(_LEAST_GUARD * place.half_mm, spacing_mm), 0.5 * place.half_mm
+        left_mm, right_mm = (min(max(_GUARD * u, least), most) for u in place.edge_uncertainty_mm)
+    return place.edges_mm[0] - left_mm, place.edges_mm[1] + right_mm
 
 
 def _beside(bins: BinnedTrace, place: ScarShape) -> tuple[Mask, Mask]:
@@ -523,7 +513,7 @@ def _level(
 ) -> LevelledTrace:
     """The levelled trace of a scar; where there are ridges, the window ends at its edges."""
     x, z, step = bins.x_mm, bins.z_um, bins.spacing_mm
-    edges = _edges(place)
+    edges = place.edges_mm
     low, high = edges if ridged else _window(place, step)
     inside = _parts(x, step, low, high)
     covariance = _firm(roughness.covariance(len(x)))
@@ -537,6 +527,7 @@ def _level(
     drawn = _drawn(x, levels, weights)
     shared = float(to_area @ drawn @ to_area + weights @ (areas - weights @ areas) ** 2)
     of_level = to_area @ level
+    by_level = of_level @ covariance @ of_level
     ridges, ridge_uncertainty = _ridges(bins, place, level, roughness)
     to_depth = level - np.eye(len(x))
     return LevelledTrace(
@@ -551,9 +542,7 @@ def _level(
         worn_area_mm2=float(rows @ z),
         worn_area_uncertainty_mm2=float(np.sqrt(wider * (variance + shared))),
         degrees_of_freedom=freedom,
-        levelling_uncertainty_mm2=float(
-            np.sqrt(wider * (of_level @ covariance @ of_level + shared))
-        ),
+        levelling_uncertainty_mm2=float(np.sqrt(wider * (by_level + shared))),
         depth_covariance_um2=wider * (to_depth @ covariance @ to_depth.T + drawn),
         roughness=roughness,
         deepest_um=place.depth_um,
@@ -565,21 +554,13 @@ def _level(
     )
 
 
-def _edges(place: ScarShape) -> tuple[float, float]:
-    return place.centre_mm - place.half_mm, place.centre_mm + place.half_mm
-
-
 def _ridges(
     bins: BinnedTrace, place: ScarShape, level: Array, roughness: Roughness
 ) -> tuple[tuple[float, float], float]:
     """Areas above the level, left and right beside the scar, and their uncertainty, mm²."""
-    (left_mm, right_mm), flank = _edges(place), _FLANK * place.half_mm
-    beside = np.array(
-        [
-            _parts(bins.x_mm, bins.spacing_mm, left_mm - flank, left_mm),
-            _parts(bins.x_mm, bins.spacing_mm, right_mm, right_mm + flank),
-        ]
-    )
+    (left_mm, right_mm), flank = place.edges_mm, _FLANK * place.half_mm
+    sides = (left_mm - flank, left_mm), (right_mm, right_mm + flank)
+    beside = np.array([_parts(bins.x_mm, bins.spacing_mm, *side) for side in sides])
     rows = 1e-3 * bins.spacing_mm * (beside - beside @ level)
     variance = max(roughness.variance(row)[0] for row in rows)
     return (float(rows[0] @ bins.z_um), float(rows[1] @ bins.z_um)), float(np.sqrt(variance))

@@ -54,7 +54,12 @@ def _table(text: str, path: Path) -> tuple[Array, Array]:
         raise InputError(f"{path}: is empty; {_FORM}")
     split = _splitter([line for _, line in rows])
     cells = [(number, split(line)) for number, line in rows[: _LEAD + 1]]
-    first = next((k for k, (_, row) in enumerate(cells) if _are_numbers(row)), None)
+
+    def are_numbers(row: list[str]) -> bool:
+        filled = [cell.strip() for cell in row if cell.strip()]
+        return len(filled) > 1 and all(map(_NUMBER.fullmatch, filled))
+
+    first = next((k for k, (_, row) in enumerate(cells) if are_numbers(row)), None)
     if first is None:
         raise InputError(f"{path}: no line of numbers in its first {len(cells)}; {_FORM}")
     x_column, z_column, x_unit, z_unit = _columns([row for _, row in cells[:first]], path)
@@ -115,11 +120,6 @@ def _splitter(lines: Sequence[str]) -> _Splitter:
     return _Splitter(",", False)
 
 
-def _are_numbers(row: Sequence[str]) -> bool:
-    filled = [cell for cell in row if cell.strip()]
-    return len(filled) > 1 and all(_NUMBER.fullmatch(cell.strip()) for cell in filled)
-
-
 def _columns(head: Sequence[Sequence[str]], path: Path) -> tuple[int, int, float, float]:
     """The columns of places and heights, and their units in m, from the lines before the numbers.
 
@@ -135,19 +135,21 @@ def _columns(head: Sequence[Sequence[str]], path: Path) -> tuple[int, int, float
                 f"{path}: the line {', '.join(head[k])!r} names several columns of places or "
                 "heights; give one trace a file"
             )
-        below = head[k + 1] if k + 1 < len(head) else ()
-        units = []
-        for i in (places[0], heights[0]):
-            unit = _unit(head[k][i]) or (_unit(below[i]) if i < len(below) else None)
-            if unit is None:
-                raise InputError(
-                    f"{path}: the column {head[k][i]!r} has no unit; name it "
-                    f"{'x_mm' if i == places[0] else 'z_um'}, or with another of "
-                    f"{', '.join(u for u in METRES if u.isascii())}"
-                )
-            units.append(METRES[unit])
-        return places[0], heights[0], units[0], units[1]
+        x, z = places[0], heights[0]
+        return x, z, _metres(head[k:], x, "x_mm", path), _metres(head[k:], z, "z_um", path)
     raise InputError(f"{path}: no line names its columns; {_FORM}")
+
+
+def _metres(lines: Sequence[Sequence[str]], column: int, example: str, path: Path) -> float:
+    """A column's unit in m, by its name's last word or the line below."""
+    for row in lines[:2]:
+        words = _words(row[column]) if column < len(row) else []
+        if words and words[-1] in METRES:
+            return METRES[words[-1]]
+    raise InputError(
+        f"{path}: the column {lines[0][column]!r} has no unit; name it {example}, or with another "
+        f"of {', '.join(u for u in METRES if u.isascii())}"
+    )
 
 
 def _words(cell: str) -> list[str]:
@@ -157,12 +159,6 @@ def _words(cell: str) -> list[str]:
 def _name(cell: str) -> str:
     words = _words(cell)
     return words[0] if words else ""
-
-
-def _unit(cell: str) -> str | None:
-    """The unit that is the last word of a cell."""
-    words = _words(cell)
-    return words[-1] if words and words[-1] in METRES else None
 
 
 def _surface_data(text: str, path: Path) -> tuple[Array, Array]:
@@ -199,9 +195,8 @@ def _surface_data(text: str, path: Path) -> tuple[Array, Array]:
             f"{path}: has {bad[:30]!r} among its heights, and all must be measured; export a "
             "profile without missing points"
         )
-    return 1e3 * x_scale * np.arange(float(points)), 1e6 * z_scale * np.array(
-        cells, dtype=np.float64
-    )
+    heights = np.array(cells, dtype=np.float64)
+    return 1e3 * x_scale * np.arange(float(points)), 1e6 * z_scale * heights
 
 
 FEWEST = 50

@@ -68,8 +68,8 @@ class BlockModel(HalfPlane):
     ) -> RegularStress | None:
         """What the block's sides and support add in one state.
 
-        Raises InputError where scikit-fem is not installed or a pixel lies too far off,
-        PhysicsError for a contact too wide for the block.
+        InputError: no scikit-fem, a pixel too far off. PhysicsError: a contact too wide for the
+        block.
         """
         sides = block_sides(scene)
         _check_reach(scene, sides, pixels)
@@ -112,10 +112,7 @@ def block_sides(scene: Scene) -> Sides:
 
 @lru_cache(maxsize=8)
 def block_series(sides: Sides) -> BlockSeries:
-    """A block's corrections to a half-plane's stress, made once and kept.
-
-    Parameters: `sides`. Returns a BlockSeries. Raises InputError where scikit-fem is not installed.
-    """
+    """A block's corrections to a half-plane's stress, made once; InputError without scikit-fem."""
     reach = REACH * sides.clearance
     sampled = corrections(sides, FORCES, within_mm=reach)
     fitted = [_fitted(sample, reach) for sample in sampled]

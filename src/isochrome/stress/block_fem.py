@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -66,8 +66,7 @@ def load_skfem() -> ModuleType:
             "specimen.shape = 'block' needs the package scikit-fem, which is not installed; run "
             "'pip install isochrome[fem]', or leave the shape out for a half-plane"
         ) from error
-    result: ModuleType = skfem
-    return result
+    return cast(ModuleType, skfem)
 
 
 def corrections(
@@ -113,8 +112,7 @@ def _graded(smallest: dict[float, float], refine: float) -> Floats:
     density = refine / np.minimum(distance, _WIDEST * np.ptp(places))
     count = np.r_[0.0, np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(fine))]
     steps = np.linspace(0.0, count[-1], max(4, int(np.ceil(count[-1]))) + 1)
-    result: Floats = np.interp(steps, count, fine)
-    return result
+    return np.asarray(np.interp(steps, count, fine))
 
 
 def _stress(strain: Any, poisson: float) -> Any:
@@ -173,12 +171,8 @@ def _near(fem: Any, mesh: Any, within_mm: float) -> Any:
     at = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
     points = np.stack([g.ravel() for g in np.meshgrid(at, at)])
     elements = np.flatnonzero(np.hypot(*mesh.p[:, mesh.t].mean(axis=1)) < within_mm)
-    return fem.Basis(
-        mesh,
-        fem.ElementVector(fem.ElementQuad2()),
-        elements=elements,
-        quadrature=(points, np.full(4, 0.25)),
-    )
+    element, rule = fem.ElementVector(fem.ElementQuad2()), (points, np.full(4, 0.25))
+    return fem.Basis(mesh, element, elements=elements, quadrature=rule)
 
 
 def _sampled(near: Any, u: Floats, poisson: float) -> Sampled:

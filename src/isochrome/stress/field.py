@@ -1,7 +1,4 @@
-"""What a stress field is: the complex difference that fringes need, or all three components.
-
-A half-plane's field made on a plain grid, at the places that a camera's pixels look at.
-"""
+"""What a stress field is, and a field made on a plain grid at the places that pixels look at."""
 
 from __future__ import annotations
 

@@ -1,70 +1,33 @@
-"""One hat of traction: its Cauchy integrals, in closed form, at any place in the half-plane.
+"""Stress in a half-plane under surface tractions that are linear between nodes.
 
-A traction that is linear between nodes is a sum of hats of half-width h. With ζ = x - i z from the
-hat's node, its stresses need two integrals,
-
-    ∫ hat/(ζ-t) dt   = second difference over h of ζ ln ζ - ζ,
-    ∫ hat/(ζ-t)² dt  = second difference over h of -ln ζ,
-
-finite everywhere and exact at z = 0: no spikes as those of stepwise constant tractions.
-Source: integration by parts of the distributed load of Johnson (1985), Contact Mechanics, 2.3.
-
-A point force on the edge of a half-plane, or its dipole: stress and displacement.
-
-With ζ = x - i z from the force, P normal and Q tangential per thickness,
-
-    (sx - sz) + 2i txz = -(2/π) [ z (P + iQ)/ζ² + Q/ζ ],    sx + sz = -(2/π) Re (Q - iP)/ζ,
-    u_x - i u_z = (1+ν)/E [ κ k ln ζ + k ln ζ* - k* ζ/ζ* ],  k = -(Q - iP)/(2π),  κ = (3-ν)/(1+ν)
-
-in plane stress, * for the conjugate; the displacement up to a rigid body's. A dipole is the
-derivative of these along the force's place, d/dt = -d/dx.
-Source: Muskhelishvili (1953), Some Basic Problems of the Mathematical Theory of Elasticity,
-sections 32 and 93; the stress is Johnson (1985), Contact Mechanics, eq. 2.23, at one place.
-
-Convolution of surface tractions with one kernel a row, on the pixels alone.
-
-The tractions' nodes divide the pixels, so the wanted columns are every `fold`-th sample of a row,
-had by folding its spectrum before one short inverse FFT. That needs the spectrum at the nodes'
-resolution only near the surface. From a few pixels down the kernels are smooth in the place t of
-their source, and a source between pixel-spaced ones acts as these do with Lagrange's weights. For
-1/(ζ-t), the source of both kernels, with 2m neighbours X_k the relative error of that is exactly
-
-    Π_k (t - X_k)/(ζ - X_k)   <=   Π_{k=1..m} (k-1/2)²/((z/pixel)² + (k-1/2)²),
-
-and 2m + 1 times it at most for z/(ζ-t)². Deep rows therefore cost as much as with one node a pixel.
-Source: the remainder of polynomial interpolation of a simple pole, Davis (1963), Interpolation and
-Approximation, section 3.6; moving sources to a coarser lattice by the transpose of interpolation:
-Brandt & Lubrecht (1990), Journal of Computational Physics 90.
-
-Stress that stays regular under a surface free of tractions: what a contact's own field lacks.
-
-Below a contact the stress of a real body is that of a half-plane under the same tractions and a
-smooth rest: stress along the surface, bending, the body's own sides and support. With ζ = x - i z
-the rest is a power series of the half-plane's complex potential, 4Φ = Σ s_n ζ^n,
-
-    sigma_x + sigma_z             = Re Σ s_n ζ^n,
-    (sigma_x - sigma_z) + 2i tau  = Σ Re(s_n) ζ^n - i z Σ n s_n ζ^(n-1),
-
-in equilibrium, compatible, and free of tractions at z = 0 for any s_n: s_0 is sigma_x along the
-surface, Re s_1 its change along x (with tau = -z Re s_1), Im s_1 its change along z, pure bending.
-The series converges within the distance to whatever else acts on the body.
-Source: Muskhelishvili (1953), Some Basic Problems of the Mathematical Theory of Elasticity,
-section 90 (potential of a half-plane whose edge is free).
-
-Stress at any places by direct sums over the loaded nodes: no grid, no FFT, double precision.
-
-Stress in a half-plane under surface tractions that are linear between nodes, on the pixels.
-
-With ζ = x - i z, the pressure p, and q the shear on the surface along +x,
+With ζ = x - i z, the pressure p, and q the shear on the surface along +x (MPa),
 
     (sx - sz) + 2i txz = -(2/π) [ z ∫ (p + iq)/(ζ-t)² dt + ∫ q/(ζ-t) dt ],
     sx + sz            = -(2/π) Re ∫ (q - ip)/(ζ-t) dt.
 
-Source: the stresses of a distributed load, Johnson (1985), Contact Mechanics, eq. 2.23, added up
-into complex form. Rows are convolutions in x, above. Both fields use the
-same two kernels, so that whoever wants fringes alone pays nothing for the principal stresses.
+Of a hat of half-width h the integrals are second differences over h of ζ ln ζ - ζ and of -ln ζ:
+finite everywhere and exact at z = 0. A point force on the edge, P normal and Q tangential per
+thickness, gives besides, in plane stress and up to a rigid body's motion,
 
-Where the hills of the stress difference stand: a scan whose rows get sparser with depth.
+    u_x - i u_z = (1+ν)/E [ κ k ln ζ + k ln ζ* - k* ζ/ζ* ],  k = -(Q - iP)/(2π),  κ = (3-ν)/(1+ν).
+
+On pixels, rows are convolutions in x; the nodes divide the pixels, so that a row's spectrum is
+folded before one short inverse FFT. Some pixels down a source between pixel-spaced ones acts as
+these do with Lagrange's weights of its 2m neighbours X_k, with a relative error of
+
+    Π_k (t - X_k)/(ζ - X_k)   <=   Π_{k=1..m} (k-1/2)²/((z/pixel)² + (k-1/2)²),
+
+2m + 1 times it at most for z/(ζ-t)². What a half-plane's own field lacks in a real body, stress
+along the surface, bending, sides and support, is a power series of its complex potential,
+
+    sigma_x + sigma_z             = Re Σ s_n ζ^n,
+    (sigma_x - sigma_z) + 2i tau  = Σ Re(s_n) ζ^n - i z Σ n s_n ζ^(n-1),
+
+free of tractions at z = 0 for any s_n (MPa/mm^n): s_0 is sigma_x along the surface, Re s_1 its
+change along x, Im s_1 its change along z, pure bending. Sources: Johnson (1985), Contact Mechanics,
+2.3; Muskhelishvili (1953), Some Basic Problems of the Mathematical Theory of Elasticity, sections
+32, 90 and 93; Davis (1963), Interpolation and Approximation, section 3.6; Brandt & Lubrecht (1990),
+Journal of Computational Physics 90.
 """
 
 from __future__ import annotations
@@ -94,10 +57,9 @@ def cauchy_of_hat(
 ) -> tuple[Complexes, Complexes]:
     """∫ hat/(ζ-t) dt and ∫ hat/(ζ-t)² dt (1/mm) at ζ = x - i z, z >= 0, from the hat's node.
 
-    Near by, second differences of ζ ln ζ and -ln ζ; far off, the hat's moments, where those would
-    cancel. On the surface ln ζ is the limit from below; the second integral, infinite at a node
-    there but only ever multiplied by z = 0, is given as zero. `spacing_mm` is h. Source: see the
-    module.
+    Near by, second differences; far off, the hat's moments, where those would cancel. On the
+    surface ln ζ is the limit from below; the second integral, infinite at a node there but only
+    ever multiplied by z = 0, is given as zero. `spacing_mm` is h.
     """
     x, z = np.broadcast_arrays(x_mm, z_mm)
     zeta: Complexes = np.empty(x.shape, complex)
@@ -130,7 +92,7 @@ class PointForce(NamedTuple):
 
 
 def point_force_stress(x_mm: Floats, z_mm: Floats, force: PointForce) -> StressComponents:
-    """Stress in the half-plane. Parameters: places from the force, of one shape (mm); `force`."""
+    """Stress in the half-plane at places from the force, of one shape (mm)."""
     p, q, zeta = force.normal, force.tangential, x_mm - 1j * z_mm
     first, second = (1 / zeta**2, 2 / zeta**3) if force.dipole else (1 / zeta, 1 / zeta**2)
     difference = -2 / np.pi * (z_mm * (p + 1j * q) * second + q * first)
@@ -141,10 +103,7 @@ def point_force_stress(x_mm: Floats, z_mm: Floats, force: PointForce) -> StressC
 def point_force_displacement(
     x_mm: Floats, z_mm: Floats, force: PointForce, poisson: float
 ) -> tuple[Floats, Floats]:
-    """Displacement along x and z, times Young's modulus, in plane stress (N/mm).
-
-    Parameters: places from the force, of one shape (mm); `force`; `poisson`, ν.
-    """
+    """Displacement along x and z, times Young's modulus, in plane stress (N/mm)."""
     zeta = x_mm - 1j * z_mm
     conjugate = zeta.conj()
     k = -(force.tangential - 1j * force.normal) / (2 * np.pi)
@@ -229,14 +188,15 @@ def make_band(
 def convolve_rows(
     band: RowBand, loads: Sequence[tuple[Complexes, NDArray[np.number]]], out: Complexes
 ) -> None:
-    """Fill `out` (rows, cols) with the sum of kernels convolved with node values.
-
-    Parameters: `band`; `loads`, pairs of a kernel of the band and values at the nodes (n,).
-    """
+    """Fill `out` (rows, cols) with the sum of kernels of a band convolved with node values (n,)."""
     length = band.cauchy.shape[1]
     short = length // band.fold
     bands = [slice(start, start + short) for start in range(0, length, short)]
-    spectra = [_spectrum(values, band, length) for _, values in loads]
+    spectra = []
+    for _, values in loads:
+        sources = values if band.moved == 1 else pixel_sources(values, band.moved)
+        spectrum = scipy.fft.fft(sources, length) / band.fold
+        spectra.append(spectrum.astype(band.cauchy.dtype))
     for start in range(0, len(out), _BLOCK):
         block = slice(start, start + _BLOCK)
         products = (
@@ -250,17 +210,10 @@ def convolve_rows(
         out[block] = scipy.fft.ifft(folded, axis=1, overwrite_x=True)[:, : out.shape[1]]
 
 
-def _spectrum(values: NDArray[np.number], band: RowBand, length: int) -> Complexes:
-    sources = values if band.moved == 1 else pixel_sources(values, band.moved)
-    return np.asarray((scipy.fft.fft(sources, length) / band.fold).astype(band.cauchy.dtype))
-
-
 def pixel_sources(values: NDArray[np.number], fold: int) -> NDArray[np.number]:
-    """Sources at pixel spacing that act, some pixels away, as those at the nodes do.
+    """Sources at pixel spacing that act, some pixels away, as the values (n,) at the nodes do.
 
-    Parameters: `values` (n,) at the nodes; `fold`, nodes a pixel. Returns the sources
-    (ceil(n/fold) + 2 m - 1,), the first of them m - 1 pixels before the first node.
-    Source: see the module.
+    (ceil(n/fold) + 2 m - 1,), the first m - 1 pixels before the first node; `fold`, nodes a pixel.
     """
     count = -(-len(values) // fold)
     shares = np.pad(values, (0, fold * count - len(values))).reshape(count, fold) @ _weights(fold)
@@ -348,11 +301,7 @@ _AT_ONCE = 1 << 17
 def difference_and_trace(
     x_mm: Floats, z_mm: Floats, nodes_mm: Floats, pressure_mpa: Floats, shear_mpa: Floats
 ) -> tuple[Complexes, Floats]:
-    """(sigma_x - sigma_z) + 2i tau_xz and sigma_x + sigma_z at any places.
-
-    Parameters as `stress_components`. Returns two arrays of the places' shape, MPa.
-    Source: the module's.
-    """
+    """(sigma_x - sigma_z) + 2i tau_xz and sigma_x + sigma_z, MPa, as in `stress_components`."""
     x, z = np.broadcast_arrays(np.asarray(x_mm, float), np.asarray(z_mm, float))
     shape, x, z = x.shape, x.ravel(), z.ravel()
     difference, trace = np.zeros(x.size, complex), np.zeros(x.size)
@@ -599,17 +548,20 @@ class Loads:
 
 
 def find_hills(loads: Loads, box: Box) -> tuple[Floats, Floats, Floats]:
-    """Places and sizes of the scans' highest local maxima: by depth, and by part of the load.
+    """Places x, z (mm) and sizes (MPa) of the scans' highest local maxima, some ten of each.
 
-    By both, so that neither the noise on a plateau nor the many cusps of a rough traction at the
-    surface crowd out another hill. Parameters: `loads`; `box`, where to look. Returns x, z (mm)
-    and the size of the stress difference (MPa), three arrays of some ten.
+    By depth and by part of the load, so that neither the noise on a plateau nor the many cusps of a
+    rough traction at the surface crowd out another hill.
     """
     scans = _scans(loads, box)
     highest = max(size.max() for _, _, size in scans)
     boxes = []
     for x, z, size in scans:
-        row, col = np.nonzero(_is_local_maximum(size) & (size >= _NEARLY * highest))
+        padded = np.pad(size, 1, constant_values=-1.0)
+        rows, cols = size.shape
+        around = (padded[i : i + rows, j : j + cols] for i in range(3) for j in range(3))
+        hills = np.logical_and.reduce([size >= part for part in around])
+        row, col = np.nonzero(hills & (size >= _NEARLY * highest))
         boxes.append(np.stack([size[row, col], x[col], z[row]]))
     size, x, z = np.concatenate(boxes, axis=1)
     parts = np.floor(_PARTS * (x - loads.nodes[0]) / np.ptp(loads.nodes))
@@ -672,13 +624,3 @@ def _scan(loads: Loads, x: Floats, z: Floats, split: int) -> Floats:
         field += loads.regular.difference(cols[None, :], z[:, None]).astype(np.complex64)
         size[:, start::split] = np.abs(field)
     return size
-
-
-def _is_local_maximum(size: Floats) -> NDArray[np.bool_]:
-    """Where no neighbour of the eight is larger."""
-    padded = np.pad(size, 1, constant_values=-1.0)
-    rows, cols = size.shape
-    result: NDArray[np.bool_] = np.logical_and.reduce(
-        [size >= padded[i : i + rows, j : j + cols] for i in range(3) for j in range(3)]
-    )
-    return result

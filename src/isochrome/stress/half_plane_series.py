@@ -252,12 +252,9 @@ def _repetitions(
         total = total + np.polynomial.polynomial.polyval(v, grid.pairs @ across) / period
     total = (-2.0 / np.pi * total).astype(np.complex64)
     half = np.ascontiguousarray((total.real @ grid.across) + 1j * (total.imag @ grid.across))
-    return np.asarray(_real_product(grid.down, half.astype(np.complex64)))
-
-
-def _real_product(real: Floats, right: Complexes) -> Complexes:
-    """A real matrix times a complex one, by one product of real matrices."""
-    return np.asarray((real @ right.view(np.float32)).view(np.complex64))
+    # a real matrix times a complex one, by one product of real matrices
+    real = grid.down @ half.astype(np.complex64).view(np.float32)
+    return np.asarray(real.view(np.complex64))
 
 
 def _power_series() -> tuple[Floats, Floats]:

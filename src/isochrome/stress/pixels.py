@@ -1,23 +1,13 @@
-"""The pixel grid on which a field is wanted: the camera's, or every few pixels of it.
+"""The pixel grid on which a field is wanted, and where its pixels look through a lens.
 
-Where the camera's pixels look when it is not square to the specimen, and its lens no ideal one.
-
-A point of the specimen, at (x, z) from the picture's middle, is seen at the place that follows from
-it by three steps: the picture is turned by the roll φ, counter-clockwise; it grows to one side as a
-plane does that is tilted towards the camera,
-
-    (u, v) = (x, z) / (1 - k_x x / X - k_z z / Z),
-
-and the lens stretches it away from its middle,
-
-    (u', v') = (u, v) (1 + k r² / R²),    r² = u² + v²,
-
-with X and Z half the picture's width and height, R half its diagonal. So k_x, k_z and k are the
-displacement at the middle of the right edge, of the lower edge, and in the corners, over the
-distance from the middle; k < 0 is a barrel. The model is rendered the other way, from each pixel to
-the place that it looks at: no captured image is resampled, and its noise stays white.
-Source: Brown (1971), Photogramm. Eng. 37, 855-866, for the radial term; Hartley & Zisserman (2004),
-Multiple View Geometry, section 2.3, for the projective one.
+A point at (x, z) from the picture's middle is seen where three steps put it: the roll φ, counter-
+clockwise; the keystone, (u, v) = (x, z) / (1 - k_x x / X - k_z z / Z); the distortion, (u', v') =
+(u, v) (1 + k r² / R²), r² = u² + v². X and Z are half the picture's width and height, R half its
+diagonal, so that k_x, k_z and k are the displacement at the middle of the right edge, of the lower
+edge, and in the corners over the distance from the middle; k < 0 is a barrel. The model is rendered
+from each pixel to the place that it looks at: no captured image is resampled. Sources: Brown
+(1971), Photogramm. Eng. 37, 855-866; Hartley & Zisserman (2004), Multiple View Geometry, section
+2.3.
 """
 
 from __future__ import annotations
@@ -55,11 +45,7 @@ class Lens:
     keystone_z: float = 0.0
 
     def looked_at(self, u_mm: Floats, v_mm: Floats) -> tuple[Floats, Floats]:
-        """Places on the specimen of places in the picture, both from the picture's middle.
-
-        Parameters: `u_mm`, `v_mm`, to the right and down, of shapes that broadcast. Returns x and
-        z (mm).
-        """
+        """Places on the specimen of places in the picture, both from its middle (mm)."""
         radius = math.hypot(self.half_width_mm, self.half_height_mm)
         distance = np.hypot(u_mm, v_mm) / radius
         ideal = distance.copy()

@@ -298,21 +298,19 @@ def _searched(
 ) -> tuple[Scene, tuple[Minimum, ...]]:
     """The scene that a search leads to, and the other minima by rising chi."""
     scanned = tuple(key for key in keys if key not in _SENSOR)
-    minima = search_frame(data, scene, scanned).minima
-    first = moved_scene(scene, scanned, minima[0].values)
-    minima = tuple(
-        Minimum(values_of(moved_scene(scene, scanned, m.values), keys), m.chi) for m in minima
-    )
-    rivals = [m for m in minima if m.chi <= RIVAL_CHI * minima[0].chi][:_RIVALS]
-    if len(rivals) == 1 and not any(key in LENS for key in keys):
-        return first, minima[1:]
+    places = search_frame(data, scene, scanned).minima
+    scenes = [moved_scene(scene, scanned, place.values) for place in places]
+    minima = [Minimum(values_of(s, keys), m.chi) for s, m in zip(scenes, places, strict=True)]
+    limit = RIVAL_CHI * minima[0].chi
+    rivals = [m for m in minima if m.chi <= limit][:_RIVALS]
+    if len(rivals) == 1 and not set(keys) & set(LENS):
+        return scenes[0], tuple(minima[1:])
     refined = [_coarse(data, moved_scene(scene, keys, m.values), keys, prior) for m in rivals]
-    solutions = sorted((r for r in refined if r is not None), key=lambda r: r.chi)
+    solutions = sorted(filter(None, refined), key=lambda r: r.chi)
     if not solutions:
-        return first, minima[1:]
+        return scenes[0], tuple(minima[1:])
     others = [Minimum(r.values, r.chi) for r in solutions[1:]]
-    others += [m for m in minima if m.chi > RIVAL_CHI * minima[0].chi]
-    return solutions[0].scene, tuple(others)
+    return solutions[0].scene, (*others, *(m for m in minima if m.chi > limit))
 
 
 def _final(
@@ -332,24 +330,20 @@ def _final(
         raise PhysicsError(
             f"{data.name}: the scene cannot be solved where its search ended; give closer values"
         )
-    return model, _better_side(model, final)
+    plates = [j for j, key in enumerate(keys) if key.endswith("plate_error_deg")]
+    if plates:  # turned to the other side, they nearly mirror the picture
+        other = final.values.copy()
+        other[plates] *= -1.0
+        turned = refine_fit(model, other)
+        if turned is not None and not turned.cost > final.cost:
+            final = turned
+    return model, final
 
 
 def hidden_px(scene: Scene) -> float:
     """Depth (px) above which no pixel of a scene is fitted: a blur brings the surface down."""
     assert scene.camera is not None
     return EDGE_PX + _HALO * scene.camera.blur_px
-
-
-def _better_side(model: FrameModel, final: RefinedFit) -> RefinedFit:
-    """The fit, or the one with plates turned to the other side, which nearly mirrors it."""
-    plates = [j for j, key in enumerate(model.keys) if key.endswith("plate_error_deg")]
-    if not plates:
-        return final
-    other = final.values.copy()
-    other[plates] *= -1.0
-    turned = refine_fit(model, other)
-    return final if turned is None or turned.cost > final.cost else turned
 
 
 def placed(scene: Scene, shape: tuple[int, int]) -> Scene:

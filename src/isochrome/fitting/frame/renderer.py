@@ -164,7 +164,9 @@ class SceneRenderer:
         if camera.blur_px > 0.0 and self.stride == 1:
             from scipy.ndimage import gaussian_filter
 
-            signal[_outside(scene, self._pixels(scene))] = 0.0
+            # pixels that see more than a contact's specimen
+            outside = ~specimen_model(scene).inside(self._pixels(scene))
+            signal[np.broadcast_to(outside, signal.shape)] = 0.0
             signal = gaussian_filter(signal, camera.blur_px, mode="nearest")
         return signal
 
@@ -327,12 +329,6 @@ def _lattice(surface: SurfaceState, pixels: PixelGrid) -> SeriesGrid:
         spacing_mm=surface.grid.spacing_mm,
         reach_mm=_SLACK * reach,
     )
-
-
-def _outside(scene: Scene, pixels: PixelGrid) -> Mask:
-    """Pixels (rows, cols) that see more than a contact's specimen."""
-    inside = specimen_model(scene).inside(pixels)
-    return np.broadcast_to(~inside, (pixels.rows, pixels.cols))
 
 
 def safe_signal(renderer: SceneRenderer, scene: Scene) -> Array:

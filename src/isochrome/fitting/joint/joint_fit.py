@@ -479,8 +479,8 @@ class JointProblem:
         stated = self.stated.some(tuple(keys), free=True)
         weights = self.prior.weight
         columns = [
-            inverse[:, own] @ weights[own]
-            for own in ([k for k, key in enumerate(keys) if key == one] for one in stated.keys)
+            inverse[:, places] @ weights[places]
+            for places in ([k for k, key in enumerate(keys) if key == one] for one in stated.keys)
         ]
         if held.keys:
             wider = self._with_held()

@@ -211,8 +211,8 @@ class DirectionMaps:
                 self._courses[key, step] = moved
             self._local = local_values(self.whole, sequence.distances_m)
             self._along = {
-                key: local_values(there, sequence.distances_m) - self._local
-                for key, there in self._moved.items()
+                key: local_values(scene, sequence.distances_m) - self._local
+                for key, scene in self._moved.items()
             }
             self._by_unknown = local_slopes(
                 sequence, values, sequence.distances_m, self._local, self.course

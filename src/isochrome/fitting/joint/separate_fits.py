@@ -154,7 +154,12 @@ def starting_values(sequence: Sequence, single_fits: list[FrameFit]) -> Array:
         if sequence.areas and unknown.key in COURSE:
             continue  # a scar may tell it; what nothing tells is refused where the fit ends
         refuse_undetermined(unknown.key, [single_fits[i] for i in unknown.frames])
-    values = np.array([_mean([single_fits[i] for i in u.frames], u.key) for u in sequence.unknowns])
+    values = np.empty(len(sequence.unknowns))
+    for k, unknown in enumerate(sequence.unknowns):
+        fits = [single_fits[i] for i in unknown.frames]
+        weights = [1.0 / max(_spread(fit, unknown.key), 1e-300) ** 2 for fit in fits]
+        each = [fit.values[fit.keys.index(unknown.key)] for fit in fits]
+        values[k] = np.average(each, weights=weights if any(weights) else None)
     worn = [k for k, u in enumerate(sequence.unknowns) if u.key == WEAR]
     if worn:
         coefficient = sequence.scene.get(WEAR)
@@ -194,18 +199,12 @@ def _wear_factors(
         return even
     order = np.argsort([sequence.distances_m[sequence.unknowns[k].frames[0]] or 0.0 for k in worn])
     last = [sum(len(sequence.unknowns[k].frames) for k in worn[: j + 1]) - 1 for j in order]
-    own = np.diff(np.array(fitted)[last], prepend=0.0) / np.diff(np.array(given)[last], prepend=0.0)
+    worn_since, expected = (np.diff(np.array(v)[last], prepend=0.0) for v in (fitted, given))
     factors = np.empty(len(worn))
-    factors[order] = own
-    return factors if np.all(own > 0.1 * even) else even
+    factors[order] = worn_since / expected
+    return factors if np.all(factors > 0.1 * even) else even
 
 
 def _spread(fit: FrameFit, key: str) -> float:
     """A key's standard uncertainty from one frame alone, infinite where it says nothing."""
     return float(fit.standard_uncertainty[fit.keys.index(key)]) if key in fit.keys else np.inf
-
-
-def _mean(fits: list[FrameFit], key: str) -> float:
-    values = [fit.values[fit.keys.index(key)] for fit in fits]
-    weights = [1.0 / max(_spread(fit, key), 1e-300) ** 2 for fit in fits]
-    return float(np.average(values, weights=weights)) if any(weights) else float(np.mean(values))
