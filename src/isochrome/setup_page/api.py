@@ -113,13 +113,13 @@ def open_session(
         text = (LIBRARY / f"{scene}.toml").read_text("utf-8")
         return SetupSession(given, folder / _NAME, text, saved=False)
     place = Path(scene) if scene is not None else folder / (_SET_NAME if calibration else _NAME)
-    text = _text_of(place)
-    subject = _subject(text or "", place, calibration)
-    saved = text is not None
+    content = _text_of(place)
+    text, saved = content or "", content is not None
+    subject = _subject(text, place, calibration)
     session = (
-        SetupSession(given, place, text or "", saved=saved)
+        SetupSession(given, place, text, saved=saved)
         if subject is None
-        else SetSession(given, place, text or "", saved=saved, subject=subject)
+        else SetSession(given, place, text, saved=saved, subject=subject)
     )
     if saved:
         session.scene()  # what is wrong with it is said before a page opens
