@@ -234,9 +234,8 @@ def print_fit(result: Any) -> None:
     typer.echo(result.summary_text)
 
 
-def print_columns(table: dict[str, list[Any]], names: Any = None) -> None:
-    """Some columns of a table, a row a frame; all of them where none are named."""
-    names = list(table) if names is None else names
+def print_columns(table: dict[str, list[Any]], names: Sequence[str]) -> None:
+    """Some columns of a table, a row a frame."""
     columns = ([_cell(value, name) for value in table[name]] for name in names)
     print_rows(tuple(names), list(zip(*columns, strict=True)))
 

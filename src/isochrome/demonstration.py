@@ -65,7 +65,7 @@ class Demo(Result):
         return self.summary
 
     def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
-        """Give the comparison's panels for a paper; see `paper_figure`. Raises InputError."""
+        """Give the comparison's panels for a paper; see `paper_figure`."""
         return self.comparison.panels(frames)
 
 

@@ -24,7 +24,7 @@ from isochrome.runs import (
     opened_record,
     reseal,
 )
-from isochrome.scene import Scene, parse_scene, read_text
+from isochrome.scene import parse_scene, read_text
 from isochrome.simulation import simulation_report
 
 _NEEDED = {
@@ -41,10 +41,6 @@ _NEEDED = {
 """The file by which a folder is known, the command that leaves it, and what else it leaves."""
 
 _NAMED = "process, fit, track, simulate, calibrate or compare"
-
-_OTHERS = {
-    "summary.csv": "is a campaign; name the folder of one of its recordings",
-}
 
 
 def report(folder: str | Path, out: str | Path | None = None) -> Path:
@@ -119,9 +115,9 @@ def _kind(place: Path) -> tuple[str, str]:
     if not place.is_dir():
         raise InputError(f"{place}: no such folder; name one that {_NAMED} left")
     result = next((name for name in _NEEDED if (place / name).is_file()), None)
-    for name, what in _OTHERS.items():
-        if result is None and (place / name).is_file():
-            raise InputError(f"{place}: {what}")
+    if result is None and (place / "summary.csv").is_file():
+        what = "is a campaign; name the folder of one of its recordings"
+        raise InputError(f"{place}: {what}")
     if result is None or not (place / PROVENANCE).is_file():
         unfinished = Path(f"{place.resolve()}{WORKING}").is_dir()
         hint = (
@@ -146,7 +142,9 @@ def _content(place: Path, file: str, record: Mapping[str, Any]) -> ReportContent
         raise InputError(f"{place}: is a comparison of scars, which has no report; see scars.png")
     if file == "metrics.csv":
         return compared_again(record, str(place))
-    scene = _scene(place)
+    scene_file = place / "scene.toml"  # of a run, which goes by the folder's name
+    name = place.resolve().name
+    scene = parse_scene(read_text(scene_file), name=name, folder=place, label=str(scene_file))
     if file == "history.csv":
         return simulation_report(place, scene, record)
     if file == "fit.json":
@@ -156,10 +154,3 @@ def _content(place: Path, file: str, record: Mapping[str, Any]) -> ReportContent
         rows, cols = dataset["normalised"].shape[-2:]
     processed = restore(scene, place, (rows, cols), None)
     return process_report(checked_store(place / STORE), processed, record)
-
-
-def _scene(place: Path) -> Scene:
-    """The scene of a run, which goes by the folder's name."""
-    name = place.resolve().name
-    file = place / "scene.toml"
-    return parse_scene(read_text(file), name=name, folder=place, label=str(file))

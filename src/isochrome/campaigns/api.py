@@ -1,9 +1,4 @@
-"""`process_campaign`: many recordings by one scene, each on its own, and a table of all.
-
-Whole recordings computed side by side, a worker process for each of them.
-
-The summary of a campaign: a table of all its recordings, with what it came from.
-"""
+"""`process_campaign`: many recordings by one scene, each on its own, and a table of all."""
 
 from __future__ import annotations
 
@@ -15,7 +10,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from isochrome.campaigns.figure import campaign_panels, summary_figure
 from isochrome.campaigns.outcome import SUMMARIES, Outcome, Task, failed, folder_names, outcome_of
@@ -55,6 +50,8 @@ from isochrome.scene import Scene, SceneLike, dump_scene, load_scene
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+T = TypeVar("T")
+
 _TASK: list[tuple[Scene, dict[str, Any]]] = []
 """What a worker process was started for."""
 
@@ -62,23 +59,22 @@ _TASK: list[tuple[Scene, dict[str, Any]]] = []
 def run_side_by_side(
     tasks: Mapping[int, Task], scene: Scene, options: Mapping[str, Any], workers: int
 ) -> Generator[tuple[int, Outcome]]:
-    """Process recordings in worker processes, each of which does one after the other.
+    """Process recordings by their numbers in worker processes, each of which does one after the
+    other.
 
     Where a worker is killed, those that were in work then are done again, each by a worker of its
-    own: what kills that too has failed, and the rest goes on.
-    Parameters: `tasks`, by their number; `scene`; `options` of `process`; `workers`, how many.
-    Yields each number with its Outcome, in the order of completion.
+    own: what kills that too has failed, and the others go on.
     """
-    left = dict(tasks)
-    while left:
+    waiting = dict(tasks)
+    while waiting:
         try:
-            with closing(_by_pool(left, scene, options, min(workers, len(left)))) as pool:
+            with closing(_by_pool(waiting, scene, options, min(workers, len(waiting)))) as pool:
                 for number, outcome in pool:
-                    del left[number]
+                    del waiting[number]
                     yield number, outcome
         except WorkersLost:
-            for number in list(left)[:workers]:  # as many as are given out at a time, in order
-                yield number, _by_itself(number, left.pop(number), scene, options)
+            for number in list(waiting)[:workers]:  # as many as are given out at a time, in order
+                yield number, _by_itself(number, waiting.pop(number), scene, options)
 
 
 def _by_pool(
@@ -115,10 +111,7 @@ _LAST = ("kept_share", "warnings", "error")
 
 
 def tabulate_campaign(rows: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
-    """The columns of summary.csv: what all recordings have, the keys of any, and what is said.
-
-    Parameters: `rows`, one a recording. Returns column name to values, None where a row has none.
-    """
+    """The columns of summary.csv: what all recordings have, the keys of any, and what is said."""
     columns = columns_of(rows)
     unknown: list[Any] = [None] * len(rows)
     last = {name: columns.pop(name, unknown) for name in _LAST}
@@ -126,10 +119,7 @@ def tabulate_campaign(rows: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
 
 
 def summary_of(scene: Scene, outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """What summary.json holds: version, scene, and each recording's row with its files' hashes.
-
-    Parameters: `scene`; `outcomes`, one a recording. Returns a dictionary for `write_json`.
-    """
+    """What summary.json holds: version, scene, and each recording's row with its files' hashes."""
     text = dump_scene(scene)
     return {
         **environment(),
@@ -142,8 +132,7 @@ def summary_of(scene: Scene, outcomes: Sequence[Outcome]) -> dict[str, Any]:
 def write_summary(out: Path, scene: Scene, outcomes: Sequence[Outcome], beside: Path) -> None:
     """Leave summary.csv, summary.json and, where a key was fitted that has one, summary.png.
 
-    Parameters: `out`, the campaign's folder; `scene`; `outcomes`; `beside`, a folder on the same
-    drive, where they are made. Raises InputError where they cannot be written.
+    They are made in a folder `beside` the results, on the same drive.
     """
     folder = output_folder(out)
     table, summary, picture = SUMMARIES
@@ -247,9 +236,8 @@ class Campaign(Result):
     def title(self) -> str:
         """The scene and how many recordings there are."""
         failed = f", {len(self.failed)} of them failed" if self.failed else ""
-        return (
-            f"Campaign of {counted(len(self.outcomes), 'recording')} by {self.scene.name}{failed}"
-        )
+        count = counted(len(self.outcomes), "recording")
+        return f"Campaign of {count} by {self.scene.name}{failed}"
 
     def main_values(self) -> Iterator[tuple[str, str]]:
         """Means over the recordings of what was fitted in each, and chi."""
@@ -260,17 +248,13 @@ class Campaign(Result):
 
     def figure(self) -> Figure:
         """Load and friction of each recording. Raises InputError where neither was fitted."""
-        result = summary_figure(self.scene.name, self.outcomes)
-        if result is None:
-            raise InputError(f"{self.title}: neither load nor friction was fitted; nothing to draw")
-        return result
+        return self._drawn(summary_figure(self.scene.name, self.outcomes))
 
     def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
-        """Load and friction of the recordings for a paper; see `paper_figure`.
+        """Load and friction of the recordings of these numbers for a paper; see `paper_figure`."""
+        return self._drawn(campaign_panels(self.outcomes, frames))
 
-        `frames`: numbers of the recordings that are shown. Raises InputError.
-        """
-        result = campaign_panels(self.outcomes, frames)
+    def _drawn(self, result: T | None) -> T:
         if result is None:
             raise InputError(f"{self.title}: neither load nor friction was fitted; nothing to draw")
         return result

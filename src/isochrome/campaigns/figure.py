@@ -49,8 +49,7 @@ _LONGEST = 22
 def summary_figure(name: str, outcomes: Sequence[Outcome]) -> Figure | None:
     """Values over recordings, and within each over the distance, or the frames, with bands.
 
-    Parameters: `name` of the scene; `outcomes`, one a recording. Returns a Figure, None where no
-    recording has a fitted load or friction.
+    None where no recording has a fitted load or friction.
     """
     keys = [key for key in DRAWN if any(f"{key} mean" in item.row for item in outcomes)]
     if not keys:
@@ -73,10 +72,8 @@ def summary_figure(name: str, outcomes: Sequence[Outcome]) -> Figure | None:
     _name(axes[-1, 0], outcomes)
     style_axes(axes[-1, 1], x_label="sliding distance (m)" if slid else "frame")
     failed = sum(item.row["status"] == "failed" for item in outcomes)
-    head = f"{plain_name(name)}: {counted(len(outcomes), 'recording')}" + (
-        f", {failed} of them failed" if failed else ""
-    )
-    write_head(figure, head)
+    head = f"{plain_name(name)}: {counted(len(outcomes), 'recording')}"
+    write_head(figure, f"{head}, {failed} of them failed" if failed else head)
     return figure
 
 
@@ -85,11 +82,10 @@ def campaign_panels(
 ) -> PaperPanels | None:
     """The plots of a campaign for a paper, as in `summary_figure`; None where none has values.
 
-    Parameters: `outcomes`; `recordings`, the numbers of those that are shown, by default all.
-    Raises InputError where there is no such recording.
+    `recordings` are the numbers of those that are shown, by default all.
     """
-    count = len(outcomes)
-    rows = chosen_frames(recordings, count, range(count), items="recordings")
+    every = range(len(outcomes))
+    rows = chosen_frames(recordings, len(outcomes), every, items="recordings")
     chosen = [outcomes[k] for k in rows]
     keys = [key for key in DRAWN if any(f"{key} mean" in item.row for item in chosen)]
     if not keys:
@@ -98,29 +94,22 @@ def campaign_panels(
 
     def over(key: str, axes: Axes) -> None:
         _over_recordings(axes, key, chosen, colours)
-        _count(axes, rows)
-        style_axes(axes, z_label=KEY_LABELS[key])
+        # below the axis, which rows of the summary the recordings are, from 1
+        places = range(0, len(rows), -(-len(rows) // 8))
+        axes.set_xlim(-0.6, len(rows) - 0.4)
+        axes.set_xticks(places, [str(rows[k] + 1) for k in places])
+        style_axes(axes, x_label="recording", z_label=KEY_LABELS[key])
 
     def within(key: str, axes: Axes) -> None:
         _within(axes, key, chosen, colours, "distance_m" if slid else "frame")
         label = "sliding distance (m)" if slid else "frame"
         style_axes(axes, x_label=label, z_label=KEY_LABELS[key])
 
-    plots = []
-    for key in keys:
-        plots += [Plot(title="mean", draw=partial(over, key))]
-        plots += [Plot(title="each frame", draw=partial(within, key))]
+    draws = (("mean", over), ("each frame", within))
+    plots = [Plot(title=title, draw=partial(draw, key)) for key in keys for title, draw in draws]
     named = [f"{k + 1} {plain_name(str(outcomes[k].row['folder']), _LONGEST)}" for k in rows]
     note = "Recordings: " + ("; ".join(named) if len(rows) <= _NAMED else "as in summary.csv")
     return PaperPanels(plots=plots, plots_across=2, notes=(note,))
-
-
-def _count(axes: Axes, rows: Sequence[int]) -> None:
-    """Below the axis, which rows of the summary the recordings are, from 1."""
-    places = range(0, len(rows), -(-len(rows) // 8))
-    axes.set_xlim(-0.6, len(rows) - 0.4)
-    axes.set_xticks(places, [str(rows[k] + 1) for k in places])
-    style_axes(axes, x_label="recording")
 
 
 def _moves(item: Outcome) -> bool:

@@ -1,7 +1,4 @@
-"""What became of one recording of a campaign: its row of the summary, and its curves.
-
-The folder of each recording in a campaign's own: named after it, and after no other.
-"""
+"""What became of one recording of a campaign: its folder, its row of the summary, its curves."""
 
 from __future__ import annotations
 
@@ -46,11 +43,12 @@ def label_of(frames: FramesPath) -> str:
 def folder_names(recordings: Sequence[FramesPath]) -> tuple[str, ...]:
     """A folder's name for each recording: its file's without the ending, or its folder's.
 
-    Names that are equal, but perhaps for capitals, get the name of the folder that they are in,
-    and where this does not help a number. Each is one plain name: it leads to no other folder, on
-    Windows neither. Parameters: `recordings`, in order. Returns the names.
+    Names that are equal, but perhaps for capitals, get the name of the folder that they are in, and
+    where this does not help a number. Each is one plain name: it leads to no other folder, on
+    Windows neither.
     """
-    places = [_place(frames) for frames in recordings]
+    firsts = (frames if isinstance(frames, str | Path) else frames[0] for frames in recordings)
+    places = [Path(os.path.abspath(first)) for first in firsts]
     own = [_plain(place.name if place.is_dir() else place.stem) for place in places]
     count = Counter(_key(name) for name in own)
     taken: set[str] = set()
@@ -65,11 +63,6 @@ def folder_names(recordings: Sequence[FramesPath]) -> tuple[str, ...]:
         taken.add(_key(free))
         result.append(free)
     return tuple(result)
-
-
-def _place(frames: FramesPath) -> Path:
-    first = frames if isinstance(frames, str | Path) else frames[0]
-    return Path(os.path.abspath(first))
 
 
 def _key(name: str) -> str:
@@ -130,10 +123,8 @@ def outcome_of(
     options: Mapping[str, Any],
     progress: RunProgress | None = None,
 ) -> Outcome:
-    """Process one recording into its folder; what is wrong with it becomes its row.
-
-    Parameters: `task`; `scene`; `options` of `process`; `progress`, told of its frames. Returns an
-    Outcome. Raises NoCluster, which is no recording's fault.
+    """Process one recording into its folder; what is wrong with it, NoCluster apart, becomes its
+    row.
     """
     try:
         if task.folder.is_symlink():
@@ -147,18 +138,13 @@ def outcome_of(
     except IsochromeError as error:
         return failed(task, error)
     except MemoryError:
-        return failed(
-            task,
-            PhysicsError("not enough memory; use a smaller region of interest or fewer workers"),
-        )
+        reason = "not enough memory; use a smaller region of interest or fewer workers"
+        return failed(task, PhysicsError(reason))
     return _read(task, result)
 
 
 def failed(task: Task, error: IsochromeError) -> Outcome:
-    """A recording that could not be processed, with the reason.
-
-    Parameters: `task`; `error`. Returns an Outcome.
-    """
+    """A recording that could not be processed, with the reason."""
     cause = error.__cause__
     # what is kept of an unfinished run depends on when it was stopped; the reason does not
     bare = isinstance(cause, IsochromeError) and str(error).startswith(f"{cause} (")
@@ -180,11 +166,13 @@ def _read(task: Task, found: Processed) -> Outcome:
     status = "flagged" if flagged or found.failed else "ok"
     row = _row(task, "failed" if found.failed == count else status)
     chi, selected = _known(table, "chi"), _known(table, "kept_share")
+    with open_run(task.folder) as dataset:
+        times = dataset.time_s.values
     row |= {
         "frames": count,
         "failed_frames": found.failed,
         "flagged_frames": flagged,
-        "duration_s": _duration_s(task.folder),
+        "duration_s": float(np.nanmax(times)) if np.isfinite(times).any() else None,
         "pixel_mm": next((p for p in table["pixel_mm"] if p is not None), None),
         "chi_median": _of_known(np.median, chi),
         "chi_max": _of_known(np.max, chi),
@@ -215,13 +203,6 @@ def _known(table: Mapping[str, Sequence[Any]], name: str) -> Array:
 
 def _of_known(measure: Any, values: Array) -> float | None:
     return float(measure(values)) if values.size else None
-
-
-def _duration_s(folder: Path) -> float | None:
-    """The time of the last frame since the first, where the recording knows it."""
-    with open_run(folder) as dataset:
-        times = dataset.time_s.values
-    return float(np.nanmax(times)) if np.isfinite(times).any() else None
 
 
 def _hashes(frames: FramesPath) -> dict[str, str]:

@@ -1,16 +1,9 @@
-"""The process command.
-
-The init command: what is not given is asked for on a terminal.
-
-The calibrate commands.
-
-Commands of long runs: grids of simulations, reports, and results for other programs.
-"""
+"""The commands process, init, calibrate, sweep, export, verify and report."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -353,10 +346,7 @@ def scale_command(
     """Find mm a pixel and the lens, from a chessboard, dots or two edges a known distance apart."""
     from isochrome.calibration import calibrate_scale as run
 
-    def show(result: Any) -> None:
-        _print_values(result, result.taken_as_exact)
-
-    _calibrate(run, images, out, into, as_json, options, show, what="values")
+    _calibrate(run, images, out, into, as_json, options, _print_values, what="values")
 
 
 @calibrate_app.command("wear", epilog=examples_of("calibrate wear"))
@@ -375,11 +365,11 @@ def wear_command(
     _calibrate(run, settings, out, into, as_json, options, _print_values)
 
 
-def _print_values(result: Any, exact: Sequence[str] = ()) -> None:
-    """The values of a calibration, what was taken as `exact`, and its warnings."""
+def _print_values(result: Any) -> None:
+    """The values of a calibration of scale or wear, what was taken as exact, and its warnings."""
     for name, value in result.main_values():
         typer.echo(f"{name} = {value}")
-    for key in exact:
+    for key in getattr(result, "taken_as_exact", ()):
         typer.echo(f"taken as exact: {key}")
     print_warnings(list(result.warnings))
 

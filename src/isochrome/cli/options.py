@@ -146,8 +146,7 @@ PROCESS = {
 def with_options(options: dict[str, tuple[Any, Any]]) -> Callable[[Command], Command]:
     """Give a command the options of a table, in front of --json: its `**options` takes them.
 
-    A flag is off and all else is None where it is not given. Parameters: `options`, type and option
-    of each by its name.
+    A flag is off and all else is None where it is not given.
     """
 
     def declare(command: Command) -> Command:
@@ -173,11 +172,7 @@ _MM = {"": 1.0, "mm": 1.0, "cm": 10.0, "in": 25.4}
 
 
 def take_style(options: dict[str, Any]) -> FigureStyle | None:
-    """Take the options of a figure for a paper out of a command's, before its work begins.
-
-    Parameters: `options`, from which they are removed. Returns FigureStyle, None where none was
-    given. Raises InputError where one is wrong.
-    """
+    """Take the options of a figure for a paper out of a command's, before its work begins."""
     given = {name: options.pop(name) for name in FIGURE}
     if not any(value not in (None, False) for value in given.values()):
         return None
@@ -185,9 +180,18 @@ def take_style(options: dict[str, Any]) -> FigureStyle | None:
 
     known: dict[str, Any] = {"numbers": given["numbers"]}
     if given["width"] is not None:
-        known["width_mm"] = _width_mm(given["width"])
+        match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(mm|cm|in|)\s*", given["width"])
+        if match is None:
+            raise InputError(
+                f"--width {given['width']}: give a width with its unit, such as 85mm or 3.4in"
+            )
+        known["width_mm"] = float(match.group(1)) * _MM[match.group(2)]
     if given["shown"] is not None:
-        known["frames"] = _whole_numbers(given["shown"])
+        if not re.fullmatch(r"\s*\d+\s*(,\s*\d+\s*)*", given["shown"]):
+            raise InputError(
+                f"--frames {given['shown']}: give whole numbers from 0 with commas, such as 0,2,4"
+            )
+        known["frames"] = tuple(int(part) for part in given["shown"].split(","))
     if given["formats"] is not None:
         known["formats"] = tuple(part.strip() for part in given["formats"].lower().split(","))
     if given["dpi"] is not None:
@@ -196,7 +200,7 @@ def take_style(options: dict[str, Any]) -> FigureStyle | None:
 
 
 def takes_excel(options: dict[str, Any]) -> bool:
-    """Take --csv out of a command's options, before its work begins. Raises InputError."""
+    """Take --csv out of a command's options, before its work begins."""
     form = options.pop("tables")
     if form not in (None, "excel"):
         raise InputError(f"--csv {form}: is no form of a table known here; give excel")
@@ -204,7 +208,7 @@ def takes_excel(options: dict[str, Any]) -> bool:
 
 
 def write_excel_tables(out: Path, excel: bool) -> None:
-    """Write the tables in a folder for Excel, where it was asked for. Raises InputError.
+    """Write the tables in a folder for Excel, where it was asked for.
 
     Where it was not, the copies of earlier tables go: a calibration is written over an earlier one.
     """
@@ -219,24 +223,10 @@ def write_excel_tables(out: Path, excel: bool) -> None:
             _remove(copy)
 
 
-def _width_mm(text: str) -> float:
-    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(mm|cm|in|)\s*", text)
-    if match is None:
-        raise InputError(f"--width {text}: give a width with its unit, such as 85mm or 3.4in")
-    return float(match.group(1)) * _MM[match.group(2)]
-
-
-def _whole_numbers(text: str) -> tuple[int, ...]:
-    if not re.fullmatch(r"\s*\d+\s*(,\s*\d+\s*)*", text):
-        raise InputError(f"--frames {text}: give whole numbers from 0 with commas, such as 0,2,4")
-    return tuple(int(part) for part in text.split(","))
-
-
 def save_paper_figure(result: Any, out: Path, style: FigureStyle | None) -> list[str]:
-    """Write a result's figure for a paper beside its other files, where it was asked for.
+    """Write a result's figure for a paper into its folder, where it was asked for.
 
-    What it warns of stands on standard error. Parameters: `result`; `out`, its folder; `style`.
-    Returns the files' names. Raises InputError where the figure has no such frame.
+    What it warns of stands on standard error. Gives the files' names.
     """
     if style is None:
         return []

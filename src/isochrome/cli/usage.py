@@ -95,10 +95,7 @@ EXAMPLES = {
 
 
 def examples_of(command: str) -> str:
-    """What stands below a command's help.
-
-    Parameters: `command`, its words. Returns paragraphs.
-    """
+    """What stands below a command's help."""
     return "\n\n".join(("Examples:", *EXAMPLES[command]))
 
 
@@ -133,10 +130,7 @@ def _usage_in_a_line() -> Iterator[None]:
 
 
 def _decimal_comma(text: str) -> str | None:
-    """The sentence for an option whose number has a comma; None where that is not what is wrong.
-
-    Parameters: `text`, the usage error, which names the option.
-    """
+    """The sentence for an option whose number has a comma; None where that is not what is wrong."""
     named = re.search(r"Invalid value for '(--[a-z-]+)'", text)
     words = [part for word in sys.argv for part in word.split("=", 1)]
     for option, value in pairwise(words):
@@ -149,10 +143,7 @@ def _decimal_comma(text: str) -> str | None:
 
 
 def fail(text: str, code: int) -> NoReturn:
-    """Say why, once, on standard error, and as JSON on standard output where JSON was asked for.
-
-    Parameters: `text`; `code`, with which the command ends.
-    """
+    """Say why, once, on standard error, and as JSON on standard output where JSON was asked for."""
     line = " ".join(text.split())
     if "--json" in sys.argv:
         typer.echo(json.dumps({"error": line, "exit_code": code}))

@@ -112,7 +112,7 @@ def init(
 
 
 def _refuse_existing(folder: Path) -> None:
-    """Refuse to write over a scene. Raises InputError."""
+    """Refuse to write over a scene."""
     path = folder / SCENE_FILE
     if os.path.lexists(path):
         raise InputError(f"{path}: is there already; name another --out folder, or give --replace")

@@ -14,13 +14,13 @@ from isochrome.drafting.scene_draft import (
     KnownValues,
     OpenKey,
     SceneDraft,
-    described_set,
     file_values,
     frame_of,
     frames_to_look_at,
+    given_values,
+    light_tables,
     light_values,
     open_of_set,
-    refuse_missing,
     refuse_unclear,
     written_draft,
 )
@@ -54,45 +54,42 @@ def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
     """Draft the scene of a disc under diametral load; see `draft_scene`.
 
     Its rim gives place and scale roughly, and its fringes closely, with load, field, gamma, and
-    whether it lies on its side. Raises InputError, PhysicsError.
+    whether it lies on its side.
     """
-    refuse_missing(given)
     refuse_unclear(frames, given)
     frame = frame_of(frames, frames_to_look_at(frames, given)[0], given)
     bare = _disc_scene(given)
     data, fit = _fitted(prepare_frame(frame, bare, bit_depth=frames.bit_depth), bare, given)
     turned = fit.scene.frames.rotate_deg in (90, 270)
-    values = [DraftValue(key="specimen.shape", value="disc", origin="given"), *_known(given, _DISC)]
-    values += [*file_values(frames, given, turned=turned), *_disc_values(fit, given)]
-    values += light_values(given)
-    head = [
-        f"Drafted by isochrome init from {described_set(frames)}",
+    values = [DraftValue(key="specimen.shape", value="disc", origin="given")]
+    values += [*given_values(given, _DISC), *file_values(frames, given, turned=turned)]
+    values += [*_disc_values(fit, given), *light_values(given)]
+    sentences = [
         f"Frame {frame.index} was looked at: the disc's fringes leave {fit.chi:.2f} times "
-        "its noise.",
+        "its noise."
     ]
-    notes = [] if fit.chi <= POOR_CHI else [_more_than_noise(fit)]
-    draw = partial(draft_figure, data, fit.scene, values)
-    open_keys = open_of_set(frames, given)
+    notes = [
+        f"chi = {fit.chi:.2f}: the disc's fringes leave more than the frame's noise; isochrome "
+        "check says what the frame asks for"
+    ]
     return written_draft(
-        head,
+        frames,
+        frame.index,
+        sentences,
         values,
-        open_keys,
-        warnings=notes,
-        frame=frame.index,
+        open_of_set(frames, given),
+        warnings=[] if fit.chi <= POOR_CHI else notes,
         chi=fit.chi,
-        draw=draw,
+        draw=partial(draft_figure, data, fit.scene, values),
     )
 
 
 def draft_without_model(frames: FrameReader, given: KnownValues) -> SceneDraft:
-    """Draft a scene without a model, whose frames are read from the image alone; see `draft_scene`.
-
-    Raises InputError.
-    """
+    """Draft a scene without a model, whose frames are read from the image alone."""
     refuse_unclear(frames, given)
     frame = frame_of(frames, frames_to_look_at(frames, given)[0], given)
     values = [DraftValue(key="specimen.shape", value="other", origin="given")]
-    values += _known(given, ("thickness_mm", "fringe_value_n_per_mm"))
+    values += given_values(given, ("thickness_mm", "fringe_value_n_per_mm"))
     values += file_values(frames, given, turned=given.rotate_deg in (90, 270))
     if given.pixel_mm is None and frames.pixel_mm is not None:
         values.append(DraftValue(key=PIXEL, value=frames.pixel_mm, origin="file"))
@@ -100,34 +97,13 @@ def draft_without_model(frames: FrameReader, given: KnownValues) -> SceneDraft:
     open_keys = _open_of(values, ("thickness_mm", "fringe_value_n_per_mm", "pixel_mm"))
     order = "orders that are known, such as [{ row_px = 480, col_px = 20, order = 0.0 }]"
     open_keys += [*open_of_set(frames, given), OpenKey("frames.known_order", order)]
-    head = [
-        f"Drafted by isochrome init from {described_set(frames)}",
+    sentences = [
         "The specimen has no model: orders are read from the image, from a known one onwards; a "
-        "free corner has order 0.",
+        "free corner has order 0."
     ]
-    return written_draft(
-        head,
-        values,
-        open_keys,
-        warnings=(),
-        frame=frame.index,
-        chi=None,
-        draw=partial(frame_figure, as_turned(frame.image, given.rotate_deg or 0, given.flip)),
-    )
-
-
-def _known(given: KnownValues, names: Sequence[str]) -> list[DraftValue]:
-    """What was given of some quantities."""
-    return [
-        DraftValue(
-            key=QUANTITIES[name].key,
-            value=getattr(given, name),
-            origin="given",
-            note=QUANTITIES[name].unit,
-        )
-        for name in names
-        if getattr(given, name) is not None
-    ]
+    picture = as_turned(frame.image, given.rotate_deg or 0, given.flip)
+    draw = partial(frame_figure, picture)
+    return written_draft(frames, frame.index, sentences, values, open_keys, draw=draw)
 
 
 def _stated(given: KnownValues) -> list[DraftValue]:
@@ -145,17 +121,13 @@ def _open_of(values: list[DraftValue], names: Sequence[str]) -> list[OpenKey]:
 
 
 def _disc_scene(given: KnownValues) -> Scene:
-    """The disc before it is placed. Raises InputError for a value that is none."""
+    """The disc before it is placed."""
     tables: dict[str, Any] = {
         "specimen": {"shape": "disc"} | {name: getattr(given, name) for name in _DISC},
         "load": {"normal_n": given.load_n},
-        "polariscope": {"field": given.field or "dark"},
         "camera": {} if given.pixel_mm is None else {"pixel_mm": given.pixel_mm},
-        "frames": {"gamma": 1.0 if given.gamma is None else given.gamma},
     }
-    if given.wavelength_nm is not None:
-        tables["polariscope"]["wavelength_nm"] = given.wavelength_nm
-    return load_scene(tables)
+    return load_scene(tables | light_tables(given))
 
 
 def _fitted(data: FrameData, bare: Scene, given: KnownValues) -> tuple[FrameData, FrameFit]:
@@ -223,10 +195,3 @@ def _disc_values(fit: FrameFit, given: KnownValues) -> list[DraftValue]:
     if given.rotate_deg is None and turn:
         values.append(DraftValue(key=TURN, value=turn, origin="found"))
     return values + _stated(given)
-
-
-def _more_than_noise(fit: FrameFit) -> str:
-    return (
-        f"chi = {fit.chi:.2f}: the disc's fringes leave more than the frame's noise; isochrome "
-        "check says what the frame asks for"
-    )

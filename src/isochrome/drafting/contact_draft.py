@@ -1,12 +1,8 @@
 """The scene of a contact: the first frame that it explains, and each value with what it is from.
 
-Whether a frame shows no fringes: the light of a lamp alone explains it.
-
-What is refused as no contact may simply not be loaded. A smooth polynomial is fitted to the light,
+A frame that is refused may simply not be loaded. A smooth polynomial is fitted to its light,
 robustly; where next to no pixel lies farther from it than noise does, there is no fringe. A frame
 with texture, dust or an edge in it is never taken for one: then nothing is said of it.
-
-A sliding contact in a captured frame: searched for, fitted, and held against its rivals.
 """
 
 from __future__ import annotations
@@ -22,18 +18,17 @@ from numpy.typing import NDArray
 
 from isochrome.drafting.draft_figure import draft_figure
 from isochrome.drafting.scene_draft import (
-    QUANTITIES,
     DraftValue,
     KnownValues,
     Origin,
     SceneDraft,
-    described_set,
     file_values,
     frame_of,
     frames_to_look_at,
+    given_values,
+    light_tables,
     light_values,
     open_of_set,
-    refuse_missing,
     refuse_unclear,
     written_draft,
 )
@@ -73,7 +68,7 @@ _MOST_PIXELS, _ROUNDS = 60_000, 4
 
 
 def has_no_fringes(data: FrameData) -> bool:
-    """Tell whether smooth light alone explains a frame. Parameters: `data`, prepared."""
+    """Tell whether smooth light alone explains a prepared frame."""
     light = np.asarray(data.light, dtype=float)
     rows, cols = (_within(np.median(light, axis=axis), np.median(light)) for axis in (1, 0))
     step = max(1, round((light.size / _MOST_PIXELS) ** 0.5))
@@ -158,13 +153,11 @@ class ContactFit:
 
 
 def start_scene(pixel_mm: float, shape: tuple[int, int], given: KnownValues) -> Scene:
-    """The scene of a contact before anything is found. Raises InputError for a wrong value."""
+    """The scene of a contact before anything is found."""
     tables: dict[str, Any] = {
         "specimen": {
-            "young_gpa": given.young_gpa,
-            "poisson": given.poisson,
-            "thickness_mm": given.thickness_mm,
-            "fringe_value_n_per_mm": given.fringe_value_n_per_mm,
+            name: getattr(given, name)
+            for name in ("young_gpa", "poisson", "thickness_mm", "fringe_value_n_per_mm")
         },
         "indenter": {
             "radius_mm": given.radius_mm,
@@ -173,13 +166,9 @@ def start_scene(pixel_mm: float, shape: tuple[int, int], given: KnownValues) -> 
         },
         "load": {"normal_n": given.load_n},
         "friction": {"coefficient": _FRICTION_TO_BEGIN},
-        "polariscope": {"field": given.field or "dark"},
         "camera": {"pixel_mm": pixel_mm, "left_mm": 0.0, "top_mm": 0.0},
-        "frames": {"gamma": 1.0 if given.gamma is None else given.gamma},
     }
-    if given.wavelength_nm is not None:
-        tables["polariscope"]["wavelength_nm"] = given.wavelength_nm
-    scene = load_scene(tables)
+    scene = load_scene(tables | light_tables(given))
     check_moduli(scene)
     check_pixel(scene, shape)
     return scene
@@ -188,11 +177,9 @@ def start_scene(pixel_mm: float, shape: tuple[int, int], given: KnownValues) -> 
 def find_contact(
     frame: Frame, scene: Scene, given: KnownValues, *, bit_depth: int | None
 ) -> ContactFit:
-    """Find a contact in a frame.
+    """Find a contact in a frame as captured, from its `start_scene`.
 
-    Parameters: `frame`, as captured; `scene`, see `start_scene`; `given`; `bit_depth`. Returns a
-    ContactFit. Raises InputError on a blank frame, PhysicsError where no contact explains it, or
-    two do.
+    InputError on a blank frame, PhysicsError where no contact explains it, or two do.
     """
     data = prepare_frame(frame, scene, bit_depth=bit_depth)
     choices: dict[str, Any] = {"flip": given.flip}
@@ -203,11 +190,16 @@ def find_contact(
     if given.gamma is not None:
         choices["gammas"] = (given.gamma,)
     starts = search_picture(data, scene, **choices)
-    best, first = _best_start(starts, _keys(given), frame)
+    keys = FOUND if given.gamma is not None else (*FOUND, GAMMA)
+    best, first = _best_start(starts, keys, frame)
     _refuse_far_load(first, given, frame)
-    answer = fit_with_causes(best.data, first.scene, _keys(given), cold=False, slips=False)
+    answer = fit_with_causes(best.data, first.scene, keys, cold=False, slips=False)
     fit = answer.fit
-    _refuse_wrong(fit, starts, best, given, frame)
+    others = [s.chi for s in starts if s is not best and s.lying[:3] != best.lying[:3]]
+    clear = fit.chi <= _CLEAR and min(others, default=float("inf")) > _CLEAR * fit.chi
+    if not fit.positive or _is_no_bench(fit) or (fit.chi > POOR_CHI and not clear):
+        raise _unexplained(frame, fit.chi if fit.positive else None)
+    _refuse_far_load(fit, given, frame)
     rivals = rival_causes(answer)
     messages = cause_messages(answer, rivals=rivals, light=light_matters(answer))
     poor = fit.chi > POOR_CHI
@@ -226,18 +218,10 @@ def find_contact(
     return ContactFit(frame.index, best.lying, answer.data, fit, messages, unsure)
 
 
-def _keys(given: KnownValues) -> tuple[str, ...]:
-    """The unknowns of the fit."""
-    return FOUND if given.gamma is not None else (*FOUND, GAMMA)
-
-
 def _best_start(
     starts: tuple[PictureStart, ...], keys: tuple[str, ...], frame: Frame
 ) -> tuple[PictureStart, FrameFit]:
-    """The start that leads to the least residual, and its fit.
-
-    Raises PhysicsError where none leads to fringes, or two leave the same.
-    """
+    """The start that leads to the least residual, and its fit; refused where two leave the same."""
     if starts[0].chi > _ASTRAY:
         raise _unexplained(frame, starts[0].chi)
     fits: list[tuple[FrameFit, PictureStart]] = []
@@ -292,24 +276,8 @@ def _in_words(fit: FrameFit, start: PictureStart) -> str:
     return f"{load:.3g} N with friction {friction:.2f} (turned by {turn} degrees, {field} field)"
 
 
-def _refuse_wrong(
-    fit: FrameFit,
-    starts: tuple[PictureStart, ...],
-    best: PictureStart,
-    given: KnownValues,
-    frame: Frame,
-) -> None:
-    """Refuse a fit that a contact's fringes do not explain. Raises PhysicsError."""
-    others = [s.chi for s in starts if s is not best and s.lying[:3] != best.lying[:3]]
-    rival = min(others, default=float("inf"))
-    clear = fit.chi <= _CLEAR and rival > _CLEAR * fit.chi
-    if not fit.positive or _is_no_bench(fit) or (fit.chi > POOR_CHI and not clear):
-        raise _unexplained(frame, fit.chi if fit.positive else None)
-    _refuse_far_load(fit, given, frame)
-
-
 def _refuse_far_load(fit: FrameFit, given: KnownValues, frame: Frame) -> None:
-    """Refuse a fit whose load is another than the stated one. Raises PhysicsError."""
+    """Refuse a fit whose load is another than the stated one."""
     load = float(fit.scene.get(LOAD))
     assert given.load_n is not None
     if not 1.0 / _FARTHEST < load / given.load_n < _FARTHEST:
@@ -324,21 +292,18 @@ _HAS_SIDE = 4.0
 
 
 def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
-    """Draft the scene of a contact. Raises InputError, PhysicsError; see `draft_scene`."""
-    refuse_missing(given)
+    """Draft the scene of a contact; see `draft_scene`."""
     refuse_unclear(frames, given)
     pixel_mm = given.pixel_mm or frames.pixel_mm
     assert pixel_mm is not None
     scene = start_scene(pixel_mm, frames.shape, given)
     contact = _first_explained(frames, scene, given)
     turned = contact.lying.rotate_deg in (90, 270)
-    values = [*_given_values(given), *file_values(frames, given, turned=turned)]
+    values = [*given_values(given, _GIVEN), *file_values(frames, given, turned=turned)]
     origin: Origin = "file" if given.pixel_mm is None else "given"
     values.append(DraftValue(key="camera.pixel_mm", value=pixel_mm, origin=origin))
     values += [*_found_values(contact, given), *light_values(given)]
-    open_keys = open_of_set(frames, given)
-    head = [
-        f"Drafted by isochrome init from {described_set(frames)}",
+    sentences = [
         f"Frame {contact.frame} was looked at: the contact's fringes leave {contact.fit.chi:.2f} "
         "times its noise.",
         "What follows ± is the standard uncertainty by the frame's noise alone: what was given is "
@@ -346,11 +311,12 @@ def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
         "how well.",
     ]
     return written_draft(
-        head,
+        frames,
+        contact.frame,
+        sentences,
         values,
-        open_keys,
+        open_of_set(frames, given),
         warnings=contact.messages,
-        frame=contact.frame,
         chi=contact.fit.chi,
         draw=partial(draft_figure, contact.data, contact.fit.scene, values),
     )
@@ -379,21 +345,11 @@ def _first_explained(frames: FrameReader, scene: Scene, given: KnownValues) -> C
     raise refused
 
 
-def _given_values(given: KnownValues) -> list[DraftValue]:
-    """What the user knows of the bodies."""
-    names = (
-        "young_gpa", "poisson", "thickness_mm", "fringe_value_n_per_mm", "radius_mm",
-        "indenter_young_gpa", "indenter_poisson",
-    )  # fmt: skip
-    return [
-        DraftValue(
-            key=QUANTITIES[name].key,
-            value=getattr(given, name),
-            origin="given",
-            note=QUANTITIES[name].unit,
-        )
-        for name in names
-    ]
+_GIVEN = (
+    "young_gpa", "poisson", "thickness_mm", "fringe_value_n_per_mm", "radius_mm",
+    "indenter_young_gpa", "indenter_poisson",
+)  # fmt: skip
+"""What the user knows of the bodies."""
 
 
 def _found_values(contact: ContactFit, given: KnownValues) -> list[DraftValue]:

@@ -35,8 +35,7 @@ _WIDTH_IN, _IN_A_LINE = 6.0, 3
 def draft_figure(data: FrameData, scene: Scene, values: Sequence[DraftValue]) -> Figure:
     """Draw a frame beside what a scene says of it, its surface and middle over both.
 
-    Parameters: `data`, the frame as the scene takes it; `scene`, one state with what was found;
-    `values`, of the draft. Returns a Figure.
+    The `data` are the frame as the scene, of one state, takes it.
     """
     model_frame = evaluate_model(data, scene)
     light = model_frame.background + model_frame.illumination * np.nan_to_num(model_frame.signal)
@@ -83,7 +82,7 @@ def _draw_zeros(axes: Any) -> None:
 
 
 def frame_figure(image: Floats) -> Figure:
-    """Draw a frame (rows, cols), of which nothing is known. Returns a Figure."""
+    """Draw a frame (rows, cols), of which nothing is known."""
     rows, cols = image.shape
     figure = new_figure(_WIDTH_IN, _WIDTH_IN * rows / cols + 0.9)
     low, high = (float(v) for v in np.nanpercentile(image, [0.5, 99.5]))

@@ -1,11 +1,4 @@
-"""A drafted scene: its text, what each value comes from, and what is still open.
-
-What a user knows of a bench before a scene is written: sizes, material, load, and the rest.
-
-A drafted scene as TOML: a line a value with where it comes from, open lines as comments.
-
-What the frames' own file tells: size, bits, colours, scale, times; which frames to look at.
-"""
+"""A drafted scene: what is known beforehand, its text, what each value comes from, what is open."""
 
 from __future__ import annotations
 
@@ -64,11 +57,6 @@ class KnownValues:
     def missing(self) -> tuple[str, ...]:
         """Names of what must be known besides for this shape, in the order of `QUANTITIES`."""
         return tuple(name for name in NEEDED[self.shape] if getattr(self, name) is None)
-
-    @property
-    def has_own_scale(self) -> bool:
-        """Whether the frames tell the scale, or are read without one."""
-        return self.shape in WITH_OWN_SCALE
 
 
 @dataclass(frozen=True)
@@ -131,6 +119,7 @@ NEEDED = {
 }  # fmt: skip
 """What cannot be found in the frames, and nothing is found without it."""
 
+
 WITH_OWN_SCALE = ("disc", "other")
 """Shapes whose frames need no pixel size beforehand."""
 
@@ -159,17 +148,6 @@ def known_values(known: KnownValues | Mapping[str, Any]) -> KnownValues:
     return known
 
 
-def refuse_missing(given: KnownValues) -> None:
-    """Refuse to begin without what cannot be found in the frames. Raises InputError."""
-    if given.missing:
-        quantity = QUANTITIES[given.missing[0]]
-        options = " and ".join(f"--{name.replace('_', '-')}" for name in given.missing)
-        raise InputError(
-            f"{quantity.key} is not known, and no frame tells it; give {options} "
-            f"({quantity.question})"
-        )
-
-
 TABLES = ("specimen", "indenter", "load", "friction", "polariscope", "camera", "frames")
 """The tables of a scene, in the order in which they stand."""
 
@@ -180,20 +158,28 @@ _WORDS = {"file": "as the file has it", "given": "as given", "found": "found"}
 
 
 def written_draft(
-    head: Sequence[str],
+    reader: FrameReader,
+    frame: int,
+    sentences: Sequence[str],
     values: Sequence[DraftValue],
     open_keys: Sequence[OpenKey],
     *,
-    warnings: Sequence[str],
-    frame: int,
-    chi: float | None,
+    warnings: Sequence[str] = (),
+    chi: float | None = None,
     draw: Callable[[], Figure],
 ) -> SceneDraft:
-    """Write a scene, and read it back as a draft.
-
-    Parameters: `head`, `values` and `open_keys` as in `scene_text`; the others as in SceneDraft.
-    """
-    text = scene_text(head, values, open_keys)
+    """Write a scene with sentences above it, and read it back; its `frame` was looked at."""
+    head = [f"Drafted by isochrome init from {described_set(reader)}", *sentences]
+    parts = ["\n".join(line for sentence in head for line in _comment(sentence))]
+    for table in TABLES:
+        lines = [line for value in values if _table(value.key) == table for line in _line(value)]
+        for key in open_keys:
+            if _table(key.key) == table:
+                # a line to fill in, which is a comment until then
+                lines += [*_comment(f"fill in: {key.hint}"), f"# {key.key.partition('.')[2]} ="]
+        if lines:
+            parts.append("\n".join([f"[{table}]", *lines]))
+    text = "\n\n".join(parts) + "\n"
     return SceneDraft(
         text=text,
         scene=parse_scene(text, name="scene"),
@@ -206,49 +192,22 @@ def written_draft(
     )
 
 
-def scene_text(
-    head: Sequence[str], values: Sequence[DraftValue], open_keys: Sequence[OpenKey]
-) -> str:
-    """Write a scene.
-
-    Parameters: `head`, sentences that stand above it; `values` and `open_keys`, in the order in
-    which their tables' lines stand. Returns TOML.
-    """
-    parts = ["\n".join(line for sentence in head for line in _comment(sentence))]
-    for table in TABLES:
-        lines = [line for value in values if _table(value.key) == table for line in _line(value)]
-        lines += [line for key in open_keys if _table(key.key) == table for line in _open(key)]
-        if lines:
-            parts.append("\n".join([f"[{table}]", *lines]))
-    return "\n\n".join(parts) + "\n"
-
-
 def _table(key: str) -> str:
     return key.partition(".")[0]
 
 
 def _line(value: DraftValue) -> list[str]:
-    """A value's line; a comment that is too long for it stands above."""
-    text, spread = _toml(value)
-    words = f"{_WORDS[value.origin]}{f', ± {spread}' if spread else ''}"
-    words += f"; {value.note}" if value.note else ""
+    """A value's line, with as many digits as its ± allows; a comment too long stands above."""
+    if value.standard_uncertainty and not isinstance(value.value, str):
+        number, spread = float(value.value), value.standard_uncertainty
+        text = rounded_texts(number, spread)[0]
+        shown = f", ± {with_uncertainty(number, spread).partition(' ± ')[2]}"
+    else:
+        text, shown = tomli_w.dumps({"v": value.value}).removeprefix("v = ").strip(), ""
+    words = f"{_WORDS[value.origin]}{shown}{value.note and f'; {value.note}'}"
     entry = f"{value.key.partition('.')[2]} = {text}"
     line = f"{entry.ljust(_COMMENT_AT - 1)} # {words}"
     return [line] if len(line) <= _WIDTH else [*_comment(words), entry]
-
-
-def _open(key: OpenKey) -> list[str]:
-    """A line to fill in, which is a comment until then."""
-    return [*_comment(f"fill in: {key.hint}"), f"# {key.key.partition('.')[2]} ="]
-
-
-def _toml(value: DraftValue) -> tuple[str, str]:
-    """A value as TOML, and its uncertainty; as many digits as that allows."""
-    if value.standard_uncertainty and not isinstance(value.value, str):
-        number, spread = float(value.value), value.standard_uncertainty
-        shown = with_uncertainty(number, spread).partition(" ± ")[2]
-        return rounded_texts(number, spread)[0], shown
-    return tomli_w.dumps({"v": value.value}).removeprefix("v = ").strip(), ""
 
 
 def _comment(text: str) -> list[str]:
@@ -412,7 +371,7 @@ def not_among_frames(frames: FramesLike) -> tuple[Path, ...]:
 def open_questions(frames: FrameReader, given: KnownValues) -> tuple[str, ...]:
     """Fields of KnownValues that must be known besides; `QUANTITIES` has the words to ask."""
     names = list(given.missing)
-    if given.pixel_mm is None and frames.pixel_mm is None and not given.has_own_scale:
+    if given.pixel_mm is None and frames.pixel_mm is None and given.shape not in WITH_OWN_SCALE:
         names.append("pixel_mm")
     if frames.channel is not None and given.channel is None and given.wavelength_nm is None:
         names.append("wavelength_nm")
@@ -420,7 +379,14 @@ def open_questions(frames: FrameReader, given: KnownValues) -> tuple[str, ...]:
 
 
 def refuse_unclear(reader: FrameReader, given: KnownValues) -> None:
-    """Refuse frames whose colours or scale nobody tells. Raises InputError."""
+    """Refuse to begin without what no frame tells, or where nobody tells its colours or scale."""
+    if given.missing:
+        quantity = QUANTITIES[given.missing[0]]
+        options = " and ".join(f"--{name.replace('_', '-')}" for name in given.missing)
+        raise InputError(
+            f"{quantity.key} is not known, and no frame tells it; give {options} "
+            f"({quantity.question})"
+        )
     name = name_of(reader)
     if reader.channel is not None and given.channel is None and given.wavelength_nm is None:
         raise InputError(
@@ -429,7 +395,7 @@ def refuse_unclear(reader: FrameReader, given: KnownValues) -> None:
         )
     if given.pixel_mm is not None:
         check_scale(reader, Camera(pixel_mm=given.pixel_mm))
-    elif reader.pixel_mm is None and not given.has_own_scale:
+    elif reader.pixel_mm is None and given.shape not in WITH_OWN_SCALE:
         raise InputError(
             f"{name}: does not name the size of a pixel, and no fringe tells it; give "
             f"--pixel-mm (mm, usually {QUANTITIES['pixel_mm'].usual})"
@@ -437,7 +403,7 @@ def refuse_unclear(reader: FrameReader, given: KnownValues) -> None:
 
 
 def frames_to_look_at(reader: FrameReader, given: KnownValues) -> list[int]:
-    """Numbers of the frames in which the specimen is looked for, in order. Raises InputError."""
+    """Numbers of the frames in which the specimen is looked for, in order."""
     count = reader.count(decode=False)
     if given.frame is None:
         return sorted({round(k) for k in np.linspace(0, count - 1, min(count, _LOOKED_AT))})
@@ -450,7 +416,7 @@ def frames_to_look_at(reader: FrameReader, given: KnownValues) -> list[int]:
 
 
 def frame_of(reader: FrameReader, index: int, given: KnownValues) -> Frame:
-    """One frame. Raises InputError where its levels do not fit the sensor's bits."""
+    """One frame, whose levels fit the sensor's bits."""
     frame = next(reader.iterate(index, index + 1))
     if given.bit_depth is None and reader.dtype.kind == "u" and (reader.bit_depth or 0) > 8:
         largest = int(frame.image.max())
@@ -483,6 +449,23 @@ def file_values(reader: FrameReader, given: KnownValues, *, turned: bool) -> lis
     return values
 
 
+def light_tables(given: KnownValues) -> dict[str, dict[str, Any]]:
+    """What is known of the polariscope and of the frames' gamma, dark and 1 where it is not."""
+    light: dict[str, Any] = {"field": given.field or "dark"}
+    if given.wavelength_nm is not None:
+        light["wavelength_nm"] = given.wavelength_nm
+    return {"polariscope": light, "frames": {"gamma": 1.0 if given.gamma is None else given.gamma}}
+
+
+def given_values(given: KnownValues, names: Sequence[str]) -> list[DraftValue]:
+    """What was given of some quantities."""
+    return [
+        DraftValue(key=quantity.key, value=value, origin="given", note=quantity.unit)
+        for quantity, value in ((QUANTITIES[name], getattr(given, name)) for name in names)
+        if value is not None
+    ]
+
+
 def light_values(given: KnownValues) -> list[DraftValue]:
     """What is known of the light and of the colours that are read."""
     parts: dict[str, Any] = {
@@ -490,11 +473,7 @@ def light_values(given: KnownValues) -> list[DraftValue]:
         "frames.channel": given.channel,
         "frames.flip": given.flip,
     }
-    return [
-        DraftValue(key=key, value=value, origin="given")
-        for key, value in parts.items()
-        if value is not None
-    ]
+    return [DraftValue(key=k, value=v, origin="given") for k, v in parts.items() if v is not None]
 
 
 def open_of_set(reader: FrameReader, given: KnownValues) -> list[OpenKey]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, Protocol
@@ -193,13 +193,10 @@ def wrap_note(text: str, room_mm: float) -> str:
             lines.append(line)
             longer = word
         while width_mm(longer) > room_mm and len(longer) > 1:
-            fitting = next(
-                n
-                for n in range(len(longer) - 1, 0, -1)
-                if n == 1 or width_mm(longer[:n]) <= room_mm
-            )
-            lines.append(longer[:fitting])
-            longer = longer[fitting:]
+            sizes = range(len(longer) - 1, 0, -1)
+            count = next(n for n in sizes if n == 1 or width_mm(longer[:n]) <= room_mm)
+            lines.append(longer[:count])
+            longer = longer[count:]
         line = longer
     return "\n".join([*lines, line])
 
@@ -216,7 +213,7 @@ class FittedTexts:
 
         self.figure = figure
         self.axes = [axes for axes in figure.findobj(Axes) if axes.get_visible() and axes.axison]
-        self._whole = {text: text.get_text() for axes in self.axes for text in _texts(axes)}
+        self._texts = {text: text.get_text() for axes in self.axes for text in _texts(axes)}
         self._thinned = [
             (axes, axis)
             for axes in self.axes
@@ -227,7 +224,7 @@ class FittedTexts:
 
     def fit(self) -> None:
         """Break what is longer than its axes, and give the numbers at axes their room."""
-        for text, words in self._whole.items():
+        for text, words in self._texts.items():
             text.set_text("x"[: len(words)])  # so that no text pushes the axes that it is to fit
         self.figure.draw_without_rendering()
         self.wrap()
@@ -241,7 +238,7 @@ class FittedTexts:
                 _give_two(axis, wide, width_mm)
             else:
                 _thin(axis, high / _TICK_DOWN_MM)
-                _give_two(axis, high, _height_mm)
+                _give_two(axis, high, lambda text: PAPER_LINE_MM if text else 0.0)
 
     def wrap(self) -> None:
         """Break what is longer than its axes are now: the texts at the sides have made them so."""
@@ -250,14 +247,14 @@ class FittedTexts:
             title, across, up, *names = _texts(axes)
             beside = _free_beside_mm(axes)
             for text, middle in ((title, 0.0), (across, 0.5)):
-                more = min(max(width_mm(self._whole[text]) - wide, 0.0), beside)
+                more = min(max(width_mm(self._texts[text]) - wide, 0.0), beside)
                 text.set_x(middle - (1.0 - middle) * more / wide)
-                text.set_text(wrap_note(self._whole[text], max(wide + more, _SHORTEST_LINE_MM)))
+                text.set_text(wrap_note(self._texts[text], max(wide + more, _SHORTEST_LINE_MM)))
             for text, room in (
                 (up, high),
                 *((n, _LEGEND_SHARE * wide - _SAMPLE_MM) for n in names),
             ):
-                text.set_text(wrap_note(self._whole[text], max(room, _SHORTEST_LINE_MM)))
+                text.set_text(wrap_note(self._texts[text], max(room, _SHORTEST_LINE_MM)))
 
 
 def _texts(axes: Axes) -> list[Text]:
@@ -291,16 +288,10 @@ def _size_mm(axes: Axes) -> tuple[float, float]:
     return place.width * part.bbox.width * scale, place.height * part.bbox.height * scale
 
 
-def _height_mm(text: str) -> float:
-    """Height of a number, mm."""
-    return PAPER_LINE_MM if text else 0.0
-
-
 def _give_two(axis: Axis, long_mm: float, size_mm: Callable[[str], float]) -> None:
     """Two numbers where there would be one, which tells no scale: the outermost that have room.
 
-    Parameters: `axis`; its length `long_mm`; `size_mm` of a number along it. A number stands
-    within its axis, for there may be others beside it.
+    `size_mm` of a number is along the axis, within which it stands: others may be beside it.
     """
     from matplotlib.ticker import FixedLocator, MaxNLocator
 
@@ -312,14 +303,14 @@ def _give_two(axis: Axis, long_mm: float, size_mm: Callable[[str], float]) -> No
         result = MaxNLocator(most, steps=_ROUND_STEPS, min_n_ticks=1).tick_values(low, high)
         values = _inside(result, low, high)
         halves = [0.5 * size_mm(text) for text in axis.get_major_formatter().format_ticks(values)]
-        whole = [
+        inner = [
             (value, half)
             for value, half in zip(values, halves, strict=True)
             if min(value - low, high - value) * scale > half - _OVER_MM
         ]
-        if len(whole) < 2:
+        if len(inner) < 2:
             continue
-        (first, own), (last, other) = whole[0], whole[-1]
+        (first, own), (last, other) = inner[0], inner[-1]
         if (last - first) * scale >= own + other + _BETWEEN_MM:
             axis.set_major_locator(FixedLocator([first, last]))
             return
@@ -383,9 +374,8 @@ class FigureLayout:
         result: dict[str, float] = {}
         if self.panels.kinds:
             rows, cols = self.grid
-            result["pictures"] = (
-                rows * (0.75 * self.style.width_mm / cols + _AROUND_MM) + _AROUND_MM
-            )
+            high = 0.75 * self.style.width_mm / cols
+            result["pictures"] = rows * (high + _AROUND_MM) + _AROUND_MM
         if self.panels.plots:
             result["plots"] = sum(map(self.plot_height, self.plot_rows)) + self.legend_height
         if self.notes:
@@ -441,10 +431,11 @@ class FigureLayout:
     def plot_height(self, row: Sequence[Plot]) -> float:
         """Height of a row of plots with their titles and labels, mm; lower in a column's figure."""
         share = 1.0 if self.style.width_mm >= _COLUMN_MM else 0.8
-        full = [share * plot.height_mm for plot in row]
-        least = [min(own, plot.least_mm) for own, plot in zip(full, row, strict=True)]
-        pairs = zip(full, least, strict=True)
-        return max(a + self.lowered * (b - a) for a, b in pairs) + 4.0 * PAPER_LINE_MM
+        heights = []
+        for plot in row:
+            full = share * plot.height_mm
+            heights.append(full + self.lowered * (min(full, plot.least_mm) - full))
+        return max(heights) + 4.0 * PAPER_LINE_MM
 
     @cached_property
     def legend_columns(self) -> int:
@@ -461,27 +452,18 @@ class FigureLayout:
         lines = math.ceil(len(self.panels.legend) / self.legend_columns)
         return (1.4 * lines + 0.6) * PAPER_LINE_MM
 
-    def closer(self) -> FigureLayout:
-        """Give the layout with its pictures as near to each other as they may be."""
-        return replace(self, is_close=True)
-
     def within_page(self, tall_mm: float) -> FigureLayout:
-        """Give a layout whose plots leave the figure low enough for a page.
+        """The layout that leaves out the fewest plots, and lowers them the least, to fit a page.
 
-        Parameters: `tall_mm`, the height that the figure has by this one. Returns the one that
-        leaves out the fewest plots and lowers them the least; this one where none is low enough.
+        `tall_mm` is the figure's height by this one, which stays where none is low enough.
         """
         if tall_mm <= PAGE_MM:
             return self
-        rest = tall_mm - self.blocks.get("plots", 0.0)
-        room = PAGE_MM - _SLACK_MM - rest
-        return next((one for one in self._lower() if one.blocks.get("plots", 0.0) <= room), self)
-
-    def _lower(self) -> Iterator[FigureLayout]:
-        """Layouts with lower and lower plots, then with fewer and fewer of them."""
-        plots = sorted(self.panels.plots, key=lambda plot: -plot.spare)
-        spare = [plot for plot in plots if plot.spare]
-        for count in range(len(spare) + 1):
-            for step in range(_STEPS + 1):
-                left_out = tuple(spare[:count])
-                yield replace(self, left_out=left_out, lowered=step / _STEPS)
+        room = PAGE_MM - _SLACK_MM - (tall_mm - self.blocks.get("plots", 0.0))
+        spare = [p for p in sorted(self.panels.plots, key=lambda p: -p.spare) if p.spare]
+        lower = (
+            replace(self, left_out=tuple(spare[:count]), lowered=step / _STEPS)
+            for count in range(len(spare) + 1)
+            for step in range(_STEPS + 1)
+        )
+        return next((one for one in lower if one.blocks.get("plots", 0.0) <= room), self)

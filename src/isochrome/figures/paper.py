@@ -9,6 +9,7 @@ import io
 import math
 import warnings
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from string import ascii_lowercase
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.figures.layout import PAGE_MM, FigureLayout, FigureStyle, FittedTexts, WithPanels
-from isochrome.figures.style import BOLD_PT, INK, PAPER_PT, add_legend, new_figure
+from isochrome.figures.style import BOLD_PT, INK, PAPER_PT, add_legend, ends_beyond, new_figure
 from isochrome.output import replacing, write_csv
 
 if TYPE_CHECKING:
@@ -46,12 +47,12 @@ def curve_columns(axes: Axes) -> dict[str, Array]:
     columns: dict[str, Array] = {}
     last: Array | None = None
     across = " ".join(axes.get_xlabel().split()) or "x"
-    seen: list[list[Array]] = []
+    drawn: list[list[Array]] = []
     for name, up, x, values in _all_curves(axes):
         own = [x, *values.values()]
-        if any(len(own) == len(old) and all(map(_same, own, old)) for old in seen):
+        if any(len(own) == len(old) and all(map(_same, own, old)) for old in drawn):
             continue  # a line with a band, and its points with bars
-        seen.append(own)
+        drawn.append(own)
         if last is None or not _same(last, x):
             place = across if x.dtype.kind == "f" else "input"
             place = f"{name}: {place}" if place in columns and name else place
@@ -59,12 +60,10 @@ def curve_columns(axes: Axes) -> dict[str, Array]:
         for ending, column in values.items():
             columns[_free(columns, ": ".join(filter(None, (name, f"{up}{ending}"))))] = column
     longest = max((len(column) for column in columns.values()), default=0)
-    return {
-        name: np.concatenate([column, np.full(longest - len(column), np.nan)])
-        if column.dtype.kind == "f"
-        else np.concatenate([column, np.full(longest - len(column), "")])
-        for name, column in columns.items()
-    }
+    for name, column in columns.items():
+        blank = np.nan if column.dtype.kind == "f" else ""
+        columns[name] = np.concatenate([column, np.full(longest - len(column), blank)])
+    return columns
 
 
 def _all_curves(axes: Axes) -> Iterator[tuple[str, str, Array, dict[str, Array]]]:
@@ -80,21 +79,14 @@ def _all_curves(axes: Axes) -> Iterator[tuple[str, str, Array, dict[str, Array]]
 def _curves(axes: Axes) -> Iterator[tuple[str, Array, dict[str, Array]]]:
     """Name, x and values of each curve, band and set of bars."""
     from matplotlib.collections import PolyCollection
+    from matplotlib.colors import to_rgb
     from matplotlib.container import BarContainer, ErrorbarContainer
 
     held = set[Any]()
     for bars in axes.containers:
         if isinstance(bars, ErrorbarContainer):
-            line, caps, sticks = bars.lines
-            held |= {line, *caps}
-            x, y = (np.asarray(v, dtype=float) for v in (line.get_xdata(), line.get_ydata()))
-            if not len(x):  # no frame is of this kind
-                continue
-            ends = [np.asarray(stick)[:, 1] for stick in sticks[0].get_segments()] if sticks else []
-            values = {"": y}
-            if len(ends) == len(y):
-                values |= {" low": np.array(ends)[:, 0], " high": np.array(ends)[:, 1]}
-            yield _name(bars), x, values
+            held |= {bars.lines[0], *bars.lines[1]}
+            yield from _error_bars(bars)
         elif isinstance(bars, BarContainer):
             yield from _bars(axes, bars)
     bands = {
@@ -103,15 +95,31 @@ def _curves(axes: Axes) -> Iterator[tuple[str, Array, dict[str, Array]]]:
         if isinstance(band, PolyCollection) and len(band.get_facecolor())
     }
     for line in axes.lines:
-        x, y = (np.asarray(v, dtype=float) for v in (line.get_xdata(), line.get_ydata()))
+        x, y = _points(line)
         if line in held or line.get_transform() != axes.transData or not len(x):
             continue
         values = {"": y}
-        band = bands.pop(_colour(line), None)
+        band = bands.pop(to_rgb(line.get_color()), None)
         if band is not None and len(x) == len(y):
             for ending, k in ((" low", 0), (" high", 1)):
                 values[ending] = np.array([band.get(at, (np.nan, np.nan))[k] for at in x.tolist()])
         yield _name(line), x, values
+
+
+def _points(line: Any) -> tuple[Array, Array]:
+    return np.asarray(line.get_xdata(), dtype=float), np.asarray(line.get_ydata(), dtype=float)
+
+
+def _error_bars(bars: Any) -> Iterator[tuple[str, Array, dict[str, Array]]]:
+    """Points with the ends of their bars; none where no frame is of this kind."""
+    line, _, sticks = bars.lines
+    x, y = _points(line)
+    if len(x):
+        ends = [np.asarray(stick)[:, 1] for stick in sticks[0].get_segments()] if sticks else []
+        values = {"": y}
+        if len(ends) == len(y):
+            values |= {" low": np.array(ends)[:, 0], " high": np.array(ends)[:, 1]}
+        yield _name(bars), x, values
 
 
 def _bars(axes: Axes, bars: Any) -> Iterator[tuple[str, Array, dict[str, Array]]]:
@@ -130,12 +138,6 @@ def _band(band: Any) -> dict[float, tuple[float, float]]:
             low, high = result.get(x, (y, y))
             result[x] = min(low, y), max(high, y)
     return result
-
-
-def _colour(line: Any) -> tuple[float, ...]:
-    from matplotlib.colors import to_rgb
-
-    return to_rgb(line.get_color())
 
 
 def _name(artist: Any) -> str:
@@ -262,7 +264,7 @@ def figure_for_page(result: WithPanels, style: FigureStyle) -> tuple[Figure, tup
         )
     layout = FigureLayout(make(style.frames), style)
     figure = _drawn(layout)
-    closer = layout.closer()
+    closer = replace(layout, is_close=True)
     if layout.panels.kinds and _tall_mm(figure) > PAGE_MM and closer.grid != layout.grid:
         layout, figure = closer, _drawn(closer)
     lower = layout.within_page(_tall_mm(figure))
@@ -335,7 +337,7 @@ def _letters(k: int) -> str:
 
 
 def _draw_pictures(part: SubFigure, layout: FigureLayout, letters: Any) -> list[list[Axes]]:
-    """Draw the grid of pictures. Returns its rows."""
+    """Draw the grid of pictures, and give its rows."""
     panels = layout.panels
     kinds, items = len(panels.kinds), len(panels.labels)
     rows, cols = layout.grid
@@ -369,16 +371,11 @@ def _add_bar(
     part: SubFigure, images: list[Any], label: str, last: list[Axes], column_mm: float
 ) -> None:
     """One colour bar for the pictures of a kind, below the last row of them and as wide."""
-    low, high = images[0].get_clim()
-    shown = [np.ma.asarray(image.get_array()).compressed() for image in images]
-    under = any(values.size and float(values.min()) < low for values in shown)
-    over = any(values.size and float(values.max()) > high for values in shown)
-    ends = {(True, True): "both", (True, False): "min", (False, True): "max"}
     bar = part.colorbar(
         images[0],
         ax=last,
         location="bottom",
-        extend=ends.get((under, over), "neither"),
+        extend=ends_beyond(images),
         extendfrac=0.04,
         pad=0.02,
         fraction=0.12,  # of the pictures' height, of which the bar takes what its shape needs
@@ -426,14 +423,6 @@ def _draw_plots(part: SubFigure, layout: FigureLayout, letters: Any) -> None:
         holder = part.add_subfigure(grid[len(rows)])
         cols = layout.legend_columns
         add_legend(holder, handles, labels, loc="upper center", ncols=cols)
-
-
-def panel_of_plot(axes: Axes) -> str:
-    """The letter of a plot of a figure for a paper; empty for a picture, colour bar or second
-    scale.
-    """
-    name = axes.get_gid() or ""
-    return name.removeprefix(_PLOT) if name.startswith(_PLOT) else ""
 
 
 def _one_size(figure: Figure) -> None:
@@ -539,21 +528,14 @@ def save_figure(
         with replacing(file) as beside:
             Path(beside).write_bytes(_content(figure, form, style.dpi))
         files.append(file)
-    tables = _tables(figure, base)
-    for file, columns in tables.items():
-        write_csv(file, {name: column.tolist() for name, column in columns.items()})
-    return (*files, *tables)
-
-
-def _tables(figure: Figure, base: Path) -> dict[Path, dict[str, Any]]:
-    """The data of each plot, by the file beside the figure that is to hold them."""
-    result = {}
+    tables = []
     for axes in figure.axes:
-        letter = panel_of_plot(axes)
-        columns = curve_columns(axes) if letter else {}
+        name = axes.get_gid() or ""
+        columns = curve_columns(axes) if name.startswith(_PLOT) else {}
         if columns:
-            result[base.with_name(f"{base.name}_{letter}.csv")] = columns
-    return result
+            tables.append(base.with_name(f"{base.name}_{name.removeprefix(_PLOT)}.csv"))
+            write_csv(tables[-1], {key: column.tolist() for key, column in columns.items()})
+    return (*files, *tables)
 
 
 def _content(figure: Figure, form: str, dpi: float) -> bytes:

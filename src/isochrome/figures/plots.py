@@ -118,8 +118,8 @@ def draw_values(axis: Axes, found: FrameValues, key: str) -> None:
 
 def _mark(axis: Axes, found: FrameValues, place: Array, values: Array) -> None:
     """Mark key frames, and those that were found by a full search."""
-    whole, again = found.whole, found.searched
-    axis.plot(place[whole], values[whole], ".", color=INK, ms=4, label=data_name("key frames"))
+    key, again = found.whole, found.searched
+    axis.plot(place[key], values[key], ".", color=INK, ms=4, label=data_name("key frames"))
     look: dict[str, Any] = {"mfc": "none", "color": LINE_COLOURS[1], "ms": 5}
     axis.plot(place[again], values[again], "o", label=data_name("full search"), **look)
 

@@ -176,12 +176,18 @@ def _opaque(colour: np.ndarray, vmin: float | None, vmax: float | None) -> np.nd
     return np.concatenate([light, known], axis=2)
 
 
+def ends_beyond(images: list[AxesImage]) -> str:
+    """Which ends of the images' common colours values of any of them lie beyond."""
+    low, high = images[0].get_clim()
+    shown: list[np.ndarray] = [np.ma.asarray(image.get_array()).compressed() for image in images]
+    below = any(values.size and float(values.min()) < low for values in shown)
+    above = any(values.size and float(values.max()) > high for values in shown)
+    ends = {(True, True): "both", (True, False): "min", (False, True): "max"}
+    return ends.get((below, above), "neither")
+
+
 def add_colour_bar(
-    drawn: AxesImage | list[AxesImage],
-    label: str,
-    *,
-    length: float = 1.0,
-    is_as_high: bool = False,
+    drawn: AxesImage | list[AxesImage], label: str, *, length: float = 1.0, is_as_high: bool = False
 ) -> Colorbar:
     """Add a colour bar beside the axes of one image, or of several with the same colours.
 
@@ -190,11 +196,6 @@ def add_colour_bar(
     fill its place, in a figure that lays itself out.
     """
     images = drawn if isinstance(drawn, list) else [drawn]
-    low, high = images[0].get_clim()
-    shown: list[np.ndarray] = [np.ma.asarray(image.get_array()).compressed() for image in images]
-    below = any(values.size and float(values.min()) < low for values in shown)
-    above = any(values.size and float(values.max()) > high for values in shown)
-    ends = {(True, True): "both", (True, False): "min", (False, True): "max"}
     place: dict[str, Any] = {
         "ax": [image.axes for image in images],
         "pad": 0.02,
@@ -204,7 +205,7 @@ def add_colour_bar(
     if is_as_high:
         place = {"cax": images[0].axes.inset_axes((1.04, 0.0, 0.05, 1.0))}
     bar = images[0].axes.figure.colorbar(
-        images[0], extend=ends.get((below, above), "neither"), extendfrac=0.03, **place
+        images[0], extend=ends_beyond(images), extendfrac=0.03, **place
     )
     bar.set_label(label, fontsize=TEXT_PT)
     bar.ax.tick_params(labelsize=TICK_PT, length=3, width=FINE_PT)

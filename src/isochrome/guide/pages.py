@@ -1,7 +1,4 @@
-"""The pages of the guide, by their topics.
-
-What a message means, by the guide's own page of messages.
-"""
+"""The pages of the guide by their topics, and what its page of messages says of one."""
 
 from __future__ import annotations
 

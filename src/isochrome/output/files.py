@@ -24,10 +24,7 @@ _AT_ONCE = 4096
 
 
 def output_folder(path: str | Path) -> Path:
-    """Make a folder for results, with its parents, and see that it can be written to.
-
-    Raises InputError.
-    """
+    """Make a folder for results, with its parents, and see that it can be written to."""
     folder = Path(path)
     try:
         check_link(folder)
@@ -47,8 +44,6 @@ def check_link(folder: Path) -> None:
     """Refuse a folder that is a symbolic link to nowhere, as when its drive is not there.
 
     To make what it points to would put results where nobody looks for them.
-
-    Parameters: `folder`, the folder, which need not be there. Raises InputError, OSError.
     """
     if folder.is_symlink() and not os.path.exists(folder):
         raise InputError(
@@ -62,7 +57,7 @@ def staged(out_dir: str | Path) -> Iterator[Path]:
     """Give a hidden folder beside the results; its files move there when all went well.
 
     On an exception nothing of them is left, nor `out_dir` when it was made here, and what was there
-    before is there again. Yields a folder to write all results to. Raises InputError.
+    before is there again.
     """
     target = Path(out_dir)
     made = not os.path.exists(target)
@@ -120,10 +115,7 @@ def _writing(place: Path) -> Iterator[None]:
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """Give a hidden name beside `path` that becomes `path` on success and vanishes on failure.
-
-    Yields the path to write to. Raises InputError.
-    """
+    """Give a hidden name beside `path` that becomes `path` on success and vanishes on failure."""
     target = Path(path)
     beside = target.with_name(f".{target.stem}-{secrets.token_hex(4)}{target.suffix}")
     try:
@@ -143,27 +135,18 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write text as UTF-8 with plain line ends, whole or not at all.
-
-    Parameters: `text`, what it is to hold. Raises InputError.
-    """
+    """Write text as UTF-8 with plain line ends, whole or not at all."""
     with replacing(path) as beside:
         beside.write_text(text, encoding="utf-8", newline="\n")
 
 
 def write_json(path: str | Path, obj: Any) -> None:
-    """Write an object as JSON; numpy values become plain, NaN and infinity become null.
-
-    Raises InputError.
-    """
+    """Write an object as JSON; numpy values become plain, NaN and infinity become null."""
     write_text(path, json.dumps(plain(obj), indent=2, allow_nan=False) + "\n")
 
 
 def json_pieces(obj: Any) -> Iterator[str]:
-    """Give an object's JSON text in one line, piece by piece: a long table is never all text.
-
-    Yields what, joined, is ``json.dumps(plain(obj))``.
-    """
+    """The text ``json.dumps(plain(obj))`` piece by piece: a long table is never all text."""
     if isinstance(obj, Mapping):
         for number, (key, value) in enumerate(obj.items()):
             yield f"{', ' if number else '{'}{json.dumps(str(key))}: "
@@ -179,10 +162,7 @@ def json_pieces(obj: Any) -> Iterator[str]:
 
 
 def plain(obj: Any) -> Any:
-    """Make an object of what JSON knows: no numpy scalars, arrays or paths, and None for NaN.
-
-    Returns the same in plain Python.
-    """
+    """An object as what JSON knows: no numpy scalars, arrays or paths, and None for NaN."""
     if isinstance(obj, Mapping):
         return {str(k): plain(v) for k, v in obj.items()}
     if hasattr(obj, "tolist"):

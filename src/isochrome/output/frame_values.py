@@ -27,10 +27,8 @@ def messages_of_frames(messages: Iterable[tuple[int, str]], *, single: bool = Fa
     """Say what is to be said of frames, each cause once, with the frames that it is of.
 
     Sentences that differ in their numbers alone have one cause, and their numbers become spans.
-    Where a frame says a sentence several times, each time of something else, all stay apart.
-
-    Parameters: `messages`, frames' numbers and sentences; `single`, whether there is but one frame,
-    which needs no number.
+    Where a frame says a sentence several times, each time of something else, all stay apart. A
+    `single` frame needs no number.
     """
     if single:
         return list(dict.fromkeys(text for _, text in messages))
@@ -73,20 +71,13 @@ def _value(number: str) -> float:
 
 
 def counted_frames(frames: Sequence[int]) -> str:
-    """Name frames, and of several say how many they are.
-
-    Parameters: `frames`, their numbers, rising. Returns their names, such as 'frame 3' or 'frames
-    0-4, 7 (6 in all)'.
-    """
+    """Name frames, and of several say how many they are: 'frames 0-4, 7 (6 in all)'."""
     count = len(frames)
     return named_frames(frames) + (f" ({count} in all)" if count > 1 else "")
 
 
 def named_frames(frames: Sequence[int]) -> str:
-    """Name frames as 'frame 3' or 'frames 0-4, 7', after eight spans how many more.
-
-    Parameters: `frames`, their numbers, rising.
-    """
+    """Name frames as 'frame 3' or 'frames 0-4, 7', after eight spans how many more."""
     if len(frames) == 1:
         return f"frame {frames[0]}"
     runs = np.split(np.array(frames), np.flatnonzero(np.diff(frames) > 1) + 1)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def write_figure(path: str | Path, figure: Figure, *, dpi: float = FIGURE_DPI) -> None:
     """Write a matplotlib Figure as PNG by the Agg back-end, without pyplot and its state.
 
-    Letters of a file's name that the font does not have are drawn as boxes. Raises InputError.
+    Letters of a file's name that the font does not have are drawn as boxes.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -42,11 +42,9 @@ InputContent = str | Path | Digested
 def provenance(
     scene_toml: str | None, inputs: Iterable[InputContent] = (), seed: int | None = None
 ) -> dict[str, Any]:
-    """Record what a result came from: version, scene, hashes of the inputs, seed.
+    """Record what a result came from: version, resolved scene, hashes of the inputs, seed.
 
-    Parameters: `scene_toml`, the resolved scene's text; `inputs`, files, and arrays in place of
-    files; a folder stands for the files in it; `seed`, seed of the random numbers. Returns the
-    record, for `write_json`. Raises InputError.
+    A folder among the inputs stands for the files in it.
     """
     from importlib.metadata import PackageNotFoundError, version
 
@@ -66,10 +64,7 @@ def provenance(
 
 
 def sha256(path: str | Path) -> str:
-    """Compute the SHA-256 of a file.
-
-    Returns the hash as hexadecimal text. Raises InputError.
-    """
+    """The SHA-256 of a file as hexadecimal text."""
     try:
         if Path(path).exists() and not Path(path).is_file():  # a pipe would never end
             raise InputError(f"{path}: is not a file; name the file itself")

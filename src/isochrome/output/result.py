@@ -140,10 +140,7 @@ def _in_a_line(text: str) -> str:
 
 
 def saved_picture(path: Path) -> Figure:
-    """Make a Figure of a picture on disk, one dot a pixel.
-
-    Returns the picture, and nothing around it. Raises InputError.
-    """
+    """A picture on disk as a Figure with nothing around it, one dot a pixel."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.image import imread
@@ -160,24 +157,19 @@ def saved_picture(path: Path) -> Figure:
 
 
 def counted(count: int, item: str) -> str:
-    """Give a number of items with their noun in the right number: '1 frame', '2 frames'."""
+    """A number of items with their noun in the right number: '1 frame', '2 frames'."""
     return f"{count} {item}" if count == 1 else f"{count} {item}s"
 
 
 def per_cent(share: float) -> str:
-    """Give a small share of a picture in per cent; of a few pixels no '0.0 %'.
-
-    Parameters: `share`, the share, above 0. Returns text such as '1.2 %', or 'less than 0.1 %'.
+    """A small share of a picture, such as '1.2 %'; of a few pixels 'less than 0.1 %', never '0.0
+    %'.
     """
     return f"{100.0 * share:.1f} %" if share >= _LEAST_SHARE else "less than 0.1 %"
 
 
 def with_uncertainty(value: float, spread: float) -> str:
-    """Give a value with its standard uncertainty of two digits, both to the same decimal.
-
-    Parameters: `spread`, its standard uncertainty, in the same unit; NaN = not known. Returns such
-    as '14.600 ± 0.066'.
-    """
+    """A value with its standard uncertainty of two digits, as '14.600 ± 0.066'; NaN = not known."""
     if not (math.isfinite(value) and math.isfinite(spread) and spread > 0.0):
         return f"{value:.6g} ± {spread:.2g}"
     last = _exponent(spread) - 1  # of the uncertainty's second digit
@@ -190,10 +182,9 @@ def with_uncertainty(value: float, spread: float) -> str:
 
 
 def to_last_digit(value: float, spread: float | None) -> str:
-    """Give a value to the last decimal that its standard uncertainty has with two digits.
+    """A value to the last decimal that its standard uncertainty has with two digits.
 
-    Parameters: `spread`, the standard uncertainty, in the same unit; None or NaN = not known.
-    Returns the value alone, with five digits where its uncertainty is not known.
+    With five digits where that is not known.
     """
     if not (spread and math.isfinite(spread) and math.isfinite(value)):
         return f"{value:.5g}"
@@ -201,20 +192,15 @@ def to_last_digit(value: float, spread: float | None) -> str:
 
 
 def agree(one: tuple[float, float], other: tuple[float, float]) -> bool:
-    """Tell whether two values agree within two of their combined standard uncertainties.
+    """Whether two values agree within two of their combined standard uncertainties.
 
-    Parameters: `one`, `other`, value and standard uncertainty, in the same unit. Returns false
-    where they contradict each other: of true values and uncertainties 1 in 20 does.
+    Of true values and uncertainties 1 in 20 does not.
     """
     return abs(one[0] - other[0]) <= 2.0 * math.hypot(one[1], other[1])
 
 
 def rounded_texts(value: float, spread: float) -> tuple[str, str]:
-    """Give a value and its uncertainty as a scene holds them, two digits beyond the latter's first.
-
-    Parameters: `spread`, its standard uncertainty, in the same unit. Returns both, as numbers of
-    TOML.
-    """
+    """A value and its uncertainty as a scene holds them, two digits beyond the latter's first."""
     if 0.0 < abs(value) < _SMALL:
         exponent = int(np.floor(np.log10(abs(value))))
         parts = rounded_texts(value / 10.0**exponent, spread / 10.0**exponent)
@@ -235,11 +221,9 @@ def over_items(
     items: str = "frames",
     digits: int = 5,
 ) -> str:
-    """Give a column as a report shows it: mean and span, with the median standard uncertainty.
+    """A column as a report shows it: mean and span, with the median standard uncertainty.
 
-    Parameters: `values`, the column; None or NaN = not known; `spreads`, the standard
-    uncertainties, in the same unit; `items`, what the values are of; `digits`, of values without an
-    uncertainty. Returns the text, 'not known' where no value is.
+    `digits`, of values without an uncertainty.
     """
     known, each = (column[np.isfinite(column)] for column in map(numbers, (values, spreads)))
     if not known.size:

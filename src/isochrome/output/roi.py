@@ -54,13 +54,11 @@ class Polyline(Protocol):
 
 
 def roi_entries(lines: Iterable[Polyline], frame: int) -> list[tuple[str, bytes]]:
-    """Make ImageJ polylines of a frame's fringe lines, the files in a .zip for its ROI manager.
+    """ImageJ polylines of a frame's fringe lines, the files in a .zip for its ROI manager.
 
     A line is named 'frame 3: N = 1.5 bright' by its order and kind, with '#2' on for the next of
-    that name, or 'frame 3: line 7 dark' by its number, from 0, where the order is not known.
-
-    Parameters: `frame`, number of the frame, from 0, so that ImageJ shows them on that slice of a
-    stack. Raises InputError.
+    that name, or 'frame 3: line 7 dark' by its number, from 0, where the order is not known. ImageJ
+    shows them on the slice of a stack that the frame's number, from 0, is.
     """
     roifile = load_roifile()
     entries, counts = [], Counter[str]()
@@ -80,21 +78,15 @@ def roi_entries(lines: Iterable[Polyline], frame: int) -> list[tuple[str, bytes]
 
 
 def add_rois(archive: zipfile.ZipFile, contents: Iterable[tuple[str, bytes]]) -> None:
-    """Add ROIs to a .zip, all of the first date that it knows: the same ROIs are the same bytes.
-
-    Parameters: `archive`, the .zip, open for writing; `contents`, the name of each file (str) and
-    its bytes.
-    """
+    """Add ROIs to a .zip, all of the first date that it knows: the same ROIs are the same bytes."""
     for name, data in contents:
         archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), data)
 
 
 def read_roi_mask(path: Path, shape: tuple[int, int]) -> Mask:
-    """Find the pixels whose centres lie in any of the areas of an ImageJ .roi or .zip file.
+    """The pixels whose centres lie in any of the areas of an ImageJ .roi or .zip file.
 
-    Parameters: `shape`, rows and cols of the frame that the areas were drawn on. Returns true
-    inside; parts of composite areas that lie in each other are holes, shape (rows, cols). Raises
-    InputError.
+    Parts of composite areas that lie in each other are holes.
     """
     roifile = load_roifile()
     _check_size(path)
@@ -122,7 +114,7 @@ def read_roi_mask(path: Path, shape: tuple[int, int]) -> Mask:
 
 
 def _check_size(path: Path) -> None:
-    """Refuse a file that is none, or that would swell beyond what areas need. Raises InputError."""
+    """Refuse a file that is none, or that would swell beyond what areas need."""
     if not path.is_file():
         raise InputError(f"{path}: no such file; check its name")
     count = 1
@@ -147,10 +139,7 @@ def _check_size(path: Path) -> None:
 
 
 def load_roifile() -> ModuleType:
-    """Import the library for ImageJ's ROI files.
-
-    Raises InputError.
-    """
+    """Import the library for ImageJ's ROI files."""
     try:
         import roifile
     except ImportError as error:

@@ -25,12 +25,10 @@ MM_PER_UNIT = {
 
 
 def read_pixel_mm(path: str | Path) -> float | None:
-    """Read the pixel's side that a TIFF names.
+    """The pixel's side, mm, that a TIFF names; None where it names none.
 
     ImageJ's unit and pixels per centimetre count as a scale; dots per inch are a print size, not
     the object's, and do not.
-
-    Returns the side, mm; None where the file names none. Raises InputError.
     """
     import tifffile
 
@@ -42,10 +40,7 @@ def read_pixel_mm(path: str | Path) -> float | None:
 
 
 def pixel_mm_of(tif: tifffile.TiffFile) -> float | None:
-    """Read the pixel's side that an open TIFF names, see `read_pixel_mm`.
-
-    Returns the side, mm; None where the file names none.
-    """
+    """The pixel's side that an open TIFF names, see `read_pixel_mm`."""
     tags: Any = getattr(tif.pages[0], "tags", {})
     if "XResolution" not in tags or "YResolution" not in tags:
         return None

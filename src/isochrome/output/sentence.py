@@ -34,11 +34,9 @@ def sentence_of(
 ) -> str:
     """Say a result as a sentence: load 62.00 ± 0.28 N, friction 0.180 ± 0.001; causes found: none.
 
-    Of several frames it is the mean, the least and the most, and the ± of one of them.
-
-    Parameters: `rows`, key, mean, least, most and standard uncertainty of each value; `causes`,
-    what the frames asked for; None where nobody asked them; `refined`, what is known better than it
-    was stated, see `refined_texts`; `basis`, what the ± are of, see `basis_of_uncertainty`.
+    Of several frames it is the mean, the least and the most, and the ± of one of them. `causes`,
+    what the frames asked for; None where nobody asked them; `refined`, see `refined_texts`;
+    `basis`, see `basis_of_uncertainty`.
     """
     rows = list(rows)
     parts = [spoken(*row) for row in rows]
@@ -52,12 +50,7 @@ def sentence_of(
 
 
 def spoken(key: str, mean: Any, least: Any, most: Any, spread: Any) -> str:
-    """Say a value with its name, its unit and, where it has one, its span.
-
-    Parameters: `key`, its key in the scene; `mean`, `least`, `most`, `spread`, the mean, the least,
-    the most and the standard uncertainty; None or NaN = not known. Returns text such as
-    'load 62.00 ± 0.28 N'.
-    """
+    """A value with its name, unit and, where it has one, span, such as 'load 62.00 ± 0.28 N'."""
     word, unit = WORDS.get(key, (key, ""))
     if mean is None or mean != mean:
         return f"{word} not known"
@@ -70,11 +63,9 @@ def spoken(key: str, mean: Any, least: Any, most: Any, spread: Any) -> str:
 def basis_of_uncertainty(
     exact: Sequence[str], *, frames: int = 1, besides: Sequence[str] = ()
 ) -> str:
-    """Say what a ± is of, and which inputs were taken as exact.
+    """Say what a ± is of, and which inputs were taken as `exact`, those that move the answer first.
 
-    Parameters: `exact`, the keys whose uncertainty is not in the ±, those that move the answer
-    first before others; `frames`, how many pictures there are; `besides`, what else than the
-    pictures the ± is of. Returns words for `sentence_of`; none where nothing was taken as exact.
+    `besides`, what else than the pictures the ± is of. Empty where nothing was taken as exact.
     """
     if not exact:
         return ""
@@ -89,9 +80,7 @@ def refined_texts(
 ) -> list[str]:
     """Say which values are known better than they were stated, as far as two digits of a ± tell.
 
-    Parameters: `rows`, as of `sentence_of`, of values that were stated and agree with that;
-    `stated`, key to value and standard uncertainty as the scene states them. Returns name, value
-    and stated value of each, the one that became surest first.
+    Of values that agree with what was stated: each with that, the one that became surest first.
     """
     better = []
     for key, mean, _, _, spread in rows:
@@ -103,11 +92,7 @@ def refined_texts(
 
 
 def rows_by_key(table: Mapping[str, Sequence[Any]]) -> dict[str, Row]:
-    """Give the table of a fit as the rows of `sentence_of`.
-
-    Parameters: `table`, the columns of fit.csv. Returns key to its row: over the frames where each
-    has its own.
-    """
+    """Columns of fit.csv as the rows of `sentence_of`: over the frames where each has its own."""
     by_key: dict[str, list[tuple[float, float]]] = {}
     columns = (table[n] for n in ("key", "value", "standard_uncertainty"))
     for key, value, spread in zip(*columns, strict=True):
@@ -123,8 +108,6 @@ def sentence_of_orders(table: Mapping[str, Sequence[Any]]) -> str:
     """Say what was read without a model: share of the pixels, highest order, typical ±.
 
     Of several frames the share is the mean, and the ± the median.
-
-    Parameters: `table`, the columns of frames.csv. Returns the sentence, without a full stop.
     """
     count = len(table["frame"])
     head = f"in {count} frames: " if count > 1 else ""

@@ -54,11 +54,7 @@ class GivenTable:
         """A column (n,) as finite numbers; InputError that names the line and cell on others."""
         place = self.names.index(name)
         values = [row[place] for row in self.cells]
-        number = _number_reader(values)
-        try:
-            column = np.array([number(cell) for cell in values], dtype=float)
-        except ValueError:
-            column = np.array([_number_or_nan(number, cell) for cell in values])
+        column = np.array(list(map(_number_reader(values), values)), dtype=float)
         bad = np.flatnonzero(~np.isfinite(column))
         if len(bad):
             row = int(bad[0])
@@ -70,10 +66,10 @@ class GivenTable:
 
 
 def read_given_text(path: Path, what: str, *, fallback: str | None = None) -> str:
-    """Read the text of a file that somebody gives, in UTF-8 with a byte-order mark or without one.
+    """The text of a file that somebody gives, in UTF-8 with a byte-order mark or without one.
 
-    Parameters: `what`, what it is to be, in words, such as 'the friction'; `fallback`, encoding of
-    what is no UTF-8; without one that is refused. Raises InputError.
+    `what` is it to be, such as 'the friction'; `fallback` is the encoding of what is no UTF-8,
+    which is refused without one.
     """
     try:
         check_given_table(path, what)
@@ -108,7 +104,7 @@ def read_given_table(path: Path, what: str) -> GivenTable:
 
     Columns are parted by semicolons, tabs, commas or spaces; numbers have decimal points, or
     decimal commas where commas part no columns. Empty lines and those that begin with # are passed
-    over. Parameters: `what`, what it is to be, in words, such as 'the friction'. Raises InputError.
+    over.
     """
     lines = numbered_lines(read_given_text(path, what))
     if not lines:
@@ -157,13 +153,9 @@ def _number_reader(values: list[str]) -> Callable[[str], float]:
 
 
 def _plain(cell: str) -> float:
-    """A number as it is written everywhere; Python's own 1_000 is none."""
-    return math.nan if "_" in cell else float(cell)
-
-
-def _number_or_nan(number: Callable[[str], float], cell: str) -> float:
+    """A number as it is written everywhere, NaN for all else; Python's own 1_000 is none."""
     try:
-        return number(cell)
+        return math.nan if "_" in cell else float(cell)
     except ValueError:
         return math.nan
 
@@ -206,8 +198,6 @@ def write_csv(path: str | Path, columns: Mapping[str, Sequence[Any]]) -> None:
     """Write a table, one named column each, units in the names (`wear_depth_um`).
 
     Floats get 9 significant digits, NaN and None an empty cell.
-
-    Parameters: `columns`, name to values, all of one length. Raises InputError.
     """
     lengths = {name: len(values) for name, values in columns.items()}
     if len(set(lengths.values())) > 1:
@@ -219,34 +209,25 @@ def write_csv(path: str | Path, columns: Mapping[str, Sequence[Any]]) -> None:
 
 
 def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
-    """Turn rows into the columns of a table.
-
-    Parameters: `rows`, name to value of each row. Returns name to values, in the order in which the
-    names come up; None where a row has none.
+    """Rows as the columns of a table, in the order in which the names come up; None where one has
+    none.
     """
     names = dict.fromkeys(name for row in rows for name in row)
     return {name: [row.get(name) for row in rows] for name in names}
 
 
 def csv_text(columns: Mapping[str, Any], *, header: bool = True) -> str:
-    """Give a table as the text that `write_csv` would write, to be put together with others.
-
-    Parameters: `columns`, name to values, all of one length; `header`, whether the line of the
-    names is wanted.
-    """
+    """A table as the text that `write_csv` would write, to be put together with others."""
     text = io.StringIO(newline="")
     _write_table(text, columns, header=header)
     return text.getvalue()
 
 
 def write_excel_copies(folder: str | Path) -> list[Path]:
-    """Write each table of a folder once more, as a German or French Excel opens it in columns.
+    """Write each table of a folder, and of folders in it, as a German or French Excel opens it.
 
-    Semicolons between the cells, decimal commas, and a byte-order mark, by which Excel knows UTF-8.
-
-    Parameters: `folder`, the folder; tables of folders in it count, as those of a campaign's
-    recordings. Returns the copies: NAME_excel.csv beside NAME.csv, which stays as it is. Raises
-    InputError.
+    NAME_excel.csv beside NAME.csv: semicolons between the cells, decimal commas, and a byte-order
+    mark, by which Excel knows UTF-8.
     """
     made = []
     for path in sorted(Path(folder).rglob("*.csv")):
@@ -294,10 +275,7 @@ def _cells(values: Any) -> list[str]:
 
 
 def read_csv(path: str | Path) -> dict[str, list[Any]]:
-    """Read a table: numbers where all cells of a column are, else text.
-
-    Returns name to values; an empty cell among numbers is NaN. Raises InputError.
-    """
+    """Read a table: numbers where all cells of a column are, an empty one NaN; else text."""
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
             rows = [row for row in csv.reader(file) if row]
@@ -316,19 +294,12 @@ def read_csv(path: str | Path) -> dict[str, list[Any]]:
 
 
 def numbers(values: Iterable[float | None]) -> npt.NDArray[np.float64]:
-    """Make an array of a column of numbers.
-
-    Parameters: `values`, the column; None = not known. Returns the numbers, NaN where one is not
-    known, shape (n,).
-    """
+    """A column of numbers as an array (n,), NaN where None says that one is not known."""
     return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
 
 
 def check_given_table(path: Path, what: str) -> None:
-    """Refuse what is no table that somebody gives: no plain file, or one of over 10 MB.
-
-    Parameters: `what`, what it is to be, in words. Raises InputError, OSError.
-    """
+    """Refuse what is no table that somebody gives: no plain file, or one of over 10 MB."""
     status = path.stat()
     if not stat.S_ISREG(status.st_mode):
         raise InputError(f"{path}: is not a file; name {what} itself, a CSV file")

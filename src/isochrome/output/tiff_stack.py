@@ -49,9 +49,8 @@ def write_tiff(
 ) -> None:
     """Write a stack, whole or not at all, so that ImageJ shows its scale.
 
-    Parameters: `stack`, frames of uint8, uint16 or float32 (NaN allowed), of any byte order; the
-    second shape with `photometric` 'rgb'; `photometric`, whether the frames are grey or in colour;
-    `metadata`, what ImageJ is to know besides the scale, see `imagej_view`. Raises InputError.
+    `stack`, frames of uint8, uint16 or float32 (NaN allowed), of any byte order; (frame, row, col,
+    3) with `photometric` 'rgb'. `metadata`, what ImageJ is to know besides, see `imagej_view`.
     """
     data = np.asarray(stack)
     if data.ndim < 3 or data.shape[0] == 0:
@@ -86,10 +85,7 @@ def write_frames(
 ) -> None:
     """Write a stack as `write_tiff` does, from frames that are there one at a time.
 
-    Parameters: `frames`, the frames of the `dtype`, in order; `shape`, shape of all of them
-    together, frames first; `dtype`, type of the frames; `photometric`, whether the frames are grey
-    or in colour; `metadata`, what ImageJ is to know besides the scale, by its own names. Raises
-    InputError.
+    `shape` is that of all of them together, frames first.
     """
     import tifffile
 

@@ -50,20 +50,16 @@ class ReportTable:
     @property
     def rows(self) -> list[tuple[tuple[str, bool], ...]]:
         """The first rows: each value as text, and whether it is a number, which is not broken."""
-        cells = (
-            [(text, isinstance(v, int | float)) for text, v in zip(texts, values, strict=False)]
-            for name, values in self.columns.items()
-            for texts in [self._texts(name)]
-        )
-        return list(zip(*cells, strict=True))
+        return list(zip(*map(self._cells, self.columns), strict=True))
 
-    def _texts(self, name: str) -> list[str]:
+    def _cells(self, name: str) -> list[tuple[str, bool]]:
         """The first cells of a column: a ± with two digits, a value to the last of its own."""
         values = self.columns[name][:_MOST_ROWS]
         own = _SPREAD if name == "value" else f"{name} {_SPREAD}"
         spreads = self.columns.get(own, [None] * len(values))
         digits = 2 if name.endswith(("uncertainty", "bound")) else 5
-        return [_text(*pair, digits) for pair in zip(values, spreads, strict=False)]
+        pairs = zip(values, spreads, strict=False)
+        return [(_text(v, spread, digits), isinstance(v, int | float)) for v, spread in pairs]
 
     @property
     def left_out(self) -> int:
@@ -172,8 +168,20 @@ def paper_rows(scene: Scene | None, record: Mapping[str, Any]) -> list[tuple[str
 
     `record` is provenance.json: versions and hashes; the scene is None where the run has none.
     """
-    own = [] if scene is None else [*camera_rows(scene), *_numbers(scene)]
-    return [*own, *_software(record), *_input(record)]
+    result = [] if scene is None else [*camera_rows(scene), *_numbers(scene)]
+    libraries = record.get("libraries") or {}
+    versions = ", ".join(f"{name} {number}" for name, number in libraries.items())
+    code = record.get("code_sha256")
+    result.append(("software", f"isochrome {record.get('isochrome', 'not known')}"))
+    result += [("with", versions)] if versions else []
+    result += [("SHA-256 of the code", str(code))] if code else []
+    files = list((record.get("inputs_sha256") or {}).items())
+    for name, digest in files[:_MOST_FILES]:
+        result.append((f"SHA-256 of {PurePath(*PurePath(name).parts[-2:])}", str(digest)))
+    if len(files) > _MOST_FILES:
+        text = f"SHA-256 of {len(files) - _MOST_FILES} files more"
+        result.append((text, "in provenance.json"))
+    return result
 
 
 def _camera(scene: WithCamera) -> Iterator[tuple[str, str]]:
@@ -205,8 +213,8 @@ def _light(scene: WithCamera) -> Iterator[tuple[str, str]]:
 def _numbers(scene: Scene) -> Iterator[tuple[str, str]]:
     stated = dict(scene.stated_uncertainty)
     for name, key, unit in _MEASURED:
-        part = getattr(scene, key.partition(".")[0])
-        value = None if part is None else getattr(part, key.partition(".")[2], None)
+        table, _, field = key.partition(".")
+        value = getattr(getattr(scene, table), field, None)
         if value is None:
             continue
         spread = stated.get(key)
@@ -215,25 +223,6 @@ def _numbers(scene: Scene) -> Iterator[tuple[str, str]]:
         yield name, f"{text} {unit}".strip() + f" ({own})"
         if name.startswith("fringe value"):
             yield "date of f_sigma", scene.fringe_value_date or NO_DATE
-
-
-def _software(record: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    libraries = record.get("libraries") or {}
-    versions = ", ".join(f"{name} {number}" for name, number in libraries.items())
-    code = record.get("code_sha256")
-    yield "software", f"isochrome {record.get('isochrome', 'not known')}"
-    if versions:
-        yield "with", versions
-    if code:
-        yield "SHA-256 of the code", str(code)
-
-
-def _input(record: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    files = list((record.get("inputs_sha256") or {}).items())
-    for name, digest in files[:_MOST_FILES]:
-        yield f"SHA-256 of {PurePath(*PurePath(name).parts[-2:])}", str(digest)
-    if len(files) > _MOST_FILES:
-        yield f"SHA-256 of {len(files) - _MOST_FILES} files more", "in provenance.json"
 
 
 Array = NDArray[Any]

@@ -1,7 +1,4 @@
-"""The report as one HTML page: nothing is fetched, and nothing of a run is ever code in it.
-
-A page of one file: its style and script stand in it, and its policy allows these alone.
-"""
+"""The report as one HTML page: nothing is fetched, and nothing of a run is ever code in it."""
 
 from __future__ import annotations
 
@@ -110,7 +107,11 @@ def report_html(content: ReportContent) -> str:
     and pictures that are in it; no address is ever asked.
     """
     frames = encode_frames(content.frames, room=ROOM_BYTES)
-    strides = sorted({one["stride"] for one in frames})
+    maps = (one[name] for one in frames for name in ("order", "model_order") if one[name])
+    for_script = [  # its pictures stand in the page
+        one | {"panes": [{"key": p["key"], "label": p["label"]} for p in one["panes"]]}
+        for one in frames
+    ]
     return assemble_page(
         "isochrome.reporting",
         "report",
@@ -119,9 +120,9 @@ def report_html(content: ReportContent) -> str:
         values={
             "content": content,
             "frames": frames,
-            "data": {"frames": [_for_script(one) for one in frames]},
-            "strides": strides,
-            "steps": _steps(frames),
+            "data": {"frames": for_script},
+            "strides": sorted({one["stride"] for one in frames}),
+            "steps": sorted({one["step"] for one in maps}),  # that orders are rounded to
             "curves": content.curves,
             "groups": warnings_with_remedies(content.warnings),
             "picture": _picture(content.picture),
@@ -129,18 +130,6 @@ def report_html(content: ReportContent) -> str:
             "scene_is_cut": len(content.scene) > _LONGEST_SCENE,
         },
     )
-
-
-def _steps(frames: Sequence[dict[str, Any]]) -> list[float]:
-    """What the orders are rounded to, the finest first."""
-    maps = (frame[name] for frame in frames for name in ("order", "model_order"))
-    return sorted({one["step"] for one in maps if one})
-
-
-def _for_script(frame: dict[str, Any]) -> dict[str, Any]:
-    """What the script needs of a frame: its pictures stand in the page."""
-    panes = [{"key": p["key"], "label": p["label"]} for p in frame["panes"]]
-    return frame | {"panes": panes}
 
 
 def _picture(png: bytes | None) -> str:

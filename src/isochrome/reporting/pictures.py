@@ -45,20 +45,12 @@ def choose_frames(
     for values, reason in ((worst, "the largest chi"), (largest, "the largest order")):
         if np.isfinite(values).any():
             why.setdefault(int(np.nanargmax(values)), reason)
-    for number in _between(sorted(why), count, most - len(why)):
-        why[number] = "evenly spaced"
-    return [ChosenFrame(k, why[k]) for k in sorted(why)]
-
-
-def _between(taken: Sequence[int], count: int, wanted: int) -> list[int]:
-    """Evenly spaced numbers below `count` that are not taken; a taken one gives way to the next."""
-    result: list[int] = []
-    for place in np.linspace(0, count - 1, wanted + 2)[1:-1]:
-        free = (k for k in range(round(place), count) if k not in taken and k not in result)
-        number = next(free, None)
+    between = np.linspace(0, count - 1, most - len(why) + 2)[1:-1]
+    for place in between:  # one that is taken gives way to the next
+        number = next((k for k in range(round(place), count) if k not in why), None)
         if number is not None:
-            result.append(number)
-    return result
+            why[number] = "evenly spaced"
+    return [ChosenFrame(k, why[k]) for k in sorted(why)]
 
 
 Array = NDArray[Any]
@@ -151,22 +143,19 @@ def _size(encoded: dict[str, Any]) -> int:
 def _encoded(frame: ReportFrame, stride: int) -> dict[str, Any]:
     """A frame as the page takes it: means over `stride` pixels, and orders in their middle."""
     rows, cols = (size // stride for size in frame.panes[0].values.shape)
-    pixel = frame.pixel_mm
-    return {
-        "number": frame.number,
-        "label": frame.label,
-        "why": frame.why,
-        "notes": frame.notes,
+    own = ("number", "label", "why", "notes")
+    return {name: getattr(frame, name) for name in own} | {
         "rows": rows,
         "cols": cols,
         "stride": stride,
         "first": stride // 2,
-        "pixel_mm": pixel,
+        "pixel_mm": frame.pixel_mm,
         "left_mm": frame.left_mm,
         "top_mm": frame.top_mm,
         "panes": [
             {"key": p.key, "label": p.label, "span": p.span, "unit": p.unit,
-             "png": _png(p, _means(p.values, stride)), "bar": _bar(p)}
+             "png": _png(p, _means(p.values, stride)),
+             "bar": _png(p, np.linspace(*p.span, _GREYS)[None])}  # from end to end of its span
             for p in frame.panes
         ],
     } | _orders(frame, stride, STEP)  # fmt: skip
@@ -178,7 +167,10 @@ def _orders(frame: ReportFrame, stride: int, step: float) -> dict[str, Any]:
     rows, cols = (size // stride for size in frame.panes[0].values.shape)
     part = tuple(slice(first, first + stride * size, stride) for size in (rows, cols))
     own = {"order": frame.order, "model_order": frame.model_order}
-    return {name: _map(order, part, step) for name, order in own.items()}
+    return {
+        name: None if order is None else vars(order_map(order[part], step))
+        for name, order in own.items()
+    }
 
 
 def _holds(frame: ReportFrame) -> bool:
@@ -193,13 +185,8 @@ def _means(values: Array, stride: int) -> Array:
     if stride == 1:
         return values
     rows, cols = (size // stride for size in values.shape)
-    whole = values[: rows * stride, : cols * stride]
-    means: Array = whole.reshape(rows, stride, cols, stride).mean(axis=(1, 3))
-    return means
-
-
-def _map(order: Array | None, part: tuple[slice, ...], step: float) -> dict[str, Any] | None:
-    return None if order is None else vars(order_map(order[part], step))
+    squares = values[: rows * stride, : cols * stride]
+    return np.asarray(squares.reshape(rows, stride, cols, stride).mean(axis=(1, 3)))
 
 
 def order_map(order: Array, step: float = STEP) -> OrderMap:
@@ -214,13 +201,9 @@ def order_map(order: Array, step: float = STEP) -> OrderMap:
     return OrderMap(base64.b64encode(data).decode(), first, step)
 
 
-def _bar(pane: Pane) -> str:
-    """The colours from one end of a pane's span to the other, as base64 of a PNG of one row."""
-    return _png(pane, np.linspace(*pane.span, _GREYS)[None])
-
-
 def _png(pane: Pane, values: Array) -> str:
     """A picture as base64 of a PNG with a palette; what is not known is transparent."""
+    from matplotlib import colormaps
     from PIL import Image
 
     name, count = {
@@ -232,17 +215,10 @@ def _png(pane: Pane, values: Array) -> str:
     level = np.rint(np.nan_to_num(share, nan=0.0) * (count - 1))
     level = np.where(np.isfinite(values), np.clip(level, 0, count - 1), count).astype(np.uint8)
     picture = Image.fromarray(level, "P")
-    picture.putpalette(_palette(name, count))
+    colours = colormaps[name](np.linspace(0.0, 1.0, count))[:, :3]
+    palette = np.rint(255 * np.vstack([colours, [1.0, 1.0, 1.0]])).astype(np.uint8)
+    picture.putpalette(bytes(palette))
     file = io.BytesIO()
     bits = 4 if count < 16 else 8
     picture.save(file, "PNG", transparency=count, bits=bits, compress_level=5)
     return base64.b64encode(file.getvalue()).decode()
-
-
-def _palette(name: str, count: int) -> bytes:
-    """Red, green and blue of a colour map's levels, and of what is not known."""
-    from matplotlib import colormaps
-
-    colours = colormaps[name](np.linspace(0.0, 1.0, count))[:, :3]
-    levels = np.rint(255 * np.vstack([colours, [1.0, 1.0, 1.0]])).astype(np.uint8)
-    return bytes(levels)

@@ -67,10 +67,9 @@ def render_bending(folder: Path, seed: int) -> None:
 
 
 def true_order(load_n: float, beam: dict[str, float], pixel_mm: float, *, points: int) -> Array:
-    """Fringe order at points x points places in every pixel, NaN outside the beam.
+    """Fringe order (points rows, points cols) at points x points places in every pixel.
 
-    Parameters: `load_n`; `beam`, its sizes as in the set; `pixel_mm`; `points` along a pixel's
-    side. Returns (points rows, points cols), fringes.
+    NaN outside the beam, whose sizes are those of the set.
     """
     row, col = ((np.arange(n * points) + 0.5) / points - 0.5 for n in SHAPE)
     down = pixel_mm * (row - MIDDLE_PX[0])[:, None]

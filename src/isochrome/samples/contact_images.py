@@ -17,6 +17,7 @@ from isochrome.optics import fringe_order
 from isochrome.output import write_text
 from isochrome.samples.sensor import (
     CAMERA,
+    Sensor,
     block_mean,
     dark_field,
     finer,
@@ -70,12 +71,18 @@ def render_contact(folder: Path, seed: int) -> None:
             material = np.isfinite(order)
     write_small_tiff(folder / "captured.tif", np.stack(frames), pixel_mm=pixel)
     write_small_tiff(folder / "true_fringe_order.tif", np.stack(orders), pixel_mm=pixel)
+    _write_no_load(folder, material, sensor, (seed, 2), pixel)
+    write_truth(folder, seed, _true_values(truth, nominal, states), sensor)
+
+
+def _write_no_load(
+    folder: Path, material: NDArray[np.bool_], sensor: Sensor, seed: tuple[int, int], pixel: float
+) -> None:
+    """Write the unloaded specimen in the dark and in the bright field."""
     lit = block_mean(material.astype(float), _POINTS)
     for number, (name, signal) in enumerate((("dark", 0.0 * lit), ("bright", lit))):
-        rng = np.random.default_rng([seed, 2, number])
-        image = sensor.average(signal, rng, count=AVERAGED)
+        image = sensor.average(signal, np.random.default_rng([*seed, number]), count=AVERAGED)
         write_small_tiff(folder / f"no-load-{name}.tif", image[None], pixel_mm=pixel)
-    write_truth(folder, seed, _true_values(truth, nominal, states), sensor)
 
 
 def true_contact(nominal: Scene) -> Scene:
@@ -162,13 +169,7 @@ def render_film(folder: Path, seed: int) -> None:
         rng = np.random.default_rng([seed, 41, i])
         frames.append(sensor.expose(dark_field(order, _POINTS), rng))
     _write_film(folder / FILM, frames)
-    lit = block_mean(np.isfinite(order).astype(float), _POINTS)
-    for number, (name, signal) in enumerate((("dark", 0.0 * lit), ("bright", lit))):
-        rng = np.random.default_rng([seed, 42, number])
-        image = sensor.average(signal, rng, count=AVERAGED)
-        write_small_tiff(
-            folder / f"no-load-{name}.tif", image[None], pixel_mm=truth.get("camera.pixel_mm")
-        )
+    _write_no_load(folder, np.isfinite(order), sensor, (seed, 42), truth.get("camera.pixel_mm"))
     write_text(folder / "scene.toml", sample_text("film-scene.toml"))
     write_truth(folder, seed, _film_values(truth), sensor)
 

@@ -76,11 +76,7 @@ def make_sensor(
     faulty: int,
     glare: tuple[float, float, float] | None = None,
 ) -> Sensor:
-    """Draw a sensor's faulty pixels: one half dead, the other hot.
-
-    Parameters: `shape` (rows, cols); `rng`; `faulty`, how many; `glare`, see Sensor.
-    Returns the Sensor.
-    """
+    """Draw a sensor with so many `faulty` pixels: one half dead, the other hot."""
     places = np.stack([rng.integers(0, n, faulty) for n in shape], axis=1)
     return Sensor(places[: faulty // 2], places[faulty // 2 :], glare)
 
@@ -91,10 +87,7 @@ def sample_text(name: str) -> str:
 
 
 def write_truth(folder: Path, seed: int, values: dict[str, Any], sensor: Sensor) -> None:
-    """Write down what was put into the images of a folder, as truth.json.
-
-    Parameters: `folder`; `seed`; `values`, by the scene's keys; the `sensor`, for its faults.
-    """
+    """Write what a sample was rendered of, by the scene's keys, and its faults, as truth.json."""
     faults: dict[str, Any] = {"dead_row_col": sensor.dead, "hot_row_col": sensor.hot}
     if sensor.glare is not None:
         faults["glare_row_col_radius_px"] = sensor.glare
@@ -117,8 +110,7 @@ def finer(scene: Scene, factor: int) -> Scene:
 def dark_field(order: Array, factor: int) -> Array:
     """The ideal dark-field signal of pixels, each the mean of factor x factor points.
 
-    Parameters: `order` N at the points (factor rows, factor cols), NaN where there is no
-    specimen and so no light; `factor`, points along a pixel's side. Returns (rows, cols), 0..1.
+    `order` N at the points is NaN where there is no specimen and so no light.
     """
     known = np.isfinite(order)
     visibility, _ = pixel_visibility(order)

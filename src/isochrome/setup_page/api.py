@@ -100,44 +100,46 @@ def open_session(
 
     The file of a calibration set is taken for frames too.
     """
-    given: str | Path | tuple[str | Path, ...] = (
-        frames if isinstance(frames, str | Path) else tuple(frames)
-    )
     if calibration is not None and calibration not in SUBJECTS:
         raise InputError(
             f"calibration = {calibration}: is none of {', '.join(SUBJECTS)}; name one of them"
         )
+    given = frames if isinstance(frames, str | Path) else tuple(frames)
     if scene is None and isinstance(given, str | Path) and Path(given).suffix.lower() == ".toml":
-        scene = given
-        given = _images_of(Path(given))
+        scene, given = given, _images_of(Path(given))
     first = Path(given if isinstance(given, str | Path) else given[0])
     folder = first if first.is_dir() else first.parent
     if scene is not None and str(scene) in scene_names() and not Path(scene).exists():
         text = (LIBRARY / f"{scene}.toml").read_text("utf-8")
         return SetupSession(given, folder / _NAME, text, saved=False)
-    name = _SET_NAME if calibration else _NAME
-    place = folder / name if scene is None else Path(scene)
-    if place.is_dir() or not place.parent.is_dir():
-        raise InputError(
-            f"{place}: a scene cannot be written there; name a .toml file in a folder that exists"
-        )
-    is_file = place.is_file()
-    if is_file:
-        read_text(place)  # its refusals: too large, a picture, not UTF-8
-    # line ends stay as they are
-    text = place.read_bytes().decode("utf-8-sig") if is_file else ""
+    place = Path(scene) if scene is not None else folder / (_SET_NAME if calibration else _NAME)
+    content = _text_of(place)
+    text, saved = content or "", content is not None
     subject = _subject(text, place, calibration)
-    if subject is None:
-        session = SetupSession(given, place, text, saved=is_file)
-    else:
-        session = SetSession(given, place, text, saved=is_file, subject=subject)
-    if is_file:
+    session = (
+        SetupSession(given, place, text, saved=saved)
+        if subject is None
+        else SetSession(given, place, text, saved=saved, subject=subject)
+    )
+    if saved:
         session.scene()  # what is wrong with it is said before a page opens
     return session
 
 
+def _text_of(place: Path) -> str | None:
+    """The text of a scene's file, its line ends as they are; None where there is no file yet."""
+    if place.is_dir() or not place.parent.is_dir():
+        raise InputError(
+            f"{place}: a scene cannot be written there; name a .toml file in a folder that exists"
+        )
+    if not place.is_file():
+        return None
+    read_text(place)  # its refusals: too large, a picture, not UTF-8
+    return place.read_bytes().decode("utf-8-sig")
+
+
 def _subject(text: str, place: Path, calibration: str | None) -> str | None:
-    """The kind of set that a text is, or is to be; None for a scene. Raises InputError."""
+    """The kind of set that a text is, or is to be; None for a scene."""
     holds = parse_toml(text, str(place)).keys() if text.strip() else ()
     (kind,) = [k for k, table in TABLES.items() if table in holds] or (None,)
     if calibration is None:
@@ -151,7 +153,7 @@ def _subject(text: str, place: Path, calibration: str | None) -> str | None:
 
 
 def _images_of(place: Path) -> tuple[Path, ...]:
-    """The images of a calibration set's file. Raises InputError where it names none."""
+    """The images of a calibration set's file."""
     images = parse_toml(read_text(place), str(place)).get("image")
     files = [
         one.get("file")

@@ -9,7 +9,6 @@ from typing import Any
 from isochrome.drafting import (
     NEEDED,
     QUANTITIES,
-    DraftValue,
     KnownValues,
     SceneDraft,
     draft_scene,
@@ -70,7 +69,8 @@ def find_in_frames(
     count = session.count(scene)
     if not 0 <= index < count:
         raise InputError(f"frame {index}: there are {count}, counted from 0")
-    known = _known(scene, _moving_frame(scene, index, count), held=held)
+    still = scene.friction is not None and scene.friction.static_state_first
+    known = _known(scene, 1 if still and index == 0 and count > 1 else index, held=held)
     draft = _drafted(session, scene, known)
     values, notes = _values(draft, scene, guessed=guessed)
     _refuse_turn(scene, draft)
@@ -118,14 +118,8 @@ def _start_text(
         return new_scene_text(kind, values, likely_no_load(session.beside())), guessed
 
 
-def _moving_frame(scene: Scene, index: int, count: int) -> int:
-    """The frame itself, the first sliding one in place of one that stands still."""
-    still = scene.friction is not None and scene.friction.static_state_first
-    return 1 if still and index == 0 and count > 1 else index
-
-
 def _known(scene: Scene, index: int, *, held: bool) -> KnownValues:
-    """What the scene says of all that no frame tells. Raises InputError."""
+    """What the scene says of all that no frame tells."""
     if scene.model not in SEARCHED:
         what = f"a {scene.model}" if scene.model else scene.no_model_reason
         raise InputError(
@@ -134,7 +128,10 @@ def _known(scene: Scene, index: int, *, held: bool) -> KnownValues:
         )
     names = {quantity.key: name for name, quantity in QUANTITIES.items()}
     names |= {key: key.partition(".")[2] for key in (*_HELD, *(_ON_REQUEST if held else ()))}
-    given = {name: _stated(scene, key) for key, name in names.items()}
+    given = {
+        name: getattr(getattr(scene, key.partition(".")[0]), key.partition(".")[2], None)
+        for key, name in names.items()
+    }
     if given.get("gamma") == "unknown":
         given["gamma"] = None
     for key, name in names.items():
@@ -144,12 +141,6 @@ def _known(scene: Scene, index: int, *, held: bool) -> KnownValues:
                 "write one, search, and put the table back"
             )
     return known_values({"shape": scene.model, "frame": index, **given})
-
-
-def _stated(scene: Scene, key: str) -> Any:
-    """A value of the scene, None without its table."""
-    table, _, name = key.partition(".")
-    return getattr(getattr(scene, table), name, None)
 
 
 def _drafted(session: SetupSession, scene: Scene, known: KnownValues) -> SceneDraft:
@@ -169,9 +160,12 @@ def _drafted(session: SetupSession, scene: Scene, known: KnownValues) -> SceneDr
 
 def _values(draft: SceneDraft, scene: Scene, *, guessed: bool) -> tuple[dict[str, Any], list[str]]:
     """What goes into the scene, without the place; and what does not, in sentences."""
-    values: dict[str, Any] = {
-        v.key: _as_written(v) for v in draft.found if v.key not in (LEFT, TOP)
-    }
+    values: dict[str, Any] = {}
+    for v in draft.found:
+        if v.key not in (LEFT, TOP):
+            values[v.key] = v.value
+            if v.standard_uncertainty and not isinstance(v.value, str):
+                values[v.key] = float(rounded_texts(float(v.value), v.standard_uncertainty)[0])
     notes = []
     if values.get(_FRICTION) == 0.0:
         if guessed:
@@ -194,15 +188,8 @@ def _values(draft: SceneDraft, scene: Scene, *, guessed: bool) -> tuple[dict[str
     return values, notes
 
 
-def _as_written(value: DraftValue) -> float | int | str:
-    """A value with as many digits as its uncertainty allows."""
-    if value.standard_uncertainty and not isinstance(value.value, str):
-        return float(rounded_texts(float(value.value), value.standard_uncertainty)[0])
-    return value.value
-
-
 def _refuse_turn(scene: Scene, draft: SceneDraft) -> None:
-    """Refuse to turn a picture under what was set on it. Raises InputError."""
+    """Refuse to turn a picture under what was set on it."""
     stated, turn = scene.frames, draft.scene.frames.rotate_deg
     on_it = stated.roi or stated.polygon_px or stated.orders_known
     if on_it and (stated.rotate_deg or 0) != (turn or 0):

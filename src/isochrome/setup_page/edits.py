@@ -6,7 +6,7 @@ import math
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from importlib import resources
 from typing import Any
@@ -17,6 +17,7 @@ from isochrome.calibration import fit_circle
 from isochrome.errors import InputError, IsochromeError
 from isochrome.frames import likely_no_load
 from isochrome.scene import (
+    Roi,
     Scene,
     parse_scene,
     parse_toml,
@@ -73,11 +74,6 @@ FIELDS = tuple(
 """All of them, in the order of the page."""
 
 
-def field_rows() -> list[dict[str, Any]]:
-    """The fields as plain dictionaries, as the page takes them."""
-    return [asdict(field) for field in FIELDS]
-
-
 def session_state(session: SetupSession) -> dict[str, Any]:
     """How a scene stands: its text and values, and where its parts lie in the picture.
 
@@ -86,10 +82,6 @@ def session_state(session: SetupSession) -> dict[str, Any]:
     scene = session.scene_or_none()
     reader, region = session.reader(scene), session.region(scene)
     rows, cols = reader.shape
-    images: list[dict[str, Any]] = []
-    if isinstance(session, SetSession):
-        pairs = zip(session.image_names, session.loads(), strict=True)
-        images = [{"file": name, "load_n": load} for name, load in pairs]
     state: dict[str, Any] = {
         "revision": session.revision,
         "text": session.text,
@@ -105,7 +97,10 @@ def session_state(session: SetupSession) -> dict[str, Any]:
         "beside": session.beside(),
         "values": plain_values(session.text) if scene is not None else {},
         "subject": session.subject,
-        "images": images,
+        "images": [
+            {"file": name, "load_n": load}
+            for name, load in zip(session.image_names, session.loads(), strict=True)
+        ] if isinstance(session, SetSession) else [],
         "place": None, "surface": None, "polygon": [], "known_order": [], "known_line": [],
         "free_boundary": [],
     }  # fmt: skip
@@ -118,10 +113,8 @@ def _on_picture(session: SetupSession, scene: Scene) -> dict[str, Any]:
     top_px, left_px = region.top_px, region.left_px
     state: dict[str, Any] = {
         "polygon": moved(scene.frames.polygon_px or (), top_px, left_px),
-        "known_order": orders_on_picture(scene, top_px, left_px),
-        "known_line": lines_on_picture(scene, top_px, left_px),
-        "free_boundary": boundaries_on_picture(scene, top_px, left_px),
         "pixel_mm": None,
+        **known_on_picture(scene, top_px, left_px),
     }
     try:
         pixels = session.pixels(scene)
@@ -136,30 +129,25 @@ def _on_picture(session: SetupSession, scene: Scene) -> dict[str, Any]:
     return state | {"place": place[0], "surface": place[1:]}
 
 
-def orders_on_picture(scene: Scene, top_px: int, left_px: int) -> list[dict[str, Any]]:
-    """The known points, (row, col) of the whole picture."""
-    return [
-        {
-            "row": k.row_px + top_px,
-            "col": k.col_px + left_px,
-            "order": k.order,
-            "extremum": k.extremum,
-        }
-        for k in scene.frames.known_order
-    ]
-
-
-def lines_on_picture(scene: Scene, top_px: int, left_px: int) -> list[dict[str, Any]]:
-    """The known lines, (row, col) of the whole picture."""
-    return [
-        {"points": moved(line.places, top_px, left_px), "order": line.order}
-        for line in scene.frames.known_line
-    ]
-
-
-def boundaries_on_picture(scene: Scene, top_px: int, left_px: int) -> list[dict[str, Any]]:
-    """The free edges' lines, (row, col) of the whole picture."""
-    return [{"points": moved(one.places, top_px, left_px)} for one in scene.frames.free_boundary]
+def known_on_picture(scene: Scene, top_px: int, left_px: int) -> dict[str, list[dict[str, Any]]]:
+    """Known points, known lines and free edges by their keys, (row, col) of the whole picture."""
+    frames = scene.frames
+    return {
+        "known_order": [
+            {
+                "row": k.row_px + top_px, "col": k.col_px + left_px, "order": k.order,
+                "extremum": k.extremum,
+            }
+            for k in frames.known_order
+        ],
+        "known_line": [
+            {"points": moved(line.places, top_px, left_px), "order": line.order}
+            for line in frames.known_line
+        ],
+        "free_boundary": [
+            {"points": moved(one.places, top_px, left_px)} for one in frames.free_boundary
+        ],
+    }  # fmt: skip
 
 
 def plain_values(text: str) -> dict[str, Any]:
@@ -209,8 +197,7 @@ def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, s
         given.pop("wear.coefficient_mm2_per_n", None)
     if "wear.distances_m" in given and "friction.coefficient" not in given:
         raise InputError("fill in: Friction coefficient, about; what wears has slid")
-    labels = {field.key: field for field in fields}
-    return "".join(_lines(kind, given, labels))
+    return "".join(_lines(kind, given, {field.key: field for field in fields}))
 
 
 def _lines(kind: str, given: Mapping[str, Any], fields: Mapping[str, SceneField]) -> Iterator[str]:
@@ -263,11 +250,9 @@ Request = Mapping[str, Any]
 
 
 def set_values(text: str, values: Mapping[str, Any]) -> str:
-    """Give a scene's text with some values; None takes a key out.
+    """A scene's text with some values by its keys; None takes a key out.
 
     The ± of a set's scale goes with the scale that it was stated for.
-
-    Parameters: `text`, TOML; `values` by the scene's keys. Returns TOML. Raises InputError.
     """
     if _PIXEL in values and _PIXEL_SPREAD not in values:
         text = without_value(text, _PIXEL_SPREAD)
@@ -300,14 +285,12 @@ def _set_scale(session: SetupSession, request: Request) -> None:
     """Two points and a length; the place of the contact in the picture stays."""
     first, second = request["points"]
     pixel = float(f"{pixel_scale(first, second, float(request['length_mm'])):.6g}")
-    scene = session.scene()
     values: dict[str, Any] = {_PIXEL: pixel}
-    camera = scene.camera
+    camera = session.scene().camera
     if camera is not None and camera.pixel_mm is not None:
-        share = pixel / camera.pixel_mm
         for key, edge in ((LEFT, camera.left_mm), (TOP, camera.top_mm)):
             if edge is not None:
-                values[key] = round(edge * share, _DIGITS)
+                values[key] = round(edge * (pixel / camera.pixel_mm), _DIGITS)
     _set_values(session, values)
 
 
@@ -340,10 +323,7 @@ def _sized(session: SetupSession, request: Request, key: str) -> dict[str, Any]:
     first, second = request["points"]
     pixel = pixel_scale(first, second, float(length))
     spread = pixel * pixel * _CLICK_PX * math.sqrt(2.0) / float(length)
-    return {
-        _PIXEL: float(f"{pixel:.6g}"),
-        _PIXEL_SPREAD: float(f"{spread:.2g}"),
-    }
+    return {_PIXEL: float(f"{pixel:.6g}"), _PIXEL_SPREAD: float(f"{spread:.2g}")}
 
 
 def _set_rollers(session: SetupSession, request: Request) -> None:
@@ -377,10 +357,7 @@ def _set_rim(session: SetupSession, request: Request) -> None:
 
 
 def values_of_place(pixels: PixelGrid, point: Sequence[float]) -> dict[str, float]:
-    """Give the keys that put the contact, or a body's top, at a point of the region.
-
-    Parameters: `pixels`, the region's; `point`, its row and column, px. Returns values (mm) by key.
-    """
+    """The keys (mm) that put the contact, or a body's top, at a (row, col) of the region."""
     left_mm, top_mm = placed_at(pixels, (point[0], point[1]))
     return {LEFT: round(left_mm, _DIGITS), TOP: round(top_mm, _DIGITS)}
 
@@ -388,8 +365,7 @@ def values_of_place(pixels: PixelGrid, point: Sequence[float]) -> dict[str, floa
 def _set_contact(session: SetupSession, request: Request) -> None:
     """The point of the picture where x = z = 0."""
     scene = session.scene()
-    region = session.region(scene)
-    ((row, col),) = moved([request["point"]], -region.top_px, -region.left_px)
+    ((row, col),) = _in_region(session.region(scene), [request["point"]])
     _set_values(session, values_of_place(session.pixels(scene), (row, col)))
 
 
@@ -397,15 +373,13 @@ def _set_surface(session: SetupSession, request: Request) -> None:
     """Two points of the surface: the roll, and its height at the contact."""
     scene = session.scene()
     region = session.region(scene)
-    first, second = moved(request["points"], -region.top_px, -region.left_px)
-    roll = round(surface_roll((first[0], first[1]), (second[0], second[1])), 3)
-    before = session.pixels(scene)
-    _, col = seen_at(before, 0.0, 0.0)
-    turned: dict[str, Any] = {ROLL: roll or None}
-    place = (on_line((first[0], first[1]), (second[0], second[1]), col), col)
+    first, second = ((row, col) for row, col in _in_region(region, request["points"]))
+    roll = round(surface_roll(first, second), 3)
+    _, col = seen_at(session.pixels(scene), 0.0, 0.0)
+    place = (on_line(first, second, col), col)
 
     def edit(text: str) -> str:
-        text = set_values(text, turned)
+        text = set_values(text, {ROLL: roll or None})
         return set_values(text, values_of_place(session.pixels(session.scene(text)), place))
 
     session.change(edit)
@@ -434,61 +408,48 @@ def _set_region(session: SetupSession, request: Request) -> None:
         row, col = seen_at(pixels, 0.0, 0.0)
         cut = cut_out(pixels, new["height_px"], new["width_px"])
         values |= values_of_place(cut, (row + down, col + right))
-    for key, size in (("height_px", "height_px"), ("width_px", "width_px")):
+    for key in ("height_px", "width_px"):
         if camera is not None and getattr(camera, key) is not None:
-            values[f"camera.{key}"] = new[size]
-    polygon = scene.frames.polygon_px
-    if polygon is not None:
-        values["frames.polygon_px"] = moved(polygon, down, right)
+            values[f"camera.{key}"] = new[key]
+    if scene.frames.polygon_px is not None:
+        values["frames.polygon_px"] = moved(scene.frames.polygon_px, down, right)
     shift = {"top_px": -down, "left_px": -right}
-    orders = orders_on_picture(scene, 0, 0)
-    paths = {
-        "frames.known_line": lines_on_picture(scene, 0, 0),
-        "frames.free_boundary": boundaries_on_picture(scene, 0, 0),
-    }
+    known = known_on_picture(scene, 0, 0)
 
     def edit(text: str) -> str:
         text = set_values(text, values)
-        if orders:
-            text = with_table_list(text, "frames.known_order", order_tables(orders, shift))
-        for key, lines in paths.items():
-            if lines:
-                text = with_table_list(text, key, line_tables(lines, shift))
+        for key, items in known.items():
+            if items:
+                tables = order_tables if key == "known_order" else line_tables
+                text = with_table_list(text, f"frames.{key}", tables(items, shift))
         return text
 
     session.change(edit)
 
 
-def _corner(session: SetupSession) -> dict[str, int]:
-    """Where the region begins in the picture."""
-    region = session.region(session.scene())
-    return {"top_px": region.top_px, "left_px": region.left_px}
+def _in_region(region: Roi, points: Sequence[Sequence[float]]) -> list[list[float]]:
+    """Points (row, col) of the picture, counted in the region."""
+    return moved(points, -region.top_px, -region.left_px)
 
 
 def _set_polygon(session: SetupSession, request: Request) -> None:
-    corner = _corner(session)
-    points = moved(request["points"], -corner["top_px"], -corner["left_px"])
+    points = _in_region(session.region(session.scene()), request["points"])
     _set_values(session, {"frames.polygon_px": points or None})
 
 
-def _set_known_points(session: SetupSession, request: Request) -> None:
-    corner = _corner(session)
-    tables = order_tables(request["points"], corner)
-    session.change(lambda text: with_table_list(text, "frames.known_order", tables))
-
-
-def _set_lines(session: SetupSession, request: Request, key: str) -> None:
-    """Known lines, or free edges, where the order is known from the fringes that meet them."""
-    corner = _corner(session)
-    tables = line_tables(request["lines"], corner)
-    session.change(lambda text: with_table_list(text, key, tables))
+def _set_known(session: SetupSession, request: Request, key: str) -> None:
+    """Known points, known lines, or free edges, whose order the fringes that meet them tell."""
+    region = session.region(session.scene())
+    corner = {"top_px": region.top_px, "left_px": region.left_px}
+    if key == "known_order":
+        tables = order_tables(request["points"], corner)
+    else:
+        tables = line_tables(request["lines"], corner)
+    session.change(lambda text: with_table_list(text, f"frames.{key}", tables))
 
 
 def order_tables(points: Sequence[Request], shift: Mapping[str, int]) -> list[dict[str, Any]]:
-    """Known points as the scene writes them: whole pixels of the region.
-
-    Parameters: `points` of the picture; `shift`, the region's place. Returns tables.
-    """
+    """Known points of the picture as the scene writes them: whole pixels of its region."""
     return [
         {
             "row_px": round(point["row"]) - shift["top_px"],
@@ -501,17 +462,12 @@ def order_tables(points: Sequence[Request], shift: Mapping[str, int]) -> list[di
 
 
 def line_tables(lines: Sequence[Request], shift: Mapping[str, int]) -> list[dict[str, Any]]:
-    """Known lines as the scene writes them. Parameters, returns: as for points."""
+    """Known lines as the scene writes them, see `order_tables`."""
     tables = []
     for line in lines:
         points = moved(line["points"], -shift["top_px"], -shift["left_px"])
-        tables.append(
-            {
-                "row_px": [row for row, _ in points],
-                "col_px": [col for _, col in points],
-            }
-            | ({"order": float(line["order"])} if "order" in line else {})
-        )
+        table = {"row_px": [row for row, _ in points], "col_px": [col for _, col in points]}
+        tables.append(table | ({"order": float(line["order"])} if "order" in line else {}))
     return tables
 
 
@@ -531,9 +487,7 @@ TOOLS: Mapping[str, Callable[[SetupSession, Request], None]] = {
     "surface": _set_surface,
     "region": _set_region,
     "polygon": _set_polygon,
-    "known_order": _set_known_points,
-    "known_line": partial(_set_lines, key="frames.known_line"),
-    "free_boundary": partial(_set_lines, key="frames.free_boundary"),
+    **{key: partial(_set_known, key=key) for key in ("known_order", "known_line", "free_boundary")},
     "undo": lambda session, _: session.undo(),
     "save": lambda session, _: session.save(),
 }
@@ -554,10 +508,7 @@ def apply_tool(session: SetupSession, request: Request) -> None:
 
 @contextmanager
 def refused_as_asked(tool: str) -> Iterator[None]:
-    """Say of values that a tool cannot read that they are none of its own; refusals stay.
-
-    Parameters: `tool`, its name. Raises InputError.
-    """
+    """Say of values that a tool cannot read that they are none of its own; refusals stay."""
     try:
         yield
     except IsochromeError:

@@ -57,10 +57,7 @@ def seen_at(pixels: PixelGrid, x_mm: float, z_mm: float) -> Point:
     row, col = (z_mm - pixels.top_mm) / unit - 0.5, (x_mm - pixels.left_mm) / unit - 0.5
     for _ in range(_PASSES if pixels.lens is not None else 0):
         x, z = place_of_point(pixels, (row, col))
-        right, below = (
-            place_of_point(pixels, (row, col + 1.0)),
-            place_of_point(pixels, (row + 1.0, col)),
-        )
+        right, below = (place_of_point(pixels, at) for at in ((row, col + 1.0), (row + 1.0, col)))
         slopes = np.array([[right[0] - x, below[0] - x], [right[1] - z, below[1] - z]])
         across, down = np.linalg.solve(slopes, [x_mm - x, z_mm - z])
         row, col = row + float(down), col + float(across)
@@ -118,10 +115,7 @@ def cut_out(pixels: PixelGrid, rows: int, cols: int) -> PixelGrid:
 
 
 def round_by_spread(value: float, spread: float) -> float:
-    """Round a value two digits beyond its uncertainty's first.
-
-    Parameters: `value`; `spread`, its standard uncertainty. Returns the value.
-    """
+    """Round a value two digits beyond the first of its standard uncertainty."""
     if not (np.isfinite(spread) and spread > 0.0):
         return value
     return float(np.round(value, max(0, 2 - int(np.floor(np.log10(spread))))))

@@ -13,7 +13,7 @@ import secrets
 import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
@@ -35,13 +35,13 @@ from isochrome.processing import (
     process_frame,
 )
 from isochrome.reporting import assemble_page, content_policy
-from isochrome.scene import Roi, Scene, toml_text, with_table_list
+from isochrome.scene import Scene, toml_text, with_table_list
 from isochrome.setup_page.cold_search import SEARCHED, find_in_frames
 from isochrome.setup_page.edits import (
+    FIELDS,
     KINDS,
     SET_KINDS,
     apply_tool,
-    field_rows,
     line_tables,
     order_tables,
     refused_as_asked,
@@ -193,16 +193,18 @@ class ClickPreview:
         return answer | {"revision": revision}
 
     def _found(self, index: int, request: Mapping[str, Any]) -> dict[str, Any]:
-        """The answer without the revision. Raises InputError, PhysicsError."""
+        """The answer without the revision."""
         session, text = self._session, self._session.text
         now = without_model(session.scene(text), text)
         preview = self._followed(now, index)
         if request["at"] is None:
             return {"kind": "ready", "words": preview.refusal}
         region = session.region(now)
-        place = _Place.of(request, now, region)
-        if not place.is_inside:
-            return _nothing(f"outside of the region: {place.what} would anchor nothing")
+        row, col = request["at"][0] - region.top_px, request["at"][1] - region.left_px
+        what = "this line" if request["on_line"] else "this point"
+        rows, cols = region.height_px, region.width_px
+        if not (-0.5 <= row < rows - 0.5 and -0.5 <= col < cols - 0.5):
+            return _nothing(f"outside of the region: {what} would anchor nothing")
         shift = {"top_px": region.top_px, "left_px": region.left_px}
         points = order_tables(request["points"], shift)
         text = with_table_list(text, "frames.known_order", points)
@@ -211,7 +213,11 @@ class ClickPreview:
         key = (self._key, now.frames.model_dump_json())
         if self._before is None or self._before[0] != key:  # read once a scene
             self._before = key, preview.orders(now)
-        return _what_becomes(preview, self._before[1], then, place)
+        part = preview.part_at(row, col, on_line=request["on_line"])
+        if not part.any():
+            return _nothing(f"no fringe could be followed here: {what} would anchor nothing")
+        extent = "frame" if now.frames.roi is None else "region"
+        return _what_becomes(self._before[1], preview.orders(then), part, what, extent)
 
     def _followed(self, scene: Scene, index: int) -> AnchorPreview:
         """The frame's fringes, followed anew where frame or scene are others."""
@@ -240,8 +246,8 @@ def _plainly(request: Mapping[str, Any]) -> dict[str, Any]:
         for one in request["lines"]
     ]
     row, col = map(_finite, request["at"])
-    at, on_line = (row, col), request.get("on_line") is True
-    return {"at": at, "points": points, "lines": lines, "on_line": on_line}
+    on_line = request.get("on_line") is True
+    return {"at": (row, col), "points": points, "lines": lines, "on_line": on_line}
 
 
 def _finite(value: Any) -> float:
@@ -252,39 +258,10 @@ def _finite(value: Any) -> float:
     return number
 
 
-@dataclass(frozen=True)
-class _Place:
-    """A place of the region that is set, and what it is called."""
-
-    row: float
-    col: float
-    on_line: bool
-    is_inside: bool
-    extent: str  # what the place is a part of
-
-    @classmethod
-    def of(cls, request: Mapping[str, Any], scene: Scene, region: Roi) -> _Place:
-        """The place that was `asked` of, on the picture, in the `region` of a `scene`."""
-        row, col = request["at"][0] - region.top_px, request["at"][1] - region.left_px
-        inside = -0.5 <= row < region.height_px - 0.5 and -0.5 <= col < region.width_px - 0.5
-        extent = "frame" if scene.frames.roi is None else "region"
-        return cls(row, col, request["on_line"], inside, extent)
-
-    @property
-    def what(self) -> str:
-        """What is set there."""
-        return "this line" if self.on_line else "this point"
-
-
 def _what_becomes(
-    preview: AnchorPreview, before: PatchOrders, then: Scene, place: _Place
+    before: PatchOrders, after: PatchOrders, part: NDArray[np.bool_], what: str, extent: str
 ) -> dict[str, Any]:
-    """What becomes of the part under a place, and how it is said."""
-    what, extent = place.what, place.extent
-    part = preview.part_at(place.row, place.col, on_line=place.on_line)
-    if not part.any():
-        return _nothing(f"no fringe could be followed here: {what} would anchor nothing")
-    after = preview.orders(then)
+    """What becomes of a part of the frame, or region, and how it is said."""
     share = float(part.mean())
     under = f"the part under it, {100.0 * share:.0f} % of the {extent},"
     kind, words = part_change(before.order[part], after.order[part], under, what)
@@ -336,8 +313,6 @@ _HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-
-_TYPE = "application/octet-stream"
 
 
 class SetupServer(ThreadingHTTPServer):
@@ -501,7 +476,7 @@ class _Handler(BaseHTTPRequestHandler):
         """Send grey levels as raw bytes, row by row, with what more is said of them."""
         rows, cols = picture.shape
         size = {"X-Rows": str(rows), "X-Cols": str(cols)}
-        self._send(picture.tobytes(), _TYPE, HTTPStatus.OK, size | dict(more))
+        self._send(picture.tobytes(), "application/octet-stream", HTTPStatus.OK, size | dict(more))
 
     def send_page(self) -> None:
         """Send the page itself; loaded anew, it shows what the file holds."""
@@ -518,7 +493,11 @@ class _Handler(BaseHTTPRequestHandler):
                 "scene_file": session.scene_file.name,
                 "subject": session.subject,
                 "kinds": list(kinds.items()),
-                "data": {"fields": field_rows(), "kinds": kinds, "searched": SEARCHED},
+                "data": {
+                    "fields": [asdict(field) for field in FIELDS],
+                    "kinds": kinds,
+                    "searched": SEARCHED,
+                },
             },
         )
         data = html.encode()

@@ -111,19 +111,19 @@ class LiveModel:
     def signal(self, values: Mapping[str, float]) -> NDArray[np.floating]:
         """The polariscope's signal (rows, cols) for values by key, 1 for full light.
 
-        No specimen, no light. Keys that a frame's own state does not have are left out. InputError
-        where a value is not allowed, PhysicsError where the contact cannot be solved.
+        No specimen, no light. Keys whose table the frame's own state has not are left out.
+        InputError where a value is not allowed, PhysicsError where the contact cannot be solved.
         """
-        known = {key: value for key, value in values.items() if self._has(key)}
+        known = {
+            key: value
+            for key, value in values.items()
+            if getattr(self.scene, key.partition(".")[0], None) is not None
+        }
         try:
             return self._signal(self._base.with_values(known))
         except PhysicsError:  # the contact outgrew its window
             self._start(self.scene.with_values(known))
             return self._signal(self._base)
-
-    def _has(self, key: str) -> bool:
-        part = key.partition(".")[0]
-        return getattr(self.scene, part, None) is not None
 
     def _signal(self, scene: Scene) -> NDArray[np.floating]:
         pixels = pixel_grid(scene, self.shape)
@@ -243,10 +243,9 @@ class SetupSession:
         return sorted(f.name for f in files if f.is_file() and not f.name.startswith("."))
 
     def left_out(self, scene: Scene | None) -> tuple[Path, ...]:
-        """List the files of a folder of frames that are none of them.
+        """The files of a folder of frames that are none of them: those that `scene` names.
 
-        Parameters: `scene`, which names them as for `process`; None before there is one: the
-        files that look like no-load frames by their names.
+        Before there is a scene, the files that look like no-load frames by their names.
         """
         if not (isinstance(self.frames, str | Path) and Path(self.frames).is_dir()):
             return ()
@@ -256,7 +255,7 @@ class SetupSession:
         return tuple(self.folder / name for name in sorted(names))
 
     def count(self, scene: Scene | None) -> int:
-        """Count the frames. Parameters: `scene`, as for `left_out`. Raises InputError."""
+        """How many frames there are, see `left_out`."""
         apart = self.left_out(scene)
         if apart not in self._counts:
             with open_frames(self.frames, leave_out=apart) as reader:
@@ -264,10 +263,10 @@ class SetupSession:
         return self._counts[apart]
 
     def scene(self, text: str | None = None) -> Scene:
-        """Read the scene of a text, by default the page's own.
+        """The scene of a text, by default the page's own.
 
-        Parameters: `text`, TOML. Returns a Scene. Raises InputError where it is none, or names a
-        file that is neither beside the frames nor was in the scene at first.
+        InputError where it is none, or names a file that is neither beside the frames nor was in
+        the scene at first.
         """
         text = self.text if text is None else text
         if not text.strip():
@@ -278,14 +277,11 @@ class SetupSession:
         )
 
     def check_complete(self) -> None:
-        """Refuse a text that cannot be used as it is. Raises InputError."""
+        """Refuse a text that cannot be used as it is."""
         self.scene()
 
     def refuse_strange_files(self, text: str, known: Iterable[str] = ()) -> None:
-        """Refuse a text that names a file which is not beside the scene.
-
-        Parameters: `text`; `known`, names that are allowed besides. Raises InputError.
-        """
+        """Refuse a text that names a file which is neither beside the scene nor `known`."""
         label = self.scene_file.name
         strange = _named_files(text) - self._named - set(self.beside()) - set(known)
         if strange:
@@ -296,10 +292,7 @@ class SetupSession:
             )
 
     def change(self, edit: Callable[[str], str]) -> None:
-        """Change the text, where the result is a scene; else it stays as it was.
-
-        Parameters: `edit`, from the text to the new one. Raises InputError.
-        """
+        """Change the text by `edit`, where the result is a scene; else it stays as it was."""
         with self._lock:
             text = edit(self.text)
             if text == self.text:
@@ -310,7 +303,7 @@ class SetupSession:
             self.revision += 1
 
     def undo(self) -> None:
-        """Take the last change back. Raises InputError where there is none."""
+        """Take the last change back."""
         with self._lock:
             if not self._undo:
                 raise InputError("there is nothing to take back")
@@ -359,26 +352,27 @@ class SetupSession:
             self.saves += 1
 
     def reader(self, scene: Scene | None) -> FrameReader:
-        """The whole frames, turned as a scene says. Raises InputError."""
+        """The whole frames, turned as a scene says."""
         return self._sequence(scene).reader
 
     def _sequence(self, scene: Scene | None) -> SequentialFrames:
-        key: tuple[Any, ...] = (0, None, None, None, None, self.left_out(scene))
+        options: dict[str, Any] = {
+            "rotate_deg": 0, "flip": None, "channel": None, "wavelength_nm": None,
+            "bit_depth": None, "leave_out": self.left_out(scene),
+        }  # fmt: skip
         if scene is not None:
-            given, depth = scene.frames, scene.camera.bit_depth if scene.camera else None
-            channel, light = given.channel, scene.polariscope.wavelength_nm
-            key = (given.rotate_deg, given.flip, channel, light, depth, key[-1])
+            given = scene.frames
+            options |= {
+                "rotate_deg": given.rotate_deg,
+                "flip": given.flip,
+                "channel": given.channel,
+            }
+            options["wavelength_nm"] = scene.polariscope.wavelength_nm
+            options["bit_depth"] = scene.camera.bit_depth if scene.camera else None
+        key = tuple(options.values())
         with self._lock:
             if key not in self._readers:
-                opened = open_frames(
-                    self.frames,
-                    rotate_deg=key[0],
-                    flip=key[1],
-                    channel=key[2],
-                    wavelength_nm=key[3],
-                    bit_depth=key[4],
-                    leave_out=key[5],
-                )
+                opened = open_frames(self.frames, **options)
                 for one in self._readers.values():
                     one.close()
                 self._readers = {key: SequentialFrames(opened)}
@@ -392,17 +386,14 @@ class SetupSession:
             return None
 
     def frame(self, index: int, scene: Scene | None) -> Frame:
-        """A whole frame. Raises InputError where there is none of this number."""
+        """A whole frame."""
         count = self.count(scene)
         if not 0 <= index < count:
             raise InputError(f"frame {index}: there are {count}, counted from 0")
         return self._sequence(scene).frame(index)
 
     def picture(self, index: int) -> NDArray[np.uint8]:
-        """A frame as it is shown: grey levels stretched to 8 bits.
-
-        Parameters: `index` from 0. Returns (rows, cols) of the whole, turned frame.
-        """
+        """A frame (rows, cols) as it is shown: whole, turned, stretched to 8 bits."""
         return shown_frame(self.frame(index, self.scene_or_none()).image)
 
     def region(self, scene: Scene | None) -> Roi:
@@ -423,11 +414,9 @@ class SetupSession:
         return pixel_grid(scaled, (region.height_px, region.width_px))
 
     def live(self, index: int, values: Mapping[str, float]) -> tuple[NDArray[np.uint8], Roi]:
-        """The model's fringes of a frame's state, as the page lays them over the picture.
+        """The model's fringes of a frame's state as grey levels (rows, cols) of the region, and it.
 
-        Parameters: `index` of the frame; `values` by the scene's keys, in place of its own.
-        Returns grey levels (rows, cols) of the region, and the region. Raises InputError,
-        PhysicsError.
+        `values` by the scene's keys stand in place of its own.
         """
         with self._lock:
             scene, key = self.scene(), (self.revision, index)
@@ -437,9 +426,7 @@ class SetupSession:
                 self.pixels(scene)  # its scale
                 state = own_scene(with_file_scale(scene, self.reader(scene)), frame)
                 model = LiveModel(state, (region.height_px, region.width_px))
-                rows = slice(region.top_px, region.top_px + region.height_px)
-                cols = slice(region.left_px, region.left_px + region.width_px)
-                span = grey_span(shown_frame(frame.image)[rows, cols])
+                span = grey_span(_cut(shown_frame(frame.image), region))
                 self._model = key, model, span
             _, model, span = self._model
             gamma = scene.frames.first_gamma
@@ -508,7 +495,7 @@ class SetSession(SetupSession):
         self._geometry: tuple[int, dict[str, dict[str, float]]] = (-1, {})
 
     def left_out(self, scene: Scene | None) -> tuple[Path, ...]:
-        """None: each image is offered as one of the set. Parameters: `scene`, not looked at."""
+        """None: each image is offered as one of the set."""
         return ()
 
     @property
@@ -520,11 +507,7 @@ class SetSession(SetupSession):
         ]
 
     def scene(self, text: str | None = None) -> Scene:
-        """Read how the pictures are taken and read, as a scene without a model.
-
-        Parameters: `text`, TOML, by default the page's own. Returns a Scene. Raises InputError
-        where a table of the set is wrong.
-        """
+        """How the pictures are taken and read, as a scene without a model."""
         text = self.text if text is None else text
         label = self.scene_file.name
         if not text.strip():
@@ -538,14 +521,13 @@ class SetSession(SetupSession):
                     f"{label}: [{table}] is none of a set of a {name}; its tables are "
                     f"{name}, {', '.join(_PICTURED)}, image and uncertainty"
                 )
-        body: type[Beam] | type[Disc] = _BODIES[name]
-        validate(body, _plain(tables.get(name, {})), f"{label}: [{name}]")
+        validate(_BODIES[name], _plain(tables.get(name, {})), f"{label}: [{name}]")
         pictured = {t: tables[t] for t in _PICTURED if t in tables}
         scene = load_scene({"specimen": {"shape": "other"}, **pictured})
         return scene.model_copy(update={"folder": self.folder, "name": self.scene_file.stem})
 
     def calibration_set(self) -> CalibrationSet:
-        """The set as it is on the page. Raises InputError where it is not whole."""
+        """The set as it is on the page."""
         label = self.scene_file.name
         given_set = validate(
             CalibrationSet, parse_toml(self.text, label), label, reserved=("folder", "name")
@@ -554,7 +536,7 @@ class SetSession(SetupSession):
         return load_set(given, specimen=TABLES[self.subject or ""])
 
     def check_complete(self) -> None:
-        """Refuse a text that is no whole set, or names other files. Raises InputError."""
+        """Refuse a text that is no whole set, or names other files."""
         self.scene()
         self.calibration_set()
 
@@ -566,11 +548,11 @@ class SetSession(SetupSession):
             image.get("file"): image.get("load_n")
             for image in parse_toml(self.text, self.scene_file.name).get("image", [])
         }
-        plain = _plain(stated)
-        return [plain.get(name) for name in self.image_names]
+        loads = _plain(stated)
+        return [loads.get(name) for name in self.image_names]
 
     def calibrate(self) -> Calibration:
-        """Find the fringe value from the set as it is. Raises InputError, PhysicsError."""
+        """Find the fringe value from the set as it is."""
         given, revision = self.calibration_set(), self.revision
         run = calibrate_bending if self.subject == "bending" else calibrate_disc
         with single_threaded():
@@ -581,19 +563,20 @@ class SetSession(SetupSession):
     def outlines(self, index: int) -> list[list[list[float]]]:
         """Where the specimen is in an image: a disc's rim, a beam's edges once it is calibrated.
 
-        Parameters: `index` of the image. Returns lines of (row, col) of the whole picture; none
-        where the specimen is not found. Raises InputError where there is no such image.
+        Lines of (row, col) of the whole picture; none where the specimen is not found.
         """
         scene = self.scene()
         region, image = self.region(scene), self.frame(index, scene).image
-        rows = slice(region.top_px, region.top_px + region.height_px)
-        cols = slice(region.left_px, region.left_px + region.width_px)
         revision, geometry = self._geometry
         fitted = geometry.get(self.image_names[index]) if revision == self.revision else None
         lines: Iterable[Sequence[Sequence[float]]] = ()
         if self.subject == "diametral":
             depth = self.reader(scene).bit_depth
-            circle = _calibrated_rim(fitted) if fitted else _seen_rim(image[rows, cols], depth)
+            circle = (
+                Circle(fitted["centre_row_px"], fitted["centre_col_px"], fitted["radius_px"], 0.0)
+                if fitted
+                else _visible_rim(_cut(image, region), depth)
+            )
             lines = () if circle is None else (_ring(circle),)
         elif fitted:
             beam, pixel = self.calibration_set().beam, self.pixels(scene).pixel_mm
@@ -602,13 +585,14 @@ class SetSession(SetupSession):
         return [moved(line, region.top_px, region.left_px) for line in lines]
 
 
-def _calibrated_rim(values: Mapping[str, float]) -> Circle:
-    """A disc's rim as the calibration has fitted it."""
-    return Circle(values["centre_row_px"], values["centre_col_px"], values["radius_px"], 0.0)
+def _cut(image: NDArray[Any], region: Roi) -> NDArray[Any]:
+    """A region of a whole picture."""
+    rows = slice(region.top_px, region.top_px + region.height_px)
+    return image[rows, region.left_px : region.left_px + region.width_px]
 
 
-def _seen_rim(image: NDArray[Any], bit_depth: int | None) -> Circle | None:
-    """A disc's rim as it is seen in an image; None where there is none."""
+def _visible_rim(image: NDArray[Any], bit_depth: int | None) -> Circle | None:
+    """A disc's rim as an image shows it; None where it shows none."""
     try:
         return find_rim(observe(image, name="the image", bit_depth=bit_depth, gamma=1.0))
     except (InputError, PhysicsError):
@@ -674,14 +658,15 @@ def calibration_answer(session: SetSession) -> dict[str, Any]:
 
     `values`: words and text; `images`: file, load, order, chi; `causes`: words and text of each
     that the images asked for, the key and value that state it, None for none, a `note`; `warnings`,
-    and the `revision` of the set. InputError for a set, PhysicsError for images that do not tell
-    it.
+    and the `revision` of the set.
     """
     revision = session.revision
     result = session.calibrate()
     value = with_uncertainty(result.fringe_value_n_per_mm, result.standard_uncertainty)
-    values = [("f_sigma (N/mm per fringe)", value)]
-    values.append(("chi (1 = within the noise)", f"{result.chi:.2f}"))
+    values = [
+        ("f_sigma (N/mm per fringe)", value),
+        ("chi (1 = within the noise)", f"{result.chi:.2f}"),
+    ]
     order, spread = result.order_at_zero_load, result.order_at_zero_load_uncertainty
     if order is not None and spread is not None:
         values.append(("Order at zero load (fringes)", with_uncertainty(order, spread)))

@@ -1,9 +1,4 @@
-"""`sweep`: every point of a grid simulated, kept point by point, into one labelled dataset.
-
-The points of a sweep: which keys are varied, over which values.
-
-The picture of a sweep: what its points give over the first of the varied keys.
-"""
+"""`sweep`: every point of a grid simulated, kept point by point, into one labelled dataset."""
 
 from __future__ import annotations
 
@@ -82,12 +77,7 @@ class SweepGrid:
 
 
 def make_grid(scene: Scene, vary: Sequence[str] | Mapping[str, Values]) -> SweepGrid:
-    """The grid of a sweep, each point's scene checked.
-
-    Parameters: `scene`; `vary`, for each key 'KEY=first:last:number' (evenly from first to last,
-    both included) or 'KEY=value,value,...', or a mapping of keys to values. Returns a SweepGrid.
-    Raises InputError where a key or a value is wrong, before anything is computed.
-    """
+    """The grid of a sweep by the `vary` of `sweep`, each point's scene checked."""
     values: dict[str, tuple[float, ...]] = {}
     for text in vary:
         key, own = _parsed(text) if not isinstance(vary, Mapping) else (text, vary[text])
@@ -215,11 +205,11 @@ class _Work:
     """Simulates points of a grid; one that physics refuses is left empty, with the reason."""
 
     grid: SweepGrid
-    layers: tuple[Layer, ...]
-    shape: tuple[int, int, int]
+    layout: RunLayout
 
     def __call__(self, start: int, stop: int) -> Results:
-        arrays: dict[str, list[np.ndarray]] = {layer.name: [] for layer in self.layers}
+        arrays: dict[str, list[np.ndarray]] = {layer.name: [] for layer in self.layout.layers}
+        shape = tuple(self.layout.shape.values())
         table, more = [], []
         for index in range(start, stop):
             history: dict[str, list[Any]] = {}
@@ -231,10 +221,14 @@ class _Work:
                 history = result.history
             except PhysicsError as error:
                 reason = str(error)
-                pictures = dict.fromkeys(arrays, np.full(self.shape, np.nan, np.float32))
+                pictures = dict.fromkeys(arrays, np.full(shape, np.nan, np.float32))
             for name, selected in arrays.items():
                 selected.append(pictures[name].astype(np.float32))
-            table.append({"history": _plain(history), "reason": reason})
+            plain = {
+                name: [v.item() if isinstance(v, np.generic) else v for v in values]
+                for name, values in history.items()
+            }
+            table.append({"history": plain, "reason": reason})
             more.append({"status": "failed" if reason else "ok"})
         return Results({name: np.stack(selected) for name, selected in arrays.items()}, table, more)
 
@@ -313,8 +307,7 @@ def sweep(
     seed = scene.camera.seed if scene.camera else None
     axes = {key: list(values) for key, values in grid.values.items()}
     identity = run_identity(dump_scene(scene), scene.files(of_frames=False), axes, seed)
-    states, height, cols = layout.shape.values()
-    job = Job(_Work(grid, layout.layers, (states, height, cols)), layout, identity)
+    job = Job(_Work(grid, layout), layout, identity)
     run_job(
         job,
         out,
@@ -400,21 +393,13 @@ def _add_table(
         if name in ("status", "reason"):  # of the point, whatever its states
             data, axes = data[..., 0], axes[:-1]
         columns[name] = Column(axes, data, named_units(name))
-    places = {name: ((name,), np.array(own)) for name, own in grid.values.items()}
-    places["state"] = (("state",), np.arange(shape[-1]))
-    pictured: dict[str, Column] = {}
-    if not any(key.startswith("camera.") for key in grid.values):
-        pictured = picture_axes(pixel_grid(grid.scene_at(0)))
-    coordinates = {name: Column(*place, named_units(name)) for name, place in places.items()}
-    coordinates |= pictured
-    add_columns(run_folder.results / STORE, columns, coordinates, attributes(job.identity))
-
-
-def _plain(history: Mapping[str, Sequence[Any]]) -> dict[str, list[Any]]:
-    return {
-        name: [v.item() if isinstance(v, np.generic) else v for v in values]
-        for name, values in history.items()
+    places = {**grid.values, "state": range(shape[-1])}
+    coordinates = {
+        name: Column((name,), np.array(own), named_units(name)) for name, own in places.items()
     }
+    if not any(key.startswith("camera.") for key in grid.values):
+        coordinates |= picture_axes(pixel_grid(grid.scene_at(0)))
+    add_columns(run_folder.results / STORE, columns, coordinates, attributes(job.identity))
 
 
 DRAWN = {"n_max": "largest fringe order", "p_max_mpa": "largest pressure (MPa)"}
@@ -424,10 +409,7 @@ _MARKERS = "os^vD*"
 
 
 def sweep_figure(keys: tuple[str, ...], table: Mapping[str, list[Any]]) -> Figure:
-    """Largest order and pressure of the last state, a line for each value of the other keys.
-
-    Parameters: `keys` that were varied; `table`, the columns of sweep.csv. Returns a Figure.
-    """
+    """Largest order and pressure of the last state, a line for each value of the other keys."""
     names = [name for name in DRAWN if np.isfinite(numbers(table[name])).any()]
     figure = new_figure(4.8 * len(names) + 0.4, 3.8)
     state = numbers(table["state"])
