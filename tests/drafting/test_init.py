@@ -276,7 +276,9 @@ def test_folders_of_no_load_frames_are_told_apart(folder):
         'no_load_bright = "no-load-bright.tif"\n'
     )
     assert "disc-560N.tif: 1 frame of" in isochrome.init(folder, OTHER).text
-    (folder / "disc-560N.tif").unlink()
+    (folder / "ground.tif").rename(folder / "no-load-dark.tif")
+    for name in ("scene.toml", "disc-560N.tif"):
+        (folder / name).unlink()
     with pytest.raises(isochrome.InputError, match=r"besides no-load-bright\.tif, no-load"):
         isochrome.init(folder, OTHER)
     (folder / "scene.toml").write_text(

@@ -40,7 +40,7 @@ def kept(got, order):
 
 @pytest.mark.parametrize("level", [2.0, 1.5])
 def test_a_point_on_a_line_does_not_say_the_side(level):
-    """The row of the issue: an order that lies on a line once gave 98 % of wrong pixels."""
+    """An order that lies on a line once gave 98 % of wrong pixels."""
     got = read(SLOPE, [on_line(SLOPE, level)])
     assert not np.isfinite(got.reading.order).any()
     (said,) = got.said

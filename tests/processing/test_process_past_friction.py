@@ -9,6 +9,7 @@ import isochrome
 from isochrome.processing import ProcessedFrame, collect, process, with_past_friction
 from isochrome.samples import samples_path
 from isochrome.scene import load_scene, parse_scene
+from scene_texts import PAPER_CONTACT
 
 KEY = "friction.coefficient"
 SPREAD = f"{KEY} standard_uncertainty"
@@ -48,18 +49,9 @@ def test_the_samples_frictions_lie_within_their_uncertainty_with_gamma_held():
     assert (wide < 1e-3 * np.array(truth[3:])).all()  # a thousandth of the friction, no more
 
 
-WORN = """
-[specimen]
-young_gpa = 2.1
-poisson = 0.4
-thickness_mm = 4.0
-fringe_value_n_per_mm = 14.6
-[indenter]
-radius_mm = 24.61
-young_gpa = 210.0
-poisson = 0.3
-[load]
-normal_n = 44.0
+WORN = (
+    PAPER_CONTACT
+    + """
 [friction]
 {friction}
 [wear]
@@ -76,6 +68,7 @@ pixel_mm = 0.01821
 bit_depth = 8
 noise_grey = 1.0
 """
+)
 """The paper's block after 155 m, on pixels of three."""
 
 CHANGED = "coefficient = {{ distance_m = [0.0, 154.98, 154.99], value = [{0}, {0}, 0.25] }}"

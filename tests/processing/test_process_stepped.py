@@ -11,14 +11,8 @@ from isochrome.processing import process
 from isochrome.scene import dump_scene, parse_scene
 from isochrome.simulation import simulate
 from scene_texts import PAPER_CONTACT
+from stepped_sets import PLANE, TEN, as_steps
 
-STEPS = [
-    (90, 45, -45, 0), (90, 45, -45, 90), (90, 45, 0, 0), (90, 45, 45, 45),
-    (90, 45, 90, 90), (90, 45, 135, 135),
-    (90, None, None, 0), (112.5, None, None, 22.5), (135, None, None, 45),
-    (157.5, None, None, 67.5),
-]  # fmt: skip
-NAMES = ("polariser_deg", "input_plate_deg", "output_plate_deg", "analyser_deg")
 TEXT = (
     PAPER_CONTACT
     + """
@@ -44,11 +38,8 @@ noise_grey = 3.0
 WEAR = "\n[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [0.0, 40.0]\n"
 
 
-def stepped(text=TEXT, steps=STEPS, **values):
-    as_steps = tuple(
-        {n: float(a) for n, a in zip(NAMES, four, strict=True) if a is not None} for four in steps
-    )
-    return parse_scene(text, name="set").with_values({"polariscope.step": as_steps} | values)
+def stepped(text=TEXT, steps=TEN, **values):
+    return parse_scene(text, name="set").with_values({"polariscope.step": as_steps(steps)} | values)
 
 
 def image_only(scene):
@@ -177,9 +168,9 @@ def test_steps_that_cannot_tell_the_order_and_an_unknown_gamma_are_refused(tmp_p
     with pytest.raises(
         InputError, match=r"^set: \[\[polariscope.step\]\]: the 4 steps do not determine"
     ):
-        process("nowhere.tif", stepped(steps=STEPS[6:]))
+        process("nowhere.tif", stepped(steps=PLANE))
     # Steps are compared as light: they do not tell the curve from the angles.
     scene = image_only(stepped()).with_values({"frames.gamma": "unknown"})
-    write_tiff(tmp_path / "set.tif", np.tile(np.arange(40, dtype=np.uint8), (len(STEPS), 40, 1)))
+    write_tiff(tmp_path / "set.tif", np.tile(np.arange(40, dtype=np.uint8), (len(TEN), 40, 1)))
     with pytest.raises(InputError, match=r"frames\.gamma = 'unknown'"):
         process(tmp_path / "set.tif", scene)

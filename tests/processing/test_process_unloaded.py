@@ -6,14 +6,13 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-import tifffile
-from tracked_films import write_video
+from tracked_films import BARE, killed_and_the_same, leaves_the_same_bytes, write_video
 from unloaded_films import FILMS, SMALL, WHOLE, LoadedFilm, judged
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.processing import process
 from real_frames import REAL, needs_real
-from runs.killing import killed_and_begun_again, needs_sigkill, start
+from runs.killing import needs_sigkill
 
 GAP, AFTER = 3.0, 12
 
@@ -179,23 +178,14 @@ def test_what_cannot_be_counted_from_zero_is_refused(change, words):
 
 def test_workers_and_chunks_give_the_same_bytes(tmp_path):
     film = LoadedFilm(3)
-    tifffile.imwrite(tmp_path / "film.tif", film.frames(range(26)))
-    scene = film.scene()
-    one = process(tmp_path / "film.tif", scene, tmp_path / "one")
-    two = process(tmp_path / "film.tif", scene, tmp_path / "two", workers=2)
-    assert len(one.table["frame"]) == len(two.table["frame"]) == 26
-    for name in ("fringe_order.tif", "confidence.tif", "normalised.tif", "frames.csv"):
-        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
-    memory = process(tmp_path / "film.tif", scene).dataset.fringe_order.values
-    on_disk = tifffile.imread(tmp_path / "one" / "fringe_order.tif")
-    assert np.array_equal(memory, on_disk, equal_nan=True)
+    assert leaves_the_same_bytes(tmp_path, film.frames(range(26)), film.scene())
 
 
 @pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize("number", range(len(FILMS)))
 def test_twelve_films_of_whole_size(number):
-    """The issue's row: wrong branches below 0.1 %, without a known point."""
+    """Wrong branches below 0.1 %, without a known point."""
     film, found = followed(number, WHOLE)
     _, wrong, rms = judged(film, found).T
     assert wrong.max() < 1e-3 and np.median(rms) < 0.01
@@ -219,14 +209,7 @@ def test_twelve_gaps_of_whole_size(number):
 @needs_sigkill
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_a_killed_run_ends_with_the_same_bytes(tmp_path, code, workers):
-    tifffile.imwrite(tmp_path / "film.tif", LoadedFilm(9).frames())
-    (tmp_path / "scene.toml").write_text(SCENE, encoding="utf-8")
-
-    def begin(out):
-        command = ["-m", "isochrome", "process", "film.tif", "--scene", "scene.toml"]
-        return start(tmp_path, code, *command, "--out", out, "--workers", workers)
-
-    assert killed_and_begun_again(begin, tmp_path, [False, True], since=0.3, seed=int(workers))
+    assert killed_and_the_same(tmp_path, code, LoadedFilm(9).frames(), SCENE, workers)
 
 
 def _video(film, numbers, place):
@@ -235,15 +218,4 @@ def _video(film, numbers, place):
 
 
 ROI = "roi = { top_px = 900, left_px = 850, height_px = 370, width_px = 370 }\n"
-SCENE = """\
-[specimen]
-shape = "other"
-thickness_mm = 4.0
-
-[camera]
-bit_depth = 8
-pixel_mm = 0.02
-
-[frames]
-starts_unloaded = true
-"""
+SCENE = BARE + "[frames]\nstarts_unloaded = true\n"

@@ -3,11 +3,14 @@
 from fractions import Fraction
 
 import numpy as np
+import tifffile
 
 from isochrome.optics import expose
+from isochrome.processing import process
 from isochrome.scene import load_scene
 from isochrome.simulation import make_picture, picture_signal, scene_states, state_difference
 from isochrome.stress import pixel_grid
+from runs.killing import killed_and_begun_again, start
 
 LOAD, FRICTION = "load.normal_n", "friction.coefficient"
 LEFT, TOP = "camera.left_mm", "camera.top_mm"
@@ -78,3 +81,42 @@ def write_video(path, frames, codec, pixels, options=None, *, rate=RATE, numbers
             out.mux(stream.encode(frame))
         assert stream is not None
         out.mux(stream.encode(None))
+
+
+BARE = """\
+[specimen]
+shape = "other"
+thickness_mm = 4.0
+
+[camera]
+bit_depth = 8
+pixel_mm = 0.02
+
+"""
+"""A scene that knows nothing of the specimen."""
+
+
+def leaves_the_same_bytes(place, frames, scene, **options):
+    """Whether one worker and two leave the same, which is what is kept in memory."""
+    tifffile.imwrite(place / "film.tif", frames)
+    one = process(place / "film.tif", scene, place / "one", **options)
+    process(place / "film.tif", scene, place / "two", workers=2, **options)
+    for name in ("fringe_order.tif", "confidence.tif", "normalised.tif", "frames.csv"):
+        assert (place / "one" / name).read_bytes() == (place / "two" / name).read_bytes()
+    memory = process(place / "film.tif", scene, **options).dataset.fringe_order.values
+    on_disk = tifffile.imread(place / "one" / "fringe_order.tif")
+    return len(one.table["frame"]) == len(frames) and np.array_equal(
+        memory, on_disk, equal_nan=True
+    )
+
+
+def killed_and_the_same(place, code, frames, text, workers, *more):
+    """Whether a run of the command that is killed ends with the bytes of one that is not."""
+    tifffile.imwrite(place / "film.tif", frames)
+    (place / "scene.toml").write_text(text, encoding="utf-8")
+
+    def begin(out):
+        command = ["-m", "isochrome", "process", "film.tif", "--scene", "scene.toml", *more]
+        return start(place, code, *command, "--out", out, "--workers", workers)
+
+    return killed_and_begun_again(begin, place, [False, True], since=0.3, seed=int(workers))

@@ -94,18 +94,18 @@ def test_where_no_fringe_is_followed_a_point_would_anchor_nothing(bench):
 
 
 def test_what_fits_no_fringe_or_would_be_refused_is_an_answer_and_changes_nothing(bench):
-    text, revision = bench.text, bench.revision
-    found = ClickPreview(bench).answer(0, asked([POINT | {"order": 0.0}]))
+    text, revision, preview = bench.text, bench.revision, ClickPreview(bench)
+    found = preview.answer(0, asked([POINT | {"order": 0.0}]))
     assert found["kind"] == "nothing" and "stays without an order" in found["words"]
     assert any("fits no fringe there" in said for said in found["said"])
     assert (bench.text, bench.revision) == (text, revision)
     line = {"points": [[420, 100], [425, 104]], "order": 0.5}
-    found = ClickPreview(bench).answer(0, asked(lines=[line], on_line=True))
+    found = preview.answer(0, asked(lines=[line], on_line=True))
     assert "this line would anchor nothing" in found["words"] or spans(found["words"])
     one = {"points": [[420, 100]], "order": 1}  # a line of one place
-    found = ClickPreview(bench).answer(0, asked(lines=[one]))
+    found = preview.answer(0, asked(lines=[one]))
     assert found["kind"] == "nothing" and "frames.known_line" in found["words"]
-    assert ClickPreview(bench).answer(9, asked([POINT]))["kind"] == "nothing"
+    assert preview.answer(9, asked([POINT]))["kind"] == "nothing"
 
 
 def test_a_frame_is_followed_once_for_all_places_that_are_asked(bench, monkeypatch):

@@ -96,7 +96,10 @@ def test_a_region_is_not_turned_under_the_user(case, drawn):
     with pytest.raises(InputError, match=rf"turned by {case.turn} degrees.*take them away"):
         find_in_frames(drawn, 0)
     assert drawn.text == before
-    # the wrong field, held, explains nothing: the refusal names the page's fields
+
+
+def test_what_is_held_is_not_searched_for(case, drawn):
+    """The wrong field, held, explains nothing: the refusal names the page's fields."""
     wrong = {"dark": "bright", "bright": "dark"}[case.field]
     values = form_of(case) | {"polariscope.field": wrong, "frames.rotate_deg": case.turn}
     with pytest.raises(PhysicsError) as refused:
