@@ -7,8 +7,6 @@ points weigh the same; their noise is their residual's own scatter.
 Source: Zhang (2000), IEEE Trans. Pattern Anal. Mach. Intell. 22, 1330-1334, for a plane target.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

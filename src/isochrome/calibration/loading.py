@@ -1,7 +1,5 @@
 """From a calibration set's files to shots, and to a value for each channel of colour images."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

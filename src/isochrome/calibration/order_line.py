@@ -6,8 +6,6 @@ uncertainty. A value that cannot tell one of its own loads from the others' with
 widened until all of them agree.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise

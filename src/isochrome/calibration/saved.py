@@ -1,7 +1,5 @@
 """A calibration on disk: its files, its report, and its values in a scene, layout untouched."""
 
-from __future__ import annotations
-
 import datetime
 import json
 import shutil

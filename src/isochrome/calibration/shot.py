@@ -1,7 +1,5 @@
 """Prepared frames with the load of each."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """`calibrate_wear`: from traces and volumes to the wear coefficient, and what they contradict."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A scene's elastic constants and load, and the grid on which its contact is solved."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

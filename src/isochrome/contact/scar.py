@@ -22,8 +22,6 @@ Handscomb (2003), Chebyshev Polynomials, section 9.5; Kress (1990), Numer. Math.
 crowding; Hairer, Nørsett & Wanner (1993), Solving ODEs I, section III.5.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field

@@ -7,8 +7,6 @@ a number or a table; other stretches are halved until a second rule gives the sa
 load and friction are linear in the dose, as they are in the distance.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What acts on the specimen's surface in one state of a contact."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A scene's contact states: static, first sliding, and worn, each held to the theory's limits."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import islice
 

@@ -14,8 +14,6 @@ Sources: Archard (1953), J. Appl. Phys. 24, 981; Hairer, Nørsett & Wanner (1993
 section III.5.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

@@ -4,8 +4,6 @@ Also what residuals tell of the noise: how much of it is local, and how far neig
 what data can tell at best: which unknowns they determine, and the Cramér-Rao bound of those.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any
 

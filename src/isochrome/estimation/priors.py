@@ -9,8 +9,6 @@ Sources: JCGM 100:2008 (GUM), 5.1 and 5.2, for u² = Σ (c u)²; JCGM 102:2011, 
 an implicit model.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any

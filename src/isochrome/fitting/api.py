@@ -1,7 +1,5 @@
 """`fit`: each frame on its own, as chunks of a long run; then all of them together."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace

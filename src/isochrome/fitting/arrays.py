@@ -1,7 +1,5 @@
 """The types of arrays; what shape each has stands where it is used."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The files that `fit` leaves, their report, and a fit from the files of an earlier run."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from functools import partial

@@ -1,7 +1,5 @@
 """The frames of a fit, prepared as often as it goes through them, and what it refuses."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What a fit found, and how it is written: JSON, table, scene."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import Any

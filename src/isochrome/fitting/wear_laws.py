@@ -10,8 +10,6 @@ Laplace's approximation; what all laws share cancels.
 Source: MacKay (2003), Information Theory, Inference, and Learning Algorithms, chapters 27 and 28.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property

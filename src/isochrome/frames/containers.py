@@ -22,8 +22,6 @@ Decoding a video with PyAV: every frame in the order of display, with its own ti
 And where each of them is, by what the packets tell of it without decoding.
 """
 
-from __future__ import annotations
-
 import os
 import struct
 import zlib

@@ -1,7 +1,5 @@
 """Where the specimen is in the frame, as the scene says: a mask image, ImageJ areas, a polygon."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Protocol

@@ -6,8 +6,6 @@ fringe of g fringes per pixel passes with the factor (2 - 2 cos 2 pi g_x)^2 (2 -
 standard deviation.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

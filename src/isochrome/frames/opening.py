@@ -7,8 +7,6 @@ Several files as one recording: videos or TIFF stacks, one after the other.
 Which recordings some names stand for: files, folders and globs, as a command line gives them.
 """
 
-from __future__ import annotations
-
 import glob
 import os
 from collections import deque

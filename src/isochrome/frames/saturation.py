@@ -8,8 +8,6 @@ more, for light I = I_max - a x² falls into equal levels as the differences of 
 0.41, 0.32, 0.27 of it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage

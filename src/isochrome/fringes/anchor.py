@@ -14,8 +14,6 @@ Source: Muskhelishvili (1953), Some Basic Problems of the Mathematical Theory of
 the stresses' form; the use made of it here was derived from it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

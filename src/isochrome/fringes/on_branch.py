@@ -8,8 +8,6 @@ Pooling over a few pixels is what lifts the answer above a single pixel's noise,
 answer at all on the crests, where df/dN = 0.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

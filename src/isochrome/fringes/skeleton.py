@@ -16,8 +16,6 @@ unbiased detector of curvilinear structures, IEEE TPAMI 20(2).
 Ridges and valleys of an image: the arithmetic behind `skeletons`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal

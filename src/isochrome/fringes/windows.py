@@ -1,7 +1,5 @@
 """Means and sums over blocks and windows of pixels, and the types of maps and masks."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any
 

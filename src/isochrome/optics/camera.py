@@ -1,7 +1,5 @@
 """The camera: what the sensor makes of the light, and its response over wavelength."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

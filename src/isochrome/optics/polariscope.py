@@ -8,8 +8,6 @@ the fast one only turns the sign of δ, which no frame of matched plates shows. 
 Gdoutos (1979), Matrix Theory of Photoelasticity; Jones (1941), JOSA 31, 488.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ that the order goes as 1/l. A pixel's area takes contrast off fringes and shows 
 aliasing. Source: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

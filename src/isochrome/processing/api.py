@@ -1,7 +1,5 @@
 """`process`: the fringe order of every captured frame, chunk by chunk, in bounded memory."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

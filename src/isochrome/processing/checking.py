@@ -1,7 +1,5 @@
 """`check`: what is wrong with frames, and what one of them asks for, before a long run."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice

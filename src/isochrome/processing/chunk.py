@@ -1,7 +1,5 @@
 """A chunk of a set: what is found in its frames, as pictures, rows and parts of files."""
 
-from __future__ import annotations
-
 import csv
 import io
 import zipfile

@@ -3,8 +3,6 @@
 The captured frames of a set, handed out from any frame on, read while others are computed.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor

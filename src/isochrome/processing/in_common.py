@@ -1,7 +1,5 @@
 """The table of a set, and what its frames say together of each one's uncertainties."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 

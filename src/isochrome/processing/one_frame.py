@@ -4,8 +4,6 @@ For the latter the fringes are followed once. Each order that is tried is then a
 alone, which takes some hundredths of a second where the whole frame takes seconds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field

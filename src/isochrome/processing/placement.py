@@ -1,7 +1,5 @@
 """Where frames stand: the axes of a set's maps, and each frame's shift from them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What the report of processed frames says, from the folder of a run."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -5,8 +5,6 @@ above, the outer ones carry from below: the upper edge is compressed, the lower 
 N, mm, MPa.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -5,8 +5,6 @@ and the bottom (0, R). Plane stress or plane strain alike: the stresses do not d
 constants. N, mm, MPa.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

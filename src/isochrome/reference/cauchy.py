@@ -5,8 +5,6 @@ F(s) = ∫ p(t)/(s - t) dt, s = x + iz. All of them are evaluated in the closed 
 s-plane (the body itself), where numpy's principal branches are the right ones down to z = 0.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ Axes: x along the surface to the right, z into the block, origin at the contact'
 Plane strain, N, mm, MPa; a line load is per thickness, N/mm.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

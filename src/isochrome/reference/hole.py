@@ -5,8 +5,6 @@ against the hole. Plane stress or plane strain alike: the stresses do not depend
 constants. N, mm, MPa.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -5,8 +5,6 @@ wedge's tip or on a crest of the wave. Frictionless, plane strain, N, mm, MPa; a
 thickness, N/mm.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

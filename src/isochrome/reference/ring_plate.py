@@ -5,8 +5,6 @@ and the bottom (0, R). Plane stress or plane strain alike: the loads are in equi
 stresses do not depend on elastic constants. N, mm, MPa.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import NamedTuple
 

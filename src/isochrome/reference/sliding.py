@@ -6,8 +6,6 @@ materials, or beta taken as zero) the pressure is Hertz's; with it the pressure 
 contact moves.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -15,8 +15,6 @@ Sources: Aitken (1936), Proc. Roy. Soc. Edinburgh 55, 42; Schwarz (1978), Ann. S
 Hoeting et al. (1999), Statistical Science 14, 382, for the average.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any

@@ -13,8 +13,6 @@ for roughness as the part of a profile in a band of wavelengths; Rasmussen & Wil
 Gaussian Processes for Machine Learning, section 2.2, for the covariance of a smooth process.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any

@@ -1,7 +1,5 @@
 """Frames that are given as arrays, wherever the name of a file may stand."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence, Set
 from itertools import islice

@@ -3,8 +3,6 @@
 A slip is a factor of a thousand.
 """
 
-from __future__ import annotations
-
 from isochrome.errors import InputError
 from isochrome.scene.scene_values import DistanceTable
 from isochrome.scene.whole import Scene

@@ -1,7 +1,5 @@
 """Scenes in and out of TOML, with errors that name the file, the key, the value and the fix."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Mapping

@@ -5,8 +5,6 @@ uncertainties by their dotted keys. The material fringe value, which ages with t
 carry the day of its calibration too.
 """
 
-from __future__ import annotations
-
 import datetime
 import math
 import typing

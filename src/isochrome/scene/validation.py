@@ -1,7 +1,5 @@
 """What is wrong with a settings file, as one sentence: key, value, what is allowed, the fix."""
 
-from __future__ import annotations
-
 import difflib
 import typing
 from pathlib import Path

@@ -3,8 +3,6 @@
 What the report of a simulation says, from the files that it left.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The chain from scene to picture: states, stress, fringe order, signal. Each step on its own."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """What `simulate` does to a state, step by step: arrays with axes in, arrays with axes out."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

@@ -1,7 +1,5 @@
 """The beam in four-point bending: its span of pure bending, mid-span at x = 0, its top at z = 0."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

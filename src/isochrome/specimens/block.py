@@ -12,8 +12,6 @@ the correction bends the surface by its bending stress over Young's modulus, in 
 by 1e-4 of the cylinder's curvature.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

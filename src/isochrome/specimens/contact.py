@@ -1,7 +1,5 @@
 """The specimen of a contact: a half-plane under the tractions on its surface."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The disc under diametral load, its top at x = 0, z = 0."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

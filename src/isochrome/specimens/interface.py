@@ -1,7 +1,5 @@
 """What the other rooms ask of a specimen, and its model by the shape's name."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from importlib import import_module
 

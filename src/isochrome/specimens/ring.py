@@ -1,7 +1,5 @@
 """The ring under diametral load, its top at x = 0, z = 0."""
 
-from __future__ import annotations
-
 from isochrome.contact import SurfaceState
 from isochrome.reference import ring_stress
 from isochrome.scene import Scene

@@ -8,8 +8,6 @@ more (Barlow 1976, International Journal for Numerical Methods in Engineering 10
 Library: scikit-fem, Gustafsson & McBain (2020), Journal of Open Source Software 5.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from types import ModuleType
 from typing import Any, NamedTuple, cast

@@ -15,8 +15,6 @@ Sources: Johnson (1985), Contact Mechanics, eq. 2.23, for the stress; Abramowitz
 4.3.70, for the series.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """The largest shear stress under a window, and where it is, the surface included."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

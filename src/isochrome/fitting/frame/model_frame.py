@@ -1,7 +1,5 @@
 """A fitted scene held against its frame at every pixel: picture, illumination, background."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ The mechanics of the last few sets of values are kept, and so is the last field.
 stands in the picture is a phase of the tractions' waves, see `stress.half_plane_series`.
 """
 
-from __future__ import annotations
-
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Scenes of a single state, which is what one frame shows."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

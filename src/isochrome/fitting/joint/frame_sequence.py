@@ -4,8 +4,6 @@ The frames of a worn contact are states of one run: load, friction and wear at t
 tables over distance in one scene, and each frame is that scene at its own distance, with its past.
 """
 
-from __future__ import annotations
-
 from collections import OrderedDict
 from dataclasses import dataclass
 from functools import cached_property

@@ -10,8 +10,6 @@ traces' spectra are known widens u by Student's factor, of all traces' degrees o
 Source: Archard (1953), J. Appl. Phys. 24, 981.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from isochrome.errors import InputError

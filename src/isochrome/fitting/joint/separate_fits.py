@@ -1,7 +1,5 @@
 """The frames' own fits: all that can be known where nothing ties them, else where a fit starts."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Frames from image files: one, a list, or a folder in natural order."""
 
-from __future__ import annotations
-
 import io
 import os
 from collections.abc import Generator

@@ -4,8 +4,6 @@ FFmpeg's own conversion truncates, and takes deep colour through 8 bits; luminan
 are turned into RGB here instead, rounded once. Grey and RGB are taken as they are stored.
 """
 
-from __future__ import annotations
-
 import sys
 from functools import lru_cache
 from pathlib import Path

@@ -4,8 +4,6 @@ Sources: the formats' own specifications (TIFF 6.0 and BigTIFF, PNG, JPEG, BMP, 
 for videos those of `integrity.containers`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal

@@ -1,7 +1,5 @@
 """Frames from a video by PyAV, and where each of them is, once all have been decoded."""
 
-from __future__ import annotations
-
 from collections.abc import Generator, Iterator
 from contextlib import suppress
 from itertools import chain

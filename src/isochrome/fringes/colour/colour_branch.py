@@ -6,8 +6,6 @@ is found along rows and columns in both directions and summed.
 Source of the summed scan lines: Hirschmüller (2008), IEEE TPAMI 30, 328.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

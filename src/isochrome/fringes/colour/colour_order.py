@@ -9,8 +9,6 @@ Sources: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29; Quirog
 & Gómez-Pedrero (2002), Applied Optics 41, 3461, for the guidance by neighbours.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

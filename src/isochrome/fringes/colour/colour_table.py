@@ -6,8 +6,6 @@ pixel, such as a beam in bending, where it is linear over the height.
 A colour table as a CSV file: fringe_order, red, green, blue, and the table's own scatter.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial

@@ -9,8 +9,6 @@ A channel's light is I_c = D_c + A_c s_c(N). With no-load frames D and A are the
 is found from the frame itself (`isochrome.fringes.colour.frame_exposure`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

@@ -19,8 +19,6 @@ cannot tell (a frame of low orders says little of A) is then seen in the covaria
 Source of the projection: Golub & Pereyra (1973), SIAM J. Numer. Anal. 10, 413.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import partial
 

@@ -38,8 +38,6 @@ surface. Both rests are what the frames say across the curve of colours: along i
 nothing but another order, and the orders' scale stays the bands'.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

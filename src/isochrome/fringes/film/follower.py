@@ -35,8 +35,6 @@ there until the fringes move. Whether it is right, the frames before are to say,
 followed back.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 

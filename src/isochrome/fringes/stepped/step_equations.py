@@ -6,8 +6,6 @@ A cos δ, A (1 - cos δ) (cos 4θ, sin 4θ) and A sin δ (cos 2θ, sin 2θ), so 
 the images of all steps to these seven maps, exactly, with unmatched plates as with ideal ones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -24,8 +24,6 @@ Source: Frocht (1941), Photoelasticity, vol. 1, for stresses that add up in one 
 Guillemet (1993), Photoelasticity of Glass, for those that vary along the light.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

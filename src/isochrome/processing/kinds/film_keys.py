@@ -1,7 +1,5 @@
 """A film without a model whose key frames are read from nothing: the others are followed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any

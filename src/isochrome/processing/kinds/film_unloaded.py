@@ -1,7 +1,5 @@
 """A film that begins without load: its orders are counted from zero, without a known point."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

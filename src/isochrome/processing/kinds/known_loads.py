@@ -1,7 +1,5 @@
 """A disc that holds stress without load: each frame's load, read against those of known load."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

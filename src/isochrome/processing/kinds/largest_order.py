@@ -6,8 +6,6 @@ not describe them. The largest of many noisy orders lies above the truth by some
 uncertainties: by less than one, as neighbours share their noise.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any

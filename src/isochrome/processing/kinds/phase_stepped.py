@@ -1,7 +1,5 @@
 """One state of a phase-stepped set: its frames, one a step, to fringe order and isoclinic angle."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

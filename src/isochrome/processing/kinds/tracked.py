@@ -4,8 +4,6 @@ Where maps of all frames are wanted, the orders of each are read on the branches
 model, by the same reading as of a frame that is processed by itself.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

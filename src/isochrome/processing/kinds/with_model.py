@@ -1,7 +1,5 @@
 """One captured frame: the scene's model fitted to it, and its fringe order read."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal

@@ -1,7 +1,5 @@
 """The last frame of a long run that was read, as a picture that can be watched while it goes on."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 
