@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import evaluate, fit_intensity
+from isochrome.estimation import Bounds, evaluate, fit_intensity, prepare, solve_linear
 from isochrome.estimation.intensity import _Search, reduced_normal, several_starts, stride_mask
-from isochrome.estimation.least_squares import Bounds, prepare, solve_linear
 from isochrome.estimation.light import polynomial_basis
 
 ROWS, COLS = 120, 160

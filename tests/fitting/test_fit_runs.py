@@ -9,9 +9,8 @@ import tifffile
 
 from isochrome import open_run
 from isochrome.errors import InputError
-from isochrome.fitting import fit
+from isochrome.fitting import PreparedFrames, fit
 from isochrome.fitting.api import FrameWork
-from isochrome.fitting.frame_set import PreparedFrames
 from isochrome.fitting.joint.frame_sequence import make_sequence
 from isochrome.fitting.joint.separate_fits import fit_of_each, is_each
 from isochrome.fitting.result import make_result
