@@ -10,7 +10,7 @@ import pytest
 
 from isochrome.console import print_fit, print_json, print_warnings, run_bar
 from isochrome.estimation import BudgetInput
-from isochrome.fitting.result import PARTS, Fit, KeyBudget
+from isochrome.fitting import PARTS, Fit, KeyBudget
 from isochrome.output import (
     basis_of_uncertainty,
     refined_texts,

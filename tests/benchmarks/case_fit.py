@@ -198,7 +198,7 @@ def sequence(quick=False):
 
 def another_law(quick=False):
     """A run worn by the dissipated energy, fitted by Archard's law: is the right one preferred?"""
-    from isochrome.fitting.wear_laws import CLEAR
+    from isochrome.fitting import CLEAR
 
     truth, begun = _worn("dissipated_energy", quick=quick)
     begun = begun.with_values({WEAR: 1.5e-9})

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from isochrome.calibration import ColourSet, calibrate_colour, save_calibration
-from isochrome.calibration.colour import check_light
+from isochrome.calibration import ColourSet, calibrate_colour, check_light, save_calibration
 from isochrome.errors import InputError, PhysicsError
 from isochrome.fringes import OwnLight, read_table
 from isochrome.optics import camera_response, expose

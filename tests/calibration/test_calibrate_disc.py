@@ -4,10 +4,17 @@ import numpy as np
 import pytest
 import tifffile
 
-from isochrome.calibration import Disc, Uncertainty, as_shots, calibrate_bending, calibrate_disc
+from isochrome.calibration import (
+    Circle,
+    Disc,
+    Uncertainty,
+    as_shots,
+    calibrate_bending,
+    calibrate_disc,
+    find_rim,
+)
 from isochrome.calibration.disc import api as disc_api
 from isochrome.calibration.disc.disc_field import disc_order, thin_grid
-from isochrome.calibration.disc.disc_rim import Circle, find_rim
 from isochrome.errors import InputError, PhysicsError
 from isochrome.output import write_figure
 from isochrome.reference import disc_principal_difference

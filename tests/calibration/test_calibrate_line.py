@@ -10,14 +10,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from isochrome.calibration import ImageFit
-from isochrome.calibration.order_line import (
+from isochrome.calibration import (
+    BudgetItem,
+    Calibration,
+    ImageFit,
     Input,
     fit_line,
     uncertainty_budget,
     widened_to_held_out,
 )
-from isochrome.calibration.result import BudgetItem, Calibration
 from isochrome.errors import PhysicsError
 
 from .conftest import BEAM, F_SIGMA, bending_from_images, bending_load

@@ -16,8 +16,7 @@ from scipy.ndimage import gaussian_filter
 from typer.testing import CliRunner
 
 import isochrome
-from isochrome.calibration import MeasuredValue, calibrate_scale
-from isochrome.calibration.camera_scale import fit_target
+from isochrome.calibration import MeasuredValue, calibrate_scale, fit_target
 from isochrome.cli import app, main
 from isochrome.errors import InputError, PhysicsError
 from isochrome.output import Result

@@ -14,8 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 import isochrome
-from isochrome.calibration import WearSet, calibrate_wear, write_into_scene
-from isochrome.calibration.wear_set import TraceScar, worn_volumes
+from isochrome.calibration import TraceScar, WearSet, calibrate_wear, worn_volumes, write_into_scene
 from isochrome.cli import app, main
 from isochrome.errors import InputError, PhysicsError
 from isochrome.samples import samples_path

@@ -4,10 +4,18 @@ import numpy as np
 import pytest
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import evaluate, fit_intensity
-from isochrome.estimation.intensity import _Search, reduced_normal, several_starts, stride_mask
-from isochrome.estimation.least_squares import Bounds, prepare, solve_linear
-from isochrome.estimation.light import polynomial_basis
+from isochrome.estimation import (
+    Bounds,
+    evaluate,
+    fit_intensity,
+    polynomial_basis,
+    prepare,
+    reduced_normal,
+    several_starts,
+    solve_linear,
+    stride_mask,
+)
+from isochrome.estimation.intensity import _Search
 
 ROWS, COLS = 120, 160
 Y, X = np.mgrid[:ROWS, :COLS].astype(float)

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from isochrome.calibration import Calibration, saved, write_into_scene
-from isochrome.calibration.saved import edited
+from isochrome.calibration import Calibration, edited, saved, write_into_scene
 from isochrome.cli import main
 from isochrome.errors import InputError
 from isochrome.scene import load_scene

@@ -16,11 +16,9 @@ import pytest
 
 import isochrome
 from campaigns.conftest import COLS, ROWS, film, write_video
-from isochrome.campaigns import Campaign, process_campaign
+from isochrome.campaigns import Campaign, Outcome, process_campaign, summary_figure
 from isochrome.campaigns import api as run_module
 from isochrome.campaigns import outcome as outcome_module
-from isochrome.campaigns.figure import summary_figure
-from isochrome.campaigns.outcome import Outcome
 from isochrome.cli import main
 from isochrome.errors import InputError
 from isochrome.output import write_tiff

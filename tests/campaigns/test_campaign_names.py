@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isochrome.campaigns.outcome import SUMMARIES, folder_names
+from isochrome.campaigns import SUMMARIES, folder_names
 
 TEXT = st.text(
     st.sampled_from("aAéẞßǆ.- _:*?\\<|\x07\udc80") | st.characters(blacklist_characters="/\x00"),

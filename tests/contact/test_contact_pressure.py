@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from isochrome.contact import displacement, make_surface, solve_pressure
-from isochrome.contact.pressure import log_of_hat
+from isochrome.contact import displacement, log_of_hat, make_surface, solve_pressure
 from isochrome.errors import PhysicsError
 from isochrome.reference import (
     contact_modulus,

@@ -14,14 +14,15 @@ from isochrome.contact import (
     SlidingHistory,
     constant_course,
     contact_states,
+    make_mesh,
     make_site,
     make_surface,
     scar_history,
     scar_on_nodes,
+    unresolved,
     wear_course,
     wear_history,
 )
-from isochrome.contact.scar import make_mesh, unresolved
 from isochrome.reference import coupled_contact, hertz_half_width, hertz_peak_pressure
 from isochrome.scene import load_scene
 
@@ -183,8 +184,8 @@ def test_the_error_falls_with_the_tolerance_to_the_last():
 
 def test_the_steps_are_of_fourth_order():
     """On one mesh, halving every step divides the error by sixteen."""
+    from isochrome.contact import make_mesh as mesh_of
     from isochrome.contact.scar import ScarEquations, _advance, _at, hertz_units
-    from isochrome.contact.scar import make_mesh as mesh_of
 
     course = constant_course(LOAD, [1.0], dose_per_m=10 * UNIT, friction=0.04)[0]
     equations = ScarEquations(

@@ -6,9 +6,9 @@ import pytest
 from isochrome.estimation import (
     degrees_of,
     evaluate,
+    frame_light,
     smooth_light,
 )
-from isochrome.estimation.light import frame_light
 
 SHAPE = (40, 60)
 Y, X = (np.linspace(-1.0, 1.0, n) for n in SHAPE)

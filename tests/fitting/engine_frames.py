@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from isochrome.estimation import prepare_frame
-from isochrome.fitting import fit_frame
-from isochrome.fitting.joint.joint_fit import JointProblem
+from isochrome.fitting import JointProblem, fit_frame
 from isochrome.frames import Frame
 from isochrome.scene import parse_scene
 from isochrome.simulation import make_picture, scene_states, simulate, state_difference

@@ -5,10 +5,9 @@ Truth is `outside_camera`, which shares no code with our optics and camera.
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 import pytest
+from sliding_bench import bench
 
 from isochrome import fit, track
 from isochrome.benchmarks import load_benchmarks
@@ -16,7 +15,6 @@ from isochrome.estimation import prepare_frame
 from isochrome.fitting import Apparatus, Tracker, placed
 from isochrome.frames import Frame
 from isochrome.output import write_tiff
-from isochrome.scene import load_scene
 
 OUTSIDE = load_benchmarks("outside_camera")
 Defects, frame = OUTSIDE.Defects, OUTSIDE.frame
@@ -33,29 +31,12 @@ DEFECTS = [
 ]
 """Key, what is wrong, its value, and four or five of its uncertainties in pictures this small."""
 
+SMALL = (124, 165)
 LARGER = (247, 330)
 """In smaller pictures the truth's own grid of half pixels turns them by some 0.03 degree."""
 
 
-@lru_cache
-def bench(rows=124, cols=165):
-    """A sliding contact of 4 mm x 3 mm in view."""
-    scene = load_scene("line-contact-wear").with_values(
-        {
-            LOAD: 47.3,
-            FRICTION: MU,
-            "friction.static_state_first": False,
-            "wear.distances_m": (0.0,),
-            "polariscope.wavelength_nm": 587.0,
-            "camera.width_px": cols,
-            "camera.height_px": rows,
-            "camera.pixel_mm": 4.0 / cols,
-        }
-    )
-    return scene.model_copy(update={"wear": None})
-
-
-def captured(folder, defects, loads, seed=1, size=()):
+def captured(folder, defects, loads, seed=1, size=SMALL):
     """The frames of some loads, and the scene that a fit begins with."""
     true = bench(*size)
     images = [
@@ -66,7 +47,7 @@ def captured(folder, defects, loads, seed=1, size=()):
     return folder / "frames.tif", true.with_values({LOAD: 46.0, FRICTION: 0.2})
 
 
-def joint(folder, defects, *, size=(), **options):
+def joint(folder, defects, *, size=SMALL, **options):
     path, scene = captured(folder, defects, LOADS, size=size)
     return fit(path, scene, [FRICTION, *PLACE], per_frame=[LOAD], **options)
 
@@ -97,7 +78,7 @@ def test_frames_that_are_what_their_scene_says_ask_for_nothing(tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize(("key", "defects", "value", "bar"), some(DEFECTS, (0,)))
 def test_what_the_frames_share_is_one_unknown_of_all(tmp_path, key, defects, value, bar):
-    found = joint(tmp_path, Defects(**defects), size=LARGER if key == ROLL else ())
+    found = joint(tmp_path, Defects(**defects), size=LARGER if key == ROLL else SMALL)
     assert set(found.shared) == {FRICTION, *PLACE, key}
     assert found.shared[key]["value"] == pytest.approx(value, abs=bar)
     assert found.scene.get(key) == found.shared[key]["value"]
@@ -137,7 +118,7 @@ def test_two_causes_at_once(tmp_path):
     assert np.abs(pulls(found)).max() < 4.0
 
 
-def followed(folder, defects, *, size=(), **options):
+def followed(folder, defects, *, size=SMALL, **options):
     path, scene = captured(folder, defects, FOLLOWED, seed=3, size=size)
     return track(path, scene, [LOAD, FRICTION, *PLACE], **options)
 
@@ -158,7 +139,7 @@ def test_a_track_of_what_its_scene_says_asks_for_nothing(tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize(("key", "defects", "value", "bar"), some(DEFECTS, (0,)))
 def test_what_a_videos_frames_share_is_held_through_the_track(tmp_path, key, defects, value, bar):
-    found = followed(tmp_path, Defects(**defects), size=LARGER if key == ROLL else ())
+    found = followed(tmp_path, Defects(**defects), size=LARGER if key == ROLL else SMALL)
     (said,) = found.warnings
     assert said.startswith("asked of frames 0, 3, 5, and held in all frames: the frames show ")
     assert f"{key} = " in said and found.scene.get(key) == pytest.approx(value, abs=bar)
@@ -190,11 +171,11 @@ def test_a_track_that_is_held_to_its_scene_is_off(tmp_path):
 def test_a_tracked_value_has_the_uncertainty_of_what_is_held(key, value, spread):
     """As much as it moves when that is held one standard uncertainty beside its value."""
     keys = (LOAD, FRICTION, *PLACE)
-    image = frame(bench(), Defects(**{key.split(".")[1]: value}), 7)
+    image = frame(bench(*SMALL), Defects(**{key.split(".")[1]: value}), 7)
     shot = Frame(index=0, image=image, time_s=None, name="bench")
 
     def tracked(at, covariance=None):
-        scene = placed(bench().with_values({key: at}), image.shape)
+        scene = placed(bench(*SMALL).with_values({key: at}), image.shape)
         held = Apparatus(scene=scene, keys=(key,) * (covariance is not None), covariance=covariance)
         return Tracker(scene, keys, bit_depth=8, apparatus=held).track(shot, None)
 
@@ -210,12 +191,12 @@ def test_a_tracked_value_has_the_uncertainty_of_what_is_held(key, value, spread)
 
 
 def test_a_held_light_and_pixels_are_those_of_every_frame():
-    image = frame(bench(), Defects(), 0)
+    image = frame(bench(*SMALL), Defects(), 0)
     shot = Frame(index=0, image=image, time_s=None, name="bench")
-    data = prepare_frame(shot, bench(), bit_depth=8)
+    data = prepare_frame(shot, bench(*SMALL), bit_depth=8)
     outside = np.zeros(image.shape, bool)
     outside[40:50, 60:70] = True
     terms = ((0, 0), (1, 0)), ((0, 0),)
-    seen = Apparatus(scene=bench(), terms=terms, outside=outside).seen(data)
+    seen = Apparatus(scene=bench(*SMALL), terms=terms, outside=outside).seen(data)
     assert seen.lamp.terms == terms and len(seen.illumination) == 2
     assert np.array_equal(seen.valid, data.valid & ~outside)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from isochrome.fitting.frame.frame_model import Pixels, local_model, solve_with_gamma
+from isochrome.fitting import Pixels, local_model, solve_with_gamma
 from isochrome.fitting.tracking.past_load import fit_past_load
 
 SIZE, NOISE = 4000, 0.01

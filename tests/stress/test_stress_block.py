@@ -11,8 +11,15 @@ from isochrome.errors import InputError, PhysicsError
 from isochrome.scene import load_scene, parse_scene
 from isochrome.simulation import scene_states, simulate, state_difference
 from isochrome.specimens.block import FORCES, MODEL, REACH, block_series
-from isochrome.stress import PixelGrid, PointForce, RegularStress, Sides, corrections
-from isochrome.stress.half_plane import point_force_displacement, point_force_stress
+from isochrome.stress import (
+    PixelGrid,
+    PointForce,
+    RegularStress,
+    Sides,
+    corrections,
+    point_force_displacement,
+    point_force_stress,
+)
 from scene_texts import PAPER_CONTACT
 
 PAPER = Sides(-30.0, 30.0, 40.0, PAIR[1], False)

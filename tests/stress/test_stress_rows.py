@@ -9,18 +9,16 @@ from hypothesis import strategies as st
 
 from isochrome.errors import InputError
 from isochrome.stress import (
-    PixelGrid,
-    field_dtype,
-    make_field_grid,
-    stress_difference,
-    stress_trace,
-)
-from isochrome.stress.half_plane import (
     DEEP_PX,
     DOUBLE_ERROR,
     HALF_TAPS,
     SINGLE_ERROR,
+    PixelGrid,
+    field_dtype,
+    make_field_grid,
     pixel_sources,
+    stress_difference,
+    stress_trace,
 )
 
 

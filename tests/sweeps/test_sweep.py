@@ -9,8 +9,7 @@ from isochrome.output import read_csv
 from isochrome.runs import export
 from isochrome.scene import dump_scene, parse_scene
 from isochrome.simulation import simulate
-from isochrome.sweeps import sweep
-from isochrome.sweeps.api import make_grid
+from isochrome.sweeps import make_grid, sweep
 from runs.counting import contents
 from scene_texts import PAPER_CONTACT
 

@@ -1,22 +1,24 @@
 from .beam.api import bending_from_shots, calibrate_bending
-from .camera_scale import calibrate_scale
-from .colour import ColourCalibration, calibrate_colour, read_colour_shots
+from .camera_scale import calibrate_scale, fit_target
+from .colour import ColourCalibration, calibrate_colour, check_light, read_colour_shots
 from .disc.api import calibrate_disc, disc_from_shots
 from .disc.disc_rim import Circle, find_rim, fit_circle
 from .load_reading import LoadReading, LoadSeries, lay_series, read_load
 from .loading import read_shots
-from .result import Calibration, ImageFit
-from .saved import calibration_report, check_scene_file, save_calibration, write_into_scene
+from .order_line import Input, fit_line, uncertainty_budget, widened_to_held_out
+from .result import BudgetItem, Calibration, ImageFit
+from .saved import calibration_report, check_scene_file, edited, save_calibration, write_into_scene
 from .scale_result import MeasuredValue, ScaleCalibration, ScalePicture
 from .settings import Beam, CalibrationSet, ColourSet, Disc, LoadedImage, Uncertainty, load_set
 from .shot import Shot, as_shots
 from .wear_coefficient import calibrate_wear
 from .wear_result import WearCalibration, WornDistance
-from .wear_set import WearSet
+from .wear_set import TraceScar, WearSet, worn_volumes
 from .whole_set.set_result import cause_sentence
 
 __all__ = [
     "Beam",
+    "BudgetItem",
     "Calibration",
     "CalibrationSet",
     "Circle",
@@ -24,6 +26,7 @@ __all__ = [
     "ColourSet",
     "Disc",
     "ImageFit",
+    "Input",
     "LoadReading",
     "LoadSeries",
     "LoadedImage",
@@ -31,6 +34,7 @@ __all__ = [
     "ScaleCalibration",
     "ScalePicture",
     "Shot",
+    "TraceScar",
     "Uncertainty",
     "WearCalibration",
     "WearSet",
@@ -44,15 +48,22 @@ __all__ = [
     "calibrate_wear",
     "calibration_report",
     "cause_sentence",
+    "check_light",
     "check_scene_file",
     "disc_from_shots",
+    "edited",
     "find_rim",
     "fit_circle",
+    "fit_line",
+    "fit_target",
     "lay_series",
     "load_set",
     "read_colour_shots",
     "read_load",
     "read_shots",
     "save_calibration",
+    "uncertainty_budget",
+    "widened_to_held_out",
+    "worn_volumes",
     "write_into_scene",
 ]

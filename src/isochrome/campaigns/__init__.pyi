@@ -1,4 +1,5 @@
 from .api import Campaign, process_campaign
-from .outcome import Outcome
+from .figure import summary_figure
+from .outcome import SUMMARIES, Outcome, folder_names
 
-__all__ = ["Campaign", "Outcome", "process_campaign"]
+__all__ = ["SUMMARIES", "Campaign", "Outcome", "folder_names", "process_campaign", "summary_figure"]

@@ -13,12 +13,13 @@ from .model import (
     state_count,
     state_difference,
 )
-from .rendering import LAYERS, Rendered, picture_axes, render
+from .rendering import LAYERS, Rendered, RenderWork, picture_axes, render
 from .steps import camera_frame, polariscope_light, stress_map, surface_tractions
 
 __all__ = [
     "LAYERS",
     "Picture",
+    "RenderWork",
     "Rendered",
     "SceneState",
     "Simulation",

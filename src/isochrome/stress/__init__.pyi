@@ -1,7 +1,11 @@
 from .block_fem import Sampled, Sides, corrections
 from .field import StressComponents, StressDifference, principal_direction, seen_by
 from .half_plane import (
+    DEEP_PX,
+    DOUBLE_ERROR,
+    HALF_TAPS,
     NO_STRESS,
+    SINGLE_ERROR,
     FieldGrid,
     PointForce,
     RegularStress,
@@ -9,6 +13,9 @@ from .half_plane import (
     components_on_grid,
     field_dtype,
     make_field_grid,
+    pixel_sources,
+    point_force_displacement,
+    point_force_stress,
     regular_modes,
     stress_components,
     stress_difference,
@@ -20,7 +27,11 @@ from .peak import ShearPeak, largest_shear
 from .pixels import Lens, PixelGrid, pixel_grid
 
 __all__ = [
+    "DEEP_PX",
+    "DOUBLE_ERROR",
+    "HALF_TAPS",
     "NO_STRESS",
+    "SINGLE_ERROR",
     "FieldGrid",
     "Lens",
     "PixelGrid",
@@ -41,6 +52,9 @@ __all__ = [
     "make_field_grid",
     "make_series_grid",
     "pixel_grid",
+    "pixel_sources",
+    "point_force_displacement",
+    "point_force_stress",
     "principal_direction",
     "regular_modes",
     "seen_by",

@@ -1,3 +1,3 @@
-from .api import Swept, sweep
+from .api import Swept, make_grid, sweep
 
-__all__ = ["Swept", "sweep"]
+__all__ = ["Swept", "make_grid", "sweep"]
