@@ -17,6 +17,7 @@ from isochrome.cli.options import (
     FramesArgument,
     Join,
     Json,
+    Options,
     Out,
     SceneArgument,
     SceneOption,
@@ -144,51 +145,27 @@ def _process_campaign(
         raise typer.Exit(result.exit_code)
 
 
-def _number(name: str, text: str) -> tuple[Any, Any]:
-    return float | None, typer.Option(name, help=text, show_default=False)
-
-
-KNOWN = {
-    "shape": (
-        str | None,
-        typer.Option("--shape", help="contact (a cylinder on a block), disc, or other."),
-    ),
-    "young_gpa": _number("--young-gpa", "Young's modulus of the specimen, GPa."),
-    "poisson": _number("--poisson", "Poisson's ratio of the specimen."),
-    "thickness_mm": _number("--thickness-mm", "Its thickness along the light, mm."),
-    "fringe_value_n_per_mm": _number(
-        "--fringe-value-n-per-mm", "Its material fringe value, N/mm per fringe."
-    ),
-    "radius_mm": _number("--radius-mm", "Radius of the cylinder, mm."),
-    "indenter_young_gpa": _number("--indenter-young-gpa", "Its Young's modulus, GPa; steel 210."),
-    "indenter_poisson": _number("--indenter-poisson", "Its Poisson's ratio; steel 0.3."),
-    "load_n": _number("--load-n", "Load, N; within a factor of three."),
-    "diameter_mm": _number("--diameter-mm", "Diameter of a disc, mm."),
-    "pixel_mm": _number("--pixel-mm", "Side of a pixel, mm, where the file does not name it."),
-    "bit_depth": (
-        int | None,
-        typer.Option("--bit-depth", help="Bits of the sensor, where the file has more."),
-    ),
-    "wavelength_nm": _number("--wavelength-nm", "Wavelength of the light, nm."),
-    "channel": (
-        str | None,
-        typer.Option("--channel", help="Of colour frames: red, green, blue or mean."),
-    ),
-    "field": (str | None, typer.Option("--field", help="dark or bright; else searched for.")),
-    "gamma": _number("--gamma", "The camera stores light^(1/gamma); else searched for."),
-    "rotate_deg": (
-        int | None,
-        typer.Option("--rotate-deg", help="Quarter turns until the load is above; else searched."),
-    ),
-    "flip": (
-        str | None,
-        typer.Option("--flip", help="horizontal or vertical, where a mirror was in the way."),
-    ),
-    "frame": (
-        int | None,
-        typer.Option("--frame", help="Frame to look at, from 0; else the first with fringes."),
-    ),
-    "replace": (bool, typer.Option("--replace", help="Replace the scene that is there.")),
+KNOWN: Options = {
+    "shape": (str | None, "contact (a cylinder on a block), disc, or other."),
+    "young_gpa": (float | None, "Young's modulus of the specimen, GPa."),
+    "poisson": (float | None, "Poisson's ratio of the specimen."),
+    "thickness_mm": (float | None, "Its thickness along the light, mm."),
+    "fringe_value_n_per_mm": (float | None, "Its material fringe value, N/mm per fringe."),
+    "radius_mm": (float | None, "Radius of the cylinder, mm."),
+    "indenter_young_gpa": (float | None, "Its Young's modulus, GPa; steel 210."),
+    "indenter_poisson": (float | None, "Its Poisson's ratio; steel 0.3."),
+    "load_n": (float | None, "Load, N; within a factor of three."),
+    "diameter_mm": (float | None, "Diameter of a disc, mm."),
+    "pixel_mm": (float | None, "Side of a pixel, mm, where the file does not name it."),
+    "bit_depth": (int | None, "Bits of the sensor, where the file has more."),
+    "wavelength_nm": (float | None, "Wavelength of the light, nm."),
+    "channel": (str | None, "Of colour frames: red, green, blue or mean."),
+    "field": (str | None, "dark or bright; else searched for."),
+    "gamma": (float | None, "The camera stores light^(1/gamma); else searched for."),
+    "rotate_deg": (int | None, "Quarter turns until the load is above; else searched."),
+    "flip": (str | None, "horizontal or vertical, where a mirror was in the way."),
+    "frame": (int | None, "Frame to look at, from 0; else the first with fringes."),
+    "replace": (bool, "Replace the scene that is there."),
 }
 """What is known: type and option of each, by the name that KnownValues has."""
 
@@ -247,24 +224,14 @@ calibrate_app = typer.Typer(
 Into = Annotated[Path | None, typer.Option("--into", help="Scene file (TOML) to set the value in.")]
 
 
-SCALE = {
-    "target": (
-        str | None,
-        typer.Option("--target", help="What the images show: chessboard or dots."),
-    ),
-    "columns": (
-        int | None,
-        typer.Option("--columns", help="Inner corners (or dots) in a row of the target."),
-    ),
-    "rows": (int | None, typer.Option("--rows", help="The same in a column.")),
-    "spacing_mm": _number("--spacing-mm", "From corner to corner or from dot to dot, mm."),
-    "spacing_uncertainty_mm": _number(
-        "--spacing-uncertainty-mm", "Standard uncertainty of that, mm."
-    ),
-    "edges_mm": _number(
-        "--edges-mm", "Instead of a target: the distance of two parallel edges, mm."
-    ),
-    "edges_uncertainty_mm": _number("--edges-uncertainty-mm", "Standard uncertainty of that, mm."),
+SCALE: Options = {
+    "target": (str | None, "What the images show: chessboard or dots."),
+    "columns": (int | None, "Inner corners (or dots) in a row of the target."),
+    "rows": (int | None, "The same in a column."),
+    "spacing_mm": (float | None, "From corner to corner or from dot to dot, mm."),
+    "spacing_uncertainty_mm": (float | None, "Standard uncertainty of that, mm."),
+    "edges_mm": (float | None, "Instead of a target: the distance of two parallel edges, mm."),
+    "edges_uncertainty_mm": (float | None, "Standard uncertainty of that, mm."),
 }
 """What a scale is taken from: type and option of each, by the name that the function takes."""
 

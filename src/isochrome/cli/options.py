@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 Command = TypeVar("Command", bound=Callable[..., None])
 
+Options = dict[str, tuple[Any, ...]]
+"""Type, help and, where it is not made of the name, option of each argument by its name."""
+
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, and nothing else.")]
 SceneOption = Annotated[
     str, typer.Option("--scene", help="Scene file (TOML), or a name such as line-contact-wear.")
@@ -39,111 +42,62 @@ Join = Annotated[
 ]
 SetArgument = Annotated[str, typer.Argument(metavar="SET", help="Calibration set (TOML).")]
 
-RUN = {
-    "workers": (
-        int | None,
-        typer.Option(
-            "--workers", help="Processes; by default as many as are useful.", show_default=False
-        ),
-    ),
-    "cluster": (
-        str | None,
-        typer.Option("--cluster", help="Address of a Dask scheduler, tcp://host:8786."),
-    ),
-    "restart": (
-        bool,
-        typer.Option("--restart", help="Begin anew, whatever an earlier run has left."),
-    ),
+RUN: Options = {
+    "workers": (int | None, "Processes; by default as many as are useful."),
+    "cluster": (str | None, "Address of a Dask scheduler, tcp://host:8786."),
+    "restart": (bool, "Begin anew, whatever an earlier run has left."),
 }
-"""How a long run is computed: type and option of each, by the name that the function takes."""
+"""How a long run is computed, by the name that the function takes."""
 
 AS_STATED = (
     bool,
-    typer.Option(
-        "--as-stated",
-        help="Hold all that the scene states; else what the frames ask for (the camera's roll, "
-        "uneven light, a band, ...) is fitted too, and said.",
-    ),
+    "Hold all that the scene states; else what the frames ask for (the camera's roll, uneven "
+    "light, a band, ...) is fitted too, and said.",
 )
 """For commands that fit: the option of the same name."""
 
-TABLES = {
+TABLES: Options = {
     "tables": (
         str | None,
-        typer.Option(
-            "--csv",
-            help="excel: also NAME_excel.csv of each table, with semicolons and decimal commas.",
-        ),
+        "excel: also NAME_excel.csv of each table, with semicolons and decimal commas.",
+        "--csv",
     ),
 }
 """For commands that leave tables."""
 
-FIGURE = {
-    "width": (
-        str | None,
-        typer.Option("--width", help="Also a figure for a paper, this wide: 85mm, 174mm, 3.4in."),
-    ),
-    "shown": (
-        str | None,
-        typer.Option("--frames", help="Its frames (states, images), from 0: 0,2,4."),
-    ),
-    "formats": (
-        str | None,
-        typer.Option("--format", help="Its files: png, pdf, svg, tiff; pdf,png by default."),
-    ),
-    "dpi": (int | None, typer.Option("--dpi", help="Its dots per inch: 600 by default.")),
-    "numbers": (bool, typer.Option("--numbers", help="Its panels' numbers, below them.")),
+FIGURE: Options = {
+    "width": (str | None, "Also a figure for a paper, this wide: 85mm, 174mm, 3.4in."),
+    "shown": (str | None, "Its frames (states, images), from 0: 0,2,4.", "--frames"),
+    "formats": (str | None, "Its files: png, pdf, svg, tiff; pdf,png by default.", "--format"),
+    "dpi": (int | None, "Its dots per inch: 600 by default."),
+    "numbers": (bool, "Its panels' numbers, below them."),
 }
 """A figure for a paper, for commands that leave a picture; any of these asks for it."""
 
-PROCESS = {
-    "rois": (
-        bool,
-        typer.Option("--rois", help="Also the fringe lines as ImageJ ROIs, skeleton.zip."),
-    ),
+PROCESS: Options = {
+    "rois": (bool, "Also the fringe lines as ImageJ ROIs, skeleton.zip."),
     "track": (
         bool,
-        typer.Option(
-            "--track",
-            help="Follow a contact, or known orders, through a stack or folder too, frame by frame "
-            "from key frames, as through a video.",
-        ),
+        "Follow a contact, or known orders, through a stack or folder too, frame by frame from "
+        "key frames, as through a video.",
     ),
-    "each": (
-        bool,
-        typer.Option("--each", help="Process every frame of a video as if it were alone."),
-    ),
-    "every": (
-        int | None,
-        typer.Option("--every", help="Frames from key frame to key frame of a video, 200."),
-    ),
-    "maps": (
-        str | None,
-        typer.Option(
-            "--maps",
-            help="Of a video, the maps of which frames: all, key, none; all up to 20 GB.",
-        ),
-    ),
+    "each": (bool, "Process every frame of a video as if it were alone."),
+    "every": (int | None, "Frames from key frame to key frame of a video, 200."),
+    "maps": (str | None, "Of a video, the maps of which frames: all, key, none; all up to 20 GB."),
     "preview": (
         bool,
-        typer.Option(
-            "--preview",
-            help="Write the last frame's orders to OUT.partial/preview.png every few seconds.",
-        ),
+        "Write the last frame's orders to OUT.partial/preview.png every few seconds.",
     ),
     "as_stated": AS_STATED,
     **RUN,
-    "keep_going": (
-        bool,
-        typer.Option("--keep-going", help="Leave out frames that fail; the exit code is then 2."),
-    ),
+    "keep_going": (bool, "Leave out frames that fail; the exit code is then 2."),
     **FIGURE,
     **TABLES,
 }
 """What `process` takes besides its frames and scene, in the order of its help."""
 
 
-def with_options(options: dict[str, tuple[Any, Any]]) -> Callable[[Command], Command]:
+def with_options(options: Options) -> Callable[[Command], Command]:
     """Give a command the options of a table, in front of --json: its `**options` takes them.
 
     A flag is off and all else is None where it is not given.
@@ -157,9 +111,11 @@ def with_options(options: dict[str, tuple[Any, Any]]) -> Callable[[Command], Com
                 name,
                 inspect.Parameter.KEYWORD_ONLY,
                 default=False if kind is bool else None,
-                annotation=Annotated[kind, option],
+                annotation=Annotated[
+                    kind, typer.Option(*(spelt or [f"--{name.replace('_', '-')}"]), help=text)
+                ],
             )
-            for name, (kind, option) in options.items()
+            for name, (kind, text, *spelt) in options.items()
         ]
         parameters = [*declared[:-1], *shared, declared[-1]]
         command.__signature__ = given.replace(parameters=parameters)  # type: ignore[attr-defined]
