@@ -1,7 +1,5 @@
 """What became of one recording of a campaign: its folder, its row of the summary, its curves."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

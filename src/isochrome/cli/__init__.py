@@ -1,7 +1,5 @@
 """The command line: arguments in, one library call, results out. Heavy imports wait for it."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 import warnings

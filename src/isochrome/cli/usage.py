@@ -1,7 +1,5 @@
 """How commands are to be used: two examples for each help, and usage errors in one line."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys

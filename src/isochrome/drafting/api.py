@@ -1,7 +1,5 @@
 """`init`: a commented scene from captured frames and what is known besides."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from pathlib import Path

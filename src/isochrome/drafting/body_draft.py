@@ -1,7 +1,5 @@
 """Scenes without a contact: a disc, whose rim gives place and scale, and one without a model."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from itertools import product

@@ -5,8 +5,6 @@ robustly; where next to no pixel lies farther from it than noise does, there is 
 with texture, dust or an edge in it is never taken for one: then nothing is said of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial

@@ -1,7 +1,5 @@
 """The pages of the guide by their topics, and what its page of messages says of one."""
 
-from __future__ import annotations
-
 import difflib
 import re
 from dataclasses import dataclass

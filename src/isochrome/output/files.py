@@ -1,7 +1,5 @@
 """Folders, text and JSON on disk: whole, or not at all."""
 
-from __future__ import annotations
-
 import errno
 import json
 import math

@@ -3,8 +3,6 @@
 Frames as sentences name them: each cause once, with the frames that it is of.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

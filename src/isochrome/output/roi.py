@@ -4,8 +4,6 @@ ImageJ's habits stay here: (x, y), areas counted from the corners of pixels, lin
 their centres. The library that knows the file format is an extra of its own.
 """
 
-from __future__ import annotations
-
 import math
 import zipfile
 from collections import Counter

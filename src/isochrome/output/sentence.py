@@ -1,7 +1,5 @@
 """A result as a sentence, the same on the terminal and in a report."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from statistics import fmean, median
 from typing import Any

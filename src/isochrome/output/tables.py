@@ -3,8 +3,6 @@
 Tables of numbers that somebody gives: any usual delimiter, decimal points or commas.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import math

@@ -1,7 +1,5 @@
 """TIFF stacks that ImageJ opens with their scale."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeVar

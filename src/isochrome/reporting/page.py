@@ -1,7 +1,5 @@
 """The report as one HTML page: nothing is fetched, and nothing of a run is ever code in it."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 from collections.abc import Sequence

@@ -3,8 +3,6 @@
 Which frames of a run a report shows, and why these.
 """
 
-from __future__ import annotations
-
 import base64
 import io
 import zlib

@@ -1,7 +1,5 @@
 """`python -m isochrome.samples OUT`: render every sample image."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 

@@ -2,8 +2,6 @@
 disc under three diametral loads, not in the middle.
 """
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

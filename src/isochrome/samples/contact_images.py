@@ -3,8 +3,6 @@
 The sample of a film: a sliding contact that wears while its load swings, a frame a second.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Everything in `sample_images/`, from one seed."""
 
-from __future__ import annotations
-
 from importlib import resources
 from pathlib import Path
 

@@ -4,8 +4,6 @@ A pixel is the mean of several points in it, so that the samples do not share th
 expression for a pixel's area with the model that is fitted to them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path

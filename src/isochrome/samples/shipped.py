@@ -1,7 +1,5 @@
 """The shipped samples as arrays, with the files that describe them, and what they were made of."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from dataclasses import dataclass

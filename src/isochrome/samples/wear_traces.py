@@ -1,7 +1,5 @@
 """The sample of a wear test: traces across the scars of the true contact, and its friction."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """`setup`: a local page on which a scene is set up on its frames."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path

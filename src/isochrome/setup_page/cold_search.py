@@ -1,7 +1,5 @@
 """What the page finds in a frame by itself: place, load, friction, field, gamma, quarter turns."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """How a scene or set stands on the page, and what the page's tools do to its text."""
 
-from __future__ import annotations
-
 import math
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -4,8 +4,6 @@ Rows and columns are px with pixel centres at whole numbers. Those of the page a
 picture; a scene's known orders and its mask are counted in its region of interest.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -8,8 +8,6 @@ the full light, which no eye sees. What is fitted, checked and simulated is neve
 A calibration set that is set up on its images: what the page does otherwise than for a scene.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import threading
