@@ -442,7 +442,11 @@ def _suffix(path: Path) -> str:
 
 
 def _of_files(files: tuple[Path, ...], kind: Kind) -> Source:
-    _check_kinds(files, ", or a folder of images or videos")
+    for file in _of_no_frames(files):
+        raise InputError(
+            f"{file}: frames cannot be read from a file of this kind; known are "
+            f"{', '.join(KNOWN)}, or a folder of images or videos"
+        )
     kinds = [signature_of(f).kind for f in files]
     moving = [f for f, media in zip(files, kinds, strict=True) if media == "video"]
     if moving and len(moving) < len(files):
@@ -477,7 +481,7 @@ def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[F
     places = _places(names)
     if len(names) == 1 and len(places) == 1:
         return (names[0],)
-    _check_kinds(places, "; leave it out, as 'runs/*.avi' leaves out all but .avi files")
+    _refuse_others(places)
     several = {place: _holds_several(place) for place in places}
     single = [place for place, holds in several.items() if holds is False]
     recordings = [place for place, holds in several.items() if holds]
@@ -502,18 +506,21 @@ def _joined(names: Sequence[str | Path]) -> FramesPath:
             f"{folder}: is a folder, which is a recording by itself, and --join is for files; "
             "name the files of one recording"
         )
-    _check_kinds(places, "; leave it out, as 'runs/*.avi' leaves out all but .avi files")
+    _refuse_others(places)
     return tuple(places)
 
 
-def _check_kinds(places: Sequence[Path], advice: str) -> None:
-    """Refuse a file from which no frames can be read."""
-    for place in places:
-        if _suffix(place) not in KNOWN and not os.path.isdir(place):
-            raise InputError(
-                f"{place}: frames cannot be read from a file of this kind; known are "
-                f"{', '.join(KNOWN)}{advice}"
-            )
+def _of_no_frames(places: Sequence[Path]) -> list[Path]:
+    """Files from which no frames can be read."""
+    return [p for p in places if _suffix(p) not in KNOWN and not os.path.isdir(p)]
+
+
+def _refuse_others(places: Sequence[Path]) -> None:
+    for place in _of_no_frames(places):
+        raise InputError(
+            f"{place}: frames cannot be read from a file of this kind; known are "
+            f"{', '.join(KNOWN)}; leave it out, as 'runs/*.avi' leaves out all but .avi files"
+        )
 
 
 def one_recording(names: Sequence[str | Path], *, join: bool = False) -> FramesPath:

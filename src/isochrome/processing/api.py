@@ -305,10 +305,10 @@ def _processed(
 
 def _is_done(out: Path, identify: Callable[[], Mapping[str, Any]]) -> bool:
     """Whether a finished run has left all, by what the files hold: no frame is decoded for it."""
-    if working_folder(out).exists():  # an unfinished run, or one that is at work
-        return False
     complete = (out / PROVENANCE).is_file() and (out / STORE / "zarr.json").is_file()
-    return complete and holds_results(out.resolve(), identify())
+    if not complete or working_folder(out).exists():  # an unfinished run, or one that is at work
+        return False
+    return holds_results(out.resolve(), identify())
 
 
 def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) -> Processed:

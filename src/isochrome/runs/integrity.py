@@ -37,6 +37,7 @@ _OWN_KEYS = (b'"outputs_crc32c": {', b'"record_crc32c": "')
 SUM_BYTES = 4
 """Bytes of the checksum at the end of a chunk in a store, by zarr's crc32c codec."""
 MISSING = "is missing"
+_OTHER_SUM = "is damaged: its checksum is another"
 _BEHIND_LINK = "lies behind a link, or what is no folder"
 _BLOCK = 1 << 19
 """Bytes that are read at a time: few enough to be in the processor's cache for their checksum."""
@@ -159,7 +160,7 @@ class ResultsRecord:
             same = file_sum(self.place / name) == self._sum(name)
         except OSError as error:
             return f"cannot be read ({error.strerror})"
-        return "" if same else "is damaged: its checksum is another"
+        return "" if same else _OTHER_SUM
 
     def check(self, names: Iterable[str] = ()) -> None:
         """Refuse results of which a file has gone or changed its size, or `names` their content.
@@ -187,7 +188,7 @@ class ResultsRecord:
         except OSError as error:
             raise self.refusal(name, f"cannot be read ({error.strerror})") from error
         if _told_apart(checksum, data[-SUM_BYTES:].tobytes()) != self._sum(name):
-            raise self.refusal(name, self.fault(name) or "has changed while it was read")
+            raise self.refusal(name, self.fault(name) or _OTHER_SUM)
         return data
 
     def refusal(self, name: str, what: str) -> InputError:
