@@ -56,6 +56,7 @@ def test_an_unloaded_frame_is_said_to_have_no_fringes(kind):
         isochrome.init(unloaded(kind), KNOWN)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("load", [0.05, pytest.param(0.1, marks=LONG)])
 def test_a_ramps_start_is_said_to_have_no_fringes_and_no_two_scenes(simulated, load):
     """Some of these loads end in two scenes that explain the frame alike, some in none."""
@@ -74,6 +75,7 @@ def test_fringes_that_no_contact_explains_are_not_said_to_be_none(simulated):
     assert "no fringes" not in str(refused.value)
 
 
+@pytest.mark.long
 def test_turned_plates_that_look_like_a_smooth_stress_are_not_said_to_be_one(simulated):
     """In noise plates turned by a degree leave what a smooth stress leaves, to 1e-4 of chi."""
     frame = simulated(polariscope__input_plate_error_deg=1.0, camera__noise_grey=6.0)
@@ -85,6 +87,7 @@ def test_turned_plates_that_look_like_a_smooth_stress_are_not_said_to_be_one(sim
     assert "cannot tell which" in note
 
 
+@pytest.mark.long
 def test_blur_that_nothing_else_explains_is_said_plainly_and_with_one_uncertainty(simulated):
     draft = isochrome.init(simulated(camera__blur_px=1.2), KNOWN)
     (said,) = (text for text in draft.warnings if "blur" in text)

@@ -65,7 +65,9 @@ def worn(tmp_path_factory):
     return {"simulate": simulated, "process": processed, "compare": compared, "home": home}
 
 
-@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize(
+    "width", [WIDTHS[0], *(pytest.param(width, marks=pytest.mark.long) for width in WIDTHS[1:])]
+)
 @pytest.mark.parametrize("name", ["simulate", "process", "compare"])
 def test_letters_are_large_enough_and_apart(worn, name, width):
     style = isochrome.FigureStyle(width_mm=width, numbers=True)
@@ -229,6 +231,7 @@ def test_files_are_of_the_width_and_hold_text_as_text(worn, tmp_path):
             assert float(picture.info["dpi"][0]) == pytest.approx(300, abs=0.1)
 
 
+@pytest.mark.long
 def test_the_same_figure_is_the_same_file(worn, tmp_path):
     """The layout's equations are solved in an order of addresses: 4 files of 12, before."""
     style = isochrome.FigureStyle(width_mm=85, formats=("pdf", "svg"))
@@ -284,6 +287,7 @@ def test_a_figure_of_what_is_not_worn_has_no_panel_of_worn_depth(worn):
     assert "worn depth" in titles[1] and "worn depth" not in titles[0] and "pressure" in titles[0]
 
 
+@pytest.mark.long
 def test_data_of_plots_that_a_new_figure_does_not_have_are_removed(worn, tmp_path):
     """A figure of one state and then of two: the plots' letters move on by one."""
     style = partial(isochrome.FigureStyle, width_mm=85, formats=("png",), dpi=60)
@@ -377,6 +381,7 @@ def tall_and_axes(result: Made) -> tuple[float, list]:
     return 25.4 * figure.get_figheight(), [axes for axes in figure.axes if axes.get_visible()]
 
 
+@pytest.mark.long
 def test_what_is_taller_than_a_page_is_laid_out_closer():
     """Pictures beside each other, lower plots, and no plot left out that has room so."""
     tall, shown = tall_and_axes(Made(*map(a_plot, "abcd"), pictures=True))

@@ -189,6 +189,7 @@ def test_the_report_shows_frames_between_the_key_frames(followed):
         np.testing.assert_allclose(own, order[k, : one["rows"], : one["cols"]], atol=0.00051)
 
 
+@pytest.mark.long
 def test_stacks_that_would_be_too_large_hold_the_key_frames_and_it_is_said(followed, monkeypatch):
     place, _, _ = followed
     room = 4 * COUNT * SHAPE[0] * SHAPE[1] - 1

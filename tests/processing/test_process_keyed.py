@@ -58,6 +58,7 @@ def test_a_video_is_followed_by_default_and_each_reads_its_frames_alone(tmp_path
     assert not any("key frame" in text for text in alone.table["warnings"])
 
 
+@pytest.mark.long
 def test_a_video_whose_loads_are_far_apart_has_its_frames_read_alone_and_says_so(tmp_path):
     """What `--each` finds, and a word about it; asked for, following is refused."""
     film = LoadedFilm(4)

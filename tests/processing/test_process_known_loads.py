@@ -38,6 +38,7 @@ def with_loads(*loads):
     return load_scene(SCENE | {"frames": {"known_loads_n": loads}})
 
 
+@pytest.mark.long
 def test_each_load_is_read_against_the_others(frames, tmp_path):
     """Also that of a frame which nobody measured, and one whose load is stated wrongly is named."""
     stated = list(LOADS)

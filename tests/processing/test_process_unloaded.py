@@ -111,7 +111,9 @@ def test_a_film_that_is_run_backwards_has_the_same_orders():
 
 
 @needs_real
-@pytest.mark.parametrize("files", ["disc-seven-loads/*.jpg", "ring-five-loads/*.bmp"])
+@pytest.mark.parametrize("files", [
+    "ring-five-loads/*.bmp", pytest.param("disc-seven-loads/*.jpg", marks=pytest.mark.long),
+])  # fmt: skip
 def test_real_frames_of_far_loads_are_refused(files, tmp_path):
     scene = SCENE if "ring" in files else SCENE + ROI
     (tmp_path / "scene.toml").write_text(scene, encoding="utf-8")
@@ -176,6 +178,7 @@ def test_what_cannot_be_counted_from_zero_is_refused(change, words):
         process(LoadedFilm(3).frames(range(3)), scene)
 
 
+@pytest.mark.long
 def test_workers_and_chunks_give_the_same_bytes(tmp_path):
     film = LoadedFilm(3)
     assert leaves_the_same_bytes(tmp_path, film.frames(range(26)), film.scene())

@@ -80,9 +80,8 @@ def test_a_scene_that_states_no_uncertainty_is_said_to_be_taken_as_exact(sample,
     assert not re.findall(r"± ?\d+\.?\d*\d{9}", page)
 
 
-@pytest.mark.parametrize(
-    ("command", "more"), [("process", ()), pytest.param("fit", FIT, marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize(("command", "more"), [("process", ()), ("fit", FIT)])
 def test_honest_uncertainties_are_in_the_values_and_raise_no_alarm(sample, command, more):
     said, found, page, out = run(sample, command, "honest", *more)
     line = found["summary_text"]

@@ -43,6 +43,7 @@ def span_of(orders):
     return tuple(np.nanpercentile(orders, (0.5, 99.5)))
 
 
+@pytest.mark.long
 def test_what_is_said_beforehand_is_what_the_map_then_is(bench):
     preview = ClickPreview(bench)
     first = preview.answer(0, asked([POINT]))
@@ -108,6 +109,7 @@ def test_what_fits_no_fringe_or_would_be_refused_is_an_answer_and_changes_nothin
     assert preview.answer(9, asked([POINT]))["kind"] == "nothing"
 
 
+@pytest.mark.long
 def test_a_frame_is_followed_once_for_all_places_that_are_asked(bench, monkeypatch):
     """To follow it takes over a second, to ask a place of it a tenth."""
     followed = []
