@@ -1,7 +1,5 @@
 """Wear laws and tables over distance: doses against closed forms, balance, order, streaming."""
 
-from __future__ import annotations
-
 import itertools
 import weakref
 

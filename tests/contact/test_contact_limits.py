@@ -1,7 +1,5 @@
 """Where a contact is refused, on both sides of each limit; and profiles as people save them."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

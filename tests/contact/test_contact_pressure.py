@@ -1,7 +1,5 @@
 """The contact solver against closed forms, quadrature, and the contact's own conditions."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
@@ -348,9 +346,7 @@ def test_incompressible_against_compressible_with_friction_one_holds():
 
 @settings(max_examples=15, deadline=None)
 @given(
-    n=st.sampled_from([65, 300]),
-    datum=st.floats(-1e3, 1e3),
-    friction=st.sampled_from([0.0, 0.25]),
+    n=st.sampled_from([65, 300]), datum=st.floats(-1e3, 1e3), friction=st.sampled_from([0.0, 0.25])
 )
 def test_a_datum_of_the_gap_moves_the_approach_and_nothing_else(n, datum, friction):
     x = np.linspace(-0.8, 0.8, n)

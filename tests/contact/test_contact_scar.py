@@ -1,7 +1,5 @@
 """Wear on the moving mesh: its matrices against quadrature, its run against the fixed grid."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

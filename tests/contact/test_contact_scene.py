@@ -1,7 +1,5 @@
 """From scene to contact states: constants, grid, profiles, partial slip, refusals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

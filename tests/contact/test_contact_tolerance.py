@@ -1,7 +1,5 @@
 """numerics.tolerance is kept for p_max and depth, wherever load, friction and wear go."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -108,8 +106,7 @@ def steep_rise(length):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("length", "tolerance"),
-    [(3.0, 1e-4), pytest.param(1.0, 1e-4, marks=pytest.mark.study)],
+    ("length", "tolerance"), [(3.0, 1e-4), pytest.param(1.0, 1e-4, marks=pytest.mark.study)]
 )
 def test_a_steep_rise_of_the_load_on_a_worn_scar_is_within_the_tolerance(length, tolerance):
     """Goes wrong: the bend of the old edge goes inside faster than wear smooths it, a mesh as fine

@@ -1,7 +1,5 @@
 """Wear stepping: balance, order, stability, and agreement with a brute-force explicit reference."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -3,11 +3,7 @@
 import numpy as np
 import pytest
 
-from isochrome.estimation import (
-    degrees_of,
-    evaluate,
-    smooth_light,
-)
+from isochrome.estimation import degrees_of, evaluate, smooth_light
 from isochrome.estimation.light import frame_light
 
 SHAPE = (40, 60)

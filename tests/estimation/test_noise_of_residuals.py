@@ -1,7 +1,5 @@
 """What a residual tells of its noise: level, reach and lines, against noise that is known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.fft import dctn, idctn

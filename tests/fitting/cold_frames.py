@@ -1,7 +1,5 @@
 """Random contacts as a laboratory might have them, rendered, and scenes that are far off."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

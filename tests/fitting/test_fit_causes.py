@@ -4,8 +4,6 @@ Each row of the table that was silent once is a test here. Truth is `outside_cam
 no code with our optics and camera.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np
@@ -18,12 +16,7 @@ from isochrome.fitting.causes.cause import ABOVE, BLURRED, ROLL, SCALE, STIFF, W
 from isochrome.fitting.causes.score import Asked, _undecided, is_impossible
 from isochrome.frames import Frame
 from isochrome.processing.result import cell_values
-from isochrome.reference import (
-    contact_modulus,
-    hertz_half_width,
-    hertz_peak_pressure,
-    hertz_stress,
-)
+from isochrome.reference import contact_modulus, hertz_half_width, hertz_peak_pressure, hertz_stress
 from isochrome.scene import load_scene
 from isochrome.stress import pixel_grid
 from pixel_means import gauss_mean
@@ -57,9 +50,7 @@ def fitted(defects, *, seed=1, scene=None, true=None, keys=None):
     scene = scene or bench()
     image = frame(true or bench(), defects, seed)
     data = prepare_frame(
-        Frame(index=0, image=image, time_s=None, name="bench"),
-        scene,
-        bit_depth=defects.container,
+        Frame(index=0, image=image, time_s=None, name="bench"), scene, bit_depth=defects.container
     )
     begun = scene.with_values({"load.normal_n": 40.0, "friction.coefficient": 0.25})
     freed = fit_with_causes(data, begun, keys)

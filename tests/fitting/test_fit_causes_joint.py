@@ -3,8 +3,6 @@
 Truth is `outside_camera`, which shares no code with our optics and camera.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np
@@ -182,10 +180,7 @@ def test_a_track_that_is_held_to_its_scene_is_off(tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("key", "value", "spread"),
-    [
-        pytest.param(ROLL, 0.5, 0.1, marks=pytest.mark.study),
-        ("frames.gamma", 1.1, 0.02),
-    ],
+    [pytest.param(ROLL, 0.5, 0.1, marks=pytest.mark.study), ("frames.gamma", 1.1, 0.02)],
 )
 def test_a_tracked_value_has_the_uncertainty_of_what_is_held(key, value, spread):
     """As much as it moves when that is held one standard uncertainty beside its value."""

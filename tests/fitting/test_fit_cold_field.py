@@ -1,7 +1,5 @@
 """The search's quick fields against closed forms and solved contacts; its light's elimination."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

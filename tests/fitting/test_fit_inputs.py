@@ -4,8 +4,6 @@ Sensitivities are checked by fits with the input shifted; values and coverage by
 renderer that shares no code with the package's optics and camera.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 from functools import cache

@@ -1,7 +1,5 @@
 """One-state scenes: what a frame at one distance is modelled by."""
 
-from __future__ import annotations
-
 import pytest
 
 from isochrome.contact import wear_course

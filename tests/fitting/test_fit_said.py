@@ -1,7 +1,5 @@
 """Thresholds of a fit: what is said of it, what is refused, and which pixels it looks at."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

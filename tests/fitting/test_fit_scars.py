@@ -1,7 +1,5 @@
 """Frames and measured scars together: what each says counts by its own noise."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -150,10 +150,7 @@ def test_a_shifted_field_is_that_rendered_at_the_shifted_place(shift_px):
     here = fine.with_values({"camera.pixel_mm": 0.0125, "numerics.spacing_mm": 0.0125 / 8})
     renderer = SceneRenderer(here, (120, 160))
     moved = here.with_values(
-        {
-            "camera.left_mm": -1.0 + 0.0125 * shift_px[0],
-            "camera.top_mm": 0.0 + 0.0125 * shift_px[1],
-        }
+        {"camera.left_mm": -1.0 + 0.0125 * shift_px[0], "camera.top_mm": 0.0 + 0.0125 * shift_px[1]}
     )
     renderer.signal(here)
     direct, pixels = direct_signal(moved)

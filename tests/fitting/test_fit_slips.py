@@ -4,8 +4,6 @@ Each row of the issue's table in which nothing was read, and the same sentence w
 everything, is a test here: the right sentence, and exit 3.
 """
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

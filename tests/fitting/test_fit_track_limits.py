@@ -1,7 +1,5 @@
 """What a track says of itself: its uncertainties in the keys' own units, and when it is lost."""
 
-from __future__ import annotations
-
 import json
 from itertools import repeat
 

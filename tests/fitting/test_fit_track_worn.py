@@ -1,7 +1,5 @@
 """Tracking on worn scars: loads that swing, slowly and fast, and starts in the middle of a run."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Which scars of a track are kept: one below any area that a track may go back to."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

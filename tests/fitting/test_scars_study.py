@@ -5,8 +5,6 @@ Seeds are [number, 18], and number of the noise. One state or two, noise 1 to 20
 .05 to .8 µm, four traces.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

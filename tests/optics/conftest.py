@@ -1,7 +1,5 @@
 """Independent truth for the polariscope: its Jones matrices, multiplied out in numpy."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The camera: exact where ideal, and each imperfection with the statistics that it names."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

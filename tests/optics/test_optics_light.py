@@ -1,7 +1,5 @@
 """Light of several wavelengths: against sums and integrals that are written out here."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 
@@ -12,13 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from isochrome.errors import InputError
-from isochrome.optics import (
-    Response,
-    camera_response,
-    make_chain,
-    make_light,
-    spectral_signal,
-)
+from isochrome.optics import Response, camera_response, make_chain, make_light, spectral_signal
 from isochrome.scene import Camera, Polariscope, Scene, dump_scene, parse_scene
 
 REFERENCE = 587.0
@@ -116,9 +108,7 @@ def test_white_light_in_three_channels_is_its_integral(order):
             return gaussians(wavelength)[channel]
 
         light = integral(
-            lambda w: weight(w) * np.sin(np.pi * order * REFERENCE / w) ** 2,
-            400.0,
-            700.0,
+            lambda w: weight(w) * np.sin(np.pi * order * REFERENCE / w) ** 2, 400.0, 700.0
         )
         # stated: 1e-7 of the table's cubics (measured 1.5e-8), 1e-9 of the integral
         assert signal[channel] == pytest.approx(light / integral(weight, 400.0, 700.0), abs=1e-7)

@@ -1,7 +1,5 @@
 """Scenes to signals: what `picture_signal` makes of light, elements and a camera's colour."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The polariscope against explicit Jones products and closed forms; the stress-optic law."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -195,10 +193,7 @@ def test_two_crossed_analysers_share_out_the_light_of_every_chain(
             step |= {"input_plate_deg": first, "output_plate_deg": second}
         scope = Polariscope(wavelength_nm=600.0, plate_wavelength_nm=600.0 * ratio, step=[step])
         light = polariscope_signal(
-            np.array(order),
-            make_chain(scope, 0),
-            direction=np.array(theta),
-            visibility=visibility,
+            np.array(order), make_chain(scope, 0), direction=np.array(theta), visibility=visibility
         )
         # what a pixel averages is light as well
         assert -1e-12 <= float(light) <= 1.0 + 1e-12

@@ -1,7 +1,5 @@
 """Pixels of finite size: fringes averaged, never aliased, against integrals over the pixel."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Disc under diametral compression and the span of pure bending."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Hertz line contact: constants of the pair, pressure, McEwen's stress field."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

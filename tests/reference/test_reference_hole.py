@@ -1,7 +1,5 @@
 """Plate with a round hole under tension: what makes Kirsch's field the only right one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

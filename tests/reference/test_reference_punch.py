@@ -1,7 +1,5 @@
 """Flat punch, blunt wedge and wavy surface."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Ring under two opposite point loads: what makes the series the only right field."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import example, given, settings

@@ -1,7 +1,5 @@
 """Sliding line contacts: exact field without coupling; lean and shift with it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

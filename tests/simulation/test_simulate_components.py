@@ -1,7 +1,5 @@
 """Principal stresses apart, and the largest shear: only when asked for, and right."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import tifffile
@@ -49,10 +47,7 @@ def found():
 def test_components_under_the_static_contact_are_mcewens(found):
     pixels = pixel_grid(SCENE)
     truth = hertz_stress(
-        pixels.x_mm[None, :],
-        pixels.z_mm[:, None],
-        half_width_mm=HALF_WIDTH,
-        peak_pressure_mpa=PEAK,
+        pixels.x_mm[None, :], pixels.z_mm[:, None], half_width_mm=HALF_WIDTH, peak_pressure_mpa=PEAK
     )
     for name, exact in (
         ("sigma_x", truth.sigma_x),

@@ -1,7 +1,5 @@
 """Long histories: states go to disk as they are solved, and memory does not grow with them."""
 
-from __future__ import annotations
-
 import sys
 import weakref
 from dataclasses import replace

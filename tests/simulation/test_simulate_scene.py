@@ -1,7 +1,5 @@
 """From scene to frames: the paper's case, discs and beams, files whole or not at all, refusals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import tifffile

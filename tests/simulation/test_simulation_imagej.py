@@ -1,7 +1,5 @@
 """What ImageJ is told of a simulation's stacks, as tifffile's reader of its metadata gives it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import tifffile

@@ -1,7 +1,5 @@
 """Discs and beams on a pixel grid: the reference's fields in the picture's own axes."""
 
-from __future__ import annotations
-
 from importlib import import_module
 
 import numpy as np

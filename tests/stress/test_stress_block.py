@@ -233,11 +233,7 @@ def test_all_outputs_of_a_simulation_know_the_block():
         ("width_mm = 60.0\n", "", r"specimen.width_mm is missing, and a block needs it; add it"),
         ("width_mm = 60.0", "width_mm = 60.0\nleft_mm = 3.0", r"left_mm = 3, .* -60 .* and 0"),
         ("width_mm = 60.0", "width_mm = -60.0", r"specimen.width_mm = -60.0 is not allowed"),
-        (
-            "[load]",
-            "[friction]\ncoefficient = 0.1\n[load]",
-            None,
-        ),
+        ("[load]", "[friction]\ncoefficient = 0.1\n[load]", None),
         ("[indenter]", "[friction]\ncoefficient = 0.1\n[indenter]", None),
     ],
 )

@@ -1,7 +1,5 @@
 """Principal stresses apart: the trace and all components on the pixels."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

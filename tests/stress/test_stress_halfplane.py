@@ -1,7 +1,5 @@
 """Stress below the surface: closed forms, direct sums, equilibrium, the limit at the surface."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.integrate import quad

@@ -1,7 +1,5 @@
 """Hard cases of the stress below the surface: each says what would go wrong."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

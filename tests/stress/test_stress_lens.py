@@ -1,7 +1,5 @@
 """A camera that is not square: where its pixels look, and the field that they see there."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rows by FFT: deep rows, whose sources stand at pixel spacing, the precisions, the memory."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
