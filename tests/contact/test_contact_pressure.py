@@ -55,9 +55,6 @@ def assert_contact_conditions(state, h, load, wear=0.0):
     assert h * state.pressure.sum() == pytest.approx(load, rel=1e-12)
 
 
-# --- the operator ---------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("lag", [0, 1, 2, 7, 19, 20, 21, 150])
 def test_the_kernel_is_the_integral_of_the_logarithm_over_a_hat(lag):
     h = 0.013
@@ -125,9 +122,6 @@ def test_hertz_pressure_makes_a_parabola():
     inside = np.abs(x) < 0.95 * HALF_WIDTH
     # the root at the edge costs (h/a)^1.5 = 2e-5 of the displacement's range
     assert np.ptp(level[inside]) < 2e-5 * np.ptp(displacement(surface, p))
-
-
-# --- Hertz ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("n", [65, 128, 401, 1601, 4093])
@@ -204,9 +198,6 @@ def test_the_pressure_does_not_depend_on_where_the_solver_starts(seed):
     np.testing.assert_allclose(other.pressure, usual.pressure, rtol=0, atol=1e-7 * PEAK)
 
 
-# --- sliding with coupling --------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("friction", "beta"), [(0.25, 0.1618), (-0.25, 0.1618), (1.0, 0.4), (1.0, 0.5), (-1.0, 0.5)]
 )
@@ -247,9 +238,6 @@ def test_friction_between_like_materials_does_not_change_the_pressure():
     _, _, still = solved(parabola, 301)
     _, _, sliding = solved(parabola, 301, coupling=0.0, friction=1.0)
     np.testing.assert_array_equal(sliding.pressure, still.pressure)
-
-
-# --- other shapes -----------------------------------------------------------------------------
 
 
 def flat(x):
@@ -339,9 +327,6 @@ def test_incompressible_against_compressible_with_friction_one_holds():
     for shape in (parabola, flat):
         _, h, state = solved(shape, 801, coupling=2.0 / MODULUS, friction=1.0)
         assert_contact_conditions(state, h, LOAD)
-
-
-# --- what is no gap, no load, and no rounding --------------------------------------------------
 
 
 @settings(max_examples=15, deadline=None)

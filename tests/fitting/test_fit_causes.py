@@ -1,8 +1,6 @@
-"""Frames of a bench that is not ours: the value within its uncertainty, and the cause by name.
-
-Each row of the table that was silent once is a test here. Truth is `outside_camera`, which shares
-no code with our optics and camera.
-"""
+"""Frames of a bench that is not ours: the value within its uncertainty, and the cause by name. Each
+row of the table that was silent once is a test here. Truth is `outside_camera`, which shares no
+code with our optics and camera."""
 
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """Several frames of one bench: what belongs to the apparatus is asked of all of them together.
-
-Truth is `outside_camera`, which shares no code with our optics and camera.
-"""
+Truth is `outside_camera`, which shares no code with our optics and camera."""
 
 from functools import lru_cache
 

@@ -64,9 +64,8 @@ top_mm = -0.5
 
 def quick(text, **changes):
     """The scene with `changes`, and the quick field made from the unchanged one; also the places.
-
-    Returns the changed scene, its field (n,), and x, z (n,) of the pixels 0.25 mm below and deeper.
-    """
+    Returns the changed scene, its field (n,), and x, z (n,) of the pixels 0.25 mm below and
+    deeper."""
     scene = parse_scene(text)
     moved = scene.with_values({key.replace("__", "."): v for key, v in changes.items()})
     grid = pixel_grid(scene).every(3)

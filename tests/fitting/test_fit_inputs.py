@@ -1,8 +1,6 @@
 """Stated inputs: priors of free keys, a budget of held ones, pairs that only a prior tells apart.
-
 Sensitivities are checked by fits with the input shifted; values and coverage by frames of a
-renderer that shares no code with the package's optics and camera.
-"""
+renderer that shares no code with the package's optics and camera."""
 
 import csv
 import json

@@ -41,9 +41,6 @@ def integral(function, low, high, breaks=()):
     )
 
 
-# --- lines -----------------------------------------------------------------------
-
-
 @given(
     order=st.floats(0.0, 50.0),
     power=st.tuples(*[st.floats(0.1, 5.0)] * 3),
@@ -93,9 +90,6 @@ def test_a_fine_pixel_takes_more_from_a_shorter_wavelength():
         # V^(k²) for sinc(k g): (pi g)⁴ (k⁴ - k²)/360 of the contrast, k = 1.22; the 400
         # midpoints add (pi g/400)²/12
         assert np.abs(signal - exact).max() < error
-
-
-# --- spectra ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("order", [0.0, 0.31, 1.72, 4.9, 12.3, 50.2])
@@ -258,9 +252,6 @@ def test_no_visibility_leaves_grey():
     np.testing.assert_allclose(signal, 0.5, rtol=0, atol=1e-13)
 
 
-# --- channels --------------------------------------------------------------------
-
-
 def test_one_wavelength_looks_alike_in_every_channel():
     order = np.linspace(0, 3, 31)
     signal = seen(order, Polariscope(wavelength_nm=REFERENCE), GENERIC)
@@ -344,9 +335,6 @@ def test_what_needs_one_wavelength_refuses_several():
         spectral_signal(
             np.ones((2, 2)), light, [chain] * len(light.wavelength_nm), reference_nm=REFERENCE
         )
-
-
-# --- the scene's keys --------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

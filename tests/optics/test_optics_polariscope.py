@@ -261,9 +261,6 @@ def test_plates_of_the_lights_own_wavelength_are_the_ideal_ones():
     assert make_chain(Polariscope(wavelength_nm=587.0, plate_wavelength_nm=587.0)).ideal == 1
 
 
-# --- stress-optic law ---------------------------------------------------------------------------
-
-
 def test_fringe_order_is_difference_times_thickness_over_fringe_value():
     # 0.6006 p0 of the paper's contact through 4 mm at 14.6 N/mm per fringe: N = 3.086
     modulus = contact_modulus(2100.0, 0.4, 210000.0, 0.3)

@@ -58,9 +58,6 @@ def converged():
     return simulate(PAPER.with_values({"numerics.tolerance": 1e-6}))
 
 
-# --- the paper's case ----------------------------------------------------------
-
-
 def test_static_peak_and_width_are_hertz_to_the_issues_bars(paper):
     # 18.758 ± 0.005 MPa and 0.7466 ± 0.004 mm
     assert paper.history["label"][0] == "static"
@@ -138,9 +135,6 @@ def test_worn_states_hardly_change_with_the_grid(paper):
     # second order in the spacing: half of it here, 6 pixels to 3
     for column in ("p_max_mpa", "wear_depth_um"):
         np.testing.assert_allclose(paper.history[column], coarse.history[column], rtol=3e-4)
-
-
-# --- frames --------------------------------------------------------------------
 
 
 def test_frames_are_sine_squared_of_the_order_in_the_cameras_grey_levels(paper):
@@ -224,8 +218,6 @@ def test_above_the_surface_there_is_no_light_and_no_order():
     np.testing.assert_array_equal(out.frames[:, 10:], whole.frames[:, :-10])
 
 
-# --- discs and beams -----------------------------------------------------------
-
 DISC = """
 [specimen]
 shape = "disc"
@@ -286,9 +278,6 @@ def test_a_beams_edge_rows_are_as_sharp_as_the_rest():
     # one straight gradient of N = 9.4/100 a pixel at most, all over
     known = picture.visibility[picture.material]
     assert known.min() > np.sinc(0.12)
-
-
-# --- files ---------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -395,8 +384,6 @@ def test_a_row_that_the_surface_cuts_is_not_the_specimens(cut):
     assert np.isnan(picture.order[:above]).all() and np.isfinite(picture.order[above:]).all()
     assert not picture_signal(scene, picture)[:above].any()
 
-
-# --- refusals ------------------------------------------------------------------
 
 RING = '[specimen]\nshape = "ring"\n'
 NOTHING = "[specimen]\nthickness_mm = 4.0\n"

@@ -36,9 +36,6 @@ A = hertz_half_width(11.0, 24.61, MODULUS)
 P0 = hertz_peak_pressure(11.0, 24.61, MODULUS)
 
 
-# --- the shipped scene, every pixel of the 4 x 3 mm window --------------------------------------
-
-
 @pytest.fixture(scope="module")
 def shipped():
     scene = load_scene("line-contact-wear")
@@ -78,9 +75,6 @@ def test_largest_difference_sits_where_hertz_puts_it(shipped):
     assert size.max() == pytest.approx(largest.difference_mpa, rel=2e-5)
     assert pixels.z_mm[row] == pytest.approx(largest.depth_mm, abs=pixels.pixel_mm)
     assert abs(pixels.x_mm[col]) <= pixels.pixel_mm
-
-
-# --- one hat ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("x", [0.0, 0.3, 1.0, 1.7, 12.0, 39.0, 41.0, 300.0])
@@ -143,9 +137,6 @@ def test_far_below_a_hat_acts_as_a_point_load():
     shear = stress_components(x, z, nodes, 0 * p, p)
     np.testing.assert_allclose(shear.sigma_x, radial * np.sin(angle) ** 2, rtol=0, atol=4e-11)
     np.testing.assert_allclose(shear.sigma_z, radial * np.cos(angle) ** 2, rtol=0, atol=4e-11)
-
-
-# --- the surface ---------------------------------------------------------------
 
 
 def hertz_nodes(n=201, half=0.5, friction=0.0):
@@ -211,9 +202,6 @@ def test_field_is_continuous_into_the_surface():
     # z times slope: 1e-9 mm over spacings of 5e-3 mm, times its logarithm
     for name in ("sigma_x", "sigma_z", "tau_xz"):
         np.testing.assert_allclose(getattr(on, name), getattr(below, name), rtol=0, atol=1e-5)
-
-
-# --- FFT rows against direct sums ----------------------------------------------
 
 
 @pytest.mark.parametrize(("dtype", "bar"), [(np.complex64, 1e-6), (np.complex128, 1e-12)])
@@ -291,9 +279,7 @@ def test_a_pixel_that_is_no_whole_number_of_spacings_is_refused():
 
 def test_a_spacing_that_nearly_divides_the_pixel_is_refused_too():
     """Of 800 nodes that are 1 % too far apart the last stand eight spacings off: 0.1 p0 of stress.
-
-    Rounding is no reason to refuse.
-    """
+    Rounding is no reason to refuse."""
     pixels = PixelGrid(rows=2, cols=2, left_mm=0.0, top_mm=0.0, pixel_mm=0.1)
     for off in (1e-2, -1e-4, 1e-8):
         with pytest.raises(
@@ -303,9 +289,6 @@ def test_a_spacing_that_nearly_divides_the_pixel_is_refused_too():
     for off in (0.0, 3e-16, -1e-12):
         grid = make_field_grid(pixels, left_mm=0.0, spacing_mm=0.1 / 3 * (1.0 + off), nodes=4)
         assert grid.fold == 3
-
-
-# --- mechanics ----------------------------------------------------------------
 
 
 def components(x, z, friction=0.4):
@@ -365,9 +348,6 @@ def test_a_traction_of_one_sign_mirrors_with_the_surface():
     field = stress_difference(grid, p, q)
     mirrored = stress_difference(grid, p[::-1], -q[::-1])
     np.testing.assert_allclose(mirrored, field[:, ::-1].conj(), rtol=0, atol=1e-13)
-
-
-# --- principal stresses and their direction ------------------------------------
 
 
 def test_principal_stresses_are_the_eigenvalues():

@@ -59,9 +59,7 @@ def test_rows_keep_their_digits_from_a_picometre_to_a_metre(
 @pytest.mark.parametrize("z", [0.0, 1e-9, 1e-6, 1e-3])
 def test_a_jump_in_pressure_leaves_no_spike(exact_field, z):
     """Stepwise constant tractions make sx infinite at the jump; a ramp over one spacing bounds it.
-
-    Beside a ramp over h, ∫ q/(ζ-t) dt is at most q0 (1 + ln(2 l/h)), l the length of the load.
-    """
+    Beside a ramp over h, ∫ q/(ζ-t) dt is at most q0 (1 + ln(2 l/h)), l the length of the load."""
     h, mu = 0.005, 0.25
     nodes = h * np.arange(-100, 101)
     p = np.where(np.abs(nodes) < 0.3 + 1e-9, P0, 0.0)

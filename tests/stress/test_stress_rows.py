@@ -97,9 +97,6 @@ def test_kernels_hold_only_the_bands_that_matter():
     assert grid.nbytes < everywhere / 4.5
 
 
-# --- precision ----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("tolerance", "dtype"),
     [(1.0, np.complex64), (1e-6, np.complex64), (9e-7, np.complex128), (5e-13, np.complex128)],
