@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx
 from scipy.integrate import quad
 
 import isochrome.contact.wear as worn_module
@@ -53,7 +52,7 @@ def test_a_coefficient_that_falls_linearly_makes_a_quadratic_dose():
     _, stops = wear_course(case)
     exact = [0.0, 5 * 30 - 0.02 * 30**2, 300.0, 300.0 + 150.0]  # times 1e-9 mm²/N · 1e3 mm
     # quadrature of a polynomial: rounding only
-    assert [s.dose_mm_per_mpa for s in stops] == approx([1e-6 * e for e in exact], rel=1e-13)
+    assert [s.dose_mm_per_mpa for s in stops] == pytest.approx([1e-6 * e for e in exact], rel=1e-13)
     assert [s.distance_m for s in stops] == [0.0, 30.0, 100.0, 250.0]
 
 
@@ -73,7 +72,7 @@ def test_sarkars_dose_under_a_friction_ramp_is_its_closed_form(end):
         mu = end * (stop.distance_m / 50.0 - 1.0)
         exact = 2e-6 * 50.0 / end * (primitive(mu) - primitive(-end))
         # eight Gauss points a quarter of mu apart: rounding only
-        assert stop.dose_mm_per_mpa == approx(exact, rel=1e-13)
+        assert stop.dose_mm_per_mpa == pytest.approx(exact, rel=1e-13)
 
 
 def test_dissipated_energy_counts_friction_of_either_sign():
@@ -87,9 +86,9 @@ def test_dissipated_energy_counts_friction_of_either_sign():
     triangle = 0.5 * 60.0 * 0.3
     exact = [triangle, triangle + 0.5 * 40 * 0.2, triangle + 4.0 + 10.0]
     # the zero of mu is a rounded number: its own rounding
-    assert [s.dose_mm_per_mpa for s in stops] == approx([8e-6 * e for e in exact], rel=1e-13)
+    assert [s.dose_mm_per_mpa for s in stops] == pytest.approx([8e-6 * e for e in exact], rel=1e-13)
     zero, corner = course.breaks_mm_per_mpa
-    assert (zero, corner) == approx((8e-6 * triangle, 8e-6 * (triangle + 4.0)), rel=1e-13)
+    assert (zero, corner) == pytest.approx((8e-6 * triangle, 8e-6 * (triangle + 4.0)), rel=1e-13)
 
 
 def test_the_laws_differ_by_their_factor_alone():
@@ -99,7 +98,7 @@ def test_the_laws_differ_by_their_factor_alone():
         return wear_rate(wear.model_copy(update={"law": law}), mu, 10.0)
 
     assert rate("archard", 0.5) == 3e-9
-    assert rate("sarkar", 0.5) == approx(3e-9 * 1.75**0.5, rel=1e-15)
+    assert rate("sarkar", 0.5) == pytest.approx(3e-9 * 1.75**0.5, rel=1e-15)
     assert rate("sarkar", 0.0) == 3e-9
     assert rate("dissipated_energy", -0.5) == 1.5e-9
     with pytest.raises(ValueError, match="no wear law 'rabinowicz'"):
@@ -150,14 +149,14 @@ def test_load_and_friction_follow_the_dose_where_it_bends_and_where_it_stops():
     )
     course, (stop,) = wear_course(case)
     full = stop.dose_mm_per_mpa
-    assert full == approx(4e-6 * 50.0, rel=1e-13)
+    assert full == pytest.approx(4e-6 * 50.0, rel=1e-13)
     for share in np.r_[np.random.default_rng(1).uniform(0, 1, 200), 1 - 1e-9, 0.0, 1.0]:
         done = 1.0 - np.sqrt(1.0 - share)
         load, mu = course.at(share * full)
         # what the samples are laid for, a thousandth of the tolerance, and the dose's own rounding
         rounding = 2e-16 / max(np.sqrt(1.0 - share), 1.5e-8)
-        assert mu == approx(0.1 + 0.3 * done, abs=0.4 * (1e-9 + rounding))
-        assert THICKNESS * load == approx(20.0 + 40.0 * done, abs=60.0 * (1e-9 + rounding))
+        assert mu == pytest.approx(0.1 + 0.3 * done, abs=0.4 * (1e-9 + rounding))
+        assert THICKNESS * load == pytest.approx(20.0 + 40.0 * done, abs=60.0 * (1e-9 + rounding))
 
 
 def test_a_course_of_constants_needs_two_samples():
@@ -165,7 +164,7 @@ def test_a_course_of_constants_needs_two_samples():
     assert len(course.distance_m) == 2 and course.breaks_mm_per_mpa == ()
     assert course.at(1e-4) == (11.0, 0.25)
     steady, same = constant_course(11.0, [0, 31, 77, 155, 233], dose_per_m=2e-6, friction=0.25)
-    assert [s.dose_mm_per_mpa for s in stops] == approx(
+    assert [s.dose_mm_per_mpa for s in stops] == pytest.approx(
         [s.dose_mm_per_mpa for s in same], rel=1e-14
     )
     assert steady.at(2e-4) == (11.0, 0.25)
@@ -179,19 +178,19 @@ def test_a_jump_while_nothing_wears_is_told_from_both_sides():
     )
     course, stops = wear_course(case)
     assert len({s.dose_mm_per_mpa for s in stops[:3]}) == 1
-    assert [THICKNESS * s.line_load_n_per_mm for s in stops] == approx([20, 32, 44, 44])
+    assert [THICKNESS * s.line_load_n_per_mm for s in stops] == pytest.approx([20, 32, 44, 44])
     still = stops[0].dose_mm_per_mpa
-    assert THICKNESS * course.at(still)[0] == approx(20.0)
-    assert THICKNESS * course.leaving(still)[0] == approx(44.0)
+    assert THICKNESS * course.at(still)[0] == pytest.approx(20.0)
+    assert THICKNESS * course.leaving(still)[0] == pytest.approx(44.0)
     assert course.next_break(0.0) < still and course.next_break(still) > still
     first, second, third, last = worn_states(case)
     carried = [THICKNESS * s.line_load_n_per_mm for s in (first, second, third, last)]
-    assert carried == approx([20.0, 32.0, 44.0, 44.0], rel=1e-12)
+    assert carried == pytest.approx([20.0, 32.0, 44.0, 44.0], rel=1e-12)
     assert_array_equal(first.wear_depth_mm, third.wear_depth_mm)
     # area = ∫P' dK over the two stretches that wear: 50.5 m at 20 N and 50.5 m at 44 N; the first
     # part, on the mesh, holds it to the tolerance asked for, 1e-3
     area = 2e-6 * (50.5 * 20.0 + 50.5 * 44.0) / THICKNESS
-    assert last.worn_area_mm2 == approx(area, rel=1e-3)
+    assert last.worn_area_mm2 == pytest.approx(area, rel=1e-3)
 
 
 def test_a_dose_beside_a_jump_by_its_rounding_is_on_the_jump():
@@ -207,8 +206,8 @@ def test_a_dose_beside_a_jump_by_its_rounding_is_on_the_jump():
     for stop, before, after in ((still, 20.0, 44.0), (end, 44.0, 60.0)):
         for ulps in range(-4, 5):
             dose = stop.dose_mm_per_mpa + ulps * np.spacing(stop.dose_mm_per_mpa)
-            assert THICKNESS * course.at(dose)[0] == approx(before, rel=1e-12)
-            assert THICKNESS * course.leaving(dose)[0] == approx(after, rel=1e-12)
+            assert THICKNESS * course.at(dose)[0] == pytest.approx(before, rel=1e-12)
+            assert THICKNESS * course.leaving(dose)[0] == pytest.approx(after, rel=1e-12)
 
 
 def bends(case):
@@ -244,7 +243,7 @@ def test_a_slow_change_of_the_load_does_not_bend():
     assert bends(scene(load__normal_n=ramp, wear__distances_m=(200.0,))) == []
     ramp = table((0.0, 20.0), (100.0, 40.0), (200.0, 40.0))
     case = scene(load__normal_n=ramp, wear__distances_m=(200.0,))
-    assert bends(case) == approx([100.0], rel=1e-9)
+    assert bends(case) == pytest.approx([100.0], rel=1e-9)
 
 
 def tables_of(values, max_size=4):
@@ -292,7 +291,7 @@ def test_worn_area_is_the_dose_times_a_constant_load_under_every_law(law, k, mu)
     for state in worn_states(case):
         # the tolerance asked for, 1e-3, is the pressure's; the area is held at least as well
         exact = balance(case, state.distance_m)
-        assert state.worn_area_mm2 == approx(exact, rel=1e-3, abs=1e-12)
+        assert state.worn_area_mm2 == pytest.approx(exact, rel=1e-3, abs=1e-12)
 
 
 @pytest.mark.long
@@ -307,12 +306,12 @@ def test_worn_area_follows_a_load_that_varies(law, k, load):
     )
     for state in worn_states(case):
         exact = balance(case, state.distance_m)
-        assert THICKNESS * state.line_load_n_per_mm == approx(
+        assert THICKNESS * state.line_load_n_per_mm == pytest.approx(
             case.load_at(state.distance_m), rel=1e-12
         )
         # the step formula is of second order in the load's change, held by the tolerance, 1e-3;
         # a scar of a millionth of the overlap, 4 a^3/(3 R) = 2.8e-3 mm², is below the solver's
-        assert state.worn_area_mm2 == approx(exact, rel=5e-3, abs=2.8e-9)
+        assert state.worn_area_mm2 == pytest.approx(exact, rel=5e-3, abs=2.8e-9)
 
 
 VARIED = {
@@ -346,7 +345,7 @@ def test_friction_that_reverses_moves_the_contact_to_the_other_side():
         wear__distances_m=(20.0, 25.0, 60.0),
     )
     forward, mirrored = worn_states(there), worn_states(back)
-    assert [s.friction for s in forward] == approx([0.25, 0.0, -0.25], abs=1e-15)
+    assert [s.friction for s in forward] == pytest.approx([0.25, 0.0, -0.25], abs=1e-15)
     for one, other in zip(forward, mirrored, strict=True):
         # the same steps, mirrored, up to rounding in their choice
         scale = one.wear_depth_mm.max()
@@ -402,7 +401,7 @@ def test_a_contact_that_outgrows_its_grid_goes_on_where_it_was(monkeypatch):
     assert nodes == sorted(nodes) and nodes[0] < nodes[-1]
     for state, true in zip(states, whole, strict=True):
         # both within the tolerance, 1e-3
-        assert state.wear_depth_mm.max() == approx(true.wear_depth_mm.max(), rel=2e-3)
+        assert state.wear_depth_mm.max() == pytest.approx(true.wear_depth_mm.max(), rel=2e-3)
         assert not state.pressure_mpa[[0, -1]].any()
 
 
@@ -424,7 +423,7 @@ def test_the_grid_is_as_fine_as_the_smallest_load_and_as_wide_as_the_largest_nee
     both = contact_grid(case, largest_dose_mm_per_mpa=0.0, line_loads_n_per_mm=(4.0, 16.0))
     assert both.spacing_mm == light.spacing_mm < heavy.spacing_mm
     # Hertz: twice the width at four times the load, to one spacing of the heavy grid
-    assert both.left_mm == approx(heavy.left_mm, abs=1.01 * heavy.spacing_mm)
+    assert both.left_mm == pytest.approx(heavy.left_mm, abs=1.01 * heavy.spacing_mm)
 
 
 @pytest.mark.parametrize("k", [5e-324, 1e-300])

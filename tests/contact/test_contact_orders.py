@@ -5,12 +5,12 @@ import numpy as np
 import isochrome.contact.scar as scar_module
 from isochrome.contact import (
     constant_course,
+    make_mesh,
     make_surface,
     scar_history,
     scar_on_nodes,
     solve_pressure,
 )
-from isochrome.contact.scar import make_mesh
 from isochrome.reference import hertz_half_width
 
 RADIUS, MODULUS, LOAD = 24.61, 2473.2, 11.0

@@ -12,6 +12,7 @@ from isochrome.contact import (
     SlidingHistory,
     constant_course,
     contact_states,
+    make_mesh,
     make_site,
     make_surface,
     scar_history,
@@ -19,7 +20,7 @@ from isochrome.contact import (
     wear_course,
     wear_history,
 )
-from isochrome.contact.scar import make_mesh, unresolved
+from isochrome.contact.scar import unresolved
 from isochrome.reference import coupled_contact, hertz_half_width, hertz_peak_pressure
 from isochrome.scene import load_scene
 

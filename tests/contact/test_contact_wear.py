@@ -5,7 +5,6 @@ import itertools
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx
 
 from isochrome.contact import (
     constant_course,
@@ -37,7 +36,7 @@ def test_worn_area_is_dose_times_load_which_proves_only_the_balance():
     x, _, states = history(161, DOSES)
     for dose, state in zip(DOSES, states, strict=True):
         area = state.depth_mm.sum() * (x[1] - x[0])
-        assert area == approx(dose * LOAD, rel=1e-12)
+        assert area == pytest.approx(dose * LOAD, rel=1e-12)
 
 
 @pytest.fixture(scope="module")
@@ -52,10 +51,10 @@ def test_peak_pressure_and_depth_are_within_the_tolerance_asked_for(converged, t
     _, _, states = history(133, DOSES, tolerance=tolerance)
     for state, true in zip(states, converged, strict=True):
         # the converged run is itself good to a tenth of the finest tolerance here
-        assert state.contact.pressure.max() == approx(
+        assert state.contact.pressure.max() == pytest.approx(
             true.contact.pressure.max(), rel=1.1 * tolerance
         )
-        assert state.depth_mm.max() == approx(true.depth_mm.max(), rel=1.1 * tolerance)
+        assert state.depth_mm.max() == pytest.approx(true.depth_mm.max(), rel=1.1 * tolerance)
 
 
 SHAPES = {
@@ -71,8 +70,10 @@ def test_the_tolerance_holds_at_a_fixed_corner_beside_an_edge_that_moves(shape):
     asked, finer = (history(133, doses, gap=shape, tolerance=t)[2] for t in (1e-3, 3e-5))
     for state, true in zip(asked, finer, strict=True):
         # the finer run is itself good to a thirtieth of the tolerance
-        assert state.contact.pressure.max() == approx(true.contact.pressure.max(), rel=1.1e-3)
-        assert state.depth_mm.max() == approx(true.depth_mm.max(), rel=1.1e-3)
+        assert state.contact.pressure.max() == pytest.approx(
+            true.contact.pressure.max(), rel=1.1e-3
+        )
+        assert state.depth_mm.max() == pytest.approx(true.depth_mm.max(), rel=1.1e-3)
 
 
 @pytest.mark.long
@@ -162,7 +163,7 @@ def test_implicit_steps_agree_with_brute_force_explicit_ones(friction):
     p, _ = dense_contact(influence, gap + worn, LOAD, h, active)
     _, _, states = history(n, [DOSES[-1]], friction=friction, tolerance=1e-5)
     # Euler's own first-order error at 4000 steps; measured 7e-5 and 2.5e-5
-    assert states[0].contact.pressure.max() == approx(p.max(), rel=2e-4)
+    assert states[0].contact.pressure.max() == pytest.approx(p.max(), rel=2e-4)
     assert_allclose(states[0].depth_mm, worn, rtol=0, atol=1e-4 * worn.max())
 
 
@@ -190,8 +191,8 @@ def test_a_state_hardly_depends_on_the_other_doses_asked_for():
     alone = history(101, [DOSES[-1]])[2][0]
     among = history(101, np.linspace(0, DOSES[-1], 12))[2][-1]
     # each is within the tolerance, 1e-4, of the truth
-    assert alone.contact.pressure.max() == approx(among.contact.pressure.max(), rel=2e-4)
-    assert alone.depth_mm.max() == approx(among.depth_mm.max(), rel=2e-4)
+    assert alone.contact.pressure.max() == pytest.approx(among.contact.pressure.max(), rel=2e-4)
+    assert alone.depth_mm.max() == pytest.approx(among.depth_mm.max(), rel=2e-4)
 
 
 def test_every_worn_state_holds_the_contact_conditions():
@@ -201,7 +202,7 @@ def test_every_worn_state_holds_the_contact_conditions():
         assert state.contact.residual <= 1e-8  # asked for at each output
         assert p.min() >= 0.0 and state.depth_mm.min() >= 0.0
         assert gap.min() >= -1e-8 * LOAD / MODULUS
-        assert p.sum() * (x[1] - x[0]) == approx(LOAD, rel=1e-12)
+        assert p.sum() * (x[1] - x[0]) == pytest.approx(LOAD, rel=1e-12)
 
 
 def test_reversed_friction_wears_the_mirrored_scar():
@@ -226,7 +227,7 @@ def test_a_long_run_tends_to_the_cylinders_own_arc(factor):
     # what elasticity leaves is (a/c)² of it: 0.05 at a hundred times the paper's distance
     assert np.abs(depth - arc).max() < (a / c) ** 2 * arc.max()
     on = x[p > 0]
-    assert on[-1] - on[0] + h == approx(2 * c, rel=0.2 * (a / c) ** 2, abs=2 * h)
+    assert on[-1] - on[0] + h == pytest.approx(2 * c, rel=0.2 * (a / c) ** 2, abs=2 * h)
     middle = np.abs(x) < 0.8 * c
     assert np.ptp(p[middle]) < 2 * (a / c) ** 2 * LOAD / (2 * c)
 
@@ -242,7 +243,7 @@ def test_a_flat_punch_with_corners_wears_its_corners_down():
     assert peaks[-1] < 1.5 * mean < peaks[0]
     for dose, state in zip([0.0, *DOSES], states, strict=True):
         area = state.depth_mm.sum() * (x[1] - x[0])
-        assert area == approx(dose * LOAD, rel=1e-12, abs=1e-300)
+        assert area == pytest.approx(dose * LOAD, rel=1e-12, abs=1e-300)
 
 
 COARSE = {"numerics.spacing_mm": 0.00607, "numerics.tolerance": 1e-3}
@@ -279,6 +280,6 @@ def test_friction_that_varies_with_distance_is_the_friction_of_each_state():
     table = DistanceTable(distance_m=(0.0, 31.0, 155.0), value=(0.1, 0.2, 0.3))
     states = contact_states(coarse_scene(**{"friction.coefficient": table}))[1:]
     mu = [s.friction for s in states]
-    assert mu == approx([0.1, 0.2, 0.2 + 0.1 * 46 / 124, 0.3, 0.3], rel=1e-14)
+    assert mu == pytest.approx([0.1, 0.2, 0.2 + 0.1 * 46 / 124, 0.3, 0.3], rel=1e-14)
     for state, value in zip(states, mu, strict=True):
         assert_allclose(state.shear_mpa, value * state.pressure_mpa, rtol=1e-15)

@@ -8,8 +8,7 @@ import tifffile
 from block_frames import FREE, LOAD, PLACE, SIZE, SMALL, SMOOTH, WHOLE, photographed, scene_of
 
 from finite_block import Solid
-from isochrome.fitting import fit
-from isochrome.fitting.frame.unknowns import LENS
+from isochrome.fitting import LENS, fit
 from isochrome.output import write_tiff
 from isochrome.processing import process
 from isochrome.scene import load_scene, parse_scene

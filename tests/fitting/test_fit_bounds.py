@@ -7,11 +7,7 @@ from scipy.optimize import minimize_scalar
 
 from isochrome.errors import PhysicsError
 from isochrome.estimation import fit_intensity, prepare_frame
-from isochrome.fitting import fit_frame
-from isochrome.fitting.frame.frame_fit import cramer_rao_bound
-from isochrome.fitting.joint.frame_sequence import make_sequence
-from isochrome.fitting.joint.joint_fit import fit_jointly
-from isochrome.fitting.wear_laws import segments
+from isochrome.fitting import cramer_rao_bound, fit_frame, fit_jointly, make_sequence, segments
 from isochrome.frames import Frame
 from isochrome.scene import parse_scene
 from isochrome.simulation import simulate

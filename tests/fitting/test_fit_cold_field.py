@@ -5,9 +5,8 @@ import pytest
 
 from isochrome.contact import elastic_constants
 from isochrome.errors import PhysicsError
-from isochrome.estimation.least_squares import evaluate
-from isochrome.estimation.observation import prepare_frame
-from isochrome.fitting.frame.frame_fit import placed
+from isochrome.estimation import evaluate, prepare_frame
+from isochrome.fitting import placed
 from isochrome.fitting.search.coarse_fields import (
     THETA,
     field_maker,

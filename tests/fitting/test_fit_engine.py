@@ -8,10 +8,7 @@ from engine_frames import HALF_SIZE, KINDS, begun, captured, fitted, orders, pul
 from scipy.ndimage import gaussian_filter
 
 from isochrome.estimation import prepare_frame
-from isochrome.fitting import fit_frame
-from isochrome.fitting.frame.frame_fit import cramer_rao_bound
-from isochrome.fitting.frame.frame_model import FrameModel
-from isochrome.fitting.frame.unknowns import fit_region
+from isochrome.fitting import FrameModel, cramer_rao_bound, fit_frame, fit_region
 from isochrome.simulation import (
     make_picture,
     picture_signal,

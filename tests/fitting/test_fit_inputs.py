@@ -14,8 +14,7 @@ from isochrome import fit
 from isochrome.benchmarks import load_benchmarks
 from isochrome.errors import InputError
 from isochrome.estimation import prepare_frame
-from isochrome.fitting import fit_frame, fit_with_causes, taken_as_exact
-from isochrome.fitting.frame.unknowns import stated_inputs
+from isochrome.fitting import fit_frame, fit_with_causes, stated_inputs, taken_as_exact
 from isochrome.frames import Frame
 from isochrome.scene import load_scene, parse_scene
 from isochrome.simulation import simulate

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from isochrome.fitting import fit
-from isochrome.fitting.joint.frame_sequence import make_sequence
-from isochrome.fitting.wear_laws import (
+from isochrome.fitting import (
     LawFit,
     WearLaws,
     compare_laws,
+    fit,
+    make_sequence,
     marginal,
     mean_coefficients,
     nearest_point,

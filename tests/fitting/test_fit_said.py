@@ -7,18 +7,12 @@ import numpy as np
 import pytest
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import HALF, is_explained
-from isochrome.estimation.intensity import Minimum
-from isochrome.estimation.observation import prepare_frame
-from isochrome.fitting.api import fit
+from isochrome.estimation import HALF, Minimum, is_explained, prepare_frame
+from isochrome.fitting import fit, fit_frame, fit_region, make_sequence, timed_distance
 from isochrome.fitting.figure import over_distance_figure
 from isochrome.fitting.folder import restore_fit
-from isochrome.fitting.frame.frame_fit import fit_frame
 from isochrome.fitting.frame.frame_model import Pixels, clear_of_ends
-from isochrome.fitting.frame.single_state import timed_distance
-from isochrome.fitting.frame.unknowns import fit_region
 from isochrome.fitting.frame_set import refuse_alike
-from isochrome.fitting.joint.frame_sequence import make_sequence
 from isochrome.fitting.joint.separate_fits import fit_of_each, refuse_undetermined
 from isochrome.fitting.result import make_result
 from isochrome.fitting.search.cold_start import search_frame

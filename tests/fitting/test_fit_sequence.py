@@ -5,17 +5,16 @@ import pytest
 
 from isochrome.errors import InputError
 from isochrome.estimation import prepare_frame
-from isochrome.fitting import fit, frame_distance, with_numerics
-from isochrome.fitting.frame.single_state import state_scene
-from isochrome.fitting.frame.unknowns import fit_region
-from isochrome.fitting.joint.frame_sequence import (
-    SharedRun,
-    alone_scene,
-    local_values,
+from isochrome.fitting import (
+    fit,
+    fit_jointly,
+    fit_region,
+    frame_distance,
     make_sequence,
-    stepwise,
+    with_numerics,
 )
-from isochrome.fitting.joint.joint_fit import fit_jointly
+from isochrome.fitting.frame.single_state import state_scene
+from isochrome.fitting.joint.frame_sequence import SharedRun, alone_scene, local_values, stepwise
 from isochrome.fitting.joint.normal_equations import add_up, linearise_frame, make_renderer
 from isochrome.frames import Frame
 from isochrome.output import write_tiff

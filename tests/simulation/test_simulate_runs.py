@@ -8,8 +8,7 @@ from isochrome.errors import InputError
 from isochrome.output import read_csv
 from isochrome.runs import Stopped
 from isochrome.scene import dump_scene, load_scene
-from isochrome.simulation import simulate
-from isochrome.simulation.rendering import RenderWork
+from isochrome.simulation import RenderWork, simulate
 from runs.counting import contents
 from runs.killing import killed_and_begun_again, needs_sigkill, start
 

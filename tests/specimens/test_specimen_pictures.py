@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from isochrome.errors import InputError
-from isochrome.scene import parse_scene
-from isochrome.scene.parts import BODIES
+from isochrome.scene import BODIES, parse_scene
 from isochrome.specimens import SpecimenModel, specimen_model
 from isochrome.stress import pixel_grid
 

@@ -1,6 +1,6 @@
 from .pressure import ContactState, Surface, displacement, make_surface, solve_pressure
 from .profile import ContactGrid, contact_grid, elastic_constants, line_load
-from .scar import Scar, scar_history
+from .scar import Scar, make_mesh, scar_history
 from .sliding_history import (
     OutputState,
     SlidingHistory,
@@ -41,6 +41,7 @@ __all__ = [
     "elastic_state",
     "iter_contact_states",
     "line_load",
+    "make_mesh",
     "make_site",
     "make_surface",
     "mean_wear_rate",

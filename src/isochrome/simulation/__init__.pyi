@@ -13,11 +13,12 @@ from .model import (
     state_count,
     state_difference,
 )
-from .rendering import Rendered, picture_axes, render
+from .rendering import Rendered, RenderWork, picture_axes, render
 from .steps import camera_frame, polariscope_light, stress_map, surface_tractions
 
 __all__ = [
     "Picture",
+    "RenderWork",
     "Rendered",
     "SceneState",
     "Simulation",
