@@ -175,11 +175,10 @@ def test_the_error_falls_with_the_tolerance_to_the_last():
 def test_the_steps_are_of_fourth_order():
     """On one mesh, halving every step divides the error by sixteen."""
     from isochrome.contact.scar import ScarEquations, _advance, _at, hertz_units
-    from isochrome.contact.scar import make_mesh as mesh_of
 
     course = constant_course(LOAD, [1.0], dose_per_m=10 * UNIT, friction=0.04)[0]
     equations = ScarEquations(
-        mesh_of(32), hertz_units(RADIUS, MODULUS, 4.0 / MODULUS, LOAD), course
+        make_mesh(32), hertz_units(RADIUS, MODULUS, 4.0 / MODULUS, LOAD), course
     )
 
     def depth_at_one(ratio, substeps):
