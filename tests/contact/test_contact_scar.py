@@ -21,12 +21,11 @@ from isochrome.contact import (
     wear_history,
 )
 from isochrome.contact.scar import unresolved
-from isochrome.reference import coupled_contact, hertz_half_width, hertz_peak_pressure
+from isochrome.reference import coupled_contact, hertz_half_width
 from isochrome.scene import load_scene
 
 RADIUS, MODULUS, LOAD = 24.61, 2473.2, 11.0
 HALF_WIDTH = hertz_half_width(LOAD, RADIUS, MODULUS)
-PEAK = hertz_peak_pressure(LOAD, RADIUS, MODULUS)
 UNIT = 2.0 * HALF_WIDTH / MODULUS
 """The dose 2a/E* (mm/MPa) in which wear and elasticity count alike; 233 m of the paper are 3.1."""
 
