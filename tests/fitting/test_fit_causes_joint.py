@@ -1,21 +1,15 @@
 """Several frames of one bench: what belongs to the apparatus is asked of all of them together.
 Truth is `outside_camera`, which shares no code with our optics and camera."""
 
-from functools import lru_cache
-
 import numpy as np
 import pytest
+from test_fit_causes import Defects, bench, frame
 
 from isochrome import fit, track
-from isochrome.benchmarks import load_benchmarks
 from isochrome.estimation import prepare_frame
 from isochrome.fitting import Apparatus, Tracker, placed
 from isochrome.frames import Frame
 from isochrome.output import write_tiff
-from isochrome.scene import load_scene
-
-OUTSIDE = load_benchmarks("outside_camera")
-Defects, frame = OUTSIDE.Defects, OUTSIDE.frame
 
 LOAD, FRICTION, PLACE = "load.normal_n", "friction.coefficient", ["camera.left_mm", "camera.top_mm"]
 LOADS, MU = (44.0, 47.3, 51.0), 0.187
@@ -29,31 +23,13 @@ DEFECTS = [
 ]
 """Key, what is wrong, its value, and four or five of its uncertainties in pictures this small."""
 
-LARGER = (247, 330)
-"""In smaller pictures the truth's own grid of half pixels turns them by some 0.03 degree."""
-
-
-@lru_cache
-def bench(rows=124, cols=165):
-    """A sliding contact of 4 mm x 3 mm in view."""
-    scene = load_scene("line-contact-wear").with_values(
-        {
-            LOAD: 47.3,
-            FRICTION: MU,
-            "friction.static_state_first": False,
-            "wear.distances_m": (0.0,),
-            "polariscope.wavelength_nm": 587.0,
-            "camera.width_px": cols,
-            "camera.height_px": rows,
-            "camera.pixel_mm": 4.0 / cols,
-        }
-    )
-    return scene.model_copy(update={"wear": None})
+SMALL, LARGER = (124, 165), (247, 330)
+"""In small pictures the truth's own grid of half pixels turns them by some 0.03 degree."""
 
 
 def captured(folder, defects, loads, seed=1, size=()):
     """The frames of some loads, and the scene that a fit begins with."""
-    true = bench(*size)
+    true = bench(*(size or SMALL))
     images = [
         frame(true.with_values({LOAD: float(load)}), defects, 10 * seed + i)
         for i, load in enumerate(loads)
@@ -183,11 +159,11 @@ def test_a_track_that_is_held_to_its_scene_is_off(tmp_path):
 def test_a_tracked_value_has_the_uncertainty_of_what_is_held(key, value, spread):
     """As much as it moves when that is held one standard uncertainty beside its value."""
     keys = (LOAD, FRICTION, *PLACE)
-    image = frame(bench(), Defects(**{key.split(".")[1]: value}), 7)
+    image = frame(bench(*SMALL), Defects(**{key.split(".")[1]: value}), 7)
     shot = Frame(index=0, image=image, time_s=None, name="bench")
 
     def tracked(at, covariance=None):
-        scene = placed(bench().with_values({key: at}), image.shape)
+        scene = placed(bench(*SMALL).with_values({key: at}), image.shape)
         held = Apparatus(scene=scene, keys=(key,) * (covariance is not None), covariance=covariance)
         return Tracker(scene, keys, bit_depth=8, apparatus=held).track(shot, None)
 
@@ -203,12 +179,12 @@ def test_a_tracked_value_has_the_uncertainty_of_what_is_held(key, value, spread)
 
 
 def test_a_held_light_and_pixels_are_those_of_every_frame():
-    image = frame(bench(), Defects(), 0)
+    image = frame(bench(*SMALL), Defects(), 0)
     shot = Frame(index=0, image=image, time_s=None, name="bench")
-    data = prepare_frame(shot, bench(), bit_depth=8)
+    data = prepare_frame(shot, bench(*SMALL), bit_depth=8)
     outside = np.zeros(image.shape, bool)
     outside[40:50, 60:70] = True
     terms = ((0, 0), (1, 0)), ((0, 0),)
-    seen = Apparatus(scene=bench(), terms=terms, outside=outside).seen(data)
+    seen = Apparatus(scene=bench(*SMALL), terms=terms, outside=outside).seen(data)
     assert seen.lamp.terms == terms and len(seen.illumination) == 2
     assert np.array_equal(seen.valid, data.valid & ~outside)

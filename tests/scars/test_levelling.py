@@ -7,9 +7,19 @@ import numpy as np
 import pytest
 
 from isochrome.errors import InputError
-from isochrome.scars import LevelledTrace, Roughness, Trace, UnclearScarError, levelled
-from isochrome.scars.levelling import ScarShape, form_spread, refine_place, whitening
-from isochrome.scars.roughness import fit_roughness, make_bands
+from isochrome.scars import (
+    LevelledTrace,
+    Roughness,
+    ScarShape,
+    Trace,
+    UnclearScarError,
+    fit_roughness,
+    form_spread,
+    levelled,
+    make_bands,
+    refine_place,
+    whitening,
+)
 from worn_scars import (
     DISTANCES_M,
     FINISHES,

@@ -268,12 +268,3 @@ def test_pure_tension_points_along_its_axis():
     directions = principal_direction(np.array([1.0 + 0j, -1.0 + 0j, -1j, 1j]))
     np.testing.assert_allclose(np.abs(directions[1]), np.pi / 2)
     np.testing.assert_allclose(directions[[0, 2, 3]], [0.0, np.pi / 4, -np.pi / 4])
-
-
-def test_bulk_stress_adds_to_sx_alone(shipped):
-    scene, states, pixels = shipped
-    few = pixels.every(60)
-    plain = state_difference(scene, states[0], few)
-    pulled = state_difference(scene.with_values({"load.bulk_mpa": 3.0}), states[0], few)
-    # single precision
-    np.testing.assert_allclose(pulled - plain, 3.0, rtol=0, atol=3e-6)
