@@ -278,40 +278,33 @@ def balance(case, end):
     return sum(quad(rate, a, b, epsabs=1e-15, limit=200)[0] for a, b in pairs)
 
 
+def assert_balance(rel, floor, **values):
+    """Each state carries its load, and its worn area is the integral of rate and load."""
+    case = scene(**values, wear__distances_m=(40.0, 101.0))
+    for state in worn_states(case):
+        load = pytest.approx(case.load_at(state.distance_m), rel=1e-12)
+        assert THICKNESS * state.line_load_n_per_mm == load
+        exact = balance(case, state.distance_m)
+        assert state.worn_area_mm2 == pytest.approx(exact, rel=rel, abs=floor)
+
+
 @pytest.mark.long
 @settings(max_examples=25, deadline=None)
 @given(law=laws, k=coefficients, mu=frictions)
 def test_worn_area_is_the_dose_times_a_constant_load_under_every_law(law, k, mu):
-    case = scene(
-        wear__law=law,
-        wear__coefficient_mm2_per_n=k,
-        friction__coefficient=mu,
-        wear__distances_m=(40.0, 101.0),
-    )
-    for state in worn_states(case):
-        # the tolerance asked for, 1e-3, is the pressure's; the area is held at least as well
-        exact = balance(case, state.distance_m)
-        assert state.worn_area_mm2 == pytest.approx(exact, rel=1e-3, abs=1e-12)
+    keys = {"wear__coefficient_mm2_per_n": k, "friction__coefficient": mu}
+    # the tolerance asked for, 1e-3, is the pressure's; the area is held at least as well
+    assert_balance(1e-3, 1e-12, wear__law=law, **keys)
 
 
 @pytest.mark.long
 @settings(max_examples=15, deadline=None)
 @given(law=laws, k=coefficients, load=tables_of(st.floats(20.0, 80.0)))
 def test_worn_area_follows_a_load_that_varies(law, k, load):
-    case = scene(
-        wear__law=law,
-        wear__coefficient_mm2_per_n=k,
-        load__normal_n=load,
-        wear__distances_m=(40.0, 101.0),
-    )
-    for state in worn_states(case):
-        exact = balance(case, state.distance_m)
-        assert THICKNESS * state.line_load_n_per_mm == pytest.approx(
-            case.load_at(state.distance_m), rel=1e-12
-        )
-        # the step formula is of second order in the load's change, held by the tolerance, 1e-3;
-        # a scar of a millionth of the overlap, 4 a^3/(3 R) = 2.8e-3 mm², is below the solver's
-        assert state.worn_area_mm2 == pytest.approx(exact, rel=5e-3, abs=2.8e-9)
+    keys = {"wear__coefficient_mm2_per_n": k, "load__normal_n": load}
+    # the step formula is of second order in the load's change, held by the tolerance, 1e-3;
+    # a scar of a millionth of the overlap, 4 a^3/(3 R) = 2.8e-3 mm², is below the solver's
+    assert_balance(5e-3, 2.8e-9, wear__law=law, **keys)
 
 
 VARIED = {

@@ -130,7 +130,7 @@ def dense_contact(influence, gap, load, h, active):
     raise AssertionError("the dense reference did not settle")
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.25])
+@pytest.mark.parametrize("friction", [0.0, 0.25, -0.25])
 def test_implicit_steps_agree_with_brute_force_explicit_ones(friction):
     """Dense matrix, explicit Euler at a hundredth of its limit, 61 nodes, to 233 m."""
     n, half = 61, 0.8
@@ -157,15 +157,6 @@ def test_implicit_steps_agree_with_brute_force_explicit_ones(friction):
     # Euler's own first-order error at 4000 steps; measured 7e-5 and 2.5e-5
     assert states[0].contact.pressure.max() == pytest.approx(p.max(), rel=2e-4)
     assert_allclose(states[0].depth_mm, worn, rtol=0, atol=1e-4 * worn.max())
-
-
-def test_a_tiny_dose_wears_by_dose_times_pressure():
-    # h = K p + O(K² E*/h): the second term is 1e-3 of the first at a thousandth of the limit
-    x, surface, _ = history(101, [1e-12], friction=0.0, coupling=0.0)
-    dose = 1e-3 * 4 * (x[1] - x[0]) / (np.pi * MODULUS)
-    _, _, states = history(101, [dose], friction=0.0, coupling=0.0)
-    unworn = solve_pressure(surface, x**2 / (2 * RADIUS), LOAD).pressure
-    assert_allclose(states[0].depth_mm, dose * unworn, rtol=0, atol=2e-3 * dose * unworn.max())
 
 
 def test_doses_are_hit_exactly_and_repeated_ones_give_the_same_state():
@@ -197,14 +188,6 @@ def test_every_worn_state_holds_the_contact_conditions_and_the_balance():
         assert p.sum() * (x[1] - x[0]) == pytest.approx(LOAD, rel=1e-12)
         # holds identically for any scheme that carries the load: to the rounding of ~100 steps
         assert state.depth_mm.sum() * (x[1] - x[0]) == pytest.approx(dose * LOAD, rel=1e-12)
-
-
-def test_reversed_friction_wears_the_mirrored_scar():
-    _, _, forward = history(101, [DOSES[-1]], friction=0.25)
-    _, _, back = history(101, [DOSES[-1]], friction=-0.25)
-    # the same steps, up to rounding in their choice
-    scale = forward[0].depth_mm.max()
-    assert_allclose(back[0].depth_mm, forward[0].depth_mm[::-1], rtol=0, atol=1e-7 * scale)
 
 
 @pytest.mark.parametrize("factor", [100.0, pytest.param(1e4, marks=pytest.mark.long)])

@@ -100,17 +100,6 @@ def test_keys_that_the_frame_cannot_tell_apart_are_refused_by_their_correlation(
         fit(path, parse_scene(STATIC), keys)
 
 
-@pytest.mark.parametrize("text", [STATIC, WORN], ids=["one frame", "two frames"])
-def test_a_key_that_does_not_change_the_fringes_is_refused(rendered, text):
-    # Ideal plates: the wavelength stands in the scene, and in no equation.
-    text += "\n[polariscope]\nwavelength_nm = 587.0\n"
-    path = rendered(text)
-    with pytest.raises(
-        PhysicsError, match=r"polariscope.wavelength_nm does not change the fringes"
-    ):
-        fit(path, parse_scene(text), ["load.normal_n", "polariscope.wavelength_nm"])
-
-
 @pytest.mark.parametrize("other", ["specimen.fringe_value_n_per_mm", "specimen.thickness_mm"])
 def test_keys_with_the_same_effect_as_the_load_are_refused_before_the_frames_are_read(other):
     with pytest.raises(InputError, match="cannot both be free"):

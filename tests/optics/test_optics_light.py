@@ -161,14 +161,6 @@ def test_white_fringes_wash_out_to_grey():
     assert seen(0.5, WHITE)[0, 0, 0] > 0.9
 
 
-def test_dark_and_bright_share_out_every_channels_light():
-    order = np.linspace(0.0, 8.0, 161)
-    dark = seen(order, WHITE, GENERIC)
-    bright = seen(order, WHITE.model_copy(update={"field": "bright"}), GENERIC)
-    # weights of sum 1, in roundings
-    np.testing.assert_allclose(dark + bright, 1.0, rtol=0, atol=1e-13)
-
-
 REAL = Polariscope(
     wavelength_nm=REFERENCE,
     light="white",

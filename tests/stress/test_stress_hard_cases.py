@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from isochrome.reference import hertz_pressure
 from isochrome.stress import (
@@ -133,12 +134,8 @@ def test_a_row_of_pixels_on_the_surface_itself(above):
     for stress in (field.sigma_x, field.sigma_z, field.tau_xz):
         assert not stress[:above].any()
     # the tractions come back: linear between nodes; double precision's stated error
-    np.testing.assert_allclose(
-        field.sigma_z[above], -np.interp(pixels.x_mm, nodes, p), rtol=0, atol=1e-12
-    )
-    np.testing.assert_allclose(
-        field.tau_xz[above], -np.interp(pixels.x_mm, nodes, q), rtol=0, atol=1e-12
-    )
+    assert_allclose(field.sigma_z[above], -np.interp(pixels.x_mm, nodes, p), rtol=0, atol=1e-12)
+    assert_allclose(field.tau_xz[above], -np.interp(pixels.x_mm, nodes, q), rtol=0, atol=1e-12)
 
 
 def test_a_picture_above_the_surface_alone_is_empty():
