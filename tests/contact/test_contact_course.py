@@ -1,7 +1,5 @@
 """Wear laws and tables over distance: doses against closed forms, balance, order, streaming."""
 
-from __future__ import annotations
-
 import itertools
 import weakref
 
@@ -9,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import quad
 
 import isochrome.contact.wear as worn_module
@@ -43,9 +42,6 @@ def scene(**values):
 def worn_states(case):
     """Its states without the static one."""
     return contact_states(case)[1:]
-
-
-# --- doses --------------------------------------------------------------------------------------
 
 
 def test_a_coefficient_that_falls_linearly_makes_a_quadratic_dose():
@@ -120,34 +116,26 @@ def running_in(settled_m):
 
 @pytest.mark.parametrize("settled_m", [300.0, 20.0, 0.1, 1e-4])
 def test_the_dose_of_a_law_of_the_distance_is_its_closed_form(monkeypatch, settled_m):
-    """However short the running-in: eight points over 233 m see nothing of 0.1 mm.
-
-    The end of the stretch, which the second rule looks at, does.
-    """
+    """However short the running-in: eight points over 233 m see nothing of 0.1 mm. The end of the
+    stretch, which the second rule looks at, does."""
     monkeypatch.setattr(history_module, "wear_rate", running_in(settled_m))
     course, stops = wear_course(scene())
     s = np.array([stop.distance_m for stop in stops])
     exact = 2e-6 * (s - 4.0 * settled_m * np.expm1(-s / settled_m))
     # each stretch's dose is held to 1e-12 of the whole
-    np.testing.assert_allclose(
-        [stop.dose_mm_per_mpa for stop in stops], exact, rtol=0, atol=1e-11 * exact[-1]
-    )
+    assert_allclose([stop.dose_mm_per_mpa for stop in stops], exact, rtol=0, atol=1e-11 * exact[-1])
     # a stretch a halving from 233 m to a tenth of a millimetre, a few more within the running-in
     assert len(course.distance_m) < 50
 
 
 def test_a_search_starts_from_the_mean_rate_and_from_a_constant_one_to_its_last_bit(monkeypatch):
     wear, mu = scene(wear__law="sarkar").wear, np.array([0.0, 0.21, -0.4])
-    np.testing.assert_array_equal(
-        mean_wear_rate(wear, mu, 233.0), wear_rate(wear, mu, np.full(3, 233.0))
-    )
+    assert_array_equal(mean_wear_rate(wear, mu, 233.0), wear_rate(wear, mu, np.full(3, 233.0)))
     tried = wear.model_copy(update={"coefficient_mm2_per_n": np.array([1e-9, 2e-9, 3e-9])})
     monkeypatch.setattr(history_module, "wear_rate", running_in(20.0))
     mean = 1.0 + 4.0 * 20.0 / 40.0 * -np.expm1(-2.0)
     # eight points on an exponential over two of its lengths: rounding
-    np.testing.assert_allclose(
-        mean_wear_rate(tried, mu, 40.0), mean * tried.coefficient_mm2_per_n, rtol=1e-13
-    )
+    assert_allclose(mean_wear_rate(tried, mu, 40.0), mean * tried.coefficient_mm2_per_n, rtol=1e-13)
 
 
 def test_load_and_friction_follow_the_dose_where_it_bends_and_where_it_stops():
@@ -198,7 +186,7 @@ def test_a_jump_while_nothing_wears_is_told_from_both_sides():
     first, second, third, last = worn_states(case)
     carried = [THICKNESS * s.line_load_n_per_mm for s in (first, second, third, last)]
     assert carried == pytest.approx([20.0, 32.0, 44.0, 44.0], rel=1e-12)
-    np.testing.assert_array_equal(first.wear_depth_mm, third.wear_depth_mm)
+    assert_array_equal(first.wear_depth_mm, third.wear_depth_mm)
     # area = ∫P' dK over the two stretches that wear: 50.5 m at 20 N and 50.5 m at 44 N; the first
     # part, on the mesh, holds it to the tolerance asked for, 1e-3
     area = 2e-6 * (50.5 * 20.0 + 50.5 * 44.0) / THICKNESS
@@ -207,8 +195,7 @@ def test_a_jump_while_nothing_wears_is_told_from_both_sides():
 
 def test_a_dose_beside_a_jump_by_its_rounding_is_on_the_jump():
     """Goes wrong: a step that ends an ulp beyond a jump arrives with part of it, and an edge goes
-    30 nm ahead in no time (course 159).
-    """
+    30 nm ahead in no time (course 159)."""
     wear = table((0, 2e-9), (50, 2e-9), (51, 0), (99, 0), (100, 2e-9), (149, 2e-9), (150, 0))
     case = scene(
         wear__coefficient_mm2_per_n=wear,
@@ -234,10 +221,8 @@ def bends(case):
 
 
 def test_the_ends_of_a_ramp_are_bends_and_the_points_of_a_measured_table_are_not():
-    """A load that rises by half over a metre, and a friction with 2 % of noise at 200 points.
-
-    Goes wrong if each point of the table counts: the mesh then begins anew at all of them.
-    """
+    """A load that rises by half over a metre, and a friction with 2 % of noise at 200 points. Goes
+    wrong if each point of the table counts: the mesh then begins anew at all of them."""
     s = np.linspace(0.0, 200.0, 200)
     noisy = 0.2 + 0.004 * np.random.default_rng(3).standard_normal(200)
     case = scene(
@@ -259,9 +244,6 @@ def test_a_slow_change_of_the_load_does_not_bend():
     ramp = table((0.0, 20.0), (100.0, 40.0), (200.0, 40.0))
     case = scene(load__normal_n=ramp, wear__distances_m=(200.0,))
     assert bends(case) == pytest.approx([100.0], rel=1e-9)
-
-
-# --- through the steps --------------------------------------------------------------------------
 
 
 def tables_of(values, max_size=4):
@@ -296,40 +278,33 @@ def balance(case, end):
     return sum(quad(rate, a, b, epsabs=1e-15, limit=200)[0] for a, b in pairs)
 
 
+def assert_balance(rel, floor, **values):
+    """Each state carries its load, and its worn area is the integral of rate and load."""
+    case = scene(**values, wear__distances_m=(40.0, 101.0))
+    for state in worn_states(case):
+        load = pytest.approx(case.load_at(state.distance_m), rel=1e-12)
+        assert THICKNESS * state.line_load_n_per_mm == load
+        exact = balance(case, state.distance_m)
+        assert state.worn_area_mm2 == pytest.approx(exact, rel=rel, abs=floor)
+
+
 @pytest.mark.long
 @settings(max_examples=25, deadline=None)
 @given(law=laws, k=coefficients, mu=frictions)
 def test_worn_area_is_the_dose_times_a_constant_load_under_every_law(law, k, mu):
-    case = scene(
-        wear__law=law,
-        wear__coefficient_mm2_per_n=k,
-        friction__coefficient=mu,
-        wear__distances_m=(40.0, 101.0),
-    )
-    for state in worn_states(case):
-        # the tolerance asked for, 1e-3, is the pressure's; the area is held at least as well
-        exact = balance(case, state.distance_m)
-        assert state.worn_area_mm2 == pytest.approx(exact, rel=1e-3, abs=1e-12)
+    keys = {"wear__coefficient_mm2_per_n": k, "friction__coefficient": mu}
+    # the tolerance asked for, 1e-3, is the pressure's; the area is held at least as well
+    assert_balance(1e-3, 1e-12, wear__law=law, **keys)
 
 
 @pytest.mark.long
 @settings(max_examples=15, deadline=None)
 @given(law=laws, k=coefficients, load=tables_of(st.floats(20.0, 80.0)))
 def test_worn_area_follows_a_load_that_varies(law, k, load):
-    case = scene(
-        wear__law=law,
-        wear__coefficient_mm2_per_n=k,
-        load__normal_n=load,
-        wear__distances_m=(40.0, 101.0),
-    )
-    for state in worn_states(case):
-        exact = balance(case, state.distance_m)
-        assert THICKNESS * state.line_load_n_per_mm == pytest.approx(
-            case.load_at(state.distance_m), rel=1e-12
-        )
-        # the step formula is of second order in the load's change, held by the tolerance, 1e-3;
-        # a scar of a millionth of the overlap, 4 a^3/(3 R) = 2.8e-3 mm², is below the solver's
-        assert state.worn_area_mm2 == pytest.approx(exact, rel=5e-3, abs=2.8e-9)
+    keys = {"wear__coefficient_mm2_per_n": k, "load__normal_n": load}
+    # the step formula is of second order in the load's change, held by the tolerance, 1e-3;
+    # a scar of a millionth of the overlap, 4 a^3/(3 R) = 2.8e-3 mm², is below the solver's
+    assert_balance(5e-3, 2.8e-9, wear__law=law, **keys)
 
 
 VARIED = {
@@ -347,10 +322,10 @@ def test_the_order_of_the_distances_does_not_matter_with_tables_either():
     assert tuple(s.distance_m for s in mixed) == asked
     places = sorted(range(len(asked)), key=lambda i: asked[i])
     for place, state in zip(places, rising, strict=True):
-        np.testing.assert_array_equal(mixed[place].wear_depth_mm, state.wear_depth_mm)
+        assert_array_equal(mixed[place].wear_depth_mm, state.wear_depth_mm)
         assert mixed[place].friction == state.friction
     # 95 m and 100 m lie beyond the end of the running-in to zero
-    np.testing.assert_array_equal(mixed[0].wear_depth_mm, mixed[3].wear_depth_mm)
+    assert_array_equal(mixed[0].wear_depth_mm, mixed[3].wear_depth_mm)
     assert not mixed[1].wear_depth_mm.any()
 
 
@@ -367,10 +342,8 @@ def test_friction_that_reverses_moves_the_contact_to_the_other_side():
     for one, other in zip(forward, mirrored, strict=True):
         # the same steps, mirrored, up to rounding in their choice
         scale = one.wear_depth_mm.max()
-        np.testing.assert_allclose(
-            other.wear_depth_mm, one.wear_depth_mm[::-1], rtol=0, atol=1e-6 * scale
-        )
-        np.testing.assert_allclose(other.shear_mpa, -one.shear_mpa[::-1], rtol=0, atol=1e-5 * 20.0)
+        assert_allclose(other.wear_depth_mm, one.wear_depth_mm[::-1], rtol=0, atol=1e-6 * scale)
+        assert_allclose(other.shear_mpa, -one.shear_mpa[::-1], rtol=0, atol=1e-5 * 20.0)
     lean = [float((s.pressure_mpa * s.grid.x_mm).sum()) for s in forward]
     assert lean[0] < 0.0 < lean[2]
 
@@ -378,9 +351,6 @@ def test_friction_that_reverses_moves_the_contact_to_the_other_side():
 def test_no_friction_and_no_coefficient_wear_nothing_under_the_energy_law():
     case = scene(friction__coefficient=0.0, wear__law="dissipated_energy")
     assert not any(s.wear_depth_mm.any() for s in worn_states(case))
-
-
-# --- streaming ----------------------------------------------------------------------------------
 
 
 @pytest.fixture

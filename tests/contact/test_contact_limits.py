@@ -1,7 +1,5 @@
 """Where a contact is refused, on both sides of each limit; and profiles as people save them."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -43,9 +41,6 @@ def refused(case, words):
     with pytest.raises(PhysicsError, match=words) as refusal:
         contact_states(case)
     assert "\n" not in str(refusal.value)
-
-
-# --- nodes ----------------------------------------------------------------------
 
 
 def test_a_contact_of_seven_nodes_is_refused_and_one_of_nine_is_not():
@@ -105,9 +100,6 @@ def test_the_grid_is_as_fine_as_the_smallest_load_of_a_table_needs():
     assert spacings == pytest.approx([hertz_half_width(1.0, RADIUS, MODULUS) / 350] * 2, rel=1e-6)
 
 
-# --- what a half-plane and linear elasticity carry ------------------------------------------
-
-
 @pytest.mark.parametrize("share", [0.299, 0.301])
 def test_a_contact_is_as_wide_as_three_tenths_of_the_radius_at_most(share):
     """a² = 4 P'R/(pi E*); the mean pressure is then pi E* a/(8 R) = 0.118 E*, which is allowed."""
@@ -135,9 +127,6 @@ def test_a_scar_is_as_deep_as_three_tenths_of_the_half_width_at_most(share):
         refused(case, r"scar would be 0\.161 mm deep, over 0\.3 of .* 0\.525 mm.* shorten wear")
 
 
-# --- profiles -----------------------------------------------------------------------
-
-
 def write_profile(folder, x, gap, *, mark=b"", header="x_mm,gap_mm"):
     rows = "".join(f"{float(a)!r},{float(b)!r}\n" for a, b in zip(x, gap, strict=True))
     (folder / "scar.csv").write_bytes(mark + f"{header}\n{rows}".encode())
@@ -163,9 +152,7 @@ def test_a_profile_that_holds_the_contact_is_not_refused(tmp_path):
 
 def test_a_hill_that_wear_brings_into_contact_beyond_the_window_is_not_overlooked(tmp_path):
     """11 um above the contact at x = 1 mm: free at 200 m, and touched once the cylinder has sunk.
-
-    Truth: the same scene on a grid that holds the hill.
-    """
+    Truth: the same scene on a grid that holds the hill."""
     x = np.array([-2.0, 0.8, 1.0, 1.2, 2.0])
     gap = np.array([0.0, 0.0, 0.011 - 1.0 / (2.0 * RADIUS), 0.0, 0.0])
     body = f"{CYLINDER}\n{write_profile(tmp_path, x, gap)}"
@@ -218,9 +205,6 @@ def test_a_spacing_is_half_of_a_profiles_row_step_at_most(tmp_path, spacing, fin
         refused(case, r"numerics\.spacing_mm = 0\.00501 does not resolve .* to 0\.005 or less")
 
 
-# --- what a state says of itself --------------------------------------------------------
-
-
 @pytest.mark.parametrize("inner", [1.0 + 1e-9, 1.5, 0.5])
 def test_an_edge_of_contact_lies_within_a_spacing_of_the_last_loaded_node(inner):
     """A worn flat's pressure is even to its corner, whose p² leads nowhere near."""
@@ -249,10 +233,8 @@ def test_a_stuck_contacts_shear_points_along_the_tangential_load(mu, tangential)
 
 def test_a_worn_states_residual_is_how_far_its_bodies_are_from_touching():
     """Half the range of the gap inside the scar over that of the displacement, by a dense matrix.
-
     On the mesh that moves with the edges the gap vanishes; carried to the grid it is left with the
-    grid's error in space, which the history tells.
-    """
+    grid's error in space, which the history tells."""
     rest = "[friction]\ncoefficient = 0.25\n" + wear(0.0, 100.0) + numerics(spacing=0.02)
     state = contact_states(scene(rest))[1]
     x, h, p = state.grid.x_mm, state.grid.spacing_mm, state.pressure_mpa

@@ -1,7 +1,5 @@
 """How fast each discretisation converges: in the mesh, in the grid, in the step."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import isochrome.contact.scar as scar_module

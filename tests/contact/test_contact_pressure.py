@@ -1,7 +1,5 @@
 """The contact solver against closed forms, quadrature, and the contact's own conditions."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
@@ -10,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from isochrome.contact import displacement, log_of_hat, make_surface, solve_pressure
+from isochrome.contact import displacement, make_surface, solve_pressure
 from isochrome.errors import PhysicsError
 from isochrome.reference import (
     contact_modulus,
@@ -56,35 +54,23 @@ def assert_contact_conditions(state, h, load, wear=0.0):
     assert h * state.pressure.sum() == pytest.approx(load, rel=1e-12)
 
 
-# --- the operator ---------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("lag", [0, 1, 2, 7, 19, 20, 21, 150])
-def test_the_kernel_is_the_integral_of_the_logarithm_over_a_hat(lag):
+@pytest.mark.parametrize("lag", [1, 2, 7, 19, 20, 21, 150])
+def test_a_hats_displacement_is_the_integral_of_the_logarithm(lag):
+    """Less that at lag 0: a constant is the approach's. From lag 20 on the kernel is a series."""
     h = 0.013
-    kernel = log_of_hat(200, h)[lag]
+    surface = make_surface(200, h, contact_modulus_mpa=2.0 / np.pi)
+    u = -displacement(surface, np.eye(200)[0])
 
-    def integrand(t):
-        return (1 - abs(t) / h) * np.log(abs(lag * h - t))
+    def integral(lag):
+        def integrand(t):
+            return (1 - abs(t) / h) * np.log(abs(lag * h - t))
 
-    breaks = {-h, 0.0, h, min(lag * h, h)}
-    edges = sorted(breaks)
-    exact = sum(
-        quad(integrand, a, b, epsabs=1e-15, epsrel=1e-13, limit=200)[0]
-        for a, b in itertools.pairwise(edges)
-    )
+        pairs = itertools.pairwise(sorted({-h, 0.0, h, min(lag * h, h)}))
+        options = {"epsabs": 1e-15, "epsrel": 1e-13, "limit": 200}
+        return sum(quad(integrand, a, b, **options)[0] for a, b in pairs)
+
     # the singular end costs quad some digits at lags 0 and 1
-    assert kernel == pytest.approx(exact, rel=1e-11)
-
-
-def test_the_kernel_goes_on_smoothly_where_its_series_takes_over():
-    """The series beyond lag 20 is the antiderivatives' second difference, carried on."""
-    kernel = log_of_hat(60, 1.0)
-    lag = np.arange(60.0)
-    j = lag[2:]
-    direct = (j + 1) ** 2 * np.log(j + 1) + (j - 1) ** 2 * np.log(j - 1) - 2 * j**2 * np.log(j)
-    # the plain second difference itself cancels: 1e-16 times lag² ln(lag)
-    np.testing.assert_allclose(kernel[2:], 0.5 * direct - 1.5, rtol=0, atol=4e-15 * 60**2)
+    assert u[lag] - u[0] == pytest.approx(integral(lag) - integral(0), rel=1e-11)
 
 
 @pytest.mark.parametrize("n", [17, 64, 101, 257])
@@ -117,27 +103,15 @@ def test_displacement_of_several_pressures_is_that_of_each():
     np.testing.assert_allclose(displacement(surface, p), each, rtol=0, atol=1e-17)
 
 
-def test_hertz_pressure_makes_a_parabola():
-    # u + x²/2R is flat in the contact: the equation that Hertz's pressure solves
-    x = np.linspace(-0.5, 0.5, 4001)
-    surface = make_surface(4001, x[1] - x[0], contact_modulus_mpa=MODULUS)
-    p = hertz_pressure(x, half_width_mm=HALF_WIDTH, peak_pressure_mpa=PEAK)
-    level = displacement(surface, p) + parabola(x)
-    inside = np.abs(x) < 0.95 * HALF_WIDTH
-    # the root at the edge costs (h/a)^1.5 = 2e-5 of the displacement's range
-    assert np.ptp(level[inside]) < 2e-5 * np.ptp(displacement(surface, p))
-
-
-# --- Hertz ----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("n", [65, 128, 401, 1601, 4093])
+@pytest.mark.parametrize("n", [16, 17, 65, 128, 255, 256, 257, 401, 1021, 1601, 4093, 16384])
 def test_hertz_contact_holds_its_conditions_and_peak(n):
+    """Hard case: odd, prime and large grids, and those on either side of the coarse start."""
     _, h, state = solved(parabola, n)
     assert_contact_conditions(state, h, LOAD)
     # the peak converges as (h/a)^1.5 or better, whatever the edge's place between nodes; the
-    # factor 0.1 covers the worst place on the coarsest grid
-    assert state.pressure.max() == pytest.approx(PEAK, rel=0.1 * (h / HALF_WIDTH) ** 1.5)
+    # factor covers the worst place on the coarsest grid
+    share = 0.2 if n < 65 else 0.1
+    assert state.pressure.max() == pytest.approx(PEAK, rel=share * (h / HALF_WIDTH) ** 1.5)
     width = h * np.count_nonzero(state.pressure)
     assert width == pytest.approx(2 * HALF_WIDTH, abs=2 * h)
 
@@ -160,41 +134,6 @@ def test_hertz_pressure_converges_with_order_three_halves_away_from_the_edge():
     assert errors[-1] < 1e-4
 
 
-def test_half_width_from_the_second_moment_is_hertz():
-    # ∫p x² dx = P' a²/4 for Hertz: a measure of the width that no grid rounds
-    x, h, state = solved(parabola, 1601)
-    moment = h * np.sum(state.pressure * x**2)
-    assert 2 * np.sqrt(moment / LOAD) == pytest.approx(HALF_WIDTH, rel=2e-7)  # measured 6e-8
-
-
-@settings(max_examples=12, deadline=None)
-@given(factor=st.floats(0.05, 20.0))
-def test_four_times_the_load_is_twice_the_width_and_pressure(factor):
-    """Hertz scaling a ~ sqrt(P'), p0 ~ sqrt(P'), exact on a grid that scales along."""
-    _, _, one = solved(parabola, 201)
-    _, _, other = solved(parabola, 201, half=0.8 * np.sqrt(factor), load=factor * LOAD)
-    # both to the solver's residual of 1e-10, times the condition of pressure from displacement
-    np.testing.assert_allclose(
-        other.pressure, np.sqrt(factor) * one.pressure, rtol=0, atol=1e-7 * other.pressure.max()
-    )
-
-
-def test_moving_the_cylinder_moves_the_pressure():
-    _, h, centred = solved(parabola, 401)
-    nodes = 37
-    _, _, moved = solved(lambda x: parabola(x - nodes * h), 401)
-    np.testing.assert_allclose(
-        moved.pressure[nodes:], centred.pressure[:-nodes], rtol=0, atol=1e-7 * PEAK
-    )
-
-
-def test_a_constant_in_the_gap_changes_only_the_approach():
-    _, _, one = solved(parabola, 201)
-    _, _, lifted = solved(lambda x: parabola(x) + 3.0, 201)
-    np.testing.assert_allclose(lifted.pressure, one.pressure, rtol=0, atol=1e-7 * PEAK)
-    assert lifted.approach_mm - one.approach_mm == pytest.approx(3.0, rel=1e-12)
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_the_pressure_does_not_depend_on_where_the_solver_starts(seed):
     x, _, usual = solved(parabola, 301, coupling=COUPLING, friction=0.5)
@@ -203,9 +142,6 @@ def test_the_pressure_does_not_depend_on_where_the_solver_starts(seed):
     _, _, other = solved(parabola, 301, coupling=COUPLING, friction=0.5, start=starts[seed])
     # two solutions of residual 1e-10
     np.testing.assert_allclose(other.pressure, usual.pressure, rtol=0, atol=1e-7 * PEAK)
-
-
-# --- sliding with coupling --------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -227,30 +163,6 @@ def test_coupled_sliding_contact_is_the_closed_form(friction, beta):
     assert (x @ state.pressure) * h / LOAD == pytest.approx(
         (x @ p) / p.sum(), abs=2e-4 * HALF_WIDTH
     )
-
-
-def test_sliding_moves_the_papers_contact_back_by_ten_micrometres():
-    # 2 eps a = 0.0096 mm with eps = 0.01287: the surface behind rises
-    x, _, state = solved(parabola, 3201, coupling=COUPLING, friction=0.25)
-    on = x[state.pressure > 0.0]
-    # both edges are known to a spacing, 0.5 um
-    assert (on[0] + on[-1]) / 2 == pytest.approx(-0.0096, abs=1e-3 * 0.5)
-
-
-@pytest.mark.parametrize("n", [200, 201])
-def test_reversed_friction_gives_the_mirrored_pressure(n):
-    _, _, forward = solved(parabola, n, coupling=COUPLING, friction=0.8)
-    _, _, back = solved(parabola, n, coupling=COUPLING, friction=-0.8)
-    np.testing.assert_allclose(back.pressure, forward.pressure[::-1], rtol=0, atol=1e-7 * PEAK)
-
-
-def test_friction_between_like_materials_does_not_change_the_pressure():
-    _, _, still = solved(parabola, 301)
-    _, _, sliding = solved(parabola, 301, coupling=0.0, friction=1.0)
-    np.testing.assert_array_equal(sliding.pressure, still.pressure)
-
-
-# --- other shapes -----------------------------------------------------------------------------
 
 
 def flat(x):
@@ -321,20 +233,6 @@ def test_every_contact_holds_its_conditions(seed, n, load, friction, wear):
     assert np.ptp(made - state.gap) <= 1e-9 * (np.ptp(gap) + load / MODULUS)
 
 
-@pytest.mark.parametrize("n", [16, 17, 255, 256, 257, 1021, 16384])
-def test_any_count_of_nodes_works(n):
-    """Hard case: odd, prime and large grids, and those on either side of the coarse start."""
-    _, h, state = solved(parabola, n)
-    assert_contact_conditions(state, h, LOAD)
-    assert state.pressure.max() == pytest.approx(PEAK, rel=0.2 * (h / HALF_WIDTH) ** 1.5)
-
-
-def test_a_jump_in_the_gap_is_solved_and_the_high_side_carries_more():
-    x, h, state = solved(lambda x: parabola(x) + 2e-4 * (x > 0.05), 801)
-    assert_contact_conditions(state, h, LOAD)
-    assert h * state.pressure[x <= 0.05].sum() > 0.6 * LOAD
-
-
 def test_incompressible_against_compressible_with_friction_one_holds():
     """Hard case: mu beta = 0.5, where plain conjugate gradients have no right to converge."""
     for shape in (parabola, flat):
@@ -342,14 +240,9 @@ def test_incompressible_against_compressible_with_friction_one_holds():
         assert_contact_conditions(state, h, LOAD)
 
 
-# --- what is no gap, no load, and no rounding --------------------------------------------------
-
-
 @settings(max_examples=15, deadline=None)
 @given(
-    n=st.sampled_from([65, 300]),
-    datum=st.floats(-1e3, 1e3),
-    friction=st.sampled_from([0.0, 0.25]),
+    n=st.sampled_from([65, 300]), datum=st.floats(-1e3, 1e3), friction=st.sampled_from([0.0, 0.25])
 )
 def test_a_datum_of_the_gap_moves_the_approach_and_nothing_else(n, datum, friction):
     x = np.linspace(-0.8, 0.8, n)

@@ -1,7 +1,5 @@
 """Wear on the moving mesh: its matrices against quadrature, its run against the fixed grid."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -19,16 +17,15 @@ from isochrome.contact import (
     make_surface,
     scar_history,
     scar_on_nodes,
-    unresolved,
     wear_course,
     wear_history,
 )
-from isochrome.reference import coupled_contact, hertz_half_width, hertz_peak_pressure
+from isochrome.contact.scar import unresolved
+from isochrome.reference import coupled_contact, hertz_half_width
 from isochrome.scene import load_scene
 
 RADIUS, MODULUS, LOAD = 24.61, 2473.2, 11.0
 HALF_WIDTH = hertz_half_width(LOAD, RADIUS, MODULUS)
-PEAK = hertz_peak_pressure(LOAD, RADIUS, MODULUS)
 UNIT = 2.0 * HALF_WIDTH / MODULUS
 """The dose 2a/E* (mm/MPa) in which wear and elasticity count alike; 233 m of the paper are 3.1."""
 
@@ -40,11 +37,9 @@ def smooth(t):
 
 @pytest.mark.parametrize(("intervals", "error"), [(24, 5e-7), (57, 1e-8)])
 def test_the_mesh_integrates_the_logarithm_and_the_load_ahead(intervals, error):
-    """Truth: adaptive quadrature, the logarithm's weak singularity split off at the node.
-
-    A root of the distance is φ^5 in the load per φ, which the trapezoidal rule feels: 2e-7
-    and 1.4e-9 are measured, and quad's own error at the logarithm is 1e-8.
-    """
+    """Truth: adaptive quadrature, the logarithm's weak singularity split off at the node. A root of
+    the distance is φ^5 in the load per φ, which the trapezoidal rule feels: 2e-7 and 1.4e-9 are
+    measured, and quad's own error at the logarithm is 1e-8."""
     mesh = make_mesh(intervals)
     values = smooth(mesh.xi[1:-1])
     # a few nodes, edges among them
@@ -75,10 +70,8 @@ def test_the_slope_is_of_fourth_order_inside():
 
 
 def run(dose, tolerance, *, mu_beta=0.04, mu_beta_first=None, load_ratio=1.0, count=4):
-    """Scars at doses up to `dose` (in UNIT), friction and load linear in the dose.
-
-    Each stop has the load and friction that the course has come to.
-    """
+    """Scars at doses up to `dose` (in UNIT), friction and load linear in the dose. Each stop has
+    the load and friction that the course has come to."""
     doses = np.geomspace(0.02, 1.0, count) * dose * UNIT
     first = mu_beta if mu_beta_first is None else mu_beta_first
     coupling = 4.0 / MODULUS  # beta = 1, so that mu is mu beta
@@ -112,9 +105,7 @@ def peaks(scars):
 
 def edges_advance(*, mu_beta, mu_beta_first, load_ratio):
     """Whether load and friction move both edges outwards where nothing wears, by the closed form.
-
-    Wear flattens the pressure and so moves both outwards besides.
-    """
+    Wear flattens the pressure and so moves both outwards besides."""
     edges = []
     for share in np.linspace(0.0, 1.0, 50):
         beta = mu_beta_first + share * (mu_beta - mu_beta_first)
@@ -133,11 +124,9 @@ def edges_advance(*, mu_beta, mu_beta_first, load_ratio):
     st.floats(1.0, 3.0),
 )
 def test_any_run_is_within_its_tolerance(dose, mu_beta, share, load_ratio):
-    """Dose over five decades, coupling to 0.5, friction and load that vary: all that is left.
-
-    In Hertz's units nothing else can differ from run to run. Truth: a tolerance ten times finer,
-    whose own error is a tenth; the property that matters is that the tolerance means what it says.
-    """
+    """Dose over five decades, coupling to 0.5, friction and load that vary: all that is left. In
+    Hertz's units nothing else can differ from run to run. Truth: a tolerance ten times finer, whose
+    own error is a tenth; the property that matters is that the tolerance means what it says."""
     kinds = {"mu_beta": mu_beta, "mu_beta_first": share * mu_beta, "load_ratio": load_ratio}
     rough, fine = run(dose, 1e-3, **kinds), run(dose, 1e-4, **kinds)
     # a run ends where an edge draws back, which wear does not do: friction that grows faster than
@@ -184,12 +173,11 @@ def test_the_error_falls_with_the_tolerance_to_the_last():
 
 def test_the_steps_are_of_fourth_order():
     """On one mesh, halving every step divides the error by sixteen."""
-    from isochrome.contact import make_mesh as mesh_of
     from isochrome.contact.scar import ScarEquations, _advance, _at, hertz_units
 
     course = constant_course(LOAD, [1.0], dose_per_m=10 * UNIT, friction=0.04)[0]
     equations = ScarEquations(
-        mesh_of(32), hertz_units(RADIUS, MODULUS, 4.0 / MODULUS, LOAD), course
+        make_mesh(32), hertz_units(RADIUS, MODULUS, 4.0 / MODULUS, LOAD), course
     )
 
     def depth_at_one(ratio, substeps):
@@ -219,10 +207,8 @@ def test_the_unworn_contact_is_the_coupled_closed_form():
 
 @pytest.mark.long
 def test_mesh_and_grid_agree_though_they_share_no_discretisation():
-    """The fixed grid's second-order run at 2e-5 against the mesh's: p_max, depth, width.
-
-    Goes wrong if either loses wear at an edge, the coupling's sign, or the load.
-    """
+    """The fixed grid's second-order run at 2e-5 against the mesh's: p_max, depth, width. Goes wrong
+    if either loses wear at an edge, the coupling's sign, or the load."""
     half, n = 0.8, 801
     h = 2 * half / (n - 1)
     x = h * (np.arange(n) - n // 2)
@@ -280,10 +266,8 @@ def test_a_worn_contact_scales_with_its_load():
 
 @pytest.mark.long
 def test_an_edge_that_draws_back_hands_over_to_the_grid():
-    """Load that falls to a third: the contact shrinks and leaves worn surface beside it.
-
-    Truth: the grid's own run from the start, which knows of no mesh, at a fifth of the tolerance.
-    """
+    """Load that falls to a third: the contact shrinks and leaves worn surface beside it. Truth: the
+    grid's own run from the start, which knows of no mesh, at a fifth of the tolerance."""
     table = {"distance_m": (0.0, 40.0, 80.0), "value": (44.0, 44.0, 15.0)}
     scene = load_scene("line-contact-wear").with_values(
         {
@@ -311,11 +295,9 @@ def test_an_edge_that_draws_back_hands_over_to_the_grid():
 
 @pytest.mark.parametrize("intervals", [78, 136])
 def test_a_mesh_misses_a_hump_as_narrow_as_its_nodes_and_no_wide_one(intervals):
-    """Goes wrong if a bend between few nodes passes for resolved: p_max there errs as much.
-
-    Truth: a spline on every second node errs by less than the spacing over the wave to the fourth;
-    and of a wave of two intervals it sees the crests alone.
-    """
+    """Goes wrong if a bend between few nodes passes for resolved: p_max there errs as much. Truth:
+    a spline on every second node errs by less than the spacing over the wave to the fourth; and of
+    a wave of two intervals it sees the crests alone."""
     xi, phi = make_mesh(intervals).xi[::-1], np.linspace(0.0, np.pi, intervals + 1)
 
     def missed(waves):

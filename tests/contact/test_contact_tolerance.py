@@ -1,7 +1,5 @@
 """numerics.tolerance is kept for p_max and depth, wherever load, friction and wear go."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -52,8 +50,7 @@ def largest(scene):
 )
 def test_a_contact_that_overruns_its_old_edge_is_within_the_tolerance(spacing, tolerance):
     """Goes wrong: the old scar's mesh is as coarse as the tolerance of its own pressure allows, and
-    p_max on the bend at its edge errs by 4 to 15 tolerances.
-    """
+    p_max on the bend at its edge errs by 4 to 15 tolerances."""
     exact = largest(overrun(spacing, 1e-2 * tolerance))
     # a third and less is measured
     assert np.abs(largest(overrun(spacing, tolerance)) / exact - 1.0).max() < tolerance
@@ -63,8 +60,7 @@ def test_a_contact_that_overruns_its_old_edge_is_within_the_tolerance(spacing, t
 def test_the_edge_of_an_old_scar_is_placed_to_the_grid_it_is_overrun_on():
     """Ten times the wear that elasticity takes: the depth meets the edge at an angle, and p_max
     errs by the error of the edge's place over the spacing. Goes wrong by 1.15 tolerances if the
-    scar is as precise as its own pressure asks; a hundredth is measured.
-    """
+    scar is as precise as its own pressure asks; a hundredth is measured."""
     old = {
         "load.normal_n": table((101.0, 20.0), (105.0, 60.0)),
         "wear.coefficient_mm2_per_n": table((0.0, 2e-8), (100.0, 2e-8), (100.5, 0.0)),
@@ -79,8 +75,7 @@ def test_the_edge_of_an_old_scar_is_placed_to_the_grid_it_is_overrun_on():
 def test_a_state_on_a_steep_rise_of_the_load_is_no_jump():
     """Goes wrong: the course's load there, interpolated to a thousandth of the tolerance of the
     largest, is not the state's own, and the state is solved afresh on the grid, with a spike of 4 %
-    at the worn edge.
-    """
+    at the worn edge."""
     rise = overrun(
         0.012,
         1e-3,
@@ -108,13 +103,11 @@ def steep_rise(length):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("length", "tolerance"),
-    [(3.0, 1e-4), pytest.param(1.0, 1e-4, marks=pytest.mark.study)],
+    ("length", "tolerance"), [(3.0, 1e-4), pytest.param(1.0, 1e-4, marks=pytest.mark.study)]
 )
 def test_a_steep_rise_of_the_load_on_a_worn_scar_is_within_the_tolerance(length, tolerance):
     """Goes wrong: the bend of the old edge goes inside faster than wear smooths it, a mesh as fine
-    as without it does not hold it, and p_max errs by 10 and 39 tolerances.
-    """
+    as without it does not hold it, and p_max errs by 10 and 39 tolerances."""
     steep = steep_rise(length)
     got = largest(overrun(0.012, tolerance, **steep))
     # 0.2 and 0.8 are measured
@@ -124,13 +117,9 @@ def test_a_steep_rise_of_the_load_on_a_worn_scar_is_within_the_tolerance(length,
 @pytest.mark.long
 def test_no_mesh_blurs_the_peak_at_an_edge_that_is_overrun_within_a_metre():
     """Goes wrong: between two nodes of the mesh the peak is flat, and 12 % lower than on a grid
-    four times finer; 1.5 % and 3.4 % are measured, the grids' own difference.
-    """
+    four times finer; 1.5 % and 3.4 % are measured, the grids' own difference."""
     got, finer = (largest(overrun(h, 1e-3, **steep_rise(1.0))) for h in (0.012, 0.003))
     assert np.abs(got / finer - 1.0)[:, 0].max() < 0.05
-
-
-# --- a truth that shares no code with the solver ------------------------------------------------
 
 
 def influence(x, h):
@@ -183,8 +172,7 @@ def worn_profile(h, half, steps, dose, load):
 )
 def test_the_overrun_is_that_of_a_finer_grid_and_plain_elimination(finer, steps, error):
     """Truth: the scar on a grid eight or sixteen times finer by Euler's steps, extrapolated to no
-    step; then the larger load on every eighth or sixteenth of its nodes.
-    """
+    step; then the larger load on every eighth or sixteenth of its nodes."""
     h, dose = 0.012, 2e-6 * 50.5
     x = h * np.arange(41)
     peaks, depths = [], []
@@ -200,9 +188,6 @@ def test_the_overrun_is_that_of_a_finer_grid_and_plain_elimination(finer, steps,
     # what the finer grid's own edge, between two of its nodes, leaves: 5e-4 of 1.5 um, 2e-4 of less
     assert states[-1].p_max_mpa == pytest.approx(2 * peaks[1] - peaks[0], rel=error)
     assert states[-1].wear_depth_mm.max() == pytest.approx(2 * depths[1] - depths[0], rel=1e-4)
-
-
-# --- random courses -----------------------------------------------------------------------------
 
 
 def judged(seeds, tolerance):
@@ -224,45 +209,30 @@ def assert_kept(rows, bar=1.0):
 @pytest.mark.parametrize(
     ("seed", "tolerance"),
     [
-        pytest.param(10, 1e-3, marks=pytest.mark.long),
-        pytest.param(60, 1e-3, marks=pytest.mark.long),
-        pytest.param(186, 1e-3, marks=pytest.mark.long),
-        pytest.param(9, 1e-5, marks=pytest.mark.long),
-        pytest.param(32, 1e-4, marks=pytest.mark.long),
-        pytest.param(178, 1e-4, marks=pytest.mark.long),
-        pytest.param(186, 1e-4, marks=pytest.mark.long),
-        pytest.param(159, 1e-4, marks=pytest.mark.long),
-        pytest.param(50, 1e-4, marks=pytest.mark.long),
-        pytest.param(5, 1e-5, marks=pytest.mark.long),
-        pytest.param(7, 1e-5, marks=pytest.mark.long),
-        pytest.param(16, 1e-5, marks=pytest.mark.long),
-        pytest.param(69, 1e-5, marks=pytest.mark.long),
+        *((seed, 1e-3) for seed in (10, 60, 186)),
+        *((seed, 1e-4) for seed in (32, 178, 186, 159, 50)),
+        *((seed, 1e-5) for seed in (9, 5, 7, 16, 69)),
     ],
 )
+@pytest.mark.long
 def test_random_courses_are_within_their_tolerance(seed, tolerance):
-    """Those that were not, by 1.2 to 40 tolerances.
-
-    10: an overload after friction has turned; 60: a load that rises steeply while it wears. 9 and
-    32: edges that ring after a ramp seem to draw back. 5 and 7: load and friction go as a root of
-    the dose into a pause, and the steps underflow. 16 and 50: a load that falls before the first
-    state, or falls and rises again, and overruns the edge that it left. 178: a load that doubles
-    while it wears, and takes the old edge's bend to the middle of the mesh. 186: a state at the
-    run's load, and later in the same pause one that overruns the edge. 159: a last step that ends
-    beyond a jump by its rounding. 69: steps that rounding stops on the way of the finer run,
-    which went on with the grid and another error in space, by 117 tolerances.
-    `isochrome bench tolerance` is the whole study.
-    """
+    """Those that were not, by 1.2 to 40 tolerances. 10: an overload after friction has turned; 60:
+    a load that rises steeply while it wears. 9 and 32: edges that ring after a ramp seem to draw
+    back. 5 and 7: load and friction go as a root of the dose into a pause, and the steps underflow.
+    16 and 50: a load that falls before the first state, or falls and rises again, and overruns the
+    edge that it left. 178: a load that doubles while it wears, and takes the old edge's bend to the
+    middle of the mesh. 186: a state at the run's load, and later in the same pause one that
+    overruns the edge. 159: a last step that ends beyond a jump by its rounding. 69: steps that
+    rounding stops on the way of the finer run, which went on with the grid and another error in
+    space, by 117 tolerances. `isochrome bench tolerance` is the whole study."""
     # 0.43 is measured of course 50, and a tenth and less of most
     assert_kept(judged([seed], tolerance), bar=0.7)
 
 
 def test_mesh_and_grid_share_the_way_alike_at_every_tolerance():
-    """A load that falls until the edges turn, and states every half metre.
-
-    Mesh and grid differ in space: where one hands over to the other must not depend on the
-    tolerance. Goes wrong if each run decides by its own steps: at 1e-5 the mesh goes on for
-    thirteen states more than at 1e-4.
-    """
+    """A load that falls until the edges turn, and states every half metre. Mesh and grid differ in
+    space: where one hands over to the other must not depend on the tolerance. Goes wrong if each
+    run decides by its own steps: at 1e-5 the mesh goes on for thirteen states more than at 1e-4."""
     falling = {
         "load.normal_n": table((0.0, 60.0), (200.0, 10.0)),
         "wear.coefficient_mm2_per_n": 2e-9,

@@ -1,11 +1,10 @@
 """Wear stepping: balance, order, stability, and agreement with a brute-force explicit reference."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from isochrome.contact import (
     constant_course,
@@ -30,14 +29,6 @@ def history(n, doses, *, half=0.8, friction=0.25, coupling=COUPLING, tolerance=1
     gap = x**2 / (2 * RADIUS) if gap is None else gap(x)
     course, stops = constant_course(LOAD, doses, dose_per_m=1.0, friction=friction)
     return x, surface, list(wear_history(surface, gap, course, stops, tolerance=tolerance))
-
-
-def test_worn_area_is_dose_times_load_which_proves_only_the_balance():
-    # holds identically for any scheme that carries the load: to the rounding of ~100 steps
-    x, _, states = history(161, DOSES)
-    for dose, state in zip(DOSES, states, strict=True):
-        area = state.depth_mm.sum() * (x[1] - x[0])
-        assert area == pytest.approx(dose * LOAD, rel=1e-12)
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +130,7 @@ def dense_contact(influence, gap, load, h, active):
     raise AssertionError("the dense reference did not settle")
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.25])
+@pytest.mark.parametrize("friction", [0.0, 0.25, -0.25])
 def test_implicit_steps_agree_with_brute_force_explicit_ones(friction):
     """Dense matrix, explicit Euler at a hundredth of its limit, 61 nodes, to 233 m."""
     n, half = 61, 0.8
@@ -165,27 +156,16 @@ def test_implicit_steps_agree_with_brute_force_explicit_ones(friction):
     _, _, states = history(n, [DOSES[-1]], friction=friction, tolerance=1e-5)
     # Euler's own first-order error at 4000 steps; measured 7e-5 and 2.5e-5
     assert states[0].contact.pressure.max() == pytest.approx(p.max(), rel=2e-4)
-    np.testing.assert_allclose(states[0].depth_mm, worn, rtol=0, atol=1e-4 * worn.max())
-
-
-def test_a_tiny_dose_wears_by_dose_times_pressure():
-    # h = K p + O(K² E*/h): the second term is 1e-3 of the first at a thousandth of the limit
-    x, surface, _ = history(101, [1e-12], friction=0.0, coupling=0.0)
-    dose = 1e-3 * 4 * (x[1] - x[0]) / (np.pi * MODULUS)
-    _, _, states = history(101, [dose], friction=0.0, coupling=0.0)
-    unworn = solve_pressure(surface, x**2 / (2 * RADIUS), LOAD).pressure
-    np.testing.assert_allclose(
-        states[0].depth_mm, dose * unworn, rtol=0, atol=2e-3 * dose * unworn.max()
-    )
+    assert_allclose(states[0].depth_mm, worn, rtol=0, atol=1e-4 * worn.max())
 
 
 def test_doses_are_hit_exactly_and_repeated_ones_give_the_same_state():
     doses = [0.0, 1e-5, 1e-5, 3e-4]
     _, _, states = history(101, doses)
     assert [s.dose_mm_per_mpa for s in states] == doses
-    np.testing.assert_array_equal(states[0].depth_mm, 0.0)
-    np.testing.assert_array_equal(states[1].depth_mm, states[2].depth_mm)
-    np.testing.assert_allclose(
+    assert_array_equal(states[0].depth_mm, 0.0)
+    assert_array_equal(states[1].depth_mm, states[2].depth_mm)
+    assert_allclose(
         states[1].contact.pressure, states[2].contact.pressure, rtol=0, atol=1e-7 * 20.0
     )
 
@@ -198,24 +178,16 @@ def test_a_state_hardly_depends_on_the_other_doses_asked_for():
     assert alone.depth_mm.max() == pytest.approx(among.depth_mm.max(), rel=2e-4)
 
 
-def test_every_worn_state_holds_the_contact_conditions():
+def test_every_worn_state_holds_the_contact_conditions_and_the_balance():
     x, _, states = history(161, DOSES)
-    for state in states:
+    for dose, state in zip(DOSES, states, strict=True):
         p, gap = state.contact.pressure, state.contact.gap
         assert state.contact.residual <= 1e-8  # asked for at each output
         assert p.min() >= 0.0 and state.depth_mm.min() >= 0.0
         assert gap.min() >= -1e-8 * LOAD / MODULUS
         assert p.sum() * (x[1] - x[0]) == pytest.approx(LOAD, rel=1e-12)
-
-
-def test_reversed_friction_wears_the_mirrored_scar():
-    _, _, forward = history(101, [DOSES[-1]], friction=0.25)
-    _, _, back = history(101, [DOSES[-1]], friction=-0.25)
-    # the same steps, up to rounding in their choice
-    scale = forward[0].depth_mm.max()
-    np.testing.assert_allclose(
-        back[0].depth_mm, forward[0].depth_mm[::-1], rtol=0, atol=1e-7 * scale
-    )
+        # holds identically for any scheme that carries the load: to the rounding of ~100 steps
+        assert state.depth_mm.sum() * (x[1] - x[0]) == pytest.approx(dose * LOAD, rel=1e-12)
 
 
 @pytest.mark.parametrize("factor", [100.0, pytest.param(1e4, marks=pytest.mark.long)])
@@ -251,25 +223,11 @@ def test_a_flat_punch_with_corners_wears_its_corners_down():
         assert area == pytest.approx(dose * LOAD, rel=1e-12, abs=1e-300)
 
 
-# --- through a scene ----------------------------------------------------------------------------
-
 COARSE = {"numerics.spacing_mm": 0.00607, "numerics.tolerance": 1e-3}
 
 
 def coarse_scene(**values):
     return load_scene("line-contact-wear").with_values(COARSE | values)
-
-
-def test_distances_come_back_in_the_scenes_order_whatever_it_is():
-    """Hard case: distances unsorted, equal and zero."""
-    asked = (155.0, 0.0, 31.0, 155.0, 77.0, 0.0)
-    states = contact_states(coarse_scene(**{"wear.distances_m": asked}))[1:]
-    assert tuple(s.distance_m for s in states) == asked
-    depth = [s.wear_depth_mm.max() for s in states]
-    assert depth[1] == depth[5] == 0.0
-    assert depth[0] == depth[3] > depth[4] > depth[2] > 0.0
-    in_order = contact_states(coarse_scene(**{"wear.distances_m": tuple(sorted(asked))}))[1:]
-    assert sorted(depth) == [s.wear_depth_mm.max() for s in in_order]
 
 
 def test_no_wear_coefficient_gives_the_same_state_at_every_distance():
@@ -278,17 +236,4 @@ def test_no_wear_coefficient_gives_the_same_state_at_every_distance():
     for state in states:
         assert not state.wear_depth_mm.any()
         # each solved to a residual of 1e-9 on its own
-        np.testing.assert_allclose(
-            state.pressure_mpa, states[0].pressure_mpa, rtol=0, atol=1e-6 * 18.76
-        )
-
-
-def test_friction_that_varies_with_distance_is_the_friction_of_each_state():
-    from isochrome.scene import DistanceTable
-
-    table = DistanceTable(distance_m=(0.0, 31.0, 155.0), value=(0.1, 0.2, 0.3))
-    states = contact_states(coarse_scene(**{"friction.coefficient": table}))[1:]
-    mu = [s.friction for s in states]
-    assert mu == pytest.approx([0.1, 0.2, 0.2 + 0.1 * 46 / 124, 0.3, 0.3], rel=1e-14)
-    for state, value in zip(states, mu, strict=True):
-        np.testing.assert_allclose(state.shear_mpa, value * state.pressure_mpa, rtol=1e-15)
+        assert_allclose(state.pressure_mpa, states[0].pressure_mpa, rtol=0, atol=1e-6 * 18.76)

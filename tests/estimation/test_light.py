@@ -3,12 +3,7 @@
 import numpy as np
 import pytest
 
-from isochrome.estimation import (
-    degrees_of,
-    evaluate,
-    frame_light,
-    smooth_light,
-)
+from isochrome.estimation import degrees_of, evaluate, frame_light, smooth_light
 
 SHAPE = (40, 60)
 Y, X = (np.linspace(-1.0, 1.0, n) for n in SHAPE)

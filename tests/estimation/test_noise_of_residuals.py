@@ -1,7 +1,5 @@
 """What a residual tells of its noise: level, reach and lines, against noise that is known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.fft import dctn, idctn
@@ -67,14 +65,11 @@ def test_what_a_model_misses_of_dense_fringes_is_no_noise():
     assert found == 1.0
 
 
-def test_no_full_block_tells_nothing():
+def test_noise_as_expected_is_left_and_no_full_block_tells_nothing():
+    assert local_noise(KEEP, noise(8).ravel(), noise(9).ravel()) == 1.0
     keep = np.zeros(SHAPE, bool)
     keep[::2] = True
     assert local_noise(keep, np.full(keep.sum(), 9.0), np.full(keep.sum(), 9.0)) == 1.0
-
-
-def test_noise_as_expected_is_left_as_it_is():
-    assert local_noise(KEEP, noise(8).ravel(), noise(9).ravel()) == 1.0
 
 
 @pytest.mark.parametrize("axis", [0, 1])

@@ -1,7 +1,5 @@
 """Score tests: what a fit would gain, held against the fits themselves."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Frames of a block of finite size as finite elements know it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from finite_block import LINE_LOAD, THICKNESS, block_difference

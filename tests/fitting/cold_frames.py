@@ -1,7 +1,5 @@
 """Random contacts as a laboratory might have them, rendered, and scenes that are far off."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -48,11 +46,9 @@ def photographed(scene: Scene) -> tuple[np.ndarray, float]:
 
 @lru_cache(maxsize=2)  # several tests look at one case, and none changes it
 def random_case(kind: str, seed: int, *, factors: tuple[float, float] = (0.25, 4.0)) -> Case:
-    """A contact that a laboratory might have, of order 1 to 8, with all but its bodies unknown.
-
-    8 bits, noise of 3 grey levels, 30 % vignette, no no-load frames. `kind`: 'held' (partial slip
-    and bulk stress), 'sliding', 'worn', 'flat', 'disc'; `factors`, how far off the load may be.
-    """
+    """A contact that a laboratory might have, of order 1 to 8, with all but its bodies unknown. 8
+    bits, noise of 3 grey levels, 30 % vignette, no no-load frames. `kind`: 'held' (partial slip and
+    bulk stress), 'sliding', 'worn', 'flat', 'disc'; `factors`, how far off the load may be."""
     rng = np.random.default_rng([seed, 606])
     while True:
         true, keys = random_scene(kind, rng, seed)
@@ -143,11 +139,9 @@ def random_disc(
 
 
 def is_right(case: Case, fit: FrameFit) -> bool:
-    """Load within 0.03 %, tangential force within 0.15 %.
-
-    A force so small that the frame's noise alone hides 0.15 % of it: within 3.5 of its own standard
-    uncertainties, beyond which one in 2000 lies.
-    """
+    """Load within 0.03 %, tangential force within 0.15 %. A force so small that the frame's noise
+    alone hides 0.15 % of it: within 3.5 of its own standard uncertainties, beyond which one in 2000
+    lies."""
     error, spread = np.abs(case.errors(fit)), fit.standard_uncertainty
     right = error[0] <= LOAD_BAR * fit.values[0]
     if "load.tangential_n" in case.keys:

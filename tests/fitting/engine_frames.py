@@ -1,7 +1,5 @@
 """Rendered frames of random contacts, as a laboratory's camera takes them, for tests of the fit."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from isochrome.estimation import prepare_frame

@@ -1,7 +1,5 @@
 """Rendered frames of surfaces that are pressed and rubbed in patches: truth in closed form."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

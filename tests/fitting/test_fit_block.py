@@ -12,12 +12,7 @@ from isochrome.fitting import LENS, fit
 from isochrome.output import write_tiff
 from isochrome.processing import process
 from isochrome.scene import load_scene, parse_scene
-from isochrome.simulation import (
-    make_picture,
-    scene_states,
-    simulate,
-    state_difference,
-)
+from isochrome.simulation import make_picture, scene_states, simulate, state_difference
 from isochrome.stress import pixel_grid
 from scene_texts import PAPER_CONTACT
 

@@ -1,7 +1,5 @@
 """Unknowns held at their bounds, and unknowns that a frame does not tell."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from engine_frames import fit_jointly

@@ -1,14 +1,11 @@
-"""Frames of a bench that is not ours: the value within its uncertainty, and the cause by name.
+"""Frames of a bench that is not ours: the value within its uncertainty, and the cause by name. Each
+row of the table that was silent once is a test here. Truth is `outside_camera`, which shares no
+code with our optics and camera."""
 
-Each row of the table that was silent once is a test here. Truth is `outside_camera`, which shares
-no code with our optics and camera.
-"""
-
-from __future__ import annotations
+from functools import lru_cache
 
 import numpy as np
 import pytest
-from sliding_bench import FRICTION, LOAD, bench
 
 from isochrome.benchmarks import load_benchmarks
 from isochrome.estimation import prepare_frame
@@ -16,13 +13,8 @@ from isochrome.fitting import cause_messages, fit_frame, fit_with_causes
 from isochrome.fitting.causes.cause import ABOVE, BLURRED, ROLL, SCALE, STIFF, WIDE
 from isochrome.fitting.causes.score import Asked, _undecided, is_impossible
 from isochrome.frames import Frame
-from isochrome.processing import cell_values
-from isochrome.reference import (
-    contact_modulus,
-    hertz_half_width,
-    hertz_peak_pressure,
-    hertz_stress,
-)
+from isochrome.processing.result import cell_values
+from isochrome.reference import contact_modulus, hertz_half_width, hertz_peak_pressure, hertz_stress
 from isochrome.scene import load_scene
 from isochrome.stress import pixel_grid
 from pixel_means import gauss_mean
@@ -30,15 +22,33 @@ from pixel_means import gauss_mean
 OUTSIDE = load_benchmarks("outside_camera")
 Defects, frame = OUTSIDE.Defects, OUTSIDE.frame
 
+LOAD, FRICTION = 47.3, 0.187
+
+
+@lru_cache
+def bench(rows=247, cols=330):
+    """A sliding contact of 4 mm x 3 mm in view."""
+    scene = load_scene("line-contact-wear").with_values(
+        {
+            "load.normal_n": LOAD,
+            "friction.coefficient": FRICTION,
+            "friction.static_state_first": False,
+            "wear.distances_m": (0.0,),
+            "polariscope.wavelength_nm": 587.0,
+            "camera.width_px": cols,
+            "camera.height_px": rows,
+            "camera.pixel_mm": 4.0 / cols,
+        }
+    )
+    return scene.model_copy(update={"wear": None})
+
 
 def fitted(defects, *, seed=1, scene=None, true=None, keys=None):
     """What is found of a frame, and what is said, from values that are far off."""
     scene = scene or bench()
     image = frame(true or bench(), defects, seed)
     data = prepare_frame(
-        Frame(index=0, image=image, time_s=None, name="bench"),
-        scene,
-        bit_depth=defects.container,
+        Frame(index=0, image=image, time_s=None, name="bench"), scene, bit_depth=defects.container
     )
     begun = scene.with_values({"load.normal_n": 40.0, "friction.coefficient": 0.25})
     freed = fit_with_causes(data, begun, keys)

@@ -1,23 +1,15 @@
 """Several frames of one bench: what belongs to the apparatus is asked of all of them together.
-
-Truth is `outside_camera`, which shares no code with our optics and camera.
-"""
-
-from __future__ import annotations
+Truth is `outside_camera`, which shares no code with our optics and camera."""
 
 import numpy as np
 import pytest
-from sliding_bench import bench
+from test_fit_causes import Defects, bench, frame
 
 from isochrome import fit, track
-from isochrome.benchmarks import load_benchmarks
 from isochrome.estimation import prepare_frame
 from isochrome.fitting import Apparatus, Tracker, placed
 from isochrome.frames import Frame
 from isochrome.output import write_tiff
-
-OUTSIDE = load_benchmarks("outside_camera")
-Defects, frame = OUTSIDE.Defects, OUTSIDE.frame
 
 LOAD, FRICTION, PLACE = "load.normal_n", "friction.coefficient", ["camera.left_mm", "camera.top_mm"]
 LOADS, MU = (44.0, 47.3, 51.0), 0.187
@@ -31,14 +23,13 @@ DEFECTS = [
 ]
 """Key, what is wrong, its value, and four or five of its uncertainties in pictures this small."""
 
-SMALL = (124, 165)
-LARGER = (247, 330)
-"""In smaller pictures the truth's own grid of half pixels turns them by some 0.03 degree."""
+SMALL, LARGER = (124, 165), (247, 330)
+"""In small pictures the truth's own grid of half pixels turns them by some 0.03 degree."""
 
 
-def captured(folder, defects, loads, seed=1, size=SMALL):
+def captured(folder, defects, loads, seed=1, size=()):
     """The frames of some loads, and the scene that a fit begins with."""
-    true = bench(*size)
+    true = bench(*(size or SMALL))
     images = [
         frame(true.with_values({LOAD: float(load)}), defects, 10 * seed + i)
         for i, load in enumerate(loads)
@@ -47,7 +38,7 @@ def captured(folder, defects, loads, seed=1, size=SMALL):
     return folder / "frames.tif", true.with_values({LOAD: 46.0, FRICTION: 0.2})
 
 
-def joint(folder, defects, *, size=SMALL, **options):
+def joint(folder, defects, *, size=(), **options):
     path, scene = captured(folder, defects, LOADS, size=size)
     return fit(path, scene, [FRICTION, *PLACE], per_frame=[LOAD], **options)
 
@@ -78,7 +69,7 @@ def test_frames_that_are_what_their_scene_says_ask_for_nothing(tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize(("key", "defects", "value", "bar"), some(DEFECTS, (0,)))
 def test_what_the_frames_share_is_one_unknown_of_all(tmp_path, key, defects, value, bar):
-    found = joint(tmp_path, Defects(**defects), size=LARGER if key == ROLL else SMALL)
+    found = joint(tmp_path, Defects(**defects), size=LARGER if key == ROLL else ())
     assert set(found.shared) == {FRICTION, *PLACE, key}
     assert found.shared[key]["value"] == pytest.approx(value, abs=bar)
     assert found.scene.get(key) == found.shared[key]["value"]
@@ -118,7 +109,7 @@ def test_two_causes_at_once(tmp_path):
     assert np.abs(pulls(found)).max() < 4.0
 
 
-def followed(folder, defects, *, size=SMALL, **options):
+def followed(folder, defects, *, size=(), **options):
     path, scene = captured(folder, defects, FOLLOWED, seed=3, size=size)
     return track(path, scene, [LOAD, FRICTION, *PLACE], **options)
 
@@ -139,7 +130,7 @@ def test_a_track_of_what_its_scene_says_asks_for_nothing(tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize(("key", "defects", "value", "bar"), some(DEFECTS, (0,)))
 def test_what_a_videos_frames_share_is_held_through_the_track(tmp_path, key, defects, value, bar):
-    found = followed(tmp_path, Defects(**defects), size=LARGER if key == ROLL else SMALL)
+    found = followed(tmp_path, Defects(**defects), size=LARGER if key == ROLL else ())
     (said,) = found.warnings
     assert said.startswith("asked of frames 0, 3, 5, and held in all frames: the frames show ")
     assert f"{key} = " in said and found.scene.get(key) == pytest.approx(value, abs=bar)
@@ -163,10 +154,7 @@ def test_a_track_that_is_held_to_its_scene_is_off(tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("key", "value", "spread"),
-    [
-        pytest.param(ROLL, 0.5, 0.1, marks=pytest.mark.study),
-        ("frames.gamma", 1.1, 0.02),
-    ],
+    [pytest.param(ROLL, 0.5, 0.1, marks=pytest.mark.study), ("frames.gamma", 1.1, 0.02)],
 )
 def test_a_tracked_value_has_the_uncertainty_of_what_is_held(key, value, spread):
     """As much as it moves when that is held one standard uncertainty beside its value."""

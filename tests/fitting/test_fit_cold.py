@@ -1,7 +1,5 @@
 """Cold starts: random contacts, rendered, and fitted from values that are far off."""
 
-from __future__ import annotations
-
 import pytest
 from cold_frames import LOAD_BAR, RIGHT_CHI, Case, is_right, random_case
 

@@ -1,7 +1,5 @@
 """The search's quick fields against closed forms and solved contacts; its light's elimination."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -65,9 +63,8 @@ top_mm = -0.5
 
 def quick(text, **changes):
     """The scene with `changes`, and the quick field made from the unchanged one; also the places.
-
-    Returns the changed scene, its field (n,), and x, z (n,) of the pixels 0.25 mm below and deeper.
-    """
+    Returns the changed scene, its field (n,), and x, z (n,) of the pixels 0.25 mm below and
+    deeper."""
     scene = parse_scene(text)
     moved = scene.with_values({key.replace("__", "."): v for key, v in changes.items()})
     grid = pixel_grid(scene).every(3)

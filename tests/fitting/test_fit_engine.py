@@ -4,16 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from engine_frames import (
-    HALF_SIZE,
-    KINDS,
-    begun,
-    captured,
-    fitted,
-    orders,
-    pulls,
-    random_contact,
-)
+from engine_frames import HALF_SIZE, KINDS, begun, captured, fitted, orders, pulls, random_contact
 from scipy.ndimage import gaussian_filter
 
 from isochrome.estimation import prepare_frame

@@ -1,7 +1,5 @@
 """Cameras and polariscopes that are not ideal: gamma, plates, blur, fall-off; and what is refused.
-
-Half-size frames: the load is then known to some 0.003 %, and the bar is 0.05 %.
-"""
+Half-size frames: the load is then known to some 0.003 %, and the bar is 0.05 %."""
 
 import numpy as np
 import pytest

@@ -1,10 +1,6 @@
 """Stated inputs: priors of free keys, a budget of held ones, pairs that only a prior tells apart.
-
 Sensitivities are checked by fits with the input shifted; values and coverage by frames of a
-renderer that shares no code with the package's optics and camera.
-"""
-
-from __future__ import annotations
+renderer that shares no code with the package's optics and camera."""
 
 import csv
 import json
@@ -98,8 +94,7 @@ def test_sensitivities_are_those_of_fits_with_shifted_inputs():
 
 
 def test_combined_uncertainty_is_noise_and_inputs_in_squares():
-    scene, image = contact()
-    plain = fit_frame(data_of(image, scene), scene, KEYS, cold=False)
+    (scene, image), plain = contact(), plain_fit()
     assert np.array_equal(plain.standard_uncertainty, plain.noise_uncertainty)
     known = stated(scene, camera__pixel_mm=0.2, specimen__fringe_value_n_per_mm=0.5)
     found = fit_frame(data_of(image, known), known, KEYS, cold=False)
@@ -115,33 +110,39 @@ def test_combined_uncertainty_is_noise_and_inputs_in_squares():
     assert abs(correlation - own) > 0.3
 
 
-def test_a_prior_far_sharper_than_the_frame_is_the_value():
+@cache
+def plain_fit():
+    """The contact's fit without anything stated."""
     scene, image = contact()
-    off = scene.get(LOAD) + 0.1
-    sharp = scene.with_values({LOAD: {"value": off, "standard_uncertainty": 1e-6}})
-    found = fit_frame(data_of(image, sharp), sharp, KEYS, cold=False)
+    return fit_frame(data_of(image, scene), scene, KEYS, cold=False)
+
+
+def with_load(value, spread):
+    """The contact's fit under a prior of its load."""
+    scene, image = contact()
+    known = scene.with_values({LOAD: {"value": value, "standard_uncertainty": spread}})
+    return fit_frame(data_of(image, known), known, KEYS, cold=False)
+
+
+def test_a_prior_far_sharper_than_the_frame_is_the_value():
+    off = contact()[0].get(LOAD) + 0.1
+    found = with_load(off, 1e-6)
     assert found.values[0] == pytest.approx(off, abs=1e-5)
     assert found.standard_uncertainty[0] == pytest.approx(1e-6, rel=1e-3)
     assert found.noise_uncertainty[0] < 1e-8
 
 
 def test_a_prior_as_sharp_as_the_frame_meets_it_half_way():
-    scene, image = contact()
-    plain = fit_frame(data_of(image, scene), scene, KEYS, cold=False)
+    plain = plain_fit()
     spread = plain.cramer_rao_bound[0]
-    off = {"value": plain.values[0] + 4.0 * spread, "standard_uncertainty": spread}
-    known = scene.with_values({LOAD: off})
-    found = fit_frame(data_of(image, known), known, KEYS, cold=False)
+    found = with_load(plain.values[0] + 4.0 * spread, spread)
     # a twentieth of the distance for derivatives by both sides with a prior, by one without
     assert found.values[0] - plain.values[0] == pytest.approx(2.0 * spread, abs=0.2 * spread)
     assert found.cramer_rao_bound[0] == pytest.approx(spread / np.sqrt(2.0), rel=0.05)
 
 
 def test_a_prior_far_wider_than_the_frame_changes_nothing():
-    scene, image = contact()
-    plain = fit_frame(data_of(image, scene), scene, KEYS, cold=False)
-    wide = scene.with_values({LOAD: {"value": 44.5, "standard_uncertainty": 50.0}})
-    found = fit_frame(data_of(image, wide), wide, KEYS, cold=False)
+    plain, found = plain_fit(), with_load(44.5, 50.0)
     assert abs(found.values - plain.values).max() < 0.05 * plain.standard_uncertainty.max()
     # derivatives by both sides with a prior, by one without: a per cent
     assert found.standard_uncertainty == pytest.approx(plain.standard_uncertainty, rel=0.03)

@@ -22,27 +22,11 @@ from isochrome.fitting import (
 from isochrome.output import write_tiff
 from isochrome.scene import parse_scene
 from isochrome.simulation import simulate
-from scene_texts import WEARING_CONTACT
+from scene_texts import SMALL_CAMERA, WEARING_CONTACT
 
 ENDS = np.array([31.0, 77.0, 155.0, 233.0])
-WORN = (
-    WEARING_CONTACT
-    + """\
-distances_m = [31.0, 77.0, 155.0, 233.0]
-
-[camera]
-width_px = 160
-height_px = 120
-left_mm = -1.97
-top_mm = 0.004
-pixel_mm = 0.025
-bit_depth = 8
-brightness = 0.85
-background = 0.05
-noise_grey = 3.0
-seed = 3
-"""
-)
+CAMERA = SMALL_CAMERA.replace("left_mm = -2.0", "left_mm = -1.97").replace("= 0.0\n", "= 0.004\n")
+WORN = WEARING_CONTACT + f"distances_m = {ENDS.tolist()}\n{CAMERA}noise_grey = 3.0\nseed = 3\n"
 WEAR, FRICTION = "wear.coefficient_mm2_per_n", "friction.coefficient"
 RISING = {"distance_m": tuple(ENDS), "value": (0.15, 0.22, 0.27, 0.30)}
 FROM_A_TENTH = {"distance_m": (0.0, 233.0), "value": (0.1, 0.3)}

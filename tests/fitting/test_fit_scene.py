@@ -23,7 +23,6 @@ STATIC = PAPER_CONTACT + SMALL_CAMERA + "noise_grey = 3.0\nseed = 11\n"
 SLIDING = STATIC + "\n[friction]\ncoefficient = 0.25\n"
 WORN = SLIDING + "\n[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [77.0, 155.0]\n"
 PLACE = {"camera.left_mm": -1.957, "camera.top_mm": 0.018}
-P_MAX = 18.758
 
 
 @pytest.fixture
@@ -48,24 +47,19 @@ def within(found, true, sigmas=4.0):
 # Fits
 
 
-def test_load_place_and_friction_come_from_one_frame_within_their_uncertainty(rendered):
+@pytest.mark.parametrize("on_whole_pixel", [False, True])
+def test_load_place_and_friction_come_from_one_frame_within_their_uncertainty(
+    rendered, on_whole_pixel
+):
+    """On a whole pixel of its reference grid, too, where the fit starts: it is no trap."""
     true = {"load.normal_n": 46.3, "friction.coefficient": 0.21, **PLACE}
-    path = rendered(SLIDING, **true)
-    found = fit(path, parse_scene(SLIDING), list(true))
+    if on_whole_pixel:
+        true = {key: parse_scene(SLIDING).get(key) for key in true}
+    found = fit(rendered(SLIDING, **true), parse_scene(SLIDING), list(true))
     for key, value in true.items():
         within(found.shared[key], value)
     assert found.shared["load.normal_n"]["standard_uncertainty"] < 0.01
     assert found.chi == pytest.approx(1.0, abs=0.05) and found.warnings == ()
-
-
-def test_a_place_on_a_whole_pixel_is_no_trap(rendered):
-    # The fit starts where the frame was rendered: on a whole pixel of its reference grid.
-    path = rendered(SLIDING)
-    keys = ["load.normal_n", "camera.left_mm", "camera.top_mm", "friction.coefficient"]
-    found = fit(path, parse_scene(SLIDING), keys)
-    for key, value in zip(keys, (44.0, -2.0, 0.0, 0.25), strict=True):
-        within(found.shared[key], value)
-    assert found.warnings == ()
 
 
 @pytest.mark.long
@@ -98,35 +92,12 @@ def test_two_frames_share_the_wear_and_keep_their_own_friction(rendered, tmp_pat
     assert [str(frame) for frame in rows["frame"]] == ["all", "all", "0", "1"]
 
 
-@pytest.mark.long
-def test_uncertainty_is_the_spread_over_seeds(rendered):
-    values, spread = [], []
-    for seed in range(8):
-        path = rendered(STATIC, load__normal_n=45.0, camera__seed=seed)
-        found = fit(path, parse_scene(STATIC), ["load.normal_n"]).shared["load.normal_n"]
-        values.append(found["value"])
-        spread.append(found["standard_uncertainty"])
-    # Eight values: their standard deviation is known to a factor of about 1.6 either way.
-    assert 0.4 < np.std(values, ddof=1) / np.mean(spread) < 2.0
-
-
 def test_keys_that_the_frame_cannot_tell_apart_are_refused_by_their_correlation(rendered):
     # Modulus and radius enter together: the half-width follows from radius / contact modulus.
     path = rendered(STATIC)
     keys = ["specimen.young_gpa", "indenter.radius_mm"]
     with pytest.raises(PhysicsError, match=r"cannot be told apart .*correlation.*; fix one"):
         fit(path, parse_scene(STATIC), keys)
-
-
-@pytest.mark.parametrize("text", [STATIC, WORN], ids=["one frame", "two frames"])
-def test_a_key_that_does_not_change_the_fringes_is_refused(rendered, text):
-    # Ideal plates: the wavelength stands in the scene, and in no equation.
-    text += "\n[polariscope]\nwavelength_nm = 587.0\n"
-    path = rendered(text)
-    with pytest.raises(
-        PhysicsError, match=r"polariscope.wavelength_nm does not change the fringes"
-    ):
-        fit(path, parse_scene(text), ["load.normal_n", "polariscope.wavelength_nm"])
 
 
 @pytest.mark.parametrize("other", ["specimen.fringe_value_n_per_mm", "specimen.thickness_mm"])
@@ -150,10 +121,7 @@ def test_a_shifted_field_is_that_rendered_at_the_shifted_place(shift_px):
     here = fine.with_values({"camera.pixel_mm": 0.0125, "numerics.spacing_mm": 0.0125 / 8})
     renderer = SceneRenderer(here, (120, 160))
     moved = here.with_values(
-        {
-            "camera.left_mm": -1.0 + 0.0125 * shift_px[0],
-            "camera.top_mm": 0.0 + 0.0125 * shift_px[1],
-        }
+        {"camera.left_mm": -1.0 + 0.0125 * shift_px[0], "camera.top_mm": 0.0 + 0.0125 * shift_px[1]}
     )
     renderer.signal(here)
     direct, pixels = direct_signal(moved)

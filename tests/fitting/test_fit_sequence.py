@@ -7,52 +7,26 @@ from engine_frames import fit_jointly
 from isochrome.errors import InputError
 from isochrome.estimation import prepare_frame
 from isochrome.fitting import (
-    SharedRun,
-    add_up,
-    alone_scene,
     fit,
     fit_region,
     frame_distance,
-    linearise_frame,
-    local_values,
-    make_renderer,
     make_sequence,
-    state_scene,
-    stepwise,
     with_numerics,
 )
+from isochrome.fitting.frame.single_state import state_scene
+from isochrome.fitting.joint.frame_sequence import SharedRun, alone_scene, local_values, stepwise
+from isochrome.fitting.joint.normal_equations import add_up, linearise_frame, make_renderer
 from isochrome.frames import Frame
 from isochrome.output import write_tiff
 from isochrome.scene import load_scene, parse_scene
 from isochrome.simulation import scene_states, simulate
-from scene_texts import PAPER_CONTACT
+from scene_texts import PAPER_CONTACT, SMALL_CAMERA, WEARING_CONTACT
 
 DISTANCES = (0.0, 31.0, 77.0, 155.0, 233.0)
 RISING = {"distance_m": DISTANCES, "value": (0.12, 0.18, 0.24, 0.28, 0.30)}
-WORN = (
-    PAPER_CONTACT
-    + """
-[friction]
-coefficient = 0.25
-static_state_first = true
-
-[wear]
-coefficient_mm2_per_n = 2e-9
-distances_m = [0.0, 31.0, 77.0, 155.0, 233.0]
-
-[camera]
-width_px = 160
-height_px = 120
-left_mm = -1.97
-top_mm = 0.004
-pixel_mm = 0.025
-bit_depth = 8
-brightness = 0.85
-background = 0.05
-noise_grey = 3.0
-seed = 7
-"""
-)
+CAMERA = SMALL_CAMERA.replace("left_mm = -2.0", "left_mm = -1.97").replace("= 0.0\n", "= 0.004\n")
+WORN = WEARING_CONTACT.replace("= 0.25\n", "= 0.25\nstatic_state_first = true\n")
+WORN += f"distances_m = {list(DISTANCES)}\n{CAMERA}noise_grey = 3.0\nseed = 7\n"
 LOAD, FRICTION, WEAR = "load.normal_n", "friction.coefficient", "wear.coefficient_mm2_per_n"
 PLACE = ("camera.left_mm", "camera.top_mm")
 

@@ -1,10 +1,6 @@
 """Scenes with one slip, in frames of a bench that is not ours: the slip is named, nothing is given.
-
 Each row of the issue's table in which nothing was read, and the same sentence was said of
-everything, is a test here: the right sentence, and exit 3.
-"""
-
-from __future__ import annotations
+everything, is a test here: the right sentence, and exit 3."""
 
 import json
 

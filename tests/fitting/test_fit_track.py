@@ -1,7 +1,5 @@
 """Tracking a contact through a video: values, uncertainties, lost tracks, worn runs, refusals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import tifffile

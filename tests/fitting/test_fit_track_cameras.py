@@ -1,7 +1,5 @@
 """Tracking through cameras, plates, masks and videos that are not ideal."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

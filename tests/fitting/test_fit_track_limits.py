@@ -1,7 +1,5 @@
 """What a track says of itself: its uncertainties in the keys' own units, and when it is lost."""
 
-from __future__ import annotations
-
 import json
 from itertools import repeat
 
@@ -171,17 +169,30 @@ def test_pixels_near_black_and_white_are_not_looked_at(clean):
     np.testing.assert_array_equal(thinned.look(model).clear, abs(model - 0.5) < 0.5 - room)
 
 
-def test_a_scar_that_is_stepped_on_is_the_one_worn_in_one_go():
+LINE, RATE = 44.0 / 4.0, 1e3 * 2e-9 * 44.0 / 4.0
+"""Load (N/mm), and worn area (mm²) per metre."""
+
+
+def worn_scene(**numerics):
+    """A contact that has slid 44 m under a constant load, on nodes of 5 um."""
     given = {"wear.distances_m": [44.0], FRICTION: 0.2, "friction.static_state_first": False}
-    scene = load_scene("line-contact-wear").with_values(
-        given | {LOAD: 44.0, "numerics.spacing_mm": 0.005, "numerics.tolerance": 1e-5}
+    finer = {f"numerics.{key}": value for key, value in numerics.items()}
+    return load_scene("line-contact-wear").with_values(
+        given | {LOAD: 44.0, "numerics.spacing_mm": 0.005} | finer
     )
-    course, _ = wear_course(scene)
-    grid = contact_grid(scene, largest_dose_mm_per_mpa=float(course.dose_mm_per_mpa[-1]))
-    site, line = make_site(scene, grid), 44.0 / 4.0
-    drive = Drive(np.array([0.0, 1.0]), np.full(2, line), np.full(2, 0.2))
-    areas = [1e3 * 2e-9 * line * distance for distance in (40.0, 44.0)]
-    unworn, elastic = WornScar(0.0, np.zeros(grid.nodes)), elastic_area(scene, line)
+
+
+def steady(scene, largest_dose):
+    """Its site, its unworn scar, and the area that elasticity takes."""
+    site = make_site(scene, contact_grid(scene, largest_dose_mm_per_mpa=largest_dose))
+    return site, WornScar(0.0, np.zeros(site.grid.nodes)), elastic_area(scene, LINE)
+
+
+def test_a_scar_that_is_stepped_on_is_the_one_worn_in_one_go():
+    scene = worn_scene(tolerance=1e-5)
+    site, unworn, elastic = steady(scene, float(wear_course(scene)[0].dose_mm_per_mpa[-1]))
+    drive = Drive(np.array([0.0, 1.0]), np.full(2, LINE), np.full(2, 0.2))
+    areas = [RATE * distance for distance in (40.0, 44.0)]
     first, whole = grow(site, unworn, drive, areas, elastic)
     (stepped,) = grow(site, first, drive, areas[1:], elastic)
     grown = (whole.depth_mm - first.depth_mm).max()
@@ -192,15 +203,10 @@ def test_a_scar_that_is_stepped_on_is_the_one_worn_in_one_go():
 
 def test_a_scar_near_the_end_of_a_growth_is_not_worn_again():
     """Where a frame was looked for and what it then shows lie next to each other."""
-    given = {"wear.distances_m": [44.0], FRICTION: 0.2, "friction.static_state_first": False}
-    scene = load_scene("line-contact-wear").with_values(
-        given | {LOAD: 44.0, "numerics.spacing_mm": 0.005}
-    )
-    line, elastic = 44.0 / 4.0, elastic_area(scene, 44.0 / 4.0)
-    area = 1e3 * 2e-9 * line * 44.0
-    site = make_site(scene, contact_grid(scene, largest_dose_mm_per_mpa=area / line))
+    line, area = LINE, RATE * 44.0
+    site, unworn, elastic = steady(worn_scene(), area / line)
     drive = Drive(np.array([0.0, area]), np.full(2, line), np.full(2, 0.2))
-    unworn, step = WornScar(0.0, np.zeros(site.grid.nodes)), 0.006 * (area + elastic)
+    step = 0.006 * (area + elastic)
     first, near, last = grow(site, unworn, drive, [area - step, area - 0.1 * step, area], elastic)
     grown = Growth(first, last, (line, 0.2))
     found = grown.towards(first, near.worn_mm2, (line * 1.0002, 0.2))
@@ -221,18 +227,12 @@ def test_a_scar_near_the_end_of_a_growth_is_not_worn_again():
 
 def test_a_scar_grows_under_the_load_that_is_tracked_and_not_the_scenes():
     """The scene names a constant 44 N. Goes wrong: the scar is that of the scene's course."""
-    given = {"wear.distances_m": [44.0], FRICTION: 0.2, "friction.static_state_first": False}
-    scene = load_scene("line-contact-wear").with_values(
-        given | {LOAD: 44.0, "numerics.spacing_mm": 0.005}
-    )
-    line, area = 44.0 / 4.0, 1e3 * 2e-9 * (44.0 / 4.0) * 44.0
-    grid = contact_grid(scene, largest_dose_mm_per_mpa=2.0 * area / line)
-    site = make_site(scene, grid)
-    drive = Drive(np.array([0.0, area]), line * np.array([0.5, 1.0]), np.full(2, 0.2))
-    unworn = WornScar(0.0, np.zeros(grid.nodes))
-    (scar,) = grow(site, unworn, drive, [area], elastic_area(scene, line))
+    area = RATE * 44.0
+    site, unworn, elastic = steady(worn_scene(), 2.0 * area / LINE)
+    drive = Drive(np.array([0.0, area]), LINE * np.array([0.5, 1.0]), np.full(2, 0.2))
+    (scar,) = grow(site, unworn, drive, [area], elastic)
     # the dose times the load is the worn area, whatever was between; 1e-4 is the tolerance
-    assert scar.depth_mm.sum() * grid.spacing_mm == pytest.approx(area, rel=5e-4)
+    assert scar.depth_mm.sum() * site.grid.spacing_mm == pytest.approx(area, rel=5e-4)
 
 
 # Each key in its own unit

@@ -1,7 +1,5 @@
 """The load that wore a contact before its first frame, from that frame."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Tracking on worn scars: loads that swing, slowly and fast, and starts in the middle of a run."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -15,10 +13,8 @@ WEAR = "wear.coefficient_mm2_per_n"
 
 
 def worn_film(distance, load, friction, rng):
-    """A wearing contact whose load and friction are tables over distance, and its scene.
-
-    The steps of the truth's wear err ten times less than the scene's own would.
-    """
+    """A wearing contact whose load and friction are tables over distance, and its scene. The steps
+    of the truth's wear err ten times less than the scene's own would."""
     base = load_scene("line-contact-wear")
     scene = contact().model_copy(update={"wear": base.wear})
     start = scene.with_values({"wear.distances_m": distance.tolist(), FRICTION: float(friction[0])})
@@ -79,8 +75,7 @@ def test_a_track_that_begins_at_a_low_load_finds_which_load_wore_the_scar(tmp_pa
 @pytest.mark.long
 def test_a_new_contact_under_a_load_that_swings_far_is_followed_with_its_wear(tmp_path):
     """By 20 %, from the unworn contact on: where the load fell, k fell by 11 %, and its scar with
-    it. Boxes reached behind the scars that were kept, and wore on by loads of long ago.
-    """
+    it. Boxes reached behind the scars that were kept, and wore on by loads of long ago."""
     i = np.arange(64)
     load = 44.0 * (1.0 + 0.2 * np.sin(2.0 * np.pi * i / 50.0))
     frames, start = worn_film(0.1 * i, load, np.full(i.size, 0.2), np.random.default_rng(6))

@@ -196,10 +196,7 @@ def test_uncertainties_of_the_resultants_are_their_errors():
         lobe = Patch(0.6 + 0.05 * seed, 0.1 + 0.01 * seed, 3.0 + 0.4 * seed, 0.2)
         view = Pressed((CONTACT, lobe), seed=seed, **HALF)
         found = invert_tractions(view.data(), view.scene(46.0))
-        for one, true in (
-            (found.load_n, view.load),
-            (found.tangential_n, view.tangential),
-        ):
+        for one, true in ((found.load_n, view.load), (found.tangential_n, view.tangential)):
             pulls.append((one.value - true) / one.standard_uncertainty)
     # 12 pulls: their RMS is known to 20 %; that hats are no roots at the edges adds a bias of
     # a hundredth of a per cent of the load, which is as large as the noise's part

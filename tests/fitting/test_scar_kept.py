@@ -1,7 +1,5 @@
 """Which scars of a track are kept: one below any area that a track may go back to."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -14,11 +12,9 @@ from isochrome.scene import load_scene
 @pytest.mark.parametrize("noise", [0.0, 3e-3])
 @pytest.mark.parametrize("elastic", [0.0, 10.0])
 def test_a_scar_is_kept_below_any_area_that_a_track_goes_back_to(growth, noise, elastic):
-    """A box of worn areas begins 3 % behind the last: its scar was worn from nought, evenly.
-
-    Of a film that grows by .6 % a frame the wear coefficient then jumped by 4 %; of one whose scar
-    was small beside what the elasticity takes up, by which boxes are wide, by 11 %.
-    """
+    """A box of worn areas begins 3 % behind the last: its scar was worn from nought, evenly. Of a
+    film that grows by .6 % a frame the wear coefficient then jumped by 4 %; of one whose scar was
+    small beside what the elasticity takes up, by which boxes are wide, by 11 %."""
     rng = np.random.default_rng(3)
     kept: list[WornScar] = []
     largest = 0
@@ -40,9 +36,7 @@ def test_a_scar_is_kept_below_any_area_that_a_track_goes_back_to(growth, noise, 
 
 def test_a_scar_grows_on_where_the_load_in_hand_touches_it():
     """11 N/mm wore it, 6 N/mm are on it: the half-width of a contact goes with the root of these.
-
-    Boxes wore on by loads of long ago, and what a frame says of its wear was wrong by half.
-    """
+    Boxes wore on by loads of long ago, and what a frame says of its wear was wrong by half."""
     past = TrackPast()
     wear = {"distances_m": (0.0, 0.1), "coefficient_mm2_per_n": 2e-9, "law": "archard"}
     scene = load_scene("line-contact-wear")

@@ -1,11 +1,7 @@
-"""Frames and measured scars together in sixty drawn cases: pulls, and what each adds.
-
-The frames are rendered by the package; the scars are `worn_scars`' truths, of another solution.
-Seeds are [number, 18], and number of the noise. One state or two, noise 1 to 20 grey levels, Ra
-.05 to .8 µm, four traces.
-"""
-
-from __future__ import annotations
+"""Frames and measured scars together in sixty drawn cases: pulls, and what each adds. The frames
+are rendered by the package; the scars are `worn_scars`' truths, of another solution. Seeds are
+[number, 18], and number of the noise. One state or two, noise 1 to 20 grey levels, Ra .05 to .8 µm,
+four traces."""
 
 from dataclasses import dataclass
 
@@ -26,9 +22,7 @@ AT = (77.0, 77.0, 155.0, 155.0)
 @dataclass(frozen=True)
 class Case:
     """By the keys: error over uncertainty with scars; uncertainties with them and by frames alone.
-
-    `by_scars`, uncertainty of k by the scars alone, at a load that is known.
-    """
+    `by_scars`, uncertainty of k by the scars alone, at a load that is known."""
 
     pulls: np.ndarray
     both: np.ndarray
@@ -83,11 +77,9 @@ def judged(folder, number):
 @pytest.mark.long
 @pytest.mark.study
 def test_frames_and_scars_together_are_as_sure_as_they_say(tmp_path):
-    """Pulls .8 to 1.3, and no uncertainty above that of either alone.
-
-    The frames' own uncertainty is that of a fit that ends elsewhere within its noise, and goes
-    with its residual's chi: two in a hundred between the two fits are chance.
-    """
+    """Pulls .8 to 1.3, and no uncertainty above that of either alone. The frames' own uncertainty
+    is that of a fit that ends elsewhere within its noise, and goes with its residual's chi: two in
+    a hundred between the two fits are chance."""
     cases = [judged(tmp_path / str(number), number) for number in range(60)]
     pulls = np.array([case.pulls for case in cases])
     share = np.array([case.both / case.frames for case in cases])

@@ -1,7 +1,5 @@
 """Independent truth for the polariscope: its Jones matrices, multiplied out in numpy."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -17,10 +15,8 @@ def retarder(retardance, axis):
 
 @pytest.fixture(scope="session")
 def jones_intensity() -> Callable[..., float]:
-    """Light behind analyser · plate · specimen · plate · polariser.
-
-    Angles in degrees, in the order of the light's way; None for a plate that is not there.
-    """
+    """Light behind analyser · plate · specimen · plate · polariser. Angles in degrees, in the order
+    of the light's way; None for a plate that is not there."""
 
     def intensity(angles, order, theta, plate):
         polariser, first, second, analyser = (

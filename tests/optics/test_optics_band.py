@@ -1,7 +1,5 @@
 """A band of wavelengths: contrast that falls with order, against the mean over the band."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydantic import ValidationError

@@ -1,7 +1,5 @@
 """Light of several wavelengths: against sums and integrals that are written out here."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 
@@ -12,13 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from isochrome.errors import InputError
-from isochrome.optics import (
-    Response,
-    camera_response,
-    make_chain,
-    make_light,
-    spectral_signal,
-)
+from isochrome.optics import Response, camera_response, make_chain, make_light, spectral_signal
 from isochrome.scene import Camera, Polariscope, Scene, dump_scene, parse_scene
 
 REFERENCE = 587.0
@@ -47,9 +39,6 @@ def integral(function, low, high, breaks=()):
         quad(function, a, b, epsabs=1e-11, epsrel=1e-11, limit=2000)[0]
         for a, b in itertools.pairwise(ends)
     )
-
-
-# --- lines -----------------------------------------------------------------------
 
 
 @given(
@@ -103,9 +92,6 @@ def test_a_fine_pixel_takes_more_from_a_shorter_wavelength():
         assert np.abs(signal - exact).max() < error
 
 
-# --- spectra ---------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("order", [0.0, 0.31, 1.72, 4.9, 12.3, 50.2])
 def test_white_light_in_three_channels_is_its_integral(order):
     """Equal energy, 400 to 700 nm, generic response, by adaptive quadrature."""
@@ -116,9 +102,7 @@ def test_white_light_in_three_channels_is_its_integral(order):
             return gaussians(wavelength)[channel]
 
         light = integral(
-            lambda w: weight(w) * np.sin(np.pi * order * REFERENCE / w) ** 2,
-            400.0,
-            700.0,
+            lambda w: weight(w) * np.sin(np.pi * order * REFERENCE / w) ** 2, 400.0, 700.0
         )
         # stated: 1e-7 of the table's cubics (measured 1.5e-8), 1e-9 of the integral
         assert signal[channel] == pytest.approx(light / integral(weight, 400.0, 700.0), abs=1e-7)
@@ -175,14 +159,6 @@ def test_white_fringes_wash_out_to_grey():
     # while low orders are fringes
     assert seen(0.0, WHITE)[0, 0, 0] == pytest.approx(0.0, abs=1e-12)
     assert seen(0.5, WHITE)[0, 0, 0] > 0.9
-
-
-def test_dark_and_bright_share_out_every_channels_light():
-    order = np.linspace(0.0, 8.0, 161)
-    dark = seen(order, WHITE, GENERIC)
-    bright = seen(order, WHITE.model_copy(update={"field": "bright"}), GENERIC)
-    # weights of sum 1, in roundings
-    np.testing.assert_allclose(dark + bright, 1.0, rtol=0, atol=1e-13)
 
 
 REAL = Polariscope(
@@ -268,9 +244,6 @@ def test_no_visibility_leaves_grey():
     np.testing.assert_allclose(signal, 0.5, rtol=0, atol=1e-13)
 
 
-# --- channels --------------------------------------------------------------------
-
-
 def test_one_wavelength_looks_alike_in_every_channel():
     order = np.linspace(0, 3, 31)
     signal = seen(order, Polariscope(wavelength_nm=REFERENCE), GENERIC)
@@ -354,9 +327,6 @@ def test_what_needs_one_wavelength_refuses_several():
         spectral_signal(
             np.ones((2, 2)), light, [chain] * len(light.wavelength_nm), reference_nm=REFERENCE
         )
-
-
-# --- the scene's keys --------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Scenes to signals: what `picture_signal` makes of light, elements and a camera's colour."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
@@ -125,9 +123,8 @@ def test_the_plane_field_of_a_disc_is_black_along_its_axes():
 
 def test_an_analysers_error_mixes_the_direction_into_the_dark_field():
     """I = [1 - V (cos 2e cos δ + sin 2e cos 2θ sin δ)]/2 for an analyser off by e behind ideal
-    plates. Source: Patterson & Wang (1991), Strain 27, 49, with φ = -45, β = e degrees; the sign
-    of δ is that of a retarder whose fast axis is along sigma_1.
-    """
+    plates. Source: Patterson & Wang (1991), Strain 27, 49, with φ = -45, β = e degrees; the sign of
+    δ is that of a retarder whose fast axis is along sigma_1."""
     error = 4.0
     signal = signal_of(polariscope__analyser_error_deg=error)
     scene, picture = disc()

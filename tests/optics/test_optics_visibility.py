@@ -1,7 +1,5 @@
 """Pixels of finite size: fringes averaged, never aliased, against integrals over the pixel."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -140,10 +138,8 @@ def quadrant(pixels):
     ],
 )
 def test_a_discs_fine_fringes_are_those_of_the_pixels_areas(centre, pixels, error, at_borders):
-    """Hard case: fringes of order 31 to 70, up to 0.2, 0.32, 0.45 and 0.64 fringes a pixel.
-
-    Sampled in the pixels' middles they would be wrong by up to 0.03, 0.08, 0.15 and 0.27.
-    """
+    """Hard case: fringes of order 31 to 70, up to 0.2, 0.32, 0.45 and 0.64 fringes a pixel. Sampled
+    in the pixels' middles they would be wrong by up to 0.03, 0.08, 0.15 and 0.27."""
     place = quadrant(pixels)
     order_at = disc_order(centre)
     order = order_at(place[None, :], place[:, None])

@@ -1,7 +1,5 @@
 """Independent truth for the half-plane closed forms: adaptive quadrature of the integrands."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Flat punch, blunt wedge and wavy surface."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -90,11 +88,6 @@ def test_punch_stress_agrees_with_quadrature_of_the_pressure(stress_by_quadratur
         np.testing.assert_allclose(getattr(field, name), expected, rtol=1e-9, atol=1e-8)
 
 
-def test_punch_stress_is_in_equilibrium_and_compatible(assert_equilibrium):
-    x, z = np.meshgrid(np.linspace(-2.5, 2.5, 21), np.linspace(0.4, 3.0, 12))
-    assert_equilibrium(lambda x, z: punch_stress(x, z, **PUNCH), x, z, step=2e-4, scale=1.0)
-
-
 def test_punch_surface_carries_the_pressure_and_its_corners_are_not_known():
     x = np.array([-3.0, -1.2, -0.99, 0.0, 0.5, 0.999, 2.0])
     field = punch_stress(x, 0.0, **PUNCH)
@@ -107,16 +100,6 @@ def test_punch_surface_carries_the_pressure_and_its_corners_are_not_known():
     assert np.all(np.isinf(punch_pressure([-1.0, 1.0], **PUNCH)))
     just_below = punch_stress([-1.0, 1.0], 1e-300, **PUNCH)
     assert all(np.all(np.isfinite(getattr(just_below, name))) for name in NAMES)
-
-
-@given(x=st.floats(-4.0, 4.0), z=st.floats(0.01, 4.0))
-@settings(max_examples=100, deadline=None)
-def test_punch_stress_mirrors_about_the_load(x, z):
-    right, left = punch_stress(x, z, **PUNCH), punch_stress(-x, z, **PUNCH)
-    expected = (right.sigma_x, right.sigma_z, -right.tau_xz)
-    for name, value in zip(NAMES, expected, strict=True):
-        # next to a corner stresses reach some units and rounding grows with 1/(distance to it)
-        assert float(getattr(left, name)) == pytest.approx(float(value), abs=1e-12)
 
 
 def test_far_away_the_punch_is_a_line_load():

@@ -1,7 +1,5 @@
 """Ring under two opposite point loads: what makes the series the only right field."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -143,11 +141,9 @@ def test_concentration_at_a_growing_hole_is_the_ring_tests():
 
 @pytest.mark.parametrize(("ratio", "off"), [(0.9, 0.06), (0.95, 0.03), (0.98, 0.012)])
 def test_a_thin_ring_bends_like_an_arch(ratio, off):
-    """M = P r (1/2 - 1/π) beside, P r/π below the loads, sigma = 6 M/(t² d) and N/(t d).
-
-    Source: Timoshenko, Strength of Materials, part 2: thin ring under two opposite forces. A thick
-    one differs by a share of t/R, some half of it.
-    """
+    """M = P r (1/2 - 1/π) beside, P r/π below the loads, sigma = 6 M/(t² d) and N/(t d). Source:
+    Timoshenko, Strength of Materials, part 2: thin ring under two opposite forces. A thick one
+    differs by a share of t/R, some half of it."""
     mean, wall = 0.5 * R * (1.0 + ratio), R * (1.0 - ratio)
     beside = P * mean * (0.5 - 1.0 / np.pi)
     below = P * mean / np.pi

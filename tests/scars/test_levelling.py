@@ -1,7 +1,5 @@
 """Levelled traces against truths that share no code with the package (`worn_scars`)."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from dataclasses import replace
 
@@ -45,8 +43,7 @@ def pull(found, distance):
 
 
 @pytest.mark.parametrize(
-    ("distance", "finish"),
-    list(zip(DISTANCES_M, (*FINISHES, "ground"), strict=True)),
+    ("distance", "finish"), list(zip(DISTANCES_M, (*FINISHES, "ground"), strict=True))
 )
 def test_area_and_edges_are_within_their_uncertainty(finish, distance):
     """4.5: Student's t of six degrees of freedom, beyond which one in 250 lies."""

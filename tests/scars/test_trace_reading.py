@@ -1,7 +1,5 @@
 """Traces as profilometers' programs write them, and what is none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Long histories: states go to disk as they are solved, and memory does not grow with them."""
 
-from __future__ import annotations
-
 import sys
 import weakref
 from dataclasses import replace
@@ -49,11 +47,9 @@ def test_a_state_is_let_go_once_it_is_written(tmp_path, monkeypatch, components)
 @pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="no getrusage there")
 def test_peak_memory_of_ten_times_the_states_is_the_same(tmp_path):
-    """Ten times the states take a twentieth more memory at most.
-
-    Measured: 158 MB for 200, 160 MB for 2000, of which the history's own numbers are 1 MB; holding
-    the solved states took 13 MB more.
-    """
+    """Ten times the states take a twentieth more memory at most. Measured: 158 MB for 200, 160 MB
+    for 2000, of which the history's own numbers are 1 MB; holding the solved states took 13 MB
+    more."""
     memory = load_benchmarks("case_memory")
     sizes = []
     for count in (200, 2000):

@@ -1,7 +1,5 @@
 """The steps of a simulation, one by one, make the very frames of `simulate`."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

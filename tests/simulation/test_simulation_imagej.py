@@ -1,7 +1,5 @@
 """What ImageJ is told of a simulation's stacks, as tifffile's reader of its metadata gives it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import tifffile
@@ -13,7 +11,8 @@ from scene_texts import SMALL_CAMERA, WORN_CONTACT
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     home = tmp_path_factory.mktemp("imagej")
-    (home / "scene.toml").write_text(WORN_CONTACT + SMALL_CAMERA, "utf-8")
+    coarse = "\n[numerics]\nspacing_mm = 0.0125\ntolerance = 1e-3\n"
+    (home / "scene.toml").write_text(WORN_CONTACT + SMALL_CAMERA + coarse, "utf-8")
     isochrome.simulate(home / "scene.toml", home / "out", components=True)
     return home / "out"
 

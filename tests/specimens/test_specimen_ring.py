@@ -1,7 +1,5 @@
 """The ring from scene to frame and back: its frames come from finite elements, not its model."""
 
-from __future__ import annotations
-
 import re
 from functools import lru_cache
 

@@ -8,12 +8,9 @@ _FAR = 50.0
 
 
 def exact_sums(x_mm, z_mm, nodes_mm, pressure, shear):
-    """(sx - sz) + 2i txz and sx + sz at places of one shape, in extended precision.
-
-    With ζ = x - iz: ∫hat/(ζ-t) and ∫hat/(ζ-t)² by second differences of ζ ln ζ and -ln ζ near by,
-    by eight Gauss points on each half of the hat from 50 spacings on, where their relative error
-    is (1/100)^16.
-    """
+    """(sx - sz) + 2i txz and sx + sz at places of one shape, in extended precision. With ζ = x -
+    iz: ∫hat/(ζ-t) and ∫hat/(ζ-t)² by second differences of ζ ln ζ and -ln ζ near by, by eight Gauss
+    points on each half of the hat from 50 spacings on, where their relative error is (1/100)^16."""
     x, z, nodes = (np.asarray(v, np.longdouble) for v in (x_mm, z_mm, nodes_mm))
     x, z = np.broadcast_arrays(x, z)
     h, p, q = nodes[1] - nodes[0], np.asarray(pressure), np.asarray(shear)

@@ -145,11 +145,9 @@ def test_a_dipole_is_the_change_as_the_contact_moves_along_the_block():
 
 
 def test_free_sides_and_a_sliding_support_carry_no_shear():
-    """The half-plane's tractions there are taken off: all of them at the sides, the shear below.
-
-    At the Gauss points nearest to each, a tenth of a millimetre off; the half-plane's own stress
-    at 30 and 40 mm is the scale.
-    """
+    """The half-plane's tractions there are taken off: all of them at the sides, the shear below. At
+    the Gauss points nearest to each, a tenth of a millimetre off; the half-plane's own stress at 30
+    and 40 mm is the scale."""
     sides = PAPER._replace(sliding=True)
     force = PointForce(1.0, 0.0)
     (near,) = corrections(sides, [force], within_mm=1e3, refine=0.5)
@@ -170,9 +168,7 @@ def test_free_sides_and_a_sliding_support_carry_no_shear():
 
 def half_plane_and_block(solid):
     """Stress difference of the contact in a half-plane and in a block, and the truth's, on pixels.
-
-    Away from the contact's edges, where neither mesh nor nodes resolve the root in the pressure.
-    """
+    Away from the contact's edges, where neither mesh nor nodes resolve the root in the pressure."""
     pixels = PixelGrid(rows=41, cols=67, left_mm=-2.0, top_mm=0.25, pixel_mm=0.06)
     friction = f"\n[friction]\ncoefficient = {solid.friction}\n" if solid.friction else ""
     values = {"specimen.support": solid.support, "specimen.left_mm": solid.left_mm}
@@ -240,11 +236,7 @@ def test_all_outputs_of_a_simulation_know_the_block():
         ("width_mm = 60.0\n", "", r"specimen.width_mm is missing, and a block needs it; add it"),
         ("width_mm = 60.0", "width_mm = 60.0\nleft_mm = 3.0", r"left_mm = 3, .* -60 .* and 0"),
         ("width_mm = 60.0", "width_mm = -60.0", r"specimen.width_mm = -60.0 is not allowed"),
-        (
-            "[load]",
-            "[friction]\ncoefficient = 0.1\n[load]",
-            None,
-        ),
+        ("[load]", "[friction]\ncoefficient = 0.1\n[load]", None),
         ("[indenter]", "[friction]\ncoefficient = 0.1\n[indenter]", None),
     ],
 )

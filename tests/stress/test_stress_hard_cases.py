@@ -1,9 +1,8 @@
 """Hard cases of the stress below the surface: each says what would go wrong."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from isochrome.reference import hertz_pressure
 from isochrome.stress import (
@@ -61,9 +60,7 @@ def test_rows_keep_their_digits_from_a_picometre_to_a_metre(
 @pytest.mark.parametrize("z", [0.0, 1e-9, 1e-6, 1e-3])
 def test_a_jump_in_pressure_leaves_no_spike(exact_field, z):
     """Stepwise constant tractions make sx infinite at the jump; a ramp over one spacing bounds it.
-
-    Beside a ramp over h, ∫ q/(ζ-t) dt is at most q0 (1 + ln(2 l/h)), l the length of the load.
-    """
+    Beside a ramp over h, ∫ q/(ζ-t) dt is at most q0 (1 + ln(2 l/h)), l the length of the load."""
     h, mu = 0.005, 0.25
     nodes = h * np.arange(-100, 101)
     p = np.where(np.abs(nodes) < 0.3 + 1e-9, P0, 0.0)
@@ -137,12 +134,8 @@ def test_a_row_of_pixels_on_the_surface_itself(above):
     for stress in (field.sigma_x, field.sigma_z, field.tau_xz):
         assert not stress[:above].any()
     # the tractions come back: linear between nodes; double precision's stated error
-    np.testing.assert_allclose(
-        field.sigma_z[above], -np.interp(pixels.x_mm, nodes, p), rtol=0, atol=1e-12
-    )
-    np.testing.assert_allclose(
-        field.tau_xz[above], -np.interp(pixels.x_mm, nodes, q), rtol=0, atol=1e-12
-    )
+    assert_allclose(field.sigma_z[above], -np.interp(pixels.x_mm, nodes, p), rtol=0, atol=1e-12)
+    assert_allclose(field.tau_xz[above], -np.interp(pixels.x_mm, nodes, q), rtol=0, atol=1e-12)
 
 
 def test_a_picture_above_the_surface_alone_is_empty():

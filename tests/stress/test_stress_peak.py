@@ -1,7 +1,5 @@
 """The largest shear and its place, against closed forms and against the field itself."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import example, given, settings

@@ -1,7 +1,5 @@
 """Rows by FFT: deep rows, whose sources stand at pixel spacing, the precisions, the memory."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -95,9 +93,6 @@ def test_kernels_hold_only_the_bands_that_matter():
     grid = make_field_grid(pixels, left_mm=-0.8, spacing_mm=0.001, nodes=1601)
     everywhere = 2 * 494 * (6 * 658 + 1601) * 8
     assert grid.nbytes < everywhere / 4.5
-
-
-# --- precision ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from .editing import (
 )
 from .imaging import Camera, FileName, Frames, FreeBoundary, FreeCorner, KnownLine, KnownOrder, Roi
 from .parts import (
+    BODIES,
     Friction,
     Indenter,
     Load,
@@ -37,6 +38,7 @@ from .validation import check_reach, validate
 from .whole import Scene
 
 __all__ = [
+    "BODIES",
     "LIBRARY",
     "STIFFEST_GPA",
     "UNDOUBTED_MM",
