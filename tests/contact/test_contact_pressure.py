@@ -265,3 +265,10 @@ def test_a_tolerance_below_rounding_is_refused_and_does_not_hang():
         solve_pressure(surface, x**2 / 49.22, 11.0, tolerance=1e-30)
     # friction is not to blame where there is none
     assert "friction.coefficient" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("n", [200, 201])
+def test_reversed_friction_gives_the_mirrored_pressure(n):
+    _, _, forward = solved(parabola, n, coupling=COUPLING, friction=0.8)
+    _, _, back = solved(parabola, n, coupling=COUPLING, friction=-0.8)
+    np.testing.assert_allclose(back.pressure, forward.pressure[::-1], rtol=0, atol=1e-7 * PEAK)

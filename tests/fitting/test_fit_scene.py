@@ -189,3 +189,14 @@ def test_a_worn_signal_has_a_derivative_that_a_fit_can_use(key):
     # no better
     difference = (slopes[0] - slopes[1]).astype(float)
     assert np.sqrt(np.mean(difference**2)) < 0.01 * np.sqrt(np.mean(slopes[0].astype(float) ** 2))
+
+
+@pytest.mark.parametrize("text", [STATIC, WORN], ids=["one frame", "two frames"])
+def test_a_key_that_does_not_change_the_fringes_is_refused(rendered, text):
+    # Ideal plates: the wavelength stands in the scene, and in no equation.
+    text += "\n[polariscope]\nwavelength_nm = 587.0\n"
+    path = rendered(text)
+    with pytest.raises(
+        PhysicsError, match=r"polariscope.wavelength_nm does not change the fringes"
+    ):
+        fit(path, parse_scene(text), ["load.normal_n", "polariscope.wavelength_nm"])
