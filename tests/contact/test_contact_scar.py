@@ -17,10 +17,10 @@ from isochrome.contact import (
     make_surface,
     scar_history,
     scar_on_nodes,
+    unresolved,
     wear_course,
     wear_history,
 )
-from isochrome.contact.scar import unresolved
 from isochrome.reference import coupled_contact, hertz_half_width
 from isochrome.scene import load_scene
 

@@ -13,7 +13,7 @@ from isochrome.fitting import cause_messages, fit_frame, fit_with_causes
 from isochrome.fitting.causes.cause import ABOVE, BLURRED, ROLL, SCALE, STIFF, WIDE
 from isochrome.fitting.causes.score import Asked, _undecided, is_impossible
 from isochrome.frames import Frame
-from isochrome.processing.result import cell_values
+from isochrome.processing import cell_values
 from isochrome.reference import contact_modulus, hertz_half_width, hertz_peak_pressure, hertz_stress
 from isochrome.scene import load_scene
 from isochrome.stress import pixel_grid

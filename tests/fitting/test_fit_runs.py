@@ -9,11 +9,15 @@ import tifffile
 
 from isochrome import open_run
 from isochrome.errors import InputError
-from isochrome.fitting import fit, make_sequence
-from isochrome.fitting.api import FrameWork
-from isochrome.fitting.frame_set import PreparedFrames
-from isochrome.fitting.joint.separate_fits import fit_of_each, is_each
-from isochrome.fitting.result import make_result
+from isochrome.fitting import (
+    FrameWork,
+    PreparedFrames,
+    fit,
+    fit_of_each,
+    is_each,
+    make_result,
+    make_sequence,
+)
 from isochrome.output import read_csv, write_tiff
 from isochrome.runs import Stopped
 from isochrome.scene import dump_scene, parse_scene

@@ -8,13 +8,21 @@ import pytest
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import HALF, Minimum, is_explained, prepare_frame
-from isochrome.fitting import fit, fit_frame, fit_region, make_sequence, timed_distance
-from isochrome.fitting.figure import over_distance_figure
-from isochrome.fitting.folder import restore_fit
-from isochrome.fitting.frame.frame_model import Pixels, clear_of_ends
-from isochrome.fitting.frame_set import refuse_alike
-from isochrome.fitting.joint.separate_fits import fit_of_each, refuse_undetermined
-from isochrome.fitting.result import make_result
+from isochrome.fitting import (
+    Pixels,
+    clear_of_ends,
+    fit,
+    fit_frame,
+    fit_of_each,
+    fit_region,
+    make_result,
+    make_sequence,
+    over_distance_figure,
+    refuse_alike,
+    refuse_undetermined,
+    restore_fit,
+    timed_distance,
+)
 from isochrome.fitting.search.cold_start import search_frame
 from isochrome.fitting.tractions.api import asked_for
 from isochrome.frames import Frame, to_linear

@@ -9,11 +9,15 @@ from scipy.optimize import minimize
 import isochrome
 import worn_scars
 from isochrome.errors import InputError, PhysicsError
-from isochrome.fitting import FrameFit, make_sequence
-from isochrome.fitting.frame.unknowns import inputs_of_rows
-from isochrome.fitting.joint.frame_sequence import MeasuredArea
-from isochrome.fitting.joint.measured_scars import scar_equations
-from isochrome.fitting.joint.separate_fits import fit_of_each, with_scars
+from isochrome.fitting import (
+    FrameFit,
+    MeasuredArea,
+    fit_of_each,
+    inputs_of_rows,
+    make_sequence,
+    scar_equations,
+    with_scars,
+)
 from scene_texts import SMALL_CAMERA, WORN_CONTACT
 
 LOAD, FRICTION, WEAR = "load.normal_n", "friction.coefficient", "wear.coefficient_mm2_per_n"

@@ -7,15 +7,20 @@ from engine_frames import fit_jointly
 from isochrome.errors import InputError
 from isochrome.estimation import prepare_frame
 from isochrome.fitting import (
+    SharedRun,
+    add_up,
+    alone_scene,
     fit,
     fit_region,
     frame_distance,
+    linearise_frame,
+    local_values,
+    make_renderer,
     make_sequence,
+    state_scene,
+    stepwise,
     with_numerics,
 )
-from isochrome.fitting.frame.single_state import state_scene
-from isochrome.fitting.joint.frame_sequence import SharedRun, alone_scene, local_values, stepwise
-from isochrome.fitting.joint.normal_equations import add_up, linearise_frame, make_renderer
 from isochrome.frames import Frame
 from isochrome.output import write_tiff
 from isochrome.scene import load_scene, parse_scene

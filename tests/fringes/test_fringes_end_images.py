@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from isochrome.benchmarks import load_benchmarks
-from isochrome.estimation import channel_light
-from isochrome.estimation.light import polynomial_basis
+from isochrome.estimation import channel_light, polynomial_basis
 from isochrome.fringes import fit_background_modulation, gamma_misfit
 from isochrome.fringes.single_frame.end_images import (
     as_spotted,
