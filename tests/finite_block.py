@@ -4,23 +4,13 @@ Nothing here knows of half-planes: the pressure of the closed forms (Hertz, and 
 coupling) loads the upper side of a block whose mesh is fine under the contact.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 from scipy.sparse.linalg import splu
-from skfem import (
-    Basis,
-    BilinearForm,
-    ElementQuad2,
-    ElementVector,
-    FacetBasis,
-    LinearForm,
-    MeshQuad,
-)
+from skfem import Basis, BilinearForm, ElementQuad2, ElementVector, FacetBasis, LinearForm, MeshQuad
 from skfem.helpers import ddot, eye, sym_grad, trace
 
 from isochrome.reference import (

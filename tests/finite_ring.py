@@ -5,8 +5,6 @@ point load, so that the elements beside it are wrong; or what the hole changes o
 disc's tractions on the circle of the hole taken off, which is smooth and so much more exact.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The mean of sin²(pi N) over pixels, by Gauss points: what our pixels are held against."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -3,8 +3,6 @@
 Pictures are stored in few colours: a repository keeps every version of them.
 """
 
-from __future__ import annotations
-
 import base64
 import io
 import sys

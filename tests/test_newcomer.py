@@ -5,8 +5,6 @@ of its own; between them the newcomer does what the last one says. The frames ar
 `outside_camera`, which shares no code with the package's optics and camera.
 """
 
-from __future__ import annotations
-
 import csv
 import os
 import re

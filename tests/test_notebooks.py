@@ -3,8 +3,6 @@
 Those that are stored with their outputs give them again: the same text, and pictures alike.
 """
 
-from __future__ import annotations
-
 import ast
 import base64
 import io

@@ -6,8 +6,6 @@ area is k P s/width whatever the steps, and it is scaled to that exactly. On it 
 stated spectrum and Ra, tilt, form and spikes.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from pathlib import Path
 

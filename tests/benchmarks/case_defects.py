@@ -4,8 +4,6 @@ Truth is `outside_camera`, which shares no code with the package's optics and ca
 a random contact, and nothing wrong with it, one defect of a random strength, or three.
 """
 
-from __future__ import annotations
-
 import time
 from dataclasses import asdict
 from functools import partial

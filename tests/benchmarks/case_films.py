@@ -5,8 +5,6 @@ of 3 grey levels, uneven light, no no-load frames. From zero load nothing is kno
 where the order is 0.
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 import sys

@@ -5,8 +5,6 @@ same in each run. They are made by the modules of the tests. Costs are processor
 thread, and that over one evaluation of the fit's own renderer: the ratio is the claim.
 """
 
-from __future__ import annotations
-
 import importlib
 import sys
 import time

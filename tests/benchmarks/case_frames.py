@@ -3,8 +3,6 @@
 Then the optics alone, from a known stress: one wavelength, real elements, white light in colour.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -7,8 +7,6 @@ besides: one point of known order (single frames and steps), or a scene that is 
 three pixels in place (the model). Nobody but the arcsine sees the truth.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 import time

@@ -5,8 +5,6 @@ rendered at its true inputs; the scene states each of them drawn about the truth
 uncertainty, the load too, as a load cell gives it.
 """
 
-from __future__ import annotations
-
 import time
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Peak memory of long runs beside short ones, each in a process of its own."""
 
-from __future__ import annotations
-
 import struct
 import subprocess
 import sys

@@ -5,8 +5,6 @@ each as wide as ours and a metre long, on a surface that is not periodic either.
 its displacement is that of a line load, less (x/length)², once the rigid approach is free.
 """
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 
 import numpy as np

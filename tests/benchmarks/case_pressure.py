@@ -1,7 +1,5 @@
 """Hertz's pressure: speed against error on one grid, and cost against the size of the grid."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from isochrome.contact import ContactState, make_surface, solve_pressure

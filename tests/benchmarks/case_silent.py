@@ -5,8 +5,6 @@ package. A frame has both no-load frames or none, and one to five points of know
 of them on lines; where there are three or more, one in ten is wrong by one.
 """
 
-from __future__ import annotations
-
 import re
 import time
 from dataclasses import dataclass, replace

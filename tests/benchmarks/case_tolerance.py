@@ -5,8 +5,6 @@ user sets is what is kept. Truths that share no code with the solver are in
 tests/contact/test_contact_tolerance.py.
 """
 
-from __future__ import annotations
-
 import time
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Wear to 233 m with friction and coupling: this project's runs beside explicit steps."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from isochrome.contact import (

@@ -1,7 +1,5 @@
 """What the cases share: the paper's numbers, interleaved timing, and ratios."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 

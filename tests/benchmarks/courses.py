@@ -1,7 +1,5 @@
 """Random courses of load, friction and wear coefficient over the distance, by their seed."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from isochrome.scene import load_scene
@@ -69,10 +67,7 @@ def _table(rng, kind, low, high):
     elif kind == "jumping":
         places = np.array([places[0], places[0] + rng.uniform(0.01, 1.0)])
     places += 1e-3 * np.arange(len(places))
-    return {
-        "distance_m": [float(round(s, 4)) for s in places],
-        "value": [float(v) for v in values],
-    }
+    return {"distance_m": [float(round(s, 4)) for s in places], "value": [float(v) for v in values]}
 
 
 def _pauses(rng):

@@ -6,8 +6,6 @@ more, from the definitions, supersampled: geometry, light, plates, band pass, bl
 compression.
 """
 
-from __future__ import annotations
-
 import io
 from dataclasses import dataclass
 from functools import lru_cache

@@ -4,23 +4,13 @@ Orders are the closed forms, written here once more, at every sample of every pi
 between them and the stored grey levels are those of `outside_camera`. No code of the package.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from .outside_camera import (
-    NONE,
-    Defects,
-    _band,
-    _places,
-    _stored,
-    _things,
-    lit,
-)
+from .outside_camera import NONE, Defects, _band, _places, _stored, _things, lit
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,8 +7,6 @@ element edges (Appendix B). Nothing here is tuned for it or against it; the spec
 K and the last pressure are kept between wear steps, as anyone would.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ Each pixel is the mean of samples of the target at the places that it looks at. 
 imported from the package.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache
 

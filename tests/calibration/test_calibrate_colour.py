@@ -3,8 +3,6 @@
 The truth is the order of the pictures, which the calibration never sees.
 """
 
-from __future__ import annotations
-
 import json
 import tomllib
 

@@ -4,8 +4,6 @@ Tolerances: a corner is found to about .015 px and a dot to .01 px, 88 of them o
 scale is then known to about 3e-5, distortion and keystone to 1e-4.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -3,8 +3,6 @@
 Truths are `worn_scars`, which shares no code with the package.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace

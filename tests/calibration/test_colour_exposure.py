@@ -3,8 +3,6 @@
 The images are rendered here: light of three Gaussian bands summed over wavelengths, sin² of each.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import tifffile

@@ -4,8 +4,6 @@ Seeds are [2026, 18, number]. Ra .05 to .8 µm, ground, lapped and turned; tilt 
 spikes; three traces at each of the paper's four distances; inputs exact.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -4,8 +4,6 @@ The influence of a hat-shaped pressure is written here anew, half a hat at a tim
 solution is judged by the operator that made it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

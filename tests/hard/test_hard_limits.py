@@ -1,7 +1,5 @@
 """Hard cases at the limits: loads, windows, grids, profiles; right, or refused with a way out."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hard_cases import (
@@ -47,10 +45,7 @@ def test_half_width_and_pressure_go_with_the_root_of_the_load(factor, friction):
     assert other.p_max_mpa == pytest.approx(peak, rel=2e-4 if friction else 5e-6)
 
 
-@pytest.mark.parametrize(
-    "factor",
-    [1e6, 1e12, 1e300],
-)
+@pytest.mark.parametrize("factor", [1e6, 1e12, 1e300])
 @pytest.mark.parametrize("rest", ["", worn([0.0, 31.0]), "[friction]\ncoefficient = 0.25"])
 def test_million_times_the_load_is_refused_for_its_width(factor, rest):
     """Goes wrong: a parabola on a half-plane goes on answering where the cylinder is all sunk."""

@@ -1,7 +1,5 @@
 """Hard cases of a static contact: corners, coupling at its limit, roughness, ledges, any N."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hard_cases import (

@@ -1,7 +1,5 @@
 """Hard cases of wear: long steps, corners, roughness, reversed friction, odd lists of distances."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -317,10 +317,7 @@ def calibrations():
         name: load_set(FOLDER / name / "set.toml").model_copy(update={"uncertainty": None})
         for name in ("bending", "disc")
     }
-    return {
-        "bending": calibrate_bending(given["bending"]),
-        "disc": calibrate_disc(given["disc"]),
-    }
+    return {"bending": calibrate_bending(given["bending"]), "disc": calibrate_disc(given["disc"])}
 
 
 @pytest.mark.study
