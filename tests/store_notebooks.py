@@ -1,7 +1,5 @@
-"""Run notebooks and store them with their outputs: `python tests/store_notebooks.py [NAME...]`.
-
-Pictures are stored in few colours: a repository keeps every version of them.
-"""
+"""Run notebooks and store their outputs, pictures in few colours: `python tests/store_notebooks.py
+[NAME...]`."""
 
 import base64
 import io

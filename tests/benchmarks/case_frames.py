@@ -1,7 +1,5 @@
-"""Fringe frames from a known pressure: stress, fringe order, polariscope and an ideal camera.
-
-Then the optics alone, from a known stress: one wavelength, real elements, white light in colour.
-"""
+"""Fringe frames from a known pressure; then the optics alone: one wavelength, real elements, white
+light in colour."""
 
 from functools import partial
 

@@ -16,11 +16,8 @@ STATES = 5
 
 
 def random_course(seed):
-    """A scene whose load, friction and wear coefficient are tables over 200 m, each of some kind.
-
-    The coefficient, drawn over two decades, may pause once or twice. Returns the scene and a line
-    that says of what kinds it is. Its tolerance is the default.
-    """
+    """A scene whose load, friction and wear coefficient (which may pause) are tables over 200 m, at
+    the default tolerance, and a line that says of what kinds."""
     rng = np.random.default_rng([seed, 14])
     kinds = [str(rng.choice(KINDS)) for _ in range(3)]
     load = _table(rng, kinds[0], *LOADS_N)

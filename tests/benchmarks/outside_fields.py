@@ -226,10 +226,8 @@ def places(shape, samples):
 
 
 def order_field(kind, shape, seed, *, highest, steepest=0.12, samples=3):
-    """Order and body at the samples, scaled to `highest` where fringes stay wide enough.
-
-    `steepest`, fringes a pixel, is passed by 2 % of the specimen at most.
-    """
+    """Order and body at the samples, scaled to `highest`; `steepest`, fringes a pixel, is passed by
+    2 % of the specimen at most."""
     rng = np.random.default_rng(seed)
     draw = free_corner if kind == "free corner" else (KINDS | BODIES)[kind]
     field, body = draw(places(shape, samples), rng)

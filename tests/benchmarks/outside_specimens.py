@@ -1,8 +1,5 @@
-"""Beams in bending and discs under load on a bench that is not ours: every defect written out.
-
-Orders are the closed forms, written here once more, at every sample of every pixel; the defects
-between them and the stored grey levels are those of `outside_camera`. No code of the package.
-"""
+"""Beams in bending and discs on a bench that is not ours: closed forms at every sample, the defects
+of `outside_camera`; no code of the package."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,8 +1,5 @@
-"""What the hard cases share: scenes from text, profiles as files, and an independent dense contact.
-
-The influence of a hat-shaped pressure is written here anew, half a hat at a time, so that no
-solution is judged by the operator that made it.
-"""
+"""Scenes, profiles, and an independent dense contact, its influence written anew half a hat at a
+time: no solution is judged by the operator that made it."""
 
 from dataclasses import dataclass
 
@@ -88,10 +85,7 @@ def write_profile(folder, x, gap, name="profile.csv"):
 
 
 def influence(x, *, modulus=MODULUS, coupling=0.0, friction=0.0):
-    """Dense matrix of u at x under unit hats at x, mm/MPa: closed form, half a hat at a time.
-
-    The nodes are even, so that each lag is worked out once.
-    """
+    """Dense matrix of u at even x under unit hats, mm/MPa: closed form, half a hat at a time."""
     n, h = len(x), x[1] - x[0]
     distance = h * np.arange(n)
     logarithm = _half_hat(distance, h) + _half_hat(-distance, h)

@@ -62,10 +62,8 @@ def test_million_times_a_flats_load_is_refused():
 
 @pytest.mark.parametrize("mean", [0.5, 5.0, 50.0])
 def test_flats_pressure_near_the_modulus_is_refused(mean):
-    """Goes wrong: a flat at half its modulus and more is answered as if strains were small.
-
-    A cylinder is refused at a mean pressure of 0.12 E*, where its half-width is 0.3 R.
-    """
+    """Goes wrong: a flat at half its modulus and more is answered as if strains were small. A
+    cylinder is refused at 0.12 E*, where its half-width is 0.3 R."""
     refused(contact_scene(indenter=FLAT, load=4.0 * mean * MODULUS), "lower")
 
 
@@ -170,11 +168,8 @@ def test_contact_of_a_few_nodes_is_refused(spacing, load):
 @pytest.mark.parametrize("top", [1.0, -1.0])
 @pytest.mark.parametrize("height", [0.05, 0.019])
 def test_hill_outside_the_window_is_not_overlooked(tmp_path, top, height):
-    """Goes wrong: the window follows the cylinder, and a hill of the profile beside it is missed.
-
-    The hill stands at x = 1 mm, where the cylinder is 20 um away: one of 50 um touches first, one
-    of 19 um is pressed on after the cylinder has sunk by 2.8 um and more.
-    """
+    """Goes wrong: the window misses a hill at x = 1 mm, where the cylinder is 20 um away: one of 50
+    um touches first, one of 19 um once it has sunk by 2.8 um and more."""
     x, gap = np.array([-2.0, 0.6, 1.0, 1.4, 2.0]), np.array([0.0, 0.0, -height, 0.0, 0.0])
     if top < 0.0:
         x, gap = -x[::-1], gap[::-1]
@@ -208,10 +203,8 @@ def test_spacing_coarser_than_the_profile_is_refused(tmp_path):
 
 
 def test_contact_at_the_end_of_a_measured_profile_is_refused(tmp_path):
-    """Goes wrong: the file's last row becomes a corner, with eight times the pressure.
-
-    The file holds a cylinder's arc to 0.3 mm on either side, and the contact wants 0.373 mm.
-    """
+    """Goes wrong: the file's last row, at 0.3 mm where the contact wants 0.373, becomes a corner
+    with eight times the pressure."""
     x = np.linspace(-0.3, 0.3, 301)
     arc = write_profile(tmp_path, x, x**2 / (2.0 * RADIUS))
     refused(contact_scene(indenter=arc, folder=tmp_path), "profile")
@@ -276,10 +269,8 @@ def test_start_without_any_pressure_is_no_start():
     ("n", "factor", "datum"), [(101, 1e-6, 3.0), (509, 1e-6, 0.1), (1024, 1.0, 1e3)]
 )
 def test_datum_of_the_gap_changes_nothing(n, factor, datum):
-    """Goes wrong: 0.1 mm added to a gap of 1e-6 mm, and the pressure is off by 1e-3, in silence.
-
-    A node's gap is then rounded by 1e-16 of the datum, which is worth E*/h of pressure: below 3e-6.
-    """
+    """Goes wrong: 0.1 mm added to a gap of 1e-6 mm, and the pressure is off by 1e-3. A node's gap
+    is rounded by 1e-16 of the datum, worth E*/h of pressure: below 3e-6."""
     half = 0.8 * np.sqrt(factor)
     x = np.linspace(-half, half, n)
     surface = make_surface(n, x[1] - x[0], contact_modulus_mpa=MODULUS)

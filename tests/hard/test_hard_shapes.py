@@ -143,11 +143,8 @@ def test_pressure_leaves_each_edge_with_the_exponent_of_the_closed_form(name):
 
 @pytest.mark.parametrize("friction", [0.25, 1.0, -1.0])
 def test_sliding_flat_leans_to_one_corner_as_the_closed_form_does(friction):
-    """Goes wrong: with corners the coupling's jump is lost, and both corners press alike.
-
-    p = P' cos(pi e)/(pi sqrt(a² - x²)) ((a - x)/(a + x))^e, tan(pi e) = mu beta: Johnson (1985),
-    Contact Mechanics, section 2.8(b), with the sign that moves a cylinder to -x.
-    """
+    """p = P' cos(pi e)/(pi sqrt(a² - x²)) ((a - x)/(a + x))^e, tan(pi e) = mu beta, moving to -x:
+    Johnson (1985), 2.8(b). Goes wrong: both corners press alike."""
     pair = (2.1, 0.0, 2.1e9, 0.5)  # beta = 1/2
     rest = f"[friction]\ncoefficient = {friction}\n"
     errors = []
