@@ -1,4 +1,4 @@
-"""Colour tables from images whose light is not the generic one; the truth is the pictures' order."""
+"""Colour tables from images whose light is not the generic one; the truth is the pictures' own."""
 
 import json
 import tomllib

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import toeplitz
 
+from isochrome.contact import make_surface
 from isochrome.reference import (
     contact_modulus,
     coupling_modulus_inverse,
@@ -59,6 +60,13 @@ def contact_scene(
         rest=rest,
     )
     return parse_scene(text, folder=folder)
+
+
+def cylinder(n=101, half=0.8, **surface):
+    """Nodes x (n,), the surface of them, and the unworn cylinder's gap."""
+    x = np.linspace(-half, half, n)
+    surface = make_surface(n, x[1] - x[0], contact_modulus_mpa=MODULUS, **surface)
+    return x, surface, x**2 / (2.0 * RADIUS)
 
 
 def worn(distances, *, k=WEAR, friction=None, spacing=None, window=None, tolerance=None):

@@ -9,12 +9,13 @@ from hard_cases import (
     RADIUS,
     WEAR,
     contact_scene,
+    cylinder,
     numerics,
     worn,
     write_profile,
 )
 
-from isochrome.contact import contact_states, make_surface, solve_pressure
+from isochrome.contact import contact_states, solve_pressure
 from isochrome.errors import InputError, PhysicsError
 from isochrome.reference import hertz_half_width, hertz_peak_pressure
 
@@ -146,12 +147,7 @@ def test_grid_of_too_many_or_too_few_nodes_is_refused(rest, words):
 
 
 @pytest.mark.parametrize(
-    ("spacing", "load"),
-    [
-        pytest.param(0.5, 44.0, id="one node at the nominal load"),
-        pytest.param(0.2, 44.0, id="three nodes at the nominal load"),
-        pytest.param(0.006, 44e-6, id="one node at a millionth of the load"),
-    ],
+    ("spacing", "load"), [(0.5, 44.0), (0.2, 44.0), (0.006, 44e-6)], ids=["one", "three", "light"]
 )
 def test_contact_of_a_few_nodes_is_refused(spacing, load):
     """Goes wrong: one node carries P'/h, whatever the physics; the spacing sets the pressure."""
@@ -236,10 +232,8 @@ def test_profile_finer_than_the_smooth_grid_is_resolved(tmp_path):
 @pytest.mark.parametrize("bad", [np.nan, -np.inf, np.inf])
 def test_gap_that_is_no_number_is_refused(bad, where):
     """Goes wrong: a hole in a measured profile spreads as NaN, or is passed over in silence."""
-    x = np.linspace(-0.8, 0.8, 101)
-    gap = x**2 / (2.0 * RADIUS)
+    _, surface, gap = cylinder()
     gap[where] = bad
-    surface = make_surface(101, x[1] - x[0], contact_modulus_mpa=MODULUS)
     with pytest.raises(InputError, match=r"gap .* is not finite everywhere; give every node"):
         solve_pressure(surface, gap, LOAD)
 
@@ -247,17 +241,14 @@ def test_gap_that_is_no_number_is_refused(bad, where):
 @pytest.mark.parametrize("load", [0.0, -11.0, np.nan, np.inf])
 def test_load_that_presses_nothing_is_refused(load):
     """Goes wrong: no load, or tension, comes back as a contact full of NaN and no error."""
-    x = np.linspace(-0.8, 0.8, 101)
-    surface = make_surface(101, x[1] - x[0], contact_modulus_mpa=MODULUS)
+    _, surface, gap = cylinder()
     with pytest.raises(InputError, match=rf"the load is {load:g} N/mm, .* change load\.normal_n"):
-        solve_pressure(surface, x**2 / (2.0 * RADIUS), load)
+        solve_pressure(surface, gap, load)
 
 
 def test_start_without_any_pressure_is_no_start():
     """Goes wrong: a forecast that left no contact is divided by its sum, and all becomes NaN."""
-    x = np.linspace(-0.8, 0.8, 101)
-    surface = make_surface(101, x[1] - x[0], contact_modulus_mpa=MODULUS)
-    gap = x**2 / (2.0 * RADIUS)
+    _, surface, gap = cylinder()
     with np.errstate(all="ignore"):
         state = solve_pressure(surface, gap, LOAD, start=np.zeros(101))
     # two solutions of residual 1e-10
@@ -271,10 +262,7 @@ def test_start_without_any_pressure_is_no_start():
 def test_datum_of_the_gap_changes_nothing(n, factor, datum):
     """Goes wrong: 0.1 mm added to a gap of 1e-6 mm, and the pressure is off by 1e-3. A node's gap
     is rounded by 1e-16 of the datum, worth E*/h of pressure: below 3e-6."""
-    half = 0.8 * np.sqrt(factor)
-    x = np.linspace(-half, half, n)
-    surface = make_surface(n, x[1] - x[0], contact_modulus_mpa=MODULUS)
-    gap = x**2 / (2.0 * RADIUS)
+    _, surface, gap = cylinder(n, 0.8 * np.sqrt(factor))
     usual = solve_pressure(surface, gap, LOAD * factor).pressure
     lifted = solve_pressure(surface, gap + datum, LOAD * factor).pressure
     np.testing.assert_allclose(lifted, usual, rtol=0, atol=2e-5 * usual.max())
