@@ -1,7 +1,5 @@
 """Chromium for tests of pages: where it is, and one loud line where there is none."""
 
-from __future__ import annotations
-
 import shutil
 import warnings
 from collections.abc import Iterator

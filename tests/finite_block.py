@@ -1,10 +1,5 @@
-"""Truth for blocks of finite size: their stress by finite elements, tractions and all.
-
-Nothing here knows of half-planes: the pressure of the closed forms (Hertz, and sliding with
-coupling) loads the upper side of a block whose mesh is fine under the contact.
-"""
-
-from __future__ import annotations
+"""Truth for blocks of finite size by finite elements, fine under the closed forms' pressure;
+nothing here knows of half-planes."""
 
 from functools import lru_cache
 from typing import NamedTuple
@@ -12,15 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 from scipy.sparse.linalg import splu
-from skfem import (
-    Basis,
-    BilinearForm,
-    ElementQuad2,
-    ElementVector,
-    FacetBasis,
-    LinearForm,
-    MeshQuad,
-)
+from skfem import Basis, BilinearForm, ElementQuad2, ElementVector, FacetBasis, LinearForm, MeshQuad
 from skfem.helpers import ddot, eye, sym_grad, trace
 
 from isochrome.reference import (
@@ -75,10 +62,8 @@ def lines(end, spacing):
 
 @lru_cache(maxsize=4)
 def solved(solid):
-    """The stress at all Gauss points of a block: x (n,), z (m,), and three components (m, n).
-
-    Plane stress, biquadratic elements; the load is that of the tractions to 1e-3, and made exact.
-    """
+    """Stress at all Gauss points: x (n,), z (m,), three components (m, n). Plane stress,
+    biquadratic; the load is the tractions' to 1e-3, and made exact."""
     right = lines(solid.width_mm + solid.left_mm, solid.spacing_mm)
     left = -lines(-solid.left_mm, solid.spacing_mm)[:0:-1]
     mesh = MeshQuad.init_tensor(np.r_[left, right], lines(solid.height_mm, solid.spacing_mm))

@@ -1,11 +1,5 @@
-"""Truth for rings: a quarter of the ring by finite elements, curved and biquadratic.
-
-Nothing here knows of series. Two ways: the whole ring under a node's force, which stands for the
-point load, so that the elements beside it are wrong; or what the hole changes of a disc, the
-disc's tractions on the circle of the hole taken off, which is smooth and so much more exact.
-"""
-
-from __future__ import annotations
+"""Truth for rings by curved biquadratic elements, without series: the whole ring under a node's
+force, or what the hole changes of a disc, which is smooth and so more exact."""
 
 from functools import lru_cache
 
@@ -36,11 +30,8 @@ def hooke(strain):
 
 
 def whole_ring(ratio, count):
-    """Stress of a quarter ring of outer radius 1, hole `ratio`, under the line load P/d = 1.
-
-    `count` elements each way, crowded at the load and the rim. Returns the Gauss points' angles
-    from the load (m,), radii (n,), and sx, sz, txz (m, n).
-    """
+    """Stress of a quarter ring (outer radius 1, hole `ratio`, P/d = 1, `count` elements each way):
+    angles from the load (m,), radii (n,), and sx, sz, txz (m, n)."""
 
     def crowded(width):
         even = np.linspace(0.0, 1.0, count + 1)

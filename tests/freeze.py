@@ -9,8 +9,6 @@ name the code aside. Of one that is not, the table gives the largest difference 
 exit code is 1 where anything differs.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import difflib

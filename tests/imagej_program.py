@@ -1,7 +1,5 @@
 """The real ImageJ, where it is: what it makes of a TIFF."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

@@ -19,8 +19,6 @@ exit code is 1 where a change survives the tests that are to notice it, or where
 than the project promises: 90 of 100 by the default tests, 95 with the long ones.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import compileall

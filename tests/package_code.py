@@ -1,7 +1,5 @@
 """The package's own code, parsed and walked once by all the tests that read it."""
 
-from __future__ import annotations
-
 import ast
 from functools import cache
 from pathlib import Path

@@ -1,16 +1,11 @@
 """The mean of sin²(pi N) over pixels, by Gauss points: what our pixels are held against."""
 
-from __future__ import annotations
-
 import numpy as np
 
 
 def gauss_mean(order_at, x, z, pixel):
-    """The mean of sin²(pi N) over each pixel (rows, cols) by 6 x 6 Gauss points, to 1e-8.
-
-    Parameters: `order_at`, the order as a function of x and z; `x` (cols,) and `z` (rows,), the
-    pixels' centres; `pixel`, their edge, in the same unit.
-    """
+    """The mean of sin²(pi N) over each pixel (rows, cols), `pixel` wide, by 6 x 6 Gauss points, to
+    1e-8; `order_at`(x, z), centres `x` (cols,) and `z` (rows,)."""
     nodes, weights = np.polynomial.legendre.leggauss(6)
     total = np.zeros((len(z), len(x)))
     for u, wu in zip(0.5 * pixel * nodes, 0.5 * weights, strict=True):

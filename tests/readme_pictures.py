@@ -1,7 +1,5 @@
 """Make the README's pictures from the sample images: `python tests/readme_pictures.py`."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import shutil

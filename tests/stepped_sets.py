@@ -1,7 +1,5 @@
-"""Phase-stepped sets of rendered specimens, loaded and not, and the truth they were rendered from.
-
-The truth is the mechanics' (closed forms, or the contact's solution), never a reading's.
-"""
+"""Phase-stepped sets of rendered specimens, loaded and not; the truth is the mechanics', never a
+reading's."""
 
 from dataclasses import dataclass
 
@@ -124,11 +122,8 @@ def stress_of_a_fringe(scene):
 
 
 def disc_residual(scene, highest):
-    """(sigma_x - sigma_z) + 2i tau_xz (MPa) of an axisymmetric residual stress, as a quench leaves.
-
-    sigma_r = s (r²/R² - 1), sigma_t = s (3 r²/R² - 1): equilibrium holds, the rim is free, and
-    sigma_r - sigma_t = -2 s r²/R², of `highest` fringes at the rim, along the radius.
-    """
+    """(sigma_x - sigma_z) + 2i tau_xz (MPa) as a quench leaves: sigma_r = s (r²/R² - 1), sigma_t =
+    s (3 r²/R² - 1), whose difference has `highest` fringes at the rim."""
     pixels = pixel_grid(scene)
     radius = 0.5 * scene.specimen.diameter_mm
     x, z = pixels.x_mm[None, :], pixels.z_mm[:, None] - radius
@@ -136,10 +131,8 @@ def disc_residual(scene, highest):
 
 
 def layer_residual(scene, highest, height_mm):
-    """The same of a residual stress along x, parabolic over a height, without force or moment.
-
-    sigma_x = s (3 u² - 1)/2 with u = -1..1 over the height: `highest` fringes at both faces.
-    """
+    """The same along x over a height, without force or moment: sigma_x = s (3 u² - 1)/2, u = -1..1,
+    of `highest` fringes at both faces."""
     pixels = pixel_grid(scene)
     u = 2.0 * pixels.z_mm / height_mm - 1.0
     stress = highest * stress_of_a_fringe(scene) * (1.5 * u**2 - 0.5)
@@ -147,10 +140,8 @@ def layer_residual(scene, highest, height_mm):
 
 
 def waves_residual(scene, rng, highest):
-    """The same of plane waves of an Airy function, in equilibrium and compatible with nothing.
-
-    phi = sum of -a cos(k·r + c)/k², sigma_x = d²phi/dz² and so on, `highest` fringes at most.
-    """
+    """The same of an Airy function, phi = sum of -a cos(k·r + c)/k²: in equilibrium, compatible
+    with nothing, `highest` fringes at most."""
     pixels = pixel_grid(scene)
     half = 0.5 * pixels.rows * pixels.pixel_mm
     x, z = pixels.x_mm[None, :] / half, (pixels.z_mm[:, None] - pixels.top_mm) / half

@@ -1,9 +1,5 @@
-"""Run notebooks and store them with their outputs: `python tests/store_notebooks.py [NAME...]`.
-
-Pictures are stored in few colours: a repository keeps every version of them.
-"""
-
-from __future__ import annotations
+"""Run notebooks and store their outputs, pictures in few colours: `python tests/store_notebooks.py
+[NAME...]`."""
 
 import base64
 import io

@@ -1,7 +1,5 @@
 """The rooms of the house keep their order: what imports what, read from the source."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import re

@@ -1,7 +1,5 @@
 """The bench: the rival is right, so that the comparison is fair, and every case runs."""
 
-from __future__ import annotations
-
 import csv
 import math
 import os

@@ -11,12 +11,7 @@ import pytest
 from isochrome.console import print_fit, print_json, print_warnings, run_bar
 from isochrome.estimation import BudgetInput
 from isochrome.fitting import PARTS, Fit, KeyBudget
-from isochrome.output import (
-    basis_of_uncertainty,
-    refined_texts,
-    sentence_of,
-    sentence_of_orders,
-)
+from isochrome.output import basis_of_uncertainty, refined_texts, sentence_of, sentence_of_orders
 from isochrome.progress import Tally
 from isochrome.scene import load_scene
 

@@ -4,8 +4,6 @@ Users import the names of the package, and of its rooms `reference` and `samples
 the classes that these return, with all that hangs on them, and write the keys of scenes and sets.
 """
 
-from __future__ import annotations
-
 import ast
 import doctest
 import importlib
@@ -42,10 +40,7 @@ NOT_OF_OTHERS = {
 DOORS = ("reference", "samples")
 """Rooms that users import besides the package itself."""
 
-SETTINGS = {
-    "scene": ("Scene",),
-    "calibration": ("CalibrationSet", "ColourSet", "WearSet"),
-}
+SETTINGS = {"scene": ("Scene",), "calibration": ("CalibrationSet", "ColourSet", "WearSet")}
 """Files that users write: the docstrings of their tables are the words of their keys."""
 
 PARTS = {

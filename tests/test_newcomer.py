@@ -1,11 +1,5 @@
-"""From frames whose place, tone curve and orientation nobody gives to values and a figure.
-
-The commands are those of the guide's *your first own video*, as they stand there, each in a process
-of its own; between them the newcomer does what the last one says. The frames are of
-`outside_camera`, which shares no code with the package's optics and camera.
-"""
-
-from __future__ import annotations
+"""From frames of `outside_camera` to values and a figure by the commands of the guide's *your first
+own video*, each in a process of its own."""
 
 import csv
 import os

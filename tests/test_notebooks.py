@@ -1,9 +1,5 @@
-"""The notebooks run from the first cell to the last, in a fresh kernel of this interpreter.
-
-Those that are stored with their outputs give them again: the same text, and pictures alike.
-"""
-
-from __future__ import annotations
+"""The notebooks run in a fresh kernel; those stored with their outputs give them again: the same
+text, pictures alike."""
 
 import ast
 import base64
@@ -126,11 +122,8 @@ def same_text(one: str, other: str) -> bool:
 
 
 def same_value(pair: tuple[str, str], other: tuple[str, str]) -> bool:
-    """Whether two printed values, each with its uncertainty or an empty text, are the same.
-
-    But for `WITHIN_SPREAD` of the uncertainty, or without one `SAME_SHARE` of the value; and a unit
-    and a half of the last digit, for a value beside a half is rounded to either side. A whole
-    number without uncertainty is the same or not.
+    """Whether two printed values agree but for `WITHIN_SPREAD` of the uncertainty (none:
+    `SAME_SHARE` of the value) and a unit and a half of the last digit; plain whole numbers exactly.
     """
     (value, spread), (stored, its_spread) = pair, other
     exact = not {".", "e"} & set(stored)

@@ -1,7 +1,5 @@
 """The plots for scripts and notebooks: on the caller's Axes or on their own, in mm, z down."""
 
-from __future__ import annotations
-
 import matplotlib
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The README: short, its links and commands are there, and what it says to run runs."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

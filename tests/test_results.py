@@ -1,7 +1,5 @@
 """What every command gives back: one interface, and the same as it leaves on disk."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re
@@ -291,9 +289,7 @@ MARKS = {
 def marked(*names: str) -> pytest.MarkDecorator:
     """A test of some results, those of seconds in the slow part."""
     return pytest.mark.parametrize(
-        "name",
-        [pytest.param(name, marks=MARKS.get(name, ())) for name in names],
-        scope="module",
+        "name", [pytest.param(name, marks=MARKS.get(name, ())) for name in names], scope="module"
     )
 
 

@@ -1,7 +1,5 @@
 """A script of a user that goes through all of the front door passes a strict type check."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

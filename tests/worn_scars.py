@@ -1,12 +1,5 @@
-"""Truth for measured scars, without any code of the package.
-
-The worn form is an elastic half-plane's under a rigid cylinder, worn by dh = k p ds: straight
-elements, the logarithm's integral in closed form, implicit steps of the dose, an active set. Its
-area is k P s/width whatever the steps, and it is scaled to that exactly. On it come roughness of a
-stated spectrum and Ra, tilt, form and spikes.
-"""
-
-from __future__ import annotations
+"""Truth for measured scars, no code of the package: a half-plane's contact worn by dh = k p ds,
+scaled to the area k P s/width; roughness, tilt, form and spikes on it."""
 
 from functools import lru_cache
 from pathlib import Path

@@ -1,10 +1,5 @@
-"""Frames of benches that are not ours: value, uncertainty and cause, and what the asking costs.
-
-Truth is `outside_camera`, which shares no code with the package's optics and camera. Each frame has
-a random contact, and nothing wrong with it, one defect of a random strength, or three.
-"""
-
-from __future__ import annotations
+"""Random contacts by `outside_camera` with no defect, one or three: value, uncertainty and cause,
+and what the asking costs."""
 
 import time
 from dataclasses import asdict

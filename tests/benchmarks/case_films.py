@@ -1,11 +1,5 @@
-"""Frames a second of `process` on films without a model, and how right their orders are.
-
-Films and truth are those of `tests/processing/unloaded_films.py`: 659 x 494 pixels of 8 bits, noise
-of 3 grey levels, uneven light, no no-load frames. From zero load nothing is known; from key frames,
-where the order is 0.
-"""
-
-from __future__ import annotations
+"""Frames a second of `process` on films without a model, and how right their orders are; films and
+truth are those of `tests/processing/unloaded_films.py`."""
 
 import importlib
 import os

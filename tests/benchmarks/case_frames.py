@@ -1,9 +1,5 @@
-"""Fringe frames from a known pressure: stress, fringe order, polariscope and an ideal camera.
-
-Then the optics alone, from a known stress: one wavelength, real elements, white light in colour.
-"""
-
-from __future__ import annotations
+"""Fringe frames from a known pressure; then the optics alone: one wavelength, real elements, white
+light in colour."""
 
 from functools import partial
 

@@ -1,13 +1,5 @@
-"""Fringe order by every method here, on rendered specimens whose order is known.
-
-The frames are those of the tests (`tests/fringes/specimens.py`): 659 x 494, 8 bits, noise of 3 grey
-levels, 30 % vignette. A single frame's methods see the same frame; a phase-stepped set is ten
-frames of the same specimen and noise, a colour frame one in white light. What a method is given
-besides: one point of known order (single frames and steps), or a scene that is 5 % off in load and
-three pixels in place (the model). Nobody but the arcsine sees the truth.
-"""
-
-from __future__ import annotations
+"""Fringe order by every method on the specimens of `tests/fringes/specimens.py`. Given besides: a
+point of known order, or for the model a scene 5 % off in load and 3 pixels in place."""
 
 import importlib.util
 import sys

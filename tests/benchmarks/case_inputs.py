@@ -1,11 +1,5 @@
-"""Frames whose stated inputs are off by chance: whether the whole uncertainty covers the truth.
-
-Truth is `outside_camera`, which shares no code with the package's optics and camera. A frame is
-rendered at its true inputs; the scene states each of them drawn about the truth with its stated
-uncertainty, the load too, as a load cell gives it.
-"""
-
-from __future__ import annotations
+"""Frames of `outside_camera` whose stated inputs, the load too, are drawn about the truth: whether
+the whole uncertainty covers it."""
 
 import time
 from functools import partial

@@ -1,7 +1,5 @@
 """Peak memory of long runs beside short ones, each in a process of its own."""
 
-from __future__ import annotations
-
 import struct
 import subprocess
 import sys
@@ -59,10 +57,8 @@ def simulated(quick):
 
 
 def tracked(quick):
-    """Rows of `process --track`, its table printed as JSON: some frames that come again.
-
-    Where the maps of all are written, the frames are small, so that a disk holds them.
-    """
+    """Rows of `process --track` of frames that come again, small ones where the maps of all are
+    written, so that a disk holds them."""
     rows = []
     with TemporaryDirectory() as place:
         known = Path(place) / "scene.toml"
@@ -80,10 +76,8 @@ def tracked(quick):
 
 
 def repeated_stack(path, frames, order):
-    """Write a TIFF stack whose pages share their pixels where they show the same frame.
-
-    Parameters: `path`; `frames` (n, rows, cols), 8 bits; `order`, of each page its frame.
-    """
+    """Write a TIFF stack of `frames` (n, rows, cols), 8 bits, in `order`; pages of the same frame
+    share their pixels."""
     rows, cols = frames.shape[1:]
     pixels, first = rows * cols, 8 + frames.size
     tags = {256: cols, 257: rows, 258: 8, 259: 1, 262: 1, 277: 1, 278: rows, 279: pixels}
@@ -117,11 +111,8 @@ def long_history(count):
 
 
 def peak_memory(command, scene, frames, out):
-    """Peak memory (MB) and seconds of a command in a process of its own.
-
-    A small process starts the run and asks for the peak of its children, since that of a process
-    counts from its fork: this one's own size would be in it.
-    """
+    """Peak memory (MB) and seconds of a command, started by a small process, since a peak counts
+    from the fork: this one's own size would be in it."""
     done = subprocess.run(
         [sys.executable, "-c", _WATCH, _RUN, command, str(scene), str(frames), str(out)],
         capture_output=True,

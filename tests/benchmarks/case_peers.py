@@ -1,11 +1,5 @@
-"""Hertz's pressure by other solvers, where they are installed: speed against error beside ours.
-
-Neither has a line contact that is not periodic. The way round it is a strip: one row of elements,
-each as wide as ours and a metre long, on a surface that is not periodic either. Across the contact
-its displacement is that of a line load, less (x/length)², once the rigid approach is free.
-"""
-
-from __future__ import annotations
+"""Hertz's pressure by other solvers, where installed. None has a free line contact: a strip of
+elements a metre long has its displacement, less (x/length)²."""
 
 from importlib.util import find_spec
 

@@ -1,7 +1,5 @@
 """Hertz's pressure: speed against error on one grid, and cost against the size of the grid."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from isochrome.contact import ContactState, make_surface, solve_pressure
@@ -52,10 +50,8 @@ def cost(quick):
 
 
 def peak_error(x, pressure):
-    """Largest error of p over the middle half of the contact, over p0.
-
-    The error at x = 0 alone can be zero by luck, since it changes sign along a run of tolerances.
-    """
+    """Largest error of p over the contact's middle half, over p0; at x = 0 alone it can be zero by
+    luck."""
     exact = hertz_pressure(x, half_width_mm=HALF_WIDTH, peak_pressure_mpa=PEAK)
     return float(np.abs(pressure - exact)[np.abs(x) < 0.5 * HALF_WIDTH].max() / PEAK)
 

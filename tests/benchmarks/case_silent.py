@@ -1,11 +1,5 @@
-"""Frames read without a model whose order is known: what is called known, and is not so.
-
-Specimens are `outside_fields`, the light `outside_camera`'s lamps; neither shares code with the
-package. A frame has both no-load frames or none, and one to five points of known order, a third
-of them on lines; where there are three or more, one in ten is wrong by one.
-"""
-
-from __future__ import annotations
+"""Frames read without a model: what is called known, and is not so. Specimens are `outside_fields`,
+lamps `outside_camera`'s; of three or more known points one in ten is wrong by one."""
 
 import re
 import time
@@ -179,10 +173,8 @@ def asked(found):
 
 
 def settled(case):
-    """Whether a true point at the place that a reading asks for makes it known, and rightly so.
-
-    None where nothing is asked for. Beside the point a wrong branch differs by 0.2 fringe at least.
-    """
+    """Whether a true point where a reading asks for one makes it known, and rightly so (a wrong
+    branch differs by 0.2 fringe); None where nothing is asked for."""
     place = asked(read(case))
     if place is None:
         return None

@@ -1,7 +1,5 @@
 """The stress difference on the camera's pixels, from a known sliding pressure, after set-up."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from isochrome.reference import hertz_pressure, sliding_hertz_stress

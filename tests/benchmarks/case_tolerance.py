@@ -1,11 +1,5 @@
-"""Random courses of load, friction and wear: are p_max and depth within numerics.tolerance?
-
-Truth is the same scene at a hundredth of the tolerance: what is asked is whether the number that a
-user sets is what is kept. Truths that share no code with the solver are in
-tests/contact/test_contact_tolerance.py.
-"""
-
-from __future__ import annotations
+"""Random courses: are p_max and depth within numerics.tolerance of a run at a hundredth of it?
+Truths by other code stand in tests/contact/test_contact_tolerance.py."""
 
 import time
 from functools import partial

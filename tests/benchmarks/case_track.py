@@ -7,8 +7,6 @@ one run of one worker: the reading thread, the count and the hash of the file; c
 dataset put down. The figure is counted as work.
 """
 
-from __future__ import annotations
-
 import concurrent.futures as futures
 import importlib
 import multiprocessing

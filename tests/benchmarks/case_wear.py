@@ -1,7 +1,5 @@
 """Wear to 233 m with friction and coupling: this project's runs beside explicit steps."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from isochrome.contact import (
@@ -44,13 +42,8 @@ REFERENCE = 2e-7
 
 
 def wear(quick):
-    """Rows at several steps and tolerances, each against one converged run on the moving mesh.
-
-    All are compared on the same nodes, the mesh's scar being carried onto them (that is timed). The
-    paper's elements and the fixed grid err in space as well, by about 2e-5 here, which no smaller
-    step mends. That grid and mesh, which share no discretisation, agree is tested in
-    tests/contact/test_contact_scar.py. Steps beyond the explicit limit are left out.
-    """
+    """Rows against one converged run on the moving mesh, on the same nodes. Paper's elements and
+    fixed grid err in space by 2e-5, which no step mends; none beyond the explicit limit."""
     n, distances = (64, np.array([QUICK_M])) if quick else (NODES, DISTANCES_M)
     limit = paper.explicit_limit_mm(2.0 * HALF_MM / (n - 1), WEAR, MODULUS)
     runs = [(PAPER, run) for run in (QUICK if quick else EXPLICIT) if run[0] < limit]

@@ -1,7 +1,5 @@
 """The cases of `isochrome bench`, in order. Each is a function of `quick` that returns its rows."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

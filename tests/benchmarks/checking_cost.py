@@ -8,8 +8,6 @@ share is largest: the processor's time. Without: zarr reads its store itself, an
 checksum.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import shutil

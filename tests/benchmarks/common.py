@@ -1,7 +1,5 @@
 """What the cases share: the paper's numbers, interleaved timing, and ratios."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 
@@ -31,11 +29,8 @@ _SAME_ERROR = 1.01
 
 
 def timed(calls, *, repeats=5):
-    """Results and median seconds of calls without arguments.
-
-    The calls take turns, so that a machine that slows down slows all of them; the first, untimed
-    run of each warms it up, unless it was so long that it is the only one.
-    """
+    """Results and median seconds of calls that take turns, so that a slow machine slows all; a
+    first, untimed run warms up, and is the only one where it was long."""
     results, first = [], []
     for call in calls:
         start = time.perf_counter()
@@ -54,11 +49,8 @@ def timed(calls, *, repeats=5):
 
 
 def with_ratios(rows):
-    """Our rows with the ratio to the fastest setting of a rival at the same or smaller error.
-
-    Where no setting of a rival gets there, the ratio is to the most accurate one (the fastest, if
-    several are) and the row says so. Compares rows of one case only.
-    """
+    """Our rows of one case with the ratio to a rival's fastest setting at the same or smaller
+    error; where none gets there, to the most accurate one, and the row says so."""
     done = []
     for row in rows:
         rivals = [r for r in rows if r.method != OURS and r.case == row.case and r.error == r.error]

@@ -1,7 +1,5 @@
 """Random courses of load, friction and wear coefficient over the distance, by their seed."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from isochrome.scene import load_scene
@@ -18,11 +16,8 @@ STATES = 5
 
 
 def random_course(seed):
-    """A scene whose load, friction and wear coefficient are tables over 200 m, each of some kind.
-
-    The coefficient, drawn over two decades, may pause once or twice. Returns the scene and a line
-    that says of what kinds it is. Its tolerance is the default.
-    """
+    """A scene whose load, friction and wear coefficient (which may pause) are tables over 200 m, at
+    the default tolerance, and a line that says of what kinds."""
     rng = np.random.default_rng([seed, 14])
     kinds = [str(rng.choice(KINDS)) for _ in range(3)]
     load = _table(rng, kinds[0], *LOADS_N)
@@ -69,10 +64,7 @@ def _table(rng, kind, low, high):
     elif kind == "jumping":
         places = np.array([places[0], places[0] + rng.uniform(0.01, 1.0)])
     places += 1e-3 * np.arange(len(places))
-    return {
-        "distance_m": [float(round(s, 4)) for s in places],
-        "value": [float(v) for v in values],
-    }
+    return {"distance_m": [float(round(s, 4)) for s in places], "value": [float(v) for v in values]}
 
 
 def _pauses(rng):

@@ -10,8 +10,6 @@ films: specimens, orders, courses, lamps, noise, field (`tests/processing/drawn_
 247 pixels, and of 659 x 494 with `--whole`; with `--keyed`, of 659 x 494 and from key frames.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

@@ -1,12 +1,5 @@
-"""Frames of a bench that is not ours: every defect written out, no code of our optics and camera.
-
-The stress comes from the package (it is proven by closed forms elsewhere), on a plain grid of
-thirds of pixels. All that lies between the stress and the stored grey levels is written here once
-more, from the definitions, supersampled: geometry, light, plates, band pass, blur, tone, noise,
-compression.
-"""
-
-from __future__ import annotations
+"""Frames of a bench that is not ours: the stress is the package's, on thirds of pixels; all between
+it and the stored grey levels is written here once more, supersampled."""
 
 import io
 from dataclasses import dataclass

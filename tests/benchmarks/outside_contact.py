@@ -7,8 +7,6 @@ the radial field of a force on the surface. tan πη = -β mu of Dundurs' β, k/
 Sources: Johnson (1985), Contact Mechanics, sections 2.2, 2.3, 7.2; Muskhelishvili (1953).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

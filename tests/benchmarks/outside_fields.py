@@ -8,8 +8,6 @@ elasticity (wedge, beam, half-plane, thick ring); Williams (1952), J. Appl. Mech
 corner).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 RIM = 0.03
@@ -228,17 +226,12 @@ def places(shape, samples):
 
 
 def order_field(kind, shape, seed, *, highest, steepest=0.12, samples=3):
-    """Order and body at the samples, scaled to `highest` where fringes stay wide enough.
-
-    `steepest`, fringes a pixel, is passed by 2 % of the specimen at most.
-    """
+    """Order and body at the samples, scaled to `highest`; `steepest`, fringes a pixel, is passed by
+    2 % of the specimen at most."""
     rng = np.random.default_rng(seed)
     draw = free_corner if kind == "free corner" else (KINDS | BODIES)[kind]
     field, body = draw(places(shape, samples), rng)
     order = np.abs(field)
     slope = samples * np.hypot(*np.gradient(order))[body]
-    scale = min(
-        highest / np.percentile(order[body], 98.0),
-        steepest / np.percentile(slope, 98.0),
-    )
+    scale = min(highest / np.percentile(order[body], 98.0), steepest / np.percentile(slope, 98.0))
     return scale * order, body

@@ -1,10 +1,5 @@
-"""Beams in bending and discs under load on a bench that is not ours: every defect written out.
-
-Orders are the closed forms, written here once more, at every sample of every pixel; the defects
-between them and the stored grey levels are those of `outside_camera`. No code of the package.
-"""
-
-from __future__ import annotations
+"""Beams in bending and discs on a bench that is not ours: closed forms at every sample, the defects
+of `outside_camera`; no code of the package."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,15 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from .outside_camera import (
-    NONE,
-    Defects,
-    _band,
-    _places,
-    _stored,
-    _things,
-    lit,
-)
+from .outside_camera import NONE, Defects, _band, _places, _stored, _things, lit
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,8 +5,6 @@ Each step moves a slider by a little and waits until the new picture of 659 x 49
 as a user sees it: the request, the model, the way back, the colours and the frame of the screen.
 """
 
-from __future__ import annotations
-
 import shutil
 import sys
 import tempfile

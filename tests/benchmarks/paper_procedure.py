@@ -1,13 +1,5 @@
-r"""The paper's own numerical procedure, written plainly: the rival that `isochrome bench` times.
-
-Section 2 and the appendices of the paper: pressure constant over each element with the influence
-coefficients (A.4), conjugate gradients with a zero-padded FFT (Polonsky & Keer 1999, Wear 231,
-206), wear in explicit steps of 25 mm, and the stress below the surface as a direct sum over
-element edges (Appendix B). Nothing here is tuned for it or against it; the spectrum of
-K and the last pressure are kept between wear steps, as anyone would.
-"""
-
-from __future__ import annotations
+"""The paper's section 2 and appendices, plainly, by conjugate gradients with an FFT (Polonsky &
+Keer 1999, Wear 231, 206): the rival that `isochrome bench` times, tuned neither way."""
 
 from dataclasses import dataclass
 
@@ -112,10 +104,8 @@ def explicit_limit_mm(dx_mm, k_mm2_per_n, contact_modulus_mpa):
 
 
 def stress_by_edges(x_mm, z_mm, first_mm, dx_mm, pressure, shear):
-    """(sx - sz) + 2i txz at columns x and rows z, MPa: (7) summed over element edges.
-
-    An edge carries the jump of the traction across it; every pair of pixel and edge is evaluated.
-    """
+    """(sx - sz) + 2i txz (MPa) at columns x and rows z: (7), every pair of pixel and edge, which
+    carries the traction's jump."""
     a, b = _loaded(pressure, shear)
     edges = first_mm + dx_mm * (np.arange(a, b + 1) - 0.5)
     dp, dq = (np.diff(t[a:b], prepend=0.0, append=0.0) for t in (pressure, shear))
@@ -128,10 +118,8 @@ def stress_by_edges(x_mm, z_mm, first_mm, dx_mm, pressure, shear):
 
 
 def stress_by_lags(x_mm, z_mm, first_mm, dx_mm, pressure, shear):
-    """The same sum (7), faster: where pixels lie on a lattice of elements, (B.1) needs i - j only.
-
-    The coefficients are made once a row and lag, then summed directly. Works in extended precision.
-    """
+    """The same sum (7) by lags i - j, (B.1), where pixels lie on a lattice of elements; in extended
+    precision."""
     a, b = _loaded(pressure, shear)
     p, q = pressure[a:b][::-1], shear[a:b][::-1]
     fold = round(float((x_mm[1] - x_mm[0]) / dx_mm))

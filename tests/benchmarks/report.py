@@ -1,19 +1,12 @@
 """What a run of `isochrome bench` shows: the table in plain text, and the figure."""
 
-from __future__ import annotations
-
 import os
 import platform
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from . import series
 from .common import plain
 from .rows import Row
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 def table(rows: list[Row]) -> str:
@@ -24,10 +17,8 @@ def table(rows: list[Row]) -> str:
 
 
 def lines_of(head: tuple[str, ...], cells: Sequence[tuple[str, ...]], *, texts: int) -> list[str]:
-    """A table's lines, an empty one where the first column changes.
-
-    Parameters: `head`; `cells`, a tuple a row; `texts`, how many columns stand to the left.
-    """
+    """A table's lines, an empty one where the first column changes; `texts` columns stand to the
+    left."""
     widths = [max(len(row[k]) for row in (head, *cells)) for k in range(len(head))]
     lines, last = [], ""
     for row in (head, *cells):
@@ -71,11 +62,8 @@ def _ratio(row: Row) -> str:
     return plain(row.ratio) if row.reached else f"({plain(row.ratio)})"
 
 
-def figure(rows: list[Row]) -> Figure:
-    """Time against error, log-log, one panel each for pressure, wear and stress.
-
-    A colour and a marker a method; below and to the left is better.
-    """
+def figure(rows: list[Row]):
+    """Time against error, log-log, one panel each for pressure, wear and stress."""
     from isochrome.figures import new_figure, style_axes
 
     picture = new_figure(13.0, 5.2)
@@ -92,7 +80,7 @@ def figure(rows: list[Row]) -> Figure:
     return picture
 
 
-def _draw(axes: Axes, line: series.Series) -> None:
+def _draw(axes, line: series.Series) -> None:
     points = sorted((r.error, 1e3 * r.seconds) for r in line.rows)
     axes.loglog(
         *zip(*points, strict=True),
@@ -106,7 +94,7 @@ def _draw(axes: Axes, line: series.Series) -> None:
     )
 
 
-def _name_below(axes: Axes, columns: int) -> None:
+def _name_below(axes, columns: int) -> None:
     from isochrome.figures import TICK_PT
 
     axes.legend(

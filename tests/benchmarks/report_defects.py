@@ -1,18 +1,11 @@
 """What a run of `isochrome bench defects` shows: the table in plain text, and the figure."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from isochrome.figures import LINE_COLOURS
 
 from .report import lines_of, machine
 from .rows import DefectRow
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 HEAD = (
     "frames", "count", "within 3 u", "beyond 6 u, not flagged", "pull load", "pull friction",
@@ -89,7 +82,7 @@ def _rms(values: list[float]) -> float:
     return float(np.sqrt(np.mean(np.square(known)))) if known else float("nan")
 
 
-def figure(rows: list[DefectRow]) -> Figure:
+def figure(rows: list[DefectRow]):
     """Share of the frames within so many standard uncertainties, a line for each kind."""
     from isochrome.figures import new_figure, style_axes
 

@@ -1,16 +1,9 @@
 """What a run of `isochrome bench fit` shows: the table in plain text, and the figure."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from isochrome.figures import LINE_COLOURS
 
 from .report import lines_of, machine
 from .rows import FitRow
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 HEAD = ("problem", "case", "quantity", "error", "bar", "pull", "CPU", "evaluations")
 _LEAST = 1e-4
@@ -62,7 +55,7 @@ def share(row: FitRow) -> float:
     return row.error / row.bar
 
 
-def figure(rows: list[FitRow]) -> Figure:
+def figure(rows: list[FitRow]):
     """Each error as a share of its bar, and what a fit of each case costs."""
     from isochrome.figures import TICK_PT, new_figure, style_axes
 

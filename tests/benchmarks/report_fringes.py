@@ -1,9 +1,5 @@
 """What a run of `isochrome bench fringes` shows: the table in plain text, and the figure."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from isochrome.figures import LINE_COLOURS
@@ -11,9 +7,6 @@ from isochrome.figures import LINE_COLOURS
 from .case_fringes import ALL, ARCSINE, BLIND, COLOUR, FREE, METHODS, MODEL, STEPS
 from .report import lines_of, machine
 from .rows import FringeRow
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 HEAD = ("specimen", "method", "wrong", "RMS", "median", "kept", "right", "time")
 BLUE, ORANGE, GREEN, PINK, SKY, YELLOW = LINE_COLOURS
@@ -28,10 +21,8 @@ LOOKS = {
 
 
 def over_all(rows: list[FringeRow]) -> list[FringeRow]:
-    """One row a method: root mean square, worst of medians and shares, median time, of specimens.
-
-    Of the specimens where the method read anything; `kept` is the mean over all it was run on.
-    """
+    """One row a method, of the specimens that it read: root mean square, worst of medians and
+    shares, median time; `kept`, the mean over all."""
     found = []
     for method in METHODS:
         of = [r for r in rows if r.method == method]
@@ -86,11 +77,9 @@ def _number(value: float, how: str, factor: float) -> str:
     return how.format(factor * value) if value == value else "-"
 
 
-def figure(rows: list[FringeRow]) -> Figure:
-    """RMS error against the share that is kept, and against time: a point a specimen.
-
-    The largest point of a colour is a method over all specimens.
-    """
+def figure(rows: list[FringeRow]):
+    """RMS error against what is kept and against time: a point a specimen, the largest of a colour
+    all of them."""
     from isochrome.figures import TICK_PT, new_figure, style_axes
 
     picture = new_figure(10.5, 5.0)

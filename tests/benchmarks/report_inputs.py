@@ -1,9 +1,5 @@
 """What a run of `isochrome bench inputs` shows: the table in plain text, and the figure."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from isochrome.figures import LINE_COLOURS
@@ -11,9 +7,6 @@ from isochrome.figures import LINE_COLOURS
 from .case_inputs import COVERED
 from .report import lines_of, machine
 from .rows import InputRow
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 HEAD = (
     "inputs", "frames", "load within 1.96 u", "friction", "pull load", "pull friction", "u load",
@@ -53,7 +46,7 @@ def _cells(kind: str, some: list[InputRow]) -> tuple[str, ...]:
     )
 
 
-def figure(rows: list[InputRow]) -> Figure:
+def figure(rows: list[InputRow]):
     """Share of the loads within so many standard uncertainties, beside a normal distribution's."""
     from scipy.stats import halfnorm
 

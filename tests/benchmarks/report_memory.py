@@ -1,16 +1,9 @@
 """What a run of `isochrome bench memory` shows: the table in plain text, and the figure."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from isochrome.figures import LINE_COLOURS
 
 from .report import lines_of, machine
 from .rows import MemoryRow
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 HEAD = ("command", "items", "count", "peak memory", "more", "time")
 MOST = 0.10
@@ -37,7 +30,7 @@ def _more(rows: list[MemoryRow]) -> list[float]:
     return [row.peak_mb / first.setdefault(row.command, row.peak_mb) - 1.0 for row in rows]
 
 
-def figure(rows: list[MemoryRow]) -> Figure:
+def figure(rows: list[MemoryRow]):
     """Peak memory, a bar for each run."""
     from isochrome.figures import new_figure, style_axes
 

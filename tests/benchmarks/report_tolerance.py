@@ -1,18 +1,11 @@
 """What a run of `isochrome bench tolerance` shows: the table in plain text, and the figure."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from isochrome.figures import LINE_COLOURS
 
 from .report import lines_of, machine
 from .rows import ToleranceRow
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 HEAD = ("tolerance", "courses", "within", "refused", "worst p_max", "worst depth", "time")
 
@@ -52,7 +45,7 @@ def _worst(row: ToleranceRow) -> float:
     return max(row.p_max, row.depth)
 
 
-def figure(rows: list[ToleranceRow]) -> Figure:
+def figure(rows: list[ToleranceRow]):
     """Share of the courses within an error, a line for each tolerance."""
     from isochrome.figures import new_figure, style_axes
 

@@ -1,17 +1,10 @@
 """What a run of `isochrome bench track` shows: the table in plain text, and the figure."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from isochrome.figures import LINE_COLOURS
 
 from .case_track import WHOLE, WORN, WORN_WHOLE
 from .report import lines_of, machine
 from .rows import TrackRow
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 RUN_HEAD = ("film", "workers", "frames", "frames/s", "CPU a frame")
 HEAD = (*RUN_HEAD, "reading", "writing", "load error", "pull")
@@ -94,7 +87,7 @@ def _beside_whole(rows: list[TrackRow]) -> list[str]:
     return [f"{WORN}: {rate[WORN] / rate[WORN_WHOLE]:.0f} times the frames a second of each wholly"]
 
 
-def figure(rows: list[TrackRow]) -> Figure:
+def figure(rows: list[TrackRow]):
     """Processor time of a frame by its parts, a bar for each film that one worker tracked."""
     from isochrome.figures import new_figure, style_axes
 

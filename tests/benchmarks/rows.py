@@ -1,7 +1,5 @@
 """What the cases measure: a row of a suite's table, each suite its own."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 _NAN = float("nan")

@@ -1,7 +1,5 @@
 """The lines of the bench's figure: which rows belong together, and how each line looks."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from isochrome.figures import LINE_COLOURS

@@ -1,10 +1,5 @@
-"""Pictures of calibration targets by a camera that is not ours: every formula written out.
-
-Each pixel is the mean of samples of the target at the places that it looks at. Nothing here is
-imported from the package.
-"""
-
-from __future__ import annotations
+"""Pictures of calibration targets, no code of the package: a pixel is the mean of samples at the
+places that it looks at."""
 
 from dataclasses import dataclass, replace
 from functools import cache

@@ -1,8 +1,5 @@
-"""Coverage: of many rendered calibrations, 95 % of the 95 % intervals hold the truth.
-
-Every input is drawn: the set-up (tilt, neutral axis, loads, light, noise), and the errors of load,
-height, spans and pixel scale from the very standard uncertainties that the set states.
-"""
+"""Coverage of the 95 % intervals: the set-up is drawn, and the errors of load, height, spans and
+pixel scale from the standard uncertainties that the set states."""
 
 import os
 

@@ -42,10 +42,8 @@ def test_two_slopes_that_explain_an_image_alike_are_refused(beam_frame, edges):
 
 
 def test_a_rival_slope_is_judged_under_the_light_of_the_best(beam_frame):
-    """Exposures at 2 and 3: with fewer unknowns of light for the rival, 3 was found alone.
-
-    For the load of 2 that is 37 % off, and 4 % was stated.
-    """
+    """Exposures at 2 and 3: with fewer unknowns of light for the rival, 3 was found alone, 37 % off
+    for the load of 2, and 4 % was stated."""
     rng = np.random.default_rng(0)
     twice = 0.5 * sum(beam_frame(e, rng, **SMALL).astype(float) for e in (2.0, 3.0))
     with pytest.raises(PhysicsError, match=r"image 1: "):
@@ -93,10 +91,8 @@ def glaring(beam_frame, edge, rng, *, row=0.36, col=0.45, **options):
 
 
 def test_a_misfit_is_the_jackknifes_over_bands_of_the_height(beam_frame):
-    """Leave out a tenth of the height after the other, by hand: (B - 1)/B sum (s_b - mean s)^2.
-
-    Wu (1986), Ann. Statist. 14, 1261-1295. Without B - 1 it is a third.
-    """
+    """Tenths of the height left out: (B - 1)/B sum (s_b - mean s)^2, Wu (1986), Ann. Statist. 14,
+    1261-1295. Without B - 1 it is a third."""
     image = glaring(beam_frame, 3.0, np.random.default_rng(1), tilt=0.0, **TINY).astype(float)
 
     def fitted(frame, sigma):

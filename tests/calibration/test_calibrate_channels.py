@@ -78,10 +78,8 @@ def test_grey_images_saved_as_colour_have_one_value(beam_frame, tmp_path):
 
 @pytest.mark.long
 def test_white_light_is_said(beam_frame, tmp_path):
-    """Channels a hundred nanometres wide: the fringes fade with their order.
-
-    One channel's fading may pass for uneven light or a tone curve; all three's does not.
-    """
+    """Channels a hundred nanometres wide fade with the order: one's fading may pass for uneven
+    light or a tone curve, all three's does not."""
     rng = np.random.default_rng(4)
     frames = []
     for edge in EDGES:

@@ -1,9 +1,4 @@
-"""Colour tables from rendered images whose light is not the generic one: read, and compared.
-
-The truth is the order of the pictures, which the calibration never sees.
-"""
-
-from __future__ import annotations
+"""Colour tables from images whose light is not the generic one; the truth is the pictures' own."""
 
 import json
 import tomllib

@@ -154,10 +154,8 @@ def test_what_is_not_round_is_no_disc(inside):
 
 @pytest.mark.long
 def test_a_blur_that_hardly_shows_is_in_the_budget_of_a_disc(disc_frame, monkeypatch):
-    """Left out of the model, chi is 1.14 to 1.17, and the value off by 3 standard uncertainties.
-
-    With a single block's variance in place of the jackknife's eleven nothing would be seen.
-    """
+    """Left out of the model, chi is 1.14 to 1.17 and the value 3 standard uncertainties off; a
+    single block's variance, not the jackknife's eleven, would show nothing."""
     monkeypatch.setattr(disc_api, "fit_disc_set", lambda *_: None)
     small = {"shape": (100, 110), "radius": 42.0, "shift": (1.0, -2.0)}
     found = calibrated(disc_frame, (2.6,), blur=0.6, **small)

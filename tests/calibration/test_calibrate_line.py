@@ -1,8 +1,5 @@
-"""Orders against loads: the scatter of repeated images, by hand, and what a line is refused for.
-
-Four loads 1, 2, 3, 4 whose orders leave a line by a (+1, -1, -1, +1): that pattern is orthogonal to
-the load and to a constant, so that the line through them is the true one and all sums are short.
-"""
+"""Orders against loads 1 to 4 that leave a line by a (+1, -1, -1, +1), orthogonal to the load and
+to a constant: the line through them is the true one, and all sums are short."""
 
 import math
 from dataclasses import replace
@@ -34,11 +31,8 @@ def bent_line(a, u):
 
 
 def test_scatter_is_that_of_paule_and_mandel():
-    """What brings chi-square to its degrees of freedom; goes wrong with 3 in place of n - 2 = 2.
-
-    Paule & Mandel (1982), J. Res. Natl. Bur. Stand. 87, 377-385, eq. 11: sum w (n - line)^2 =
-    n - 2 with w = 1/(u^2 + t^2). Equal u: 4 a^2/(u^2 + t^2) = 2, t^2 = 2 a^2 - u^2.
-    """
+    """Paule & Mandel (1982), J. Res. Natl. Bur. Stand. 87, 377-385, eq. 11: sum w (n - line)^2 = n
+    - 2 (not 3), w = 1/(u^2 + t^2). Equal u: t^2 = 2 a^2 - u^2."""
     a, u = 0.02, 0.01
     line = bent_line(a, u)
     scatter = math.sqrt(2.0 * a**2 - u**2)
@@ -54,10 +48,8 @@ def test_scatter_is_that_of_paule_and_mandel():
 
 
 def test_scatter_of_orders_that_are_not_equally_sure():
-    """Outer orders u, inner ones v, t again by hand: chi^2 = 8 a^2 w w'/(w + w') = 2.
-
-    So 4 a^2 = 1/w + 1/w' = u^2 + v^2 + 2 t^2. A mean of plain squares would give 2 a^2 - u^2.
-    """
+    """Outer orders u, inner v: chi^2 = 8 a^2 w w'/(w + w') = 2, so 4 a^2 = u^2 + v^2 + 2 t^2. A
+    mean of plain squares would give 2 a^2 - u^2."""
     a, u, v = 0.02, 0.01, 0.004
     spread = np.array([u, v, v, u])
     line = fit_line(LOADS, 0.5 * LOADS + 0.1 + a * PATTERN, spread)
@@ -99,11 +91,8 @@ def test_two_orders_have_no_scatter_and_one_no_intercept():
 
 
 def test_orders_of_one_light_lean_on_each_other():
-    """An error that is a part of every order turns the line about the origin, and does not average.
-
-    Covariance c^2 n n^T + v^2 with n = k P: u(k)^2 = (c k)^2 + v^2/sum (P - mean)^2, and the
-    intercept has v's part alone.
-    """
+    """A common error does not average: covariance c^2 n n^T + v^2, n = k P, makes u(k)^2 = (c k)^2
+    + v^2/sum (P - mean)^2; the intercept has v's part alone."""
     orders = 0.5 * LOADS
     common, own = 0.01, 0.002
     covariance = common**2 * np.outer(orders, orders) + own**2 * np.eye(4)

@@ -1,8 +1,4 @@
-"""Pulls: what a calibration is off by over what it says, of specimens by the textbook.
-
-The frames are made here from the load on: a beam's moment, its stress and its order; a disc's two
-point forces, added as tensors. Nothing of the package is in them.
-"""
+"""Pulls of calibrations, of specimens by the textbook: nothing of the package is in the frames."""
 
 import math
 
@@ -39,11 +35,8 @@ def bent(load_n, rng, *, tilt_deg, noise):
 
 
 def pressed(load_n, rng, *, angle_deg, noise, radius_px=60.0, size=140):
-    """A disc between two point forces, each sigma_r = -2 P cos(t)/(pi d r), and an even tension.
-
-    Along its own direction e^(i a) a stress sigma_r makes (sx - sz) + 2i txz = sigma_r e^(2 i a);
-    the even tension makes none. Timoshenko & Goodier (1970), Theory of Elasticity, art. 41.
-    """
+    """A disc between two point forces, each sigma_r = -2 P cos(t)/(pi d r), and an even tension,
+    which makes no difference: Timoshenko & Goodier (1970), Theory of Elasticity, art. 41."""
     row, col = np.mgrid[:size, :size] - np.array([size / 2 + 1.3, size / 2 - 2.2])[:, None, None]
     scale = 0.5 * DIAMETER / radius_px
     place = scale * (col + 1j * row)

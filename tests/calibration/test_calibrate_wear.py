@@ -1,9 +1,4 @@
-"""The wear coefficient from volumes and traces: equation 11, GUM, laws, refusals, the command.
-
-Truths are `worn_scars`, which shares no code with the package.
-"""
-
-from __future__ import annotations
+"""The wear coefficient: equation 11, GUM, laws, refusals, the command; truths are `worn_scars`."""
 
 import json
 import shutil
@@ -125,10 +120,8 @@ def test_traces_give_the_coefficient_within_its_interval(ground):
 
 @pytest.mark.long
 def test_what_variances_of_few_degrees_promise_makes_no_scatter_of_chance(ground_set, ground):
-    """Areas drawn by one variance, each trace's own estimate of it of six degrees of freedom.
-
-    The scatter over it is chi squared of eight, divided by eight: 1, whatever the six are.
-    """
+    """Areas of one variance, each trace's own estimate of it of six degrees of freedom: the scatter
+    over it is chi squared of eight over eight, 1 whatever the six are."""
     settings, rng, freedom = WearSet.read(ground_set), np.random.default_rng(4), 6.0
     base, shares = ground.traces[0].levelled, []
     for _ in range(400):

@@ -1,9 +1,5 @@
-"""Colour images of unequal exposures: the table, the orders, and what is said.
-
-The images are rendered here: light of three Gaussian bands summed over wavelengths, sin² of each.
-"""
-
-from __future__ import annotations
+"""Colour images of unequal exposures, rendered here from three Gaussian bands: table, orders, and
+what is said."""
 
 import numpy as np
 import pytest

@@ -27,11 +27,8 @@ def placed(orders):
 
 
 def test_two_centre_orders_that_explain_an_image_alike_are_refused(disc_frame):
-    """Half the exposure at 2.4 and half at 3.0, which uneven light of degree four takes up best.
-
-    Goes wrong if the rival is judged with the light of degree two, the best with that of four: then
-    2.4 is found, with no word of 3.0.
-    """
+    """Half the exposure at 2.4 and half at 3.0: with the rival under light of degree two and the
+    best under four, 2.4 would be found, with no word of 3.0."""
     rng = np.random.default_rng(0)
     twice = 0.5 * sum(disc_frame(n, rng, **SMALL).astype(float) for n in (2.4, 3.0))
     (shot,) = as_shots([np.rint(twice)], [disc_load(2.4)])
@@ -103,10 +100,8 @@ def test_a_rise_is_clear_where_no_other_explains_as_much(explained, runner_up, c
 
 
 def test_orders_from_the_rise_are_off_by_what_they_say(disc_frame):
-    """Four discs that already hold stress; noise and misfit go together over four pixels.
-
-    Of twelve such discs the pulls' root mean square is 1.03; by single pixels it would be 4.
-    """
+    """Noise and misfit go together over four pixels: the pulls' root mean square of twelve such
+    discs is 1.03; by single pixels it would be 4."""
     centres = np.array((1.5, 2.1, 2.8, 3.3, 4.1, 4.6))
     pulls = []
     for seed in range(4):

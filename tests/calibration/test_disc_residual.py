@@ -19,11 +19,8 @@ def calibrated(images, centres=CENTRES):
 
 
 def tensor_disc(centre, residual, rng, *, angle=2.0, radius=70.0, size=160):
-    """Grey levels of a disc whose load's stress and residual stress add as tensors.
-
-    `residual` (x, z) in radii is (sx - sz) + 2i txz in fringes; the stress of the loads is turned
-    by its matrix, pixel by pixel.
-    """
+    """Grey levels of a disc whose stresses add as tensors, pixel by pixel; `residual` (x, z) in
+    radii is (sx - sz) + 2i txz in fringes."""
     z, x = (np.mgrid[:size, :size] - size / 2 - 1.15) / radius
     turn = np.radians(angle)
     across = np.array([np.cos(turn), -np.sin(turn)])

@@ -1,10 +1,5 @@
-"""How often the truth lies within the ±: rendered sets of twelve traces, `worn_scars`' truths.
-
-Seeds are [2026, 18, number]. Ra .05 to .8 µm, ground, lapped and turned; tilt to a degree, form and
-spikes; three traces at each of the paper's four distances; inputs exact.
-"""
-
-from __future__ import annotations
+"""How often the truth lies within the ±: seeded sets of twelve traces by `worn_scars`, Ra .05 to .8
+µm, ground, lapped and turned, with tilt, form and spikes; inputs exact."""
 
 import numpy as np
 import pytest
@@ -62,11 +57,8 @@ def test_the_interval_holds_the_truth_in_eight_hundred_sets(tmp_path):
 @pytest.mark.long
 @pytest.mark.study
 def test_a_shallow_scar_has_a_wide_uncertainty_or_is_refused(tmp_path):
-    """A hundred sets of three traces after 31 m, Ra from half the depth to all of it.
-
-    Student's t of some twenty degrees of freedom lies beyond 3 of its standard deviations once in
-    200 draws.
-    """
+    """Ra from half the depth after 31 m to all of it. Student's t of some twenty degrees of freedom
+    lies beyond 3 of its standard deviations once in 200 draws."""
     pulls = []
     for number in range(100):
         rng = np.random.default_rng([2026, 19, number])

@@ -1,16 +1,12 @@
-"""What the hard cases share: scenes from text, profiles as files, and an independent dense contact.
-
-The influence of a hat-shaped pressure is written here anew, half a hat at a time, so that no
-solution is judged by the operator that made it.
-"""
-
-from __future__ import annotations
+"""Scenes, profiles, and an independent dense contact, its influence written anew half a hat at a
+time: no solution is judged by the operator that made it."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import toeplitz
 
+from isochrome.contact import make_surface
 from isochrome.reference import (
     contact_modulus,
     coupling_modulus_inverse,
@@ -66,6 +62,13 @@ def contact_scene(
     return parse_scene(text, folder=folder)
 
 
+def cylinder(n=101, half=0.8, **surface):
+    """Nodes x (n,), the surface of them, and the unworn cylinder's gap."""
+    x = np.linspace(-half, half, n)
+    surface = make_surface(n, x[1] - x[0], contact_modulus_mpa=MODULUS, **surface)
+    return x, surface, x**2 / (2.0 * RADIUS)
+
+
 def worn(distances, *, k=WEAR, friction=None, spacing=None, window=None, tolerance=None):
     """The text of [wear], [friction] and [numerics]."""
     lines = [f"[wear]\ncoefficient_mm2_per_n = {k}\ndistances_m = {list(map(float, distances))}"]
@@ -90,10 +93,7 @@ def write_profile(folder, x, gap, name="profile.csv"):
 
 
 def influence(x, *, modulus=MODULUS, coupling=0.0, friction=0.0):
-    """Dense matrix of u at x under unit hats at x, mm/MPa: closed form, half a hat at a time.
-
-    The nodes are even, so that each lag is worked out once.
-    """
+    """Dense matrix of u at even x under unit hats, mm/MPa: closed form, half a hat at a time."""
     n, h = len(x), x[1] - x[0]
     distance = h * np.arange(n)
     logarithm = _half_hat(distance, h) + _half_hat(-distance, h)

@@ -1,7 +1,5 @@
 """Hard cases of the picture: fringes of order 50, contacts below a pixel, spikes at the surface."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 
@@ -36,10 +34,7 @@ def thick(pixel, cols, rows):
 
 def hertz_order(pixels, half_width, peak, scale):
     stress = hertz_stress(
-        pixels.x_mm[None, :],
-        pixels.z_mm[:, None],
-        half_width_mm=half_width,
-        peak_pressure_mpa=peak,
+        pixels.x_mm[None, :], pixels.z_mm[:, None], half_width_mm=half_width, peak_pressure_mpa=peak
     )
     return scale * np.hypot(stress.sigma_x - stress.sigma_z, 2.0 * stress.tau_xz)
 

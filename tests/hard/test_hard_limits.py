@@ -1,7 +1,5 @@
 """Hard cases at the limits: loads, windows, grids, profiles; right, or refused with a way out."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hard_cases import (
@@ -11,12 +9,13 @@ from hard_cases import (
     RADIUS,
     WEAR,
     contact_scene,
+    cylinder,
     numerics,
     worn,
     write_profile,
 )
 
-from isochrome.contact import contact_states, make_surface, solve_pressure
+from isochrome.contact import contact_states, solve_pressure
 from isochrome.errors import InputError, PhysicsError
 from isochrome.reference import hertz_half_width, hertz_peak_pressure
 
@@ -47,10 +46,7 @@ def test_half_width_and_pressure_go_with_the_root_of_the_load(factor, friction):
     assert other.p_max_mpa == pytest.approx(peak, rel=2e-4 if friction else 5e-6)
 
 
-@pytest.mark.parametrize(
-    "factor",
-    [1e6, 1e12, 1e300],
-)
+@pytest.mark.parametrize("factor", [1e6, 1e12, 1e300])
 @pytest.mark.parametrize("rest", ["", worn([0.0, 31.0]), "[friction]\ncoefficient = 0.25"])
 def test_million_times_the_load_is_refused_for_its_width(factor, rest):
     """Goes wrong: a parabola on a half-plane goes on answering where the cylinder is all sunk."""
@@ -67,10 +63,8 @@ def test_million_times_a_flats_load_is_refused():
 
 @pytest.mark.parametrize("mean", [0.5, 5.0, 50.0])
 def test_flats_pressure_near_the_modulus_is_refused(mean):
-    """Goes wrong: a flat at half its modulus and more is answered as if strains were small.
-
-    A cylinder is refused at a mean pressure of 0.12 E*, where its half-width is 0.3 R.
-    """
+    """Goes wrong: a flat at half its modulus and more is answered as if strains were small. A
+    cylinder is refused at 0.12 E*, where its half-width is 0.3 R."""
     refused(contact_scene(indenter=FLAT, load=4.0 * mean * MODULUS), "lower")
 
 
@@ -153,12 +147,7 @@ def test_grid_of_too_many_or_too_few_nodes_is_refused(rest, words):
 
 
 @pytest.mark.parametrize(
-    ("spacing", "load"),
-    [
-        pytest.param(0.5, 44.0, id="one node at the nominal load"),
-        pytest.param(0.2, 44.0, id="three nodes at the nominal load"),
-        pytest.param(0.006, 44e-6, id="one node at a millionth of the load"),
-    ],
+    ("spacing", "load"), [(0.5, 44.0), (0.2, 44.0), (0.006, 44e-6)], ids=["one", "three", "light"]
 )
 def test_contact_of_a_few_nodes_is_refused(spacing, load):
     """Goes wrong: one node carries P'/h, whatever the physics; the spacing sets the pressure."""
@@ -175,11 +164,8 @@ def test_contact_of_a_few_nodes_is_refused(spacing, load):
 @pytest.mark.parametrize("top", [1.0, -1.0])
 @pytest.mark.parametrize("height", [0.05, 0.019])
 def test_hill_outside_the_window_is_not_overlooked(tmp_path, top, height):
-    """Goes wrong: the window follows the cylinder, and a hill of the profile beside it is missed.
-
-    The hill stands at x = 1 mm, where the cylinder is 20 um away: one of 50 um touches first, one
-    of 19 um is pressed on after the cylinder has sunk by 2.8 um and more.
-    """
+    """Goes wrong: the window misses a hill at x = 1 mm, where the cylinder is 20 um away: one of 50
+    um touches first, one of 19 um once it has sunk by 2.8 um and more."""
     x, gap = np.array([-2.0, 0.6, 1.0, 1.4, 2.0]), np.array([0.0, 0.0, -height, 0.0, 0.0])
     if top < 0.0:
         x, gap = -x[::-1], gap[::-1]
@@ -213,10 +199,8 @@ def test_spacing_coarser_than_the_profile_is_refused(tmp_path):
 
 
 def test_contact_at_the_end_of_a_measured_profile_is_refused(tmp_path):
-    """Goes wrong: the file's last row becomes a corner, with eight times the pressure.
-
-    The file holds a cylinder's arc to 0.3 mm on either side, and the contact wants 0.373 mm.
-    """
+    """Goes wrong: the file's last row, at 0.3 mm where the contact wants 0.373, becomes a corner
+    with eight times the pressure."""
     x = np.linspace(-0.3, 0.3, 301)
     arc = write_profile(tmp_path, x, x**2 / (2.0 * RADIUS))
     refused(contact_scene(indenter=arc, folder=tmp_path), "profile")
@@ -248,10 +232,8 @@ def test_profile_finer_than_the_smooth_grid_is_resolved(tmp_path):
 @pytest.mark.parametrize("bad", [np.nan, -np.inf, np.inf])
 def test_gap_that_is_no_number_is_refused(bad, where):
     """Goes wrong: a hole in a measured profile spreads as NaN, or is passed over in silence."""
-    x = np.linspace(-0.8, 0.8, 101)
-    gap = x**2 / (2.0 * RADIUS)
+    _, surface, gap = cylinder()
     gap[where] = bad
-    surface = make_surface(101, x[1] - x[0], contact_modulus_mpa=MODULUS)
     with pytest.raises(InputError, match=r"gap .* is not finite everywhere; give every node"):
         solve_pressure(surface, gap, LOAD)
 
@@ -259,17 +241,14 @@ def test_gap_that_is_no_number_is_refused(bad, where):
 @pytest.mark.parametrize("load", [0.0, -11.0, np.nan, np.inf])
 def test_load_that_presses_nothing_is_refused(load):
     """Goes wrong: no load, or tension, comes back as a contact full of NaN and no error."""
-    x = np.linspace(-0.8, 0.8, 101)
-    surface = make_surface(101, x[1] - x[0], contact_modulus_mpa=MODULUS)
+    _, surface, gap = cylinder()
     with pytest.raises(InputError, match=rf"the load is {load:g} N/mm, .* change load\.normal_n"):
-        solve_pressure(surface, x**2 / (2.0 * RADIUS), load)
+        solve_pressure(surface, gap, load)
 
 
 def test_start_without_any_pressure_is_no_start():
     """Goes wrong: a forecast that left no contact is divided by its sum, and all becomes NaN."""
-    x = np.linspace(-0.8, 0.8, 101)
-    surface = make_surface(101, x[1] - x[0], contact_modulus_mpa=MODULUS)
-    gap = x**2 / (2.0 * RADIUS)
+    _, surface, gap = cylinder()
     with np.errstate(all="ignore"):
         state = solve_pressure(surface, gap, LOAD, start=np.zeros(101))
     # two solutions of residual 1e-10
@@ -281,14 +260,9 @@ def test_start_without_any_pressure_is_no_start():
     ("n", "factor", "datum"), [(101, 1e-6, 3.0), (509, 1e-6, 0.1), (1024, 1.0, 1e3)]
 )
 def test_datum_of_the_gap_changes_nothing(n, factor, datum):
-    """Goes wrong: 0.1 mm added to a gap of 1e-6 mm, and the pressure is off by 1e-3, in silence.
-
-    A node's gap is then rounded by 1e-16 of the datum, which is worth E*/h of pressure: below 3e-6.
-    """
-    half = 0.8 * np.sqrt(factor)
-    x = np.linspace(-half, half, n)
-    surface = make_surface(n, x[1] - x[0], contact_modulus_mpa=MODULUS)
-    gap = x**2 / (2.0 * RADIUS)
+    """Goes wrong: 0.1 mm added to a gap of 1e-6 mm, and the pressure is off by 1e-3. A node's gap
+    is rounded by 1e-16 of the datum, worth E*/h of pressure: below 3e-6."""
+    _, surface, gap = cylinder(n, 0.8 * np.sqrt(factor))
     usual = solve_pressure(surface, gap, LOAD * factor).pressure
     lifted = solve_pressure(surface, gap + datum, LOAD * factor).pressure
     np.testing.assert_allclose(lifted, usual, rtol=0, atol=2e-5 * usual.max())

@@ -1,7 +1,5 @@
 """Hard cases of a static contact: corners, coupling at its limit, roughness, ledges, any N."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hard_cases import (
@@ -13,13 +11,14 @@ from hard_cases import (
     PEAK,
     RADIUS,
     contact_scene,
+    cylinder,
     numerics,
     patches,
     violation,
     write_profile,
 )
 
-from isochrome.contact import contact_states, make_surface, solve_pressure
+from isochrome.contact import contact_states, solve_pressure
 from isochrome.reference import (
     contact_modulus,
     coupled_contact,
@@ -145,11 +144,8 @@ def test_pressure_leaves_each_edge_with_the_exponent_of_the_closed_form(name):
 
 @pytest.mark.parametrize("friction", [0.25, 1.0, -1.0])
 def test_sliding_flat_leans_to_one_corner_as_the_closed_form_does(friction):
-    """Goes wrong: with corners the coupling's jump is lost, and both corners press alike.
-
-    p = P' cos(pi e)/(pi sqrt(a² - x²)) ((a - x)/(a + x))^e, tan(pi e) = mu beta: Johnson (1985),
-    Contact Mechanics, section 2.8(b), with the sign that moves a cylinder to -x.
-    """
+    """p = P' cos(pi e)/(pi sqrt(a² - x²)) ((a - x)/(a + x))^e, tan(pi e) = mu beta, moving to -x:
+    Johnson (1985), 2.8(b). Goes wrong: both corners press alike."""
     pair = (2.1, 0.0, 2.1e9, 0.5)  # beta = 1/2
     rest = f"[friction]\ncoefficient = {friction}\n"
     errors = []
@@ -279,10 +275,9 @@ def test_ledge_in_the_profile_makes_a_jump_of_pressure_and_no_nonsense(tmp_path,
 @pytest.mark.parametrize("n", [255, 256, 509, 1021, 1024, 4093, 8191, 16381, 16384])
 def test_hertz_on_odd_prime_and_large_counts_of_nodes(n):
     """Goes wrong: a transform of prime length, or nodes off the centre line, shift or slow it."""
-    x = np.linspace(-0.8, 0.8, n)
+    x, surface, gap = cylinder(n)
     h = x[1] - x[0]
-    surface = make_surface(n, h, contact_modulus_mpa=MODULUS)
-    state = solve_pressure(surface, x**2 / (2.0 * RADIUS), LOAD)
+    state = solve_pressure(surface, gap, LOAD)
     assert state.residual <= 1e-10
     assert h * state.pressure.sum() == pytest.approx(LOAD, rel=1e-12)
     # (h/a)^1.5 from the edge between nodes, with a factor for the worst place of it
@@ -291,18 +286,16 @@ def test_hertz_on_odd_prime_and_large_counts_of_nodes(n):
     inside = np.abs(x) < 0.9 * HALF_WIDTH
     assert np.abs(state.pressure - exact)[inside].max() < (h / HALF_WIDTH) ** 1.5 * PEAK
     if n < 1100:
-        assert violation(x, state.pressure, x**2 / (2.0 * RADIUS), LOAD).worst < 1e-8
+        assert violation(x, state.pressure, gap, LOAD).worst < 1e-8
 
 
 @pytest.mark.parametrize("n", [509, 1024])
 @pytest.mark.parametrize("factor", [1e-12, 1e-6, 1e6, 1e12])
 def test_load_a_millionth_and_a_million_times_on_a_grid_that_scales_along(n, factor):
     """Goes wrong: an absolute threshold somewhere takes a small number for none."""
-    half = 0.8 * np.sqrt(factor)
-    x = np.linspace(-half, half, n)
+    x, surface, gap = cylinder(n, 0.8 * np.sqrt(factor), coupling_per_mpa=COUPLING)
     h = x[1] - x[0]
-    surface = make_surface(n, h, contact_modulus_mpa=MODULUS, coupling_per_mpa=COUPLING)
-    state = solve_pressure(surface, x**2 / (2.0 * RADIUS), LOAD * factor, friction=0.25)
+    state = solve_pressure(surface, gap, LOAD * factor, friction=0.25)
     beta = 0.25 * MODULUS * COUPLING
     exact = coupled_contact(LOAD * factor, RADIUS, MODULUS, friction=0.25, beta=beta)
     # a ~ sqrt P', p0 ~ sqrt P'

@@ -1,7 +1,5 @@
 """Hard cases of wear: long steps, corners, roughness, reversed friction, odd lists of distances."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
@@ -63,11 +61,8 @@ def flat_history(distances, **options):
 
 
 def exact_flat_wear(x, dose, *, friction=0.0):
-    """Pressure and depth of a flat that touches everywhere, K given, by eigenvalues.
-
-    A p + h = d(K) on the flat and dh/dK = p, so that A dp/dK = d' - p with h Σp = P': a linear
-    equation with constant coefficients, whose solution is a matrix exponential.
-    """
+    """Pressure and depth of a flat that touches everywhere: A p + h = d(K), dh/dK = p make A dp/dK
+    = d' - p with h Σp = P', linear with constant coefficients; by eigenvalues."""
     a = influence(x, coupling=COUPLING, friction=friction)
     inverse = np.linalg.inv(a)
     ones = np.ones(len(x))

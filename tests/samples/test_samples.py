@@ -61,10 +61,8 @@ def truth_of(name: str) -> dict:
 
 
 def same_image(shipped: Path, rendered: Path) -> None:
-    """Equal but for roundings: other machines' last digits of a float can tip one.
-
-    Those digits also choose the steps of wear, which moves the edge of a worn contact a little.
-    """
+    """Equal but for roundings that other machines' last digits tip; these also choose the steps of
+    wear, which moves a worn contact's edge a little."""
     if shipped.suffix == ".png":
         pictures = [Image.open(p) for p in (shipped, rendered)]
         assert pictures[0].info == pictures[1].info
@@ -317,10 +315,7 @@ def calibrations():
         name: load_set(FOLDER / name / "set.toml").model_copy(update={"uncertainty": None})
         for name in ("bending", "disc")
     }
-    return {
-        "bending": calibrate_bending(given["bending"]),
-        "disc": calibrate_disc(given["disc"]),
-    }
+    return {"bending": calibrate_bending(given["bending"]), "disc": calibrate_disc(given["disc"])}
 
 
 @pytest.mark.study
