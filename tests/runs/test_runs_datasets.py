@@ -17,13 +17,13 @@ from isochrome.runs import (
     RunArray,
     RunLayout,
     add_columns,
+    create_store,
     export,
     identifier,
     make_dataset,
     open_run,
     seal,
 )
-from isochrome.runs.store import create_store
 
 matplotlib.use("Agg")
 ROWS, COLS = 3, 4

@@ -18,12 +18,12 @@ from isochrome.runs import (
     add_columns,
     column,
     column_values,
+    create_store,
     export,
     identifier,
     open_run,
     seal,
 )
-from isochrome.runs.store import create_store
 from runs.counting import COLS, ROWS, truth
 
 NAMES = ["erstes Bild ü", "second", "", "fourth"]
