@@ -55,6 +55,7 @@ def test_a_load_between_others_in_a_disc_that_holds_stress_along_them():
         assert found.beyond == 0.0
 
 
+@pytest.mark.long
 def test_its_own_stated_load_does_not_matter():
     images = captured(2, zero_order=-0.2, **SMALL)
     wrong = LOADS.copy()

@@ -133,7 +133,8 @@ def shown_maps(figure):
     }
 
 
-@pytest.mark.parametrize("kept", ["folder", pytest.param("memory", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("kept", ["folder", "memory"])
 def test_a_figure_shows_the_maps_of_the_frames_that_it_names(followed, kept):
     """Pictures are numbered by key frame, orders by frame: 5 is the second key frame."""
     place, found, _ = followed
@@ -217,6 +218,7 @@ def test_steps_reach_twice_the_orders_of_the_scene(largest, step):
     assert found == pytest.approx(step) and found / FINEST_STEP * own > 1.9 * largest
 
 
+@pytest.mark.long
 def test_orders_beyond_the_steps_are_not_known_and_said(followed, monkeypatch):
     place, _, _ = followed
     monkeypatch.setattr("isochrome.processing.kinds.tracked.order_step", lambda *_: 4e-5)
