@@ -58,6 +58,7 @@ def test_a_set_without_uncertainties_is_as_before():
          r"camera\.gamma is no input of a calibration's budget"),
         ({"camera": CAMERA | {"bit_depth": {"value": 8, "standard_uncertainty": 1}}},
          r"camera\.bit_depth is no measured number"),
+        ({"uncertainty": 0.3}, r"uncertainty = 0\.3"),
         ({"image": [{"file": "1.tif", "load_n": {"value": 1.0, "standard_uncertainty": -1.0}}]},
          r"image\[1\]\.load_n\.standard_uncertainty = -1\.0 is not allowed"),
         ({"beam": BEAM | {"height_mm": {"value": -2.0, "standard_uncertainty": 0.1}}},

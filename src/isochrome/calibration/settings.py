@@ -79,11 +79,12 @@ def under_uncertainty(plain: dict[str, Any], spreads: dict[str, Any]) -> dict[st
     given = plain.get("uncertainty") or {}
     if isinstance(given, BaseModel):
         given = given.model_dump(exclude_none=True)
-    table = given if isinstance(given, dict) else {}
+    if not isinstance(given, dict):
+        return plain  # which is refused
     for key in spreads:
-        if key in table:
+        if key in given:
             raise ValueError(f"uncertainty.{key} is stated beside its value too; remove one")
-    return plain | {"uncertainty": table | spreads}
+    return plain | {"uncertainty": given | spreads}
 
 
 def plain_rows(
