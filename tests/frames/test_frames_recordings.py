@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from isochrome.errors import InputError
-from isochrome.frames import one_recording, recordings_of
+from isochrome.frames import one_recording, open_frames, recordings_of
 from isochrome.output import write_tiff
 
 IMAGE = np.full((1, 8, 9), 7, np.uint8)
@@ -99,3 +99,10 @@ def test_several_recordings_are_joined_or_refused_where_one_is_wanted(place):
     assert one_recording(["run*.avi"], join=True) == "run*.avi"
     with pytest.raises(InputError, match=r"run1\.avi, run2\.avi \.\.\.: 3 recordings.*--join"):
         one_recording(["run*.avi"])
+
+
+def test_a_folder_among_the_images_of_a_glob_is_named(tmp_path):
+    (tmp_path / "sub").mkdir()
+    write_tiff(tmp_path / "one.tif", IMAGE)
+    with pytest.raises(InputError, match="sub: frames cannot be read from a file of this kind"):
+        open_frames(tmp_path / "*")

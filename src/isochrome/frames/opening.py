@@ -442,11 +442,12 @@ def _suffix(path: Path) -> str:
 
 
 def _of_files(files: tuple[Path, ...], kind: Kind) -> Source:
-    for file in _of_no_frames(files):
-        raise InputError(
-            f"{file}: frames cannot be read from a file of this kind; known are "
-            f"{', '.join(KNOWN)}, or a folder of images or videos"
-        )
+    for file in files:
+        if _suffix(file) not in KNOWN:
+            raise InputError(
+                f"{file}: frames cannot be read from a file of this kind; known are "
+                f"{', '.join(KNOWN)}, or a folder of images or videos"
+            )
     kinds = [signature_of(f).kind for f in files]
     moving = [f for f, media in zip(files, kinds, strict=True) if media == "video"]
     if moving and len(moving) < len(files):
@@ -510,17 +511,13 @@ def _joined(names: Sequence[str | Path]) -> FramesPath:
     return tuple(places)
 
 
-def _of_no_frames(places: Sequence[Path]) -> list[Path]:
-    """Files from which no frames can be read."""
-    return [p for p in places if _suffix(p) not in KNOWN and not os.path.isdir(p)]
-
-
 def _refuse_others(places: Sequence[Path]) -> None:
-    for place in _of_no_frames(places):
-        raise InputError(
-            f"{place}: frames cannot be read from a file of this kind; known are "
-            f"{', '.join(KNOWN)}; leave it out, as 'runs/*.avi' leaves out all but .avi files"
-        )
+    for place in places:
+        if _suffix(place) not in KNOWN and not os.path.isdir(place):
+            raise InputError(
+                f"{place}: frames cannot be read from a file of this kind; known are "
+                f"{', '.join(KNOWN)}; leave it out, as 'runs/*.avi' leaves out all but .avi files"
+            )
 
 
 def one_recording(names: Sequence[str | Path], *, join: bool = False) -> FramesPath:

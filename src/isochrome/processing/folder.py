@@ -120,13 +120,11 @@ def _add_to_store(
     if grid is not None:
         place = {"pixel_mm": grid.pixel_mm, "left_mm": grid.left_mm, "top_mm": grid.top_mm}
     _write_stacks(run_folder, result.columns, axes, place)
-    residual = result.residual
-    for name in () if residual is None else ("order", "isoclinic"):
-        assert residual is not None
-        map_name = "fringe_order" if name == "order" else name
-        view = imagej_view(map_name, (0.0, residual.largest), labels=["without load"], **place)
-        path, values = run_folder.results / f"residual_{name}.tif", getattr(residual, name)[None]
-        write_tiff(path, values, pixel_mm=place["pixel_mm"], metadata=view)
+    if (residual := result.residual) is not None:
+        for layer, name in (("fringe_order", "order"), ("isoclinic", "isoclinic")):
+            view = imagej_view(layer, (0.0, residual.largest), labels=["without load"], **place)
+            path, values = run_folder.results / f"residual_{name}.tif", getattr(residual, name)
+            write_tiff(path, values[None], pixel_mm=place["pixel_mm"], metadata=view)
 
 
 def _join_lines(run_folder: RunFolder, task: FrameTask) -> None:
