@@ -89,6 +89,7 @@ def test_four_other_loads_are_too_few():
         read(captured(5, LOADS[:5], **SMALL), LOADS[:5], 2)
 
 
+@pytest.mark.long
 def test_a_disc_that_lies_otherwise_is_refused():
     """Turned between the plates by a third of a right angle, it holds its stress elsewhere."""
     rng = np.random.default_rng(6)

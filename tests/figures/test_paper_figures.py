@@ -279,6 +279,7 @@ def test_the_data_of_each_curve_stand_beside(worn, tmp_path):
     assert all(drawn[row["x_mm"]] == row["pressure_mpa"] for row in of_state)
 
 
+@pytest.mark.long
 def test_a_figure_of_what_is_not_worn_has_no_panel_of_worn_depth(worn):
     titles = []
     for frames in ((0,), (1,)):
@@ -485,6 +486,7 @@ def test_a_frame_that_is_not_there_is_refused(worn):
         isochrome.paper_figure(object())  # type: ignore[arg-type]
 
 
+@pytest.mark.long
 def test_the_run_in_memory_and_the_folder_give_one_picture(worn):
     scene, frames = worn["home"] / "scene.toml", worn["home"] / "simulated" / "frames.tif"
     style = isochrome.FigureStyle(frames=(1,))

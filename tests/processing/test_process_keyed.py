@@ -13,6 +13,7 @@ AXIS = {"known_line": [{"row_px": [61, 62], "col_px": [60, 100], "order": 0.0}]}
 """The neutral axis of the small beam, of order 0 in all frames."""
 
 
+@pytest.mark.long
 def test_frames_are_followed_from_a_key_frame_in_the_middle_of_a_film():
     film = LoadedFilm(4)
     numbers = list(range(20, 40))
@@ -32,6 +33,7 @@ def test_orders_are_read_anew_after_a_gap():
     assert "read anew in frame 6" in found.table["warnings"][6]
 
 
+@pytest.mark.long
 def test_a_film_of_nothing_or_of_far_loads_is_refused():
     film = LoadedFilm(4)
     with pytest.raises(PhysicsError, match="no order could be read in any of the frames"):
@@ -43,6 +45,7 @@ def test_a_film_of_nothing_or_of_far_loads_is_refused():
         process(film.frames(numbers), film.scene(**AXIS), track=True)
 
 
+@pytest.mark.long
 def test_a_video_is_followed_by_default_and_each_reads_its_frames_alone(tmp_path):
     """Its frames' own times are those of a camera that left out some."""
     film = LoadedFilm(4)

@@ -129,6 +129,7 @@ def test_other_cameras_have_their_pages(tmp_path, values, note):
     assert same_but_for_the_name(tmp_path / "out", tmp_path / "again", "ring")
 
 
+@pytest.mark.long
 def test_a_comparisons_page_states_the_experiments_camera_light_and_specimen(simulated, tmp_path):
     isochrome.compare(simulated, simulated, tmp_path / "out")
     page, own = Page(tmp_path / "out" / "report.html"), Page(simulated / "report.html")
