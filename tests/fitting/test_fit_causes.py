@@ -2,10 +2,9 @@
 row of the table that was silent once is a test here. Truth is `outside_camera`, which shares no
 code with our optics and camera."""
 
-from functools import lru_cache
-
 import numpy as np
 import pytest
+from sliding_bench import FRICTION, LOAD, bench
 
 from isochrome.benchmarks import load_benchmarks
 from isochrome.estimation import prepare_frame
@@ -21,26 +20,6 @@ from pixel_means import gauss_mean
 
 OUTSIDE = load_benchmarks("outside_camera")
 Defects, frame = OUTSIDE.Defects, OUTSIDE.frame
-
-LOAD, FRICTION = 47.3, 0.187
-
-
-@lru_cache
-def bench(rows=247, cols=330):
-    """A sliding contact of 4 mm x 3 mm in view."""
-    scene = load_scene("line-contact-wear").with_values(
-        {
-            "load.normal_n": LOAD,
-            "friction.coefficient": FRICTION,
-            "friction.static_state_first": False,
-            "wear.distances_m": (0.0,),
-            "polariscope.wavelength_nm": 587.0,
-            "camera.width_px": cols,
-            "camera.height_px": rows,
-            "camera.pixel_mm": 4.0 / cols,
-        }
-    )
-    return scene.model_copy(update={"wear": None})
 
 
 def fitted(defects, *, seed=1, scene=None, true=None, keys=None):

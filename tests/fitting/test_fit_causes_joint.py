@@ -3,7 +3,8 @@ Truth is `outside_camera`, which shares no code with our optics and camera."""
 
 import numpy as np
 import pytest
-from test_fit_causes import Defects, bench, frame
+from sliding_bench import bench
+from test_fit_causes import Defects, frame
 
 from isochrome import fit, track
 from isochrome.estimation import prepare_frame

@@ -11,11 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from typer.testing import CliRunner
+from zarr.abc.store import RangeByteRequest
 
 import isochrome
 import isochrome.processing.api
 from isochrome.cli import app
 from isochrome.errors import InputError
+from isochrome.runs import checked_store
 from runs.counting import contents
 from runs.damage import FAULTS, commands, damage, uses, write_input
 
@@ -168,6 +170,21 @@ def test_a_part_of_a_file_is_held_against_the_chunks_own_checksum(finished):
     chunk.write_bytes(data[:10] + bytes([data[10] ^ 1]) + data[11:])
     with isochrome.open_run("track") as run, pytest.raises(ValueError, match="checksum"):
         run.fringe_order[0].values  # noqa: B018
+
+
+def test_a_store_that_is_read_without_an_event_loop_is_verified_too(finished):
+    folder = finished("process")
+    store, key = checked_store(folder / "run.zarr"), "fringe_order/c/0/0/0"
+    chunk = folder / "run.zarr" / key
+    assert store.get_sync(key).to_bytes() == chunk.read_bytes()
+    assert store.get_sync("fringe_order/c/elsewhere") is None
+    data = chunk.read_bytes()
+    chunk.write_bytes(data[:10] + bytes([data[10] ^ 1]) + data[11:])
+    with pytest.raises(InputError, match="its checksum is another"):
+        store.get_sync(key)
+    chunk.write_bytes(data[:-1])
+    with pytest.raises(InputError, match="bytes, and"):
+        store.get_sync(key, byte_range=RangeByteRequest(0, 4))
 
 
 def test_what_is_damaged_is_computed_again_and_nothing_else(finished, monkeypatch):

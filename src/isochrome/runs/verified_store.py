@@ -63,16 +63,42 @@ class VerifiedStore(LocalStore):
         byte_range: ByteRequest | None = None,
     ) -> Buffer | None:
         """What a key holds, or a part of it; None where it is no file of the results."""
-        if key not in self._known:
-            return None
-        name = f"{self.root.name}/{key}"
         if byte_range is None:
-            return _Verified(await asyncio.to_thread(self._record.read, name))
-        if fault := self._record.size_fault(name):
-            raise self._record.refusal(name, fault)
-        part = await super().get(key, prototype, byte_range)
+            return await asyncio.to_thread(self._file, key)
+        known = self._may_be_read(key)
+        return self._there(key, await super().get(key, prototype, byte_range)) if known else None
+
+    def get_sync(
+        self,
+        key: str,
+        *,
+        prototype: BufferPrototype | None = None,
+        byte_range: ByteRequest | None = None,
+    ) -> Buffer | None:
+        """The same in a thread of its own, as later versions of zarr read."""
+        if byte_range is None:
+            return self._file(key)
+        if not self._may_be_read(key):
+            return None
+        part = super().get_sync(key, prototype=prototype, byte_range=byte_range)
+        return self._there(key, part)
+
+    def _file(self, key: str) -> Buffer | None:
+        """All of a file, verified."""
+        return _Verified(self._record.read(self._name(key))) if key in self._known else None
+
+    def _name(self, key: str) -> str:
+        return f"{self.root.name}/{key}"
+
+    def _may_be_read(self, key: str) -> bool:
+        """Whether a key is a file of the results. Raises InputError where it is not as left."""
+        if key in self._known and (fault := self._record.size_fault(self._name(key))):
+            raise self._record.refusal(self._name(key), fault)
+        return key in self._known
+
+    def _there(self, key: str, part: Buffer | None) -> Buffer:
         if part is None:
-            raise self._record.refusal(name, MISSING)
+            raise self._record.refusal(self._name(key), MISSING)
         return part
 
     async def list_dir(self, prefix: str) -> AsyncIterator[str]:
