@@ -138,14 +138,6 @@ FILES |= {
 """Arguments, words of the refusal, and what is written before: refused with 2."""
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_what_cannot_be_read_written_or_done_is_refused(place, refuses, name):
-    arguments, words, write = FILES[name]
-    if write is not None:
-        write(place)
-    refuses(2, words, *arguments)
-
-
 OF_PROCESSES = {
     "binary scene": (simulate("bin.toml"), ["bin.toml", "UTF-8"],
                      lambda p: (p / "bin.toml").write_bytes(bytes(range(128, 256)))),
@@ -171,10 +163,14 @@ OF_PROCESSES |= {
 }  # fmt: skip
 
 
-@pytest.mark.process_too
-@pytest.mark.parametrize("name", OF_PROCESSES)
-def test_in_a_process_of_its_own_too_it_is_refused(place, refuses, name):
-    arguments, words, write = OF_PROCESSES[name]
+"""The same, in a process of their own too."""
+
+
+@pytest.mark.parametrize(
+    "name", [*FILES, *(pytest.param(name, marks=pytest.mark.process_too) for name in OF_PROCESSES)]
+)
+def test_what_cannot_be_read_written_or_done_is_refused(place, refuses, name):
+    arguments, words, write = (FILES | OF_PROCESSES)[name]
     if write is not None:
         write(place)
     refuses(2, words, *arguments)

@@ -7,7 +7,8 @@ import json
 import numpy as np
 import pytest
 import tifffile
-from test_fit_causes import FRICTION, LOAD, Defects, bench, frame
+from sliding_bench import FRICTION, LOAD, bench
+from test_fit_causes import Defects, frame
 
 from isochrome.cli import main
 from isochrome.errors import PhysicsError
