@@ -10,6 +10,7 @@ from isochrome.calibration import calibration_report
 from isochrome.comparison import compared_again
 from isochrome.errors import InputError
 from isochrome.fitting import fit_report, restore_values
+from isochrome.messages import message
 from isochrome.output import output_folder
 from isochrome.processing import process_report, restore
 from isochrome.reporting import ReportContent, write_report
@@ -94,7 +95,9 @@ def report(folder: str | Path, out: str | Path | None = None) -> Path:
     except (OSError, KeyError, ValueError, TypeError, IndexError, AttributeError) as error:
         name_damage(place)
         reason = (str(error).splitlines() or [""])[0][:160] or type(error).__name__
-        raise InputError(f"{place}: cannot be read ({reason}); {_again(command)}") from error
+        raise InputError(
+            message("cannot_read", place=place, reason=reason, again=_again(command))
+        ) from error
     target = place if out is None else output_folder(out)
     written = write_report(target / REPORT, content)
     reseal(target, REPORT)
@@ -113,24 +116,22 @@ def _kind(place: Path) -> tuple[str, str]:
     Raises InputError where it holds no finished run of one.
     """
     if not place.is_dir():
-        raise InputError(f"{place}: no such folder; name one that {_NAMED} left")
+        raise InputError(message("no_such_folder_name", place=place, named=_NAMED))
     result = next((name for name in _NEEDED if (place / name).is_file()), None)
     if result is None and (place / "summary.csv").is_file():
-        what = "is a campaign; name the folder of one of its recordings"
+        what = message("campaign_name_folder_one")
         raise InputError(f"{place}: {what}")
     if result is None or not (place / PROVENANCE).is_file():
         unfinished = Path(f"{place.resolve()}{WORKING}").is_dir()
         hint = (
-            "the run is not finished: run the same command again to resume"
-            if unfinished
-            else f"name a folder that {_NAMED} left"
+            message("run_not_finished_run") if unfinished else f"name a folder that {_NAMED} left"
         )
         missing = PROVENANCE if result else " and no ".join(_NEEDED)
-        raise InputError(f"{place}: holds no {missing}; {hint}")
+        raise InputError(message("holds_no", place=place, missing=missing, hint=hint))
     command, others = _NEEDED[result]
     for name in others:
         if not (place / name).exists():
-            raise InputError(f"{place}: holds no {name}; {_again(command)}")
+            raise InputError(message("holds_no", place=place, missing=name, hint=_again(command)))
     return result, command
 
 
@@ -139,7 +140,7 @@ def _content(place: Path, file: str, record: Mapping[str, Any]) -> ReportContent
     if file in ("calibration.json", "scale.json"):
         return calibration_report(place, Path(file).stem, record)
     if file == "metrics.csv" and (place / "scars.csv").is_file():
-        raise InputError(f"{place}: is a comparison of scars, which has no report; see scars.png")
+        raise InputError(message("comparison_scars_which_has", place=place))
     if file == "metrics.csv":
         return compared_again(record, str(place))
     scene_file = place / "scene.toml"  # of a run, which goes by the folder's name

@@ -25,6 +25,7 @@ from isochrome.calibration.scale_result import (
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import BudgetInput, budget_of
 from isochrome.frames import open_frames
+from isochrome.messages import message
 from isochrome.scene import FramesLike, frames_of
 from isochrome.stress import Lens
 
@@ -72,11 +73,7 @@ def find_edge_pair(image: Array, *, name: str) -> EdgePair:
     tries = [(_along(picture), turned) for picture, turned in ((image, False), (image.T, True))]
     (lines, turned) = max(tries, key=lambda pair: 0 if pair[0] is None else len(pair[0][0]))
     if lines is None:
-        raise PhysicsError(
-            f"{name}: no two straight edges are found; show one bar or specimen, dark before "
-            "bright or bright before dark, with both its edges through the picture from side to "
-            "side, sharp and in ordinary light"
-        )
+        raise PhysicsError(message("no_two_straight_edges", name=name))
     across, first, second = lines
     return _pair(across, (first, second), turned)
 
@@ -187,9 +184,15 @@ def target_places(image: Array, target: str, columns: int, rows: int, *, name: s
         what = "inner corners" if target == "chessboard" else "dots"
         other = " (a board of 10 x 7 squares has 9 x 6)" if target == "chessboard" else ""
         raise PhysicsError(
-            f"{name}: no {target} of {columns} x {rows} {what} is found; count its columns and "
-            f"rows{other}, show all of it with a margin about it, sharp and evenly lit, or use "
-            "--edges-mm"
+            message(
+                "no_found_count_columns",
+                name=name,
+                target=target,
+                columns=columns,
+                rows=rows,
+                what=what,
+                other=other,
+            )
         )
     return places.reshape(rows, columns, 2)
 
@@ -292,9 +295,13 @@ def fit_target(places: Sequence[Array], shape: tuple[int, int]) -> TargetFit:
     best = least_squares(residual, first, **options)
     if np.abs(best.x[1:4]).max() > _LARGEST:
         raise PhysicsError(
-            f"the target is seen with keystone {best.x[1]:.3f}, {best.x[2]:.3f} and distortion "
-            f"{best.x[3]:.3f}, and the lens's model holds to {_LARGEST:g}; set the camera square, "
-            "or let the target fill the picture"
+            message(
+                "target_seen_keystone_distortion",
+                x=best.x[1],
+                x_2=best.x[2],
+                x_3=best.x[3],
+                largest=_LARGEST,
+            )
         )
     residuals = _residual(best.x, points, grids, shape)
     more = least_squares(residual, np.append(best.x, [0.0, 0.0]), **options)
@@ -466,12 +473,9 @@ def calibrate_scale(
     given = frames_of(images)
     paths = given if isinstance(given, tuple) else (given,)
     if target is not None and edges_mm is not None:
-        raise InputError("target and edges_mm are both given; a scale is from one of them")
+        raise InputError(message("target_edges_mm_both_given"))
     if target is None and edges_mm is None:
-        raise InputError(
-            "neither target nor edges_mm is given; name --target chessboard or dots with "
-            "--columns, --rows and --spacing-mm, or --edges-mm"
-        )
+        raise InputError(message("neither_target_nor_edges_mm"))
     _check_uncertainty("spacing_uncertainty_mm", spacing_uncertainty_mm, spacing_mm, "spacing_mm")
     _check_uncertainty("edges_uncertainty_mm", edges_uncertainty_mm, edges_mm, "edges_mm")
     if target is None:
@@ -480,7 +484,7 @@ def calibrate_scale(
         pairs = [find_edge_pair(image, name=name) for name, image in pictures]
         return _from_edges(pictures, pairs, distance, edges_uncertainty_mm)
     if target not in TARGETS:
-        raise InputError(f"target = {target}: is none of {', '.join(TARGETS)}; name one of them")
+        raise InputError(message("target_none_name_one", target=target, targets=", ".join(TARGETS)))
     size = _count("columns", columns), _count("rows", rows)
     spacing = _positive("spacing_mm", spacing_mm)
     pictures = _pictures(paths)
@@ -494,22 +498,20 @@ def _check_uncertainty(key: str, value: float | None, of: float | None, what: st
         return
     _positive(key, value)
     if of is None:
-        raise InputError(f"{key} = {value:g}: there is no {what} that it is of; give that too")
+        raise InputError(message("there_no_give_too", key=key, value=value, what=what))
 
 
 def _positive(key: str, value: float | None) -> float:
     if value is None or not (math.isfinite(value) and value > 0.0):
         given = "is not given" if value is None else f"= {value:g}"
-        raise InputError(f"{key} {given}; give a length above zero, mm")
+        raise InputError(message("give_length_above_zero", key=key, given=given))
     return value
 
 
 def _count(key: str, value: int | None) -> int:
     if value is None or value < FEWEST:
         given = "is not given" if value is None else f"= {value}"
-        raise InputError(
-            f"{key} {given}; give the number of inner corners or dots, at least {FEWEST}"
-        )
+        raise InputError(message("give_number_inner_corners", key=key, given=given, fewest=FEWEST))
     return value
 
 
@@ -521,17 +523,24 @@ def _pictures(paths: Sequence[FramesLike]) -> list[tuple[str, Array]]:
         for frame in open_frames(path, channel="mean")
     ]
     if not pictures:
-        raise InputError("the list of images is empty; name at least one")
+        raise InputError(message("list_images_empty_name"))
     name, image = pictures[0]
     for other, second in pictures[1:]:
         if second.shape != image.shape:
             raise InputError(
-                f"{other}: has {second.shape[0]} rows and {second.shape[1]} columns, and {name} "
-                f"{image.shape[0]} and {image.shape[1]}; give pictures of one camera, uncut"
+                message(
+                    "has_rows_columns_give",
+                    other=other,
+                    shape=second.shape[0],
+                    shape_2=second.shape[1],
+                    name=name,
+                    shape_3=image.shape[0],
+                    shape_4=image.shape[1],
+                )
             )
     for name, image in pictures:
         if not np.isfinite(image).all() or np.ptp(image) == 0.0:
-            raise InputError(f"{name}: is blank, or holds what is no number; give another picture")
+            raise InputError(message("blank_holds_what_no", name=name))
     return pictures
 
 
@@ -591,22 +600,12 @@ def _target_warnings(fit: TargetFit) -> tuple[str, ...]:
     if fit.shortening:
         angle = math.degrees(math.acos(1.0 - min(fit.shortening, 1.0)))
         messages.append(
-            f"the target is seen {100.0 * fit.shortening:.2g} % shorter in one direction than "
-            f"across it, as from an angle of {angle:.1f} degrees: no scene's camera has that, and "
-            "pixel_mm is uncertain by half of it; set the camera square to the target, or check "
-            "that its spacing is the same both ways"
+            message("target_seen_shorter_one", shortening=100.0 * fit.shortening, angle=angle)
         )
     if fit.rms_px > _POOR_PX:
-        messages.append(
-            f"the residual is {fit.rms_px:.2f} px where a sharp target leaves 0.1 or less: the "
-            "values are as uncertain as that; check that the target is flat, sharp and evenly lit"
-        )
+        messages.append(message("residual_px_where_sharp", rms_px=fit.rms_px))
     elif fit.likeness and fit.rms_px > _PATTERN_PX:
-        messages.append(
-            f"the residuals of neighbours are alike (correlation {fit.likeness:.2f}), as of a "
-            "target that is not flat or a lens that bends otherwise: the uncertainties are widened "
-            "for it; see the arrows in scale.png"
-        )
+        messages.append(message("residuals_neighbours_alike_correlation", likeness=fit.likeness))
     return tuple(messages)
 
 
@@ -630,10 +629,7 @@ def _from_edges(
     messages: tuple[str, ...] = ()
     if spreading:
         inputs.append(("edges not parallel", spreading, 0.5 * spreading, pixel))
-        messages = (
-            f"the edges are {100.0 * spreading:.2g} % further apart at one end than at the other, "
-            "and pixel_mm is uncertain by half of it; set the camera square, or use --target",
-        )
+        messages = (message("edges_further_apart_one", spreading=100.0 * spreading),)
     measured, budget = _combined(pixel, noise, inputs)
     shown = []
     for (name, image), pair in zip(pictures, pairs, strict=True):

@@ -49,6 +49,7 @@ from isochrome.fringes import (
     measured_table,
     table_columns,
 )
+from isochrome.messages import message
 from isochrome.output import Result, imagej_view, with_uncertainty, write_csv, write_tiff
 from isochrome.scene import ArrayFrames, check_width
 
@@ -84,7 +85,7 @@ def known_beam_order(signal: Array, beam: ColourBeam, load_n: float, pixel_mm: f
     half = 0.5 * _RIM * beam.height_mm / pixel_mm
     rows, cols = np.nonzero(np.isfinite(signal).all(axis=-1))
     if len(rows) < 100:
-        raise PhysicsError("fewer than 100 pixels of the beam can be trusted; check the mask")
+        raise PhysicsError(message("fewer_pixels_beam_can"))
     picked = np.random.default_rng(0).choice(len(rows), min(_PIXELS, len(rows)), replace=False)
     place = np.stack([rows[picked], cols[picked] - 0.5 * (signal.shape[1] - 1)]).astype(float)
     colours = signal[rows[picked], cols[picked]].astype(float)
@@ -106,11 +107,7 @@ def known_beam_order(signal: Array, beam: ColourBeam, load_n: float, pixel_mm: f
     ]  # fmt: skip
     solution = min(fine, key=lambda end: float(end.fun))
     if not solution.fun < _LARGEST_SCATTER:
-        raise PhysicsError(
-            f"{100 * solution.fun:.0f} % of the colours' variance is left at one order: no neutral "
-            "line with a rise of the order by load_n, the spans and the fringe value is in the "
-            "image; check these numbers, pixel_mm and the roi (between the inner rollers)"
-        )
+        raise PhysicsError(message("colours_variance_left_one", fun=100 * solution.fun))
     grid = np.indices(signal.shape[:2]).astype(float)
     grid[1] -= 0.5 * (signal.shape[1] - 1)
     away = _away(grid, solution.x)
@@ -206,10 +203,7 @@ def _relative(count: Array, lit: Array, low: Array) -> Array:
         inner = matrix[np.ix_(others, others)]
         factors[others] = np.linalg.solve(inner, (right - matrix[:, first])[others])
     if not (factors > 0.0).all():
-        raise PhysicsError(
-            "the images' colours at one order have nothing in common, whatever their exposures; "
-            "check load_n, the fringe value and the roi"
-        )
+        raise PhysicsError(message("images_colours_one_order"))
     return factors
 
 
@@ -229,8 +223,7 @@ def read_colour_shots(given: ColourSet) -> tuple[ColourShots, int | None]:
     shapes = {image[0].shape for image in images}
     if len(shapes) > 1:
         raise InputError(
-            f"{given.name}: the images are of different sizes {sorted(shapes)} (rows, columns, "
-            "channels); capture all of them alike"
+            message("images_different_sizes_rows", name=given.name, shapes=sorted(shapes))
         )
     ends: list[Array | None] = []
     for name in (given.frames.no_load_dark, given.frames.no_load_bright):
@@ -240,8 +233,12 @@ def read_colour_shots(given: ColourSet) -> tuple[ColourShots, int | None]:
         (end, *_), _ = _read(given, given.path(name), masked=False)
         if end.shape != images[0][0].shape:
             raise InputError(
-                f"{given.path(name)}: is {end.shape} (rows, columns, channels) and the "
-                f"images {images[0][0].shape}; capture all of them alike"
+                message(
+                    "rows_columns_channels_images",
+                    path=given.path(name),
+                    shape=end.shape,
+                    shape_2=images[0][0].shape,
+                )
             )
         # its noise must not enter every pixel's model
         ends.append(gaussian_filter(end, (_SMOOTH_ENDS_PX, _SMOOTH_ENDS_PX, 0.0)))
@@ -380,7 +377,7 @@ class ColourCalibration(Result):
         A table has no frames: raises InputError where some are named.
         """
         if frames is not None:
-            raise InputError("frames of a figure: a colour table has none; leave them out")
+            raise InputError(message("frames_figure_colour_table"))
 
         def channels(axes: Axes) -> None:
             _draw_channels(axes, self, LINE_STYLES)
@@ -474,10 +471,7 @@ def _of_beam(given: ColourSet, shots: ColourShots, depth: int | None) -> ColourC
     beam, pixel, gamma = given.beam, given.camera.pixel_mm, given.gamma or 1.0
     assert beam is not None and pixel is not None and given.polariscope.wavelength_nm is not None
     if shots.dark is None or shots.bright is None:
-        raise InputError(
-            f"{given.name}: a beam's colours need frames.no_load_dark and frames.no_load_bright; "
-            "add them, or remove [beam] to use the images' own colours"
-        )
+        raise InputError(message("beam_colours_need_frames", name=given.name))
     check_width(given.name, pixel, shots.raw[0].shape[:2], beam.height_mm, "the beam")
     low, contrast = shots.dark**gamma, shots.bright**gamma - shots.dark**gamma
     lit = contrast > 0.2 * np.nanpercentile(contrast, 95)
@@ -518,8 +512,7 @@ def _of_beam(given: ColourSet, shots: ColourShots, depth: int | None) -> ColourC
 def exposure_messages(given: ColourSet, factors: Array, against: str) -> list[str]:
     """Say of each image whose exposure differs from another's that its factor is used."""
     return [
-        f"{item.file} is exposed {factor:.3g} times as long as {against}, or lit so much more: "
-        "that is used"
+        message("exposed_times_long_lit", file=item.file, factor=factor, against=against)
         for item, factor in zip(given.image, factors, strict=True)
         if abs(np.log(factor)) > ALIKE
     ]
@@ -527,22 +520,30 @@ def exposure_messages(given: ColourSet, factors: Array, against: str) -> list[st
 
 def check_light(light: OwnLight, given: ColourSet) -> None:
     """Refuse a light that was not found: raises PhysicsError that says by what it shows."""
-    what = f"{given.name}: the colours' light was not found: "
-    advice = "give images up to N = 2 or more, no-load frames, a mask of the specimen, or [beam]"
+    what = message("colours_light_not_found", name=given.name)
+    advice = message("give_images_up_more")
     if light.highest < LEAST_ORDER:
         raise PhysicsError(
-            f"{what}the images reach N = {light.highest:.2f}, and {LEAST_ORDER} at least is "
-            "needed; load the specimen more"
+            message(
+                "images_reach_least_needed",
+                what=what,
+                highest=light.highest,
+                least_order=LEAST_ORDER,
+            )
         )
     if light.strange > LARGEST_STRANGE or light.torn > LARGEST_TORN:
         raise PhysicsError(
-            f"{what}{100 * light.strange:.1f} % of the pixels are off the table, and the order "
-            f"jumps beside {100 * light.torn:.1f} %; {advice}"
+            message(
+                "pixels_off_table_order",
+                what=what,
+                strange=100 * light.strange,
+                torn=100 * light.torn,
+                advice=advice,
+            )
         )
     if light.moved > LARGEST_MOVE:
         raise PhysicsError(
-            f"{what}the last round still moved the table by {light.moved:.3f} of full light; "
-            f"{advice}"
+            message("last_round_still_moved", what=what, moved=light.moved, advice=advice)
         )
 
 
@@ -554,13 +555,9 @@ def _of_light(
     assert wavelength is not None
     bands = band_light(light.numbers)
     middle = wavelength / bands.ratio
-    messages = [
-        f"orders count at {wavelength:g} nm, taken as the middle of the green channel's band"
-    ]
+    messages = [message("orders_count_nm_taken", wavelength=wavelength)]
     if light.residual > _POOR_RESIDUAL:
-        messages.append(
-            f"the table leaves {light.residual:.3f} of full light: use its orders with care"
-        )
+        messages.append(message("table_leaves_full_light", residual=light.residual))
     ends = shots.dark is None or shots.bright is None
     standard = int(np.argmin(np.abs(np.log(light.brightness))))
     against = str(given.image[standard].file) if shots.bright is None else "the no-load frames"

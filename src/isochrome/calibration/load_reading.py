@@ -29,6 +29,7 @@ from isochrome.calibration.disc.order_slope import (
 from isochrome.calibration.shot import Shot
 from isochrome.errors import PhysicsError
 from isochrome.estimation import jackknife_variance
+from isochrome.messages import message
 
 Array = NDArray[np.float64]
 
@@ -87,8 +88,9 @@ def read_load(series: LoadSeries, shot: Shot, number: int) -> LoadReading:
     rise = rise_with_load(known)
     if rise is None:
         raise PhysicsError(
-            f"{shot.name}: {count} other loads are known, and {FEWEST_LOADS} at least tell a load "
-            "in spite of the stress that the disc already holds; give more in frames.known_loads_n"
+            message(
+                "other_loads_known_least", name=shot.name, count=count, fewest_loads=FEWEST_LOADS
+            )
         )
     rim = find_rim(shot)
     frame = overlay([shot], [rim])
@@ -122,9 +124,7 @@ def _coarse(known: Overlay, frame: Overlay, rise: Rise, name: str) -> float:
     explained = 1.0 - residual[best] / np.var(light)
     if explained < TOLD or np.any(residual[lowest] * CLEARER < residual[best]):
         raise PhysicsError(
-            f"{name}: the frames of known loads explain {100 * max(0.0, explained):.0f} % of its "
-            "light at best, and do not tell its load; check that the disc lies as in these, that "
-            "frames.known_loads_n has the frames' own order, and frames.roi"
+            message("frames_known_loads_explain", name=name, explained=100 * max(0.0, explained))
         )
     return float(tried[best])
 

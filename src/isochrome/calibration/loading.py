@@ -24,6 +24,7 @@ from isochrome.frames import (
     open_frames,
     saturation_level,
 )
+from isochrome.messages import message
 from isochrome.scene import ArrayFrames, Camera, Frames, Scene, Specimen, check_width
 
 Array = NDArray[np.float64]
@@ -46,8 +47,7 @@ def read_shots(given: CalibrationSet) -> tuple[Shot, ...]:
     shapes = {s.light.shape for s in shots} | ({light.shape} if light is not None else set())
     if len(shapes) > 1:
         raise InputError(
-            f"{given.name}: the images are of different sizes (rows, columns): "
-            f"{sorted(shapes)}; capture all of them alike"
+            message("images_different_sizes_rows_columns", name=given.name, shapes=sorted(shapes))
         )
     body = given.beam.height_mm if given.beam else given.disc.diameter_mm if given.disc else None
     if given.camera.pixel_mm is not None and body is not None:
@@ -69,10 +69,7 @@ def _shot(
     observed = observe(raw, name=str(path), bit_depth=depth, gamma=given.gamma, mask=inside)
     unusable = np.mean(~observed.valid[inside])
     if unusable > MOST_SATURATED:
-        raise InputError(
-            f"{path}: {unusable:.0%} of its pixels are saturated or defective; "
-            "lower the exposure, or set roi to the specimen"
-        )
+        raise InputError(message("pixels_saturated_defective_lower", path=path, unusable=unusable))
     # no model of the light cuts a calibration's pixels near white, as it does a frame's
     full = full_scale(depth)
     level = np.inf if depth is None else saturation_level(raw, full=full) / full
@@ -102,11 +99,11 @@ def read_one_frame(
     light |= {"rotate_deg": frames.rotate_deg, "flip": frames.flip, "roi": frames.roi}
     with open_frames(path, bit_depth=camera.bit_depth, **light) as reader:
         if in_colour and reader.channel is None:
-            raise InputError(f"{path}: is grey; give colour images")
+            raise InputError(message("grey_give_colour_images", path=path))
         check_scale(reader, camera)
         images = [frame.image for _, frame in zip(range(2), reader, strict=False)]
         if len(images) != 1:
-            raise InputError(f"{path}: holds more than one frame; give one [[image]] a file")
+            raise InputError(message("holds_more_one_frame", path=path))
         return images[0], reader
 
 
@@ -145,8 +142,11 @@ def calibrate_channels(
     if given.frames.channel is not None or one_light or not _in_colour(given):
         if given.frames.channel is None and scope.lines is not None:
             raise InputError(
-                f"{given.name}: polariscope.lines are several wavelengths and "
-                f"{given.image[0].file} is grey; use one wavelength, or a colour camera"
+                message(
+                    "polariscope_lines_several_wavelengths",
+                    name=given.name,
+                    file=given.image[0].file,
+                )
             )
         return run(read_shots(given))
     main = channel_for(scope.wavelength_nm)
@@ -182,15 +182,8 @@ def _in_colour(given: CalibrationSet) -> bool:
 
 
 def _messages(table: dict[str, Any], main: str) -> tuple[str, ...]:
-    messages = [
-        f"colour images: the value is the {main} channel's, and each channel's is in the result; "
-        "frames.channel names another"
-    ]
+    messages = [message("colour_images_value_channel", main=main)]
     poor = [c for c, v in table.items() if "refused" in v or v["chi"] > POOR_CHI]
     if poor:
-        messages.append(
-            f"{', '.join(poor)}: one wavelength does not describe it; white light washes the "
-            "fringes out with their order, and a channel may mix two lines: put a narrow filter "
-            "in front of the camera"
-        )
+        messages.append(message("one_wavelength_does_not", poor=", ".join(poor)))
     return tuple(messages)

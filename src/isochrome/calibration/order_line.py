@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from isochrome.calibration.result import CUTS, BudgetItem, Calibration, ImageFit
 from isochrome.errors import PhysicsError
 from isochrome.estimation import POOR_CHI, variance_shares
+from isochrome.messages import message
 
 Array = NDArray[np.float64]
 
@@ -76,9 +77,15 @@ def check_order(loads_n: ArrayLike, orders: ArrayLike, names: tuple[str, ...]) -
     for low, high in pairwise(rank):
         if p[high] > p[low] and n[high] < n[low] * (1.0 - 1e-3) - 1e-3:
             raise PhysicsError(
-                f"{names[high]} at {p[high]:g} N shows order {n[high]:.3f}, less than the "
-                f"{n[low]:.3f} of {names[low]} at {p[low]:g} N: orders must rise with the load; "
-                "check whether loads are swapped between files"
+                message(
+                    "shows_order_less_orders",
+                    names=names[high],
+                    p=p[high],
+                    n=n[high],
+                    n_2=n[low],
+                    names_2=names[low],
+                    p_2=p[low],
+                )
             )
 
 
@@ -157,9 +164,14 @@ def order_messages(
         spread = np.sqrt(item.uncertainty**2 + (2.0 * r * u) ** 2 + 2.0 * u**4)
         if abs(r**2 - item.square) > CERTAIN * spread and abs(abs(r) - order) > NOTICED:
             messages.append(
-                f"{item.file} shows an order of {order:.3f} at no load and the loads' line leaves "
-                f"{r:.3f}: the loads are off by {r / line.slope:.3g} N of {load_n:g} N (an offset "
-                "of the load cell), or one load is wrong; check them"
+                message(
+                    "shows_order_no_load",
+                    file=item.file,
+                    order=order,
+                    r=r,
+                    slope=r / line.slope,
+                    load_n=load_n,
+                )
             )
     return tuple(messages)
 
@@ -215,10 +227,7 @@ def uncertainty_budget(
         line = replace(line, intercept=0.0, intercept_uncertainty=largest_order(unloaded))
     value = factor_n2_per_mm / line.slope if line.slope > 0 else np.inf
     if not PLAUSIBLE_N_PER_MM[0] <= value <= PLAUSIBLE_N_PER_MM[1]:
-        raise PhysicsError(
-            f"the images give f_sigma = {value:.3g} N/mm, which no photoelastic material has; "
-            "check that lengths are in mm, loads in N, and pixel_mm is this camera's"
-        )
+        raise PhysicsError(message("images_give_f_sigma_mm", value=value))
     if line.left_out is not None:
         images = [replace(i, predicted_order=p) for i, p in zip(images, line.left_out, strict=True)]
     _check_line(images, line)
@@ -255,16 +264,9 @@ def _check_line(images: Sequence[ImageFit], line: OrderLine) -> None:
     away = orders - line.slope * np.array([i.load_n for i in images]) - line.intercept
     table = ", ".join(f"{i.file} {i.load_n:g} N order {i.order:.3f}" for i in images)
     if len(images) == 2 and abs(line.intercept) > max(0.3, LARGEST_REST * float(orders.max())):
-        raise PhysicsError(
-            f"{table}: these leave an order of {line.intercept:.2f} at zero load, too much for "
-            "residual stress; check the loads and that both show the same beam or disc, or add a "
-            "third load, which can tell"
-        )
+        raise PhysicsError(message("these_leave_order_zero", table=table, intercept=line.intercept))
     if len(images) == 3 and float(np.abs(away).max()) > OFF_LINE * float(np.ptp(orders)):
-        raise PhysicsError(
-            f"{table}: these orders do not rise along one line; one load is wrong, or one image "
-            "shows another specimen; check them, or add a fourth load, which can tell which"
-        )
+        raise PhysicsError(message("these_orders_do_not", table=table))
     if len(images) < 4 or line.left_out is None:
         return
     off = np.abs(orders - np.array(line.left_out))
@@ -273,9 +275,13 @@ def _check_line(images: Sequence[ImageFit], line: OrderLine) -> None:
     if off[worst] > limit:
         suspect = images[worst]
         raise PhysicsError(
-            f"{suspect.file} at {suspect.load_n:g} N shows order {suspect.order:.3f} where the "
-            f"other loads predict {suspect.predicted_order:.3f}; check its load, and whether it "
-            "shows the same specimen, or leave it out"
+            message(
+                "shows_order_where_other_loads",
+                file=suspect.file,
+                load_n=suspect.load_n,
+                order=suspect.order,
+                predicted_order=suspect.predicted_order,
+            )
         )
 
 
@@ -337,28 +343,17 @@ def _warnings(
     messages = []
     worst = max(images, key=lambda i: i.chi)
     if worst.chi > POOR_CHI:
-        messages.append(
-            f"the model does not describe these images within their noise: chi = {worst.chi:.2f} "
-            f"for {worst.file} where 1 is right; look at the residual (gamma, residual stress, "
-            "blur, saturation), and take the uncertainty as a lower bound"
-        )
+        messages.append(message("model_does_not_describe", chi=worst.chi, file=worst.file))
     if line.intercept is None:
-        messages.append(
-            "one load only: an order that stays at zero load cannot be separated and is not in "
-            "the uncertainty; add a second load"
-        )
+        messages.append(message("one_load_only_order"))
     elif abs(line.intercept) > max(0.1, 5.0 * (line.intercept_uncertainty or 0.0)):
         messages.append(
-            f"an order of {line.intercept:.3f} stays at zero load at the {CUTS[specimen].place}: "
-            "the specimen has residual stress, or the loads an offset (the slope is free of both)"
-            + (", or one load is wrong: a third load can tell" if len(images) == 2 else "")
+            message("order_stays_zero_load", intercept=line.intercept, place=CUTS[specimen].place)
+            + (message("one_load_wrong_third") if len(images) == 2 else "")
         )
     missing = [i.name for i in inputs if i.standard_uncertainty is None and i.sensitivity > 0]
     if missing:
-        messages.append(
-            f"no uncertainty is given for {', '.join(missing)}: what the images show is included, "
-            "these are not; add them under [uncertainty]"
-        )
+        messages.append(message("no_uncertainty_given_what", missing=", ".join(missing)))
     return tuple(messages)
 
 
@@ -390,18 +385,22 @@ def widened_to_held_out(calibration: Calibration) -> Calibration:
     image = calibration.images[worst]
     items = (*calibration.budget, BudgetItem("held-out loads", part / value, "", part, 0.0))
     budget = [replace(i, share=(i.contribution_n_per_mm / total) ** 2) for i in items]
-    message = (
-        f"{image.file} at {image.load_n:g} N shows order {image.order:.3f} where the other loads "
-        f"predict {image.predicted_order:.3f}, {pulls[worst]:.1f} times what was to be expected: "
-        f"the uncertainty is widened from {calibration.standard_uncertainty:.2g} to {total:.2g} "
-        "N/mm; check this load and its image"
+    text = message(
+        "shows_order_where_other",
+        file=image.file,
+        load_n=image.load_n,
+        order=image.order,
+        predicted_order=image.predicted_order,
+        pulls=pulls[worst],
+        standard_uncertainty=calibration.standard_uncertainty,
+        total=total,
     )
     return replace(
         calibration,
         images=_expected(calibration.images, np.hypot(noise, orders * total / value)),
         standard_uncertainty=total,
         budget=tuple(budget),
-        warnings=(message, *calibration.warnings),
+        warnings=(text, *calibration.warnings),
     )
 
 

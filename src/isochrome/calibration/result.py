@@ -35,6 +35,7 @@ from isochrome.figures import (
     style_axes,
     write_head,
 )
+from isochrome.messages import message
 from isochrome.output import Result, columns_of, counted, with_uncertainty
 
 if TYPE_CHECKING:
@@ -365,7 +366,11 @@ def _values(calibration: Calibration) -> list[str]:
     if order is not None:
         parts.append(f"order at zero load {round(order, 3) + 0.0:+.3f}")
     if calibration.residual is not None:
-        parts.append(f"residual stress up to {calibration.residual['largest_order']:.2f} fringe")
+        parts.append(
+            message(
+                "residual_stress_up_fringe_2", largest_order=calibration.residual["largest_order"]
+            )
+        )
     return parts
 
 
@@ -378,7 +383,7 @@ def _spread(images: list[ImageFit]) -> list[ImageFit]:
 def _view_of(item: ImageFit) -> View:
     """What is drawn of an image; InputError for one that was left out."""
     if item.view is None:
-        raise InputError(f"{item.file}: was left out of the calibration, and is not drawn")
+        raise InputError(message("left_out_calibration_not", file=item.file))
     return item.view
 
 

@@ -11,6 +11,7 @@ from pydantic import BaseModel, Field, model_validator
 
 from isochrome.calibration.result import CUTS
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.scene import (
     ArrayFrames,
     Camera,
@@ -53,8 +54,13 @@ def with_stated(model: type[BaseModel], data: dict[str, Any]) -> dict[str, Any]:
     for key, spread in stated.items():
         if key not in _INPUTS and key not in _SPANS:
             raise ValueError(
-                f"{key} is no input of a calibration's budget; only {', '.join(_INPUTS)}, "
-                f"{', '.join(_SPANS)} and {_LOAD} have a standard_uncertainty; give a plain value"
+                message(
+                    "no_input_calibration_budget",
+                    key=key,
+                    inputs=", ".join(_INPUTS),
+                    spans=", ".join(_SPANS),
+                    load=_LOAD,
+                )
             )
         if key in _INPUTS:
             spreads[_INPUTS[key]] = spread
@@ -83,7 +89,7 @@ def under_uncertainty(plain: dict[str, Any], spreads: dict[str, Any]) -> dict[st
         return plain  # which is refused
     for key in spreads:
         if key in given:
-            raise ValueError(f"uncertainty.{key} is stated beside its value too; remove one")
+            raise ValueError(message("uncertainty_stated_beside_value", key=key))
     return plain | {"uncertainty": given | spreads}
 
 
@@ -132,13 +138,19 @@ class Beam(ScenePart):
     def _spans_in_order(self) -> Beam:
         if self.inner_span_mm >= self.outer_span_mm:
             raise ValueError(
-                f"inner_span_mm = {self.inner_span_mm:g} must be less than outer_span_mm = "
-                f"{self.outer_span_mm:g}; are they swapped?"
+                message(
+                    "inner_span_mm_must_less_outer_span_mm",
+                    inner_span_mm=self.inner_span_mm,
+                    outer_span_mm=self.outer_span_mm,
+                )
             )
         if self.height_mm >= self.outer_span_mm:
             raise ValueError(
-                f"height_mm = {self.height_mm:g} is not less than outer_span_mm = "
-                f"{self.outer_span_mm:g}, which no bending beam is; check the units (mm)"
+                message(
+                    "height_mm_not_less_outer_span_mm",
+                    height_mm=self.height_mm,
+                    outer_span_mm=self.outer_span_mm,
+                )
             )
         return self
 
@@ -287,18 +299,14 @@ class CalibrationSet(ImageSet):
     @model_validator(mode="after")
     def _complete(self) -> CalibrationSet:
         if (self.beam is None) == (self.disc is None):
-            raise ValueError("give one specimen, either [beam] or [disc]")
+            raise ValueError(message("give_one_specimen_either"))
         if self.beam is not None and self.camera.pixel_mm is None:
-            raise ValueError("the key 'camera.pixel_mm' is missing, and a beam needs it; add it")
+            raise ValueError(message("key_camera_pixel_mm_missing"))
         broad = self.polariscope.light is not None or self.polariscope.spectrum is not None
         if self.polariscope.field == "plane" or broad:
-            raise ValueError(
-                "a calibration is read from the circular dark or bright field at one wavelength; "
-                "set polariscope.field = 'dark' or 'bright', and no light or spectrum (separate "
-                "lines only for a colour camera, a line a channel)"
-            )
+            raise ValueError(message("calibration_read_from_circular"))
         if not any(image.load_n > 0 for image in self.image):
-            raise ValueError("no [[image]] has load_n above 0; a calibration needs a loaded one")
+            raise ValueError(message("no_image_has_load_n"))
         return self
 
     @property
@@ -326,8 +334,13 @@ def load_set(source: SetLike, *, specimen: str | None = None) -> CalibrationSet:
     if specimen is not None and getattr(loaded, specimen) is None:
         (other,) = CUTS.keys() - {specimen}
         raise InputError(
-            f"{loaded.name}: [{specimen}] is missing, and the set has a [{other}]; add it, or run "
-            f"'isochrome calibrate {CUTS[other].command}'"
+            message(
+                "missing_set_has_add",
+                name=loaded.name,
+                specimen=specimen,
+                other=other,
+                command=CUTS[other].command,
+            )
         )
     return loaded
 
@@ -392,22 +405,16 @@ class ColourSet(ImageSet):
     @model_validator(mode="after")
     def _complete(self) -> ColourSet:
         if self.polariscope.wavelength_nm is None:
-            raise ValueError(
-                "polariscope.wavelength_nm is missing: the wavelength that the orders count at "
-                "(without a beam the middle of the green channel's band, about 540); add it"
-            )
+            raise ValueError(message("polariscope_wavelength_nm_missing_wavelength"))
         if self.polariscope.field == "plane" or self.polariscope.step:
-            raise ValueError(
-                "colours are read in the circular dark or bright field; set polariscope.field = "
-                "'dark' or 'bright', and no steps"
-            )
+            raise ValueError(message("colours_read_circular_dark"))
         if self.frames.channel is not None:
-            raise ValueError("frames.channel leaves one channel, and colours need all; remove it")
+            raise ValueError(message("frames_channel_leaves_one"))
         if self.beam is not None:
             if self.camera.pixel_mm is None:
-                raise ValueError("camera.pixel_mm is missing, and a beam needs it; add it")
+                raise ValueError(message("camera_pixel_mm_missing_beam"))
             if not all(image.load_n for image in self.image):
-                raise ValueError("every [[image]] of a beam needs load_n above 0; add it")
+                raise ValueError(message("every_image_beam_needs"))
         return self
 
     @property

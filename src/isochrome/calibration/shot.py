@@ -11,6 +11,7 @@ from scipy.ndimage import uniform_filter
 from isochrome.errors import InputError
 from isochrome.estimation import Observation
 from isochrome.frames import estimate_noise, saturation_level
+from isochrome.messages import message
 
 Array = NDArray[np.float64]
 
@@ -43,16 +44,14 @@ def as_shots(
     """
     if len(images) != len(loads_n) or not images:
         raise InputError(
-            f"{len(images)} images and {len(loads_n)} loads; give as many of each, at least one"
+            message("images_loads_give_many", images_count=len(images), loads_n_count=len(loads_n))
         )
     lamp = None if no_load_light is None else np.asarray(no_load_light, dtype=float)
     shots = []
     for i, image in enumerate(images):
         frame = np.asarray(image, dtype=float)
         if frame.ndim != 2 or min(frame.shape) < 16:
-            raise InputError(
-                f"image {i + 1} has the shape {frame.shape}; give rows x cols, at least 16 each"
-            )
+            raise InputError(message("image_has_shape_give", i=i + 1, shape=frame.shape))
         mask = np.isfinite(frame)
         given = sigma if sigma is None or isinstance(sigma, (int, float)) else sigma[i]
         noise = np.asarray(noise_of(frame, mask) if given is None else given, dtype=float)
@@ -75,7 +74,7 @@ def by_load(shots: Sequence[Shot]) -> tuple[list[Shot], list[Shot]]:
     """The shots with a load and those without. Raises InputError where none has a load."""
     loaded = [s for s in shots if s.load_n > 0]
     if not loaded:
-        raise InputError("no image has a load above zero; a calibration needs a loaded one")
+        raise InputError(message("no_image_has_load"))
     return loaded, [s for s in shots if s.load_n == 0]
 
 

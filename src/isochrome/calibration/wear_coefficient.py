@@ -29,6 +29,7 @@ from isochrome.calibration.wear_set import (
 from isochrome.contact import contact_states
 from isochrome.errors import InputError, IsochromeError, PhysicsError
 from isochrome.estimation import BudgetRow, budget_items
+from isochrome.messages import message
 from isochrome.scars import student_factor_of
 from isochrome.scene import check_reach, load_scene, scene_names
 
@@ -52,17 +53,10 @@ def _of_traces(scars: Sequence[TraceScar], scatter: TraceScatter) -> Iterator[st
     if unclear:
         names = ", ".join(scar.test.file for scar in unclear)
         places = ", ".join(f"{d:g} m" for d in dict.fromkeys(s.test.distance_m for s in unclear))
-        yield (
-            f"no scar stands out of the roughness in {names}: {places} is left out, with all its "
-            "traces; measure longer traces or more of them there"
-        )
+        yield message("no_scar_stands_out", names=names, places=places)
     if scatter.is_unlikely:
         ratio = np.sqrt(scatter.chi_square / scatter.freedom)
-        yield (
-            f"the traces of a distance differ {ratio:.1f} times as much as their roughness "
-            "explains: the scar is not alike over its width, or a trace belongs to another one; "
-            "their scatter is in the uncertainty"
-        )
+        yield message("traces_distance_differ_times", ratio=ratio)
 
 
 def _of_order(volumes: Sequence[WornVolume], spread: Array) -> Iterator[str]:
@@ -74,18 +68,20 @@ def _of_order(volumes: Sequence[WornVolume], spread: Array) -> Iterator[str]:
             continue
         less = one.volume_mm3 - other.volume_mm3
         if less > _CLEARLY * float(np.hypot(spread[i], spread[j])):
-            yield (
-                f"{other.volume_mm3:.3g} mm³ are worn after {other.place}, less than the "
-                f"{one.volume_mm3:.3g} mm³ after {one.place}: check which scar is which"
+            yield message(
+                "mm_worn_after_less",
+                volume_mm3=other.volume_mm3,
+                place=other.place,
+                volume_mm3_2=one.volume_mm3,
+                place_2=one.place,
             )
         before, after = _width(one), _width(other)
         if before is None or after is None:
             continue
         (wide, u_wide), (narrow, u_narrow) = before, after
         if wide - narrow > _CLEARLY * float(np.hypot(u_wide, u_narrow)):
-            yield (
-                f"the scar after {other.place} is {narrow:.3g} mm wide, narrower than the "
-                f"{wide:.3g} mm after {one.place}: check which scar is which, and the loads"
+            yield message(
+                "scar_after_mm_wide", place=other.place, narrow=narrow, wide=wide, place_2=one.place
             )
 
 
@@ -105,14 +101,17 @@ def _of_laws(volumes: Sequence[WornVolume], laws: Sequence[WearLawFit], law: str
         best = laws[0]
         more = ""
         if best.first_over_last is not None and best.running_in_distance_m is not None:
-            more = (
-                f", which begins with {best.first_over_last:.2g} of its last coefficient and runs "
-                f"in over {best.running_in_distance_m:.3g} m"
+            more = message(
+                "which_begins_last_coefficient",
+                first_over_last=best.first_over_last,
+                running_in_distance_m=best.running_in_distance_m,
             )
-        yield (
-            f"the volumes prefer {best.law}{more}, by {-archard.log_evidence:.3g} in ln Z "
-            f"({SURE:g} is clear): k = V/(P s) changes with the distance, and one value for all "
-            "is a mean"
+        yield message(
+            "volumes_prefer_ln_clear",
+            law=best.law,
+            more=more,
+            log_evidence=-archard.log_evidence,
+            sure=SURE,
         )
     if archard.is_unlikely:
         worst = max(
@@ -123,11 +122,7 @@ def _of_laws(volumes: Sequence[WornVolume], laws: Sequence[WearLawFit], law: str
         )  # fmt: skip
         ratio = worst.volume_mm3 / (archard.coefficient_mm2_per_n * worst.work_n_mm)
         chi = np.sqrt(archard.chi_square / archard.freedom)
-        yield (
-            f"the distances do not agree on one coefficient: chi = {chi:.1f} where 1 is right, and "
-            f"{worst.place} has {ratio:.2f} of the volume that all together give; their scatter is "
-            "in the uncertainty"
-        )
+        yield message("distances_do_not_agree", chi=chi, place=worst.place, ratio=ratio)
 
 
 def _of_inputs(settings: WearSet, volumes: Sequence[WornVolume]) -> Iterator[str]:
@@ -139,15 +134,9 @@ def _of_inputs(settings: WearSet, volumes: Sequence[WornVolume]) -> Iterator[str
         stated["its lateral scale"] = known.lateral_percent
     missing = [name for name, value in stated.items() if value is None]
     if missing:
-        yield (
-            f"no uncertainty is given for {', '.join(missing)}: what the scars show is included, "
-            "these are not; add them under [uncertainty]"
-        )
+        yield message("no_uncertainty_given_what_scars", missing=", ".join(missing))
     if len(volumes) == 1 and not np.isfinite(volumes[0].own_uncertainty_mm3):
-        yield (
-            "one volume without an uncertainty: how well it was measured is not in that of k; "
-            "write value_mm3 = { value = ..., standard_uncertainty = ... }"
-        )
+        yield message("one_volume_without_uncertainty")
 
 
 def _of_scene(
@@ -159,15 +148,11 @@ def _of_scene(
     name = settings.scar.scene
     scene = load_scene(name if name in scene_names() else settings.path(name))
     if scene.indenter is None or scene.load is None or scene.wear is None:
-        raise InputError(
-            f"{settings.name}: scar.scene = '{name}' has no [indenter], [load] and [wear] to "
-            "simulate scars with; name a scene that wears, or remove the key"
-        )
+        raise InputError(message("scar_scene_has_no", name=settings.name, name_2=name))
     thickness = scene.specimen.thickness_mm
     if thickness is not None and abs(settings.scar.width_mm / thickness - 1.0) > _ALIKE:
-        yield (
-            f"scar.width_mm = {settings.scar.width_mm:g} and the scene's specimen.thickness_mm = "
-            f"{thickness:g}, which is the width that wears; correct one of them"
+        yield message(
+            "scar_width_mm_scene_specimen", width_mm=settings.scar.width_mm, thickness=thickness
         )
     archard = archard_of(laws)
     for volume in sorted(volumes, key=lambda v: v.distance_m):
@@ -176,9 +161,11 @@ def _of_scene(
             continue
         load = scene.load_at(volume.distance_m)
         if abs(volume.normal_n / load - 1.0) > _ALIKE:
-            yield (
-                f"normal_n = {volume.normal_n:g} at {volume.place} and the scene's load.normal_n "
-                f"= {load:g}; correct one of them"
+            yield message(
+                "normal_n_scene_load_normal_n",
+                normal_n=volume.normal_n,
+                place=volume.place,
+                load=load,
             )
         worn_scene = scene.with_values({
             "load.normal_n": volume.normal_n,
@@ -189,15 +176,17 @@ def _of_scene(
         try:
             state = list(contact_states(worn_scene))[-1]
         except IsochromeError as error:
-            yield f"the scene's own scar at {volume.place} cannot be computed: {error}"
+            yield message("scene_own_scar_cannot", place=volume.place, error=error)
             continue
         worn = state.grid.x_mm[state.wear_depth_mm > 0.0]
         width = float(worn[-1] - worn[0])
         if abs(measured[0] - width) > _CLEARLY * float(np.hypot(measured[1], _OWN_WIDTH * width)):
-            yield (
-                f"the scar at {volume.place} is {measured[0]:.3g} mm wide, and {width:.3g} mm in "
-                f"the scene with this coefficient and {volume.normal_n:g} N: the load, the radius, "
-                "or the scar is another"
+            yield message(
+                "scar_mm_wide_mm",
+                place=volume.place,
+                measured=measured[0],
+                width=width,
+                normal_n=volume.normal_n,
             )
 
 
@@ -252,8 +241,11 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
     volumes, scatter = worn_volumes(given, scars)
     if not volumes:
         raise PhysicsError(
-            f"{given.name}: no distance has traces that all show a scar: "
-            f"{next(scar.why_not for scar in scars if scar.why_not)}"
+            message(
+                "no_distance_has_traces",
+                name=given.name,
+                scars=next(scar.why_not for scar in scars if scar.why_not),
+            )
         )
     spread = _own_spread(volumes)
     laws = fit_laws(volumes, spread)
@@ -261,8 +253,13 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
     k = archard.coefficient_mm2_per_n
     if not _PLAUSIBLE[0] <= k <= _PLAUSIBLE[1]:
         raise InputError(
-            f"{given.name}: the scars give k = {k:.3g} mm²/N, where {_PLAUSIBLE[0]:g} to "
-            f"{_PLAUSIBLE[1]:g} is allowed; check volumes (mm³), loads (N) and distances (m)"
+            message(
+                "scars_give_mm_where",
+                name=given.name,
+                k=k,
+                plausible=_PLAUSIBLE[0],
+                plausible_2=_PLAUSIBLE[1],
+            )
         )
     inputs = common_inputs(given, volumes, spread, k)
     scattered = _has_scatter_only(volumes)

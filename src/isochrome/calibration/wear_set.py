@@ -29,6 +29,7 @@ from isochrome.calibration.settings import (
     plain_rows,
     under_uncertainty,
 )
+from isochrome.messages import message
 from isochrome.scars import (
     LevelledTrace,
     UnclearScarError,
@@ -170,34 +171,31 @@ class WearSet(ImageSet):
     @model_validator(mode="after")
     def _complete(self) -> WearSet:
         if not (self.trace or self.volume):
-            raise ValueError("has neither a [[trace]] nor a [[volume]]; add what was measured")
+            raise ValueError(message("has_neither_trace_nor"))
         if self.trace and self.scar is None:
-            raise ValueError(
-                "the key 'scar.width_mm' is missing, the width of the worn track along the "
-                "cylinder's axis, and traces need it; add it"
-            )
+            raise ValueError(message("key_car_width_mm_missing"))
         _refuse_falling("trace", self.trace)
         _refuse_falling("volume", self.volume)
         if not any(volume.value_mm3 for volume in self.volume) and not self.trace:
-            raise ValueError("no [[volume]] is above 0; a coefficient needs one that is")
+            raise ValueError(message("no_volume_above_coefficient"))
         stated = self.uncertainty.volume_mm3
         if stated is not None and len(stated) != len(self.volume):
             raise ValueError(
-                f"{len(self.volume)} volumes and {len(stated)} uncertainties of them; state one "
-                "beside each or none"
+                message(
+                    "volumes_uncertainties_them_state",
+                    volume_count=len(self.volume),
+                    stated_count=len(stated),
+                )
             )
         if self.trace and self.volume and stated is None:
-            raise ValueError(
-                "a [[volume]] beside traces needs its uncertainty to be weighed against them; "
-                "write value_mm3 = { value = ..., standard_uncertainty = ... }"
-            )
+            raise ValueError(message("volume_beside_traces_needs"))
         return self
 
     @model_validator(mode="after")
     def _named_once(self) -> WearSet:
         for file, times in Counter(trace.file for trace in self.trace).items():
             if times > 1:
-                raise ValueError(f"trace file = {file!r} stands twice; name each trace once")
+                raise ValueError(message("trace_file_stands_twice", file=file))
         return self
 
 
@@ -206,9 +204,13 @@ def _refuse_falling(kind: str, tests: Sequence[SlidTest]) -> None:
     for number, (one, other) in enumerate(pairwise(tests), start=2):
         if other.distance_m < one.distance_m:
             raise ValueError(
-                f"{kind}[{number}].distance_m = {other.distance_m:g} comes after "
-                f"{one.distance_m:g}, and distances must not fall; check it, and sort the "
-                f"[[{kind}]] by distance"
+                message(
+                    "distance_m_comes_after_distances",
+                    kind=kind,
+                    number=number,
+                    distance_m=other.distance_m,
+                    distance_m_2=one.distance_m,
+                )
             )
 
 
@@ -222,7 +224,7 @@ def _with_stated(model: type[WearSet], data: dict[str, Any]) -> dict[str, Any]:
     uncertainties: dict[str, Any] = {}
     for key, spread in stated.items():
         if key != "scar.width_mm":
-            raise ValueError(f"{key} has no standard_uncertainty here; give a plain value")
+            raise ValueError(message("has_no_standard_uncertainty_here", key=key))
         uncertainties["width_mm"] = spread
     relative: dict[str, list[float]] = {}
     for kind in ("trace", "volume"):

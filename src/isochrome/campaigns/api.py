@@ -17,6 +17,7 @@ from isochrome.campaigns.outcome import SUMMARIES, Outcome, Task, failed, folder
 from isochrome.errors import InputError
 from isochrome.figures import PaperPanels
 from isochrome.frames import FramesPath, recordings_of
+from isochrome.messages import message
 from isochrome.output import (
     Result,
     columns_of,
@@ -89,10 +90,7 @@ def _by_itself(number: int, task: Task, scene: Scene, options: Mapping[str, Any]
     try:
         ((_, outcome),) = _by_pool({number: task}, scene, options, 1)
     except WorkersLost as error:
-        lost = InputError(
-            "the process that worked on it was killed twice, by the system when memory runs out, "
-            "or by a file that breaks its decoder; process it alone, with a smaller frames.roi"
-        )
+        lost = InputError(message("process_worked_killed_twice"))
         lost.__cause__ = error
         return failed(task, lost)
     return outcome
@@ -150,8 +148,7 @@ def write_summary(out: Path, scene: Scene, outcomes: Sequence[Outcome], beside: 
                 (folder / name).unlink(missing_ok=True)  # that of an earlier campaign
     except OSError as error:
         raise InputError(
-            f"{folder}: the summary cannot be written ({error.strerror or error}); all recordings "
-            "are finished and kept there: make room, and run the same command again to resume"
+            message("summary_cannot_written_all", folder=folder, strerror=error.strerror or error)
         ) from error
 
 
@@ -168,10 +165,7 @@ def check_summary(out: Path) -> set[str]:
     except (OSError, ValueError, KeyError, TypeError):
         left = set()
     if there and rows is None and not has_own_keys(path):
-        raise InputError(
-            f"{there[0]}: would be replaced by the campaign's summary, and no campaign has left "
-            "it; move it away, or name another --out folder"
-        )
+        raise InputError(message("would_replaced_campaign_summary", there=there[0]))
     return left
 
 
@@ -256,7 +250,7 @@ class Campaign(Result):
 
     def _drawn(self, result: T | None) -> T:
         if result is None:
-            raise InputError(f"{self.title}: neither load nor friction was fitted; nothing to draw")
+            raise InputError(message("neither_load_nor_friction", title=self.title))
         return result
 
 
@@ -318,7 +312,7 @@ def process_campaign(
     scene = load_scene(scene)
     check_scene(scene)
     if workers is not None and workers < 1:
-        raise InputError(f"--workers {workers}: give 1 or more")
+        raise InputError(message("workers_give_more", workers=workers))
     if options.get("rois"):
         load_roifile()
     if isinstance(recordings, str | Path):
@@ -350,11 +344,10 @@ def _check_place(target: Path, root: Path, tasks: Sequence[Task]) -> list[Path]:
     Returns the links that were put in the place of results since.
     """
     if not tasks:
-        raise InputError("no recordings are named; name at least one")
+        raise InputError(message("no_recordings_named_name"))
     if (target / PROVENANCE).exists() or has_run(root):
         raise InputError(
-            f"{target}: holds the results of one recording, or an unfinished run of it, and these "
-            f"are {len(tasks)}; name another --out folder"
+            message("holds_results_one_recording", target=target, tasks_count=len(tasks))
         )
     before = check_summary(target)
     links = [task.folder for task in tasks if task.name in before and task.folder.is_symlink()]
@@ -362,9 +355,7 @@ def _check_place(target: Path, root: Path, tasks: Sequence[Task]) -> list[Path]:
         first = task.frames if isinstance(task.frames, str | Path) else task.frames[0]
         place = task.folder
         if place not in links and place.exists() and place.resolve() == Path(first).resolve():
-            raise InputError(
-                f"{first}: its results would be put among its images; name another --out folder"
-            )
+            raise InputError(message("results_would_put_among", first=first))
     return links
 
 
@@ -392,8 +383,12 @@ def _all(
                 tell()
     except KeyboardInterrupt:
         raise Stopped(
-            f"stopped; {len(result)} of {counted(len(tasks), 'recording')} are finished and kept "
-            f"in {tasks[0].folder.parent}; run the same command again to resume"
+            message(
+                "stopped_finished_kept_run",
+                result_count=len(result),
+                counted=counted(len(tasks), "recording"),
+                parent=tasks[0].folder.parent,
+            )
         ) from None
     return [result[number] for number in range(len(tasks))]
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError, IsochromeError, PhysicsError
 from isochrome.frames import FramesPath
+from isochrome.messages import message
 from isochrome.output import numbers, sha256
 from isochrome.processing import SPREAD, Processed, process
 from isochrome.progress import RunProgress
@@ -126,17 +127,14 @@ def outcome_of(
     """
     try:
         if task.folder.is_symlink():
-            raise InputError(
-                f"{task.folder}: is a symbolic link, and results are put into the campaign's own "
-                "folder alone; remove it, or name another --out folder"
-            )
+            raise InputError(message("symbolic_link_results_put", folder=task.folder))
         result = process(task.frames, scene, task.folder, progress=progress, **options)
     except NoCluster:
         raise
     except IsochromeError as error:
         return failed(task, error)
     except MemoryError:
-        reason = "not enough memory; use a smaller region of interest or fewer workers"
+        reason = message("not_enough_memory_use")
         return failed(task, PhysicsError(reason))
     return _read(task, result)
 
@@ -184,7 +182,7 @@ def _read(task: Task, found: Processed) -> Outcome:
         row[f"{key} standard_deviation"] = float(values.std(ddof=1)) if values.size > 1 else None
         row[f"{key} median_{SPREAD}"] = _of_known(np.median, spread)
     if found.failed:
-        row["error"] = f"{found.failed} of {count} frames could not be processed"
+        row["error"] = message("frames_could_not_processed", failed=found.failed, count=count)
     record = json.loads((task.folder / PROVENANCE).read_text("utf-8"))
     curves = {
         name: numbers(table[name])[:: -(-count // _POINTS)]

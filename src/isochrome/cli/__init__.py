@@ -49,6 +49,7 @@ from isochrome.console import (
     steps,
 )
 from isochrome.errors import IsochromeError
+from isochrome.messages import message
 
 app = typer.Typer(
     name="isochrome",
@@ -354,9 +355,9 @@ def main() -> None:
         raise
     except OSError as error:  # a drive that is gone, or full, where nobody else has said it
         what = error.filename or "a file"
-        fail(f"{what}: cannot be read or written ({error.strerror or error}); see its drive", 2)
+        fail(message("cannot_read_written_see", what=what, strerror=error.strerror or error), 2)
     except MemoryError:
-        fail("not enough memory; use a smaller region of interest or fewer frames", 3)
+        fail(message("not_enough_memory_use_smaller"), 3)
 
 
 def _stopped(end: BaseException) -> str:

@@ -16,6 +16,7 @@ import typer
 
 from isochrome.console import print_warnings
 from isochrome.errors import InputError
+from isochrome.messages import message
 
 if TYPE_CHECKING:
     from isochrome.figures import FigureStyle
@@ -138,15 +139,11 @@ def take_style(options: dict[str, Any]) -> FigureStyle | None:
     if given["width"] is not None:
         match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(mm|cm|in|)\s*", given["width"])
         if match is None:
-            raise InputError(
-                f"--width {given['width']}: give a width with its unit, such as 85mm or 3.4in"
-            )
+            raise InputError(message("width_give_width_unit", width=given["width"]))
         known["width_mm"] = float(match.group(1)) * _MM[match.group(2)]
     if given["shown"] is not None:
         if not re.fullmatch(r"\s*\d+\s*(,\s*\d+\s*)*", given["shown"]):
-            raise InputError(
-                f"--frames {given['shown']}: give whole numbers from 0 with commas, such as 0,2,4"
-            )
+            raise InputError(message("frames_give_whole_numbers", shown=given["shown"]))
         known["frames"] = tuple(int(part) for part in given["shown"].split(","))
     if given["formats"] is not None:
         known["formats"] = tuple(part.strip() for part in given["formats"].lower().split(","))
@@ -159,7 +156,7 @@ def takes_excel(options: dict[str, Any]) -> bool:
     """Take --csv out of a command's options, before its work begins."""
     form = options.pop("tables")
     if form not in (None, "excel"):
-        raise InputError(f"--csv {form}: is no form of a table known here; give excel")
+        raise InputError(message("csv_no_form_table", form=form))
     return form is not None
 
 
@@ -214,5 +211,5 @@ def _remove(file: Path) -> None:
         file.unlink()
     except OSError as error:
         raise InputError(
-            f"{file}: cannot be written ({error.strerror}); make its folder, or name another"
+            message("cannot_written_make_folder", file=file, strerror=error.strerror)
         ) from error

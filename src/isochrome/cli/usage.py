@@ -11,6 +11,8 @@ from typing import Any, NoReturn
 import typer
 from typer.core import TyperGroup
 
+from isochrome.messages import message
+
 EXAMPLES = {
     "demo": (
         "isochrome demo",
@@ -124,7 +126,7 @@ def _usage_in_a_line() -> Iterator[None]:
         command = context.command_path if context else "isochrome"
         words = command.removeprefix("isochrome").strip()
         text = f"{words}{': ' if words else ''}{say().rstrip('. ')}"
-        fail(_decimal_comma(text) or f"{text}; see '{command} --help'", 2)
+        fail(_decimal_comma(text) or message("see_help", text=text, command=command), 2)
 
 
 def _decimal_comma(text: str) -> str | None:

@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 from isochrome.errors import InputError
 from isochrome.frames import CHANNELS, channel_for, open_frames, open_tiff
 from isochrome.fringes import Skeleton, order_contours, skeletons
+from isochrome.messages import message
 from isochrome.output import read_csv, read_pixel_mm
 from isochrome.processing import PICTURE, Processed
 from isochrome.runs import opened_record
@@ -69,7 +70,7 @@ def skeleton_distance(
     distance of like fringes, or 100 with orders, as no line is taken for its neighbour there.
     """
     if not (len(experiment) or len(simulation)):
-        raise InputError("no fringe line in either image: nothing to compare; check the frames")
+        raise InputError(message("no_fringe_line_either"))
     by_order = all(line.order is not None for line in (*experiment, *simulation))
     if reach_px is None:
         reach_px = _REACH_KNOWN_PX if by_order else _REACH_PX
@@ -225,7 +226,7 @@ def compare_signals(
     if noise is not None:
         deviation = np.broadcast_to(np.asarray(noise, dtype=float), measured.shape)[known]
         if not np.all(deviation > 0.0):
-            raise InputError("noise for an image comparison holds values <= 0: give it above zero")
+            raise InputError(message("noise_image_comparison_holds"))
         over_noise = _rms(residual[known] / deviation)
     return SignalMetrics(
         ncc=_correlation(measured[known], model[known]),
@@ -255,21 +256,21 @@ def _paired(
     model = np.asarray(simulation, dtype=np.float64)
     if measured.shape != model.shape or measured.ndim != 2:
         raise InputError(
-            f"{what} of shape {measured.shape} (experiment) and {model.shape} (simulation): give "
-            "two 2-D arrays of one shape; simulate with the experiment's [camera] width_px, "
-            "height_px and [frames] roi"
+            message(
+                "shape_experiment_simulation_give",
+                what=what,
+                shape=measured.shape,
+                shape_2=model.shape,
+            )
         )
     valid = np.ones(measured.shape, bool) if mask is None else np.asarray(mask, dtype=bool)
     if valid.shape != measured.shape:
         raise InputError(
-            f"a mask of shape {valid.shape} for {what} of shape {measured.shape}: give equal shapes"
+            message("mask_shape_shape_give", shape=valid.shape, what=what, shape_2=measured.shape)
         )
     known = valid & np.isfinite(measured) & np.isfinite(model)
     if not known.any():
-        raise InputError(
-            f"no pixel has a known {quantity} in both the experiment and the simulation: nothing "
-            "to compare; check the mask, the region of interest and that the frames overlap"
-        )
+        raise InputError(message("no_pixel_has_known", quantity=quantity))
     return measured, model, valid, known
 
 
@@ -342,20 +343,25 @@ class ComparedFrames:
 
     def __post_init__(self) -> None:
         if self.signal.ndim != 3 or not len(self.signal):
-            raise InputError(
-                f"a frame set of shape {self.signal.shape}: give (frame, row, col), one or more"
-            )
+            raise InputError(message("frame_set_shape_give", shape=self.signal.shape))
         if self.order is not None and self.order.shape != self.signal.shape:
             raise InputError(
-                f"fringe orders of shape {self.order.shape} for signals of shape "
-                f"{self.signal.shape}: give equal shapes"
+                message(
+                    "fringe_orders_shape_signals", shape=self.order.shape, shape_2=self.signal.shape
+                )
             )
         if self.labels and len(self.labels) != len(self.signal):
-            raise InputError(f"{len(self.labels)} labels for {len(self)} frames: give one a frame")
+            raise InputError(
+                message(
+                    "labels_frames_give_one", labels_count=len(self.labels), self_count=len(self)
+                )
+            )
         if self.pixel_mm is not None and not self.pixel_mm > 0:
-            raise InputError(f"pixel_mm = {self.pixel_mm} of a frame set: give it above zero")
+            raise InputError(message("pixel_mm_frame_set_give", pixel_mm=self.pixel_mm))
         if self.noise is not None and np.size(self.noise) not in (1, len(self)):
-            raise InputError(f"{np.size(self.noise)} noise values for {len(self)} frames")
+            raise InputError(
+                message("noise_values_frames", size=np.size(self.noise), self_count=len(self))
+            )
 
     def __len__(self) -> int:
         return len(self.signal)
@@ -446,22 +452,20 @@ def frame_pairs(experiment: ComparedFrames, simulation: ComparedFrames) -> list[
     """
     if experiment.signal.shape[1:] != simulation.signal.shape[1:]:
         raise InputError(
-            f"frames of shape {experiment.signal.shape[1:]} (experiment) and "
-            f"{simulation.signal.shape[1:]} (simulation), rows x columns: simulate with the "
-            "experiment's [camera] width_px, height_px and [frames] roi"
+            message(
+                "frames_shape_experiment_simulation",
+                shape=experiment.signal.shape[1:],
+                shape_2=simulation.signal.shape[1:],
+            )
         )
     scales = experiment.pixel_mm, simulation.pixel_mm
     if None not in scales and abs(scales[0] / scales[1] - 1.0) > _SCALE_TOLERANCE:  # type: ignore[operator]
         raise InputError(
-            f"pixel_mm = {scales[0]:.6g} (experiment) and {scales[1]:.6g} (simulation): the frames "
-            "are not on one grid; simulate with the experiment's [camera] pixel_mm"
+            message("pixel_mm_experiment_simulation_frames", scales=scales[0], scales_2=scales[1])
         )
     here, there = len(experiment), len(simulation)
     if here != there and 1 not in (here, there):
-        raise InputError(
-            f"{here} frames of the experiment and {there} of the simulation: give equal numbers, "
-            "or one frame on either side; simulate at the distances of the captured frames"
-        )
+        raise InputError(message("frames_experiment_simulation_give", here=here, there=there))
     count = max(here, there)
     return [(min(index, here - 1), min(index, there - 1)) for index in range(count)]
 
@@ -499,7 +503,7 @@ def load_frame_set(given: SetToCompare, *, bit_depth: int | None = None) -> Comp
     if isinstance(given, str | Path):
         place = Path(given)
         if not place.exists():
-            raise InputError(f"{place}: no such file or folder; give a result folder or frames")
+            raise InputError(message("no_such_file_folder", place=place))
         for signal_name, table_name in _SIGNALS:
             if place.is_dir() and (place / signal_name).exists():
                 return _load_result(place, signal_name, table_name, bit_depth)
@@ -507,9 +511,7 @@ def load_frame_set(given: SetToCompare, *, bit_depth: int | None = None) -> Comp
         images = [scaled(frame.image, reader.bit_depth) for frame in reader]
         scale = reader.pixel_mm
     if not images:
-        raise InputError(
-            f"{reader.path}: no frame in it; give a TIFF stack, an image folder or a video"
-        )
+        raise InputError(message("no_frame_give_tiff", path=reader.path))
     return ComparedFrames(signal=np.stack(images), pixel_mm=scale)
 
 
@@ -521,9 +523,7 @@ def _of_result(result: Processed | Simulation, bit_depth: int | None) -> Compare
         stack, order = _maps_of(result)
         scene = result.fitted or result.scene
     if stack is None:
-        raise InputError(
-            f"{result.title}: its maps are in the folder that it was written to; name that folder"
-        )
+        raise InputError(message("maps_folder_written_name", title=result.title))
     table = result.columns
     if PICTURE in table:
         table = _of_pictures(table, [at is not None for at in table[PICTURE]])
@@ -586,20 +586,22 @@ def _compared(
     steps = len(scene.get("polariscope", {}).get("step", ()))
     if order is not None and steps > 1 and len(signal) == steps * len(order):
         raise InputError(
-            f"{name}: is a phase-stepped set, {steps} frames for each of "
-            f"{len(order)} states, and a comparison needs one dark-field frame a state; take "
-            "[[polariscope.step]] out of the scene and simulate it again"
+            message("phase_stepped_set_frames", name=name, steps=steps, order_count=len(order))
         )
     if order is not None and order.shape != signal.shape:
         raise InputError(
-            f"{name} has shape {signal.shape} and {_ORDER} beside it {order.shape}: "
-            "the folder mixes two runs; make it again"
+            message(
+                "has_shape_beside_folder",
+                name=name,
+                shape=signal.shape,
+                order=_ORDER,
+                shape_2=order.shape,
+            )
         )
     length = len(next(iter(table.values()), ()))
     if table and length != len(signal):
         raise InputError(
-            f"{name}: its table has {length} rows for {len(signal)} frames: the folder mixes "
-            "two runs; make it again"
+            message("table_has_rows_frames", name=name, length=length, signal_count=len(signal))
         )
     if order is not None and simulated:
         signal = np.where(np.isfinite(order), signal, np.float32(np.nan))  # no specimen there
@@ -634,8 +636,9 @@ def scaled(image: NDArray[Any], bit_depth: int | None = None) -> NDArray[np.floa
     full = 2 ** (bit_depth or 8 * image.dtype.itemsize) - 1
     if image.size and int(image.max()) > full:
         raise InputError(
-            f"a pixel of {int(image.max())} counts in frames of {bit_depth} bits (at most {full}): "
-            "give the sensor's bit depth, [camera] bit_depth"
+            message(
+                "pixel_counts_frames_bits", max=int(image.max()), bit_depth=bit_depth, full=full
+            )
         )
     return image.astype(np.float32) / np.float32(full)
 
@@ -670,7 +673,7 @@ def _scene(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (ValueError, RecursionError, OSError) as error:
-        raise InputError(f"{path} is not valid TOML ({error}): make the results again") from error
+        raise InputError(message("not_valid_toml_make", path=path, error=error)) from error
 
 
 def _labels(table: Mapping[str, Sequence[Any]], count: int) -> tuple[str, ...]:

@@ -32,6 +32,7 @@ from isochrome.figures import (
     style_axes,
     write_head,
 )
+from isochrome.messages import message
 from isochrome.output import (
     Result,
     counted,
@@ -112,7 +113,7 @@ def simulated_scars(scene: Scene, distances_m: Sequence[float]) -> list[Simulate
     its uncertainty is no value that it may have; PhysicsError where a contact cannot be solved.
     """
     if scene.wear is None:
-        raise InputError(f"{scene.name}: has no [wear], which makes scars; add it")
+        raise InputError(message("has_no_wear_which", name=scene.name))
     worn = scene.with_values({"wear.distances_m": tuple(distances_m)})
     keys = [k for k, u in scene.uncertainties.items() if k.split(".")[0] in _PARTS and u > 0.0]
     states = _states(worn)
@@ -135,7 +136,7 @@ def _shifted(scene: Scene, key: str, side: float) -> Scene:
         return scene.with_values({key: scene.get(key) + side * spread})
     except InputError as error:
         raise InputError(
-            f"{scene.name}: {key} with its standard_uncertainty = {spread:g}: {error}"
+            message("standard_uncertainty", name=scene.name, key=key, spread=spread, error=error)
         ) from error
 
 
@@ -420,17 +421,16 @@ class ScarComparison(Result):
             gap, spread = pair.area_difference_mm2
             if abs(gap) > _APART * spread:
                 result.append(
-                    f"{name}: its worn area, {pair.trace.worn_area_mm2:.4g} mm², differs from the "
-                    f"simulated {pair.scar.worn_area_mm2:.4g} mm² by {abs(gap) / spread:.1f} "
-                    "standard uncertainties; the scene's load, wear coefficient or distance is "
-                    "not that of the scar"
+                    message(
+                        "worn_area_mm_differs",
+                        name=name,
+                        worn_area_mm2=pair.trace.worn_area_mm2,
+                        worn_area_mm2_2=pair.scar.worn_area_mm2,
+                        spread=abs(gap) / spread,
+                    )
                 )
         if not self.scars[0].moved_um:
-            result.append(
-                f"{self.scene.name}: states no uncertainty, so the simulated scars have no band; "
-                "write wear.coefficient_mm2_per_n, load.normal_n, ... as { value = ..., "
-                "standard_uncertainty = ... }"
-            )
+            result.append(message("states_no_uncertainty_so", name=self.scene.name))
         return tuple(result)
 
     @property
@@ -507,15 +507,12 @@ def _traces(
         scene = load_scene(measured)
         rows = [(scene.path(scar.file), scar.distance_m) for scar in scene.scar]
         if not rows:
-            raise InputError(
-                f"{scene.name}: has no [[scar]], with file and distance_m, to compare; add them, "
-                "or name a set of `isochrome calibrate wear` with [[trace]]"
-            )
+            raise InputError(message("has_no_scar_file", name=scene.name))
     else:
         rows = [(Path(file), float(distance)) for file, distance in measured]
     wrong = [distance for _, distance in rows if not 0.0 < distance < np.inf]
     if wrong or not rows:
-        raise InputError(f"distances of traces {wrong}: give traces, each with one above 0 m")
+        raise InputError(message("distances_traces_give_traces", wrong=wrong))
     return [file for file, _ in rows], [distance for _, distance in rows]
 
 
@@ -529,7 +526,7 @@ def _simulated_scene(simulation: str | Path | Scene) -> Scene:
     if not isinstance(simulation, Scene) and Path(simulation).is_dir():
         file = Path(simulation) / "scene.toml"
         if not file.is_file():
-            raise InputError(f"{file}: is not there; name a result folder of simulate, or a scene")
+            raise InputError(message("not_there_name_result", file=file))
         opened_record(file.parent, [file.name])
         return load_scene(file)
     return load_scene(simulation)
@@ -744,7 +741,7 @@ def _area_text(row: _Row) -> str:
 def _difference_text(row: _Row) -> str:
     traces = row[1]
     if not traces:
-        return "measured − simulated: nothing to compare"
+        return message("measured_simulated_nothing_compare")
     rms = np.mean([pair.rms_um for _, pair in traces])
     chi = np.mean([pair.chi for _, pair in traces])
     return f"measured − simulated: {rms:.2g} µm rms, χ = {chi:.2f}"

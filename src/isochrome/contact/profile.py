@@ -7,6 +7,7 @@ import numpy as np
 
 from isochrome.contact.pressure import Floats, read_profile, undeformed_gap
 from isochrome.errors import PhysicsError
+from isochrome.messages import message
 from isochrome.scene import UNDOUBTED_MM, Scene
 
 STEEPEST = 0.3
@@ -96,21 +97,28 @@ def contact_grid(
     nodes = 2 * math.ceil(half / spacing) + 1
     if nodes > _MAX_NODES:
         raise PhysicsError(
-            f"{scene.name}: the contact needs {nodes} nodes of {spacing:.3g} mm over "
-            f"{2 * half:.3g} mm, more than {_MAX_NODES}; set a coarser numerics.spacing_mm"
-            f"{' (and smooth the profile to fewer rows)' if scene.profile_file else ''} or a "
-            "smaller numerics.window_mm"
+            message(
+                "contact_needs_nodes_mm",
+                name=scene.name,
+                nodes=nodes,
+                spacing=spacing,
+                half=2 * half,
+                max_nodes=_MAX_NODES,
+                words=" (and smooth the profile to fewer rows)" if scene.profile_file else "",
+            )
         )
     if nodes < 16:
         raise PhysicsError(
-            f"{scene.name}: a window of {2 * half:.3g} mm has only {nodes} nodes of {spacing:.3g} "
-            "mm; set a finer numerics.spacing_mm or a larger numerics.window_mm"
+            message(
+                "window_mm_has_only", name=scene.name, half=2 * half, nodes=nodes, spacing=spacing
+            )
         )
     # every pixel would be divided into thousands of nodes
     if pixel and pixel > max(2.0 * reach, UNDOUBTED_MM):
         raise PhysicsError(
-            f"{scene.name}: camera.pixel_mm = {pixel:g} is wider than the contact, "
-            f"{2.0 * reach:.3g} mm; give it in mm (not in µm), or raise the load"
+            message(
+                "camera_pixel_mm_wider_contact", name=scene.name, pixel=pixel, reach=2.0 * reach
+            )
         )
     return ContactGrid(left_mm=-spacing * (nodes // 2), spacing_mm=spacing, nodes=nodes)
 
@@ -127,9 +135,14 @@ def _spacing(scene: Scene, smooth: float, half: float) -> float:
         coarsest = row / _FEWEST_IN_ROW_STEP
         if given is not None and given > coarsest * (1.0 + 1e-6):
             raise PhysicsError(
-                f"{scene.name}: numerics.spacing_mm = {given:g} does not resolve the rows of the "
-                f"profile {scene.profile_file}, {row:.3g} mm apart; set numerics.spacing_mm to "
-                f"{coarsest:.3g} or less, or smooth the profile to fewer rows"
+                message(
+                    "numerics_spacing_mm_does_not",
+                    name=scene.name,
+                    given=given,
+                    profile_file=scene.profile_file,
+                    row=row,
+                    coarsest=coarsest,
+                )
             )
     return given or min(smooth, row / _SPACINGS_IN_ROW_STEP)
 
@@ -155,9 +168,13 @@ def _contact_reach(
     reach = widest * ((hertz / widest) ** 3 + (worn / widest) ** 3) ** (1.0 / 3.0)
     if not reach <= STEEPEST * radius:
         raise PhysicsError(
-            f"{scene.name}: the contact's half-width would be {reach:.3g} mm, over {STEEPEST:g} of "
-            f"the radius {radius:g} mm, where a half-plane under a parabola no longer holds; lower "
-            "load.normal_n or the wear, or raise indenter.radius_mm"
+            message(
+                "contact_half_width_would",
+                name=scene.name,
+                reach=reach,
+                steepest=STEEPEST,
+                radius=radius,
+            )
         )
     if indenter.profile is not None:
         x, _ = read_profile(scene.path(indenter.profile))

@@ -16,6 +16,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from isochrome.contact.pressure import Floats
+from isochrome.messages import message
 from isochrome.scene import DistanceTable, Scene, Wear
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -286,7 +287,7 @@ def wear_rate(wear: Wear, friction: Value, distance_m: Value) -> Value:
         return result
     if wear.law == "dissipated_energy":
         return coefficient * abs(friction)
-    raise ValueError(f"no wear law {wear.law!r}")
+    raise ValueError(message("no_wear_law", law=wear.law))
 
 
 def mean_wear_rate(wear: Wear, friction: float | Floats, distance_m: float) -> Floats:

@@ -23,6 +23,7 @@ from isochrome.contact.wear import (
     worn_states,
 )
 from isochrome.errors import PhysicsError
+from isochrome.messages import message
 from isochrome.scene import Scene
 
 FEWEST_NODES = 8
@@ -49,24 +50,38 @@ def refuse_unfit(scene: Scene, state: SurfaceState) -> None:
     count = int(np.count_nonzero(inside))
     if count < FEWEST_NODES:
         raise PhysicsError(
-            f"{scene.name}: the contact has only {count} nodes of {grid.spacing_mm:.3g} mm, fewer "
-            f"than {FEWEST_NODES}; set a finer numerics.spacing_mm"
+            message(
+                "contact_has_only_nodes",
+                name=scene.name,
+                count=count,
+                spacing_mm=grid.spacing_mm,
+                fewest_nodes=FEWEST_NODES,
+            )
         )
     _refuse_end_of_profile(scene, grid, inside)
     modulus, _ = elastic_constants(scene)
     mean = float(state.pressure_mpa[inside].mean())
     if not mean <= STRONGEST * modulus:
         raise PhysicsError(
-            f"{scene.name}: the mean pressure would be {mean:.3g} MPa, over {STRONGEST:g} of the "
-            f"contact modulus {modulus:.4g} MPa, where linear elasticity no longer holds; lower "
-            "the load (load.normal_n), or widen the indenter or flatten its profile"
+            message(
+                "mean_pressure_would_mpa",
+                name=scene.name,
+                mean=mean,
+                strongest=STRONGEST,
+                modulus=modulus,
+            )
         )
     half, depth = 0.5 * count * grid.spacing_mm, float(state.wear_depth_mm.max())
     if not depth <= DEEPEST * half:
         raise PhysicsError(
-            f"{scene.name}: at {state.distance_m:g} m the scar would be {depth:.3g} mm deep, over "
-            f"{DEEPEST:g} of the contact's half-width {half:.3g} mm, where the specimen is no "
-            "half-plane any more; shorten wear.distances_m or lower wear.coefficient_mm2_per_n"
+            message(
+                "scar_would_mm_deep",
+                name=scene.name,
+                distance_m=state.distance_m,
+                depth=depth,
+                deepest=DEEPEST,
+                half=half,
+            )
         )
 
 
@@ -79,9 +94,12 @@ def _refuse_end_of_profile(scene: Scene, grid: ContactGrid, inside: np.ndarray) 
     ends = [(k, end) for k, end in ((known[0], x[0]), (known[-1], x[-1])) if inside[k]]
     if ends:
         raise PhysicsError(
-            f"{scene.name}: the contact reaches the end of the profile {scene.profile_file} at "
-            f"x = {ends[0][1]:g} mm; extend the profile, or add a row with a large gap if the body "
-            "ends there"
+            message(
+                "contact_reaches_end_profile",
+                name=scene.name,
+                profile_file=scene.profile_file,
+                ends=ends[0][1],
+            )
         )
 
 
@@ -158,10 +176,7 @@ def iter_contact_states(scene: Scene) -> Iterator[SurfaceState]:
         if scene.numerics.window_mm is not None:
             break
     width = grid.spacing_mm * (grid.nodes - 1)
-    raise PhysicsError(
-        f"{scene.name}: the contact reaches the edge of its grid, {width:.3g} mm wide; raise (or "
-        "leave out) numerics.window_mm, or lower the load or the wear"
-    )
+    raise PhysicsError(message("contact_reaches_edge_grid", name=scene.name, width=width))
 
 
 def _states_on(

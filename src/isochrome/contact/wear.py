@@ -43,6 +43,7 @@ from isochrome.contact.scar import (
 from isochrome.contact.sliding_history import OutputState, SlidingHistory, paused_doses, same_drive
 from isochrome.contact.state import SurfaceState
 from isochrome.errors import PhysicsError
+from isochrome.messages import message
 from isochrome.scene import Scene
 
 _ACCURACY = 1e-3
@@ -383,8 +384,12 @@ def _scars(
     if path is not None and held and reached < len(stops):
         # on the grid it would go on with another error in space, and nobody would be told
         raise PhysicsError(
-            f"{site.scene.name}: the wear until {stops[reached].distance_m:g} m does not converge "
-            f"at numerics.tolerance = {tolerance:g}; raise it"
+            message(
+                "wear_until_does_not",
+                name=site.scene.name,
+                distance_m=stops[reached].distance_m,
+                tolerance=tolerance,
+            )
         )
 
 

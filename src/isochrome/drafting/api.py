@@ -16,6 +16,7 @@ from isochrome.drafting.scene_draft import (
 )
 from isochrome.errors import InputError
 from isochrome.frames import FrameReader, open_frames
+from isochrome.messages import message
 from isochrome.output import staged, write_figure, write_text
 from isochrome.runs import single_threaded
 from isochrome.scene import FramesLike
@@ -113,4 +114,4 @@ def _refuse_existing(folder: Path) -> None:
     """Refuse to write over a scene."""
     path = folder / SCENE_FILE
     if os.path.lexists(path):
-        raise InputError(f"{path}: is there already; name another --out folder, or give --replace")
+        raise InputError(message("there_already_name_another", path=path))

@@ -26,6 +26,7 @@ from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import POOR_CHI, RIVAL_CHI, FrameData, prepare_frame
 from isochrome.fitting import GAMMA, TOO_FAR, FrameFit, evaluate_model, fit_frame, free_keys
 from isochrome.frames import FrameReader, as_turned
+from isochrome.messages import message
 from isochrome.processing import placed_disc
 from isochrome.scene import Scene, load_scene
 
@@ -66,10 +67,7 @@ def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
         f"Frame {frame.index} was looked at: the disc's fringes leave {fit.chi:.2f} times "
         "its noise."
     ]
-    notes = [
-        f"chi = {fit.chi:.2f}: the disc's fringes leave more than the frame's noise; isochrome "
-        "check says what the frame asks for"
-    ]
+    notes = [message("chi_disc_fringes_leave", chi=fit.chi)]
     return written_draft(
         frames,
         frame.index,
@@ -95,10 +93,7 @@ def draft_without_model(frames: FrameReader, given: KnownValues) -> SceneDraft:
     open_keys = _open_of(values, ("thickness_mm", "fringe_value_n_per_mm", "pixel_mm"))
     order = "orders that are known, such as [{ row_px = 480, col_px = 20, order = 0.0 }]"
     open_keys += [*open_of_set(frames, given), OpenKey("frames.known_order", order)]
-    sentences = [
-        "The specimen has no model: orders are read from the image, from a known one onwards; a "
-        "free corner has order 0."
-    ]
+    sentences = [message("specimen_has_no_model")]
     picture = as_turned(frame.image, given.rotate_deg or 0, given.flip)
     draw = partial(frame_figure, picture)
     return written_draft(frames, frame.index, sentences, values, open_keys, draw=draw)
@@ -151,19 +146,13 @@ def _fitted(data: FrameData, bare: Scene, given: KnownValues) -> tuple[FrameData
             fits.append((turned, fit))
     fits.sort(key=lambda pair: pair[1].chi)
     if not fits:
-        raise PhysicsError(
-            f"{data.name}: the disc's fringes are not in this frame; check --load-n, "
-            "--fringe-value-n-per-mm, --thickness-mm and --diameter-mm, or give another --frame"
-        )
+        raise PhysicsError(message("disc_fringes_not_frame", name=data.name))
     if len(fits) > 1 and fits[1][1].chi < RIVAL_CHI * fits[0][1].chi:
         ways = " and ".join(
             f"turned by {fit.scene.frames.rotate_deg} in the {fit.scene.polariscope.field} field"
             for _, fit in fits[:2]
         )
-        raise PhysicsError(
-            f"{data.name}: two scenes explain this frame alike, {ways}; give --field or "
-            "--rotate-deg"
-        )
+        raise PhysicsError(message("two_scenes_explain_frame", name=data.name, ways=ways))
     return fits[0]
 
 

@@ -46,6 +46,7 @@ from isochrome.fitting import (
     search_picture,
 )
 from isochrome.frames import Frame, FrameReader
+from isochrome.messages import message
 from isochrome.output import named_frames
 from isochrome.scene import Scene, check_moduli, check_pixel, load_scene
 
@@ -202,11 +203,7 @@ def find_contact(
     messages = cause_messages(answer, rivals=rivals, light=light_matters(answer))
     poor = fit.chi > POOR_CHI
     if poor:
-        messages += (
-            f"chi = {fit.chi:.2f}: the frame holds more than this scene and noise, so that load "
-            "and friction may be off by far more than their ±; measure the indenter's radius, the "
-            "fringe value and the pixel, then run isochrome check",
-        )
+        messages += (message("chi_frame_holds_more", chi=fit.chi),)
     unsure = {
         key: rivals[cause.name]
         for cause in answer.causes
@@ -236,9 +233,13 @@ def _best_start(
     for (fit, start), (other, second) in pairwise(fits[:2]):
         if other.chi < ALIKE_CHI * fit.chi and not _same(fit, start, other, second):
             raise PhysicsError(
-                f"{frame.name}: two scenes explain frame {frame.index} alike, "
-                f"{_in_words(fit, start)} and {_in_words(other, second)}; give --load-n more "
-                "closely, --rotate-deg or --field, or a --frame with more fringes"
+                message(
+                    "two_scenes_explain_frame_alike",
+                    name=frame.name,
+                    index=frame.index,
+                    in_words=_in_words(fit, start),
+                    in_words_2=_in_words(other, second),
+                )
             )
     return fits[0][1], fits[0][0]
 
@@ -254,9 +255,7 @@ def _unexplained(frame: Frame, chi: float | None) -> PhysicsError:
     """What is said where no contact explains a frame."""
     best = "none leads to fringes" if chi is None else f"the best leaves {chi:.1f} times its noise"
     return PhysicsError(
-        f"{frame.name}: no contact explains frame {frame.index} ({best}); check --radius-mm, "
-        "--thickness-mm, --fringe-value-n-per-mm, --young-gpa and --pixel-mm, give --load-n within "
-        "a factor of three, or another --frame, which shows the middle of the contact"
+        message("no_contact_explains_frame", name=frame.name, index=frame.index, best=best)
     )
 
 
@@ -280,8 +279,13 @@ def _refuse_far_load(fit: FrameFit, given: KnownValues, frame: Frame) -> None:
     assert given.load_n is not None
     if not 1.0 / _FARTHEST < load / given.load_n < _FARTHEST:
         raise PhysicsError(
-            f"{frame.name}: the fringes of frame {frame.index} are those of {load:.3g} N, and "
-            f"--load-n is {given.load_n:g}; give the load within a factor of three"
+            message(
+                "fringes_frame_those_load",
+                name=frame.name,
+                index=frame.index,
+                load=load,
+                load_n=given.load_n,
+            )
         )
 
 
@@ -337,8 +341,11 @@ def _first_explained(frames: FrameReader, scene: Scene, given: KnownValues) -> C
     if refused is None:
         first = bare[0]
         raise PhysicsError(
-            f"{first.name}: no fringes in {named_frames([one.index for one in bare])}, whose light "
-            "is smooth all over; is it loaded? take a loaded frame, by another --frame"
+            message(
+                "no_fringes_whose_light",
+                name=first.name,
+                named_frames=named_frames([one.index for one in bare]),
+            )
         )
     raise refused
 

@@ -15,6 +15,7 @@ import tomli_w
 
 from isochrome.errors import InputError
 from isochrome.frames import Channel, Frame, FrameReader, check_scale, likely_no_load, named_files
+from isochrome.messages import message
 from isochrome.output import Result, counted, rounded_texts, with_uncertainty
 from isochrome.scene import Camera, FramesLike, Scene, load_scene, parse_scene
 
@@ -130,7 +131,7 @@ def known_values(known: KnownValues | Mapping[str, Any]) -> KnownValues:
         names = [field.name for field in fields(KnownValues)]
         for name in known:
             if name not in names:
-                raise InputError(f"{name}: is not known here; known are {', '.join(names)}")
+                raise InputError(message("not_known_here_known", name=name, names=", ".join(names)))
         known = KnownValues(**known)
     for name, allowed in (
         ("shape", get_args(Shape)),
@@ -142,9 +143,9 @@ def known_values(known: KnownValues | Mapping[str, Any]) -> KnownValues:
         value = getattr(known, name)
         if value not in allowed:
             choice = ", ".join(str(a) for a in allowed if a is not None)
-            raise InputError(f"{name} = {value}: is none of {choice}; name one of them")
+            raise InputError(message("none_name_one_them", name=name, value=value, choice=choice))
     if known.frame is not None and known.frame < 0:
-        raise InputError(f"frame = {known.frame}: frames count from 0; give 0 or more")
+        raise InputError(message("frame_frames_count_from", frame=known.frame))
     return known
 
 
@@ -384,21 +385,20 @@ def refuse_unclear(reader: FrameReader, given: KnownValues) -> None:
         quantity = QUANTITIES[given.missing[0]]
         options = " and ".join(f"--{name.replace('_', '-')}" for name in given.missing)
         raise InputError(
-            f"{quantity.key} is not known, and no frame tells it; give {options} "
-            f"({quantity.question})"
+            message(
+                "not_known_no_frame", key=quantity.key, options=options, question=quantity.question
+            )
         )
     name = name_of(reader)
     if reader.channel is not None and given.channel is None and given.wavelength_nm is None:
         raise InputError(
-            f"{name}: has red, green and blue, and only one is of the light's wavelength; give "
-            f"--wavelength-nm ({QUANTITIES['wavelength_nm'].usual}) or --channel"
+            message("has_red_green_blue", name=name, usual=QUANTITIES["wavelength_nm"].usual)
         )
     if given.pixel_mm is not None:
         check_scale(reader, Camera(pixel_mm=given.pixel_mm))
     elif reader.pixel_mm is None and given.shape not in WITH_OWN_SCALE:
         raise InputError(
-            f"{name}: does not name the size of a pixel, and no fringe tells it; give "
-            f"--pixel-mm (mm, usually {QUANTITIES['pixel_mm'].usual})"
+            message("does_not_name_size", name=name, usual=QUANTITIES["pixel_mm"].usual)
         )
 
 
@@ -409,8 +409,13 @@ def frames_to_look_at(reader: FrameReader, given: KnownValues) -> list[int]:
         return sorted({round(k) for k in np.linspace(0, count - 1, min(count, _LOOKED_AT))})
     if given.frame >= count:
         raise InputError(
-            f"{name_of(reader)}: has {counted(count, 'frame')}, and frame {given.frame} is asked "
-            f"for; give 0 to {count - 1}"
+            message(
+                "has_frame_asked_give",
+                name_of=name_of(reader),
+                counted=counted(count, "frame"),
+                frame=given.frame,
+                count=count - 1,
+            )
         )
     return [given.frame]
 
@@ -423,14 +428,17 @@ def frame_of(reader: FrameReader, index: int, given: KnownValues) -> Frame:
         likely = next(bits for bits in _DEPTHS if largest < 2**bits)
         if likely < (reader.bit_depth or 0):
             raise InputError(
-                f"{frame.name}: its largest level is {largest}, as of {likely} bits, in a file of "
-                f"{reader.bit_depth}; give --bit-depth {likely}, or {reader.bit_depth} if the "
-                "frame is so dark"
+                message(
+                    "largest_level_bits_file",
+                    name=frame.name,
+                    largest=largest,
+                    likely=likely,
+                    bit_depth=reader.bit_depth,
+                )
             )
     if reader.dtype.kind == "f" and given.bit_depth is None and float(np.nanmax(frame.image)) > 1.0:
         raise InputError(
-            f"{frame.name}: holds fractions up to {np.nanmax(frame.image):g}, and full scale is "
-            "not known; give --bit-depth with the sensor's bits"
+            message("holds_fractions_up_full", name=frame.name, nanmax=np.nanmax(frame.image))
         )
     return frame
 

@@ -29,6 +29,7 @@ from isochrome.estimation.intensity import (
     several_starts,
 )
 from isochrome.estimation.priors import RIVAL_CHI, evidence_gain
+from isochrome.messages import message
 
 Array = NDArray[Any]
 
@@ -77,10 +78,7 @@ class LightModel:
     def words(self) -> str:
         """What was fitted where a frame asked for more than the first terms, for a message."""
         light, dark = (len(terms) for terms in self.terms)
-        return (
-            f"the light is more uneven than a quadratic: illumination of {light} and background of "
-            f"{dark} polynomials were fitted"
-        )
+        return message("light_more_uneven_quadratic_illumination", light=light, dark=dark)
 
     def plain(self) -> LightModel:
         """One amplitude for all the illumination: for a search, or a model that is poor."""
@@ -211,15 +209,13 @@ def polynomial_basis(
     InputError for a negative degree or an image of another shape.
     """
     if degree < 0:
-        raise InputError(f"degree = {degree} is not allowed: a polynomial's is 0 or more; raise it")
+        raise InputError(message("degree_not_allowed_polynomial", degree=degree))
     stack = light_products((_unit(shape[0]), _unit(shape[1])), total_degree(degree), np.float64)
     if times is None:
         return stack
     image = np.asarray(times, dtype=float)
     if image.shape != tuple(shape):
-        raise InputError(
-            f"times has the shape {image.shape} and the frame {tuple(shape)}; give one pixel grid"
-        )
+        raise InputError(message("times_has_shape_frame", shape=image.shape, shape_2=tuple(shape)))
     return np.asarray(stack * image)
 
 

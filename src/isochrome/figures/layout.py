@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from isochrome.errors import InputError
 from isochrome.figures.style import PAPER_LINE_MM, PAPER_PT
+from isochrome.messages import message
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -73,18 +74,26 @@ class FigureStyle:
     def __post_init__(self) -> None:
         if not NARROWEST_MM <= self.width_mm <= WIDEST_MM:
             raise InputError(
-                f"width = {self.width_mm:g} mm of a figure: give {NARROWEST_MM:g} to "
-                f"{WIDEST_MM:g} mm, such as 85mm (one column) or 174mm (two)"
+                message(
+                    "width_mm_figure_give",
+                    width_mm=self.width_mm,
+                    narrowest_mm=NARROWEST_MM,
+                    widest_mm=WIDEST_MM,
+                )
             )
         if not LEAST_DPI <= self.dpi <= MOST_DPI:
-            raise InputError(f"dpi = {self.dpi:g}: give {LEAST_DPI:g} to {MOST_DPI:g}, such as 600")
+            raise InputError(
+                message("dpi_give_such", dpi=self.dpi, least_dpi=LEAST_DPI, most_dpi=MOST_DPI)
+            )
         wrong = [name for name in self.formats if name not in FORMATS]
         if wrong or not self.formats:
             given = ", ".join(wrong) or "none"
-            raise InputError(f"format = {given} of a figure: give some of {', '.join(FORMATS)}")
+            raise InputError(
+                message("format_figure_give_some", given=given, formats=", ".join(FORMATS))
+            )
         if self.frames is not None and (not self.frames or min(self.frames) < 0):
             given = ",".join(map(str, self.frames)) or "none"
-            raise InputError(f"frames = {given} of a figure: give numbers from 0, such as 0,2,4")
+            raise InputError(message("frames_figure_give_numbers", given=given))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,7 +150,7 @@ def chosen_frames(
         return list(default)
     beyond = [k for k in frames if not 0 <= k < count]
     if beyond:
-        raise InputError(f"frames = {beyond[0]} of a figure: its {items} are 0 to {count - 1}")
+        raise InputError(message("frames_figure", beyond=beyond[0], items=items, count=count - 1))
     return list(frames)
 
 

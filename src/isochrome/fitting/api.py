@@ -46,6 +46,7 @@ from isochrome.fitting.wear_laws import (
     segments,
 )
 from isochrome.frames import absolute, input_files, open_scene_frames
+from isochrome.messages import message
 from isochrome.output import messages_of_frames
 from isochrome.progress import RunProgress, Tally
 from isochrome.runs import (
@@ -166,10 +167,16 @@ def joint_stage(
     PhysicsError for unknowns that the frames do not tell, or not apart.
     """
     if not any(fit.positive for fit in single_fits):
-        cause = next(iter(messages_of_frames(messages, single=sequence.count == 1)), CORRECT)
+        cause = next(
+            iter(messages_of_frames(messages, single=sequence.count == 1)), message(CORRECT)
+        )
         raise PhysicsError(
-            f"{data.given.name}: nothing could be read in any of the {len(single_fits)} frames: "
-            f"the scene's fringes are not in them; {cause}"
+            message(
+                "nothing_could_read_any",
+                name=data.given.name,
+                single_fits_count=len(single_fits),
+                cause=cause,
+            )
         )
     data.plain = {i for i, fit in enumerate(single_fits) if fit.plain}
     data.noises = {i: fit.noise_ratio for i, fit in enumerate(single_fits) if fit.noise_ratio > 1.0}

@@ -18,6 +18,7 @@ from isochrome.frames import (
     open_scene_frames,
     with_file_scale,
 )
+from isochrome.messages import message
 from isochrome.output import counted
 from isochrome.scene import DistanceTable, FramesLike, Scene, check_pixel
 from isochrome.simulation import required_model, state_count
@@ -105,7 +106,7 @@ class PreparedFrames(FrameSet):
         self._frames = SequentialFrames(self.reader)
         self._count = self.reader.count()
         if self._count == 0:
-            raise InputError(f"{path}: holds no frame; check the file")
+            raise InputError(message("holds_no_frame_check", path=path))
         self.scene, speed = self.given, self.given.frames.sliding_speed_mm_per_s
         if speed is not None and self.given.wear is not None:
             distances = [timed_distance(frame, speed) for frame in self.reader]
@@ -148,10 +149,7 @@ _SAME_EFFECT = {
 }
 """Keys that cannot be told from the load, and why."""
 
-CORRECT = (
-    "correct the scene by what stood before the camera (load, place, pixel, field, gamma); "
-    "`isochrome check` looks at the frames"
-)
+CORRECT = "correct_scene_what_stood"
 """What to do where nothing could be read."""
 
 _ALIKE = 0.9995
@@ -164,23 +162,17 @@ def refuse_keys(scene: Scene, shared: tuple[str, ...], per_frame: tuple[str, ...
     required_model(scene)
     keys = shared + per_frame
     if not keys:
-        raise InputError("nothing to fit; name a key with --free, such as --free load.normal_n")
+        raise InputError(message("nothing_fit_name_key"))
     for key in keys:
         _refuse_unfitted(scene, key, is_own=key in per_frame)
         if keys.count(key) > 1:
-            raise InputError(f"{key} is named twice; name it once, shared or per frame")
+            raise InputError(message("named_twice_name_once", key=key))
         if scene.uncertainties.get(key) == 0.0:
-            raise InputError(
-                f"{key} is stated as exact (standard_uncertainty = 0) and cannot be free; leave it "
-                "out, or state its uncertainty"
-            )
+            raise InputError(message("stated_exact_standard_uncertainty_cannot", key=key))
     for key, reason in _SAME_EFFECT.items():
         pair = {key, "load.normal_n"}
         if pair <= set(keys) and not pair & set(scene.uncertainties):
-            raise InputError(
-                f"load.normal_n and {key} cannot both be free: {reason}; fix one of them, or give "
-                "one its uncertainty in the scene: { value = ..., standard_uncertainty = ... }"
-            )
+            raise InputError(message("load_normal_n_cannot_both", key=key, reason=reason))
 
 
 def _refuse_unfitted(scene: Scene, key: str, *, is_own: bool) -> None:
@@ -189,22 +181,15 @@ def _refuse_unfitted(scene: Scene, key: str, *, is_own: bool) -> None:
     if key in _PLACE:
         return
     if isinstance(value, DistanceTable) and key != "friction.coefficient" and not is_own:
-        raise InputError(
-            f"{key} cannot be fitted: it is a table over distance in this scene; name it with "
-            "--per-frame, give it as a number, or leave it out"
-        )
+        raise InputError(message("cannot_fitted_table_over", key=key))
     if key.split(".")[0] in ("camera", "frames", "numerics") and key not in _SENSOR:
         raise InputError(
-            f"{key} cannot be fitted: the fringes do not follow it; of camera and frames only "
-            f"{', '.join((*_PLACE, *_SENSOR))} can be free"
+            message("cannot_fitted_fringes_do", key=key, value=", ".join((*_PLACE, *_SENSOR)))
         )
     if key == "frames.gamma" and value == "unknown":
         return
     if isinstance(value, bool) or not isinstance(value, int | float | DistanceTable):
-        raise InputError(
-            f"{key} = {value!r} cannot be fitted: it is no number in this scene; give it one, or "
-            "leave it out"
-        )
+        raise InputError(message("cannot_fitted_no_number_scene", key=key, value=value))
 
 
 def refuse_states(path: FramesLike, count: int, scene: Scene) -> None:
@@ -212,9 +197,12 @@ def refuse_states(path: FramesLike, count: int, scene: Scene) -> None:
     states = state_count(scene)
     if states not in (1, count):
         raise InputError(
-            f"{path}: {counted(count, 'frame')}, and the scene has {counted(states, 'state')}; "
-            "give one frame a state, correct wear.distances_m, or set "
-            "frames.sliding_speed_mm_per_s for a video"
+            message(
+                "scene_has_give_one",
+                path=path,
+                counted=counted(count, "frame"),
+                counted_2=counted(states, "state"),
+            )
         )
 
 
@@ -235,8 +223,12 @@ def refuse_alike(keys: tuple[str, ...], information: Array, known: tuple[str, ..
     i, j = np.unravel_index(int(np.abs(correlation).argmax()), correlation.shape)
     if abs(correlation[i, j]) > _ALIKE:
         raise PhysicsError(
-            f"{keys[i]} and {keys[j]} cannot be told apart in these frames (correlation "
-            f"{correlation[i, j]:.4f}); fix one of them"
+            message(
+                "cannot_told_apart_these",
+                keys=keys[i],
+                keys_2=keys[j],
+                correlation=correlation[i, j],
+            )
         )
 
 
@@ -244,21 +236,19 @@ def refuse_bent(scene: Scene, what: str) -> None:
     """InputError for a camera that is not square where that is not in the model."""
     for key in LENS:
         if scene.get(key):
-            raise InputError(f"{key} = {scene.get(key):g}: such frames cannot be {what}")
+            raise InputError(
+                message("such_frames_cannot", key=key, scene=scene.get(key), what=what)
+            )
 
 
 def refuse_untracked(scene: Scene, keys: tuple[str, ...], known: tuple[str, ...]) -> None:
     """InputError for what cannot be tracked through a video."""
     if not scene.is_contact:
-        raise InputError(f"a {scene.model} cannot be tracked, only contacts can; leave --track out")
+        raise InputError(message("cannot_tracked_only_contacts", model=scene.model))
     for key in keys:
         if key not in known:
             raise InputError(
-                f"{key} cannot be tracked; of a video's frames {', '.join(known)} can: fit {key} "
-                "on a few frames first, put it into the scene, and leave it out"
+                message("cannot_tracked_video_frames", key=key, known=", ".join(known))
             )
     if scene.friction and scene.friction.static_state_first:
-        raise InputError(
-            "friction.static_state_first = true: tracked frames are all of one kind; set it to "
-            "false for a video that slides"
-        )
+        raise InputError(message("friction_static_state_first_true_tracked"))

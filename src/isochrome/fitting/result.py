@@ -15,6 +15,7 @@ from isochrome.fitting.joint.frame_sequence import over_distance
 from isochrome.fitting.joint.joint_fit import JointFit
 from isochrome.fitting.tractions.surface_fit import Tractions
 from isochrome.fitting.wear_laws import WearLaws
+from isochrome.messages import message
 from isochrome.output import (
     FrameValues,
     Result,
@@ -297,22 +298,15 @@ def _warnings(joint: JointFit, single_fits: list[FrameFit]) -> list[str]:
     if poor:
         where = "" if len(joint.scenes) == 1 else f" ({named_frames(poor)})"
         worst = max(joint.frame_chi)
-        messages_found.append(
-            f"chi = {worst:.2f}{where}: the model does not describe these frames within their "
-            "noise; the uncertainties are widened by it, but a bias may remain"
-        )
+        messages_found.append(message("chi_model_does_not", worst=worst, where=where))
         if not any(unknown.key.startswith("camera.") for unknown in joint.unknowns):
-            messages_found.append(
-                "the contact's place in the picture was held at the scene's; let it be found with "
-                "--per-frame camera.left_mm --per-frame camera.top_mm"
-            )
+            messages_found.append(message("contact_place_picture_held"))
     lost = set(joint.lost)
-    messages = [(i, f"the scene's fringes are not in it; {CORRECT}") for i in joint.lost]
+    messages = [(i, message("scene_fringes_not", correct=message(CORRECT))) for i in joint.lost]
     messages += [
         (
             i,
-            "no smooth illumination fits with this model, so that one amplitude stands for all "
-            "the frame; give no-load frames",
+            message("no_smooth_illumination_fits"),
         )
         for i, fit in enumerate(single_fits)
         if fit.plain and i not in lost
@@ -320,17 +314,16 @@ def _warnings(joint: JointFit, single_fits: list[FrameFit]) -> list[str]:
     messages += [
         (
             i,
-            f"{counted(len(_others(fit)), 'other solution')} of nearly the same misfit; give the "
-            "load more closely",
+            message(
+                "nearly_same_misfit_give", counted=counted(len(_others(fit)), "other solution")
+            ),
         )
         for i, fit in enumerate(single_fits)
         if _others(fit)
     ]
     messages_found += messages_of_frames(messages)
     if not joint.converged:
-        messages_found.append(
-            "the fit did not converge fully; begin it nearer, with load and place in the scene"
-        )
+        messages_found.append(message("fit_did_not_converge"))
     return messages_found
 
 
@@ -338,10 +331,7 @@ def _against_law(scene: Scene, laws: WearLaws | None) -> list[str]:
     """What to say where the frames speak against the scene's own wear law."""
     if laws is None or scene.wear is None or not laws.speaks_against(scene.wear.law):
         return []
-    return [
-        f"wear.law = '{scene.wear.law}' is not what the frames show: {laws.sentence()}; change the "
-        "law in the scene, and fit again"
-    ]
+    return [message("wear_law_not_what", law=scene.wear.law, sentence=laws.sentence())]
 
 
 def fitted_scene(scene: Scene, shared: Found, per_frame: list[Found]) -> Scene:

@@ -24,6 +24,7 @@ from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.single_state import with_part
 from isochrome.fitting.frame.unknowns import FRICTION, WEAR
 from isochrome.fitting.joint.frame_sequence import Sequence, Unknown
+from isochrome.messages import message
 from isochrome.scene import Scene
 
 CLEAR = 5.0
@@ -348,23 +349,25 @@ class WearLaws:
         names = [law.law for law in self.close]
         if len(names) > 1:
             listed = f"{', '.join(names[:-1])} and {names[-1]}"
-            text = f"the frames cannot tell {listed} apart (ln Z within {CLEAR:g})"
+            text = message("frames_cannot_tell_apart", listed=listed, clear=CLEAR)
             if len(_BY_FRICTION & set(names)) > 1:
-                text += (
-                    "; laws that differ by friction alone are alike where it changes little: "
-                    "their coefficients make up for it"
-                )
+                text += message("laws_differ_friction_alone")
         else:
             margin = -self.laws[1].log_evidence
-            text = (
-                f"the frames prefer {names[0]}, by a margin of {margin:.3g} in ln Z over "
-                f"{self.laws[1].law} ({CLEAR:g} is clear)"
+            text = message(
+                "frames_prefer_margin_ln",
+                names=names[0],
+                margin=margin,
+                law=self.laws[1].law,
+                clear=CLEAR,
             )
         if self.none_fits:
             best = self.laws[0]
-            text += (
-                f"; yet {best.law} leaves a misfit of {best.misfit:.3g} variances where "
-                f"{best.freedom} are expected: something else wears too"
+            text += message(
+                "yet_leaves_misfit_variances",
+                law=best.law,
+                misfit=best.misfit,
+                freedom=best.freedom,
             )
         return text
 

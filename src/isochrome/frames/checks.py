@@ -34,6 +34,7 @@ from isochrome.frames.opening import check_scale, open_scene_frames, with_file_s
 from isochrome.frames.readers.signature import signature_of
 from isochrome.frames.reading import Frame, FrameReader, Mask
 from isochrome.frames.saturation import saturation_level
+from isochrome.messages import message
 from isochrome.output import Result, counted, named_frames
 from isochrome.scene import Camera, FramesLike, Scene, check_moduli, check_pixel
 
@@ -66,10 +67,7 @@ _GAINS = (0.8, 1.25)
 _LARGEST_RUN = 0.5
 """Share of a set beyond which frames without fringes are no mistake among others."""
 
-UNLOADED = (
-    "looks like the unloaded specimen: {}; take it out of the frames{} (of a film that begins "
-    "without load set frames.starts_unloaded = true)"
-)
+UNLOADED = "looks_like_unloaded_specimen"
 
 
 @dataclass(kw_only=True)
@@ -205,7 +203,7 @@ def _swings(lines: Array) -> NDArray[np.int_]:
 Level = Literal["error", "warning", "note"]
 SATURATED, LOW_CONTRAST, JUMP = 0.01, 0.1, 0.2
 """Share of pixels, part of full scale, and change between frames, that are reported."""
-UNSTEADY = "at most); fix exposure, gain and lamp (only an unloaded dark-field frame may be darker)"
+UNSTEADY = "most_fix_exposure_gain"
 
 
 @dataclass(frozen=True)
@@ -313,12 +311,12 @@ def misfits(reader: FrameReader, scene: Scene, count: int | None) -> Iterator[tu
     wear, steps = scene.wear, len(scene.polariscope.step_numbers)
     each = count is not None and count % steps == 0
     if count is not None and not each:
-        text = f"{count} frames are not a multiple of the polariscope's {steps} steps; give one "
-        yield str(reader.path), f"{text}frame for each [[polariscope.step]]"
+        text = message("frames_not_multiple_polariscope", count=count, steps=steps)
+        yield str(reader.path), message("frame_each_polariscope_step", text=text)
     loads = len(scene.frames.known_loads_n)
     if loads and count is not None and loads != count:
-        text = f"frames.known_loads_n has {counted(loads, 'number')}, and the set "
-        text += f"{counted(count, 'frame')}; give one for each, in their order, 0 where it is not "
+        text = message("frames_known_loads_n_has_set", counted=counted(loads, "number"))
+        text += message("give_one_each_their", counted=counted(count, "frame"))
         yield scene.name, f"{text}known"
     yield from _places_beyond(scene, rows, cols)
     yield from _other_size(reader, scene.camera or Camera())
@@ -327,11 +325,11 @@ def misfits(reader: FrameReader, scene: Scene, count: int | None) -> Iterator[tu
     first = scene.friction is not None and scene.friction.static_state_first
     states = len(wear.distances_m) + int(first)
     if count is not None and each and count != states * steps:
-        what = "wear.distances_m" + " and the static state first" * first
-        step = f" for each of its {steps} steps" if steps > 1 else ""
+        what = "wear.distances_m" + message("static_state_first") * first
+        step = message("each_steps", steps=steps) if steps > 1 else ""
         text = f"{counted(count, 'frame')}, and the scene has {counted(states, 'state')} ({what}); "
-        text += f"give one frame a state{step}, correct the list, or set "
-        yield str(reader.path), f"{text}frames.sliding_speed_mm_per_s for a video"
+        text += message("give_one_frame_state", step=step)
+        yield str(reader.path), message("frames_sliding_speed_mm_per_s_video", text=text)
 
 
 def _other_size(reader: FrameReader, camera: Camera) -> Iterator[tuple[str, str]]:
@@ -340,11 +338,11 @@ def _other_size(reader: FrameReader, camera: Camera) -> Iterator[tuple[str, str]
     wanted = (camera.height_px or rows, camera.width_px or cols)
     if wanted == (rows, cols):
         return
-    after = "after the roi" if reader.roi else "(no frames.roi is set)"
-    text = f"frames are {rows} rows x {cols} columns {after} and the scene's camera is "
-    text += f"{wanted[0]} x {wanted[1]}; correct camera.height_px and width_px, or frames.roi"
+    after = "after the roi" if reader.roi else message("no_frames_roi_set")
+    text = message("frames_rows_columns_scene", rows=rows, cols=cols, after=after)
+    text += message("correct_camera_height_px_width_px", wanted=wanted[0], wanted_2=wanted[1])
     if wanted == (cols, rows):
-        text += ", or turn pictures that lie on their side by frames.rotate_deg = 90 or 270"
+        text += message("turn_pictures_lie_their")
     yield str(reader.path), text
 
 
@@ -355,7 +353,9 @@ def _places_beyond(scene: Scene, rows: int, cols: int) -> Iterator[tuple[str, st
     frames = scene.frames
     for i, known in enumerate(frames.known_order, start=1):
         if known.row_px >= rows or known.col_px >= cols:
-            text = f"frames.known_order[{i}] at row {known.row_px}, column {known.col_px} lies "
+            text = message(
+                "frames_known_order_row_column", i=i, row_px=known.row_px, col_px=known.col_px
+            )
             yield scene.name, f"{text}outside {rows} x {cols} pixels; move it"
     # an outline may run along the picture's edge, half a pixel beyond its last centre
     for name, paths, slack in (
@@ -369,7 +369,7 @@ def _places_beyond(scene: Scene, rows: int, cols: int) -> Iterator[tuple[str, st
                 if row > rows - 1 + slack or col > cols - 1 + slack
             )
             for k, row, col in islice(beyond, 1):
-                text = f"frames.{name}[{i}], point {k} at row {row:g}, column {col:g} lies outside "
+                text = message("frames_point_row_column", name=name, i=i, k=k, row=row, col=col)
                 yield scene.name, f"{text}{rows} x {cols} pixels; move it"
 
 
@@ -377,24 +377,23 @@ def of_depth(reader: FrameReader, light: Survey) -> Iterator[Finding]:
     """Findings on bit depth: 12 bits in a 16-bit file, floats without a full scale."""
     depth, largest = reader.bit_depth, max(light.largest, default=0.0)
     if reader.dtype.kind == "f" and depth is None and largest > 1:
-        text = f"float frames reach {largest:g}; set camera.bit_depth to say what full scale is"
+        text = message("float_frames_reach_set", largest=largest)
         yield Finding("error", text)
     if reader.dtype.kind == "f" and depth is not None and 0 < largest <= 1:
-        text = f"float frames end at {largest:g}, but camera.bit_depth = {depth} says grey levels"
-        yield Finding("warning", text + "; remove camera.bit_depth if they are fractions")
+        text = message("float_frames_end_but", largest=largest, depth=depth)
+        yield Finding("warning", text + message("remove_camera_bit_depth_if"))
     if depth is None or depth <= 8 or reader.dtype.kind != "u" or not light.bits:
         return
     likely = next(b for b in (8, 10, 12, 14, 16) if largest < 2**b)
     if likely < depth:
         yield Finding(
             "warning",
-            f"{depth}-bit frames whose largest value is {largest:g}: probably {likely} bits; set "
-            f"camera.bit_depth = {likely} (or the exposure is very short)",
+            message("bit_frames_whose_largest", depth=depth, largest=largest, likely=likely),
         )
     shift = (light.bits & -light.bits).bit_length() - 1
     if shift:
-        text = f"all values are multiples of {2**shift}: a {depth - shift}-bit sensor, shifted up"
-        yield Finding("note", text + f"; full scale is then {2**depth - 2**shift}")
+        text = message("all_values_multiples_bit", shift=2**shift, shift_2=depth - shift)
+        yield Finding("note", text + message("full_scale_then", shift=2**depth - 2**shift))
 
 
 def of_light(reader: FrameReader, light: Survey) -> Iterator[Finding]:
@@ -406,26 +405,26 @@ def of_light(reader: FrameReader, light: Survey) -> Iterator[Finding]:
     clear = ~(np.isnan(light.largest) | (np.array(light.smallest) == np.array(light.largest)))
     yield from _blank(light, full)
     share = np.array(light.saturated)
-    worst = f"saturated in up to {100 * share.max():.1f} % of the pixels, which are masked; lower "
+    worst = message("saturated_up_pixels_which", max=100 * share.max())
     yield from _frames("warning", clear & (share > SATURATED), worst + "the exposure")
     weak = clear & (high - low < LOW_CONTRAST * full) & (share <= SATURATED)
-    text = "low contrast, under 10 % of full scale; raise the exposure"
+    text = message("low_contrast_under_full")
     yield from _frames("warning", weak, text)
     change = np.zeros(light.count)
     with np.errstate(divide="ignore", invalid="ignore"):
         change[1:] = np.abs(np.diff(high)) / np.maximum(high[1:], high[:-1])
     jumps = (change > JUMP) & clear
-    text = f"the brightness jumps against the frame before (by {100 * change.max(initial=0):.0f} % "
-    yield from _frames("warning", jumps, text + UNSTEADY)
+    text = message("brightness_jumps_against_frame", max=100 * change.max(initial=0))
+    yield from _frames("warning", jumps, text + message(UNSTEADY))
     if not jumps.any():
         yield from _of_set(high, clear & ~weak & (share <= SATURATED))
     twins = np.zeros(light.count, bool)
     twins[[i for i, _ in light.twins if i < light.count]] = True
-    text = "the same, pixel by pixel, as an earlier one; did the camera stall?"
+    text = message("same_pixel_pixel_earlier")
     yield from _frames("warning", twins & clear, text)
     if light.noise:
         unit = "of full scale" if reader.bit_depth is None else "grey levels"
-        text = f"camera noise about {np.median(light.noise):.3g} {unit}, rounding included"
+        text = message("camera_noise_about_rounding", noise=np.median(light.noise), unit=unit)
         yield Finding("note", text)
 
 
@@ -437,8 +436,8 @@ def _of_set(high: np.ndarray, usable: np.ndarray) -> Iterator[Finding]:
     dim = usable & (high < (1.0 - JUMP) * top)
     if dim.any():
         least = float(high[dim].min())
-        text = f"the brightest places are down to 1 : {top / least:.2g} of those of other frames: "
-        text += "fix exposure, gain and lamp (only frames below half a fringe may be so dark)"
+        text = message("brightest_places_down_those", least=top / least)
+        text += message("fix_exposure_gain_lamp")
         yield from _frames("warning", dim, text)
 
 
@@ -446,14 +445,14 @@ def _blank(light: Survey, full: float) -> Iterator[Finding]:
     """Frames with nothing in them: no number, all black, all white, one value."""
     small, large = np.array(light.smallest), np.array(light.largest)
     empty, flat = np.isnan(large), small == large
-    yield from _frames("error", empty, "no number in it (NaN only); see how it was written")
-    yield from _frames("error", flat & (large <= 0), "all black; was the light on?")
-    yield from _frames("error", flat & (large >= full), "all white; lower the exposure")
+    yield from _frames("error", empty, message("no_number_nan_only"))
+    yield from _frames("error", flat & (large <= 0), message("all_black_light"))
+    yield from _frames("error", flat & (large >= full), message("all_white_lower_exposure"))
     yield from _frames(
-        "error", flat & (large > 0) & (large < full), "constant; is it a captured frame?"
+        "error", flat & (large > 0) & (large < full), message("constant_captured_frame")
     )
     holes = (np.array(light.not_finite) > 0) & ~empty
-    yield from _frames("note", holes, "some pixels are not finite; they are masked")
+    yield from _frames("note", holes, message("some_pixels_not_finite"))
 
 
 def _frames(level: Level, where: np.ndarray, text: str) -> Iterator[Finding]:
@@ -471,11 +470,11 @@ def of_unloaded(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Fi
     full, gamma = full_scale(reader.bit_depth), scene.frames.first_gamma
     like, fringeless = unloaded_frames(light.load, light.low, light.high, full, gamma)
     for key, numbers in like.items():
-        why = UNLOADED.format(f"nearly the same picture as {key}", "")
+        why = message(UNLOADED, value=message("nearly_same_picture", key=key), value_2="")
         yield Finding("warning", f"{named_frames(numbers)}: {why}", numbers[0])
     if fringeless:
-        name = ", or name it as frames.no_load_dark or no_load_bright"
-        why = UNLOADED.format("no fringes, where the frames beside show many", name)
+        name = message("name_frames_no_load_dark_no_load_bright")
+        why = message(UNLOADED, value=message("no_fringes_where_frames"), value_2=name)
         yield Finding("warning", f"{named_frames(fringeless)}: {why}", fringeless[0])
 
 
@@ -491,8 +490,10 @@ def of_no_load(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Fin
         return
     missing = [n for n in ("no_load_dark", "no_load_bright") if getattr(frames, n) is None]
     if missing:
-        text = f"{' and '.join('frames.' + n for n in missing)} not given: the unloaded specimen's "
-        yield Finding("warning", text + "frames are worth more than any algorithm; add them")
+        text = message(
+            "not_given_unloaded_specimen", missing=" and ".join("frames." + n for n in missing)
+        )
+        yield Finding("warning", text + message("frames_worth_more_any"))
     try:
         dark, bright = load_no_load(scene, full_shape=reader.full_shape)
     except InputError as error:
@@ -506,13 +507,13 @@ def of_no_load(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Fin
     if bright is not None:
         top = float(np.percentile(bright.image, 98))
         if high > 1.15 * top:
-            text = f"frames reach {high:.3g} of full scale and no_load_bright only {top:.3g}"
-            yield Finding("warning", text + ": capture both with one exposure")
+            text = message("frames_reach_full_scale", high=high, top=top)
+            yield Finding("warning", text + message("capture_both_one_exposure"))
     if dark is not None:
         bottom = float(np.percentile(dark.image, 2))
         if bottom > low + 0.05:
-            text = f"no_load_dark begins at {bottom:.3g} of full scale and the frames at {low:.3g}"
-            yield Finding("warning", text + ": capture both with one exposure, loaded last")
+            text = message("no_load_dark_begins_full_scale", bottom=bottom, low=low)
+            yield Finding("warning", text + message("capture_both_one_exposure_loaded"))
 
 
 ENDINGS = {
@@ -579,7 +580,7 @@ class Check(Result):
     def figure(self) -> Figure:
         """The light of each frame, see `light_figure`. Raises InputError where none was read."""
         if self.light is None or not self.count:
-            raise InputError("no frame was read: there is nothing to draw")
+            raise InputError(message("no_frame_read_there"))
         return light_figure(self.light)
 
     @property
@@ -597,12 +598,12 @@ def look_through(path: FramesLike, scene: Scene) -> Check:
     """
     findings = []
     if not scene.has_model:
-        text = "process still gives normalised frames, fringe lines, and orders from known points"
+        text = message("process_still_gives_normalised")
         if scene.specimen.shape is None:
-            text = f"{scene.no_model_reason}, so it has no model; {text}"
+            text = message("so_has_no_model", no_model_reason=scene.no_model_reason, text=text)
             findings.append(Finding("note", text))
         else:
-            text = f"{scene.no_model_reason}: no simulation and no fit; {text}"
+            text = message("no_simulation_no_fit", no_model_reason=scene.no_model_reason, text=text)
             findings.append(Finding("warning", text))
     try:
         reader = open_scene_frames(path, scene, any_scale=True)
@@ -636,11 +637,11 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
         lambda: check_moduli(scene),
     )
     if reader.channel is not None:
-        text = f"colour frames: the {reader.channel} channel is used; frames.channel changes it"
+        text = message("colour_frames_channel_used", channel=reader.channel)
         yield Finding("note", text)
     names = reader.names or (str(reader.path),)
     if reader.mask is not None:
-        text = f"the mask takes {100 * reader.mask.mean():.1f} % of the pixels for the specimen"
+        text = message("mask_takes_pixels_specimen", mean=100 * reader.mask.mean())
         yield Finding("note", text)
     lossy = reader.lossy
     if isinstance(reader.files[0], Path):  # arrays have no first bytes
@@ -648,37 +649,27 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
         lossy = lossy or kind in ("JPEG", "WebP")
         claimed = ENDINGS.get(Path(names[0]).suffix.lower(), kind)
         if kind != claimed:
-            text = (
-                f"{names[0]}: is a {kind} by its first bytes and a {claimed} by its name; it is "
-                f"read as the {kind} that it is: rename it, for other programs may not open it"
-            )
+            text = message("first_bytes_name_read", names=names[0], kind=kind, claimed=claimed)
             yield Finding("note", text)
     if lossy:
-        text = (
-            f"{names[0]}: is compressed with loss, which hides camera noise; a fit with a model "
-            "tells it all the same, a reading without one takes it for less: TIFF, PNG and FFV1 "
-            "keep it"
-        )
+        text = message("compressed_loss_which_hides", names=names[0])
         yield Finding("note", text)
     ordinary = lossy or reader.kind == "video" or reader.channel is not None
     if scene.frames.gamma == 1 and ordinary:
-        text = (
-            "frames.gamma = 1 says that grey levels are proportional to light; ordinary cameras "
-            "store light^(1 / 2.2) in such files: set frames.gamma = 2.2 if yours does"
-        )
+        text = message("frames_gamma_says_grey")
         yield Finding("note", text)
 
 
 def _of_count(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Finding]:
     if scene.frames.sliding_speed_mm_per_s is not None and light.untimed:
-        text = f"{light.untimed} of {light.count} frames carry no time, and sliding_speed_mm_per_s "
-        yield Finding("error", text + "needs it; remove that key, or give a timed video")
+        text = message("frames_carry_no_time", untimed=light.untimed, count=light.count)
+        yield Finding("error", text + message("needs_remove_key_give"))
     claimed = reader.claimed_count
     if claimed is not None and claimed != light.count:
-        text = (
-            f"the video's head claims {counted(claimed, 'frame')} and {light.count} can be decoded"
+        text = message(
+            "video_head_claims_can", counted=counted(claimed, "frame"), count=light.count
         )
-        yield Finding("warning", text + "; is it whole? (some writers claim wrongly)")
+        yield Finding("warning", text + message("whole_some_writers_claim"))
 
 
 def light_figure(light: Survey) -> Figure:

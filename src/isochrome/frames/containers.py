@@ -38,6 +38,7 @@ import numpy as np
 from isochrome.errors import InputError
 from isochrome.frames.readers.pixel_formats import plane_of
 from isochrome.frames.source import MAX_PIXELS, check_aspect, check_size, next_time, refusing
+from isochrome.messages import message
 
 SLICE, KEY_SLICE, PARAMETERS = 1, 5, 7
 ASIDE = (6, 8, 9, 10, 11, 12)
@@ -193,12 +194,9 @@ def check_whole(path: Path) -> Container:
                 return container
     except OSError as error:
         raise InputError(
-            f"{path}: cannot be read ({error.strerror}); check its name and rights"
+            message("cannot_read_check_name", path=path, strerror=error.strerror)
         ) from error
-    raise InputError(
-        f"{path}: is no AVI, MP4, MOV, Matroska, WebM, WMV or MPEG file, whatever its name says; "
-        "save it as one, or as a TIFF stack"
-    )
+    raise InputError(message("no_avi_mp_mov", path=path))
 
 
 def container_of(file: BinaryIO) -> Container | None:
@@ -220,18 +218,11 @@ def container_of(file: BinaryIO) -> Container | None:
 
 
 def _broken(path: Path, place: int, end: int) -> InputError:
-    return InputError(
-        f"{path}: breaks off: a part that begins at byte {place} goes beyond the file's end at "
-        f"{end}; it is truncated: copy it again from its source (what is left of it: 'ffmpeg -i "
-        "FILE -c copy NEW')"
-    )
+    return InputError(message("breaks_off_part_begins", path=path, place=place, end=end))
 
 
 def _damaged(path: Path, place: int) -> InputError:
-    return InputError(
-        f"{path}: is damaged at byte {place}, and frames after it may be lost; copy it again from "
-        "its source (what is left of it: 'ffmpeg -i FILE -c copy NEW')"
-    )
+    return InputError(message("damaged_byte_frames_after", path=path, place=place))
 
 
 def _avi(file: BinaryIO, end: int, path: Path) -> None:
@@ -289,10 +280,7 @@ def _mp4(file: BinaryIO, end: int, path: Path) -> None:
             raise _broken(path, place, end)
         place += size
     if b"moov" not in boxes:
-        raise InputError(
-            f"{path}: its index is missing: the recording was never closed, or it breaks off; save "
-            "it again, or copy it again from its source"
-        )
+        raise InputError(message("index_missing_recording_never", path=path))
 
 
 def _matroska(file: BinaryIO, end: int, path: Path) -> None:
@@ -403,7 +391,7 @@ def decoded(path: Path, kind: Container, key: tuple[int, int] | None = None) -> 
     """
     with open_container(path) as (container, stream):
         if key is not None:
-            with refusing(path, f"frame {key[0]} cannot be found again"):
+            with refusing(path, message("frame_cannot_found_again", key=key[0])):
                 container.seek(key[1], stream=stream, backward=True, any_frame=False)
         clock = _Clock(stream, by_packet=kind == "avi")
         count = 0 if key is None else key[0]
@@ -416,9 +404,7 @@ def decoded(path: Path, kind: Container, key: tuple[int, int] | None = None) -> 
                 if packet is None:
                     return
                 if in_slices and packet.size and not is_whole(bytes(packet)):
-                    raise InputError(
-                        f"{path}: frame {count} is damaged; copy the file again from its source"
-                    )
+                    raise InputError(message("frame_damaged_copy_file", path=path, count=count))
                 frames = _decode(packet, clock, path, count)
             for frame in frames:
                 yield Decoded(frame, *clock.of(frame))
@@ -468,8 +454,7 @@ def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
             streams = [s for s in container.streams.video if not _is_picture(s)]
             if len(streams) != 1:
                 raise InputError(
-                    f"{path}: holds {len(streams)} video streams, and one is wanted; save the one "
-                    "by itself ('ffmpeg -i FILE -map 0:v:0 -c copy NEW')"
+                    message("holds_video_streams_one", path=path, streams_count=len(streams))
                 )
             stream = streams[0]
             _check_stream(stream, path)
@@ -490,15 +475,9 @@ def _is_picture(stream: Any) -> bool:
 def _check_stream(stream: Any, path: Path) -> None:
     context = stream.codec_context
     if context is None:
-        raise InputError(
-            f"{path}: its codec is not known; save it as FFV1, MJPG or uncompressed, or as a TIFF "
-            "stack"
-        )
+        raise InputError(message("codec_not_known_save", path=path))
     if context.height <= 0 or context.width <= 0:  # FFmpeg keeps no size that it will not decode
-        raise InputError(
-            f"{path}: names no frame size that can be read, up to {MAX_PIXELS} pixels; is the file "
-            "damaged? crop it or save it again"
-        )
+        raise InputError(message("names_no_frame_size", path=path, max_pixels=MAX_PIXELS))
     check_size(path, context.height, context.width, PIXEL_BYTES)
     aspect = stream.sample_aspect_ratio
     if aspect:
@@ -508,14 +487,11 @@ def _check_stream(stream: Any, path: Path) -> None:
 def _decode(packet: Any, clock: _Clock, path: Path, count: int) -> list[Any]:
     """The frames that a packet completes; InputError where it, or one of them, is damaged."""
     if packet.is_corrupt:
-        raise InputError(
-            f"{path}: breaks off, or is damaged, after frame {count - 1}; copy it again from its "
-            "source"
-        )
+        raise InputError(message("breaks_off_damaged_after", path=path, count=count - 1))
     clock.push(packet)
     frames: list[Any] = packet.decode()
     if any(frame.is_corrupt for frame in frames):
-        raise InputError(f"{path}: frame {count} is damaged; copy the file again from its source")
+        raise InputError(message("frame_damaged_copy_file", path=path, count=count))
     return frames
 
 

@@ -22,6 +22,7 @@ from isochrome.frames.noise import full_scale
 from isochrome.frames.opening import open_scene_frames
 from isochrome.frames.reading import Frame, FrameReader, Mask
 from isochrome.frames.saturation import saturation_level
+from isochrome.messages import message
 from isochrome.scene import ArrayFrames, Scene
 
 
@@ -38,8 +39,11 @@ def load_no_load(
     bright = _average(scene, scene.frames.no_load_bright, "no_load_bright", full_shape)
     if dark is not None and bright is not None and dark.image.shape != bright.image.shape:
         raise InputError(
-            f"frames.no_load_dark is {dark.image.shape} pixels (rows, columns) and "
-            f"frames.no_load_bright {bright.image.shape}; capture both alike"
+            message(
+                "frames_no_load_dark_pixels_rows",
+                shape=dark.image.shape,
+                shape_2=bright.image.shape,
+            )
         )
     return dark, bright
 
@@ -58,8 +62,7 @@ def open_no_load_steps(scene: Scene, full_shape: tuple[int, int]) -> FrameReader
         count = reader.count()
         if count != steps:
             raise InputError(
-                f"{path}: frames.no_load_steps holds {count} frames and the polariscope has "
-                f"{steps} steps; give one frame of the unloaded specimen for each"
+                message("frames_no_load_steps_holds_frames", path=path, count=count, steps=steps)
             )
         _check_shape(path, "no_load_steps", reader, full_shape)
     except InputError:
@@ -73,8 +76,13 @@ def _check_shape(
 ) -> None:
     if full_shape is not None and reader.full_shape != full_shape:
         raise InputError(
-            f"{path}: frames.{key} is {reader.full_shape} pixels (rows, columns) and the "
-            f"captured frames {full_shape}; capture both with the same camera settings"
+            message(
+                "frames_pixels_rows_columns",
+                path=path,
+                key=key,
+                full_shape=reader.full_shape,
+                full_shape_2=full_shape,
+            )
         )
 
 
@@ -94,7 +102,7 @@ def _average(
             valid &= linear.valid
             count += 1
     if not valid.any():
-        raise InputError(f"{path}: frames.{key} is saturated all over; lower the exposure")
+        raise InputError(message("frames_saturated_all_over", path=path, key=key))
     return Linear((total / count).astype(np.float32), valid)
 
 
@@ -151,11 +159,10 @@ def to_linear(
         name, mask, image = name or image.name, image.mask, image.image
     raw, name = np.asarray(image), name or "the frame"
     if raw.ndim != 2 or raw.size == 0:
-        raise InputError(f"{name}: a frame is (row, col), not {raw.shape}; choose a channel")
+        raise InputError(message("frame_row_col_not", name=name, shape=raw.shape))
     if mask is not None and mask.shape != raw.shape:
         raise InputError(
-            f"{name}: is {raw.shape} pixels (rows, columns) and the specimen's mask {mask.shape}; "
-            "give both one size"
+            message("pixels_rows_columns_specimen", name=name, shape=raw.shape, shape_2=mask.shape)
         )
     full = full_scale(bit_depth)
     finite = np.isfinite(raw)
@@ -176,14 +183,16 @@ def to_linear(
 def _check_levels(numbers: np.ndarray, bit_depth: int | None, allow_blank: bool, name: str) -> None:
     """Refuse a frame without a number, beyond its bit depth, or of one value."""
     if not numbers.size:
-        raise InputError(f"{name}: holds no number (NaN only); check how it was written")
+        raise InputError(message("holds_no_number_nan", name=name))
     full, low, high = full_scale(bit_depth), float(numbers.min()), float(numbers.max())
     if high > full:
-        given = f"{bit_depth} bits end" if bit_depth else "float frames without a bit depth end"
-        raise InputError(f"{name}: holds {high:g}, and {given} at {full:g}; set camera.bit_depth")
+        given = f"{bit_depth} bits end" if bit_depth else message("float_frames_without_bit")
+        raise InputError(
+            message("holds_set_camera_bit_depth", name=name, high=high, given=given, full=full)
+        )
     if low == high and not allow_blank:
         what = "all black" if high <= 0 else "all white" if high >= full else "constant"
-        raise InputError(f"{name}: is {what} (every pixel {high:g}); check light and exposure")
+        raise InputError(message("every_pixel_check_light", name=name, what=what, high=high))
 
 
 def find_outliers(image: np.ndarray, finite: Mask | None = None) -> Mask:
@@ -282,17 +291,15 @@ def normalise(
     for name, part in (("no-load dark", low), ("no-load bright", high)):
         if part.shape != light.shape:
             raise InputError(
-                f"the {name} frame is {part.shape} pixels (rows, columns) and the frame "
-                f"{light.shape}; capture both with the same camera settings and roi"
+                message(
+                    "frame_pixels_rows_columns", name=name, shape=part.shape, shape_2=light.shape
+                )
             )
     valid = valid & low_valid & high_valid
     contrast = high - low
     usual = float(np.median(contrast[valid])) if valid.any() else 0.0
     if not usual > 0:
-        raise InputError(
-            "the frame has no contrast between its no-load dark and bright ends (median "
-            f"{usual:.3g} of full scale); are the two no-load files swapped, or the light off?"
-        )
+        raise InputError(message("frame_has_no_contrast", usual=usual))
     valid = valid & (contrast > MIN_CONTRAST * usual)
     signal = np.full(light.shape, np.nan, np.float32)
     np.divide(light - low, contrast, out=signal, where=valid)

@@ -11,6 +11,7 @@ from isochrome.errors import InputError
 from isochrome.frames.readers import tiff
 from isochrome.frames.readers.images import read_image
 from isochrome.frames.readers.signature import signature_of
+from isochrome.messages import message
 from isochrome.output import SUFFIXES, read_roi_mask
 from isochrome.scene import ArrayFrames, Frames
 
@@ -51,9 +52,7 @@ def load_mask(scene: WithFrames, shape: tuple[int, int], full_shape: tuple[int, 
         polygon = _of_polygon(corners, shape, key)
         if not (inside & polygon).any():
             others = "frames.mask" if frames.mask else "the others"
-            raise InputError(
-                f"{key} and {others} have no pixel in common; correct one, or remove it"
-            )
+            raise InputError(message("have_no_pixel_common", key=key, others=others))
         inside &= polygon
     return inside
 
@@ -63,10 +62,10 @@ def _of_file(
 ) -> Mask:
     if isinstance(path, Path) and path.suffix.lower() in SUFFIXES:
         full = read_roi_mask(path, full_shape)
-        where = "ROIs are placed on the full frame, not on frames.roi"
+        where = message("rois_placed_full_frame")
     else:
         full = _of_image(path)
-        where = "nonzero pixels are the specimen"
+        where = message("nonzero_pixels_specimen")
     if full.shape == shape:
         part = full
     elif full.shape == full_shape:
@@ -75,13 +74,16 @@ def _of_file(
     else:
         region = "" if shape == full_shape else f", their region of interest {shape}"
         raise InputError(
-            f"{path}: frames.mask is {full.shape} pixels (rows, columns), and the captured frames "
-            f"are {full_shape}{region}; make the mask of one of these sizes"
+            message(
+                "frames_mask_pixels_rows",
+                path=path,
+                shape=full.shape,
+                full_shape=full_shape,
+                region=region,
+            )
         )
     if not part.any():
-        raise InputError(
-            f"{path}: frames.mask leaves no pixel of the region of interest; {where}: draw it again"
-        )
+        raise InputError(message("frames_mask_leaves_no", path=path, where=where))
     return part
 
 
@@ -92,33 +94,22 @@ def _of_image(path: Path | ArrayFrames) -> Mask:
     inside = np.asarray(values != 0)
     partly = inside & (values != values.max())
     if partly.mean() > 0.1 and np.unique(values[partly]).size > LEVELS:
-        raise InputError(
-            f"{path}: frames.mask has many grey levels, as a picture has; a mask is 0 outside the "
-            "specimen and one other value on it"
-        )
+        raise InputError(message("frames_mask_has_many", path=path))
     if inside.all():
-        raise InputError(
-            f"{path}: frames.mask has no pixel that is 0, so that it masks nothing; set the pixels "
-            "outside the specimen to 0, or remove the key"
-        )
+        raise InputError(message("frames_mask_has_no", path=path))
     return inside
 
 
 def _values(path: Path | ArrayFrames) -> np.ndarray:
     if isinstance(path, ArrayFrames):
         if path.count != 1 or path.dtype.kind not in "biuf":
-            raise InputError(
-                f"{path}: frames.mask is to be one picture (row, col) of true and false, or numbers"
-            )
+            raise InputError(message("frames_mask_one_picture", path=path))
         return path.frame(0)
     if not path.is_file():
-        raise InputError(f"{path}: frames.mask: no such file; check its name")
+        raise InputError(message("frames_mask_no_such", path=path))
     signature = signature_of(path)
     if signature.name == "JPEG":
-        raise InputError(
-            f"{path}: frames.mask is compressed with loss, so that its zeros are not kept; save "
-            "the mask as PNG or TIFF"
-        )
+        raise InputError(message("frames_mask_compressed_loss", path=path))
     if signature.kind == "tiff":
         return tiff.read_single(path, inverted_too=True)
     return read_image(path)
@@ -130,8 +121,12 @@ def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int], 
 
     if len(corners) > MOST_CORNERS:
         raise InputError(
-            f"{key} has {len(corners)} corners, and {MOST_CORNERS} are allowed; draw "
-            "it with fewer, or give frames.mask"
+            message(
+                "has_corners_allowed_draw",
+                key=key,
+                corners_count=len(corners),
+                most_corners=MOST_CORNERS,
+            )
         )
     points = np.array(corners)
     ends = np.roll(points, -1, axis=0)
@@ -139,28 +134,18 @@ def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int], 
     sides = crossing_sides(points)
     if sides is not None:
         raise InputError(
-            f"{key}: the sides after corners {sides[0] + 1} and {sides[1] + 1} cross; "
-            "give the corners in order, once around the specimen"
+            message("sides_after_corners_cross", key=key, sides=sides[0] + 1, sides_2=sides[1] + 1)
         )
     if area < 1:
-        raise InputError(
-            f"{key} encloses {area:.2g} pixels; give at least three corners that do "
-            "not lie on one line"
-        )
+        raise InputError(message("encloses_pixels_give_least", key=key, area=area))
     outside, swapped = (
         (each < -1).any() or (each > np.array(shape)).any() for each in (points, points[:, ::-1])
     )
     if outside and not swapped:
-        raise InputError(
-            f"{key} leaves the region of interest of {shape} pixels (rows, columns), "
-            "and with row and column swapped it would not; a corner is [row, col]"
-        )
+        raise InputError(message("leaves_region_interest_pixels", key=key, shape=shape))
     inside: Mask = np.asarray(polygon2mask(shape, points), dtype=np.bool_)
     if not inside.any():
-        raise InputError(
-            f"{key} holds no pixel of the region of interest of {shape} pixels (rows, "
-            "columns); its corners are [row, col] of that region, not of the full frame"
-        )
+        raise InputError(message("holds_no_pixel_region", key=key, shape=shape))
     return inside
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 
 FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
 QUANTISATION = 1 / 12
@@ -81,7 +82,7 @@ def estimate_noise(
 
     image = np.asarray(image)
     if image.ndim != 2 or min(image.shape) < 8:
-        raise InputError(f"noise needs a frame of at least 8 x 8 pixels, not {image.shape}")
+        raise InputError(message("noise_needs_frame_least", shape=image.shape))
     integer = image.dtype.kind in "ui"
     if bit_depth is None and integer:
         bit_depth = 8 * image.dtype.itemsize
@@ -96,9 +97,7 @@ def estimate_noise(
     if not usable.all():
         inside &= ndimage.minimum_filter(usable, 5)
     if np.count_nonzero(inside) < 16:
-        raise InputError(
-            "noise cannot be estimated: fewer than 16 pixels have valid neighbours; enlarge the roi"
-        )
+        raise InputError(message("noise_cannot_estimated_fewer"))
     floor = QUANTISATION if integer else float(np.finfo(np.float32).tiny)
     res, lev = residual[inside].astype(float), level[inside].astype(float)
     rough = np.sqrt(max(_clipped_variance(res)[0], floor))

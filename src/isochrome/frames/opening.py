@@ -36,6 +36,7 @@ from isochrome.frames.source import (
     refusing,
     turned,
 )
+from isochrome.messages import message
 from isochrome.scene import ArrayFrames, Camera, FramesLike, Roi, Scene, frames_of
 
 
@@ -47,9 +48,7 @@ def open_arrays(frames: ArrayFrames) -> Source:
     form = StoredForm((rows, cols), 3 if colours else 1, dtype)
     times = frames.times()
     if times is not None and not np.isfinite(times).all():
-        raise InputError(
-            f"{frames}: its coordinate time_s holds what is no number; correct or drop it"
-        )
+        raise InputError(message("coordinate_time_s_holds_what", frames=frames))
     end = next_time(*times[-2:]) if times is not None and len(times) > 1 else None
     return Source(
         kind="array",
@@ -70,8 +69,13 @@ def _frames(
         image = frames.frame(index)
         if image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
             raise InputError(
-                f"{frames}: frame {index} has the shape {image.shape} and the first "
-                f"{frames.form}; give all frames alike"
+                message(
+                    "frame_has_shape_first",
+                    frames=frames,
+                    index=index,
+                    shape=image.shape,
+                    form=frames.form,
+                )
             )
         form.check(str(frames), image, f"frame {index}")
         yield RawFrame(image, None if times is None else times[index], frames.label(index))
@@ -104,20 +108,38 @@ class Parts:
             if source.form != first.form:
                 rows, cols = source.form.shape
                 raise InputError(
-                    f"{path}: holds {rows} x {cols} {source.form.pixels} pixels and "
-                    f"{self.files[0].name} {first.form.shape[0]} x {first.form.shape[1]} "
-                    f"{first.form.pixels} ones; the files of one recording must be alike"
+                    message(
+                        "holds_pixels_ones_files",
+                        path=path,
+                        rows=rows,
+                        cols=cols,
+                        pixels=source.form.pixels,
+                        name=self.files[0].name,
+                        shape=first.form.shape[0],
+                        shape_2=first.form.shape[1],
+                        pixels_2=first.form.pixels,
+                    )
                 )
             if source.sensor_bits != first.sensor_bits:
                 raise InputError(
-                    f"{path}: holds {source.sensor_bits} bits a pixel and {self.files[0].name} "
-                    f"{first.sensor_bits}; the files of one recording must be alike"
+                    message(
+                        "holds_bits_pixel_files",
+                        path=path,
+                        sensor_bits=source.sensor_bits,
+                        name=self.files[0].name,
+                        sensor_bits_2=first.sensor_bits,
+                    )
                 )
             scales = (source.pixel_mm, first.pixel_mm)
             if scales[0] and scales[1] and abs(scales[0] / scales[1] - 1) > SAME_SCALE:
                 raise InputError(
-                    f"{path}: names {scales[0]:.6g} mm a pixel and {self.files[0].name} "
-                    f"{scales[1]:.6g}; the files of one recording must have one scale"
+                    message(
+                        "names_mm_pixel_files",
+                        path=path,
+                        scales=scales[0],
+                        name=self.files[0].name,
+                        scales_2=scales[1],
+                    )
                 )
             self._sources[number] = source
         return self._sources[number]
@@ -282,19 +304,32 @@ def open_frames(
     rows, cols = source.form.shape
     dtype = source.form.dtype
     if roi is not None and (roi.top_px + roi.height_px > rows or roi.left_px + roi.width_px > cols):
-        after = " after its turn by frames.rotate_deg" if rotate_deg in (90, 270) else ""
+        after = message("after_turn_frames_rotate_deg") if rotate_deg in (90, 270) else ""
         raise InputError(
-            f"{label}: the roi, rows {roi.top_px} to {roi.top_px + roi.height_px} and columns "
-            f"{roi.left_px} to {roi.left_px + roi.width_px}, lies outside the frame of {rows} rows "
-            f"and {cols} columns{after}; correct frames.roi"
+            message(
+                "roi_rows_columns_lies",
+                label=label,
+                top_px=roi.top_px,
+                height_px=roi.top_px + roi.height_px,
+                left_px=roi.left_px,
+                width_px=roi.left_px + roi.width_px,
+                rows=rows,
+                cols=cols,
+                after=after,
+            )
         )
     container = 8 * dtype.itemsize if dtype.kind == "u" else None
     if bit_depth is None:
         bit_depth = source.sensor_bits or container
     elif not 1 <= bit_depth <= (container or 16):
         raise InputError(
-            f"{label}: bit_depth = {bit_depth} does not fit pixels of type {dtype}, which "
-            f"take 1 to {container or 16}; correct camera.bit_depth"
+            message(
+                "bit_depth_does_not_fit",
+                label=label,
+                bit_depth=bit_depth,
+                dtype=dtype,
+                container=container or 16,
+            )
         )
     taken = channel or channel_for(wavelength_nm)
     return FrameReader(source, path=path, channel=taken, roi=roi, bit_depth=bit_depth)
@@ -360,8 +395,7 @@ def check_scale(reader: FrameReader, camera: Camera | None) -> None:
     ours, file = camera.pixel_mm if camera else None, reader.pixel_mm
     if ours and file and abs(file / ours - 1) > SCALE:
         raise InputError(
-            f"{reader.files[0]}: names {file:.6g} mm a pixel, and camera.pixel_mm is {ours:.6g}; "
-            "correct the one that is wrong (the file's in ImageJ: Analyze > Set Scale)"
+            message("names_mm_pixel_camera", files=reader.files[0], file=file, ours=ours)
         )
 
 
@@ -391,14 +425,14 @@ def _source(path: FramesLike, leave_out: Sequence[str | Path]) -> Source:
     if isinstance(path, tuple):
         files = tuple(Path(p) for p in path)
         if not files:
-            raise InputError("the list of frames is empty; name at least one image")
+            raise InputError(message("list_frames_empty_name"))
         return _of_files(files, "list")
     assert isinstance(path, str | Path)
     place = Path(path)
     try:
         folder, exists = place.is_dir(), os.path.lexists(place)
     except (OSError, ValueError) as error:  # a name that no file can have
-        raise InputError(f"{path}: cannot be read ({error}); check its name") from error
+        raise InputError(message("cannot_read_check_name_2", path=path, error=error)) from error
     if folder:
         return _of_files(_files_in(place, leave_out), "folder")
     return _of_files((place,), "image") if exists else _of_files(matches(path), "list")
@@ -408,7 +442,7 @@ def matches(name: str | Path) -> tuple[Path, ...]:
     """The files and folders that a glob stands for, in natural order. Raises InputError."""
     paths = sorted(glob.glob(os.fspath(name)), key=natural_key)
     if not paths:
-        raise InputError(f"{name}: no such file or folder; check its name")
+        raise InputError(message("no_such_file_folder_check", name=name))
     return tuple(map(Path, paths))
 
 
@@ -418,22 +452,16 @@ _MOST_NAMED = 4
 
 def _files_in(folder: Path, leave_out: Sequence[str | Path]) -> tuple[Path, ...]:
     """The frame files of a folder in natural order, hidden ones left out. Raises InputError."""
-    with refusing(folder, "the folder cannot be read"):
+    with refusing(folder, message("folder_cannot_read")):
         files = [p for p in folder.iterdir() if p.is_file() and not p.name.startswith(".")]
         apart = {Path(name).resolve() for name in leave_out}
         known = sorted((p for p in files if _suffix(p) in KNOWN), key=lambda p: natural_key(p.name))
         wanted = [p for p in known if p.resolve() not in apart]
     if known and not wanted:
         names = ", ".join(p.name for p in known[:_MOST_NAMED])
-        raise InputError(
-            f"{folder}: holds no frame besides {names}, which the scene, or its own name, keeps "
-            "apart; put the loaded frames there, or name their folder"
-        )
+        raise InputError(message("holds_no_frame_besides", folder=folder, names=names))
     if not wanted:
-        raise InputError(
-            f"{folder}: the folder holds no image and no video; they end in {', '.join(KNOWN)}; "
-            "name a folder with frames"
-        )
+        raise InputError(message("folder_holds_no_image", folder=folder, known=", ".join(KNOWN)))
     return tuple(wanted)
 
 
@@ -444,17 +472,18 @@ def _suffix(path: Path) -> str:
 def _of_files(files: tuple[Path, ...], kind: Kind) -> Source:
     for file in files:
         if _suffix(file) not in KNOWN:
-            raise InputError(
-                f"{file}: frames cannot be read from a file of this kind; known are "
-                f"{', '.join(KNOWN)}, or a folder of images or videos"
-            )
+            raise InputError(message("frames_cannot_read_from", file=file, known=", ".join(KNOWN)))
     kinds = [signature_of(f).kind for f in files]
     moving = [f for f, media in zip(files, kinds, strict=True) if media == "video"]
     if moving and len(moving) < len(files):
         still = next(f for f in files if f not in moving)
         raise InputError(
-            f"{moving[0]}: is a video and {still.name} an image, and frames are either; name the "
-            f"ones wanted, such as '{moving[0].with_name('*' + moving[0].suffix)}'"
+            message(
+                "video_image_frames_either",
+                moving=moving[0],
+                name=still.name,
+                with_name=moving[0].with_name("*" + moving[0].suffix),
+            )
         )
     if moving:
         return open_parts(files, video.open_video)
@@ -476,7 +505,7 @@ def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[F
     InputError where a name stands for nothing, or images stand among recordings.
     """
     if not names:
-        raise InputError("no frames are named; name at least one file or folder")
+        raise InputError(message("no_frames_named_name"))
     if join:
         return (_joined(names),)
     places = _places(names)
@@ -490,9 +519,7 @@ def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[F
         return tuple({os.path.abspath(place): place for place in places}.values())
     if recordings:
         raise InputError(
-            f"{single[0]}: is a single image and {recordings[0]} a whole recording; images, "
-            "one to a file, are a recording together, and videos, stacks and folders are one each: "
-            "name the ones or the others (parts of one recording: --join)"
+            message("single_image_whole_recording", single=single[0], recordings=recordings[0])
         )
     return (names[0],) if len(names) == 1 else (tuple(places),)
 
@@ -503,10 +530,7 @@ def _joined(names: Sequence[str | Path]) -> FramesPath:
         return names[0]
     places = _places(names)
     for folder in filter(os.path.isdir, places):
-        raise InputError(
-            f"{folder}: is a folder, which is a recording by itself, and --join is for files; "
-            "name the files of one recording"
-        )
+        raise InputError(message("folder_which_recording_itself", folder=folder))
     _refuse_others(places)
     return tuple(places)
 
@@ -515,8 +539,7 @@ def _refuse_others(places: Sequence[Path]) -> None:
     for place in places:
         if _suffix(place) not in KNOWN and not os.path.isdir(place):
             raise InputError(
-                f"{place}: frames cannot be read from a file of this kind; known are "
-                f"{', '.join(KNOWN)}; leave it out, as 'runs/*.avi' leaves out all but .avi files"
+                message("frames_cannot_read_from_file", place=place, known=", ".join(KNOWN))
             )
 
 
@@ -527,9 +550,13 @@ def one_recording(names: Sequence[str | Path], *, join: bool = False) -> FramesP
     recordings = recordings_of(names, join=join)
     if len(recordings) > 1:
         raise InputError(
-            f"{recordings[0]}, {recordings[1]}{' ...' if len(recordings) > 2 else ''}: "
-            f"{len(recordings)} recordings, and one is wanted here; name one of them, or "
-            "add --join if they are the parts of one"
+            message(
+                "recordings_one_wanted_here",
+                recordings=recordings[0],
+                recordings_2=recordings[1],
+                words=" ..." if len(recordings) > 2 else "",
+                recordings_count=len(recordings),
+            )
         )
     return recordings[0]
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.frames.source import Kind, RawFrame, Source
+from isochrome.messages import message
 from isochrome.scene import FramesLike, Roi
 
 Mask = NDArray[np.bool_]
@@ -146,9 +147,7 @@ class FrameReader:
         which raises InputError that names a bad frame, or where the source ends before `stop`.
         """
         if start < 0 or (stop is not None and stop < start):
-            raise InputError(
-                f"frames {start} to {stop} cannot be read: give 0 <= start <= stop, counted from 0"
-            )
+            raise InputError(message("frames_cannot_read_give", start=start, stop=stop))
         running = self._read(start, stop)
         self._running.add(running)
         return running
@@ -162,7 +161,7 @@ class FrameReader:
                 if index + 1 == stop:
                     return
         if stop is not None:
-            raise InputError(f"{self.path}: ends before frame {stop - 1}; was it changed?")
+            raise InputError(message("ends_before_frame_changed", path=self.path, stop=stop - 1))
 
     def _prepare(self, raw: RawFrame, index: int) -> np.ndarray:
         image = raw.image
@@ -237,10 +236,7 @@ class SequentialFrames:
             if frame.index == index:
                 self._open.frames, self._open.at = frames, at
                 return frame
-        raise InputError(
-            f"{self.reader.path}: breaks off after {at} frames, and had more when it was counted; "
-            "is it still being written?"
-        )
+        raise InputError(message("breaks_off_after_frames_had", path=self.reader.path, at=at))
 
     def close(self) -> None:
         """Close the file."""
@@ -254,15 +250,17 @@ def _check_range(image: np.ndarray, bit_depth: int | None, label: str) -> None:
     values = image if integral else image[np.isfinite(image)]
     full = 1.0 if bit_depth is None else 2.0**bit_depth - 1.0
     if not integral and values.min(initial=0.0) < -_DARKEST * full:
-        raise InputError(
-            f"{label}: holds the value {values.min():.4g}, and light is 0 or more; check how "
-            "the frame was written"
-        )
+        raise InputError(message("holds_value_light_more", label=label, min=values.min()))
     if bit_depth is None or (integral and bit_depth >= 8 * image.dtype.itemsize):
         return
     top = values.max(initial=0)
     if top > 2**bit_depth - 1:
         raise InputError(
-            f"{label}: holds the value {top:g}, and {bit_depth} bits end at {2**bit_depth - 1}; "
-            "set camera.bit_depth to the sensor's"
+            message(
+                "holds_value_bits_end",
+                label=label,
+                top=top,
+                bit_depth=bit_depth,
+                bit_depth_2=2**bit_depth - 1,
+            )
         )

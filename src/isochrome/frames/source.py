@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.scene import ArrayFrames
 
 MAX_PIXELS = 200_000_000
@@ -56,14 +57,25 @@ class StoredForm:
         other = StoredForm.of(image)
         if other.shape != self.shape:
             raise InputError(
-                f"{path}: {what} is {other.shape[0]} x {other.shape[1]} pixels (rows x columns) "
-                f"and the first is {self.shape[0]} x {self.shape[1]}; all frames must have one "
-                "size: remove or crop the odd one"
+                message(
+                    "pixels_rows_columns_first",
+                    path=path,
+                    what=what,
+                    shape=other.shape[0],
+                    shape_2=other.shape[1],
+                    shape_3=self.shape[0],
+                    shape_4=self.shape[1],
+                )
             )
         if other != self:
             raise InputError(
-                f"{path}: {what} holds {other.pixels} pixels and the first {self.pixels} ones; "
-                "save all frames alike"
+                message(
+                    "holds_pixels_first_ones",
+                    path=path,
+                    what=what,
+                    pixels=other.pixels,
+                    pixels_2=self.pixels,
+                )
             )
 
     @property
@@ -125,9 +137,9 @@ def turned(source: Source, rotate_deg: int, flip: str | None) -> Source:
     turn leaves each pixel its own.
     """
     if rotate_deg not in (0, 90, 180, 270):
-        raise InputError(f"rotate_deg = {rotate_deg!r} is no quarter turn; give 0, 90, 180 or 270")
+        raise InputError(message("rotate_deg_no_quarter_turn", rotate_deg=rotate_deg))
     if flip not in (None, "horizontal", "vertical"):
-        raise InputError(f"flip = {flip!r} is not known; give 'horizontal' or 'vertical'")
+        raise InputError(message("flip_not_known_give", flip=flip))
     if not rotate_deg and flip is None:
         return source
     rows, cols = source.form.shape
@@ -173,13 +185,13 @@ class Stamp:
         try:
             status = path.stat()
         except FileNotFoundError as error:
-            raise InputError(f"{path}: no such file; check its name") from error
+            raise InputError(message("no_such_file_check", path=path)) from error
         except (OSError, ValueError) as error:
-            raise InputError(f"{path}: cannot be read ({error}); check its name") from error
+            raise InputError(message("cannot_read_check_name_2", path=path, error=error)) from error
         if not stat.S_ISREG(status.st_mode):
-            raise InputError(f"{path}: is not a file; name the file itself")
+            raise InputError(message("not_file_name_file", path=path))
         if status.st_size == 0:
-            raise InputError(f"{path}: is empty (0 bytes); copy it again from its source")
+            raise InputError(message("empty_bytes_copy_again", path=path))
         return cls(status.st_size, status.st_mtime)
 
     def check(self, path: Path) -> None:
@@ -187,8 +199,7 @@ class Stamp:
         now = Stamp.of(path)
         if now.size != self.size or abs(now.changed_s - self.changed_s) > CLOCK_S:
             raise InputError(
-                f"{path}: changed while it was read ({self.size} bytes before, {now.size} now); "
-                "wait until its recording has ended, and start again"
+                message("changed_while_read_bytes", path=path, size=self.size, size_2=now.size)
             )
 
 
@@ -205,40 +216,43 @@ def refusing(path: str | Path, what: str = "cannot be read") -> Iterator[None]:
         raise
     except Exception as error:  # decoders raise nearly everything on a damaged file
         reason = (str(error).splitlines() or [""])[0].strip()[:160] or type(error).__name__
-        raise InputError(f"{path}: {what} ({reason}); check the file, or save it again") from error
+        raise InputError(
+            message("check_file_save_again", path=path, what=what, reason=reason)
+        ) from error
 
 
 def check_size(path: str | Path, rows: int, cols: int, pixel_bytes: int = 1) -> None:
     """Refuse a frame whose head claims no pixels, or too many, before memory is taken for it."""
     if rows <= 0 or cols <= 0 or rows * cols > MAX_PIXELS:
         raise InputError(
-            f"{path}: claims a frame of {rows} x {cols} pixels, and 1 to {MAX_PIXELS} pixels are "
-            "allowed; is the file damaged? crop it or save it again"
+            message(
+                "claims_frame_pixels_pixels", path=path, rows=rows, cols=cols, max_pixels=MAX_PIXELS
+            )
         )
     if rows * cols * pixel_bytes > MAX_BYTES:
         raise InputError(
-            f"{path}: claims a frame of {rows} x {cols} pixels of {pixel_bytes} bytes, and "
-            f"{MAX_BYTES} bytes are allowed; is the file damaged? crop it or save it again"
+            message(
+                "claims_frame_pixels_bytes",
+                path=path,
+                rows=rows,
+                cols=cols,
+                pixel_bytes=pixel_bytes,
+                max_bytes=MAX_BYTES,
+            )
         )
 
 
 def check_aspect(path: str | Path, across: float, down: float) -> None:
     """Refuse a video whose pixels are `across` to `down`, not square. Raises InputError."""
     if min(across, down) > 0 and across != down:
-        raise InputError(
-            f"{path}: says that its pixels are {across:g}:{down:g}, not square; resample it to "
-            "square pixels, or correct its aspect"
-        )
+        raise InputError(message("says_pixels_not_square", path=path, across=across, down=down))
 
 
 def check_dtype(path: str | Path, dtype: np.dtype) -> np.dtype:
     """The pixel type in native byte order; InputError where it is not 8, 16 bit or float."""
     native = dtype.newbyteorder("=")
     if native.name not in ("uint8", "uint16", "float16", "float32", "float64"):
-        raise InputError(
-            f"{path}: pixels of type {native.name} are not read; save them as 8- or 16-bit "
-            "unsigned or as 32-bit float"
-        )
+        raise InputError(message("pixels_type_not_read", path=path, name=native.name))
     return native
 
 

@@ -7,6 +7,7 @@ from functools import cache, lru_cache
 from importlib import resources
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 
 GAP = "…"
 """What stands on the page for a value that is put into a sentence."""
@@ -62,8 +63,8 @@ def _messages() -> tuple[tuple[tuple[str, ...], Explanation], ...]:
         title, _, body = section.partition("\n")
         words = [_words_of(name, body) for name in ("Meaning", "Cause", "Remedy")]
         entry = Explanation(_plain(title), *words)
-        for message in re.findall(r"^- “(.*)”$", body, re.MULTILINE):
-            pattern = _any_digits(_plain(message))
+        for text in re.findall(r"^- “(.*)”$", body, re.MULTILINE):
+            pattern = _any_digits(_plain(text))
             parts = tuple(part for part in pattern.split(GAP) if part.strip())
             if sum(map(len, parts)) >= _SHORTEST:
                 patterns.append((parts, entry))
@@ -123,5 +124,5 @@ def guide_page(topic: str | None = None) -> str:
     if topic not in TOPICS:
         near = difflib.get_close_matches(topic, TOPICS, n=1, cutoff=0.5)
         hint = f"did you mean '{near[0]}'?" if near else f"pages: {', '.join(TOPICS)}"
-        raise InputError(f"{topic}: the guide has no such page; {hint}")
+        raise InputError(message("guide_has_no_such", topic=topic, hint=hint))
     return (resources.files("isochrome.guide") / f"{topic}.md").read_text("utf-8")

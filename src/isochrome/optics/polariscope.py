@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.scene import Polariscope
 from isochrome.stress import StressDifference
 
@@ -68,10 +69,7 @@ def make_chain(
     """
     if wavelength_nm is None:
         if polariscope.several_wavelengths:
-            raise InputError(
-                "[polariscope]: the light has several wavelengths (light, spectrum or lines), "
-                "which can be simulated, but this needs one; remove them, or choose a filter's"
-            )
+            raise InputError(message("polariscope_light_has_several"))
         wavelength_nm = polariscope.wavelength_nm
     ratio = 1.0
     if polariscope.plate_wavelength_nm is not None and wavelength_nm is not None:
@@ -170,7 +168,7 @@ def polariscope_signal(
         light += 0.5
         return np.asarray(light)
     if direction is None:
-        raise ValueError("a chain that is not ideal needs the direction of sigma_1")
+        raise ValueError(message("chain_not_ideal_needs"))
     w = chain.beta * np.cos(2.0 * direction) + chain.gamma * np.sin(2.0 * direction)
     straight, crossed = abs(chain.alpha) ** 2, np.abs(w) ** 2
     mixed = np.imag(chain.alpha * np.conj(w))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.optics.camera import Response
 from isochrome.optics.polariscope import Chain, polariscope_signal
 from isochrome.scene import Polariscope, Spectrum
@@ -56,19 +57,13 @@ def make_light(polariscope: Polariscope, response: Response, *, highest_order: f
         power *= np.interp(places, spectrum.wavelength_nm, spectrum.power)
     else:
         if polariscope.wavelength_nm is None:
-            raise InputError(
-                "[polariscope]: wavelength_nm is missing, and a camera with colour or response "
-                "needs it; add it"
-            )
+            raise InputError(message("polariscope_wavelength_nm_missing_camera"))
         places, power = np.array([polariscope.wavelength_nm]), np.ones(1)
     weights = response.at(places) * power
     total = weights.sum(axis=1, keepdims=True)
     for name, light in zip(response.names, total[:, 0], strict=True):
         if not light > 0.0:
-            raise InputError(
-                f"[polariscope]: the camera's {name} channel sees nothing of the light; change "
-                "the light's wavelengths, or camera.response"
-            )
+            raise InputError(message("polariscope_camera_channel_sees", name=name))
     weights /= total
     visible = (weights > 0.0).any(axis=0)
     return Light(places[visible], weights[:, visible], polariscope.continuous)
@@ -273,7 +268,7 @@ def _table_signals(
     """The channels' signals one by one, each from a table of the waves in N that it holds."""
     ideal = all(chain.ideal for chain in chains)
     if direction is None and not ideal:
-        raise ValueError("a chain that is not ideal needs the direction of sigma_1")
+        raise ValueError(message("chain_not_ideal_needs"))
     angles = [np.ones(())] if direction is None or ideal else _angles(direction)
     still, cosine, sine = (terms[:, : len(angles)] for terms in _harmonics(chains))
     contrast = np.asarray(visibility, dtype=float)

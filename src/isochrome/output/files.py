@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 """What the system says of a full, lost or protected disk."""
@@ -30,10 +31,10 @@ def output_folder(path: str | Path) -> Path:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except FileExistsError as error:
-        raise InputError(f"{folder}: is a file, not a folder; name another --out folder") from error
+        raise InputError(message("file_not_folder_name", folder=folder)) from error
     except OSError as error:
         raise InputError(
-            f"{folder}: results cannot be written there ({error.strerror}); name another folder"
+            message("results_cannot_written_there", folder=folder, strerror=error.strerror)
         ) from error
     return folder
 
@@ -45,8 +46,7 @@ def check_link(folder: Path) -> None:
     """
     if folder.is_symlink() and not os.path.exists(folder):
         raise InputError(
-            f"{folder}: is a symbolic link to {os.readlink(folder)}, which is not there; see that "
-            "its drive is, or name another --out folder"
+            message("symbolic_link_which_not", folder=folder, readlink=os.readlink(folder))
         )
 
 
@@ -107,7 +107,7 @@ def _writing(place: Path) -> Iterator[None]:
         if error.errno not in FULL:
             raise
         raise InputError(
-            f"{place}: cannot be written ({error.strerror}); make room, or name another --out"
+            message("cannot_written_make_room", place=place, strerror=error.strerror)
         ) from error
 
 
@@ -118,11 +118,11 @@ def replacing(path: str | Path) -> Iterator[Path]:
     beside = target.with_name(f".{target.stem}-{secrets.token_hex(4)}{target.suffix}")
     try:
         if target.is_dir():
-            raise IsADirectoryError(21, "it is a folder")
+            raise IsADirectoryError(21, message("folder"))
         beside.touch(exist_ok=False)
     except OSError as error:
         raise InputError(
-            f"{target}: cannot be written ({error.strerror}); make its folder, or name another"
+            message("cannot_written_make_folder", file=target, strerror=error.strerror)
         ) from error
     try:
         with _writing(target):

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 
 Mask = NDArray[np.bool_]
 SUFFIXES = (".roi", ".zip")
@@ -95,26 +96,28 @@ def read_roi_mask(path: Path, shape: tuple[int, int]) -> Mask:
         for roi in rois:
             if roi.roitype.name not in AREAS or roi.subtype.name in ("TEXT", "ARROW", "IMAGE"):
                 raise InputError(
-                    f"{path}: the ROI '{roi.name}' is of type {roi.roitype.name.lower()}, which "
-                    "encloses no area; draw polygons, rectangles, ovals or freehand areas"
+                    message(
+                        "roi_type_which_encloses",
+                        path=path,
+                        name=roi.name,
+                        name_2=roi.roitype.name.lower(),
+                    )
                 )
             inside |= _inside(roi, shape)
     except InputError:
         raise
     except Exception as error:  # a damaged file raises nearly everything
         reason = (str(error).splitlines() or [""])[0][:160] or type(error).__name__
-        raise InputError(
-            f"{path}: not a readable ImageJ ROI ({reason}); save it again in ImageJ"
-        ) from error
+        raise InputError(message("not_readable_imagej_roi", path=path, reason=reason)) from error
     if not rois:
-        raise InputError(f"{path}: holds no ROI; add the specimen's in ImageJ's ROI manager")
+        raise InputError(message("holds_no_roi_add", path=path))
     return inside
 
 
 def _check_size(path: Path) -> None:
     """Refuse a file that is none, or that would swell beyond what areas need."""
     if not path.is_file():
-        raise InputError(f"{path}: no such file; check its name")
+        raise InputError(message("no_such_file_check", path=path))
     count = 1
     try:
         size = path.stat().st_size
@@ -124,15 +127,14 @@ def _check_size(path: Path) -> None:
                 size = max(size, sum(entry.file_size for entry in entries))
                 count = len(entries)
     except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: not a readable ImageJ ROI ({error}); save it again") from error
+        raise InputError(message("not_readable_imagej_roi_save", path=path, error=error)) from error
     if size > MAX_BYTES:
         raise InputError(
-            f"{path}: holds {size} bytes, and ROIs need less than {MAX_BYTES}; save the areas again"
+            message("holds_bytes_rois_need", path=path, size=size, max_bytes=MAX_BYTES)
         )
     if count > MOST_AREAS:
         raise InputError(
-            f"{path}: holds {count} ROIs, and {MOST_AREAS} are allowed; join the areas in ImageJ "
-            "(More > OR), or give a mask image"
+            message("holds_rois_allowed_join", path=path, count=count, most_areas=MOST_AREAS)
         )
 
 
@@ -141,10 +143,7 @@ def load_roifile() -> ModuleType:
     try:
         import roifile
     except ImportError as error:
-        raise InputError(
-            "ImageJ ROI files need the package roifile, which is not installed; run "
-            "'pip install isochrome[imagej]'"
-        ) from error
+        raise InputError(message("imagej_roi_files_need")) from error
     return roifile
 
 

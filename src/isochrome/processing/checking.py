@@ -16,6 +16,7 @@ from isochrome.frames import (
     open_scene_frames,
     with_file_scale,
 )
+from isochrome.messages import message
 from isochrome.output import named_frames
 from isochrome.processing.frame_task import own_scene
 from isochrome.processing.kinds.image_only import told_exposure
@@ -152,6 +153,6 @@ def _asked(
         yield from before
         yield replace(last, level="error", text=last.text + _OF_LOST.get(scene.model or "", ""))
     if bare:
-        text = refused or "the scene's fringes are not there; correct the scene, if they should be"
+        text = refused or message("scene_fringes_not_there")
         grave: Level = "error" if len(bare) == count else "warning"
         yield Finding(grave, f"{named_frames(bare)}: {text}")

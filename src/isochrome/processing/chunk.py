@@ -12,6 +12,7 @@ from typing import Any, cast
 import numpy as np
 
 from isochrome.fringes import Skeleton, skeleton_table
+from isochrome.messages import message
 from isochrome.output import add_rois, csv_text, roi_entries
 from isochrome.processing.frame_task import FrameSource, FrameTask, open_set
 from isochrome.processing.kinds.kind import CONFIDENCE, ORDER
@@ -99,10 +100,7 @@ def _within(
     above = int(np.count_nonzero(item.reading.order > kind.largest))
     if not above:
         return item
-    text = (
-        f"{above} pixels have orders above {kind.largest:.4g} fringes, which run.zarr cannot hold, "
-        "and are not known there; state the load nearer"
-    )
+    text = message("pixels_have_orders_above", above=above, largest=kind.largest)
     return replace(item, warnings=(*item.warnings, text))
 
 

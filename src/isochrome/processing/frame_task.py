@@ -14,6 +14,7 @@ from isochrome.errors import InputError, IsochromeError
 from isochrome.estimation import light_basis
 from isochrome.fitting import frame_distance, frame_scene, scene_at, timed_distance
 from isochrome.frames import Frame, FrameReader
+from isochrome.messages import message
 from isochrome.processing.kinds.kind import FrameKind
 from isochrome.processing.result import ProcessedFrame, failed_frame
 from isochrome.runs import run_identity, trim_heap
@@ -143,8 +144,9 @@ class FrameSource:
             index += 1
         if index < stop:
             raise InputError(
-                f"{self.reader.path}: breaks off after {index * self.task.steps} frames, and had "
-                "more when it was counted; is it still being written?"
+                message(
+                    "breaks_off_after_frames_had", path=self.reader.path, at=index * self.task.steps
+                )
             )
 
     def processed(self, index: int, frames: list[Frame]) -> ProcessedFrame:

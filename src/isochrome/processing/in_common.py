@@ -8,6 +8,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.special import chdtri
 
 from isochrome.fitting import EARLIER, FRICTION, LOAD, WEAR
+from isochrome.messages import message
 from isochrome.output import Floats, FrameValues, numbers
 from isochrome.processing.result import (
     CAUSES,
@@ -112,12 +113,13 @@ def with_scatter_of_gamma(table: dict[str, list[Any]]) -> dict[str, list[Any]]:
         return table
     scatter = float(np.std(value_known, ddof=1))
     least, largest = (int(known[k]) for k in (np.argmin(value_known), np.argmax(value_known)))
-    text = (
-        f"gamma scatters between the frames of one camera by more than each frame's own "
-        f"uncertainty: from {value[least]:.3f} (frame {table['frame'][least]}) to "
-        f"{value[largest]:.3f} (frame {table['frame'][largest]}); its standard uncertainty is "
-        f"widened to that scatter, {scatter:.2g}, and the orders' is not: measure gamma, and state "
-        "it as frames.gamma"
+    text = message(
+        "gamma_scatters_between_frames",
+        value=value[least],
+        frame=table["frame"][least],
+        value_2=value[largest],
+        frame_2=table["frame"][largest],
+        scatter=scatter,
     )
     wider, messages = list(table[name]), list(table["warnings"])
     for k in known:

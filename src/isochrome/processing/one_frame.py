@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from isochrome.errors import InputError
 from isochrome.frames import Frame, open_scene_frames, to_linear, with_file_scale
 from isochrome.fringes import LARGEST_UNCERTAINTY, FollowedFringes, follow_fringes, skeletons
+from isochrome.messages import message
 from isochrome.output import numbers
 from isochrome.processing.api import check_scene
 from isochrome.processing.frame_task import FrameSource, FrameTask
@@ -187,10 +188,10 @@ def part_change(before: Array, after: Array, under: str, what: str) -> tuple[str
     """
     if not np.isfinite(after).any():
         if not np.isfinite(before).any():
-            return "nothing", f"{what} would anchor nothing: {under} stays without an order"
-        return "lost", f"{under} at {_span(before)} now, would not be known any more"
+            return "nothing", message("would_anchor_nothing_stays", what=what, under=under)
+        return "lost", message("now_would_not_known", under=under, span=_span(before))
     if not np.isfinite(before).any():
-        return "new", f"{under} gets {_span(after)}; no order is known in it yet"
+        return "new", message("gets_no_order_known", under=under, span=_span(after))
     both = np.isfinite(before) & np.isfinite(after)
     away = (after - before)[both]
     step = round(float(np.median(away))) if away.size else 0
@@ -219,10 +220,7 @@ def anchor_preview(frames: FramesLike, scene: Scene, index: int) -> AnchorPrevie
     InputError where the scene's frames tell their orders themselves.
     """
     if scene.polariscope.tells_orders:
-        raise InputError(
-            f"{scene.name}: colours and phase steps are read otherwise; press Show what the points "
-            "say after setting a point"
-        )
+        raise InputError(message("colours_phase_steps_read", name=scene.name))
     with _captured(frames, scene, index) as (source, _, states):
         return AnchorPreview(states[0], scene, source.capture)
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from isochrome.messages import message
 from isochrome.output import numbers
 from isochrome.scene import Scene
 from isochrome.stress import PixelGrid, pixel_grid
@@ -46,7 +47,4 @@ def shift_messages(grid: PixelGrid | None, table: Mapping[str, Sequence[Any]]) -
     if not beyond:
         return []
     reach = " and ".join(beyond)
-    return [
-        f"the frames' own places lie up to {reach} from the maps' axes, which are of the mean "
-        "place: a frame's places are x_mm + shift_x_mm and z_mm + shift_z_mm"
-    ]
+    return [message("frames_own_places_lie", reach=reach)]

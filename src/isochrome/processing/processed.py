@@ -22,6 +22,7 @@ from isochrome.fitting import (
     stated_pairs,
     taken_as_exact,
 )
+from isochrome.messages import message
 from isochrome.output import (
     FrameValues,
     Result,
@@ -68,11 +69,8 @@ if TYPE_CHECKING:
     from isochrome.fringes import ResidualStress
 
 FIGURE = "process.png"
-_AGAINST_OTHERS = (
-    "no model names the fringes of a disc that holds stress without load: its load is read against "
-    "the frames of known loads, and its orders only where [[frames.known_order]] names a point"
-)
-_LOOK = "`isochrome check` looks at the frames and their light"
+_AGAINST_OTHERS = "no_model_names_fringes"
+_LOOK = "isochrome_check_looks_frames"
 
 _NOTABLE = 0.02
 
@@ -130,7 +128,7 @@ class Processed(Result):
         `open_run`, which reads those of a folder as they are used. Raises InputError.
         """
         if self.load is None:
-            raise InputError(f"{self.title}: its maps were not kept; process the frames again")
+            raise InputError(message("maps_not_kept_process", title=self.title))
         return self.load()
 
     @property
@@ -270,14 +268,16 @@ def _of_scene(scene: Scene, residual: ResidualStress | None) -> list[str]:
     warnings: list[str] = []
     if not scene.orders_are_read:
         known_loads = scene.frames.has_known_loads
-        warnings.append(_AGAINST_OTHERS if known_loads else no_model_sentence(scene))
+        warnings.append(message(_AGAINST_OTHERS) if known_loads else no_model_sentence(scene))
     if residual is not None:
         warnings += residual.warnings
         if residual.largest > _NOTABLE:
             warnings.append(
-                f"residual stress of up to {residual.largest:.2f} fringe "
-                f"({scene.frames.no_load_steps}) was taken out as a tensor: all maps are the "
-                "load's alone"
+                message(
+                    "residual_stress_up_fringe_taken",
+                    largest=residual.largest,
+                    no_load_steps=scene.frames.no_load_steps,
+                )
             )
     return warnings
 
@@ -297,8 +297,13 @@ def refuse_unread(
         return
     count = counted(len(table["frame"]), "frame")
     raise PhysicsError(
-        f"{name}: nothing could be read in any of its {count} (of the first: "
-        f"{table['warnings'][0]}); {CORRECT if of_orders else _LOOK}"
+        message(
+            "nothing_could_read_any_first",
+            name=name,
+            count=count,
+            warnings=table["warnings"][0],
+            words=message(CORRECT) if of_orders else message(_LOOK),
+        )
     )
 
 

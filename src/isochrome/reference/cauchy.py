@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -44,21 +45,21 @@ def check_positive(**values: float) -> None:
     """Refuse any value that is not a finite number above zero, by its argument's name."""
     for name, value in values.items():
         if not (np.isfinite(value) and value > 0.0):
-            raise InputError(f"{name} is {value}, but must be a finite number above 0.")
+            raise InputError(message("but_must_finite_number", name=name, value=value))
 
 
 def check_finite(**values: float) -> None:
     """Refuse any value that is not a finite number, by its argument's name."""
     for name, value in values.items():
         if not np.isfinite(value):
-            raise InputError(f"{name} is {value}, but must be a finite number.")
+            raise InputError(message("but_must_finite_number_2", name=name, value=value))
 
 
 def coordinates(name: str, values: ArrayLike) -> Floats:
     """Coordinates as a float array; refuses what is not finite."""
     array = np.asarray(values, dtype=np.float64)
     if not np.all(np.isfinite(array)):
-        raise InputError(f"{name} holds NaN or infinity, but coordinates must be finite, in mm.")
+        raise InputError(message("holds_nan_infinity_but", name=name))
     return array
 
 
@@ -68,8 +69,8 @@ def plane_points(x_mm: ArrayLike, z_mm: ArrayLike) -> tuple[Floats, Floats]:
     try:
         x, z = np.broadcast_arrays(x, z)
     except ValueError:
-        message = f"x_mm has shape {x.shape} and z_mm {z.shape}; they must broadcast together."
-        raise InputError(message) from None
+        text = message("x_mm_has_shape_z_mm", shape=x.shape, shape_2=z.shape)
+        raise InputError(text) from None
     return x, z
 
 
@@ -78,7 +79,7 @@ def half_plane_points(x_mm: ArrayLike, z_mm: ArrayLike) -> tuple[Floats, Floats]
     x, z = plane_points(x_mm, z_mm)
     if np.any(z < 0.0):
         lowest = float(z.min())
-        raise InputError(f"z_mm goes down to {lowest}, but the block fills z_mm >= 0 only.")
+        raise InputError(message("z_mm_goes_down_but", lowest=lowest))
     return x, z + 0.0  # -0.0 would land on the other side of the branch cut
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.reference.cauchy import (
     Floats,
     StressField,
@@ -328,8 +329,8 @@ def hertz_largest_difference(
 def _check_pair(young: float, poisson: float, other_young: float, other_poisson: float) -> None:
     check_positive(young_mpa=young)
     if not other_young > 0.0:
-        message = f"other_young_mpa is {other_young}, but must be above 0 (inf for a rigid body)."
-        raise InputError(message)
+        text = message("other_young_mpa_but_must_above", other_young=other_young)
+        raise InputError(text)
     for name, value in (("poisson", poisson), ("other_poisson", other_poisson)):
         if not -1.0 < value <= 0.5:
-            raise InputError(f"{name} is {value}, but must lie above -1 and not above 0.5.")
+            raise InputError(message("but_must_lie_above", name=name, value=value))

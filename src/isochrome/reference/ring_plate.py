@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.reference.brazilian_disc import disc_stress
 from isochrome.reference.cauchy import (
     Complexes,
@@ -94,8 +95,12 @@ def ring_stress(
     )
     if hole_mm > WIDEST_HOLE * diameter_mm:
         raise InputError(
-            f"hole_mm is {hole_mm:g}, but must be at most {WIDEST_HOLE:g} of diameter_mm, "
-            f"{diameter_mm:g}."
+            message(
+                "hole_mm_but_must_most",
+                hole_mm=hole_mm,
+                widest_hole=WIDEST_HOLE,
+                diameter_mm=diameter_mm,
+            )
         )
     x, z = plane_points(x_mm, z_mm)
     disc = disc_stress(x, z, load_n=load_n, diameter_mm=diameter_mm, thickness_mm=thickness_mm)

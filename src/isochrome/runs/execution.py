@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from isochrome.errors import InputError, IsochromeError, PhysicsError
+from isochrome.messages import message
 from isochrome.progress import RunProgress, Tally
 from isochrome.runs.chunks import STORE, ChunkRecord, RunFolder, check_chunk, read_record_of
 from isochrome.runs.integrity import seal
@@ -77,7 +78,7 @@ def refuse_without_folder(out: str | Path | None, workers: int | None, cluster: 
     `cluster`, address of a Dask scheduler. Raises InputError.
     """
     if out is None and (cluster is not None or workers != 1):
-        raise InputError("workers and a cluster write to a folder: give out")
+        raise InputError(message("workers_cluster_write_folder"))
 
 
 def run_job(
@@ -137,19 +138,16 @@ def run_job(
 def _check_workers(job: Job, options: RunOptions) -> None:
     """Refuse no worker at all, and several where one process has to do all. Raises InputError."""
     if options.workers is not None and options.workers < 1:
-        raise InputError(f"--workers {options.workers}: give 1 or more")
+        raise InputError(message("workers_give_more", workers=options.workers))
     if job.in_turn and (options.cluster is not None or (options.workers or 1) > 1):
-        raise InputError(
-            "--workers, --cluster: each frame is looked for from the one before, which only one "
-            "process can do; leave them out"
-        )
+        raise InputError(message("workers_cluster_each_frame"))
 
 
 def _of_damage(out: str | Path, faults: Mapping[str, str]) -> str:
     """What is said of damaged results before they are mended."""
     name, fault = next(iter(faults.items()))
     more = f", and {len(faults) - 1} more" if len(faults) > 1 else ""
-    return f"{out}: {name} {fault}{more}; that is made anew, and what is whole stays"
+    return message("made_anew_what_whole", out=out, name=name, fault=fault, more=more)
 
 
 @dataclass
@@ -177,7 +175,7 @@ def _saying(root: Path, job: Job) -> Iterator[_State]:
 
     def count_kept() -> str:
         done = count if state.finished else sum(chunk.items for chunk in state.chunks.values())
-        return f"{done} of {count} are finished and kept"
+        return message("finished_kept", done=done, count=count)
 
     try:
         yield state
@@ -190,14 +188,18 @@ def _saying(root: Path, job: Job) -> Iterator[_State]:
         raise type(error)(f"{error} ({count_kept()} in {root})") from error
     except KeyboardInterrupt:
         if not state.anything:
-            raise Stopped("stopped before anything was finished; nothing is left") from None
+            raise Stopped(message("stopped_before_anything_finished")) from None
         raise Stopped(
-            f"stopped; {count_kept()} in {root}; run the same command again to resume"
+            message("stopped_run_same_command", count_kept=count_kept(), root=root)
         ) from None
     except OSError as error:
         raise InputError(
-            f"{root}: cannot be written ({error.strerror or error}); {count_kept()} there: make "
-            "room, or see that the drive is there, and run the same command again to resume"
+            message(
+                "cannot_written_there_make",
+                root=root,
+                strerror=error.strerror or error,
+                count_kept=count_kept(),
+            )
         ) from error
     finally:
         if state.fresh and not state.anything:
@@ -298,10 +300,7 @@ def check_apart(stamps: Stamps, target: Path) -> None:
     """
     inside = [file for file in stamps if file.resolve().parent == target]
     if inside:
-        raise InputError(
-            f"{inside[0]}: lies in the folder {target}, where the results would lie beside the "
-            "input; name another --out folder"
-        )
+        raise InputError(message("lies_folder_where_results", inside=inside[0], target=target))
 
 
 def check_unchanged(stamps: Stamps) -> None:
@@ -313,8 +312,7 @@ def check_unchanged(stamps: Stamps) -> None:
         now = _stamp(file)
         if now is not None and now != stamp:
             raise InputError(
-                f"{file}: changed while it was read ({stamp[0]} bytes before, {now[0]} now); wait "
-                "until its recording has ended, and start again with --restart"
+                message("changed_while_read_bytes_before", file=file, stamp=stamp[0], now=now[0])
             )
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.output import (
     imagej_view,
     replacing,
@@ -70,7 +71,7 @@ def export(run: str | Path, to: str, out: str | Path | None = None) -> list[Path
     ['run.csv']
     """
     if to not in FORMATS:
-        raise InputError(f"--to {to}: is no format known here; give {', '.join(FORMATS)}")
+        raise InputError(message("no_format_known_here", to=to, formats=", ".join(FORMATS)))
     place = Path(run)
     target = Path(out) if out is not None else place
     with open_store(place) as stored, staged(target) as folder:
@@ -83,7 +84,7 @@ def export(run: str | Path, to: str, out: str | Path | None = None) -> list[Path
             name_damage(place)
             reason = (str(error).splitlines() or [""])[0][:160] or type(error).__name__
             raise InputError(
-                f"{place / STORE}: cannot be read ({reason}); run the command again with --restart"
+                message("cannot_read_run_command", store=place / STORE, reason=reason)
             ) from error
         return [target / file.relative_to(folder) for file in files]
 
@@ -132,10 +133,7 @@ def _to_netcdf(dataset: xarray.Dataset, path: Path) -> Path:
         import h5netcdf
         import h5py
     except ImportError as error:
-        raise InputError(
-            "netCDF needs the packages h5netcdf and h5py, which are not installed; run "
-            "'pip install isochrome[netcdf]'"
-        ) from error
+        raise InputError(message("netcdf_needs_packages_netcdf")) from error
     with replacing(path) as beside, h5netcdf.File(beside, "w") as file:
         file.dimensions = dict(dataset.sizes)
         for name, value in dataset.attrs.items():

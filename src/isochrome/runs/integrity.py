@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.output import Result, counted, plain, write_text
 from isochrome.progress import RunProgress, Tally
 
@@ -37,8 +38,8 @@ _OWN_KEYS = (b'"outputs_crc32c": {', b'"record_crc32c": "')
 SUM_BYTES = 4
 """Bytes of the checksum at the end of a chunk in a store, by zarr's crc32c codec."""
 MISSING = "is missing"
-_OTHER_SUM = "is damaged: its checksum is another"
-_BEHIND_LINK = "lies behind a link, or what is no folder"
+_OTHER_SUM = "damaged_checksum_another"
+_BEHIND_LINK = "lies_behind_link_what"
 _BLOCK = 1 << 19
 """Bytes that are read at a time: few enough to be in the processor's cache for their checksum."""
 _MOST = 1 << 28
@@ -138,7 +139,7 @@ class ResultsRecord:
             for folder in folders:
                 at += f"/{folder}"
                 if not stat.S_ISDIR(os.lstat(at).st_mode):
-                    return _BEHIND_LINK
+                    return message(_BEHIND_LINK)
             status = os.lstat(f"{at}/{file}")
         except (FileNotFoundError, NotADirectoryError):
             return MISSING
@@ -149,7 +150,7 @@ class ResultsRecord:
         if not stat.S_ISREG(status.st_mode):
             return "is no file"
         size, expected = status.st_size, self.sizes[name]
-        return "" if size == expected else f"has {size} bytes, and {expected} were left"
+        return "" if size == expected else message("has_bytes_left", size=size, expected=expected)
 
     def fault(self, name: str) -> str:
         """What is wrong with a file, its content read, in words; empty where nothing is."""
@@ -159,8 +160,8 @@ class ResultsRecord:
         try:
             same = file_sum(self.place / name) == self._sum(name)
         except OSError as error:
-            return f"cannot be read ({error.strerror})"
-        return "" if same else _OTHER_SUM
+            return message("cannot_read_2", strerror=error.strerror)
+        return "" if same else message(_OTHER_SUM)
 
     def check(self, names: Iterable[str] = ()) -> None:
         """Refuse results of which a file has gone or changed its size, or `names` their content.
@@ -186,16 +187,15 @@ class ResultsRecord:
                     file.readinto(block.data)
                     checksum = crc32c(block, start=checksum)
         except OSError as error:
-            raise self.refusal(name, f"cannot be read ({error.strerror})") from error
+            raise self.refusal(name, message("cannot_read_2", strerror=error.strerror)) from error
         if _told_apart(checksum, data[-SUM_BYTES:].tobytes()) != self._sum(name):
-            raise self.refusal(name, self.fault(name) or _OTHER_SUM)
+            raise self.refusal(name, self.fault(name) or message(_OTHER_SUM))
         return data
 
     def refusal(self, name: str, what: str) -> InputError:
         """The error that names a file and what is wrong with it."""
         return InputError(
-            f"{self.place / name}: {what}; run the command that left {self.place} again, which "
-            "makes it anew (`isochrome verify` names all that is damaged)"
+            message("run_command_left_again", name=self.place / name, what=what, place=self.place)
         )
 
     def _refuse(self, name: str, what: str) -> None:
@@ -262,14 +262,16 @@ def read_record(place: Path, file: str = PROVENANCE) -> ResultsRecord | None:
     try:
         status = path.lstat()
         if not stat.S_ISREG(status.st_mode):
-            raise InputError(f"{path}: is no file; run the command that left {place} again")
+            raise InputError(message("no_file_run_command", path=path, place=place))
         if status.st_size > _MOST:
-            raise InputError(f"{path}: has {status.st_size} bytes, and is no record of results")
+            raise InputError(message("has_bytes_no_record", path=path, st_size=status.st_size))
         text = path.read_bytes()
     except (FileNotFoundError, NotADirectoryError):
         return None
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); see its drive") from error
+        raise InputError(
+            message("cannot_read_see_drive", path=path, strerror=error.strerror)
+        ) from error
     try:
         record = json.loads(text)
         checksum = record.get(_OWN)
@@ -280,10 +282,7 @@ def read_record(place: Path, file: str = PROVENANCE) -> ResultsRecord | None:
     except (ValueError, KeyError, AttributeError, RecursionError):
         as_left, record = False, {}
     if not as_left:
-        raise InputError(
-            f"{path}: is damaged, so that nobody knows whether the results are; run the command "
-            f"that left {place} again"
-        )
+        raise InputError(message("damaged_so_nobody_knows", path=path, place=place))
     return ResultsRecord(place, record)
 
 
@@ -389,10 +388,7 @@ def _records_below(place: Path) -> tuple[dict[Path, ResultsRecord], dict[str, st
     records = {PROVENANCE: read_record(place), SUMMARY: read_record(place, SUMMARY)}
     known = {place / file: record for file, record in records.items() if record is not None}
     if not known:
-        raise InputError(
-            f"{place}: holds no {PROVENANCE}, by which its files could be told; name a folder that "
-            "a command left"
-        )
+        raise InputError(message("holds_no_which_files", place=place, provenance=PROVENANCE))
     campaign = records[SUMMARY]
     for row in campaign.record.get("recordings", ()) if campaign is not None else ():
         recording = place / str(row["folder"])
@@ -400,7 +396,7 @@ def _records_below(place: Path) -> tuple[dict[Path, ResultsRecord], dict[str, st
             continue
         name = f"{row['folder']}/{PROVENANCE}"
         if recording.is_symlink():
-            damaged[name] = _BEHIND_LINK
+            damaged[name] = message(_BEHIND_LINK)
             continue
         try:
             record = read_record(recording)
@@ -444,4 +440,4 @@ def warn_unverified(place: Path) -> None:
 
 
 def _unverified(place: Path) -> str:
-    return f"{place}: has no checksums, as results of earlier versions, and cannot be verified"
+    return message("has_no_checksums_results", place=place)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from xarray.plot.accessor import DataArrayPlotAccessor
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.output import Floats, numbers
 from isochrome.runs.chunks import MANIFEST, RECORDS, STORE, read_checked
 from isochrome.runs.integrity import (
@@ -144,26 +145,38 @@ def _refuse_other_places(one: Any, other: Any) -> None:
     wide = [set(each.sizes) for each in (one, other)]
     if any(a & set(_PICTURE[0]) and b & set(_PICTURE[1]) for a, b in (wide, wide[::-1])):
         raise InputError(
-            f"{_called(one)} is over {', '.join(map(str, one.dims))} and {_called(other)} over "
-            f"{', '.join(map(str, other.dims))}: one has no scale; state its camera.pixel_mm"
+            message(
+                "over_over_one_has",
+                called=_called(one),
+                dims=", ".join(map(str, one.dims)),
+                called_2=_called(other),
+                dims_2=", ".join(map(str, other.dims)),
+            )
         )
     for axis in set(one.indexes) & set(other.indexes) & set(_PICTURE[0]):
         here, theirs = one.indexes[axis], other.indexes[axis]
         few, many = sorted((here, theirs), key=len)
         if not few.isin(many).all():
             raise InputError(
-                f"{_called(one)} has {axis} from {_span(one, axis)} and {_called(other)} from "
-                f"{_span(other, axis)}: their pixels show other places; simulate the place that "
-                "was found, isochrome.simulate(found.fitted), or hold frames against each other "
-                "pixel by pixel with isochrome.compare"
+                message(
+                    "has_from_from_their",
+                    called=_called(one),
+                    axis=axis,
+                    span=_span(one, axis),
+                    called_2=_called(other),
+                    span_2=_span(other, axis),
+                )
             )
         apart = np.abs(_shift(one, axis) - _shift(other, axis))
         if len(many) > 1 and bool((apart > 0.5 * (many[-1] - many[0]) / (len(many) - 1)).any()):
             raise InputError(
-                f"{_called(one)} and {_called(other)} are of frames whose places lie up to "
-                f"{float(apart.max()):.4g} mm apart (shift_{axis}), over half a pixel: process "
-                "such a frame by itself, or drop the coordinate shift_"
-                f"{axis} to hold them against each other pixel by pixel"
+                message(
+                    "frames_whose_places_lie",
+                    called=_called(one),
+                    called_2=_called(other),
+                    max=float(apart.max()),
+                    axis=axis,
+                )
             )
 
 
@@ -243,10 +256,10 @@ def open_growing(partial: Path) -> xarray.Dataset:
     stores = sorted(partial.glob(f"results-*/{STORE}/zarr.json"), key=lambda f: f.stat().st_mtime)
     manifest = read_checked(partial / MANIFEST)
     if not stores or manifest is None:
-        raise InputError(f"{partial}: no run is at work there; name a folder that process left")
+        raise InputError(message("no_run_work_there", partial=partial))
     layout = manifest["layout"]
     if len(layout["axes"]) != 1:
-        raise InputError(f"{partial}: can be opened when it is finished; it is a grid of runs")
+        raise InputError(message("can_opened_when_finished", partial=partial))
     ((axis, count),) = layout["axes"].items()
     rows: dict[int, dict[str, Any]] = {}
     for file in sorted((stores[-1].parent.parent / RECORDS).glob("*.json")):
@@ -532,16 +545,14 @@ def open_store(path: str | Path) -> xarray.Dataset:
     if not (store / "zarr.json").is_file() and read_record(store.parent) is None:
         unfinished = place.with_name(place.name + WORKING).is_dir()
         hint = (
-            "the run is not finished: run the same command again to resume, or open "
-            f"{place.name}{WORKING} to see what is there"
+            message("run_not_finished_run_same", name=place.name, working=WORKING)
             if unfinished
-            else "name a folder that process or sweep left"
+            else message("name_folder_process_sweep")
         )
-        raise InputError(f"{place}: holds no {STORE}; {hint}")
+        raise InputError(message("holds_no", place=place, missing=STORE, hint=hint))
     if store != place and read_record(place) is None:
         raise InputError(
-            f"{place}: holds no {PROVENANCE}, by which its files could be told; run the command "
-            f"that left it again, or name {store} itself"
+            message("holds_no_which_files_could", place=place, provenance=PROVENANCE, store=store)
         )
     return read_store(store, checked_store(store))
 
@@ -558,7 +569,7 @@ def checked_store(store: Path) -> Any:
     if record is None or record.older:
         return store
     if f"{store.name}/zarr.json" not in record.sizes:
-        raise InputError(f"{store.parent}: holds no {store.name}; name a folder that process left")
+        raise InputError(message("holds_no_name_folder", parent=store.parent, name=store.name))
 
     from isochrome.runs.verified_store import VerifiedStore
 
@@ -582,15 +593,13 @@ def read_store(store: Path, source: Any) -> xarray.Dataset:
     except InputError:
         raise
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(
-            f"{store}: cannot be read ({error}); run the command again with --restart"
-        ) from error
+        raise InputError(message("cannot_read_run_command", store=store, reason=error)) from error
     # what zarr cannot read, it leaves out; a group is what somebody else has put there
     arrays = (file.parent.name for file in sorted(store.glob("*/zarr.json")) if not _is_group(file))
     lost = [array for array in arrays if array not in dataset.variables]
     if lost and isinstance(source, Path):  # else what is not in the record is no part of it
         dataset.close()
-        raise InputError(f"{store}: {lost[0]} cannot be read; run the command again with --restart")
+        raise InputError(message("cannot_read_run_command_again", store=store, lost=lost[0]))
     return dataset
 
 

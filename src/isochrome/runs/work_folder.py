@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.output import check_link
 from isochrome.runs.chunks import (
     MANIFEST,
@@ -66,14 +67,13 @@ def locked(folder: Path) -> Iterator[None]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if folder.is_symlink():
-            raise InputError(f"{folder}: is a symbolic link; remove it, or name another --out")
+            raise InputError(message("symbolic_link_remove_name", folder=folder))
         lock = FileLock(folder / LOCK, timeout=0, thread_local=False)
         lock.acquire()
         (folder / OWNER).write_text(f"process {os.getpid()} on {socket.gethostname()}", "utf-8")
     except Timeout:
         raise InputError(
-            f"{folder}: another run is at work there ({_owner(folder)}); wait for it, stop it, or "
-            "name another --out folder"
+            message("another_run_work_there", folder=folder, owner=_owner(folder))
         ) from None
     except (OSError, NotImplementedError) as error:
         if lock is not None and lock.is_locked:
@@ -83,7 +83,7 @@ def locked(folder: Path) -> Iterator[None]:
                 folder.rmdir()
         reason = getattr(error, "strerror", None) or error
         raise InputError(
-            f"{folder}: results cannot be written there ({reason}); name another --out folder"
+            message("results_cannot_written_there_name", folder=folder, reason=reason)
         ) from error
     try:
         yield
@@ -132,16 +132,14 @@ def working_folder(out: Path) -> Path:
     except (OSError, RuntimeError, ValueError) as error:  # a link to itself, or no possible name
         reason = getattr(error, "strerror", None) or error
         raise InputError(
-            f"{out}: results cannot be written there ({reason}); name another --out folder"
+            message("results_cannot_written_there_name", folder=out, reason=reason)
         ) from error
     if exists and not target.is_dir():
-        raise InputError(f"{out}: is a file, not a folder; name another --out folder")
+        raise InputError(message("file_not_folder_name", folder=out))
     if target.parent == target or (exists and os.path.ismount(target)):
-        raise InputError(f"{out}: is the top of a drive; name a folder in it")
+        raise InputError(message("top_drive_name_folder", out=out))
     if target.is_dir() and not os.access(target, os.W_OK):
-        raise InputError(
-            f"{out}: results cannot be written there (Permission denied); name another folder"
-        )
+        raise InputError(message("results_cannot_written_there_permission", out=out))
     return target.with_name(target.name + WORKING)
 
 
@@ -194,12 +192,9 @@ def open_run_folder(root: Path, job: Job, *, restart: bool) -> RunFolder:
     if manifest is not None:
         changed = difference(manifest["identity"], job.identity)
         if changed is None and manifest["layout"] != _described(job.layout):
-            changed = "the layout of the results"
+            changed = message("layout_results")
         if changed is not None:
-            raise InputError(
-                f"{root}: holds an unfinished run, and since it began {changed} has changed; undo "
-                "that to resume it, add --restart to begin anew, or name another --out folder"
-            )
+            raise InputError(message("holds_unfinished_run_since", root=root, changed=changed))
         results = root / manifest["token"]
         run = RunFolder(results, job.layout, identity_digest(job.identity))
         if (root / FINISHED).exists():
@@ -289,8 +284,12 @@ def check_room(root: Path, layout: RunLayout, items: int) -> None:
     free = shutil.disk_usage(root).free
     if needed > free:
         raise InputError(
-            f"{root.with_suffix('')}: the results need {needed / 1e9:.3g} GB, and "
-            f"{free / 1e9:.3g} GB are free there; make room, or name an --out folder elsewhere"
+            message(
+                "results_need_gb_gb",
+                with_suffix=root.with_suffix(""),
+                needed=needed / 1e9,
+                free=free / 1e9,
+            )
         )
 
 
@@ -346,10 +345,7 @@ def check_own(target: Path, names: Iterable[str]) -> None:
     for name in names:
         place = target / name
         if name not in known and place.exists() and not place.is_symlink():
-            raise InputError(
-                f"{place}: would be replaced, and no {PROVENANCE} there says that a run has made "
-                "it; move it away, or name another --out folder"
-            )
+            raise InputError(message("would_replaced_no_there", place=place, provenance=PROVENANCE))
 
 
 def _record(target: Path) -> Mapping[str, Any]:

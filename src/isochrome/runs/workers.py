@@ -27,6 +27,7 @@ from functools import cache
 from typing import Any, TypeVar
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.runs.chunks import ChunkRecord, RunFolder, keep
 from isochrome.runs.job import Results, Work, environment
 
@@ -185,10 +186,7 @@ def _saying_who_is_lost() -> Iterator[None]:
     try:
         yield
     except futures.process.BrokenProcessPool as error:
-        raise WorkersLost(
-            "a worker process was killed, as the system does when memory runs out; run the "
-            "same command again to resume, with fewer --workers"
-        ) from error
+        raise WorkersLost(message("worker_process_killed_system")) from error
 
 
 def by_cluster(
@@ -290,8 +288,12 @@ def _elsewhere(work: Work, span: tuple[int, int], expected: dict[str, Any]) -> R
     differing = [key for key in expected if here.get(key) != expected[key]]
     if differing:
         raise InputError(
-            f"a worker of the cluster has another {differing[0]} ({here.get(differing[0])}, here "
-            f"{expected[differing[0]]}), whose results may differ; install the same on all"
+            message(
+                "worker_cluster_has_another",
+                differing=differing[0],
+                here=here.get(differing[0]),
+                expected=expected[differing[0]],
+            )
         )
     with single_threaded():
         return work(*span)
@@ -303,19 +305,16 @@ def _client(address: str) -> Iterator[Any]:
     try:
         from distributed import Client
     except ImportError as error:
-        raise NoCluster(
-            "--cluster needs the package distributed, which is not installed; run "
-            "'pip install isochrome[cluster]'"
-        ) from error
+        raise NoCluster(message("cluster_needs_package_distributed")) from error
     try:
         client = Client(address, timeout="10s", set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise NoCluster(
-            f"--cluster {address}: no Dask scheduler answers there ({error}); see that it runs"
+            message("cluster_no_dask_scheduler", address=address, error=error)
         ) from error
     with client:
         if not client.nthreads():
-            raise NoCluster(f"--cluster {address}: the cluster has no worker; start some")
+            raise NoCluster(message("cluster_cluster_has_no", address=address))
         yield client
 
 

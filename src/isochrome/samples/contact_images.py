@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.optics import fringe_order
 from isochrome.output import write_text
 from isochrome.samples.sensor import (
@@ -221,7 +222,7 @@ def _write_film(path: Path, frames: list[Grey]) -> None:
     codec = cv2.VideoWriter.fourcc(*"Y800")
     film = cv2.VideoWriter(str(path), codec, FRAMES_PER_S, (cols, rows), isColor=False)
     if not film.isOpened():
-        raise InputError(f"{path}: cannot be opened as a film by this OpenCV")
+        raise InputError(message("cannot_opened_film_opencv", path=path))
     for frame in frames:
         film.write(frame)
     film.release()

@@ -4,6 +4,7 @@ from importlib import resources
 from pathlib import Path
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.output import staged, write_text
 
 SEED = 2026
@@ -38,7 +39,7 @@ def render_samples(out: str | Path, *, seed: int = SEED) -> Path:
     from isochrome.samples.wear_traces import render_wear
 
     if seed < 0:
-        raise InputError(f"seed = {seed}, but must be 0 or above")
+        raise InputError(message("seed_but_must_above", seed=seed))
     library = resources.files("isochrome.scene") / "library"
     scene = (library / f"{SCENE}.toml").read_text("utf-8")
     with staged(out) as folder:
@@ -80,7 +81,4 @@ def samples_path() -> Path:
     for folder in (here.parents[1] / _NAME, here.parents[3] / _NAME):
         if (folder / "README.md").is_file():
             return folder
-    raise InputError(
-        f"{here.parents[1] / _NAME}: the sample images are not there; install Isochrome again, or "
-        "render them with 'python -m isochrome.samples OUT' and name that folder"
-    )
+    raise InputError(message("sample_images_not_there", name=here.parents[1] / _NAME))

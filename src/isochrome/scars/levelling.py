@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import Bounds, Damping, minimise
+from isochrome.messages import message
 from isochrome.scars.roughness import Roughness, fit_roughness
 from isochrome.scars.trace import Trace
 
@@ -393,22 +394,28 @@ def levelled(trace: Trace) -> LevelledTrace:
     place, roughness, unworn = _find(bins, trace.name)
     messages: tuple[str, ...] = ()
     if place.depth_um < 0.0:
-        messages += (
-            f"{trace.name}: the scar stands up, so the heights were measured downward; turned over",
-        )
+        messages += (message("scar_stands_up_so", name=trace.name),)
         turned = replace(trace, z_um=-trace.z_um)
         bins, place = bin_trace(turned), replace(place, depth_um=-place.depth_um)
     if place.clear < STANDS_OUT:
         raise UnclearScarError(
-            f"{trace.name}: no scar stands out of its roughness: the clearest dip is "
-            f"{place.depth_um:.2g} µm deep, {place.clear:.1f} of its standard uncertainty where "
-            f"{STANDS_OUT:g} are asked; measure a longer trace, or give the volume"
+            message(
+                "no_scar_stands_out_roughness",
+                name=trace.name,
+                depth_um=place.depth_um,
+                clear=place.clear,
+                stands_out=STANDS_OUT,
+            )
         )
     _check_shoulders(bins, place, trace.name)
     if place.depth_um < _SHALLOWEST * 2e3 * place.half_mm:
         raise InputError(
-            f"{trace.name}: its scar is {place.depth_um:.2g} µm deep over {2 * place.half_mm:.3g} "
-            "mm, which no profilometer sees; check the unit of z (µm, mm) in its column's name"
+            message(
+                "scar_deep_over_mm",
+                name=trace.name,
+                depth_um=place.depth_um,
+                half_mm=2 * place.half_mm,
+            )
         )
     result = _level(bins, place, roughness, unworn, messages=messages, name=trace.name)
     if max(result.ridges_mm2) < _PILED_UP * result.ridge_uncertainty_mm2:
@@ -420,9 +427,13 @@ def levelled(trace: Trace) -> LevelledTrace:
         result,
         messages=(
             *messages,
-            f"{trace.name}: ridges of {left_um:.2g} and {right_um:.2g} µm mm stand beside the scar "
-            f"of {1e3 * result.worn_area_mm2:.3g} µm mm: material was pushed aside, which is no "
-            "wear; the worn area is that below the surface, and what is lost is less",
+            message(
+                "ridges_mm_stand_beside",
+                name=trace.name,
+                left_um=left_um,
+                right_um=right_um,
+                worn_area_mm2=1e3 * result.worn_area_mm2,
+            ),
         ),
     )
 
@@ -477,9 +488,14 @@ def _check_shoulders(bins: BinnedTrace, place: ScarShape, name: str) -> None:
     width = high - low
     if lengths.sum() < _SHOULDERS * width or lengths.min() < _SHOULDER * width:
         raise InputError(
-            f"{name}: beside its scar from {low:.3g} to {high:.3g} mm the trace has "
-            f"{lengths[0]:.2g} and {lengths[1]:.2g} mm of unworn surface, too little to level it; "
-            "measure farther over both edges, by half of the scar's width each"
+            message(
+                "beside_scar_from_mm",
+                name=name,
+                low=low,
+                high=high,
+                lengths=lengths[0],
+                lengths_2=lengths[1],
+            )
         )
 
 
@@ -490,7 +506,7 @@ def _shoulders(bins: BinnedTrace, place: ScarShape, name: str) -> Mask:
     unworn = (before | after) & ~bins.filled
     if unworn.sum() < _FEWEST_BINS:
         _check_shoulders(bins, place, name)
-        raise InputError(f"{name}: too few points beside its scar; measure a longer trace")
+        raise InputError(message("too_few_points_beside", name=name))
     for _ in range(2):  # dust and scratches
         form = legendre(x, FORM_DEGREES[-1])
         beta = np.linalg.lstsq(form[unworn], bins.z_um[unworn], rcond=None)[0]

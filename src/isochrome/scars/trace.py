@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.output import numbered_lines, read_given_text
 
 Array = NDArray[Any]
@@ -27,7 +28,7 @@ METRES = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9
 _PLACES = ("x", "position", "distance", "lateral", "length")
 _HEIGHTS = ("z", "height", "profile")
 
-_FORM = "a trace has a line of names with units, such as x_mm,z_um, and numbers below it"
+_FORM = "trace_has_line_names"
 
 _LEAD = 60
 """Lines before the numbers in which the names may stand."""
@@ -51,7 +52,7 @@ def _table(text: str, path: Path) -> tuple[Array, Array]:
     """The two columns of a table of numbers."""
     rows = numbered_lines(text)
     if not rows:
-        raise InputError(f"{path}: is empty; {_FORM}")
+        raise InputError(message("empty", path=path, form=message(_FORM)))
     split = _splitter([line for _, line in rows])
     cells = [(number, split(line)) for number, line in rows[: _LEAD + 1]]
 
@@ -61,7 +62,9 @@ def _table(text: str, path: Path) -> tuple[Array, Array]:
 
     first = next((k for k, (_, row) in enumerate(cells) if are_numbers(row)), None)
     if first is None:
-        raise InputError(f"{path}: no line of numbers in its first {len(cells)}; {_FORM}")
+        raise InputError(
+            message("no_line_numbers_first", path=path, cells_count=len(cells), form=message(_FORM))
+        )
     x_column, z_column, x_unit, z_unit = _columns([row for _, row in cells[:first]], path)
     lines = [line for _, line in rows[first:]]
     values = split.numbers(lines, (x_column, z_column))
@@ -81,10 +84,9 @@ def _refuse_line(
             cell = row[column].strip() if column < len(row) else ""
             if not (_NUMBER.fullmatch(cell) and np.isfinite(float(cell))):
                 raise InputError(
-                    f"{path}: line {number} has {cell[:30]!r} where a finite number is due; "
-                    "correct it, and leave out points that were not measured"
+                    message("line_has_where_finite", path=path, number=number, cell=cell[:30])
                 )
-    raise InputError(f"{path}: its rows are no table of numbers; {_FORM}")
+    raise InputError(message("rows_no_table_numbers", path=path, form=message(_FORM)))
 
 
 class _Splitter:
@@ -132,12 +134,11 @@ def _columns(head: Sequence[Sequence[str]], path: Path) -> tuple[int, int, float
             continue
         if len(places) > 1 or len(heights) > 1:
             raise InputError(
-                f"{path}: the line {', '.join(head[k])!r} names several columns of places or "
-                "heights; give one trace a file"
+                message("line_names_several_columns", path=path, head=", ".join(head[k]))
             )
         x, z = places[0], heights[0]
         return x, z, _metres(head[k:], x, "x_mm", path), _metres(head[k:], z, "z_um", path)
-    raise InputError(f"{path}: no line names its columns; {_FORM}")
+    raise InputError(message("no_line_names_columns", path=path, form=message(_FORM)))
 
 
 def _metres(lines: Sequence[Sequence[str]], column: int, example: str, path: Path) -> float:
@@ -147,8 +148,13 @@ def _metres(lines: Sequence[Sequence[str]], column: int, example: str, path: Pat
         if words and words[-1] in METRES:
             return METRES[words[-1]]
     raise InputError(
-        f"{path}: the column {lines[0][column]!r} has no unit; name it {example}, or with another "
-        f"of {', '.join(u for u in METRES if u.isascii())}"
+        message(
+            "column_has_no_unit",
+            path=path,
+            lines=lines[0][column],
+            example=example,
+            metres=", ".join(u for u in METRES if u.isascii()),
+        )
     )
 
 
@@ -172,29 +178,25 @@ def _surface_data(text: str, path: Path) -> tuple[Array, Array]:
     missing = [k for k in ("numpoints", "numprofiles", "xscale", "zscale") if k not in keys]
     if missing or not star:
         raise InputError(
-            f"{path}: an SDF file without {missing[0] if missing else 'its heights'}; export it "
-            "again, or as a CSV file"
+            message(
+                "sdf_file_without_export", path=path, words=missing[0] if missing else "its heights"
+            )
         )
     try:
         points, profiles = int(keys["numpoints"]), int(keys["numprofiles"])
         x_scale, z_scale = float(keys["xscale"]), float(keys["zscale"])
     except ValueError as error:
-        raise InputError(f"{path}: a scale or a count in its head is no number; {error}") from error
+        raise InputError(message("scale_count_head_no", path=path, error=error)) from error
     if profiles != 1:
-        raise InputError(
-            f"{path}: holds {profiles} profiles; export one profile a file, across the scar"
-        )
+        raise InputError(message("holds_profiles_export_one", path=path, profiles=profiles))
     cells = body.partition("*")[0].split()
     if len(cells) != points:
         raise InputError(
-            f"{path}: has {len(cells)} heights where its head says {points}; export it again"
+            message("has_heights_where_head", path=path, cells_count=len(cells), points=points)
         )
     bad = next((cell for cell in cells if not _NUMBER.fullmatch(cell)), None)
     if bad is not None:
-        raise InputError(
-            f"{path}: has {bad[:30]!r} among its heights, and all must be measured; export a "
-            "profile without missing points"
-        )
+        raise InputError(message("has_among_heights_all", path=path, bad=bad[:30]))
     heights = np.array(cells, dtype=np.float64)
     return 1e3 * x_scale * np.arange(float(points)), 1e6 * z_scale * heights
 
@@ -257,38 +259,45 @@ def _numbers(values: ArrayLike) -> Array:
 def _check(x: Array, z: Array, name: str) -> None:
     """Raise InputError for what is no trace."""
     if len(x) != len(z):
-        raise InputError(f"{name}: {len(x)} places and {len(z)} heights; give as many of each")
+        raise InputError(
+            message("places_heights_give_many", name=name, x_count=len(x), z_count=len(z))
+        )
     if len(x) < FEWEST:
         raise InputError(
-            f"{name}: has {len(x)} points, and a trace needs {FEWEST} at least; export all of them"
+            message("has_points_trace_needs", name=name, x_count=len(x), fewest=FEWEST)
         )
     if not (np.isfinite(x).all() and np.isfinite(z).all()):
         bad = int(np.argmin(np.isfinite(x) & np.isfinite(z)))
         raise InputError(
-            f"{name}: point {bad + 1} is {x[bad]:g}, {z[bad]:g}, and all must be finite numbers; "
-            "leave out what was not measured"
+            message("point_all_must_finite", name=name, bad=bad + 1, x=x[bad], z=z[bad])
         )
     steps = np.diff(x)
     if not (steps > 0.0).all():
         bad = int(np.argmin(steps > 0.0))
         raise InputError(
-            f"{name}: x goes from {x[bad]:.6g} to {x[bad + 1]:.6g} mm at point {bad + 2}, and must "
-            "go one way throughout; give one trace a file, in its order"
+            message("goes_from_mm_point", name=name, x=x[bad], x_2=x[bad + 1], bad=bad + 2)
         )
     length = float(x[-1] - x[0])
     if not _SHORTEST_MM <= length <= _LONGEST_MM:
         raise InputError(
-            f"{name}: is {length:.4g} mm long, where {_SHORTEST_MM:g} to {_LONGEST_MM:g} mm is a "
-            "trace over a scar; check the unit of x (mm, µm) in its column's name"
+            message(
+                "mm_long_where_mm",
+                name=name,
+                length=length,
+                shortest_mm=_SHORTEST_MM,
+                longest_mm=_LONGEST_MM,
+            )
         )
     if float(np.ptp(z)) > 1e3 * _STEEPEST * length:
-        raise InputError(
-            f"{name}: its heights span {np.ptp(z):.4g} µm over {length:.4g} mm, which is no worn "
-            "surface; check the unit of z (µm, mm) in its column's name"
-        )
+        raise InputError(message("heights_span_over_mm", name=name, ptp=np.ptp(z), length=length))
     if float(steps.max()) > _WIDEST_GAP * length:
         bad = int(np.argmax(steps))
         raise InputError(
-            f"{name}: nothing was measured from {x[bad]:.4g} to {x[bad + 1]:.4g} mm, a gap of over "
-            f"{100 * _WIDEST_GAP:g} % of the trace; measure it again without the gap"
+            message(
+                "nothing_measured_from_mm",
+                name=name,
+                x=x[bad],
+                x_2=x[bad + 1],
+                widest_gap=100 * _WIDEST_GAP,
+            )
         )

@@ -11,11 +11,12 @@ from pydantic import PlainSerializer, PlainValidator
 from pydantic_core import PydanticCustomError
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 
 MOST_FRAMES = 1_000_000
 """More frames than that are no recording: some hours at 100 frames a second."""
 
-_WHAT = "frames are an array (frame, row, col[, 3]), one (row, col[, 3]), or a list of them"
+_WHAT = "frames_array_frame_row"
 
 _NAMED = (("row", "col"), ("z_mm", "x_mm"), ("y", "x"), ("Y", "X"))
 """Names that the axes of a picture have where they have names."""
@@ -84,8 +85,7 @@ class ArrayFrames:
             self.form, self.dtype = first.shape, first.dtype
         else:
             raise InputError(
-                f"{self._called}: is neither a file's name nor an array; {_WHAT}, such as "
-                "np.asarray makes"
+                message("neither_file_name_nor", called=self._called, what=message(_WHAT))
             )
         self._check_count()
         self._check_form()
@@ -149,8 +149,14 @@ class ArrayFrames:
         except Exception as error:  # whatever computes or reads a lazy one
             reason = (str(error).splitlines() or [""])[0].strip()[:160] or type(error).__name__
             raise InputError(
-                f"{self._called}: frame {index} cannot be read ({type(error).__name__}: {reason}); "
-                f"{_WHAT}"
+                message(
+                    "frame_cannot_read",
+                    called=self._called,
+                    index=index,
+                    kind=type(error).__name__,
+                    reason=reason,
+                    what=message(_WHAT),
+                )
             ) from error
 
     def _check_kind(self) -> None:
@@ -159,24 +165,24 @@ class ArrayFrames:
         if isinstance(given, np.ma.MaskedArray):
             self._refuse_masked()
         if isinstance(given, Iterator):
-            raise InputError(
-                f"{self._called}: can be gone through once, and frames are read several times; "
-                "give a list of them"
-            )
+            raise InputError(message("can_gone_through_once", called=self._called))
         if isinstance(given, Mapping | Set | bytes | bytearray):
-            raise InputError(f"{self._called}: holds no frames in order; {_WHAT}")
+            raise InputError(
+                message("holds_no_frames_order", called=self._called, what=message(_WHAT))
+            )
 
     def _refuse_masked(self) -> None:
-        raise InputError(
-            f"{self._called}: is a masked array, whose mask nobody would look at; give "
-            "array.filled(...), and the specimen's pixels as frames.mask"
-        )
+        raise InputError(message("masked_array_whose_mask", called=self._called))
 
     def _check_count(self) -> None:
         if not 1 <= self.count <= MOST_FRAMES:
             raise InputError(
-                f"{self._called}: holds {self.count} frames, and 1 to {MOST_FRAMES} are allowed; "
-                "give those wanted"
+                message(
+                    "holds_frames_allowed_give",
+                    called=self._called,
+                    count=self.count,
+                    most_frames=MOST_FRAMES,
+                )
             )
 
     def _check_form(self) -> None:
@@ -184,22 +190,30 @@ class ArrayFrames:
         form = self.form
         if len(form) not in (2, 3) or (len(form) == 3 and form[2] != 3):
             more = "; leave transparency out, as [..., :3] does" if form[2:] == (4,) else ""
-            raise InputError(f"{self}: a frame has the shape {form}; {_WHAT}{more}")
+            raise InputError(
+                message("frame_has_shape", value=self, form=form, what=message(_WHAT), more=more)
+            )
         if isinstance(self.given, Sequence):
             for index in range(self.count):
                 shape = np.shape(self._item(index))
                 if shape != form:
                     raise InputError(
-                        f"{self}: frame {index} has the shape {shape} and the first {form}; all "
-                        "frames must have one size: remove or crop the odd one"
+                        message(
+                            "frame_has_shape_first_all",
+                            value=self,
+                            index=index,
+                            shape=shape,
+                            form=form,
+                        )
                     )
         dims = tuple(getattr(self.given, "dims", ()))
         start = 1 if self._stacked else 0
         for pair in _NAMED:
             if set(pair) <= set(dims) and dims[start : start + 2] != pair:
                 raise InputError(
-                    f"{self}: its axes are {dims}, and {pair[0]}, {pair[1]} are to be the picture's"
-                    f" two; put them in order with .transpose(..., '{pair[0]}', '{pair[1]}')"
+                    message(
+                        "axes_picture_two_put", value=self, dims=dims, pair=pair[0], pair_2=pair[1]
+                    )
                 )
 
     def _coordinate(self, name: str) -> np.ndarray | None:
@@ -220,10 +234,7 @@ class ArrayFrames:
             side = float(steps.mean())
             even = side > 0 and np.ptp(steps) <= 1e-3 * side
             if not even or abs((common or side) / side - 1.0) >= 1e-3:
-                raise InputError(
-                    f"{self}: its coordinate {name} does not rise by one step, the same in both "
-                    f"directions; sort it with .sortby('{name}'), or drop the coordinate"
-                )
+                raise InputError(message("coordinate_does_not_rise", value=self, name=name))
             common = side
         return common
 
@@ -248,20 +259,14 @@ def frames_of(given: FramesLike | Iterator[str | Path]) -> FramesLike:
         if all(named):
             return tuple(given)
         if any(named):
-            raise InputError(
-                "frames: files and arrays are mixed in one list; give either, or read the files "
-                "first with open_frames"
-            )
+            raise InputError(message("frames_files_arrays_mixed"))
     return ArrayFrames(given)
 
 
 def no_escape(name: str) -> str:
     """Refuse a name in which a backslash of TOML's double quotes became another letter."""
     if any(letter in name for letter in "\b\t\n\f\r\x1b"):
-        raise ValueError(
-            f"{name!r} holds a letter that no name has: in double quotes a backslash begins an "
-            "escape; write the path with / or in single quotes, 'C:\\frames\\new.tif'"
-        )
+        raise ValueError(message("holds_letter_no_name", name=name))
     return name
 
 

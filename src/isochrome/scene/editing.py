@@ -15,6 +15,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any, cast
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.scene.toml import parse_toml
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ def with_value(
     wanted = parse_toml(text, name)
     table, _, entry = key.partition(".")
     entries = wanted.setdefault(table, {})
-    by_hand = f"{name}: its layout cannot be edited; set {key} = {written} in it by hand"
+    by_hand = message("layout_cannot_edited_set", name=name, key=key, written=written)
     if not isinstance(entries, dict):
         raise InputError(by_hand)
     entries[entry] = tomllib.loads(f"value = {written}")["value"]
@@ -60,7 +61,7 @@ def without_value(text: str, key: str, *, name: str = "scene") -> str:
     emptied = copy.deepcopy(wanted)
     if entry and not holder:
         del emptied[table]  # a table that held nothing else may go with it
-    by_hand = f"{name}: its layout cannot be edited; take {key} out of it by hand"
+    by_hand = message("layout_cannot_edited_take", name=name, key=key)
     return _edited(text, lambda doc: _take_out(doc, key.split(".")), by_hand, wanted, emptied)
 
 
@@ -81,7 +82,7 @@ def with_table_list(
     holder[entry_name or table] = tables = [dict(entry) for entry in entries]
     stay = [entry for entry in tables_now if entry in tables]
     stay = stay if tables[: len(stay)] == stay else []
-    by_hand = f"{name}: its layout cannot be edited; write [[{key}]] in it by hand"
+    by_hand = message("layout_cannot_edited_write", name=name, key=key)
     return _edited(text, lambda doc: _set_list(doc, key.split("."), stay, tables), by_hand, wanted)
 
 
@@ -99,7 +100,7 @@ def with_list_value(
         document[key][place][entry] = value
 
     what = f"{entry} = {value} of {key} {place + 1}"
-    by_hand = f"{name}: its layout cannot be edited; set {what} by hand"
+    by_hand = message("layout_cannot_edited_set_hand", name=name, what=what)
     return _edited(text, edit, by_hand, wanted)
 
 

@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.scene.array_frames import ImageFile, no_escape
 from isochrome.scene.scene_values import NUMBER, Finite, NonNegative, Positive, ScenePart
 
@@ -58,12 +59,12 @@ class _Path(ScenePart):
         rows, cols = self.row_px, self.col_px
         if len(rows) != len(cols):
             raise ValueError(
-                f"row_px has {len(rows)} numbers and col_px has {len(cols)}; give as many of each"
+                message("row_px_has_numbers_col_px", rows_count=len(rows), cols_count=len(cols))
             )
         places = self.places
         same = next((i for i in range(1, len(places)) if places[i] == places[i - 1]), None)
         if same is not None:
-            raise ValueError(f"points {same} and {same + 1} are the same; remove one")
+            raise ValueError(message("points_same_remove_one", same=same, same_2=same + 1))
         return self
 
     row_px: tuple[float, ...]
@@ -136,10 +137,7 @@ class FreeBoundary(_Path):
     @model_validator(mode="after")
     def _closed_area(self) -> FreeBoundary:
         if self.is_closed and len(self.places) < 4:
-            raise ValueError(
-                f"ends where it starts after {len(self.places) - 1} points, and an outline has "
-                "three corners at least; add some, or remove the last point"
-            )
+            raise ValueError(message("ends_where_starts_after", places_count=len(self.places) - 1))
         return self
 
     @property
@@ -382,8 +380,5 @@ class Frames(ScenePart):
     def stated_gamma(self) -> float:
         """The exponent, for those who cannot find it; InputError where it is unknown."""
         if isinstance(self.gamma, str):
-            raise InputError(
-                "frames.gamma = 'unknown': `process` and `fit` find it from single frames in light "
-                "of one wavelength; here, give a number (2.2 for most photographs)"
-            )
+            raise InputError(message("frames_gamma_unknown_process"))
         return self.gamma

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.output import GivenTable, read_given_table
 
 if TYPE_CHECKING:
@@ -85,12 +86,19 @@ def with_tables(data: Any, folder: Path | None) -> Any:
         name, speed = part.get(FILE), part.get(SPEED)
         if not isinstance(name, str) or not name:
             raise InputError(
-                f"{kind.part}.{FILE} = {name!r} is not allowed: it is the name of a CSV file with "
-                f"the columns {_DISTANCE} or {_TIME}, and {kind.column}; correct it"
+                message(
+                    "not_allowed_name_csv",
+                    part=kind.part,
+                    file=FILE,
+                    name=name,
+                    distance=_DISTANCE,
+                    time=_TIME,
+                    column=kind.column,
+                )
             )
         if kind.key in part:
             raise InputError(
-                f"{kind.part}.{FILE} and {kind.part}.{kind.key} exclude each other; remove one"
+                message("exclude_each_other_remove", part=kind.part, file=FILE, key=kind.key)
             )
         speed = _speed(kind, speed, tables.get("frames"))
         table = read_course((folder or Path()) / name, kind, speed)
@@ -110,7 +118,7 @@ def _speed(kind: _Kind, stated: Any, frames: Any) -> float | None:
         return None
     number = isinstance(speed, int | float) and not isinstance(speed, bool)
     if not number or not 0.0 < speed < 1e30:
-        raise InputError(f"{key} = {speed!r} is not allowed: it is above 0, in mm/s; correct it")
+        raise InputError(message("not_allowed_above_mm", key=key, speed=speed))
     return float(speed)
 
 
@@ -130,30 +138,48 @@ def _columns(given: GivenTable, kind: _Kind, speed: float | None) -> tuple[Float
     place = _DISTANCE if _DISTANCE in given.names else _TIME
     if place not in given.names or kind.column not in given.names:
         raise InputError(
-            f"{given.path}: has the columns {given.header}, and "
-            f"{kind.part}.{FILE} needs {_DISTANCE} or {_TIME}, and {kind.column}; name them so, in "
-            "these units"
+            message(
+                "has_columns_needs_name",
+                path=given.path,
+                header=given.header,
+                part=kind.part,
+                file=FILE,
+                distance=_DISTANCE,
+                time=_TIME,
+                column=kind.column,
+            )
         )
     at, value = given.column(place), given.column(kind.column)
     if len(at) < 2:
-        raise InputError(f"{given.path}: has {len(at)} rows of numbers; give two or more")
+        raise InputError(message("has_rows_numbers_give", path=given.path, at_count=len(at)))
     for column, values, wrong, allowed in (
         (place, at, at < 0.0, "it is 0 or more"),
-        (place, at, np.r_[False, np.diff(at) <= 0.0], "it must rise from row to row; sort it"),
+        (place, at, np.r_[False, np.diff(at) <= 0.0], message("must_rise_from_row")),
         (kind.column, value, (value < kind.low) | (value > kind.high), kind.allowed),
     ):
         if wrong.any():
             row = int(np.argmax(wrong))
             raise InputError(
-                f"{given.path}: line {given.lines[row]}: {column} = {values[row]:g} is not "
-                f"allowed: {allowed}; correct that line"
+                message(
+                    "line_not_allowed_correct",
+                    path=given.path,
+                    lines=given.lines[row],
+                    column=column,
+                    values=values[row],
+                    allowed=allowed,
+                )
             )
     if place == _DISTANCE:
         return at, value
     if speed is None:
         raise InputError(
-            f"{given.path}: has times, and only a sliding speed makes distances of them; add "
-            f"{kind.part}.{SPEED} (or frames.{SPEED}), or give the column {_DISTANCE}"
+            message(
+                "has_times_only_sliding",
+                path=given.path,
+                part=kind.part,
+                speed=SPEED,
+                distance=_DISTANCE,
+            )
         )
     return 1e-3 * speed * at, value
 
@@ -171,10 +197,17 @@ def _refuse_gap(given: GivenTable, kind: _Kind, distance: Floats, value: Floats)
     if len(gap):
         row = int(gap[0])
         raise InputError(
-            f"{given.path}: lines {given.lines[row]} and {given.lines[row + 1]} are "
-            f"{step[row]:.3g} m apart, over {_GAP:g} times the steps beside, and {kind.column} "
-            f"goes from {value[row]:g} to {value[row + 1]:g} between them; add the rows that are "
-            "missing there, or a few on the line that it followed"
+            message(
+                "lines_apart_over_times",
+                path=given.path,
+                lines=given.lines[row],
+                lines_2=given.lines[row + 1],
+                step=step[row],
+                gap=_GAP,
+                column=kind.column,
+                value=value[row],
+                value_2=value[row + 1],
+            )
         )
 
 
@@ -213,9 +246,14 @@ def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Fl
     residual_rms, size = (float(np.sqrt(np.mean(v**2))) for v in (residual, value))
     if residual_rms > _AVERAGED * size:
         raise InputError(
-            f"{label}: swings by {residual_rms:.3g} (rms) about its mean course of {size:.3g}, too "
-            f"fast for {FEW} points to follow; over {_AVERAGED:g} of it is not averaged unasked: "
-            "give the means over the strokes or cycles"
+            message(
+                "swings_rms_about_mean",
+                label=label,
+                residual_rms=residual_rms,
+                size=size,
+                few=FEW,
+                averaged=_AVERAGED,
+            )
         )
     return distance_m[bends], fitted
 

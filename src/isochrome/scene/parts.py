@@ -15,6 +15,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from isochrome.messages import message
 from isochrome.scene.imaging import FileName
 from isochrome.scene.scene_values import (
     Coefficient,
@@ -111,10 +112,7 @@ class Specimen(ScenePart):
     def _hole_inside(self) -> Specimen:
         hole, diameter = self.hole_mm, self.diameter_mm
         if hole is not None and diameter is not None and hole >= diameter:
-            raise ValueError(
-                f"hole_mm = {hole:g} must be less than diameter_mm = {diameter:g}; are they "
-                "swapped?"
-            )
+            raise ValueError(message("hole_mm_must_less_diameter_mm", hole=hole, diameter=diameter))
         return self
 
 
@@ -151,9 +149,9 @@ class Indenter(ScenePart):
     def _one_shape(self) -> Indenter:
         if self.profile is None:
             if self.shape == "cylinder" and self.radius_mm is None:
-                raise ValueError("a cylinder needs radius_mm; add it, or set shape = 'flat'")
+                raise ValueError(message("cylinder_needs_radius_mm_add"))
             if self.shape == "flat" and self.half_width_mm is None:
-                raise ValueError("shape = 'flat' needs half_width_mm; add it")
+                raise ValueError(message("shape_flat_needs_half_width_mm"))
         return self
 
 
@@ -212,10 +210,7 @@ class Friction(ScenePart):
     @model_validator(mode="after")
     def _one_course(self) -> Friction:
         if self.earlier_change and isinstance(self.coefficient, DistanceTable):
-            raise ValueError(
-                "friction.earlier_change stands beside a coefficient that is a table, which says "
-                "what it was before; remove one of them"
-            )
+            raise ValueError(message("friction_earlier_change_stands_beside"))
         return self
 
 
@@ -282,9 +277,7 @@ class PolariscopeStep(ScenePart):
     @model_validator(mode="after")
     def _both_plates(self) -> PolariscopeStep:
         if (self.input_plate_deg is None) != (self.output_plate_deg is None):
-            raise ValueError(
-                "give both input_plate_deg and output_plate_deg (circular) or neither (plane)"
-            )
+            raise ValueError(message("give_both_input_plate_deg_output_plate_deg"))
         return self
 
 
@@ -306,7 +299,7 @@ class Spectrum(ScenePart):
     def _same_length_rising_and_lit(self) -> Spectrum:
         check_samples(self, "wavelength_nm", "power")
         if not any(self.power):
-            raise ValueError("power is zero at every wavelength; give the light some")
+            raise ValueError(message("power_zero_every_wavelength"))
         return self
 
 
@@ -384,28 +377,23 @@ class Polariscope(ScenePart):
     def _light_agrees(self) -> Polariscope:
         given = [k for k in ("light", "spectrum", "lines") if getattr(self, k) is not None]
         if len(given) > 1:
-            raise ValueError(f"{' and '.join(given)} exclude each other: one light; remove one")
+            raise ValueError(message("exclude_each_other_one", given=" and ".join(given)))
         if given and self.bandwidth_nm is not None:
-            raise ValueError(
-                f"{given[0]} and bandwidth_nm exclude each other: one light; remove one"
-            )
+            raise ValueError(message("bandwidth_nm_exclude_each_other", given=given[0]))
         for key in ("bandwidth_nm", "plate_wavelength_nm", *given):
             if getattr(self, key) is not None and self.wavelength_nm is None:
-                what = "the light's" if not given else "at which the fringe value holds"
-                raise ValueError(f"{key} needs wavelength_nm, {what}; add it")
+                what = "the light's" if not given else message("which_fringe_value_holds")
+                raise ValueError(message("needs_wavelength_nm_add", key=key, what=what))
         return self
 
     @model_validator(mode="after")
     def _plane_agrees(self) -> Polariscope:
         if self.axis_deg is not None and (self.field != "plane" or self.step):
-            raise ValueError(
-                "axis_deg is the polariser's azimuth of field = 'plane' alone (without steps); "
-                "remove it, or set field = 'plane'"
-            )
+            raise ValueError(message("axis_deg_polariser_azimuth_field"))
         if self.field == "plane" and not self.step:
             for key in ("plate_wavelength_nm", "input_plate_error_deg", "output_plate_error_deg"):
                 if getattr(self, key):
-                    raise ValueError(f"{key} needs plates, and field = 'plane' has none; remove it")
+                    raise ValueError(message("needs_plates_field_plane", key=key))
         return self
 
 

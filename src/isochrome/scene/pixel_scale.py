@@ -4,6 +4,7 @@ A slip is a factor of a thousand.
 """
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.scene.scene_values import DistanceTable
 from isochrome.scene.whole import Scene
 
@@ -59,9 +60,17 @@ def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
     picture = max(across) * pixel
     if picture > WIDEST * width:
         raise InputError(
-            f"{scene.name}: camera.pixel_mm = {pixel:g} makes the picture {picture:.3g} mm wide, "
-            f"{picture / width:.0f} times {what}, {width:.3g} mm{_by(what)}; "
-            f"{WIDEST} times are allowed; give it in mm (not in µm), or correct the specimen's size"
+            message(
+                "camera_pixel_mm_makes_picture",
+                name=scene.name,
+                pixel=pixel,
+                picture=picture,
+                width=picture / width,
+                what=what,
+                width_2=width,
+                by=_by(what),
+                widest=WIDEST,
+            )
         )
 
 
@@ -75,8 +84,14 @@ def check_moduli(scene: Scene) -> None:
         young = body.young_gpa if body else None
         if young is not None and young > STIFFEST_GPA:
             raise InputError(
-                f"{scene.name}: {key} = {young:g} is over {STIFFEST_GPA:g} GPa, which no solid "
-                f"has; give it in GPa (not in MPa: {young:g} MPa are {1e-3 * young:g} GPa)"
+                message(
+                    "over_gpa_which_no",
+                    name=scene.name,
+                    key=key,
+                    young=young,
+                    stiffest_gpa=STIFFEST_GPA,
+                    young_2=1e-3 * young,
+                )
             )
 
 
@@ -87,8 +102,14 @@ def _check_sizes(scene: Scene) -> None:
         size = getattr(getattr(scene, part), name, None)
         if size is not None and size > most:
             raise InputError(
-                f"{scene.name}: {key} = {size:g} is over {most:g} mm; give it in mm (not in µm: "
-                f"{size:g} µm are {1e-3 * size:g} mm)"
+                message(
+                    "over_mm_give_mm",
+                    name=scene.name,
+                    key=key,
+                    size=size,
+                    most=most,
+                    size_2=1e-3 * size,
+                )
             )
 
 
@@ -103,22 +124,34 @@ def check_width(
     """
     if pixel > max(width, UNDOUBTED_MM):
         raise InputError(
-            f"{name}: camera.pixel_mm = {pixel:g} is wider than {what}, {width:.3g} mm{_by(what)}, "
-            "which is the widest allowed; give it in mm (not in µm), or correct the specimen's size"
+            message(
+                "camera_pixel_mm_wider_mm",
+                name=name,
+                pixel=pixel,
+                what=what,
+                width=width,
+                by=_by(what),
+            )
         )
     least = NARROWEST * width / max(shape) if shape else 0.0
     if pixel < FINEST_MM:
         least = max(least, width / MOST)
     if pixel < least:
         raise InputError(
-            f"{name}: camera.pixel_mm = {pixel:g} is too little for {what}, {width:.3g} mm "
-            f"wide: {least:.2g} is allowed at least; give it in mm (not in m)"
+            message(
+                "camera_pixel_mm_too_little",
+                name=name,
+                pixel=pixel,
+                what=what,
+                width=width,
+                least=least,
+            )
         )
 
 
 def _by(what: str) -> str:
     """Where a width comes from, if no key says it."""
-    return " (by load.normal_n and the radius)" if what == "the contact" else ""
+    return message("load_normal_n_radius") if what == "the contact" else ""
 
 
 def _width(scene: Scene) -> tuple[float, str] | None:

@@ -18,6 +18,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from isochrome.messages import message
 from isochrome.scene.array_frames import takes_arrays
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ class ScenePart(BaseModel):
         if not takes_arrays(annotation):
             value = _of_numpy(value)
         if isinstance(value, bool) and not wants_truth:
-            raise PydanticCustomError("truth", "Input should not be true or false")
+            raise PydanticCustomError("truth", message("input_should_not_true"))
         return value
 
 
@@ -104,10 +105,16 @@ def check_samples(part: ScenePart, place: str, value: str) -> None:
     places, values = getattr(part, place), getattr(part, value)
     if len(places) != len(values):
         raise ValueError(
-            f"{place} has {len(places)} numbers and {value} has {len(values)}; give as many of each"
+            message(
+                "has_numbers_has_give",
+                place=place,
+                places_count=len(places),
+                value=value,
+                values_count=len(values),
+            )
         )
     if any(b <= a for a, b in pairwise(places)):
-        raise ValueError(f"{place} must rise, but is {list(places)}; sort it")
+        raise ValueError(message("must_rise_but_sort", place=place, places=list(places)))
 
 
 NUMBER, TABLE = "<number>", "<table>"

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.scene.uncertain import DATED, as_text
 from isochrome.scene.validation import NO_KEYS, check_reach, nearest, validate
 from isochrome.scene.whole import Scene
@@ -75,11 +76,11 @@ def load_scene(scene: SceneLike) -> Scene:
     if str(scene) in scene_names():
         return parse_scene((LIBRARY / f"{scene}.toml").read_text("utf-8"), name=str(scene))
     if path.is_dir():
-        raise InputError(f"{scene}: is a folder, not a scene file; name the .toml file in it")
+        raise InputError(message("folder_not_scene_file", scene=scene))
     if not path.is_file():
         near = nearest(str(scene), scene_names())
         hint = f"did you mean '{near}'?" if near else "scenes by name: " + ", ".join(scene_names())
-        raise InputError(f"{scene}: no such scene file; {hint}")
+        raise InputError(message("no_such_scene_file", scene=scene, hint=hint))
     scene_of_tables = parse_scene(
         read_text(path), name=path.stem, folder=path.parent, label=str(path)
     )
@@ -197,22 +198,18 @@ def read_text(path: Path) -> str:
         with open(path, "rb") as file:
             head = file.read(16)
         if head.startswith(PICTURES) or head[4:8] == b"ftyp":
-            raise InputError(
-                f"{path}: is a picture or a video, not a settings file; name the .toml file here, "
-                "and frames in front of --scene (are the two swapped?)"
-            )
+            raise InputError(message("picture_video_not_settings", path=path))
         if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: larger than {MAX_BYTES} bytes; is it a settings file?")
+            raise InputError(message("larger_bytes_settings_file", path=path, max_bytes=MAX_BYTES))
         if head.startswith((b"\xff\xfe", b"\xfe\xff")):
-            raise InputError(
-                f"{path}: is UTF-16 text, as its byte-order mark says (some editors call that "
-                "Unicode); save it as UTF-8"
-            )
+            raise InputError(message("utf_text_byte_order", path=path))
         return path.read_text("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 text; save it as UTF-8") from error
+        raise InputError(message("not_utf_text_save", path=path)) from error
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check its name") from error
+        raise InputError(
+            message("cannot_read_check_name_2", path=path, error=error.strerror)
+        ) from error
 
 
 def as_tables(data: Mapping[str, Any]) -> dict[str, Any]:
@@ -231,9 +228,9 @@ def parse_toml(text: str, label: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also of numbers of thousands of digits
         cause = _slip_in_line(text, str(error))
-        raise InputError(f"{label}: not valid TOML: {error}; {cause or 'correct that line'}") from (
-            error
-        )
+        raise InputError(
+            message("not_valid_toml", label=label, error=error, cause=cause or "correct that line")
+        ) from (error)
 
 
 def _slip_in_line(text: str, message: str) -> str:
@@ -243,7 +240,7 @@ def _slip_in_line(text: str, message: str) -> str:
     line = lines[min(int(match[1]), len(lines)) - 1] if match else ""
     comma = re.search(r"=\s*([-+]?\d+),(\d+)", line)
     if comma:
-        return f"a decimal comma: write {comma[1]}.{comma[2]}, with a point"
+        return message("decimal_comma_write_point", comma=comma[1], comma_2=comma[2])
     if re.search(r'"[^"]*\\', line):
-        return "a backslash in double quotes: write the path with / or in single quotes"
+        return message("backslash_double_quotes_write")
     return ""

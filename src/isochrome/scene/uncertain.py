@@ -13,6 +13,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from isochrome.messages import message
+
 VALUE, SPREAD = "value", "standard_uncertainty"
 PAIRS = "stated_uncertainty"
 """The field that holds the uncertainties; no key of a file."""
@@ -69,10 +71,7 @@ def split_uncertainties(
                 key = f"{part}.{name}"
                 annotation = table_model.model_fields[name].annotation
                 if part in _UNMEASURED or not _is_measured(annotation):
-                    raise ValueError(
-                        f"{key} is no measured number, and has no standard_uncertainty; give the "
-                        "plain value"
-                    )
+                    raise ValueError(message("no_measured_number_has", key=key))
                 pairs[key] = plain_value(key, value)[1]
         plain[part] = table | {n: v.get(VALUE) for n, v in stated.items()}
     return plain, pairs
@@ -85,21 +84,14 @@ def plain_value(key: str, value: Mapping[str, Any]) -> tuple[Any, float]:
     """
     if set(value) != {VALUE, SPREAD}:
         raise ValueError(
-            f"{key} = {dict(value)!r} is not allowed: a measured number is written as {_FORM}; "
-            "correct it"
+            message("not_allowed_measured_number", key=key, dict=dict(value), form=_FORM)
         )
     number, spread = value[VALUE], value[SPREAD]
     if isinstance(number, dict | list | str):
-        raise ValueError(
-            f"{key}.value = {number!r} is not allowed: only a single number has a "
-            "standard_uncertainty; correct it"
-        )
+        raise ValueError(message("value_not_allowed_only", key=key, number=number))
     number_like = isinstance(spread, int | float) and not isinstance(spread, bool)
     if not number_like or not math.isfinite(spread) or not 0 <= spread <= _MOST:
-        raise ValueError(
-            f"{key}.standard_uncertainty = {spread!r} is not allowed: it is a number of 0 or "
-            "more, in the unit of the key; correct it"
-        )
+        raise ValueError(message("standard_uncertainty_not_allowed_number", key=key, spread=spread))
     return number, float(spread)
 
 
@@ -122,8 +114,7 @@ def _without_date(data: dict[str, Any]) -> tuple[dict[str, Any], str | None]:
     others = {entry: stated for entry, stated in value.items() if entry != DATE}
     if SPREAD not in others:
         raise ValueError(
-            f"{DATED} = {value!r} is not allowed: a measured number is written as {_FORM}, and "
-            "its date beside these; correct it"
+            message("not_allowed_measured_number_written", dated=DATED, value=value, form=_FORM)
         )
     return data | {part: table | {name: others}}, _day(value[DATE])
 
@@ -137,8 +128,7 @@ def _day(given: Any) -> str:
     except (TypeError, ValueError):
         pass  # the same refusal as for other forms of a date
     raise ValueError(
-        f"{DATED}.{DATE} = {str(given)[:60]!r} is not allowed: the day of the calibration is "
-        'written as "2026-11-25"; correct it'
+        message("not_allowed_day_calibration", dated=DATED, date=DATE, given=str(given)[:60])
     )
 
 

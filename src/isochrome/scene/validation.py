@@ -8,6 +8,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.scene.measured_course import FILE, FILES, FROM_FILES, SPEED
 from isochrome.scene.scene_values import NUMBER, TABLE
 from isochrome.scene.uncertain import DATE_FIELD, PAIRS
@@ -59,7 +60,7 @@ def validate(
     """
     for key in reserved:
         if key in data:
-            raise InputError(f"{label}: unknown key '{key}'; remove it")
+            raise InputError(message("unknown_key_remove", label=label, key=key))
     try:
         return model.model_validate(data, context=folder)
     except ValidationError as error:
@@ -78,8 +79,14 @@ def check_reach(data: Any, label: str, key: str = "") -> None:
             check_reach(value, label, f"{key}[{number}]")
     elif isinstance(data, float) and data and not 1 / LARGEST <= abs(data) <= LARGEST:
         raise InputError(
-            f"{label}: {key} = {data:g} is not allowed: its size should lie between "
-            f"{1 / LARGEST:g} and {LARGEST:g}; correct it"
+            message(
+                "not_allowed_size_should",
+                label=label,
+                key=key,
+                data=data,
+                largest=1 / LARGEST,
+                largest_2=LARGEST,
+            )
         )
 
 
@@ -98,15 +105,15 @@ def _sentence(model: type[BaseModel], error: ValidationError) -> str:
     if first["type"] == "extra_forbidden":
         return f"unknown key '{key}'; {_meant(str(first['loc'][-1]), known)}{more}"
     if first["type"] == "missing":
-        return f"the key '{key}' is missing; add it{more}"
-    message = first["msg"].removeprefix("Value error, ")
+        return message("key_missing_add", key=key, more=more)
+    text = first["msg"].removeprefix("Value error, ")
     if not key:
-        return f"{message}{more}"
+        return f"{text}{more}"
     if first["type"] == "value_error":
-        return f"[{key}] {message}{more}"
-    value, allowed = " ".join(repr(first["input"]).split()), message[0].lower() + message[1:]
+        return f"[{key}] {text}{more}"
+    value, allowed = " ".join(repr(first["input"]).split()), text[0].lower() + text[1:]
     value = value if len(value) <= 60 else value[:57] + "..."
-    return f"{key} = {value} is not allowed: {allowed}; correct it{more}"
+    return message("not_allowed_correct", key=key, value=value, allowed=allowed, more=more)
 
 
 def _meant(word: str, known: list[str]) -> str:

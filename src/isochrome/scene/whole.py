@@ -10,6 +10,7 @@ from typing import Any, overload
 from pydantic import Field, ValidationInfo, model_validator
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.scene.array_frames import ArrayFrames
 from isochrome.scene.imaging import Camera, Frames
 from isochrome.scene.measured_course import with_tables
@@ -124,10 +125,7 @@ class Scene(ScenePart):
     def _check_needed(self) -> None:
         shape, contact = self.specimen.shape, self.indenter is not None
         if contact and shape not in (None, "block"):
-            raise ValueError(
-                f"[indenter] and [specimen] shape = '{shape}' exclude each other: "
-                "a contact's specimen is a half-plane or a block; remove one"
-            )
+            raise ValueError(message("indenter_specimen_shape_exclude", shape=shape))
         optics = ("specimen.thickness_mm", "specimen.fringe_value_n_per_mm", "load.normal_n")
         needed = (*self._body.needs, *optics) if self._body else ()
         if contact:
@@ -137,83 +135,53 @@ class Scene(ScenePart):
         for key in needed:
             part, name = key.split(".")
             if getattr(getattr(self, part), name, None) is None:
-                raise ValueError(f"{key} is missing, and {what} needs it; add it")
+                raise ValueError(message("missing_needs_add", key=key, what=what))
 
     def _check_sliding(self) -> None:
         if self.indenter is None and (self.friction or self.wear):
-            raise ValueError("[friction] and [wear] need an [indenter]; add it, or remove them")
+            raise ValueError(message("friction_wear_need_indenter"))
         if self.scar and self.wear is None:
-            raise ValueError("[[scar]] needs [wear], which makes scars; add it, or remove [[scar]]")
+            raise ValueError(message("scar_needs_wear_which"))
         if self.wear and self.wear.law == "dissipated_energy" and self.friction is None:
-            raise ValueError(
-                "wear.law = 'dissipated_energy' needs [friction], which dissipates the energy; "
-                "add it, or set wear.law = 'archard'"
-            )
+            raise ValueError(message("wear_law_dissipated_energy_needs"))
 
     def _check_frames(self) -> None:
         light, frames = self.polariscope, self.frames
         if light.step and frames.known_line:
-            raise ValueError(
-                "[[frames.known_line]] is for single frames, and [[polariscope.step]] makes a "
-                "phase-stepped set; give a point of it as [[frames.known_order]]"
-            )
+            raise ValueError(message("frames_known_line_single_frames"))
         if frames.known_loads_n and (self.model != "disc" or light.tells_orders):
-            raise ValueError(
-                "frames.known_loads_n is for single frames of a disc (specimen.shape = 'disc') in "
-                "light of one wavelength; remove it"
-            )
+            raise ValueError(message("frames_known_loads_n_single_frames"))
 
     def _check_block(self) -> None:
         specimen = self.specimen
         if self.indenter is None:
-            raise ValueError(
-                "specimen.shape = 'block' is a block under a contact; add [indenter], or set "
-                "shape = 'other' for frames without a model"
-            )
+            raise ValueError(message("specimen_shape_block_block"))
         width, left_mm = specimen.width_mm or 0.0, specimen.left_mm
         if left_mm is not None and not -width < left_mm < 0.0:
-            raise ValueError(
-                f"specimen.left_mm = {left_mm:g}, the block's left side from the contact's centre, "
-                f"must lie between -{width:g} (minus its width) and 0; correct it"
-            )
+            raise ValueError(message("specimen_left_mm_block_left", left_mm=left_mm, width=width))
         if specimen.support == "sliding" and self.friction is not None:
-            raise ValueError(
-                "specimen.support = 'sliding' holds no tangential load, and [friction] makes one; "
-                "set support = 'fixed', or remove [friction]"
-            )
+            raise ValueError(message("specimen_support_liding_holds"))
 
     def _check_load(self, load: Load) -> None:
         if isinstance(load.normal_n, DistanceTable) and self.indenter is None:
-            raise ValueError(
-                "load.normal_n is a table over sliding distance, and nothing slides without an "
-                "[indenter]; give load.normal_n as a number"
-            )
+            raise ValueError(message("load_normal_n_table_over"))
         if isinstance(load.normal_n, DistanceTable) and load.tangential_n is not None:
-            raise ValueError(
-                "load.normal_n is a table over sliding distance, and load.tangential_n is for a "
-                "stuck contact; give load.normal_n as a number, or remove load.tangential_n"
-            )
+            raise ValueError(message("load_normal_n_table_over_sliding"))
         if load.tangential_n is not None:
             self._check_tangential(load.tangential_n)
         inner, outer = load.inner_span_mm or 0.0, load.outer_span_mm or 0.0
         if self.specimen.shape == "beam" and inner >= outer:
-            raise ValueError(
-                f"load.inner_span_mm = {inner:g} must be less than load.outer_span_mm = "
-                f"{outer:g}; are they swapped?"
-            )
+            raise ValueError(message("load_inner_span_mm_must_less", inner=inner, outer=outer))
 
     def _check_tangential(self, tangential_n: float) -> None:
         if self.friction is None:
-            raise ValueError("load.tangential_n needs [friction]: a stuck contact's limit; add it")
+            raise ValueError(message("load_tangential_n_needs_friction"))
         if self.wear is not None:
-            raise ValueError(
-                "load.tangential_n is for a stuck contact, and [wear] for a sliding one; remove one"
-            )
+            raise ValueError(message("load_tangential_n_stuck_contact"))
         held = abs(self.friction_at(0.0)) * self.load_at(0.0)
         if abs(tangential_n) > held:
             raise ValueError(
-                f"load.tangential_n = {tangential_n:g} is more than friction can hold, "
-                f"{held:g} N; lower it, or leave it out for a sliding contact"
+                message("load_tangential_n_more_friction", tangential_n=tangential_n, held=held)
             )
 
     @property
@@ -262,10 +230,10 @@ class Scene(ScenePart):
         """Why a scene without a model has none."""
         shape = self.specimen.shape
         if shape is None:
-            return "the scene has no [indenter] and no shape"
+            return message("scene_has_no_indenter")
         if shape in BODIES:
-            return f"a {shape} has no model without specimen.{BODIES[shape].only_with}"
-        return f"a specimen of shape '{shape}' has no model"
+            return message("has_no_model_without", shape=shape, only_with=BODIES[shape].only_with)
+        return message("specimen_shape_has_no", shape=shape)
 
     @property
     def body_height_mm(self) -> float | None:
@@ -341,12 +309,17 @@ class Scene(ScenePart):
         table = getattr(self, part, None)
         known = part in type(self).model_fields and part not in NO_KEYS
         if not known or not name:
-            raise InputError(f"{key}: the scene has no such key; write it as 'load.normal_n'")
+            raise InputError(message("scene_has_no_such", key=key))
         if table is None:
-            raise InputError(f"{key}: this scene has no [{part}]; add it")
+            raise InputError(message("scene_has_no_add", key=key, part=part))
         if name not in type(table).model_fields:
             raise InputError(
-                f"{key}: [{part}] has no such key; it has {', '.join(type(table).model_fields)}"
+                message(
+                    "has_no_such_key",
+                    key=key,
+                    part=part,
+                    model_fields=", ".join(type(table).model_fields),
+                )
             )
         return getattr(table, name)
 

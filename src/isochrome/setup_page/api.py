@@ -5,6 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.scene import LIBRARY, parse_toml, read_text, scene_names
 from isochrome.setup_page.server import SetupServer
 from isochrome.setup_page.session import TABLES, SetSession, SetupSession
@@ -73,10 +74,7 @@ def setup(
     try:
         server = SetupServer(session, port)
     except (OSError, OverflowError) as error:
-        raise InputError(
-            f"--port {port}: cannot be used on this machine ({error}); leave it out, and a free "
-            "one is taken"
-        ) from error
+        raise InputError(message("port_cannot_used_machine", port=port, error=error)) from error
     if announce is not None:
         announce(server.url)
     if browser:
@@ -100,7 +98,9 @@ def open_session(
     """
     if calibration is not None and calibration not in SUBJECTS:
         raise InputError(
-            f"calibration = {calibration}: is none of {', '.join(SUBJECTS)}; name one of them"
+            message(
+                "calibration_none_name_one", calibration=calibration, subjects=", ".join(SUBJECTS)
+            )
         )
     given = frames if isinstance(frames, str | Path) else tuple(frames)
     if scene is None and isinstance(given, str | Path) and Path(given).suffix.lower() == ".toml":
@@ -127,9 +127,7 @@ def open_session(
 def _text_of(place: Path) -> str | None:
     """The text of a scene's file, its line ends as they are; None where there is no file yet."""
     if place.is_dir() or not place.parent.is_dir():
-        raise InputError(
-            f"{place}: a scene cannot be written there; name a .toml file in a folder that exists"
-        )
+        raise InputError(message("scene_cannot_written_there", place=place))
     if not place.is_file():
         return None
     read_text(place)  # its refusals: too large, a picture, not UTF-8
@@ -143,10 +141,7 @@ def _subject(text: str, place: Path, calibration: str | None) -> str | None:
     if calibration is None:
         return kind
     if holds and kind != SUBJECTS[calibration]:
-        raise InputError(
-            f"{place}: holds no [{calibration}] and so no calibration set of one; name another "
-            "--scene file, or leave --calibration out"
-        )
+        raise InputError(message("holds_no_so_no", place=place, calibration=calibration))
     return SUBJECTS[calibration]
 
 
@@ -159,8 +154,5 @@ def _images_of(place: Path) -> tuple[Path, ...]:
         if isinstance(one, dict)
     ]
     if not files or not all(isinstance(file, str) for file in files):
-        raise InputError(
-            f"{place}: names no [[image]], and so is no calibration set; give the frames, and "
-            "the file as --scene"
-        )
+        raise InputError(message("names_no_image_so", place=place))
     return tuple(place.parent / str(file) for file in files)

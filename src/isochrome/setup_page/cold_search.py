@@ -14,6 +14,7 @@ from isochrome.drafting import (
 )
 from isochrome.errors import InputError, IsochromeError
 from isochrome.frames import likely_no_load, open_frames
+from isochrome.messages import message
 from isochrome.output import rounded_texts
 from isochrome.scene import Scene
 from isochrome.setup_page.edits import (
@@ -66,7 +67,7 @@ def find_in_frames(
     scene = session.scene(text)
     count = session.count(scene)
     if not 0 <= index < count:
-        raise InputError(f"frame {index}: there are {count}, counted from 0")
+        raise InputError(message("frame_there_counted_from_2", index=index, count=count))
     still = scene.friction is not None and scene.friction.static_state_first
     known = _known(scene, 1 if still and index == 0 and count > 1 else index, held=held)
     draft = _drafted(session, scene, known)
@@ -75,7 +76,7 @@ def find_in_frames(
 
     def edit(now: str) -> str:
         if now != started:
-            raise InputError("the scene has changed during the search; search once more")
+            raise InputError(message("scene_has_changed_during"))
         return _placed_text(session, set_values(text, values), draft)
 
     session.change(edit)
@@ -120,10 +121,7 @@ def _known(scene: Scene, index: int, *, held: bool) -> KnownValues:
     """What the scene says of all that no frame tells."""
     if scene.model not in SEARCHED:
         what = f"a {scene.model}" if scene.model else scene.no_model_reason
-        raise InputError(
-            f"{scene.name}: {what}: the search knows a contact under a cylinder and a disc alone; "
-            "set the place on the picture, and fit"
-        )
+        raise InputError(message("search_knows_contact_under", name=scene.name, what=what))
     names = {quantity.key: name for name, quantity in QUANTITIES.items()}
     names |= {key: key.partition(".")[2] for key in (*_HELD, *(_ON_REQUEST if held else ()))}
     given = {
@@ -134,10 +132,7 @@ def _known(scene: Scene, index: int, *, held: bool) -> KnownValues:
         given["gamma"] = None
     for key, name in names.items():
         if given[name] is not None and not isinstance(given[name], str | int | float):
-            raise InputError(
-                f"{scene.name}: {key} changes with distance, and the search takes one number; "
-                "write one, search, and put the table back"
-            )
+            raise InputError(message("changes_distance_search_takes", name=scene.name, key=key))
     return known_values({"shape": scene.model, "frame": index, **given})
 
 
@@ -167,15 +162,12 @@ def _values(draft: SceneDraft, scene: Scene, *, guessed: bool) -> tuple[dict[str
     notes = []
     if values.get(_FRICTION) == 0.0:
         if guessed:
-            raise InputError(
-                f"frame {draft.frame}: no friction is seen in it; fill in 'Friction coefficient', "
-                "about, or choose a frame that slides"
-            )
+            raise InputError(message("frame_no_friction_seen", frame=draft.frame))
         del values[_FRICTION]
         if scene.friction is not None:
-            notes.append(f"no friction is seen in frame {draft.frame}; {_FRICTION} stays")
+            notes.append(message("no_friction_seen_frame", frame=draft.frame, friction=_FRICTION))
     for key in set(values) & set(scene.uncertainties):
-        notes.append(f"{key} is stated with its own ±, and stays; {values.pop(key):g} is found")
+        notes.append(message("stated_own_stays_found", key=key, pop=values.pop(key)))
     values.setdefault(ROLL, None)  # the picture was explained without one
     values[_TURN] = draft.scene.frames.rotate_deg or None
     camera = scene.camera
@@ -191,10 +183,7 @@ def _refuse_turn(scene: Scene, draft: SceneDraft) -> None:
     stated, turn = scene.frames, draft.scene.frames.rotate_deg
     on_it = stated.roi or stated.polygon_px or stated.orders_known
     if on_it and (stated.rotate_deg or 0) != (turn or 0):
-        raise InputError(
-            f"{scene.name}: the frame explains itself turned by {turn or 0} degrees, and region, "
-            "mask and known points are set on it as it lies; take them away, and search again"
-        )
+        raise InputError(message("frame_explains_itself_turned", name=scene.name, turn=turn or 0))
 
 
 def _placed_text(session: SetupSession, text: str, draft: SceneDraft) -> str:

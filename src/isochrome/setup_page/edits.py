@@ -14,6 +14,7 @@ import numpy as np
 from isochrome.calibration import fit_circle
 from isochrome.errors import InputError, IsochromeError
 from isochrome.frames import likely_no_load
+from isochrome.messages import message
 from isochrome.scene import (
     Roi,
     Scene,
@@ -183,18 +184,20 @@ def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, s
     """
     kinds = KINDS | SET_KINDS
     if kind not in kinds:
-        raise InputError(f"what stands in front of the camera: '{kind}'; one of {', '.join(kinds)}")
+        raise InputError(message("what_stands_front_camera", kind=kind, kinds=", ".join(kinds)))
     fields = [field for field in FIELDS if kind in field.kinds]
     given = {f.key: values.get(f.key) for f in fields if values.get(f.key) not in (None, *_NOUGHT)}
     missing = [field.label for field in fields if field.needed and field.key not in given]
     if missing:
         what = "set" if kind in SET_KINDS else "scene"
-        raise InputError(f"fill in: {', '.join(missing)}; a {what} of {kinds[kind]} needs them")
+        raise InputError(
+            message("fill_needs_them", missing=", ".join(missing), what=what, kinds=kinds[kind])
+        )
     given |= no_load
     if "wear.distances_m" not in given:
         given.pop("wear.coefficient_mm2_per_n", None)
     if "wear.distances_m" in given and "friction.coefficient" not in given:
-        raise InputError("fill in: Friction coefficient, about; what wears has slid")
+        raise InputError(message("fill_friction_coefficient_about"))
     return "".join(_lines(kind, given, {field.key: field for field in fields}))
 
 
@@ -256,7 +259,7 @@ def set_values(text: str, values: Mapping[str, Any]) -> str:
         text = without_value(text, _PIXEL_SPREAD)
     for key, value in values.items():
         if key.count(".") != 1:
-            raise InputError(f"{key!r}: is no key of a scene; write it as 'load.normal_n'")
+            raise InputError(message("no_key_scene_write", key=key))
         if value is None or value == "":
             text = without_value(text, key)
         else:
@@ -274,7 +277,7 @@ def _make_new(session: SetupSession, request: Request) -> None:
     text = new_scene_text(request["kind"], request["values"], no_load)
     if isinstance(session, SetSession):
         if request["kind"] != session.subject:
-            raise InputError(f"kind = {request['kind']!r}: this is a set of '{session.subject}'")
+            raise InputError(message("kind_set", kind=request["kind"], subject=session.subject))
         text = with_loads(text, session.image_names, _loads_of(session, request))
     session.change(lambda _: text)
 
@@ -295,7 +298,7 @@ def _set_scale(session: SetupSession, request: Request) -> None:
 def _set_of(session: SetupSession) -> SetSession:
     """The session of a calibration set. Raises InputError for a scene's."""
     if not isinstance(session, SetSession):
-        raise InputError("this tool is for calibration sets; start setup with --calibration")
+        raise InputError(message("tool_calibration_sets_start"))
     return session
 
 
@@ -303,7 +306,13 @@ def _loads_of(session: SetSession, request: Request) -> list[float | None]:
     """A load for each image; None for one that is not of the set."""
     given = [None if load is None else float(load) for load in request["loads"]]
     if len(given) != len(session.image_names):
-        raise InputError(f"loads: {len(given)}, and there are {len(session.image_names)} images")
+        raise InputError(
+            message(
+                "loads_there_images",
+                given_count=len(given),
+                image_names_count=len(session.image_names),
+            )
+        )
     return given
 
 
@@ -317,7 +326,7 @@ def _sized(session: SetupSession, request: Request, key: str) -> dict[str, Any]:
     """The scale, and its uncertainty, by two points that are a length of the beam's apart."""
     length = plain_values(session.text).get(key)
     if length is None:
-        raise InputError(f"{key} is not known yet; fill it in first")
+        raise InputError(message("not_known_yet_fill", key=key))
     first, second = request["points"]
     pixel = pixel_scale(first, second, float(length))
     spread = pixel * pixel * _CLICK_PX * math.sqrt(2.0) / float(length)
@@ -332,10 +341,7 @@ def _set_rollers(session: SetupSession, request: Request) -> None:
     rows, cols = session.reader(session.scene()).shape
     first, last = max(0, math.ceil(left_px + away)), min(cols - 1, math.floor(right_px - away))
     if last - first < _FEWEST_COLS:
-        raise InputError(
-            "between the two rollers, and half a height away from each, nothing is left to read; "
-            "set the points on the two inner rollers"
-        )
+        raise InputError(message("between_two_rollers_half"))
     values["frames.roi"] = {
         "top_px": 0, "left_px": first, "height_px": rows, "width_px": last - first + 1,
     }  # fmt: skip
@@ -499,7 +505,9 @@ def apply_tool(session: SetupSession, request: Request) -> None:
     """
     tool = TOOLS.get(str(request.get("tool")))
     if tool is None:
-        raise InputError(f"tool = {request.get('tool')!r}: is none; one of {', '.join(TOOLS)}")
+        raise InputError(
+            message("tool_none_one", request=request.get("tool"), tools=", ".join(TOOLS))
+        )
     with refused_as_asked(str(request["tool"])):
         tool(session, request)
 
@@ -512,7 +520,4 @@ def refused_as_asked(tool: str) -> Iterator[None]:
     except IsochromeError:
         raise
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise InputError(
-            f"the tool {tool!r} was asked for with values that are none of its own "
-            f"({error}); see its fields"
-        ) from error
+        raise InputError(message("tool_asked_values_none", tool=tool, error=error)) from error

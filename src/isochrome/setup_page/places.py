@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.stress import PixelGrid
 
 Point = tuple[float, float]
@@ -27,12 +28,9 @@ def pixel_scale(first: Point, second: Point, length_mm: float) -> float:
     """Side of a pixel, mm, from two points (row, col) a known length apart; InputError for none."""
     apart = math.hypot(second[0] - first[0], second[1] - first[1])
     if not apart >= _NEAREST_PX:
-        raise InputError(
-            f"the two points of the scale are {apart:.2g} px apart, and {_NEAREST_PX:g} px are "
-            "the least; set them on the two ends of a known length"
-        )
+        raise InputError(message("two_points_scale_px", apart=apart, nearest_px=_NEAREST_PX))
     if not 0.0 < length_mm < math.inf:
-        raise InputError(f"length = {length_mm:g} mm: give the distance of the two points, over 0")
+        raise InputError(message("length_mm_give_distance", length_mm=length_mm))
     return length_mm / apart
 
 
@@ -80,10 +78,7 @@ def surface_roll(first: Point, second: Point) -> float:
     first_end, second_end = sorted((first, second), key=lambda point: point[1])
     across, down = second_end[1] - first_end[1], second_end[0] - first_end[0]
     if across < _NEAREST_PX or abs(down) > across:
-        raise InputError(
-            "the two points of the surface lie one above the other; the surface belongs at the "
-            "top of the picture, from left to right: turn the picture by frames.rotate_deg"
-        )
+        raise InputError(message("two_points_surface_lie"))
     # a picture that is turned counter-clockwise has the right end of the surface higher
     return math.degrees(math.atan2(-down, across)) + 0.0
 

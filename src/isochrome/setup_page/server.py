@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError, IsochromeError, PhysicsError
+from isochrome.messages import message
 from isochrome.output import plain, with_uncertainty
 from isochrome.processing import (
     AnchorPreview,
@@ -77,8 +78,7 @@ def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
     scene = session.scene()
     if not scene.has_model:
         raise InputError(
-            f"{scene.name}: {scene.no_model_reason}, so there is nothing to fit; look at the map "
-            "of the known points instead"
+            message("so_there_nothing_fit", name=scene.name, no_model_reason=scene.no_model_reason)
         )
     result = process_frame(session.frames, scene, index)
     rows = [_value_row(one) for one in result.values]
@@ -142,10 +142,7 @@ def order_map_of_points(session: SetupSession, index: int) -> tuple[NDArray[np.u
     """
     scene = without_model(session.scene(), session.text)
     if not scene.frames.orders_known:
-        raise InputError(
-            "no order is known anywhere: set a point whose order you know, such as 0 in a free "
-            "corner, or a fringe line"
-        )
+        raise InputError(message("no_order_known_anywhere"))
     result: FrameResult = process_frame(session.frames, scene, index)
     reading = result.frame.reading
     if reading is None:
@@ -204,7 +201,7 @@ class ClickPreview:
         what = "this line" if request["on_line"] else "this point"
         rows, cols = region.height_px, region.width_px
         if not (-0.5 <= row < rows - 0.5 and -0.5 <= col < cols - 0.5):
-            return _nothing(f"outside of the region: {what} would anchor nothing")
+            return _nothing(message("outside_region_would_anchor", what=what))
         shift = {"top_px": region.top_px, "left_px": region.left_px}
         points = order_tables(request["points"], shift)
         text = with_table_list(text, "frames.known_order", points)
@@ -215,7 +212,7 @@ class ClickPreview:
             self._before = key, preview.orders(now)
         part = preview.part_at(row, col, on_line=request["on_line"])
         if not part.any():
-            return _nothing(f"no fringe could be followed here: {what} would anchor nothing")
+            return _nothing(message("no_fringe_could_followed_here", what=what))
         extent = "frame" if now.frames.roi is None else "region"
         return _what_becomes(self._before[1], preview.orders(then), part, what, extent)
 
@@ -254,7 +251,7 @@ def _finite(value: Any) -> float:
     """A number. Raises TypeError, ValueError where it is none."""
     number = float(value)
     if not abs(number) < _FARTHEST:
-        raise ValueError(f"{number} is beyond all pictures")
+        raise ValueError(message("beyond_all_pictures", number=number))
     return number
 
 
@@ -263,11 +260,11 @@ def _what_becomes(
 ) -> dict[str, Any]:
     """What becomes of a part of the frame, or region, and how it is said."""
     share = float(part.mean())
-    under = f"the part under it, {100.0 * share:.0f} % of the {extent},"
+    under = message("part_under", share=100.0 * share, extent=extent)
     kind, words = part_change(before.order[part], after.order[part], under, what)
     lost = ~part & np.isfinite(before.order) & ~np.isfinite(after.order)
     if lost.mean() > _WORTH_SAYING:
-        words += f"; {100.0 * lost.mean():.0f} % of the {extent} elsewhere would not be known then"
+        words += message("elsewhere_would_not_known", mean=100.0 * lost.mean(), extent=extent)
     sentences = [text for text in after.said if text not in before.said]
     levels = shown_orders(np.where(part, after.order, np.nan))
     return {
@@ -433,38 +430,40 @@ class _Handler(BaseHTTPRequestHandler):
         """What answers a request, and its query. Raises _Refused for all that is not the page's."""
         hosts = self.headers.get_all("Host") or []
         if len(hosts) != 1 or hosts[0] not in self.server.hosts:
-            raise _Refused(HTTPStatus.FORBIDDEN, "this address is not the page's")
+            raise _Refused(HTTPStatus.FORBIDDEN, message("address_not_page"))
         origin = self.headers.get("Origin")
         origins = [f"http://{host}" for host in self.server.hosts]
         if (origin is not None or self.command == "POST") and origin not in origins:
-            raise _Refused(HTTPStatus.FORBIDDEN, "asked by another page")
+            raise _Refused(HTTPStatus.FORBIDDEN, message("asked_another_page"))
         parts = urlsplit(self.path)
         token, _, name = parts.path.removeprefix("/").partition("/")
         if not hmac.compare_digest(token.encode(), self.server.token.encode()):
-            raise _Refused(HTTPStatus.FORBIDDEN, "the address's token is wrong")
+            raise _Refused(HTTPStatus.FORBIDDEN, message("address_token_wrong"))
         route = routes.get(name)  # names alone: no path is ever made of what is asked for
         if route is None:
-            raise _Refused(HTTPStatus.NOT_FOUND, "there is nothing of this name")
+            raise _Refused(HTTPStatus.NOT_FOUND, message("there_nothing_name"))
         query = {key: values[0] for key, values in parse_qs(parts.query).items()}
         return route, query
 
     def _body(self) -> dict[str, Any]:
         """The JSON object that was sent. Raises _Refused before a byte of one too long is read."""
         if self.headers.get("Transfer-Encoding") is not None:
-            raise _Refused(HTTPStatus.NOT_IMPLEMENTED, "send a Content-Length")
+            raise _Refused(HTTPStatus.NOT_IMPLEMENTED, message("send_content_length"))
         stated = self.headers.get_all("Content-Length") or []
         if len(stated) != 1 or not (stated[0].isascii() and stated[0].isdigit()):
-            raise _Refused(HTTPStatus.LENGTH_REQUIRED, "send one Content-Length")
+            raise _Refused(HTTPStatus.LENGTH_REQUIRED, message("send_one_content_length"))
         if len(stated[0]) > 12 or int(stated[0]) > MOST_BYTES:
-            raise _Refused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"{MOST_BYTES} bytes are the most")
+            raise _Refused(
+                HTTPStatus.REQUEST_ENTITY_TOO_LARGE, message("bytes_most", most_bytes=MOST_BYTES)
+            )
         if (self.headers.get_content_type()) != "application/json":
-            raise _Refused(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "send application/json")
+            raise _Refused(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, message("send_application_json"))
         try:
             body = json.loads(self.rfile.read(int(stated[0])))
         except (ValueError, RecursionError) as error:
-            raise _Refused(HTTPStatus.BAD_REQUEST, "the body is no JSON") from error
+            raise _Refused(HTTPStatus.BAD_REQUEST, message("body_no_json")) from error
         if not isinstance(body, dict):
-            raise _Refused(HTTPStatus.BAD_REQUEST, "the body is no JSON object")
+            raise _Refused(HTTPStatus.BAD_REQUEST, message("body_no_json_object"))
         return body
 
     def send_json(self, answer: Mapping[str, Any], status: HTTPStatus = HTTPStatus.OK) -> None:
@@ -536,7 +535,7 @@ def _index(request: Mapping[str, Any]) -> int:
     """The number of a frame that was asked for. Raises _Refused where it is none."""
     text = str(request.get("frame", ""))
     if not (text.isascii() and text.isdigit() and len(text) < 10):
-        raise _Refused(HTTPStatus.BAD_REQUEST, "frame is no number from 0")
+        raise _Refused(HTTPStatus.BAD_REQUEST, message("frame_no_number_from"))
     return int(text)
 
 
@@ -545,7 +544,7 @@ def _model(handler: _Handler, request: Mapping[str, Any]) -> None:
     if not isinstance(given, dict) or not all(
         isinstance(v, int | float) and not isinstance(v, bool) for v in given.values()
     ):
-        raise _Refused(HTTPStatus.BAD_REQUEST, "values are no numbers")
+        raise _Refused(HTTPStatus.BAD_REQUEST, message("values_no_numbers"))
     picture, region = handler.server.session.live(_index(request), given)
     handler.send_picture(picture, {"X-Top": str(region.top_px), "X-Left": str(region.left_px)})
 
@@ -554,7 +553,7 @@ def _set_of(handler: _Handler) -> SetSession:
     """The session of a calibration set. Raises _Refused for a scene's."""
     session = handler.server.session
     if not isinstance(session, SetSession):
-        raise _Refused(HTTPStatus.BAD_REQUEST, "this page sets up a scene")
+        raise _Refused(HTTPStatus.BAD_REQUEST, message("page_sets_up_scene"))
     return session
 
 
@@ -575,7 +574,7 @@ def _find(handler: _Handler, request: Mapping[str, Any]) -> None:
     """The scene of a frame by a cold search, and the state that it leaves."""
     session, values = handler.server.session, request.get("values")
     if not (values is None or isinstance(values, dict)):
-        raise _Refused(HTTPStatus.BAD_REQUEST, "values are no form")
+        raise _Refused(HTTPStatus.BAD_REQUEST, message("values_no_form"))
     form = None if values is None else (str(request.get("kind")), values)
     held = request.get("held") is True
     with handler.server.work:

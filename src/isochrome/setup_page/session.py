@@ -45,6 +45,7 @@ from isochrome.frames import (
     open_frames,
     with_file_scale,
 )
+from isochrome.messages import message
 from isochrome.output import with_uncertainty, write_text
 from isochrome.processing import own_scene
 from isochrome.runs import single_threaded
@@ -90,14 +91,12 @@ class LiveModel:
     def __init__(self, scene: Scene, shape: tuple[int, int]) -> None:
         if not scene.has_model:
             raise InputError(
-                f"{scene.name}: {scene.no_model_reason}, so there are no fringes to show; fill in "
-                "the indenter, or the shape of a disc, ring or beam"
+                message(
+                    "so_there_no_fringes", name=scene.name, no_model_reason=scene.no_model_reason
+                )
             )
         if scene.polariscope.several_wavelengths:
-            raise InputError(
-                f"{scene.name}: the fringes over the picture are those of one wavelength; of white "
-                "light `isochrome simulate` shows the colours"
-            )
+            raise InputError(message("fringes_over_picture_those", name=scene.name))
         self.scene, self.shape = scene, shape
         self._start(scene)
 
@@ -214,7 +213,7 @@ class SetupSession:
         with open_frames(frames, leave_out=self.left_out(None)) as reader:
             self.reader_files = tuple(Path(str(file)) for file in reader.files)
         if self.count(None) == 0:
-            raise InputError(f"{frames}: holds no frame; check the file")
+            raise InputError(message("holds_no_frame_check", path=frames))
 
     @property
     def folder(self) -> Path:
@@ -268,7 +267,7 @@ class SetupSession:
         """
         text = self.text if text is None else text
         if not text.strip():
-            raise InputError("there is no scene yet; fill in the form, and press Make the scene")
+            raise InputError(message("there_no_scene_yet"))
         self.refuse_strange_files(text)
         return parse_scene(
             text, name=self.scene_file.stem, folder=self.folder, label=self.scene_file.name
@@ -284,9 +283,7 @@ class SetupSession:
         strange = _named_files(text) - self._named - set(self.beside()) - set(known)
         if strange:
             raise InputError(
-                f"{label}: names {sorted(strange)[0]!r}, which is not beside the scene; the page "
-                "reads files of this folder alone: copy it here, or set it in the scene file by "
-                "hand"
+                message("names_which_not_beside", label=label, strange=sorted(strange)[0])
             )
 
     def change(self, edit: Callable[[str], str]) -> None:
@@ -304,7 +301,7 @@ class SetupSession:
         """Take the last change back."""
         with self._lock:
             if not self._undo:
-                raise InputError("there is nothing to take back")
+                raise InputError(message("there_nothing_take_back"))
             self.text = self._undo.pop()
             self.revision += 1
 
@@ -341,8 +338,7 @@ class SetupSession:
             if self._read_file() not in (None, self._file_bytes):
                 noun = "scene" if self.subject is None else "set"
                 raise InputError(
-                    f"{self.scene_file.name}: was changed by another program since this page read "
-                    f"it; copy what you need from 'The {noun} as text', and reload the page"
+                    message("changed_another_program_since", name=self.scene_file.name, noun=noun)
                 )
             write_text(self.scene_file.resolve(), self.text)
             self._file_bytes, self._saved_text = self._read_file(), self.text
@@ -387,7 +383,7 @@ class SetupSession:
         """A whole frame."""
         count = self.count(scene)
         if not 0 <= index < count:
-            raise InputError(f"frame {index}: there are {count}, counted from 0")
+            raise InputError(message("frame_there_counted_from_2", index=index, count=count))
         return self._sequence(scene).frame(index)
 
     def picture(self, index: int) -> NDArray[np.uint8]:
@@ -405,10 +401,7 @@ class SetupSession:
         region = self.region(scene)
         scaled = with_file_scale(scene, self.reader(scene))
         if scaled.camera is None or scaled.camera.pixel_mm is None:
-            raise InputError(
-                "the scale is not known yet: set two points and their distance, or fill in the "
-                "side of a pixel"
-            )
+            raise InputError(message("scale_not_known_yet"))
         return pixel_grid(scaled, (region.height_px, region.width_px))
 
     def live(self, index: int, values: Mapping[str, float]) -> tuple[NDArray[np.uint8], Roi]:
@@ -509,15 +502,20 @@ class SetSession(SetupSession):
         text = self.text if text is None else text
         label = self.scene_file.name
         if not text.strip():
-            raise InputError("there is no set yet; fill in the form, and press Make the set")
+            raise InputError(message("there_no_set_yet"))
         self.refuse_strange_files(text, self.image_names)
         tables = parse_toml(text, label)
         name = TABLES[self.subject or ""]
         for table in tables:
             if table not in (*_PICTURED, name, "image", "uncertainty"):
                 raise InputError(
-                    f"{label}: [{table}] is none of a set of a {name}; its tables are "
-                    f"{name}, {', '.join(_PICTURED)}, image and uncertainty"
+                    message(
+                        "none_set_tables_image",
+                        label=label,
+                        table=table,
+                        name=name,
+                        pictured=", ".join(_PICTURED),
+                    )
                 )
         validate(_BODIES[name], _plain(tables.get(name, {})), f"{label}: [{name}]")
         pictured = {t: tables[t] for t in _PICTURED if t in tables}
@@ -698,7 +696,7 @@ def _cause_rows(session: SetSession, result: Calibration) -> Iterator[dict[str, 
         unit, why = _UNITS.get(key, ""), ""
         if key is None:
             unit = "of the wavelength, full width at half height"
-            why = "The set states it in nm: fill in the wavelength in step 1, and calibrate again."
+            why = message("set_states_nm_fill")
         elif key == _GAMMA:
             gamma = session.calibration_set().gamma  # what was found is a factor to it
             value, spread = gamma * value, gamma * spread
@@ -715,5 +713,5 @@ def _cause_rows(session: SetSession, result: Calibration) -> Iterator[dict[str, 
         yield {
             "words": "Residual stress in the specimen", "text": most, "key": None, "value": None,
             "line": None,
-            "note": "It was fitted as a field, and taken off; no key of a set states a field.",
+            "note": message("fitted_field_taken_off"),
         }  # fmt: skip

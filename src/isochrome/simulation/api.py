@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.figures import PaperPanels, chosen_frames
+from isochrome.messages import message
 from isochrome.output import Result, counted, over_items, read_csv, saved_picture
 from isochrome.progress import RunProgress, Tally
 from isochrome.runs import (
@@ -95,10 +96,7 @@ class Simulation(Result):
         a colour camera with channel at the end. Raises InputError where they are in a folder.
         """
         if self.frames is None or self.orders is None:
-            raise InputError(
-                f"{self.title}: its frames and maps are the TIFF stacks of its folder; simulate "
-                "without out to have them in memory"
-            )
+            raise InputError(message("frames_maps_tiff_stacks", title=self.title))
         maps = {"frames": self.frames, "fringe_order": self.orders, **self.maps}
         return simulation_dataset(self.scene, self.pixels, self.history, maps)
 

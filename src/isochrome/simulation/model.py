@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from isochrome.contact import SurfaceState, iter_contact_states
 from isochrome.errors import InputError, PhysicsError
+from isochrome.messages import message
 from isochrome.optics import (
     camera_response,
     fringe_order,
@@ -139,10 +140,8 @@ def required_model(scene: Scene) -> str:
 
 def no_model_sentence(scene: Scene) -> str:
     """Why a scene has no model, and what can be done with its frames all the same."""
-    return (
-        f"{scene.name}: {scene.no_model_reason}, so it cannot be simulated; "
-        "`isochrome process` still gives the normalised frames, the fringe skeleton, and the order "
-        "from [[frames.known_order]]"
+    return message(
+        "so_cannot_simulated_isochrome", name=scene.name, no_model_reason=scene.no_model_reason
     )
 
 
@@ -224,7 +223,10 @@ def refuse_too_fine(scene: Scene, picture: Picture) -> None:
     if picture.too_fine > _TOO_FINE_SHARE:
         pixel = scene.camera.pixel_mm if scene.camera else None
         raise PhysicsError(
-            f"{scene.name}: fringes finer than two pixels in {100 * picture.too_fine:.1f} % of the "
-            f"fringed picture (camera.pixel_mm = {pixel}); use smaller pixels, a lower "
-            "load.normal_n or a thinner specimen"
+            message(
+                "fringes_finer_two_pixels",
+                name=scene.name,
+                too_fine=100 * picture.too_fine,
+                pixel=pixel,
+            )
         )

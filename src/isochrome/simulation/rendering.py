@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from isochrome.contact import SurfaceState
 from isochrome.errors import PhysicsError
+from isochrome.messages import message
 from isochrome.optics import expose, fringe_order
 from isochrome.output import csv_text
 from isochrome.runs import Column, Results, RunArray, RunDataset, attributes, column, make_dataset
@@ -239,9 +240,12 @@ def render(
         width = pixels.cols * pixels.pixel_mm
         if state.surface is not None and state.surface.contact_width_mm > width:
             raise PhysicsError(
-                f"{scene.name}: the contact is {state.surface.contact_width_mm:.3g} mm wide, wider "
-                f"than the picture ({width:.3g} mm); lower load.normal_n or the wear, or widen the "
-                "camera"
+                message(
+                    "contact_mm_wide_wider",
+                    name=scene.name,
+                    contact_width_mm=state.surface.contact_width_mm,
+                    width=width,
+                )
             )
         picture = make_picture(scene, state_difference(scene, state, pixels), pixels)
         refuse_too_fine(scene, picture)

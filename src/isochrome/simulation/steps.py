@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.optics import expose
 from isochrome.runs import Column, RunArray, RunDataset, make_dataset
 from isochrome.scene import Scene
@@ -48,7 +49,7 @@ def surface_tractions(state: SceneState) -> RunDataset:
     """
     surface = state.surface
     if surface is None:
-        raise InputError(f"{state.label}: is no contact's state, and has no surface under load")
+        raise InputError(message("no_contact_state_has", label=state.label))
     values = {
         "pressure_mpa": (surface.pressure_mpa, "MPa", "pressure p"),
         "shear_mpa": (surface.shear_mpa, "MPa", "shear traction q along +x"),
@@ -145,16 +146,26 @@ def polariscope_light(scene: Scene, stress: ArrayLike, *, step: int | None = Non
     pixels, values = pixel_grid(scene), np.asarray(stress)
     if values.shape != (pixels.rows, pixels.cols) or values.dtype.kind != "c":
         raise InputError(
-            f"{scene.name}: a stress difference of shape {values.shape} and type {values.dtype}; "
-            f"give complex numbers of ({pixels.rows}, {pixels.cols}), the camera's pixels"
+            message(
+                "stress_difference_shape_type",
+                name=scene.name,
+                shape=values.shape,
+                dtype=values.dtype,
+                rows=pixels.rows,
+                cols=pixels.cols,
+            )
         )
     for key in ("thickness_mm", "fringe_value_n_per_mm"):
         if getattr(scene.specimen, key) is None:
-            raise InputError(f"{scene.name}: specimen.{key} is missing; add it")
+            raise InputError(message("specimen_missing_add", name=scene.name, key=key))
     if step is not None and step not in scene.polariscope.step_numbers:
         raise InputError(
-            f"{scene.name}: step = {step}, and the polariscope has {len(scene.polariscope.step)} "
-            "[[polariscope.step]], counted from 0"
+            message(
+                "step_polariscope_has_polariscope",
+                name=scene.name,
+                step=step,
+                step_count=len(scene.polariscope.step),
+            )
         )
     picture = make_picture(scene, values, pixels)
     refuse_too_fine(scene, picture)
@@ -206,8 +217,13 @@ def camera_frame(
     channels = (3,) if camera is not None and camera.colour else ()
     if values.shape != (pixels.rows, pixels.cols, *channels) or values.dtype.kind != "f":
         raise InputError(
-            f"{scene.name}: light of shape {values.shape} and type {values.dtype}; give floats of "
-            f"{(pixels.rows, pixels.cols, *channels)}, the camera's pixels"
+            message(
+                "light_shape_type_give",
+                name=scene.name,
+                shape=values.shape,
+                dtype=values.dtype,
+                value=(pixels.rows, pixels.cols, *channels),
+            )
         )
     assert camera is not None
     source = np.random.default_rng([camera.seed, 0]) if rng is None else rng

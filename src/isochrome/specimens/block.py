@@ -19,6 +19,7 @@ import numpy as np
 
 from isochrome.contact import SurfaceState
 from isochrome.errors import InputError, PhysicsError
+from isochrome.messages import message
 from isochrome.scene import Scene
 from isochrome.specimens.contact import HalfPlane
 from isochrome.stress import (
@@ -74,9 +75,12 @@ class BlockModel(HalfPlane):
         half_width = float(np.max(np.abs(surface.edges_mm)))
         if half_width > _WIDEST * sides.clearance:
             raise PhysicsError(
-                f"{scene.name}: the contact reaches {half_width:.3g} mm from its centre, more than "
-                f"a tenth of its distance from the block's nearest side, {sides.clearance:.3g} mm; "
-                "a larger block, or its contact further from the sides, is needed"
+                message(
+                    "contact_reaches_mm_from",
+                    name=scene.name,
+                    half_width=half_width,
+                    clearance=sides.clearance,
+                )
             )
         x, dx = surface.grid.x_mm, surface.grid.spacing_mm
         p, q = surface.pressure_mpa, surface.shear_mpa
@@ -142,7 +146,5 @@ def _check_reach(scene: Scene, sides: Sides, pixels: PixelGrid) -> None:
     farthest, reach = float(np.hypot(across, down)), REACH * sides.clearance
     if farthest > reach:
         raise InputError(
-            f"{scene.name}: the picture reaches {farthest:.3g} mm from the contact, and the stress "
-            f"of the block (specimen.shape = 'block') is known within {reach:.3g} mm; show less of "
-            "it, by camera.width_px, height_px and left_mm, or leave specimen.shape out"
+            message("picture_reaches_mm_from", name=scene.name, farthest=farthest, reach=reach)
         )

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.stress.field import StressComponents
 from isochrome.stress.half_plane import (
     Floats,
@@ -60,10 +61,7 @@ def load_skfem() -> ModuleType:
     try:
         import skfem
     except ImportError as error:
-        raise InputError(
-            "specimen.shape = 'block' needs the package scikit-fem, which is not installed; run "
-            "'pip install isochrome[fem]', or leave the shape out for a half-plane"
-        ) from error
+        raise InputError(message("specimen_shape_block_needs")) from error
     return cast(ModuleType, skfem)
 
 

@@ -42,6 +42,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.stress.field import StressComponents, StressDifference
 from isochrome.stress.pixels import PixelGrid
 
@@ -394,8 +395,9 @@ def field_dtype(tolerance: float) -> type[np.complexfloating]:
     """
     if not tolerance >= DOUBLE_ERROR:
         raise InputError(
-            f"the tolerance of a stress field is {tolerance:g} of the largest tractions, but "
-            f"double precision reaches {DOUBLE_ERROR:g}; raise it"
+            message(
+                "tolerance_stress_field_largest", tolerance=tolerance, double_error=DOUBLE_ERROR
+            )
         )
     return np.complex64 if tolerance >= SINGLE_ERROR else np.complex128
 
@@ -415,8 +417,7 @@ def make_field_grid(
     fold = round(pixels.pixel_mm / spacing_mm)
     if fold < 1 or abs(fold * spacing_mm / pixels.pixel_mm - 1.0) > 1e-9:
         raise InputError(
-            f"the pixel, {pixels.pixel_mm:g} mm, must be a whole number of surface spacings, "
-            f"{spacing_mm:g} mm; change the spacing"
+            message("pixel_mm_must_whole", pixel_mm=pixels.pixel_mm, spacing_mm=spacing_mm)
         )
     kind = np.dtype(dtype)
     depths = pixels.z_mm / pixels.pixel_mm
@@ -507,8 +508,7 @@ def _check_nodes(grid: FieldGrid, *tractions: Floats | None) -> None:
     for traction in tractions:
         if traction is not None and np.shape(traction) != (grid.nodes,):
             raise InputError(
-                f"tractions have shape {np.shape(traction)}, but the grid has {grid.nodes} surface "
-                "nodes; give one value a node"
+                message("tractions_have_shape_but", shape=np.shape(traction), nodes=grid.nodes)
             )
 
 

@@ -23,6 +23,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from isochrome.messages import message
 from isochrome.stress.field import StressDifference
 
 Floats = NDArray[np.floating]
@@ -240,7 +241,7 @@ def _repetitions(
     loaded = np.flatnonzero(p)
     ends = grid.powers[1, loaded[[0, -1]]] if len(loaded) else np.zeros(2)
     if max(np.abs(v - ends[0]).max(), np.abs(v - ends[1]).max()) > _FARTHEST:
-        raise ValueError("a pixel is beyond the reach of the series")
+        raise ValueError(message("pixel_beyond_reach_series"))
     moments = grid.spacing_mm * (grid.powers @ p)
     if q is not None:
         across = grid.spacing_mm * (grid.powers @ q)

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.scene import Camera, Scene
 
 Floats = NDArray[np.floating]
@@ -157,17 +158,22 @@ def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
     """
     camera = scene.camera
     if camera is None:
-        raise InputError(f"{scene.name}: [camera] is missing, and a picture needs it; add it")
+        raise InputError(message("camera_missing_picture_needs", name=scene.name))
     rows = camera.height_px or (shape[0] if shape else None)
     cols = camera.width_px or (shape[1] if shape else None)
     for key, value in (("height_px", rows), ("width_px", cols), ("pixel_mm", camera.pixel_mm)):
         if value is None:
-            raise InputError(f"{scene.name}: camera.{key} is missing; add it")
+            raise InputError(message("camera_missing_add", name=scene.name, key=key))
     assert rows is not None and cols is not None and camera.pixel_mm is not None
     if rows * cols > MAX_PIXELS:
         raise InputError(
-            f"{scene.name}: camera.width_px x height_px = {cols} x {rows} is over {MAX_PIXELS} "
-            "pixels; lower them"
+            message(
+                "camera_width_px_height_px_over",
+                name=scene.name,
+                cols=cols,
+                rows=rows,
+                max_pixels=MAX_PIXELS,
+            )
         )
     left_mm, top = camera.left_mm, camera.top_mm
     if left_mm is None:
@@ -178,9 +184,15 @@ def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
     reach = max(abs(left_mm), abs(top)) + max(rows, cols) * camera.pixel_mm
     if reach > MAX_REACH_MM:
         raise InputError(
-            f"{scene.name}: the picture reaches {reach:.3g} mm from the contact (camera.pixel_mm = "
-            f"{camera.pixel_mm:g}, camera.left_mm = {left_mm:g}, camera.top_mm = {top:g}), and "
-            f"{MAX_REACH_MM:g} mm are allowed; give them in mm"
+            message(
+                "picture_reaches_mm_from_contact",
+                name=scene.name,
+                reach=reach,
+                pixel_mm=camera.pixel_mm,
+                left_mm=left_mm,
+                top=top,
+                max_reach_mm=MAX_REACH_MM,
+            )
         )
     return PixelGrid(rows, cols, left_mm, top, camera.pixel_mm, _lens(camera, rows, cols))
 

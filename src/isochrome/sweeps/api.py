@@ -19,6 +19,7 @@ from isochrome.figures import (
     style_axes,
     write_head,
 )
+from isochrome.messages import message
 from isochrome.output import Result, counted, numbers, read_csv, write_csv, write_text
 from isochrome.progress import RunProgress
 from isochrome.runs import (
@@ -82,18 +83,15 @@ def make_grid(scene: Scene, vary: Sequence[str] | Mapping[str, Values]) -> Sweep
     for text in vary:
         key, own = _parsed(text) if not isinstance(vary, Mapping) else (text, vary[text])
         if key in values:
-            raise InputError(f"--vary {key}: is given twice; give all its values at once")
+            raise InputError(message("vary_given_twice_give", key=key))
         values[key] = tuple(float(v) for v in own)
         if len(set(values[key])) < len(values[key]) or not values[key]:
-            raise InputError(
-                f"--vary {key}: needs values, each once, not {list(values[key])}; a comma parts "
-                "values, and a number has a point"
-            )
+            raise InputError(message("vary_needs_values_each", key=key, values=list(values[key])))
     if not values:
-        raise InputError("a sweep varies something: give --vary, such as load.normal_n=20:60:5")
+        raise InputError(message("sweep_varies_something_give"))
     count = math.prod(len(own) for own in values.values())
     if count > MAX_POINTS:
-        raise InputError(f"--vary: makes {count} points, and {MAX_POINTS} are allowed; take fewer")
+        raise InputError(message("vary_makes_points_allowed", count=count, max_points=MAX_POINTS))
     grid = SweepGrid(scene, {key: _whole(scene, key, own) for key, own in values.items()})
     for index in range(count):
         grid.scene_at(index)
@@ -114,10 +112,7 @@ def _parsed(text: str) -> tuple[str, list[float]]:
             raise ValueError
     except ValueError:
         comma = "with points in its numbers, not commas, " if "," in rest and ":" in rest else ""
-        raise InputError(
-            f"--vary {text}: give KEY=first:last:number, {comma}two or more of them, or "
-            "KEY=value,value,..., such as load.normal_n=20:60:5"
-        ) from None
+        raise InputError(message("vary_give_key_first", text=text, comma=comma)) from None
     return key.strip(), result
 
 
@@ -325,19 +320,14 @@ def _layout(grid: SweepGrid) -> RunLayout:
     count = int(np.prod(list(grid.counts.values())))
     first = grid.scene_at(0)
     if not first.has_model or first.camera is None:
-        raise InputError(
-            f"{first.name}: a sweep needs a model and a [camera], as simulate does; add them"
-        )
+        raise InputError(message("sweep_needs_model_camera", name=first.name))
     forms = set()
     for index in range(count):
         own = grid.scene_at(index)
         pixels = pixel_grid(own)
         forms.add((state_count(own), pixels.rows, pixels.cols, own.polariscope.step_numbers))
     if len(forms) > 1:
-        raise InputError(
-            f"--vary {', '.join(grid.values)}: changes the number of states, pixels or steps, and "
-            "one dataset has one of each; run these sweeps apart"
-        )
+        raise InputError(message("vary_changes_number_states", values=", ".join(grid.values)))
     ((states, rows_, cols, steps),) = forms
     plain = steps == (None,) and not first.camera.colour
     layers = (ORDER, GREY) if plain else (ORDER,)
@@ -353,7 +343,7 @@ def _finish(run_folder: RunFolder, job: Job, grid: SweepGrid) -> None:
     table = _table(run_folder, grid)
     if set(table["status"]) == {"failed"}:
         raise PhysicsError(
-            f"all {run_folder.layout.count} points were refused: {table['reason'][0]}"
+            message("all_points_refused", count=run_folder.layout.count, reason=table["reason"][0])
         )
     write_csv(run_folder.results / TABLE, table)
     write_text(run_folder.results / "scene.toml", dump_scene(grid.scene))

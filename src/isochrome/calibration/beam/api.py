@@ -41,6 +41,7 @@ from isochrome.calibration.result import Calibration, ImageFit
 from isochrome.calibration.settings import Beam, SetLike, Uncertainty, load_set
 from isochrome.calibration.shot import Shot, by_load, unused
 from isochrome.calibration.whole_set.set_result import causes, sentences, stated_values
+from isochrome.messages import message
 from isochrome.output import with_uncertainty
 from isochrome.scene import Camera, Polariscope
 
@@ -205,9 +206,10 @@ def _plain(
         loaded, idle = ([undo_tone(s, tone.gamma) for s in group] for group in (loaded, idle))
         fits, joined = _fit_all(loaded, idle, beam, pixel_mm)
         messages = (
-            "the grey levels are not linear in light: gamma = "
-            f"{with_uncertainty(tone.gamma, tone.standard_uncertainty)} times the one given "
-            "describes the fringes, and was used; set camera.gamma to the product",
+            message(
+                "grey_levels_not_linear",
+                with_uncertainty=with_uncertainty(tone.gamma, tone.standard_uncertainty),
+            ),
         )
     for fit in fits:
         check_span(fit)
@@ -243,4 +245,4 @@ def _rest(
     """What the unloaded images show, and a sentence where they could not be used."""
     if joined is not None and len(joined.rest) == len(idle):
         return joined.rest, ()
-    return (), unused(idle, ", because its light is not the loaded images'")
+    return (), unused(idle, message("because_light_not_loaded"))

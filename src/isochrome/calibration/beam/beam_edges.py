@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from isochrome.calibration.beam.beam_fit import BeamFit
 from isochrome.calibration.settings import Beam, Uncertainty
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.output import with_uncertainty
 
 Array = NDArray[np.float64]
@@ -122,11 +123,15 @@ def check_beam_scale(
         return
     own, share = beam.height_mm / found.height_px, found.standard_uncertainty / found.height_px
     raise InputError(
-        f"the beam's edges are {with_uncertainty(found.height_px, found.standard_uncertainty)} px "
-        "apart, "
-        f"and beam.height_mm / camera.pixel_mm = {beam.height_mm:g} / {pixel_mm:g} makes "
-        f"{stated:.1f}: f_sigma would be {off:.1%} off; correct the one that is wrong "
-        f"(pixel_mm = {with_uncertainty(own, own * share)} would agree), or state its uncertainty"
+        message(
+            "beam_edges_px_apart",
+            with_uncertainty=with_uncertainty(found.height_px, found.standard_uncertainty),
+            height_mm=beam.height_mm,
+            pixel_mm=pixel_mm,
+            stated=stated,
+            off=off,
+            with_uncertainty_2=with_uncertainty(own, own * share),
+        )
     )
 
 

@@ -13,6 +13,7 @@ from isochrome.calibration.settings import Beam
 from isochrome.calibration.shot import Shot
 from isochrome.errors import PhysicsError
 from isochrome.estimation import ALIKE_CHI, IntensityFit, SeveralStarts, smooth_starts
+from isochrome.messages import message
 
 Array = NDArray[np.float64]
 
@@ -171,32 +172,21 @@ def _check(shot: Shot, found: SeveralStarts, seen_px: float) -> None:
     used = np.isfinite(best.residual)
     contrast = float(np.std((best.illumination_map * best.signal)[used]))
     if contrast < FAINTEST * float(np.median(shot.sigma)):
-        raise PhysicsError(
-            f"{shot.name}: too few fringes, or too faint, stand out of the noise to calibrate "
-            "from; raise the load until at least two are seen, or expose longer"
-        )
+        raise PhysicsError(message("too_few_fringes_too", name=shot.name))
     if slope * seen_px < FEWEST or best.standard_uncertainty[0] > 0.2 * slope:
-        raise PhysicsError(
-            f"{shot.name}: {slope * seen_px:.2f} fringes in view are too few to calibrate from; "
-            "raise the load until at least two are seen"
-        )
+        raise PhysicsError(message("fringes_view_too_few", name=shot.name, seen_px=slope * seen_px))
     alike = [m for m in found.others if m.chi < ALIKE_CHI * best.chi]
     rivals = [m for m in alike if abs(m.values[0] / slope - 1) > 0.02]
     if rivals:
         raise PhysicsError(
-            f"{shot.name}: two fringe slopes explain it equally well (chi {best.chi:.2f} and "
-            f"{rivals[0].chi:.2f}); raise the load, or crop the image to the beam with roi"
+            message("two_fringe_slopes_explain", name=shot.name, chi=best.chi, chi_2=rivals[0].chi)
         )
     if not (best.converged and best.positive):
         raise _not_fitted(shot)
 
 
 def _not_fitted(shot: Shot) -> PhysicsError:
-    return PhysicsError(
-        f"{shot.name}: its fringes are not those of pure bending, evenly spaced and straight along "
-        "the span; check that the frame shows only the span between the inner rollers (no shear), "
-        "the beam along the rows, at least four pixels a fringe, and the field (dark, bright)"
-    )
+    return PhysicsError(message("fringes_not_those_pure", name=shot.name))
 
 
 def beam_image(fit: BeamFit, pixel_mm: float, *, misfit: float) -> ImageFit:

@@ -17,6 +17,7 @@ from isochrome.calibration.beam.beam_fit import BeamFit, beam_signal
 from isochrome.calibration.beam.beam_joint import Stack, fit_stack
 from isochrome.errors import PhysicsError
 from isochrome.estimation import degrees_of, fit_intensity, jackknife_variance, smooth_light
+from isochrome.messages import message
 
 Array = NDArray[np.float64]
 
@@ -82,11 +83,7 @@ def check_span(fit: BeamFit) -> None:
     if np.any((size > BENT) & (size > CERTAIN * spread)):
         (c1, c2), ends = result.values[3:], np.linspace(-1.0, 1.0, 101)
         part = np.ptp(c1 * ends + c2 * ends * ends)
-        raise PhysicsError(
-            f"{shot.name}: the fringes' slope changes by {part:.0%} along the span, so that "
-            "it is not in pure bending: shear, unequal roller loads, or the frame reaches beyond "
-            "the inner rollers; set frames.roi to the middle of the span"
-        )
+        raise PhysicsError(message("fringes_slope_changes_along", name=shot.name, part=part))
 
 
 def thinned(fit: BeamFit) -> BeamFit:

@@ -20,6 +20,7 @@ from isochrome.calibration.whole_set.set_result import (
     jackknife,
 )
 from isochrome.errors import PhysicsError
+from isochrome.messages import message
 
 Array = NDArray[np.float64]
 
@@ -69,10 +70,7 @@ def check_set_span(fit: SetFit) -> None:
         value, spread = fit.shared.get(key, (0.0, 0.0))
         if factor * abs(value) > BENT and abs(value) > CERTAIN * spread:
             raise PhysicsError(
-                f"the fringes' slope changes by {factor * abs(value):.0%} along half the span, so "
-                "that it is not in pure bending: shear, unequal roller loads, or the frame reaches "
-                "beyond the inner rollers (or the camera's own picture is as far from square); set "
-                "frames.roi to the middle of the span"
+                message("fringes_slope_changes_along_half", value=factor * abs(value))
             )
 
 

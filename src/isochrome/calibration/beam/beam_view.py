@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from isochrome.calibration.shot import Shot
 from isochrome.errors import InputError, PhysicsError
+from isochrome.messages import message
 
 Array = NDArray[np.float64]
 
@@ -74,10 +75,7 @@ def find_beam(shot: Shot, height_px: float) -> BeamView:
     cost, phase = _scan(rows, values, count, tops, height_px, slopes[best])
     place = int(np.argmin(cost.min(axis=1)))
     if cost.min() > 0.95 * _smooth_cost(rows, values, count):
-        raise PhysicsError(
-            f"{shot.name}: no fringes rise across the beam's height; check pixel_mm and roi, or "
-            "load it until at least two fringes are seen"
-        )
+        raise PhysicsError(message("no_fringes_rise_across", name=shot.name))
     middle = tops[place] + 0.5 * height_px
     starts = []
     for slope, angle in zip(slopes[best], phase[place], strict=True):
@@ -90,14 +88,18 @@ def _check_size(shot: Shot, height_px: float) -> None:
     seen = shot.light.shape[0]
     if not SMALLEST_PX <= height_px <= LARGEST_FRAMES * seen:
         raise InputError(
-            f"{shot.name}: beam.height_mm / camera.pixel_mm makes the beam {height_px:.3g} pixels "
-            f"high in a frame of {seen}, {SMALLEST_PX:g} to {LARGEST_FRAMES * seen:g} are allowed; "
-            "check that both are in mm (not m), and pixel_mm the camera's"
+            message(
+                "beam_height_mm_camera_pixel_mm",
+                name=shot.name,
+                height_px=height_px,
+                seen=seen,
+                smallest_px=SMALLEST_PX,
+                seen_2=LARGEST_FRAMES * seen,
+            )
         )
     if np.mean(shot.valid) < FEWEST_VALID:
         raise PhysicsError(
-            f"{shot.name}: only {np.mean(shot.valid):.0%} of its pixels can be used, the rest is "
-            "saturated or not finite; lower the exposure"
+            message("only_pixels_can_used", name=shot.name, mean=np.mean(shot.valid))
         )
 
 

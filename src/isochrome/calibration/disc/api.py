@@ -42,6 +42,7 @@ from isochrome.calibration.shot import Shot, by_load, unused
 from isochrome.calibration.whole_set.set_model import SetFit
 from isochrome.calibration.whole_set.set_result import causes, sentences, stated_values
 from isochrome.errors import PhysicsError
+from isochrome.messages import message
 from isochrome.scene import Camera, Polariscope
 
 Array = NDArray[np.float64]
@@ -49,11 +50,7 @@ Array = NDArray[np.float64]
 BARELY = 1.05
 """Pooled chi up to which the closed form is taken to describe the single images."""
 
-FROM_RISE = (
-    "the closed form of a disc does not describe the single images (residual stress, bubbles, or "
-    "other loads than two opposite points): f_sigma is from the rise of the order with load at "
-    "every pixel, and the order at zero load is known up to a whole order"
-)
+FROM_RISE = "closed_form_disc_does"
 
 
 def calibrate_disc(source: SetLike) -> Calibration:
@@ -148,7 +145,7 @@ def disc_from_shots(
         Where the images do not determine the value.
     """
     loaded, idle = by_load(shots)
-    messages = unused(idle, "; the order at zero load is from the loaded images' line")
+    messages = unused(idle, message("order_zero_load_from"))
     camera, scope = camera or Camera(), polariscope or Polariscope()
     outcome = _find(loaded, idle, disc, stated_values(camera, scope))
     if camera.pixel_mm is not None and not outcome.from_rise:
@@ -158,12 +155,10 @@ def disc_from_shots(
         freed = causes(outcome.whole, scope.wavelength_nm)
         messages = (*sentences(outcome.whole, freed), *messages)
     if outcome.from_rise:
-        messages = (FROM_RISE, *messages)
+        messages = (message(FROM_RISE), *messages)
     if outcome.residual is not None:
         size, form = outcome.residual["largest_order"], outcome.residual["form"]
-        messages = (
-            f"residual stress up to {size:.2f} fringe is fitted ({form}); f_sigma is free of it",
-        )
+        messages = (message("residual_stress_up_fringe", size=size, form=form),)
     known = uncertainty or Uncertainty()
     inputs = (
         Input("load", known.load_percent, "%", 0.01),

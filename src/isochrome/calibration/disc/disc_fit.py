@@ -21,6 +21,7 @@ from isochrome.calibration.settings import Disc
 from isochrome.calibration.shot import Shot
 from isochrome.errors import PhysicsError
 from isochrome.estimation import ALIKE_CHI, IntensityFit, SeveralStarts, smooth_starts
+from isochrome.messages import message
 
 Array = NDArray[np.float64]
 
@@ -71,29 +72,23 @@ def _check_explained(shot: Shot, best: IntensityFit) -> None:
     explained = 1.0 - float(np.var(best.residual[used]) / np.var(image))
     if explained < EXPLAINED:
         raise PhysicsError(
-            f"{shot.name}: a loaded disc's fringes explain {explained:.0%} of its intensities; "
-            "check the field (dark or bright), that the loads press along the image's columns, "
-            f"and that the disc is free of stress at no load, or give {FEWEST_LOADS} loads or more"
+            message(
+                "loaded_disc_fringes_explain",
+                name=shot.name,
+                explained=explained,
+                fewest_loads=FEWEST_LOADS,
+            )
         )
 
 
 def _check(shot: Shot, best: IntensityFit, ambiguous: bool) -> None:
     order, spread = float(best.values[0]), float(best.standard_uncertainty[0])
     if order < FEWEST:
-        raise PhysicsError(
-            f"{shot.name}: a centre order of {order:.2f} is too low to calibrate from; raise the "
-            "load until the order at the centre is one at least"
-        )
+        raise PhysicsError(message("centre_order_too_low", name=shot.name, order=order))
     if ambiguous:
-        raise PhysicsError(
-            f"{shot.name}: two centre orders near {order:.2f} explain it equally well; add images "
-            "at other loads, or use frames.roi to show the disc larger"
-        )
+        raise PhysicsError(message("two_centre_orders_near", name=shot.name, order=order))
     if not best.converged or not best.positive or spread > 0.2 * order:
-        raise PhysicsError(
-            f"{shot.name}: the fringes could not be fitted; check the field (dark or bright), the "
-            "focus, and that the loads press along the columns of the image"
-        )
+        raise PhysicsError(message("fringes_could_not_fitted", name=shot.name))
 
 
 def _fit(shot: Shot, grid: DiscPixels, starts: Array, within: float) -> SeveralStarts:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from isochrome.errors import PhysicsError
 from isochrome.estimation import Observation
+from isochrome.messages import message
 
 Array = NDArray[np.float64]
 
@@ -73,15 +74,19 @@ def find_rim(frame: Observation) -> Circle:
     edge = np.concatenate([patch[0], patch[-1], patch[:, 0], patch[:, -1]])
     if not inside or np.count_nonzero(edge) > 0.1 * min(height, width):
         raise PhysicsError(
-            f"{frame.name}: the disc's rim leaves the frame (centre row {circle.row:.0f}, column "
-            f"{circle.col:.0f}, radius {circle.radius:.0f} px in {height} x {width}); show the "
-            "whole disc, or set frames.roi to a square about it"
+            message(
+                "disc_rim_leaves_frame",
+                name=frame.name,
+                row=circle.row,
+                col=circle.col,
+                radius=circle.radius,
+                height=height,
+                width=width,
+            )
         )
     if circle.scatter > 0.12 * circle.radius:
         raise PhysicsError(
-            f"{frame.name}: no round disc is seen (its outline leaves a circle by "
-            f"{circle.scatter / circle.radius:.0%} of the radius); set frames.roi to a square "
-            "about the disc, and check that it is lit evenly"
+            message("no_round_disc_seen", name=frame.name, radius=circle.scatter / circle.radius)
         )
     return circle
 
@@ -129,9 +134,7 @@ def _patch(frame: Observation) -> NDArray[np.bool_]:
     patch = _closed(slope > limit, max(2, size // 40))
     labels, count = ndimage.label(patch)
     if count == 0:
-        raise PhysicsError(
-            f"{frame.name}: nothing but even light; is this a picture of a loaded disc?"
-        )
+        raise PhysicsError(message("nothing_but_even_light", name=frame.name))
     sizes = np.bincount(labels.ravel())
     sizes[0] = 0
     return np.asarray(ndimage.binary_fill_holes(labels == int(np.argmax(sizes))))

@@ -30,6 +30,7 @@ from isochrome.calibration.whole_set.set_result import (
     jackknife,
 )
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.output import with_uncertainty
 
 Array = NDArray[np.float64]
@@ -155,8 +156,12 @@ def check_diameter(
     spread, off = float(np.sqrt(np.sum(np.square(parts)))), abs(seen / stated - 1.0)
     if off > max(CONTRADICTED * spread, SLIGHT):
         raise InputError(
-            f"the disc is {with_uncertainty(seen, own)} px wide, and disc.diameter_mm / "
-            f"camera.pixel_mm = {disc.diameter_mm:g} / {pixel_mm:g} makes {stated:.1f}: "
-            f"{off:.1%} off; correct the one that is wrong, leave camera.pixel_mm out (the rim "
-            "gives it), or state the uncertainty of both"
+            message(
+                "disc_px_wide_disc",
+                with_uncertainty=with_uncertainty(seen, own),
+                diameter_mm=disc.diameter_mm,
+                pixel_mm=pixel_mm,
+                stated=stated,
+                off=off,
+            )
         )

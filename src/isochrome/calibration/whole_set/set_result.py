@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from isochrome.calibration.whole_set.set_model import BAND, BLUR, GAMMA, SetFit
 from isochrome.estimation import jackknife_variance, scaled_inverse
+from isochrome.messages import message
 from isochrome.output import per_cent, with_uncertainty
 
 Array = NDArray[np.float64]
@@ -109,19 +110,12 @@ def cause_sentence(cause: Mapping[str, Any]) -> str:
     """
     value = with_uncertainty(cause["value"], cause["standard_uncertainty"])
     if cause["key"] == GAMMA:
-        return (
-            f"the grey levels are not linear in light: gamma = {value} times the one given "
-            "describes the fringes, and was used; set camera.gamma to the product"
-        )
+        return message("grey_levels_not_linear", with_uncertainty=value)
     if cause["key"]:
-        return (
-            f"{cause['cause']}: {cause['key']} = {value} describes the fringes, and was used; "
-            "set it in the set"
+        return message(
+            "describes_fringes_used_set", cause=cause["cause"], key=cause["key"], value=value
         )
-    return (
-        f"{cause['cause']}: {value} of the wavelength (full width at half height) describes "
-        "the fringes, and was used; set polariscope.wavelength_nm and bandwidth_nm"
-    )
+    return message("wavelength_full_width_half", cause=cause["cause"], value=value)
 
 
 def sentences(fit: SetFit, found: tuple[dict[str, Any], ...]) -> tuple[str, ...]:
@@ -130,13 +124,9 @@ def sentences(fit: SetFit, found: tuple[dict[str, Any], ...]) -> tuple[str, ...]
     count = sum(len(t) for t in fit.model.terms)
     plain = 9 if fit.model.shots[0].no_load_light is None else 6
     if count > plain:
-        messages.append(
-            f"the light is more uneven than a quadratic: {count - plain} more products describe it"
-        )
+        messages.append(message("light_more_uneven_quadratic", plain=count - plain))
     if fit.left_out > 0:
-        messages.append(
-            f"{per_cent(fit.left_out)} of the pixels fit nothing (dust, glare): left out"
-        )
+        messages.append(message("pixels_fit_nothing_dust", per_cent=per_cent(fit.left_out)))
     return tuple(messages)
 
 

@@ -13,6 +13,7 @@ from isochrome.fitting.causes.solution import Askable
 from isochrome.fitting.causes.trials import lying_otherwise
 from isochrome.fitting.frame.frame_fit import FrameFit
 from isochrome.fitting.frame.unknowns import FRICTION, LOAD, PIXEL, TANGENTIAL, taken_as_exact
+from isochrome.messages import message
 from isochrome.output import agree, per_cent, with_uncertainty
 from isochrome.scene import Scene
 
@@ -60,23 +61,14 @@ def cause_messages(
     messages = [_freed_sentence(freed, own, rivals or {})] if own else []
     messages += [text for text in map(partial(_contradicted, freed), freed.causes) if text]
     if freed.light and light:
-        messages.append(
-            f"{freed.now.light_words}; no-load frames (frames.no_load_bright, no_load_dark) show "
-            "it as it is"
-        )
+        messages.append(message("no_load_frames_frames", light_words=freed.now.light_words))
     if freed.outside:
-        messages.append(
-            f"{per_cent(freed.outside)} of the pixels were left out: dust, scratches, glare or "
-            "a shadow that no light and no fringe explains"
-        )
+        messages.append(message("pixels_left_out_dust", per_cent=per_cent(freed.outside)))
     if messages:
         messages[0] += _shift(freed)
     louder = freed.now.noise_ratio
     if louder > 1.0:
-        messages.append(
-            f"noise is {louder:.1f} times what neighbouring pixels show: the picture was "
-            "compressed, resampled or made of colours, and that is counted"
-        )
+        messages.append(message("noise_times_what_neighbouring", louder=louder))
     suspects = [asked for asked in freed.asked if not asked.can_be_freed]
     if suspects:
         messages.append(_suspect_sentence(freed.now, suspects))
@@ -137,10 +129,12 @@ def opposite_shear(given: Scene, key: str, value: float, spread: float) -> str |
     if not stated or stated * value >= 0.0 or not abs(value) > _FAR * spread:
         return None
     line, _ = lying_otherwise(given, 0, "horizontal")
-    return (
-        f"{key} = {with_uncertainty(value, spread)} has the other sign than the scene's "
-        f"{stated:g}: the other body slides the other way, or the picture is mirrored left to "
-        f"right; if it is mirrored, give {line}, else the other sign in the scene"
+    return message(
+        "has_other_sign_scene",
+        key=key,
+        with_uncertainty=with_uncertainty(value, spread),
+        stated=stated,
+        line=line,
     )
 
 
@@ -171,10 +165,11 @@ def _contradicted(freed: Freed[Any], cause: Cause) -> str:
         for key, value, weight in zip(cause.keys, cause.starts, cause.weight, strict=False)
         if not agree(_pair(freed, key), (value, weight**-0.5))
     ]
-    return (
-        f"{_verb(freed.now, 'contradict')} what is stated of {len(far)} value(s), by more than two "
-        f"of the uncertainties of both ({'; '.join(far)}): fitted too; measure again, or look for "
-        "what else is wrong"
+    return message(
+        "what_stated_value_more",
+        verb=_verb(freed.now, "contradict"),
+        far_count=len(far),
+        far="; ".join(far),
     ) * bool(far)
 
 
@@ -186,13 +181,13 @@ def _freed_sentence(
     for cause in causes:
         values = ", ".join(_told(freed, key) for key in cause.keys)
         others = " or ".join(rivals.get(cause.name, ()))
-        name = f"{cause.name} or {others}, and cannot tell which: fitted is the first"
+        name = message("cannot_tell_which_fitted", name=cause.name, others=others)
         parts.append(f"{name if others else cause.name} ({values})")
     if any(cause.name in rivals for cause in causes):
         asks = _verb(freed.now, "ask")
-        return f"{asks} for {' and for '.join(parts)}; look at the bench before you state either"
+        return message("look_bench_before_you", asks=asks, parts=" and for ".join(parts))
     shows = _verb(freed.now, "show")
-    return f"{shows} {' and '.join(parts)}, fitted too; state it in the scene to fix it"
+    return message("fitted_too_state_scene", shows=shows, parts=" and ".join(parts))
 
 
 def _told(freed: Freed[Any], key: str) -> str:
@@ -242,8 +237,10 @@ def _suspect_sentence(solution: Askable, suspects: list[Asked]) -> str:
         if key.startswith((PIXEL, "specimen.", "indenter.")) and not scene.uncertainties.get(key)
     ]
     wrong = " or ".join(filter(None, (", ".join(open_[:-1]), open_[-1])))
-    return (
-        f"{_verb(solution, 'contradict')} the scale ({' or '.join(parts)} would mend it): {wrong} "
-        f"is wrong, and {_who(solution)} cannot tell which; measure them again, the load depends "
-        "on it"
+    return message(
+        "scale_would_mend_wrong",
+        verb=_verb(solution, "contradict"),
+        parts=" or ".join(parts),
+        wrong=wrong,
+        who=_who(solution),
     )

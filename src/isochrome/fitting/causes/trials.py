@@ -34,6 +34,7 @@ from isochrome.fitting.frame.unknowns import (
 from isochrome.fitting.result import TOO_FAR
 from isochrome.fitting.search.cold_start import search_frame
 from isochrome.frames import as_turned
+from isochrome.messages import message
 from isochrome.scene import STIFFEST_GPA, Scene
 
 _HOPELESS, _LEAST = 10.0, 2.0
@@ -67,9 +68,8 @@ class Trial:
     def sentence(self) -> str:
         """What is wrong with the scene, and what to write in it."""
         stands = "no light" if np.isinf(self.before) else f"chi = {self.before:.1f}"
-        return (
-            f"{self.what}: with {self.line} the scene explains the frame (chi = {self.chi:.2f}; "
-            f"{stands} as it stands); correct the scene"
+        return message(
+            "scene_explains_frame_chi", what=self.what, line=self.line, chi=self.chi, stands=stands
         )
 
 
@@ -142,7 +142,7 @@ def _slips(data: FrameData, scene: Scene) -> Iterator[_Slip]:
             if abs(gamma / data.gamma - 1.0) > _SAME_GAMMA:
                 line = f"{GAMMA} = {gamma}"
                 gamma_fit = scene.with_values({GAMMA: gamma})
-                yield _Slip("the tone curve is another", line, data.toned(gamma), gamma_fit)
+                yield _Slip(message("tone_curve_another"), line, data.toned(gamma), gamma_fit)
     yield from _units(data, scene, stiff=False)
 
 
@@ -151,7 +151,7 @@ def _fields(data: FrameData, scene: Scene) -> Iterator[_Slip]:
     if other is not None and not scene.polariscope.step:
         changed = scene.with_values({"polariscope.field": other})
         line = f'polariscope.field = "{other}"'
-        yield _Slip(f"the picture is one of the {other} field", line, data, changed)
+        yield _Slip(message("picture_one_field", other=other), line, data, changed)
 
 
 def _turns(
@@ -184,13 +184,13 @@ def lying_otherwise(scene: Scene, turn: int, flip: str | None) -> tuple[str, str
         parts.append(f'frames.flip = "{mirrored}"' if mirrored else "no frames.flip")
     line = " and ".join(parts)
     if (turn, flip) == (180, None) and not frames.flip:
-        line += ' (frames.flip = "vertical" instead if it is mirrored)'
+        line += message("frames_flip_vertical_instead")
     placed = frames.known_order, frames.known_line, frames.free_boundary
     if frames.roi or frames.mask or frames.polygon_px or any(placed):
-        line += ", and roi, mask and known orders placed in the turned picture,"
+        line += message("roi_mask_known_orders")
     if turn == 180:
-        return line, "the picture is upside down"
-    return line, "the picture is mirrored" if turn == 0 else "the picture lies on its side"
+        return line, message("picture_upside_down")
+    return line, "the picture is mirrored" if turn == 0 else message("picture_lies_side")
 
 
 def _together(first: tuple[int, Any], then: tuple[int, Any]) -> tuple[int, str | None]:
@@ -218,7 +218,7 @@ def _units(data: FrameData, scene: Scene, stiff: bool) -> Iterator[_Slip]:
             changed = {key: given[key] * share for key, share in shares.items()}
             unit = "Pa" if 1e-9 in shares.values() else "MPa"
             line = " and ".join(f"{key} = {value:g}" for key, value in changed.items())
-            what = f"Young's modulus is given in {unit}"
+            what = message("young_modulus_given", unit=unit)
             yield _Slip(what, line, data, scene.with_values(changed))
 
 
@@ -233,7 +233,7 @@ def _places(data: FrameData, scene: Scene) -> Iterator[_Slip]:
     shifts = [(0.0, 0.0), *((x, 0.0) for x in _ACROSS), *((0.0, z) for z in _DOWN)]
     for across, down in shifts:
         place = {LEFT: camera.left_mm + across * width, TOP: camera.top_mm + down * height}
-        yield _Slip("the contact is elsewhere in the picture", "", data, scene.with_values(place))
+        yield _Slip(message("contact_elsewhere_picture"), "", data, scene.with_values(place))
 
 
 def _tried(slip: _Slip, keys: tuple[str, ...]) -> tuple[float, Scene] | None:

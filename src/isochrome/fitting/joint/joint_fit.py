@@ -59,6 +59,7 @@ from isochrome.fitting.joint.normal_equations import (
     solved_along,
     with_number,
 )
+from isochrome.messages import message
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
 
@@ -169,7 +170,7 @@ class JointSolution:
         values, ends = solution.fit.values, solution.problem.bounds
         for k, unknown in enumerate(solution.fit.unknowns):
             if unknown.key in change.added and not ends.low[k] < values[k] < ends.high[k]:
-                raise PhysicsError(f"{unknown.key} = {values[k]:g}: at the end of where it may be")
+                raise PhysicsError(message("end_where_may", key=unknown.key, values=values[k]))
         return solution
 
     def trial(self, change: Change) -> tuple[float, int, int] | None:
@@ -382,9 +383,7 @@ class JointProblem:
 
         normal = at(values)
         if normal is None:
-            raise PhysicsError(
-                "the scene cannot be solved where the frames' own fits end; give closer values"
-            )
+            raise PhysicsError(message("scene_cannot_solved_where_frames"))
 
         def enough(here: NormalEquations) -> float:
             # a gain of `tolerance` in standard uncertainties, and what derivatives do not resolve
@@ -438,10 +437,7 @@ class JointProblem:
         bound = information_bound(inverse, determined)
         for unknown, limit in zip(self.sequence.unknowns, bound.tolist(), strict=True):
             if unknown.shared and not np.isfinite(limit):
-                raise PhysicsError(
-                    f"{unknown.key} does not change the fringes of these frames, so that they "
-                    "cannot determine it; leave it out"
-                )
+                raise PhysicsError(message("does_not_change_fringes", key=unknown.key))
         noise = sandwich(inverse, normal.middle)
         inputs, sensitivity = self._sensitivity(values, inverse)
         covariance = noise + (sensitivity * inputs.spread**2) @ sensitivity.T
@@ -488,7 +484,7 @@ class JointProblem:
             sums = self._sums(wider, np.r_[values, held.values], renderer, 1)
             if sums is None:
                 raise PhysicsError(
-                    f"{', '.join(held.keys)}: the scene cannot be solved beside these stated values"
+                    message("scene_cannot_solved_beside_these", keys=", ".join(held.keys))
                 )
             columns += list(-(inverse @ sums.normal[: len(keys), len(keys) :]).T)
         rows = inputs_of_rows([*stated.rows, *held.rows])
@@ -515,7 +511,7 @@ class JointProblem:
             region = self._region(i, 1)
             solved = solved_along(data, here, moved, renderer=renderer, region=region)
             if solved is None:
-                raise PhysicsError(f"{data.name}: the scene cannot be solved beside its values")
+                raise PhysicsError(message("scene_cannot_solved_beside_values", name=data.name))
             pixels, gamma_fit, rows = solved
             yield SolvedFrame(
                 data=data,

@@ -16,6 +16,7 @@ from isochrome.errors import InputError
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.joint.frame_sequence import MeasuredArea, Sequence, local_values
 from isochrome.fitting.joint.normal_equations import NormalEquations, local_slopes
+from isochrome.messages import message
 from isochrome.output import with_uncertainty
 from isochrome.scars import LevelledTrace, levelled, read_trace, student_factor_of
 from isochrome.scene import Scene
@@ -29,11 +30,7 @@ _CONTRADICTS = 3.0
 def refuse_scars(sequence: Sequence) -> None:
     """Raise InputError where a sequence's frames do not show the wear that a scar measures."""
     if not sequence.run:
-        raise InputError(
-            f"{sequence.scene.name}: [[scar]] is measured at one of a run's distances, and these "
-            "frames are no states of one; give wear.distances_m, one of each frame, or remove "
-            "[[scar]]"
-        )
+        raise InputError(message("scar_measured_one_run", name=sequence.scene.name))
 
 
 def measured_areas(scene: Scene) -> tuple[MeasuredArea, ...]:
@@ -102,8 +99,8 @@ def scar_messages(areas: tuple[MeasuredArea, ...], scene: Scene) -> tuple[str, .
         if away > _CONTRADICTS:
             measured = with_uncertainty(area.area_mm2, area.standard_uncertainty_mm2)
             messages.append(
-                f"{area.name}: its worn area, {measured} mm², and the fitted scene's, "
-                f"{model:.4g} mm², are {away:.1f} standard uncertainties apart: frames and scars "
-                "contradict each other; check load, distances and the profilometer's scale"
+                message(
+                    "worn_area_mm_fitted", name=area.name, measured=measured, model=model, away=away
+                )
             )
     return tuple(messages)

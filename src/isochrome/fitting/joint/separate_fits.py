@@ -19,6 +19,7 @@ from isochrome.fitting.frame.unknowns import LOAD, WEAR
 from isochrome.fitting.joint.frame_sequence import COURSE, Sequence, Unknown, local_values
 from isochrome.fitting.joint.joint_fit import JointFit
 from isochrome.fitting.joint.measured_scars import scar_rows
+from isochrome.messages import message
 from isochrome.scene import DistanceTable
 
 _LEAST = 1e-2
@@ -171,10 +172,7 @@ def starting_values(sequence: Sequence, single_fits: list[FrameFit]) -> Array:
 def refuse_undetermined(key: str, fits: Iterable[FrameFit]) -> None:
     """Raise PhysicsError where none of some frames' own fits tells a key."""
     if not any(np.isfinite(_spread(fit, key)) for fit in fits):
-        raise PhysicsError(
-            f"{key} does not change the fringes of these frames, so that they cannot "
-            "determine it; leave it out"
-        )
+        raise PhysicsError(message("does_not_change_fringes", key=key))
 
 
 def _wear_factors(

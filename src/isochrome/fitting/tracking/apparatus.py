@@ -23,6 +23,7 @@ from isochrome.fitting.joint.frame_sequence import make_sequence
 from isochrome.fitting.joint.joint_fit import JointSolution, solve_jointly
 from isochrome.fitting.joint.separate_fits import starting_values
 from isochrome.frames import Frame, FrameReader, Linear, SequentialFrames
+from isochrome.messages import message
 from isochrome.output import named_frames
 from isochrome.scene import Scene
 
@@ -166,7 +167,7 @@ def _asked(
 ) -> Freed[JointSolution]:
     """Frames with their own values, asked together. Raises PhysicsError where they show nothing."""
     if not asked:
-        raise PhysicsError(f"{scene.name}: the frames do not show the scene's fringes")
+        raise PhysicsError(message("frames_do_not_show", name=scene.name))
     data = FrameSet(shape, [frame for frame, _ in asked])
     sequence = make_sequence(scene, len(asked), (), keys)
     start = starting_values(sequence, [fit for _, fit in asked])
@@ -183,9 +184,9 @@ def _held(freed: Freed[JointSolution], scene: Scene, places: list[int]) -> Appar
     keys = tuple(fit.unknowns[k].key for k in at)
     assert fit.covariance is not None
     asked = named_frames(places)
-    held = "" if freed.is_plain else ", and held in all frames"
+    held = "" if freed.is_plain else message("held_all_frames")
     if SMOOTH in freed.causes:
-        held += " (but for the smooth stress, which follows the load)"
+        held += message("but_smooth_stress_which")
     return Apparatus(
         scene=scene.with_values(dict(zip(keys, fit.values[at].tolist(), strict=True))),
         keys=keys,

@@ -17,6 +17,7 @@ from isochrome.fitting.frame.unknowns import taken_as_exact
 from isochrome.fitting.frame_set import CORRECT
 from isochrome.fitting.result import PARTS
 from isochrome.fitting.tracking.tracker import AGAIN, FAR, NO_FRINGES, POOR, Tracked
+from isochrome.messages import message
 from isochrome.output import (
     FrameValues,
     Result,
@@ -160,8 +161,7 @@ def untracked_inputs(scene: Scene) -> list[str]:
     if not scene.uncertainties:
         return []
     return [
-        f"the stated uncertainties of {', '.join(scene.uncertainties)} are not in the ± of tracked "
-        "values, which is the frames' noise alone: `isochrome fit` of a few frames gives the budget"
+        message("stated_uncertainties_not_tracked", uncertainties=", ".join(scene.uncertainties))
     ]
 
 
@@ -202,8 +202,12 @@ class TrackRows:
         known = np.isfinite(values) & np.isfinite(spread)
         if not known.any():
             raise PhysicsError(
-                f"{scene.name}: nothing could be read in any of the {len(self.chi)} frames: the "
-                f"scene's fringes are not in them; {CORRECT}"
+                message(
+                    "nothing_could_read_any",
+                    name=scene.name,
+                    single_fits_count=len(self.chi),
+                    cause=message(CORRECT),
+                )
             )
         means = {
             key: float(values[known[:, j], j].mean())
@@ -227,11 +231,16 @@ class TrackRows:
         poor = [i for i, chi in enumerate(self.chi) if chi > POOR_CHI and i not in nothing]
         # the first frame has nothing to be followed from
         again = [i for i in self.searched if i > 0 and i not in nothing]
-        warnings = ((again, AGAIN), (self.empty, NO_FRINGES), (self.far, FAR), (poor, POOR))
+        warnings = (
+            (again, message(AGAIN)),
+            (self.empty, message(NO_FRINGES)),
+            (self.far, message(FAR)),
+            (poor, message(POOR)),
+        )
         for frames, text in warnings:
             if len(frames):
                 worst = f" (chi up to {max(self.chi[i] for i in frames):.2f})"
-                yield f"{counted_frames(list(frames))}: {text}{worst * (text is POOR)}"
+                yield f"{counted_frames(list(frames))}: {text}{worst * (text is message(POOR))}"
 
 
 def restored(found: Mapping[str, Any], keys: tuple[str, ...], scene: Scene) -> Track:

@@ -34,6 +34,7 @@ from isochrome.fitting.tracking.tracked_model import BEYOND, TrackModel
 from isochrome.fitting.tracking.vain_search import VainSearch
 from isochrome.fitting.tracking.wear_state import WORN, TrackCourse
 from isochrome.frames import Frame, NoiseModel, estimate_noise, full_scale
+from isochrome.messages import message
 from isochrome.scene import Scene
 
 _PIXELS = 20_000
@@ -44,14 +45,11 @@ half-widths, a step is believed."""
 _LOST = 1.1
 """Chi, over that of the last frame that was searched for, beyond which a frame is lost."""
 _NOISE_EVERY = 250
-_CORRECT = "correct the scene (load, place, pixel, field, gamma)"
-NO_FRINGES = f"the scene's fringes are not in this frame; {_CORRECT}"
-AGAIN = "there was no track to follow: found by a full search; compare with the frames beside it"
-POOR = (
-    "chi is poor: the model does not describe this frame within its noise; a bias may remain; "
-    "process it without --track, which looks for the cause"
-)
-FAR = f"the model is too far off: no values were found; {_CORRECT}"
+_CORRECT = "correct_scene_load_place"
+NO_FRINGES = "scene_fringes_not_frame"
+AGAIN = "there_no_track_follow"
+POOR = "chi_poor_model_does"
+FAR = "model_too_far_off"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,9 +86,9 @@ class Tracked:
     def warnings(self) -> tuple[str, ...]:
         """The frame's warnings."""
         if not self.positive:
-            return (FAR if self.far else NO_FRINGES,)
-        again = (AGAIN,) if self.searched else ()
-        return (*again, POOR) if self.chi > POOR_CHI else again
+            return (message(FAR) if self.far else message(NO_FRINGES),)
+        again = (message(AGAIN),) if self.searched else ()
+        return (*again, message(POOR)) if self.chi > POOR_CHI else again
 
 
 def nothing_found(count: int, chi: float = float("nan")) -> Tracked:

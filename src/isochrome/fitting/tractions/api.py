@@ -16,6 +16,7 @@ from isochrome.fitting.joint.joint_fit import JointFit
 from isochrome.fitting.result import Fit
 from isochrome.fitting.tractions.figure import tractions_figure
 from isochrome.fitting.tractions.surface_fit import Tractions, invert_tractions
+from isochrome.messages import message
 from isochrome.output import imagej_view, named_frames, write_csv, write_figure, write_tiff
 from isochrome.scene import Scene
 from isochrome.stress import PixelGrid
@@ -33,9 +34,11 @@ def asked_for(result: Fit) -> tuple[str, ...]:
     if not poor or result.scene.indenter is None:
         return ()
     return (
-        f"chi = {max(result.frame_chi):.2f}: the contact model does not describe "
-        f"{named_frames(poor)}; --tractions finds the pressure and shear on the surface without "
-        "one",
+        message(
+            "chi_contact_model_does",
+            frame_chi=max(result.frame_chi),
+            named_frames=named_frames(poor),
+        ),
     )
 
 

@@ -26,6 +26,7 @@ from isochrome.fitting.tractions.traction_basis import (
 )
 from isochrome.fitting.tractions.traction_solver import field_grid
 from isochrome.fitting.tractions.traction_stage import Setup, Stage, State
+from isochrome.messages import message
 from isochrome.output import with_uncertainty
 from isochrome.scene import Scene
 from isochrome.simulation import scene_states
@@ -139,11 +140,8 @@ def invert_tractions(
 def refuse_without_contact(scene: Scene) -> None:
     """Raise InputError where a scene has no contact on whose surface tractions could act."""
     if scene.indenter is None:
-        raise InputError(
-            f"{scene.name}: tractions act on the surface of a contact, and this scene has no "
-            "[indenter]; add it, or leave out --tractions"
-        )
-    refuse_bent(scene, "inverted to tractions; leave out --tractions")
+        raise InputError(message("tractions_act_surface_contact", name=scene.name))
+    refuse_bent(scene, message("inverted_tractions_leave_out"))
 
 
 def _start(scene: Scene, shape: tuple[int, int]) -> State:
@@ -203,27 +201,16 @@ def what_to_say(stage: Stage, begun: list[Stage], load: tuple[float, float]) -> 
     result = []
     chi, worst = stage.solution.chi, local_chi(stage)
     if chi > GOOD_CHI:
-        result.append(
-            f"chi = {chi:.2f}: no tractions on a half-plane describe this frame within its noise, "
-            "and the result may be wrong; check camera.top_mm (or free it), frames.gamma, the "
-            "plates and the region of interest"
-        )
+        result.append(message("chi_no_tractions_half", chi=chi))
     elif worst > _LOCAL_CHI:
-        result.append(
-            f"chi = {worst:.2f} in one place near the surface: the tractions there may be wrong"
-        )
+        result.append(message("chi_one_place_near", worst=worst))
     if not stage.solution.converged:
-        result.append("the inversion did not converge fully")
+        result.append(message("inversion_did_not_converge"))
     rivals = [one for one in begun[1:] if one.solution.chi < _NEARLY * begun[0].solution.chi]
     if any(_differ(one, begun[0]) for one in rivals):
-        result.append(
-            "other resultants explain the deep fringes nearly as well; give the load more closely"
-        )
+        result.append(message("other_resultants_explain_deep"))
     if load[1] > _UNCERTAIN * load[0]:
-        result.append(
-            f"the load is determined to {100 * load[1] / load[0]:.1f} % only: more of the field "
-            "below the contact must be in view"
-        )
+        result.append(message("load_determined_only_more", load=100 * load[1] / load[0]))
     return (*result, *_of_the_surface(stage))
 
 
@@ -236,15 +223,12 @@ def _of_the_surface(stage: Stage) -> list[str]:
     share = pressure[touching & (pressure > 0.0)].sum() / max(pressure.sum(), 1e-300)
     if share > _LIMITED:
         result.append(
-            f"|q| = {basis.limit:g} p, the largest friction allowed for, over "
-            f"{100 * share:.0f} % of the load: the shear is held back by that limit"
+            message("largest_friction_allowed_over", limit=basis.limit, share=100 * share)
         )
     reach = 2 * basis.spacing_px
     pressed = basis.nodes_px[pressure > 0.0]
     if len(pressed) and (pressed[0] < reach or pressed[-1] > pixels.cols - reach):
-        result.append(
-            "the pressure reaches the picture's side: what presses beyond it is not in the load"
-        )
+        result.append(message("pressure_reaches_picture_side"))
     return result
 
 

@@ -24,6 +24,7 @@ from isochrome.frames.source import (
     check_size,
     refusing,
 )
+from isochrome.messages import message
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".dib", ".pgm", ".ppm", ".pnm", ".webp")
 FORMATS = ("PNG", "JPEG", "BMP", "DIB", "PPM", "WEBP")
@@ -69,9 +70,9 @@ def read_image(path: Path) -> np.ndarray:
     if kind == "tiff":
         return tiff.read_single(path)
     if kind == "video":
-        raise InputError(f"{path}: is a video, and an image is wanted here; name one")
+        raise InputError(message("video_image_wanted_here", path=path))
     if Stamp.of(path).size > 2 * MAX_BYTES:
-        raise InputError(f"{path}: is larger than {2 * MAX_BYTES} bytes; is it one image?")
+        raise InputError(message("larger_bytes_one_image", path=path, max_bytes=2 * MAX_BYTES))
     with refusing(path, "not a readable image"):
         data = path.read_bytes()
         from PIL import Image, UnidentifiedImageError
@@ -81,10 +82,7 @@ def read_image(path: Path) -> np.ndarray:
                 # a telephone's JPEG with copies behind it, MPO, is read as the picture itself
                 count = 1 if file.format == "MPO" else getattr(file, "n_frames", 1)
                 if count != 1:
-                    raise InputError(
-                        f"{path}: holds {count} pictures, and one a file is wanted; save them as "
-                        "single images or as a TIFF stack"
-                    )
+                    raise InputError(message("holds_pictures_one_file", path=path, count=count))
                 # Pillow makes 16-bit colour 8 bits and stretches PGM values: OpenCV does neither.
                 deep = file.format == "PNG" and data[24:25] == b"\x10"
                 channel = 2 if deep or "16" in file.mode else WIDE.get(file.mode, 1)
@@ -96,9 +94,7 @@ def read_image(path: Path) -> np.ndarray:
                 else:
                     raw = _by_pillow(path, file)
         except UnidentifiedImageError as error:
-            raise InputError(
-                f"{path}: is not an image, whatever its name says; check the file"
-            ) from error
+            raise InputError(message("not_image_whatever_name", path=path)) from error
     return np.ascontiguousarray(raw, dtype=check_dtype(path, raw.dtype))
 
 
@@ -107,7 +103,7 @@ def _by_pillow(path: Path, file: Any) -> np.ndarray:
     if mode in ("1", "P", "PA"):
         file = file.convert("L" if mode == "1" else "RGB")
     elif mode not in ("L", "LA", "RGB", "RGBA", "RGBX", "F") and not mode.startswith("I;16"):
-        raise InputError(f"{path}: colours of mode {mode} are not read; save it as grey or RGB")
+        raise InputError(message("colours_mode_not_read", path=path, mode=mode))
     raw = np.asarray(file)
     if raw.ndim == 3:
         raw = raw[..., 0] if raw.shape[2] < 3 else raw[..., :3]
@@ -116,7 +112,7 @@ def _by_pillow(path: Path, file: Any) -> np.ndarray:
 
 def _by_opencv(path: Path, data: bytes) -> np.ndarray:
     if data.startswith(b"\x89PNG") and PNG_END not in data:
-        raise InputError(f"{path}: the image breaks off; copy it again from its source")
+        raise InputError(message("image_breaks_off_copy", path=path))
     import cv2
 
     if "OPENCV_LOG_LEVEL" not in os.environ:  # else it tells standard error of damaged images
@@ -126,7 +122,7 @@ def _by_opencv(path: Path, data: bytes) -> np.ndarray:
             cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if raw is None:
-        raise InputError(f"{path}: the image breaks off or is damaged; copy it again")
+        raise InputError(message("image_breaks_off_damaged", path=path))
     if raw.ndim == 3:
         raw = raw[..., 0] if raw.shape[2] < 3 else raw[..., 2::-1]
     return np.asarray(raw)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 
 FULL_RANGE = 2
 """FFmpeg's number for levels that use all bits; else black and white lie at 16 and 235 of 255."""
@@ -57,10 +58,7 @@ def to_image(frame: Any, path: Path) -> tuple[np.ndarray, int | None]:
         return frame.to_ndarray(format="rgb24"), 8
     if name in DEEP_RGB:
         return frame.to_ndarray(format="rgb48le").astype(np.uint16, copy=False), 16
-    raise InputError(
-        f"{path}: holds pixels of the format {name}, which are not read; save it as 8- or 16-bit "
-        "grey or RGB (FFV1), or as a TIFF stack"
-    )
+    raise InputError(message("holds_pixels_format_which", path=path, name=name))
 
 
 def _bits(frame: Any) -> int:

@@ -11,6 +11,7 @@ from typing import Literal
 from isochrome.errors import InputError
 from isochrome.frames.containers import container_of
 from isochrome.frames.source import Stamp
+from isochrome.messages import message
 
 FileKind = Literal["tiff", "image", "video"]
 
@@ -58,7 +59,7 @@ def signature_of(path: Path) -> Signature:
             container = container_of(file)
     except OSError as error:
         raise InputError(
-            f"{path}: cannot be read ({error.strerror}); check its name and rights"
+            message("cannot_read_check_name", path=path, strerror=error.strerror)
         ) from error
     if head.startswith(_TIFF):
         return Signature("tiff", "TIFF")
@@ -67,10 +68,7 @@ def signature_of(path: Path) -> Signature:
         return Signature("image", name)
     if container is not None and head[8:12] not in _PHOTOGRAPHS:
         return Signature("video", container)
-    raise InputError(
-        f"{path}: is not an image or a video of a kind that is read, whatever its name says: it "
-        f"seems to be {_seems(head)}; check the file, or save it as one"
-    )
+    raise InputError(message("not_image_video_kind", path=path, seems=_seems(head)))
 
 
 def _image(head: bytes) -> str | None:

@@ -20,6 +20,7 @@ from isochrome.frames.containers import (
 )
 from isochrome.frames.readers.pixel_formats import to_image
 from isochrome.frames.source import Extent, RawFrame, Source, Stamp, StoredForm, next_time, refusing
+from isochrome.messages import message
 
 SUFFIXES = (
     ".avi", ".mp4", ".mkv", ".mov", ".m4v", ".wmv", ".mpg", ".mpeg", ".webm", ".ts", ".mts",
@@ -97,7 +98,7 @@ class Video:
             sums.append(checksum(item.frame))
             last = item.frame
         if not times:
-            raise InputError(f"{self.path}: no frame of this video can be decoded; is it whole?")
+            raise InputError(message("no_frame_video_can", path=self.path))
         self.stamp.check(self.path)
         long, base = getattr(last, "duration", None), last.time_base  # how long a frame stands
         end = float(long * base) if long and base else None
@@ -115,15 +116,16 @@ class Video:
         index = first - 1
         for index, item in enumerate(running, first):
             if index >= len(stamps) or item.tick != stamps[index]:
-                raise InputError(
-                    f"{self.path}: frame {index} is not the one that its packet announces; save it "
-                    "again ('ffmpeg -i FILE -c:v ffv1 NEW.mkv')"
-                )
+                raise InputError(message("frame_not_one_packet", path=self.path, index=index))
             yield item
         if index + 1 != len(stamps):
             raise InputError(
-                f"{self.path}: gives {index + 1} frames of {len(stamps)} packets; copy it again "
-                "from its source"
+                message(
+                    "gives_frames_packets_copy",
+                    path=self.path,
+                    index=index + 1,
+                    stamps_count=len(stamps),
+                )
             )
 
     def _from_key(self, start: int) -> tuple[int, Iterator[Decoded] | None]:
@@ -171,10 +173,7 @@ class Video:
             return
         for number, each in enumerate(self.decoded()):
             if number >= len(sums) or checksum(each.frame) != sums[number]:
-                raise InputError(
-                    f"{self.path}: frame {number} is not what it was when the frames were counted; "
-                    "was the file changed? start again"
-                )
+                raise InputError(message("frame_not_what_when", path=self.path, number=number))
             if number > index:
                 yield each
 
@@ -187,7 +186,7 @@ def open_video(path: Path) -> Source:
     try:
         item = next(running, None)
         if item is None:
-            raise InputError(f"{path}: no frame of this video can be decoded; is it whole?")
+            raise InputError(message("no_frame_video_can", path=path))
         with refusing(path, "frame 0 cannot be decoded"):
             image, bits = to_image(item.frame, path)
             base = item.frame.time_base

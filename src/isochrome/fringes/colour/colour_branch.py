@@ -127,14 +127,14 @@ def _scan(order: Array, penalty: Array, known: Mask) -> Array:
     Parameters: `order`, `penalty` cost (lines, n, candidates); `known` (lines, n): a pixel that is
     not known passes on nothing. Returns the messages (lines, n, candidates).
     """
-    message = np.zeros_like(penalty)
+    text = np.zeros_like(penalty)
     for line in range(1, len(penalty)):
-        so_far = penalty[line - 1] + message[line - 1]
+        so_far = penalty[line - 1] + text[line - 1]
         jump = np.abs(order[line - 1][:, :, None] - order[line][:, None, :])
         jump *= COST_OF_SLOPE
         np.minimum(jump, COST_OF_JUMP, out=jump)
         jump += so_far[:, :, None]
         best = jump.min(axis=1)
         best -= best.min(axis=1, keepdims=True)
-        message[line] = np.where(known[line - 1][:, None], best, 0.0)
-    return message
+        text[line] = np.where(known[line - 1][:, None], best, 0.0)
+    return text

@@ -18,6 +18,7 @@ from scipy.ndimage import correlate1d
 from isochrome.errors import InputError
 from isochrome.frames import CHANNELS
 from isochrome.fringes.windows import Array, Indices, Mask
+from isochrome.messages import message
 from isochrome.optics import Response, make_chain, make_light, spectral_signal
 from isochrome.output import check_given_table, read_csv
 from isochrome.scene import Polariscope
@@ -96,10 +97,7 @@ def spectral_table(polariscope: Polariscope, response: Response) -> ColourTable:
     is blind. Source: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29.
     """
     if polariscope.field == "plane" or not polariscope.several_wavelengths:
-        raise InputError(
-            "[polariscope]: a colour table needs light of several wavelengths in the circular "
-            "dark or bright field; give light, spectrum or lines, and field = 'dark' or 'bright'"
-        )
+        raise InputError(message("polariscope_colour_table_needs"))
     order = STEP * np.arange(int(np.ceil(LARGEST_ORDER / STEP)) + 1)
     light = make_light(polariscope, response, highest_order=LARGEST_ORDER)
     chains = [make_chain(polariscope, wavelength_nm=float(w)) for w in light.wavelength_nm]
@@ -138,10 +136,7 @@ def measured_table(signal: Array, order: Array) -> ColourTable:
     known = np.isfinite(order) & np.isfinite(signal).all(axis=-1)
     n, s = order[known].astype(float), signal[known].astype(float)
     if len(n) < 100 or n.min() > _WIDTH:
-        raise InputError(
-            "a colour table needs pixels from N = 0 on, a hundred at least; widen the picture to "
-            "where the beam is free of stress"
-        )
+        raise InputError(message("colour_table_needs_pixels"))
     cell = np.rint(n / STEP).astype(int)
     count = cell.max() + 1
     offset = n - STEP * cell
@@ -171,10 +166,7 @@ def _local_lines(number: Array, offsets: Array, plain: Array, turned: Array) -> 
     m2 = summed(number, bell * away**2) + 2.0 * summed(offsets, bell * away)
     if m0.min() < 3.0:
         where = STEP * int(np.argmin(m0))
-        raise InputError(
-            f"a colour table needs pixels at every order, and has none near N = {where:.2f}; "
-            "give an image in which the order runs through"
-        )
+        raise InputError(message("colour_table_needs_pixels_every", where=where))
     t0 = summed(plain, bell)
     t1 = summed(plain, bell * away) + summed(turned, bell)
     return np.asarray(((m2 * t0 - m1 * t1) / np.maximum(m0 * m2 - m1**2, 1e-30)).T)
@@ -206,19 +198,21 @@ def read_table(path: Path) -> ColourTable:
     are any red_spread, green_spread, blue_spread, the standard deviation of frames about the table.
     InputError names the file, what is wrong and the fix.
     """
-    fix = "make it with 'isochrome calibrate colour'"
+    fix = message("make_isochrome_calibrate_colour")
     if path.exists():
         check_given_table(path, "the colour table")
     columns = read_csv(path)
     missing = [name for name in ("fringe_order", *CHANNELS) if name not in columns]
     if missing:
-        raise InputError(f"{path}: frames.colour_table lacks the columns {missing}; {fix}")
+        raise InputError(
+            message("frames_colour_table_lacks_columns", path=path, missing=missing, fix=fix)
+        )
     try:
         order = np.array(columns["fringe_order"], dtype=float)
         signal = np.array([columns[name] for name in CHANNELS], dtype=float).T
         spread = np.array([columns.get(name, [0.0])[:1] for name in SPREADS], dtype=float).ravel()
     except ValueError as error:
-        raise InputError(f"{path}: frames.colour_table holds more than numbers; {fix}") from error
+        raise InputError(message("frames_colour_table_holds_more", path=path, fix=fix)) from error
     for fault in _faults(order, signal, spread):
         raise InputError(f"{path}: frames.colour_table{fault}; {fix}")
     places = STEP * np.arange(int(np.floor(order[-1] / STEP + 1e-6)) + 1)
@@ -229,19 +223,17 @@ def read_table(path: Path) -> ColourTable:
 def _faults(order: Array, signal: Array, spread: Array) -> Iterator[str]:
     """What is wrong with a table, the coarsest fault first."""
     if not (np.isfinite(order).all() and np.isfinite(signal).all() and np.isfinite(spread).all()):
-        yield " has empty cells or numbers that are not finite"
+        yield message("has_empty_cells_numbers")
     if len(order) < 2 or abs(order[0]) > 1e-6 or (np.diff(order) <= 0.0).any():
-        yield ": fringe_order must rise from 0, row by row"
+        yield message("fringe_order_must_rise_from")
     coarsest = np.diff(order).max()
     if coarsest > _COARSEST:
-        yield (
-            f": fringe_order goes in steps of {coarsest:.3g}, and {_COARSEST} at most are allowed"
-        )
+        yield message("fringe_order_goes_steps_most", coarsest=coarsest, coarsest_2=_COARSEST)
     if not 0.5 <= order[-1] <= LARGEST_ORDER:
-        yield f" ends at N = {order[-1]:g}, and 0.5 to {LARGEST_ORDER:g} are allowed"
+        yield message("ends_allowed", order=order[-1], largest_order=LARGEST_ORDER)
     if signal.min() < -0.2 or signal.max() > LARGEST_SIGNAL:
-        yield f": signals from {signal.min():.3g} to {signal.max():.3g}, and 1 is full light"
+        yield message("signals_from_full_light", min=signal.min(), max=signal.max())
     if np.ptp(signal, axis=0).min() < 0.1:
-        yield ": a channel hardly changes with the order"
+        yield message("channel_hardly_changes_order")
     if spread.min() < 0.0 or spread.max() > _MOST_SPREAD:
-        yield f": a spread must be from 0 to {_MOST_SPREAD}"
+        yield message("spread_must_from", most_spread=_MOST_SPREAD)

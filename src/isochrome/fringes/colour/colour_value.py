@@ -20,6 +20,7 @@ from isochrome.fringes.colour.colour_branch import Choice
 from isochrome.fringes.colour.colour_table import STEP, ColourTable
 from isochrome.fringes.colour.frame_exposure import FrameExposure, find_ends, find_exposure
 from isochrome.fringes.windows import Array, Mask, gaussian_sum, nearest_known
+from isochrome.messages import message
 
 LEAST_CONTRAST = 0.2
 """Contrast, over that of the frame's brightest places, below which a pixel is without light."""
@@ -61,8 +62,7 @@ def colour_signal(
     for name, frame in (("dark", dark), ("bright", bright)):
         if frame is not None and frame.shape != light.shape:
             raise InputError(
-                f"the no-load {name} frame is {frame.shape} (row, col, channel) and the frame "
-                f"{light.shape}; capture both with the same camera settings and roi"
+                message("no_load_frame_row", name=name, shape=frame.shape, shape_2=light.shape)
             )
     blind = dark is None or bright is None
     noise = np.broadcast_to(np.asarray(sigma, dtype=float), light.shape)
@@ -104,7 +104,7 @@ def _lit(contrast: Array, valid: Mask) -> Mask:
     from scipy.ndimage import gaussian_filter
 
     if not valid.any():
-        raise InputError("the frame has no pixel to be trusted: saturated or masked all over")
+        raise InputError(message("frame_has_no_pixel"))
     used = np.asarray(valid.any(axis=(0, 1)))
     usual = np.array(
         [
@@ -113,10 +113,7 @@ def _lit(contrast: Array, valid: Mask) -> Mask:
         ]
     )
     if not (usual > 0.0).all():
-        raise InputError(
-            "the frame has no contrast between its dark and bright ends in some channel; are the "
-            "two no-load files swapped, or the light off?"
-        )
+        raise InputError(message("frame_has_no_contrast_between"))
     share = (contrast / usual).sum(axis=-1) / np.count_nonzero(used)
     smooth = gaussian_filter(share.astype(np.float32), 1.0, mode="nearest")
     return np.asarray((smooth > LEAST_CONTRAST) & (share > 0.5 * LEAST_CONTRAST))

@@ -39,6 +39,7 @@ from isochrome.fringes.film.follower import (
 )
 from isochrome.fringes.on_branch import OrderReading, make_reading, read_order, widened
 from isochrome.fringes.windows import Array, Mask, block_means, nearest_known, valid_means
+from isochrome.messages import message
 
 _DEGREES = (2, 4)
 """Of the illumination: a lamp falls off to the corners; the second where the crests ask for it."""
@@ -58,10 +59,7 @@ _SQUARE, _EVEN = 8, 1.5
 scatter over what noise alone makes them."""
 _SYSTEMATIC = 0.002
 """Least standard uncertainty of the illumination, over it: bins, frames between crests."""
-NO_CREST = (
-    "no crest passes over enough of the specimen to tell the illumination: give "
-    "frames.no_load_bright, or a film whose orders pass 1/2"
-)
+NO_CREST = "no_crest_passes_over"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,13 +146,13 @@ class BrightestLight:
     def surface(self, valid: Mask) -> Array:
         """The illumination that the crests lie on (rows, cols). Raises InputError without any."""
         if self._top is None:
-            raise InputError(NO_CREST)
+            raise InputError(message(NO_CREST))
         basis = light_basis(self._top.shape, total_degree(_DEGREES[0]))
         thin = slice(None, None, _STRIDE)
         use = valid[thin, thin]
         brightest, terms = self._top[thin, thin][use], basis[:, thin, thin][:, use]
         if brightest.size < 100 or not brightest.max() > 0.0:
-            raise InputError(NO_CREST)
+            raise InputError(message(NO_CREST))
         weight = (brightest >= np.percentile(brightest, _FIRST)).astype(np.float32)
         coefficients = np.zeros(len(terms))
         for _ in range(_ROUNDS):
@@ -166,7 +164,7 @@ class BrightestLight:
             weight = np.where(away > _ABOVE, 0.3, weight).astype(np.float32)
         surface = np.tensordot(coefficients.astype(np.float32), basis, 1)
         if not surface[valid].min() > 0.2 * np.median(surface[valid]):
-            raise InputError(NO_CREST)
+            raise InputError(message(NO_CREST))
         return np.asarray(surface)
 
 
@@ -204,7 +202,7 @@ class CrestLight:
         cols).
         """
         if not self.told:
-            raise InputError(NO_CREST)
+            raise InputError(message(NO_CREST))
         fits = [self._fit(degree) for degree in _DEGREES]
         chosen = int(fits[1][2] < _ASKED_FOR * fits[0][2])
         coefficients, inverse, variance = fits[chosen]

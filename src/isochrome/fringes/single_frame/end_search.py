@@ -42,6 +42,7 @@ from isochrome.fringes.single_frame.patches import (
     offsets,
 )
 from isochrome.fringes.windows import Array, Indices, Mask
+from isochrome.messages import message
 
 _ROUNDS, _EVERY = 24, 4
 """Steps at most, and between two fresh looks at the patches."""
@@ -60,10 +61,7 @@ _LOST = 0.5, 0.1, 0.0
 """Difference of a patch's residual over noise, squared, that counts at most in a comparison where
 both results describe it, one does, none."""
 _PIXELS = float(offsets()[2].sum())
-NOT_TOLD = (
-    "this frame's fringes cannot separate its background, illumination and gamma: give both "
-    "no-load frames, or state frames.gamma"
-)
+NOT_TOLD = "frame_fringes_cannot_separate"
 _DOUBT = 40.0
 """Difference of cost, about -2 ln of the likelihood, within which two results are both possible,
 where the light is as even as it is taken for; its costs say as much less as it is beyond that."""
@@ -116,7 +114,7 @@ def search_all(problem: EndProblem, starts: list[Array]) -> list[Found]:
     """
     outcome = [result for start in starts if (result := _tried(problem, start)) is not None]
     if not outcome:
-        raise InputError(NOT_TOLD)
+        raise InputError(message(NOT_TOLD))
     return outcome
 
 
@@ -336,10 +334,7 @@ def fresh_patches(
 def _check_number(patches: int) -> None:
     """Refuse a frame of too few patches: raises InputError."""
     if patches < _LEAST_PATCHES:
-        raise InputError(
-            "too few fringes can be followed to find background and illumination from them; give "
-            "both no-load frames"
-        )
+        raise InputError(message("too_few_fringes_can"))
 
 
 def _fitted(problem: EndProblem, unknowns: Array) -> tuple[Indices, Indices, Array, Array, bool]:

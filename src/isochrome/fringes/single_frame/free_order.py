@@ -67,6 +67,7 @@ from isochrome.fringes.single_frame.stated_orders import (
 )
 from isochrome.fringes.stray_light import stray_error
 from isochrome.fringes.windows import Array, Mask, innermost
+from isochrome.messages import message
 from isochrome.scene import FreeCorner
 
 _BINNINGS = (4, 2, 1)
@@ -153,8 +154,12 @@ def read_free(
     """
     if min(wave.shape) <= 2 * HALF:
         raise InputError(
-            f"a frame of {wave.shape[0]} x {wave.shape[1]} pixels is smaller than a patch of "
-            f"{2 * HALF + 1}; enlarge frames.roi"
+            message(
+                "frame_pixels_smaller_patch",
+                shape=wave.shape[0],
+                shape_2=wave.shape[1],
+                half=2 * HALF + 1,
+            )
         )
     orders = known_orders(known, lines, corners)
     followed, fade = follow_fringes(wave, sigma, valid, orders, error=error)
@@ -371,18 +376,14 @@ def _of_what_is_lost(before: OrderReading, after: OrderReading, orders: list[Arr
     share = float(lost.sum() / max(1, int(read.sum())))
     if share < _WORTH_SAYING:
         return []
-    said = (
-        "another smooth light explains the frame as well, and under it the order of "
-        f"{100.0 * share:.0f} % of what was read is another or open: left out; a bright no-load "
-        "frame (frames.no_load_bright) settles it"
-    )
+    said = message("another_smooth_light_explains", share=100.0 * share)
     for order in orders:
         away = np.where(lost, np.abs(order - before.order), np.nan)
         if (away > APART).any():  # else no known order rules either light out
             at = innermost(clearly_apart(away))
             first, second = sorted((float(before.order[at]), float(order[at])))
-            said += (
-                f", or a known order at row {at[0]}, column {at[1]}: {first:.2f} or {second:.2f}"
+            said += message(
+                "known_order_row_column", at=at[0], at_2=at[1], first=first, second=second
             )
             break
     return [said]

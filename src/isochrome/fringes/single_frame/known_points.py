@@ -39,6 +39,7 @@ from isochrome.fringes.single_frame.stated_orders import (
     stated_place,
 )
 from isochrome.fringes.windows import Array, Mask, innermost
+from isochrome.messages import message
 
 _BELOW = 0.1
 """Order below which a known point says a line of N = 0, fringes."""
@@ -53,11 +54,7 @@ _SHARP = 0.1
 """Share of the difference of two answers that the light may move them by where a point is asked."""
 _DOUBTFUL = 0.003
 """Uncertainty of the signal by the ends of the light from which a line of N = 0 must be known."""
-_OF_ZERO_LINE = (
-    "the order would be 0 along a line inside the specimen, which a loaded body hardly has: no "
-    "order is reported there; give a known order between two fringe lines on either side of it, or "
-    "one on that line if it is so"
-)
+_OF_ZERO_LINE = "order_would_along_line"
 APART = 0.5
 """Fringes between two orders from which any known order contradicts one: it may be off by .24."""
 
@@ -144,7 +141,7 @@ def _one_part(patches: Patches, own: Array, given: list[Stated], error: Array) -
     sure = [g for g in given if g.fits(best)]
     doubtful = float(np.median(error[np.isfinite(own[..., 0])])) > _DOUBTFUL
     if lines[best] and (doubtful or all(g.on_line for g in sure)):
-        return _unknown(own, sure, f"{sure[0]}: {_OF_ZERO_LINE}")
+        return _unknown(own, sure, f"{sure[0]}: {message(_OF_ZERO_LINE)}")
     return _with_seams(patches, own, given, best, error)
 
 
@@ -213,22 +210,17 @@ def _open(patches: Patches, own: Array, given: list[Stated], best: int, rival: i
     """A part for which two whole numbers are as good: nothing is known, and why."""
     listed = "; ".join(map(str, given))
     if all(any(not g.fits(j) for g in given) for j in (best, rival)):
-        said = (
-            f"{listed}: contradict each other, and no more speaks for one than for the other: no "
-            "order is reported there; check them, or add another"
-        )
+        said = message("contradict_each_other_no", listed=listed)
     else:
         orders = [np.abs(own[..., 0] + j) for j in (best, rival)]
         row, col, at = _place(patches, clearly_apart(np.abs(orders[0] - orders[1])))
         first, second = sorted(o[at] for o in orders)
-        said = (
-            f"{listed}: on a fringe line, and the light cannot decide on which side of it the "
-            "order is higher: no order is reported there; add a known order between two lines, "
-            f"such as at row {row}, column {col}: {first:.2f} or {second:.2f}"
+        said = message(
+            "fringe_line_light_cannot", listed=listed, row=row, col=col, first=first, second=second
         )
         turning = next((g for g in given if not g.known.is_line and g.first.around), None)
         if turning is not None:
-            said += f', or extremum = "maximum" or "minimum" to that of {turning}'
+            said += message("extremum_maximum_minimum", turning=turning)
     return _unknown(own, given, said)
 
 
@@ -240,35 +232,27 @@ def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int, error
     order = terms[..., 0]
     mirrored = np.abs(crest - order)
     share = 100.0 * beyond.sum() / max(1, np.isfinite(order).sum())
-    said = (
-        f"the light cannot decide whether the order goes on or turns back at the line of order "
-        f"{abs(0.5 * crest):g}: {share:.0f} % of what was followed is not known"
-    )
+    said = message("light_cannot_decide_whether", crest=abs(0.5 * crest), share=share)
     apart = np.where(beyond, np.abs(mirrored - np.abs(order)), np.nan)
     most = float(np.nanmax(apart))
     if most < _TELLABLE:
-        return f"{said}; it lies within {0.5 * most:.2f} of that line's order either way"
+        return message("lies_within_line_order", said=said, most=0.5 * most)
     moved = moved_by_light(np.where(beyond, order, 0.0), error)
     lit = (apart >= _TELLABLE) & (moved < np.minimum(LARGEST_UNCERTAINTY, _SHARP * apart))
     if not lit.any():
-        return (
-            f"{said}, nor is the light there: give a bright no-load frame (frames.no_load_bright)"
-        )
+        return message("nor_light_there_give", said=said)
     differ = np.where(lit, apart, np.nan)
     row, col, at = _place(patches, clearly_apart(differ))
     first, second = sorted([float(mirrored[at]), abs(float(order[at]))])
-    return (
-        f"{said}; a known order at row {row}, column {col} settles it: {first:.2f} or {second:.2f}"
+    return message(
+        "known_order_row_column_settles", said=said, row=row, col=col, first=first, second=second
     )
 
 
 def _left_alone(patches: Patches, labels: Labels, alone: Mask, share: float) -> str:
     numbers, counts = np.unique(labels.part[alone], return_counts=True)
     row, col, _ = _place(patches, labels.part == numbers[counts.argmax()])
-    return (
-        f"{100.0 * share:.0f} % of what could be followed hangs together with no known point; "
-        f"add [[frames.known_order]] there, such as at row {row}, column {col}"
-    )
+    return message("what_could_followed_hangs", share=100.0 * share, row=row, col=col)
 
 
 def clearly_apart(difference: Array) -> Mask:
@@ -289,12 +273,8 @@ def _unfollowed(known: KnownPlaces, valid: Mask) -> str:
     row, col = known.places[0]
     i, j = round(row), round(col)
     inside = 0 <= i < valid.shape[0] and 0 <= j < valid.shape[1] and bool(valid[i, j])
-    why = (
-        "no fringe could be followed there; move it to a place of clear fringes"
-        if inside
-        else "lies outside the specimen, or where the frame is not trusted; move it inside"
-    )
-    others = ", and at its other places" if known.is_line else ""
+    why = message("no_fringe_could_followed") if inside else message("lies_outside_specimen_where")
+    others = message("other_places") if known.is_line else ""
     return f"{known.key} = {known.order:g} at row {row:g}, column {col:g}{others}: {why}"
 
 

@@ -24,6 +24,7 @@ from isochrome.fringes.single_frame.patch_labels import Labels
 from isochrome.fringes.single_frame.patches import HALF, Patches, basis
 from isochrome.fringes.single_frame.sign_ambiguity import AnchorPatch
 from isochrome.fringes.windows import Array, Mask
+from isochrome.messages import message
 from isochrome.scene import FreeCorner
 
 KnownPoint = tuple[float, float, float]
@@ -260,15 +261,24 @@ def left_out(given: Stated, missed: list[StatedPlace], j: int, votes: int) -> st
     would = abs(p.field + j)
     if given.known.is_line and given.fits(j):
         row, col, order = p.point
-        return (
-            f"{given.known.key} = {order:g}: {len(missed)} of its {len(given.places)} places "
-            f"contradict the others, the one at row {row:g}, column {col:g} by "
-            f"{p.miss(j):.2f}: it would be {would:.2f}; left out, check the line"
+        return message(
+            "places_contradict_others_one",
+            key=given.known.key,
+            order=order,
+            missed_count=len(missed),
+            places_count=len(given.places),
+            row=row,
+            col=col,
+            miss=p.miss(j),
+            would=would,
         )
     if abs(p.point[2] - _levels(p)[0]) < p.within:
-        return (
-            f"{given}: contradicted by {votes} other{'s' * (votes > 1)}, with which it would be "
-            f"{would:.2f}; it is left out, check it"
+        return message(
+            "contradicted_other_which_would",
+            given=given,
+            votes=votes,
+            value="s" * (votes > 1),
+            would=would,
         )
     return fits_nothing(given, p)
 
@@ -284,12 +294,17 @@ def fits_nothing(given: Stated, p: StatedPlace) -> str:
     """What to say of a place at which the light says another order."""
     row, col, order = p.point
     if p.extremum and any(abs(v - order) < p.within for v in _levels(p)):
-        return f"{given}: the order is no {p.extremum} there; correct its extremum, or leave it out"
+        return message("order_no_there_correct", given=given, extremum=p.extremum)
     near = sorted(_levels(p)[:2])
-    return (
-        f"{given.known.key} = {order:g} at row {row:g}, column {col:g}: fits no fringe there, "
-        f"where the light says {near[0]:.2f} or {near[1]:.2f}, "
-        f"{min(abs(order - v) for v in near):.2f} away; check it"
+    return message(
+        "row_column_fits_no",
+        key=given.known.key,
+        order=order,
+        row=row,
+        col=col,
+        near=near[0],
+        near_2=near[1],
+        near_3=min(abs(order - v) for v in near),
     )
 
 
@@ -320,7 +335,7 @@ def corner_orders(
     light = np.where(valid, pooled, np.nan)
     for corner in corners:
         result = _carried(corner, patches, labels, light)
-        name = f"frames.free_boundary, corner at row {corner.row:g}, column {corner.col:g}"
+        name = message("frames_free_boundary_corner_row", row=corner.row, col=corner.col)
         if isinstance(result, str):
             said.append(f"{name}: {result}; it is not used")
             continue
@@ -340,10 +355,10 @@ def _carried(
     beside = np.degrees(np.arccos(cosine)) - 0.5 * corner.angle_deg
     near = (labels.part >= 0) & (away < _REACH_PX)
     if np.count_nonzero(near & (beside > _BESIDE_DEG)) >= _FEWEST:
-        return "fringes are followed outside of it; mask what is not the specimen"
+        return message("fringes_followed_outside_mask")
     inside = near & (beside < 0.0)
     if not inside.any():
-        return f"no fringe could be followed within {_REACH_PX:g} px of it"
+        return message("no_fringe_could_followed_within", reach_px=_REACH_PX)
     i, j = np.unravel_index(np.where(inside, away, np.inf).argmin(), away.shape)
     steps = np.arange(0.0, float(away[i, j]) + 0.5, 0.5) / float(away[i, j])
     way = [corner.row + steps * down[i, 0], corner.col + steps * right[0, j]]
@@ -352,12 +367,9 @@ def _carried(
     hidden = 0.5 * first
     steepest = float(np.hypot(*patches.terms[inside][:, 1:3].T).max())
     if not np.isfinite(seen[first:]).all() or hidden > _HIDDEN_PX:
-        return "pixels between it and the next fringes are not trusted"
+        return message("pixels_between_next_fringes")
     if hidden * steepest > _HIDDEN_RISE:
-        return "fringes beside it are too dense for what its edge hides"
+        return message("fringes_beside_too_dense")
     if seen[first:].min() < _DARK:
-        return (
-            "the light beside it is not that of order 0, which a corner between free sides has; "
-            "check that it is free, and its place"
-        )
+        return message("light_beside_not_order")
     return int(i), int(j)

@@ -30,6 +30,7 @@ from isochrome.fringes.stepped.step_equations import (
     StepTerms,
 )
 from isochrome.fringes.windows import Array, Mask, pooled
+from isochrome.messages import message
 
 _WINDOW_PX = 1.6
 _WIDE_PX = 6.0
@@ -209,8 +210,7 @@ def settle(
     sizes = np.bincount(labels.ravel(), minlength=count + 1)
     seeds = _seeds_of_parts(labels, known_order)
     warnings = [
-        f"frames.known_order at row {row}, column {col} (order {order:g}) lies where nothing could "
-        "be read; move it"
+        message("frames_known_order_row_column_order", row=row, col=col, order=order)
         for (row, col, order), _ in seeds.pop(0, [])
     ]
     numbers = np.full(turns.shape, np.nan)
@@ -251,15 +251,9 @@ def _part_number(
         return whole, "equilibrium", []
     number = _from_model(turns, inside, model()) if model else None
     if number is not None:
-        note = (
-            "the whole number of the order was taken from the scene's model, since the field does "
-            "not determine it; a known order in [[frames.known_order]] makes it sure"
-        )
+        note = message("whole_number_order_taken")
         return number, "model", [note]
-    note = (
-        f"a part of {np.count_nonzero(inside)} pixels has no known whole number of its order, and "
-        "was left out; give a point of it in [[frames.known_order]]"
-    )
+    note = message("part_pixels_has_no", count_nonzero=np.count_nonzero(inside))
     return None, "none", [note]
 
 
@@ -290,19 +284,13 @@ def _from_seeds(
     misfit = np.array([np.mean(np.abs(np.abs(here + m) - orders)) for m in tried])
     best = tried[misfit < misfit.min() + _TIE]
     if misfit.min() > _FAR:
-        return None, [
-            f"frames.known_order disagrees with the light by {misfit.min():.2f} fringe; correct it"
-        ]
+        return None, [message("frames_known_order_disagrees_light", min=misfit.min())]
     if len(best) > 1 and whole not in best:
-        return None, [
-            "frames.known_order leaves two whole numbers open, on either side of zero; give a "
-            "second point, of another order"
-        ]
+        return None, [message("frames_known_order_leaves_two")]
     number = whole if len(best) > 1 else int(best[0])
     if whole is not None and whole != number:
         return number, [
-            "frames.known_order and the equilibrium of the field disagree by "
-            f"{abs(whole - (number or 0))} fringe; check the known order"
+            message("frames_known_order_equilibrium_field", number=abs(whole - (number or 0)))
         ]
     return number, []
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.fringes.windows import Array
+from isochrome.messages import message
 from isochrome.optics import Chain
 
 BACKGROUND, AMPLITUDE, COSINE, CROSS, CROSS_SINE, SINE, SINE_SINE = range(7)
@@ -135,8 +136,7 @@ def make_design(chains: Sequence[Chain]) -> StepDesign:
         if design.leak < _LEAK:
             return design
     raise InputError(
-        f"[[polariscope.step]]: the {len(chains)} steps do not determine {_missing(matrix)}; "
-        "without them there is no fringe order"
+        message("polariscope_step_steps_do", chains_count=len(chains), missing=_missing(matrix))
     )
 
 

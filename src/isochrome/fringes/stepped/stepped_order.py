@@ -45,6 +45,7 @@ from isochrome.fringes.stepped.step_light import (
     smoothed,
 )
 from isochrome.fringes.windows import Array, Mask, masked
+from isochrome.messages import message
 from isochrome.optics import Chain
 
 _WINDOWS_PX = (WINDOW_PX, 2.0, 4.0)
@@ -189,17 +190,10 @@ def _remarks(light: StepLight, known_share: float) -> tuple[str, ...]:
     """What the user should know of the no-load set."""
     remarks = []
     if light.chi > POOR_CHI:
-        lost = "" if light.agrees.any() else "; no isoclinic is given, of the load neither"
-        remarks.append(
-            f"no-load steps: chi = {light.chi:.2f}: the steps' angles or plates do not describe "
-            f"these frames within their noise{lost}; capture them as the loaded ones"
-        )
+        lost = "" if light.agrees.any() else message("no_isoclinic_given_load")
+        remarks.append(message("no_load_steps_chi", chi=light.chi, lost=lost))
     if known_share < _FEW:
-        remarks.append(
-            f"no-load steps: only {100 * known_share:.0f} % of the specimen could be read (too "
-            "dim, noisy or faulty, or a residual stress that may pass half an order, where nothing "
-            "tells how far); the load's order is left out elsewhere"
-        )
+        remarks.append(message("no_load_steps_only", known_share=100 * known_share))
     return tuple(remarks)
 
 
@@ -332,10 +326,7 @@ def _result(
         cosine, readable = light.terms.cosine / np.maximum(light.contrast, 1e-30), specimen
     few = []
     if reading.kept < 0.5 and all(part.number is not None for part in settled.parts):
-        few.append(
-            f"only {100 * reading.kept:.0f} % of the specimen's pixels could be read; more steps, "
-            "less noise or finer pixels help"
-        )
+        few.append(message("only_specimen_pixels_could_read", kept=100 * reading.kept))
     return SteppedReading(
         reading=reading,
         isoclinic=masked(0.5 * np.degrees(np.angle(load.field)), turned),
@@ -358,14 +349,7 @@ def _of_steps(light: StepLight, clear: Mask) -> list[str]:
     remarks = []
     if light.chi > POOR_CHI:
         none = "" if light.agrees.any() else ": no isoclinic is given"
-        remarks.append(
-            f"chi = {light.chi:.2f}: the steps' angles or plates do not describe these frames "
-            f"within their noise (an element off, light that drifts, a wrong gamma){none}; correct "
-            "[[polariscope.step]], or use the orders with care"
-        )
+        remarks.append(message("chi_steps_angles_plates", chi=light.chi, none=none))
     if _NOTABLE < lost < 1.0:
-        remarks.append(
-            f"no isoclinic is given in {100.0 * lost:.0f} % of the pixels that show one: there "
-            f"chi is over {POOR_CHI:g}, and the light not that of the stated steps"
-        )
+        remarks.append(message("no_isoclinic_given_pixels", lost=100.0 * lost, poor_chi=POOR_CHI))
     return remarks

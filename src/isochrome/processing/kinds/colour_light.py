@@ -24,6 +24,7 @@ from isochrome.frames import (
     to_linear,
 )
 from isochrome.fringes import ColourReading, read_colour, read_table, spectral_table
+from isochrome.messages import message
 from isochrome.optics import camera_response
 from isochrome.processing.kinds.kind import FrameKind, refuse_no_load_steps
 from isochrome.processing.kinds.largest_order import LARGEST, order_columns
@@ -46,32 +47,19 @@ class ColourLight(FrameKind):
 
     def check(self, scene: Scene) -> None:
         """Refuse frames that do not tell colours. Raises InputError."""
-        where = f"{scene.name}: [polariscope]: light of several wavelengths"
+        where = message("polariscope_light_several_wavelengths", name=scene.name)
         if scene.camera is None or not scene.camera.colour or scene.frames.channel is not None:
-            raise InputError(
-                f"{where} can be processed by its colours alone: set camera.colour = true and "
-                "leave out frames.channel; for frames taken through a filter, give its "
-                "wavelength_nm alone"
-            )
+            raise InputError(message("can_processed_colours_alone", where=where))
         if scene.polariscope.step:
-            raise InputError(
-                f"{where} has no phase steps: remove [[polariscope.step]], or give wavelength_nm "
-                "alone"
-            )
+            raise InputError(message("has_no_phase_steps", where=where))
         if scene.polariscope.field == "plane":
-            raise InputError(
-                f"{where} needs the circular dark or bright field: isoclinics have no colour; set "
-                "polariscope.field"
-            )
+            raise InputError(message("needs_circular_dark_bright", where=where))
         refuse_no_load_steps(scene)
 
     def prepare(self, scene: Scene, reader: FrameReader) -> Capture:
         """The colour table, and the no-load frames of each channel."""
         if reader.channel is None:
-            raise InputError(
-                f"{reader.path}: is grey, and camera.colour says that the frames have colours; "
-                "give colour frames, or for a filter's light its wavelength_nm alone"
-            )
+            raise InputError(message("grey_camera_colour_says", path=reader.path))
         assert scene.camera is not None
         pairs = [
             load_no_load(_one_channel(scene, name), full_shape=reader.full_shape)
@@ -186,28 +174,17 @@ def _warnings(reading: ColourReading) -> tuple[str, ...]:
     messages = []
     if reading.lost:
         messages.append(
-            f"the colours of {100 * reading.strange:.0f} % of the pixels are not the table's "
-            f"(chi = {reading.chi:.2f}): no order was read; check the light, camera.response "
-            "and frames.gamma, or calibrate a colour table: 'isochrome calibrate colour'"
+            message("colours_pixels_not_table", strange=100 * reading.strange, chi=reading.chi)
         )
     elif reading.chi > POOR_CHI:
-        messages.append(
-            f"chi = {reading.chi:.2f}: the table does not describe the colours within their noise; "
-            "check camera.response and frames.gamma, and use the orders with care"
-        )
+        messages.append(message("chi_table_does_not", chi=reading.chi))
     exposure = reading.exposure
     if exposure.factor != 1.0:
-        messages.append(
-            f"exposed {exposure.factor:.3g} times as long as the no-load frames, or lit so much "
-            "more: its colours tell that, and it is used"
-        )
+        messages.append(message("exposed_times_long_no", factor=exposure.factor))
     elif not exposure.told:
-        messages.append(
-            "its colours do not tell whether it is exposed as its no-load frames are, which is "
-            "assumed; orders that this leaves open by over 0.03 fringe are left out"
-        )
+        messages.append(message("colours_do_not_tell"))
     if reading.blind:
-        messages.append("illumination found from the frame itself, without both no-load frames")
+        messages.append(message("illumination_found_from_frame"))
     if not reading.lost and reading.kept < 0.5:
-        messages.append(f"only {100 * reading.kept:.0f} % of the lit pixels could be read")
+        messages.append(message("only_lit_pixels_could", kept=100 * reading.kept))
     return tuple(messages)

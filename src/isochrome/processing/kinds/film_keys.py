@@ -16,6 +16,7 @@ from isochrome.fringes import (
     FilmState,
     joined_reading,
 )
+from isochrome.messages import message
 from isochrome.processing.kinds.followed_film import (
     Array,
     Film,
@@ -32,7 +33,7 @@ from isochrome.scene import Scene
 
 KEY_EVERY = 200
 """Frames from one key frame to the next: one is read in as long as some fifty are followed."""
-KEY_LIGHT = "the light of its first key frame, frame {}, is used for all frames of the film"
+KEY_LIGHT = "light_first_key_frame"
 NO_KEY = (
     "{}: no order could be read in any of the frames that the film was to begin with (of the first:"
     " {}); give no-load frames, or a point whose order is known in all frames"
@@ -42,8 +43,8 @@ NOT_IN_TIME = (
     f"{LARGEST_CHANGE:g} fringe, or other things than the load do, {{}} times in {{}}; take more "
     "frames a second"
 )
-_ALONE = "each frame is read by itself: {}"
-_OR_ALONE = "{}, or leave --track out: each frame is then read by itself"
+_ALONE = "each_frame_read_itself"
+_OR_ALONE = "leave_track_out_each"
 _MOST_BREAKS = 0.5
 """Share of the steps from frame to frame beyond which a set is no film."""
 _TRIED = 16
@@ -70,8 +71,8 @@ class KeyedFilm(Film):
             film = prepare_keyed(captured, scene, capture, chunk=chunk, count=count, every=every)
         except PhysicsError as error:
             if not self.by_default:
-                raise PhysicsError(_OR_ALONE.format(error)) from error
-            return ImageOnly(note=_ALONE.format(error))
+                raise PhysicsError(message(_OR_ALONE, error=error)) from error
+            return ImageOnly(note=message(_ALONE, error=error))
         return replace(self, film=film)
 
     @property
@@ -119,7 +120,7 @@ def prepare_keyed(
     breaks = len(path.lost) - (begin > 0)
     if breaks > _MOST_BREAKS * (count - 1 - begin):
         raise PhysicsError(NOT_IN_TIME.format(scene.name, breaks, count - 1 - begin))
-    notes = (*key_frame.warnings, KEY_LIGHT.format(begin))
+    notes = (*key_frame.warnings, message(KEY_LIGHT, begin=begin))
     return data.film(path, light, count, notes)
 
 

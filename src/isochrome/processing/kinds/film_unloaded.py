@@ -14,6 +14,7 @@ from isochrome.fringes import (
     smooth_zero,
     unloaded_state,
 )
+from isochrome.messages import message
 from isochrome.processing.kinds.followed_film import (
     NOT_FOLLOWED,
     NOT_KNOWN,
@@ -28,20 +29,10 @@ from isochrome.processing.kinds.kind import FrameKind
 from isochrome.processing.result import Capture
 from isochrome.scene import Scene
 
-NOT_UNLOADED = (
-    "{}: frames.starts_unloaded is set, and the first frame is not the unloaded specimen: it is {} "
-    "in {:.0f} % of the specimen; such frames cannot be followed in time: begin the film before "
-    "the load, or leave the key out"
-)
-OWN_CRESTS = "illumination found from the crests that pass, without frames.no_load_bright"
-OTHER_LIGHT = (
-    "its crests are {:.3g} times as bright as the no-load frames say: the illumination that they "
-    "tell is used"
-)
-FEW_ORDERS = (
-    "{}: the film's orders reach {:.2f} alone, and its crests tell its light from {:g} on: give "
-    "frames.no_load_bright, or load further"
-)
+NOT_UNLOADED = "frames_starts_unloaded_set_first"
+OWN_CRESTS = "illumination_found_from_crests"
+OTHER_LIGHT = "crests_times_bright_no"
+FEW_ORDERS = "film_orders_reach_alone"
 _NOISE_FRAMES = 8
 _DARKER, _DARKER_SHARE = 0.05, 0.01
 """By how much of the contrast, and in which share of the specimen, light falls below the first
@@ -58,23 +49,13 @@ class UnloadedFilm(Film):
         """Refuse a film that cannot begin without load. Raises InputError."""
         name, light = f"{scene.name}: frames.starts_unloaded", scene.polariscope
         if scene.has_model:
-            raise InputError(
-                f"{name} is for films without a model, and the scene has one, which names the "
-                "orders; leave the key out"
-            )
+            raise InputError(message("films_without_model_scene", name=name))
         if light.tells_orders:
-            raise InputError(
-                f"{name}: phase steps and colours tell the order of each state; leave the key out"
-            )
+            raise InputError(message("phase_steps_colours_tell", name=name))
         if scene.frames.known_order or scene.frames.known_line or scene.frames.free_boundary:
-            raise InputError(
-                f"{name}: the orders are counted from zero, and known orders are for single "
-                "frames; leave one of them out"
-            )
+            raise InputError(message("orders_counted_from_zero", name=name))
         if scene.frames.gamma == "unknown":
-            raise InputError(
-                f"{name}: frames.gamma = 'unknown' is for single frames; give a number"
-            )
+            raise InputError(message("frames_gamma_unknown_single", name=name))
         super().check(scene)
 
     def followed(
@@ -96,7 +77,9 @@ class UnloadedFilm(Film):
         share = float(np.mean((top.lowest < least)[data.material]))
         if share > _DARKER_SHARE:  # later ones fall below its light
             than = "brighter than later ones" if data.sign > 0 else "darker than later ones"
-            raise PhysicsError(NOT_UNLOADED.format(scene.name, than, 100.0 * share))
+            raise PhysicsError(
+                message(NOT_UNLOADED, name=scene.name, than=than, share=100.0 * share)
+            )
         given = None if other is None else np.maximum(data.sign * (other.image - zero), 1e-3)
         try:
             on_blocks = None if given is None else joined_pixels(given, data.by)
@@ -127,9 +110,11 @@ def _final_light(
     if not crests_tell and given is None:
         if path.lost:
             where = path.lost[0][0]
-            text = f"{NOT_FOLLOWED.format(where - 1, where)}; {NOT_KNOWN}"
+            text = f"{NOT_FOLLOWED.format(where - 1, where)}; {message(NOT_KNOWN)}"
             raise PhysicsError(f"{scene.name}: {text}")
-        raise PhysicsError(FEW_ORDERS.format(scene.name, path.highest, LEAST_ORDER))
+        raise PhysicsError(
+            message(FEW_ORDERS, name=scene.name, highest=path.highest, least_order=LEAST_ORDER)
+        )
     none = np.zeros(shape, dtype=np.float32)
     level, error, notes = given, none, tuple[str, ...]()
     if crests_tell:
@@ -137,7 +122,7 @@ def _final_light(
         scale = 1.0 if given is None else float(np.median((result / given)[data.valid]))
         if given is None or abs(scale - 1.0) > _SAME_LIGHT:
             level, error = result, spread
-            notes = (OWN_CRESTS if given is None else OTHER_LIGHT.format(scale),)
+            notes = (message(OWN_CRESTS) if given is None else message(OTHER_LIGHT, scale=scale),)
     assert level is not None
     light = FilmLight(zero=zero, illumination=level, error=error, zero_error=none, sign=data.sign)
     return light, notes

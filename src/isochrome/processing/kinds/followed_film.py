@@ -34,6 +34,7 @@ from isochrome.fringes import (
     pixels_together,
     read_followed,
 )
+from isochrome.messages import message
 from isochrome.processing.kinds.image_only import FLAWS, ImageOnly
 from isochrome.processing.kinds.kind import FrameKind
 from isochrome.processing.kinds.largest_order import order_columns
@@ -56,19 +57,10 @@ NOT_FOLLOWED = (
     "the film cannot be followed from frame {} to {}: the orders change by more than "
     f"{LARGEST_CHANGE:g} fringe between them, or other things than the load do"
 )
-NOT_KNOWN = (
-    "no order is known from there on; take more frames a second, load more slowly, or give an "
-    "order that is known in place of frames.starts_unloaded"
-)
-READ_ANEW = "the orders were read anew in frame {}"
-DIFFERING = (
-    "{:.1f} % of the specimen are left out in frames {} to {}: their orders differ by the ways "
-    "that lead there in time, or from a key frame"
-)
-FEW_FOLLOWED = (
-    "only {:.0f} % of the specimen's pixels could be followed and read: what changes too fast, or "
-    "is too fine, is not known from there on"
-)
+NOT_KNOWN = "no_order_known_from"
+READ_ANEW = "orders_read_anew_frame"
+DIFFERING = "specimen_left_out_frames"
+FEW_FOLLOWED = "only_specimen_pixels_could"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,9 +113,7 @@ class FilmData:
         for part in (capture.dark, capture.bright):
             self.valid = self.valid & part.valid if part else self.valid
         if not self.valid.any():
-            raise InputError(
-                f"{first.name}: no part of the frame is trusted; check its mask and exposure"
-            )
+            raise InputError(message("no_part_frame_trusted_check", name=first.name))
         self.by = pixels_together((self.valid.shape[0], self.valid.shape[1]))
         self.material = joined_pixels(self.valid, self.by) > 0.99
         self.clipped = self.full
@@ -277,12 +267,12 @@ def _warnings(film: FollowedFilm, index: int, known_share: float) -> tuple[str, 
     notes = list(film.notes) if index == 0 else []
     for start, stop in film.lost:
         if start <= index < max(stop, start + 1):
-            again = NOT_KNOWN if stop >= film.count else READ_ANEW.format(stop)
+            again = message(NOT_KNOWN) if stop >= film.count else message(READ_ANEW, stop=stop)
             return (*notes, f"{NOT_FOLLOWED.format(start - 1, start)}; {again}")
     begin = film.begin(index)
     if film.kept[begin].doubts:
         share = 100.0 * film.kept[begin].doubts / max(1, int(np.count_nonzero(film.material)))
-        notes.append(DIFFERING.format(share, begin, film.end(index)))
+        notes.append(message(DIFFERING, share=share, begin=begin, end=film.end(index)))
     if known_share < 0.5 and index > 0:
-        notes.append(FEW_FOLLOWED.format(100.0 * known_share))
+        notes.append(message(FEW_FOLLOWED, known_share=100.0 * known_share))
     return tuple(notes)

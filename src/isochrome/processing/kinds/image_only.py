@@ -48,6 +48,7 @@ from isochrome.fringes import (
     skeletons,
     widened,
 )
+from isochrome.messages import message
 from isochrome.output import with_uncertainty
 from isochrome.processing.kinds.kind import FrameKind
 from isochrome.processing.kinds.largest_order import LARGEST, order_columns
@@ -57,28 +58,11 @@ from isochrome.scene import Frames, Scene
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 
-SAME_EXPOSURE = (
-    "its fringes do not tell whether it is exposed as its no-load frames are, which is assumed: "
-    "keep exposure, gain and lamp fixed"
-)
-EXPOSED = (
-    "exposed {:.3g} times as long as frames.no_load_bright, or lit so much more: its fringes tell "
-    "that, and it is used"
-)
-CREST_OR_RIDGE = (
-    "its brightest line has {:.3g} of the light of frames.no_load_bright: a fringe of order 0.5 "
-    "under other light, or an order that stays below it; no order is reported: give a known order "
-    'beside that line, or frames.no_load_exposure = "same" if all are exposed alike'
-)
-NOT_ALIKE = (
-    "its fringes do not tell whether it is exposed as its no-load frames are, and the known orders "
-    "say that it is not: by the light the one at row {:g}, column {:g} would be {:.2f} from a dark "
-    "fringe, not {:.2f}; no order is reported: expose all alike, or correct the known order"
-)
-DARK_UNTOLD = (
-    "no dark fringe tells how frames.no_load_dark is exposed: {:.0f} % of the specimen, where a "
-    "brighter background would make a dark fringe, is left out; expose it as the frame is"
-)
+SAME_EXPOSURE = "fringes_do_not_tell"
+EXPOSED = "exposed_times_long_frames"
+CREST_OR_RIDGE = "brightest_line_has_light"
+NOT_ALIKE = "fringes_do_not_tell_whether"
+DARK_UNTOLD = "no_dark_fringe_tells"
 _REACH, _WORTH_SAYING = 4.0, 0.01
 """How far the unknown background may reach, in its standard uncertainties: to three times as long
 an exposure as the bright frame's; and the share of the specimen that is said."""
@@ -116,10 +100,12 @@ def no_load_light(
         places, off = _places(light, valid, no_load, frames), ""
         if places and np.median([place.cost for place in places]) >= CLEAR:
             worst = max(places, key=lambda place: abs(place.light - place.stated))
-            off = NOT_ALIKE.format(worst.row, worst.col, worst.light, worst.stated)
-        return NoLoadLight(alike.ends, () if off else (SAME_EXPOSURE,), off)
+            off = message(
+                NOT_ALIKE, row=worst.row, col=worst.col, light=worst.light, stated=worst.stated
+            )
+        return NoLoadLight(alike.ends, () if off else (message(SAME_EXPOSURE),), off)
     if result.crest_sure or says_a_half(frames.stated_orders):
-        notes = (EXPOSED.format(result.bright),)
+        notes = (message(EXPOSED, bright=result.bright),)
         return NoLoadLight(result.ends, notes, dark_told=result.dark_told)
     if result.bright < 1.0:
         exposed = result.dark * dark, result.bright * bright
@@ -129,7 +115,7 @@ def no_load_light(
         )
         if own + CLEAR < other:  # known orders are clearly those of the no-load frames' own light
             return alike
-    return NoLoadLight(result.ends, refusal=CREST_OR_RIDGE.format(result.bright))
+    return NoLoadLight(result.ends, refusal=message(CREST_OR_RIDGE, bright=result.bright))
 
 
 def says_a_half(orders: Sequence[float]) -> bool:
@@ -181,22 +167,15 @@ def above_background(signal: Array, error: Array, valid: Mask) -> tuple[Mask, tu
     above = np.where(valid, signal - _REACH * error, 0.0)
     above_noise = valid & (gaussian_filter(above, _POOLED_PX) > 0.0)
     share = 1.0 - float(np.mean(above_noise[valid])) if valid.any() else 0.0
-    return above_noise, (DARK_UNTOLD.format(100.0 * share),) if share > _WORTH_SAYING else ()
+    return above_noise, (
+        message(DARK_UNTOLD, share=100.0 * share),
+    ) if share > _WORTH_SAYING else ()
 
 
-NO_ANCHOR = (
-    "no order: the light alone leaves a whole number open; give a point whose order you know "
-    "(a free corner, a counted place) as [[frames.known_order]]"
-)
+NO_ANCHOR = "no_order_light_alone"
 
-NOT_SETTLED = (
-    "the search for the light's dark and bright ends found no rest: no order is reported; give "
-    "no-load frames, or mask what is not the specimen"
-)
-OVEREXPOSED = (
-    "{:.0f} % of the specimen is saturated: no order is reported without frames.no_load_bright, as "
-    "the bright end is not in the picture; lower the exposure, or give that frame"
-)
+NOT_SETTLED = "search_light_dark_bright"
+OVEREXPOSED = "specimen_saturated_no_order"
 FEWEST_LINES = 3
 """Fringe lines without which the shape of the light alone, a lamp's as well as a fringe's, would
 say where the bright end is."""
@@ -206,10 +185,7 @@ LEAST_ORDER = 1.25
 _ALMOST_ALL = 99.5
 """Per cent of the pixels, of whose order that is."""
 
-FEW_FRINGES = (
-    "{}, and {} at least are needed without frames.no_load_bright: uneven light and fringes look "
-    "alike, and no order is reported; give that frame"
-)
+FEW_FRINGES = "least_needed_without_frames"
 SIGNIFICANT, WRONG_GAMMA = 5.0, 0.1
 """Of a stated gamma that the fringes contradict: standard uncertainties, and share of its value."""
 FLAWS = 0.015
@@ -295,7 +271,7 @@ def read_alone(
     refusal = refused_beforehand(frame, signal, len(lines), capture, point_known, inside)
     result, warnings = None, [refusal]
     if not refusal and not scene.frames.orders_known:
-        warnings = [NO_ANCHOR]
+        warnings = [message(NO_ANCHOR)]
     elif not refusal:
         result, warnings = _read_signal(signal, scene)
         if signal.others:
@@ -340,11 +316,11 @@ def refused_beforehand(
         level = saturation_level(frame.image, full=full_scale(capture.bit_depth))
         saturated = float(np.mean(frame.image[specimen] >= level))
         if saturated > MOST_SATURATED:
-            return OVEREXPOSED.format(100.0 * saturated)
+            return message(OVEREXPOSED, saturated=100.0 * saturated)
     if seen.refusal:
         return seen.refusal
     if capture.bright is None and lines < FEWEST_LINES and asked:
-        return FEW_FRINGES.format(f"{lines} fringe lines", FEWEST_LINES)
+        return message(FEW_FRINGES, value=f"{lines} fringe lines", fewest_lines=FEWEST_LINES)
     return ""
 
 
@@ -353,7 +329,9 @@ def refused_low(order: Array, capture: Capture) -> str:
     known = order[np.isfinite(order)]
     highest = float(np.percentile(known, _ALMOST_ALL)) if known.size else 0.0
     if capture.bright is None and 0.0 < highest < LEAST_ORDER:
-        return FEW_FRINGES.format(f"fringes up to order {highest:.2f}", LEAST_ORDER)
+        return message(
+            FEW_FRINGES, value=f"fringes up to order {highest:.2f}", fewest_lines=LEAST_ORDER
+        )
     return ""
 
 
@@ -386,11 +364,11 @@ def frame_signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -
     else:
         ends = fit_background_modulation(light, sigma, valid, dark=dark, bright=bright, tone=tone)
         blind = dark is None or bright is None
-        refusal = "" if ends.settled else NOT_SETTLED
-        notes = ["normalised by its own fringes, without both no-load frames"] * blind
+        refusal = "" if ends.settled else message(NOT_SETTLED)
+        notes = [message("normalised_own_fringes_without")] * blind
         if tone:
             gamma = with_uncertainty(ends.tone, ends.tone_uncertainty)
-            notes.append(f"gamma = {gamma}, found from the fringes of this frame alone")
+            notes.append(message("gamma_found_from_fringes", gamma=gamma))
             columns = {"gamma": ends.tone, f"gamma {SPREAD}": ends.tone_uncertainty}
     done, result = _by_ends(light, sigma, valid, ends)
     if not dark_told:
@@ -437,7 +415,9 @@ def told_exposure(frame: Frame, scene: Scene, capture: Capture) -> list[str]:
         result = no_load_light(light, sigma, valid, (dark.image, bright.image), scene.frames)
     except InputError:  # no fringe in it
         return []
-    return [text for text in (*result.notes, result.refusal) if text and text != SAME_EXPOSURE]
+    return [
+        text for text in (*result.notes, result.refusal) if text and text != message(SAME_EXPOSURE)
+    ]
 
 
 def _contradicted(
@@ -474,9 +454,12 @@ def _contradicted(
     error = np.abs(np.where(done.valid, other - done.signal, 0.0))
     best = gamma * result.tone
     return error, [
-        f"frames.gamma = {gamma:g} does not fit the fringes, whose shape says "
-        f"{with_uncertainty(best, gamma * result.tone_uncertainty)}: set frames.gamma = "
-        f"{best:.2g} or 'unknown'; orders that this would move are left out"
+        message(
+            "frames_gamma_does_not",
+            gamma=gamma,
+            with_uncertainty=with_uncertainty(best, gamma * result.tone_uncertainty),
+            best=best,
+        )
     ]
 
 

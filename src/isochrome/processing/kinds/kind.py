@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from isochrome.errors import InputError
 from isochrome.frames import Frame, FrameReader, load_no_load
+from isochrome.messages import message
 from isochrome.processing.result import Capture, FollowedFrame, ProcessedFrame, row_of_set
 from isochrome.progress import RunProgress
 from isochrome.runs import Layer
@@ -60,19 +61,13 @@ def accepts_keys(scene: Scene) -> bool:
 def refuse_colour_table(scene: Scene) -> None:
     """Refuse a table of colours in light of one wavelength. Raises InputError."""
     if scene.frames.colour_table is not None:
-        raise InputError(
-            f"{scene.name}: frames.colour_table is for light of several wavelengths; add "
-            "polariscope.light = 'white', or remove the table"
-        )
+        raise InputError(message("frames_colour_table_light_several", name=scene.name))
 
 
 def refuse_no_load_steps(scene: Scene) -> None:
     """Refuse no-load steps where a state is one frame. Raises InputError."""
     if scene.frames.no_load_steps is not None:
-        raise InputError(
-            f"{scene.name}: frames.no_load_steps needs [[polariscope.step]], one for each of its "
-            "frames; add them, or remove the key"
-        )
+        raise InputError(message("frames_no_load_steps_needs_polariscope", name=scene.name))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,10 +96,7 @@ class FrameKind:
         """Refuse a scene whose frames cannot be read, before they are opened. Raises InputError."""
         refuse_colour_table(scene)
         if not scene.has_model and scene.polariscope.field == "plane":
-            raise InputError(
-                f"{scene.name}: polariscope.field = 'plane': without a model, isoclinics look "
-                "like fringes; capture the circular dark or bright field, or describe the model"
-            )
+            raise InputError(message("polariscope_field_plane_without", name=scene.name))
         refuse_no_load_steps(scene)
 
     def prepare(self, scene: Scene, reader: FrameReader) -> Capture:

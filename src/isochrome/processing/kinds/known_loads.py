@@ -10,6 +10,7 @@ from isochrome.errors import PhysicsError
 from isochrome.estimation import prepare_frame
 from isochrome.fitting import LOAD
 from isochrome.frames import Frame, FrameReader
+from isochrome.messages import message
 from isochrome.output import with_uncertainty
 from isochrome.processing.kinds.image_only import ImageOnly, process_image_only
 from isochrome.processing.result import EXPLAINED, SPREAD, Capture, ProcessedFrame
@@ -93,13 +94,15 @@ def _told(read: LoadReading, loads: Sequence[float], number: int) -> list[str]:
     away = abs(read.load_n - stated) / read.standard_uncertainty
     if stated and away > CONTRADICTED:
         notes.append(
-            f"its load is stated as {stated:g} N, and the other known loads tell "
-            f"{with_uncertainty(read.load_n, read.standard_uncertainty)} N, {away:.1f} standard "
-            "uncertainties away; check this load, and whether it had changed when the frame was "
-            "taken"
+            message(
+                "load_stated_other_known",
+                stated=stated,
+                with_uncertainty=with_uncertainty(read.load_n, read.standard_uncertainty),
+                away=away,
+            )
         )
     if read.beyond > FAR:
-        notes.append("its load lies far outside of the known loads; measure one beyond it")
+        notes.append(message("load_lies_far_outside"))
     return notes
 
 

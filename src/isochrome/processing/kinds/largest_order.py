@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from isochrome.estimation import POOR_CHI
 from isochrome.fitting import FrameFit, ModelFrame, SceneRenderer, propagated
 from isochrome.fringes import BRANCH, OrderReading
+from isochrome.messages import message
 from isochrome.scene import Scene
 from isochrome.simulation import make_picture, state_difference
 from isochrome.specimens import specimen_model
@@ -34,14 +35,8 @@ LARGEST = ("n_max", "n_max_row_px", "n_max_col_px", "n_max_uncertainty", ORDER_F
 LARGEST_BY_MODEL = ("n_max", "n_max_x_mm", "n_max_z_mm", "n_max_uncertainty", ORDER_FROM)
 PRESSURE = ("p_max_mpa", "p_max_uncertainty_mpa")
 
-BY_MODEL = (
-    "the pixels of the largest order could not be read (masked, saturated, too close to the "
-    "surface, or unlike the model): n_max and its place are those of the fitted model"
-)
-BY_NONE = (
-    "the pixels of the largest order could not be read, and the model does not describe those "
-    "beside them: n_max is the largest order that was read, and the specimen's is at least that"
-)
+BY_MODEL = "pixels_largest_order_could"
+BY_NONE = "pixels_largest_order_could_not"
 
 
 def largest_from(table: Mapping[str, Sequence[Any]]) -> str:
@@ -110,7 +105,7 @@ def largest_with_model(
     said = tuple[str, ...]()
     if trusted[peak] and top - np.max(model, where=read, initial=-np.inf) > spread:
         agrees = off.size and np.mean((off / each) ** 2) <= POOR_CHI**2
-        source, said = (MODEL, (BY_MODEL,)) if agrees else (AT_LEAST, (BY_NONE,))
+        source, said = (MODEL, (message(BY_MODEL),)) if agrees else (AT_LEAST, (message(BY_NONE),))
     values, spreads = np.full((2, 2), nothing)
     if fit is not None and (source == MODEL or scene.indenter is not None):
         values, spreads = _of_scene(fit, seen.pixels, peak)

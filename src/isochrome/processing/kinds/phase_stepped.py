@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from isochrome.errors import InputError
 from isochrome.frames import Frame, FrameReader, estimate_noise, open_no_load_steps, to_linear
 from isochrome.fringes import ResidualStress, make_design, read_residual, read_steps
+from isochrome.messages import message
 from isochrome.optics import Chain, make_chain
 from isochrome.processing.kinds.kind import ISOCLINIC, FrameKind, refuse_colour_table
 from isochrome.processing.kinds.largest_order import LARGEST, order_columns
@@ -43,11 +44,7 @@ class PhaseStepped(FrameKind):
             light, valid, sigma = _stacked(list(unloaded), scene, Capture(unloaded.bit_depth))
         result = read_residual(light, _chains(scene), sigma=sigma, valid=valid)
         if not np.isfinite(result.field).any():
-            raise InputError(
-                f"{scene.path(name)}: frames.no_load_steps has no pixel that can be read; check "
-                "that its frames are the steps of [[polariscope.step]], in order, and their "
-                "light; residual stress beyond half an order nearly all over cannot be read"
-            )
+            raise InputError(message("frames_no_load_steps_has_no", path=scene.path(name)))
         return Capture(reader.bit_depth, residual=result)
 
     def read(
@@ -107,10 +104,7 @@ def _stacked(frames: Sequence[Frame], scene: Scene, capture: Capture) -> tuple[A
     for frame in frames:
         linear = to_linear(frame, bit_depth=bit_depth, gamma=gamma, allow_blank=True)
         if not linear.valid.any():
-            raise InputError(
-                f"frame {frame.name}: has no pixel that can be trusted (saturated, or masked, all "
-                "over); lower the exposure"
-            )
+            raise InputError(message("frame_has_no_pixel_can", name=frame.name))
         noise = estimate_noise(frame.image, linear.valid, bit_depth=bit_depth)
         sigma = noise.linear_sigma(frame.image, bit_depth=bit_depth, gamma=gamma)
         images.append(linear.image)
@@ -122,8 +116,7 @@ def _stacked(frames: Sequence[Frame], scene: Scene, capture: Capture) -> tuple[A
     )
     if not (high > low).any():
         raise InputError(
-            f"frames {frames[0].name} to {frames[-1].name}: the same light in every step, or none; "
-            "check that the frames are the steps of [[polariscope.step]], in their order"
+            message("frames_same_light_every", name=frames[0].name, name_2=frames[-1].name)
         )
     return light, good, float(np.sqrt(np.mean(variance)))
 

@@ -26,6 +26,7 @@ from isochrome.fitting import (
 )
 from isochrome.frames import Frame
 from isochrome.fringes import OrderReading, read_order
+from isochrome.messages import message
 from isochrome.output import counted
 from isochrome.processing.kinds.image_only import process_image_only
 from isochrome.processing.kinds.kind import FrameKind
@@ -43,9 +44,9 @@ from isochrome.scene import Scene
 Explained = Literal["well enough", "not at all", "with a slip"]
 """How far a scene explains a frame; by a slip in it, it is another scene that does."""
 
-_CORRECT = "correct the scene (load, place, pixel, field, gamma)"
+_CORRECT = "correct_scene_load_place"
 
-_NO_ORDER = f"the model is too far off to name the branches: no order was read; {_CORRECT}"
+_NO_ORDER = "model_too_far_off_name"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,22 +205,19 @@ def placed_disc(scene: Scene, data: FrameData) -> tuple[Scene, list[str]]:
     """
     camera, diameter = scene.camera, scene.rim_diameter_mm
     if camera is None:
-        raise InputError(f"{scene.name}: [camera] is missing, and a picture needs it; add it")
+        raise InputError(message("camera_missing_picture_needs", name=scene.name))
     assert diameter is not None
     try:
         rim = find_rim(data)
     except PhysicsError:
         if camera.pixel_mm is None or camera.left_mm is None or camera.top_mm is None:
             raise
-        return scene, ["the disc's rim was not found; the scene's own place is the start"]
+        return scene, [message("disc_rim_not_found")]
     rim = sharp_rim(data, rim)
     pixel = camera.pixel_mm or diameter / (2.0 * rim.radius)
     notes = []
     if abs(2.0 * rim.radius * pixel / diameter - 1.0) > 0.05:
-        notes.append(
-            f"the rim is {2 * rim.radius * pixel:.4g} mm wide by camera.pixel_mm, but "
-            f"specimen.diameter_mm = {diameter:g}; check both"
-        )
+        notes.append(message("rim_mm_wide_camera", pixel=2 * rim.radius * pixel, diameter=diameter))
     values = {
         "camera.pixel_mm": pixel,
         "camera.left_mm": -(rim.col + 0.5) * pixel,
@@ -297,42 +295,36 @@ def frame_causes(
     if not (fit.positive or notes):
         return None
     _, lost = _is_lost(*_held(data, fit), chi=fit.chi, positive=fit.positive)
-    texts = [*notes, *_of_chi(fit), *([_NO_ORDER] if lost else [])]
+    texts = [*notes, *_of_chi(fit), *([message(_NO_ORDER)] if lost else [])]
     return texts, "not at all" if lost else "well enough"
 
 
 def _of_chi(fit: FrameFit) -> list[str]:
     """What is said where the model leaves more than the frame's noise."""
     if fit.chi > POOR_CHI:
-        return [
-            f"chi = {fit.chi:.2f}: the model does not describe this frame within its noise "
-            "(another load, residual stress, gamma, or the fit settled on a wrong solution); use "
-            "its orders with care"
-        ]
+        return [message("chi_model_does_not_describe", chi=fit.chi)]
     return []
 
 
 def _warnings(fit: FrameFit, reading: OrderReading, lost: bool) -> list[str]:
     result = _of_chi(fit)
     if not fit.positive:
-        result.append(f"the scene's fringes are not in this frame; {_CORRECT}")
+        result.append(message("scene_fringes_not_frame_2", correct=message(_CORRECT)))
     elif fit.plain:
-        result.append(
-            "no smooth illumination fits with this model, so that one amplitude stands for all the "
-            "frame; give no-load frames"
-        )
+        result.append(message("no_smooth_illumination_fits"))
     near = [m for m in fit.others if m.chi < ALIKE_CHI * fit.chi]
     if near:
         result.append(
-            f"{counted(len(near), 'other solution')} fit{'s' * (len(near) == 1)} nearly as well; "
-            "give the load more closely"
+            message(
+                "fit_nearly_well_give",
+                counted=counted(len(near), "other solution"),
+                value="s" * (len(near) == 1),
+            )
         )
     if not fit.converged:
-        result.append(
-            "the fit did not converge fully; begin it nearer, with load and place in the scene"
-        )
+        result.append(message("fit_did_not_converge"))
     if lost:
-        result.append(_NO_ORDER)
+        result.append(message(_NO_ORDER))
     else:
         result += of_share(reading)
     return result
@@ -342,7 +334,4 @@ def of_share(reading: OrderReading) -> list[str]:
     """What is said where few of the specimen's pixels could be read."""
     if reading.kept >= 0.5:
         return []
-    return [
-        f"only {100 * reading.kept:.0f} % of the specimen's pixels could be read; mask what is "
-        "not the specimen (frames.roi or mask), or lower the noise"
-    ]
+    return [message("only_specimen_pixels_could_read_mask", kept=100 * reading.kept)]
