@@ -12,6 +12,11 @@ class IsochromeError(Exception):
 
     exit_code = 1
 
+    @property
+    def message(self) -> str:
+        """The sentence; where it is a `Message`, with its code and values."""
+        return str(self) if not self.args else self.args[0]
+
 
 class InputError(IsochromeError, ValueError):
     """The input or the scene is wrong (exit code 2).

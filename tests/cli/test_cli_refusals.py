@@ -422,7 +422,8 @@ def test_calibration_set_that_is_wrong(place, refuses, old, new, words):
 def test_a_refusal_with_json_is_one_object_and_one_line(quick_isochrome, arguments):
     done = quick_isochrome(*arguments, "--json")
     found = done.json()
-    assert set(found) == {"error", "exit_code"} and found["exit_code"] == done.code == 2
+    assert set(found) == {"error", "exit_code", "message"} and found["exit_code"] == done.code == 2
+    assert found["message"]["code"] and found["message"]["text"] == found["error"]
     assert done.err == f"isochrome: {found['error']}\n"
 
 
@@ -480,6 +481,6 @@ def test_a_usage_error_is_one_line_that_names_the_help(quick_isochrome, argument
     assert done.err.startswith("isochrome: ") and done.err.count("\n") == 1
     assert USAGE[arguments] in done.err and "Traceback" not in done.err
     done = quick_isochrome(*arguments, "--json")
-    assert set(done.json()) == {"error", "exit_code"} and done.json()["exit_code"] == done.code == 2
+    assert done.json()["exit_code"] == done.code == 2
     if arguments != ("--verson",):  # --json stands before no command
         assert USAGE[arguments] in done.json()["error"]

@@ -8,6 +8,7 @@ from isochrome.errors import InputError
 from isochrome.fitting import track
 from isochrome.fitting.tracking.field_polynomial import make_field_box
 from isochrome.fitting.tracking.tracker import NO_FRINGES
+from isochrome.messages import message
 from isochrome.optics import expose
 from isochrome.output import read_csv
 from isochrome.scene import load_scene
@@ -120,7 +121,7 @@ def test_a_frame_without_fringes_has_no_values_and_the_next_are_found(tmp_path):
     save(tmp_path, frames)
     result = track(tmp_path / "film.tif", contact(), (LOAD,))
     assert np.isnan(result.values[1]).all() and np.isnan(result.standard_uncertainty[1]).all()
-    assert f"frame 1: {NO_FRINGES}" in result.warnings
+    assert f"frame 1: {message(NO_FRINGES)}" in result.warnings
     assert np.all(np.abs(result.values[[0, 2], 0] / 44.0 - 1.0) < 2e-3)
 
 

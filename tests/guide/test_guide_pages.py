@@ -3,9 +3,10 @@
 import ast
 import io
 import re
+import string
 
 import file_columns
-import message_texts
+import message_page
 import pytest
 import scene_keys
 from write_pages import COMMAND, GUIDE, PAGES
@@ -13,8 +14,10 @@ from write_pages import COMMAND, GUIDE, PAGES
 from isochrome.calibration import CalibrationSet, ColourSet
 from isochrome.errors import InputError
 from isochrome.guide import TOPICS, guide_page
+from isochrome.messages import entries
 from isochrome.scene import Scene
 from isochrome.simulation import LAYERS
+from package_code import modules, nodes
 
 BY_HAND = [topic for topic in TOPICS if topic not in PAGES]
 
@@ -84,47 +87,45 @@ def test_a_new_column_would_be_noticed():
     assert not file_columns.has_words("load.normal_n shininess", known)
 
 
-def test_every_message_has_its_meaning_cause_and_remedy():
-    explained, silent = message_texts.explained(), message_texts.no_messages()
-    missing = {
-        text: place
-        for text, place in message_texts.texts().items()
-        if explained[text] is None and not any(w in text for w in silent)
-    }
-    assert not missing, (
-        f"no words for the messages {missing}; put some fixed words of each under `words` of an "
-        "entry of tests/guide/messages.toml whose meaning, cause and remedy are right for it, or "
-        f"write one (a label goes to no_messages), then run `{COMMAND}`"
-    )
+def test_every_message_has_its_words_and_every_word_its_message():
+    """Each code that the code names is in the table, with its values; none is of nobody."""
+    named = message_page.named_codes()
+    assert set(named) == set(message_page.TEXTS)
+    for code, places in named.items():
+        text = message_page.TEXTS[code]
+        wanted = {field for _, field, _, _ in string.Formatter().parse(text) if field}
+        wanted |= set(re.findall(r":[^{}]*\{(\w+)\}", text))  # a number of digits
+        for place, values in places:
+            assert values == wanted, f"{place}: {code} has the values {wanted}, not {values}"
 
 
-def test_every_entry_is_whole_and_is_for_a_message_that_the_code_has():
-    said, known = list(message_texts.texts()), message_texts.entries()
-    words = [w for entry in known for w in entry.words]
-    stale = [w for w in words + message_texts.no_messages() if not any(w in t for t in said)]
-    assert not stale, f"no message has these words any more; remove them: {stale}"
-    assert len(words) == len(set(words)) and all(len(w) >= 7 for w in words)
-    titles = [entry.title for entry in known]
-    used = {id(entry) for entry in message_texts.explained().values()}
-    assert len(titles) == len(set(titles))
-    for entry in known:
+def test_every_entry_is_complete_and_no_code_stands_twice():
+    assert len({entry.title for entry in entries()}) == len(entries())
+    codes = [code for entry in entries() for code in entry.texts]
+    assert len(codes) == len(set(codes)) and all(re.fullmatch("[a-z0-9_]+", c) for c in codes)
+    for entry in entries():
         assert all(part.endswith(".") for part in (entry.meaning, entry.cause, entry.remedy))
-        assert id(entry) in used, entry.title
+        assert entry.texts, entry.title
 
 
-def test_messages_are_read_from_the_code_and_its_refusals_on_the_page():
-    code = '''
-def f(x):
-    """This docstring is no message at all."""
-    if x:
-        raise InputError(f"{x}: is bad; mend it")
-    y = "a sentence that is a warning, of many words"
-    return _damaged("half of it"), "short label"
-'''
-    found = set(message_texts.texts_of(list(ast.walk(ast.parse(code)))))
-    assert found == {"…: is bad; mend it", "a sentence that is a warning, of many words"}
-    page = guide_page("messages")
-    assert "fringes finer than two pixels" in page and "nothing could be read in any" in page
+def test_refusals_are_raised_with_messages_alone():
+    """A sentence of many words that is raised without a code would be in no table."""
+    bare = [
+        f"{path.name}:{node.lineno}"
+        for path in modules()
+        for node in nodes(path)
+        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call)
+        if getattr(node.exc.func, "id", "") != "PydanticCustomError"  # becomes a key's message
+        for given in node.exc.args
+        if len(re.findall("[A-Za-z]{2,}", fixed_words(given))) >= 4
+    ]
+    assert not bare, f"sentences without a code; put their words into messages.toml: {bare}"
+
+
+def fixed_words(node: ast.expr) -> str:
+    """The text of a literal, or of the literal parts of an f-string."""
+    parts = node.values if isinstance(node, ast.JoinedStr) else [node]
+    return " ".join(str(part.value) for part in parts if isinstance(part, ast.Constant))
 
 
 @pytest.mark.parametrize("topic", BY_HAND)

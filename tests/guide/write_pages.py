@@ -8,7 +8,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parent))
 
 import file_columns
-import message_texts
+import message_page
 import scene_keys
 
 import isochrome
@@ -17,7 +17,7 @@ GUIDE = Path(isochrome.__file__).parent / "guide"
 PAGES: dict[str, Callable[[], str]] = {
     "scene-keys": scene_keys.page,
     "files": file_columns.page,
-    "messages": message_texts.page,
+    "messages": message_page.page,
 }
 COMMAND = "python tests/guide/write_pages.py"
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import tifffile
 
+from isochrome.messages import frame_messages
 from isochrome.output import read_csv
 from isochrome.processing import process, with_scatter_of_gamma
 
@@ -17,6 +18,7 @@ def table(gammas, uncertainty):
         "gamma": list(gammas),
         UNCERTAINTY: [uncertainty] * len(gammas),
         "warnings": ["own"] * len(gammas),
+        "messages": [frame_messages(["own"])] * len(gammas),
     }
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import isochrome
+from isochrome.messages import frame_messages
 from isochrome.processing import ProcessedFrame, collect, process, with_past_friction
 from isochrome.samples import samples_path
 from isochrome.scene import load_scene, parse_scene
@@ -134,6 +135,8 @@ def test_a_frame_that_is_made_wider_and_has_nothing_to_say_says_nothing():
         "frame": [0, 1, 2, 3],
         "warnings": ["", "", "", "dark | small"],
     }
-    found = collect(SCENE, rows, ["done"] * 4, frames, (2, 2)).frames
+    cells = ["", "", "", frame_messages(["dark", "small"])]
+    more = {"status": ["done"] * 4, "messages": cells}
+    found = collect(SCENE, rows, more, frames, (2, 2)).frames
     assert found[3].columns[SPREAD] > 1e-4
     assert [item.warnings for item in found] == [(), (), (), ("dark", "small")]

@@ -11,6 +11,7 @@ from isochrome.comparison import load_frame_set
 from isochrome.errors import InputError
 from isochrome.fitting import track
 from isochrome.fitting.tracking.tracker import AGAIN, FAR, NO_FRINGES
+from isochrome.messages import message
 from isochrome.optics import expose
 from isochrome.output import read_csv
 from isochrome.processing import process
@@ -209,8 +210,8 @@ def test_what_happens_in_the_middle_is_told(tmp_path, monkeypatch):
     # a few standard uncertainties of 0.007 N
     assert load[[0, 1, 2, 3, 7]] == pytest.approx([44.0, 44.0, 70.0, 70.0, 44.0], abs=0.03)
     assert set(found.warnings) == {
-        f"frames 2, 7 (2 in all): {AGAIN}",
-        f"frames 4-6 (3 in all): {NO_FRINGES}",
+        f"frames 2, 7 (2 in all): {message(AGAIN)}",
+        f"frames 4-6 (3 in all): {message(NO_FRINGES)}",
     }
     # neither a key frame, nor a frame that shows what was searched in vain, is searched anew
     assert [name[-3:] for name in searched] == ["[2]", "[4]", "[7]"]
@@ -243,7 +244,11 @@ def test_both_commands_that_track_say_the_same(tmp_path):
         assert np.isfinite(values.values).all(axis=1).tolist() == known
         assert np.isfinite(values.chi).tolist() == [True, True, True, False, True, True]
     assert one.searched.tolist()[1:] == other.searched.tolist()[1:] == [False] * 3 + [True, False]
-    for text in (f"frame 2: {FAR}", f"frame 3: {NO_FRINGES}", f"frame 4: {AGAIN}"):
+    for text in (
+        "frame 2: " + message(FAR),
+        "frame 3: " + message(NO_FRINGES),
+        "frame 4: " + message(AGAIN),
+    ):
         assert text in found.warnings and text in fitted.warnings
     # all but the first frame, of which process takes every pixel, hold the same pixels: Newton's
     # last step is a twentieth of a standard uncertainty at most

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from isochrome.messages import message
 from isochrome.output import FrameValues
 from isochrome.reporting import (
     FRINGES,
@@ -95,7 +96,7 @@ def made_content(names: tuple[str, ...] = ("static", "31 m")) -> ReportContent:
         tables=[ReportTable("by frame", dict.fromkeys(some, some))],
         causes=some,
         taken_as_exact=some,
-        warnings=[f"{name}: cannot be read (gone); check its name" for name in some] + some,
+        warnings=[message("no_such_file_check", path=name) for name in some] + some,
         scene="\n".join(some),
         paper=[(name, name) for name in some],
     )

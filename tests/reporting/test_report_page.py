@@ -27,6 +27,7 @@ from pages import (
 )
 
 from isochrome.errors import InputError
+from isochrome.messages import message
 from isochrome.reporting import (
     SIGNAL,
     Pane,
@@ -192,7 +193,7 @@ def test_what_grows_with_a_run_is_bounded_and_the_rest_is_named(tmp_path):
     record = {"inputs_sha256": {f"{k:06}.tif": "a" * 64 for k in range(count)}}
     own = replace(
         made_content(),
-        warnings=[f"{k}.tif: cannot be read (gone); check its name" for k in range(count)],
+        warnings=[message("no_such_file_check", path=f"{k}.tif") for k in range(count)],
         tables=[ReportTable("fit.csv", {"frame": list(range(count))})],
         paper=paper_rows(None, record),
         scene="distances_m = 1.0\n" * count,

@@ -49,7 +49,7 @@ from isochrome.fringes import (
     measured_table,
     table_columns,
 )
-from isochrome.messages import message
+from isochrome.messages import message, warnings_json
 from isochrome.output import Result, imagej_view, with_uncertainty, write_csv, write_tiff
 from isochrome.scene import ArrayFrames, check_width
 
@@ -409,7 +409,7 @@ class ColourCalibration(Result):
             "highest_order_seen": self.highest,
             "highest_order_of_table": self.colour_table.highest,
             "exposures": list(self.exposures),
-            "warnings": list(self.warnings),
+            **warnings_json(self.warnings),
         }  # fmt: skip
 
 

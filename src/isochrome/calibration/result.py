@@ -35,7 +35,7 @@ from isochrome.figures import (
     style_axes,
     write_head,
 )
-from isochrome.messages import message
+from isochrome.messages import message, warnings_json
 from isochrome.output import Result, columns_of, counted, with_uncertainty
 
 if TYPE_CHECKING:
@@ -346,7 +346,7 @@ class Calibration(Result):
         return {name: getattr(self, name) for name in VALUES} | {
             "images": images,
             "budget": [vars(item) for item in self.budget],
-            "warnings": list(self.warnings),
+            **warnings_json(self.warnings),
         }
 
 

@@ -15,7 +15,7 @@ from isochrome.calibration.scale_result import LENS, ScaleCalibration
 from isochrome.calibration.settings import load_set
 from isochrome.calibration.wear_result import WearCalibration, trace_json
 from isochrome.errors import InputError
-from isochrome.messages import message
+from isochrome.messages import message, read_warnings
 from isochrome.output import (
     columns_of,
     counted,
@@ -263,7 +263,7 @@ def calibration_report(folder: Path, name: str, record: Mapping[str, Any]) -> Re
         else None,
         causes_text=no_causes,
         taken_as_exact=content.get("taken_as_exact") or (),
-        warnings=content["warnings"],
+        warnings=read_warnings(content),
         scene=str(record.get("settings") or ""),
         scene_title="Settings",
         paper=[*rows, *_of_camera(record), *paper_rows(None, record)],

@@ -25,6 +25,7 @@ from isochrome.figures import (
     show_image,
     write_head,
 )
+from isochrome.messages import warnings_json
 from isochrome.output import Result, columns_of, counted, with_uncertainty
 
 if TYPE_CHECKING:
@@ -247,7 +248,7 @@ class ScaleCalibration(Result):
             "images": [image.to_json() for image in self.images],
             "budget": [item.to_json() for item in self.budget],
             "taken_as_exact": list(self.taken_as_exact),
-            "warnings": list(self.warnings),
+            **warnings_json(self.warnings),
         }
 
 

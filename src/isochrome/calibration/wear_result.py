@@ -47,6 +47,7 @@ from isochrome.figures import (
     style_axes,
     write_head,
 )
+from isochrome.messages import warnings_json
 from isochrome.output import Result, columns_of, counted, with_uncertainty
 from isochrome.scene import Wear
 
@@ -435,7 +436,7 @@ class WearCalibration(Result):
             "by_distance": [row.to_json() for row in self.by_distance],
             "traces": [trace_json(scar) for scar in self.traces],
             "budget": [item.to_json() for item in self.budget],
-            "warnings": list(self.warnings),
+            **warnings_json(self.warnings),
         }
 
 

@@ -348,7 +348,7 @@ def main() -> None:
     try:
         app(prog_name="isochrome")  # also as `python -m isochrome`
     except IsochromeError as error:
-        fail(str(error), error.exit_code)
+        fail(error.message, error.exit_code)
     except SystemExit as end:
         if end.code == STOPPED:
             fail(_stopped(end), STOPPED)

@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 import typer
 from typer.core import TyperGroup
 
-from isochrome.messages import message
+from isochrome.messages import message, messages_data
 
 EXAMPLES = {
     "demo": (
@@ -146,6 +146,7 @@ def fail(text: str, code: int) -> NoReturn:
     """Say why, once, on standard error, and as JSON on standard output where JSON was asked for."""
     line = " ".join(text.split())
     if "--json" in sys.argv:
-        typer.echo(json.dumps({"error": line, "exit_code": code}))
+        (said,) = messages_data([text])
+        typer.echo(json.dumps({"error": line, "exit_code": code, "message": said}))
     typer.echo(f"isochrome: {line}", err=True)
     sys.exit(code)

@@ -32,7 +32,7 @@ from isochrome.figures import (
     style_axes,
     write_head,
 )
-from isochrome.messages import message
+from isochrome.messages import message, warnings_json
 from isochrome.output import (
     Result,
     counted,
@@ -454,7 +454,7 @@ class ScarComparison(Result):
 
     def to_json(self) -> dict[str, Any]:
         """The metrics of all traces, and the warnings."""
-        return {"metrics": self.columns, "warnings": list(self.warnings)}
+        return {"metrics": self.columns, **warnings_json(self.warnings)}
 
     def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
         """Give the scars for a paper, at the distances of these numbers; see `paper_figure`."""

@@ -15,7 +15,7 @@ import tomli_w
 
 from isochrome.errors import InputError
 from isochrome.frames import Channel, Frame, FrameReader, check_scale, likely_no_load, named_files
-from isochrome.messages import message
+from isochrome.messages import message, warnings_json
 from isochrome.output import Result, counted, rounded_texts, with_uncertainty
 from isochrome.scene import Camera, FramesLike, Scene, load_scene, parse_scene
 
@@ -334,7 +334,7 @@ class SceneDraft(Result):
             "chi": self.chi,
             "values": [asdict(value) for value in self.values],
             "open": [asdict(key) for key in self.open],
-            "warnings": list(self.warnings),
+            **warnings_json(self.warnings),
         }
 
 

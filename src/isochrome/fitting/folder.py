@@ -17,6 +17,7 @@ from isochrome.fitting.result import PARTS, Fit, Found, KeyBudget, keys_of
 from isochrome.fitting.tracking.result import Track, restored
 from isochrome.fitting.tractions.api import write_tractions
 from isochrome.fitting.wear_laws import LawFit, WearLaws
+from isochrome.messages import read_warnings
 from isochrome.output import saved_picture, write_csv, write_figure, write_json, write_text
 from isochrome.reporting import ReportContent, ReportTable, curves_of, paper_rows, write_report
 from isochrome.runs import (
@@ -176,7 +177,7 @@ def restore_fit(out: Path, scene: Scene, keys: tuple[str, ...] | None = None) ->
         scene=fitted,
         other_minima=[row["other_minima"] for row in rows],
         wear_laws=_laws(estimates) if "wear_laws" in estimates else None,
-        warnings=tuple(estimates["warnings"]),
+        warnings=read_warnings(estimates),
         budget=tuple(budget),
         taken_as_exact=tuple(estimates["taken_as_exact"]),
         asked=keys,

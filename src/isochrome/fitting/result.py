@@ -15,7 +15,7 @@ from isochrome.fitting.joint.frame_sequence import over_distance
 from isochrome.fitting.joint.joint_fit import JointFit
 from isochrome.fitting.tractions.surface_fit import Tractions
 from isochrome.fitting.wear_laws import WearLaws
-from isochrome.messages import message
+from isochrome.messages import message, warnings_json
 from isochrome.output import (
     FrameValues,
     Result,
@@ -98,7 +98,7 @@ class Fit(Result):
                 zip(each, self.distance_m, self.frame_chi, self.other_minima, strict=True)
             )
         ]
-        top |= {"chi": self.chi, "warnings": list(self.warnings), "frames": frames}
+        top |= {"chi": self.chi, **warnings_json(self.warnings), "frames": frames}
         top["taken_as_exact"] = list(self.taken_as_exact)
         top |= {"summary_text": self.summary_text, "causes": self.causes, "refined": self.refined}
         if self.wear_laws is not None:

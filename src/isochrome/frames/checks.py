@@ -34,7 +34,7 @@ from isochrome.frames.opening import check_scale, open_scene_frames, with_file_s
 from isochrome.frames.readers.signature import signature_of
 from isochrome.frames.reading import Frame, FrameReader, Mask
 from isochrome.frames.saturation import saturation_level
-from isochrome.messages import message
+from isochrome.messages import message, messages_data
 from isochrome.output import Result, counted, named_frames
 from isochrome.scene import Camera, FramesLike, Scene, check_moduli, check_pixel
 
@@ -460,7 +460,7 @@ def _frames(level: Level, where: np.ndarray, text: str) -> Iterator[Finding]:
     index = np.flatnonzero(where)
     if not index.size:
         return
-    yield Finding(level, f"{named_frames(index.tolist())}: {text}", int(index[0]))
+    yield Finding(level, f"{named_frames(index.tolist())}: " + text, int(index[0]))
 
 
 def of_unloaded(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Finding]:
@@ -471,11 +471,11 @@ def of_unloaded(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Fi
     like, fringeless = unloaded_frames(light.load, light.low, light.high, full, gamma)
     for key, numbers in like.items():
         why = message(UNLOADED, value=message("nearly_same_picture", key=key), value_2="")
-        yield Finding("warning", f"{named_frames(numbers)}: {why}", numbers[0])
+        yield Finding("warning", f"{named_frames(numbers)}: " + why, numbers[0])
     if fringeless:
         name = message("name_frames_no_load_dark_no_load_bright")
         why = message(UNLOADED, value=message("no_fringes_where_frames"), value_2=name)
-        yield Finding("warning", f"{named_frames(fringeless)}: {why}", fringeless[0])
+        yield Finding("warning", f"{named_frames(fringeless)}: " + why, fringeless[0])
 
 
 def of_no_load(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Finding]:
@@ -573,8 +573,12 @@ class Check(Result):
 
     def to_json(self) -> dict[str, Any]:
         """The verdict, the number of frames and the findings."""
-        columns = self.columns
-        rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        rows = [
+            {"level": finding.level, "frame": finding.frame, **data}
+            for finding, data in zip(
+                self.findings, messages_data(f.text for f in self.findings), strict=True
+            )
+        ]
         return {"ok": self.ok, "frames": self.count, "findings": rows}
 
     def figure(self) -> Figure:

@@ -1,3 +1,3 @@
-from .pages import TOPICS, Explanation, explain_message, guide_page
+from .api import TOPICS, guide_page
 
-__all__ = ["TOPICS", "Explanation", "explain_message", "guide_page"]
+__all__ = ["TOPICS", "guide_page"]

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.messages import reworded
+
 _SPANS = 8
 """Spans of frames that a sentence names; of more it says how many."""
 
@@ -40,7 +42,7 @@ def messages_of_frames(messages: Iterable[tuple[int, str]], *, single: bool = Fa
         together = "" if apart else _spanned([text for _, text in entries])
         for number, text in entries:
             frames.setdefault(together or text, []).append(number)
-        lines += [f"{counted_frames(numbers)}: {text}" for text, numbers in frames.items()]
+        lines += [f"{counted_frames(numbers)}: " + text for text, numbers in frames.items()]
     return lines
 
 
@@ -61,7 +63,7 @@ def _spanned(texts: list[str]) -> str:
     place = iter(spans)
     # of many there is a plural
     most = max(range(len(texts)), key=lambda k: [_value(number) for number in numbers[k]])
-    return _NUMBER.sub(lambda _: next(place), texts[most])
+    return reworded(texts[most], _NUMBER.sub(lambda _: next(place), texts[most]))
 
 
 def _value(number: str) -> float:

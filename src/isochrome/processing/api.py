@@ -346,11 +346,11 @@ def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) ->
     table = tabulate_set(rows)
     shares = [item.reading.kept if item.reading else None for item in selected]
     refuse_unread(task.scene, str(source.reader.path), table, shares)
-    shape, status = source.reader.shape, more["status"]
-    result = collect(task.scene, table, status, selected, shape, source.capture.residual)
+    shape = source.reader.shape
+    result = collect(task.scene, table, more, selected, shape, source.capture.residual)
     from isochrome.processing.folder import set_dataset
 
-    draw = partial(figure_in_memory, task.scene, table, status, selected)
+    draw = partial(figure_in_memory, task.scene, table, more["status"], selected)
     load = partial(set_dataset, result, more, selected, film, shape)
     return replace(result, draw=draw, load=load)
 
@@ -369,4 +369,4 @@ def _check_set(scene: Scene, reader: FrameReader, count: int) -> None:
     if fitted and (scene.camera is None or scene.camera.pixel_mm is None):
         raise InputError(message("camera_pixel_mm_missing_fit", name=scene.name))
     for name, text in misfits(reader, scene, count):
-        raise InputError(f"{name}: {text}")
+        raise InputError(f"{name}: " + text)

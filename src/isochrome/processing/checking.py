@@ -30,13 +30,8 @@ _FIRST = 3
 """Frames from the first on in which the scene's fringes are looked for, and then one in the middle
 of the set: one takes seconds."""
 
-_OF_LOST = {
-    "disc": (
-        "; where the scene is right, the disc has residual stress, and no single frame tells its "
-        "load: give the loads of six frames or more, in frames.known_loads_n, and process reads "
-        "each against the others; isochrome calibrate disc reads f_sigma from them"
-    )
-}
+
+_OF_LOST = {"disc": "disc_of_residual_stress"}
 """What there is for a scene that explains no frame, by its model."""
 
 
@@ -98,7 +93,7 @@ def _by_fringes(path: FramesLike, scene: Scene, count: int) -> Iterator[Finding]
         if not scene.has_model:
             for frame in islice(reader, _FIRST + 1):  # exposed otherwise than no-load frames
                 for text in told_exposure(frame, own_scene(scene, frame), capture):
-                    yield Finding("warning", f"{named_frames([frame.index])}: {text}", frame.index)
+                    yield Finding("warning", f"{named_frames([frame.index])}: " + text, frame.index)
             return
         tried = {*range(_FIRST), count // 2}
         frames = (frame for frame in islice(reader, max(tried) + 1) if frame.index in tried)
@@ -120,7 +115,7 @@ def _against_others(reader: FrameReader, scene: Scene, capture: Capture) -> Iter
     for frame in result:
         for text in frame.warnings[:1] if not tells_load(frame) else ():
             level: Level = "warning" if read else "error"
-            yield Finding(level, f"{named_frames([frame.index])}: {text}", frame.index)
+            yield Finding(level, f"{named_frames([frame.index])}: " + text, frame.index)
 
 
 def _asked(
@@ -151,8 +146,10 @@ def _asked(
     if lost:
         *before, last = lost
         yield from before
-        yield replace(last, level="error", text=last.text + _OF_LOST.get(scene.model or "", ""))
+        code = _OF_LOST.get(scene.model or "")
+        more = message(code) if code else ""
+        yield replace(last, level="error", text=last.text + more)
     if bare:
         text = refused or message("scene_fringes_not_there")
         grave: Level = "error" if len(bare) == count else "warning"
-        yield Finding(grave, f"{named_frames(bare)}: {text}")
+        yield Finding(grave, f"{named_frames(bare)}: " + text)

@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 
 from isochrome.fringes import Skeleton, skeleton_table
-from isochrome.messages import message
+from isochrome.messages import frame_messages, message
 from isochrome.output import add_rois, csv_text, roi_entries
 from isochrome.processing.frame_task import FrameSource, FrameTask, open_set
 from isochrome.processing.kinds.kind import CONFIDENCE, ORDER
@@ -127,6 +127,7 @@ def more_of(item: ProcessedFrame | FollowedFrame, scene: Scene) -> dict[str, Any
     left, top = item.corner_mm(scene)
     return {
         "status": item.status,
+        "messages": frame_messages(item.warnings),
         "time_s": item.time_s,
         "left_mm": left,
         "top_mm": top,

@@ -87,7 +87,7 @@ def finish_set_folder(
         add_frame_row(more, number, others)
     table = warnings_last(outcome)
     refuse_unread(scene, str(task.reader.path), table, more["kept"])
-    result = collect(scene, table, more["status"], None, shape, residual)
+    result = collect(scene, table, more, None, shape, residual)
     table = result.columns
     write_csv(folder / "frames.csv", table)
     _join_lines(run_folder, task)
@@ -227,7 +227,7 @@ def _set_columns(
     """
     scene, table = result.scene, result.columns
     grid = set_grid(scene, result.fitted, table, shape)
-    outcome = dict(table) | {name: more[name] for name in _MORE}
+    outcome = table | {name: more[name] for name in _MORE} | {"messages": result.messages}
     # all are there, whatever is known of them: a dataset's axes do not come and go
     columns = {name: column(values, "frame", name) for name, values in outcome.items()}
     axes = {name: columns.pop(name) for name in _COORDINATES}

@@ -8,7 +8,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.special import chdtri
 
 from isochrome.fitting import EARLIER, FRICTION, LOAD, WEAR
-from isochrome.messages import message
+from isochrome.messages import frame_messages, message, read_frame_messages
 from isochrome.output import Floats, FrameValues, numbers
 from isochrome.processing.result import (
     CAUSES,
@@ -97,8 +97,8 @@ def with_scatter_of_gamma(table: dict[str, list[Any]]) -> dict[str, list[Any]]:
     """Widen the uncertainty of gammas that scatter by more: one camera has one gamma.
 
     Where chi² = sum ((g - mean)/u)² of n frames is what a chance of 1 % exceeds, of n - 1 degrees
-    of freedom, u becomes the scatter, if that is larger; the frames' warnings say so. Source: Birge
-    (1932), Phys. Rev. 40, 207, for the test of consistency.
+    of freedom, u becomes the scatter, if that is larger; the frames' `messages` say so. Source:
+    Birge (1932), Phys. Rev. 40, 207, for the test of consistency.
     """
     name = f"{_GAMMA} {SPREAD}"
     if _GAMMA not in table:
@@ -121,11 +121,12 @@ def with_scatter_of_gamma(table: dict[str, list[Any]]) -> dict[str, list[Any]]:
         frame_2=table["frame"][largest],
         scatter=scatter,
     )
-    wider, messages = list(table[name]), list(table["warnings"])
+    wider, messages = list(table[name]), list(table["messages"])
     for k in known:
         wider[k] = max(wider[k], scatter)
-        messages[k] = SEPARATOR.join(filter(None, (messages[k], text)))
-    return table | {name: wider, "warnings": messages}
+        messages[k] = frame_messages((*read_frame_messages(messages[k]), text))
+    texts = [SEPARATOR.join(read_frame_messages(cell)) for cell in messages]
+    return table | {name: wider, "warnings": texts, "messages": messages}
 
 
 def with_past_friction(table: dict[str, list[Any]], scene: Scene) -> dict[str, list[Any]]:

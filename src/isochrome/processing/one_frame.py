@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from isochrome.errors import InputError
 from isochrome.frames import Frame, open_scene_frames, to_linear, with_file_scale
 from isochrome.fringes import LARGEST_UNCERTAINTY, FollowedFringes, follow_fringes, skeletons
-from isochrome.messages import message
+from isochrome.messages import frame_messages, message
 from isochrome.output import numbers
 from isochrome.processing.api import check_scene
 from isochrome.processing.frame_task import FrameSource, FrameTask
@@ -103,7 +103,7 @@ def process_frame(frames: FramesLike, scene: Scene, index: int) -> FrameResult:
         row = source.task.kind.row(result, scene)
     one_state = Processed(
         scene=scene, model=scene.model, columns=tabulate_set([row]), frames=[result], fitted=None,
-        warnings=result.warnings,
+        warnings=result.warnings, messages=[frame_messages(result.warnings)],
     )  # fmt: skip
     return FrameResult(result, row, one_state.summary_text)
 

@@ -22,7 +22,12 @@ from isochrome.fitting import (
     stated_pairs,
     taken_as_exact,
 )
-from isochrome.messages import message
+from isochrome.messages import (
+    frame_messages,
+    message,
+    read_frame_messages,
+    warnings_json,
+)
 from isochrome.output import (
     FrameValues,
     Result,
@@ -53,7 +58,6 @@ from isochrome.processing.result import (
     NOTHING,
     PICTURE,
     REFINED,
-    SEPARATOR,
     SPREAD,
     ProcessedFrame,
     cell_values,
@@ -104,6 +108,8 @@ class Processed(Result):
         How many frames were left out.
     as_stated : bool, default False
         Whether the frames were asked for nothing but the scene's unknowns.
+    messages : list of str
+        The warnings of each frame as JSON: code, values and text; empty where there are none.
     load : callable, optional
         Makes the dataset.
     """
@@ -118,6 +124,7 @@ class Processed(Result):
     already: bool = False
     failed: int = 0
     as_stated: bool = False
+    messages: list[str] = field(default_factory=list)
     load: Callable[[], RunDataset] | None = field(default=None, compare=False)
 
     @property
@@ -214,7 +221,7 @@ class Processed(Result):
         result: dict[str, Any] = {"model": self.model, "frames": self.columns}
         result |= {"summary": self.summary()} if self.tracked else {}
         result |= {"summary_text": self.summary_text, "taken_as_exact": list(self.taken_as_exact)}
-        return result | {"warnings": list(self.warnings)}
+        return result | warnings_json(self.warnings)
 
     def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
         """Give the frames and their orders for a paper; see `paper_figure`.
@@ -229,37 +236,44 @@ class Processed(Result):
 def collect(
     scene: Scene,
     table: dict[str, list[Any]],
-    status: list[str],
+    more: Mapping[str, list[Any]],
     frames: list[ProcessedFrame] | None,
     shape: tuple[int, int],
     residual: ResidualStress | None = None,
 ) -> Processed:
-    """Put the frames' findings together; `frames` is None where they were streamed."""
-    wider = with_past_loads(with_past_friction(with_scatter_of_gamma(table), scene), scene)
-    if frames is not None and wider is not table:
-        texts = [
-            tuple(text for text in all_.split(SEPARATOR) if text) for all_ in wider["warnings"]
-        ]
+    """Put the frames' findings together; `frames` is None where they were streamed.
+
+    `more`, what stands beside the rows of the table: each frame's status and messages.
+    """
+    given = table | {"messages": more["messages"]}
+    wider = with_past_loads(with_past_friction(with_scatter_of_gamma(given), scene), scene)
+    messages = wider["messages"]
+    if frames is not None and wider is not given:
         frames = [
-            replace(one, columns={n: wider[n][k] for n in one.columns}, warnings=texts[k])
+            replace(
+                one,
+                columns={n: wider[n][k] for n in one.columns},
+                warnings=read_frame_messages(messages[k]),
+            )
             for k, one in enumerate(frames)
         ]
-    table = wider
+    table = {name: values for name, values in wider.items() if name != "messages"}
     warnings = _of_scene(scene, residual)
     if PICTURE in table:
         from isochrome.fitting import untracked_inputs
 
         warnings += untracked_inputs(scene)
-    of_frames = zip(table["frame"], table["warnings"], strict=True)
+    of_frames = zip(table["frame"], messages, strict=True)
     warnings += messages_of_frames(
-        (number, text) for number, all_ in of_frames for text in all_.split(SEPARATOR) if text
+        (number, text) for number, cell in of_frames for text in read_frame_messages(cell)
     )
     by_model = scene.model and not scene.polariscope.tells_orders
     fitted = _fitted(scene, table, shape) if by_model else None
     warnings += shift_messages(set_grid(scene, fitted, table, shape), table)
     return Processed(
         scene=scene, model=scene.model, columns=table, frames=frames, fitted=fitted,
-        warnings=tuple(warnings), residual=residual, failed=status.count("failed"),
+        warnings=tuple(warnings), residual=residual, failed=more["status"].count("failed"),
+        messages=messages,
     )  # fmt: skip
 
 
@@ -314,12 +328,16 @@ def restore(
     names = read_csv(out / "frames.csv")
     with open_run(out) as dataset:
         table = {name: column_values(dataset[identifier(name)]) for name in names}
-        status = column_values(dataset["status"])
+        more = {"status": column_values(dataset["status"])}
+        if "messages" in dataset:
+            more["messages"] = column_values(dataset["messages"])
     for name in ("warnings", CAUSES, REFINED):
         if name in table:
             table[name] = ["" if text is None else text for text in table[name]]
+    if "messages" not in more:  # an older run has their texts alone
+        more["messages"] = [frame_messages([text] if text else ()) for text in table["warnings"]]
     draw = partial(saved_picture, out.absolute() / FIGURE)
-    result = collect(scene, table, status, None, shape, residual)
+    result = collect(scene, table, more, None, shape, residual)
     return replace(result, already=True, draw=draw, load=partial(open_run, out.absolute()))
 
 

@@ -23,7 +23,7 @@ from isochrome.figures import (
     new_figure,
     style_axes,
 )
-from isochrome.guide import explain_message
+from isochrome.messages import entry_of
 from isochrome.output import FrameValues, to_last_digit, with_uncertainty
 from isochrome.reporting.pictures import ReportFrame
 from isochrome.scene import Camera, Frames, Polariscope, Scene
@@ -101,7 +101,7 @@ def warnings_with_remedies(warnings: Iterable[str]) -> list[dict[str, Any]]:
     """
     groups: dict[str, dict[str, Any]] = {}
     for text in warnings:
-        entry = explain_message(text)
+        entry = entry_of(text)
         title = entry.title if entry else "Other"
         words = {
             name: getattr(entry, name) if entry else "" for name in ("meaning", "cause", "remedy")

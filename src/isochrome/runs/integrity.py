@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.messages import message
+from isochrome.messages import message, warnings_json
 from isochrome.output import Result, counted, plain, write_text
 from isochrome.progress import RunProgress, Tally
 
@@ -332,7 +332,7 @@ class Verified(Result):
     def to_json(self) -> dict[str, Any]:
         """What `--json` prints."""
         verdict = {"ok": self.ok, "folder": str(self.folder), "files": self.files}
-        return verdict | {"damaged": dict(self.damaged), "warnings": list(self.warnings)}
+        return verdict | {"damaged": dict(self.damaged), **warnings_json(self.warnings)}
 
 
 def verify(folder: str | Path, *, progress: RunProgress | None = None) -> Verified:

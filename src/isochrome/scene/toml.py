@@ -233,9 +233,9 @@ def parse_toml(text: str, label: str) -> dict[str, Any]:
         ) from (error)
 
 
-def _slip_in_line(text: str, message: str) -> str:
+def _slip_in_line(text: str, reason: str) -> str:
     """What is wrong with the line that a message of the TOML reader names, where that is known."""
-    match = re.search(r"at line (\d+)", message)
+    match = re.search(r"at line (\d+)", reason)
     lines = text.split("\n")
     line = lines[min(int(match[1]), len(lines)) - 1] if match else ""
     comma = re.search(r"=\s*([-+]?\d+),(\d+)", line)

@@ -17,7 +17,7 @@ from isochrome.fitting.frame.unknowns import taken_as_exact
 from isochrome.fitting.frame_set import CORRECT
 from isochrome.fitting.result import PARTS
 from isochrome.fitting.tracking.tracker import AGAIN, FAR, NO_FRINGES, POOR, Tracked
-from isochrome.messages import message
+from isochrome.messages import message, read_warnings, warnings_json
 from isochrome.output import (
     FrameValues,
     Result,
@@ -69,7 +69,7 @@ class Track(Result):
             "chi": _plain(self.chi),
             "distance_m": _plain(self.distance_m),
             "searched": list(self.searched),
-            "warnings": list(self.warnings),
+            **warnings_json(self.warnings),
             "taken_as_exact": list(self.taken_as_exact),
             "summary_text": self.summary_text,
         }
@@ -240,7 +240,7 @@ class TrackRows:
         for frames, text in warnings:
             if len(frames):
                 worst = f" (chi up to {max(self.chi[i] for i in frames):.2f})"
-                yield f"{counted_frames(list(frames))}: {text}{worst * (text is message(POOR))}"
+                yield f"{counted_frames(list(frames))}: {text}{worst * (text == message(POOR))}"
 
 
 def restored(found: Mapping[str, Any], keys: tuple[str, ...], scene: Scene) -> Track:
@@ -256,7 +256,7 @@ def restored(found: Mapping[str, Any], keys: tuple[str, ...], scene: Scene) -> T
         distance_m=numbers(found["distance_m"]),
         searched=tuple(found["searched"]),
         scene=scene,
-        warnings=tuple(found["warnings"]),
+        warnings=read_warnings(found),
         already=True,
     )
 

@@ -26,7 +26,7 @@ from isochrome.fitting.tractions.traction_basis import (
 )
 from isochrome.fitting.tractions.traction_solver import field_grid
 from isochrome.fitting.tractions.traction_stage import Setup, Stage, State
-from isochrome.messages import message
+from isochrome.messages import message, warnings_json
 from isochrome.output import with_uncertainty
 from isochrome.scene import Scene
 from isochrome.simulation import scene_states
@@ -97,7 +97,7 @@ class Tractions:
             "bulk_along_x_mpa_per_mm": self.regular.series[1].real,
             "bulk_along_z_mpa_per_mm": self.regular.series[1].imag,
             "regularisation_mm3_per_mpa2": self.regularisation,
-            "warnings": list(self.warnings),
+            **warnings_json(self.warnings),
         }
 
     def sentence(self) -> str:

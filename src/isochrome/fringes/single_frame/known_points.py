@@ -141,7 +141,7 @@ def _one_part(patches: Patches, own: Array, given: list[Stated], error: Array) -
     sure = [g for g in given if g.fits(best)]
     doubtful = float(np.median(error[np.isfinite(own[..., 0])])) > _DOUBTFUL
     if lines[best] and (doubtful or all(g.on_line for g in sure)):
-        return _unknown(own, sure, f"{sure[0]}: {message(_OF_ZERO_LINE)}")
+        return _unknown(own, sure, f"{sure[0]}: " + message(_OF_ZERO_LINE))
     return _with_seams(patches, own, given, best, error)
 
 

@@ -34,15 +34,6 @@ from isochrome.scene import Scene
 KEY_EVERY = 200
 """Frames from one key frame to the next: one is read in as long as some fifty are followed."""
 KEY_LIGHT = "light_first_key_frame"
-NO_KEY = (
-    "{}: no order could be read in any of the frames that the film was to begin with (of the first:"
-    " {}); give no-load frames, or a point whose order is known in all frames"
-)
-NOT_IN_TIME = (
-    "{}: cannot be followed in time: from frame to frame the orders change by more than "
-    f"{LARGEST_CHANGE:g} fringe, or other things than the load do, {{}} times in {{}}; take more "
-    "frames a second"
-)
 _ALONE = "each_frame_read_itself"
 _OR_ALONE = "leave_track_out_each"
 _MOST_BREAKS = 0.5
@@ -119,7 +110,15 @@ def prepare_keyed(
     path.follow(frames())
     breaks = len(path.lost) - (begin > 0)
     if breaks > _MOST_BREAKS * (count - 1 - begin):
-        raise PhysicsError(NOT_IN_TIME.format(scene.name, breaks, count - 1 - begin))
+        raise PhysicsError(
+            message(
+                "cannot_followed_in_time",
+                name=scene.name,
+                change=LARGEST_CHANGE,
+                breaks=breaks,
+                steps=count - 1 - begin,
+            )
+        )
     notes = (*key_frame.warnings, message(KEY_LIGHT, begin=begin))
     return data.film(path, light, count, notes)
 
@@ -136,7 +135,7 @@ def _first_key(
         if ends is not None and _is_read(key_frame):
             return index, frame, key_frame, ends
         why = why or SEPARATOR.join(key_frame.warnings)
-    raise PhysicsError(NO_KEY.format(scene.name, why))
+    raise PhysicsError(message("no_order_in_first_frames", name=scene.name, why=why))
 
 
 def _is_read(frame: ProcessedFrame) -> bool:

@@ -16,13 +16,13 @@ from isochrome.fringes import (
 )
 from isochrome.messages import message
 from isochrome.processing.kinds.followed_film import (
-    NOT_FOLLOWED,
     NOT_KNOWN,
     Array,
     Film,
     FilmData,
     Frames,
     film_time,
+    not_followed,
 )
 from isochrome.processing.kinds.image_only import LEAST_ORDER
 from isochrome.processing.kinds.kind import FrameKind
@@ -85,7 +85,7 @@ class UnloadedFilm(Film):
             on_blocks = None if given is None else joined_pixels(given, data.by)
             surface = top.surface(data.material) if on_blocks is None else on_blocks
         except InputError as error:
-            raise PhysicsError(f"{scene.name}: {error}") from error
+            raise PhysicsError(f"{scene.name}: " + error.message) from error
         none = np.zeros_like(surface)
         guide = FilmLight(
             zero=joined_pixels(zero, data.by), illumination=surface, error=none, zero_error=none,
@@ -109,9 +109,8 @@ def _final_light(
     crests_tell = path.crests.told and path.highest > LEAST_ORDER
     if not crests_tell and given is None:
         if path.lost:
-            where = path.lost[0][0]
-            text = f"{NOT_FOLLOWED.format(where - 1, where)}; {message(NOT_KNOWN)}"
-            raise PhysicsError(f"{scene.name}: {text}")
+            lost = not_followed(path.lost[0][0]) + "; " + message(NOT_KNOWN)
+            raise PhysicsError(f"{scene.name}: " + lost)
         raise PhysicsError(
             message(FEW_ORDERS, name=scene.name, highest=path.highest, least_order=LEAST_ORDER)
         )

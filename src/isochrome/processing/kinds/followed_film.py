@@ -53,10 +53,6 @@ Frames = Iterator[tuple[int, list[Frame]]]
 FOLLOWING = "following the fringes"
 """What is done with a film's frames before they are read."""
 
-NOT_FOLLOWED = (
-    "the film cannot be followed from frame {} to {}: the orders change by more than "
-    f"{LARGEST_CHANGE:g} fringe between them, or other things than the load do"
-)
 NOT_KNOWN = "no_order_known_from"
 READ_ANEW = "orders_read_anew_frame"
 DIFFERING = "specimen_left_out_frames"
@@ -262,13 +258,20 @@ def _read(
     )
 
 
+def not_followed(start: int) -> str:
+    """What to say of a film that is lost before a frame `start`."""
+    return message(
+        "film_cannot_followed_from", before=start - 1, after=start, change=LARGEST_CHANGE
+    )
+
+
 def _warnings(film: FollowedFilm, index: int, known_share: float) -> tuple[str, ...]:
     """What to say of a frame."""
     notes = list(film.notes) if index == 0 else []
     for start, stop in film.lost:
         if start <= index < max(stop, start + 1):
             again = message(NOT_KNOWN) if stop >= film.count else message(READ_ANEW, stop=stop)
-            return (*notes, f"{NOT_FOLLOWED.format(start - 1, start)}; {again}")
+            return (*notes, not_followed(start) + "; " + again)
     begin = film.begin(index)
     if film.kept[begin].doubts:
         share = 100.0 * film.kept[begin].doubts / max(1, int(np.count_nonzero(film.material)))

@@ -33,7 +33,7 @@ class PhaseStepped(FrameKind):
         try:
             make_design(_chains(scene))
         except InputError as error:
-            raise InputError(f"{scene.name}: {error}") from error
+            raise InputError(f"{scene.name}: " + error.message) from error
 
     def prepare(self, scene: Scene, reader: FrameReader) -> Capture:
         """The residual stress that the no-load steps show."""
