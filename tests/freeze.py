@@ -417,8 +417,8 @@ def cells(path: Path) -> dict[str, Any]:
         own = re.match("[0-9a-f]{8}\n", text)  # a chunk's record begins with its checksum
         return dict(leaves(json.loads(text[own.end() if own else 0 :] or "null")))
     rows = list(csv.reader(line for line in text.splitlines() if not line.startswith("#")))
-    head = rows[0] if rows else []
-    return {f"{head[c]} {r}": v for r, row in enumerate(rows[1:]) for c, v in enumerate(row)}
+    head = dict(enumerate(rows[0] if rows else []))
+    return {f"{head.get(c, c)} {r}": v for r, row in enumerate(rows[1:]) for c, v in enumerate(row)}
 
 
 def relative(old: Any, new: Any) -> float:

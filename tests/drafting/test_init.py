@@ -189,7 +189,7 @@ def test_the_first_frame_that_shows_the_contact_is_looked_at(case):
 
 
 def test_files_are_left_and_a_scene_is_never_written_over(case, draft, tmp_path, monkeypatch):
-    monkeypatch.setattr(api, "draft_scene", lambda frames, given: draft)
+    monkeypatch.setattr(api, "draft_scene", lambda frames, given, leave_out: draft)
     found = isochrome.init(case.captured, known_of(case), tmp_path / "bench")
     path = tmp_path / "bench" / "scene.toml"
     assert sorted(p.name for p in path.parent.iterdir()) == ["scene.png", "scene.toml"]
@@ -208,7 +208,7 @@ def test_nothing_is_left_where_the_preview_cannot_be_drawn(case, draft, tmp_path
     def fail(*_):
         raise OSError("no room")
 
-    monkeypatch.setattr(api, "draft_scene", lambda frames, given: draft)
+    monkeypatch.setattr(api, "draft_scene", lambda frames, given, leave_out: draft)
     monkeypatch.setattr(api, "write_figure", fail)
     with pytest.raises(OSError, match="no room"):
         isochrome.init(case.captured, known_of(case), tmp_path / "bench")
@@ -292,16 +292,16 @@ def test_folders_of_no_load_frames_are_told_apart(folder):
 @pytest.mark.long
 def test_two_scenes_that_explain_a_frame_alike_are_refused(case, monkeypatch):
     """A picture whose own turn is told to be two things: the second is the same start, renamed."""
-    from isochrome.drafting import contact_draft
+    from isochrome.drafting import api
 
-    search = contact_draft.search_picture
+    search = api.search_picture
 
     def twice(*given, **choices):
         starts = search(*given, **choices)
         other = starts[0].lying._replace(rotate_deg=0)
         return (starts[0], replace(starts[0], lying=other), *starts[1:])
 
-    monkeypatch.setattr(contact_draft, "search_picture", twice)
+    monkeypatch.setattr(api, "search_picture", twice)
     with pytest.raises(isochrome.PhysicsError, match=r"two scenes explain frame 0 alike.*--field"):
         isochrome.init(case.captured, known_of(case))
 
@@ -310,14 +310,14 @@ def test_two_scenes_that_explain_a_frame_alike_are_refused(case, monkeypatch):
 @pytest.mark.parametrize(("key", "value"), [("friction.coefficient", -2.0), ("frames.gamma", 0.2)])
 def test_a_fit_that_has_run_to_what_no_bench_has_is_no_contact(case, monkeypatch, key, value):
     """Of a contact whose middle is outside the picture: light of 80 terms then made chi 1.04."""
-    from isochrome.drafting import contact_draft
+    from isochrome.drafting import api
 
-    fit = contact_draft.fit_frame
+    fit = api.fit_frame
 
     def run_away(*given, **choices):
         found = fit(*given, **choices)
         return replace(found, scene=found.scene.with_values({key: value}))
 
-    monkeypatch.setattr(contact_draft, "fit_frame", run_away)
+    monkeypatch.setattr(api, "fit_frame", run_away)
     with pytest.raises(isochrome.PhysicsError, match="no contact explains frame 0"):
         isochrome.init(case.captured, known_of(case))

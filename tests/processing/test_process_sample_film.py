@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import isochrome
-from isochrome.samples.contact_images import fine_order, true_film
+from isochrome.samples.rendered import fine_order, true_film
 from isochrome.simulation import scene_states
 
 POINTS = 3

@@ -38,10 +38,13 @@ from isochrome.reference import (
     hertz_peak_pressure,
     hertz_stress,
 )
-from isochrome.samples.calibration_images import render_bending, render_disc
-from isochrome.samples.contact_images import render_film
-from isochrome.samples.sensor import write_small_tiff
-from isochrome.samples.wear_traces import render_wear
+from isochrome.samples.rendered import (
+    render_bending,
+    render_disc,
+    render_film,
+    render_wear,
+    write_small_tiff,
+)
 from isochrome.scene import load_scene
 
 FOLDER = samples.samples_path()

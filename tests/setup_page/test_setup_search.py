@@ -142,16 +142,16 @@ def test_a_frame_that_stands_still_tells_no_friction(session):
 
 
 def test_a_scene_that_changes_during_the_search_is_left_alone(case, drawn, monkeypatch):
-    from isochrome.setup_page import cold_search
+    from isochrome.setup_page import edits
 
     apply_tool(drawn, {"tool": "new", "kind": "contact", "values": form_of(case)})
-    search = cold_search.draft_scene
+    search = edits.draft_scene
 
-    def slow(frames, known):
+    def slow(frames, known, leave_out):
         apply_tool(drawn, {"tool": "values", "values": {"specimen.poisson": 0.39}})
-        return search(frames, known)
+        return search(frames, known, leave_out)
 
-    monkeypatch.setattr(cold_search, "draft_scene", slow)
+    monkeypatch.setattr(edits, "draft_scene", slow)
     with pytest.raises(InputError, match="has changed during the search"):
         find_in_frames(drawn, 0)
     assert drawn.scene().camera.left_mm is None and drawn.scene().specimen.poisson == 0.39

@@ -476,20 +476,15 @@ def given_values(given: KnownValues, names: Sequence[str]) -> list[DraftValue]:
 
 def light_values(given: KnownValues) -> list[DraftValue]:
     """What is known of the light and of the colours that are read."""
-    parts: dict[str, Any] = {
-        "polariscope.wavelength_nm": given.wavelength_nm,
-        "frames.channel": given.channel,
-        "frames.flip": given.flip,
-    }
-    return [DraftValue(key=k, value=v, origin="given") for k, v in parts.items() if v is not None]
+    keys = ("polariscope.wavelength_nm", "frames.channel", "frames.flip")
+    values = ((key, getattr(given, key.partition(".")[2])) for key in keys)
+    return [DraftValue(key=k, value=v, origin="given") for k, v in values if v is not None]
 
 
 def open_of_set(reader: FrameReader, given: KnownValues) -> list[OpenKey]:
     """What of the light and of the recording is still open."""
-    keys = []
-    if given.wavelength_nm is None:
-        quantity = QUANTITIES["wavelength_nm"]
-        keys.append(OpenKey(quantity.key, quantity.question))
+    wavelength = QUANTITIES["wavelength_nm"]
+    keys = [OpenKey(wavelength.key, wavelength.question)] * (given.wavelength_nm is None)
     for name, what in (("bright", "illumination"), ("dark", "background")):
         text = (
             f"a frame of the unloaded specimen in the {name} field, the {what}, such as "

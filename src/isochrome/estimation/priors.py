@@ -20,7 +20,7 @@ POOR_CHI = 1.3
 """Residual over noise beyond which the model does not describe a frame within its noise.
 
 The noise is estimated from the frame itself, to some 3 to 11 % of its standard deviation
-(`isochrome.frames.noise`), and chi of a right model is off from 1 by as much. Three times that is
+(`isochrome.frames.linear`), and chi of a right model is off from 1 by as much. Three times that is
 no accident of the estimate."""
 
 ALIKE_CHI = 1.05

@@ -2,17 +2,21 @@ from .checks import Check, Finding, Level, look_through, misfits
 from .containers import begins_anew, length_bytes
 from .linear import (
     Linear,
+    NoiseModel,
     Normalised,
+    estimate_noise,
     find_outliers,
+    full_scale,
     is_unloaded,
     likely_no_load,
     load_no_load,
+    noise_between_pixels,
     normalise,
     open_no_load_steps,
+    saturation_level,
     to_linear,
 )
 from .mask import load_mask
-from .noise import NoiseModel, estimate_noise, full_scale, noise_between_pixels
 from .opening import (
     absolute,
     channel_for,
@@ -26,9 +30,16 @@ from .opening import (
     with_file_scale,
 )
 from .readers.tiff import open_tiff
-from .reading import CHANNELS, Channel, Frame, FrameReader, FramesPath, SequentialFrames
-from .saturation import saturation_level
-from .source import as_captured, as_turned
+from .reading import (
+    CHANNELS,
+    Channel,
+    Frame,
+    FrameReader,
+    FramesPath,
+    SequentialFrames,
+    as_captured,
+    as_turned,
+)
 
 __all__ = [
     "CHANNELS",

@@ -28,12 +28,16 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.figures import LINE_COLOURS, LINE_PT, NOTE_PT, new_figure, style_axes
-from isochrome.frames.linear import load_no_load, open_no_load_steps
-from isochrome.frames.noise import estimate_noise, full_scale
+from isochrome.frames.linear import (
+    estimate_noise,
+    full_scale,
+    load_no_load,
+    open_no_load_steps,
+    saturation_level,
+)
 from isochrome.frames.opening import check_scale, open_scene_frames, with_file_scale
-from isochrome.frames.readers.signature import signature_of
+from isochrome.frames.readers.images import signature_of
 from isochrome.frames.reading import Frame, FrameReader, Mask
-from isochrome.frames.saturation import saturation_level
 from isochrome.messages import message, messages_data
 from isochrome.output import Result, counted, named_frames
 from isochrome.scene import Camera, FramesLike, Scene, check_moduli, check_pixel
@@ -103,9 +107,8 @@ def load_signs(reader: FrameReader, scene: Scene) -> LoadSigns | None:
     """
     frames, load = scene.frames, scene.load
     changes = load is not None and not isinstance(load.normal_n, int | float)
-    if frames.starts_unloaded or changes or frames.known_loads_n:
-        return None
-    if scene.polariscope.tells_orders:
+    without = frames.starts_unloaded or frames.known_loads_n or scene.polariscope.tells_orders
+    if changes or without:
         return None
     try:
         dark, bright = load_no_load(scene, full_shape=reader.full_shape)
@@ -278,19 +281,17 @@ def survey(reader: FrameReader, scene: Scene) -> Survey:
 def _add(light: Survey, image: np.ndarray, clipped: float, mask: Mask | None) -> None:
     image = image.ravel() if mask is None else image[mask]  # light off the specimen says nothing
     values = image[np.isfinite(image)]
+    low, high, smallest, largest, saturated = *[float("nan")] * 4, 0.0
+    if values.size:
+        low, high = np.percentile(values[:: max(1, values.size // 50_000)], (2, 98))
+        smallest, largest, saturated = values.min(), values.max(), np.mean(values >= clipped)
     light.not_finite.append(1 - values.size / image.size)
-    if values.size == 0:
-        for figures in (light.low, light.high, light.smallest, light.largest):
-            figures.append(float("nan"))
-        light.saturated.append(0.0)
-        return
-    low, high = np.percentile(values[:: max(1, values.size // 50_000)], (2, 98))
     light.low.append(float(low))
     light.high.append(float(high))
-    light.saturated.append(float(np.mean(values >= clipped)))
-    light.smallest.append(float(values.min()))
-    light.largest.append(float(values.max()))
-    if image.dtype.kind == "u":
+    light.saturated.append(float(saturated))
+    light.smallest.append(float(smallest))
+    light.largest.append(float(largest))
+    if values.size and image.dtype.kind == "u":
         light.bits |= int(np.bitwise_or.reduce(values, axis=None))
 
 
@@ -458,9 +459,8 @@ def _blank(light: Survey, full: float) -> Iterator[Finding]:
 def _frames(level: Level, where: np.ndarray, text: str) -> Iterator[Finding]:
     """One finding for all frames that share a fault, as 'frames 2-5, 9: ...'."""
     index = np.flatnonzero(where)
-    if not index.size:
-        return
-    yield Finding(level, f"{named_frames(index.tolist())}: " + text, int(index[0]))
+    if index.size:
+        yield Finding(level, f"{named_frames(index.tolist())}: " + text, int(index[0]))
 
 
 def of_unloaded(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Finding]:

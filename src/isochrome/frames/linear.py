@@ -6,6 +6,22 @@ illumination (the same in the bright field), and s the fringe signal: s = sin^2(
 field and cos^2(pi N) in the bright one, N the fringe order.
 
 The no-load frames that a scene names: background and illumination.
+
+Camera noise from a single frame, however many fringes it shows.
+
+A product of fourth differences along rows and columns leaves nothing of a smooth picture: a
+fringe of g fringes per pixel passes with the factor (2 - 2 cos 2 pi g_x)^2 (2 - 2 cos 2 pi g_y)^2
+/ 70 of its amplitude, 2e-5 for 0.1 fringe per pixel along a diagonal, while white noise keeps its
+standard deviation.
+
+From which grey level a frame is clipped, told by its plateau and not by the level's number.
+
+A sensor that clips gives one level to all the light beyond it: many pixels share the top level, in
+connected patches, and more of them than the histogram just below goes on to; or patches without a
+hole, which no camera's noise leaves. The brightest pixels of a frame that ends at its top level by
+chance are few, apart, and no more than those one level below; a crest that just reaches it has some
+more, for light I = I_max - a x² falls into equal levels as the differences of a square root: 1,
+0.41, 0.32, 0.27 of it.
 """
 
 from __future__ import annotations
@@ -16,14 +32,286 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
 
 from isochrome.errors import InputError
-from isochrome.frames.noise import full_scale
 from isochrome.frames.opening import open_scene_frames
 from isochrome.frames.reading import Frame, FrameReader, Mask
-from isochrome.frames.saturation import saturation_level
 from isochrome.messages import message
 from isochrome.scene import ArrayFrames, Scene
+
+FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+QUANTISATION = 1 / 12
+"""Variance of rounding to whole grey levels."""
+LEVELS = 16
+CLIP = 4.0
+"""Residuals beyond this many standard deviations are defects or edges, not noise."""
+_SQUARE, _DEGREE, _STEP = 13, 4, 9
+"""Side of a square, pixels, degree of its polynomial, and pixels from square to square."""
+_FEWEST_SQUARES = 30
+_DECILE = 1.2816
+"""Standard deviations below its mean of a normal distribution's lower decile."""
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Noise of a camera against grey level: variance = offset + slope level, floor at least.
+
+    In raw grey levels squared (of float frames: fractions of full scale squared), with the rounding
+    to whole levels.
+    """
+
+    offset: float  # at black
+    slope: float
+    floor: float
+
+    def sigma(self, values: npt.ArrayLike) -> np.ndarray:
+        """Standard deviation (raw grey levels) at raw grey levels `values`, of the same shape.
+
+        In single precision where they are.
+        """
+        levels = np.asarray(values)
+        if levels.dtype != np.float32:
+            levels = levels.astype(float)
+        variance = float(self.offset) + float(self.slope) * levels
+        return np.sqrt(np.maximum(variance, float(self.floor)))
+
+    def linear_sigma(
+        self, values: npt.ArrayLike, *, bit_depth: int | None, gamma: float = 1.0
+    ) -> np.ndarray:
+        """Standard deviation of the linear image, as a fraction of full scale.
+
+        sigma_lin = gamma * (raw / full)^(gamma - 1) * sigma(raw) / full. Near black the raw level
+        is taken as one sigma at least, where the first order ends.
+        """
+        full = full_scale(bit_depth)
+        sigma = self.sigma(values)
+        level = np.maximum(np.asarray(values, dtype=float), sigma) / full
+        return np.asarray(gamma * level ** (gamma - 1) * sigma / full)
+
+
+def full_scale(bit_depth: int | None) -> float:
+    """The largest raw grey level, 2^bit_depth - 1; 1 for float frames without a bit depth."""
+    return 1.0 if bit_depth is None else float(2**bit_depth - 1)
+
+
+def estimate_noise(
+    image: np.ndarray, valid: npt.NDArray[np.bool_] | None = None, *, bit_depth: int | None = None
+) -> NoiseModel:
+    """Estimate a camera's noise from one raw frame, before any gamma, insensitive to its fringes.
+
+    Noise that is correlated between pixels (JPEG, lossy video, demosaicing) is underestimated; see
+    `noise_between_pixels`. By the bit depth levels near black and white, where clipping hides
+    noise, are left out. InputError where it is under 8 x 8 or has too few valid pixels.
+    """
+    image = np.asarray(image)
+    if image.ndim != 2 or min(image.shape) < 8:
+        raise InputError(message("noise_needs_frame_least", shape=image.shape))
+    integer = image.dtype.kind in "ui"
+    if bit_depth is None and integer:
+        bit_depth = 8 * image.dtype.itemsize
+    finite = np.isfinite(image)
+    usable = finite if valid is None else finite & valid
+    values = np.where(finite, image, 0).astype(np.float32)
+    residual = ndimage.correlate1d(ndimage.correlate1d(values, FOURTH, axis=0), FOURTH, axis=1)
+    residual /= np.float32(np.sum(FOURTH**2))
+    level = ndimage.uniform_filter(values, 5)
+    inside = usable.copy()  # where the 5 x 5 support is valid
+    inside[:2] = inside[-2:] = inside[:, :2] = inside[:, -2:] = False
+    if not usable.all():
+        inside &= ndimage.minimum_filter(usable, 5)
+    if np.count_nonzero(inside) < 16:
+        raise InputError(message("noise_cannot_estimated_fewer"))
+    floor = QUANTISATION if integer else float(np.finfo(np.float32).tiny)
+    res, lev = residual[inside].astype(float), level[inside].astype(float)
+    rough = np.sqrt(max(_clipped_variance(res)[0], floor))
+    inner = (lev > 4 * rough) & (lev < full_scale(bit_depth) - 4 * rough)
+    if np.count_nonzero(inner) > max(200, 0.02 * inner.size):
+        res, lev = res[inner], lev[inner]
+    offset, slope = _fit_levels(res, lev)
+    return NoiseModel(offset=offset, slope=slope, floor=floor)
+
+
+def _clipped_variance(residual: np.ndarray) -> tuple[float, int]:
+    """Variance without outliers, about zero, and the number of residuals that were kept."""
+    size = np.abs(residual)
+    sigma = 1.4826 * float(np.median(size))
+    if sigma == 0:  # a mostly flat, rounded frame: the median tells nothing
+        sigma = float(np.sqrt(np.mean(size**2)))
+    variance, count = sigma**2, size.size
+    for _ in range(3):
+        inner = size[size <= CLIP * np.sqrt(variance)]
+        if inner.size == 0:
+            return 0.0, size.size
+        variance, count = float(np.mean(inner**2)), inner.size
+    return variance, count
+
+
+def _fit_levels(residual: np.ndarray, level: np.ndarray) -> tuple[float, float]:
+    """Fit variance = offset + slope * level to bins of equal population, by their uncertainty."""
+    bins = min(LEVELS, residual.size // 500)
+    edges = np.unique(np.quantile(level, np.linspace(0, 1, max(bins, 1) + 1)))
+    if len(edges) < 3:
+        return _clipped_variance(residual)[0], 0.0
+    index = np.clip(np.searchsorted(edges, level, side="right") - 1, 0, len(edges) - 2)
+    members = [index == i for i in range(len(edges) - 1)]
+    x = np.array([level[one].mean() for one in members])
+    y, n = np.array([_clipped_variance(residual[one]) for one in members]).T
+    if not y.any():  # a computed frame: no noise at all
+        return 0.0, 0.0
+    weight, slope, offset = np.sqrt(n) / y.mean(), 0.0, y.mean()
+    for _ in range(5):
+        slope, offset = np.polyfit(x, y, 1, w=weight)
+        fitted = np.maximum(offset + slope * x, 0.05 * y.mean() + 1e-300)
+        # A bin with an edge or a scratch in it stands above the line: let it count less.
+        excess = np.abs(y - fitted) / fitted * np.sqrt(n / 8)
+        weight = np.sqrt(n) / fitted / np.maximum(1, excess / 3)
+    return float(offset), float(slope)
+
+
+def noise_between_pixels(
+    image: np.ndarray, valid: npt.NDArray[np.bool_], model: NoiseModel
+) -> float:
+    """The factor on a frame's standard deviation of noise over what neighbouring pixels show of it.
+
+    A lossy file drops the fine part of the noise and keeps the coarse one: it is in the residual e
+    of polynomials of degree 4 in squares of 13 pixels, n = 169, wherever the light is that smooth.
+    max(1, q / q_white), q the lower decile of (sum e² / (n - 15))^(1/2) / sigma, and q_white = 1 -
+    1.28 (2 (n - 15))^(-1/2), white noise's; 1 where too little of the frame is whole.
+    """
+    if min(image.shape) < _SQUARE:
+        return 1.0
+    fits = _polynomials(_SQUARE, _DEGREE)
+    squares = np.lib.stride_tricks.sliding_window_view(image, (_SQUARE, _SQUARE))[::_STEP, ::_STEP]
+    windows = np.lib.stride_tricks.sliding_window_view(valid, (_SQUARE, _SQUARE))[::_STEP, ::_STEP]
+    light = squares[windows.all(axis=(2, 3))].reshape(-1, _SQUARE**2).astype(float)
+    if len(light) < _FEWEST_SQUARES:
+        return 1.0
+    level = light.mean(axis=1)
+    light -= level[:, None]
+    residual = np.maximum((light**2).sum(axis=1) - ((light @ fits) ** 2).sum(axis=1), 0.0)
+    freedom = fits.shape[0] - fits.shape[1]
+    share = np.sqrt(residual / freedom) / model.sigma(level)
+    white = 1.0 - _DECILE * (2.0 * freedom) ** -0.5
+    return max(1.0, float(np.percentile(share, 10.0) / white))
+
+
+def _polynomials(side: int, degree: int) -> np.ndarray:
+    """Orthonormal polynomials of two places in a square: (pixels, terms)."""
+    powers = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, side), degree)
+    terms = [
+        np.outer(powers[:, i], powers[:, j]).ravel()
+        for i in range(degree + 1)
+        for j in range(degree + 1 - i)
+    ]
+    return np.asarray(np.linalg.qr(np.stack(terms, axis=1))[0])
+
+
+_FEWEST_FULL, _FEWEST = 3, 25
+"""Pixels that make a plateau, at full scale and below it, where a label may be as even."""
+_LEAST_SHARE = 1e-3
+"""Of all pixels, below full scale."""
+_FEWEST_LEVELS = 8
+"""Levels that occur, for a plateau below full scale: the noise of half a level of an unloaded frame
+in the dark field piles up on its upper two or three as on a plateau."""
+_ABOVE = 0.05
+"""Over the plateau's own pixels: so many may be brighter, as hot ones and glare are."""
+_TOUCHING = 0.5
+"""Share of a plateau's pixels that have a neighbour of their level."""
+_SOLID = 0.2
+"""Share of a plateau's pixels that have none but their level about them: an even light of half a
+grey level's noise leaves a tenth."""
+_GROWTH = 2.04
+"""Power of the last two levels' growth over two more that the square root's first level has."""
+_CREST = 2.5
+"""What a crest's first level has over its second at most; at full scale no more is excused."""
+_SIGMAS = 3.0
+_GAP = 2.2
+"""Typical distances of levels: what is farther below is not just below."""
+_LOOKED_AT = 1000
+"""Pixels at least, of fractions, whose sorting takes a while."""
+_NOISE, _FINE = 0.5, 1e-4
+"""Grey levels, and of full scale: a computed frame has less noise, and even light of its own."""
+
+
+def saturation_level(raw: np.ndarray, *, full: float) -> float:
+    """From which level a frame is clipped: its plateau's, at full scale or below, or infinite."""
+    image = np.asarray(raw)
+    usable = np.isfinite(image)
+    values = image[usable]
+    if not values.size:
+        return np.inf
+    lowest, highest = float(values.min()), float(values.max())
+    if lowest == highest:
+        return highest if highest >= full else np.inf
+    levels, counts = _histogram(values)
+    # levels above the middle of the range with hardly any pixel above them, lowest first
+    above = counts.sum() - np.cumsum(counts)
+    last = (levels > 0.5 * (lowest + highest)) & (above <= _ABOVE * counts)
+    for i in np.flatnonzero(last).tolist():
+        level, at_full = float(levels[i]), bool(levels[i] >= full)
+        if not at_full and len(levels) < _FEWEST_LEVELS:
+            continue
+        plateau = usable & (image == level)
+        fewest = _FEWEST_FULL if at_full else max(_FEWEST, _LEAST_SHARE * values.size)
+        touching = np.pad(plateau, 1)  # a pixel of the plateau on one of the four sides
+        touching = (
+            touching[:-2, 1:-1] | touching[2:, 1:-1] | touching[1:-1, :-2] | touching[1:-1, 2:]
+        )
+        if counts[i] < fewest or _share(plateau, touching) < _TOUCHING:
+            continue
+        piled = _is_piled(levels[: i + 1], counts[: i + 1], at_full=at_full)
+        if piled and at_full:
+            return level
+        solid = ndimage.minimum_filter(plateau, 3)  # all nine pixels about a place
+        if (piled or _share(plateau, solid) > _SOLID) and _is_noisy(
+            image, usable & (image < level), full
+        ):
+            return level
+    return np.inf
+
+
+def _histogram(values: np.ndarray) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """The levels that occur and their pixels, (n,) each; none where no bright fractions agree."""
+    if values.dtype.kind in "ui":
+        least = int(values.min())
+        counts = np.bincount((values.astype(np.int64) - least).ravel())
+        at = np.flatnonzero(counts)
+        return (at + least).astype(float), counts[at].astype(float)
+    count = min(values.size, max(_LOOKED_AT, values.size // 100))
+    brightest = np.partition(values, -count)[-count:]
+    if np.unique(brightest, return_counts=True)[1].max() < _FEWEST_FULL:
+        return np.empty(0), np.empty(0)
+    levels, number = np.unique(values, return_counts=True)
+    return levels.astype(float), number.astype(float)
+
+
+def _is_piled(levels: np.ndarray, counts: np.ndarray, *, at_full: bool) -> bool:
+    """Whether the last level has more pixels than those just below go on to."""
+    below = counts[-5:-1][::-1]
+    if not below.size or levels[-1] - levels[-2] > _GAP * np.median(np.diff(levels)):
+        return True  # nothing lies just below
+    near, far = below[:2].max(), below[2:].max(initial=0.0)
+    growth = max(near / far if far else near, 1.0) ** _GROWTH
+    expected = near * (min(growth, _CREST) if at_full else growth)
+    return bool(counts[-1] >= expected + _SIGMAS * np.sqrt(expected))
+
+
+def _share(plateau: npt.NDArray[np.bool_], which: npt.NDArray[np.bool_]) -> float:
+    return float(np.count_nonzero(plateau & which) / np.count_nonzero(plateau))
+
+
+def _is_noisy(image: np.ndarray, below: npt.NDArray[np.bool_], full: float) -> bool:
+    """Whether the pixels below a plateau have a camera's noise, so that the plateau is none."""
+    if min(image.shape) < 8:
+        return False
+    try:
+        noise = estimate_noise(image, below)
+    except InputError:  # next to nothing lies below
+        return True
+    sigma = float(noise.sigma(np.median(image[below])))
+    return sigma > (_NOISE if image.dtype.kind in "ui" else _FINE * full)
 
 
 def load_no_load(
@@ -35,8 +323,8 @@ def load_no_load(
     frames' before the roi. InputError where a file cannot be read, is saturated all over, or is of
     another size.
     """
-    dark = _average(scene, scene.frames.no_load_dark, "no_load_dark", full_shape)
-    bright = _average(scene, scene.frames.no_load_bright, "no_load_bright", full_shape)
+    dark = _average(scene, "no_load_dark", full_shape)
+    bright = _average(scene, "no_load_bright", full_shape)
     if dark is not None and bright is not None and dark.image.shape != bright.image.shape:
         raise InputError(
             message(
@@ -86,9 +374,8 @@ def _check_shape(
         )
 
 
-def _average(
-    scene: Scene, name: str | ArrayFrames | None, key: str, full_shape: tuple[int, int] | None
-) -> Linear | None:
+def _average(scene: Scene, key: str, full_shape: tuple[int, int] | None) -> Linear | None:
+    name: str | ArrayFrames | None = getattr(scene.frames, key)
     if name is None:
         return None
     path = scene.path(name)

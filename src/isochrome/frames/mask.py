@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.frames.readers import tiff
-from isochrome.frames.readers.images import read_image
-from isochrome.frames.readers.signature import signature_of
+from isochrome.frames.readers.images import read_image, signature_of
 from isochrome.messages import message
 from isochrome.output import SUFFIXES, read_roi_mask
 from isochrome.scene import ArrayFrames, Frames

@@ -21,10 +21,12 @@ import numpy as np
 from isochrome.errors import InputError
 from isochrome.frames.mask import load_mask
 from isochrome.frames.readers import images, tiff, video
-from isochrome.frames.readers.signature import signature_of
-from isochrome.frames.reading import Channel, FrameReader, FramesPath
-from isochrome.frames.source import (
+from isochrome.frames.readers.images import signature_of
+from isochrome.frames.reading import (
+    Channel,
     Extent,
+    FrameReader,
+    FramesPath,
     Kind,
     RawFrame,
     Source,
@@ -455,7 +457,8 @@ def _files_in(folder: Path, leave_out: Sequence[str | Path]) -> tuple[Path, ...]
     with refusing(folder, message("folder_cannot_read")):
         files = [p for p in folder.iterdir() if p.is_file() and not p.name.startswith(".")]
         apart = {Path(name).resolve() for name in leave_out}
-        known = sorted((p for p in files if _suffix(p) in KNOWN), key=lambda p: natural_key(p.name))
+        known = [p for p in files if p.suffix.lower() in KNOWN]
+        known.sort(key=lambda p: natural_key(p.name))
         wanted = [p for p in known if p.resolve() not in apart]
     if known and not wanted:
         names = ", ".join(p.name for p in known[:_MOST_NAMED])
@@ -465,13 +468,9 @@ def _files_in(folder: Path, leave_out: Sequence[str | Path]) -> tuple[Path, ...]
     return tuple(wanted)
 
 
-def _suffix(path: Path) -> str:
-    return path.suffix.lower()
-
-
 def _of_files(files: tuple[Path, ...], kind: Kind) -> Source:
     for file in files:
-        if _suffix(file) not in KNOWN:
+        if file.suffix.lower() not in KNOWN:
             raise InputError(message("frames_cannot_read_from", file=file, known=", ".join(KNOWN)))
     kinds = [signature_of(f).kind for f in files]
     moving = [f for f, media in zip(files, kinds, strict=True) if media == "video"]
@@ -537,7 +536,7 @@ def _joined(names: Sequence[str | Path]) -> FramesPath:
 
 def _refuse_others(places: Sequence[Path]) -> None:
     for place in places:
-        if _suffix(place) not in KNOWN and not os.path.isdir(place):
+        if place.suffix.lower() not in KNOWN and not os.path.isdir(place):
             raise InputError(
                 message("frames_cannot_read_from_file", place=place, known=", ".join(KNOWN))
             )

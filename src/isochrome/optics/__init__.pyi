@@ -1,11 +1,14 @@
 from .camera import Response, camera_response, expose, stored_type
-from .polariscope import Chain, fringe_order, make_chain, polariscope_signal
-from .spectral import (
+from .polariscope import (
+    Chain,
     Light,
+    fringe_order,
     highest_visible,
+    make_chain,
     make_light,
     mean_order,
     pixel_visibility,
+    polariscope_signal,
     slope_visibility,
     spectral_signal,
 )

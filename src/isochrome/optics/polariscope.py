@@ -6,9 +6,17 @@ A retarder of retardance δ with its fast axis at θ is J = cos(δ/2) I - i sin(
 cost no more than ideal ones. The specimen's axis is the direction of sigma_1; which of its axes is
 the fast one only turns the sign of δ, which no frame of matched plates shows. Source: Theocaris &
 Gdoutos (1979), Matrix Theory of Photoelasticity; Jones (1941), JOSA 31, 488.
+
+The polariscope's signal for light of several wavelengths, in every channel of the camera.
+
+The light of a spectrum S(l), seen by a channel of response R(l), is I = ∫ S R I(N l0/l) dl / ∫ S R
+dl, l0 the wavelength of the material fringe value: the stress-optic constant is the same at all, so
+that the order goes as 1/l. A pixel's area takes contrast off fringes and shows a mean order, no
+aliasing. Source: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29.
 """
 
 import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +24,8 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.messages import message
-from isochrome.scene import Polariscope
+from isochrome.optics.camera import Response
+from isochrome.scene import Polariscope, Spectrum
 from isochrome.stress import StressDifference
 
 
@@ -77,8 +86,7 @@ def make_chain(
     band = 0.0
     if polariscope.bandwidth_nm is not None and polariscope.wavelength_nm is not None:
         band = polariscope.bandwidth_nm / _HALF_HEIGHT / polariscope.wavelength_nm
-    nominal = _nominal_angles(polariscope, step)
-    polariser, first, second, analyser = _with_errors(nominal, polariscope)
+    polariser, first, second, analyser = _angles_of(polariscope, step)
     if step is None and ratio == 1.0 and (polariser, first, second, analyser) in (_DARK, _BRIGHT):
         dark = analyser == _DARK[3]
         return Chain(0j, 1 + 0j, 1j, 1, band) if dark else Chain(1 + 0j, 0j, 0j, -1, band)
@@ -109,21 +117,16 @@ def band_pass(order: Array, width: float) -> tuple[Array, Array]:
     return contrast, 0.5 * np.arctan(bent) - width**4 * phase**3 / below
 
 
-def _nominal_angles(polariscope: Polariscope, step: int | None) -> _Angles:
-    """Angles of the elements as they should stand (degrees)."""
+def _angles_of(polariscope: Polariscope, step: int | None) -> _Angles:
+    """Angles of the elements as they stand, errors included (degrees)."""
+    polariser, first, second, analyser = _DARK if polariscope.field == "dark" else _BRIGHT
     if step is not None:
         angles = polariscope.step[step]
-        plates = angles.input_plate_deg, angles.output_plate_deg
-        return angles.polariser_deg, *plates, angles.analyser_deg
-    if polariscope.field == "plane":
-        axis = 90.0 if polariscope.axis_deg is None else polariscope.axis_deg
-        return axis, None, None, axis + 90.0
-    return _DARK if polariscope.field == "dark" else _BRIGHT
-
-
-def _with_errors(angles: _Angles, polariscope: Polariscope) -> _Angles:
-    """Angles of the elements as they do stand (degrees)."""
-    polariser, first, second, analyser = angles
+        polariser, analyser = angles.polariser_deg, angles.analyser_deg
+        first, second = angles.input_plate_deg, angles.output_plate_deg
+    elif polariscope.field == "plane":
+        polariser = 90.0 if polariscope.axis_deg is None else polariscope.axis_deg
+        first, second, analyser = None, None, polariser + 90.0
     if first is not None and second is not None:
         first += polariscope.input_plate_error_deg
         second += polariscope.output_plate_error_deg
@@ -174,3 +177,318 @@ def polariscope_signal(
     mixed = np.imag(chain.alpha * np.conj(w))
     wave = 0.5 * (straight - crossed) * np.cos(turns) - mixed * np.sin(turns)
     return np.asarray(0.5 * (straight + crossed) + visibility * wave)
+
+
+WHITE = Spectrum(wavelength_nm=(400.0, 700.0), power=(1.0, 1.0))
+"""Equal energy over the visible."""
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
+_LONGEST_NM = 25.0
+"""Six nodes a piece hold a Gaussian of 30 nm over this length to 1e-12."""
+
+
+@dataclass(frozen=True)
+class Light:
+    """Light as the channels of a camera weigh it."""
+
+    wavelength_nm: Array  # (s,)
+    weights: Array  # (channels, s), of sum 1 in each channel
+    continuous: bool  # samples of a spectrum, not lines
+
+
+def make_light(polariscope: Polariscope, response: Response, *, highest_order: float) -> Light:
+    """The wavelengths of a scene's light and their weights in each channel of the camera.
+
+    A spectrum is integrated between its own and the response's samples, by Gauss-Legendre with six
+    nodes for every half turn of the retardation, at the highest order in the picture, and every 25
+    nm: 1e-9. InputError where a channel sees nothing of it, or the wavelength is missing.
+    """
+    if polariscope.lines is not None:
+        places, power = np.array(polariscope.lines.wavelength_nm), np.array(polariscope.lines.power)
+    elif polariscope.continuous:
+        assert polariscope.wavelength_nm is not None
+        spectrum = polariscope.spectrum or WHITE
+        edges = _edges(spectrum, response, polariscope.wavelength_nm * highest_order)
+        half, middle = 0.5 * np.diff(edges), 0.5 * (edges[1:] + edges[:-1])
+        places = (middle[:, None] + half[:, None] * _NODES).ravel()
+        power = (half[:, None] * _WEIGHTS).ravel()
+        power *= np.interp(places, spectrum.wavelength_nm, spectrum.power)
+    else:
+        if polariscope.wavelength_nm is None:
+            raise InputError(message("polariscope_wavelength_nm_missing_camera"))
+        places, power = np.array([polariscope.wavelength_nm]), np.ones(1)
+    weights = response.at(places) * power
+    total = weights.sum(axis=1, keepdims=True)
+    for name, light in zip(response.names, total[:, 0], strict=True):
+        if not light > 0.0:
+            raise InputError(message("polariscope_camera_channel_sees", name=name))
+    weights /= total
+    visible = (weights > 0.0).any(axis=0)
+    return Light(places[visible], weights[:, visible], polariscope.continuous)
+
+
+def _edges(spectrum: Spectrum, response: Response, retardation_nm: float) -> Array:
+    """Ends of the pieces in which the integrand is smooth and turns by half a fringe at most."""
+    places = np.array(spectrum.wavelength_nm)
+    if response.wavelength_nm is not None:
+        inside = (response.wavelength_nm > places[0]) & (response.wavelength_nm < places[-1])
+        places = np.union1d(places, response.wavelength_nm[inside])
+    turns = retardation_nm * (1.0 / places[:-1] - 1.0 / places[1:])
+    pieces = np.ceil(np.maximum(2.0 * turns, np.diff(places) / _LONGEST_NM)).astype(int)
+    # equal steps of 1/l: equal turns
+    inner = [
+        1.0 / np.linspace(1.0 / a, 1.0 / b, n + 1)[:-1]
+        for a, b, n in zip(places[:-1], places[1:], pieces, strict=True)
+    ]
+    return np.concatenate([*inner, places[-1:]])
+
+
+_ROWS = 64
+"""Rows at a time: what is made of them stays in the processor's cache, which halves the time."""
+
+_TINY = 1e-15
+"""Added to a sinc's argument, so that 0/0 is 1; far below what changes any other."""
+
+
+def pixel_visibility(order: Array) -> tuple[Array, float]:
+    """Contrast V, in 0..1, that square pixels leave of the fringes, and the share too fine to see.
+
+    The mean of cos 2 pi N over a pixel in which N has the gradient g (fringes a pixel) is sinc(g_x)
+    sinc(g_y) cos 2 pi N, sinc(x) = sin(pi x)/(pi x), taken as 0 where negative. The share: of
+    pixels with fringes (N > 1/2), those with one finer than two pixels. NaN: no specimen.
+    """
+    visibility, fine = np.empty_like(order), 0
+    for start in range(0, len(order), _ROWS):
+        here = slice(start, start + _ROWS)
+        above = min(start, 1)
+        rows = _slope(order[start - above : start + _ROWS + 1], 0)[above:][:_ROWS]
+        cols = _slope(order[here], 1)
+        contrast = slope_visibility(rows, cols, out=visibility[here])
+        # sinc(g_x) sinc(g_y) <= 0.651 wherever g_x² + g_y² > 1/4: few pixels need the look
+        likely = contrast < 0.66
+        if likely.any():
+            steep = np.hypot(rows[likely], cols[likely]) > 0.5
+            fine += int(np.count_nonzero(steep & (order[here][likely] > 0.5)))
+    bearing = int(np.count_nonzero(order > 0.5))
+    return visibility, fine / bearing if bearing else 0.0
+
+
+def slope_visibility(rows: Array, cols: Array, *, out: Array | None = None) -> Array:
+    """Contrast sinc(g_x) sinc(g_y) that square pixels leave, of slopes in fringes a pixel."""
+    return np.multiply(_sinc(rows), _sinc(cols), out=out)
+
+
+def mean_order(order: Array, *, stride: int = 1) -> Array:
+    """The order M (rows, cols) that square pixels show of N in their middles, NaN off the specimen.
+
+    Over a pixel of side 1 the mean of exp(2 pi i N) is V exp(2 pi i M), M = N + (d²N/dx² +
+    d²N/dz²)/24, to second order in the pixel's size; V, see `pixel_visibility`. Beside an edge N
+    has the bend of the next pixel, or none. `stride`: pixels from one entry to the next.
+    """
+    bend = _bend(order, 0)
+    bend += _bend(order, 1)
+    bend *= 1.0 / (24.0 * stride**2)
+    bend += order
+    return bend
+
+
+def _sinc(x: Array) -> Array:
+    """sin(pi x)/(pi x), and nothing where it turns the fringes' contrast round."""
+    angle = np.pi * x
+    angle += _TINY
+    value = np.sin(angle)
+    value /= angle
+    return np.asarray(np.maximum(value, 0.0, out=value))
+
+
+def _slope(order: Array, axis: int) -> Array:
+    """Fringes a pixel along an axis: the mean of the differences to the neighbours with an order.
+
+    An edge of the specimen is so no fringe; 0 where there is neither neighbour.
+    """
+    if order.shape[axis] < 2:
+        return np.zeros_like(order)
+    slope = _known_slope(order, axis)
+    if not math.isfinite(float(slope.max())):
+        slope[~np.isfinite(order)] = 0.0
+        at = _places(~np.isfinite(slope))
+        total, count = np.zeros((2, len(at[0])), dtype=order.dtype)
+        for step in (-1, 1):
+            has, beside = _beside(at, axis, step, order.shape)
+            change = np.where(has, (order[beside] - order[at]) * step, np.nan)
+            known = np.isfinite(change)
+            total += np.where(known, change, 0.0)
+            count += known
+        slope[at] = total / np.maximum(count, 1.0)
+    return slope
+
+
+def _places(where: NDArray[np.bool_]) -> tuple[NDArray[np.intp], ...]:
+    """Rows and columns of the few pixels of a mask, a tenth of np.nonzero's time."""
+    return np.unravel_index(np.flatnonzero(where), where.shape)
+
+
+def _beside(
+    at: tuple[NDArray[np.intp], ...], axis: int, step: int, shape: tuple[int, ...]
+) -> tuple[NDArray[np.bool_], tuple[NDArray[np.intp], ...]]:
+    """Whether pixels have a neighbour along an axis, and its place, or their own."""
+    index = at[axis] + step
+    has = (index >= 0) & (index < shape[axis])
+    return has, tuple(np.where(has, index, p) if k == axis else p for k, p in enumerate(at))
+
+
+def _bend(order: Array, axis: int) -> Array:
+    """Second differences along an axis; beside an edge those of the next pixel, or none."""
+    if order.shape[axis] < 3:
+        return np.zeros_like(order)
+    bend = np.empty_like(order)
+    n, b = order.swapaxes(0, axis), bend.swapaxes(0, axis)
+    np.multiply(n[1:-1], -2.0, out=b[1:-1])
+    b[1:-1] += n[2:]
+    b[1:-1] += n[:-2]
+    b[0], b[-1] = b[1], b[-2]
+    for step in (1, -1):
+        at = _places(np.isnan(bend))
+        bend[at] = bend[_beside(at, axis, step, order.shape)[1]]
+    bend[np.isnan(bend)] = 0.0
+    return bend
+
+
+def _known_slope(order: Array, axis: int) -> Array:
+    """The slope where every pixel has an order: central differences, one-sided at the borders."""
+    slope = np.empty_like(order)
+    n, s = order.swapaxes(0, axis), slope.swapaxes(0, axis)
+    np.subtract(n[2:], n[:-2], out=s[1:-1])
+    s[1:-1] *= 0.5
+    s[0], s[-1] = n[1] - n[0], n[-1] - n[-2]
+    return slope
+
+
+_STEP = 1.0 / 128.0
+"""Of the table over N: cubic pieces hold cos 2 pi k N to (2 pi k/128)⁴/384, 7e-8 at k = 1.5."""
+
+_DARKEST = 1e-300
+"""Keeps the logarithm of a visibility finite; its product with that visibility is then nothing."""
+
+_BLOCK = 64
+"""Orders of the table at a time."""
+
+_VISIBLE = 1e-3
+"""Contrast below which a pixel's waves are left out of what a table must reach."""
+
+
+def highest_visible(order: Array, visibility: Array | float = 1.0) -> float:
+    """The highest order N of a picture that leaves a thousandth of its contrast or more, or 0.
+
+    Beside a point load N has no bound, and no fringes either.
+    """
+    return float(np.max(order, where=np.asarray(visibility) > _VISIBLE, initial=0.0))
+
+
+def spectral_signal(
+    order: Array,
+    light: Light,
+    chains: Sequence[Chain],
+    *,
+    reference_nm: float,
+    direction: Array | None = None,
+    visibility: Array | float = 1.0,
+) -> Array:
+    """The light behind the analyser (rows, cols, channels), 1 for the channel's full light.
+
+    I_c = Σ_s w_cs I(k_s N, θ, V^(k_s²)), k_s = reference/wavelength, as the order goes, and nearly
+    the visibility, sinc(k g), as its power k². Lines are summed; a spectrum's sum is a table over
+    N, interpolated by cubics, with V^(k²) linear in k² about the channel's mean. N and V are those
+    at the reference; θ (rad) is needed where a chain, one a wavelength, is not ideal.
+    """
+    ratio = reference_nm / light.wavelength_nm
+    if light.continuous:
+        order = np.minimum(order, highest_visible(order, visibility))
+        signals = _table_signals(order, light, ratio, chains, direction, visibility)
+        return np.stack(list(signals), axis=-1)
+    total = np.zeros((*order.shape, len(light.weights)))
+    for k, chain, weights in zip(ratio, chains, light.weights.T, strict=True):
+        one = polariscope_signal(
+            k * order, chain, direction=direction, visibility=visibility ** (k * k)
+        )
+        total += one[..., None] * weights
+    return total
+
+
+def _table_signals(
+    order: Array,
+    light: Light,
+    ratio: Array,
+    chains: Sequence[Chain],
+    direction: Array | None,
+    visibility: Array | float,
+) -> Iterator[Array]:
+    """The channels' signals one by one, each from a table of the waves in N that it holds."""
+    ideal = all(chain.ideal for chain in chains)
+    if direction is None and not ideal:
+        raise ValueError(message("chain_not_ideal_needs"))
+    angles = [np.ones(())] if direction is None or ideal else _angles(direction)
+    still, cosine, sine = (terms[:, : len(angles)] for terms in _harmonics(chains))
+    contrast = np.asarray(visibility, dtype=float)
+    for weights in light.weights:
+        mean = float(weights @ ratio**2)
+        both = np.stack([weights, weights * (ratio**2 - mean)], axis=1)
+        amplitudes = (np.einsum("sv,sa->sva", both, terms) for terms in (cosine, sine))
+        waves = _wave_table(float(order.max()), ratio, *amplitudes)(order)
+        steady, change = np.moveaxis(waves, -2, 0)
+        wave = _over(angles, steady) + np.log(np.maximum(contrast, _DARKEST)) * _over(
+            angles, change
+        )
+        yield _over(angles, weights @ still) + contrast**mean * wave
+
+
+def _angles(direction: Array) -> list[Array]:
+    """1, cos 4θ, sin 4θ, cos 2θ, sin 2θ."""
+    turned = np.exp(2j * np.asarray(direction, dtype=float))
+    twice = turned * turned
+    return [np.ones(()), twice.real, twice.imag, turned.real, turned.imag]
+
+
+def _over(angles: Sequence[Array], amplitudes: Array) -> Array:
+    """Sum of the angles' functions times their amplitudes (..., angles)."""
+    total = sum(angle * amplitudes[..., i] for i, angle in enumerate(angles))
+    return np.asarray(total)
+
+
+def _harmonics(chains: Sequence[Chain]) -> tuple[Array, Array, Array]:
+    """The signal's amplitudes (s, 5) over 1, cos 4θ, sin 4θ, cos 2θ, sin 2θ, by 1, cos δ, sin δ.
+
+    From I = (|α|² + |w|²)/2 + (|α|² - |w|²)/2 cos δ - Im(α w*) sin δ with w = β cos 2θ + γ sin 2θ.
+    """
+    a, b, c = (np.array([getattr(x, n) for x in chains]) for n in ("alpha", "beta", "gamma"))
+    straight, none = 0.5 * np.abs(a) ** 2, np.zeros(len(chains))
+    mean, difference = (0.25 * (np.abs(b) ** 2 + sign * np.abs(c) ** 2) for sign in (1.0, -1.0))
+    both = 0.5 * np.real(b * np.conj(c))
+    still = [straight + mean, difference, both, none, none]
+    cosine = [straight - mean, -difference, -both, none, none]
+    sine = [none, none, none, -np.imag(a * np.conj(b)), -np.imag(a * np.conj(c))]
+    return np.stack(still, axis=1), np.stack(cosine, axis=1), np.stack(sine, axis=1)
+
+
+def _wave_table(
+    highest: float, ratio: Array, cosine: Array, sine: Array
+) -> Callable[[Array], Array]:
+    """Σ_s (cosine_s cos 2 pi k_s N + sine_s sin 2 pi k_s N) as cubics in N with exact slopes.
+
+    Within a block of orders the waves are those of the first block, turned: one product a block.
+    """
+    from scipy.interpolate import CubicHermiteSpline
+
+    blocks = int(highest / (_STEP * _BLOCK)) + 1
+    order = _STEP * np.arange(blocks * _BLOCK + 1)
+    speed = 2.0 * np.pi * ratio
+    wave = (cosine - 1j * sine).reshape(len(ratio), -1)
+    both = np.hstack([wave, 1j * speed[:, None] * wave])  # the value, and the slope
+    first = np.exp(1j * np.outer(order[: _BLOCK + 1], speed))
+    table = np.empty((len(order), both.shape[1]))
+    for start in range(0, blocks * _BLOCK, _BLOCK):
+        turned = np.exp(1j * speed * order[start])[:, None] * both
+        table[start : start + _BLOCK + 1] = (first @ turned).real
+    value, slope = np.moveaxis(table.reshape(len(order), 2, *cosine.shape[1:]), 1, 0)
+    result: Callable[[Array], Array] = CubicHermiteSpline(order, value, slope)
+    return result

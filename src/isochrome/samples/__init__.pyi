@@ -1,10 +1,12 @@
-from .render import SEED, render_samples, samples_path
 from .shipped import (
+    SEED,
     CalibrationSample,
     ContactSample,
     bending,
     disc,
     line_contact_wear,
+    render_samples,
+    samples_path,
     sliding_film,
 )
 

@@ -4,7 +4,7 @@ import argparse
 import sys
 
 from isochrome.errors import IsochromeError
-from isochrome.samples.render import SEED, render_samples
+from isochrome.samples.shipped import SEED, render_samples
 
 
 def main() -> int:

@@ -1,16 +1,104 @@
-"""The shipped samples as arrays, with the files that describe them, and what they were made of."""
+"""The shipped samples as arrays, with the files that describe them, and what they were made of.
+
+Everything in `sample_images/`, from one seed.
+"""
 
 import json
 import tomllib
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.errors import InputError
 from isochrome.frames import open_frames
-from isochrome.samples.render import samples_path
+from isochrome.messages import message
+from isochrome.output import staged, write_text
+
+SEED = 2026
+"""Seed of the shipped sample images."""
+
+
+def render_samples(out: str | Path, *, seed: int = SEED) -> Path:
+    """Render all sample images with their scenes, sets, truths and README.
+
+    The same seed gives the same bytes.
+
+    Parameters
+    ----------
+    out : str or Path
+        The folder, made if missing.
+    seed : int, default 2026
+        Seed of the noise and of the faulty pixels.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    InputError
+        Where `seed` is negative or `out` cannot be written to; then nothing is left in it.
+    """
+    from isochrome.samples.rendered import (
+        SCENE,
+        render_bending,
+        render_contact,
+        render_disc,
+        render_film,
+        render_wear,
+        sample_text,
+    )
+
+    if seed < 0:
+        raise InputError(message("seed_but_must_above", seed=seed))
+    library = resources.files("isochrome.scene") / "library"
+    scene = (library / f"{SCENE}.toml").read_text("utf-8")
+    with staged(out) as folder:
+        for name, draw in (
+            (SCENE, render_contact),
+            ("bending", render_bending),
+            ("disc", render_disc),
+            ("wear", render_wear),
+            ("sliding-film", render_film),
+        ):
+            (folder / name).mkdir()
+            draw(folder / name, seed)
+        frames = sample_text("contact-frames.toml")
+        write_text(folder / SCENE / "scene.toml", scene.rstrip() + "\n" + frames)
+        write_text(folder / "README.md", sample_text("README.md").replace("@SEED@", str(seed)))
+    return Path(out)
+
+
+_NAME = "sample_images"
+
+
+def samples_path() -> Path:
+    """Find the folder of the shipped sample images.
+
+    In an installed wheel they lie inside the package; of an editable install they are the
+    repository's.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    InputError
+        Where neither is there.
+    """
+    here = Path(__file__).resolve()
+    for folder in (here.parents[1] / _NAME, here.parents[3] / _NAME):
+        if (folder / "README.md").is_file():
+            return folder
+    raise InputError(message("sample_images_not_there", name=here.parents[1] / _NAME))
+
 
 Grey = NDArray[np.uint8]
 
@@ -161,7 +249,7 @@ def _contact(name: str, file: str) -> ContactSample:
         no_load_dark=_stack(folder / "no-load-dark.tif")[0],
         no_load_bright=_stack(folder / "no-load-bright.tif")[0],
         scene=folder / "scene.toml",
-        truth=_truth(folder),
+        truth=json.loads((folder / "truth.json").read_text("utf-8")),
     )
 
 
@@ -172,15 +260,10 @@ def _calibration(name: str) -> CalibrationSample:
         images=np.concatenate([_stack(folder / item["file"]) for item in items]),
         loads_n=tuple(float(item["load_n"]) for item in items),
         set=folder / "set.toml",
-        truth=_truth(folder),
+        truth=json.loads((folder / "truth.json").read_text("utf-8")),
     )
 
 
 def _stack(path: Path) -> Grey:
     with open_frames(path) as frames:
         return np.stack([frame.image for frame in frames])
-
-
-def _truth(folder: Path) -> dict[str, Any]:
-    truth: dict[str, Any] = json.loads((folder / "truth.json").read_text("utf-8"))
-    return truth

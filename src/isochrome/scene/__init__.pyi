@@ -6,7 +6,20 @@ from .editing import (
     with_value,
     without_value,
 )
-from .imaging import Camera, FileName, Frames, FreeBoundary, FreeCorner, KnownLine, KnownOrder, Roi
+from .imaging import (
+    Camera,
+    DistanceTable,
+    FileName,
+    Frames,
+    FreeBoundary,
+    FreeCorner,
+    KnownLine,
+    KnownOrder,
+    NonNegative,
+    Positive,
+    Roi,
+    ScenePart,
+)
 from .parts import (
     BODIES,
     Friction,
@@ -21,7 +34,6 @@ from .parts import (
     Wear,
 )
 from .pixel_scale import STIFFEST_GPA, UNDOUBTED_MM, check_moduli, check_pixel, check_width
-from .scene_values import DistanceTable, NonNegative, Positive, ScenePart
 from .toml import (
     LIBRARY,
     SceneLike,
@@ -33,8 +45,7 @@ from .toml import (
     read_text,
     scene_names,
 )
-from .uncertain import plain_value, split_uncertainties
-from .validation import check_reach, validate
+from .validation import check_reach, plain_value, split_uncertainties, validate
 from .whole import Scene
 
 __all__ = [

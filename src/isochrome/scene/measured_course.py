@@ -13,22 +13,19 @@ noise that lasts over many rows is not followed either. Both are from second dif
 |v[i-1] - 2 v[i] + v[i+1]| / (0.6745 √6).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.messages import message
 from isochrome.output import GivenTable, read_given_table
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.floating]
+Floats = NDArray[np.floating]
 
 FILE, SPEED = "file", "sliding_speed_mm_per_s"
 """Keys of a part that is read from a file."""
@@ -133,8 +130,6 @@ def read_course(path: Path, kind: _Kind, speed_mm_per_s: float | None) -> dict[s
 
 def _columns(given: GivenTable, kind: _Kind, speed: float | None) -> tuple[Floats, Floats]:
     """Distances (m) and values (n,), checked row by row."""
-    import numpy as np
-
     place = _DISTANCE if _DISTANCE in given.names else _TIME
     if place not in given.names or kind.column not in given.names:
         raise InputError(
@@ -186,8 +181,6 @@ def _columns(given: GivenTable, kind: _Kind, speed: float | None) -> tuple[Float
 
 def _refuse_gap(given: GivenTable, kind: _Kind, distance: Floats, value: Floats) -> None:
     """Refuse a long step without rows over which the value has changed."""
-    import numpy as np
-
     step, change = np.diff(distance), np.abs(np.diff(value))
     if len(step) < 3:
         return
@@ -218,8 +211,6 @@ def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Fl
     asks for it (see the module), or FEW bends are used. One of up to FEW points is left as it is.
     InputError where what would be averaged away is more than a tenth of the values.
     """
-    import numpy as np
-
     count = len(value)
     if count <= FEW:
         return distance_m, value
@@ -260,7 +251,6 @@ def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Fl
 
 def _line_values(s: Floats, value: Floats, bends: Any) -> Floats:
     """Values (m,) at the bends of the lines of least squares, by their tridiagonal equations."""
-    import numpy as np
     from scipy.linalg import solveh_banded
 
     weight = np.zeros(len(s))
@@ -286,8 +276,6 @@ def _line_values(s: Floats, value: Floats, bends: Any) -> Floats:
 
 def _noise_of(values: Floats) -> float:
     """Noise of a series (n,), from its second differences, which a smooth course hardly has."""
-    import numpy as np
-
     return float(np.median(np.abs(np.diff(values, 2))) / (0.6745 * 6.0**0.5))
 
 
@@ -296,8 +284,6 @@ def _worst_means(
 ) -> Floats:
     """Of each stretch (m-1,) the largest mean of a quarter, over what is allowed there; 0 for one
     between neighbours."""
-    import numpy as np
-
     parts = np.arange(_QUARTERS + 1) * np.diff(bends)[:, None] // _QUARTERS + bends[:-1, None]
     total = np.r_[0.0, np.cumsum(residual)]
     count = np.maximum(np.diff(parts, axis=1), 1)

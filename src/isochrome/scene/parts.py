@@ -16,11 +16,11 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from isochrome.messages import message
-from isochrome.scene.imaging import FileName
-from isochrome.scene.scene_values import (
+from isochrome.scene.imaging import (
     Coefficient,
     Distance,
     DistanceTable,
+    FileName,
     Finite,
     FrictionTable,
     NonNegative,

@@ -5,7 +5,7 @@ A slip is a factor of a thousand.
 
 from isochrome.errors import InputError
 from isochrome.messages import message
-from isochrome.scene.scene_values import DistanceTable
+from isochrome.scene.imaging import DistanceTable
 from isochrome.scene.whole import Scene
 
 NARROWEST = 0.01

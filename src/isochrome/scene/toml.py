@@ -9,8 +9,7 @@ from typing import Any
 
 from isochrome.errors import InputError
 from isochrome.messages import message
-from isochrome.scene.uncertain import DATED, as_text
-from isochrome.scene.validation import NO_KEYS, check_reach, nearest, validate
+from isochrome.scene.validation import DATED, NO_KEYS, as_text, check_reach, nearest, validate
 from isochrome.scene.whole import Scene
 
 LIBRARY = resources.files("isochrome.scene") / "library"

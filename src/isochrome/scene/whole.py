@@ -12,7 +12,7 @@ from pydantic import Field, ValidationInfo, model_validator
 from isochrome.errors import InputError
 from isochrome.messages import message
 from isochrome.scene.array_frames import ArrayFrames
-from isochrome.scene.imaging import Camera, Frames
+from isochrome.scene.imaging import Camera, Distance, DistanceTable, Frames, ScenePart, value_at
 from isochrome.scene.measured_course import with_tables
 from isochrome.scene.parts import (
     BODIES,
@@ -26,9 +26,7 @@ from isochrome.scene.parts import (
     Specimen,
     Wear,
 )
-from isochrome.scene.scene_values import Distance, DistanceTable, ScenePart, value_at
-from isochrome.scene.uncertain import DATE_FIELD, DATED, with_pairs
-from isochrome.scene.validation import NO_KEYS, validate
+from isochrome.scene.validation import DATE_FIELD, DATED, NO_KEYS, validate, with_pairs
 
 
 class Scene(ScenePart):

@@ -36,13 +36,14 @@ from isochrome.processing import (
     process_frame,
 )
 from isochrome.reporting import assemble_page, content_policy
-from isochrome.scene import Scene, toml_text, with_table_list
-from isochrome.setup_page.cold_search import SEARCHED, find_in_frames
+from isochrome.scene import Roi, Scene, toml_text, with_table_list
 from isochrome.setup_page.edits import (
     FIELDS,
     KINDS,
+    SEARCHED,
     SET_KINDS,
     apply_tool,
+    find_in_frames,
     line_tables,
     order_tables,
     refused_as_asked,
@@ -202,7 +203,7 @@ class ClickPreview:
         rows, cols = region.height_px, region.width_px
         if not (-0.5 <= row < rows - 0.5 and -0.5 <= col < cols - 0.5):
             return _nothing(message("outside_region_would_anchor", what=what))
-        shift = {"top_px": region.top_px, "left_px": region.left_px}
+        shift = region.model_dump()
         points = order_tables(request["points"], shift)
         text = with_table_list(text, "frames.known_order", points)
         text = with_table_list(text, "frames.known_line", line_tables(request["lines"], shift))
@@ -469,13 +470,17 @@ class _Handler(BaseHTTPRequestHandler):
     def send_json(self, answer: Mapping[str, Any], status: HTTPStatus = HTTPStatus.OK) -> None:
         """Send a JSON object; NaN as null."""
         data = json.dumps(plain(answer), allow_nan=False).encode()
-        self._send(data, "application/json", status, {})
+        self._send(data, "application/json", status=status)
 
-    def send_picture(self, picture: NDArray[np.uint8], more: Mapping[str, str]) -> None:
-        """Send grey levels as raw bytes, row by row, with what more is said of them."""
-        rows, cols = picture.shape
-        size = {"X-Rows": str(rows), "X-Cols": str(cols)}
-        self._send(picture.tobytes(), "application/octet-stream", HTTPStatus.OK, size | dict(more))
+    def send_picture(
+        self, picture: NDArray[np.uint8], region: Roi | None = None, more: Mapping[str, str] = {}
+    ) -> None:
+        """Send grey levels as raw bytes, row by row, with their region and what more is said."""
+        head = {"X-Rows": picture.shape[0], "X-Cols": picture.shape[1]}
+        if region is not None:
+            head |= {"X-Top": region.top_px, "X-Left": region.left_px}
+        texts = {name: str(number) for name, number in head.items()} | dict(more)
+        self._send(picture.tobytes(), "application/octet-stream", texts)
 
     def send_page(self) -> None:
         """Send the page itself; loaded anew, it shows what the file holds."""
@@ -483,44 +488,38 @@ class _Handler(BaseHTTPRequestHandler):
         session.read_again()
         subject = session.subject
         kinds = KINDS if subject is None else {subject: SET_KINDS[subject]}
-        html = assemble_page(
-            _ROOM,
-            _NAME,
-            scripts=_SCRIPTS,
-            policy=_ALLOWED,
-            values={
-                "scene_file": session.scene_file.name,
-                "subject": session.subject,
-                "kinds": list(kinds.items()),
-                "data": {
-                    "fields": [asdict(field) for field in FIELDS],
-                    "kinds": kinds,
-                    "searched": SEARCHED,
-                },
-            },
-        )
-        data = html.encode()
-        self._send(data, "text/html; charset=utf-8", HTTPStatus.OK, {})
+        fields = [asdict(field) for field in FIELDS]
+        values = {
+            "scene_file": session.scene_file.name,
+            "subject": session.subject,
+            "kinds": list(kinds.items()),
+            "data": {"fields": fields, "kinds": kinds, "searched": SEARCHED},
+        }
+        html = assemble_page(_ROOM, _NAME, scripts=_SCRIPTS, policy=_ALLOWED, values=values)
+        self._send(html.encode(), "text/html; charset=utf-8")
 
-    def _send(self, data: bytes, kind: str, status: HTTPStatus, more: Mapping[str, str]) -> None:
+    def _send(
+        self,
+        data: bytes,
+        kind: str,
+        more: Mapping[str, str] = {},
+        status: HTTPStatus = HTTPStatus.OK,
+    ) -> None:
+        more = {**more, "Content-Type": kind, "Content-Length": str(len(data))}
+        self._begin(more | {"Connection": "close"} if self.close_connection else more, status)
+        self.wfile.write(data)
+
+    def _begin(self, more: Mapping[str, str], status: HTTPStatus = HTTPStatus.OK) -> None:
+        """Send an answer's status and headers."""
         self.send_response(status)
         for name, value in (_HEADERS | dict(more)).items():
             self.send_header(name, value)
-        self.send_header("Content-Type", kind)
-        self.send_header("Content-Length", str(len(data)))
-        if self.close_connection:
-            self.send_header("Connection", "close")
         self.end_headers()
-        self.wfile.write(data)
 
     def send_life(self) -> None:
         """Send signs of life as long as the page is there: its end is the server's."""
         self.close_connection = True
-        self.send_response(HTTPStatus.OK)
-        for name, value in _HEADERS.items():
-            self.send_header(name, value)
-        self.send_header("Content-Type", "text/event-stream")
-        self.end_headers()
+        self._begin({"Content-Type": "text/event-stream"})
         self.server.page_opened()
         try:
             while not self.server.is_ended:
@@ -546,7 +545,7 @@ def _model(handler: _Handler, request: Mapping[str, Any]) -> None:
     ):
         raise _Refused(HTTPStatus.BAD_REQUEST, message("values_no_numbers"))
     picture, region = handler.server.session.live(_index(request), given)
-    handler.send_picture(picture, {"X-Top": str(region.top_px), "X-Left": str(region.left_px)})
+    handler.send_picture(picture, region)
 
 
 def _set_of(handler: _Handler) -> SetSession:
@@ -586,10 +585,9 @@ def _map(handler: _Handler, request: Mapping[str, Any]) -> None:
     session = handler.server.session
     with handler.server.work:
         shown, warnings = order_map_of_points(session, _index(request))
-    region = session.region(session.scene_or_none())
-    place = {"X-Top": str(region.top_px), "X-Left": str(region.left_px)}
     words = json.dumps(warnings)  # escapes whatever is not ASCII
-    handler.send_picture(shown, place | {"X-Said": words[:2000] if len(words) < 2000 else "[]"})
+    said = {"X-Said": words if len(words) < 2000 else "[]"}
+    handler.send_picture(shown, session.region(session.scene_or_none()), said)
 
 
 def _tool(handler: _Handler, request: Mapping[str, Any]) -> None:
@@ -602,7 +600,7 @@ GETS: Mapping[str, Callable[[_Handler, Any], None]] = {
     "life": lambda handler, _: handler.send_life(),
     "state": lambda handler, _: handler.send_json(session_state(handler.server.session)),
     "frame": lambda handler, query: handler.send_picture(
-        handler.server.session.picture(_index(query)), {}
+        handler.server.session.picture(_index(query))
     ),
 }
 

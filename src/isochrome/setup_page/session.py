@@ -24,7 +24,6 @@ from isochrome.calibration import (
     Beam,
     Calibration,
     CalibrationSet,
-    Circle,
     Disc,
     calibrate_bending,
     calibrate_disc,
@@ -50,6 +49,7 @@ from isochrome.output import with_uncertainty, write_text
 from isochrome.processing import own_scene
 from isochrome.runs import single_threaded
 from isochrome.scene import (
+    Frames,
     FramesLike,
     Roi,
     Scene,
@@ -170,8 +170,7 @@ def shown_grey(
     `span`, see `grey_span`; the camera stores light^(1/gamma).
     """
     stored = np.clip(signal, 0.0, 1.0) ** np.float32(1.0 / gamma)
-    grey: NDArray[np.uint8] = np.rint(span[0] + (span[1] - span[0]) * stored).astype(np.uint8)
-    return grey
+    return np.asarray(np.rint(span[0] + (span[1] - span[0]) * stored), dtype=np.uint8)
 
 
 _NAMING = (
@@ -350,19 +349,14 @@ class SetupSession:
         return self._sequence(scene).reader
 
     def _sequence(self, scene: Scene | None) -> SequentialFrames:
+        frames = scene.frames if scene is not None else Frames()
+        camera = scene.camera if scene is not None else None
         options: dict[str, Any] = {
-            "rotate_deg": 0, "flip": None, "channel": None, "wavelength_nm": None,
-            "bit_depth": None, "leave_out": self.left_out(scene),
-        }  # fmt: skip
-        if scene is not None:
-            given = scene.frames
-            options |= {
-                "rotate_deg": given.rotate_deg,
-                "flip": given.flip,
-                "channel": given.channel,
-            }
-            options["wavelength_nm"] = scene.polariscope.wavelength_nm
-            options["bit_depth"] = scene.camera.bit_depth if scene.camera else None
+            **{name: getattr(frames, name) for name in ("rotate_deg", "flip", "channel")},
+            "wavelength_nm": scene.polariscope.wavelength_nm if scene is not None else None,
+            "bit_depth": camera.bit_depth if camera is not None else None,
+            "leave_out": self.left_out(scene),
+        }
         key = tuple(options.values())
         with self._lock:
             if key not in self._readers:
@@ -432,8 +426,7 @@ def shown_frame(image: NDArray[Any]) -> NDArray[np.uint8]:
     step = max(1, int(np.sqrt(values.size / 250_000)))
     low, high = np.percentile(values[::step, ::step], [_DARKEST, _BRIGHTEST])
     share = (values - low) / max(high - low, 1e-9)
-    grey: NDArray[np.uint8] = (255.0 * np.clip(share, 0.0, 1.0) + 0.5).astype(np.uint8)
-    return grey
+    return np.asarray(255.0 * np.clip(share, 0.0, 1.0) + 0.5, dtype=np.uint8)
 
 
 def _named_files(text: str) -> set[str]:
@@ -504,8 +497,7 @@ class SetSession(SetupSession):
         if not text.strip():
             raise InputError(message("there_no_set_yet"))
         self.refuse_strange_files(text, self.image_names)
-        tables = parse_toml(text, label)
-        name = TABLES[self.subject or ""]
+        tables, name = parse_toml(text, label), TABLES[self.subject or ""]
         for table in tables:
             if table not in (*_PICTURED, name, "image", "uncertainty"):
                 raise InputError(
@@ -517,7 +509,7 @@ class SetSession(SetupSession):
                         pictured=", ".join(_PICTURED),
                     )
                 )
-        validate(_BODIES[name], _plain(tables.get(name, {})), f"{label}: [{name}]")
+        validate(_BODIES[name], plain_table(tables.get(name, {})), f"{label}: [{name}]")
         pictured = {t: tables[t] for t in _PICTURED if t in tables}
         scene = load_scene({"specimen": {"shape": "other"}, **pictured})
         return scene.model_copy(update={"folder": self.folder, "name": self.scene_file.stem})
@@ -525,10 +517,9 @@ class SetSession(SetupSession):
     def calibration_set(self) -> CalibrationSet:
         """The set as it is on the page."""
         label = self.scene_file.name
-        given_set = validate(
-            CalibrationSet, parse_toml(self.text, label), label, reserved=("folder", "name")
-        )
-        given = given_set.model_copy(update={"folder": self.folder, "name": label})
+        tables = parse_toml(self.text, label)
+        given = validate(CalibrationSet, tables, label, reserved=("folder", "name"))
+        given = given.model_copy(update={"folder": self.folder, "name": label})
         return load_set(given, specimen=TABLES[self.subject or ""])
 
     def check_complete(self) -> None:
@@ -540,11 +531,7 @@ class SetSession(SetupSession):
         """The load of each image, N: the set's, before it is made that of the file's name."""
         if not self.text.strip():
             return [_load_in(name) for name in self.image_names]
-        stated = {
-            image.get("file"): image.get("load_n")
-            for image in parse_toml(self.text, self.scene_file.name).get("image", [])
-        }
-        loads = _plain(stated)
+        loads = _loads_in(parse_toml(self.text, self.scene_file.name).get("image", []))
         return [loads.get(name) for name in self.image_names]
 
     def calibrate(self) -> Calibration:
@@ -566,14 +553,13 @@ class SetSession(SetupSession):
         revision, geometry = self._geometry
         fitted = geometry.get(self.image_names[index]) if revision == self.revision else None
         lines: Iterable[Sequence[Sequence[float]]] = ()
-        if self.subject == "diametral":
-            depth = self.reader(scene).bit_depth
-            circle = (
-                Circle(fitted["centre_row_px"], fitted["centre_col_px"], fitted["radius_px"], 0.0)
-                if fitted
-                else _visible_rim(_cut(image, region), depth)
-            )
-            lines = () if circle is None else (_ring(circle),)
+        if self.subject == "diametral" and fitted:
+            lines = (_ring(fitted["centre_row_px"], fitted["centre_col_px"], fitted["radius_px"]),)
+        elif self.subject == "diametral":
+            picture, depth = _cut(image, region), self.reader(scene).bit_depth
+            with suppress(InputError, PhysicsError):  # no rim is to be seen
+                rim = find_rim(observe(picture, name="the image", bit_depth=depth, gamma=1.0))
+                lines = (_ring(rim.row, rim.col, rim.radius),)
         elif fitted:
             beam, pixel = self.calibration_set().beam, self.pixels(scene).pixel_mm
             assert beam is not None
@@ -587,24 +573,16 @@ def _cut(image: NDArray[Any], region: Roi) -> NDArray[Any]:
     return image[rows, region.left_px : region.left_px + region.width_px]
 
 
-def _visible_rim(image: NDArray[Any], bit_depth: int | None) -> Circle | None:
-    """A disc's rim as an image shows it; None where it shows none."""
-    try:
-        return find_rim(observe(image, name="the image", bit_depth=bit_depth, gamma=1.0))
-    except (InputError, PhysicsError):
-        return None
-
-
-def _ring(circle: Circle) -> list[list[float]]:
+def _ring(row: float, col: float, radius: float) -> list[list[float]]:
     """A circle's points."""
     turn = np.linspace(0.0, 2.0 * np.pi, _TURN)
-    away = circle.radius * np.stack([np.sin(turn), np.cos(turn)], 1)
-    ring: list[list[float]] = (np.array([circle.row, circle.col]) + away).tolist()
+    away = radius * np.stack([np.sin(turn), np.cos(turn)], 1)
+    ring: list[list[float]] = (np.array([row, col]) + away).tolist()
     return ring
 
 
-def _plain(table: Any) -> Any:
-    """A table without what is not known of its values."""
+def plain_table(table: Any) -> Any:
+    """A table without what is not known of its values; what is no table as it is."""
     if not isinstance(table, Mapping):
         return table
     return {
@@ -630,6 +608,11 @@ def _load_in(name: str) -> float | None:
     return float(numbers[0].replace(",", ".")) if len(numbers) == 1 else None
 
 
+def _loads_in(images: Iterable[Mapping[str, Any]]) -> Any:
+    """The loads of a set's images by their files, without what is not known of them."""
+    return plain_table({image.get("file"): image.get("load_n") for image in images})
+
+
 def with_loads(text: str, names: Sequence[str], loads: Sequence[float | None]) -> str:
     """A set's TOML text with its images' loads, N; comments stay where the images do.
 
@@ -637,7 +620,7 @@ def with_loads(text: str, names: Sequence[str], loads: Sequence[float | None]) -
     """
     wanted = {n: load for n, load in zip(names, loads, strict=True) if load is not None}
     images_before = parse_toml(text, "set").get("image", [])
-    loads_before = _plain({one.get("file"): one.get("load_n") for one in images_before})
+    loads_before = _loads_in(images_before)
     for place, one in enumerate(images_before):
         load = wanted.get(one.get("file"))
         if load is not None and load != loads_before[one["file"]]:

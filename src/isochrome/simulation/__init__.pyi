@@ -1,6 +1,5 @@
-from .api import Simulation, simulate
+from .api import Simulation, simulate, simulation_report
 from .figure import plot_pressure, plot_scar
-from .folder import simulation_report
 from .model import (
     Picture,
     SceneState,
@@ -13,8 +12,17 @@ from .model import (
     state_count,
     state_difference,
 )
-from .rendering import LAYERS, Rendered, RenderWork, picture_axes, render
-from .steps import camera_frame, polariscope_light, stress_map, surface_tractions
+from .rendering import (
+    LAYERS,
+    Rendered,
+    RenderWork,
+    camera_frame,
+    picture_axes,
+    polariscope_light,
+    render,
+    stress_map,
+    surface_tractions,
+)
 
 __all__ = [
     "LAYERS",

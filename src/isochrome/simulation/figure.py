@@ -65,15 +65,13 @@ def stress_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Fig
     figure = new_figure(3.9 * cols + 1.3, height)
     halves: Any = figure.subfigures(2, 1)
     for half, (name, label) in zip(halves, _NAMES.items(), strict=True):
-        axes = half.subplots(rows, cols, squeeze=False).ravel()
+        axes = _grid(half, rows, cols, len(items))
         maps = [item.components.maps[name] for item in items if item.components]
         limit = centred_limit(*maps, percentile=99.8)
         drawn = [
             _draw_stress(ax, item, image, pixels, limit, title=item.state.label)
-            for ax, item, image in zip(axes, items, maps, strict=False)
+            for ax, item, image in zip(axes, items, maps, strict=True)
         ]
-        for ax in axes[len(items) :]:
-            ax.set_visible(False)
         # with zero between them, and never empty
         low = min(0.0, *(float(np.nanmin(image)) for image in maps))
         high = max(0.0, *(float(np.nanmax(image)) for image in maps))
@@ -82,6 +80,14 @@ def stress_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Fig
     marks = "× largest shear" + (", ▼ edges of contact" if scene.is_contact else "")
     write_head(figure, f"{plain_name(scene.name)}, simulated: principal stresses\n{marks}")
     return figure
+
+
+def _grid(figure: Any, rows: int, cols: int, count: int) -> Any:
+    """The first axes of a grid, one for each of `count` pictures; the others are hidden."""
+    axes = figure.subplots(rows, cols, squeeze=False).ravel()
+    for ax in axes[count:]:
+        ax.set_visible(False)
+    return axes[:count]
 
 
 def stress_kinds(pixels: PixelGrid, items: Sequence[Rendered]) -> list[PictureKind]:
@@ -141,12 +147,10 @@ def simulation_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) ->
     if curves:
         both: Any = figure.subfigures(2, 1, height_ratios=[height - 3.6, 3.2])
         upper, lower = both
-    axes = upper.subplots(image_rows, cols, squeeze=False).ravel()
-    for ax, item in zip(axes, items, strict=False):
+    axes = _grid(upper, image_rows, cols, len(items))
+    for ax, item in zip(axes, items, strict=True):
         largest = float(np.nanmax(item.picture.order))
         _draw_frame(ax, scene, pixels, item, title=f"{item.state.label}: N up to {largest:.2f}")
-    for ax in axes[len(items) :]:
-        ax.set_visible(False)
     if lower is not None:
         pressure_axes, right = lower.subplots(1, 2)
         plot_pressure([item.state for item in items], pressure_axes)

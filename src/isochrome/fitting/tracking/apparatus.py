@@ -193,5 +193,5 @@ def _held(freed: Freed[JointSolution], scene: Scene, places: list[int]) -> Appar
         covariance=fit.covariance[np.ix_(at, at)],
         terms=freed.now.terms if freed.light else None,
         outside=freed.now.data.outside,
-        warnings=tuple(f"asked of {asked}{held}: {text}" for text in said),
+        warnings=tuple(f"asked of {asked}{held}: " + text for text in said),
     )

@@ -68,7 +68,7 @@ def with_tractions(
     frames.plain = plain
     several = len(outcome) > 1
     messages = [
-        f"tractions of frame {i}: {text}" if several else f"tractions: {text}"
+        (f"tractions of frame {i}: " if several else "tractions: ") + text
         for i, one in enumerate(outcome)
         for text in one.warnings
     ]

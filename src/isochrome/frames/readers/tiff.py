@@ -27,7 +27,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.frames.source import (
+from isochrome.frames.reading import (
     MAX_BYTES,
     Extent,
     RawFrame,
@@ -104,12 +104,12 @@ def read_ome(text: str, path: Path) -> Ome:
         raise InputError(message("ome_notes_describe_no", path=path))
     samples = [_count(c, "SamplesPerPixel", path) for c in pixels.iterfind("{*}Channel")]
     size = {axis: _count(pixels, f"Size{axis}", path) for axis in "ZCT"}
-    times = _times(pixels, size["Z"] * size["T"])
     interval = _number(pixels, "TimeIncrement", OME_SECONDS, "TimeIncrementUnit", "s")
-    start = None if interval is None else 0.0
-    from_first: tuple[float | None, ...] | None = None
-    if times is not None:
-        interval, (start, from_first) = None, times
+    start, from_first = _times(pixels, size["Z"] * size["T"])
+    if from_first is not None:
+        interval = None
+    elif interval is not None:
+        start = 0.0
     bits = pixels.get("SignificantBits")
     return Ome(
         slices=size["Z"],
@@ -155,10 +155,10 @@ def _pixel_mm(pixels: ElementTree.Element, path: Path) -> float | None:
 
 def _times(
     pixels: ElementTree.Element, planes: int
-) -> tuple[float, tuple[float | None, ...]] | None:
+) -> tuple[float | None, tuple[float | None, ...] | None]:
     """The first plane's own time (s), and each one's from there, in the order of the frames.
 
-    None where not each plane has one; of one, where it does not come after all before.
+    Both None where not each plane has one; one of them, where it does not come after all before.
     """
     times: dict[int, float] = {}
     for plane in pixels.iterfind("{*}Plane"):
@@ -167,12 +167,12 @@ def _times(
             index = int(plane.get("TheT", "0")) + int(plane.get("TheZ", "0"))
             value = float(plane.get("DeltaT", "nan"))
         except ValueError:
-            return None
+            return None, None
         if factor is None or not math.isfinite(value):
-            return None
+            return None, None
         times[index] = value * factor
     if len(times) != planes or set(times) != set(range(planes)):
-        return None
+        return None, None
     ordered = [times[i] for i in range(planes)]
     latest = accumulate(ordered, max, initial=-math.inf)
     from_first = (
@@ -218,7 +218,6 @@ class PageDecoder:
         """Close what decoding has opened besides the TIFF itself."""
         if self._pillow is not None:
             self._pillow.close()
-            self._pillow = None
 
     def _page(self, layout: TiffLayout, number: int, index: int) -> Any:
         import tifffile

@@ -17,9 +17,17 @@ from isochrome.frames.containers import (
     checksum,
     decoded,
     open_container,
+    to_image,
 )
-from isochrome.frames.readers.pixel_formats import to_image
-from isochrome.frames.source import Extent, RawFrame, Source, Stamp, StoredForm, next_time, refusing
+from isochrome.frames.reading import (
+    Extent,
+    RawFrame,
+    Source,
+    Stamp,
+    StoredForm,
+    next_time,
+    refusing,
+)
 from isochrome.messages import message
 
 SUFFIXES = (
@@ -58,11 +66,7 @@ class Video:
 
     def frames(self, start: int) -> Generator[RawFrame]:
         """The frames from number `start` on; those before are decoded, but not converted."""
-        first, running = 0, None
-        if self.places is not None and start > 0:
-            first, running = self._from_key(start)
-        if running is None:
-            first, running = 0, self.decoded()
+        first, running = self._from_key(start) or (0, self.decoded())
         if self.places is not None and self.places.sums is None:
             running = self._as_listed(self.places.stamps, first, running)
         for index, item in enumerate(running, first):
@@ -128,29 +132,28 @@ class Video:
                 )
             )
 
-    def _from_key(self, start: int) -> tuple[int, Iterator[Decoded] | None]:
+    def _from_key(self, start: int) -> tuple[int, Iterator[Decoded]] | None:
         """Frames from the last key frame before `start`; None where they are not the known ones.
 
         A key frame that is none, or a time stamp that two frames share, shows in the checksums.
         """
-        assert self.places is not None
+        if self.places is None or start >= len(self.places.times_s):
+            return None
         keys = self.places.keys[self.places.keys[:, 0] <= start]
-        if len(keys) == 0 or keys[-1][0] == 0 or start >= len(self.places.times_s):
-            return 0, None
-        first, tick = int(keys[-1][0]), int(keys[-1][1])
-        if np.count_nonzero(self.places.stamps == tick) != 1:
-            return 0, None
+        first, tick = map(int, keys[-1]) if len(keys) else (0, 0)
+        if first == 0 or np.count_nonzero(self.places.stamps == tick) != 1:
+            return None
         running = self.decoded((first, tick))
         try:
             item = next((d for d in running if d.tick is not None and d.tick >= tick), None)
         except InputError:
-            return 0, None
+            return None
         if item is None or item.tick != tick:
-            return 0, None
+            return None
         if self.places.sums is None:
             return first, chain((item,), running)
         if checksum(item.frame) != self.places.sums[first]:
-            return 0, None
+            return None
         return first, self._checked(first, item, running)
 
     def _checked(
