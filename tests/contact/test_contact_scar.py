@@ -273,7 +273,7 @@ def test_an_edge_that_draws_back_hands_over_to_the_grid():
         {
             "load.normal_n": table,
             "wear.distances_m": (20.0, 60.0, 100.0),
-            "numerics.spacing_mm": 0.006,
+            "numerics.spacing_mm": 0.012,
             "friction.static_state_first": False,
         }
     )
