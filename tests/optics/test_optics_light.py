@@ -128,39 +128,6 @@ def test_a_measured_spectrum_and_response_are_linear_between_their_samples(order
     assert seen(order, scope, sensor)[0, 0, 0] == pytest.approx(exact, abs=1e-7)
 
 
-def test_a_finely_sampled_spectrum_is_the_sum_of_its_samples():
-    """A lamp every nanometre, as a spectrometer gives it."""
-    wavelength = np.arange(420.0, 681.0)
-    power = 1.0 + np.sin(wavelength / 40.0) ** 2
-    scope = Polariscope(
-        wavelength_nm=REFERENCE, spectrum={"wavelength_nm": wavelength, "power": power}
-    )
-    order = np.linspace(0.0, 4.0, 41)
-    fine = np.linspace(420.0, 680.0, 260 * 40 + 1)
-    light = np.interp(fine, wavelength, power)
-    exact = [
-        np.trapezoid(light * np.sin(np.pi * n * REFERENCE / fine) ** 2, fine)
-        / np.trapezoid(light, fine)
-        for n in order
-    ]
-    # the trapezium rule's (h turn)²/12 with 1/40 nm
-    np.testing.assert_allclose(seen(order, scope)[0, :, 0], exact, rtol=0, atol=1e-6)
-
-
-def test_white_fringes_wash_out_to_grey():
-    """At high order as many wavelengths are dark as bright: 1/2, to the integral's ends.
-
-    |∫ cos(2 pi N l0/l) dl| / 300 <= (700² + 400²) / (2 pi N l0 300) by parts, and a little more.
-    """
-    for order in (10.0, 25.0, 50.0):
-        signal = seen(order + np.linspace(0, 1, 21), WHITE, highest=order + 1)
-        bound = (700.0**2 + 400.0**2) / (2 * np.pi * order * REFERENCE * 300.0)
-        assert np.abs(signal - 0.5).max() < 0.55 * bound
-    # while low orders are fringes
-    assert seen(0.0, WHITE)[0, 0, 0] == pytest.approx(0.0, abs=1e-12)
-    assert seen(0.5, WHITE)[0, 0, 0] > 0.9
-
-
 REAL = Polariscope(
     wavelength_nm=REFERENCE,
     light="white",
@@ -242,22 +209,6 @@ def test_no_visibility_leaves_grey():
     order = np.full((3, 4), 1.3)
     signal = seen(order, WHITE, GENERIC, visibility=np.zeros_like(order))
     np.testing.assert_allclose(signal, 0.5, rtol=0, atol=1e-13)
-
-
-def test_one_wavelength_looks_alike_in_every_channel():
-    order = np.linspace(0, 3, 31)
-    signal = seen(order, Polariscope(wavelength_nm=REFERENCE), GENERIC)
-    for channel in range(3):
-        np.testing.assert_allclose(
-            signal[0, :, channel], np.sin(np.pi * order) ** 2, rtol=0, atol=1e-14
-        )
-
-
-def test_without_colour_every_wavelength_counts_alike():
-    assert camera_response(Camera()).names == ("grey",)
-    signal = seen(1.3, WHITE)[0, 0, 0]
-    exact = integral(lambda w: np.sin(np.pi * 1.3 * REFERENCE / w) ** 2 / 300.0, 400.0, 700.0)
-    assert signal == pytest.approx(exact, abs=1e-7)
 
 
 def test_a_response_file_is_read_for_the_cameras_channels(tmp_path):
