@@ -14,7 +14,13 @@ from isochrome import fit
 from isochrome.benchmarks import load_benchmarks
 from isochrome.errors import InputError
 from isochrome.estimation import prepare_frame
-from isochrome.fitting import fit_frame, fit_with_causes, stated_inputs, taken_as_exact
+from isochrome.fitting import (
+    cause_messages,
+    fit_frame,
+    fit_with_causes,
+    stated_inputs,
+    taken_as_exact,
+)
 from isochrome.frames import Frame
 from isochrome.scene import load_scene, parse_scene
 from isochrome.simulation import simulate
@@ -213,6 +219,8 @@ def test_a_scale_that_is_off_is_fitted_with_its_prior_and_a_suspect_without():
     off = scene.with_values({PIXEL: 1.004 * scene.get(PIXEL)})
     suspect = fit_with_causes(data_of(image, off), off, KEYS, cold=False)
     assert not suspect.causes and not suspect.asked[0].can_be_freed
+    said = cause_messages(suspect)[-1]
+    assert "contradicts the scale" in said and PIXEL in said
     known = stated(off, camera__pixel_mm=0.3)
     found = fit_with_causes(data_of(image, known), known, KEYS, cold=False)
     assert [cause.keys for cause in found.causes] == [(PIXEL,)]

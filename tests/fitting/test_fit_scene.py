@@ -1,14 +1,12 @@
 """Unknowns of a scene from rendered frames, and the quick simulation that finds them."""
 
-import json
-
 import numpy as np
 import pytest
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.fitting import SceneRenderer, fit, frame_scene, scene_at, with_numerics
-from isochrome.output import read_csv, write_tiff
-from isochrome.scene import load_scene, parse_scene
+from isochrome.fitting import SceneRenderer, fit, scene_at, with_numerics
+from isochrome.output import write_tiff
+from isochrome.scene import parse_scene
 from isochrome.simulation import (
     make_picture,
     picture_signal,
@@ -60,36 +58,6 @@ def test_load_place_and_friction_come_from_one_frame_within_their_uncertainty(
         within(found.shared[key], value)
     assert found.shared["load.normal_n"]["standard_uncertainty"] < 0.01
     assert found.chi == pytest.approx(1.0, abs=0.05) and found.warnings == ()
-
-
-@pytest.mark.long
-def test_two_frames_share_the_wear_and_keep_their_own_friction(rendered, tmp_path):
-    table = {"distance_m": [77.0, 155.0], "value": [0.22, 0.27]}
-    # the steps of the wear are the same in truth and fit: their own errors do not matter here
-    text = WORN + "\n[numerics]\ntolerance = 1e-3\n"
-    path = rendered(
-        text, friction__coefficient=table, wear__coefficient_mm2_per_n=2.2e-9, load__normal_n=45.0
-    )
-    found = fit(
-        path, parse_scene(text), ["wear.coefficient_mm2_per_n", "load.normal_n"],
-        per_frame=["friction.coefficient"], out=tmp_path / "out",
-    )  # fmt: skip
-    within(found.shared["wear.coefficient_mm2_per_n"], 2.2e-9)
-    within(found.shared["load.normal_n"], 45.0)
-    for own, true in zip(found.frames, (0.22, 0.27), strict=True):
-        within(own["friction.coefficient"], true)
-    assert found.chi == pytest.approx(1.0, abs=0.03)
-
-    # What is left on disk says the same, and the fitted scene can be read again.
-    saved = json.loads((tmp_path / "out" / "fit.json").read_text("utf-8"))
-    parts = {"value", "standard_uncertainty", "noise_uncertainty", "cramer_rao_bound"}
-    assert set(saved["load.normal_n"]) == parts
-    assert saved == json.loads(json.dumps(found.to_json()))
-    again = load_scene(tmp_path / "out" / "scene.toml")
-    assert again.load.normal_n == found.shared["load.normal_n"]["value"]
-    assert again.friction_at(155.0) == found.frames[1]["friction.coefficient"]["value"]
-    rows = read_csv(tmp_path / "out" / "fit.csv")
-    assert [str(frame) for frame in rows["frame"]] == ["all", "all", "0", "1"]
 
 
 def test_keys_that_the_frame_cannot_tell_apart_are_refused_by_their_correlation(rendered):
@@ -160,15 +128,6 @@ def test_a_cached_signal_is_the_fresh_one_whatever_came_between():
         assert np.abs(again - fresh)[8:].max() < (2e-4 if "camera.left_mm" in values else 1e-6)
     back = SceneRenderer(scene, (120, 160), stride=2)
     assert np.array_equal(back.signal(scene), first)
-
-
-def test_a_frames_scene_is_one_state_of_its_own():
-    scene = parse_scene(WORN.replace("= 0.25\n", "= 0.25\nstatic_state_first = true\n"))
-    static, first, last = (frame_scene(scene, k) for k in range(3))
-    assert static.wear is None and static.friction is None
-    assert first.wear.distances_m == (77.0,) and last.wear.distances_m == (155.0,)
-    assert first.friction.coefficient == 0.25
-    assert scene_at(scene, 0.0).wear is None
 
 
 @pytest.mark.parametrize("key", ["wear.coefficient_mm2_per_n", "load.normal_n"])

@@ -1,5 +1,7 @@
 """A worn sequence as one run: what frames owe to their history, and what they tell of it."""
 
+import json
+
 import numpy as np
 import pytest
 from engine_frames import fit_jointly
@@ -22,7 +24,7 @@ from isochrome.fitting import (
     with_numerics,
 )
 from isochrome.frames import Frame
-from isochrome.output import write_tiff
+from isochrome.output import read_csv, write_tiff
 from isochrome.scene import load_scene, parse_scene
 from isochrome.simulation import scene_states, simulate
 from scene_texts import PAPER_CONTACT, SMALL_CAMERA, WEARING_CONTACT
@@ -169,7 +171,7 @@ def test_load_friction_and_wear_each_over_distance(tmp_path):
     progress = []
     found = fit(
         write(tmp_path, truth), scene(**values), [WEAR], per_frame=[LOAD, FRICTION],
-        follow=True, progress=progress.append,
+        follow=True, as_stated=True, progress=progress.append, out=tmp_path / "out",
     )  # fmt: skip
     within(found.shared[WEAR], 2e-9)
     for own, true in zip(found.frames, (42.0, *load["value"]), strict=True):
@@ -187,6 +189,15 @@ def test_load_friction_and_wear_each_over_distance(tmp_path):
     assert found.scene.wear.law == "sarkar" and found.scene.wear.distances_m == (0.0, 77.0, 155.0)
     assert found.scene.load_at(155.0) == found.frames[3][LOAD]["value"]
     assert found.scene.friction_at(77.0) == found.frames[2][FRICTION]["value"]
+
+    # what is left on disk says the same, and the fitted scene can be read again
+    saved = json.loads((tmp_path / "out" / "fit.json").read_text("utf-8"))
+    parts = {"value", "standard_uncertainty", "noise_uncertainty", "cramer_rao_bound"}
+    assert set(saved[WEAR]) == parts and saved == json.loads(json.dumps(found.to_json()))
+    again = load_scene(tmp_path / "out" / "scene.toml")
+    assert (again.load, again.friction) == (found.scene.load, found.scene.friction)
+    rows = read_csv(tmp_path / "out" / "fit.csv")
+    assert [str(frame) for frame in rows["frame"]] == ["all", "0", "1", "1", "2", "2", "3", "3"]
 
 
 @pytest.mark.long
