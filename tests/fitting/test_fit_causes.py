@@ -4,8 +4,8 @@ code with our optics and camera."""
 
 import numpy as np
 import pytest
-from sliding_bench import FRICTION, LOAD, bench
 
+from fitting.sliding_bench import FRICTION, LOAD, bench
 from isochrome.benchmarks import load_benchmarks
 from isochrome.estimation import prepare_frame
 from isochrome.fitting import cause_messages, fit_frame, fit_with_causes

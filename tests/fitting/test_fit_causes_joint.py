@@ -3,9 +3,9 @@ Truth is `outside_camera`, which shares no code with our optics and camera."""
 
 import numpy as np
 import pytest
-from sliding_bench import bench
-from test_fit_causes import Defects, frame
 
+from fitting.sliding_bench import bench
+from fitting.test_fit_causes import Defects, frame
 from isochrome import fit, track
 from isochrome.estimation import prepare_frame
 from isochrome.fitting import Apparatus, Tracker, placed

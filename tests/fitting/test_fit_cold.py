@@ -1,8 +1,8 @@
 """Cold starts: random contacts, rendered, and fitted from values that are far off."""
 
 import pytest
-from cold_frames import LOAD_BAR, RIGHT_CHI, is_right, random_case
 
+from fitting.cold_frames import LOAD_BAR, RIGHT_CHI, is_right, random_case
 from isochrome.errors import InputError
 from isochrome.fitting import fit_frame, placed
 from isochrome.fitting.search.cold_start import search_frame

@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from engine_frames import fit_jointly
 
+from fitting.engine_frames import fit_jointly
 from isochrome.errors import InputError
 from isochrome.estimation import prepare_frame
 from isochrome.fitting import (

@@ -7,9 +7,9 @@ import json
 import numpy as np
 import pytest
 import tifffile
-from sliding_bench import FRICTION, LOAD, bench
-from test_fit_causes import Defects, frame
 
+from fitting.sliding_bench import FRICTION, LOAD, bench
+from fitting.test_fit_causes import Defects, frame
 from isochrome.cli import main
 from isochrome.errors import PhysicsError
 from isochrome.estimation import prepare_frame

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 import tifffile
-from pressed import CONTACT, LOBE, ORDER_PER_MPA, THICKNESS, Patch, Pressed
 
+from fitting.pressed import CONTACT, LOBE, ORDER_PER_MPA, THICKNESS, Patch, Pressed
 from imagej_heads import has_whole_head, heads_of
 from isochrome.errors import InputError, PhysicsError
 from isochrome.fitting import fit
