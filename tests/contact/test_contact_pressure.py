@@ -109,14 +109,15 @@ def test_hertz_pressure_converges_with_order_three_halves_away_from_the_edge():
     assert errors[-1] < 1e-4
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_the_pressure_does_not_depend_on_where_the_solver_starts(seed):
+def test_the_pressure_does_not_depend_on_where_the_solver_starts():
+    """Nor on a start without any pressure, which a forecast that left no contact may be."""
     x, _, usual = solved(parabola, 301, coupling=COUPLING, friction=0.5)
-    rng = np.random.default_rng(seed)
-    starts = [rng.random(301), np.where(x > 0.5, 1.0, 0.0), np.ones(301), np.eye(301)[150]]
-    _, _, other = solved(parabola, 301, coupling=COUPLING, friction=0.5, start=starts[seed])
-    # two solutions of residual 1e-10
-    np.testing.assert_allclose(other.pressure, usual.pressure, rtol=0, atol=1e-7 * PEAK)
+    noise = np.random.default_rng(0).random(301)
+    beside = np.where(x > 0.5, 1.0, 0.0)
+    for start in (noise, beside, np.ones(301), np.eye(301)[150], np.zeros(301)):
+        _, _, other = solved(parabola, 301, coupling=COUPLING, friction=0.5, start=start)
+        # two solutions of residual 1e-10
+        np.testing.assert_allclose(other.pressure, usual.pressure, rtol=0, atol=1e-7 * PEAK)
 
 
 def test_wedge_has_its_width_and_logarithmic_pressure():

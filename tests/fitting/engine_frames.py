@@ -72,7 +72,7 @@ def fitted(frame, start, keys, **options):
 
 
 def picture_of(scene, state=None):
-    """A scene's state, its last one by default, on the camera's pixels, by the direct simulation."""
+    """A scene's state, or its last, on the camera's pixels, by the direct simulation."""
     grid = pixel_grid(scene)
     state = scene_states(scene)[-1] if state is None else state
     return make_picture(scene, state_difference(scene, state, grid), grid)

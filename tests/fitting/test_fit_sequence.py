@@ -258,27 +258,3 @@ def test_pulls_of_wear_and_friction_over_seeds():
     # 6 seeds x 19 unknowns: 114 pulls, of which neighbours hang together; their RMS is known to
     # 0.08, the share to 2.4 %: two of each
     assert 0.84 < size < 1.16 and 0.90 < inside < 0.998
-
-
-@pytest.mark.study
-@pytest.mark.long
-def test_a_sequence_of_the_papers_frames(tmp_path):
-    """Archard's law and the dissipated energy's at this size: `isochrome bench fit`."""
-    paper = load_scene("line-contact-wear")
-    truth = paper.with_values(
-        {
-            "camera.brightness": 0.85, "camera.background": 0.05, "camera.vignette": 0.3,
-            "camera.noise_grey": 3.0, "camera.seed": 5, "camera.left_mm": -1.97,
-            "wear.law": "sarkar", WEAR: 2e-9, FRICTION: RISING, LOAD: 44.5,
-        }
-    )  # fmt: skip
-    start = paper.with_values({"wear.law": "sarkar", WEAR: 2.2e-9})
-    found = fit(write(tmp_path, truth), start, [WEAR, LOAD], per_frame=[FRICTION, *PLACE])
-    assert found.shared[WEAR]["value"] == pytest.approx(2e-9, rel=0.005)
-    for own, true in zip(found.frames[1:], RISING["value"], strict=True):
-        assert own[FRICTION]["value"] == pytest.approx(true, abs=0.003)
-        within(own[FRICTION], true, sigmas=5.0)
-    within(found.shared[WEAR], 2e-9, sigmas=5.0)
-    laws = found.wear_laws
-    assert [near.law for near in laws.close] == ["sarkar"]
-    assert "the frames prefer sarkar" in laws.sentence() and found.warnings == ()
