@@ -273,10 +273,10 @@ def test_only_what_fringes_follow_is_an_input():
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["held", pytest.param("asked", marks=pytest.mark.study)])
 def test_the_whole_uncertainty_covers_inputs_that_are_off_by_chance(kind):
-    rows = case_inputs.frames(kind, quick=False, seeds=range(8))
+    rows = case_inputs.frames(kind, quick=False, seeds=range(6))
     pulls = np.array([(row.load_pull, row.friction_pull) for row in rows])
-    # of 8 draws of 95 % at least 6 in 99 of 100 cases (binomial)
-    assert np.all((abs(pulls) < case_inputs.COVERED).sum(axis=0) >= 6)
-    # the 0.1 and 99.9 % points of the RMS of 8 normal pulls; `isochrome bench inputs` has more
+    # of 6 draws of 95 % at least 4 in 99.8 of 100 cases (binomial)
+    assert np.all((abs(pulls) < case_inputs.COVERED).sum(axis=0) >= 4)
+    # the 0.1 and 99.9 % points of the RMS of 6 normal pulls; `isochrome bench inputs` has more
     size = np.sqrt(np.mean(pulls**2, axis=0))
-    assert np.all((size > 0.33) & (size < 1.81))
+    assert np.all((size > 0.25) & (size < 1.94))

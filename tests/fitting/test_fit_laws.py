@@ -267,7 +267,8 @@ def test_every_law_is_preferred_where_it_wore(tmp_path, name, k):
 
 @pytest.mark.long
 def test_running_in_is_told_with_its_distance(tmp_path):
-    found = fitted(tmp_path, scene(wear__coefficient_mm2_per_n=RUNNING_IN))
+    steps = {"numerics__tolerance": 1e-3}  # as above
+    found = fitted(tmp_path, scene(wear__coefficient_mm2_per_n=RUNNING_IN, **steps), **steps)
     (best,) = found.wear_laws.close
     assert best.law == "running_in"
     for key, true in {WEAR: 2e-9, "first_over_last": 2.0, "running_in_distance_m": 100.0}.items():

@@ -77,13 +77,13 @@ def test_a_track_that_begins_at_a_low_load_finds_which_load_wore_the_scar(tmp_pa
 def test_a_new_contact_under_a_load_that_swings_far_is_followed_with_its_wear(tmp_path):
     """By 20 %, from the unworn contact on: where the load fell, k fell by 11 %, and its scar with
     it. Boxes reached behind the scars that were kept, and wore on by loads of long ago."""
-    i = np.arange(24)
+    i = np.arange(16)
     load = 44.0 * (1.0 + 0.2 * np.sin(2.0 * np.pi * i / 20.0))
     frames, start = worn_film(0.1 * i, load, np.full(i.size, 0.2), np.random.default_rng(6))
     save(tmp_path, frames)
     result = track(tmp_path / "film.tif", start, (LOAD, LEFT, WEAR), as_stated=True)
     assert result.searched == (0,)
-    pull = (result.values - np.stack([load, np.full(24, -1.9), np.full(24, 2e-9)], axis=1))[1:]
+    pull = (result.values - np.stack([load, np.full(16, -1.9), np.full(16, 2e-9)], axis=1))[1:]
     pull /= result.standard_uncertainty[1:]
     # neighbours share their scar, so that k's pulls are of fewer draws than the load's
     assert np.all(np.sqrt(np.mean(pull**2, axis=0)) < [1.4, 1.4, 2.0])

@@ -203,7 +203,7 @@ def test_a_fit_that_leaves_a_lobe_says_that_tractions_find_it(tmp_path, as_state
 
 @pytest.mark.long
 def test_the_command_leaves_tractions_and_principal_stresses(tmp_path):
-    view = Pressed((CONTACT, LOBE), **SMALL)
+    view = Pressed((CONTACT, LOBE), cols=160, rows=120, pixel=0.025)
     write_tiff(tmp_path / "frame.tif", view.frame()[None], pixel_mm=view.pixel)
     scene = view.scene(42.0)
 
