@@ -1,5 +1,5 @@
-"""Truth for rings by curved biquadratic elements, without series: the whole ring under a node's
-force, or what the hole changes of a disc, which is smooth and so more exact."""
+"""Truth for rings by curved biquadratic elements, without series: what the hole changes of a disc,
+which is smooth and so more exact than a ring under a node's force."""
 
 from functools import lru_cache
 
@@ -29,25 +29,10 @@ def hooke(strain):
     return (strain + POISSON / (1 - POISSON) * eye(trace(strain), 2)) / (1 + POISSON)
 
 
-def whole_ring(ratio, count):
-    """Stress of a quarter ring (outer radius 1, hole `ratio`, P/d = 1, `count` elements each way):
-    angles from the load (m,), radii (n,), and sx, sz, txz (m, n)."""
-
-    def crowded(width):
-        even = np.linspace(0.0, 1.0, count + 1)
-        return width * (0.05 * even + 0.95 * even**2)
-
-    lines = crowded(0.5 * np.pi), 1.0 - crowded(1.0 - ratio)[::-1]
-    mesh, basis, across = _quarter(*lines)
-    load = np.zeros(basis.N)
-    # the load's own half of it: the other is on the other side of the mirror
-    load[~across & (np.hypot(basis.doflocs[0], basis.doflocs[1] + 1.0) < 1e-9)] = 0.5
-    return _solved(mesh, basis, across, load, lines)
-
-
 @lru_cache(maxsize=4)
 def hole_in_disc(ratio, count=48):
-    """What a hole adds to the disc's stress; returns as `whole_ring`. Even elements."""
+    """What a hole `ratio` as wide adds to the stress of a quarter disc (radius 1, P/d = 1, `count`
+    even elements each way): angles from the load (m,), radii (n,), and sx, sz, txz (m, n)."""
     lines = np.linspace(0.0, 0.5 * np.pi, count + 1), np.geomspace(ratio, 1.0, count + 1)
     mesh, basis, across = _quarter(*lines)
 

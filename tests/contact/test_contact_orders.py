@@ -6,10 +6,7 @@ import isochrome.contact.scar as scar_module
 from isochrome.contact import (
     constant_course,
     make_mesh,
-    make_surface,
     scar_history,
-    scar_on_nodes,
-    solve_pressure,
 )
 from isochrome.reference import hertz_half_width
 
@@ -61,25 +58,3 @@ def test_the_unworn_width_converges_by_the_fourth_order_in_the_mesh(monkeypatch)
         half[n] = next(scar_history(RADIUS, MODULUS, 0.0, course, stops, tolerance=1e-4)).x_mm[-1]
     got = orders([half[n] for n in (16, 32, 64)], hertz_half_width(LOAD, RADIUS, MODULUS))
     assert ((got > 3.8) & (got < 4.2)).all(), got
-
-
-def test_the_elastic_contact_on_a_worn_surface_converges_in_the_grid(monkeypatch):
-    """Pressure at the middle on N nodes: first order and better, as the steep edge between nodes
-    allows; truth from a grid thirty times finer than the coarsest."""
-    worn = scar(128, monkeypatch)
-
-    def middle(n):
-        x = np.linspace(-0.8, 0.8, n)
-        surface = make_surface(
-            n, x[1] - x[0], contact_modulus_mpa=MODULUS, coupling_per_mpa=COUPLING
-        )
-        _, depth = scar_on_nodes(worn, x)
-        gap = x * x / (2 * RADIUS) + depth
-        return solve_pressure(surface, gap, LOAD, friction=FRICTION).pressure[n // 2]
-
-    exact = middle(8193)
-    error = np.abs([middle(n) - exact for n in (257, 1025, 4097)]) / exact
-    # where the edge lies between two nodes makes single errors jump; over sixteen times the nodes
-    # the order shows, and the coarsest is within what the default grid promises
-    assert np.log(error[0] / error[-1]) / np.log(16.0) > 1.0
-    assert error[0] < 1e-3

@@ -8,26 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from hard.hard_cases import COUPLING, HALF_WIDTH, LOAD, MODULUS, PEAK, RADIUS, influence
 from isochrome.contact import displacement, make_surface, solve_pressure
 from isochrome.errors import PhysicsError
-from isochrome.reference import (
-    contact_modulus,
-    coupled_contact,
-    coupled_pressure,
-    coupling_modulus_inverse,
-    hertz_half_width,
-    hertz_peak_pressure,
-    hertz_pressure,
-    punch_pressure,
-    wedge_half_width,
-    wedge_pressure,
-)
-
-PAIR = (2100.0, 0.4, 210000.0, 0.3)
-MODULUS, COUPLING = contact_modulus(*PAIR), coupling_modulus_inverse(*PAIR)
-RADIUS, LOAD = 24.61, 11.0
-HALF_WIDTH = hertz_half_width(LOAD, RADIUS, MODULUS)
-PEAK = hertz_peak_pressure(LOAD, RADIUS, MODULUS)
+from isochrome.reference import hertz_pressure, wedge_half_width, wedge_pressure
 
 
 def solved(gap, n, *, half=0.8, load=LOAD, coupling=0.0, **options):
@@ -79,16 +63,7 @@ def test_displacement_is_the_direct_sum_of_hats(n, friction):
     h = 0.01
     surface = make_surface(n, h, contact_modulus_mpa=MODULUS, coupling_per_mpa=COUPLING)
     p = np.random.default_rng(n).random(n)
-    i, j = np.indices((n, n))
-
-    def second(x):
-        safe = np.where(x == 0, 1.0, np.abs(x))
-        return x**2 * (np.log(safe) / 2 - 0.75)
-
-    x = (i - j) * h
-    normal = -2 / (np.pi * MODULUS) * (second(x + h) - 2 * second(x) + second(x - h)) / h
-    ahead = h * (0.5 * (i == j) + (j > i))  # ∫ of hat j over t > x_i
-    u = (normal - 0.5 * COUPLING * friction * ahead) @ p
+    u = influence(h * np.arange(n), coupling=COUPLING, friction=friction) @ p
     got = displacement(surface, p, friction=friction)
     # an additive constant is the approach's; rounding of sums of n terms, and of the cancelling
     # second difference: 1e-16 (L/h)² of the kernel
@@ -134,52 +109,15 @@ def test_hertz_pressure_converges_with_order_three_halves_away_from_the_edge():
     assert errors[-1] < 1e-4
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_the_pressure_does_not_depend_on_where_the_solver_starts(seed):
+def test_the_pressure_does_not_depend_on_where_the_solver_starts():
+    """Nor on a start without any pressure, which a forecast that left no contact may be."""
     x, _, usual = solved(parabola, 301, coupling=COUPLING, friction=0.5)
-    rng = np.random.default_rng(seed)
-    starts = [rng.random(301), np.where(x > 0.5, 1.0, 0.0), np.ones(301), np.eye(301)[150]]
-    _, _, other = solved(parabola, 301, coupling=COUPLING, friction=0.5, start=starts[seed])
-    # two solutions of residual 1e-10
-    np.testing.assert_allclose(other.pressure, usual.pressure, rtol=0, atol=1e-7 * PEAK)
-
-
-@pytest.mark.parametrize(
-    ("friction", "beta"), [(0.25, 0.1618), (-0.25, 0.1618), (1.0, 0.4), (1.0, 0.5), (-1.0, 0.5)]
-)
-def test_coupled_sliding_contact_is_the_closed_form(friction, beta):
-    """Pressure, place and width with friction's coupling, up to |mu beta| = 0.5."""
-    coupling = 4 * beta / MODULUS
-    exact = coupled_contact(LOAD, RADIUS, MODULUS, friction=friction, beta=beta)
-    x, h, state = solved(parabola, 1601, coupling=coupling, friction=friction)
-    assert_contact_conditions(state, h, LOAD)
-    p = coupled_pressure(x, exact)
-    inside = np.abs(x - exact.centre_mm) < 0.9 * exact.half_width_mm
-    # h = 1 um = a/370: (h/a)^1.5 = 1.4e-4 for the edge between nodes
-    assert np.abs(state.pressure - p)[inside].max() < 1.5e-4 * PEAK
-    assert state.pressure.max() == pytest.approx(exact.peak_pressure_mpa, rel=1.2e-6)
-    # the resultant's place, -4 eps a·... of the closed form by its own sum on the same nodes; the
-    # sum's error is that of the edge, (h/a)^1.5 h
-    assert (x @ state.pressure) * h / LOAD == pytest.approx(
-        (x @ p) / p.sum(), abs=2e-4 * HALF_WIDTH
-    )
-
-
-def flat(x):
-    return np.where(np.abs(x) > 0.5 * (1 + 1e-12), 1e3, 0.0)
-
-
-def test_flat_punch_has_the_root_singular_pressure_inside_to_first_order():
-    errors = []
-    for n in (321, 641, 1281):
-        x, h, state = solved(flat, n, half=0.8)
-        assert_contact_conditions(state, h, LOAD)
-        inside = np.abs(x) < 0.4
-        exact = punch_pressure(x[inside], half_width_mm=0.5, line_load_n_per_mm=LOAD)
-        errors.append(np.abs(state.pressure[inside] / exact - 1).max())
-    # the corner node stands for an infinite pressure: first order inside, halved with the spacing
-    assert errors[0] / errors[1] > 1.8 and errors[1] / errors[2] > 1.8
-    assert errors[2] < 4e-3
+    noise = np.random.default_rng(0).random(301)
+    beside = np.where(x > 0.5, 1.0, 0.0)
+    for start in (noise, beside, np.ones(301), np.eye(301)[150], np.zeros(301)):
+        _, _, other = solved(parabola, 301, coupling=COUPLING, friction=0.5, start=start)
+        # two solutions of residual 1e-10
+        np.testing.assert_allclose(other.pressure, usual.pressure, rtol=0, atol=1e-7 * PEAK)
 
 
 def test_wedge_has_its_width_and_logarithmic_pressure():
@@ -192,24 +130,6 @@ def test_wedge_has_its_width_and_logarithmic_pressure():
     exact = wedge_pressure(x[away], half_width_mm=a, slope=slope, contact_modulus_mpa=MODULUS)
     # first order: the tip's infinite pressure is cut off at a node
     assert np.abs(state.pressure[away] - exact).max() < 3 * h / a * exact.max()
-
-
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("friction", [0.0, 1.0])
-def test_rough_profile_with_tens_of_patches_converges_without_negative_pressure(seed, friction):
-    """Hard case: a solver that stops early leaves tension or overlap between the patches."""
-    rng = np.random.default_rng(seed)
-    k = np.arange(1, 200)
-    wave = rng.normal(size=(2, 199)) / k
-
-    def rough(x):
-        phase = 2 * np.pi * k[:, None] * x
-        return parabola(x) + 2e-4 * (wave[0] @ np.cos(phase) + wave[1] @ np.sin(phase))
-
-    _, h, state = solved(rough, 1021, half=1.0, coupling=1.9 / MODULUS, friction=friction)
-    assert_contact_conditions(state, h, LOAD)
-    on = state.pressure > 0.0
-    assert np.count_nonzero(np.diff(on.astype(int)) == 1) > 20
 
 
 @settings(max_examples=25, deadline=None)
@@ -231,13 +151,6 @@ def test_every_contact_holds_its_conditions(seed, n, load, friction, wear):
     # and the gap is the one of that pressure
     made = gap + displacement(surface, state.pressure, friction=friction) + wear * state.pressure
     assert np.ptp(made - state.gap) <= 1e-9 * (np.ptp(gap) + load / MODULUS)
-
-
-def test_incompressible_against_compressible_with_friction_one_holds():
-    """Hard case: mu beta = 0.5, where plain conjugate gradients have no right to converge."""
-    for shape in (parabola, flat):
-        _, h, state = solved(shape, 801, coupling=2.0 / MODULUS, friction=1.0)
-        assert_contact_conditions(state, h, LOAD)
 
 
 @settings(max_examples=15, deadline=None)
@@ -265,10 +178,3 @@ def test_a_tolerance_below_rounding_is_refused_and_does_not_hang():
         solve_pressure(surface, x**2 / 49.22, 11.0, tolerance=1e-30)
     # friction is not to blame where there is none
     assert "friction.coefficient" not in str(refusal.value)
-
-
-@pytest.mark.parametrize("n", [200, 201])
-def test_reversed_friction_gives_the_mirrored_pressure(n):
-    _, _, forward = solved(parabola, n, coupling=COUPLING, friction=0.8)
-    _, _, back = solved(parabola, n, coupling=COUPLING, friction=-0.8)
-    np.testing.assert_allclose(back.pressure, forward.pressure[::-1], rtol=0, atol=1e-7 * PEAK)

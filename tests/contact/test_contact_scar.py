@@ -59,16 +59,6 @@ def test_the_mesh_integrates_the_logarithm_and_the_load_ahead(intervals, error):
     assert mesh.total @ values == pytest.approx(quad(smooth, -1, 1)[0], rel=error)
 
 
-def test_the_slope_is_of_fourth_order_inside():
-    """Depth-like (1-ξ²)²: errors fall sixteenfold with twice the nodes."""
-
-    def error(n):
-        xi = make_mesh(n).xi[1:-1]
-        return np.abs(make_mesh(n).slope @ (1 - xi**2) ** 2 + 4 * xi * (1 - xi**2)).max()
-
-    assert 12.0 < error(128) / error(256) < 18.0
-
-
 def run(dose, tolerance, *, mu_beta=0.04, mu_beta_first=None, load_ratio=1.0, count=4):
     """Scars at doses up to `dose` (in UNIT), friction and load linear in the dose. Each stop has
     the load and friction that the course has come to."""
@@ -273,7 +263,7 @@ def test_an_edge_that_draws_back_hands_over_to_the_grid():
         {
             "load.normal_n": table,
             "wear.distances_m": (20.0, 60.0, 100.0),
-            "numerics.spacing_mm": 0.006,
+            "numerics.spacing_mm": 0.012,
             "friction.static_state_first": False,
         }
     )

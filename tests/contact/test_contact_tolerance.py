@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
+from hard.hard_cases import RADIUS, eliminated, influence
 from isochrome.benchmarks import load_benchmarks
 from isochrome.contact import contact_states
-from isochrome.reference import contact_modulus
 from isochrome.scene import load_scene
 
-RADIUS, THICKNESS = 24.61, 4.0
-MODULUS = contact_modulus(2100.0, 0.4, 210000.0, 0.3)
+THICKNESS = 4.0
 
 
 def table(*points):
@@ -41,12 +40,7 @@ def largest(scene):
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("spacing", "tolerance"),
-    [
-        (0.012, 1e-3),
-        (0.003, 1e-3),
-        pytest.param(0.012, 1e-4, marks=pytest.mark.study),
-        (0.006, 1e-4),
-    ],
+    [(0.012, 1e-3), (0.006, 1e-4)],
 )
 def test_a_contact_that_overruns_its_old_edge_is_within_the_tolerance(spacing, tolerance):
     """Goes wrong: the old scar's mesh is as coarse as the tolerance of its own pressure allows, and
@@ -92,117 +86,60 @@ def test_a_state_on_a_steep_rise_of_the_load_is_no_jump():
     assert np.abs(np.array(got) / finer - 1.0).max() < 1e-3
 
 
-def steep_rise(length):
-    """The load rises from 20 N to 44 N within a length (m) of a course that wears throughout."""
-    return {
-        "load.normal_n": table((100.0, 20.0), (100.0 + length, 44.0)),
+@pytest.mark.long
+def test_a_steep_rise_of_the_load_on_a_worn_scar_is_within_the_tolerance():
+    """From 20 N to 44 N within 3 m that wear. Goes wrong: the bend of the old edge goes inside
+    faster than wear smooths it, a mesh as fine as without it does not hold it: 10 tolerances."""
+    steep = {
+        "load.normal_n": table((100.0, 20.0), (103.0, 44.0)),
         "wear.coefficient_mm2_per_n": 6e-9,
-        "wear.distances_m": (100.0 + 0.5 * length, 100.0 + length),
+        "wear.distances_m": (101.5, 103.0),
     }
+    got, exact = (largest(overrun(0.012, tolerance, **steep)) for tolerance in (1e-4, 1e-5))
+    assert np.abs(got / exact - 1.0).max() < 1e-4  # 0.2 is measured
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("length", "tolerance"), [(3.0, 1e-4), pytest.param(1.0, 1e-4, marks=pytest.mark.study)]
-)
-def test_a_steep_rise_of_the_load_on_a_worn_scar_is_within_the_tolerance(length, tolerance):
-    """Goes wrong: the bend of the old edge goes inside faster than wear smooths it, a mesh as fine
-    as without it does not hold it, and p_max errs by 10 and 39 tolerances."""
-    steep = steep_rise(length)
-    got = largest(overrun(0.012, tolerance, **steep))
-    # 0.2 and 0.8 are measured
-    assert np.abs(got / largest(overrun(0.012, 0.1 * tolerance, **steep)) - 1.0).max() < tolerance
-
-
-@pytest.mark.long
-def test_no_mesh_blurs_the_peak_at_an_edge_that_is_overrun_within_a_metre():
-    """Goes wrong: between two nodes of the mesh the peak is flat, and 12 % lower than on a grid
-    four times finer; 1.5 % and 3.4 % are measured, the grids' own difference."""
-    got, finer = (largest(overrun(h, 1e-3, **steep_rise(1.0))) for h in (0.012, 0.003))
-    assert np.abs(got / finer - 1.0)[:, 0].max() < 0.05
-
-
-def influence(x, h):
-    """Displacement by hats at both x and -x of unit pressure: (i, j), mm per MPa."""
-
-    def second(t):
-        safe = np.where(t == 0.0, 1.0, np.abs(t))
-        return t * t * (0.5 * np.log(safe) - 0.75)
-
-    def hat(d):
-        return -2.0 / (np.pi * MODULUS) * (second(d + h) - 2 * second(d) + second(d - h)) / h
-
-    matrix = hat(x[:, None] - x) + hat(x[:, None] + x)
-    matrix[:, 0] /= 2.0
-    return matrix
-
-
-def solved(matrix, gap, load, h, active, diagonal=0.0):
-    """Pressure on x >= 0 by elimination: tension leaves the contact, overlap joins it."""
-    weight = np.full(len(gap), 2.0 * h)
-    weight[0] = h
-    for _ in range(100):
-        on = np.flatnonzero(active)
-        system = np.zeros((len(on) + 1, len(on) + 1))
-        system[:-1, :-1] = matrix[np.ix_(on, on)] + diagonal * np.eye(len(on))
-        system[:-1, -1], system[-1, :-1] = -1.0, weight[on]
-        answer = np.linalg.solve(system, np.r_[-gap[on], load])
-        p = np.zeros(len(gap))
-        p[on] = answer[:-1]
-        wrong = (active & (p < 0.0)) | (~active & (gap + matrix @ p - answer[-1] < -1e-15))
-        if not wrong.any():
-            return p, active
-        active = active ^ wrong
-    raise AssertionError("no contact set holds")
+def even(x):
+    """Displacement at x >= 0 by hats of unit pressure at both x and -x (i, j), mm per MPa; and the
+    share of the load that each carries."""
+    full, n = influence(np.r_[-x[:0:-1], x]), len(x)
+    matrix = full[n - 1 :, n - 1 :].copy()
+    matrix[:, 1:] += full[n - 1 :, n - 2 :: -1]
+    weight = np.full(n, 2.0 * x[1])
+    weight[0] = x[1]
+    return matrix, weight
 
 
 def worn_profile(h, half, steps, dose, load):
     """Depth at x >= 0 after a dose, by implicit Euler steps that grow linearly."""
     x = h * np.arange(round(half / h) + 1)
-    matrix, depth, active = influence(x, h), np.zeros(len(x)), x < 0.25
+    (matrix, weight), depth, active = even(x), np.zeros(len(x)), x < 0.25
     for step in np.diff(dose * np.linspace(0.0, 1.0, steps + 1) ** 2):
-        p, active = solved(matrix, x * x / (2 * RADIUS) + depth, load, h, active, step)
+        gap = x * x / (2 * RADIUS) + depth
+        p, active = eliminated(matrix, gap, active, weight, load, diagonal=step)
         depth = depth + step * p
     return depth
 
 
-@pytest.mark.parametrize(
-    ("finer", "steps", "error"),
-    [(8, 60, 1.5e-3), pytest.param(16, 200, 5e-4, marks=pytest.mark.long)],
-)
-def test_the_overrun_is_that_of_a_finer_grid_and_plain_elimination(finer, steps, error):
-    """Truth: the scar on a grid eight or sixteen times finer by Euler's steps, extrapolated to no
-    step; then the larger load on every eighth or sixteenth of its nodes."""
+def test_the_overrun_is_that_of_a_finer_grid_and_plain_elimination():
+    """Truth: the scar on a grid eight times finer by Euler's steps, extrapolated to no step; then
+    the larger load on every eighth of its nodes."""
     h, dose = 0.012, 2e-6 * 50.5
     x = h * np.arange(41)
+    matrix, weight = even(x)
     peaks, depths = [], []
-    for count in (steps, 2 * steps):
+    for count in (60, 120):
         depth = np.zeros(len(x))
-        fine = worn_profile(h / finer, 0.36, count, dose, 20.0 / THICKNESS)[::finer]
+        fine = worn_profile(h / 8, 0.36, count, dose, 20.0 / THICKNESS)[::8]
         depth[: len(fine)] = fine
-        p, _ = solved(influence(x, h), x * x / (2 * RADIUS) + depth, 44.0 / THICKNESS, h, x < 0.3)
+        p, _ = eliminated(matrix, x * x / (2 * RADIUS) + depth, x < 0.3, weight)
         peaks.append(p.max())
         depths.append(depth.max())
     states = contact_states(overrun(h, 1e-3, **{"friction.coefficient": 0.0}))
     assert THICKNESS * states[-1].line_load_n_per_mm == pytest.approx(44.0, rel=1e-9)
-    # what the finer grid's own edge, between two of its nodes, leaves: 5e-4 of 1.5 um, 2e-4 of less
-    assert states[-1].p_max_mpa == pytest.approx(2 * peaks[1] - peaks[0], rel=error)
+    # what the finer grid's own edge, between two of its nodes, leaves: 5e-4
+    assert states[-1].p_max_mpa == pytest.approx(2 * peaks[1] - peaks[0], rel=1.5e-3)
     assert states[-1].wear_depth_mm.max() == pytest.approx(2 * depths[1] - depths[0], rel=1e-4)
-
-
-def judged(seeds, tolerance):
-    rows = load_benchmarks("case_tolerance").courses(tolerance, False, seeds)
-    assert all(isinstance(row, load_benchmarks("rows").ToleranceRow) for row in rows)
-    return rows
-
-
-def assert_kept(rows, bar=1.0):
-    """Within the tolerance, or a share of it, or refused with what to change."""
-    for row in rows:
-        if row.refused:
-            assert "numerics.tolerance" in row.refused, row
-        else:
-            assert max(row.p_max, row.depth) <= bar, row
 
 
 @pytest.mark.study
@@ -225,8 +162,11 @@ def test_random_courses_are_within_their_tolerance(seed, tolerance):
     overruns the edge. 159: a last step that ends beyond a jump by its rounding. 69: steps that
     rounding stops on the way of the finer run, which went on with the grid and another error in
     space, by 117 tolerances. `isochrome bench tolerance` is the whole study."""
-    # 0.43 is measured of course 50, and a tenth and less of most
-    assert_kept(judged([seed], tolerance), bar=0.7)
+    (row,) = load_benchmarks("case_tolerance").courses(tolerance, False, [seed])
+    if row.refused:
+        assert "numerics.tolerance" in row.refused, row
+    else:  # 0.43 is measured of course 50, and a tenth and less of most
+        assert max(row.p_max, row.depth) <= 0.7, row
 
 
 def test_mesh_and_grid_share_the_way_alike_at_every_tolerance():
@@ -245,11 +185,3 @@ def test_mesh_and_grid_share_the_way_alike_at_every_tolerance():
         held.append([state.scar_edges_mm is not None for state in states])
     assert held[0] == held[1]
     assert any(held[0]) and not all(held[0])
-
-
-@pytest.mark.study
-@pytest.mark.long
-@pytest.mark.parametrize(("count", "tolerance"), [(20, 1e-3), (6, 1e-4)])
-def test_more_random_courses_are_within_their_tolerance(count, tolerance):
-    """The first of the three hundred of `isochrome bench tolerance`."""
-    assert_kept(judged(range(count), tolerance))

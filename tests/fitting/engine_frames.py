@@ -6,31 +6,28 @@ from isochrome.estimation import prepare_frame
 from isochrome.fitting import JointProblem, fit_frame
 from isochrome.frames import Frame
 from isochrome.scene import parse_scene
-from isochrome.simulation import make_picture, scene_states, simulate, state_difference
+from isochrome.simulation import (
+    make_picture,
+    picture_signal,
+    scene_states,
+    simulate,
+    state_difference,
+)
 from isochrome.stress import pixel_grid
-from scene_texts import PAPER_CONTACT
+from scene_texts import PAPER_CONTACT, SMALL_CAMERA
 
 PIXEL_MM = 0.00607
-CAMERA = f"""
-[camera]
-width_px = 659
-height_px = 494
-left_mm = -2.0
-top_mm = 0.0
-pixel_mm = {PIXEL_MM}
-bit_depth = 8
-brightness = 0.85
-background = 0.05
-vignette = 0.3
-noise_grey = 3.0
-"""
+CAMERA = {
+    "camera.width_px": 659, "camera.height_px": 494, "camera.pixel_mm": PIXEL_MM,
+    "camera.vignette": 0.3, "camera.noise_grey": 3.0,
+}  # fmt: skip
 HALF_SIZE = {"camera.width_px": 330, "camera.height_px": 247, "camera.pixel_mm": 2.0 * PIXEL_MM}
 KINDS = ("static", "slide", "worn", "bulk", "tangential", "worn, bulk")
 
 
 def random_contact(rng, kind):
     """A scene of one state, and the values drawn for its unknowns."""
-    text = PAPER_CONTACT + CAMERA
+    text = PAPER_CONTACT + SMALL_CAMERA
     true = {
         "load.normal_n": rng.uniform(25.0, 60.0),
         "camera.left_mm": -2.0 + rng.uniform(-0.25, 0.25),
@@ -48,7 +45,7 @@ def random_contact(rng, kind):
         text += "\n[friction]\ncoefficient = 0.3\n"
         true["load.tangential_n"] = rng.uniform(-0.24, 0.24) * true["load.normal_n"]
     scene = parse_scene(text)
-    return scene.with_values(true), true
+    return scene.with_values(CAMERA | true), true
 
 
 def captured(scene, seed):
@@ -74,11 +71,16 @@ def fitted(frame, start, keys, **options):
     return fit_frame(data, start, tuple(keys), **options)
 
 
-def orders(scene):
-    """Fringe order of a scene on its camera's pixels, by the direct simulation; NaN in air."""
+def picture_of(scene, state=None):
+    """A scene's state, or its last, on the camera's pixels, by the direct simulation."""
     grid = pixel_grid(scene)
-    difference = state_difference(scene, scene_states(scene)[-1], grid)
-    return make_picture(scene, difference, grid).order
+    state = scene_states(scene)[-1] if state is None else state
+    return make_picture(scene, state_difference(scene, state, grid), grid)
+
+
+def light_of(scene, state=None):
+    """The camera's light of it, without noise (rows, cols)."""
+    return picture_signal(scene, picture_of(scene, state))
 
 
 def pulls(fit, true):

@@ -5,22 +5,47 @@ import re
 import numpy as np
 import pytest
 import tifffile
-from block_frames import FREE, LOAD, PLACE, SIZE, SMALL, SMOOTH, WHOLE, photographed, scene_of
 
-from finite_block import Solid
+from finite_block import LINE_LOAD, THICKNESS, Solid, block_difference
+from fitting.engine_frames import picture_of
 from isochrome.fitting import LENS, fit
+from isochrome.optics import expose
 from isochrome.output import write_tiff
 from isochrome.processing import process
 from isochrome.scene import load_scene, parse_scene
-from isochrome.simulation import make_picture, scene_states, simulate, state_difference
+from isochrome.simulation import make_picture, picture_signal, simulate
 from isochrome.stress import pixel_grid
-from scene_texts import PAPER_CONTACT
+from scene_texts import PAPER_CONTACT, SMALL_CAMERA
+
+SMALL, WHOLE = (
+    {
+        "camera.width_px": cols, "camera.height_px": rows, "camera.pixel_mm": pixel,
+        "camera.vignette": 0.3, "camera.noise_grey": 3.0, "camera.seed": 5,
+    }
+    for cols, rows, pixel in ((220, 165, 0.01821), (659, 494, 0.00607))
+)  # fmt: skip
+LOAD = LINE_LOAD * THICKNESS
+PLACE = {"camera.left_mm": -1.98, "camera.top_mm": 0.01}
+FREE = ["load.normal_n", "camera.left_mm", "camera.top_mm"]
+SMOOTH = ["load.bulk_mpa", "load.bulk_along_x_mpa_per_mm", "load.bulk_along_z_mpa_per_mm"]
+SIZE = {"specimen.shape": "block", "specimen.width_mm": 60.0, "specimen.height_mm": 40.0}
 
 
-def found_order(scene):
+def scene_of(solid, camera, *, friction=None):
+    sliding = solid.friction if friction is None else friction
+    text = f"\n[friction]\ncoefficient = {sliding}\n" if sliding else ""
+    return parse_scene(PAPER_CONTACT + SMALL_CAMERA + text).with_values(camera)
+
+
+def photographed(solid, camera, path):
+    """A frame of the block as finite elements know it; returns its fringe order (rows, cols)."""
+    scene = scene_of(solid, camera)
     pixels = pixel_grid(scene)
-    stress = state_difference(scene, scene_states(scene)[-1], pixels)
-    return make_picture(scene, stress, pixels).order
+    stress = block_difference(solid, pixels.x_mm, pixels.z_mm)
+    picture = make_picture(scene, stress, pixels)
+    frame = expose(picture_signal(scene, picture), scene.camera, rng=np.random.default_rng(7))
+    write_tiff(path, frame[None], pixel_mm=scene.camera.pixel_mm)
+    return picture.order
 
 
 def order_error(found, truth):
@@ -39,7 +64,7 @@ def test_a_half_plane_reads_the_load_of_a_block_once_its_smooth_stress_is_fitted
     found = fit(tmp_path / "frame.tif", begun, FREE)
     assert found.shared["load.normal_n"]["value"] == pytest.approx(LOAD, rel=1e-3)
     assert found.chi == pytest.approx(1.0, abs=0.03)
-    rms, wrong = order_error(found_order(found.scene), truth)
+    rms, wrong = order_error(picture_of(found.scene).order, truth)
     assert rms < 0.005 and wrong < 2e-3
 
     # what was freed is told, and what it was for: the half-plane alone is 1 % off
@@ -51,7 +76,7 @@ def test_a_half_plane_reads_the_load_of_a_block_once_its_smooth_stress_is_fitted
 
 
 def test_a_frame_that_the_contact_alone_explains_has_nothing_freed(tmp_path):
-    scene = parse_scene(PAPER_CONTACT + SMALL)
+    scene = scene_of(Solid(), SMALL)
     write_tiff(tmp_path / "frame.tif", simulate(scene).frames, pixel_mm=0.01821)
     found = fit(tmp_path / "frame.tif", scene.with_values({"load.normal_n": 46.0}), FREE)
     assert set(found.shared) == set(FREE) and found.warnings == ()
@@ -91,7 +116,7 @@ def test_process_reads_a_blocks_orders_with_its_smooth_stress(tmp_path):
     # the noise of a pixel's order, not the model: the half-plane's leaves 0.013
     assert rms < 0.006 and wrong < 1e-4
     fitted = load_scene(tmp_path / "out" / "fitted_scene.toml")
-    assert order_error(found_order(fitted), truth)[0] < 0.003
+    assert order_error(picture_of(fitted).order, truth)[0] < 0.003
 
 
 @pytest.mark.study
@@ -99,9 +124,9 @@ def test_process_reads_a_blocks_orders_with_its_smooth_stress(tmp_path):
 def test_a_smooth_stress_that_explains_little_is_not_kept(tmp_path):
     # a contact of another width: the flat's pressure is no smooth stress
     flat = PAPER_CONTACT.replace("radius_mm = 24.61", 'shape = "flat"\nhalf_width_mm = 0.45')
-    scene = parse_scene(flat + SMALL)
+    scene = parse_scene(flat + SMALL_CAMERA).with_values(SMALL)
     write_tiff(tmp_path / "frame.tif", simulate(scene).frames, pixel_mm=0.01821)
-    found = fit(tmp_path / "frame.tif", parse_scene(PAPER_CONTACT + SMALL), FREE)
+    found = fit(tmp_path / "frame.tif", scene_of(Solid(), SMALL), FREE)
     assert set(found.shared) == set(FREE)
     assert found.chi > 1.3 and any("does not describe" in w for w in found.warnings)
 
@@ -129,7 +154,7 @@ def test_a_finite_blocks_frame_gives_load_and_order_within_the_bars(
     assert found.shared["load.normal_n"]["value"] == pytest.approx(LOAD, rel=5e-4)
     if friction:
         assert found.shared["friction.coefficient"]["value"] == pytest.approx(friction, abs=1e-3)
-    rms, wrong = order_error(found_order(found.scene), truth)
+    rms, wrong = order_error(picture_of(found.scene).order, truth)
     assert rms < 0.003 and wrong < 1e-4
     assert found.chi == pytest.approx(1.0, abs=0.02)
 
@@ -147,5 +172,5 @@ def test_a_block_in_the_scene_leaves_nothing_to_free(tmp_path, friction):
     assert not set(found.shared) & set(SMOOTH)
     assert set(found.shared) - set(keys) <= set(LENS)
     assert found.shared["load.normal_n"]["value"] == pytest.approx(LOAD, rel=3e-4)
-    rms, wrong = order_error(found_order(found.scene), truth)
+    rms, wrong = order_error(picture_of(found.scene).order, truth)
     assert rms < 0.003 and wrong < 1e-4

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from engine_frames import fit_jointly
 from scipy.ndimage import gaussian_filter
 from scipy.optimize import minimize_scalar
 
+from fitting.engine_frames import fit_jointly
 from isochrome.errors import PhysicsError
 from isochrome.estimation import fit_intensity, prepare_frame
 from isochrome.fitting import cramer_rao_bound, fit_frame, make_sequence, segments

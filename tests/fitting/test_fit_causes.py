@@ -4,12 +4,12 @@ code with our optics and camera."""
 
 import numpy as np
 import pytest
-from sliding_bench import FRICTION, LOAD, bench
 
+from fitting.sliding_bench import FRICTION, LOAD, bench
 from isochrome.benchmarks import load_benchmarks
 from isochrome.estimation import prepare_frame
 from isochrome.fitting import cause_messages, fit_frame, fit_with_causes
-from isochrome.fitting.causes.cause import ABOVE, BLURRED, ROLL, SCALE, STIFF, WIDE
+from isochrome.fitting.causes.cause import ABOVE, BLURRED, ROLL, WIDE
 from isochrome.fitting.causes.score import Asked, _undecided, is_impossible
 from isochrome.frames import Frame
 from isochrome.processing import cell_values
@@ -46,40 +46,21 @@ def value_of(freed, key):
     return freed.fit.values[freed.fit.keys.index(key)]
 
 
-GEOMETRY = [
-    ("camera.roll_deg", 0.1, 0.02),
-    ("camera.roll_deg", 0.3, 0.02),
-    ("camera.roll_deg", -2.0, 0.02),
-    ("camera.distortion", -0.005, 3e-4),
-    ("camera.distortion", 0.02, 3e-4),
-    ("camera.keystone_x", 0.02, 3e-4),
-    ("camera.keystone_z", -0.005, 3e-4),
-]
-"""Key, value, and the bar of issue and table: 0.02 degree, 3e-4."""
-
-OTHERS = [
-    ("frames.gamma", {"gamma": 1.1}, 1.1, 0.01),
-    ("polariscope.bandwidth_nm", {"band_nm": 10.0}, 10.0, 2.0),
-    ("polariscope.bandwidth_nm", {"band_nm": 40.0}, 40.0, 0.6),
-    ("polariscope.input_plate_error_deg", {"plate_error_deg": 5.0}, 5.0, 0.2),
-    ("polariscope.output_plate_error_deg", {"plate_error_deg": 15.0}, 15.0, 0.2),
-]
-
-LIGHTS = [
-    {"background_fall_off": 0.4},
-    {"background": 0.1, "background_slope": 1.0},
-    {"spot": 0.5},
-    {"bar": 0.4},
-]
-
-THINGS = [{"dust": 40}, {"shadow_px": 6}]
+def rows(*cases, long):
+    """Cases of the long run: those of these numbers, and of the study the others."""
+    return [
+        case
+        if i in long
+        else pytest.param(*(case if isinstance(case, tuple) else [case]), marks=pytest.mark.study)
+        for i, case in enumerate(cases)
+    ]
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_nothing_is_freed_in_a_frame_that_is_what_its_scene_says(seed):
     freed, stated, said = fitted(Defects(), seed=seed)
     assert freed.now is freed.stated and not freed.causes and not freed.light and said == ()
+    assert freed.fit.noise_ratio == 1.0  # what its pixels show
     assert max(map(abs, pulls(freed.fit))) < 4.0
     # what may be there and was not asked for costs little: of ten causes one in a frame has 3 u
     assert freed.fit.standard_uncertainty[0] < 1.3 * stated.standard_uncertainty[0]
@@ -87,41 +68,41 @@ def test_nothing_is_freed_in_a_frame_that_is_what_its_scene_says(seed):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("key", "value", "bar"),
-    [
-        p if i in (1, 3, 4) else pytest.param(*p, marks=pytest.mark.study)
-        for i, p in enumerate(GEOMETRY)
-    ],
+    ("key", "defect", "value", "bar"),
+    rows(  # the bars of issue and table: 0.02 degree, 3e-4
+        ("camera.roll_deg", "roll_deg", 0.1, 0.02),
+        ("camera.roll_deg", "roll_deg", 0.3, 0.02),
+        ("camera.roll_deg", "roll_deg", -2.0, 0.02),
+        ("camera.distortion", "distortion", -0.005, 3e-4),
+        ("camera.distortion", "distortion", 0.02, 3e-4),
+        ("camera.keystone_x", "keystone_x", 0.02, 3e-4),
+        ("camera.keystone_z", "keystone_z", -0.005, 3e-4),
+        ("frames.gamma", "gamma", 1.1, 0.01),
+        ("polariscope.bandwidth_nm", "band_nm", 10.0, 2.0),
+        ("polariscope.bandwidth_nm", "band_nm", 40.0, 0.6),
+        ("polariscope.input_plate_error_deg", "plate_error_deg", 5.0, 0.2),
+        ("polariscope.output_plate_error_deg", "plate_error_deg", 15.0, 0.2),
+        long=(1, 3, 9),
+    ),
 )
-def test_a_camera_that_is_not_square_is_found_and_named(key, value, bar):
-    freed, stated, said = fitted(Defects(**{key.split(".")[1]: value}))
-    assert {k for cause in freed.causes for k in cause.keys} == {key}
+def test_a_camera_light_and_plates_that_are_not_ideal_are_found_and_named(key, defect, value, bar):
+    freed, stated, said = fitted(Defects(**{defect: value}))
+    assert key in freed.fit.keys and len(freed.causes) == 1
     assert value_of(freed, key) == pytest.approx(value, abs=bar)
     # the load as stated was off by 10 to 200 of its uncertainties
     assert max(map(abs, pulls(freed.fit))) < 4.0
     assert abs(pulls(stated)[0]) > abs(pulls(freed.fit)[0])
     assert len(said) == 1 and f"{key} = " in said[0]
-    assert abs(value_of(freed, "load.normal_n") / LOAD - 1.0) < 2e-4
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("key", "defects", "value", "bar"),
-    [p if i in (2, 4) else pytest.param(*p, marks=pytest.mark.study) for i, p in enumerate(OTHERS)],
-)
-def test_light_and_plates_that_are_not_ideal_are_found_and_named(key, defects, value, bar):
-    freed, _, said = fitted(Defects(**defects))
-    assert key in freed.fit.keys and len(freed.causes) == 1
-    assert value_of(freed, key) == pytest.approx(value, abs=bar)
-    assert max(map(abs, pulls(freed.fit))) < 4.0
-    assert f"{key} = " in said[0]
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(
     "defects",
-    [p if i in (1, 2) else pytest.param(p, marks=pytest.mark.study) for i, p in enumerate(LIGHTS)],
-)
+    rows(
+        {"background_fall_off": 0.4}, {"background": 0.1, "background_slope": 1.0},
+        {"spot": 0.5}, {"bar": 0.4}, long=(2,),
+    ),
+)  # fmt: skip
 def test_uneven_light_is_described_and_said(defects):
     freed, _, said = fitted(Defects(**defects))
     assert freed.light and not freed.causes and freed.fit.chi < 1.03
@@ -130,8 +111,7 @@ def test_uneven_light_is_described_and_said(defects):
 
 
 @pytest.mark.parametrize(
-    "defects",
-    [p if i == 0 else pytest.param(p, marks=pytest.mark.long) for i, p in enumerate(THINGS)],
+    "defects", [{"dust": 40}, pytest.param({"shadow_px": 6}, marks=pytest.mark.long)]
 )
 def test_dust_and_shadow_are_left_out_and_said(defects):
     freed, stated, said = fitted(Defects(**defects))
@@ -144,15 +124,12 @@ def test_dust_and_shadow_are_left_out_and_said(defects):
 @pytest.mark.long
 @pytest.mark.parametrize(
     "defects",
-    [
-        {"shadow_px": 2},
-        pytest.param(
-            {"shadow_px": 7, "roll_deg": -1.4, "keystone_x": 0.008}, marks=pytest.mark.study
-        ),
-        {"shadow_px": 6, "spot": 0.1, "bar": 0.1},
-        pytest.param({"shadow_px": 4, "background_slope": 0.8}, marks=pytest.mark.study),
-    ],
-)
+    rows(
+        {"shadow_px": 2}, {"shadow_px": 7, "roll_deg": -1.4, "keystone_x": 0.008},
+        {"shadow_px": 6, "spot": 0.1, "bar": 0.1}, {"shadow_px": 4, "background_slope": 0.8},
+        long=(0, 2),
+    ),
+)  # fmt: skip
 def test_a_shadow_on_the_surface_bends_nothing_else(defects):
     """Its faint rows were taken up by lens and light: the load was off by 6 to 13 of its u."""
     freed, _, said = fitted(Defects(**defects))
@@ -172,13 +149,11 @@ def test_a_blur_is_no_shadow(blur_px):
     assert value_of(freed, "camera.blur_px") == pytest.approx(blur_px, abs=0.02)
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("load", "left_mm", "blur_px", "seed"),
-    [
-        pytest.param(42.008, -1.92691, 0.822, 1719522194, marks=pytest.mark.study),
-        pytest.param(25.3827, -1.91113, 1.0376, 1587952543, marks=pytest.mark.study),
-    ],
+    [(42.008, -1.92691, 0.822, 1719522194), (25.3827, -1.91113, 1.0376, 1587952543)],
 )
 def test_rows_that_a_blur_explains_are_taken_in_again(load, left_mm, blur_px, seed):
     """In these static frames most of what is odd lies beside the surface."""
@@ -225,26 +200,6 @@ def test_the_area_of_the_pixels_moves_no_load():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("share", [pytest.param(0.99, marks=pytest.mark.study), 1.01])
-def test_a_scale_that_is_off_is_suspected_and_not_freed(share):
-    """The frame cannot tell the pixel from the moduli: the message says so."""
-    off = bench().with_values({"camera.pixel_mm": share * bench().camera.pixel_mm})
-    freed, stated, said = fitted(Defects(), scene=off)
-    assert "camera.pixel_mm" not in freed.fit.keys and freed.fit.keys == stated.keys
-    assert {SCALE, STIFF} & {asked.cause for asked in freed.asked}
-    assert "contradicts the scale" in said[-1] and "camera.pixel_mm" in said[-1]
-
-
-@pytest.mark.long
-def test_noise_that_is_no_cause_frees_nothing():
-    """Rows that flicker together, and a JPEG: no derivative looks like them."""
-    for defects in (Defects(jpeg=90), Defects(row_noise=1.0)):
-        freed, _, _ = fitted(defects)
-        assert not freed.causes
-        assert max(map(abs, pulls(freed.fit))) < 4.0
-
-
-@pytest.mark.long
 def test_a_blur_too_little_to_be_freed_is_not_taken_for_a_band_of_light():
     """A band of 4.9 nm was found in the sample disc, whose camera blurs by 0.4 px."""
     freed, _, _ = fitted(Defects(blur_px=0.45))
@@ -252,10 +207,10 @@ def test_a_blur_too_little_to_be_freed_is_not_taken_for_a_band_of_light():
     assert max(map(abs, pulls(freed.fit))) < 4.0
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_three_defects_at_once():
-    defects = Defects(roll_deg=-0.5, spot=0.3, band_nm=20.0, noise=2.0)
-    freed, _, said = fitted(defects)
+    freed, _, said = fitted(Defects(roll_deg=-0.5, spot=0.3, band_nm=20.0, noise=2.0))
     assert freed.light and {"camera.roll_deg", "polariscope.bandwidth_nm"} <= set(freed.fit.keys)
     assert max(map(abs, pulls(freed.fit))) < 4.0 and np.isfinite(freed.fit.chi)
     assert len(said) >= 2
@@ -295,7 +250,7 @@ def test_a_simulated_roll_is_found_by_process(tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("noise", "quality"), [(3.0, 80), (3.0, 90), (1.0, 85)])
+@pytest.mark.parametrize(("noise", "quality"), rows((3.0, 80), (3.0, 90), (1.0, 85), long=(0,)))
 def test_a_compressed_picture_keeps_its_chi_and_its_pulls(noise, quality):
     """Its finest part is gone, from which noise is told elsewhere: chi was 2.3 to 5.0."""
     freed, _, said = fitted(Defects(noise=noise, jpeg=quality))
@@ -303,11 +258,6 @@ def test_a_compressed_picture_keeps_its_chi_and_its_pulls(noise, quality):
     assert not freed.causes and not freed.light
     assert np.all(np.abs(pulls(freed.fit)) < 3.0)
     assert any(" times what neighbouring pixels show" in text for text in said)
-
-
-def test_a_clean_picture_has_the_noise_that_its_pixels_show():
-    freed, _, said = fitted(Defects())
-    assert freed.fit.noise_ratio == 1.0 and not said
 
 
 @pytest.mark.long

@@ -3,9 +3,9 @@ Truth is `outside_camera`, which shares no code with our optics and camera."""
 
 import numpy as np
 import pytest
-from sliding_bench import bench
-from test_fit_causes import Defects, frame
 
+from fitting.sliding_bench import bench
+from fitting.test_fit_causes import Defects, frame
 from isochrome import fit, track
 from isochrome.estimation import prepare_frame
 from isochrome.fitting import Apparatus, Tracker, placed
@@ -51,14 +51,6 @@ def pulls(found):
     return np.array([(v["value"] - true) / v["standard_uncertainty"] for v, true in pairs])
 
 
-def some(cases, default):
-    """Those that are quick to see by default, and all of them in the long run."""
-    return [
-        case if i in default else pytest.param(*case, marks=pytest.mark.long)
-        for i, case in enumerate(cases)
-    ]
-
-
 def test_frames_that_are_what_their_scene_says_ask_for_nothing(tmp_path):
     found = joint(tmp_path, Defects())
     assert found.warnings == () and set(found.shared) == {FRICTION, *PLACE}
@@ -68,7 +60,7 @@ def test_frames_that_are_what_their_scene_says_ask_for_nothing(tmp_path):
 
 @pytest.mark.study
 @pytest.mark.long
-@pytest.mark.parametrize(("key", "defects", "value", "bar"), some(DEFECTS, (0,)))
+@pytest.mark.parametrize(("key", "defects", "value", "bar"), DEFECTS)
 def test_what_the_frames_share_is_one_unknown_of_all(tmp_path, key, defects, value, bar):
     found = joint(tmp_path, Defects(**defects), size=LARGER if key == ROLL else ())
     assert set(found.shared) == {FRICTION, *PLACE, key}
@@ -129,7 +121,7 @@ def test_a_track_of_what_its_scene_says_asks_for_nothing(tmp_path):
 
 @pytest.mark.study
 @pytest.mark.long
-@pytest.mark.parametrize(("key", "defects", "value", "bar"), some(DEFECTS, (0,)))
+@pytest.mark.parametrize(("key", "defects", "value", "bar"), DEFECTS)
 def test_what_a_videos_frames_share_is_held_through_the_track(tmp_path, key, defects, value, bar):
     found = followed(tmp_path, Defects(**defects), size=LARGER if key == ROLL else ())
     (said,) = found.warnings

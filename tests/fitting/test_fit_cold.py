@@ -1,10 +1,10 @@
 """Cold starts: random contacts, rendered, and fitted from values that are far off."""
 
 import pytest
-from cold_frames import LOAD_BAR, RIGHT_CHI, Case, is_right, random_case
 
+from fitting.cold_frames import LOAD_BAR, RIGHT_CHI, is_right, random_case
 from isochrome.errors import InputError
-from isochrome.fitting import FrameFit, fit_frame, placed
+from isochrome.fitting import fit_frame, placed
 from isochrome.fitting.search.cold_start import search_frame
 
 
@@ -27,13 +27,6 @@ def study(kind: str, seeds: range) -> list[str]:
 @pytest.mark.long
 def test_a_held_contact_is_found_from_far_values():
     assert study("held", range(6, 7)) == []
-
-
-@pytest.mark.study
-@pytest.mark.long
-def test_of_fifty_held_contacts_49_are_found_and_the_others_flagged():
-    """98 of 100: `isochrome bench fit` starts from a hundred others."""
-    assert len(study("held", range(50))) <= 1
 
 
 @pytest.mark.study
@@ -65,25 +58,16 @@ def test_friction_of_a_held_contact_is_found_beside_its_forces():
         assert abs(fit.values[-1] - mu) < 4.0 * spread, (case.data.name, fit.values[-1], mu, spread)
 
 
-def flagged_or_right(case: Case) -> FrameFit:
+@pytest.mark.long
+@pytest.mark.parametrize(("seed", "factors"), [(1, (0.03, 0.04)), (0, (9.0, 20.0))])
+def test_a_load_outside_the_search_is_flagged_by_chi(seed, factors):
+    case = random_case("held", seed, factors=factors)
     fit = fit_frame(case.data, case.begun, case.keys)
     assert fit.chi > RIGHT_CHI or is_right(case, fit), (case.data.name, fit.chi, fit.values)
-    return fit
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("seed", "factors"), [(1, (0.03, 0.04)), *((seed, (9.0, 20.0)) for seed in range(3))]
-)
-def test_a_load_outside_the_search_is_flagged_by_chi(seed, factors):
-    flagged_or_right(random_case("held", seed, factors=factors))
-
-
-@pytest.mark.parametrize(
-    "seed", [2, *(pytest.param(s, marks=pytest.mark.long) for s in range(3, 5))]
-)
-def test_another_cylinder_than_the_scenes_is_flagged_by_chi(seed):
-    case = random_case("held", seed)
+def test_another_cylinder_than_the_scenes_is_flagged_by_chi():
+    case = random_case("held", 2)
     other = 2.5 * case.true.indenter.radius_mm
     begun = case.begun.with_values({"indenter.radius_mm": other})
     fit = fit_frame(case.data, begun, case.keys)

@@ -4,18 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from engine_frames import HALF_SIZE, KINDS, begun, captured, fitted, orders, pulls, random_contact
 from scipy.ndimage import gaussian_filter
 
+from fitting.engine_frames import (
+    HALF_SIZE,
+    KINDS,
+    begun,
+    captured,
+    fitted,
+    light_of,
+    picture_of,
+    pulls,
+    random_contact,
+)
 from isochrome.estimation import prepare_frame
 from isochrome.fitting import FrameModel, cramer_rao_bound, fit_frame, fit_region
-from isochrome.simulation import (
-    make_picture,
-    picture_signal,
-    scene_states,
-    simulate,
-    state_difference,
-)
+from isochrome.simulation import simulate
 from isochrome.stress import pixel_grid
 
 
@@ -35,7 +39,7 @@ def test_load_place_and_friction_to_the_bar_from_a_start_ten_per_cent_off(factor
     # the bars of the fit are 2e-4 of load and 3e-4 of a fringe; five contacts leave 2e-6 to 1e-5,
     # and 1 to 3e-5
     assert abs(load / true["load.normal_n"] - 1.0) <= 3e-5
-    error = orders(fit.scene) - orders(scene)
+    error = picture_of(fit.scene).order - picture_of(scene).order
     assert np.sqrt(np.nanmean(error**2)) <= 1e-4
     assert fit.converged and fit.chi == pytest.approx(1.0, abs=0.02)
 
@@ -82,13 +86,6 @@ def test_pulls_over_many_contacts_have_the_spread_and_the_coverage_that_is_promi
     assert np.all(over_limit <= 1.2)
 
 
-def direct_light(scene):
-    """The camera's light of a scene without noise, by the direct simulation."""
-    grid = pixel_grid(scene)
-    difference = state_difference(scene, scene_states(scene)[-1], grid)
-    return picture_signal(scene, make_picture(scene, difference, grid)).astype(float)
-
-
 def test_the_bound_is_that_of_the_whole_problem_solved_by_brute_force():
     """All derivatives by central differences of the direct simulation, linear unknowns beside."""
     scene, true = random_contact(np.random.default_rng(8), "slide")
@@ -103,11 +100,11 @@ def test_the_bound_is_that_of_the_whole_problem_solved_by_brute_force():
     for key in keys:
         step = steps.get(key, 1e-5)
         ahead, behind = (
-            direct_light(scene.with_values({key: scene.get(key) + sign * step}))
+            light_of(scene.with_values({key: scene.get(key) + sign * step})).astype(float)
             for sign in (1.0, -1.0)
         )
         columns.append(light * (ahead - behind) / (2.0 * step))
-    signal = direct_light(scene)
+    signal = light_of(scene).astype(float)
     columns += [signal * member for member in (1 + 0 * x, x, y, x * x, x * y, y * y)]
     columns.append(1.0 + 0.0 * x)
     below = pixel_grid(scene).z_mm[:, None] >= 0.5 * scene.camera.pixel_mm
@@ -133,7 +130,7 @@ def test_a_local_model_steps_to_where_a_new_frame_stands():
     model = FrameModel(data, scene, keys, whole)
     values = np.array([true[key] for key in keys])
     local = model.linearise(values, model.at(values))
-    change = 0.85 * (direct_light(scene.with_values(moved)) - direct_light(scene))
+    change = 0.85 * (light_of(scene.with_values(moved)) - light_of(scene))
     rows, cols = (np.linspace(-1.0, 1.0, n) for n in data.light.shape)
     change *= 1.0 - 0.15 * (rows[:, None] ** 2 + cols[None, :] ** 2)
     step = local.step((change / data.sigma)[model.pixels.keep].astype(np.float32))

@@ -3,8 +3,8 @@ Half-size frames: the load is then known to some 0.003 %, and the bar is 0.05 %.
 
 import numpy as np
 import pytest
-from engine_frames import HALF_SIZE, begun, captured, fitted, pulls, random_contact
 
+from fitting.engine_frames import HALF_SIZE, begun, captured, fitted, pulls, random_contact
 from isochrome.errors import InputError
 from isochrome.fitting import fit
 from isochrome.output import write_tiff

@@ -14,7 +14,13 @@ from isochrome import fit
 from isochrome.benchmarks import load_benchmarks
 from isochrome.errors import InputError
 from isochrome.estimation import prepare_frame
-from isochrome.fitting import fit_frame, fit_with_causes, stated_inputs, taken_as_exact
+from isochrome.fitting import (
+    cause_messages,
+    fit_frame,
+    fit_with_causes,
+    stated_inputs,
+    taken_as_exact,
+)
 from isochrome.frames import Frame
 from isochrome.scene import load_scene, parse_scene
 from isochrome.simulation import simulate
@@ -213,6 +219,8 @@ def test_a_scale_that_is_off_is_fitted_with_its_prior_and_a_suspect_without():
     off = scene.with_values({PIXEL: 1.004 * scene.get(PIXEL)})
     suspect = fit_with_causes(data_of(image, off), off, KEYS, cold=False)
     assert not suspect.causes and not suspect.asked[0].can_be_freed
+    said = cause_messages(suspect)[-1]
+    assert "contradicts the scale" in said and PIXEL in said
     known = stated(off, camera__pixel_mm=0.3)
     found = fit_with_causes(data_of(image, known), known, KEYS, cold=False)
     assert [cause.keys for cause in found.causes] == [(PIXEL,)]
@@ -265,10 +273,10 @@ def test_only_what_fringes_follow_is_an_input():
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["held", pytest.param("asked", marks=pytest.mark.study)])
 def test_the_whole_uncertainty_covers_inputs_that_are_off_by_chance(kind):
-    rows = case_inputs.frames(kind, quick=False, seeds=range(8))
+    rows = case_inputs.frames(kind, quick=False, seeds=range(6))
     pulls = np.array([(row.load_pull, row.friction_pull) for row in rows])
-    # of 8 draws of 95 % at least 6 in 99 of 100 cases (binomial)
-    assert np.all((abs(pulls) < case_inputs.COVERED).sum(axis=0) >= 6)
-    # the 0.1 and 99.9 % points of the RMS of 8 normal pulls; `isochrome bench inputs` has more
+    # of 6 draws of 95 % at least 4 in 99.8 of 100 cases (binomial)
+    assert np.all((abs(pulls) < case_inputs.COVERED).sum(axis=0) >= 4)
+    # the 0.1 and 99.9 % points of the RMS of 6 normal pulls; `isochrome bench inputs` has more
     size = np.sqrt(np.mean(pulls**2, axis=0))
-    assert np.all((size > 0.33) & (size < 1.81))
+    assert np.all((size > 0.25) & (size < 1.94))

@@ -36,6 +36,12 @@ def test_a_law_over_a_constant_friction_stays_the_scenes_own():
     assert one.wear.law == "sarkar" and one.wear.coefficient_mm2_per_n == 2e-9
 
 
+def test_a_static_frame_has_neither_wear_nor_friction_and_a_new_one_no_wear():
+    static, new, *_ = (frame_scene(scene(), i) for i in range(4))
+    assert static.wear is None and static.friction is None
+    assert new.wear is None and new.friction.coefficient == 0.25
+
+
 def test_a_frame_has_the_load_at_its_own_distance():
     late = {"distance_m": [100.0, 200.0], "value": [44.0, 60.0]}
     varied = scene(load__normal_n=late)

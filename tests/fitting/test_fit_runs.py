@@ -24,24 +24,12 @@ from isochrome.scene import dump_scene, parse_scene
 from isochrome.simulation import simulate
 from runs.counting import contents
 from runs.killing import killed_and_begun_again, needs_sigkill, start
-from scene_texts import PAPER_CONTACT
+from scene_texts import PAPER_CONTACT, SMALL_CAMERA
 
 LOAD, LEFT = "load.normal_n", "camera.left_mm"
-SCENE = (
-    PAPER_CONTACT
-    + """
-[camera]
-width_px = 128
-height_px = 96
-left_mm = -2.0
-top_mm = 0.0
-pixel_mm = 0.031
-bit_depth = 8
-brightness = 0.85
-background = 0.05
-noise_grey = 3.0
-"""
-)
+COUNT = 3
+SMALL = {"camera.width_px": 128, "camera.height_px": 96, "camera.pixel_mm": 0.031}
+SCENE = parse_scene(PAPER_CONTACT + SMALL_CAMERA + "noise_grey = 3.0\n").with_values(SMALL)
 
 
 def load_of(index):
@@ -50,19 +38,18 @@ def load_of(index):
 
 def make_set(folder, count):
     """A stack of a contact whose load differs from frame to frame, each with noise of its own."""
-    scene = parse_scene(SCENE)
     frames = [
-        simulate(scene.with_values({LOAD: load_of(i), "camera.seed": i})).frames[0]
+        simulate(SCENE.with_values({LOAD: load_of(i), "camera.seed": i})).frames[0]
         for i in range(count)
     ]
     write_tiff(folder / "film.tif", np.stack(frames), pixel_mm=0.031)
-    (folder / "scene.toml").write_text(dump_scene(scene), "utf-8")
+    (folder / "scene.toml").write_text(dump_scene(SCENE), "utf-8")
     return folder
 
 
 @pytest.fixture
 def place(tmp_path):
-    return make_set(tmp_path, 10)
+    return make_set(tmp_path, COUNT)
 
 
 def fitted(place, out, **options):
@@ -71,24 +58,33 @@ def fitted(place, out, **options):
 
 
 @pytest.mark.long
-def test_frames_that_share_nothing_are_fitted_as_each_is_alone(tmp_path):
+def test_frames_that_share_nothing_are_fitted_as_each_is_alone_and_given_again(tmp_path):
     place = make_set(tmp_path, 2)
     found = fitted(place, tmp_path / "out")
     assert found.chi == pytest.approx(1.0, abs=0.03) and found.warnings == ()
-    one = fit(place / "film.tif", place / "scene.toml", (), per_frame=(LOAD, LEFT))
-    assert one.frames == found.frames  # the same numbers, in memory or through the records
     for i, own in enumerate(found.frames):
         true = {LOAD: load_of(i), LEFT: -2.0}
         for key, value in true.items():
             # five of its own standard uncertainties: one of a million fits is off by more
             assert abs(own[key]["value"] - value) < 5.0 * own[key]["standard_uncertainty"]
     with open_run(tmp_path / "out") as dataset:
-        assert (
-            dataset.load_normal_n.dims == ("frame",) and dataset.load_normal_n.attrs["units"] == "N"
-        )
-        assert dataset.load_normal_n.values.tolist() == [own[LOAD]["value"] for own in found.frames]
+        load = dataset.load_normal_n
+        assert load.dims == ("frame",) and load.attrs["units"] == "N"
+        assert load.values.tolist() == [own[LOAD]["value"] for own in found.frames]
         assert dataset.chi.values.tolist() == found.frame_chi
         assert "film.tif" in dataset.attrs["inputs_sha256"]
+    table = read_csv(tmp_path / "out" / "fit.csv")
+    assert table["key"] == [LOAD, LEFT] * 2
+    for frame, key, value in zip(table["frame"], table["key"], table["value"], strict=True):
+        # nine digits in a table
+        assert value == pytest.approx(found.frames[int(frame)][key]["value"], rel=1e-8)
+    before = contents(tmp_path / "out")
+    again = fitted(place, tmp_path / "out")
+    assert again.already and not found.already
+    assert (again.to_json(), again.columns) == (found.to_json(), found.columns)
+    assert again.scene == found.scene and contents(tmp_path / "out") == before
+    anew = fitted(place, tmp_path / "out", restart=True)
+    assert not anew.already and contents(tmp_path / "out") == before
 
 
 def test_a_frames_fit_does_not_depend_on_those_beside_it(tmp_path):
@@ -103,30 +99,15 @@ def test_a_frames_fit_does_not_depend_on_those_beside_it(tmp_path):
 
 
 @pytest.mark.long
-def test_a_complete_fit_is_given_again(tmp_path):
-    place = make_set(tmp_path, 2)
-    first = fitted(place, tmp_path / "out", free=(LOAD,), per_frame=(LEFT,))
-    before = contents(tmp_path / "out")
-    again = fitted(place, tmp_path / "out", free=(LOAD,), per_frame=(LEFT,))
-    assert again.already and not first.already
-    assert (again.to_json(), again.columns) == (first.to_json(), first.columns)
-    assert again.scene == first.scene
-    assert contents(tmp_path / "out") == before
-    anew = fitted(place, tmp_path / "out", free=(LOAD,), per_frame=(LEFT,), restart=True)
-    assert not anew.already and contents(tmp_path / "out") == before
-
-
-@pytest.mark.long
 def test_several_files_are_named_each_with_its_hash(tmp_path, monkeypatch):
     make_set(tmp_path, 2)
     monkeypatch.chdir(tmp_path)
     for i, frame in enumerate(tifffile.imread("film.tif")):
         write_tiff(f"frame-{i}.tif", frame[None], pixel_mm=0.031)
-    for frames in ("frame-*.tif", ["frame-0.tif", "frame-1.tif"]):
-        fit(frames, "scene.toml", (LOAD,), out="out")
-        record = json.loads((tmp_path / "out" / "provenance.json").read_text("utf-8"))
-        assert list(record["inputs_sha256"]) == ["frame-0.tif", "frame-1.tif"]
-        assert {"fit.csv", "fit.json", "fit.png", "scene.toml"} <= set(record["outputs"])
+    fit("frame-*.tif", "scene.toml", (), per_frame=(LOAD,), as_stated=True, out="out")
+    record = json.loads((tmp_path / "out" / "provenance.json").read_text("utf-8"))
+    assert list(record["inputs_sha256"]) == ["frame-0.tif", "frame-1.tif"]
+    assert {"fit.csv", "fit.json", "fit.png", "scene.toml"} <= set(record["outputs"])
 
 
 def test_workers_and_clusters_need_a_folder_and_frames_of_their_own(place):
@@ -136,14 +117,16 @@ def test_workers_and_clusters_need_a_folder_and_frames_of_their_own(place):
         fitted(place, place / "out", follow=True, workers=2)
 
 
-def stopped(place, out="out", at=6, **options):
+def stopped(place, out="out", at=1, **options):
     """A fit that is stopped at the keyboard when so many frames are finished."""
 
     def stop(tally):
         if tally.done == at:
             raise KeyboardInterrupt
 
-    with pytest.raises(Stopped, match=rf"{at} of 10 are finished and kept in .*{out}\.partial"):
+    with pytest.raises(
+        Stopped, match=rf"{at} of {COUNT} are finished and kept in .*{out}\.partial"
+    ):
         fitted(place, place / out, progress=stop, **options)
 
 
@@ -161,7 +144,7 @@ def test_a_stopped_fit_goes_on_and_ends_with_the_same_bytes(place, options):
     assert not (place / "out").exists()
     told = []
     fitted(place, place / "out", progress=told.append, **options)
-    assert told[0].before == 6
+    assert told[0].before == 1
     assert contents(place / "out") == contents(place / "whole")
     assert not (place / "out.partial").exists()
 
@@ -186,19 +169,15 @@ def test_a_changed_scene_input_or_key_is_noticed(place):
 
 @pytest.mark.study
 @pytest.mark.long
-@pytest.mark.parametrize("options", [{}, {"free": (LOAD,), "per_frame": (LEFT,)}])
-def test_two_workers_leave_the_same_files(place, options):
-    fitted(place, place / "one", **options)
-    fitted(place, place / "two", workers=2, **options)
-    assert contents(place / "two") == contents(place / "one")
-
-
-@pytest.mark.study
-@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
-def test_a_cluster_leaves_the_same_files(place, monkeypatch):
+def test_workers_and_a_cluster_leave_the_same_files(place, monkeypatch):
     distributed = pytest.importorskip("distributed", reason="needs isochrome[cluster]")
     monkeypatch.chdir(place)
+    for options in ({}, {"free": (LOAD,), "per_frame": (LEFT,)}):
+        out = f"joint-{len(options)}"
+        fitted(place, place / out, **options)
+        fitted(place, place / f"{out}-two", workers=2, **options)
+        assert contents(place / f"{out}-two") == contents(place / out)
     fit("film.tif", "scene.toml", (), per_frame=(LOAD,), out="one")
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
@@ -230,10 +209,10 @@ def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, wo
 def test_many_frames_that_share_nothing_take_memory_in_proportion(tmp_path):
     """Twice the frames, twice the memory at most; a matrix over all of them would take 4 times."""
     place = make_set(tmp_path, 1)
-    data = PreparedFrames(place / "film.tif", parse_scene(SCENE))
+    data = PreparedFrames(place / "film.tif", SCENE)
     (row,) = FrameWork(data, make_sequence(data.scene, 1, (), (LOAD, LEFT)))(0, 1).rows
     peaks = []
-    for count in (500, 1000):
+    for count in (250, 500):
         sequence = make_sequence(data.scene, count, (), (LOAD, LEFT))
         assert is_each(sequence)
         work = FrameWork(data, sequence)
@@ -244,14 +223,3 @@ def test_many_frames_that_share_nothing_take_memory_in_proportion(tmp_path):
         tracemalloc.stop()
         assert len(found.frames) == count
     assert peaks[1] < 2.2 * peaks[0]
-
-
-@pytest.mark.long
-def test_the_table_has_a_row_for_each_key_of_each_frame(tmp_path):
-    place = make_set(tmp_path, 2)
-    found = fitted(place, tmp_path / "out")
-    table = read_csv(tmp_path / "out" / "fit.csv")
-    assert table["key"] == [LOAD, LEFT] * 2
-    for frame, key, value in zip(table["frame"], table["key"], table["value"], strict=True):
-        # nine digits in a table
-        assert value == pytest.approx(found.frames[int(frame)][key]["value"], rel=1e-8)

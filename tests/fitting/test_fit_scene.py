@@ -1,21 +1,14 @@
 """Unknowns of a scene from rendered frames, and the quick simulation that finds them."""
 
-import json
-
 import numpy as np
 import pytest
 
+from fitting.engine_frames import light_of
 from isochrome.errors import InputError, PhysicsError
-from isochrome.fitting import SceneRenderer, fit, frame_scene, scene_at, with_numerics
-from isochrome.output import read_csv, write_tiff
-from isochrome.scene import load_scene, parse_scene
-from isochrome.simulation import (
-    make_picture,
-    picture_signal,
-    scene_states,
-    simulate,
-    state_difference,
-)
+from isochrome.fitting import SceneRenderer, fit, scene_at, with_numerics
+from isochrome.output import write_tiff
+from isochrome.scene import parse_scene
+from isochrome.simulation import simulate
 from isochrome.stress import pixel_grid
 from scene_texts import PAPER_CONTACT, SMALL_CAMERA
 
@@ -47,49 +40,15 @@ def within(found, true, sigmas=4.0):
 # Fits
 
 
-@pytest.mark.parametrize("on_whole_pixel", [False, True])
-def test_load_place_and_friction_come_from_one_frame_within_their_uncertainty(
-    rendered, on_whole_pixel
-):
-    """On a whole pixel of its reference grid, too, where the fit starts: it is no trap."""
-    true = {"load.normal_n": 46.3, "friction.coefficient": 0.21, **PLACE}
-    if on_whole_pixel:
-        true = {key: parse_scene(SLIDING).get(key) for key in true}
+def test_a_frame_is_fitted_that_stands_on_a_whole_pixel_of_the_fits_grid(rendered):
+    """Where the fit starts: it is no trap."""
+    keys = ("load.normal_n", "friction.coefficient", "camera.left_mm", "camera.top_mm")
+    true = {key: parse_scene(SLIDING).get(key) for key in keys}
     found = fit(rendered(SLIDING, **true), parse_scene(SLIDING), list(true))
     for key, value in true.items():
         within(found.shared[key], value)
     assert found.shared["load.normal_n"]["standard_uncertainty"] < 0.01
     assert found.chi == pytest.approx(1.0, abs=0.05) and found.warnings == ()
-
-
-@pytest.mark.long
-def test_two_frames_share_the_wear_and_keep_their_own_friction(rendered, tmp_path):
-    table = {"distance_m": [77.0, 155.0], "value": [0.22, 0.27]}
-    # the steps of the wear are the same in truth and fit: their own errors do not matter here
-    text = WORN + "\n[numerics]\ntolerance = 1e-3\n"
-    path = rendered(
-        text, friction__coefficient=table, wear__coefficient_mm2_per_n=2.2e-9, load__normal_n=45.0
-    )
-    found = fit(
-        path, parse_scene(text), ["wear.coefficient_mm2_per_n", "load.normal_n"],
-        per_frame=["friction.coefficient"], out=tmp_path / "out",
-    )  # fmt: skip
-    within(found.shared["wear.coefficient_mm2_per_n"], 2.2e-9)
-    within(found.shared["load.normal_n"], 45.0)
-    for own, true in zip(found.frames, (0.22, 0.27), strict=True):
-        within(own["friction.coefficient"], true)
-    assert found.chi == pytest.approx(1.0, abs=0.03)
-
-    # What is left on disk says the same, and the fitted scene can be read again.
-    saved = json.loads((tmp_path / "out" / "fit.json").read_text("utf-8"))
-    parts = {"value", "standard_uncertainty", "noise_uncertainty", "cramer_rao_bound"}
-    assert set(saved["load.normal_n"]) == parts
-    assert saved == json.loads(json.dumps(found.to_json()))
-    again = load_scene(tmp_path / "out" / "scene.toml")
-    assert again.load.normal_n == found.shared["load.normal_n"]["value"]
-    assert again.friction_at(155.0) == found.frames[1]["friction.coefficient"]["value"]
-    rows = read_csv(tmp_path / "out" / "fit.csv")
-    assert [str(frame) for frame in rows["frame"]] == ["all", "all", "0", "1"]
 
 
 def test_keys_that_the_frame_cannot_tell_apart_are_refused_by_their_correlation(rendered):
@@ -109,12 +68,6 @@ def test_keys_with_the_same_effect_as_the_load_are_refused_before_the_frames_are
 # The quick simulation against the direct one
 
 
-def direct_signal(scene):
-    pixels = pixel_grid(scene)
-    difference = state_difference(scene, scene_states(scene)[-1], pixels)
-    return picture_signal(scene, make_picture(scene, difference, pixels)), pixels
-
-
 @pytest.mark.parametrize("shift_px", [(0.0, 0.0), (0.37, -0.61), (-0.5, 0.5), (6.25, -11.8)])
 def test_a_shifted_field_is_that_rendered_at_the_shifted_place(shift_px):
     fine = with_numerics(parse_scene(SLIDING), nodes_per_pixel=8, tolerance=1e-4, room=1.2)
@@ -124,9 +77,8 @@ def test_a_shifted_field_is_that_rendered_at_the_shifted_place(shift_px):
         {"camera.left_mm": -1.0 + 0.0125 * shift_px[0], "camera.top_mm": 0.0 + 0.0125 * shift_px[1]}
     )
     renderer.signal(here)
-    direct, pixels = direct_signal(moved)
-    deep = pixels.z_mm > 6 * 0.0125
-    error = (renderer.signal(moved) - direct)[deep]
+    deep = pixel_grid(moved).z_mm > 6 * 0.0125
+    error = (renderer.signal(moved) - light_of(moved))[deep]
     # both in single precision: 3e-6 to 4e-6 of the light
     assert np.abs(error).max() <= 1e-5
 
@@ -162,15 +114,6 @@ def test_a_cached_signal_is_the_fresh_one_whatever_came_between():
     assert np.array_equal(back.signal(scene), first)
 
 
-def test_a_frames_scene_is_one_state_of_its_own():
-    scene = parse_scene(WORN.replace("= 0.25\n", "= 0.25\nstatic_state_first = true\n"))
-    static, first, last = (frame_scene(scene, k) for k in range(3))
-    assert static.wear is None and static.friction is None
-    assert first.wear.distances_m == (77.0,) and last.wear.distances_m == (155.0,)
-    assert first.friction.coefficient == 0.25
-    assert scene_at(scene, 0.0).wear is None
-
-
 @pytest.mark.parametrize("key", ["wear.coefficient_mm2_per_n", "load.normal_n"])
 def test_a_worn_signal_has_a_derivative_that_a_fit_can_use(key):
     """Goes wrong if nodes flip into contact, or steps change, as a value moves a little."""
@@ -189,14 +132,3 @@ def test_a_worn_signal_has_a_derivative_that_a_fit_can_use(key):
     # no better
     difference = (slopes[0] - slopes[1]).astype(float)
     assert np.sqrt(np.mean(difference**2)) < 0.01 * np.sqrt(np.mean(slopes[0].astype(float) ** 2))
-
-
-@pytest.mark.parametrize("text", [STATIC, WORN], ids=["one frame", "two frames"])
-def test_a_key_that_does_not_change_the_fringes_is_refused(rendered, text):
-    # Ideal plates: the wavelength stands in the scene, and in no equation.
-    text += "\n[polariscope]\nwavelength_nm = 587.0\n"
-    path = rendered(text)
-    with pytest.raises(
-        PhysicsError, match=r"polariscope.wavelength_nm does not change the fringes"
-    ):
-        fit(path, parse_scene(text), ["load.normal_n", "polariscope.wavelength_nm"])

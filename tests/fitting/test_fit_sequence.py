@@ -1,9 +1,11 @@
 """A worn sequence as one run: what frames owe to their history, and what they tell of it."""
 
+import json
+
 import numpy as np
 import pytest
-from engine_frames import fit_jointly
 
+from fitting.engine_frames import fit_jointly
 from isochrome.errors import InputError
 from isochrome.estimation import prepare_frame
 from isochrome.fitting import (
@@ -22,7 +24,7 @@ from isochrome.fitting import (
     with_numerics,
 )
 from isochrome.frames import Frame
-from isochrome.output import write_tiff
+from isochrome.output import read_csv, write_tiff
 from isochrome.scene import load_scene, parse_scene
 from isochrome.simulation import scene_states, simulate
 from scene_texts import PAPER_CONTACT, SMALL_CAMERA, WEARING_CONTACT
@@ -161,22 +163,22 @@ def write(folder, truth):
 
 @pytest.mark.long
 def test_load_friction_and_wear_each_over_distance(tmp_path):
-    load = {"distance_m": (0.0, 77.0, 155.0), "value": (42.0, 45.0, 47.0)}
-    friction = {"distance_m": (0.0, 77.0, 155.0), "value": (0.15, 0.22, 0.29)}
-    values = {"wear__distances_m": (0.0, 77.0, 155.0), "wear__law": "sarkar"}
+    load = {"distance_m": (0.0, 77.0), "value": (42.0, 45.0)}
+    friction = {"distance_m": (0.0, 77.0), "value": (0.15, 0.22)}
+    values = {"wear__distances_m": (0.0, 77.0), "wear__law": "sarkar"}
     values["numerics__tolerance"] = 1e-3  # of the wear's steps, the same in truth and fit
     truth = scene(**values, load__normal_n=load, friction__coefficient=friction)
     progress = []
     found = fit(
         write(tmp_path, truth), scene(**values), [WEAR], per_frame=[LOAD, FRICTION],
-        follow=True, progress=progress.append,
+        follow=True, as_stated=True, progress=progress.append, out=tmp_path / "out",
     )  # fmt: skip
     within(found.shared[WEAR], 2e-9)
     for own, true in zip(found.frames, (42.0, *load["value"]), strict=True):
         within(own[LOAD], true)
     for own, true in zip(found.frames[1:], friction["value"], strict=True):
         within(own[FRICTION], true)
-    assert FRICTION not in found.frames[0] and found.distance_m == [None, 0.0, 77.0, 155.0]
+    assert FRICTION not in found.frames[0] and found.distance_m == [None, 0.0, 77.0]
     assert found.chi == pytest.approx(1.0, abs=0.03)
     assert (
         all(tally.done <= tally.count for tally in progress)
@@ -184,9 +186,18 @@ def test_load_friction_and_wear_each_over_distance(tmp_path):
     )
 
     # the fitted scene is the run, with its tables
-    assert found.scene.wear.law == "sarkar" and found.scene.wear.distances_m == (0.0, 77.0, 155.0)
-    assert found.scene.load_at(155.0) == found.frames[3][LOAD]["value"]
+    assert found.scene.wear.law == "sarkar" and found.scene.wear.distances_m == (0.0, 77.0)
+    assert found.scene.load_at(77.0) == found.frames[2][LOAD]["value"]
     assert found.scene.friction_at(77.0) == found.frames[2][FRICTION]["value"]
+
+    # what is left on disk says the same, and the fitted scene can be read again
+    saved = json.loads((tmp_path / "out" / "fit.json").read_text("utf-8"))
+    parts = {"value", "standard_uncertainty", "noise_uncertainty", "cramer_rao_bound"}
+    assert set(saved[WEAR]) == parts and saved == json.loads(json.dumps(found.to_json()))
+    again = load_scene(tmp_path / "out" / "scene.toml")
+    assert (again.load, again.friction) == (found.scene.load, found.scene.friction)
+    rows = read_csv(tmp_path / "out" / "fit.csv")
+    assert [str(frame) for frame in rows["frame"]] == ["all", "0", "1", "1", "2", "2"]
 
 
 @pytest.mark.long
@@ -247,27 +258,3 @@ def test_pulls_of_wear_and_friction_over_seeds():
     # 6 seeds x 19 unknowns: 114 pulls, of which neighbours hang together; their RMS is known to
     # 0.08, the share to 2.4 %: two of each
     assert 0.84 < size < 1.16 and 0.90 < inside < 0.998
-
-
-@pytest.mark.study
-@pytest.mark.long
-def test_a_sequence_of_the_papers_frames(tmp_path):
-    """Archard's law and the dissipated energy's at this size: `isochrome bench fit`."""
-    paper = load_scene("line-contact-wear")
-    truth = paper.with_values(
-        {
-            "camera.brightness": 0.85, "camera.background": 0.05, "camera.vignette": 0.3,
-            "camera.noise_grey": 3.0, "camera.seed": 5, "camera.left_mm": -1.97,
-            "wear.law": "sarkar", WEAR: 2e-9, FRICTION: RISING, LOAD: 44.5,
-        }
-    )  # fmt: skip
-    start = paper.with_values({"wear.law": "sarkar", WEAR: 2.2e-9})
-    found = fit(write(tmp_path, truth), start, [WEAR, LOAD], per_frame=[FRICTION, *PLACE])
-    assert found.shared[WEAR]["value"] == pytest.approx(2e-9, rel=0.005)
-    for own, true in zip(found.frames[1:], RISING["value"], strict=True):
-        assert own[FRICTION]["value"] == pytest.approx(true, abs=0.003)
-        within(own[FRICTION], true, sigmas=5.0)
-    within(found.shared[WEAR], 2e-9, sigmas=5.0)
-    laws = found.wear_laws
-    assert [near.law for near in laws.close] == ["sarkar"]
-    assert "the frames prefer sarkar" in laws.sentence() and found.warnings == ()

@@ -7,9 +7,9 @@ import json
 import numpy as np
 import pytest
 import tifffile
-from sliding_bench import FRICTION, LOAD, bench
-from test_fit_causes import Defects, frame
 
+from fitting.sliding_bench import FRICTION, LOAD, bench
+from fitting.test_fit_causes import Defects, frame
 from isochrome.cli import main
 from isochrome.errors import PhysicsError
 from isochrome.estimation import prepare_frame
@@ -35,19 +35,6 @@ def stated(**values):
     """The scene of the bench with a slip in it."""
     named = {key.replace("__", "."): value for key, value in values.items()}
     return bench(ROWS, COLS).with_values(START | named)
-
-
-@pytest.fixture
-def refused(monkeypatch, capsys):
-    """A function that runs the command, and gives its exit code and the last line it says."""
-
-    def run(*arguments):
-        monkeypatch.setattr("sys.argv", ["isochrome", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return ended.value.code, capsys.readouterr().err.strip().splitlines()[-1]
-
-    return run
 
 
 def files(folder, image, scene):
@@ -94,24 +81,20 @@ HELD = "(chi = 1."
 """A right scene leaves the noise."""
 
 
-TABLE = (upside_down, bright_for_dark, modulus_in_mpa)
-"""The rows of the issue; the others are as sure, and take longer."""
-
-
-ONES = (far_away,)
-"""`fit` names the others, by the same question."""
-
-
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "slip",
-    [slip if slip in ONES else pytest.param(slip, marks=pytest.mark.study) for slip in SLIPS],
+    "slip",  # `fit` names others, by the same question
+    [far_away, *(pytest.param(s, marks=pytest.mark.study) for s in SLIPS if s != far_away)],
     ids=lambda slip: slip.__name__,
 )
-def test_process_names_the_slip_and_ends_with_3(tmp_path, refused, image, slip):
+def test_process_names_the_slip_and_ends_with_3(tmp_path, monkeypatch, capsys, image, slip):
     place = files(tmp_path, *slip(image))
-    code, said = refused("process", *place, "--out", str(tmp_path / "out"))
-    assert code == 3 and "nothing could be read in any of its 1 frame " in said
+    arguments = ["process", *place, "--out", str(tmp_path / "out")]
+    monkeypatch.setattr("sys.argv", ["isochrome", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    assert ended.value.code == 3 and "nothing could be read in any of its 1 frame " in said
     assert SLIPS[slip] in said and HELD in said
 
 
@@ -125,31 +108,24 @@ def test_a_slip_is_an_error_of_check_and_all_that_is_said(image):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("slip", TABLE)
-def test_fit_names_the_slip_and_ends_with_3(tmp_path, refused, image, slip):
-    place = files(tmp_path, *slip(image))
-    free = ["--free", "load.normal_n", "--free", "camera.left_mm", "--free", "camera.top_mm"]
-    code, said = refused("fit", *place, *free, "--free", "friction.coefficient")
-    assert code == 3 and "nothing could be read in any of the 1 frames" in said
-    assert SLIPS[slip] in said and HELD in said
-
-
-@pytest.mark.long
 @pytest.mark.parametrize("slip", [upside_down, bright_for_dark, both_moduli_in_mpa])
-def test_what_is_named_mends_the_scene(tmp_path, image, slip):
-    """The scene with the line in it gives the truth: the sentence says what to write."""
+def test_fit_names_the_slip_and_the_line_that_mends_it(tmp_path, image, slip):
+    """Nothing was read, exit 3; the scene with the line in it gives the truth."""
     seen, scene = slip(image)
-    place = files(tmp_path, seen, scene)
+    place, *_ = files(tmp_path, seen, scene)
+    keys = ["load.normal_n", "friction.coefficient"]
     with pytest.raises(PhysicsError) as refused:
-        fit(place[0], place[2], ["load.normal_n", "friction.coefficient"])
-    line = str(refused.value).split(" with ")[1].split(" the scene explains")[0].split(" (")[0]
+        fit(place, scene, keys)
+    said = str(refused.value)
+    assert refused.value.exit_code == 3 and "nothing could be read in any of the 1 frames" in said
+    assert SLIPS[slip] in said and HELD in said
+    line = said.split(" with ")[1].split(" the scene explains")[0].split(" (")[0]
     pairs = dict(part.split(" = ") for part in line.split(" and "))
     right = scene.with_values({key: json.loads(value) for key, value in pairs.items()})
-    found = fit(place[0], right, ["load.normal_n", "friction.coefficient"])
+    found = fit(place, right, keys)
     assert found.chi < 1.1
-    value = dict(zip(found.columns["key"], found.columns["value"], strict=True))
-    assert value["load.normal_n"] == pytest.approx(LOAD, rel=1e-3)
-    assert value["friction.coefficient"] == pytest.approx(FRICTION, abs=1e-3)
+    assert found.shared[keys[0]]["value"] == pytest.approx(LOAD, rel=1e-3)
+    assert found.shared[keys[1]]["value"] == pytest.approx(FRICTION, abs=1e-3)
 
 
 def explained(image, scene, keys=None):
@@ -172,7 +148,7 @@ def test_a_place_that_is_held_wrong_is_named_with_the_right_one(image):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("defects", [{"roll_deg": -2.0}, {"gamma": 2.2}, {"spot": 0.5}])
+@pytest.mark.parametrize("defects", [{"roll_deg": -2.0}, {"gamma": 2.2}])
 def test_no_slip_is_named_where_a_cause_explains_the_frame(defects):
     freed = explained(frame(bench(ROWS, COLS), Defects(**defects), 1), stated())
     assert freed.slip is None and freed.fit.positive and freed.fit.chi < 1.1
@@ -222,7 +198,8 @@ def test_shear_that_points_the_other_way_is_said_with_the_line_that_mirrors(imag
     assert len(said) == mirrored
     if mirrored:
         assert 'if it is mirrored, give frames.flip = "horizontal", else' in said[0]
-        fitted = fit(seen, stated(friction__coefficient=0.2), ["friction.coefficient"])
+        scene = stated(friction__coefficient=0.2)
+        fitted = fit(seen, scene, ["friction.coefficient", "load.normal_n"], as_stated=True)
         assert sum("the other sign" in text for text in fitted.warnings) == 1
 
 

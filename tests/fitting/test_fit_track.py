@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import tifffile
 
+from fitting.engine_frames import light_of
 from isochrome.errors import InputError
 from isochrome.fitting import track
 from isochrome.fitting.tracking.field_polynomial import make_field_box
@@ -12,8 +13,7 @@ from isochrome.messages import message
 from isochrome.optics import expose
 from isochrome.output import read_csv
 from isochrome.scene import load_scene
-from isochrome.simulation import make_picture, picture_signal, scene_states, state_difference
-from isochrome.stress import pixel_grid
+from isochrome.simulation import scene_states
 
 LOAD, FRICTION, LEFT = "load.normal_n", "friction.coefficient", "camera.left_mm"
 SHAPE = (200, 300)
@@ -40,9 +40,7 @@ def contact():
 
 
 def frame_of(scene, state, rng):
-    pixels = pixel_grid(scene, SHAPE)
-    picture = make_picture(scene, state_difference(scene, state, pixels), pixels)
-    return expose(picture_signal(scene, picture), scene.camera, rng=rng)
+    return expose(light_of(scene, state), scene.camera, rng=rng)
 
 
 def film(scene, courses, rng):

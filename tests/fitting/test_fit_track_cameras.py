@@ -8,7 +8,7 @@ from fitting.test_fit_track_worn import worn_film
 from isochrome.errors import InputError
 from isochrome.fitting import track
 
-COUNT = 12
+COUNT = 8
 
 
 def swinging(count):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from fitting.engine_frames import light_of
 from fitting.test_fit_track import FRICTION, LOAD, SHAPE, contact
 from fitting.test_fit_track_worn import WEAR, worn_film
 from isochrome.contact import contact_grid, make_site, wear_course
@@ -19,8 +20,6 @@ from isochrome.fitting.tracking.wear_state import elastic_area
 from isochrome.frames import Frame, NoiseModel
 from isochrome.optics import expose
 from isochrome.scene import load_scene
-from isochrome.simulation import make_picture, picture_signal, scene_states, state_difference
-from isochrome.stress import pixel_grid
 
 NOISE = 3.0
 VARIANCE = NOISE**2 + 1.0 / 12.0
@@ -31,11 +30,8 @@ VARIANCE = NOISE**2 + 1.0 / 12.0
 def clean():
     """Grey levels of a contact without noise, not rounded."""
     scene = contact()
-    pixels = pixel_grid(scene, SHAPE)
-    difference = state_difference(scene, scene_states(scene)[-1], pixels)
-    signal = picture_signal(scene, make_picture(scene, difference, pixels))
     ideal = scene.with_values({"camera.bit_depth": None, "camera.noise_grey": 0.0})
-    return 255.0 * expose(signal, ideal.camera)
+    return 255.0 * expose(light_of(scene), ideal.camera)
 
 
 def stored(grey):
@@ -104,9 +100,7 @@ def test_a_cameras_noise_is_told_again_after_250_frames():
     shape = (60, 90)
     size = {"camera.width_px": 90, "camera.height_px": 60, "camera.pixel_mm": 0.0417}
     scene = contact().with_values(size)
-    pixels, rng = pixel_grid(scene, shape), np.random.default_rng(8)
-    difference = state_difference(scene, scene_states(scene)[-1], pixels)
-    light = picture_signal(scene, make_picture(scene, difference, pixels))
+    light, rng = light_of(scene), np.random.default_rng(8)
     frames = [
         expose(light, scene.with_values({"camera.noise_grey": grey}).camera, rng=rng)
         for grey in [NOISE, *[0.8 * NOISE] * 279]
@@ -121,9 +115,7 @@ def test_a_cameras_noise_is_told_again_after_250_frames():
 def test_a_tracked_key_that_a_frame_does_not_tell_has_no_uncertainty_but_infinity():
     """Nothing rubs in a contact that is held without a tangential force: friction is not seen."""
     scene = contact().with_values({"load.tangential_n": 0.0})
-    pixels = pixel_grid(scene, SHAPE)
-    difference = state_difference(scene, scene_states(scene)[-1], pixels)
-    light = picture_signal(scene, make_picture(scene, difference, pixels))
+    light = light_of(scene)
     frames = [expose(light, scene.camera, rng=np.random.default_rng(seed)) for seed in range(2)]
     keys = (LOAD, FRICTION)
     found = tracked(Tracker(placed(scene, SHAPE), keys, bit_depth=8), frames)

@@ -9,10 +9,9 @@ from isochrome.errors import InputError
 from isochrome.fitting import track
 from isochrome.fitting.tracking import api as track_run
 from isochrome.runs import Stopped
-from isochrome.scene import dump_scene, load_scene
+from isochrome.scene import load_scene
 from isochrome.simulation import scene_states
 from runs.counting import contents
-from runs.killing import killed_and_begun_again, needs_sigkill, start
 
 
 def load_of(count):
@@ -21,23 +20,23 @@ def load_of(count):
 
 @pytest.fixture
 def short_chunks(monkeypatch):
-    monkeypatch.setattr(track_run, "CHUNK", 4)
+    monkeypatch.setattr(track_run, "CHUNK", 2)
 
 
 def stopped(folder, scene, keys):
-    """A track that is stopped at the keyboard when two of its chunks of four are finished."""
+    """A track that is stopped at the keyboard when two of its chunks of two are finished."""
 
     def stop(tally):
-        if tally.done == 8:
+        if tally.done == 4:
             raise KeyboardInterrupt
 
-    with pytest.raises(Stopped, match="8 of 10 are finished and kept"):
+    with pytest.raises(Stopped, match="4 of 6 are finished and kept"):
         track(folder / "film.tif", scene, keys, out=folder / "out", progress=stop)
 
 
 @pytest.mark.long
 def test_a_stopped_track_goes_on_and_ends_with_the_same_bytes(tmp_path, short_chunks):
-    load = load_of(10)
+    load = load_of(6)
     save(tmp_path, film(contact(), {LOAD: load}, np.random.default_rng(1)))
     path, scene = tmp_path / "film.tif", contact()
     whole = track(path, scene, (LOAD,), out=tmp_path / "whole")
@@ -47,7 +46,7 @@ def test_a_stopped_track_goes_on_and_ends_with_the_same_bytes(tmp_path, short_ch
     stopped(tmp_path, scene, (LOAD,))
     told = []
     track(path, scene, (LOAD,), out=tmp_path / "out", progress=told.append)
-    assert told[0].before == 8
+    assert told[0].before == 4
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
     assert not (tmp_path / "out.partial").exists()
 
@@ -61,7 +60,7 @@ def test_a_stopped_track_goes_on_and_ends_with_the_same_bytes(tmp_path, short_ch
         assert (
             dataset.load_normal_n.dims == ("frame",) and dataset.load_normal_n.attrs["units"] == "N"
         )
-        assert dataset.searched.values.tolist() == [1] + [0] * 9
+        assert dataset.searched.values.tolist() == [1] + [0] * 5
 
 
 def test_a_track_is_one_processs_work(tmp_path):
@@ -74,7 +73,7 @@ def test_a_track_is_one_processs_work(tmp_path):
 @pytest.mark.study
 @pytest.mark.long
 def test_a_stopped_track_of_a_worn_contact_goes_on_with_its_scar(tmp_path, short_chunks):
-    count = 10
+    count = 6
     distance = 40.0 + 0.5 * np.arange(count)
     table = {"distance_m": distance.tolist(), "value": load_of(count).tolist()}
     base = load_scene("line-contact-wear")
@@ -90,21 +89,3 @@ def test_a_stopped_track_of_a_worn_contact_goes_on_with_its_scar(tmp_path, short
     stopped(tmp_path, begun, keys)
     track(tmp_path / "film.tif", begun, keys, out=tmp_path / "out")
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
-
-
-@pytest.mark.study
-@pytest.mark.long
-@needs_sigkill
-def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code):
-    frames = film(contact(), {LOAD: load_of(25)}, np.random.default_rng(1))
-    save(tmp_path, np.concatenate([frames] * 30))
-    (tmp_path / "scene.toml").write_text(dump_scene(contact()), "utf-8")
-
-    def begin(out):
-        return start(
-            tmp_path, code, "-m", "isochrome", "fit", "film.tif", "--scene", "scene.toml",
-            "--track", "--per-frame", LOAD, "--out", out,
-        )  # fmt: skip
-
-    kept = killed_and_begun_again(begin, tmp_path, [False] * 2, since=0.3, seed=1)
-    assert kept > 0  # else nothing was told of going on

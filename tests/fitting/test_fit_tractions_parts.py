@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pressed import CONTACT, Pressed
 
+from fitting.pressed import CONTACT, Pressed
 from isochrome.fitting.tractions.binned_pixels import Bins, bin_averaging, make_bins
 from isochrome.fitting.tractions.surface_fit import what_to_say
 from isochrome.fitting.tractions.traction_basis import lattice_px, make_basis

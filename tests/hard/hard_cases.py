@@ -1,15 +1,16 @@
 """Scenes, profiles, and an independent dense contact, its influence written anew half a hat at a
 time: no solution is judged by the operator that made it."""
 
-from dataclasses import dataclass
-
 import numpy as np
+import pytest
 from scipy.linalg import toeplitz
 
-from isochrome.contact import make_surface
+from isochrome.contact import contact_states, make_surface
+from isochrome.errors import PhysicsError
 from isochrome.reference import (
     contact_modulus,
     coupling_modulus_inverse,
+    dundurs_beta,
     hertz_half_width,
     hertz_peak_pressure,
 )
@@ -21,21 +22,6 @@ RADIUS, LOAD, WEAR = 24.61, 11.0, 2e-9
 HALF_WIDTH = hertz_half_width(LOAD, RADIUS, MODULUS)
 PEAK = hertz_peak_pressure(LOAD, RADIUS, MODULUS)
 FLAT = 'shape = "flat"\nhalf_width_mm = 0.5'
-
-_SCENE = """
-[specimen]
-young_gpa = {young}
-poisson = {poisson}
-thickness_mm = {thickness}
-fringe_value_n_per_mm = 14.6
-[indenter]
-{indenter}
-young_gpa = {other_young}
-poisson = {other_poisson}
-[load]
-normal_n = {load}
-{rest}
-"""
 
 
 def contact_scene(
@@ -49,17 +35,43 @@ def contact_scene(
 ):
     """The paper's pair (GPa) and load, without a camera, unless told otherwise."""
     young, poisson, other_young, other_poisson = pair
-    text = _SCENE.format(
-        young=young,
-        poisson=poisson,
-        thickness=thickness,
-        indenter=indenter,
-        other_young=other_young,
-        other_poisson=other_poisson,
-        load=load,
-        rest=rest,
-    )
+    text = f"""
+[specimen]
+young_gpa = {young}
+poisson = {poisson}
+thickness_mm = {thickness}
+fringe_value_n_per_mm = 14.6
+[indenter]
+{indenter}
+young_gpa = {other_young}
+poisson = {other_poisson}
+[load]
+normal_n = {load}
+{rest}
+"""
     return parse_scene(text, folder=folder)
+
+
+def constants(young, poisson, other_young, other_poisson):
+    """Contact modulus (MPa), coupling (1/MPa) and Dundurs' beta of a pair in GPa."""
+    mpa = (1e3 * young, poisson, 1e3 * other_young, other_poisson)
+    return contact_modulus(*mpa), coupling_modulus_inverse(*mpa), dundurs_beta(*mpa)
+
+
+def rough(x, seed, *, height=2e-4, shortest=0.02):
+    """Seeded roughness: waves from 1 mm down to the shortest, amplitude as the wavelength."""
+    rng = np.random.default_rng(seed)
+    k = np.arange(1, round(1.0 / shortest) + 1)
+    phase = 2.0 * np.pi * (k[:, None] * x + rng.random(len(k))[:, None])
+    return height * (np.cos(phase) * rng.normal(size=len(k))[:, None] / np.sqrt(k)[:, None]).sum(0)
+
+
+def refused(scene, words):
+    """The scene is refused with exit code 3, and with one sentence that says what to change."""
+    with pytest.raises(PhysicsError, match=words) as refusal:
+        contact_states(scene)
+    assert refusal.value.exit_code == 3
+    assert str(refusal.value).startswith("scene") and "\n" not in str(refusal.value)
 
 
 def cylinder(n=101, half=0.8, **surface):
@@ -85,11 +97,30 @@ def numerics(*, spacing=None, window=None, tolerance=None):
     return "\n".join(["[numerics]", *lines])
 
 
-def write_profile(folder, x, gap, name="profile.csv"):
+def write_profile(folder, x, gap, name="profile.csv", *, header="x_mm,gap_mm", mark=b""):
     """A profile file; returns the line that names it in a scene."""
     rows = [f"{float(a)!r},{float(b)!r}" for a, b in zip(x, gap, strict=True)]
-    (folder / name).write_text("\n".join(["x_mm,gap_mm", *rows, ""]), "utf-8")
+    (folder / name).write_bytes(mark + "\n".join([header, *rows, ""]).encode())
     return f'profile = "{name}"'
+
+
+def eliminated(matrix, gap, active, weight, load=LOAD, *, diagonal=0.0):
+    """Pressure of a contact by plain elimination, and where it presses: tension leaves the trial
+    set `active`, overlap joins it. `weight`, of a node's pressure in the load."""
+    weight = np.broadcast_to(weight, gap.shape)
+    for _ in range(100):
+        on = np.flatnonzero(active)
+        system = np.zeros((len(on) + 1, len(on) + 1))
+        system[:-1, :-1] = matrix[np.ix_(on, on)] + diagonal * np.eye(len(on))
+        system[:-1, -1], system[-1, :-1] = -1.0, weight[on]
+        answer = np.linalg.solve(system, np.r_[-gap[on], load])
+        p = np.zeros(len(gap))
+        p[on] = answer[:-1]
+        wrong = (active & (p < 0.0)) | (~active & (gap + matrix @ p - answer[-1] < -1e-15))
+        if not wrong.any():
+            return p, active
+        active = active ^ wrong
+    raise AssertionError("no contact set holds")
 
 
 def influence(x, *, modulus=MODULUS, coupling=0.0, friction=0.0):
@@ -120,36 +151,19 @@ def _log_y(y):
     return 0.5 * y * y * np.log(safe) - 0.25 * y * y
 
 
-@dataclass(frozen=True)
-class Violation:
-    """How far a pressure is from a contact: all relative, all zero for an exact solution.
-
-    `tension`, largest -p over p_max; `overlap`, largest -gap where there is no pressure, and
-    `opening`, largest |gap| where there is, over the range of the displacement; `balance`, of load.
-    """
-
-    tension: float
-    overlap: float
-    opening: float
-    balance: float
-
-    @property
-    def worst(self):
-        """The largest of the four."""
-        return max(self.tension, self.overlap, self.opening, self.balance)
-
-
 def violation(x, pressure, gap, load, **pair):
-    """The conditions p >= 0, gap >= 0, p·gap = 0, h Σp = P' by the dense matrix; see Violation."""
+    """How far a pressure is from p >= 0, gap >= 0, p gap = 0 and h Σp = P' by the dense matrix: the
+    largest of tension, overlap, opening and imbalance, each relative; zero for an exact solution.
+    """
     u = influence(x, **pair) @ pressure
     inside = pressure > 0.0
     level = gap + u
     level = level - level[inside].mean()
-    return Violation(
-        tension=max(0.0, -pressure.min()) / pressure.max(),
-        overlap=max(0.0, -level[~inside].min(initial=0.0)) / np.ptp(u),
-        opening=np.abs(level[inside]).max() / np.ptp(u),
-        balance=abs(pressure.sum() * (x[1] - x[0]) / load - 1.0),
+    return max(
+        -pressure.min() / pressure.max(),
+        -level[~inside].min(initial=0.0) / np.ptp(u),
+        np.abs(level[inside]).max() / np.ptp(u),
+        abs(pressure.sum() * (x[1] - x[0]) / load - 1.0),
     )
 
 

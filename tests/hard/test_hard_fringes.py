@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hard_cases import HALF_WIDTH, PEAK, RADIUS, contact_scene, worn, write_profile
 
+from hard.hard_cases import HALF_WIDTH, PEAK, RADIUS, contact_scene, worn, write_profile
 from isochrome.errors import PhysicsError
 from isochrome.reference import (
     hertz_half_width,

@@ -2,30 +2,26 @@
 
 import numpy as np
 import pytest
-from hard_cases import (
+
+from hard.hard_cases import (
     COUPLING,
     FLAT,
-    HALF_WIDTH,
     LOAD,
     MODULUS,
-    PEAK,
     RADIUS,
+    constants,
     contact_scene,
     cylinder,
     numerics,
     patches,
+    rough,
     violation,
     write_profile,
 )
-
 from isochrome.contact import contact_states, solve_pressure
 from isochrome.reference import (
-    contact_modulus,
     coupled_contact,
     coupled_pressure,
-    coupling_modulus_inverse,
-    dundurs_beta,
-    hertz_pressure,
     punch_pressure,
 )
 
@@ -60,7 +56,7 @@ def test_flat_with_corners_carries_its_load_as_the_closed_form_does():
     x, p = state.grid.x_mm, state.pressure_mpa
     gap = np.where(np.abs(x) > 0.5 + 1e-9, 1e3, 0.0)
     # the pressure in the solver's tolerance; symmetric, largest at the corners, none outside them
-    assert violation(x, p, gap, LOAD).worst < 1e-8
+    assert violation(x, p, gap, LOAD) < 1e-8
     np.testing.assert_allclose(p, p[::-1], rtol=0, atol=1e-7 * p.max())
     assert np.argmax(p) in (np.flatnonzero(p > 0)[0], np.flatnonzero(p > 0)[-1])
     assert np.abs(x[p > 0]).max() <= 0.5 + 1e-9
@@ -96,18 +92,12 @@ COUPLED = {  # Young's moduli (GPa) and Poisson's ratios of block and cylinder, 
 def test_incompressible_against_compressible_is_the_coupled_closed_form(pair, friction):
     """Goes wrong: the operator is far from symmetric, and conjugate gradients wander or stop."""
     scene = contact_scene(f"[friction]\ncoefficient = {friction}", pair=pair)
-    mpa = (1e3 * pair[0], pair[1], 1e3 * pair[2], pair[3])
-    modulus, coupling, beta = (
-        f(*mpa) for f in (contact_modulus, coupling_modulus_inverse, dundurs_beta)
-    )
+    modulus, coupling, beta = constants(*pair)
     exact = coupled_contact(LOAD, RADIUS, modulus, friction=friction, beta=beta)
     (state,) = contact_states(scene)
     x, p, h = state.grid.x_mm, state.pressure_mpa, state.grid.spacing_mm
     gap = x**2 / (2.0 * RADIUS)
-    assert (
-        violation(x, p, gap, LOAD, modulus=modulus, coupling=coupling, friction=friction).worst
-        < 1e-8
-    )
+    assert violation(x, p, gap, LOAD, modulus=modulus, coupling=coupling, friction=friction) < 1e-8
     # h = a/350. The largest pressure is smooth there: second order, measured 8e-7. An edge between
     # nodes costs the root's (h/a)^1.5 = 1.5e-4 inside, more with the exponent 1/2 - eps of the
     # steeper edge
@@ -125,10 +115,8 @@ def test_incompressible_against_compressible_is_the_coupled_closed_form(pair, fr
 def test_pressure_leaves_each_edge_with_the_exponent_of_the_closed_form(name):
     """Goes wrong: a symmetrised operator gives the right load and width, but two equal edges."""
     pair, friction = COUPLED[name]
-    mpa = (1e3 * pair[0], pair[1], 1e3 * pair[2], pair[3])
-    exact = coupled_contact(
-        LOAD, RADIUS, contact_modulus(*mpa), friction=friction, beta=dundurs_beta(*mpa)
-    )
+    modulus, _, beta = constants(*pair)
+    exact = coupled_contact(LOAD, RADIUS, modulus, friction=friction, beta=beta)
     (state,) = contact_states(contact_scene(f"[friction]\ncoefficient = {friction}", pair=pair))
     a = exact.half_width_mm
     s = np.geomspace(0.05, 0.5, 30) * a
@@ -171,14 +159,11 @@ def test_friction_far_beyond_the_flats_limit_ends_rightly(friction):
     pair = (2.1, 0.0, 2.1e9, 0.5)
     rest = f"[friction]\ncoefficient = {friction}\n" + numerics(spacing=0.01)
     (state,) = contact_states(contact_scene(rest, indenter=FLAT, pair=pair))
-    mpa = (1e3 * pair[0], pair[1], 1e3 * pair[2], pair[3])
+    modulus, coupling, _ = constants(*pair)
     x, p = state.grid.x_mm, state.pressure_mpa
     gap = np.where(np.abs(x) > 0.5 + 1e-9, 1e3, 0.0)
-    found = violation(
-        x, p, gap, LOAD, modulus=contact_modulus(*mpa), coupling=coupling_modulus_inverse(*mpa),
-        friction=friction,
-    )  # fmt: skip
-    assert found.worst < 1e-8
+    pair = {"modulus": modulus, "coupling": coupling, "friction": friction}
+    assert violation(x, p, gap, LOAD, **pair) < 1e-8
 
 
 def test_reversed_friction_mirrors_any_profiles_mirrored_pressure(tmp_path):
@@ -207,14 +192,6 @@ def test_reversed_friction_mirrors_any_profiles_mirrored_pressure(tmp_path):
 # --- roughness and ledges -----------------------------------------------------------------------
 
 
-def rough(x, seed, *, height=2e-4, shortest=0.02):
-    """Seeded roughness: waves from 1 mm down to the shortest, amplitude as the wavelength."""
-    rng = np.random.default_rng(seed)
-    k = np.arange(1, round(1.0 / shortest) + 1)
-    phase = 2.0 * np.pi * (k[:, None] * x + rng.random(len(k))[:, None])
-    return height * (np.cos(phase) * rng.normal(size=len(k))[:, None] / np.sqrt(k)[:, None]).sum(0)
-
-
 ROUGH = {
     "on the cylinder": (f"radius_mm = {RADIUS}\n", 0.0, 5e-4),
     "on the cylinder, sliding": (f"radius_mm = {RADIUS}\n", 1.0, 5e-4),
@@ -241,9 +218,8 @@ def test_rough_profile_with_tens_of_patches_holds_every_condition(
     x, p = state.grid.x_mm, state.pressure_mpa
     gap = np.interp(x, table, heights) + (x**2 / (2.0 * RADIUS) if body else 0.0)
     assert patches(p) >= 20
-    found = violation(x, p, gap, LOAD, coupling=COUPLING, friction=friction)
     # the solver's 1e-10, and the dense matrix' own rounding of 1e-16 n²
-    assert found.worst < 1e-8
+    assert violation(x, p, gap, LOAD, coupling=COUPLING, friction=friction) < 1e-8
 
 
 @pytest.mark.parametrize("height", [1e-5, 2e-4, 5e-3])
@@ -258,7 +234,7 @@ def test_ledge_in_the_profile_makes_a_jump_of_pressure_and_no_nonsense(tmp_path,
     x, p = state.grid.x_mm, state.pressure_mpa
     assert np.isfinite(p).all()
     gap = np.interp(x, table, heights) + x**2 / (2.0 * RADIUS)
-    assert violation(x, p, gap, LOAD, coupling=COUPLING, friction=friction).worst < 1e-8
+    assert violation(x, p, gap, LOAD, coupling=COUPLING, friction=friction) < 1e-8
     # the corner of the high side presses hardest, the foot of the step least
     edge = np.flatnonzero(x <= 0.05)[-1]
     assert p[edge] > p[edge - 5] and p[edge + 1] < p[edge + 6] + 1e-9
@@ -270,23 +246,6 @@ def test_ledge_in_the_profile_makes_a_jump_of_pressure_and_no_nonsense(tmp_path,
 
 
 # --- any size and count -------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("n", [255, 256, 509, 1021, 1024, 4093, 8191, 16381, 16384])
-def test_hertz_on_odd_prime_and_large_counts_of_nodes(n):
-    """Goes wrong: a transform of prime length, or nodes off the centre line, shift or slow it."""
-    x, surface, gap = cylinder(n)
-    h = x[1] - x[0]
-    state = solve_pressure(surface, gap, LOAD)
-    assert state.residual <= 1e-10
-    assert h * state.pressure.sum() == pytest.approx(LOAD, rel=1e-12)
-    # (h/a)^1.5 from the edge between nodes, with a factor for the worst place of it
-    assert state.pressure.max() == pytest.approx(PEAK, rel=0.02 * (h / HALF_WIDTH) ** 1.5)
-    exact = hertz_pressure(x, half_width_mm=HALF_WIDTH, peak_pressure_mpa=PEAK)
-    inside = np.abs(x) < 0.9 * HALF_WIDTH
-    assert np.abs(state.pressure - exact)[inside].max() < (h / HALF_WIDTH) ** 1.5 * PEAK
-    if n < 1100:
-        assert violation(x, state.pressure, gap, LOAD).worst < 1e-8
 
 
 @pytest.mark.parametrize("n", [509, 1024])

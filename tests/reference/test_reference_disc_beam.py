@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from isochrome.errors import InputError
@@ -22,7 +20,6 @@ DISC = {"load_n": P, "diameter_mm": D, "thickness_mm": T}
 UNIT = 2.0 * P / (np.pi * D * T)  # the horizontal tension at the centre
 BEAM = {"load_n": 150.0, "inner_span_mm": 40.0, "outer_span_mm": 100.0}
 SECTION = {"height_mm": 20.0, "thickness_mm": 6.0}
-sizes = st.floats(0.1, 1e3)
 
 
 def line_load_stress(x, z, push):
@@ -85,17 +82,6 @@ def test_principal_difference_of_the_disc_agrees_with_its_components_and_textboo
     np.testing.assert_allclose(direct, disc_stress(x, z, **DISC).principal_difference, rtol=1e-12)
 
 
-@given(load=sizes, diameter=sizes, thickness=sizes)
-@settings(max_examples=50, deadline=None)
-def test_disc_stress_scales_with_load_over_diameter_and_thickness(load, diameter, thickness):
-    scalars = {"load_n": load, "diameter_mm": diameter, "thickness_mm": thickness}
-    found = disc_stress(0.3 * diameter, 0.2 * diameter, **scalars)
-    unit = disc_stress(0.3, 0.2, load_n=1.0, diameter_mm=1.0, thickness_mm=1.0)
-    for name in NAMES:
-        expected = float(getattr(unit, name)) * load / (diameter * thickness)
-        assert float(getattr(found, name)) == pytest.approx(expected, rel=1e-12)
-
-
 def test_outside_the_disc_and_under_the_loads_nothing_is_known():
     x, z = np.array([R * 1.001, 0.0, 0.0, 0.0, R]), np.array([0.0, R, -R, 2 * R, 0.0])
     known = [False, False, False, False, True]
@@ -121,17 +107,6 @@ def test_beam_is_compressed_above_and_stretched_below():
     top, middle, bottom = beam_stress([-10.0, 0.0, 10.0], **BEAM, **SECTION)
     assert top == -bottom < middle == 0.0 < bottom
     assert bottom == pytest.approx(6 * 2250.0 / (6.0 * 20.0**2), rel=1e-14)  # 6 M / (d h²)
-
-
-@given(load=sizes, factor=st.floats(0.1, 10.0), height=sizes)
-@settings(max_examples=50, deadline=None)
-def test_beam_stress_scales_with_load_and_inversely_with_the_section(load, factor, height):
-    spans = {"inner_span_mm": 40.0, "outer_span_mm": 100.0}
-    one = beam_stress(height / 3, load_n=load, height_mm=height, thickness_mm=2.0, **spans)
-    more = beam_stress(
-        height / 3, load_n=load * factor, height_mm=height, thickness_mm=2.0 * factor, **spans
-    )
-    assert float(more) == pytest.approx(float(one), rel=1e-13)
 
 
 def test_beyond_the_edges_of_the_beam_nothing_is_known():

@@ -6,7 +6,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from finite_ring import hole_in_disc, whole_ring
+from finite_ring import hole_in_disc
 from isochrome.errors import InputError
 from isochrome.reference import disc_stress, ring_stress
 
@@ -78,26 +78,8 @@ def test_field_is_in_equilibrium_and_compatible(assert_equilibrium):
 
 @pytest.mark.long
 @pytest.mark.parametrize("ratio", [0.2, 0.5, 0.8])
-def test_finite_elements_come_to_the_same_field(ratio):
-    """Their error falls with the square of the elements' size, and towards this field."""
-    errors = []
-    for count in (28, 56):
-        angle, radius, parts = whole_ring(ratio, count)
-        x, z = radius * np.sin(angle)[:, None], -radius * np.cos(angle)[:, None]
-        field = ring_stress(x, z, load_n=1.0, diameter_mm=2.0, hole_mm=2 * ratio, thickness_mm=1.0)
-        away = np.hypot(x, z + 1.0) > 0.2  # a node's force is no point load beside it
-        size = field.principal_difference[away].max()
-        misfits = [
-            np.abs(part - getattr(field, name))[away].max()
-            for name, part in zip(NAMES, parts, strict=True)
-        ]
-        errors.append(max(misfits) / size)
-    assert errors[1] < 1e-3 and errors[1] < 0.35 * errors[0]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("ratio", [0.2, 0.5, 0.8])
 def test_finite_elements_find_what_the_hole_changes_of_a_disc(ratio):
+    """Their error falls with the square of the elements' size, and towards this field."""
     errors = []
     for count in (24, 48):
         angle, radius, parts = hole_in_disc(ratio, count)
@@ -154,10 +136,9 @@ def test_a_thin_ring_bends_like_an_arch(ratio, off):
     assert hole_below == pytest.approx(below / section, rel=off)
 
 
-@pytest.mark.long
 @given(x=st.floats(-1.0, 1.0), z=st.floats(-1.0, 1.0), ratio=st.floats(0.01, 0.9))
 @example(x=3e-192, z=1.0, ratio=0.5)  # beside a load, where the stress has no number
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=15)
 def test_field_mirrors_left_to_right_and_top_to_bottom(x, z, ratio):
     here = ring(R * x, R * z, ratio)
     for sign_x, sign_z in ((-1, 1), (1, -1), (-1, -1)):
@@ -166,17 +147,6 @@ def test_field_mirrors_left_to_right_and_top_to_bottom(x, z, ratio):
         for name, value in zip(NAMES, expected, strict=True):
             found = float(getattr(there, name))
             np.testing.assert_allclose(found, value, rtol=1e-12, atol=1e-13 * largest(ratio))
-
-
-@given(load=st.floats(0.1, 1e3), diameter=st.floats(0.1, 1e3), thickness=st.floats(0.1, 1e3))
-@settings(max_examples=50, deadline=None)
-def test_stress_scales_with_load_over_diameter_and_thickness(load, diameter, thickness):
-    sizes = {"diameter_mm": diameter, "hole_mm": 0.3 * diameter, "thickness_mm": thickness}
-    found = ring_stress(0.3 * diameter, 0.2 * diameter, load_n=load, **sizes)
-    unit = ring_stress(0.3, 0.2, load_n=1.0, diameter_mm=1.0, hole_mm=0.3, thickness_mm=1.0)
-    for name in NAMES:
-        expected = float(getattr(unit, name)) * load / (diameter * thickness)
-        assert float(getattr(found, name)) == pytest.approx(expected, rel=1e-11)
 
 
 def test_outside_in_the_hole_and_under_the_loads_nothing_is_known():

@@ -232,28 +232,3 @@ def test_far_from_the_coupled_contact_the_series_joins_the_closed_form_and_the_l
 def test_bad_sliding_arguments_are_refused_by_name(call, told):
     with pytest.raises(InputError, match=told):
         call()
-
-
-def test_friction_moves_the_largest_difference_ahead_and_up_to_the_surface():
-    x, z = np.meshgrid(np.linspace(-2.0, 2.0, 201), np.linspace(0.0, 2.0, 101))
-
-    def place(mu):
-        difference = sliding_hertz_stress(x, z, friction=mu, **UNIT).principal_difference
-        at = np.unravel_index(difference.argmax(), difference.shape)
-        return x[at], z[at]
-
-    (x_rest, z_rest), (x_slow, z_slow), (_, z_fast) = place(0.0), place(0.2), place(0.6)
-    assert x_rest == pytest.approx(0.0, abs=1e-12)
-    assert x_slow > 0.05
-    assert 0.0 < z_slow < z_rest
-    assert z_fast == 0.0
-
-
-def test_the_mirrored_pressure_would_not_fit_the_parabola():
-    c = contact(0.25)
-    wrong = contact(-0.25)  # leans and shifts to the other side; its traction turned around
-    wrong = type(c)(**{**wrong.__dict__, "friction": 0.25})
-    x = wrong.centre_mm + wrong.half_width_mm * np.linspace(-0.95, 0.95, 13)
-    gap = [point**2 / (2.0 * RADIUS) + displacement(point, wrong, BETA) for point in x]
-    # a lean of order mu beta = 0.04 on a displacement of order the sag
-    assert np.ptp(gap) > 1e-2 * c.half_width_mm**2 / (2.0 * RADIUS)
