@@ -79,18 +79,6 @@ def test_without_a_known_point_no_order_is_given_and_that_is_said(captured):
     assert "known_order" in found.columns["warnings"][0]
 
 
-@pytest.mark.long
-def test_a_frames_result_does_not_depend_on_the_others_or_their_order(captured):
-    folder, _ = captured
-    stack = tifffile.imread(folder / "captured.tif")
-    tifffile.imwrite(folder / "turned.tif", stack[::-1])
-    text = SCENE + NO_LOAD + SEED
-    there = processed(folder, text).frames
-    back = processed(folder, text, "turned.tif").frames
-    for a, b in zip(there, back[::-1], strict=True):
-        np.testing.assert_array_equal(a.reading.order, b.reading.order)
-
-
 def test_a_frame_without_an_order_has_no_confidence(tmp_path):
     """An even frame among fringes: its maps are kept all the same."""
     rows, cols = np.indices((70, 90), dtype=float)

@@ -6,6 +6,8 @@ mechanics, section 4.2), Frocht's disc in `outside_specimens`, the camera in `ou
 
 from __future__ import annotations
 
+from itertools import product
+
 import h5py
 import matplotlib
 import numpy as np
@@ -182,6 +184,8 @@ def check(specimen, kind, seed, folder):
         true += [np.median(x) - middle[0], np.median(z) - middle[1]]
         maximum += [x[col] - table["n_max_x_mm"][0], z[row] - table["n_max_z_mm"][0]]
     models = [isochrome.simulate(s).dataset for s in (found.fitted, folder / "fitted_scene.toml")]
+    assert found.dataset.shift_x_mm.values.tolist() == [0.0]
+    assert not any("own places" in text for text in found.warnings)
     gaps = [order - model.fringe_order[0] for model in models]
     assert all(gap.shape == (ROWS, COLS) for gap in gaps)
     with pytest.raises(InputError, match="their pixels show other places"):
@@ -190,39 +194,28 @@ def check(specimen, kind, seed, folder):
     return np.abs(true).max() / unit, np.abs(maximum).max() / unit, rms
 
 
-def judge(specimen, kind, seed, folder):
-    """One draw, whose figures are within the bars."""
-    true, maximum, rms = check(specimen, kind, seed, folder)
+DEFAULT = {("contact", "wrong", 0), ("disc", "left out", 0)}
+LONG = {("contact", "cropped", 0), ("disc", "turned", 0), ("disc", "stated", 1)}
+"""The last: its model's largest order is at a load, of which it knows nothing."""
+
+HUNDRED = list(product(SPECIMENS, KINDS, range(10)))
+
+
+def marks_of(draw):
+    return () if draw in DEFAULT else (pytest.mark.long, pytest.mark.study)[: 2 - (draw in LONG)]
+
+
+@pytest.mark.parametrize(
+    ("specimen", "kind", "seed"), [pytest.param(*draw, marks=marks_of(draw)) for draw in HUNDRED]
+)
+def test_axes_are_of_the_place_that_was_found(specimen, kind, seed, tmp_path):
+    true, maximum, rms = check(specimen, kind, seed, tmp_path / "out")
     print(f"{specimen} {kind} {seed}: {true:.4f} px, {maximum:.1e} px, {rms:.4f} fringe")
     # a dark rim tells a pixel that is 1.4 % too large: what lies aside of the disc's middle is off
     assert true < 0.5
     assert maximum < 1.0
     # the reading's noise, .002 fringe of a contact; beside a disc's loads fringes of few pixels
     assert rms < (0.01 if specimen == "contact" else 0.05)
-
-
-@pytest.mark.parametrize(
-    ("specimen", "kind", "seed"),
-    [("contact", "wrong", 0), ("disc", "left out", 0), ("disc", "stated", 1)],
-)  # the last: its model's largest order is at a load, of which it knows nothing
-def test_axes_are_of_the_place_that_was_found(specimen, kind, seed, tmp_path):
-    judge(specimen, kind, seed, tmp_path / "out")
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("specimen", SPECIMENS)
-@pytest.mark.parametrize("kind", KINDS)
-def test_axes_are_of_the_place_that_was_found_in_any_scene(specimen, kind, tmp_path):
-    judge(specimen, kind, 0, tmp_path / "out")
-
-
-@pytest.mark.long
-@pytest.mark.study
-@pytest.mark.parametrize("specimen", SPECIMENS)
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", range(10))
-def test_axes_of_a_hundred_drawn_frames(specimen, kind, seed, tmp_path):
-    judge(specimen, kind, seed, tmp_path / "out")
 
 
 @pytest.fixture(scope="module")
@@ -261,10 +254,3 @@ def test_frames_of_other_places_are_not_subtracted(moved):
         order - order[0]
     apart = order[2].drop_vars("shift_x_mm") - order[1].drop_vars("shift_x_mm")
     assert apart.shape == (ROWS, COLS)  # pixel by pixel, for who asks for it
-
-
-def test_a_set_of_one_place_says_nothing_of_shifts(tmp_path):
-    frame = Drawn("contact", "stated", 1)
-    found = isochrome.process(frame.frame, frame.scene)
-    assert found.dataset.shift_x_mm.values.tolist() == [0.0]
-    assert not any("own places" in text for text in found.warnings)

@@ -44,11 +44,3 @@ def test_imagej_knows_scale_origin_labels_range_and_colours(folder, name):
         assert np.ptp(table[:, 127:129].astype(int), axis=0).max() < 10  # no colour at zero
     else:
         assert (low, high) == (-90, 90)
-
-
-def test_its_pixels_are_those_in_memory(folder):
-    again = isochrome.simulate(folder / "scene.toml")
-    np.testing.assert_array_equal(tifffile.imread(folder / "frames.tif"), again.frames)
-    np.testing.assert_array_equal(tifffile.imread(folder / "fringe_order.tif"), again.orders)
-    with isochrome.open_frames(folder / "frames.tif") as reader:
-        assert reader.count() == len(again.frames)
