@@ -10,7 +10,7 @@ from isochrome.output import read_csv, write_tiff
 from isochrome.processing import process
 from isochrome.scene import dump_scene
 from processing.test_process_stepped import image_only as bare
-from stepped_sets import BEAM, a_scene, contact, layer_residual, small, with_residual
+from stepped_sets import contact, layer_residual, small, with_residual
 
 KEY = {"frames.no_load_steps": "no-load-steps.tif"}
 
@@ -29,11 +29,6 @@ def folder_of(tmp_path, scene, sets, *, unloaded=None, **values):
     text = dump_scene(scene.with_values(KEY | values))
     (tmp_path / "scene.toml").write_text(text, "utf-8")
     return tmp_path / "set.tif", tmp_path / "scene.toml"
-
-
-def errors_of(found, sets):
-    error = found.frames[0].reading.order - sets.order
-    return error[np.isfinite(error)]
 
 
 @pytest.mark.long
@@ -84,29 +79,13 @@ def test_the_lines_are_those_of_the_loads_order(sets, tmp_path):
     assert min(lines["x_mm"]) < -1.0 and max(lines["x_mm"]) > 1.0  # from the contact's middle
 
 
-def test_a_model_of_the_load_settles_what_frames_with_residual_stress_leave_open(tmp_path):
-    scene = small(a_scene(BEAM, pixel_mm=0.05), 2)
-    truth = with_residual(scene, layer_residual(scene, 0.4, 20.0))
-    found = process(*folder_of(tmp_path, scene, truth, **{"load.normal_n": 210.0}))
-    assert found.columns["whole_order_from"] == ["model"]
-    error = errors_of(found, truth)
-    assert error.size > 0.9 * np.isfinite(truth.order).sum()
-    assert np.sqrt(np.mean(error**2)) <= 0.005 and np.abs(error).max() < 0.25
-
-
-def test_without_residual_stress_or_with_a_flaw_little_changes(sets, tmp_path):
+def test_without_residual_stress_nothing_is_said(sets, tmp_path):
     scene, _ = sets
     truth = with_residual(scene, np.zeros((164, 219), complex))
     found = process(*folder_of(tmp_path, bare(scene), truth))
     assert found.warnings == () and found.columns["residual_order_max"] == [0.0]
-    error = errors_of(found, truth)
-    assert error.size > 0.95 * truth.order.size and np.sqrt(np.mean(error**2)) <= 0.005
-    scene, truth = sets
-    unloaded = truth.unloaded.copy()
-    unloaded[1, 40:80, 40:120] = 255
-    found = process(*folder_of(tmp_path, bare(scene), truth, unloaded=unloaded))
-    error = errors_of(found, truth)
-    assert error.size > 0.95 * truth.order.size and np.abs(error).max() < 0.25
+    error = found.frames[0].reading.order - truth.order
+    assert np.isfinite(error).mean() > 0.95 and np.sqrt(np.nanmean(error**2)) <= 0.005
 
 
 @pytest.mark.parametrize(

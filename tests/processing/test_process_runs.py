@@ -8,6 +8,7 @@ import time
 import numpy as np
 import pytest
 import tifffile
+from tracked_films import killed_and_the_same
 
 import isochrome
 from campaigns.conftest import COLS, ROWS, SCENE, film, true_orders, write_no_load
@@ -18,13 +19,10 @@ from isochrome.output import read_csv, read_pixel_mm, write_tiff
 from isochrome.processing import process
 from runs.counting import contents
 from runs.killing import (
-    ends_as,
     finished,
     finished_chunks,
-    killed,
     needs_sigkill,
     start,
-    undisturbed,
     wait_until,
 )
 
@@ -155,59 +153,20 @@ def test_a_cluster_leaves_the_same_files(place, monkeypatch):
     assert contents(place / "two") == contents(place / "one")
 
 
-def command(out, workers):
-    return [
-        "isochrome", "process", "film.tif", "--scene", "scene.toml", "--out", out,
-        "--workers", workers,
-    ]  # fmt: skip
-
-
 @pytest.mark.study
 @pytest.mark.long
 @needs_sigkill
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, workers):
-    """Eight runs in all, each killed once at a moment of its own, from its start to its end."""
-    place = make_set(tmp_path, 160)
-
-    def begin(out):
-        return start(place, code, "-m", *command(out, workers))
-
-    whole, length = undisturbed(begin, place)
-    alternately = [False, True] * 2
-    for out in killed(begin, length, alternately, since=0.05, seed=int(workers)):
-        done = finished_chunks(place / out)
-        assert not (place / out).exists() or contents(place / out) == whole
-        said = ends_as(whole, start(place, code, "-c", AGAIN, out, workers), place / out)
-        if said:  # what was there when it went on: all that had been finished, in whole
-            begun = int(said)
-            assert begun % CHUNK == 0
-            # workers may have finished their chunks in the moment after their run was killed
-            late = int(workers) if workers != "1" else 0
-            assert CHUNK * done <= begun <= CHUNK * (done + late)
-
-
-CHUNK = 20
-"""Frames in a chunk of 160: an eighth of them."""
-
-AGAIN = """
-import sys
-if __name__ == "__main__":
-    from isochrome import process
-    first = []
-    def tell(tally):
-        if not first:
-            first.append(tally)
-            print(tally.before)
-    process("film.tif", "scene.toml", sys.argv[1], workers=int(sys.argv[2]), progress=tell)
-"""
+    make_set(tmp_path, 160)
+    assert killed_and_the_same(tmp_path, code, workers)
 
 
 @pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT to another process there")
 def test_ctrl_c_keeps_what_is_finished_and_names_the_command(tmp_path, code):
     place = make_set(tmp_path, 160)  # eight chunks
-    again = command("out", "1")
+    again = ["isochrome", "process", "film.tif", "--scene", "scene.toml", "--out", "out"]
     run = start(place, code, "-m", *again)
     wait_until(lambda: finished_chunks(place / "out") >= 2, "it finished no chunks", run=run)
     run.send_signal(signal.SIGINT)

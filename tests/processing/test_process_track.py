@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import tifffile
-from tracked_films import LEFT, LOAD, TOP, contact, film
+from tracked_films import LEFT, LOAD, TOP, contact, film, killed_and_the_same
 
 import isochrome.fitting.tracking.tracker
 from isochrome import open_run
@@ -14,8 +14,9 @@ from isochrome.fitting.tracking.tracker import AGAIN, FAR, NO_FRINGES
 from isochrome.output import read_csv
 from isochrome.processing import process
 from isochrome.runs import export
-from isochrome.scene import dump_scene
-from runs.killing import killed_and_begun_again, needs_sigkill, start
+from isochrome.scene import dump_scene, parse_scene
+from runs.killing import needs_sigkill
+from stepped_sets import BEAM
 
 SHAPE = (160, 240)
 EVERY = 5
@@ -141,14 +142,6 @@ def test_other_key_frames_are_another_run(tracked):
     assert tifffile.imread(place / "other" / "normalised.tif").shape == (2, *SHAPE)
 
 
-TRACKED_AGAIN = """
-import sys
-if __name__ == "__main__":
-    from isochrome import process
-    process("film.tif", "scene.toml", sys.argv[1], track=True, every=3, workers=int(sys.argv[2]))
-"""
-
-
 @pytest.mark.study
 @pytest.mark.long
 @needs_sigkill
@@ -158,12 +151,7 @@ def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, wo
     """Values, key frames' maps, and the compact maps of all frames."""
     scene = contact(sliding=sliding)
     place = save(tmp_path / "film", film(scene, course(14), 5), scene)
-
-    def begin(out):
-        return start(place, code, "-c", TRACKED_AGAIN, out, workers)
-
-    kept = killed_and_begun_again(begin, place, [True] * 2, since=0.2, seed=int(workers))
-    assert kept > 0  # else nothing was told of going on
+    assert killed_and_the_same(place, code, workers, "--track", "--every", "3")
 
 
 @pytest.mark.long
@@ -269,36 +257,20 @@ def test_a_bad_frame_ends_the_run_or_is_left_out(tmp_path):
     assert found.fitted.load.normal_n == pytest.approx(44.0, abs=0.03)
 
 
-SLIDING = "[friction]\ncoefficient = 0.2\nstatic_state_first = true\n"
-
-
 @pytest.mark.parametrize(
-    ("change", "every", "said"),
+    ("scene", "every", "said"),
     [
-        ({}, 1, "--every 1: give 2 or more"),
-        ({"more": SLIDING}, 5, "static_state_first = true"),
-        ({"specimen.shape": "beam"}, 5, "a beam cannot be tracked"),
+        (contact(), 1, "--every 1: give 2 or more"),
+        (
+            contact(sliding=True).with_values({"friction.static_state_first": True}), 5,
+            "static_state_first = true",
+        ),
+        (parse_scene(BEAM + "pixel_mm = 0.05\n"), 5, "a beam cannot be tracked"),
     ],
-)
-def test_what_cannot_be_tracked_is_refused(tmp_path, change, every, said):
-    if "specimen.shape" in change:
-        text = """
-[specimen]
-shape = "beam"
-thickness_mm = 6.0
-height_mm = 2.0
-fringe_value_n_per_mm = 14.6
-[load]
-normal_n = 20.0
-inner_span_mm = 4.0
-outer_span_mm = 10.0
-[camera]
-pixel_mm = 0.0155
-"""
-    else:
-        text = dump_scene(contact()) + change.get("more", "")
-    place = save(tmp_path / "film", np.full((3, *SHAPE), 90, np.uint8))
-    (place / "scene.toml").write_text(text, "utf-8")
+)  # fmt: skip
+def test_what_cannot_be_tracked_is_refused(tmp_path, scene, every, said):
+    shape = (3, scene.camera.height_px, scene.camera.width_px)
+    place = save(tmp_path / "film", np.full(shape, 90, np.uint8), scene)
     with pytest.raises(InputError, match=said):
         process(place / "film.tif", place / "scene.toml", place / "out", track=True, every=every)
     assert not (place / "out").exists() and not (place / "out.partial").exists()

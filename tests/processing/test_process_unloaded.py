@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+import tifffile
 from tracked_films import BARE, killed_and_the_same, leaves_the_same_bytes, write_video
 from unloaded_films import FILMS, WHOLE, LoadedFilm, judged
 
@@ -213,7 +214,9 @@ def test_twelve_gaps_of_whole_size(number):
 @needs_sigkill
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_a_killed_run_ends_with_the_same_bytes(tmp_path, code, workers):
-    assert killed_and_the_same(tmp_path, code, LoadedFilm(9).frames(), SCENE, workers)
+    tifffile.imwrite(tmp_path / "film.tif", LoadedFilm(9).frames())
+    (tmp_path / "scene.toml").write_text(SCENE, "utf-8")
+    assert killed_and_the_same(tmp_path, code, workers)
 
 
 ROI = "roi = { top_px = 900, left_px = 850, height_px = 370, width_px = 370 }\n"

@@ -95,6 +95,9 @@ def test_wear_brings_the_largest_shear_to_the_surface_at_an_edge(found):
 
 def test_a_discs_centre_has_the_stresses_of_frocht():
     out = simulate(parse_scene(DISC), components=True)
+    # 8 P/(pi D f); float32
+    assert out.orders[0, 120, 120] == pytest.approx(8 * 120 / (np.pi * 20 * 12), rel=1e-6)
+    assert np.isnan(out.history["p_max_mpa"][0])
     unit = 2.0 * 120.0 / (np.pi * 20.0 * 6.0)  # 2 P/(pi D d)
     assert out.maps["sigma_x"][0, 120, 120] == pytest.approx(unit, rel=1e-6)
     assert out.maps["sigma_z"][0, 120, 120] == pytest.approx(-3.0 * unit, rel=1e-6)

@@ -166,16 +166,6 @@ def test_a_colour_cameras_frames_are_rgb_in_memory_and_on_disk(tmp_path, bits, d
             np.testing.assert_array_equal(np.stack([f.image for f in reader]), frames[..., k])
 
 
-def test_above_the_surface_there_is_no_light_and_no_order():
-    scene = SMALL.with_values({"camera.top_mm": -10 * 4 * 0.00607})
-    out = simulate(scene)
-    assert not out.frames[:, :10].any()
-    assert np.isnan(out.orders[:, :10]).all() and np.isfinite(out.orders[:, 10:]).all()
-    # the rows below are those of the picture that begins at the surface
-    whole = simulate(SMALL)
-    np.testing.assert_array_equal(out.frames[:, 10:], whole.frames[:, :-10])
-
-
 DISC = """
 [specimen]
 shape = "disc"
@@ -204,13 +194,6 @@ width_px = 120
 height_px = 240
 pixel_mm = 0.1
 """
-
-
-def test_a_discs_centre_shows_eight_p_over_pi_d_f():
-    out = simulate(parse_scene(DISC))
-    # 8 P/(pi D f); float32
-    assert out.orders[0, 120, 120] == pytest.approx(8 * 120 / (np.pi * 20 * 12), rel=1e-6)
-    assert np.isnan(out.history["p_max_mpa"][0])
 
 
 def test_a_beams_order_is_linear_over_its_height_and_dark_on_the_neutral_axis():
