@@ -15,6 +15,7 @@ import isochrome
 from isochrome.errors import InputError
 from isochrome.output import plain
 from isochrome.samples import samples_path
+from stepped_sets import CIRCULAR, as_steps
 
 CONTACT = samples_path() / "line-contact-wear"
 RING = isochrome.load_scene("ring").with_values(
@@ -134,13 +135,7 @@ class Endless:
 
 def test_steps_of_an_array_and_an_array_of_the_unloaded_specimen(empty):
     """A phase-stepped set, with its no-load set as an array in the scene."""
-    names = ("polariser_deg", "input_plate_deg", "output_plate_deg", "analyser_deg")
-    angles = [
-        (90, 45, -45, 0), (90, 45, -45, 90), (90, 45, 0, 0), (90, 45, 45, 45), (90, 45, 90, 90),
-        (90, 45, 135, 135),
-    ]  # fmt: skip
-    steps = tuple(dict(zip(names, map(float, each), strict=True)) for each in angles)
-    scene = RING.with_values({"polariscope.step": steps})
+    scene = RING.with_values({"polariscope.step": as_steps(CIRCULAR)})
     frames = isochrome.simulate(scene).frames
     unloaded = isochrome.simulate(scene.with_values({"load.normal_n": 1e-6})).frames
     (empty / "OUT").mkdir()

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 import tifffile
-from tracked_films import BARE, killed_and_the_same, leaves_the_same_bytes, write_video
+from tracked_films import BARE, killed_and_the_same, leaves_the_same_bytes
 from unloaded_films import FILMS, WHOLE, LoadedFilm, judged
 
 from isochrome.errors import InputError, PhysicsError
@@ -86,28 +86,6 @@ def test_frames_may_be_missing_where_the_order_changes_little():
     assert len(numbers) < 0.8 * film.count
     kept, wrong, _ = judged(film, process(film.frames(numbers), film.scene()), numbers).T
     assert wrong.max() == 0.0 and kept[5:].min() > 0.7
-
-
-@pytest.mark.long
-def test_times_are_those_of_the_file(tmp_path):
-    """A camera that drops frames: rates are those of time, and no order is lost for it."""
-    film = LoadedFilm(3)
-    numbers = [k for k in range(film.count) if k % 5 or k < 10]
-    assert np.abs(np.diff(film.course[numbers])).max() > 0.3
-    write_video(tmp_path / "film.mkv", film.frames(numbers), "ffv1", "gray", numbers=numbers)
-    found = process(tmp_path / "film.mkv", film.scene())
-    kept, wrong, _ = judged(film, found, numbers).T
-    assert wrong.max() == 0.0 and kept[5:].min() > 0.7
-
-
-@pytest.mark.long
-def test_a_film_that_is_run_backwards_has_the_same_orders():
-    """Where single frames are followed forward and back, both agree or the frame says so."""
-    film = LoadedFilm(9)
-    there = [*range(film.count // 2), *reversed(range(film.count // 2))]
-    orders = process(film.frames(there), film.scene()).dataset.fringe_order.values
-    differ = np.abs(orders[: film.count // 2] - orders[film.count // 2 :][::-1])
-    assert np.nanmax(differ) < 0.2 and np.isfinite(differ[5:]).mean() > 0.7
 
 
 @needs_real
