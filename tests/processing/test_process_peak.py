@@ -122,7 +122,7 @@ def test_masked_peaks(tmp_path, seeds):
             wrong.append(row["n_max_from"])
         named.append(row["n_max_from"])
     # a least value is one that was read: of seed 36 it lies 2.1 of its ± above the truth
-    assert len(wrong) <= len(seeds) // 50 and "model" not in wrong and refused <= len(seeds) // 25
+    assert len(wrong) <= len(seeds) // 50 and "model" not in wrong and refused <= 2
     assert named.count("model") >= 0.6 * len(seeds) and "frame" not in named
 
 
