@@ -111,7 +111,7 @@ def test_the_page_has_the_commands_and_the_readme_links_it():
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "seed", [*range(3), *(pytest.param(s, marks=pytest.mark.study) for s in range(3, 16))]
+    "seed", [0, *(pytest.param(s, marks=pytest.mark.study) for s in range(1, 16))]
 )
 def test_ten_minutes_of_a_newcomer(tmp_path, seed):
     truth, me = Truth(seed), Newcomer(tmp_path)

@@ -45,6 +45,9 @@ DAY = re.compile(r"\b20\d\d-[01]\d-[0-3]\d\b")
 
 VALUES = re.compile(rf"({NUMBER})(?: ± ({NUMBER}))?")
 
+SLOW = {"a-video-from-start-to-report", "calibrate-the-material", "what-the-fringes-know"}
+"""Those of half a minute, whose commands have other tests in the long run."""
+
 MODULES = {
     "difflib", "isochrome", "json", "matplotlib", "matplotlib.pyplot", "numpy", "pathlib", "shutil",
     "tempfile", "typing", "xarray",
@@ -177,7 +180,10 @@ def difference(one: np.ndarray, other: np.ndarray) -> float:
 @pytest.mark.filterwarnings("ignore::DeprecationWarning:jupyter_client.*")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning:jupyter_core.*")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning:zmq.*")
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(p, marks=[pytest.mark.study] * (p.stem in SLOW), id=p.stem) for p in NOTEBOOKS],
+)
 def test_notebook_runs_to_its_end_and_gives_what_is_stored(
     path: Path, tmp_path: Path, own_kernel: str
 ) -> None:

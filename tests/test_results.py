@@ -4,11 +4,11 @@ import csv
 import json
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cache
-from html.parser import HTMLParser
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pandas
@@ -54,7 +54,7 @@ NAME = "a <b>bold<b> & long.toml"
 class Left:
     """A result, and what its command left: the files' names, and the command's line.
 
-    `again` gives what the same call gives once more: of a run that is kept, the run taken up.
+    `run` gives the result, of a folder or in memory; of a run that is kept, the run taken up.
     """
 
     result: Result
@@ -64,7 +64,16 @@ class Left:
     picture: str | None = None
     dpi: float = 150.0
     command: tuple[Any, ...] = ()
-    again: Callable[[], Result] | None = None
+    run: Callable[[Path | None], Result] | None = None
+
+    def again(self) -> Result:
+        """What the same call gives once more; of what has none, the result."""
+        return self.result if self.run is None else self.run(self.folder)
+
+
+def made(out: Path, run: Callable[[Path | None], Result], *files: str | None, **more: Any) -> Left:
+    """What a call leaves in a folder."""
+    return Left(run(out), out, *files, run=run, **more)
 
 
 @pytest.fixture(scope="module")
@@ -92,88 +101,74 @@ def frames_of(places: dict[str, Path], which: str = "scene") -> Path:
 
 
 def simulated(places, make):
-    run = lambda: isochrome.simulate(places["scene"], places["home"] / "simulated")  # noqa: E731
-    found, out = run(), places["home"] / "simulated"
-    command = ("simulate", places["scene"])
-    return Left(found, out, "history.csv", None, "simulation.png", command=command, again=run)
-
-
-def simulated_in_memory(places, make):
-    found = isochrome.simulate(places["scene"])
-    return Left(found, make("simulate").folder, "history.csv", None, "simulation.png")
+    return made(
+        places["home"] / "simulated", lambda out: isochrome.simulate(places["scene"], out),
+        "history.csv", None, "simulation.png", command=("simulate", places["scene"]),
+    )  # fmt: skip
 
 
 def processed(places, make):
-    frames, out = frames_of(places), places["home"] / "processed"
-    run = lambda: isochrome.process(frames, places["scene"], out)  # noqa: E731
-    command = ("process", frames, "--scene", places["scene"])
-    return Left(run(), out, "frames.csv", None, "process.png", command=command, again=run)
-
-
-def processed_in_memory(places, make):
-    folder = make("process").folder
-    found = isochrome.process(frames_of(places), places["scene"])
-    return Left(found, folder, "frames.csv", None, "process.png")
+    frames = frames_of(places)
+    return made(
+        places["home"] / "processed", lambda out: isochrome.process(frames, places["scene"], out),
+        "frames.csv", None, "process.png", command=("process", frames, "--scene", places["scene"]),
+    )  # fmt: skip
 
 
 def process_tracked(places, make):
-    frames, out = frames_of(places, "film"), places["home"] / "process-tracked"
-    run = lambda: isochrome.process(frames, places["film"], out, track=True, every=3)  # noqa: E731
-    command = ("process", frames, "--scene", places["film"], "--track", "--every", "3")
-    return Left(run(), out, "frames.csv", None, "process.png", 110.0, command, run)
-
-
-def process_tracked_in_memory(places, make):
-    folder = make("process track").folder
-    found = isochrome.process(frames_of(places, "film"), places["film"], track=True, every=3)
-    return Left(found, folder, "frames.csv", None, "process.png", 110.0)
+    frames, film = frames_of(places, "film"), places["film"]
+    return made(
+        places["home"] / "process-tracked",
+        lambda out: isochrome.process(frames, film, out, track=True, every=3),
+        "frames.csv", None, "process.png", dpi=110.0,
+        command=("process", frames, "--scene", film, "--track", "--every", "3"),
+    )  # fmt: skip
 
 
 def compared(places, make):
-    one, other = make("process").folder, make("simulate").folder
-    run = lambda: isochrome.compare(one, other, places["home"] / "compared")  # noqa: E731
+    one, other, out = make("process").folder, make("simulate").folder, places["home"] / "compared"
+    found = isochrome.compare(one, other, out)
     command = ("compare", one, other)
-    out = places["home"] / "compared"
-    found = run()
-    return Left(
-        found, out, "metrics.csv", None, "comparison.png", command=command, again=lambda: found
-    )
+    return Left(found, out, "metrics.csv", None, "comparison.png", command=command)
 
 
 def fitted(places, make):
-    frames, out = frames_of(places), places["home"] / "fitted"
-    run = lambda: isochrome.fit(  # noqa: E731
-        frames, places["scene"], [LOAD], per_frame=[LEFT], out=out
-    )
-    command = ("fit", frames, "--scene", places["scene"], "--free", LOAD, "--per-frame", LEFT)
-    return Left(run(), out, "fit.csv", "fit.json", "fit.png", command=command, again=run)
-
-
-def fitted_in_memory(places, make):
-    found = isochrome.fit(frames_of(places), places["scene"], [LOAD], per_frame=[LEFT])
-    return Left(found, make("fit").folder, "fit.csv", "fit.json", "fit.png")
+    frames, scene = frames_of(places), places["scene"]
+    return made(
+        places["home"] / "fitted",
+        lambda out: isochrome.fit(frames, scene, [LOAD], per_frame=[LEFT], out=out),
+        "fit.csv", "fit.json", "fit.png",
+        command=("fit", frames, "--scene", scene, "--free", LOAD, "--per-frame", LEFT),
+    )  # fmt: skip
 
 
 def fit_tracked(places, make):
-    frames, out = frames_of(places, "film"), places["home"] / "fit-tracked"
-    run = lambda: track(frames, places["film"], [LOAD, LEFT], out=out)  # noqa: E731
-    command = ("fit", frames, "--scene", places["film"], "--track")
-    command += ("--per-frame", LOAD, "--per-frame", LEFT)
-    return Left(run(), out, "fit.csv", "fit.json", "fit.png", command=command, again=run)
+    frames, film = frames_of(places, "film"), places["film"]
+    command = ("fit", frames, "--scene", film, "--track", "--per-frame", LOAD, "--per-frame", LEFT)
+    return made(
+        places["home"] / "fit-tracked", lambda out: track(frames, film, [LOAD, LEFT], out=out),
+        "fit.csv", "fit.json", "fit.png", command=command,
+    )  # fmt: skip
+
+
+def in_memory(places, make, name):
+    """The same call without a folder, beside what it leaves in one."""
+    left = make(name)
+    return replace(left, result=left.run(None))
 
 
 def checked(places, make):
-    frames = frames_of(places)
-    run = lambda: check(frames, load_scene(places["scene"]))  # noqa: E731
-    command = ("check", frames, "--scene", places["scene"])
-    return Left(run(), places["home"], command=command, again=run)
+    frames, scene = frames_of(places), places["scene"]
+    command = ("check", frames, "--scene", scene)
+    return made(places["home"], lambda _: check(frames, load_scene(scene)), command=command)
 
 
 def swept(places, make):
-    out, vary = places["home"] / "swept", "load.normal_n=40,44"
-    run = lambda: isochrome.sweep(places["scene"], [vary], out)  # noqa: E731
-    command = ("sweep", places["scene"], "--vary", vary)
-    return Left(run(), out, "sweep.csv", command=command, again=run)
+    scene, vary = places["scene"], "load.normal_n=40,44"
+    return made(
+        places["home"] / "swept", lambda out: isochrome.sweep(scene, [vary], out), "sweep.csv",
+        command=("sweep", scene, "--vary", vary),
+    )  # fmt: skip
 
 
 def campaigned(places, make):
@@ -217,9 +212,7 @@ def calibrated_scale(places, make):
     options = [str(part) for key, value in size.items()
                for part in (f"--{key.replace('_', '-')}", value)]  # fmt: skip
     command = ("calibrate", "scale", picture, "--target", "dots", *options)
-    return Left(
-        found, out, "scale.csv", "scale.json", "scale.png", command=command, again=lambda: found
-    )
+    return Left(found, out, "scale.csv", "scale.json", "scale.png", command=command)
 
 
 def calibrated_wear(places, make):
@@ -232,11 +225,8 @@ def calibrated_wear(places, make):
     out = places["home"] / "wear"
     found = calibrate_wear(path)
     save_calibration(found, out, source=path)
-    command = ("calibrate", "wear", path)
-    return Left(
-        found, out, "distances.csv", "calibration.json", "calibration.png", command=command,
-        again=lambda: found,
-    )  # fmt: skip
+    files = "distances.csv", "calibration.json", "calibration.png"
+    return Left(found, out, *files, command=("calibrate", "wear", path))
 
 
 def benched(places, make):
@@ -253,14 +243,10 @@ def demonstrated(places, make):
 
 MAKE: dict[str, Callable[..., Left]] = {
     "simulate": simulated,
-    "simulate, in memory": simulated_in_memory,
     "process": processed,
-    "process, in memory": processed_in_memory,
     "process track": process_tracked,
-    "process track, in memory": process_tracked_in_memory,
     "compare": compared,
     "fit": fitted,
-    "fit, in memory": fitted_in_memory,
     "fit track": fit_tracked,
     "check": checked,
     "sweep": swept,
@@ -272,6 +258,10 @@ MAKE: dict[str, Callable[..., Left]] = {
     "calibrate wear": calibrated_wear,
     "bench": benched,
     "demo": demonstrated,
+    **{
+        f"{name}, in memory": partial(in_memory, name=name)
+        for name in ("simulate", "process", "process track", "fit")
+    },
 }
 
 MARKS = {
@@ -294,13 +284,6 @@ def marked(*names: str) -> pytest.MarkDecorator:
 
 
 every_result = marked(*MAKE)
-
-
-@every_result
-def test_it_is_a_result_with_sentences_for_warnings(name, results):
-    result = results(name).result
-    assert isinstance(result, Result) and isinstance(result.warnings, tuple)
-    assert all(isinstance(text, str) and text for text in result.warnings)
 
 
 @every_result
@@ -348,7 +331,6 @@ def test_the_json_is_the_one_on_disk(name, results, tmp_path):
 )  # fmt: skip
 def test_the_command_prints_that_json(name, results, tmp_path):
     left = results(name)
-    assert left.again is not None
     out = [] if name == "check" else ["--out", str(left.folder)]
     done = CliRunner().invoke(app, [*map(str, left.command), *out, "--json"])
     printed = json.loads(done.stdout)
@@ -358,19 +340,9 @@ def test_the_command_prints_that_json(name, results, tmp_path):
 
 
 @pytest.mark.long
-@marked(*(name for name in MAKE if "in memory" not in name))
+@every_result
 def test_the_figure_is_the_picture_on_disk(name, results, tmp_path):
-    assert_drawn_as_on_disk(results(name), tmp_path)
-
-
-@pytest.mark.study
-@pytest.mark.long
-@marked(*(name for name in MAKE if "in memory" in name))
-def test_the_figure_of_what_was_kept_in_memory_is_the_picture_on_disk(name, results, tmp_path):
-    assert_drawn_as_on_disk(results(name), tmp_path)
-
-
-def assert_drawn_as_on_disk(left, tmp_path):
+    left = results(name)
     write_figure(tmp_path / "figure.png", left.result.figure(), dpi=left.dpi)
     drawn = imread(tmp_path / "figure.png")
     assert min(drawn.shape[:2]) > 100 and np.ptp(drawn[..., :3]) > 0.5  # no empty page
@@ -381,7 +353,6 @@ def assert_drawn_as_on_disk(left, tmp_path):
 @marked("simulate", "process", "process track", "fit", "fit track")
 def test_an_earlier_runs_figure_is_its_picture(name, results, tmp_path):
     left = results(name)
-    assert left.again is not None
     again = left.again()
     assert again.already  # nothing was computed for it
     dpi = left.dpi if name == "fit track" else 150.0
@@ -401,8 +372,10 @@ def test_an_earlier_picture_that_is_gone_is_asked_for(tmp_path):
 
 
 @every_result
-def test_its_report_is_short_and_counts_the_warnings(name, results):
+def test_its_warnings_are_sentences_and_its_report_is_short_and_counts_them(name, results):
     result = results(name).result
+    assert isinstance(result, Result) and isinstance(result.warnings, tuple)
+    assert all(isinstance(text, str) and text for text in result.warnings)
     lines = repr(result).splitlines()
     assert 1 <= len(lines) <= 12 and max(map(len, lines)) <= 120
     said = re.findall(r"^  (\d+) warnings?: see \.warnings$", repr(result), re.M)
@@ -417,45 +390,26 @@ def test_a_report_says_the_values_with_their_uncertainties(results):
     assert float(spread) == float(f"{found['standard_uncertainty']:.2g}")
 
 
-class Page(HTMLParser):
-    """Tags that are opened and closed, one in the other, and the text between them."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.text: list[str] = []
-        self.tags: set[str] = set()
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.add(tag)
-        if tag not in ("br", "img", "hr"):
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.text.append(data)
+def parts_of(result):
+    """The tags of its page, which closes what it opens, and the text between them."""
+    page = ElementTree.fromstring(result._repr_html_())
+    return {part.tag for part in page.iter()}, "".join(page.itertext())
 
 
 @every_result
 def test_its_page_for_a_notebook_holds_table_and_warnings(name, results):
     result = results(name).result
-    page = Page()
-    page.feed(result._repr_html_())
-    page.close()
-    text = "".join(page.text)
-    assert not page.open and {"div", "table", "thead"} <= page.tags
+    tags, text = parts_of(result)
+    assert {"div", "table", "thead"} <= tags
     assert all(warning in text for warning in result.warnings)
     assert result.title in text and next(iter(result.columns)) in text
 
 
 @marked("simulate", "process", "fit", "campaign", "calibrate colour")
 def test_names_are_text_on_a_page(name, results):
-    page = Page()
-    page.feed(results(name).result._repr_html_())
-    assert "<b>bold<b> &" in "".join(page.text) or "<b>colours<b> &" in "".join(page.text)
-    assert page.tags <= {"div", "p", "b", "table", "thead", "tbody", "tr", "th", "td", "ul", "li"}
+    tags, text = parts_of(results(name).result)
+    assert "<b>bold<b> &" in text or "<b>colours<b> &" in text
+    assert tags <= {"div", "p", "b", "table", "thead", "tbody", "tr", "th", "td", "ul", "li"}
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Recordings of known fringes: videos, stacks and images in a folder with an awkward name."""
 
-from fractions import Fraction
-
 import numpy as np
 import pytest
 
@@ -22,34 +20,25 @@ no_load_bright = "bright.tif"
 """
 
 
-def film(count, seed):
-    """Frames (frame, row, col) of a dark field whose orders rise to the right, to about 2."""
-    rng = np.random.default_rng(seed)
+def true_orders(count, seed):
+    """The orders (frame, row, col) of a film: 0 in the left column, rising to the right."""
     col = np.arange(COLS) + np.zeros((ROWS, 1))
-    orders = [2.2 * (col / COLS) ** 2 * (1 + 0.2 * np.sin(seed + i)) for i in range(count)]
-    frames = (
-        20 + 200 * np.sin(np.pi * np.array(orders)) ** 2 + rng.normal(0, 1, (count, ROWS, COLS))
-    )
-    return np.rint(frames).astype(np.uint8)
+    return np.stack([2.2 * (col / COLS) ** 2 * (1 + 0.2 * np.sin(seed + i)) for i in range(count)])
 
 
-def write_video(path, frames):
-    """Frames without loss, ten a second."""
-    import av
+def film(count, seed):
+    """Its frames in a dark field, 20 grey levels in darkness and 220 in the light."""
+    noise = np.random.default_rng(seed).normal(0, 1, (count, ROWS, COLS))
+    light = np.sin(np.pi * true_orders(count, seed)) ** 2
+    return np.rint(20 + 200 * light + noise).astype(np.uint8)
 
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("ffv1", rate=10)
-        stream.height, stream.width = frames.shape[1:]
-        stream.pix_fmt, stream.codec_context.time_base = "gray", Fraction(1, 10)
-        for i, image in enumerate(frames):
-            frame = av.VideoFrame(image.shape[1], image.shape[0], "gray")
-            rows = np.zeros((image.shape[0], frame.planes[0].line_size), np.uint8)
-            rows[:, : image.shape[1]] = image
-            frame.planes[0].update(rows.tobytes())
-            frame.pts, frame.time_base = i, Fraction(1, 10)
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode(None))
-    return path
+
+def write_no_load(folder):
+    """Frames of the unloaded specimen in the dark and in the bright field."""
+    rng = np.random.default_rng(7)
+    for name, level in (("dark", 20), ("bright", 220)):
+        flat = level + rng.normal(0, 1, (1, ROWS, COLS))
+        write_tiff(folder / f"{name}.tif", np.rint(flat).astype(np.uint8))
 
 
 @pytest.fixture
@@ -66,10 +55,7 @@ def place(tmp_path, monkeypatch):
     """The working folder, with the scene and its no-load frames."""
     folder = tmp_path / "Mess reihe ÄΩ場"
     folder.mkdir()
-    rng = np.random.default_rng(7)
-    for name, level in (("dark", 20), ("bright", 220)):
-        flat = level + rng.normal(0, 1, (1, ROWS, COLS))
-        write_tiff(folder / f"{name}.tif", np.rint(flat).astype(np.uint8))
+    write_no_load(folder)
     (folder / "scene.toml").write_text(SCENE, "utf-8")
     (folder / "runs").mkdir()
     monkeypatch.chdir(folder)

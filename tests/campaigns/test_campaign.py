@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import isochrome
-from campaigns.conftest import COLS, ROWS, film, write_video
+from campaigns.conftest import COLS, ROWS, film
 from isochrome.campaigns import Campaign, Outcome, process_campaign, summary_figure
 from isochrome.campaigns import api as run_module
 from isochrome.campaigns import outcome as outcome_module
@@ -24,6 +24,7 @@ from isochrome.errors import InputError
 from isochrome.output import write_tiff
 from isochrome.processing import process
 from isochrome.runs import Stopped, locked
+from processing.tracked_films import write_video
 from runs.counting import contents
 from scene_texts import PAPER_PAIR, SMALL_CAMERA
 
@@ -53,11 +54,11 @@ def command(monkeypatch, capfd):
 def test_each_recording_is_what_it_is_alone_and_a_broken_one_harms_no_other(
     place, no_pictures, command
 ):
-    write_video(place / "runs" / "Versuch 1 場.avi", film(3, 1))
-    write_video(place / "runs" / "Versuch 2 é.mkv", film(4, 2))
+    videos = [place / "runs" / f"Versuch {n}" for n in ("1 場.avi", "2 é.mkv", "10.mkv")]
+    for number, (path, count) in enumerate(zip(videos, (3, 4, 5), strict=True)):
+        write_video(path, film(count, number), "ffv1", "gray", rate=10)
     write_tiff(place / "runs" / "Versuch 3.tif", film(2, 3))
-    whole = write_video(place / "runs" / "Versuch 10.mkv", film(5, 4)).read_bytes()
-    (place / "runs" / "Versuch 10.mkv").write_bytes(whole[: len(whole) // 2])
+    videos[2].write_bytes(videos[2].read_bytes()[: videos[2].stat().st_size // 2])
     # by this process alone, however slow it is: the pictures of others are not left out
     code, out, err = command(
         "process", "runs/*", "--scene", "scene.toml", "--out", "all", "--json", "--workers", "1"

@@ -1,18 +1,12 @@
 """Campaigns that are killed, shared out to workers, or fitted to a model."""
 
-import csv
 import os
-import shutil
 
-import numpy as np
 import pytest
 
-import isochrome
 from campaigns.conftest import film
-from isochrome import simulate
 from isochrome.campaigns import process_campaign
-from isochrome.output import read_csv, write_tiff
-from isochrome.processing import process
+from isochrome.output import write_tiff
 from runs.counting import contents
 from runs.killing import (
     children,
@@ -24,7 +18,6 @@ from runs.killing import (
     wait_for_the_end_of,
     wait_until,
 )
-from scene_texts import SMALL_CAMERA, WORN_CONTACT
 
 pytestmark = pytest.mark.long
 
@@ -90,35 +83,3 @@ def test_a_recording_that_kills_its_worker_harms_no_other(stacks, place):
     assert "was killed" in found.columns["error"][1]
     for name in ("run1", "run3", "run4"):
         assert (place / "out" / name / "frames.csv").exists()
-
-
-CONTACT = WORN_CONTACT + SMALL_CAMERA + "noise_grey = 2.0\n"
-
-
-@pytest.mark.study
-@pytest.mark.long
-def test_fitted_values_are_summed_up_and_drawn(place):
-    (place / "contact.toml").write_text(CONTACT, "utf-8")
-    truth = {"first": (44.0, 0.25), "second": (40.0, 0.3)}
-    for seed, (name, (load, friction)) in enumerate(truth.items()):
-        values = {"load.normal_n": load, "friction.coefficient": friction, "camera.seed": seed}
-        scene = isochrome.load_scene("contact.toml").with_values(values)
-        simulate(scene, place / name)
-        shutil.copy(place / name / "frames.tif", place / "runs" / f"{name}.tif")
-    found = process_campaign("runs/*.tif", "contact.toml", "all")
-    assert found.exit_code == 0
-    with open(place / "all" / "summary.csv", encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
-    for row, (name, (load, friction)) in zip(rows, truth.items(), strict=True):
-        assert row["folder"] == name and row["status"] == "ok"
-        for key, value in (("load.normal_n", load), ("friction.coefficient", friction)):
-            spread = float(row[f"{key} median_standard_uncertainty"])
-            # the mean of two frames: five times its uncertainty is missed once in a million
-            assert abs(float(row[f"{key} mean"]) - value) < 5 * spread / np.sqrt(2)
-            table = read_csv(place / "all" / name / "frames.csv")
-            assert float(row[f"{key} mean"]) == pytest.approx(np.mean(table[key]), rel=1e-8)
-        process(f"runs/{name}.tif", "contact.toml", place / "alone" / name)
-        assert contents(place / "all" / name) == contents(
-            place / "alone" / name
-        )  # pictures and all
-    assert (place / "all" / "summary.png").read_bytes().startswith(b"\x89PNG")

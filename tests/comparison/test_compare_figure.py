@@ -208,6 +208,12 @@ def test_loading_refuses_what_does_not_fit(tmp_path):
     (tmp_path / "short" / "scene.toml").write_text("[camera", encoding="utf-8")
     with pytest.raises(InputError, match="not valid TOML"):
         load_frame_set(tmp_path / "short")
+    steps = "[[polariscope.step]]\npolariser_deg = 90.0\nanalyser_deg = 0.0\n" * 4
+    orders = simulation.order
+    frames = np.repeat(frames, 4, axis=0)
+    write_result(tmp_path / "set", "frames.tif", "history.csv", table, frames, orders, more=steps)
+    with pytest.raises(InputError, match=r"phase-stepped set, 4 frames for each of 2 states.*take"):
+        load_frame_set(tmp_path / "set")
 
 
 @pytest.mark.parametrize("count", [1, 3])
@@ -231,15 +237,3 @@ def test_of_colour_frames_one_channel_is_compared(tmp_path, count, more, channel
     found = load_frame_set(tmp_path / "sim")
     factor = 2 if channel is None else channel + 1
     np.testing.assert_allclose(found.signal, factor * counts / 255.0, rtol=1e-6)  # float32
-
-
-def test_a_phase_stepped_folder_is_refused_for_what_it_is(tmp_path):
-    _, simulation = frame_sets(2)
-    frames = np.repeat(np.round(255 * simulation.signal).astype(np.uint8), 4, axis=0)
-    steps = "[[polariscope.step]]\npolariser_deg = 90.0\nanalyser_deg = 0.0\n" * 4
-    table = {"distance_m": [0.0, 31.0]}
-    write_result(
-        tmp_path / "sim", "frames.tif", "history.csv", table, frames, simulation.order, more=steps
-    )
-    with pytest.raises(InputError, match=r"phase-stepped set, 4 frames for each of 2 states.*take"):
-        load_frame_set(tmp_path / "sim")

@@ -42,12 +42,6 @@ def signal(order):
     return np.sin(np.pi * order) ** 2
 
 
-def test_identical_orders_and_signals_differ_by_nothing(order):
-    found = compare_orders(order, order)
-    assert (found.rms, found.p95, found.bias, found.wrong_branch_share) == (0, 0, 0, 0)
-    assert found.compared_share == 1.0
-
-
 @given(shift=st.floats(-3.0, 3.0))
 def test_an_added_order_is_the_bias_and_the_rms(shift):
     order = np.linspace(0.0, 3.0, 60).reshape(6, 10)

@@ -83,10 +83,14 @@ def strange():
     return np.rint(light + 2.0 * noise).astype(np.uint8)
 
 
-def refused_beforehand(path, scene, monkeypatch):
-    """The one error of `check`, where `process` refuses the frames, too.
-    A bar below the noise makes a right model one that is too far off; see the real disc in
-    tests/setup_page for one that is."""
+@pytest.mark.parametrize("disc", [False, pytest.param(True, marks=pytest.mark.long)])
+def test_what_process_will_refuse_is_an_error_beforehand(tmp_path, monkeypatch, disc):
+    """A bar below the noise makes a right model one that is too far off; see the real disc in
+    tests/setup_page for one that is. A disc's user is told what there is for it."""
+    folder = samples_path() / "disc"
+    path, scene = folder / "disc-560N.png", folder / "scene.toml"
+    if not disc:
+        path, scene = saved(tmp_path, OUTSIDE.frame(bench(), OUTSIDE.Defects(), 1)), bench()
     assert check(path, scene).ok
     monkeypatch.setattr("isochrome.processing.kinds.with_model.TOO_FAR", 1e-3)
     found = check(path, scene)
@@ -94,20 +98,7 @@ def refused_beforehand(path, scene, monkeypatch):
     assert not found.ok and "too far off to name the branches" in said
     with pytest.raises(PhysicsError, match="nothing could be read"):
         process(path, scene)
-    return said
-
-
-def test_what_process_will_refuse_is_an_error_beforehand(tmp_path, monkeypatch):
-    image = OUTSIDE.frame(bench(), OUTSIDE.Defects(), 1)
-    said = refused_beforehand(saved(tmp_path, image), bench(), monkeypatch)
-    assert "calibrate disc" not in said
-
-
-@pytest.mark.long
-def test_a_disc_that_process_will_refuse_is_told_what_there_is_for_it(monkeypatch):
-    folder = samples_path() / "disc"
-    said = refused_beforehand(folder / "disc-560N.png", folder / "scene.toml", monkeypatch)
-    assert "isochrome calibrate disc" in said
+    assert ("isochrome calibrate disc" in said) == disc
 
 
 @pytest.mark.long

@@ -1,6 +1,6 @@
 """`process` on rendered frames whose fringe order is known, and on real ones nearby."""
 
-import shutil
+import json
 
 import numpy as np
 import pytest
@@ -9,13 +9,12 @@ from PIL import Image
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import prepare_frame
-from isochrome.frames import look_through, open_frames
+from isochrome.frames import open_frames
 from isochrome.output import read_csv, write_tiff
 from isochrome.processing import placed_disc, process
 from isochrome.samples import samples_path
 from isochrome.scene import load_scene, parse_scene
 from isochrome.simulation import simulate
-from real_frames import REAL, needs_real
 from scene_texts import PAPER_CONTACT, SMALL_CAMERA
 
 CONTACT = samples_path() / "line-contact-wear"
@@ -91,10 +90,20 @@ def test_an_unknown_gamma_is_found_with_the_model(captured, true_order, tmp_path
 
 @pytest.mark.study
 @pytest.mark.long
-def test_all_sample_frames_are_read_to_a_hundredth_of_a_fringe(true_order):
+def test_all_sample_frames_are_read_to_a_hundredth_of_a_fringe_and_their_friction_within_its_spread(
+    true_order,
+):
+    """They rise from 0.236 to 0.252: with the images' ± alone, that of 77 m was 3.7 of them off."""
     found = process(CONTACT / "captured.tif", CONTACT / "scene.toml")
     for item, true in zip(found.frames, true_order, strict=True):
         right_to_a_hundredth(item, true)
+    true = np.array(json.loads((CONTACT / "truth.json").read_text())["friction.coefficient"][1:])
+    value, spread = (
+        np.array(found.columns[f"friction.coefficient{end}"][1:], dtype=float)
+        for end in ("", " standard_uncertainty")
+    )
+    assert np.all(np.abs(value - true) < 3.0 * spread)
+    assert (spread[2:] < 1e-3 * true[2:]).all()  # a thousandth of the friction, no more
 
 
 def test_uncertainty_and_confidence_are_those_of_the_errors(first_and_last, true_order):
@@ -213,16 +222,13 @@ def test_a_rim_that_is_not_the_discs_is_told(small_disc):
     assert 0.9 < found.columns["chi"][0] < 1.1
 
 
-@pytest.mark.parametrize(
-    "text", [pytest.param('[specimen]\nshape = "ring"\n', marks=pytest.mark.long), "[specimen]\n"]
-)
-def test_without_a_model_the_frame_is_normalised_and_that_is_said(tmp_path, text):
+def test_without_a_model_the_frame_is_normalised_and_that_is_said(tmp_path):
     col = np.arange(80) + np.zeros((60, 1))
     light = {"dark": 20.0, "bright": 220.0, "film": 120.0 - 100.0 * np.cos(0.3 * col)}
     for name, level in light.items():
         noise = np.random.default_rng(len(name)).standard_normal(col.shape)
         write_tiff(tmp_path / f"{name}.tif", np.rint(level + noise).astype(np.uint8)[None])
-    text += '[frames]\nno_load_dark = "dark.tif"\nno_load_bright = "bright.tif"\n'
+    text = '[specimen]\n[frames]\nno_load_dark = "dark.tif"\nno_load_bright = "bright.tif"\n'
     scene = parse_scene(text, name="mine", folder=tmp_path)
     found = process(tmp_path / "film.tif", scene, tmp_path / "out")
     assert found.model is None and found.fitted is None
@@ -267,71 +273,7 @@ def test_a_stack_without_times_is_refused_where_a_speed_is_given(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-# Real frames
-
-REAL_DISC = """\
-[specimen]
-shape = "disc"
-diameter_mm = 60.0
-thickness_mm = 6.0
-fringe_value_n_per_mm = 11.0
-
-[load]
-normal_n = 900.0
-
-[camera]
-bit_depth = 8
-
-[frames]
-roi = { top_px = 630, left_px = 580, height_px = 910, width_px = 910 }
-gamma = 2.2
-channel = "green"
-"""
-
-
-@pytest.mark.study
-@needs_real
-@pytest.mark.long
-def test_a_real_disc_that_its_model_does_not_describe_is_refused_with_its_chi(tmp_path):
-    """Residual stress and a tone curve: `calibrate disc` reads these frames, no model does."""
-    frames = tmp_path / "frames"
-    frames.mkdir()
-    for name in ("DSC_0008.jpg", "DSC_0014.jpg"):
-        shutil.copy(REAL / "disc-seven-loads" / name, frames / name)
-    (tmp_path / "scene.toml").write_text(REAL_DISC, "utf-8")
-    assert look_through(frames, load_scene(tmp_path / "scene.toml")).ok
-    said = r"nothing could be read in any of its 2 frames .*chi = \d.*does not describe this frame"
-    with pytest.raises(PhysicsError, match=said):
-        process(frames, tmp_path / "scene.toml", tmp_path / "experiment")
-    assert not (tmp_path / "experiment").exists()
-
-
-@pytest.mark.parametrize(
-    ("light", "words"),
-    [
-        (
-            'wavelength_nm = 587.0\nlight = "white"',
-            "several wavelengths can be processed by its colours",
-        ),
-        ('field = "plane"', "isoclinics look like fringes"),
-    ],
-)
-def test_light_that_cannot_be_read_is_refused_before_the_frames(light, words):
-    scene = parse_scene(f"[specimen]\nthickness_mm = 4.0\n[polariscope]\n{light}\n", name="my")
-    with pytest.raises(InputError, match=f"^my: .*{words}"):
-        process("nowhere.tif", scene)
-
-
-@pytest.mark.study
-@pytest.mark.long
-@needs_real
-def test_real_ring_is_checked_and_normalised_and_said_to_have_no_model(tmp_path):
-    scene = parse_scene('[specimen]\nshape = "ring"\n\n[frames]\nchannel = "green"\n', name="ring")
-    reason = "a ring has no model without specimen.hole_mm"
-    checked = look_through(REAL / "ring-five-loads", scene)
-    assert checked.ok and any(reason in f.text for f in checked.findings)
-    found = process(REAL / "ring-five-loads", scene, tmp_path / "out")
-    assert reason in found.warnings[0]
-    assert tifffile.imread(tmp_path / "out" / "normalised.tif").shape == (5, 224, 224)
-    assert min(found.columns["fringe_lines"][1:]) > 0
-    assert not (tmp_path / "out" / "fringe_order.tif").exists()
+def test_light_that_cannot_be_read_is_refused_before_the_frames():
+    text = '[specimen]\nthickness_mm = 4.0\n[polariscope]\nfield = "plane"\n'
+    with pytest.raises(InputError, match=r"^my: .*isoclinics look like fringes"):
+        process("nowhere.tif", parse_scene(text, name="my"))

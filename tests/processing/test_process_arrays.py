@@ -4,8 +4,6 @@ written."""
 import json
 import subprocess
 import sys
-import textwrap
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +15,7 @@ import isochrome
 from isochrome.errors import InputError
 from isochrome.output import plain
 from isochrome.samples import samples_path
+from stepped_sets import CIRCULAR, as_steps
 
 CONTACT = samples_path() / "line-contact-wear"
 RING = isochrome.load_scene("ring").with_values(
@@ -92,14 +91,13 @@ def test_arrays_and_tables_are_taken_as_files_are_and_too_many_maps_refused(ring
     assert endless.asked < 5 and len(str(refusal.value).splitlines()) == 1
 
 
-def test_an_array_in_memory_and_on_disk_leaves_the_same_and_is_not_taken_for_another(ring, empty):
-    frames, file = ring
-    found = isochrome.process(frames, RING, "OUT")
-    other = isochrome.process(file, RING, "OTHER")
-    assert numbers_of(found) == numbers_of(other)
-    for name in ("fringe_order.tif", "normalised.tif", "confidence.tif"):
-        one, two = (tifffile.imread(empty / folder / name) for folder in ("OUT", "OTHER"))
-        assert np.array_equal(one, two, equal_nan=True)
+def test_an_arrays_results_on_disk_are_those_in_memory_and_not_taken_for_anothers(ring):
+    frames, _ = ring
+    found, kept = isochrome.process(frames, RING, "OUT"), isochrome.process(frames, RING)
+    assert numbers_of(found) == numbers_of(kept)
+    for name in ("fringe_order", "normalised", "confidence"):
+        (own,) = kept.dataset[name].values
+        assert np.array_equal(tifffile.imread(f"OUT/{name}.tif"), own, equal_nan=True)
     assert isochrome.process(frames.copy(), RING, "OUT").already
     changed = frames.copy()
     changed[0, 64, 64] += 1
@@ -137,13 +135,7 @@ class Endless:
 
 def test_steps_of_an_array_and_an_array_of_the_unloaded_specimen(empty):
     """A phase-stepped set, with its no-load set as an array in the scene."""
-    names = ("polariser_deg", "input_plate_deg", "output_plate_deg", "analyser_deg")
-    angles = [
-        (90, 45, -45, 0), (90, 45, -45, 90), (90, 45, 0, 0), (90, 45, 45, 45), (90, 45, 90, 90),
-        (90, 45, 135, 135),
-    ]  # fmt: skip
-    steps = tuple(dict(zip(names, map(float, each), strict=True)) for each in angles)
-    scene = RING.with_values({"polariscope.step": steps})
+    scene = RING.with_values({"polariscope.step": as_steps(CIRCULAR)})
     frames = isochrome.simulate(scene).frames
     unloaded = isochrome.simulate(scene.with_values({"load.normal_n": 1e-6})).frames
     (empty / "OUT").mkdir()
@@ -214,79 +206,29 @@ def test_the_scale_of_an_array_is_that_of_its_file(empty):
     assert len(two.images) == 2 and two.pixel_mm.value == pytest.approx(one.pixel_mm.value)
 
 
-SAMPLE = f"""
-    import isochrome, sys, tifffile
-    from pathlib import Path
-    folder = Path({str(CONTACT)!r})
-    read = {{name: tifffile.imread(folder / f"{{name}}.tif")
-            for name in ("captured", "no-load-dark", "no-load-bright")}}
-    scene = isochrome.load_scene(folder / "scene.toml")
-    tables = scene.model_dump(exclude_unset=True)
-    tables["frames"] |= {{"no_load_dark": read["no-load-dark"],
-                         "no_load_bright": read["no-load-bright"]}}
-"""
-
 WATCHED = """
-    written = []
-    def watch(event, arguments):
-        if event == "open":
-            path, mode, flags = arguments
-            if isinstance(path, str) and flags & (1 | 2 | 64) and "/dev/" not in path:
-                written.append(path)
-        elif event in ("os.mkdir", "os.rename", "os.link", "os.symlink"):
-            written.append(str(arguments[0]))
-    sys.dont_write_bytecode = True
-    sys.addaudithook(watch)
-"""
-
-AS_FILES = """
-    frames, scene = folder / "captured.tif", folder / "scene.toml"
-    slide = Path("OUT/sliding.tif")
-    slide.parent.mkdir()
-    tifffile.imwrite(slide, read["captured"][1:], photometric="minisblack")
-    sliding = isochrome.load_scene(scene)
-"""
-
-AS_ARRAYS = """
-    frames, scene = read["captured"], tables
-    slide, sliding = frames[1:], isochrome.load_scene(tables)
-"""
-
-COMMANDS = """
-    import json
-    from isochrome.output import plain
-    place = ["camera.left_mm", "camera.top_mm"]
-    sliding = sliding.with_values({"friction.static_state_first": False}).model_copy(
-        update={"folder": folder})
-    found = [
-        isochrome.process(frames, scene),
-        isochrome.fit(frames, scene, ["load.normal_n"], per_frame=place, as_stated=True),
-        isochrome.check(frames, scene),
-        isochrome.track(slide, sliding, ["load.normal_n", *place], as_stated=True),
-    ]
-    import hashlib
-    maps = [hashlib.sha256(values.tobytes()).hexdigest()
-            for frame in found[0].frames for values in frame.maps().values()]
-    columns = [{k: v for k, v in one.columns.items() if k != "name"} for one in found]
-    print(json.dumps(plain([columns, maps, [one.warnings for one in found]])))
+import isochrome, sys, tifffile
+written = []
+def watch(event, arguments):
+    if event == "open":
+        path, mode, flags = arguments
+        if isinstance(path, str) and flags & (1 | 2 | 64) and "/dev/" not in path:
+            written.append(path)
+    elif event in ("os.mkdir", "os.rename", "os.link", "os.symlink"):
+        written.append(str(arguments[0]))
+sys.addaudithook(watch)
+scene, frames = isochrome.load_scene(sys.argv[1]), tifffile.imread(sys.argv[2])[None]
+isochrome.process(frames, scene)
+isochrome.fit(frames, scene, ["load.normal_n"])
+isochrome.check(frames, scene)
+print(written)
 """
 
 
-def printed(script):
-    """What a fresh interpreter prints of a script, in this folder."""
-    done = subprocess.run(
-        [sys.executable, "-c", "\n".join(map(textwrap.dedent, script))],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return done.stdout.splitlines()
-
-
-@pytest.mark.study
 @pytest.mark.long
-def test_the_sample_arrays_give_what_their_files_give_and_no_file_is_written():
-    """process, fit, check and track of the six sample frames: every number, and every map."""
-    (of_files,) = printed([SAMPLE, AS_FILES, COMMANDS])
-    of_arrays, written = printed([SAMPLE, AS_ARRAYS, WATCHED, COMMANDS, "print(written)"])
-    assert json.loads(of_arrays) == json.loads(of_files) and len(json.loads(of_files)[1]) == 18
-    assert written == "[]" and [path.name for path in Path().iterdir()] == ["OUT"]
+def test_of_arrays_no_file_is_written(ring):
+    scene, file = ring[1].with_suffix(".toml"), ring[1]
+    scene.write_text(isochrome.dump_scene(RING), "utf-8")
+    command = [sys.executable, "-B", "-c", WATCHED, str(scene), str(file)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"

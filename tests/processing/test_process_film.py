@@ -2,22 +2,23 @@
 
 import pkgutil
 import threading
+from concurrent.futures import Executor, Future
 
 import cv2
 import numpy as np
 import pytest
 import tifffile
 import zarr
-from tracked_films import FRICTION, LEFT, LOAD, contact, film, light_of, write_video
+from tracked_films import FRICTION, LEFT, LOAD, contact, film, write_video
 
 import isochrome
 from isochrome import open_run
 from isochrome.comparison import load_frame_set
 from isochrome.errors import InputError
-from isochrome.optics import expose
 from isochrome.output import read_csv
 from isochrome.processing import FINEST_STEP, order_step, process
 from isochrome.runs import Compact, export
+from isochrome.scene import dump_scene
 from isochrome.simulation import make_picture, scene_states, state_difference
 from isochrome.stress import pixel_grid
 from processing.test_process_track import EVERY, SHAPE, save
@@ -94,7 +95,6 @@ def test_a_followed_frame_has_the_columns_and_pages_of_a_whole_one(followed):
     assert min(table["kept_share"]) > 0.95
     assert [k for k, at in enumerate(found.columns["picture"]) if at is not None] == [0, 5]
     assert any("maps of 8 frames" in text and "MB a frame" in text for text in said)
-    place, _, _ = followed
     with open_run(place / "out") as dataset:
         for name in ("fringe_order", "confidence"):
             stored = dataset[name].values
@@ -106,9 +106,14 @@ def test_a_followed_frame_has_the_columns_and_pages_of_a_whole_one(followed):
         np.testing.assert_array_equal(compared.order, dataset.fringe_order.values[[0, 5]])
 
 
-def test_maps_are_kept_in_whole_steps_whose_error_is_half_of_one(followed):
-    place, _, _ = followed
-    kept = run(place, out=None).dataset
+@pytest.fixture(scope="module")
+def remembered(followed):
+    """The same run, of which nothing is written."""
+    return run(followed[0], out=None)
+
+
+def test_maps_are_kept_in_whole_steps_whose_error_is_half_of_one(followed, remembered):
+    place, kept = followed[0], remembered.dataset
     with open_run(place / "out") as dataset:
         for name, step in (("fringe_order", FINEST_STEP), ("confidence", 1.0 / 254.0)):
             own, stored = kept[name].values, dataset[name].values
@@ -135,10 +140,9 @@ def shown_maps(figure):
 
 @pytest.mark.long
 @pytest.mark.parametrize("kept", ["folder", "memory"])
-def test_a_figure_shows_the_maps_of_the_frames_that_it_names(followed, kept):
+def test_a_figure_shows_the_maps_of_the_frames_that_it_names(followed, remembered, kept):
     """Pictures are numbered by key frame, orders by frame: 5 is the second key frame."""
-    place, found, _ = followed
-    found = found if kept == "folder" else run(place, out=None)
+    found = followed[1] if kept == "folder" else remembered
     order, picture = found.dataset.fringe_order.values, found.dataset.normalised.values
     shown = shown_maps(isochrome.paper_figure(found, isochrome.FigureStyle(frames=(5, 3))))
     of_order, of_frame = ([shown[n] for n in shown if words in n] for words in ("order", "picture"))
@@ -161,16 +165,12 @@ def test_figures_show_frames_that_have_maps_and_refuse_others(followed):
     assert texts.count("its picture\nis not kept") == 2
     alone = shown_maps(isochrome.paper_figure(found, isochrome.FigureStyle(frames=(3,))))
     assert len(alone) == 1  # no panel for a picture that nobody has
-    place, _, _ = followed
+    place = followed[0]
     found = run(place, out=None, maps="key")
     shown = shown_maps(isochrome.paper_figure(found))
     assert len(shown) == 4  # of both key frames
     with pytest.raises(InputError, match=r"has no map of its order; frames that have one: 0, 5$"):
         isochrome.paper_figure(found, isochrome.FigureStyle(frames=(3,)))
-    none = run(place, out=None, maps="none")
-    assert not shown_maps(isochrome.paper_figure(none))  # its values alone
-    with pytest.raises(InputError, match="frames that have one: none"):
-        isochrome.paper_figure(none, isochrome.FigureStyle(frames=(0,)))
 
 
 def test_the_report_shows_frames_between_the_key_frames(followed):
@@ -190,21 +190,6 @@ def test_the_report_shows_frames_between_the_key_frames(followed):
         np.testing.assert_allclose(own, order[k, : one["rows"], : one["cols"]], atol=0.00051)
 
 
-@pytest.mark.long
-def test_stacks_that_would_be_too_large_hold_the_key_frames_and_it_is_said(followed, monkeypatch):
-    place, _, _ = followed
-    room = 4 * COUNT * SHAPE[0] * SHAPE[1] - 1
-    monkeypatch.setattr("isochrome.processing.kinds.tracked.MOST_PAGED", room)
-    said = []
-    run(place, "large", progress=lambda tally: said.append(tally.said))
-    assert any("the TIFF stacks hold the key frames" in text for text in said)
-    stack = tifffile.imread(place / "large" / "fringe_order.tif")
-    with open_run(place / "large") as dataset:
-        # the pages are the maps before they are kept in steps
-        assert np.nanmax(np.abs(stack - dataset.fringe_order.values[[0, 5]])) <= 0.5e-4 + 5e-7
-        assert load_frame_set(place / "large").order.shape == (2, *SHAPE)
-
-
 @pytest.mark.parametrize(("largest", "step"), [(3.0, 1e-4), (6.0, 2e-4), (30.0, 1e-3)])
 def test_steps_reach_twice_the_orders_of_the_scene(largest, step):
     scene = contact()
@@ -219,15 +204,24 @@ def test_steps_reach_twice_the_orders_of_the_scene(largest, step):
 
 
 @pytest.mark.long
-def test_orders_beyond_the_steps_are_not_known_and_said(followed, monkeypatch):
-    place, _, _ = followed
+def test_orders_beyond_the_steps_and_maps_beyond_the_pages_are_left_out_and_said(
+    followed, monkeypatch
+):
+    place, said = followed[0], []
     monkeypatch.setattr("isochrome.processing.kinds.tracked.order_step", lambda *_: 4e-5)
-    found = run(place, out="cut")
+    room = 4 * COUNT * SHAPE[0] * SHAPE[1] - 1
+    monkeypatch.setattr("isochrome.processing.kinds.tracked.MOST_PAGED", room)
+    found = run(place, out="cut", progress=lambda tally: said.append(tally.said))
+    assert any("the TIFF stacks hold the key frames" in text for text in said)
+    stack = tifffile.imread(place / "cut" / "fringe_order.tif")
+    assert load_frame_set(place / "cut").order.shape == stack.shape == (2, *SHAPE)
     assert any(
         "orders above 2.621 fringes, which run.zarr cannot hold" in t for t in found.warnings
     )
     with open_run(place / "cut") as dataset:
         assert 2.6 < np.nanmax(dataset.fringe_order.values) < 2.622
+        # the pages are the maps before they are kept in steps
+        assert np.nanmax(np.abs(stack - dataset.fringe_order.values[[0, 5]])) <= 2e-5 + 5e-7
 
 
 def test_a_map_is_packed_to_the_same_bytes_in_any_thread():
@@ -244,8 +238,7 @@ def test_a_map_is_packed_to_the_same_bytes_in_any_thread():
 
 def test_a_video_is_followed_unless_each_frame_is_wanted(tmp_path):
     scene = contact(sliding=True)
-    (tmp_path / "scene.toml").write_text(save(tmp_path / "s", np.zeros((1, 9, 9)), scene).joinpath(
-        "scene.toml").read_text("utf-8"), "utf-8")  # fmt: skip
+    (tmp_path / "scene.toml").write_text(dump_scene(scene), "utf-8")
     write_video(tmp_path / "film.avi", film(scene, course(3), 1), "rawvideo", "gray")
     arguments = tmp_path / "film.avi", tmp_path / "scene.toml"
     found = process(*arguments)
@@ -257,6 +250,9 @@ def test_a_video_is_followed_unless_each_frame_is_wanted(tmp_path):
     assert not list((tmp_path / "none").glob("*.tif"))
     with open_run(tmp_path / "none") as dataset:
         assert "fringe_order" not in dataset and dataset.load_normal_n.size == 3
+    assert not shown_maps(isochrome.paper_figure(none))  # its values alone
+    with pytest.raises(InputError, match="frames that have one: none"):
+        isochrome.paper_figure(none, isochrome.FigureStyle(frames=(0,)))
 
 
 @pytest.mark.parametrize(
@@ -265,6 +261,7 @@ def test_a_video_is_followed_unless_each_frame_is_wanted(tmp_path):
         ({"track": True, "each": True}, "--track and --each"),
         ({"track": True, "maps": "some"}, "--maps some: give all, key, none"),
         ({"maps": "all"}, "--maps all: is for a video that is followed"),
+        ({"every": 5}, "--every 5: is for a video that is followed"),
         ({"track": True, "preview": True}, "preview: is written beside the results"),
     ],
 )
@@ -301,64 +298,20 @@ def test_a_growing_run_can_be_opened_and_looked_at(followed, monkeypatch):
         open_run(place / "grown.partial")
 
 
-class _AtOnce:
+class _AtOnce(Executor):
     """An executor that does what it is given before it goes on."""
 
     def __init__(self, *_, **__):
         pass
 
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        pass
-
     def submit(self, work, *arguments):
-        result = work(*arguments)
-
-        class Done:
-            def result(self):
-                return result
-
-        return Done()
-
-
-@pytest.mark.study
-@pytest.mark.long
-def test_a_worn_film_under_a_load_that_swings_has_the_maps_of_its_frames_alone(tmp_path):
-    """Two hundred frames, a metre from one to the next; every tenth is processed by itself too."""
-    distances = np.arange(200.0)
-    scene = contact(sliding=True, wearing=True).with_values(
-        {"wear.distances_m": distances.tolist()}
-    )
-    load = 44.0 * (1.0 + 0.05 * np.sin(distances / 12.0))
-    truth = scene.with_values({LOAD: {"distance_m": distances.tolist(), "value": load.tolist()}})
-    rng, frames, orders = np.random.default_rng(7), [], []
-    for state in scene_states(truth):
-        frames.append(expose(light_of(truth, state), truth.camera, rng=rng))
-        pixels = pixel_grid(truth, SHAPE)
-        orders.append(make_picture(truth, state_difference(truth, state, pixels), pixels).order)
-    found = process(np.stack(frames), scene, track=True, maps="all")
-    own = found.dataset.fringe_order.values[::10]
-    alone = process(
-        np.stack(frames[::10]), scene.with_values({"wear.distances_m": distances[::10].tolist()})
-    ).dataset.fringe_order.values
-    both = np.isfinite(own) & np.isfinite(alone)
-    # both read the same light on the branch that a model names
-    assert np.sqrt(np.mean((own - alone)[both] ** 2)) < 0.002
-    assert np.abs(own - alone)[both].max() < 0.25  # half of a branch
-    # a frame alone takes a constant load for what wore it, and so leaves out more
-    assert np.mean(np.isfinite(alone) & ~np.isfinite(own)) < 0.005
-    error = found.dataset.fringe_order.values - np.stack(orders)
-    assert np.sqrt(np.nanmean(error**2)) < 0.005 and np.nanmax(np.abs(error)) < 0.25
-    assert found.columns["found_by"].count("track") == 199
-    values = np.array(found.columns[LOAD], dtype=float)
-    spread = np.array(found.columns[f"{LOAD} standard_uncertainty"], dtype=float)
-    assert np.sqrt(np.mean(((values - load) / spread) ** 2)) < 2.0
+        done = Future()
+        done.set_result(work(*arguments))
+        return done
 
 
 @pytest.mark.long
-def test_chunks_and_workers_leave_the_same_bytes(followed):
-    place, _, _ = followed
+def test_two_workers_leave_the_same_bytes(followed):
+    place = followed[0]
     run(place, out="two", workers=2)
     assert contents(place / "two") == contents(place / "out")

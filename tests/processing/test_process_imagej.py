@@ -13,10 +13,8 @@ from imagej_program import read_by_imagej
 from isochrome.output import (
     imagej_view,
     read_csv,
-    write_tiff,
 )
 from isochrome.scene import dump_scene, load_scene
-from stepped_sets import contact, layer_residual, small, with_residual
 
 PIXEL, LEFT, TOP, ASIDE = 4.0 / 82, -2.0, 0.25, 0.03
 
@@ -137,18 +135,3 @@ def test_frames_in_colour_have_labels_and_origin_too(tmp_path):
     isochrome.simulate(scene, tmp_path / "colour")
     heads = heads_of(tmp_path / "colour")
     assert has_whole_head(*heads["frames.tif"], placed=True, coloured=True)
-
-
-@pytest.mark.long
-def test_residual_stress_has_the_head_of_the_other_maps(tmp_path):
-    scene = small(contact(0.3))
-    sets = with_residual(scene, layer_residual(scene, 0.3, 3.0))
-    write_tiff(tmp_path / "set.tif", sets.loaded)
-    write_tiff(tmp_path / "no-load.tif", sets.unloaded)
-    text = dump_scene(scene.with_values({"frames.no_load_steps": "no-load.tif"}))
-    (tmp_path / "scene.toml").write_text(text, "utf-8")
-    isochrome.process(tmp_path / "set.tif", tmp_path / "scene.toml", tmp_path / "out")
-    heads = heads_of(tmp_path / "out")
-    assert {"residual_order.tif", "residual_isoclinic.tif"} <= heads.keys()
-    for name, head in heads.items():
-        assert has_whole_head(*head, placed=True), (name, head)

@@ -17,10 +17,7 @@ LOADS_KN = (0.981, 1.962, 2.943, 3.924)
 MIDDLE_ROW, HOLE_LEFT, HOLE_RIGHT = 112, 54.8, 168.4
 """Row of the hole's middle, and its edges there, by how much of a pixel is dark (columns)."""
 
-pytestmark = [
-    pytest.mark.long,
-    needs_real,
-]
+pytestmark = [pytest.mark.study, pytest.mark.long, needs_real]
 
 
 @pytest.fixture(scope="module")

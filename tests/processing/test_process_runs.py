@@ -8,8 +8,10 @@ import time
 import numpy as np
 import pytest
 import tifffile
+from tracked_films import killed_and_the_same
 
 import isochrome
+from campaigns.conftest import COLS, ROWS, SCENE, film, true_orders, write_no_load
 from isochrome import open_run
 from isochrome.errors import InputError
 from isochrome.frames import FrameReader
@@ -17,46 +19,23 @@ from isochrome.output import read_csv, read_pixel_mm, write_tiff
 from isochrome.processing import process
 from runs.counting import contents
 from runs.killing import (
-    ends_as,
     finished,
     finished_chunks,
-    killed,
     needs_sigkill,
     start,
-    undisturbed,
     wait_until,
 )
 
-ROWS, COLS = 40, 56
-SCENE = """\
-[specimen]
-thickness_mm = 4.0
-
-[camera]
-bit_depth = 8
-pixel_mm = 0.05
-left_mm = -1.0
-top_mm = 0.0
-
-[frames]
-no_load_dark = "dark.tif"
-no_load_bright = "bright.tif"
-"""
+PLACED = SCENE.replace("[frames]", "left_mm = -1.0\ntop_mm = 0.0\n\n[frames]")
 KNOWN = "known_order = [{ row_px = 2, col_px = 1, order = 0.0 }]\n"
 """With it the orders are read, which takes most of the time."""
 
 
-def order_of(index):
-    """The order drawn in frame `index`: 0 in the left column, rising to the right."""
-    col = np.arange(COLS) + np.zeros((ROWS, 1))
-    return 2.2 * (col / COLS) ** 2 * (1 + 0.2 * np.sin(index))
-
-
 def test_a_bad_frame_is_said_while_the_next_one_is_still_read(tmp_path, monkeypatch):
     make_set(tmp_path, 3)
-    film = tifffile.imread(tmp_path / "film.tif")
-    film[0] = 255
-    write_tiff(tmp_path / "film.tif", film)
+    frames = film(3, 0)
+    frames[0] = 255
+    write_tiff(tmp_path / "film.tif", frames)
     prepare = FrameReader._prepare
 
     def slowly(reader, raw, index):
@@ -70,14 +49,9 @@ def test_a_bad_frame_is_said_while_the_next_one_is_still_read(tmp_path, monkeypa
 
 def make_set(folder, count, *, known=False):
     """A stack of known orders in a dark field, 20 grey levels in darkness and 220 in the light."""
-    rng = np.random.default_rng(7)
-    signal = np.stack([np.sin(np.pi * order_of(i)) ** 2 for i in range(count)])
-    frames = 20 + 200 * signal + rng.normal(0, 1, signal.shape)
-    write_tiff(folder / "film.tif", np.rint(frames).astype(np.uint8))
-    for name, level in (("dark", 20), ("bright", 220)):
-        flat = level + rng.normal(0, 1, (1, ROWS, COLS))
-        write_tiff(folder / f"{name}.tif", np.rint(flat).astype(np.uint8))
-    (folder / "scene.toml").write_text(SCENE + KNOWN * known, "utf-8")
+    write_tiff(folder / "film.tif", film(count, 0))
+    write_no_load(folder)
+    (folder / "scene.toml").write_text(PLACED + KNOWN * known, "utf-8")
     return folder
 
 
@@ -96,7 +70,7 @@ def test_a_run_is_one_dataset_with_named_axes_and_units(tmp_path):
             assert dataset[name].dims == ("frame", "z_mm", "x_mm")
             assert dataset[name].dtype == np.float32
             np.testing.assert_array_equal(dataset[name].values, stack)
-        error = dataset.fringe_order.values - np.stack([order_of(i) for i in range(3)])
+        error = dataset.fringe_order.values - true_orders(3, 0)
         # on the right branch where it is read, which is nearly everywhere
         assert np.nanmax(np.abs(error)) < 0.25 and np.isfinite(error).mean() > 0.75
         # centres of the pixels, half a pixel from the edges that the scene names
@@ -130,7 +104,7 @@ def test_a_complete_run_gives_its_table_again_until_scene_or_input_change(place)
         np.testing.assert_array_equal(np.array(again.columns[name]), np.array(values), name)
     assert contents(place / "out") == before
     process(place / "film.tif", place / "scene.toml", place / "out")
-    text = SCENE.replace("top_mm = 0.0", "top_mm = 1.0")
+    text = PLACED.replace("top_mm = 0.0", "top_mm = 1.0")
     (place / "scene.toml").write_text(text, "utf-8")
     found = process(place / "film.tif", place / "scene.toml", place / "out")
     assert not found.already
@@ -139,20 +113,9 @@ def test_a_complete_run_gives_its_table_again_until_scene_or_input_change(place)
     assert not process(place / "film.tif", place / "scene.toml", place / "out").already
 
 
-@pytest.mark.long
-def test_what_is_kept_in_memory_is_what_is_written(tmp_path):
-    place = make_set(tmp_path, 2, known=True)
-    kept = process(place / "film.tif", place / "scene.toml")
-    process(place / "film.tif", place / "scene.toml", place / "out")
-    with open_run(place / "out") as dataset:
-        for item in kept.frames:
-            found = dataset.fringe_order[item.index].values
-            np.testing.assert_array_equal(found, item.reading.order)
-
-
 def test_a_frame_that_fails_ends_the_run_or_is_left_out(tmp_path):
     place = make_set(tmp_path, 3, known=True)
-    frames = tifffile.imread(place / "film.tif")
+    frames = film(3, 0)
     frames[1] = 0
     write_tiff(place / "film.tif", frames)
     with pytest.raises(InputError, match=r"film\.tif\[1\]"):
@@ -190,59 +153,20 @@ def test_a_cluster_leaves_the_same_files(place, monkeypatch):
     assert contents(place / "two") == contents(place / "one")
 
 
-def command(out, workers):
-    return [
-        "isochrome", "process", "film.tif", "--scene", "scene.toml", "--out", out,
-        "--workers", workers,
-    ]  # fmt: skip
-
-
 @pytest.mark.study
 @pytest.mark.long
 @needs_sigkill
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, workers):
-    """Eight runs in all, each killed once at a moment of its own, from its start to its end."""
-    place = make_set(tmp_path, 160)
-
-    def begin(out):
-        return start(place, code, "-m", *command(out, workers))
-
-    whole, length = undisturbed(begin, place)
-    alternately = [False, True] * 2
-    for out in killed(begin, length, alternately, since=0.05, seed=int(workers)):
-        done = finished_chunks(place / out)
-        assert not (place / out).exists() or contents(place / out) == whole
-        said = ends_as(whole, start(place, code, "-c", AGAIN, out, workers), place / out)
-        if said:  # what was there when it went on: all that had been finished, in whole
-            begun = int(said)
-            assert begun % CHUNK == 0
-            # workers may have finished their chunks in the moment after their run was killed
-            late = int(workers) if workers != "1" else 0
-            assert CHUNK * done <= begun <= CHUNK * (done + late)
-
-
-CHUNK = 20
-"""Frames in a chunk of 160: an eighth of them."""
-
-AGAIN = """
-import sys
-if __name__ == "__main__":
-    from isochrome import process
-    first = []
-    def tell(tally):
-        if not first:
-            first.append(tally)
-            print(tally.before)
-    process("film.tif", "scene.toml", sys.argv[1], workers=int(sys.argv[2]), progress=tell)
-"""
+    make_set(tmp_path, 160)
+    assert killed_and_the_same(tmp_path, code, workers)
 
 
 @pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT to another process there")
 def test_ctrl_c_keeps_what_is_finished_and_names_the_command(tmp_path, code):
     place = make_set(tmp_path, 160)  # eight chunks
-    again = command("out", "1")
+    again = ["isochrome", "process", "film.tif", "--scene", "scene.toml", "--out", "out"]
     run = start(place, code, "-m", *again)
     wait_until(lambda: finished_chunks(place / "out") >= 2, "it finished no chunks", run=run)
     run.send_signal(signal.SIGINT)

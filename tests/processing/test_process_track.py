@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import tifffile
-from tracked_films import FRICTION, LEFT, LOAD, TOP, contact, film, light_of, write_video
+from tracked_films import LEFT, LOAD, TOP, contact, film, killed_and_the_same
 
 import isochrome.fitting.tracking.tracker
 from isochrome import open_run
@@ -12,14 +12,12 @@ from isochrome.errors import InputError
 from isochrome.fitting import track
 from isochrome.fitting.tracking.tracker import AGAIN, FAR, NO_FRINGES
 from isochrome.messages import message
-from isochrome.optics import expose
 from isochrome.output import read_csv
 from isochrome.processing import process
 from isochrome.runs import export
-from isochrome.scene import dump_scene
-from isochrome.simulation import scene_states
-from runs.counting import contents
-from runs.killing import killed_and_begun_again, needs_sigkill, start
+from isochrome.scene import dump_scene, parse_scene
+from runs.killing import needs_sigkill
+from stepped_sets import BEAM
 
 SHAPE = (160, 240)
 EVERY = 5
@@ -44,8 +42,8 @@ def numbers(values):
 
 
 def run(place, out="out", **more):
-    return process(place / "film.tif", place / "scene.toml", place / out, track=True,
-                   every=EVERY, **({"maps": "key"} | more))  # fmt: skip
+    options = {"track": True, "every": EVERY, "maps": "key"} | more
+    return process(place / "film.tif", place / "scene.toml", place / out, **options)
 
 
 @pytest.fixture(scope="module")
@@ -137,27 +135,12 @@ def test_a_complete_run_gives_its_table_again_and_its_key_frames_are_compared(tr
 
 @pytest.mark.study
 @pytest.mark.long
-def test_other_key_frames_are_another_run_and_two_workers_leave_the_same_files(tracked):
+def test_other_key_frames_are_another_run(tracked):
     place, _ = tracked
-    run(place, "two", workers=2)
-    assert contents(place / "two") == contents(place / "out")
-    found = process(
-        place / "film.tif", place / "scene.toml", place / "other", track=True, every=EVERY
-    )
-    assert not found.already
-    again = process(place / "film.tif", place / "scene.toml", place / "other", track=True, every=7)
-    assert not again.already
-    assert [k for k, at in enumerate(again.columns["picture"]) if at is not None] == [0, 7]
-    stack = tifffile.imread(place / "other" / "normalised.tif")
-    assert stack.shape == (2, *SHAPE)
-
-
-TRACKED_AGAIN = """
-import sys
-if __name__ == "__main__":
-    from isochrome import process
-    process("film.tif", "scene.toml", sys.argv[1], track=True, every=3, workers=int(sys.argv[2]))
-"""
+    found = [run(place, "other", every=every) for every in (EVERY, 7)]
+    assert not found[0].already and not found[1].already
+    assert [k for k, at in enumerate(found[1].columns["picture"]) if at is not None] == [0, 7]
+    assert tifffile.imread(place / "other" / "normalised.tif").shape == (2, *SHAPE)
 
 
 @pytest.mark.study
@@ -169,20 +152,7 @@ def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, wo
     """Values, key frames' maps, and the compact maps of all frames."""
     scene = contact(sliding=sliding)
     place = save(tmp_path / "film", film(scene, course(14), 5), scene)
-
-    def begin(out):
-        return start(place, code, "-c", TRACKED_AGAIN, out, workers)
-
-    kept = killed_and_begun_again(begin, place, [True] * 2, since=0.2, seed=int(workers))
-    assert kept > 0  # else nothing was told of going on
-
-
-@pytest.mark.long
-def test_in_memory_it_is_the_same(tracked):
-    place, found = tracked
-    kept = process(place / "film.tif", place / "scene.toml", track=True, every=EVERY)
-    assert [item.index for item in kept.frames] == [0, 5]
-    assert kept.columns[LOAD] == found.columns[LOAD]
+    assert killed_and_the_same(place, code, workers, "--track", "--every", "3")
 
 
 @pytest.mark.long
@@ -292,69 +262,20 @@ def test_a_bad_frame_ends_the_run_or_is_left_out(tmp_path):
     assert found.fitted.load.normal_n == pytest.approx(44.0, abs=0.03)
 
 
-SLIDING = "[friction]\ncoefficient = 0.2\nstatic_state_first = true\n"
-
-
 @pytest.mark.parametrize(
-    ("change", "every", "said"),
+    ("scene", "every", "said"),
     [
-        ({}, 1, "--every 1: give 2 or more"),
-        ({"more": SLIDING}, 5, "static_state_first = true"),
-        ({"specimen.shape": "beam"}, 5, "a beam cannot be tracked"),
+        (contact(), 1, "--every 1: give 2 or more"),
+        (
+            contact(sliding=True).with_values({"friction.static_state_first": True}), 5,
+            "static_state_first = true",
+        ),
+        (parse_scene(BEAM + "pixel_mm = 0.05\n"), 5, "a beam cannot be tracked"),
     ],
-)
-def test_what_cannot_be_tracked_is_refused(tmp_path, change, every, said):
-    if "specimen.shape" in change:
-        text = """
-[specimen]
-shape = "beam"
-thickness_mm = 6.0
-height_mm = 2.0
-fringe_value_n_per_mm = 14.6
-[load]
-normal_n = 20.0
-inner_span_mm = 4.0
-outer_span_mm = 10.0
-[camera]
-pixel_mm = 0.0155
-"""
-    else:
-        text = dump_scene(contact()) + change.get("more", "")
-    place = save(tmp_path / "film", np.full((3, *SHAPE), 90, np.uint8))
-    (place / "scene.toml").write_text(text, "utf-8")
+)  # fmt: skip
+def test_what_cannot_be_tracked_is_refused(tmp_path, scene, every, said):
+    shape = (3, scene.camera.height_px, scene.camera.width_px)
+    place = save(tmp_path / "film", np.full(shape, 90, np.uint8), scene)
     with pytest.raises(InputError, match=said):
         process(place / "film.tif", place / "scene.toml", place / "out", track=True, every=every)
     assert not (place / "out").exists() and not (place / "out.partial").exists()
-
-
-def test_every_is_for_tracking(tmp_path):
-    place = save(tmp_path / "film", np.full((3, *SHAPE), 90, np.uint8))
-    with pytest.raises(InputError, match="--every 5: is for a video that is followed"):
-        process(place / "film.tif", place / "scene.toml", place / "out", every=5)
-
-
-@pytest.mark.study
-@pytest.mark.long
-def test_a_worn_contact_is_followed_by_its_frames_times(tmp_path):
-    """A sliding speed of 100 m/s in jest: 2 m from frame to frame, and the scar grows as by law."""
-    distances = 2.0 * np.arange(12)
-    scene = contact(wearing=True)
-    whole = scene.with_values({"wear.distances_m": distances.tolist()})
-    rng = np.random.default_rng(6)
-    frames = [
-        expose(light_of(whole, state), scene.camera, rng=rng) for state in scene_states(whole)
-    ]
-    write_video(tmp_path / "film.mkv", frames, "ffv1", "gray")
-    timed = scene.with_values({"frames.sliding_speed_mm_per_s": 1e5, LOAD: 45.0})
-    found = process(tmp_path / "film.mkv", timed, tmp_path / "out", track=True, every=6)
-    assert found.columns["distance_m"] == pytest.approx(distances)
-    assert found.columns["label"][3] == "6 m"
-    assert found.columns["found_by"] == ["whole frame", *["track"] * 5] * 2
-    load, friction = (numbers(found.columns[key]) for key in (LOAD, FRICTION))
-    # some 5 standard uncertainties of 0.01 N and 4e-4
-    assert np.all(np.abs(load - 44.0) < 0.05) and np.all(np.abs(friction - 0.2) < 2e-3)
-    wear = numbers(found.columns["wear.coefficient_mm2_per_n"])
-    spread = numbers(found.columns["wear.coefficient_mm2_per_n standard_uncertainty"])
-    assert np.isnan(wear[0])  # nothing is worn yet
-    assert np.all(np.abs(wear - 2e-9)[1:] < 5.0 * spread[1:])
-    assert found.fitted.friction.coefficient.distance_m == (0.0, 12.0)

@@ -2,12 +2,12 @@
 
 import subprocess
 import sys
-from functools import lru_cache
 
 import numpy as np
 import pytest
-from tracked_films import BARE, killed_and_the_same, leaves_the_same_bytes, write_video
-from unloaded_films import FILMS, SMALL, WHOLE, LoadedFilm, judged
+import tifffile
+from tracked_films import BARE, killed_and_the_same, leaves_the_same_bytes
+from unloaded_films import FILMS, WHOLE, LoadedFilm, judged
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.processing import process
@@ -17,15 +17,17 @@ from runs.killing import needs_sigkill
 GAP, AFTER = 3.0, 12
 
 
-@lru_cache(maxsize=2)
-def followed(number, shape=SMALL):
-    film = LoadedFilm(number, shape)
-    return film, process(film.frames(), film.scene())
+@pytest.fixture(scope="module")
+def followed():
+    """A film, what is found in it, and what was told meanwhile."""
+    film, told = LoadedFilm(3), []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("isochrome.processing.kinds.followed_film.STAGE_EVERY_S", 0.0)
+        return film, process(film.frames(), film.scene(), progress=told.append), told
 
 
-@pytest.mark.parametrize("number", [3, pytest.param(9, marks=pytest.mark.long)])
-def test_orders_are_counted_from_zero_through_unloading_and_pauses(number):
-    film, found = followed(number)
+def test_orders_are_counted_from_zero_through_unloading_and_pauses(followed):
+    film, found, _ = followed
     kept, wrong, rms = judged(film, found).T
     assert wrong.max() == 0.0
     # frames of a quarter of the size have four times the gradient, and a tenth of a mm of noise
@@ -33,8 +35,8 @@ def test_orders_are_counted_from_zero_through_unloading_and_pauses(number):
     assert kept[5:].min() > 0.7 and rms[5:].max() < 0.015
 
 
-def test_the_table_says_how_high_the_orders_are_and_where_the_light_is_from():
-    film, found = followed(3)
+def test_the_table_says_how_high_the_orders_are_and_where_the_light_is_from(followed):
+    film, found, _ = followed
     highest = np.array(found.table["n_max"], dtype=float)
     # at the edge fringes come to 7 pixels, and the last of them are not read
     assert (highest[5:] > 0.75 * film.course[5:]).all()
@@ -43,10 +45,8 @@ def test_the_table_says_how_high_the_orders_are_and_where_the_light_is_from():
     assert np.nanmedian(np.array(found.table["chi"], dtype=float)) < 1.3
 
 
-def test_the_first_pass_over_a_film_is_told_of(monkeypatch):
-    film, told = LoadedFilm(3), []
-    monkeypatch.setattr("isochrome.processing.kinds.followed_film.STAGE_EVERY_S", 0.0)
-    process(film.frames(), film.scene(), progress=told.append)
+def test_the_first_pass_over_a_film_is_told_of(followed):
+    film, _, told = followed
     first = [tally.done for tally in told if tally.stage == "following the fringes"]
     every = list(range(film.count))
     assert first == [0, *every, *every]  # whether it is unloaded; the highest light; the orders
@@ -62,10 +62,9 @@ def with_gap(film, jump):
     return [*range(before + 1), *range(after, min(film.count, after + AFTER))], before + 1
 
 
-@pytest.mark.parametrize("number", [8, pytest.param(4, marks=pytest.mark.long)])
-def test_after_a_gap_nothing_is_known_and_it_is_said(number):
+def test_after_a_gap_nothing_is_known_and_it_is_said():
     """Far from the hole a whole fringe more leaves the light as it is: that is the trap."""
-    film = LoadedFilm(number)
+    film = LoadedFilm(8)
     numbers, gap = with_gap(film, GAP)
     found = process(film.frames(numbers), film.scene())
     kept, wrong, _ = judged(film, found, numbers).T
@@ -89,31 +88,12 @@ def test_frames_may_be_missing_where_the_order_changes_little():
     assert wrong.max() == 0.0 and kept[5:].min() > 0.7
 
 
-@pytest.mark.long
-def test_times_are_those_of_the_file(tmp_path):
-    """A camera that drops frames: rates are those of time, and no order is lost for it."""
-    film = LoadedFilm(3)
-    numbers = [k for k in range(film.count) if k % 5 or k < 10]
-    assert np.abs(np.diff(film.course[numbers])).max() > 0.3
-    found = process(_video(film, numbers, tmp_path), film.scene())
-    kept, wrong, _ = judged(film, found, numbers).T
-    assert wrong.max() == 0.0 and kept[5:].min() > 0.7
-
-
-@pytest.mark.long
-def test_a_film_that_is_run_backwards_has_the_same_orders():
-    """Where single frames are followed forward and back, both agree or the frame says so."""
-    film = LoadedFilm(9)
-    there = [*range(film.count // 2), *reversed(range(film.count // 2))]
-    orders = process(film.frames(there), film.scene()).dataset.fringe_order.values
-    differ = np.abs(orders[: film.count // 2] - orders[film.count // 2 :][::-1])
-    assert np.nanmax(differ) < 0.2 and np.isfinite(differ[5:]).mean() > 0.7
-
-
 @needs_real
-@pytest.mark.parametrize("files", [
-    "ring-five-loads/*.bmp", pytest.param("disc-seven-loads/*.jpg", marks=pytest.mark.long),
-])  # fmt: skip
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "files",
+    ["ring-five-loads/*.bmp", pytest.param("disc-seven-loads/*.jpg", marks=pytest.mark.study)],
+)
 def test_real_frames_of_far_loads_are_refused(files, tmp_path):
     scene = SCENE if "ring" in files else SCENE + ROI
     (tmp_path / "scene.toml").write_text(scene, encoding="utf-8")
@@ -181,7 +161,7 @@ def test_what_cannot_be_counted_from_zero_is_refused(change, words):
 @pytest.mark.long
 def test_workers_and_chunks_give_the_same_bytes(tmp_path):
     film = LoadedFilm(3)
-    assert leaves_the_same_bytes(tmp_path, film.frames(range(26)), film.scene())
+    assert leaves_the_same_bytes(tmp_path, film.frames(range(20)), film.scene())
 
 
 @pytest.mark.long
@@ -189,8 +169,8 @@ def test_workers_and_chunks_give_the_same_bytes(tmp_path):
 @pytest.mark.parametrize("number", range(len(FILMS)))
 def test_twelve_films_of_whole_size(number):
     """Wrong branches below 0.1 %, without a known point."""
-    film, found = followed(number, WHOLE)
-    _, wrong, rms = judged(film, found).T
+    film = LoadedFilm(number, WHOLE)
+    _, wrong, rms = judged(film, process(film.frames(), film.scene())).T
     assert wrong.max() < 1e-3 and np.median(rms) < 0.01
 
 
@@ -212,12 +192,9 @@ def test_twelve_gaps_of_whole_size(number):
 @needs_sigkill
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_a_killed_run_ends_with_the_same_bytes(tmp_path, code, workers):
-    assert killed_and_the_same(tmp_path, code, LoadedFilm(9).frames(), SCENE, workers)
-
-
-def _video(film, numbers, place):
-    write_video(place / "film.mkv", film.frames(numbers), "ffv1", "gray", numbers=numbers)
-    return place / "film.mkv"
+    tifffile.imwrite(tmp_path / "film.tif", LoadedFilm(9).frames())
+    (tmp_path / "scene.toml").write_text(SCENE, "utf-8")
+    assert killed_and_the_same(tmp_path, code, workers)
 
 
 ROI = "roi = { top_px = 900, left_px = 850, height_px = 370, width_px = 370 }\n"

@@ -32,13 +32,16 @@ DRAWN = np.random.default_rng(36).normal(size=len(USUAL)).clip(-2.0, 2.0)
 
 @pytest.fixture(scope="module")
 def sample(tmp_path_factory):
-    """The sample's folder with its first two frames, the static one and the one that slides."""
+    """The sample's first two frames, the static one and the one that slides; every other pixel."""
     folder = tmp_path_factory.mktemp("sample")
     source = samples_path() / "line-contact-wear"
-    for name in ("no-load-dark.tif", "no-load-bright.tif"):
-        (folder / name).write_bytes((source / name).read_bytes())
-    tifffile.imwrite(folder / "two.tif", tifffile.imread(source / "captured.tif")[:2])
-    scene = load_scene(source / "scene.toml").with_values({"wear.distances_m": [0.0]})
+    for name in ("no-load-dark", "no-load-bright", "captured"):
+        frames = np.atleast_3d(tifffile.imread(source / f"{name}.tif").T).T[:2, ::2, ::2]
+        tifffile.imwrite(folder / f"{name}.tif", np.ascontiguousarray(frames))
+    scene = load_scene(source / "scene.toml").with_values({
+        "wear.distances_m": [0.0], PIXEL: 2 * 0.00607, "camera.width_px": 330,
+        "camera.height_px": 247,
+    })  # fmt: skip
     honest = scene.with_values({
         key: {"value": scene.get(key) * (1.0 + off * share),
               "standard_uncertainty": share * scene.get(key)}
@@ -52,7 +55,7 @@ def sample(tmp_path_factory):
 def run(folder, command, name, *more):
     """What a command says of the sample by a scene's name: terminal, JSON, and its report."""
     out = folder / f"{command}-{name}"
-    line = [command, str(folder / "two.tif"), "--scene", str(folder / f"{name}.toml"), "--out",
+    line = [command, str(folder / "captured.tif"), "--scene", str(folder / f"{name}.toml"), "--out",
             str(out), *more]  # fmt: skip
     said = CliRunner().invoke(app, line)
     assert said.exit_code == 0, said.output
@@ -81,7 +84,9 @@ def test_a_scene_that_states_no_uncertainty_is_said_to_be_taken_as_exact(sample,
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("command", "more"), [("process", ()), ("fit", FIT)])
+@pytest.mark.parametrize(
+    ("command", "more"), [("process", ()), pytest.param("fit", FIT, marks=pytest.mark.study)]
+)
 def test_honest_uncertainties_are_in_the_values_and_raise_no_alarm(sample, command, more):
     said, found, page, out = run(sample, command, "honest", *more)
     line = found["summary_text"]
@@ -112,7 +117,7 @@ def test_of_a_track_what_is_stated_is_in_no_uncertainty_and_counts_as_exact(samp
 @pytest.mark.long
 def test_the_set_up_page_says_it_of_one_frame(sample):
     for name in ("bare", "honest"):
-        session = open_session(sample / "two.tif", sample / f"{name}.toml")
+        session = open_session(sample / "captured.tif", sample / f"{name}.toml")
         answer = fit_answer(session, 0)
         said, exact = answer["summary_text"], WORDS.format("picture")
         assert said.startswith("load 44.") and (exact in said) == (name == "bare")

@@ -110,10 +110,8 @@ def leaves_the_same_bytes(place, frames, scene, **options):
     )
 
 
-def killed_and_the_same(place, code, frames, text, workers, *more):
-    """Whether a run of the command that is killed ends with the bytes of one that is not."""
-    tifffile.imwrite(place / "film.tif", frames)
-    (place / "scene.toml").write_text(text, encoding="utf-8")
+def killed_and_the_same(place, code, workers, *more):
+    """How much is kept of runs of the command that are killed: they end with the same bytes."""
 
     def begin(out):
         command = ["-m", "isochrome", "process", "film.tif", "--scene", "scene.toml", *more]

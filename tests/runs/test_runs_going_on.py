@@ -2,7 +2,6 @@
 
 import os
 from concurrent import futures
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,17 +17,7 @@ from isochrome.runs import (
     run_job,
 )
 from runs.counting import IDENTITY, Count, calls, contents, finish, job
-
-
-def stopped(count, out, at=7, **how):
-    """Stop a run at the keyboard while it computes an item; its work, which goes on next time."""
-    switch = count.notes / "switch"
-    switch.touch()
-    work = replace(count, fail_at=at, switch=switch)
-    with pytest.raises(Stopped):
-        run_job(job(work), out, finish, **how)
-    switch.unlink()
-    return work
+from runs.test_runs import stopped
 
 
 @pytest.mark.parametrize(("keep_going", "again"), [(True, [6, 9]), (False, [0, 6, 9])])
@@ -36,13 +25,13 @@ def test_failed_items_are_kept_for_those_alone_who_ask_to_keep_going(
     notes, tmp_path, keep_going, again
 ):
     """To the others the failure is to be said, as it is in a run that was not stopped."""
-    work = stopped(Count(notes, failed=1), tmp_path / "out", means=RunOptions(keep_going=True))
+    work = stopped(tmp_path, Count(notes, failed=1), means=RunOptions(keep_going=True))
     run_job(job(work), tmp_path / "out", finish, means=RunOptions(keep_going=keep_going))
     assert calls(notes) == sorted([0, 3, 6, *again])
 
 
 def test_results_laid_out_otherwise_are_another_run(count, tmp_path):
-    stopped(count, tmp_path / "out")
+    stopped(tmp_path, count)
     before = contents(tmp_path / "out.partial")
     with pytest.raises(InputError, match=r"the layout of the results has changed; undo that"):
         run_job(job(count, chunk=4), tmp_path / "out", finish)

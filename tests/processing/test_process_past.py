@@ -1,19 +1,26 @@
-"""A worn block remembers the friction that it was worn under: a frame's ± covers it."""
+"""A worn block remembers friction and loads that it was worn under: a frame's ± covers it."""
 
-import json
+from math import hypot, sqrt
 
 import numpy as np
 import pytest
 
 import isochrome
 from isochrome.messages import frame_messages
-from isochrome.processing import ProcessedFrame, collect, process, with_past_friction
-from isochrome.samples import samples_path
+from isochrome.processing import (
+    ProcessedFrame,
+    collect,
+    process,
+    with_past_friction,
+    with_past_loads,
+)
 from isochrome.scene import load_scene, parse_scene
 from scene_texts import PAPER_CONTACT
 
 KEY = "friction.coefficient"
 SPREAD = f"{KEY} standard_uncertainty"
+LOAD, WEAR = "load.normal_n", "wear.coefficient_mm2_per_n"
+LOAD_SPREAD, WEAR_SPREAD = (f"{key} standard_uncertainty" for key in (LOAD, WEAR))
 SCENE = load_scene("line-contact-wear")
 
 
@@ -33,21 +40,39 @@ def test_a_friction_of_one_course_or_shown_in_the_frame_stays():
     assert with_past_friction(given, SCENE) is given
     given = table([0.2, 0.2, 0.2, 0.3], [0, 31, 77, 155])
     assert with_past_friction(given, SCENE.model_copy(update={"wear": None})) is given
-    given = table([0.2, 0.2, 0.2, 0.3], [0, 31, 77, 155])
     shown = {"causes": ["", "", "", "friction.earlier_change = -0.1 ± 0.001"]}
     assert with_past_friction(given | shown, SCENE)[SPREAD] == [1e-6] * 4
 
 
-@pytest.mark.long
-def test_the_samples_frictions_lie_within_their_uncertainty_with_gamma_held():
-    """They rise from 0.236 to 0.252: with the images' ± alone, that of 77 m was 3.7 of them off."""
-    folder = samples_path() / "line-contact-wear"
-    truth = json.loads((folder / "truth.json").read_text())["friction.coefficient"]
-    columns = process(folder / "captured.tif", folder / "scene.toml").columns
-    for value, spread, true in list(zip(columns[KEY], columns[SPREAD], truth, strict=True))[1:]:
-        assert abs(value - true) < 3.0 * spread
-    wide = np.array(columns[SPREAD][3:], dtype=float)
-    assert (wide < 1e-3 * np.array(truth[3:])).all()  # a thousandth of the friction, no more
+def table_of_loads(loads, **more):
+    """Frames after 50, 100 and 150 m, with a wear coefficient of 2e-9 that is surely known."""
+    known = {LOAD_SPREAD: [1e-3] * 3, WEAR_SPREAD: [1e-14] * 3}
+    return {"distance_m": [50, 100, 150], LOAD: list(loads), WEAR: [2e-9] * 3} | known | more
+
+
+def test_a_frame_by_itself_is_as_unsure_as_its_load_was_another():
+    """40, 44 and 48 N: by hand a mean of 44 N and of 1944 N² over the way, and so before it."""
+    found = with_past_loads(table_of_loads([40.0, 44.0, 48.0]), SCENE)
+    scatter = 0.3 * sqrt(1944.0 - 44.0**2) / 44.0
+    by_hand = [2e-9 * hypot(scatter, 44.0 / load - 1.0) for load in (40.0, 44.0, 48.0)]
+    # of 50 and 100 m the mean until then: 44 N, and (50 x 44 + 50 x 42) / 100 = 43 N
+    by_hand[1] = 2e-9 * hypot(0.3 * sqrt((1944.0 + 1768.0) / 2.0 - 43.0**2) / 43.0, 43 / 44 - 1)
+    assert found[WEAR_SPREAD] == pytest.approx(by_hand)
+    assert with_past_loads(found, SCENE) is found  # once is enough
+
+
+def test_a_followed_frame_knows_the_loads_since_its_track_began():
+    by = {"found_by": ["whole frame", "track", "track"]}
+    found = with_past_loads(table_of_loads([40.0, 44.0, 48.0], **by), SCENE)
+    begun = 0.3 * sqrt(8.0) / 44.0  # at 50 m: a third of the way at the end
+    assert found[WEAR_SPREAD][1:] == pytest.approx([2e-9 * begun / 2, 2e-9 * begun / 3])
+    given = table_of_loads([44.0] * 3)
+    assert with_past_loads(given, SCENE) is given
+    swinging = table_of_loads([40.0, 44.0, 48.0])
+    given = {name: column for name, column in swinging.items() if LOAD not in name}
+    assert with_past_loads(given, SCENE) is given
+    given = {name: column[:1] for name, column in swinging.items()}
+    assert with_past_loads(given, SCENE) is given
 
 
 WORN = (
@@ -84,8 +109,9 @@ def one_frame(scene):
     return np.asarray(isochrome.simulate(scene).frames)[-1]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
-    "past", [pytest.param(mu, marks=pytest.mark.long) for mu in (0.15, 0.0, 0.22, 0.4)]
+    "past", [0.15, *(pytest.param(mu, marks=pytest.mark.study) for mu in (0.0, 0.22, 0.4))]
 )
 def test_a_single_frame_whose_friction_was_another_before_is_right_within_its_uncertainty(past):
     """Its truth is a table over distance, which the frame's model has not.
