@@ -9,6 +9,7 @@ F_SIGMA = 14.6
 DIAMETER = 30.0
 SMALL_DISC = {"shape": (170, 200), "radius": 75.0, "shift": (1.65, -3.1)}
 """The disc of `disc_frame` at half the resolution."""
+TINY_DISC = {"shape": (100, 110), "radius": 42.0, "shift": (1.0, -2.0)}
 HEIGHT, INNER, OUTER, PIXEL = 20.0, 40.0, 100.0, 0.07
 BEAM = Beam(height_mm=HEIGHT, inner_span_mm=INNER, outer_span_mm=OUTER)
 

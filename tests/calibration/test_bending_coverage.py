@@ -5,7 +5,6 @@ import os
 
 import numpy as np
 import pytest
-from scipy.special import chdtri
 
 from isochrome.calibration import Beam, Uncertainty
 
@@ -63,23 +62,6 @@ def test_ninety_five_per_cent_of_the_intervals_hold_the_truth(beam_frame):
     room = 0.02 + 2.0 * np.sqrt(0.95 * 0.05 / count)
     assert abs(inside - 0.95) <= room, f"{inside:.1%} of {count}"
     assert abs(np.mean(pulls)) < 4.0 / np.sqrt(count)  # no side is preferred
-
-
-@pytest.mark.study
-@pytest.mark.long
-def test_the_images_own_part_is_covered_too(beam_frame):
-    """With exact inputs nothing hides an error of the fit: pulls of the images alone."""
-    pulls = []
-    for seed in range(30):
-        rng = np.random.default_rng(10_000 + seed)
-        frames, loads = random_frames(rng, beam_frame)
-        beam = Beam(height_mm=HEIGHT, inner_span_mm=INNER, outer_span_mm=OUTER)
-        found = bending_from_images(frames, loads, beam, PIXEL)
-        pulls.append((found.fringe_value_n_per_mm - F_SIGMA) / found.standard_uncertainty)
-    # of thirty normal pulls the root mean square lies in 0.62..1.41 but twice in a thousand times:
-    # chi-square's 0.1 and 99.9 % points
-    low, high = chdtri(len(pulls), [0.999, 0.001])
-    assert low < np.sum(np.square(pulls)) < high
 
 
 @pytest.mark.long

@@ -62,6 +62,7 @@ def test_a_tone_curve_is_found_with_the_whole_set(beam_frame):
     (cause,) = found.causes
     assert cause["key"] == "frames.gamma"
     assert abs(cause["value"] - 2.2) < 3.0 * cause["standard_uncertainty"] < 0.01
+    assert any("not linear in light: gamma = 2.2" in w for w in found.warnings)
     assert 0.93 < found.chi < 1.05
     assert_covered(found)
 

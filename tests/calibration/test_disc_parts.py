@@ -15,8 +15,8 @@ from isochrome.calibration.disc.order_slope import Rise, fit_rise, overlay
 from isochrome.errors import PhysicsError
 
 from .conftest import DIAMETER, disc_load
+from .conftest import TINY_DISC as SMALL
 
-SMALL = {"shape": (100, 110), "radius": 42.0, "shift": (1.0, -2.0)}
 CIRCLE = Circle(51.0, 53.0, 42.0, 0.0)
 ANGLE = np.radians(2.0)
 

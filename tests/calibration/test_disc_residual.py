@@ -141,15 +141,6 @@ def test_a_misfit_that_is_no_residual_is_within_what_is_stated(disc_frame, optio
 
 @pytest.mark.study
 @pytest.mark.long
-def test_a_clean_disc_has_no_misfit_and_no_residual(disc_frame):
-    rng = np.random.default_rng(1)
-    found = calibrated([disc_frame(c, rng, **SMALL_DISC) for c in (2.0, 3.0)], (2.0, 3.0))
-    assert found.residual is None
-    assert not any(b.name == "model misfit" for b in found.budget)
-
-
-@pytest.mark.study
-@pytest.mark.long
 def test_swapped_loads_are_not_taken_for_residual_stress(disc_frame):
     rng = np.random.default_rng(2)
     images = [disc_frame(c, rng, **SMALL_DISC) for c in (1.5, 2.0, 3.0, 4.0)]

@@ -141,7 +141,8 @@ def test_unequal_exposures_under_a_bright_bar(specimen):
 @pytest.mark.parametrize("specimen", [beam, pytest.param(disc, marks=pytest.mark.study)])
 def test_a_clean_set_asks_for_nothing(specimen):
     found = specimen(bench())
-    assert not found.causes
+    assert not found.causes and found.residual is None
+    assert not any(item.name == "model misfit" for item in found.budget)
     assert_within(found, 0.05)
 
 
