@@ -17,12 +17,12 @@ from package_code import HOUSE, modules, nodes, parsed
 
 ROOMS = sorted({p.relative_to(HOUSE).parts[0].removesuffix(".py") for p in modules()})
 
-LEAVES = ("errors", "messages", "progress", "output", "runs", "figures", "reference")
+LEAVES = ("messages", "errors", "progress", "output", "runs", "figures", "reference")
 """Rooms that anybody to their right may use; they know nothing but each other."""
 
 ORDER = (
-    "errors",
     "messages",
+    "errors",
     "progress",
     "guide",
     "reference",

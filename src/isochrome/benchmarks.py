@@ -24,7 +24,6 @@ from types import ModuleType
 from typing import Any
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 from isochrome.output import Result, staged, write_csv, write_figure
 
 Progress = Callable[[str], None]
@@ -103,7 +102,7 @@ def bench(
     """
     suites = load_benchmarks("cases").SUITES
     if suite not in suites:
-        raise InputError(message("bench_has_no_suite", suite=suite, suites=", ".join(suites)))
+        raise InputError("bench_has_no_suite", suite=suite, suites=", ".join(suites))
     chosen = suites[suite]
     rows: list[Any] = []
     for name, case in chosen.cases().items():
@@ -128,7 +127,7 @@ def benchmarks_folder() -> Path:
         folder = root / "tests" / "benchmarks"
         if (folder / "paper_procedure.py").is_file():
             return folder
-    raise InputError(message("benchmarks_live_repository_not"))
+    raise InputError("benchmarks_live_repository_not")
 
 
 def load_benchmarks(module: str) -> ModuleType:

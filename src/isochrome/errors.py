@@ -6,22 +6,36 @@ allowed and what to do. The command line turns them into the exit codes 2 and 3.
 
 from __future__ import annotations
 
+from typing import Any
+
+from isochrome.messages import as_message
+
 
 class IsochromeError(Exception):
-    """A refusal with a sentence for the user; never raised itself."""
+    """A refusal with a sentence for the user; never raised itself.
+
+    It is made from a code of `messages.toml` and the values in its words, or from a text. `message`
+    is the sentence, with its code and values where it has some.
+    """
 
     exit_code = 1
 
-    @property
-    def message(self) -> str:
-        """The sentence; where it is a `Message`, with its code and values."""
-        return str(self) if not self.args else self.args[0]
+    def __init__(self, text: str = "", /, **values: Any) -> None:
+        self.message = as_message(text, values)
+        super().__init__(self.message)
 
 
 class InputError(IsochromeError, ValueError):
     """The input or the scene is wrong (exit code 2).
 
     Its text is one line that names the file, key or frame, the value, and what to do.
+
+    Parameters
+    ----------
+    text : str
+        The sentence, or the code of one in `messages.toml`.
+    **values : Any
+        The values in the words of a code.
 
     Examples
     --------
@@ -40,6 +54,13 @@ class PhysicsError(IsochromeError, ArithmeticError):
     """The input is well formed, but its physics cannot be computed honestly (exit code 3).
 
     Its text is one line that says what was refused, and what to change.
+
+    Parameters
+    ----------
+    text : str
+        The sentence, or the code of one in `messages.toml`.
+    **values : Any
+        The values in the words of a code.
 
     Examples
     --------

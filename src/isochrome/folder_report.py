@@ -96,7 +96,7 @@ def report(folder: str | Path, out: str | Path | None = None) -> Path:
         name_damage(place)
         reason = (str(error).splitlines() or [""])[0][:160] or type(error).__name__
         raise InputError(
-            message("cannot_read", place=place, reason=reason, again=_again(command))
+            "cannot_read", place=place, reason=reason, again=_again(command)
         ) from error
     target = place if out is None else output_folder(out)
     written = write_report(target / REPORT, content)
@@ -116,7 +116,7 @@ def _kind(place: Path) -> tuple[str, str]:
     Raises InputError where it holds no finished run of one.
     """
     if not place.is_dir():
-        raise InputError(message("no_such_folder_name", place=place, named=_NAMED))
+        raise InputError("no_such_folder_name", place=place, named=_NAMED)
     result = next((name for name in _NEEDED if (place / name).is_file()), None)
     if result is None and (place / "summary.csv").is_file():
         what = message("campaign_name_folder_one")
@@ -127,11 +127,11 @@ def _kind(place: Path) -> tuple[str, str]:
             message("run_not_finished_run") if unfinished else f"name a folder that {_NAMED} left"
         )
         missing = PROVENANCE if result else " and no ".join(_NEEDED)
-        raise InputError(message("holds_no", place=place, missing=missing, hint=hint))
+        raise InputError("holds_no", place=place, missing=missing, hint=hint)
     command, others = _NEEDED[result]
     for name in others:
         if not (place / name).exists():
-            raise InputError(message("holds_no", place=place, missing=name, hint=_again(command)))
+            raise InputError("holds_no", place=place, missing=name, hint=_again(command))
     return result, command
 
 
@@ -140,7 +140,7 @@ def _content(place: Path, file: str, record: Mapping[str, Any]) -> ReportContent
     if file in ("calibration.json", "scale.json"):
         return calibration_report(place, Path(file).stem, record)
     if file == "metrics.csv" and (place / "scars.csv").is_file():
-        raise InputError(message("comparison_scars_which_has", place=place))
+        raise InputError("comparison_scars_which_has", place=place)
     if file == "metrics.csv":
         return compared_again(record, str(place))
     scene_file = place / "scene.toml"  # of a run, which goes by the folder's name

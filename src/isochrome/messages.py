@@ -43,6 +43,11 @@ def message(code: str, **values: Any) -> str:
     return Message(_texts()[code].format(**values), code, values)
 
 
+def as_message(text: str, values: Mapping[str, Any]) -> str:
+    """The Message of a code and its values; any other text as it is."""
+    return message(text, **values) if values or text in _texts() else text
+
+
 def reworded(text: str, words: str) -> str:
     """A message in other words, with its code and values."""
     return Message(words, text.code, text.values) if isinstance(text, Message) else words

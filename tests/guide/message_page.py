@@ -10,6 +10,9 @@ from package_code import modules, nodes
 TEXTS = {code: text for entry in entries() for code, text in entry.texts.items()}
 """The words of each message by its code."""
 
+MAKERS = ("message", "InputError", "PhysicsError", "NoCluster", "WorkersLost", "UnclearScarError")
+"""What takes a code and its values."""
+
 GAP = "…"
 """What stands on the page for a value that is put into a sentence."""
 
@@ -66,10 +69,14 @@ def named_codes() -> dict[str, list[tuple[str, set[str]]]]:
             elif isinstance(node, ast.Assign) and getattr(node.value, "value", None) in TEXTS:
                 for target in node.targets:
                     constants.setdefault(ast.unparse(target), set()).add(node.value.value)
-            elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "message":
+            elif (
+                isinstance(node, ast.Call) and getattr(node.func, "id", "") in MAKERS and node.args
+            ):
                 calls.append((f"{path.name}:{node.lineno}", node))
     for place, call in calls:
         code = call.args[0]
+        if isinstance(code, ast.JoinedStr | ast.BinOp):
+            continue  # a text that is put together
         literal = [code.value] if isinstance(code, ast.Constant) else []
         for name in literal or constants.get(ast.unparse(code), ()):
             codes.setdefault(name, []).append((place, {k.arg or "**" for k in call.keywords}))

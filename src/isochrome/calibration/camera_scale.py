@@ -73,7 +73,7 @@ def find_edge_pair(image: Array, *, name: str) -> EdgePair:
     tries = [(_along(picture), turned) for picture, turned in ((image, False), (image.T, True))]
     (lines, turned) = max(tries, key=lambda pair: 0 if pair[0] is None else len(pair[0][0]))
     if lines is None:
-        raise PhysicsError(message("no_two_straight_edges", name=name))
+        raise PhysicsError("no_two_straight_edges", name=name)
     across, first, second = lines
     return _pair(across, (first, second), turned)
 
@@ -184,15 +184,13 @@ def target_places(image: Array, target: str, columns: int, rows: int, *, name: s
         what = "inner corners" if target == "chessboard" else "dots"
         other = " (a board of 10 x 7 squares has 9 x 6)" if target == "chessboard" else ""
         raise PhysicsError(
-            message(
-                "no_found_count_columns",
-                name=name,
-                target=target,
-                columns=columns,
-                rows=rows,
-                what=what,
-                other=other,
-            )
+            "no_found_count_columns",
+            name=name,
+            target=target,
+            columns=columns,
+            rows=rows,
+            what=what,
+            other=other,
         )
     return places.reshape(rows, columns, 2)
 
@@ -295,13 +293,11 @@ def fit_target(places: Sequence[Array], shape: tuple[int, int]) -> TargetFit:
     best = least_squares(residual, first, **options)
     if np.abs(best.x[1:4]).max() > _LARGEST:
         raise PhysicsError(
-            message(
-                "target_seen_keystone_distortion",
-                x=best.x[1],
-                x_2=best.x[2],
-                x_3=best.x[3],
-                largest=_LARGEST,
-            )
+            "target_seen_keystone_distortion",
+            x=best.x[1],
+            x_2=best.x[2],
+            x_3=best.x[3],
+            largest=_LARGEST,
         )
     residuals = _residual(best.x, points, grids, shape)
     more = least_squares(residual, np.append(best.x, [0.0, 0.0]), **options)
@@ -473,9 +469,9 @@ def calibrate_scale(
     given = frames_of(images)
     paths = given if isinstance(given, tuple) else (given,)
     if target is not None and edges_mm is not None:
-        raise InputError(message("target_edges_mm_both_given"))
+        raise InputError("target_edges_mm_both_given")
     if target is None and edges_mm is None:
-        raise InputError(message("neither_target_nor_edges_mm"))
+        raise InputError("neither_target_nor_edges_mm")
     _check_uncertainty("spacing_uncertainty_mm", spacing_uncertainty_mm, spacing_mm, "spacing_mm")
     _check_uncertainty("edges_uncertainty_mm", edges_uncertainty_mm, edges_mm, "edges_mm")
     if target is None:
@@ -484,7 +480,7 @@ def calibrate_scale(
         pairs = [find_edge_pair(image, name=name) for name, image in pictures]
         return _from_edges(pictures, pairs, distance, edges_uncertainty_mm)
     if target not in TARGETS:
-        raise InputError(message("target_none_name_one", target=target, targets=", ".join(TARGETS)))
+        raise InputError("target_none_name_one", target=target, targets=", ".join(TARGETS))
     size = _count("columns", columns), _count("rows", rows)
     spacing = _positive("spacing_mm", spacing_mm)
     pictures = _pictures(paths)
@@ -498,20 +494,20 @@ def _check_uncertainty(key: str, value: float | None, of: float | None, what: st
         return
     _positive(key, value)
     if of is None:
-        raise InputError(message("there_no_give_too", key=key, value=value, what=what))
+        raise InputError("there_no_give_too", key=key, value=value, what=what)
 
 
 def _positive(key: str, value: float | None) -> float:
     if value is None or not (math.isfinite(value) and value > 0.0):
         given = "is not given" if value is None else f"= {value:g}"
-        raise InputError(message("give_length_above_zero", key=key, given=given))
+        raise InputError("give_length_above_zero", key=key, given=given)
     return value
 
 
 def _count(key: str, value: int | None) -> int:
     if value is None or value < FEWEST:
         given = "is not given" if value is None else f"= {value}"
-        raise InputError(message("give_number_inner_corners", key=key, given=given, fewest=FEWEST))
+        raise InputError("give_number_inner_corners", key=key, given=given, fewest=FEWEST)
     return value
 
 
@@ -523,24 +519,22 @@ def _pictures(paths: Sequence[FramesLike]) -> list[tuple[str, Array]]:
         for frame in open_frames(path, channel="mean")
     ]
     if not pictures:
-        raise InputError(message("list_images_empty_name"))
+        raise InputError("list_images_empty_name")
     name, image = pictures[0]
     for other, second in pictures[1:]:
         if second.shape != image.shape:
             raise InputError(
-                message(
-                    "has_rows_columns_give",
-                    other=other,
-                    shape=second.shape[0],
-                    shape_2=second.shape[1],
-                    name=name,
-                    shape_3=image.shape[0],
-                    shape_4=image.shape[1],
-                )
+                "has_rows_columns_give",
+                other=other,
+                shape=second.shape[0],
+                shape_2=second.shape[1],
+                name=name,
+                shape_3=image.shape[0],
+                shape_4=image.shape[1],
             )
     for name, image in pictures:
         if not np.isfinite(image).all() or np.ptp(image) == 0.0:
-            raise InputError(message("blank_holds_what_no", name=name))
+            raise InputError("blank_holds_what_no", name=name)
     return pictures
 
 

@@ -85,7 +85,7 @@ def known_beam_order(signal: Array, beam: ColourBeam, load_n: float, pixel_mm: f
     half = 0.5 * _RIM * beam.height_mm / pixel_mm
     rows, cols = np.nonzero(np.isfinite(signal).all(axis=-1))
     if len(rows) < 100:
-        raise PhysicsError(message("fewer_pixels_beam_can"))
+        raise PhysicsError("fewer_pixels_beam_can")
     picked = np.random.default_rng(0).choice(len(rows), min(_PIXELS, len(rows)), replace=False)
     place = np.stack([rows[picked], cols[picked] - 0.5 * (signal.shape[1] - 1)]).astype(float)
     colours = signal[rows[picked], cols[picked]].astype(float)
@@ -107,7 +107,7 @@ def known_beam_order(signal: Array, beam: ColourBeam, load_n: float, pixel_mm: f
     ]  # fmt: skip
     solution = min(fine, key=lambda end: float(end.fun))
     if not solution.fun < _LARGEST_SCATTER:
-        raise PhysicsError(message("colours_variance_left_one", fun=100 * solution.fun))
+        raise PhysicsError("colours_variance_left_one", fun=100 * solution.fun)
     grid = np.indices(signal.shape[:2]).astype(float)
     grid[1] -= 0.5 * (signal.shape[1] - 1)
     away = _away(grid, solution.x)
@@ -203,7 +203,7 @@ def _relative(count: Array, lit: Array, low: Array) -> Array:
         inner = matrix[np.ix_(others, others)]
         factors[others] = np.linalg.solve(inner, (right - matrix[:, first])[others])
     if not (factors > 0.0).all():
-        raise PhysicsError(message("images_colours_one_order"))
+        raise PhysicsError("images_colours_one_order")
     return factors
 
 
@@ -222,9 +222,7 @@ def read_colour_shots(given: ColourSet) -> tuple[ColourShots, int | None]:
         images.append(image)
     shapes = {image[0].shape for image in images}
     if len(shapes) > 1:
-        raise InputError(
-            message("images_different_sizes_rows", name=given.name, shapes=sorted(shapes))
-        )
+        raise InputError("images_different_sizes_rows", name=given.name, shapes=sorted(shapes))
     ends: list[Array | None] = []
     for name in (given.frames.no_load_dark, given.frames.no_load_bright):
         if name is None:
@@ -233,12 +231,10 @@ def read_colour_shots(given: ColourSet) -> tuple[ColourShots, int | None]:
         (end, *_), _ = _read(given, given.path(name), masked=False)
         if end.shape != images[0][0].shape:
             raise InputError(
-                message(
-                    "rows_columns_channels_images",
-                    path=given.path(name),
-                    shape=end.shape,
-                    shape_2=images[0][0].shape,
-                )
+                "rows_columns_channels_images",
+                path=given.path(name),
+                shape=end.shape,
+                shape_2=images[0][0].shape,
             )
         # its noise must not enter every pixel's model
         ends.append(gaussian_filter(end, (_SMOOTH_ENDS_PX, _SMOOTH_ENDS_PX, 0.0)))
@@ -377,7 +373,7 @@ class ColourCalibration(Result):
         A table has no frames: raises InputError where some are named.
         """
         if frames is not None:
-            raise InputError(message("frames_figure_colour_table"))
+            raise InputError("frames_figure_colour_table")
 
         def channels(axes: Axes) -> None:
             _draw_channels(axes, self, LINE_STYLES)
@@ -471,7 +467,7 @@ def _of_beam(given: ColourSet, shots: ColourShots, depth: int | None) -> ColourC
     beam, pixel, gamma = given.beam, given.camera.pixel_mm, given.gamma or 1.0
     assert beam is not None and pixel is not None and given.polariscope.wavelength_nm is not None
     if shots.dark is None or shots.bright is None:
-        raise InputError(message("beam_colours_need_frames", name=given.name))
+        raise InputError("beam_colours_need_frames", name=given.name)
     check_width(given.name, pixel, shots.raw[0].shape[:2], beam.height_mm, "the beam")
     low, contrast = shots.dark**gamma, shots.bright**gamma - shots.dark**gamma
     lit = contrast > 0.2 * np.nanpercentile(contrast, 95)
@@ -524,27 +520,18 @@ def check_light(light: OwnLight, given: ColourSet) -> None:
     advice = message("give_images_up_more")
     if light.highest < LEAST_ORDER:
         raise PhysicsError(
-            message(
-                "images_reach_least_needed",
-                what=what,
-                highest=light.highest,
-                least_order=LEAST_ORDER,
-            )
+            "images_reach_least_needed", what=what, highest=light.highest, least_order=LEAST_ORDER
         )
     if light.strange > LARGEST_STRANGE or light.torn > LARGEST_TORN:
         raise PhysicsError(
-            message(
-                "pixels_off_table_order",
-                what=what,
-                strange=100 * light.strange,
-                torn=100 * light.torn,
-                advice=advice,
-            )
+            "pixels_off_table_order",
+            what=what,
+            strange=100 * light.strange,
+            torn=100 * light.torn,
+            advice=advice,
         )
     if light.moved > LARGEST_MOVE:
-        raise PhysicsError(
-            message("last_round_still_moved", what=what, moved=light.moved, advice=advice)
-        )
+        raise PhysicsError("last_round_still_moved", what=what, moved=light.moved, advice=advice)
 
 
 def _of_light(

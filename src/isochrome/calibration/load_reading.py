@@ -29,7 +29,6 @@ from isochrome.calibration.disc.order_slope import (
 from isochrome.calibration.shot import Shot
 from isochrome.errors import PhysicsError
 from isochrome.estimation import jackknife_variance
-from isochrome.messages import message
 
 Array = NDArray[np.float64]
 
@@ -88,9 +87,7 @@ def read_load(series: LoadSeries, shot: Shot, number: int) -> LoadReading:
     rise = rise_with_load(known)
     if rise is None:
         raise PhysicsError(
-            message(
-                "other_loads_known_least", name=shot.name, count=count, fewest_loads=FEWEST_LOADS
-            )
+            "other_loads_known_least", name=shot.name, count=count, fewest_loads=FEWEST_LOADS
         )
     rim = find_rim(shot)
     frame = overlay([shot], [rim])
@@ -124,7 +121,7 @@ def _coarse(known: Overlay, frame: Overlay, rise: Rise, name: str) -> float:
     explained = 1.0 - residual[best] / np.var(light)
     if explained < TOLD or np.any(residual[lowest] * CLEARER < residual[best]):
         raise PhysicsError(
-            message("frames_known_loads_explain", name=name, explained=100 * max(0.0, explained))
+            "frames_known_loads_explain", name=name, explained=100 * max(0.0, explained)
         )
     return float(tried[best])
 

@@ -47,7 +47,7 @@ def read_shots(given: CalibrationSet) -> tuple[Shot, ...]:
     shapes = {s.light.shape for s in shots} | ({light.shape} if light is not None else set())
     if len(shapes) > 1:
         raise InputError(
-            message("images_different_sizes_rows_columns", name=given.name, shapes=sorted(shapes))
+            "images_different_sizes_rows_columns", name=given.name, shapes=sorted(shapes)
         )
     body = given.beam.height_mm if given.beam else given.disc.diameter_mm if given.disc else None
     if given.camera.pixel_mm is not None and body is not None:
@@ -69,7 +69,7 @@ def _shot(
     observed = observe(raw, name=str(path), bit_depth=depth, gamma=given.gamma, mask=inside)
     unusable = np.mean(~observed.valid[inside])
     if unusable > MOST_SATURATED:
-        raise InputError(message("pixels_saturated_defective_lower", path=path, unusable=unusable))
+        raise InputError("pixels_saturated_defective_lower", path=path, unusable=unusable)
     # no model of the light cuts a calibration's pixels near white, as it does a frame's
     full = full_scale(depth)
     level = np.inf if depth is None else saturation_level(raw, full=full) / full
@@ -99,11 +99,11 @@ def read_one_frame(
     light |= {"rotate_deg": frames.rotate_deg, "flip": frames.flip, "roi": frames.roi}
     with open_frames(path, bit_depth=camera.bit_depth, **light) as reader:
         if in_colour and reader.channel is None:
-            raise InputError(message("grey_give_colour_images", path=path))
+            raise InputError("grey_give_colour_images", path=path)
         check_scale(reader, camera)
         images = [frame.image for _, frame in zip(range(2), reader, strict=False)]
         if len(images) != 1:
-            raise InputError(message("holds_more_one_frame", path=path))
+            raise InputError("holds_more_one_frame", path=path)
         return images[0], reader
 
 
@@ -142,11 +142,7 @@ def calibrate_channels(
     if given.frames.channel is not None or one_light or not _in_colour(given):
         if given.frames.channel is None and scope.lines is not None:
             raise InputError(
-                message(
-                    "polariscope_lines_several_wavelengths",
-                    name=given.name,
-                    file=given.image[0].file,
-                )
+                "polariscope_lines_several_wavelengths", name=given.name, file=given.image[0].file
             )
         return run(read_shots(given))
     main = channel_for(scope.wavelength_nm)

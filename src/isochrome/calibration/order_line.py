@@ -77,15 +77,13 @@ def check_order(loads_n: ArrayLike, orders: ArrayLike, names: tuple[str, ...]) -
     for low, high in pairwise(rank):
         if p[high] > p[low] and n[high] < n[low] * (1.0 - 1e-3) - 1e-3:
             raise PhysicsError(
-                message(
-                    "shows_order_less_orders",
-                    names=names[high],
-                    p=p[high],
-                    n=n[high],
-                    n_2=n[low],
-                    names_2=names[low],
-                    p_2=p[low],
-                )
+                "shows_order_less_orders",
+                names=names[high],
+                p=p[high],
+                n=n[high],
+                n_2=n[low],
+                names_2=names[low],
+                p_2=p[low],
             )
 
 
@@ -227,7 +225,7 @@ def uncertainty_budget(
         line = replace(line, intercept=0.0, intercept_uncertainty=largest_order(unloaded))
     value = factor_n2_per_mm / line.slope if line.slope > 0 else np.inf
     if not PLAUSIBLE_N_PER_MM[0] <= value <= PLAUSIBLE_N_PER_MM[1]:
-        raise PhysicsError(message("images_give_f_sigma_mm", value=value))
+        raise PhysicsError("images_give_f_sigma_mm", value=value)
     if line.left_out is not None:
         images = [replace(i, predicted_order=p) for i, p in zip(images, line.left_out, strict=True)]
     _check_line(images, line)
@@ -264,9 +262,9 @@ def _check_line(images: Sequence[ImageFit], line: OrderLine) -> None:
     away = orders - line.slope * np.array([i.load_n for i in images]) - line.intercept
     table = ", ".join(f"{i.file} {i.load_n:g} N order {i.order:.3f}" for i in images)
     if len(images) == 2 and abs(line.intercept) > max(0.3, LARGEST_REST * float(orders.max())):
-        raise PhysicsError(message("these_leave_order_zero", table=table, intercept=line.intercept))
+        raise PhysicsError("these_leave_order_zero", table=table, intercept=line.intercept)
     if len(images) == 3 and float(np.abs(away).max()) > OFF_LINE * float(np.ptp(orders)):
-        raise PhysicsError(message("these_orders_do_not", table=table))
+        raise PhysicsError("these_orders_do_not", table=table)
     if len(images) < 4 or line.left_out is None:
         return
     off = np.abs(orders - np.array(line.left_out))
@@ -275,13 +273,11 @@ def _check_line(images: Sequence[ImageFit], line: OrderLine) -> None:
     if off[worst] > limit:
         suspect = images[worst]
         raise PhysicsError(
-            message(
-                "shows_order_where_other_loads",
-                file=suspect.file,
-                load_n=suspect.load_n,
-                order=suspect.order,
-                predicted_order=suspect.predicted_order,
-            )
+            "shows_order_where_other_loads",
+            file=suspect.file,
+            load_n=suspect.load_n,
+            order=suspect.order,
+            predicted_order=suspect.predicted_order,
         )
 
 

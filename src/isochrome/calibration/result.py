@@ -383,7 +383,7 @@ def _spread(images: list[ImageFit]) -> list[ImageFit]:
 def _view_of(item: ImageFit) -> View:
     """What is drawn of an image; InputError for one that was left out."""
     if item.view is None:
-        raise InputError(message("left_out_calibration_not", file=item.file))
+        raise InputError("left_out_calibration_not", file=item.file)
     return item.view
 
 

@@ -15,7 +15,7 @@ from isochrome.calibration.scale_result import LENS, ScaleCalibration
 from isochrome.calibration.settings import load_set
 from isochrome.calibration.wear_result import WearCalibration, trace_json
 from isochrome.errors import InputError
-from isochrome.messages import message, read_warnings
+from isochrome.messages import read_warnings
 from isochrome.output import (
     columns_of,
     counted,
@@ -71,7 +71,7 @@ def check_scene_file(path: str | Path) -> str:
     """
     place = Path(path)
     if not place.is_file() and str(path) in scene_names():
-        raise InputError(message("scene_ships_inside_package", path=path))
+        raise InputError("scene_ships_inside_package", path=path)
     plain = read_text(place)  # its refusals: missing, too large, not UTF-8
     text = place.read_bytes().decode("utf-8")
     parse_scene(plain, folder=place.parent, label=str(path))
@@ -176,10 +176,10 @@ def _by_scene_law(calibration: WearCalibration, text: str, name: str) -> WearCal
     """The calibration with the coefficient of the law that a scene states."""
     wear = parse_scene(text).wear
     if wear is None:
-        raise InputError(message("has_no_wear_coefficient", name=name))
+        raise InputError("has_no_wear_coefficient", name=name)
     coefficient = calibration.coefficient_by(wear.law)
     if coefficient is None:
-        raise InputError(message("wear_law_set_states", name=name, law=wear.law))
+        raise InputError("wear_law_set_states", name=name, law=wear.law)
     return replace(
         calibration, coefficient_mm2_per_n=coefficient[0], standard_uncertainty=coefficient[1]
     )
@@ -195,20 +195,18 @@ def _check_picture(calibration: ScaleCalibration, scene: Scene, name: str) -> No
     )
     moved = [key for key in ("roi", "rotate_deg", "flip") if getattr(frames, key)]
     if bent and moved:
-        raise InputError(message("has_frames_lens_found", name=name, moved=moved[0]))
+        raise InputError("has_frames_lens_found", name=name, moved=moved[0])
     size = (camera.height_px, camera.width_px) if camera and not moved else (None, None)
     if any(
         stated not in (None, shown) for stated, shown in zip(size, calibration.shape, strict=True)
     ):
         raise InputError(
-            message(
-                "camera_has_pixels_target",
-                name=name,
-                size=size[1],
-                size_2=size[0],
-                shape=calibration.shape[1],
-                shape_2=calibration.shape[0],
-            )
+            "camera_has_pixels_target",
+            name=name,
+            size=size[1],
+            size_2=size[0],
+            shape=calibration.shape[1],
+            shape_2=calibration.shape[0],
         )
 
 

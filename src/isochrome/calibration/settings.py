@@ -334,13 +334,11 @@ def load_set(source: SetLike, *, specimen: str | None = None) -> CalibrationSet:
     if specimen is not None and getattr(loaded, specimen) is None:
         (other,) = CUTS.keys() - {specimen}
         raise InputError(
-            message(
-                "missing_set_has_add",
-                name=loaded.name,
-                specimen=specimen,
-                other=other,
-                command=CUTS[other].command,
-            )
+            "missing_set_has_add",
+            name=loaded.name,
+            specimen=specimen,
+            other=other,
+            command=CUTS[other].command,
         )
     return loaded
 

@@ -11,7 +11,6 @@ from scipy.ndimage import uniform_filter
 from isochrome.errors import InputError
 from isochrome.estimation import Observation
 from isochrome.frames import estimate_noise, saturation_level
-from isochrome.messages import message
 
 Array = NDArray[np.float64]
 
@@ -44,14 +43,14 @@ def as_shots(
     """
     if len(images) != len(loads_n) or not images:
         raise InputError(
-            message("images_loads_give_many", images_count=len(images), loads_n_count=len(loads_n))
+            "images_loads_give_many", images_count=len(images), loads_n_count=len(loads_n)
         )
     lamp = None if no_load_light is None else np.asarray(no_load_light, dtype=float)
     shots = []
     for i, image in enumerate(images):
         frame = np.asarray(image, dtype=float)
         if frame.ndim != 2 or min(frame.shape) < 16:
-            raise InputError(message("image_has_shape_give", i=i + 1, shape=frame.shape))
+            raise InputError("image_has_shape_give", i=i + 1, shape=frame.shape)
         mask = np.isfinite(frame)
         given = sigma if sigma is None or isinstance(sigma, (int, float)) else sigma[i]
         noise = np.asarray(noise_of(frame, mask) if given is None else given, dtype=float)
@@ -74,7 +73,7 @@ def by_load(shots: Sequence[Shot]) -> tuple[list[Shot], list[Shot]]:
     """The shots with a load and those without. Raises InputError where none has a load."""
     loaded = [s for s in shots if s.load_n > 0]
     if not loaded:
-        raise InputError(message("no_image_has_load"))
+        raise InputError("no_image_has_load")
     return loaded, [s for s in shots if s.load_n == 0]
 
 

@@ -148,7 +148,7 @@ def _of_scene(
     name = settings.scar.scene
     scene = load_scene(name if name in scene_names() else settings.path(name))
     if scene.indenter is None or scene.load is None or scene.wear is None:
-        raise InputError(message("scar_scene_has_no", name=settings.name, name_2=name))
+        raise InputError("scar_scene_has_no", name=settings.name, name_2=name)
     thickness = scene.specimen.thickness_mm
     if thickness is not None and abs(settings.scar.width_mm / thickness - 1.0) > _ALIKE:
         yield message(
@@ -241,11 +241,9 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
     volumes, scatter = worn_volumes(given, scars)
     if not volumes:
         raise PhysicsError(
-            message(
-                "no_distance_has_traces",
-                name=given.name,
-                scars=next(scar.why_not for scar in scars if scar.why_not),
-            )
+            "no_distance_has_traces",
+            name=given.name,
+            scars=next(scar.why_not for scar in scars if scar.why_not),
         )
     spread = _own_spread(volumes)
     laws = fit_laws(volumes, spread)
@@ -253,13 +251,11 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
     k = archard.coefficient_mm2_per_n
     if not _PLAUSIBLE[0] <= k <= _PLAUSIBLE[1]:
         raise InputError(
-            message(
-                "scars_give_mm_where",
-                name=given.name,
-                k=k,
-                plausible=_PLAUSIBLE[0],
-                plausible_2=_PLAUSIBLE[1],
-            )
+            "scars_give_mm_where",
+            name=given.name,
+            k=k,
+            plausible=_PLAUSIBLE[0],
+            plausible_2=_PLAUSIBLE[1],
         )
     inputs = common_inputs(given, volumes, spread, k)
     scattered = _has_scatter_only(volumes)

@@ -90,7 +90,7 @@ def _by_itself(number: int, task: Task, scene: Scene, options: Mapping[str, Any]
     try:
         ((_, outcome),) = _by_pool({number: task}, scene, options, 1)
     except WorkersLost as error:
-        lost = InputError(message("process_worked_killed_twice"))
+        lost = InputError("process_worked_killed_twice")
         lost.__cause__ = error
         return failed(task, lost)
     return outcome
@@ -148,7 +148,7 @@ def write_summary(out: Path, scene: Scene, outcomes: Sequence[Outcome], beside: 
                 (folder / name).unlink(missing_ok=True)  # that of an earlier campaign
     except OSError as error:
         raise InputError(
-            message("summary_cannot_written_all", folder=folder, strerror=error.strerror or error)
+            "summary_cannot_written_all", folder=folder, strerror=error.strerror or error
         ) from error
 
 
@@ -165,7 +165,7 @@ def check_summary(out: Path) -> set[str]:
     except (OSError, ValueError, KeyError, TypeError):
         left = set()
     if there and rows is None and not has_own_keys(path):
-        raise InputError(message("would_replaced_campaign_summary", there=there[0]))
+        raise InputError("would_replaced_campaign_summary", there=there[0])
     return left
 
 
@@ -250,7 +250,7 @@ class Campaign(Result):
 
     def _drawn(self, result: T | None) -> T:
         if result is None:
-            raise InputError(message("neither_load_nor_friction", title=self.title))
+            raise InputError("neither_load_nor_friction", title=self.title)
         return result
 
 
@@ -312,7 +312,7 @@ def process_campaign(
     scene = load_scene(scene)
     check_scene(scene)
     if workers is not None and workers < 1:
-        raise InputError(message("workers_give_more", workers=workers))
+        raise InputError("workers_give_more", workers=workers)
     if options.get("rois"):
         load_roifile()
     if isinstance(recordings, str | Path):
@@ -344,18 +344,16 @@ def _check_place(target: Path, root: Path, tasks: Sequence[Task]) -> list[Path]:
     Returns the links that were put in the place of results since.
     """
     if not tasks:
-        raise InputError(message("no_recordings_named_name"))
+        raise InputError("no_recordings_named_name")
     if (target / PROVENANCE).exists() or has_run(root):
-        raise InputError(
-            message("holds_results_one_recording", target=target, tasks_count=len(tasks))
-        )
+        raise InputError("holds_results_one_recording", target=target, tasks_count=len(tasks))
     before = check_summary(target)
     links = [task.folder for task in tasks if task.name in before and task.folder.is_symlink()]
     for task in tasks:
         first = task.frames if isinstance(task.frames, str | Path) else task.frames[0]
         place = task.folder
         if place not in links and place.exists() and place.resolve() == Path(first).resolve():
-            raise InputError(message("results_would_put_among", first=first))
+            raise InputError("results_would_put_among", first=first)
     return links
 
 

@@ -127,7 +127,7 @@ def outcome_of(
     """
     try:
         if task.folder.is_symlink():
-            raise InputError(message("symbolic_link_results_put", folder=task.folder))
+            raise InputError("symbolic_link_results_put", folder=task.folder)
         result = process(task.frames, scene, task.folder, progress=progress, **options)
     except NoCluster:
         raise

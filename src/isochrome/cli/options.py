@@ -16,7 +16,6 @@ import typer
 
 from isochrome.console import print_warnings
 from isochrome.errors import InputError
-from isochrome.messages import message
 
 if TYPE_CHECKING:
     from isochrome.figures import FigureStyle
@@ -139,11 +138,11 @@ def take_style(options: dict[str, Any]) -> FigureStyle | None:
     if given["width"] is not None:
         match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(mm|cm|in|)\s*", given["width"])
         if match is None:
-            raise InputError(message("width_give_width_unit", width=given["width"]))
+            raise InputError("width_give_width_unit", width=given["width"])
         known["width_mm"] = float(match.group(1)) * _MM[match.group(2)]
     if given["shown"] is not None:
         if not re.fullmatch(r"\s*\d+\s*(,\s*\d+\s*)*", given["shown"]):
-            raise InputError(message("frames_give_whole_numbers", shown=given["shown"]))
+            raise InputError("frames_give_whole_numbers", shown=given["shown"])
         known["frames"] = tuple(int(part) for part in given["shown"].split(","))
     if given["formats"] is not None:
         known["formats"] = tuple(part.strip() for part in given["formats"].lower().split(","))
@@ -156,7 +155,7 @@ def takes_excel(options: dict[str, Any]) -> bool:
     """Take --csv out of a command's options, before its work begins."""
     form = options.pop("tables")
     if form not in (None, "excel"):
-        raise InputError(message("csv_no_form_table", form=form))
+        raise InputError("csv_no_form_table", form=form)
     return form is not None
 
 
@@ -211,5 +210,5 @@ def _remove(file: Path) -> None:
         file.unlink()
     except OSError as error:
         raise InputError(
-            message("cannot_written_make_folder", file=file, strerror=error.strerror)
+            "cannot_written_make_folder", file=file, strerror=error.strerror
         ) from error

@@ -44,7 +44,6 @@ from isochrome.figures import (
     show_image,
 )
 from isochrome.fringes import order_contours, skeletons
-from isochrome.messages import message
 from isochrome.output import (
     Result,
     counted,
@@ -100,7 +99,7 @@ def side_by_side(
     metrics = compare_frames(experiment, simulation) if metrics is None else metrics
     if len(metrics) != len(pairs):
         raise InputError(
-            message("metrics_frames_give_one", metrics_count=len(metrics), pairs_count=len(pairs))
+            "metrics_frames_give_one", metrics_count=len(metrics), pairs_count=len(pairs)
         )
     chosen = [(*pairs[k], metrics[k]) for k in _evenly_spaced(len(pairs), max_rows)]
     of_order = any(numbers.orders is not None for *_, numbers in chosen)
@@ -212,9 +211,9 @@ def plot_side_by_side(
     here, there = load_frame_set(experiment), load_frame_set(simulation)
     pairs = frame_pairs(here, there)
     if not 0 <= frame < len(pairs):
-        raise InputError(message("frame_there_counted_from", frame=frame, pairs_count=len(pairs)))
+        raise InputError("frame_there_counted_from", frame=frame, pairs_count=len(pairs))
     if axes is not None and len(axes) != 3:
-        raise InputError(message("axes_side_side_row", axes_count=len(axes)))
+        raise InputError("axes_side_side_row", axes_count=len(axes))
     of_order = here.order is not None and there.order is not None
     own, model = (part.only(at) for part, at in zip((here, there), pairs[frame], strict=True))
     (numbers,) = compare_frames(own, model)
@@ -312,7 +311,7 @@ def _images_of(
 def _evenly_spaced(count: int, most: int) -> list[int]:
     """Pick at most `most` of `count` frames, the first and the last among them."""
     if not 1 <= most <= MOST_ROWS:
-        raise InputError(message("max_rows_side_side_figure", most=most, most_rows=MOST_ROWS))
+        raise InputError("max_rows_side_side_figure", most=most, most_rows=MOST_ROWS)
     return [int(index) for index in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
 
 
@@ -523,7 +522,7 @@ class Comparison(Result):
         `frames`: numbers of the pairs that are shown. Raises InputError where one is not there.
         """
         if self.load is None:
-            raise InputError(message("frames_not_kept_compare", title=self.title))
+            raise InputError("frames_not_kept_compare", title=self.title)
         return side_by_side_panels(*self.load(), self.metrics, frames)
 
 
@@ -590,10 +589,10 @@ def compare(
     if isinstance(experiment, Scene) or tabled:
         assert isinstance(experiment, str | Path | Scene)
         if not isinstance(simulation, str | Path | Scene):
-            raise InputError(message("scars_compared_simulation_folder"))
+            raise InputError("scars_compared_simulation_folder")
         return compare_scars(experiment, simulation, out)
     if isinstance(simulation, Scene):
-        raise InputError(message("frames_compared_frames_simulate"))
+        raise InputError("frames_compared_frames_simulate")
     here, there = load_frame_set(experiment), load_frame_set(simulation)
     metrics = compare_frames(here, there)
 
@@ -632,10 +631,10 @@ def compared_again(record: Mapping[str, Any], name: str) -> ReportContent:
     """
     sets = record.get(_SETS)
     if not sets:
-        raise InputError(message("compared_what_memory_does", name=name))
+        raise InputError("compared_what_memory_does", name=name)
     now = provenance(None, sets)["inputs_sha256"] if all(Path(s).exists() for s in sets) else {}
     if now != record.get("inputs_sha256"):
-        raise InputError(message("another_now_not_there", name=name, sets=sets[0], sets_2=sets[1]))
+        raise InputError("another_now_not_there", name=name, sets=sets[0], sets_2=sets[1])
     here, there = (load_frame_set(one) for one in sets)
     metrics = compare_frames(here, there)
     return comparison_report(here, there, metrics, _table(metrics), record, _scene_of(sets[0]))

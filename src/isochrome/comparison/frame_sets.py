@@ -19,7 +19,6 @@ from scipy.spatial import cKDTree
 from isochrome.errors import InputError
 from isochrome.frames import CHANNELS, channel_for, open_frames, open_tiff
 from isochrome.fringes import Skeleton, order_contours, skeletons
-from isochrome.messages import message
 from isochrome.output import read_csv, read_pixel_mm
 from isochrome.processing import PICTURE, Processed
 from isochrome.runs import opened_record
@@ -70,7 +69,7 @@ def skeleton_distance(
     distance of like fringes, or 100 with orders, as no line is taken for its neighbour there.
     """
     if not (len(experiment) or len(simulation)):
-        raise InputError(message("no_fringe_line_either"))
+        raise InputError("no_fringe_line_either")
     by_order = all(line.order is not None for line in (*experiment, *simulation))
     if reach_px is None:
         reach_px = _REACH_KNOWN_PX if by_order else _REACH_PX
@@ -226,7 +225,7 @@ def compare_signals(
     if noise is not None:
         deviation = np.broadcast_to(np.asarray(noise, dtype=float), measured.shape)[known]
         if not np.all(deviation > 0.0):
-            raise InputError(message("noise_image_comparison_holds"))
+            raise InputError("noise_image_comparison_holds")
         over_noise = _rms(residual[known] / deviation)
     return SignalMetrics(
         ncc=_correlation(measured[known], model[known]),
@@ -256,21 +255,16 @@ def _paired(
     model = np.asarray(simulation, dtype=np.float64)
     if measured.shape != model.shape or measured.ndim != 2:
         raise InputError(
-            message(
-                "shape_experiment_simulation_give",
-                what=what,
-                shape=measured.shape,
-                shape_2=model.shape,
-            )
+            "shape_experiment_simulation_give", what=what, shape=measured.shape, shape_2=model.shape
         )
     valid = np.ones(measured.shape, bool) if mask is None else np.asarray(mask, dtype=bool)
     if valid.shape != measured.shape:
         raise InputError(
-            message("mask_shape_shape_give", shape=valid.shape, what=what, shape_2=measured.shape)
+            "mask_shape_shape_give", shape=valid.shape, what=what, shape_2=measured.shape
         )
     known = valid & np.isfinite(measured) & np.isfinite(model)
     if not known.any():
-        raise InputError(message("no_pixel_has_known", quantity=quantity))
+        raise InputError("no_pixel_has_known", quantity=quantity)
     return measured, model, valid, known
 
 
@@ -343,25 +337,19 @@ class ComparedFrames:
 
     def __post_init__(self) -> None:
         if self.signal.ndim != 3 or not len(self.signal):
-            raise InputError(message("frame_set_shape_give", shape=self.signal.shape))
+            raise InputError("frame_set_shape_give", shape=self.signal.shape)
         if self.order is not None and self.order.shape != self.signal.shape:
             raise InputError(
-                message(
-                    "fringe_orders_shape_signals", shape=self.order.shape, shape_2=self.signal.shape
-                )
+                "fringe_orders_shape_signals", shape=self.order.shape, shape_2=self.signal.shape
             )
         if self.labels and len(self.labels) != len(self.signal):
             raise InputError(
-                message(
-                    "labels_frames_give_one", labels_count=len(self.labels), self_count=len(self)
-                )
+                "labels_frames_give_one", labels_count=len(self.labels), self_count=len(self)
             )
         if self.pixel_mm is not None and not self.pixel_mm > 0:
-            raise InputError(message("pixel_mm_frame_set_give", pixel_mm=self.pixel_mm))
+            raise InputError("pixel_mm_frame_set_give", pixel_mm=self.pixel_mm)
         if self.noise is not None and np.size(self.noise) not in (1, len(self)):
-            raise InputError(
-                message("noise_values_frames", size=np.size(self.noise), self_count=len(self))
-            )
+            raise InputError("noise_values_frames", size=np.size(self.noise), self_count=len(self))
 
     def __len__(self) -> int:
         return len(self.signal)
@@ -452,20 +440,18 @@ def frame_pairs(experiment: ComparedFrames, simulation: ComparedFrames) -> list[
     """
     if experiment.signal.shape[1:] != simulation.signal.shape[1:]:
         raise InputError(
-            message(
-                "frames_shape_experiment_simulation",
-                shape=experiment.signal.shape[1:],
-                shape_2=simulation.signal.shape[1:],
-            )
+            "frames_shape_experiment_simulation",
+            shape=experiment.signal.shape[1:],
+            shape_2=simulation.signal.shape[1:],
         )
     scales = experiment.pixel_mm, simulation.pixel_mm
     if None not in scales and abs(scales[0] / scales[1] - 1.0) > _SCALE_TOLERANCE:  # type: ignore[operator]
         raise InputError(
-            message("pixel_mm_experiment_simulation_frames", scales=scales[0], scales_2=scales[1])
+            "pixel_mm_experiment_simulation_frames", scales=scales[0], scales_2=scales[1]
         )
     here, there = len(experiment), len(simulation)
     if here != there and 1 not in (here, there):
-        raise InputError(message("frames_experiment_simulation_give", here=here, there=there))
+        raise InputError("frames_experiment_simulation_give", here=here, there=there)
     count = max(here, there)
     return [(min(index, here - 1), min(index, there - 1)) for index in range(count)]
 
@@ -503,7 +489,7 @@ def load_frame_set(given: SetToCompare, *, bit_depth: int | None = None) -> Comp
     if isinstance(given, str | Path):
         place = Path(given)
         if not place.exists():
-            raise InputError(message("no_such_file_folder", place=place))
+            raise InputError("no_such_file_folder", place=place)
         for signal_name, table_name in _SIGNALS:
             if place.is_dir() and (place / signal_name).exists():
                 return _load_result(place, signal_name, table_name, bit_depth)
@@ -511,7 +497,7 @@ def load_frame_set(given: SetToCompare, *, bit_depth: int | None = None) -> Comp
         images = [scaled(frame.image, reader.bit_depth) for frame in reader]
         scale = reader.pixel_mm
     if not images:
-        raise InputError(message("no_frame_give_tiff", path=reader.path))
+        raise InputError("no_frame_give_tiff", path=reader.path)
     return ComparedFrames(signal=np.stack(images), pixel_mm=scale)
 
 
@@ -523,7 +509,7 @@ def _of_result(result: Processed | Simulation, bit_depth: int | None) -> Compare
         stack, order = _maps_of(result)
         scene = result.fitted or result.scene
     if stack is None:
-        raise InputError(message("maps_folder_written_name", title=result.title))
+        raise InputError("maps_folder_written_name", title=result.title)
     table = result.columns
     if PICTURE in table:
         table = _of_pictures(table, [at is not None for at in table[PICTURE]])
@@ -585,23 +571,19 @@ def _compared(
     signal = _one_channel(light, scene)
     steps = len(scene.get("polariscope", {}).get("step", ()))
     if order is not None and steps > 1 and len(signal) == steps * len(order):
-        raise InputError(
-            message("phase_stepped_set_frames", name=name, steps=steps, order_count=len(order))
-        )
+        raise InputError("phase_stepped_set_frames", name=name, steps=steps, order_count=len(order))
     if order is not None and order.shape != signal.shape:
         raise InputError(
-            message(
-                "has_shape_beside_folder",
-                name=name,
-                shape=signal.shape,
-                order=_ORDER,
-                shape_2=order.shape,
-            )
+            "has_shape_beside_folder",
+            name=name,
+            shape=signal.shape,
+            order=_ORDER,
+            shape_2=order.shape,
         )
     length = len(next(iter(table.values()), ()))
     if table and length != len(signal):
         raise InputError(
-            message("table_has_rows_frames", name=name, length=length, signal_count=len(signal))
+            "table_has_rows_frames", name=name, length=length, signal_count=len(signal)
         )
     if order is not None and simulated:
         signal = np.where(np.isfinite(order), signal, np.float32(np.nan))  # no specimen there
@@ -636,9 +618,7 @@ def scaled(image: NDArray[Any], bit_depth: int | None = None) -> NDArray[np.floa
     full = 2 ** (bit_depth or 8 * image.dtype.itemsize) - 1
     if image.size and int(image.max()) > full:
         raise InputError(
-            message(
-                "pixel_counts_frames_bits", max=int(image.max()), bit_depth=bit_depth, full=full
-            )
+            "pixel_counts_frames_bits", max=int(image.max()), bit_depth=bit_depth, full=full
         )
     return image.astype(np.float32) / np.float32(full)
 
@@ -673,7 +653,7 @@ def _scene(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (ValueError, RecursionError, OSError) as error:
-        raise InputError(message("not_valid_toml_make", path=path, error=error)) from error
+        raise InputError("not_valid_toml_make", path=path, error=error) from error
 
 
 def _labels(table: Mapping[str, Sequence[Any]], count: int) -> tuple[str, ...]:

@@ -113,7 +113,7 @@ def simulated_scars(scene: Scene, distances_m: Sequence[float]) -> list[Simulate
     its uncertainty is no value that it may have; PhysicsError where a contact cannot be solved.
     """
     if scene.wear is None:
-        raise InputError(message("has_no_wear_which", name=scene.name))
+        raise InputError("has_no_wear_which", name=scene.name)
     worn = scene.with_values({"wear.distances_m": tuple(distances_m)})
     keys = [k for k, u in scene.uncertainties.items() if k.split(".")[0] in _PARTS and u > 0.0]
     states = _states(worn)
@@ -136,7 +136,7 @@ def _shifted(scene: Scene, key: str, side: float) -> Scene:
         return scene.with_values({key: scene.get(key) + side * spread})
     except InputError as error:
         raise InputError(
-            message("standard_uncertainty", name=scene.name, key=key, spread=spread, error=error)
+            "standard_uncertainty", name=scene.name, key=key, spread=spread, error=error
         ) from error
 
 
@@ -507,12 +507,12 @@ def _traces(
         scene = load_scene(measured)
         rows = [(scene.path(scar.file), scar.distance_m) for scar in scene.scar]
         if not rows:
-            raise InputError(message("has_no_scar_file", name=scene.name))
+            raise InputError("has_no_scar_file", name=scene.name)
     else:
         rows = [(Path(file), float(distance)) for file, distance in measured]
     wrong = [distance for _, distance in rows if not 0.0 < distance < np.inf]
     if wrong or not rows:
-        raise InputError(message("distances_traces_give_traces", wrong=wrong))
+        raise InputError("distances_traces_give_traces", wrong=wrong)
     return [file for file, _ in rows], [distance for _, distance in rows]
 
 
@@ -526,7 +526,7 @@ def _simulated_scene(simulation: str | Path | Scene) -> Scene:
     if not isinstance(simulation, Scene) and Path(simulation).is_dir():
         file = Path(simulation) / "scene.toml"
         if not file.is_file():
-            raise InputError(message("not_there_name_result", file=file))
+            raise InputError("not_there_name_result", file=file)
         opened_record(file.parent, [file.name])
         return load_scene(file)
     return load_scene(simulation)

@@ -30,7 +30,6 @@ from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.messages import message
 from isochrome.output import read_given_table
 from isochrome.scene import Scene
 
@@ -197,7 +196,7 @@ def read_profile(path: Path) -> tuple[Floats, Floats]:
     try:
         stat = path.stat()
     except OSError as error:
-        raise InputError(message("profile_cannot_read_check", path=path, error=error)) from error
+        raise InputError("profile_cannot_read_check", path=path, error=error) from error
     return _read_version(path, stat.st_mtime_ns, stat.st_size)
 
 
@@ -207,10 +206,10 @@ def _read_version(path: Path, changed_ns: int, size: int) -> tuple[Floats, Float
     given = read_given_table(path, "the profile")
     name = "gap_um" if "gap_um" in given.names else "gap_mm"
     if not {"x_mm", name} <= set(given.names):
-        raise InputError(message("profile_needs_columns_x_mm", path=path, header=given.header))
+        raise InputError("profile_needs_columns_x_mm", path=path, header=given.header)
     x, gap = given.column("x_mm"), given.column(name)
     if len(x) < 3 or (np.diff(x) <= 0.0).any():
-        raise InputError(message("profile_needs_three_rows", path=path))
+        raise InputError("profile_needs_three_rows", path=path)
     gap = (gap - gap.min()) * (1e-3 if name == "gap_um" else 1.0)
     for shared in (x, gap):
         shared.flags.writeable = False
@@ -434,18 +433,16 @@ def solve_pressure(
         if not active.any():
             active[np.argmin(trial.gap)] = True
     lower = "lower friction.coefficient or " if friction else ""
-    raise PhysicsError(
-        message("contact_pressure_did_not", friction=friction, sets=sets, lower=lower)
-    )
+    raise PhysicsError("contact_pressure_did_not", friction=friction, sets=sets, lower=lower)
 
 
 def _checked_datum(gap: Floats, load: float) -> float:
     """The smallest gap, which is taken off, since its rounding would be felt as roughness."""
     datum = float(gap.min())
     if not (math.isfinite(datum) and math.isfinite(float(gap.max()))):
-        raise InputError(message("gap_between_bodies_not"))
+        raise InputError("gap_between_bodies_not")
     if not 0.0 < load < math.inf:
-        raise InputError(message("load_mm_must_above", load=load))
+        raise InputError("load_mm_must_above", load=load)
     return datum
 
 

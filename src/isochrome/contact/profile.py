@@ -7,7 +7,6 @@ import numpy as np
 
 from isochrome.contact.pressure import Floats, read_profile, undeformed_gap
 from isochrome.errors import PhysicsError
-from isochrome.messages import message
 from isochrome.scene import UNDOUBTED_MM, Scene
 
 STEEPEST = 0.3
@@ -97,28 +96,22 @@ def contact_grid(
     nodes = 2 * math.ceil(half / spacing) + 1
     if nodes > _MAX_NODES:
         raise PhysicsError(
-            message(
-                "contact_needs_nodes_mm",
-                name=scene.name,
-                nodes=nodes,
-                spacing=spacing,
-                half=2 * half,
-                max_nodes=_MAX_NODES,
-                words=" (and smooth the profile to fewer rows)" if scene.profile_file else "",
-            )
+            "contact_needs_nodes_mm",
+            name=scene.name,
+            nodes=nodes,
+            spacing=spacing,
+            half=2 * half,
+            max_nodes=_MAX_NODES,
+            words=" (and smooth the profile to fewer rows)" if scene.profile_file else "",
         )
     if nodes < 16:
         raise PhysicsError(
-            message(
-                "window_mm_has_only", name=scene.name, half=2 * half, nodes=nodes, spacing=spacing
-            )
+            "window_mm_has_only", name=scene.name, half=2 * half, nodes=nodes, spacing=spacing
         )
     # every pixel would be divided into thousands of nodes
     if pixel and pixel > max(2.0 * reach, UNDOUBTED_MM):
         raise PhysicsError(
-            message(
-                "camera_pixel_mm_wider_contact", name=scene.name, pixel=pixel, reach=2.0 * reach
-            )
+            "camera_pixel_mm_wider_contact", name=scene.name, pixel=pixel, reach=2.0 * reach
         )
     return ContactGrid(left_mm=-spacing * (nodes // 2), spacing_mm=spacing, nodes=nodes)
 
@@ -135,14 +128,12 @@ def _spacing(scene: Scene, smooth: float, half: float) -> float:
         coarsest = row / _FEWEST_IN_ROW_STEP
         if given is not None and given > coarsest * (1.0 + 1e-6):
             raise PhysicsError(
-                message(
-                    "numerics_spacing_mm_does_not",
-                    name=scene.name,
-                    given=given,
-                    profile_file=scene.profile_file,
-                    row=row,
-                    coarsest=coarsest,
-                )
+                "numerics_spacing_mm_does_not",
+                name=scene.name,
+                given=given,
+                profile_file=scene.profile_file,
+                row=row,
+                coarsest=coarsest,
             )
     return given or min(smooth, row / _SPACINGS_IN_ROW_STEP)
 
@@ -168,13 +159,11 @@ def _contact_reach(
     reach = widest * ((hertz / widest) ** 3 + (worn / widest) ** 3) ** (1.0 / 3.0)
     if not reach <= STEEPEST * radius:
         raise PhysicsError(
-            message(
-                "contact_half_width_would",
-                name=scene.name,
-                reach=reach,
-                steepest=STEEPEST,
-                radius=radius,
-            )
+            "contact_half_width_would",
+            name=scene.name,
+            reach=reach,
+            steepest=STEEPEST,
+            radius=radius,
         )
     if indenter.profile is not None:
         x, _ = read_profile(scene.path(indenter.profile))

@@ -33,7 +33,6 @@ from scipy.linalg import lapack
 from isochrome.contact.pressure import Floats
 from isochrome.contact.sliding_history import OutputState, SlidingHistory
 from isochrome.errors import PhysicsError
-from isochrome.messages import message
 
 _BACK, _AHEAD = 3, 1
 """Neighbours in the derivative along φ, towards the nearer edge and away from it: fourth order, and
@@ -181,7 +180,7 @@ class ScarEquations:
             y = y + change
             if np.abs(scale * change).max() < _CLOSE:
                 return MeshPoint(0.0, np.r_[np.zeros(n), y[n:]], y[:n])
-        raise PhysicsError(message("unworn_contact_did_not"))
+        raise PhysicsError("unworn_contact_did_not")
 
     def step(
         self, dose: float, span: float, base: Floats, forecast: Floats
@@ -336,7 +335,7 @@ def scar_history(
             if not points:
                 return
         else:
-            raise PhysicsError(message("wear_steps_did_not", distance_m=stop.distance_m))
+            raise PhysicsError("wear_steps_did_not", distance_m=stop.distance_m)
         yield _scar(equations, stop, _at(points, target))
 
 

@@ -23,7 +23,6 @@ from isochrome.contact.wear import (
     worn_states,
 )
 from isochrome.errors import PhysicsError
-from isochrome.messages import message
 from isochrome.scene import Scene
 
 FEWEST_NODES = 8
@@ -50,38 +49,32 @@ def refuse_unfit(scene: Scene, state: SurfaceState) -> None:
     count = int(np.count_nonzero(inside))
     if count < FEWEST_NODES:
         raise PhysicsError(
-            message(
-                "contact_has_only_nodes",
-                name=scene.name,
-                count=count,
-                spacing_mm=grid.spacing_mm,
-                fewest_nodes=FEWEST_NODES,
-            )
+            "contact_has_only_nodes",
+            name=scene.name,
+            count=count,
+            spacing_mm=grid.spacing_mm,
+            fewest_nodes=FEWEST_NODES,
         )
     _refuse_end_of_profile(scene, grid, inside)
     modulus, _ = elastic_constants(scene)
     mean = float(state.pressure_mpa[inside].mean())
     if not mean <= STRONGEST * modulus:
         raise PhysicsError(
-            message(
-                "mean_pressure_would_mpa",
-                name=scene.name,
-                mean=mean,
-                strongest=STRONGEST,
-                modulus=modulus,
-            )
+            "mean_pressure_would_mpa",
+            name=scene.name,
+            mean=mean,
+            strongest=STRONGEST,
+            modulus=modulus,
         )
     half, depth = 0.5 * count * grid.spacing_mm, float(state.wear_depth_mm.max())
     if not depth <= DEEPEST * half:
         raise PhysicsError(
-            message(
-                "scar_would_mm_deep",
-                name=scene.name,
-                distance_m=state.distance_m,
-                depth=depth,
-                deepest=DEEPEST,
-                half=half,
-            )
+            "scar_would_mm_deep",
+            name=scene.name,
+            distance_m=state.distance_m,
+            depth=depth,
+            deepest=DEEPEST,
+            half=half,
         )
 
 
@@ -94,12 +87,10 @@ def _refuse_end_of_profile(scene: Scene, grid: ContactGrid, inside: np.ndarray) 
     ends = [(k, end) for k, end in ((known[0], x[0]), (known[-1], x[-1])) if inside[k]]
     if ends:
         raise PhysicsError(
-            message(
-                "contact_reaches_end_profile",
-                name=scene.name,
-                profile_file=scene.profile_file,
-                ends=ends[0][1],
-            )
+            "contact_reaches_end_profile",
+            name=scene.name,
+            profile_file=scene.profile_file,
+            ends=ends[0][1],
         )
 
 
@@ -176,7 +167,7 @@ def iter_contact_states(scene: Scene) -> Iterator[SurfaceState]:
         if scene.numerics.window_mm is not None:
             break
     width = grid.spacing_mm * (grid.nodes - 1)
-    raise PhysicsError(message("contact_reaches_edge_grid", name=scene.name, width=width))
+    raise PhysicsError("contact_reaches_edge_grid", name=scene.name, width=width)
 
 
 def _states_on(

@@ -43,7 +43,6 @@ from isochrome.contact.scar import (
 from isochrome.contact.sliding_history import OutputState, SlidingHistory, paused_doses, same_drive
 from isochrome.contact.state import SurfaceState
 from isochrome.errors import PhysicsError
-from isochrome.messages import message
 from isochrome.scene import Scene
 
 _ACCURACY = 1e-3
@@ -384,12 +383,10 @@ def _scars(
     if path is not None and held and reached < len(stops):
         # on the grid it would go on with another error in space, and nobody would be told
         raise PhysicsError(
-            message(
-                "wear_until_does_not",
-                name=site.scene.name,
-                distance_m=stops[reached].distance_m,
-                tolerance=tolerance,
-            )
+            "wear_until_does_not",
+            name=site.scene.name,
+            distance_m=stops[reached].distance_m,
+            tolerance=tolerance,
         )
 
 

@@ -314,13 +314,11 @@ def _best_start(
     for (fit, start), (other, second) in pairwise(fits[:2]):
         if other.chi < ALIKE_CHI * fit.chi and not _same(fit, start, other, second):
             raise PhysicsError(
-                message(
-                    "two_scenes_explain_frame_alike",
-                    name=frame.name,
-                    index=frame.index,
-                    in_words=_in_words(fit, start),
-                    in_words_2=_in_words(other, second),
-                )
+                "two_scenes_explain_frame_alike",
+                name=frame.name,
+                index=frame.index,
+                in_words=_in_words(fit, start),
+                in_words_2=_in_words(other, second),
             )
     return fits[0][1], fits[0][0]
 
@@ -335,9 +333,7 @@ def _is_no_bench(fit: FrameFit) -> bool:
 def _unexplained(frame: Frame, chi: float | None) -> PhysicsError:
     """What is said where no contact explains a frame."""
     best = "none leads to fringes" if chi is None else f"the best leaves {chi:.1f} times its noise"
-    return PhysicsError(
-        message("no_contact_explains_frame", name=frame.name, index=frame.index, best=best)
-    )
+    return PhysicsError("no_contact_explains_frame", name=frame.name, index=frame.index, best=best)
 
 
 def _same(fit: FrameFit, start: PictureStart, other: FrameFit, second: PictureStart) -> bool:
@@ -360,13 +356,11 @@ def _refuse_far_load(fit: FrameFit, given: KnownValues, frame: Frame) -> None:
     assert given.load_n is not None
     if not 1.0 / _FARTHEST < load / given.load_n < _FARTHEST:
         raise PhysicsError(
-            message(
-                "fringes_frame_those_load",
-                name=frame.name,
-                index=frame.index,
-                load=load,
-                load_n=given.load_n,
-            )
+            "fringes_frame_those_load",
+            name=frame.name,
+            index=frame.index,
+            load=load,
+            load_n=given.load_n,
         )
 
 
@@ -423,11 +417,9 @@ def _first_explained(frames: FrameReader, scene: Scene, given: KnownValues) -> C
     if refused is None:
         first = bare[0]
         raise PhysicsError(
-            message(
-                "no_fringes_whose_light",
-                name=first.name,
-                named_frames=named_frames([one.index for one in bare]),
-            )
+            "no_fringes_whose_light",
+            name=first.name,
+            named_frames=named_frames([one.index for one in bare]),
         )
     raise refused
 
@@ -616,13 +608,13 @@ def _fitted(data: FrameData, bare: Scene, given: KnownValues) -> tuple[FrameData
             fits.append((turned, fit))
     fits.sort(key=lambda pair: pair[1].chi)
     if not fits:
-        raise PhysicsError(message("disc_fringes_not_frame", name=data.name))
+        raise PhysicsError("disc_fringes_not_frame", name=data.name)
     if len(fits) > 1 and fits[1][1].chi < RIVAL_CHI * fits[0][1].chi:
         ways = " and ".join(
             f"turned by {fit.scene.frames.rotate_deg} in the {fit.scene.polariscope.field} field"
             for _, fit in fits[:2]
         )
-        raise PhysicsError(message("two_scenes_explain_frame", name=data.name, ways=ways))
+        raise PhysicsError("two_scenes_explain_frame", name=data.name, ways=ways)
     return fits[0]
 
 
@@ -744,4 +736,4 @@ def _refuse_existing(out: str | Path | None) -> None:
     """Refuse to write over a scene."""
     path = Path(out or "") / SCENE_FILE
     if out is not None and os.path.lexists(path):
-        raise InputError(message("there_already_name_another", path=path))
+        raise InputError("there_already_name_another", path=path)

@@ -15,7 +15,7 @@ import tomli_w
 
 from isochrome.errors import InputError
 from isochrome.frames import Channel, Frame, FrameReader, check_scale, likely_no_load, named_files
-from isochrome.messages import message, warnings_json
+from isochrome.messages import warnings_json
 from isochrome.output import Result, counted, rounded_texts, with_uncertainty
 from isochrome.scene import Camera, FramesLike, Scene, load_scene, parse_scene
 
@@ -131,7 +131,7 @@ def known_values(known: KnownValues | Mapping[str, Any]) -> KnownValues:
         names = [field.name for field in fields(KnownValues)]
         for name in known:
             if name not in names:
-                raise InputError(message("not_known_here_known", name=name, names=", ".join(names)))
+                raise InputError("not_known_here_known", name=name, names=", ".join(names))
         known = KnownValues(**known)
     for name, allowed in (
         ("shape", get_args(Shape)),
@@ -143,9 +143,9 @@ def known_values(known: KnownValues | Mapping[str, Any]) -> KnownValues:
         value = getattr(known, name)
         if value not in allowed:
             choice = ", ".join(str(a) for a in allowed if a is not None)
-            raise InputError(message("none_name_one_them", name=name, value=value, choice=choice))
+            raise InputError("none_name_one_them", name=name, value=value, choice=choice)
     if known.frame is not None and known.frame < 0:
-        raise InputError(message("frame_frames_count_from", frame=known.frame))
+        raise InputError("frame_frames_count_from", frame=known.frame)
     return known
 
 
@@ -385,21 +385,15 @@ def refuse_unclear(reader: FrameReader, given: KnownValues) -> None:
         quantity = QUANTITIES[given.missing[0]]
         options = " and ".join(f"--{name.replace('_', '-')}" for name in given.missing)
         raise InputError(
-            message(
-                "not_known_no_frame", key=quantity.key, options=options, question=quantity.question
-            )
+            "not_known_no_frame", key=quantity.key, options=options, question=quantity.question
         )
     name = name_of(reader)
     if reader.channel is not None and given.channel is None and given.wavelength_nm is None:
-        raise InputError(
-            message("has_red_green_blue", name=name, usual=QUANTITIES["wavelength_nm"].usual)
-        )
+        raise InputError("has_red_green_blue", name=name, usual=QUANTITIES["wavelength_nm"].usual)
     if given.pixel_mm is not None:
         check_scale(reader, Camera(pixel_mm=given.pixel_mm))
     elif reader.pixel_mm is None and given.shape not in WITH_OWN_SCALE:
-        raise InputError(
-            message("does_not_name_size", name=name, usual=QUANTITIES["pixel_mm"].usual)
-        )
+        raise InputError("does_not_name_size", name=name, usual=QUANTITIES["pixel_mm"].usual)
 
 
 def frames_to_look_at(reader: FrameReader, given: KnownValues) -> list[int]:
@@ -409,13 +403,11 @@ def frames_to_look_at(reader: FrameReader, given: KnownValues) -> list[int]:
         return sorted({round(k) for k in np.linspace(0, count - 1, min(count, _LOOKED_AT))})
     if given.frame >= count:
         raise InputError(
-            message(
-                "has_frame_asked_give",
-                name_of=name_of(reader),
-                counted=counted(count, "frame"),
-                frame=given.frame,
-                count=count - 1,
-            )
+            "has_frame_asked_give",
+            name_of=name_of(reader),
+            counted=counted(count, "frame"),
+            frame=given.frame,
+            count=count - 1,
         )
     return [given.frame]
 
@@ -428,18 +420,14 @@ def frame_of(reader: FrameReader, index: int, given: KnownValues) -> Frame:
         likely = next(bits for bits in _DEPTHS if largest < 2**bits)
         if likely < (reader.bit_depth or 0):
             raise InputError(
-                message(
-                    "largest_level_bits_file",
-                    name=frame.name,
-                    largest=largest,
-                    likely=likely,
-                    bit_depth=reader.bit_depth,
-                )
+                "largest_level_bits_file",
+                name=frame.name,
+                largest=largest,
+                likely=likely,
+                bit_depth=reader.bit_depth,
             )
     if reader.dtype.kind == "f" and given.bit_depth is None and float(np.nanmax(frame.image)) > 1.0:
-        raise InputError(
-            message("holds_fractions_up_full", name=frame.name, nanmax=np.nanmax(frame.image))
-        )
+        raise InputError("holds_fractions_up_full", name=frame.name, nanmax=np.nanmax(frame.image))
     return frame
 
 

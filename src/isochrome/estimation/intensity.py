@@ -30,7 +30,6 @@ from isochrome.estimation.least_squares import (
     scaled_inverse,
     solve_linear,
 )
-from isochrome.messages import message
 
 Array = NDArray[np.float64]
 Response = Callable[[Array], ArrayLike]
@@ -98,12 +97,12 @@ def fit_intensity(
     high = np.full(first.size, np.inf) if upper is None else np.asarray(upper, dtype=float)
     size = np.where(first == 0, 1.0, np.abs(first)) if scale is None else np.asarray(scale, float)
     if problem.size <= first.size + len(illumination) + len(background):
-        raise InputError(message("valid_pixels_fewer_unknowns", size=problem.size))
+        raise InputError("valid_pixels_fewer_unknowns", size=problem.size)
     search = _Search(problem, response, Bounds(low, high), STEP * np.abs(size))
     params = np.clip(first, low, high)
     point = search.at(params)
     if point is None:
-        raise InputError(message("response_not_finite_start", params=params))
+        raise InputError("response_not_finite_start", params=params)
 
     def better(trial: _Point, point: _Point) -> bool:
         """Less cost, and no light that turns negative: another basin's sign."""
@@ -276,7 +275,7 @@ def several_starts(
     ]
     minima = sorted(map(Minimum.of, fits), key=lambda m: m.chi)
     if not minima or not np.isfinite(minima[0].chi):
-        raise PhysicsError(message("no_start_gives_positive"))
+        raise PhysicsError("no_start_gives_positive")
     best = fit_intensity(
         frame, response, minima[0].values, mask=valid, scale=size, **light, **options
     )

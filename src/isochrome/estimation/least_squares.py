@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 
 Array = NDArray[Any]
 
@@ -91,18 +90,16 @@ def prepare(
     """
     frame = np.asarray(image, dtype=float)
     if frame.ndim != 2:
-        raise InputError(message("image_has_dimensions_give", ndim=frame.ndim))
+        raise InputError("image_has_dimensions_give", ndim=frame.ndim)
     for name, stack in (("illumination", illumination), ("background", background)):
         if np.ndim(stack) != 3 or np.shape(stack)[1:] != frame.shape:
             raise InputError(
-                message(
-                    "has_shape_give_stack", name=name, shape=np.shape(stack), shape_2=frame.shape
-                )
+                "has_shape_give_stack", name=name, shape=np.shape(stack), shape_2=frame.shape
             )
     keep = np.isfinite(frame) if mask is None else np.asarray(mask, dtype=bool) & np.isfinite(frame)
     noise = np.broadcast_to(np.asarray(sigma, dtype=float), frame.shape)[keep]
     if not keep.any() or not np.all(noise > 0):
-        raise InputError(message("no_valid_pixel_sigma"))
+        raise InputError("no_valid_pixel_sigma")
     weight = 1.0 / noise
     # an indexed stack comes back with its axes swapped in memory, and matrix products then crawl
     light, dark = (np.ascontiguousarray(s[:, keep] * weight) for s in (illumination, background))

@@ -209,13 +209,13 @@ def polynomial_basis(
     InputError for a negative degree or an image of another shape.
     """
     if degree < 0:
-        raise InputError(message("degree_not_allowed_polynomial", degree=degree))
+        raise InputError("degree_not_allowed_polynomial", degree=degree)
     stack = light_products((_unit(shape[0]), _unit(shape[1])), total_degree(degree), np.float64)
     if times is None:
         return stack
     image = np.asarray(times, dtype=float)
     if image.shape != tuple(shape):
-        raise InputError(message("times_has_shape_frame", shape=image.shape, shape_2=tuple(shape)))
+        raise InputError("times_has_shape_frame", shape=image.shape, shape_2=tuple(shape))
     return np.asarray(stack * image)
 
 

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from isochrome.errors import InputError
 from isochrome.figures.style import PAPER_LINE_MM, PAPER_PT
-from isochrome.messages import message
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -74,26 +73,20 @@ class FigureStyle:
     def __post_init__(self) -> None:
         if not NARROWEST_MM <= self.width_mm <= WIDEST_MM:
             raise InputError(
-                message(
-                    "width_mm_figure_give",
-                    width_mm=self.width_mm,
-                    narrowest_mm=NARROWEST_MM,
-                    widest_mm=WIDEST_MM,
-                )
+                "width_mm_figure_give",
+                width_mm=self.width_mm,
+                narrowest_mm=NARROWEST_MM,
+                widest_mm=WIDEST_MM,
             )
         if not LEAST_DPI <= self.dpi <= MOST_DPI:
-            raise InputError(
-                message("dpi_give_such", dpi=self.dpi, least_dpi=LEAST_DPI, most_dpi=MOST_DPI)
-            )
+            raise InputError("dpi_give_such", dpi=self.dpi, least_dpi=LEAST_DPI, most_dpi=MOST_DPI)
         wrong = [name for name in self.formats if name not in FORMATS]
         if wrong or not self.formats:
             given = ", ".join(wrong) or "none"
-            raise InputError(
-                message("format_figure_give_some", given=given, formats=", ".join(FORMATS))
-            )
+            raise InputError("format_figure_give_some", given=given, formats=", ".join(FORMATS))
         if self.frames is not None and (not self.frames or min(self.frames) < 0):
             given = ",".join(map(str, self.frames)) or "none"
-            raise InputError(message("frames_figure_give_numbers", given=given))
+            raise InputError("frames_figure_give_numbers", given=given)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,7 +143,7 @@ def chosen_frames(
         return list(default)
     beyond = [k for k in frames if not 0 <= k < count]
     if beyond:
-        raise InputError(message("frames_figure", beyond=beyond[0], items=items, count=count - 1))
+        raise InputError("frames_figure", beyond=beyond[0], items=items, count=count - 1)
     return list(frames)
 
 

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from isochrome.errors import InputError
 from isochrome.figures.layout import PAGE_MM, FigureLayout, FigureStyle, FittedTexts, WithPanels
 from isochrome.figures.style import BOLD_PT, INK, PAPER_PT, add_legend, ends_beyond, new_figure
-from isochrome.messages import message
 from isochrome.output import replacing, write_csv
 
 if TYPE_CHECKING:
@@ -260,7 +259,7 @@ def figure_for_page(result: WithPanels, style: FigureStyle) -> tuple[Figure, tup
     make = getattr(result, "panels", None)
     if make is None:
         raise InputError(
-            message("has_no_figure_paper", getattr=getattr(result, "title", type(result).__name__))
+            "has_no_figure_paper", getattr=getattr(result, "title", type(result).__name__)
         )
     layout = FigureLayout(make(style.frames), style)
     figure = _drawn(layout)

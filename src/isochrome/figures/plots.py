@@ -29,7 +29,6 @@ from isochrome.figures.style import (
     style_axes,
     write_head,
 )
-from isochrome.messages import message
 from isochrome.output import FrameValues
 
 if TYPE_CHECKING:
@@ -327,7 +326,7 @@ def plot_over_distance(result: WithFrameValues, key: str, axes: Axes | None = No
     values = result.over_frames
     if key not in values.keys:
         known = ", ".join(values.keys) or "none"
-        raise InputError(message("has_no_value_each", key=key, known=known))
+        raise InputError("has_no_value_each", key=key, known=known)
     drawn = given_axes(axes)
     draw_values(drawn, values, key)
     return drawn

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -75,7 +74,7 @@ def new_figure(width_in: float, height_in: float) -> Figure:
     from matplotlib.figure import Figure
 
     if not (width_in > 0 and height_in > 0):
-        raise InputError(message("figure_inches_give_size", width_in=width_in, height_in=height_in))
+        raise InputError("figure_inches_give_size", width_in=width_in, height_in=height_in)
     figure = Figure(figsize=(width_in, height_in), layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
     return figure
@@ -137,7 +136,7 @@ def show_image(
     if values.dtype != np.float32:  # as maps are, of which a picture shows many
         values = values.astype(float)
     if values.ndim != 2 and values.shape[2:] != (3,):
-        raise InputError(message("image_shape_draw_give", shape=values.shape))
+        raise InputError("image_shape_draw_give", shape=values.shape)
     rows, cols = values.shape[:2]
     pixels = values if values.ndim == 2 else _opaque(values, vmin, vmax)
     left, top, pixel = (-0.5, -0.5, 1.0) if pixel_mm is None else (left_mm, top_mm, pixel_mm)

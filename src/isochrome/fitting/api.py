@@ -171,12 +171,10 @@ def joint_stage(
             iter(messages_of_frames(messages, single=sequence.count == 1)), message(CORRECT)
         )
         raise PhysicsError(
-            message(
-                "nothing_could_read_any",
-                name=data.given.name,
-                single_fits_count=len(single_fits),
-                cause=cause,
-            )
+            "nothing_could_read_any",
+            name=data.given.name,
+            single_fits_count=len(single_fits),
+            cause=cause,
         )
     data.plain = {i for i, fit in enumerate(single_fits) if fit.plain}
     data.noises = {i: fit.noise_ratio for i, fit in enumerate(single_fits) if fit.noise_ratio > 1.0}

@@ -18,7 +18,6 @@ from isochrome.frames import (
     open_scene_frames,
     with_file_scale,
 )
-from isochrome.messages import message
 from isochrome.output import counted
 from isochrome.scene import DistanceTable, FramesLike, Scene, check_pixel
 from isochrome.simulation import required_model, state_count
@@ -106,7 +105,7 @@ class PreparedFrames(FrameSet):
         self._frames = SequentialFrames(self.reader)
         self._count = self.reader.count()
         if self._count == 0:
-            raise InputError(message("holds_no_frame_check", path=path))
+            raise InputError("holds_no_frame_check", path=path)
         self.scene, speed = self.given, self.given.frames.sliding_speed_mm_per_s
         if speed is not None and self.given.wear is not None:
             distances = [timed_distance(frame, speed) for frame in self.reader]
@@ -162,17 +161,17 @@ def refuse_keys(scene: Scene, shared: tuple[str, ...], per_frame: tuple[str, ...
     required_model(scene)
     keys = shared + per_frame
     if not keys:
-        raise InputError(message("nothing_fit_name_key"))
+        raise InputError("nothing_fit_name_key")
     for key in keys:
         _refuse_unfitted(scene, key, is_own=key in per_frame)
         if keys.count(key) > 1:
-            raise InputError(message("named_twice_name_once", key=key))
+            raise InputError("named_twice_name_once", key=key)
         if scene.uncertainties.get(key) == 0.0:
-            raise InputError(message("stated_exact_standard_uncertainty_cannot", key=key))
+            raise InputError("stated_exact_standard_uncertainty_cannot", key=key)
     for key, reason in _SAME_EFFECT.items():
         pair = {key, "load.normal_n"}
         if pair <= set(keys) and not pair & set(scene.uncertainties):
-            raise InputError(message("load_normal_n_cannot_both", key=key, reason=reason))
+            raise InputError("load_normal_n_cannot_both", key=key, reason=reason)
 
 
 def _refuse_unfitted(scene: Scene, key: str, *, is_own: bool) -> None:
@@ -181,15 +180,13 @@ def _refuse_unfitted(scene: Scene, key: str, *, is_own: bool) -> None:
     if key in _PLACE:
         return
     if isinstance(value, DistanceTable) and key != "friction.coefficient" and not is_own:
-        raise InputError(message("cannot_fitted_table_over", key=key))
+        raise InputError("cannot_fitted_table_over", key=key)
     if key.split(".")[0] in ("camera", "frames", "numerics") and key not in _SENSOR:
-        raise InputError(
-            message("cannot_fitted_fringes_do", key=key, value=", ".join((*_PLACE, *_SENSOR)))
-        )
+        raise InputError("cannot_fitted_fringes_do", key=key, value=", ".join((*_PLACE, *_SENSOR)))
     if key == "frames.gamma" and value == "unknown":
         return
     if isinstance(value, bool) or not isinstance(value, int | float | DistanceTable):
-        raise InputError(message("cannot_fitted_no_number_scene", key=key, value=value))
+        raise InputError("cannot_fitted_no_number_scene", key=key, value=value)
 
 
 def refuse_states(path: FramesLike, count: int, scene: Scene) -> None:
@@ -197,12 +194,10 @@ def refuse_states(path: FramesLike, count: int, scene: Scene) -> None:
     states = state_count(scene)
     if states not in (1, count):
         raise InputError(
-            message(
-                "scene_has_give_one",
-                path=path,
-                counted=counted(count, "frame"),
-                counted_2=counted(states, "state"),
-            )
+            "scene_has_give_one",
+            path=path,
+            counted=counted(count, "frame"),
+            counted_2=counted(states, "state"),
         )
 
 
@@ -223,12 +218,7 @@ def refuse_alike(keys: tuple[str, ...], information: Array, known: tuple[str, ..
     i, j = np.unravel_index(int(np.abs(correlation).argmax()), correlation.shape)
     if abs(correlation[i, j]) > _ALIKE:
         raise PhysicsError(
-            message(
-                "cannot_told_apart_these",
-                keys=keys[i],
-                keys_2=keys[j],
-                correlation=correlation[i, j],
-            )
+            "cannot_told_apart_these", keys=keys[i], keys_2=keys[j], correlation=correlation[i, j]
         )
 
 
@@ -236,19 +226,15 @@ def refuse_bent(scene: Scene, what: str) -> None:
     """InputError for a camera that is not square where that is not in the model."""
     for key in LENS:
         if scene.get(key):
-            raise InputError(
-                message("such_frames_cannot", key=key, scene=scene.get(key), what=what)
-            )
+            raise InputError("such_frames_cannot", key=key, scene=scene.get(key), what=what)
 
 
 def refuse_untracked(scene: Scene, keys: tuple[str, ...], known: tuple[str, ...]) -> None:
     """InputError for what cannot be tracked through a video."""
     if not scene.is_contact:
-        raise InputError(message("cannot_tracked_only_contacts", model=scene.model))
+        raise InputError("cannot_tracked_only_contacts", model=scene.model)
     for key in keys:
         if key not in known:
-            raise InputError(
-                message("cannot_tracked_video_frames", key=key, known=", ".join(known))
-            )
+            raise InputError("cannot_tracked_video_frames", key=key, known=", ".join(known))
     if scene.friction and scene.friction.static_state_first:
-        raise InputError(message("friction_static_state_first_true_tracked"))
+        raise InputError("friction_static_state_first_true_tracked")

@@ -584,7 +584,7 @@ class Check(Result):
     def figure(self) -> Figure:
         """The light of each frame, see `light_figure`. Raises InputError where none was read."""
         if self.light is None or not self.count:
-            raise InputError(message("no_frame_read_there"))
+            raise InputError("no_frame_read_there")
         return light_figure(self.light)
 
     @property

@@ -90,7 +90,7 @@ def to_image(frame: Any, path: Path) -> tuple[np.ndarray, int | None]:
         return frame.to_ndarray(format="rgb24"), 8
     if name in DEEP_RGB:
         return frame.to_ndarray(format="rgb48le").astype(np.uint16, copy=False), 16
-    raise InputError(message("holds_pixels_format_which", path=path, name=name))
+    raise InputError("holds_pixels_format_which", path=path, name=name)
 
 
 def _bits(frame: Any) -> int:
@@ -325,10 +325,8 @@ def check_whole(path: Path) -> Container:
             if container is not None:
                 return container
     except OSError as error:
-        raise InputError(
-            message("cannot_read_check_name", path=path, strerror=error.strerror)
-        ) from error
-    raise InputError(message("no_avi_mp_mov", path=path))
+        raise InputError("cannot_read_check_name", path=path, strerror=error.strerror) from error
+    raise InputError("no_avi_mp_mov", path=path)
 
 
 def container_of(file: BinaryIO) -> Container | None:
@@ -350,11 +348,11 @@ def container_of(file: BinaryIO) -> Container | None:
 
 
 def _broken(path: Path, place: int, end: int) -> InputError:
-    return InputError(message("breaks_off_part_begins", path=path, place=place, end=end))
+    return InputError("breaks_off_part_begins", path=path, place=place, end=end)
 
 
 def _damaged(path: Path, place: int) -> InputError:
-    return InputError(message("damaged_byte_frames_after", path=path, place=place))
+    return InputError("damaged_byte_frames_after", path=path, place=place)
 
 
 def _avi(file: BinaryIO, end: int, path: Path) -> None:
@@ -412,7 +410,7 @@ def _mp4(file: BinaryIO, end: int, path: Path) -> None:
             raise _broken(path, place, end)
         place += size
     if b"moov" not in boxes:
-        raise InputError(message("index_missing_recording_never", path=path))
+        raise InputError("index_missing_recording_never", path=path)
 
 
 def _matroska(file: BinaryIO, end: int, path: Path) -> None:
@@ -536,7 +534,7 @@ def decoded(path: Path, kind: Container, key: tuple[int, int] | None = None) -> 
                 if packet is None:
                     return
                 if in_slices and packet.size and not is_whole(bytes(packet)):
-                    raise InputError(message("frame_damaged_copy_file", path=path, count=count))
+                    raise InputError("frame_damaged_copy_file", path=path, count=count)
                 frames = _decode(packet, clock, path, count)
             for frame in frames:
                 yield Decoded(frame, *clock.of(frame))
@@ -585,9 +583,7 @@ def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
         with refusing(path, "not a readable video"):
             streams = [s for s in container.streams.video if not _is_picture(s)]
             if len(streams) != 1:
-                raise InputError(
-                    message("holds_video_streams_one", path=path, streams_count=len(streams))
-                )
+                raise InputError("holds_video_streams_one", path=path, streams_count=len(streams))
             stream = streams[0]
             _check_stream(stream, path)
             context = stream.codec_context
@@ -607,9 +603,9 @@ def _is_picture(stream: Any) -> bool:
 def _check_stream(stream: Any, path: Path) -> None:
     context = stream.codec_context
     if context is None:
-        raise InputError(message("codec_not_known_save", path=path))
+        raise InputError("codec_not_known_save", path=path)
     if context.height <= 0 or context.width <= 0:  # FFmpeg keeps no size that it will not decode
-        raise InputError(message("names_no_frame_size", path=path, max_pixels=MAX_PIXELS))
+        raise InputError("names_no_frame_size", path=path, max_pixels=MAX_PIXELS)
     check_size(path, context.height, context.width, PIXEL_BYTES)
     aspect = stream.sample_aspect_ratio
     if aspect:
@@ -619,11 +615,11 @@ def _check_stream(stream: Any, path: Path) -> None:
 def _decode(packet: Any, clock: _Clock, path: Path, count: int) -> list[Any]:
     """The frames that a packet completes; InputError where it, or one of them, is damaged."""
     if packet.is_corrupt:
-        raise InputError(message("breaks_off_damaged_after", path=path, count=count - 1))
+        raise InputError("breaks_off_damaged_after", path=path, count=count - 1)
     clock.push(packet)
     frames: list[Any] = packet.decode()
     if any(frame.is_corrupt for frame in frames):
-        raise InputError(message("frame_damaged_copy_file", path=path, count=count))
+        raise InputError("frame_damaged_copy_file", path=path, count=count)
     return frames
 
 

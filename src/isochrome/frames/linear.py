@@ -107,7 +107,7 @@ def estimate_noise(
     """
     image = np.asarray(image)
     if image.ndim != 2 or min(image.shape) < 8:
-        raise InputError(message("noise_needs_frame_least", shape=image.shape))
+        raise InputError("noise_needs_frame_least", shape=image.shape)
     integer = image.dtype.kind in "ui"
     if bit_depth is None and integer:
         bit_depth = 8 * image.dtype.itemsize
@@ -122,7 +122,7 @@ def estimate_noise(
     if not usable.all():
         inside &= ndimage.minimum_filter(usable, 5)
     if np.count_nonzero(inside) < 16:
-        raise InputError(message("noise_cannot_estimated_fewer"))
+        raise InputError("noise_cannot_estimated_fewer")
     floor = QUANTISATION if integer else float(np.finfo(np.float32).tiny)
     res, lev = residual[inside].astype(float), level[inside].astype(float)
     rough = np.sqrt(max(_clipped_variance(res)[0], floor))
@@ -327,11 +327,7 @@ def load_no_load(
     bright = _average(scene, "no_load_bright", full_shape)
     if dark is not None and bright is not None and dark.image.shape != bright.image.shape:
         raise InputError(
-            message(
-                "frames_no_load_dark_pixels_rows",
-                shape=dark.image.shape,
-                shape_2=bright.image.shape,
-            )
+            "frames_no_load_dark_pixels_rows", shape=dark.image.shape, shape_2=bright.image.shape
         )
     return dark, bright
 
@@ -350,7 +346,7 @@ def open_no_load_steps(scene: Scene, full_shape: tuple[int, int]) -> FrameReader
         count = reader.count()
         if count != steps:
             raise InputError(
-                message("frames_no_load_steps_holds_frames", path=path, count=count, steps=steps)
+                "frames_no_load_steps_holds_frames", path=path, count=count, steps=steps
             )
         _check_shape(path, "no_load_steps", reader, full_shape)
     except InputError:
@@ -364,13 +360,11 @@ def _check_shape(
 ) -> None:
     if full_shape is not None and reader.full_shape != full_shape:
         raise InputError(
-            message(
-                "frames_pixels_rows_columns",
-                path=path,
-                key=key,
-                full_shape=reader.full_shape,
-                full_shape_2=full_shape,
-            )
+            "frames_pixels_rows_columns",
+            path=path,
+            key=key,
+            full_shape=reader.full_shape,
+            full_shape_2=full_shape,
         )
 
 
@@ -389,7 +383,7 @@ def _average(scene: Scene, key: str, full_shape: tuple[int, int] | None) -> Line
             valid &= linear.valid
             count += 1
     if not valid.any():
-        raise InputError(message("frames_saturated_all_over", path=path, key=key))
+        raise InputError("frames_saturated_all_over", path=path, key=key)
     return Linear((total / count).astype(np.float32), valid)
 
 
@@ -446,10 +440,10 @@ def to_linear(
         name, mask, image = name or image.name, image.mask, image.image
     raw, name = np.asarray(image), name or "the frame"
     if raw.ndim != 2 or raw.size == 0:
-        raise InputError(message("frame_row_col_not", name=name, shape=raw.shape))
+        raise InputError("frame_row_col_not", name=name, shape=raw.shape)
     if mask is not None and mask.shape != raw.shape:
         raise InputError(
-            message("pixels_rows_columns_specimen", name=name, shape=raw.shape, shape_2=mask.shape)
+            "pixels_rows_columns_specimen", name=name, shape=raw.shape, shape_2=mask.shape
         )
     full = full_scale(bit_depth)
     finite = np.isfinite(raw)
@@ -470,16 +464,14 @@ def to_linear(
 def _check_levels(numbers: np.ndarray, bit_depth: int | None, allow_blank: bool, name: str) -> None:
     """Refuse a frame without a number, beyond its bit depth, or of one value."""
     if not numbers.size:
-        raise InputError(message("holds_no_number_nan", name=name))
+        raise InputError("holds_no_number_nan", name=name)
     full, low, high = full_scale(bit_depth), float(numbers.min()), float(numbers.max())
     if high > full:
         given = f"{bit_depth} bits end" if bit_depth else message("float_frames_without_bit")
-        raise InputError(
-            message("holds_set_camera_bit_depth", name=name, high=high, given=given, full=full)
-        )
+        raise InputError("holds_set_camera_bit_depth", name=name, high=high, given=given, full=full)
     if low == high and not allow_blank:
         what = "all black" if high <= 0 else "all white" if high >= full else "constant"
-        raise InputError(message("every_pixel_check_light", name=name, what=what, high=high))
+        raise InputError("every_pixel_check_light", name=name, what=what, high=high)
 
 
 def find_outliers(image: np.ndarray, finite: Mask | None = None) -> Mask:
@@ -578,15 +570,13 @@ def normalise(
     for name, part in (("no-load dark", low), ("no-load bright", high)):
         if part.shape != light.shape:
             raise InputError(
-                message(
-                    "frame_pixels_rows_columns", name=name, shape=part.shape, shape_2=light.shape
-                )
+                "frame_pixels_rows_columns", name=name, shape=part.shape, shape_2=light.shape
             )
     valid = valid & low_valid & high_valid
     contrast = high - low
     usual = float(np.median(contrast[valid])) if valid.any() else 0.0
     if not usual > 0:
-        raise InputError(message("frame_has_no_contrast", usual=usual))
+        raise InputError("frame_has_no_contrast", usual=usual)
     valid = valid & (contrast > MIN_CONTRAST * usual)
     signal = np.full(light.shape, np.nan, np.float32)
     np.divide(light - low, contrast, out=signal, where=valid)

@@ -51,7 +51,7 @@ def load_mask(scene: WithFrames, shape: tuple[int, int], full_shape: tuple[int, 
         polygon = _of_polygon(corners, shape, key)
         if not (inside & polygon).any():
             others = "frames.mask" if frames.mask else "the others"
-            raise InputError(message("have_no_pixel_common", key=key, others=others))
+            raise InputError("have_no_pixel_common", key=key, others=others)
         inside &= polygon
     return inside
 
@@ -73,16 +73,14 @@ def _of_file(
     else:
         region = "" if shape == full_shape else f", their region of interest {shape}"
         raise InputError(
-            message(
-                "frames_mask_pixels_rows",
-                path=path,
-                shape=full.shape,
-                full_shape=full_shape,
-                region=region,
-            )
+            "frames_mask_pixels_rows",
+            path=path,
+            shape=full.shape,
+            full_shape=full_shape,
+            region=region,
         )
     if not part.any():
-        raise InputError(message("frames_mask_leaves_no", path=path, where=where))
+        raise InputError("frames_mask_leaves_no", path=path, where=where)
     return part
 
 
@@ -93,22 +91,22 @@ def _of_image(path: Path | ArrayFrames) -> Mask:
     inside = np.asarray(values != 0)
     partly = inside & (values != values.max())
     if partly.mean() > 0.1 and np.unique(values[partly]).size > LEVELS:
-        raise InputError(message("frames_mask_has_many", path=path))
+        raise InputError("frames_mask_has_many", path=path)
     if inside.all():
-        raise InputError(message("frames_mask_has_no", path=path))
+        raise InputError("frames_mask_has_no", path=path)
     return inside
 
 
 def _values(path: Path | ArrayFrames) -> np.ndarray:
     if isinstance(path, ArrayFrames):
         if path.count != 1 or path.dtype.kind not in "biuf":
-            raise InputError(message("frames_mask_one_picture", path=path))
+            raise InputError("frames_mask_one_picture", path=path)
         return path.frame(0)
     if not path.is_file():
-        raise InputError(message("frames_mask_no_such", path=path))
+        raise InputError("frames_mask_no_such", path=path)
     signature = signature_of(path)
     if signature.name == "JPEG":
-        raise InputError(message("frames_mask_compressed_loss", path=path))
+        raise InputError("frames_mask_compressed_loss", path=path)
     if signature.kind == "tiff":
         return tiff.read_single(path, inverted_too=True)
     return read_image(path)
@@ -120,12 +118,10 @@ def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int], 
 
     if len(corners) > MOST_CORNERS:
         raise InputError(
-            message(
-                "has_corners_allowed_draw",
-                key=key,
-                corners_count=len(corners),
-                most_corners=MOST_CORNERS,
-            )
+            "has_corners_allowed_draw",
+            key=key,
+            corners_count=len(corners),
+            most_corners=MOST_CORNERS,
         )
     points = np.array(corners)
     ends = np.roll(points, -1, axis=0)
@@ -133,18 +129,18 @@ def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int], 
     sides = crossing_sides(points)
     if sides is not None:
         raise InputError(
-            message("sides_after_corners_cross", key=key, sides=sides[0] + 1, sides_2=sides[1] + 1)
+            "sides_after_corners_cross", key=key, sides=sides[0] + 1, sides_2=sides[1] + 1
         )
     if area < 1:
-        raise InputError(message("encloses_pixels_give_least", key=key, area=area))
+        raise InputError("encloses_pixels_give_least", key=key, area=area)
     outside, swapped = (
         (each < -1).any() or (each > np.array(shape)).any() for each in (points, points[:, ::-1])
     )
     if outside and not swapped:
-        raise InputError(message("leaves_region_interest_pixels", key=key, shape=shape))
+        raise InputError("leaves_region_interest_pixels", key=key, shape=shape)
     inside: Mask = np.asarray(polygon2mask(shape, points), dtype=np.bool_)
     if not inside.any():
-        raise InputError(message("holds_no_pixel_region", key=key, shape=shape))
+        raise InputError("holds_no_pixel_region", key=key, shape=shape)
     return inside
 
 

@@ -50,7 +50,7 @@ def open_arrays(frames: ArrayFrames) -> Source:
     form = StoredForm((rows, cols), 3 if colours else 1, dtype)
     times = frames.times()
     if times is not None and not np.isfinite(times).all():
-        raise InputError(message("coordinate_time_s_holds_what", frames=frames))
+        raise InputError("coordinate_time_s_holds_what", frames=frames)
     end = next_time(*times[-2:]) if times is not None and len(times) > 1 else None
     return Source(
         kind="array",
@@ -71,13 +71,11 @@ def _frames(
         image = frames.frame(index)
         if image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
             raise InputError(
-                message(
-                    "frame_has_shape_first",
-                    frames=frames,
-                    index=index,
-                    shape=image.shape,
-                    form=frames.form,
-                )
+                "frame_has_shape_first",
+                frames=frames,
+                index=index,
+                shape=image.shape,
+                form=frames.form,
             )
         form.check(str(frames), image, f"frame {index}")
         yield RawFrame(image, None if times is None else times[index], frames.label(index))
@@ -110,38 +108,32 @@ class Parts:
             if source.form != first.form:
                 rows, cols = source.form.shape
                 raise InputError(
-                    message(
-                        "holds_pixels_ones_files",
-                        path=path,
-                        rows=rows,
-                        cols=cols,
-                        pixels=source.form.pixels,
-                        name=self.files[0].name,
-                        shape=first.form.shape[0],
-                        shape_2=first.form.shape[1],
-                        pixels_2=first.form.pixels,
-                    )
+                    "holds_pixels_ones_files",
+                    path=path,
+                    rows=rows,
+                    cols=cols,
+                    pixels=source.form.pixels,
+                    name=self.files[0].name,
+                    shape=first.form.shape[0],
+                    shape_2=first.form.shape[1],
+                    pixels_2=first.form.pixels,
                 )
             if source.sensor_bits != first.sensor_bits:
                 raise InputError(
-                    message(
-                        "holds_bits_pixel_files",
-                        path=path,
-                        sensor_bits=source.sensor_bits,
-                        name=self.files[0].name,
-                        sensor_bits_2=first.sensor_bits,
-                    )
+                    "holds_bits_pixel_files",
+                    path=path,
+                    sensor_bits=source.sensor_bits,
+                    name=self.files[0].name,
+                    sensor_bits_2=first.sensor_bits,
                 )
             scales = (source.pixel_mm, first.pixel_mm)
             if scales[0] and scales[1] and abs(scales[0] / scales[1] - 1) > SAME_SCALE:
                 raise InputError(
-                    message(
-                        "names_mm_pixel_files",
-                        path=path,
-                        scales=scales[0],
-                        name=self.files[0].name,
-                        scales_2=scales[1],
-                    )
+                    "names_mm_pixel_files",
+                    path=path,
+                    scales=scales[0],
+                    name=self.files[0].name,
+                    scales_2=scales[1],
                 )
             self._sources[number] = source
         return self._sources[number]
@@ -308,30 +300,26 @@ def open_frames(
     if roi is not None and (roi.top_px + roi.height_px > rows or roi.left_px + roi.width_px > cols):
         after = message("after_turn_frames_rotate_deg") if rotate_deg in (90, 270) else ""
         raise InputError(
-            message(
-                "roi_rows_columns_lies",
-                label=label,
-                top_px=roi.top_px,
-                height_px=roi.top_px + roi.height_px,
-                left_px=roi.left_px,
-                width_px=roi.left_px + roi.width_px,
-                rows=rows,
-                cols=cols,
-                after=after,
-            )
+            "roi_rows_columns_lies",
+            label=label,
+            top_px=roi.top_px,
+            height_px=roi.top_px + roi.height_px,
+            left_px=roi.left_px,
+            width_px=roi.left_px + roi.width_px,
+            rows=rows,
+            cols=cols,
+            after=after,
         )
     container = 8 * dtype.itemsize if dtype.kind == "u" else None
     if bit_depth is None:
         bit_depth = source.sensor_bits or container
     elif not 1 <= bit_depth <= (container or 16):
         raise InputError(
-            message(
-                "bit_depth_does_not_fit",
-                label=label,
-                bit_depth=bit_depth,
-                dtype=dtype,
-                container=container or 16,
-            )
+            "bit_depth_does_not_fit",
+            label=label,
+            bit_depth=bit_depth,
+            dtype=dtype,
+            container=container or 16,
         )
     taken = channel or channel_for(wavelength_nm)
     return FrameReader(source, path=path, channel=taken, roi=roi, bit_depth=bit_depth)
@@ -396,9 +384,7 @@ def check_scale(reader: FrameReader, camera: Camera | None) -> None:
     """Refuse frames whose file names another pixel size than their camera's, by more than 0.5 %."""
     ours, file = camera.pixel_mm if camera else None, reader.pixel_mm
     if ours and file and abs(file / ours - 1) > SCALE:
-        raise InputError(
-            message("names_mm_pixel_camera", files=reader.files[0], file=file, ours=ours)
-        )
+        raise InputError("names_mm_pixel_camera", files=reader.files[0], file=file, ours=ours)
 
 
 def with_file_scale(scene: Scene, reader: FrameReader) -> Scene:
@@ -427,14 +413,14 @@ def _source(path: FramesLike, leave_out: Sequence[str | Path]) -> Source:
     if isinstance(path, tuple):
         files = tuple(Path(p) for p in path)
         if not files:
-            raise InputError(message("list_frames_empty_name"))
+            raise InputError("list_frames_empty_name")
         return _of_files(files, "list")
     assert isinstance(path, str | Path)
     place = Path(path)
     try:
         folder, exists = place.is_dir(), os.path.lexists(place)
     except (OSError, ValueError) as error:  # a name that no file can have
-        raise InputError(message("cannot_read_check_name_2", path=path, error=error)) from error
+        raise InputError("cannot_read_check_name_2", path=path, error=error) from error
     if folder:
         return _of_files(_files_in(place, leave_out), "folder")
     return _of_files((place,), "image") if exists else _of_files(matches(path), "list")
@@ -444,7 +430,7 @@ def matches(name: str | Path) -> tuple[Path, ...]:
     """The files and folders that a glob stands for, in natural order. Raises InputError."""
     paths = sorted(glob.glob(os.fspath(name)), key=natural_key)
     if not paths:
-        raise InputError(message("no_such_file_folder_check", name=name))
+        raise InputError("no_such_file_folder_check", name=name)
     return tuple(map(Path, paths))
 
 
@@ -462,27 +448,25 @@ def _files_in(folder: Path, leave_out: Sequence[str | Path]) -> tuple[Path, ...]
         wanted = [p for p in known if p.resolve() not in apart]
     if known and not wanted:
         names = ", ".join(p.name for p in known[:_MOST_NAMED])
-        raise InputError(message("holds_no_frame_besides", folder=folder, names=names))
+        raise InputError("holds_no_frame_besides", folder=folder, names=names)
     if not wanted:
-        raise InputError(message("folder_holds_no_image", folder=folder, known=", ".join(KNOWN)))
+        raise InputError("folder_holds_no_image", folder=folder, known=", ".join(KNOWN))
     return tuple(wanted)
 
 
 def _of_files(files: tuple[Path, ...], kind: Kind) -> Source:
     for file in files:
         if file.suffix.lower() not in KNOWN:
-            raise InputError(message("frames_cannot_read_from", file=file, known=", ".join(KNOWN)))
+            raise InputError("frames_cannot_read_from", file=file, known=", ".join(KNOWN))
     kinds = [signature_of(f).kind for f in files]
     moving = [f for f, media in zip(files, kinds, strict=True) if media == "video"]
     if moving and len(moving) < len(files):
         still = next(f for f in files if f not in moving)
         raise InputError(
-            message(
-                "video_image_frames_either",
-                moving=moving[0],
-                name=still.name,
-                with_name=moving[0].with_name("*" + moving[0].suffix),
-            )
+            "video_image_frames_either",
+            moving=moving[0],
+            name=still.name,
+            with_name=moving[0].with_name("*" + moving[0].suffix),
         )
     if moving:
         return open_parts(files, video.open_video)
@@ -504,7 +488,7 @@ def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[F
     InputError where a name stands for nothing, or images stand among recordings.
     """
     if not names:
-        raise InputError(message("no_frames_named_name"))
+        raise InputError("no_frames_named_name")
     if join:
         return (_joined(names),)
     places = _places(names)
@@ -517,9 +501,7 @@ def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[F
     if not single:
         return tuple({os.path.abspath(place): place for place in places}.values())
     if recordings:
-        raise InputError(
-            message("single_image_whole_recording", single=single[0], recordings=recordings[0])
-        )
+        raise InputError("single_image_whole_recording", single=single[0], recordings=recordings[0])
     return (names[0],) if len(names) == 1 else (tuple(places),)
 
 
@@ -529,7 +511,7 @@ def _joined(names: Sequence[str | Path]) -> FramesPath:
         return names[0]
     places = _places(names)
     for folder in filter(os.path.isdir, places):
-        raise InputError(message("folder_which_recording_itself", folder=folder))
+        raise InputError("folder_which_recording_itself", folder=folder)
     _refuse_others(places)
     return tuple(places)
 
@@ -537,9 +519,7 @@ def _joined(names: Sequence[str | Path]) -> FramesPath:
 def _refuse_others(places: Sequence[Path]) -> None:
     for place in places:
         if place.suffix.lower() not in KNOWN and not os.path.isdir(place):
-            raise InputError(
-                message("frames_cannot_read_from_file", place=place, known=", ".join(KNOWN))
-            )
+            raise InputError("frames_cannot_read_from_file", place=place, known=", ".join(KNOWN))
 
 
 def one_recording(names: Sequence[str | Path], *, join: bool = False) -> FramesPath:
@@ -549,13 +529,11 @@ def one_recording(names: Sequence[str | Path], *, join: bool = False) -> FramesP
     recordings = recordings_of(names, join=join)
     if len(recordings) > 1:
         raise InputError(
-            message(
-                "recordings_one_wanted_here",
-                recordings=recordings[0],
-                recordings_2=recordings[1],
-                words=" ..." if len(recordings) > 2 else "",
-                recordings_count=len(recordings),
-            )
+            "recordings_one_wanted_here",
+            recordings=recordings[0],
+            recordings_2=recordings[1],
+            words=" ..." if len(recordings) > 2 else "",
+            recordings_count=len(recordings),
         )
     return recordings[0]
 

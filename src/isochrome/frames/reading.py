@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 from isochrome.scene import ArrayFrames, FramesLike, Roi
 
 MAX_PIXELS = 200_000_000
@@ -63,25 +62,21 @@ class StoredForm:
         other = StoredForm.of(image)
         if other.shape != self.shape:
             raise InputError(
-                message(
-                    "pixels_rows_columns_first",
-                    path=path,
-                    what=what,
-                    shape=other.shape[0],
-                    shape_2=other.shape[1],
-                    shape_3=self.shape[0],
-                    shape_4=self.shape[1],
-                )
+                "pixels_rows_columns_first",
+                path=path,
+                what=what,
+                shape=other.shape[0],
+                shape_2=other.shape[1],
+                shape_3=self.shape[0],
+                shape_4=self.shape[1],
             )
         if other != self:
             raise InputError(
-                message(
-                    "holds_pixels_first_ones",
-                    path=path,
-                    what=what,
-                    pixels=other.pixels,
-                    pixels_2=self.pixels,
-                )
+                "holds_pixels_first_ones",
+                path=path,
+                what=what,
+                pixels=other.pixels,
+                pixels_2=self.pixels,
             )
 
     @property
@@ -143,9 +138,9 @@ def turned(source: Source, rotate_deg: int, flip: str | None) -> Source:
     turn leaves each pixel its own.
     """
     if rotate_deg not in (0, 90, 180, 270):
-        raise InputError(message("rotate_deg_no_quarter_turn", rotate_deg=rotate_deg))
+        raise InputError("rotate_deg_no_quarter_turn", rotate_deg=rotate_deg)
     if flip not in (None, "horizontal", "vertical"):
-        raise InputError(message("flip_not_known_give", flip=flip))
+        raise InputError("flip_not_known_give", flip=flip)
     if not rotate_deg and flip is None:
         return source
     rows, cols = source.form.shape
@@ -191,22 +186,20 @@ class Stamp:
         try:
             status = path.stat()
         except FileNotFoundError as error:
-            raise InputError(message("no_such_file_check", path=path)) from error
+            raise InputError("no_such_file_check", path=path) from error
         except (OSError, ValueError) as error:
-            raise InputError(message("cannot_read_check_name_2", path=path, error=error)) from error
+            raise InputError("cannot_read_check_name_2", path=path, error=error) from error
         if not stat.S_ISREG(status.st_mode):
-            raise InputError(message("not_file_name_file", path=path))
+            raise InputError("not_file_name_file", path=path)
         if status.st_size == 0:
-            raise InputError(message("empty_bytes_copy_again", path=path))
+            raise InputError("empty_bytes_copy_again", path=path)
         return cls(status.st_size, status.st_mtime)
 
     def check(self, path: Path) -> None:
         """Refuse a file that is no longer what it was, as one being recorded. Raises InputError."""
         now = Stamp.of(path)
         if now.size != self.size or abs(now.changed_s - self.changed_s) > CLOCK_S:
-            raise InputError(
-                message("changed_while_read_bytes", path=path, size=self.size, size_2=now.size)
-            )
+            raise InputError("changed_while_read_bytes", path=path, size=self.size, size_2=now.size)
 
 
 @contextmanager
@@ -222,43 +215,37 @@ def refusing(path: str | Path, what: str = "cannot be read") -> Iterator[None]:
         raise
     except Exception as error:  # decoders raise nearly everything on a damaged file
         reason = (str(error).splitlines() or [""])[0].strip()[:160] or type(error).__name__
-        raise InputError(
-            message("check_file_save_again", path=path, what=what, reason=reason)
-        ) from error
+        raise InputError("check_file_save_again", path=path, what=what, reason=reason) from error
 
 
 def check_size(path: str | Path, rows: int, cols: int, pixel_bytes: int = 1) -> None:
     """Refuse a frame whose head claims no pixels, or too many, before memory is taken for it."""
     if rows <= 0 or cols <= 0 or rows * cols > MAX_PIXELS:
         raise InputError(
-            message(
-                "claims_frame_pixels_pixels", path=path, rows=rows, cols=cols, max_pixels=MAX_PIXELS
-            )
+            "claims_frame_pixels_pixels", path=path, rows=rows, cols=cols, max_pixels=MAX_PIXELS
         )
     if rows * cols * pixel_bytes > MAX_BYTES:
         raise InputError(
-            message(
-                "claims_frame_pixels_bytes",
-                path=path,
-                rows=rows,
-                cols=cols,
-                pixel_bytes=pixel_bytes,
-                max_bytes=MAX_BYTES,
-            )
+            "claims_frame_pixels_bytes",
+            path=path,
+            rows=rows,
+            cols=cols,
+            pixel_bytes=pixel_bytes,
+            max_bytes=MAX_BYTES,
         )
 
 
 def check_aspect(path: str | Path, across: float, down: float) -> None:
     """Refuse a video whose pixels are `across` to `down`, not square. Raises InputError."""
     if min(across, down) > 0 and across != down:
-        raise InputError(message("says_pixels_not_square", path=path, across=across, down=down))
+        raise InputError("says_pixels_not_square", path=path, across=across, down=down)
 
 
 def check_dtype(path: str | Path, dtype: np.dtype) -> np.dtype:
     """The pixel type in native byte order; InputError where it is not 8, 16 bit or float."""
     native = dtype.newbyteorder("=")
     if native.name not in ("uint8", "uint16", "float16", "float32", "float64"):
-        raise InputError(message("pixels_type_not_read", path=path, name=native.name))
+        raise InputError("pixels_type_not_read", path=path, name=native.name)
     return native
 
 
@@ -398,7 +385,7 @@ class FrameReader:
         which raises InputError that names a bad frame, or where the source ends before `stop`.
         """
         if start < 0 or (stop is not None and stop < start):
-            raise InputError(message("frames_cannot_read_give", start=start, stop=stop))
+            raise InputError("frames_cannot_read_give", start=start, stop=stop)
         running = self._read(start, stop)
         self._running.add(running)
         return running
@@ -412,7 +399,7 @@ class FrameReader:
                 if index + 1 == stop:
                     return
         if stop is not None:
-            raise InputError(message("ends_before_frame_changed", path=self.path, stop=stop - 1))
+            raise InputError("ends_before_frame_changed", path=self.path, stop=stop - 1)
 
     def _prepare(self, raw: RawFrame, index: int) -> np.ndarray:
         image = raw.image
@@ -487,7 +474,7 @@ class SequentialFrames:
             if frame.index == index:
                 self._open.frames, self._open.at = frames, at
                 return frame
-        raise InputError(message("breaks_off_after_frames_had", path=self.reader.path, at=at))
+        raise InputError("breaks_off_after_frames_had", path=self.reader.path, at=at)
 
     def close(self) -> None:
         """Close the file."""
@@ -501,17 +488,15 @@ def _check_range(image: np.ndarray, bit_depth: int | None, label: str) -> None:
     values = image if integral else image[np.isfinite(image)]
     full = 1.0 if bit_depth is None else 2.0**bit_depth - 1.0
     if not integral and values.min(initial=0.0) < -_DARKEST * full:
-        raise InputError(message("holds_value_light_more", label=label, min=values.min()))
+        raise InputError("holds_value_light_more", label=label, min=values.min())
     if bit_depth is None or (integral and bit_depth >= 8 * image.dtype.itemsize):
         return
     top = values.max(initial=0)
     if top > 2**bit_depth - 1:
         raise InputError(
-            message(
-                "holds_value_bits_end",
-                label=label,
-                top=top,
-                bit_depth=bit_depth,
-                bit_depth_2=2**bit_depth - 1,
-            )
+            "holds_value_bits_end",
+            label=label,
+            top=top,
+            bit_depth=bit_depth,
+            bit_depth_2=2**bit_depth - 1,
         )

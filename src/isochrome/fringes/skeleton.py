@@ -28,7 +28,6 @@ from scipy.spatial import cKDTree
 
 from isochrome.errors import InputError
 from isochrome.fringes.windows import Indices, Mask, nearest_known
-from isochrome.messages import message
 
 Floats = NDArray[np.float64]
 
@@ -187,12 +186,10 @@ def skeletons(signal: ArrayLike, *, sigma_px: float = 2.0) -> list[Skeleton]:
     """
     image = np.asarray(signal, dtype=np.float64)
     if not sigma_px >= 0.7:
-        raise InputError(message("sigma_px_skeletons_give_more", sigma_px=sigma_px))
+        raise InputError("sigma_px_skeletons_give_more", sigma_px=sigma_px)
     if image.ndim != 2 or min(image.shape) < 4 * sigma_px:
         raise InputError(
-            message(
-                "signal_shape_skeletons_give", shape=image.shape, ceil=int(np.ceil(4 * sigma_px))
-            )
+            "signal_shape_skeletons_give", shape=image.shape, ceil=int(np.ceil(4 * sigma_px))
         )
     if np.isfinite(image).sum() < _SHORTEST_PX:
         return []
@@ -223,7 +220,7 @@ def order_contours(
 
     field = np.asarray(order, dtype=np.float64)
     if field.ndim != 2 or min(field.shape) < 2:
-        raise InputError(message("fringe_order_map_shape", shape=field.shape))
+        raise InputError("fringe_order_map_shape", shape=field.shape)
     known = np.isfinite(field)
     if levels is None:
         highest = float(field[known].max()) if known.any() else 0.0
@@ -232,7 +229,7 @@ def order_contours(
     for level in levels:
         twice = round(2.0 * level)
         if abs(2.0 * level - twice) > 1e-9:
-            raise InputError(message("level_fringe_order_give", level=level))
+            raise InputError("level_fringe_order_give", level=level)
         kind: Kind = "bright" if twice % 2 else "dark"
         for line in find_contours(np.where(known, field, 0.0), float(level), mask=known):
             if np.hypot(*np.diff(line, axis=0).T).sum() >= min_length_px:

@@ -4,7 +4,6 @@ import difflib
 from importlib import resources
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 
 TOPICS = {
     "first-video": "your first own video, step by step",
@@ -44,5 +43,5 @@ def guide_page(topic: str | None = None) -> str:
     if topic not in TOPICS:
         near = difflib.get_close_matches(topic, TOPICS, n=1, cutoff=0.5)
         hint = f"did you mean '{near[0]}'?" if near else f"pages: {', '.join(TOPICS)}"
-        raise InputError(message("guide_has_no_such", topic=topic, hint=hint))
+        raise InputError("guide_has_no_such", topic=topic, hint=hint)
     return (resources.files("isochrome.guide") / f"{topic}.md").read_text("utf-8")

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 from isochrome.output import read_given_table
 from isochrome.scene import Camera
 
@@ -62,18 +61,16 @@ def read_response(path: Path, names: tuple[str, ...]) -> Response:
     columns = ("wavelength_nm", *names)
     if not set(columns) <= set(given.names):
         raise InputError(
-            message(
-                "camera_response_needs_columns",
-                path=path,
-                columns=", ".join(columns),
-                header=given.header,
-            )
+            "camera_response_needs_columns",
+            path=path,
+            columns=", ".join(columns),
+            header=given.header,
         )
     table = np.stack([given.column(name) for name in columns], axis=1)
     if len(table) < 2 or (np.diff(table[:, 0]) <= 0.0).any():
-        raise InputError(message("camera_response_needs_two", path=path))
+        raise InputError("camera_response_needs_two", path=path)
     if (table[:, 1:] < 0.0).any() or not (table[:, 1:] > 0.0).any(axis=0).all():
-        raise InputError(message("response_must_not_negative", path=path))
+        raise InputError("response_must_not_negative", path=path)
     return Response(names, table[:, 0], table[:, 1:].T.copy())
 
 

@@ -78,7 +78,7 @@ def make_chain(
     """
     if wavelength_nm is None:
         if polariscope.several_wavelengths:
-            raise InputError(message("polariscope_light_has_several"))
+            raise InputError("polariscope_light_has_several")
         wavelength_nm = polariscope.wavelength_nm
     ratio = 1.0
     if polariscope.plate_wavelength_nm is not None and wavelength_nm is not None:
@@ -215,13 +215,13 @@ def make_light(polariscope: Polariscope, response: Response, *, highest_order: f
         power *= np.interp(places, spectrum.wavelength_nm, spectrum.power)
     else:
         if polariscope.wavelength_nm is None:
-            raise InputError(message("polariscope_wavelength_nm_missing_camera"))
+            raise InputError("polariscope_wavelength_nm_missing_camera")
         places, power = np.array([polariscope.wavelength_nm]), np.ones(1)
     weights = response.at(places) * power
     total = weights.sum(axis=1, keepdims=True)
     for name, light in zip(response.names, total[:, 0], strict=True):
         if not light > 0.0:
-            raise InputError(message("polariscope_camera_channel_sees", name=name))
+            raise InputError("polariscope_camera_channel_sees", name=name)
     weights /= total
     visible = (weights > 0.0).any(axis=0)
     return Light(places[visible], weights[:, visible], polariscope.continuous)

@@ -31,10 +31,10 @@ def output_folder(path: str | Path) -> Path:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except FileExistsError as error:
-        raise InputError(message("file_not_folder_name", folder=folder)) from error
+        raise InputError("file_not_folder_name", folder=folder) from error
     except OSError as error:
         raise InputError(
-            message("results_cannot_written_there", folder=folder, strerror=error.strerror)
+            "results_cannot_written_there", folder=folder, strerror=error.strerror
         ) from error
     return folder
 
@@ -45,9 +45,7 @@ def check_link(folder: Path) -> None:
     To make what it points to would put results where nobody looks for them.
     """
     if folder.is_symlink() and not os.path.exists(folder):
-        raise InputError(
-            message("symbolic_link_which_not", folder=folder, readlink=os.readlink(folder))
-        )
+        raise InputError("symbolic_link_which_not", folder=folder, readlink=os.readlink(folder))
 
 
 @contextmanager
@@ -107,7 +105,7 @@ def _writing(place: Path) -> Iterator[None]:
         if error.errno not in FULL:
             raise
         raise InputError(
-            message("cannot_written_make_room", place=place, strerror=error.strerror)
+            "cannot_written_make_room", place=place, strerror=error.strerror
         ) from error
 
 
@@ -122,7 +120,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
         beside.touch(exist_ok=False)
     except OSError as error:
         raise InputError(
-            message("cannot_written_make_folder", file=target, strerror=error.strerror)
+            "cannot_written_make_folder", file=target, strerror=error.strerror
         ) from error
     try:
         with _writing(target):

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 from isochrome.output.files import replacing
 from isochrome.output.result import FIGURE_DPI
 
@@ -68,10 +67,8 @@ def sha256(path: str | Path) -> str:
     """The SHA-256 of a file as hexadecimal text."""
     try:
         if Path(path).exists() and not Path(path).is_file():  # a pipe would never end
-            raise InputError(message("not_file_name_file", path=path))
+            raise InputError("not_file_name_file", path=path)
         with open(path, "rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
-        raise InputError(
-            message("cannot_read_check_name_2", path=path, error=error.strerror)
-        ) from error
+        raise InputError("cannot_read_check_name_2", path=path, error=error.strerror) from error

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 from isochrome.output.tables import numbers
 
 if TYPE_CHECKING:
@@ -90,7 +89,7 @@ class Result:
         That of an earlier run is its file, pixel by pixel. Raises InputError where there is none.
         """
         if self.draw is None:
-            raise InputError(message("there_nothing_draw", title=self.title))
+            raise InputError("there_nothing_draw", title=self.title)
         return self.draw()
 
     def _report(self) -> list[tuple[str, str]]:
@@ -149,7 +148,7 @@ def saved_picture(path: Path) -> Figure:
     try:
         picture = imread(path, format="png")
     except (OSError, SyntaxError, ValueError) as error:
-        raise InputError(message("no_readable_picture_run", path=path, error=error)) from error
+        raise InputError("no_readable_picture_run", path=path, error=error) from error
     rows, cols = picture.shape[:2]
     figure = Figure(figsize=(cols / FIGURE_DPI, rows / FIGURE_DPI), dpi=FIGURE_DPI)
     FigureCanvasAgg(figure)

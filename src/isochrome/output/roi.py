@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 
 Mask = NDArray[np.bool_]
 SUFFIXES = (".roi", ".zip")
@@ -96,28 +95,26 @@ def read_roi_mask(path: Path, shape: tuple[int, int]) -> Mask:
         for roi in rois:
             if roi.roitype.name not in AREAS or roi.subtype.name in ("TEXT", "ARROW", "IMAGE"):
                 raise InputError(
-                    message(
-                        "roi_type_which_encloses",
-                        path=path,
-                        name=roi.name,
-                        name_2=roi.roitype.name.lower(),
-                    )
+                    "roi_type_which_encloses",
+                    path=path,
+                    name=roi.name,
+                    name_2=roi.roitype.name.lower(),
                 )
             inside |= _inside(roi, shape)
     except InputError:
         raise
     except Exception as error:  # a damaged file raises nearly everything
         reason = (str(error).splitlines() or [""])[0][:160] or type(error).__name__
-        raise InputError(message("not_readable_imagej_roi", path=path, reason=reason)) from error
+        raise InputError("not_readable_imagej_roi", path=path, reason=reason) from error
     if not rois:
-        raise InputError(message("holds_no_roi_add", path=path))
+        raise InputError("holds_no_roi_add", path=path)
     return inside
 
 
 def _check_size(path: Path) -> None:
     """Refuse a file that is none, or that would swell beyond what areas need."""
     if not path.is_file():
-        raise InputError(message("no_such_file_check", path=path))
+        raise InputError("no_such_file_check", path=path)
     count = 1
     try:
         size = path.stat().st_size
@@ -127,15 +124,11 @@ def _check_size(path: Path) -> None:
                 size = max(size, sum(entry.file_size for entry in entries))
                 count = len(entries)
     except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile) as error:
-        raise InputError(message("not_readable_imagej_roi_save", path=path, error=error)) from error
+        raise InputError("not_readable_imagej_roi_save", path=path, error=error) from error
     if size > MAX_BYTES:
-        raise InputError(
-            message("holds_bytes_rois_need", path=path, size=size, max_bytes=MAX_BYTES)
-        )
+        raise InputError("holds_bytes_rois_need", path=path, size=size, max_bytes=MAX_BYTES)
     if count > MOST_AREAS:
-        raise InputError(
-            message("holds_rois_allowed_join", path=path, count=count, most_areas=MOST_AREAS)
-        )
+        raise InputError("holds_rois_allowed_join", path=path, count=count, most_areas=MOST_AREAS)
 
 
 def load_roifile() -> ModuleType:
@@ -143,7 +136,7 @@ def load_roifile() -> ModuleType:
     try:
         import roifile
     except ImportError as error:
-        raise InputError(message("imagej_roi_files_need")) from error
+        raise InputError("imagej_roi_files_need") from error
     return roifile
 
 

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 
 if TYPE_CHECKING:
     import tifffile
@@ -37,7 +36,7 @@ def read_pixel_mm(path: str | Path) -> float | None:
         with tifffile.TiffFile(path) as tif:
             return pixel_mm_of(tif)
     except (OSError, ValueError, tifffile.TiffFileError) as error:
-        raise InputError(message("not_readable_tiff_check", path=path, error=error)) from error
+        raise InputError("not_readable_tiff_check", path=path, error=error) from error
 
 
 def pixel_mm_of(tif: tifffile.TiffFile) -> float | None:

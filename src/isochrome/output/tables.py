@@ -19,7 +19,6 @@ import numpy.typing as npt
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 from isochrome.output.files import plain, replacing
 
 _DELIMITERS = (";", "\t", ",")
@@ -58,13 +57,11 @@ class GivenTable:
         if len(bad):
             row = int(bad[0])
             raise InputError(
-                message(
-                    "line_not_allowed_finite",
-                    path=self.path,
-                    lines=self.lines[row],
-                    name=name,
-                    values=values[row].strip(),
-                )
+                "line_not_allowed_finite",
+                path=self.path,
+                lines=self.lines[row],
+                name=name,
+                values=values[row].strip(),
             )
         return column
 
@@ -80,17 +77,15 @@ def read_given_text(path: Path, what: str, *, fallback: str | None = None) -> st
         given = path.read_bytes()
     except OSError as error:
         why = error.strerror or str(error)
-        raise InputError(
-            message("cannot_read_check_name_3", path=path, what=what, why=why)
-        ) from error
+        raise InputError("cannot_read_check_name_3", path=path, what=what, why=why) from error
     try:
         text = given.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         if fallback is None:
-            raise InputError(message("cannot_read_not_utf", path=path, what=what)) from error
+            raise InputError("cannot_read_not_utf", path=path, what=what) from error
         text = given.decode(fallback)
     if "\0" in text:
-        raise InputError(message("no_text_export_csv", path=path, what=what))
+        raise InputError("no_text_export_csv", path=path, what=what)
     return text
 
 
@@ -112,31 +107,27 @@ def read_given_table(path: Path, what: str) -> GivenTable:
     """
     lines = numbered_lines(read_given_text(path, what))
     if not lines:
-        raise InputError(message("empty_table_give_one", path=path))
+        raise InputError("empty_table_give_one", path=path)
     try:
         cells = _parted([line for _, line in lines])
     except csv.Error as error:
-        raise InputError(
-            message("no_table_check_file", path=path, what=what, error=error)
-        ) from error
+        raise InputError("no_table_check_file", path=path, what=what, error=error) from error
     header = [cell.strip() for cell in cells[0]]
     has_names = not all(_is_number(cell) for cell in header)
     first = int(has_names)
     for (number, _), row in zip(lines[first:], cells[first:], strict=True):
         if len(row) != len(header):
             raise InputError(
-                message(
-                    "line_has_cells_first",
-                    path=path,
-                    number=number,
-                    row_count=len(row),
-                    header_count=len(header),
-                )
+                "line_has_cells_first",
+                path=path,
+                number=number,
+                row_count=len(row),
+                header_count=len(header),
             )
     names = tuple(header) if has_names else ()
     double = sorted({name for name in names if names.count(name) > 1})
     if double:
-        raise InputError(message("column_stands_there_twice", path=path, double=double[0]))
+        raise InputError("column_stands_there_twice", path=path, double=double[0])
     return GivenTable(path, names, cells[first:], [number for number, _ in lines[first:]])
 
 
@@ -212,7 +203,7 @@ def write_csv(path: str | Path, columns: Mapping[str, Sequence[Any]]) -> None:
     """
     lengths = {name: len(values) for name, values in columns.items()}
     if len(set(lengths.values())) > 1:
-        raise InputError(message("columns_differ_length_give", path=path, lengths=lengths))
+        raise InputError("columns_differ_length_give", path=path, lengths=lengths)
     with replacing(path) as beside, open(beside, "w", newline="", encoding="utf-8") as file:
         _write_table(file, columns)
 
@@ -259,7 +250,7 @@ def _copy_for_excel(path: Path, copy: Path) -> None:
                 # a number gets a decimal comma, all else stays
                 writer.writerow([c.replace(".", ",") if _NUMBER.fullmatch(c) else c for c in row])
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(message("not_readable_csv_table", path=path, error=error)) from error
+        raise InputError("not_readable_csv_table", path=path, error=error) from error
 
 
 def _write_table(file: TextIO, columns: Mapping[str, Any], *, header: bool = True) -> None:
@@ -289,20 +280,18 @@ def read_csv(path: str | Path) -> dict[str, list[Any]]:
         with open(path, newline="", encoding="utf-8-sig") as file:
             rows = [row for row in csv.reader(file) if row]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(message("not_readable_csv_table", path=path, error=error)) from error
+        raise InputError("not_readable_csv_table", path=path, error=error) from error
     if not rows:
-        raise InputError(message("empty_table_give_one", path=path))
+        raise InputError("empty_table_give_one", path=path)
     header, *body = rows
     for number, row in enumerate(body, start=2):
         if len(row) != len(header):
             raise InputError(
-                message(
-                    "line_has_cells_header",
-                    path=path,
-                    number=number,
-                    row_count=len(row),
-                    header_count=len(header),
-                )
+                "line_has_cells_header",
+                path=path,
+                number=number,
+                row_count=len(row),
+                header_count=len(header),
             )
     return {name: _numbers([row[i] for row in body]) for i, name in enumerate(header)}
 
@@ -316,11 +305,9 @@ def check_given_table(path: Path, what: str) -> None:
     """Refuse what is no table that somebody gives: no plain file, or one of over 10 MB."""
     status = path.stat()
     if not stat.S_ISREG(status.st_mode):
-        raise InputError(message("not_file_name_itself", path=path, what=what))
+        raise InputError("not_file_name_itself", path=path, what=what)
     if status.st_size > MOST_GIVEN:
-        raise InputError(
-            message("larger_bytes_name_csv", path=path, most_given=MOST_GIVEN, what=what)
-        )
+        raise InputError("larger_bytes_name_csv", path=path, most_given=MOST_GIVEN, what=what)
 
 
 def _numbers(cells: list[str]) -> list[Any]:

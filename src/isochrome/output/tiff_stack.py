@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 from isochrome.output.files import replacing
 
 DTYPES = ("uint8", "uint16", "float32")
@@ -53,19 +52,14 @@ def write_tiff(
     """
     data = np.asarray(stack)
     if data.ndim < 3 or data.shape[0] == 0:
-        raise InputError(message("stack_frame_row_col", path=path, shape=data.shape))
+        raise InputError("stack_frame_row_col", path=path, shape=data.shape)
     shape, colours = data.shape[1:], (3,) if photometric == "rgb" else ()
     if len(shape) != 2 + len(colours) or 0 in shape or shape[2:] != colours:
         wanted = "(row, col, 3)" if colours else "(row, col)"
-        raise InputError(message("frame_not_reshape", path=path, wanted=wanted, shape=shape))
+        raise InputError("frame_not_reshape", path=path, wanted=wanted, shape=shape)
     if data.dtype.name not in DTYPES:
         raise InputError(
-            message(
-                "frames_type_cannot_written",
-                path=path,
-                dtype=data.dtype,
-                dtypes=" or ".join(DTYPES),
-            )
+            "frames_type_cannot_written", path=path, dtype=data.dtype, dtypes=" or ".join(DTYPES)
         )
     write_frames(
         path, data, data.shape, data.dtype, pixel_mm=pixel_mm, photometric=photometric,

@@ -21,7 +21,6 @@ from isochrome.frames import (
     open_scene_frames,
     with_file_scale,
 )
-from isochrome.messages import message
 from isochrome.output import counted, load_roifile
 from isochrome.processing.chunk import FILM, blank_map, film_map, more_of, process_chunk, set_layout
 from isochrome.processing.frame_task import (
@@ -220,11 +219,11 @@ def _check_options(
 ) -> None:
     """Refuse options that say two things, or nothing."""
     if track and each:
-        raise InputError(message("track_each_set_followed"))
+        raise InputError("track_each_set_followed")
     if maps not in (None, "all", "key", "none"):
-        raise InputError(message("maps_give_all_key", maps=maps))
+        raise InputError("maps_give_all_key", maps=maps)
     if preview and out is None:
-        raise InputError(message("preview_written_beside_results"))
+        raise InputError("preview_written_beside_results")
 
 
 def _kind_of_set(
@@ -244,7 +243,7 @@ def _kind_of_set(
         return TrackedFilm(every=every or EVERY, wanted=maps)
     for name, value in (("every", None if keyed else every), ("maps", maps)):
         if value is not None:
-            raise InputError(message("video_followed_add_track", name=name, value=value))
+            raise InputError("video_followed_add_track", name=name, value=value)
     if not keyed:
         return kind_of(scene)
     from isochrome.processing.kinds.film_keys import KEY_EVERY, KeyedFilm
@@ -323,13 +322,11 @@ def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) ->
     needed *= math.prod(source.reader.shape)
     if needed > MOST_IN_MEMORY:
         raise InputError(
-            message(
-                "maps_take_gb_gb",
-                path=source.reader.path,
-                counted=counted(pictures, "frame"),
-                needed=needed / 1e9,
-                most_in_memory=MOST_IN_MEMORY / 1e9,
-            )
+            "maps_take_gb_gb",
+            path=source.reader.path,
+            counted=counted(pictures, "frame"),
+            needed=needed / 1e9,
+            most_in_memory=MOST_IN_MEMORY / 1e9,
         )
     rows, more, selected = list[dict[str, Any]](), dict[str, Any](), list[ProcessedFrame]()
     for item in kind.states(source, 0, count):
@@ -363,10 +360,10 @@ def check_scene(scene: Scene) -> None:
 def _check_set(scene: Scene, reader: FrameReader, count: int) -> None:
     """Refuse a set that cannot be this scene's, before the first frame is processed."""
     if count == 0:
-        raise InputError(message("holds_no_frame_check", path=reader.path))
+        raise InputError("holds_no_frame_check", path=reader.path)
     by_model = scene.has_model and not scene.polariscope.tells_orders
     fitted = by_model and scene.rim_diameter_mm is None
     if fitted and (scene.camera is None or scene.camera.pixel_mm is None):
-        raise InputError(message("camera_pixel_mm_missing_fit", name=scene.name))
+        raise InputError("camera_pixel_mm_missing_fit", name=scene.name)
     for name, text in misfits(reader, scene, count):
         raise InputError(f"{name}: " + text)

@@ -14,7 +14,6 @@ from isochrome.errors import InputError, IsochromeError
 from isochrome.estimation import light_basis
 from isochrome.fitting import frame_distance, frame_scene, scene_at, timed_distance
 from isochrome.frames import Frame, FrameReader
-from isochrome.messages import message
 from isochrome.processing.kinds.kind import FrameKind
 from isochrome.processing.result import ProcessedFrame, failed_frame
 from isochrome.runs import run_identity, trim_heap
@@ -144,9 +143,7 @@ class FrameSource:
             index += 1
         if index < stop:
             raise InputError(
-                message(
-                    "breaks_off_after_frames_had", path=self.reader.path, at=index * self.task.steps
-                )
+                "breaks_off_after_frames_had", path=self.reader.path, at=index * self.task.steps
             )
 
     def processed(self, index: int, frames: list[Frame]) -> ProcessedFrame:

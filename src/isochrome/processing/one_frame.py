@@ -220,7 +220,7 @@ def anchor_preview(frames: FramesLike, scene: Scene, index: int) -> AnchorPrevie
     InputError where the scene's frames tell their orders themselves.
     """
     if scene.polariscope.tells_orders:
-        raise InputError(message("colours_phase_steps_read", name=scene.name))
+        raise InputError("colours_phase_steps_read", name=scene.name)
     with _captured(frames, scene, index) as (source, _, states):
         return AnchorPreview(states[0], scene, source.capture)
 

@@ -135,7 +135,7 @@ class Processed(Result):
         `open_run`, which reads those of a folder as they are used. Raises InputError.
         """
         if self.load is None:
-            raise InputError(message("maps_not_kept_process", title=self.title))
+            raise InputError("maps_not_kept_process", title=self.title)
         return self.load()
 
     @property
@@ -311,13 +311,11 @@ def refuse_unread(
         return
     count = counted(len(table["frame"]), "frame")
     raise PhysicsError(
-        message(
-            "nothing_could_read_any_first",
-            name=name,
-            count=count,
-            warnings=table["warnings"][0],
-            words=message(CORRECT) if of_orders else message(_LOOK),
-        )
+        "nothing_could_read_any_first",
+        name=name,
+        count=count,
+        warnings=table["warnings"][0],
+        words=message(CORRECT) if of_orders else message(_LOOK),
     )
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 from isochrome.reference.cauchy import Floats, check_positive, coordinates
 
 _EDGE_SLACK = 1e-9  # of the half-height: an edge point's rounding must not put it outside
@@ -44,11 +43,9 @@ def beam_moment(load_n: float, *, inner_span_mm: float, outer_span_mm: float) ->
     check_positive(load_n=load_n, inner_span_mm=inner_span_mm, outer_span_mm=outer_span_mm)
     if not outer_span_mm > inner_span_mm:
         raise InputError(
-            message(
-                "outer_span_mm_but_must_exceed",
-                outer_span_mm=outer_span_mm,
-                inner_span_mm=inner_span_mm,
-            )
+            "outer_span_mm_but_must_exceed",
+            outer_span_mm=outer_span_mm,
+            inner_span_mm=inner_span_mm,
         )
     return load_n * (outer_span_mm - inner_span_mm) / 4.0
 

@@ -45,21 +45,21 @@ def check_positive(**values: float) -> None:
     """Refuse any value that is not a finite number above zero, by its argument's name."""
     for name, value in values.items():
         if not (np.isfinite(value) and value > 0.0):
-            raise InputError(message("but_must_finite_number", name=name, value=value))
+            raise InputError("but_must_finite_number", name=name, value=value)
 
 
 def check_finite(**values: float) -> None:
     """Refuse any value that is not a finite number, by its argument's name."""
     for name, value in values.items():
         if not np.isfinite(value):
-            raise InputError(message("but_must_finite_number_2", name=name, value=value))
+            raise InputError("but_must_finite_number_2", name=name, value=value)
 
 
 def coordinates(name: str, values: ArrayLike) -> Floats:
     """Coordinates as a float array; refuses what is not finite."""
     array = np.asarray(values, dtype=np.float64)
     if not np.all(np.isfinite(array)):
-        raise InputError(message("holds_nan_infinity_but", name=name))
+        raise InputError("holds_nan_infinity_but", name=name)
     return array
 
 
@@ -79,7 +79,7 @@ def half_plane_points(x_mm: ArrayLike, z_mm: ArrayLike) -> tuple[Floats, Floats]
     x, z = plane_points(x_mm, z_mm)
     if np.any(z < 0.0):
         lowest = float(z.min())
-        raise InputError(message("z_mm_goes_down_but", lowest=lowest))
+        raise InputError("z_mm_goes_down_but", lowest=lowest)
     return x, z + 0.0  # -0.0 would land on the other side of the branch cut
 
 

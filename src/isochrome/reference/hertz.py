@@ -333,4 +333,4 @@ def _check_pair(young: float, poisson: float, other_young: float, other_poisson:
         raise InputError(text)
     for name, value in (("poisson", poisson), ("other_poisson", other_poisson)):
         if not -1.0 < value <= 0.5:
-            raise InputError(message("but_must_lie_above", name=name, value=value))
+            raise InputError("but_must_lie_above", name=name, value=value)

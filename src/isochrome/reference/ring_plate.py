@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 from isochrome.reference.brazilian_disc import disc_stress
 from isochrome.reference.cauchy import (
     Complexes,
@@ -95,12 +94,10 @@ def ring_stress(
     )
     if hole_mm > WIDEST_HOLE * diameter_mm:
         raise InputError(
-            message(
-                "hole_mm_but_must_most",
-                hole_mm=hole_mm,
-                widest_hole=WIDEST_HOLE,
-                diameter_mm=diameter_mm,
-            )
+            "hole_mm_but_must_most",
+            hole_mm=hole_mm,
+            widest_hole=WIDEST_HOLE,
+            diameter_mm=diameter_mm,
         )
     x, z = plane_points(x_mm, z_mm)
     disc = disc_stress(x, z, load_n=load_n, diameter_mm=diameter_mm, thickness_mm=thickness_mm)

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 from isochrome.reference.cauchy import (
     Complexes,
     Floats,
@@ -166,7 +165,7 @@ def coupled_contact(
     )
     check_finite(friction=friction)
     if not abs(beta) <= 0.5:
-        raise InputError(message("beta_but_dundurs_constant", beta=beta))
+        raise InputError("beta_but_dundurs_constant", beta=beta)
     e = float(np.arctan(friction * beta) / np.pi)
     a_squared = 4.0 * line_load_n_per_mm * radius_mm / (np.pi * contact_modulus_mpa)
     a = float(np.sqrt(a_squared / (1.0 - 4.0 * e**2)))

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 from isochrome.output import write_text
 from isochrome.reporting.content import ReportContent, warnings_with_remedies
 from isochrome.reporting.pictures import ROOM_BYTES, encode_frames
@@ -92,7 +91,7 @@ def write_report(path: str | Path, content: ReportContent) -> Path:
     size = len(text.encode())
     if size > MOST_BYTES:
         raise InputError(
-            message("report_would_take_mb", path=path, size=size / 1e6, most_bytes=MOST_BYTES / 1e6)
+            "report_would_take_mb", path=path, size=size / 1e6, most_bytes=MOST_BYTES / 1e6
         )
     write_text(path, text)
     return Path(path)

@@ -78,7 +78,7 @@ def refuse_without_folder(out: str | Path | None, workers: int | None, cluster: 
     `cluster`, address of a Dask scheduler. Raises InputError.
     """
     if out is None and (cluster is not None or workers != 1):
-        raise InputError(message("workers_cluster_write_folder"))
+        raise InputError("workers_cluster_write_folder")
 
 
 def run_job(
@@ -138,9 +138,9 @@ def run_job(
 def _check_workers(job: Job, options: RunOptions) -> None:
     """Refuse no worker at all, and several where one process has to do all. Raises InputError."""
     if options.workers is not None and options.workers < 1:
-        raise InputError(message("workers_give_more", workers=options.workers))
+        raise InputError("workers_give_more", workers=options.workers)
     if job.in_turn and (options.cluster is not None or (options.workers or 1) > 1):
-        raise InputError(message("workers_cluster_each_frame"))
+        raise InputError("workers_cluster_each_frame")
 
 
 def _of_damage(out: str | Path, faults: Mapping[str, str]) -> str:
@@ -194,12 +194,10 @@ def _saying(root: Path, job: Job) -> Iterator[_State]:
         ) from None
     except OSError as error:
         raise InputError(
-            message(
-                "cannot_written_there_make",
-                root=root,
-                strerror=error.strerror or error,
-                count_kept=count_kept(),
-            )
+            "cannot_written_there_make",
+            root=root,
+            strerror=error.strerror or error,
+            count_kept=count_kept(),
         ) from error
     finally:
         if state.fresh and not state.anything:
@@ -300,7 +298,7 @@ def check_apart(stamps: Stamps, target: Path) -> None:
     """
     inside = [file for file in stamps if file.resolve().parent == target]
     if inside:
-        raise InputError(message("lies_folder_where_results", inside=inside[0], target=target))
+        raise InputError("lies_folder_where_results", inside=inside[0], target=target)
 
 
 def check_unchanged(stamps: Stamps) -> None:
@@ -312,7 +310,7 @@ def check_unchanged(stamps: Stamps) -> None:
         now = _stamp(file)
         if now is not None and now != stamp:
             raise InputError(
-                message("changed_while_read_bytes_before", file=file, stamp=stamp[0], now=now[0])
+                "changed_while_read_bytes_before", file=file, stamp=stamp[0], now=now[0]
             )
 
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 from isochrome.output import (
     imagej_view,
     replacing,
@@ -71,7 +70,7 @@ def export(run: str | Path, to: str, out: str | Path | None = None) -> list[Path
     ['run.csv']
     """
     if to not in FORMATS:
-        raise InputError(message("no_format_known_here", to=to, formats=", ".join(FORMATS)))
+        raise InputError("no_format_known_here", to=to, formats=", ".join(FORMATS))
     place = Path(run)
     target = Path(out) if out is not None else place
     with open_store(place) as stored, staged(target) as folder:
@@ -84,7 +83,7 @@ def export(run: str | Path, to: str, out: str | Path | None = None) -> list[Path
             name_damage(place)
             reason = (str(error).splitlines() or [""])[0][:160] or type(error).__name__
             raise InputError(
-                message("cannot_read_run_command", store=place / STORE, reason=reason)
+                "cannot_read_run_command", store=place / STORE, reason=reason
             ) from error
         return [target / file.relative_to(folder) for file in files]
 
@@ -133,7 +132,7 @@ def _to_netcdf(dataset: xarray.Dataset, path: Path) -> Path:
         import h5netcdf
         import h5py
     except ImportError as error:
-        raise InputError(message("netcdf_needs_packages_netcdf")) from error
+        raise InputError("netcdf_needs_packages_netcdf") from error
     with replacing(path) as beside, h5netcdf.File(beside, "w") as file:
         file.dimensions = dict(dataset.sizes)
         for name, value in dataset.attrs.items():

@@ -195,7 +195,7 @@ class ResultsRecord:
     def refusal(self, name: str, what: str) -> InputError:
         """The error that names a file and what is wrong with it."""
         return InputError(
-            message("run_command_left_again", name=self.place / name, what=what, place=self.place)
+            "run_command_left_again", name=self.place / name, what=what, place=self.place
         )
 
     def _refuse(self, name: str, what: str) -> None:
@@ -262,16 +262,14 @@ def read_record(place: Path, file: str = PROVENANCE) -> ResultsRecord | None:
     try:
         status = path.lstat()
         if not stat.S_ISREG(status.st_mode):
-            raise InputError(message("no_file_run_command", path=path, place=place))
+            raise InputError("no_file_run_command", path=path, place=place)
         if status.st_size > _MOST:
-            raise InputError(message("has_bytes_no_record", path=path, st_size=status.st_size))
+            raise InputError("has_bytes_no_record", path=path, st_size=status.st_size)
         text = path.read_bytes()
     except (FileNotFoundError, NotADirectoryError):
         return None
     except OSError as error:
-        raise InputError(
-            message("cannot_read_see_drive", path=path, strerror=error.strerror)
-        ) from error
+        raise InputError("cannot_read_see_drive", path=path, strerror=error.strerror) from error
     try:
         record = json.loads(text)
         checksum = record.get(_OWN)
@@ -282,7 +280,7 @@ def read_record(place: Path, file: str = PROVENANCE) -> ResultsRecord | None:
     except (ValueError, KeyError, AttributeError, RecursionError):
         as_left, record = False, {}
     if not as_left:
-        raise InputError(message("damaged_so_nobody_knows", path=path, place=place))
+        raise InputError("damaged_so_nobody_knows", path=path, place=place)
     return ResultsRecord(place, record)
 
 
@@ -388,7 +386,7 @@ def _records_below(place: Path) -> tuple[dict[Path, ResultsRecord], dict[str, st
     records = {PROVENANCE: read_record(place), SUMMARY: read_record(place, SUMMARY)}
     known = {place / file: record for file, record in records.items() if record is not None}
     if not known:
-        raise InputError(message("holds_no_which_files", place=place, provenance=PROVENANCE))
+        raise InputError("holds_no_which_files", place=place, provenance=PROVENANCE)
     campaign = records[SUMMARY]
     for row in campaign.record.get("recordings", ()) if campaign is not None else ():
         recording = place / str(row["folder"])

@@ -145,38 +145,32 @@ def _refuse_other_places(one: Any, other: Any) -> None:
     wide = [set(each.sizes) for each in (one, other)]
     if any(a & set(_PICTURE[0]) and b & set(_PICTURE[1]) for a, b in (wide, wide[::-1])):
         raise InputError(
-            message(
-                "over_over_one_has",
-                called=_called(one),
-                dims=", ".join(map(str, one.dims)),
-                called_2=_called(other),
-                dims_2=", ".join(map(str, other.dims)),
-            )
+            "over_over_one_has",
+            called=_called(one),
+            dims=", ".join(map(str, one.dims)),
+            called_2=_called(other),
+            dims_2=", ".join(map(str, other.dims)),
         )
     for axis in set(one.indexes) & set(other.indexes) & set(_PICTURE[0]):
         here, theirs = one.indexes[axis], other.indexes[axis]
         few, many = sorted((here, theirs), key=len)
         if not few.isin(many).all():
             raise InputError(
-                message(
-                    "has_from_from_their",
-                    called=_called(one),
-                    axis=axis,
-                    span=_span(one, axis),
-                    called_2=_called(other),
-                    span_2=_span(other, axis),
-                )
+                "has_from_from_their",
+                called=_called(one),
+                axis=axis,
+                span=_span(one, axis),
+                called_2=_called(other),
+                span_2=_span(other, axis),
             )
         apart = np.abs(_shift(one, axis) - _shift(other, axis))
         if len(many) > 1 and bool((apart > 0.5 * (many[-1] - many[0]) / (len(many) - 1)).any()):
             raise InputError(
-                message(
-                    "frames_whose_places_lie",
-                    called=_called(one),
-                    called_2=_called(other),
-                    max=float(apart.max()),
-                    axis=axis,
-                )
+                "frames_whose_places_lie",
+                called=_called(one),
+                called_2=_called(other),
+                max=float(apart.max()),
+                axis=axis,
             )
 
 
@@ -256,10 +250,10 @@ def open_growing(partial: Path) -> xarray.Dataset:
     stores = sorted(partial.glob(f"results-*/{STORE}/zarr.json"), key=lambda f: f.stat().st_mtime)
     manifest = read_checked(partial / MANIFEST)
     if not stores or manifest is None:
-        raise InputError(message("no_run_work_there", partial=partial))
+        raise InputError("no_run_work_there", partial=partial)
     layout = manifest["layout"]
     if len(layout["axes"]) != 1:
-        raise InputError(message("can_opened_when_finished", partial=partial))
+        raise InputError("can_opened_when_finished", partial=partial)
     ((axis, count),) = layout["axes"].items()
     rows: dict[int, dict[str, Any]] = {}
     for file in sorted((stores[-1].parent.parent / RECORDS).glob("*.json")):
@@ -549,10 +543,10 @@ def open_store(path: str | Path) -> xarray.Dataset:
             if unfinished
             else message("name_folder_process_sweep")
         )
-        raise InputError(message("holds_no", place=place, missing=STORE, hint=hint))
+        raise InputError("holds_no", place=place, missing=STORE, hint=hint)
     if store != place and read_record(place) is None:
         raise InputError(
-            message("holds_no_which_files_could", place=place, provenance=PROVENANCE, store=store)
+            "holds_no_which_files_could", place=place, provenance=PROVENANCE, store=store
         )
     return read_store(store, checked_store(store))
 
@@ -569,7 +563,7 @@ def checked_store(store: Path) -> Any:
     if record is None or record.older:
         return store
     if f"{store.name}/zarr.json" not in record.sizes:
-        raise InputError(message("holds_no_name_folder", parent=store.parent, name=store.name))
+        raise InputError("holds_no_name_folder", parent=store.parent, name=store.name)
 
     from isochrome.runs.verified_store import VerifiedStore
 
@@ -593,13 +587,13 @@ def read_store(store: Path, source: Any) -> xarray.Dataset:
     except InputError:
         raise
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(message("cannot_read_run_command", store=store, reason=error)) from error
+        raise InputError("cannot_read_run_command", store=store, reason=error) from error
     # what zarr cannot read, it leaves out; a group is what somebody else has put there
     arrays = (file.parent.name for file in sorted(store.glob("*/zarr.json")) if not _is_group(file))
     lost = [array for array in arrays if array not in dataset.variables]
     if lost and isinstance(source, Path):  # else what is not in the record is no part of it
         dataset.close()
-        raise InputError(message("cannot_read_run_command_again", store=store, lost=lost[0]))
+        raise InputError("cannot_read_run_command_again", store=store, lost=lost[0])
     return dataset
 
 

@@ -67,14 +67,12 @@ def locked(folder: Path) -> Iterator[None]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if folder.is_symlink():
-            raise InputError(message("symbolic_link_remove_name", folder=folder))
+            raise InputError("symbolic_link_remove_name", folder=folder)
         lock = FileLock(folder / LOCK, timeout=0, thread_local=False)
         lock.acquire()
         (folder / OWNER).write_text(f"process {os.getpid()} on {socket.gethostname()}", "utf-8")
     except Timeout:
-        raise InputError(
-            message("another_run_work_there", folder=folder, owner=_owner(folder))
-        ) from None
+        raise InputError("another_run_work_there", folder=folder, owner=_owner(folder)) from None
     except (OSError, NotImplementedError) as error:
         if lock is not None and lock.is_locked:
             _release(folder, lock)
@@ -83,7 +81,7 @@ def locked(folder: Path) -> Iterator[None]:
                 folder.rmdir()
         reason = getattr(error, "strerror", None) or error
         raise InputError(
-            message("results_cannot_written_there_name", folder=folder, reason=reason)
+            "results_cannot_written_there_name", folder=folder, reason=reason
         ) from error
     try:
         yield
@@ -131,15 +129,13 @@ def working_folder(out: Path) -> Path:
         raise
     except (OSError, RuntimeError, ValueError) as error:  # a link to itself, or no possible name
         reason = getattr(error, "strerror", None) or error
-        raise InputError(
-            message("results_cannot_written_there_name", folder=out, reason=reason)
-        ) from error
+        raise InputError("results_cannot_written_there_name", folder=out, reason=reason) from error
     if exists and not target.is_dir():
-        raise InputError(message("file_not_folder_name", folder=out))
+        raise InputError("file_not_folder_name", folder=out)
     if target.parent == target or (exists and os.path.ismount(target)):
-        raise InputError(message("top_drive_name_folder", out=out))
+        raise InputError("top_drive_name_folder", out=out)
     if target.is_dir() and not os.access(target, os.W_OK):
-        raise InputError(message("results_cannot_written_there_permission", out=out))
+        raise InputError("results_cannot_written_there_permission", out=out)
     return target.with_name(target.name + WORKING)
 
 
@@ -194,7 +190,7 @@ def open_run_folder(root: Path, job: Job, *, restart: bool) -> RunFolder:
         if changed is None and manifest["layout"] != _described(job.layout):
             changed = message("layout_results")
         if changed is not None:
-            raise InputError(message("holds_unfinished_run_since", root=root, changed=changed))
+            raise InputError("holds_unfinished_run_since", root=root, changed=changed)
         results = root / manifest["token"]
         run = RunFolder(results, job.layout, identity_digest(job.identity))
         if (root / FINISHED).exists():
@@ -284,12 +280,10 @@ def check_room(root: Path, layout: RunLayout, items: int) -> None:
     free = shutil.disk_usage(root).free
     if needed > free:
         raise InputError(
-            message(
-                "results_need_gb_gb",
-                with_suffix=root.with_suffix(""),
-                needed=needed / 1e9,
-                free=free / 1e9,
-            )
+            "results_need_gb_gb",
+            with_suffix=root.with_suffix(""),
+            needed=needed / 1e9,
+            free=free / 1e9,
         )
 
 
@@ -345,7 +339,7 @@ def check_own(target: Path, names: Iterable[str]) -> None:
     for name in names:
         place = target / name
         if name not in known and place.exists() and not place.is_symlink():
-            raise InputError(message("would_replaced_no_there", place=place, provenance=PROVENANCE))
+            raise InputError("would_replaced_no_there", place=place, provenance=PROVENANCE)
 
 
 def _record(target: Path) -> Mapping[str, Any]:

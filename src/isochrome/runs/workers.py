@@ -288,12 +288,10 @@ def _elsewhere(work: Work, span: tuple[int, int], expected: dict[str, Any]) -> R
     differing = [key for key in expected if here.get(key) != expected[key]]
     if differing:
         raise InputError(
-            message(
-                "worker_cluster_has_another",
-                differing=differing[0],
-                here=here.get(differing[0]),
-                expected=expected[differing[0]],
-            )
+            "worker_cluster_has_another",
+            differing=differing[0],
+            here=here.get(differing[0]),
+            expected=expected[differing[0]],
         )
     with single_threaded():
         return work(*span)

@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from isochrome.contact import SurfaceState, contact_states
 from isochrome.errors import InputError
-from isochrome.messages import message
 from isochrome.optics import expose, fringe_order, make_chain, pixel_visibility, polariscope_signal
 from isochrome.output import write_csv, write_json, write_text
 from isochrome.reference import beam_stress
@@ -359,7 +358,7 @@ def _write_film(path: Path, frames: list[Grey]) -> None:
     codec = cv2.VideoWriter.fourcc(*"Y800")
     film = cv2.VideoWriter(str(path), codec, FRAMES_PER_S, (cols, rows), isColor=False)
     if not film.isOpened():
-        raise InputError(message("cannot_opened_film_opencv", path=path))
+        raise InputError("cannot_opened_film_opencv", path=path)
     for frame in frames:
         film.write(frame)
     film.release()

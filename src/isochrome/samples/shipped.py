@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.frames import open_frames
-from isochrome.messages import message
 from isochrome.output import staged, write_text
 
 SEED = 2026
@@ -55,7 +54,7 @@ def render_samples(out: str | Path, *, seed: int = SEED) -> Path:
     )
 
     if seed < 0:
-        raise InputError(message("seed_but_must_above", seed=seed))
+        raise InputError("seed_but_must_above", seed=seed)
     library = resources.files("isochrome.scene") / "library"
     scene = (library / f"{SCENE}.toml").read_text("utf-8")
     with staged(out) as folder:
@@ -97,7 +96,7 @@ def samples_path() -> Path:
     for folder in (here.parents[1] / _NAME, here.parents[3] / _NAME):
         if (folder / "README.md").is_file():
             return folder
-    raise InputError(message("sample_images_not_there", name=here.parents[1] / _NAME))
+    raise InputError("sample_images_not_there", name=here.parents[1] / _NAME)
 
 
 Grey = NDArray[np.uint8]

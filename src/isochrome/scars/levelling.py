@@ -410,12 +410,7 @@ def levelled(trace: Trace) -> LevelledTrace:
     _check_shoulders(bins, place, trace.name)
     if place.depth_um < _SHALLOWEST * 2e3 * place.half_mm:
         raise InputError(
-            message(
-                "scar_deep_over_mm",
-                name=trace.name,
-                depth_um=place.depth_um,
-                half_mm=2 * place.half_mm,
-            )
+            "scar_deep_over_mm", name=trace.name, depth_um=place.depth_um, half_mm=2 * place.half_mm
         )
     result = _level(bins, place, roughness, unworn, messages=messages, name=trace.name)
     if max(result.ridges_mm2) < _PILED_UP * result.ridge_uncertainty_mm2:
@@ -488,14 +483,12 @@ def _check_shoulders(bins: BinnedTrace, place: ScarShape, name: str) -> None:
     width = high - low
     if lengths.sum() < _SHOULDERS * width or lengths.min() < _SHOULDER * width:
         raise InputError(
-            message(
-                "beside_scar_from_mm",
-                name=name,
-                low=low,
-                high=high,
-                lengths=lengths[0],
-                lengths_2=lengths[1],
-            )
+            "beside_scar_from_mm",
+            name=name,
+            low=low,
+            high=high,
+            lengths=lengths[0],
+            lengths_2=lengths[1],
         )
 
 
@@ -506,7 +499,7 @@ def _shoulders(bins: BinnedTrace, place: ScarShape, name: str) -> Mask:
     unworn = (before | after) & ~bins.filled
     if unworn.sum() < _FEWEST_BINS:
         _check_shoulders(bins, place, name)
-        raise InputError(message("too_few_points_beside", name=name))
+        raise InputError("too_few_points_beside", name=name)
     for _ in range(2):  # dust and scratches
         form = legendre(x, FORM_DEGREES[-1])
         beta = np.linalg.lstsq(form[unworn], bins.z_um[unworn], rcond=None)[0]

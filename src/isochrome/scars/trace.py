@@ -52,7 +52,7 @@ def _table(text: str, path: Path) -> tuple[Array, Array]:
     """The two columns of a table of numbers."""
     rows = numbered_lines(text)
     if not rows:
-        raise InputError(message("empty", path=path, form=message(_FORM)))
+        raise InputError("empty", path=path, form=message(_FORM))
     split = _splitter([line for _, line in rows])
     cells = [(number, split(line)) for number, line in rows[: _LEAD + 1]]
 
@@ -63,7 +63,7 @@ def _table(text: str, path: Path) -> tuple[Array, Array]:
     first = next((k for k, (_, row) in enumerate(cells) if are_numbers(row)), None)
     if first is None:
         raise InputError(
-            message("no_line_numbers_first", path=path, cells_count=len(cells), form=message(_FORM))
+            "no_line_numbers_first", path=path, cells_count=len(cells), form=message(_FORM)
         )
     x_column, z_column, x_unit, z_unit = _columns([row for _, row in cells[:first]], path)
     lines = [line for _, line in rows[first:]]
@@ -83,10 +83,8 @@ def _refuse_line(
         for column in columns:
             cell = row[column].strip() if column < len(row) else ""
             if not (_NUMBER.fullmatch(cell) and np.isfinite(float(cell))):
-                raise InputError(
-                    message("line_has_where_finite", path=path, number=number, cell=cell[:30])
-                )
-    raise InputError(message("rows_no_table_numbers", path=path, form=message(_FORM)))
+                raise InputError("line_has_where_finite", path=path, number=number, cell=cell[:30])
+    raise InputError("rows_no_table_numbers", path=path, form=message(_FORM))
 
 
 class _Splitter:
@@ -133,12 +131,10 @@ def _columns(head: Sequence[Sequence[str]], path: Path) -> tuple[int, int, float
         if not (places and heights):
             continue
         if len(places) > 1 or len(heights) > 1:
-            raise InputError(
-                message("line_names_several_columns", path=path, head=", ".join(head[k]))
-            )
+            raise InputError("line_names_several_columns", path=path, head=", ".join(head[k]))
         x, z = places[0], heights[0]
         return x, z, _metres(head[k:], x, "x_mm", path), _metres(head[k:], z, "z_um", path)
-    raise InputError(message("no_line_names_columns", path=path, form=message(_FORM)))
+    raise InputError("no_line_names_columns", path=path, form=message(_FORM))
 
 
 def _metres(lines: Sequence[Sequence[str]], column: int, example: str, path: Path) -> float:
@@ -148,13 +144,11 @@ def _metres(lines: Sequence[Sequence[str]], column: int, example: str, path: Pat
         if words and words[-1] in METRES:
             return METRES[words[-1]]
     raise InputError(
-        message(
-            "column_has_no_unit",
-            path=path,
-            lines=lines[0][column],
-            example=example,
-            metres=", ".join(u for u in METRES if u.isascii()),
-        )
+        "column_has_no_unit",
+        path=path,
+        lines=lines[0][column],
+        example=example,
+        metres=", ".join(u for u in METRES if u.isascii()),
     )
 
 
@@ -178,25 +172,21 @@ def _surface_data(text: str, path: Path) -> tuple[Array, Array]:
     missing = [k for k in ("numpoints", "numprofiles", "xscale", "zscale") if k not in keys]
     if missing or not star:
         raise InputError(
-            message(
-                "sdf_file_without_export", path=path, words=missing[0] if missing else "its heights"
-            )
+            "sdf_file_without_export", path=path, words=missing[0] if missing else "its heights"
         )
     try:
         points, profiles = int(keys["numpoints"]), int(keys["numprofiles"])
         x_scale, z_scale = float(keys["xscale"]), float(keys["zscale"])
     except ValueError as error:
-        raise InputError(message("scale_count_head_no", path=path, error=error)) from error
+        raise InputError("scale_count_head_no", path=path, error=error) from error
     if profiles != 1:
-        raise InputError(message("holds_profiles_export_one", path=path, profiles=profiles))
+        raise InputError("holds_profiles_export_one", path=path, profiles=profiles)
     cells = body.partition("*")[0].split()
     if len(cells) != points:
-        raise InputError(
-            message("has_heights_where_head", path=path, cells_count=len(cells), points=points)
-        )
+        raise InputError("has_heights_where_head", path=path, cells_count=len(cells), points=points)
     bad = next((cell for cell in cells if not _NUMBER.fullmatch(cell)), None)
     if bad is not None:
-        raise InputError(message("has_among_heights_all", path=path, bad=bad[:30]))
+        raise InputError("has_among_heights_all", path=path, bad=bad[:30])
     heights = np.array(cells, dtype=np.float64)
     return 1e3 * x_scale * np.arange(float(points)), 1e6 * z_scale * heights
 
@@ -259,45 +249,33 @@ def _numbers(values: ArrayLike) -> Array:
 def _check(x: Array, z: Array, name: str) -> None:
     """Raise InputError for what is no trace."""
     if len(x) != len(z):
-        raise InputError(
-            message("places_heights_give_many", name=name, x_count=len(x), z_count=len(z))
-        )
+        raise InputError("places_heights_give_many", name=name, x_count=len(x), z_count=len(z))
     if len(x) < FEWEST:
-        raise InputError(
-            message("has_points_trace_needs", name=name, x_count=len(x), fewest=FEWEST)
-        )
+        raise InputError("has_points_trace_needs", name=name, x_count=len(x), fewest=FEWEST)
     if not (np.isfinite(x).all() and np.isfinite(z).all()):
         bad = int(np.argmin(np.isfinite(x) & np.isfinite(z)))
-        raise InputError(
-            message("point_all_must_finite", name=name, bad=bad + 1, x=x[bad], z=z[bad])
-        )
+        raise InputError("point_all_must_finite", name=name, bad=bad + 1, x=x[bad], z=z[bad])
     steps = np.diff(x)
     if not (steps > 0.0).all():
         bad = int(np.argmin(steps > 0.0))
-        raise InputError(
-            message("goes_from_mm_point", name=name, x=x[bad], x_2=x[bad + 1], bad=bad + 2)
-        )
+        raise InputError("goes_from_mm_point", name=name, x=x[bad], x_2=x[bad + 1], bad=bad + 2)
     length = float(x[-1] - x[0])
     if not _SHORTEST_MM <= length <= _LONGEST_MM:
         raise InputError(
-            message(
-                "mm_long_where_mm",
-                name=name,
-                length=length,
-                shortest_mm=_SHORTEST_MM,
-                longest_mm=_LONGEST_MM,
-            )
+            "mm_long_where_mm",
+            name=name,
+            length=length,
+            shortest_mm=_SHORTEST_MM,
+            longest_mm=_LONGEST_MM,
         )
     if float(np.ptp(z)) > 1e3 * _STEEPEST * length:
-        raise InputError(message("heights_span_over_mm", name=name, ptp=np.ptp(z), length=length))
+        raise InputError("heights_span_over_mm", name=name, ptp=np.ptp(z), length=length)
     if float(steps.max()) > _WIDEST_GAP * length:
         bad = int(np.argmax(steps))
         raise InputError(
-            message(
-                "nothing_measured_from_mm",
-                name=name,
-                x=x[bad],
-                x_2=x[bad + 1],
-                widest_gap=100 * _WIDEST_GAP,
-            )
+            "nothing_measured_from_mm",
+            name=name,
+            x=x[bad],
+            x_2=x[bad + 1],
+            widest_gap=100 * _WIDEST_GAP,
         )

@@ -84,9 +84,7 @@ class ArrayFrames:
             first = self._item(0)
             self.form, self.dtype = first.shape, first.dtype
         else:
-            raise InputError(
-                message("neither_file_name_nor", called=self._called, what=message(_WHAT))
-            )
+            raise InputError("neither_file_name_nor", called=self._called, what=message(_WHAT))
         self._check_count()
         self._check_form()
         self.pixel_mm = self._scale()
@@ -149,14 +147,12 @@ class ArrayFrames:
         except Exception as error:  # whatever computes or reads a lazy one
             reason = (str(error).splitlines() or [""])[0].strip()[:160] or type(error).__name__
             raise InputError(
-                message(
-                    "frame_cannot_read",
-                    called=self._called,
-                    index=index,
-                    kind=type(error).__name__,
-                    reason=reason,
-                    what=message(_WHAT),
-                )
+                "frame_cannot_read",
+                called=self._called,
+                index=index,
+                kind=type(error).__name__,
+                reason=reason,
+                what=message(_WHAT),
             ) from error
 
     def _check_kind(self) -> None:
@@ -165,24 +161,20 @@ class ArrayFrames:
         if isinstance(given, np.ma.MaskedArray):
             self._refuse_masked()
         if isinstance(given, Iterator):
-            raise InputError(message("can_gone_through_once", called=self._called))
+            raise InputError("can_gone_through_once", called=self._called)
         if isinstance(given, Mapping | Set | bytes | bytearray):
-            raise InputError(
-                message("holds_no_frames_order", called=self._called, what=message(_WHAT))
-            )
+            raise InputError("holds_no_frames_order", called=self._called, what=message(_WHAT))
 
     def _refuse_masked(self) -> None:
-        raise InputError(message("masked_array_whose_mask", called=self._called))
+        raise InputError("masked_array_whose_mask", called=self._called)
 
     def _check_count(self) -> None:
         if not 1 <= self.count <= MOST_FRAMES:
             raise InputError(
-                message(
-                    "holds_frames_allowed_give",
-                    called=self._called,
-                    count=self.count,
-                    most_frames=MOST_FRAMES,
-                )
+                "holds_frames_allowed_give",
+                called=self._called,
+                count=self.count,
+                most_frames=MOST_FRAMES,
             )
 
     def _check_form(self) -> None:
@@ -191,29 +183,21 @@ class ArrayFrames:
         if len(form) not in (2, 3) or (len(form) == 3 and form[2] != 3):
             more = "; leave transparency out, as [..., :3] does" if form[2:] == (4,) else ""
             raise InputError(
-                message("frame_has_shape", value=self, form=form, what=message(_WHAT), more=more)
+                "frame_has_shape", value=self, form=form, what=message(_WHAT), more=more
             )
         if isinstance(self.given, Sequence):
             for index in range(self.count):
                 shape = np.shape(self._item(index))
                 if shape != form:
                     raise InputError(
-                        message(
-                            "frame_has_shape_first_all",
-                            value=self,
-                            index=index,
-                            shape=shape,
-                            form=form,
-                        )
+                        "frame_has_shape_first_all", value=self, index=index, shape=shape, form=form
                     )
         dims = tuple(getattr(self.given, "dims", ()))
         start = 1 if self._stacked else 0
         for pair in _NAMED:
             if set(pair) <= set(dims) and dims[start : start + 2] != pair:
                 raise InputError(
-                    message(
-                        "axes_picture_two_put", value=self, dims=dims, pair=pair[0], pair_2=pair[1]
-                    )
+                    "axes_picture_two_put", value=self, dims=dims, pair=pair[0], pair_2=pair[1]
                 )
 
     def _coordinate(self, name: str) -> np.ndarray | None:
@@ -234,7 +218,7 @@ class ArrayFrames:
             side = float(steps.mean())
             even = side > 0 and np.ptp(steps) <= 1e-3 * side
             if not even or abs((common or side) / side - 1.0) >= 1e-3:
-                raise InputError(message("coordinate_does_not_rise", value=self, name=name))
+                raise InputError("coordinate_does_not_rise", value=self, name=name)
             common = side
         return common
 
@@ -259,7 +243,7 @@ def frames_of(given: FramesLike | Iterator[str | Path]) -> FramesLike:
         if all(named):
             return tuple(given)
         if any(named):
-            raise InputError(message("frames_files_arrays_mixed"))
+            raise InputError("frames_files_arrays_mixed")
     return ArrayFrames(given)
 
 

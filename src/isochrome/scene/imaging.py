@@ -522,5 +522,5 @@ class Frames(ScenePart):
     def stated_gamma(self) -> float:
         """The exponent, for those who cannot find it; InputError where it is unknown."""
         if isinstance(self.gamma, str):
-            raise InputError(message("frames_gamma_unknown_process"))
+            raise InputError("frames_gamma_unknown_process")
         return self.gamma

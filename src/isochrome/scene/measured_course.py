@@ -83,20 +83,16 @@ def with_tables(data: Any, folder: Path | None) -> Any:
         name, speed = part.get(FILE), part.get(SPEED)
         if not isinstance(name, str) or not name:
             raise InputError(
-                message(
-                    "not_allowed_name_csv",
-                    part=kind.part,
-                    file=FILE,
-                    name=name,
-                    distance=_DISTANCE,
-                    time=_TIME,
-                    column=kind.column,
-                )
+                "not_allowed_name_csv",
+                part=kind.part,
+                file=FILE,
+                name=name,
+                distance=_DISTANCE,
+                time=_TIME,
+                column=kind.column,
             )
         if kind.key in part:
-            raise InputError(
-                message("exclude_each_other_remove", part=kind.part, file=FILE, key=kind.key)
-            )
+            raise InputError("exclude_each_other_remove", part=kind.part, file=FILE, key=kind.key)
         speed = _speed(kind, speed, tables.get("frames"))
         table = read_course((folder or Path()) / name, kind, speed)
         others = {key: value for key, value in part.items() if key not in (FILE, SPEED)}
@@ -115,7 +111,7 @@ def _speed(kind: _Kind, stated: Any, frames: Any) -> float | None:
         return None
     number = isinstance(speed, int | float) and not isinstance(speed, bool)
     if not number or not 0.0 < speed < 1e30:
-        raise InputError(message("not_allowed_above_mm", key=key, speed=speed))
+        raise InputError("not_allowed_above_mm", key=key, speed=speed)
     return float(speed)
 
 
@@ -133,20 +129,18 @@ def _columns(given: GivenTable, kind: _Kind, speed: float | None) -> tuple[Float
     place = _DISTANCE if _DISTANCE in given.names else _TIME
     if place not in given.names or kind.column not in given.names:
         raise InputError(
-            message(
-                "has_columns_needs_name",
-                path=given.path,
-                header=given.header,
-                part=kind.part,
-                file=FILE,
-                distance=_DISTANCE,
-                time=_TIME,
-                column=kind.column,
-            )
+            "has_columns_needs_name",
+            path=given.path,
+            header=given.header,
+            part=kind.part,
+            file=FILE,
+            distance=_DISTANCE,
+            time=_TIME,
+            column=kind.column,
         )
     at, value = given.column(place), given.column(kind.column)
     if len(at) < 2:
-        raise InputError(message("has_rows_numbers_give", path=given.path, at_count=len(at)))
+        raise InputError("has_rows_numbers_give", path=given.path, at_count=len(at))
     for column, values, wrong, allowed in (
         (place, at, at < 0.0, "it is 0 or more"),
         (place, at, np.r_[False, np.diff(at) <= 0.0], message("must_rise_from_row")),
@@ -155,26 +149,22 @@ def _columns(given: GivenTable, kind: _Kind, speed: float | None) -> tuple[Float
         if wrong.any():
             row = int(np.argmax(wrong))
             raise InputError(
-                message(
-                    "line_not_allowed_correct",
-                    path=given.path,
-                    lines=given.lines[row],
-                    column=column,
-                    values=values[row],
-                    allowed=allowed,
-                )
+                "line_not_allowed_correct",
+                path=given.path,
+                lines=given.lines[row],
+                column=column,
+                values=values[row],
+                allowed=allowed,
             )
     if place == _DISTANCE:
         return at, value
     if speed is None:
         raise InputError(
-            message(
-                "has_times_only_sliding",
-                path=given.path,
-                part=kind.part,
-                speed=SPEED,
-                distance=_DISTANCE,
-            )
+            "has_times_only_sliding",
+            path=given.path,
+            part=kind.part,
+            speed=SPEED,
+            distance=_DISTANCE,
         )
     return 1e-3 * speed * at, value
 
@@ -190,17 +180,15 @@ def _refuse_gap(given: GivenTable, kind: _Kind, distance: Floats, value: Floats)
     if len(gap):
         row = int(gap[0])
         raise InputError(
-            message(
-                "lines_apart_over_times",
-                path=given.path,
-                lines=given.lines[row],
-                lines_2=given.lines[row + 1],
-                step=step[row],
-                gap=_GAP,
-                column=kind.column,
-                value=value[row],
-                value_2=value[row + 1],
-            )
+            "lines_apart_over_times",
+            path=given.path,
+            lines=given.lines[row],
+            lines_2=given.lines[row + 1],
+            step=step[row],
+            gap=_GAP,
+            column=kind.column,
+            value=value[row],
+            value_2=value[row + 1],
         )
 
 
@@ -237,14 +225,12 @@ def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Fl
     residual_rms, size = (float(np.sqrt(np.mean(v**2))) for v in (residual, value))
     if residual_rms > _AVERAGED * size:
         raise InputError(
-            message(
-                "swings_rms_about_mean",
-                label=label,
-                residual_rms=residual_rms,
-                size=size,
-                few=FEW,
-                averaged=_AVERAGED,
-            )
+            "swings_rms_about_mean",
+            label=label,
+            residual_rms=residual_rms,
+            size=size,
+            few=FEW,
+            averaged=_AVERAGED,
         )
     return distance_m[bends], fitted
 

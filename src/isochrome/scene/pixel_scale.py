@@ -60,17 +60,15 @@ def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
     picture = max(across) * pixel
     if picture > WIDEST * width:
         raise InputError(
-            message(
-                "camera_pixel_mm_makes_picture",
-                name=scene.name,
-                pixel=pixel,
-                picture=picture,
-                width=picture / width,
-                what=what,
-                width_2=width,
-                by=_by(what),
-                widest=WIDEST,
-            )
+            "camera_pixel_mm_makes_picture",
+            name=scene.name,
+            pixel=pixel,
+            picture=picture,
+            width=picture / width,
+            what=what,
+            width_2=width,
+            by=_by(what),
+            widest=WIDEST,
         )
 
 
@@ -84,14 +82,12 @@ def check_moduli(scene: Scene) -> None:
         young = body.young_gpa if body else None
         if young is not None and young > STIFFEST_GPA:
             raise InputError(
-                message(
-                    "over_gpa_which_no",
-                    name=scene.name,
-                    key=key,
-                    young=young,
-                    stiffest_gpa=STIFFEST_GPA,
-                    young_2=1e-3 * young,
-                )
+                "over_gpa_which_no",
+                name=scene.name,
+                key=key,
+                young=young,
+                stiffest_gpa=STIFFEST_GPA,
+                young_2=1e-3 * young,
             )
 
 
@@ -102,14 +98,12 @@ def _check_sizes(scene: Scene) -> None:
         size = getattr(getattr(scene, part), name, None)
         if size is not None and size > most:
             raise InputError(
-                message(
-                    "over_mm_give_mm",
-                    name=scene.name,
-                    key=key,
-                    size=size,
-                    most=most,
-                    size_2=1e-3 * size,
-                )
+                "over_mm_give_mm",
+                name=scene.name,
+                key=key,
+                size=size,
+                most=most,
+                size_2=1e-3 * size,
             )
 
 
@@ -124,28 +118,19 @@ def check_width(
     """
     if pixel > max(width, UNDOUBTED_MM):
         raise InputError(
-            message(
-                "camera_pixel_mm_wider_mm",
-                name=name,
-                pixel=pixel,
-                what=what,
-                width=width,
-                by=_by(what),
-            )
+            "camera_pixel_mm_wider_mm", name=name, pixel=pixel, what=what, width=width, by=_by(what)
         )
     least = NARROWEST * width / max(shape) if shape else 0.0
     if pixel < FINEST_MM:
         least = max(least, width / MOST)
     if pixel < least:
         raise InputError(
-            message(
-                "camera_pixel_mm_too_little",
-                name=name,
-                pixel=pixel,
-                what=what,
-                width=width,
-                least=least,
-            )
+            "camera_pixel_mm_too_little",
+            name=name,
+            pixel=pixel,
+            what=what,
+            width=width,
+            least=least,
         )
 
 

@@ -75,11 +75,11 @@ def load_scene(scene: SceneLike) -> Scene:
     if str(scene) in scene_names():
         return parse_scene((LIBRARY / f"{scene}.toml").read_text("utf-8"), name=str(scene))
     if path.is_dir():
-        raise InputError(message("folder_not_scene_file", scene=scene))
+        raise InputError("folder_not_scene_file", scene=scene)
     if not path.is_file():
         near = nearest(str(scene), scene_names())
         hint = f"did you mean '{near}'?" if near else "scenes by name: " + ", ".join(scene_names())
-        raise InputError(message("no_such_scene_file", scene=scene, hint=hint))
+        raise InputError("no_such_scene_file", scene=scene, hint=hint)
     scene_of_tables = parse_scene(
         read_text(path), name=path.stem, folder=path.parent, label=str(path)
     )
@@ -197,18 +197,16 @@ def read_text(path: Path) -> str:
         with open(path, "rb") as file:
             head = file.read(16)
         if head.startswith(PICTURES) or head[4:8] == b"ftyp":
-            raise InputError(message("picture_video_not_settings", path=path))
+            raise InputError("picture_video_not_settings", path=path)
         if path.stat().st_size > MAX_BYTES:
-            raise InputError(message("larger_bytes_settings_file", path=path, max_bytes=MAX_BYTES))
+            raise InputError("larger_bytes_settings_file", path=path, max_bytes=MAX_BYTES)
         if head.startswith((b"\xff\xfe", b"\xfe\xff")):
-            raise InputError(message("utf_text_byte_order", path=path))
+            raise InputError("utf_text_byte_order", path=path)
         return path.read_text("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(message("not_utf_text_save", path=path)) from error
+        raise InputError("not_utf_text_save", path=path) from error
     except OSError as error:
-        raise InputError(
-            message("cannot_read_check_name_2", path=path, error=error.strerror)
-        ) from error
+        raise InputError("cannot_read_check_name_2", path=path, error=error.strerror) from error
 
 
 def as_tables(data: Mapping[str, Any]) -> dict[str, Any]:
@@ -228,7 +226,7 @@ def parse_toml(text: str, label: str) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:  # also of numbers of thousands of digits
         cause = _slip_in_line(text, str(error))
         raise InputError(
-            message("not_valid_toml", label=label, error=error, cause=cause or "correct that line")
+            "not_valid_toml", label=label, error=error, cause=cause or "correct that line"
         ) from (error)
 
 

@@ -202,7 +202,7 @@ def validate(
     """
     for key in reserved:
         if key in data:
-            raise InputError(message("unknown_key_remove", label=label, key=key))
+            raise InputError("unknown_key_remove", label=label, key=key)
     try:
         return model.model_validate(data, context=folder)
     except ValidationError as error:
@@ -221,14 +221,12 @@ def check_reach(data: Any, label: str, key: str = "") -> None:
             check_reach(value, label, f"{key}[{number}]")
     elif isinstance(data, float) and data and not 1 / LARGEST <= abs(data) <= LARGEST:
         raise InputError(
-            message(
-                "not_allowed_size_should",
-                label=label,
-                key=key,
-                data=data,
-                largest=1 / LARGEST,
-                largest_2=LARGEST,
-            )
+            "not_allowed_size_should",
+            label=label,
+            key=key,
+            data=data,
+            largest=1 / LARGEST,
+            largest_2=LARGEST,
         )
 
 

@@ -307,17 +307,15 @@ class Scene(ScenePart):
         table = getattr(self, part, None)
         known = part in type(self).model_fields and part not in NO_KEYS
         if not known or not name:
-            raise InputError(message("scene_has_no_such", key=key))
+            raise InputError("scene_has_no_such", key=key)
         if table is None:
-            raise InputError(message("scene_has_no_add", key=key, part=part))
+            raise InputError("scene_has_no_add", key=key, part=part)
         if name not in type(table).model_fields:
             raise InputError(
-                message(
-                    "has_no_such_key",
-                    key=key,
-                    part=part,
-                    model_fields=", ".join(type(table).model_fields),
-                )
+                "has_no_such_key",
+                key=key,
+                part=part,
+                model_fields=", ".join(type(table).model_fields),
             )
         return getattr(table, name)
 

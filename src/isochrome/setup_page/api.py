@@ -5,7 +5,6 @@ from contextlib import suppress
 from pathlib import Path
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 from isochrome.scene import LIBRARY, parse_toml, read_text, scene_names
 from isochrome.setup_page.server import SetupServer
 from isochrome.setup_page.session import TABLES, SetSession, SetupSession
@@ -74,7 +73,7 @@ def setup(
     try:
         server = SetupServer(session, port)
     except (OSError, OverflowError) as error:
-        raise InputError(message("port_cannot_used_machine", port=port, error=error)) from error
+        raise InputError("port_cannot_used_machine", port=port, error=error) from error
     if announce is not None:
         announce(server.url)
     if browser:
@@ -98,9 +97,7 @@ def open_session(
     """
     if calibration is not None and calibration not in SUBJECTS:
         raise InputError(
-            message(
-                "calibration_none_name_one", calibration=calibration, subjects=", ".join(SUBJECTS)
-            )
+            "calibration_none_name_one", calibration=calibration, subjects=", ".join(SUBJECTS)
         )
     given = frames if isinstance(frames, str | Path) else tuple(frames)
     if scene is None and isinstance(given, str | Path) and Path(given).suffix.lower() == ".toml":
@@ -127,7 +124,7 @@ def open_session(
 def _text_of(place: Path) -> str | None:
     """The text of a scene's file, its line ends as they are; None where there is no file yet."""
     if place.is_dir() or not place.parent.is_dir():
-        raise InputError(message("scene_cannot_written_there", place=place))
+        raise InputError("scene_cannot_written_there", place=place)
     if not place.is_file():
         return None
     read_text(place)  # its refusals: too large, a picture, not UTF-8
@@ -141,7 +138,7 @@ def _subject(text: str, place: Path, calibration: str | None) -> str | None:
     if calibration is None:
         return kind
     if holds and kind != SUBJECTS[calibration]:
-        raise InputError(message("holds_no_so_no", place=place, calibration=calibration))
+        raise InputError("holds_no_so_no", place=place, calibration=calibration)
     return SUBJECTS[calibration]
 
 
@@ -154,5 +151,5 @@ def _images_of(place: Path) -> tuple[Path, ...]:
         if isinstance(one, dict)
     ]
     if not files or not all(isinstance(file, str) for file in files):
-        raise InputError(message("names_no_image_so", place=place))
+        raise InputError("names_no_image_so", place=place)
     return tuple(place.parent / str(file) for file in files)

@@ -194,20 +194,20 @@ def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, s
     """
     kinds = KINDS | SET_KINDS
     if kind not in kinds:
-        raise InputError(message("what_stands_front_camera", kind=kind, kinds=", ".join(kinds)))
+        raise InputError("what_stands_front_camera", kind=kind, kinds=", ".join(kinds))
     fields = [field for field in FIELDS if kind in field.kinds]
     given = {f.key: values.get(f.key) for f in fields if values.get(f.key) not in (None, *_NOUGHT)}
     missing = [field.label for field in fields if field.needed and field.key not in given]
     if missing:
         what = "set" if kind in SET_KINDS else "scene"
         raise InputError(
-            message("fill_needs_them", missing=", ".join(missing), what=what, kinds=kinds[kind])
+            "fill_needs_them", missing=", ".join(missing), what=what, kinds=kinds[kind]
         )
     given |= no_load
     if "wear.distances_m" not in given:
         given.pop("wear.coefficient_mm2_per_n", None)
     if "wear.distances_m" in given and "friction.coefficient" not in given:
-        raise InputError(message("fill_friction_coefficient_about"))
+        raise InputError("fill_friction_coefficient_about")
     return "".join(_lines(kind, given, {field.key: field for field in fields}))
 
 
@@ -269,7 +269,7 @@ def set_values(text: str, values: Mapping[str, Any]) -> str:
         text = without_value(text, _PIXEL_SPREAD)
     for key, value in values.items():
         if key.count(".") != 1:
-            raise InputError(message("no_key_scene_write", key=key))
+            raise InputError("no_key_scene_write", key=key)
         if value is None or value == "":
             text = without_value(text, key)
         else:
@@ -287,7 +287,7 @@ def _make_new(session: SetupSession, request: Request) -> None:
     text = new_scene_text(request["kind"], request["values"], no_load)
     if isinstance(session, SetSession):
         if request["kind"] != session.subject:
-            raise InputError(message("kind_set", kind=request["kind"], subject=session.subject))
+            raise InputError("kind_set", kind=request["kind"], subject=session.subject)
         text = with_loads(text, session.image_names, _loads_of(session, request))
     session.change(lambda _: text)
 
@@ -308,7 +308,7 @@ def _set_scale(session: SetupSession, request: Request) -> None:
 def _set_of(session: SetupSession) -> SetSession:
     """The session of a calibration set. Raises InputError for a scene's."""
     if not isinstance(session, SetSession):
-        raise InputError(message("tool_calibration_sets_start"))
+        raise InputError("tool_calibration_sets_start")
     return session
 
 
@@ -317,11 +317,7 @@ def _loads_of(session: SetSession, request: Request) -> list[float | None]:
     given = [None if load is None else float(load) for load in request["loads"]]
     if len(given) != len(session.image_names):
         raise InputError(
-            message(
-                "loads_there_images",
-                given_count=len(given),
-                image_names_count=len(session.image_names),
-            )
+            "loads_there_images", given_count=len(given), image_names_count=len(session.image_names)
         )
     return given
 
@@ -336,7 +332,7 @@ def _sized(session: SetupSession, request: Request, key: str) -> dict[str, Any]:
     """The scale, and its uncertainty, by two points that are a length of the beam's apart."""
     length = plain_values(session.text).get(key)
     if length is None:
-        raise InputError(message("not_known_yet_fill", key=key))
+        raise InputError("not_known_yet_fill", key=key)
     first, second = request["points"]
     pixel = pixel_scale(first, second, float(length))
     spread = pixel * pixel * _CLICK_PX * math.sqrt(2.0) / float(length)
@@ -351,7 +347,7 @@ def _set_rollers(session: SetupSession, request: Request) -> None:
     rows, cols = session.reader(session.scene()).shape
     first, last = max(0, math.ceil(left_px + away)), min(cols - 1, math.floor(right_px - away))
     if last - first < _FEWEST_COLS:
-        raise InputError(message("between_two_rollers_half"))
+        raise InputError("between_two_rollers_half")
     values["frames.roi"] = {
         "top_px": 0, "left_px": first, "height_px": rows, "width_px": last - first + 1,
     }  # fmt: skip
@@ -510,9 +506,7 @@ def apply_tool(session: SetupSession, request: Request) -> None:
     """
     tool = TOOLS.get(str(request.get("tool")))
     if tool is None:
-        raise InputError(
-            message("tool_none_one", request=request.get("tool"), tools=", ".join(TOOLS))
-        )
+        raise InputError("tool_none_one", request=request.get("tool"), tools=", ".join(TOOLS))
     with refused_as_asked(str(request["tool"])):
         tool(session, request)
 
@@ -525,7 +519,7 @@ def refused_as_asked(tool: str) -> Iterator[None]:
     except IsochromeError:
         raise
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise InputError(message("tool_asked_values_none", tool=tool, error=error)) from error
+        raise InputError("tool_asked_values_none", tool=tool, error=error) from error
 
 
 SEARCHED = tuple(shape for shape, names in NEEDED.items() if names)
@@ -564,7 +558,7 @@ def find_in_frames(
     scene = session.scene(text)
     count = session.count(scene)
     if not 0 <= index < count:
-        raise InputError(message("frame_there_counted_from_2", index=index, count=count))
+        raise InputError("frame_there_counted_from_2", index=index, count=count)
     still = scene.friction is not None and scene.friction.static_state_first
     known = _known(scene, 1 if still and index == 0 and count > 1 else index, held=held)
     draft = _drafted(session, scene, known)
@@ -573,7 +567,7 @@ def find_in_frames(
 
     def edit(now: str) -> str:
         if now != started:
-            raise InputError(message("scene_has_changed_during"))
+            raise InputError("scene_has_changed_during")
         return _placed_text(session, set_values(text, values), draft)
 
     session.change(edit)
@@ -617,7 +611,7 @@ def _known(scene: Scene, index: int, *, held: bool) -> KnownValues:
     """What the scene says of all that no frame tells."""
     if scene.model not in SEARCHED:
         what = f"a {scene.model}" if scene.model else scene.no_model_reason
-        raise InputError(message("search_knows_contact_under", name=scene.name, what=what))
+        raise InputError("search_knows_contact_under", name=scene.name, what=what)
     names = {quantity.key: name for name, quantity in QUANTITIES.items()}
     names |= {key: key.partition(".")[2] for key in (*_HELD, *(_ON_REQUEST if held else ()))}
     given = {
@@ -628,7 +622,7 @@ def _known(scene: Scene, index: int, *, held: bool) -> KnownValues:
         given["gamma"] = None
     for key, name in names.items():
         if given[name] is not None and not isinstance(given[name], str | int | float):
-            raise InputError(message("changes_distance_search_takes", name=scene.name, key=key))
+            raise InputError("changes_distance_search_takes", name=scene.name, key=key)
     return known_values({"shape": scene.model, "frame": index, **given})
 
 
@@ -649,7 +643,7 @@ def _values(draft: SceneDraft, scene: Scene, *, guessed: bool) -> tuple[dict[str
     notes = []
     if values.get(_FRICTION) == 0.0:
         if guessed:
-            raise InputError(message("frame_no_friction_seen", frame=draft.frame))
+            raise InputError("frame_no_friction_seen", frame=draft.frame)
         del values[_FRICTION]
         if scene.friction is not None:
             notes.append(message("no_friction_seen_frame", frame=draft.frame, friction=_FRICTION))
@@ -668,7 +662,7 @@ def _refuse_turn(scene: Scene, draft: SceneDraft) -> None:
     stated, turn = scene.frames, draft.scene.frames.rotate_deg
     on_it = stated.roi or stated.polygon_px or stated.orders_known
     if on_it and (stated.rotate_deg or 0) != (turn or 0):
-        raise InputError(message("frame_explains_itself_turned", name=scene.name, turn=turn or 0))
+        raise InputError("frame_explains_itself_turned", name=scene.name, turn=turn or 0)
 
 
 def _placed_text(session: SetupSession, text: str, draft: SceneDraft) -> str:

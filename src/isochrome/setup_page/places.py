@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 from isochrome.stress import PixelGrid
 
 Point = tuple[float, float]
@@ -28,9 +27,9 @@ def pixel_scale(first: Point, second: Point, length_mm: float) -> float:
     """Side of a pixel, mm, from two points (row, col) a known length apart; InputError for none."""
     apart = math.hypot(second[0] - first[0], second[1] - first[1])
     if not apart >= _NEAREST_PX:
-        raise InputError(message("two_points_scale_px", apart=apart, nearest_px=_NEAREST_PX))
+        raise InputError("two_points_scale_px", apart=apart, nearest_px=_NEAREST_PX)
     if not 0.0 < length_mm < math.inf:
-        raise InputError(message("length_mm_give_distance", length_mm=length_mm))
+        raise InputError("length_mm_give_distance", length_mm=length_mm)
     return length_mm / apart
 
 
@@ -78,7 +77,7 @@ def surface_roll(first: Point, second: Point) -> float:
     first_end, second_end = sorted((first, second), key=lambda point: point[1])
     across, down = second_end[1] - first_end[1], second_end[0] - first_end[0]
     if across < _NEAREST_PX or abs(down) > across:
-        raise InputError(message("two_points_surface_lie"))
+        raise InputError("two_points_surface_lie")
     # a picture that is turned counter-clockwise has the right end of the surface higher
     return math.degrees(math.atan2(-down, across)) + 0.0
 

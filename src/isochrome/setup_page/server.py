@@ -79,7 +79,7 @@ def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
     scene = session.scene()
     if not scene.has_model:
         raise InputError(
-            message("so_there_nothing_fit", name=scene.name, no_model_reason=scene.no_model_reason)
+            "so_there_nothing_fit", name=scene.name, no_model_reason=scene.no_model_reason
         )
     result = process_frame(session.frames, scene, index)
     rows = [_value_row(one) for one in result.values]
@@ -143,7 +143,7 @@ def order_map_of_points(session: SetupSession, index: int) -> tuple[NDArray[np.u
     """
     scene = without_model(session.scene(), session.text)
     if not scene.frames.orders_known:
-        raise InputError(message("no_order_known_anywhere"))
+        raise InputError("no_order_known_anywhere")
     result: FrameResult = process_frame(session.frames, scene, index)
     reading = result.frame.reading
     if reading is None:

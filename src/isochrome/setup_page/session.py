@@ -91,12 +91,10 @@ class LiveModel:
     def __init__(self, scene: Scene, shape: tuple[int, int]) -> None:
         if not scene.has_model:
             raise InputError(
-                message(
-                    "so_there_no_fringes", name=scene.name, no_model_reason=scene.no_model_reason
-                )
+                "so_there_no_fringes", name=scene.name, no_model_reason=scene.no_model_reason
             )
         if scene.polariscope.several_wavelengths:
-            raise InputError(message("fringes_over_picture_those", name=scene.name))
+            raise InputError("fringes_over_picture_those", name=scene.name)
         self.scene, self.shape = scene, shape
         self._start(scene)
 
@@ -212,7 +210,7 @@ class SetupSession:
         with open_frames(frames, leave_out=self.left_out(None)) as reader:
             self.reader_files = tuple(Path(str(file)) for file in reader.files)
         if self.count(None) == 0:
-            raise InputError(message("holds_no_frame_check", path=frames))
+            raise InputError("holds_no_frame_check", path=frames)
 
     @property
     def folder(self) -> Path:
@@ -266,7 +264,7 @@ class SetupSession:
         """
         text = self.text if text is None else text
         if not text.strip():
-            raise InputError(message("there_no_scene_yet"))
+            raise InputError("there_no_scene_yet")
         self.refuse_strange_files(text)
         return parse_scene(
             text, name=self.scene_file.stem, folder=self.folder, label=self.scene_file.name
@@ -281,9 +279,7 @@ class SetupSession:
         label = self.scene_file.name
         strange = _named_files(text) - self._named - set(self.beside()) - set(known)
         if strange:
-            raise InputError(
-                message("names_which_not_beside", label=label, strange=sorted(strange)[0])
-            )
+            raise InputError("names_which_not_beside", label=label, strange=sorted(strange)[0])
 
     def change(self, edit: Callable[[str], str]) -> None:
         """Change the text by `edit`, where the result is a scene; else it stays as it was."""
@@ -300,7 +296,7 @@ class SetupSession:
         """Take the last change back."""
         with self._lock:
             if not self._undo:
-                raise InputError(message("there_nothing_take_back"))
+                raise InputError("there_nothing_take_back")
             self.text = self._undo.pop()
             self.revision += 1
 
@@ -337,7 +333,7 @@ class SetupSession:
             if self._read_file() not in (None, self._file_bytes):
                 noun = "scene" if self.subject is None else "set"
                 raise InputError(
-                    message("changed_another_program_since", name=self.scene_file.name, noun=noun)
+                    "changed_another_program_since", name=self.scene_file.name, noun=noun
                 )
             write_text(self.scene_file.resolve(), self.text)
             self._file_bytes, self._saved_text = self._read_file(), self.text
@@ -377,7 +373,7 @@ class SetupSession:
         """A whole frame."""
         count = self.count(scene)
         if not 0 <= index < count:
-            raise InputError(message("frame_there_counted_from_2", index=index, count=count))
+            raise InputError("frame_there_counted_from_2", index=index, count=count)
         return self._sequence(scene).frame(index)
 
     def picture(self, index: int) -> NDArray[np.uint8]:
@@ -395,7 +391,7 @@ class SetupSession:
         region = self.region(scene)
         scaled = with_file_scale(scene, self.reader(scene))
         if scaled.camera is None or scaled.camera.pixel_mm is None:
-            raise InputError(message("scale_not_known_yet"))
+            raise InputError("scale_not_known_yet")
         return pixel_grid(scaled, (region.height_px, region.width_px))
 
     def live(self, index: int, values: Mapping[str, float]) -> tuple[NDArray[np.uint8], Roi]:
@@ -495,19 +491,17 @@ class SetSession(SetupSession):
         text = self.text if text is None else text
         label = self.scene_file.name
         if not text.strip():
-            raise InputError(message("there_no_set_yet"))
+            raise InputError("there_no_set_yet")
         self.refuse_strange_files(text, self.image_names)
         tables, name = parse_toml(text, label), TABLES[self.subject or ""]
         for table in tables:
             if table not in (*_PICTURED, name, "image", "uncertainty"):
                 raise InputError(
-                    message(
-                        "none_set_tables_image",
-                        label=label,
-                        table=table,
-                        name=name,
-                        pictured=", ".join(_PICTURED),
-                    )
+                    "none_set_tables_image",
+                    label=label,
+                    table=table,
+                    name=name,
+                    pictured=", ".join(_PICTURED),
                 )
         validate(_BODIES[name], plain_table(tables.get(name, {})), f"{label}: [{name}]")
         pictured = {t: tables[t] for t in _PICTURED if t in tables}

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.figures import PaperPanels, chosen_frames
-from isochrome.messages import message
 from isochrome.optics import stored_type
 from isochrome.output import (
     Result,
@@ -344,7 +343,7 @@ class Simulation(Result):
         a colour camera with channel at the end. Raises InputError where they are in a folder.
         """
         if self.frames is None or self.orders is None:
-            raise InputError(message("frames_maps_tiff_stacks", title=self.title))
+            raise InputError("frames_maps_tiff_stacks", title=self.title)
         maps = {"frames": self.frames, "fringe_order": self.orders, **self.maps}
         return simulation_dataset(self.scene, self.pixels, self.history, maps)
 

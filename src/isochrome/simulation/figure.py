@@ -35,7 +35,6 @@ from isochrome.figures import (
     style_axes,
     write_head,
 )
-from isochrome.messages import message
 from isochrome.scene import Scene
 from isochrome.simulation.model import SceneState
 from isochrome.stress import PixelGrid
@@ -287,7 +286,7 @@ def _along_surface(
     given = [states] if isinstance(states, SceneState) else list(states)
     surfaces = [state.surface for state in given if state.surface is not None]
     if not surfaces or len(surfaces) < len(given):
-        raise InputError(message("states_without_surface_under"))
+        raise InputError("states_without_surface_under")
     drawn = given_axes(axes)
     for state, surface, colour in zip(given, surfaces, cycle(LINE_COLOURS), strict=False):
         drawn.plot(surface.grid.x_mm, value(surface), color=colour, lw=BOLD_PT, label=state.label)

@@ -223,10 +223,8 @@ def refuse_too_fine(scene: Scene, picture: Picture) -> None:
     if picture.too_fine > _TOO_FINE_SHARE:
         pixel = scene.camera.pixel_mm if scene.camera else None
         raise PhysicsError(
-            message(
-                "fringes_finer_two_pixels",
-                name=scene.name,
-                too_fine=100 * picture.too_fine,
-                pixel=pixel,
-            )
+            "fringes_finer_two_pixels",
+            name=scene.name,
+            too_fine=100 * picture.too_fine,
+            pixel=pixel,
         )

@@ -28,7 +28,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from isochrome.contact import SurfaceState
 from isochrome.errors import InputError, PhysicsError
-from isochrome.messages import message
 from isochrome.optics import expose, fringe_order
 from isochrome.output import csv_text
 from isochrome.runs import Column, Results, RunArray, RunDataset, attributes, column, make_dataset
@@ -238,12 +237,10 @@ def render(
         width = pixels.cols * pixels.pixel_mm
         if state.surface is not None and state.surface.contact_width_mm > width:
             raise PhysicsError(
-                message(
-                    "contact_mm_wide_wider",
-                    name=scene.name,
-                    contact_width_mm=state.surface.contact_width_mm,
-                    width=width,
-                )
+                "contact_mm_wide_wider",
+                name=scene.name,
+                contact_width_mm=state.surface.contact_width_mm,
+                width=width,
             )
         picture = make_picture(scene, state_difference(scene, state, pixels), pixels)
         refuse_too_fine(scene, picture)
@@ -386,7 +383,7 @@ def surface_tractions(state: SceneState) -> RunDataset:
     """
     surface = state.surface
     if surface is None:
-        raise InputError(message("no_contact_state_has", label=state.label))
+        raise InputError("no_contact_state_has", label=state.label)
     values = {
         "pressure_mpa": (surface.pressure_mpa, "MPa", "pressure p"),
         "shear_mpa": (surface.shear_mpa, "MPa", "shear traction q along +x"),
@@ -483,26 +480,22 @@ def polariscope_light(scene: Scene, stress: ArrayLike, *, step: int | None = Non
     pixels, values = pixel_grid(scene), np.asarray(stress)
     if values.shape != (pixels.rows, pixels.cols) or values.dtype.kind != "c":
         raise InputError(
-            message(
-                "stress_difference_shape_type",
-                name=scene.name,
-                shape=values.shape,
-                dtype=values.dtype,
-                rows=pixels.rows,
-                cols=pixels.cols,
-            )
+            "stress_difference_shape_type",
+            name=scene.name,
+            shape=values.shape,
+            dtype=values.dtype,
+            rows=pixels.rows,
+            cols=pixels.cols,
         )
     for key in ("thickness_mm", "fringe_value_n_per_mm"):
         if getattr(scene.specimen, key) is None:
-            raise InputError(message("specimen_missing_add", name=scene.name, key=key))
+            raise InputError("specimen_missing_add", name=scene.name, key=key)
     if step is not None and step not in scene.polariscope.step_numbers:
         raise InputError(
-            message(
-                "step_polariscope_has_polariscope",
-                name=scene.name,
-                step=step,
-                step_count=len(scene.polariscope.step),
-            )
+            "step_polariscope_has_polariscope",
+            name=scene.name,
+            step=step,
+            step_count=len(scene.polariscope.step),
         )
     picture = make_picture(scene, values, pixels)
     refuse_too_fine(scene, picture)
@@ -554,13 +547,11 @@ def camera_frame(
     channels = (3,) if camera is not None and camera.colour else ()
     if values.shape != (pixels.rows, pixels.cols, *channels) or values.dtype.kind != "f":
         raise InputError(
-            message(
-                "light_shape_type_give",
-                name=scene.name,
-                shape=values.shape,
-                dtype=values.dtype,
-                value=(pixels.rows, pixels.cols, *channels),
-            )
+            "light_shape_type_give",
+            name=scene.name,
+            shape=values.shape,
+            dtype=values.dtype,
+            value=(pixels.rows, pixels.cols, *channels),
         )
     assert camera is not None
     source = np.random.default_rng([camera.seed, 0]) if rng is None else rng

@@ -19,7 +19,6 @@ import numpy as np
 
 from isochrome.contact import SurfaceState
 from isochrome.errors import InputError, PhysicsError
-from isochrome.messages import message
 from isochrome.scene import Scene
 from isochrome.specimens.contact import HalfPlane
 from isochrome.stress import (
@@ -75,12 +74,10 @@ class BlockModel(HalfPlane):
         half_width = float(np.max(np.abs(surface.edges_mm)))
         if half_width > _WIDEST * sides.clearance:
             raise PhysicsError(
-                message(
-                    "contact_reaches_mm_from",
-                    name=scene.name,
-                    half_width=half_width,
-                    clearance=sides.clearance,
-                )
+                "contact_reaches_mm_from",
+                name=scene.name,
+                half_width=half_width,
+                clearance=sides.clearance,
             )
         x, dx = surface.grid.x_mm, surface.grid.spacing_mm
         p, q = surface.pressure_mpa, surface.shear_mpa
@@ -145,6 +142,4 @@ def _check_reach(scene: Scene, sides: Sides, pixels: PixelGrid) -> None:
     down = max(abs(pixels.top_mm), abs(pixels.top_mm + pixels.rows * pixels.pixel_mm))
     farthest, reach = float(np.hypot(across, down)), REACH * sides.clearance
     if farthest > reach:
-        raise InputError(
-            message("picture_reaches_mm_from", name=scene.name, farthest=farthest, reach=reach)
-        )
+        raise InputError("picture_reaches_mm_from", name=scene.name, farthest=farthest, reach=reach)

@@ -15,7 +15,6 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 from isochrome.stress.field import StressComponents
 from isochrome.stress.half_plane import (
     Floats,
@@ -61,7 +60,7 @@ def load_skfem() -> ModuleType:
     try:
         import skfem
     except ImportError as error:
-        raise InputError(message("specimen_shape_block_needs")) from error
+        raise InputError("specimen_shape_block_needs") from error
     return cast(ModuleType, skfem)
 
 

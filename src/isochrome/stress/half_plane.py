@@ -42,7 +42,6 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 from isochrome.stress.field import StressComponents, StressDifference
 from isochrome.stress.pixels import PixelGrid
 
@@ -395,9 +394,7 @@ def field_dtype(tolerance: float) -> type[np.complexfloating]:
     """
     if not tolerance >= DOUBLE_ERROR:
         raise InputError(
-            message(
-                "tolerance_stress_field_largest", tolerance=tolerance, double_error=DOUBLE_ERROR
-            )
+            "tolerance_stress_field_largest", tolerance=tolerance, double_error=DOUBLE_ERROR
         )
     return np.complex64 if tolerance >= SINGLE_ERROR else np.complex128
 
@@ -416,9 +413,7 @@ def make_field_grid(
     """
     fold = round(pixels.pixel_mm / spacing_mm)
     if fold < 1 or abs(fold * spacing_mm / pixels.pixel_mm - 1.0) > 1e-9:
-        raise InputError(
-            message("pixel_mm_must_whole", pixel_mm=pixels.pixel_mm, spacing_mm=spacing_mm)
-        )
+        raise InputError("pixel_mm_must_whole", pixel_mm=pixels.pixel_mm, spacing_mm=spacing_mm)
     kind = np.dtype(dtype)
     depths = pixels.z_mm / pixels.pixel_mm
     surface = int(np.searchsorted(depths, -_ON_SURFACE))
@@ -507,9 +502,7 @@ def _empty_field(grid: FieldGrid) -> StressDifference:
 def _check_nodes(grid: FieldGrid, *tractions: Floats | None) -> None:
     for traction in tractions:
         if traction is not None and np.shape(traction) != (grid.nodes,):
-            raise InputError(
-                message("tractions_have_shape_but", shape=np.shape(traction), nodes=grid.nodes)
-            )
+            raise InputError("tractions_have_shape_but", shape=np.shape(traction), nodes=grid.nodes)
 
 
 _GROWTH = 1.2

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 from isochrome.stress.half_plane import NO_STRESS, Box, Floats, Loads, RegularStress, find_hills
 from isochrome.stress.pixels import PixelGrid
 
@@ -38,7 +37,7 @@ def largest_shear(
     shear = np.zeros_like(pressure_mpa) if shear_mpa is None else shear_mpa
     for name, traction in (("pressure_mpa", pressure_mpa), ("shear_mpa", shear)):
         if not np.isfinite(traction).all():
-            raise InputError(message("holds_nan_infinity_give", name=name))
+            raise InputError("holds_nan_infinity_give", name=name)
     loaded = np.flatnonzero((pressure_mpa != 0.0) | (shear != 0.0))
     if not len(loaded):
         return _without_loads(regular, box)
@@ -69,9 +68,7 @@ def _material(within: PixelGrid | tuple[float, float, float, float]) -> Box:
         within = left_mm, left_mm + wide, top, top + high
     left_mm, right, top, bottom = within
     if not (left_mm <= right and max(top, 0.0) <= bottom):
-        raise InputError(
-            message("window_from_mm_mm", left_mm=left_mm, right=right, top=top, bottom=bottom)
-        )
+        raise InputError("window_from_mm_mm", left_mm=left_mm, right=right, top=top, bottom=bottom)
     return Box(left_mm, right, max(top, 0.0), bottom)
 
 

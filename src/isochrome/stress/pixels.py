@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 from isochrome.scene import Camera, Scene
 
 Floats = NDArray[np.floating]
@@ -158,22 +157,20 @@ def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
     """
     camera = scene.camera
     if camera is None:
-        raise InputError(message("camera_missing_picture_needs", name=scene.name))
+        raise InputError("camera_missing_picture_needs", name=scene.name)
     rows = camera.height_px or (shape[0] if shape else None)
     cols = camera.width_px or (shape[1] if shape else None)
     for key, value in (("height_px", rows), ("width_px", cols), ("pixel_mm", camera.pixel_mm)):
         if value is None:
-            raise InputError(message("camera_missing_add", name=scene.name, key=key))
+            raise InputError("camera_missing_add", name=scene.name, key=key)
     assert rows is not None and cols is not None and camera.pixel_mm is not None
     if rows * cols > MAX_PIXELS:
         raise InputError(
-            message(
-                "camera_width_px_height_px_over",
-                name=scene.name,
-                cols=cols,
-                rows=rows,
-                max_pixels=MAX_PIXELS,
-            )
+            "camera_width_px_height_px_over",
+            name=scene.name,
+            cols=cols,
+            rows=rows,
+            max_pixels=MAX_PIXELS,
         )
     left_mm, top = camera.left_mm, camera.top_mm
     if left_mm is None:
@@ -184,15 +181,13 @@ def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
     reach = max(abs(left_mm), abs(top)) + max(rows, cols) * camera.pixel_mm
     if reach > MAX_REACH_MM:
         raise InputError(
-            message(
-                "picture_reaches_mm_from_contact",
-                name=scene.name,
-                reach=reach,
-                pixel_mm=camera.pixel_mm,
-                left_mm=left_mm,
-                top=top,
-                max_reach_mm=MAX_REACH_MM,
-            )
+            "picture_reaches_mm_from_contact",
+            name=scene.name,
+            reach=reach,
+            pixel_mm=camera.pixel_mm,
+            left_mm=left_mm,
+            top=top,
+            max_reach_mm=MAX_REACH_MM,
         )
     return PixelGrid(rows, cols, left_mm, top, camera.pixel_mm, _lens(camera, rows, cols))
 

@@ -19,7 +19,6 @@ from isochrome.figures import (
     style_axes,
     write_head,
 )
-from isochrome.messages import message
 from isochrome.output import Result, counted, numbers, read_csv, write_csv, write_text
 from isochrome.progress import RunProgress
 from isochrome.runs import (
@@ -83,15 +82,15 @@ def make_grid(scene: Scene, vary: Sequence[str] | Mapping[str, Values]) -> Sweep
     for text in vary:
         key, own = _parsed(text) if not isinstance(vary, Mapping) else (text, vary[text])
         if key in values:
-            raise InputError(message("vary_given_twice_give", key=key))
+            raise InputError("vary_given_twice_give", key=key)
         values[key] = tuple(float(v) for v in own)
         if len(set(values[key])) < len(values[key]) or not values[key]:
-            raise InputError(message("vary_needs_values_each", key=key, values=list(values[key])))
+            raise InputError("vary_needs_values_each", key=key, values=list(values[key]))
     if not values:
-        raise InputError(message("sweep_varies_something_give"))
+        raise InputError("sweep_varies_something_give")
     count = math.prod(len(own) for own in values.values())
     if count > MAX_POINTS:
-        raise InputError(message("vary_makes_points_allowed", count=count, max_points=MAX_POINTS))
+        raise InputError("vary_makes_points_allowed", count=count, max_points=MAX_POINTS)
     grid = SweepGrid(scene, {key: _whole(scene, key, own) for key, own in values.items()})
     for index in range(count):
         grid.scene_at(index)
@@ -112,7 +111,7 @@ def _parsed(text: str) -> tuple[str, list[float]]:
             raise ValueError
     except ValueError:
         comma = "with points in its numbers, not commas, " if "," in rest and ":" in rest else ""
-        raise InputError(message("vary_give_key_first", text=text, comma=comma)) from None
+        raise InputError("vary_give_key_first", text=text, comma=comma) from None
     return key.strip(), result
 
 
@@ -320,14 +319,14 @@ def _layout(grid: SweepGrid) -> RunLayout:
     count = int(np.prod(list(grid.counts.values())))
     first = grid.scene_at(0)
     if not first.has_model or first.camera is None:
-        raise InputError(message("sweep_needs_model_camera", name=first.name))
+        raise InputError("sweep_needs_model_camera", name=first.name)
     forms = set()
     for index in range(count):
         own = grid.scene_at(index)
         pixels = pixel_grid(own)
         forms.add((state_count(own), pixels.rows, pixels.cols, own.polariscope.step_numbers))
     if len(forms) > 1:
-        raise InputError(message("vary_changes_number_states", values=", ".join(grid.values)))
+        raise InputError("vary_changes_number_states", values=", ".join(grid.values))
     ((states, rows_, cols, steps),) = forms
     plain = steps == (None,) and not first.camera.colour
     layers = (ORDER, GREY) if plain else (ORDER,)
@@ -343,7 +342,7 @@ def _finish(run_folder: RunFolder, job: Job, grid: SweepGrid) -> None:
     table = _table(run_folder, grid)
     if set(table["status"]) == {"failed"}:
         raise PhysicsError(
-            message("all_points_refused", count=run_folder.layout.count, reason=table["reason"][0])
+            "all_points_refused", count=run_folder.layout.count, reason=table["reason"][0]
         )
     write_csv(run_folder.results / TABLE, table)
     write_text(run_folder.results / "scene.toml", dump_scene(grid.scene))

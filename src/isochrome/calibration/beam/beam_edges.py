@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from isochrome.calibration.beam.beam_fit import BeamFit
 from isochrome.calibration.settings import Beam, Uncertainty
 from isochrome.errors import InputError
-from isochrome.messages import message
 from isochrome.output import with_uncertainty
 
 Array = NDArray[np.float64]
@@ -123,15 +122,13 @@ def check_beam_scale(
         return
     own, share = beam.height_mm / found.height_px, found.standard_uncertainty / found.height_px
     raise InputError(
-        message(
-            "beam_edges_px_apart",
-            with_uncertainty=with_uncertainty(found.height_px, found.standard_uncertainty),
-            height_mm=beam.height_mm,
-            pixel_mm=pixel_mm,
-            stated=stated,
-            off=off,
-            with_uncertainty_2=with_uncertainty(own, own * share),
-        )
+        "beam_edges_px_apart",
+        with_uncertainty=with_uncertainty(found.height_px, found.standard_uncertainty),
+        height_mm=beam.height_mm,
+        pixel_mm=pixel_mm,
+        stated=stated,
+        off=off,
+        with_uncertainty_2=with_uncertainty(own, own * share),
     )
 
 

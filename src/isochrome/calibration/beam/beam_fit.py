@@ -13,7 +13,6 @@ from isochrome.calibration.settings import Beam
 from isochrome.calibration.shot import Shot
 from isochrome.errors import PhysicsError
 from isochrome.estimation import ALIKE_CHI, IntensityFit, SeveralStarts, smooth_starts
-from isochrome.messages import message
 
 Array = NDArray[np.float64]
 
@@ -172,21 +171,21 @@ def _check(shot: Shot, found: SeveralStarts, seen_px: float) -> None:
     used = np.isfinite(best.residual)
     contrast = float(np.std((best.illumination_map * best.signal)[used]))
     if contrast < FAINTEST * float(np.median(shot.sigma)):
-        raise PhysicsError(message("too_few_fringes_too", name=shot.name))
+        raise PhysicsError("too_few_fringes_too", name=shot.name)
     if slope * seen_px < FEWEST or best.standard_uncertainty[0] > 0.2 * slope:
-        raise PhysicsError(message("fringes_view_too_few", name=shot.name, seen_px=slope * seen_px))
+        raise PhysicsError("fringes_view_too_few", name=shot.name, seen_px=slope * seen_px)
     alike = [m for m in found.others if m.chi < ALIKE_CHI * best.chi]
     rivals = [m for m in alike if abs(m.values[0] / slope - 1) > 0.02]
     if rivals:
         raise PhysicsError(
-            message("two_fringe_slopes_explain", name=shot.name, chi=best.chi, chi_2=rivals[0].chi)
+            "two_fringe_slopes_explain", name=shot.name, chi=best.chi, chi_2=rivals[0].chi
         )
     if not (best.converged and best.positive):
         raise _not_fitted(shot)
 
 
 def _not_fitted(shot: Shot) -> PhysicsError:
-    return PhysicsError(message("fringes_not_those_pure", name=shot.name))
+    return PhysicsError("fringes_not_those_pure", name=shot.name)
 
 
 def beam_image(fit: BeamFit, pixel_mm: float, *, misfit: float) -> ImageFit:

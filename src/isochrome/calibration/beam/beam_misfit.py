@@ -17,7 +17,6 @@ from isochrome.calibration.beam.beam_fit import BeamFit, beam_signal
 from isochrome.calibration.beam.beam_joint import Stack, fit_stack
 from isochrome.errors import PhysicsError
 from isochrome.estimation import degrees_of, fit_intensity, jackknife_variance, smooth_light
-from isochrome.messages import message
 
 Array = NDArray[np.float64]
 
@@ -83,7 +82,7 @@ def check_span(fit: BeamFit) -> None:
     if np.any((size > BENT) & (size > CERTAIN * spread)):
         (c1, c2), ends = result.values[3:], np.linspace(-1.0, 1.0, 101)
         part = np.ptp(c1 * ends + c2 * ends * ends)
-        raise PhysicsError(message("fringes_slope_changes_along", name=shot.name, part=part))
+        raise PhysicsError("fringes_slope_changes_along", name=shot.name, part=part)
 
 
 def thinned(fit: BeamFit) -> BeamFit:

@@ -20,7 +20,6 @@ from isochrome.calibration.whole_set.set_result import (
     jackknife,
 )
 from isochrome.errors import PhysicsError
-from isochrome.messages import message
 
 Array = NDArray[np.float64]
 
@@ -69,9 +68,7 @@ def check_set_span(fit: SetFit) -> None:
     for key, factor in along.items():
         value, spread = fit.shared.get(key, (0.0, 0.0))
         if factor * abs(value) > BENT and abs(value) > CERTAIN * spread:
-            raise PhysicsError(
-                message("fringes_slope_changes_along_half", value=factor * abs(value))
-            )
+            raise PhysicsError("fringes_slope_changes_along_half", value=factor * abs(value))
 
 
 def beam_set_images(

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from isochrome.calibration.shot import Shot
 from isochrome.errors import InputError, PhysicsError
-from isochrome.messages import message
 
 Array = NDArray[np.float64]
 
@@ -75,7 +74,7 @@ def find_beam(shot: Shot, height_px: float) -> BeamView:
     cost, phase = _scan(rows, values, count, tops, height_px, slopes[best])
     place = int(np.argmin(cost.min(axis=1)))
     if cost.min() > 0.95 * _smooth_cost(rows, values, count):
-        raise PhysicsError(message("no_fringes_rise_across", name=shot.name))
+        raise PhysicsError("no_fringes_rise_across", name=shot.name)
     middle = tops[place] + 0.5 * height_px
     starts = []
     for slope, angle in zip(slopes[best], phase[place], strict=True):
@@ -88,19 +87,15 @@ def _check_size(shot: Shot, height_px: float) -> None:
     seen = shot.light.shape[0]
     if not SMALLEST_PX <= height_px <= LARGEST_FRAMES * seen:
         raise InputError(
-            message(
-                "beam_height_mm_camera_pixel_mm",
-                name=shot.name,
-                height_px=height_px,
-                seen=seen,
-                smallest_px=SMALLEST_PX,
-                seen_2=LARGEST_FRAMES * seen,
-            )
+            "beam_height_mm_camera_pixel_mm",
+            name=shot.name,
+            height_px=height_px,
+            seen=seen,
+            smallest_px=SMALLEST_PX,
+            seen_2=LARGEST_FRAMES * seen,
         )
     if np.mean(shot.valid) < FEWEST_VALID:
-        raise PhysicsError(
-            message("only_pixels_can_used", name=shot.name, mean=np.mean(shot.valid))
-        )
+        raise PhysicsError("only_pixels_can_used", name=shot.name, mean=np.mean(shot.valid))
 
 
 def _tilt(shot: Shot) -> float:

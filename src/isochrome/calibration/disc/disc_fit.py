@@ -21,7 +21,6 @@ from isochrome.calibration.settings import Disc
 from isochrome.calibration.shot import Shot
 from isochrome.errors import PhysicsError
 from isochrome.estimation import ALIKE_CHI, IntensityFit, SeveralStarts, smooth_starts
-from isochrome.messages import message
 
 Array = NDArray[np.float64]
 
@@ -72,23 +71,21 @@ def _check_explained(shot: Shot, best: IntensityFit) -> None:
     explained = 1.0 - float(np.var(best.residual[used]) / np.var(image))
     if explained < EXPLAINED:
         raise PhysicsError(
-            message(
-                "loaded_disc_fringes_explain",
-                name=shot.name,
-                explained=explained,
-                fewest_loads=FEWEST_LOADS,
-            )
+            "loaded_disc_fringes_explain",
+            name=shot.name,
+            explained=explained,
+            fewest_loads=FEWEST_LOADS,
         )
 
 
 def _check(shot: Shot, best: IntensityFit, ambiguous: bool) -> None:
     order, spread = float(best.values[0]), float(best.standard_uncertainty[0])
     if order < FEWEST:
-        raise PhysicsError(message("centre_order_too_low", name=shot.name, order=order))
+        raise PhysicsError("centre_order_too_low", name=shot.name, order=order)
     if ambiguous:
-        raise PhysicsError(message("two_centre_orders_near", name=shot.name, order=order))
+        raise PhysicsError("two_centre_orders_near", name=shot.name, order=order)
     if not best.converged or not best.positive or spread > 0.2 * order:
-        raise PhysicsError(message("fringes_could_not_fitted", name=shot.name))
+        raise PhysicsError("fringes_could_not_fitted", name=shot.name)
 
 
 def _fit(shot: Shot, grid: DiscPixels, starts: Array, within: float) -> SeveralStarts:

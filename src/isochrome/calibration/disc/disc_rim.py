@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from isochrome.errors import PhysicsError
 from isochrome.estimation import Observation
-from isochrome.messages import message
 
 Array = NDArray[np.float64]
 
@@ -74,19 +73,17 @@ def find_rim(frame: Observation) -> Circle:
     edge = np.concatenate([patch[0], patch[-1], patch[:, 0], patch[:, -1]])
     if not inside or np.count_nonzero(edge) > 0.1 * min(height, width):
         raise PhysicsError(
-            message(
-                "disc_rim_leaves_frame",
-                name=frame.name,
-                row=circle.row,
-                col=circle.col,
-                radius=circle.radius,
-                height=height,
-                width=width,
-            )
+            "disc_rim_leaves_frame",
+            name=frame.name,
+            row=circle.row,
+            col=circle.col,
+            radius=circle.radius,
+            height=height,
+            width=width,
         )
     if circle.scatter > 0.12 * circle.radius:
         raise PhysicsError(
-            message("no_round_disc_seen", name=frame.name, radius=circle.scatter / circle.radius)
+            "no_round_disc_seen", name=frame.name, radius=circle.scatter / circle.radius
         )
     return circle
 
@@ -134,7 +131,7 @@ def _patch(frame: Observation) -> NDArray[np.bool_]:
     patch = _closed(slope > limit, max(2, size // 40))
     labels, count = ndimage.label(patch)
     if count == 0:
-        raise PhysicsError(message("nothing_but_even_light", name=frame.name))
+        raise PhysicsError("nothing_but_even_light", name=frame.name)
     sizes = np.bincount(labels.ravel())
     sizes[0] = 0
     return np.asarray(ndimage.binary_fill_holes(labels == int(np.argmax(sizes))))

@@ -30,7 +30,6 @@ from isochrome.calibration.whole_set.set_result import (
     jackknife,
 )
 from isochrome.errors import InputError
-from isochrome.messages import message
 from isochrome.output import with_uncertainty
 
 Array = NDArray[np.float64]
@@ -156,12 +155,10 @@ def check_diameter(
     spread, off = float(np.sqrt(np.sum(np.square(parts)))), abs(seen / stated - 1.0)
     if off > max(CONTRADICTED * spread, SLIGHT):
         raise InputError(
-            message(
-                "disc_px_wide_disc",
-                with_uncertainty=with_uncertainty(seen, own),
-                diameter_mm=disc.diameter_mm,
-                pixel_mm=pixel_mm,
-                stated=stated,
-                off=off,
-            )
+            "disc_px_wide_disc",
+            with_uncertainty=with_uncertainty(seen, own),
+            diameter_mm=disc.diameter_mm,
+            pixel_mm=pixel_mm,
+            stated=stated,
+            off=off,
         )

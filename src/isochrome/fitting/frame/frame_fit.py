@@ -39,7 +39,6 @@ from isochrome.fitting.frame.unknowns import (
     values_of,
 )
 from isochrome.fitting.search.cold_start import CLEAR, search_frame
-from isochrome.messages import message
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
 
@@ -328,7 +327,7 @@ def _final(
         gamma_fit = model.at(start, near=gamma_fit.model)
     final = refine_fit(model, start, gamma_fit=gamma_fit)
     if final is None:
-        raise PhysicsError(message("scene_cannot_solved_where", name=data.name))
+        raise PhysicsError("scene_cannot_solved_where", name=data.name)
     plates = [j for j, key in enumerate(keys) if key.endswith("plate_error_deg")]
     if plates:  # turned to the other side, they nearly mirror the picture
         other = final.values.copy()
@@ -350,14 +349,12 @@ def placed(scene: Scene, shape: tuple[int, int]) -> Scene:
     grid = pixel_grid(scene, shape)
     if (grid.rows, grid.cols) != shape:
         raise InputError(
-            message(
-                "frames_their_frames_roi",
-                name=scene.name,
-                shape=shape[0],
-                shape_2=shape[1],
-                rows=grid.rows,
-                cols=grid.cols,
-            )
+            "frames_their_frames_roi",
+            name=scene.name,
+            shape=shape[0],
+            shape_2=shape[1],
+            rows=grid.rows,
+            cols=grid.cols,
         )
     return scene.with_values({"camera.left_mm": grid.left_mm, "camera.top_mm": grid.top_mm})
 
@@ -377,7 +374,7 @@ def cramer_rao_bound(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> Ar
     model = FrameModel(data, scene, keys, fit_region(scene, data.shape, 1, _SURFACE_PX))
     gamma_fit = model.at(values)
     if gamma_fit is None:
-        raise PhysicsError(message("scene_cannot_solved_own", name=scene.name))
+        raise PhysicsError("scene_cannot_solved_own", name=scene.name)
     return model.linearise(values, gamma_fit).bound
 
 
@@ -422,4 +419,4 @@ def _slope(
         except (InputError, PhysicsError):
             continue
         return np.asarray((moved - here) / one)
-    raise PhysicsError(message("scene_cannot_solved_beside", key=key, value=value))
+    raise PhysicsError("scene_cannot_solved_beside", key=key, value=value)

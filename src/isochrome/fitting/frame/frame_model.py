@@ -38,7 +38,6 @@ from isochrome.estimation import (
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.renderer import SceneRenderer
 from isochrome.fitting.frame.unknowns import BLUR, GAMMA, limits, moved_scene, scales
-from isochrome.messages import message
 from isochrome.scene import Scene
 
 _PASSES = 3
@@ -108,7 +107,7 @@ def trusted_pixels(data: FrameData, region: Mask) -> Pixels:
     """
     keep = data.valid & region
     if not keep.any():
-        raise PhysicsError(message("no_pixel_camera_shows", name=data.name))
+        raise PhysicsError("no_pixel_camera_shows", name=data.name)
     complete = bool(keep.all())
 
     def chosen(image: Array) -> Array:
@@ -349,7 +348,7 @@ class FrameModel:
             if signal is None or precise:
                 second = self._beside(keys, values, j, -first, visibility)
             if signal is None and second is None:
-                raise PhysicsError(message("scene_cannot_solved_beside", key=key, value=values[j]))
+                raise PhysicsError("scene_cannot_solved_beside", key=key, value=values[j])
             ahead = gamma_fit.part.signal if signal is None else signal
             behind = gamma_fit.part.signal if second is None else second
             np.subtract(ahead, behind, out=row)

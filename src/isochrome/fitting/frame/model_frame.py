@@ -10,7 +10,6 @@ from isochrome.estimation import MOSTLY, FrameData, SeparableProblem, solve_line
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.frame.unknowns import thinning
-from isochrome.messages import message
 from isochrome.scene import Scene
 from isochrome.simulation import Picture, make_picture, scene_states, state_difference
 from isochrome.stress import PixelGrid, pixel_grid
@@ -101,7 +100,7 @@ def fitted_light(data: FrameData, signal: Array, mask: Mask) -> tuple[Array, Arr
     signal, mask = signal[::stride, ::stride], mask[::stride, ::stride]
     count = int(np.count_nonzero(mask))
     if not count:
-        raise InputError(message("no_pixel_can_trusted", name=data.name))
+        raise InputError("no_pixel_can_trusted", name=data.name)
     # a weight of nought leaves a pixel out, and costs less than to take the others out of stacks
     weight = np.where(mask, 1.0 / data.sigma, 0.0).astype(np.float32)
     light, dark = (

@@ -7,7 +7,6 @@ import numpy as np
 from isochrome.contact import contact_grid, wear_course
 from isochrome.errors import InputError
 from isochrome.frames import Frame
-from isochrome.messages import message
 from isochrome.scene import DistanceTable, Scene, Wear
 
 
@@ -70,7 +69,7 @@ def slid_until(scene: Scene, frame: Frame) -> float | None:
 def timed_distance(frame: Frame, speed_mm_per_s: float) -> float:
     """Sliding distance of a video's frame, s = v t (m); InputError where it has no time."""
     if frame.time_s is None:
-        raise InputError(message("frame_has_no_time", index=frame.index, name=frame.name))
+        raise InputError("frame_has_no_time", index=frame.index, name=frame.name)
     return 1e-3 * speed_mm_per_s * frame.time_s
 
 
@@ -110,9 +109,7 @@ def _wear_at(scene: Scene, wear: Wear, distance_m: float) -> Wear:
     history, (stop,) = wear_course(scene.model_copy(update={"wear": wear_there}))
     loads = history.line_load_n_per_mm
     if stop.dose_mm_per_mpa > 0.0 and np.ptp(loads) > 1e-9 * loads.max():
-        raise InputError(
-            message("load_normal_n_table_changes", name=scene.name, distance_m=distance_m)
-        )
+        raise InputError("load_normal_n_table_changes", name=scene.name, distance_m=distance_m)
     friction = scene.friction.coefficient if scene.friction else 0.0
     if isinstance(wear.coefficient_mm2_per_n, DistanceTable) or (
         wear.law != "archard" and isinstance(friction, DistanceTable)

@@ -12,7 +12,6 @@ from isochrome.errors import InputError
 from isochrome.estimation import Bounds, Prior
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.single_state import is_held
-from isochrome.messages import message
 from isochrome.scene import Scene
 from isochrome.specimens import specimen_model
 from isochrome.stress import pixel_grid
@@ -73,7 +72,7 @@ def values_of(scene: Scene, keys: tuple[str, ...]) -> Array:
     values = [scene.get(key) for key in keys]
     for key, value in zip(keys, values, strict=True):
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise InputError(message("cannot_fitted_no_number", key=key, value=value))
+            raise InputError("cannot_fitted_no_number", key=key, value=value)
     return np.array(values, dtype=float)
 
 

@@ -17,7 +17,6 @@ from isochrome.errors import InputError
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.single_state import frame_distance, frame_scene, state_scene, with_part
 from isochrome.fitting.frame.unknowns import FRICTION, LOAD, WEAR
-from isochrome.messages import message
 from isochrome.scene import DistanceTable, Scene
 from isochrome.simulation import SceneState, scene_states, state_count
 
@@ -145,7 +144,7 @@ def make_sequence(
     for key in (*shared, *per_frame):
         having = tuple(i for i in range(count) if _has(scene, i, key))
         if not having:
-            raise InputError(message("no_frame_scene_has", key=key))
+            raise InputError("no_frame_scene_has", key=key)
         if key in shared:
             unknowns.append(Unknown(key, having, True))
             continue

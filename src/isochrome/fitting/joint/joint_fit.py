@@ -59,7 +59,6 @@ from isochrome.fitting.joint.normal_equations import (
     solved_along,
     with_number,
 )
-from isochrome.messages import message
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
 
@@ -170,7 +169,7 @@ class JointSolution:
         values, ends = solution.fit.values, solution.problem.bounds
         for k, unknown in enumerate(solution.fit.unknowns):
             if unknown.key in change.added and not ends.low[k] < values[k] < ends.high[k]:
-                raise PhysicsError(message("end_where_may", key=unknown.key, values=values[k]))
+                raise PhysicsError("end_where_may", key=unknown.key, values=values[k])
         return solution
 
     def trial(self, change: Change) -> tuple[float, int, int] | None:
@@ -383,7 +382,7 @@ class JointProblem:
 
         normal = at(values)
         if normal is None:
-            raise PhysicsError(message("scene_cannot_solved_where_frames"))
+            raise PhysicsError("scene_cannot_solved_where_frames")
 
         def enough(here: NormalEquations) -> float:
             # a gain of `tolerance` in standard uncertainties, and what derivatives do not resolve
@@ -437,7 +436,7 @@ class JointProblem:
         bound = information_bound(inverse, determined)
         for unknown, limit in zip(self.sequence.unknowns, bound.tolist(), strict=True):
             if unknown.shared and not np.isfinite(limit):
-                raise PhysicsError(message("does_not_change_fringes", key=unknown.key))
+                raise PhysicsError("does_not_change_fringes", key=unknown.key)
         noise = sandwich(inverse, normal.middle)
         inputs, sensitivity = self._sensitivity(values, inverse)
         covariance = noise + (sensitivity * inputs.spread**2) @ sensitivity.T
@@ -483,9 +482,7 @@ class JointProblem:
             renderer = make_renderer(self.sequence, self.first[0], self.shape, 1)
             sums = self._sums(wider, np.r_[values, held.values], renderer, 1)
             if sums is None:
-                raise PhysicsError(
-                    message("scene_cannot_solved_beside_these", keys=", ".join(held.keys))
-                )
+                raise PhysicsError("scene_cannot_solved_beside_these", keys=", ".join(held.keys))
             columns += list(-(inverse @ sums.normal[: len(keys), len(keys) :]).T)
         rows = inputs_of_rows([*stated.rows, *held.rows])
         return rows, np.array(columns).reshape(-1, len(keys)).T
@@ -511,7 +508,7 @@ class JointProblem:
             region = self._region(i, 1)
             solved = solved_along(data, here, moved, renderer=renderer, region=region)
             if solved is None:
-                raise PhysicsError(message("scene_cannot_solved_beside_values", name=data.name))
+                raise PhysicsError("scene_cannot_solved_beside_values", name=data.name)
             pixels, gamma_fit, rows = solved
             yield SolvedFrame(
                 data=data,

@@ -30,7 +30,7 @@ _CONTRADICTS = 3.0
 def refuse_scars(sequence: Sequence) -> None:
     """Raise InputError where a sequence's frames do not show the wear that a scar measures."""
     if not sequence.run:
-        raise InputError(message("scar_measured_one_run", name=sequence.scene.name))
+        raise InputError("scar_measured_one_run", name=sequence.scene.name)
 
 
 def measured_areas(scene: Scene) -> tuple[MeasuredArea, ...]:

@@ -19,7 +19,6 @@ from isochrome.fitting.frame.unknowns import LOAD, WEAR
 from isochrome.fitting.joint.frame_sequence import COURSE, Sequence, Unknown, local_values
 from isochrome.fitting.joint.joint_fit import JointFit
 from isochrome.fitting.joint.measured_scars import scar_rows
-from isochrome.messages import message
 from isochrome.scene import DistanceTable
 
 _LEAST = 1e-2
@@ -172,7 +171,7 @@ def starting_values(sequence: Sequence, single_fits: list[FrameFit]) -> Array:
 def refuse_undetermined(key: str, fits: Iterable[FrameFit]) -> None:
     """Raise PhysicsError where none of some frames' own fits tells a key."""
     if not any(np.isfinite(_spread(fit, key)) for fit in fits):
-        raise PhysicsError(message("does_not_change_fringes", key=key))
+        raise PhysicsError("does_not_change_fringes", key=key)
 
 
 def _wear_factors(

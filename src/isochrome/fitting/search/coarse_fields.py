@@ -23,7 +23,6 @@ from isochrome.contact import SurfaceState, mean_wear_rate
 from isochrome.errors import InputError, PhysicsError
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.single_state import is_held, with_part
-from isochrome.messages import message
 from isochrome.scene import Scene, Wear
 from isochrome.simulation import scene_states
 from isochrome.specimens import specimen_model
@@ -196,7 +195,7 @@ def field_maker(scene: Scene) -> Callable[[PixelGrid, Mask], Field]:
         table = pressure_table(scene)
         return lambda pixels, keep: ContactField(scene, pixels, keep, table)
     if not specimen_model(scene).is_proportional:
-        raise InputError(message("stress_does_not_go", name=scene.name, model=scene.model))
+        raise InputError("stress_does_not_go", name=scene.name, model=scene.model)
     return lambda pixels, keep: BodyField(scene, pixels, keep)
 
 
@@ -319,7 +318,7 @@ def pressure_table(scene: Scene) -> PressureTable:
     ]
     solved = [(factor, states) for factor, states in result if states is not None]
     if not solved:
-        raise PhysicsError(message("contact_cannot_solved_any", name=scene.name))
+        raise PhysicsError("contact_cannot_solved_any", name=scene.name)
     rows = np.array([[_series(state) for state in states] for _, states in solved])
     table = rows.swapaxes(0, 1)
     series = table[..., 2:]

@@ -35,7 +35,6 @@ from isochrome.fitting.search.coarse_fields import (
     theta_of,
 )
 from isochrome.fitting.search.descents import Descended, SearchPixels, Space, bulk_hops, descend
-from isochrome.messages import message
 from isochrome.scene import Scene
 
 FOUND_CHI = 1.1
@@ -114,7 +113,7 @@ def search_frame(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> Search
         result = descend(fine, led.theta, space, steps=_STEPS)
         near = _with_hops(fine, _distinct(near.joined(result), space, _KEPT), space)
     if not np.isfinite(near.chi[0]):
-        raise PhysicsError(message("no_start_gives_positive"))
+        raise PhysicsError("no_start_gives_positive")
     return Search(_minima(near, scene, keys), scanned=True)
 
 
@@ -137,7 +136,7 @@ def _thinning(data: FrameData, scene: Scene) -> Callable[[int], SearchPixels]:
     """A function that takes about so many pixels, away from where the model decides the picture."""
     usable = data.valid & fit_region(scene, data.shape, 1, _HIDDEN * data.shape[0])
     if not usable.any():
-        raise InputError(message("no_valid_pixel_below", name=data.name))
+        raise InputError("no_valid_pixel_below", name=data.name)
     make_field = field_maker(scene)
 
     def pixels(count: int) -> SearchPixels:

@@ -36,7 +36,6 @@ from isochrome.fitting.search.coarse_fields import (
 )
 from isochrome.fitting.search.descents import SearchPixels, Space, descend
 from isochrome.frames import as_turned
-from isochrome.messages import message
 from isochrome.scene import Scene
 from isochrome.stress import PixelGrid
 
@@ -177,7 +176,7 @@ def search_picture(
     starts = _spread(sorted(result, key=lambda w: w.left), data.shape[1] * _pixel_of(scene))
     minima = sorted(_descended(data, placed, table, starts), key=lambda s: s.chi)
     if not minima:
-        raise PhysicsError(message("nothing_frame_follows_contact", name=data.name))
+        raise PhysicsError("nothing_frame_follows_contact", name=data.name)
     return _distinct(minima)
 
 

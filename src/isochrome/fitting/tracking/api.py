@@ -30,7 +30,6 @@ from isochrome.frames import (
     open_scene_frames,
     with_file_scale,
 )
-from isochrome.messages import message
 from isochrome.output import provenance, write_figure
 from isochrome.progress import RunProgress, Tally
 from isochrome.runs import (
@@ -75,7 +74,7 @@ def refuse_shared(keys: tuple[str, ...]) -> None:
         Where there is one; it names the key and what to do.
     """
     if keys:
-        raise InputError(message("free_together_track_tracked", keys=keys[0]))
+        raise InputError("free_together_track_tracked", keys=keys[0])
 
 
 def track(
@@ -164,7 +163,7 @@ def track(
         with closing(_TrackWork(reader, sliding_scene(scene), keys)) as work:
             count = reader.count(decode=False)
             if count == 0:
-                raise InputError(message("holds_no_frame_check", path=reader.path))
+                raise InputError("holds_no_frame_check", path=reader.path)
             if scene.frames.sliding_speed_mm_per_s is None:
                 refuse_states(reader.path, count, work.scene)
             if not as_stated:

@@ -167,7 +167,7 @@ def _asked(
 ) -> Freed[JointSolution]:
     """Frames with their own values, asked together. Raises PhysicsError where they show nothing."""
     if not asked:
-        raise PhysicsError(message("frames_do_not_show", name=scene.name))
+        raise PhysicsError("frames_do_not_show", name=scene.name)
     data = FrameSet(shape, [frame for frame, _ in asked])
     sequence = make_sequence(scene, len(asked), (), keys)
     start = starting_values(sequence, [fit for _, fit in asked])

@@ -202,12 +202,10 @@ class TrackRows:
         known = np.isfinite(values) & np.isfinite(spread)
         if not known.any():
             raise PhysicsError(
-                message(
-                    "nothing_could_read_any",
-                    name=scene.name,
-                    single_fits_count=len(self.chi),
-                    cause=message(CORRECT),
-                )
+                "nothing_could_read_any",
+                name=scene.name,
+                single_fits_count=len(self.chi),
+                cause=message(CORRECT),
             )
         means = {
             key: float(values[known[:, j], j].mean())

@@ -23,7 +23,6 @@ from isochrome.contact import (
 )
 from isochrome.errors import PhysicsError
 from isochrome.fitting.arrays import Array
-from isochrome.messages import message
 
 STEP, SMALL = 0.0075, 5e-4
 """Largest growth in a step, over the worn and the elastic area; below the second no halves are
@@ -99,7 +98,7 @@ class WornScar:
         if room > 0:
             return WornScar(self.worn_mm2, np.pad(self.depth_mm, room))
         if self.depth_mm[:-room].any() or self.depth_mm[room:].any():
-            raise PhysicsError(message("scar_wider_grid_raise"))
+            raise PhysicsError("scar_wider_grid_raise")
         return WornScar(self.worn_mm2, self.depth_mm[-room:room])
 
 
@@ -160,7 +159,7 @@ def grow(
                 scar = _stepped(site, scar, drive, worn, elastic_mm2)
             result.append(scar)
     if any(one.depth_mm[[0, -1]].any() for one in result):
-        raise PhysicsError(message("scar_reaches_edge_grid", name=site.scene.name))
+        raise PhysicsError("scar_reaches_edge_grid", name=site.scene.name)
     return result
 
 

@@ -33,7 +33,6 @@ from isochrome.fitting.tractions.traction_stage import (
     solve_stage,
     state_bins,
 )
-from isochrome.messages import message
 
 _COARSE = ((128, 32), (64, 16), (32, 8), (16, 4), (8, 4))
 _FINE = ((4, 4), (2, 2))
@@ -89,7 +88,7 @@ def invert(setup: Setup, starts: list[State]) -> tuple[Stage, list[Stage]]:
     assert best is not None
     stage, begun = best
     if not stage.shows_fringes():
-        raise PhysicsError(message("frame_shows_no_fringes"))
+        raise PhysicsError("frame_shows_no_fringes")
     return _regularised(setup, stage), begun
 
 
@@ -187,7 +186,7 @@ def _supported(stage: Stage) -> Array:
             ends = basis.nodes_px[[i, j - 1]] + 2 * basis.spacing_px * np.array([-1, 1])
             result |= (places >= ends[0]) & (places <= ends[1])
     if not result.any():
-        raise PhysicsError(message("frame_shows_no_fringes_pressure"))
+        raise PhysicsError("frame_shows_no_fringes_pressure")
     return result
 
 

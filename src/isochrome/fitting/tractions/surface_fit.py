@@ -140,7 +140,7 @@ def invert_tractions(
 def refuse_without_contact(scene: Scene) -> None:
     """Raise InputError where a scene has no contact on whose surface tractions could act."""
     if scene.indenter is None:
-        raise InputError(message("tractions_act_surface_contact", name=scene.name))
+        raise InputError("tractions_act_surface_contact", name=scene.name)
     refuse_bent(scene, message("inverted_tractions_leave_out"))
 
 

@@ -31,7 +31,6 @@ from isochrome.frames.reading import (
     check_size,
     refusing,
 )
-from isochrome.messages import message
 
 FileKind = Literal["tiff", "image", "video"]
 
@@ -78,9 +77,7 @@ def signature_of(path: Path) -> Signature:
             head = file.read(_HEAD)
             container = container_of(file)
     except OSError as error:
-        raise InputError(
-            message("cannot_read_check_name", path=path, strerror=error.strerror)
-        ) from error
+        raise InputError("cannot_read_check_name", path=path, strerror=error.strerror) from error
     if head.startswith(_TIFF):
         return Signature("tiff", "TIFF")
     name = _image(head)
@@ -88,7 +85,7 @@ def signature_of(path: Path) -> Signature:
         return Signature("image", name)
     if container is not None and head[8:12] not in _PHOTOGRAPHS:
         return Signature("video", container)
-    raise InputError(message("not_image_video_kind", path=path, seems=_seems(head)))
+    raise InputError("not_image_video_kind", path=path, seems=_seems(head))
 
 
 def _image(head: bytes) -> str | None:
@@ -163,9 +160,9 @@ def read_image(path: Path) -> np.ndarray:
     if kind == "tiff":
         return tiff.read_single(path)
     if kind == "video":
-        raise InputError(message("video_image_wanted_here", path=path))
+        raise InputError("video_image_wanted_here", path=path)
     if Stamp.of(path).size > 2 * MAX_BYTES:
-        raise InputError(message("larger_bytes_one_image", path=path, max_bytes=2 * MAX_BYTES))
+        raise InputError("larger_bytes_one_image", path=path, max_bytes=2 * MAX_BYTES)
     with refusing(path, "not a readable image"):
         data = path.read_bytes()
         from PIL import Image, UnidentifiedImageError
@@ -175,7 +172,7 @@ def read_image(path: Path) -> np.ndarray:
                 # a telephone's JPEG with copies behind it, MPO, is read as the picture itself
                 count = 1 if file.format == "MPO" else getattr(file, "n_frames", 1)
                 if count != 1:
-                    raise InputError(message("holds_pictures_one_file", path=path, count=count))
+                    raise InputError("holds_pictures_one_file", path=path, count=count)
                 # Pillow makes 16-bit colour 8 bits and stretches PGM values: OpenCV does neither.
                 deep = file.format == "PNG" and data[24:25] == b"\x10"
                 channel = 2 if deep or "16" in file.mode else WIDE.get(file.mode, 1)
@@ -187,7 +184,7 @@ def read_image(path: Path) -> np.ndarray:
                 else:
                     raw = _by_pillow(path, file)
         except UnidentifiedImageError as error:
-            raise InputError(message("not_image_whatever_name", path=path)) from error
+            raise InputError("not_image_whatever_name", path=path) from error
     return np.ascontiguousarray(raw, dtype=check_dtype(path, raw.dtype))
 
 
@@ -196,7 +193,7 @@ def _by_pillow(path: Path, file: Any) -> np.ndarray:
     if mode in ("1", "P", "PA"):
         file = file.convert("L" if mode == "1" else "RGB")
     elif mode not in ("L", "LA", "RGB", "RGBA", "RGBX", "F") and not mode.startswith("I;16"):
-        raise InputError(message("colours_mode_not_read", path=path, mode=mode))
+        raise InputError("colours_mode_not_read", path=path, mode=mode)
     raw = np.asarray(file)
     if raw.ndim == 3:
         raw = raw[..., 0] if raw.shape[2] < 3 else raw[..., :3]
@@ -205,7 +202,7 @@ def _by_pillow(path: Path, file: Any) -> np.ndarray:
 
 def _by_opencv(path: Path, data: bytes) -> np.ndarray:
     if data.startswith(b"\x89PNG") and PNG_END not in data:
-        raise InputError(message("image_breaks_off_copy", path=path))
+        raise InputError("image_breaks_off_copy", path=path)
     import cv2
 
     if "OPENCV_LOG_LEVEL" not in os.environ:  # else it tells standard error of damaged images
@@ -215,7 +212,7 @@ def _by_opencv(path: Path, data: bytes) -> np.ndarray:
             cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if raw is None:
-        raise InputError(message("image_breaks_off_damaged", path=path))
+        raise InputError("image_breaks_off_damaged", path=path)
     if raw.ndim == 3:
         raw = raw[..., 0] if raw.shape[2] < 3 else raw[..., 2::-1]
     return np.asarray(raw)

@@ -39,7 +39,6 @@ from isochrome.frames.reading import (
     next_time,
     refusing,
 )
-from isochrome.messages import message
 from isochrome.output import pixel_mm_of
 
 if TYPE_CHECKING:
@@ -88,20 +87,20 @@ def read_ome(text: str, path: Path) -> Ome:
     square. Source: OME schema 2016-06, elements Image, Pixels, Channel, TiffData, Plane.
     """
     if "<!DOCTYPE" in text or "<!ENTITY" in text:  # entities can grow without bounds
-        raise InputError(message("ome_notes_define_entities", path=path))
+        raise InputError("ome_notes_define_entities", path=path)
     try:
         root = ElementTree.fromstring(text.encode("utf-8"))
     except (ElementTree.ParseError, ValueError) as error:
-        raise InputError(message("ome_notes_no_xml", path=path, error=error)) from error
+        raise InputError("ome_notes_no_xml", path=path, error=error) from error
     images = root.findall("{*}Image")
     if len(images) != 1:
-        raise InputError(message("holds_image_series_save", path=path, images_count=len(images)))
+        raise InputError("holds_image_series_save", path=path, images_count=len(images))
     uuid = root.get("UUID")
     if any(note.text != uuid for note in images[0].iterfind("{*}Pixels/{*}TiffData/{*}UUID")):
-        raise InputError(message("one_several_files_one", path=path))
+        raise InputError("one_several_files_one", path=path)
     pixels = images[0].find("{*}Pixels")
     if pixels is None:
-        raise InputError(message("ome_notes_describe_no", path=path))
+        raise InputError("ome_notes_describe_no", path=path)
     samples = [_count(c, "SamplesPerPixel", path) for c in pixels.iterfind("{*}Channel")]
     size = {axis: _count(pixels, f"Size{axis}", path) for axis in "ZCT"}
     interval = _number(pixels, "TimeIncrement", OME_SECONDS, "TimeIncrementUnit", "s")
@@ -126,7 +125,7 @@ def read_ome(text: str, path: Path) -> Ome:
 def _count(element: ElementTree.Element, name: str, path: Path) -> int:
     text = element.get(name, "1")
     if not (text.isascii() and text.isdecimal() and 0 < int(text[:12]) < 10**9):
-        raise InputError(message("ome_notes_say_save", path=path, name=name, text=text[:20]))
+        raise InputError("ome_notes_say_save", path=path, name=name, text=text[:20])
     return int(text)
 
 
@@ -149,7 +148,7 @@ def _pixel_mm(pixels: ElementTree.Element, path: Path) -> float | None:
     if across is None or down is None:
         return None
     if abs(across / down - 1) > 1e-3:
-        raise InputError(message("says_pixel_mm_wide", path=path, across=across, down=down))
+        raise InputError("says_pixel_mm_wide", path=path, across=across, down=down)
     return across
 
 
@@ -234,13 +233,11 @@ class PageDecoder:
         end = max((offset + size for offset, size in parts), default=0)
         if end > self._tif.filehandle.size:
             raise InputError(
-                message(
-                    "frame_ends_byte_file",
-                    path=self._path,
-                    index=index,
-                    end=end,
-                    size=self._tif.filehandle.size,
-                )
+                "frame_ends_byte_file",
+                path=self._path,
+                index=index,
+                end=end,
+                size=self._tif.filehandle.size,
             )
         self._check_parts(page, index)
         return page
@@ -260,15 +257,13 @@ class PageDecoder:
         present = min(len(page.dataoffsets), sum(size > 0 for size in page.databytecounts))
         if present < wanted or held < needed:
             raise InputError(
-                message(
-                    "frame_has_strips_tiles",
-                    path=self._path,
-                    index=index,
-                    present=present,
-                    wanted=wanted,
-                    held=held,
-                    needed=needed,
-                )
+                "frame_has_strips_tiles",
+                path=self._path,
+                index=index,
+                present=present,
+                wanted=wanted,
+                held=held,
+                needed=needed,
             )
 
     def _decode(self, page: Any, place: int, index: int) -> np.ndarray:
@@ -277,15 +272,11 @@ class PageDecoder:
         as_stored = inverted and self._inverted_too and self._tif.is_imagej
         if page.photometric == SEPARATED or (inverted and not as_stored):
             raise InputError(
-                message(
-                    "frame_stored_not_black", path=path, index=index, name=page.photometric.name
-                )
+                "frame_stored_not_black", path=path, index=index, name=page.photometric.name
             )
         if page.dtype is None:
             raise InputError(
-                message(
-                    "frame_has_bits_pixel", path=path, index=index, bitspersample=page.bitspersample
-                )
+                "frame_has_bits_pixel", path=path, index=index, bitspersample=page.bitspersample
             )
         check_dtype(path, page.dtype)
         raw = self._pixels(page, place, index)
@@ -294,7 +285,7 @@ class PageDecoder:
         elif page.axes == "SYX":
             raw = np.moveaxis(raw, 0, -1)
         elif page.axes not in ("YX", "YXS"):
-            raise InputError(message("frame_has_axes_save", path=path, index=index, axes=page.axes))
+            raise InputError("frame_has_axes_save", path=path, index=index, axes=page.axes)
         if raw.ndim == 3:
             raw = raw[..., 0] if raw.shape[2] < 3 else raw[..., :3]
         return np.ascontiguousarray(raw, dtype=check_dtype(path, raw.dtype))
@@ -332,9 +323,7 @@ class PageDecoder:
                 data = stream.unconsumed_tail
             if size > expected:
                 raise InputError(
-                    message(
-                        "frame_swells_over_bytes", path=self._path, index=index, expected=expected
-                    )
+                    "frame_swells_over_bytes", path=self._path, index=index, expected=expected
                 )
 
     def _packed(self, page: Any, index: int) -> np.ndarray:
@@ -342,9 +331,7 @@ class PageDecoder:
         rows, cols, bits = page.imagelength, page.imagewidth, page.bitspersample
         plain = page.axes == "YX" and not page.is_tiled and page.predictor == 1
         if not plain or int(page.compression) not in (NONE, *DEFLATE) or page.fillorder != 1:
-            raise InputError(
-                message("frame_packs_bit_pixels", path=self._path, index=index, bits=bits)
-            )
+            raise InputError("frame_packs_bit_pixels", path=self._path, index=index, bits=bits)
         parts = self._segments(page)
         if int(page.compression) in DEFLATE:
             parts = [zlib.decompress(part) for part in parts]
@@ -352,13 +339,11 @@ class PageDecoder:
         packed = np.frombuffer(b"".join(parts), np.uint8)
         if packed.size < rows * width:
             raise InputError(
-                message(
-                    "frame_breaks_off_after",
-                    path=self._path,
-                    index=index,
-                    size=packed.size,
-                    width=rows * width,
-                )
+                "frame_breaks_off_after",
+                path=self._path,
+                index=index,
+                size=packed.size,
+                width=rows * width,
             )
         out, places = np.empty((rows, cols), np.uint16), 2 ** np.arange(bits)[::-1]
         for row, line in enumerate(packed[: rows * width].reshape(rows, width)):
@@ -376,13 +361,11 @@ class PageDecoder:
             raw = np.asarray(self._pillow)
         if raw.dtype.itemsize != page.dtype.itemsize or raw.shape != page.shape:
             raise InputError(
-                message(
-                    "frame_compressed_which_not",
-                    path=self._path,
-                    index=index,
-                    name=page.compression.name,
-                    dtype=page.dtype,
-                )
+                "frame_compressed_which_not",
+                path=self._path,
+                index=index,
+                name=page.compression.name,
+                dtype=page.dtype,
             )
         return raw
 
@@ -459,9 +442,9 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     """Find the frames of an open TIFF, after a look whether it breaks off. Raises InputError."""
     other = [name for name in OTHERS if getattr(tif, f"is_{name}", False)]
     if other:
-        raise InputError(message("microscope_own_kind_tiff", path=path, other=other[0]))
+        raise InputError("microscope_own_kind_tiff", path=path, other=other[0])
     if len(tif.pages) == 0:
-        raise InputError(message("not_readable_tiff_holds", path=path))
+        raise InputError("not_readable_tiff_holds", path=path)
     _check_square(tif, path)
     if tif.is_ome:
         return _of_ome(tif, path)
@@ -469,7 +452,7 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     claimed = _claimed(tif, len(pages))
     hidden = len(pages) == 1 < claimed and _fit_behind(tif, claimed)
     if not hidden and (claimed > len(pages) or _chain_breaks(tif)):
-        raise InputError(message("breaks_off_after_frames", path=path, pages_count=len(pages)))
+        raise InputError("breaks_off_after_frames", path=path, pages_count=len(pages))
     meta = (tif.imagej_metadata or {}) if tif.is_imagej else {}
     _check_axes(path, _whole(meta, "channels"), _whole(meta, "slices"), _whole(meta, "frames"))
     interval = _interval(meta)
@@ -527,9 +510,9 @@ def _chain_breaks(tif: tifffile.TiffFile) -> bool:
 def _check_axes(path: Path, channels: int, slices: int, times: int) -> None:
     """Refuse stacks whose pages are not one after the other in time, or in one other direction."""
     if 1 < channels <= MOST_CHANNELS or (channels > 1 and slices * times > 1):
-        raise InputError(message("holds_colour_channels_separate", path=path, channels=channels))
+        raise InputError("holds_colour_channels_separate", path=path, channels=channels)
     if slices > 1 and times > 1:
-        raise InputError(message("holds_slices_each_times", path=path, slices=slices, times=times))
+        raise InputError("holds_slices_each_times", path=path, slices=slices, times=times)
 
 
 def _check_square(tif: tifffile.TiffFile, path: Path) -> None:
@@ -540,7 +523,7 @@ def _check_square(tif: tifffile.TiffFile, path: Path) -> None:
     (xn, xd), (yn, yd) = page.tags["XResolution"].value, page.tags["YResolution"].value
     if 0 in (xn, xd, yn, yd) or abs(xn * yd / (xd * yn) - 1) <= SQUARE:
         return
-    raise InputError(message("says_pixels_unit_across", path=path, xd=xn / xd, yd=yn / yd))
+    raise InputError("says_pixels_unit_across", path=path, xd=xn / xd, yd=yn / yd)
 
 
 def _interval(meta: dict[str, Any]) -> float | None:
@@ -557,14 +540,12 @@ def _of_ome(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     if ome.count > len(tif.pages):  # before a list of that length is made
         raise _incomplete(path, ome.count, len(tif.pages))
     if len(tif.series) != 1:
-        raise InputError(
-            message("holds_image_series_save", path=path, images_count=len(tif.series))
-        )
+        raise InputError("holds_image_series_save", path=path, images_count=len(tif.series))
     pages: list[Any] = list(tif.series[0].pages)
     if None in pages or len(pages) != ome.count:
         raise _incomplete(path, ome.count, sum(page is not None for page in pages))
     if _chain_breaks(tif):
-        raise InputError(message("breaks_off_truncated_copy", path=path))
+        raise InputError("breaks_off_truncated_copy", path=path)
     return TiffLayout(
         count=len(pages),
         pages=tuple((page.index, page.offset) for page in pages),
@@ -573,7 +554,7 @@ def _of_ome(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
 
 
 def _incomplete(path: Path, named: int, present: int) -> InputError:
-    return InputError(message("ome_notes_name_frames", path=path, named=named, present=present))
+    return InputError("ome_notes_name_frames", path=path, named=named, present=present)
 
 
 SUFFIXES = (".tif", ".tiff", ".btf", ".tf8", ".tf2")
@@ -620,7 +601,7 @@ def read_single(path: Path, *, inverted_too: bool = False) -> np.ndarray:
     with refusing(path, "not a readable TIFF"), _opened(path) as tif:
         layout = tiff_layout_of(tif, path)
         if layout.count != 1:
-            raise InputError(message("holds_pages_one_file", path=path, count=layout.count))
+            raise InputError("holds_pages_one_file", path=path, count=layout.count)
         with closing(PageDecoder(tif, path, inverted_too=inverted_too)) as decoder:
             return decoder.frame(layout, 0)
 

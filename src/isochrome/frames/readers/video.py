@@ -28,7 +28,6 @@ from isochrome.frames.reading import (
     next_time,
     refusing,
 )
-from isochrome.messages import message
 
 SUFFIXES = (
     ".avi", ".mp4", ".mkv", ".mov", ".m4v", ".wmv", ".mpg", ".mpeg", ".webm", ".ts", ".mts",
@@ -102,7 +101,7 @@ class Video:
             sums.append(checksum(item.frame))
             last = item.frame
         if not times:
-            raise InputError(message("no_frame_video_can", path=self.path))
+            raise InputError("no_frame_video_can", path=self.path)
         self.stamp.check(self.path)
         long, base = getattr(last, "duration", None), last.time_base  # how long a frame stands
         end = float(long * base) if long and base else None
@@ -120,16 +119,14 @@ class Video:
         index = first - 1
         for index, item in enumerate(running, first):
             if index >= len(stamps) or item.tick != stamps[index]:
-                raise InputError(message("frame_not_one_packet", path=self.path, index=index))
+                raise InputError("frame_not_one_packet", path=self.path, index=index)
             yield item
         if index + 1 != len(stamps):
             raise InputError(
-                message(
-                    "gives_frames_packets_copy",
-                    path=self.path,
-                    index=index + 1,
-                    stamps_count=len(stamps),
-                )
+                "gives_frames_packets_copy",
+                path=self.path,
+                index=index + 1,
+                stamps_count=len(stamps),
             )
 
     def _from_key(self, start: int) -> tuple[int, Iterator[Decoded]] | None:
@@ -176,7 +173,7 @@ class Video:
             return
         for number, each in enumerate(self.decoded()):
             if number >= len(sums) or checksum(each.frame) != sums[number]:
-                raise InputError(message("frame_not_what_when", path=self.path, number=number))
+                raise InputError("frame_not_what_when", path=self.path, number=number)
             if number > index:
                 yield each
 
@@ -189,7 +186,7 @@ def open_video(path: Path) -> Source:
     try:
         item = next(running, None)
         if item is None:
-            raise InputError(message("no_frame_video_can", path=path))
+            raise InputError("no_frame_video_can", path=path)
         with refusing(path, "frame 0 cannot be decoded"):
             image, bits = to_image(item.frame, path)
             base = item.frame.time_base

@@ -27,7 +27,6 @@ from isochrome.fringes.colour.colour_value import (
 from isochrome.fringes.colour.frame_exposure import FrameExposure
 from isochrome.fringes.on_branch import OrderReading, probability
 from isochrome.fringes.windows import Array, Mask, beside_jumps, masked
-from isochrome.messages import message
 
 BINNED_FROM = 150_000
 """Pixels of a frame from which on branches are chosen for blocks of 2 x 2 of them."""
@@ -103,15 +102,13 @@ def read_colour(
 def _check(light: Array, table: ColourTable, valid: Mask | None, specimen: Mask | None) -> None:
     channels = table.signal.shape[1]
     if light.ndim != 3 or light.shape[2] != channels:
-        raise InputError(message("colour_frame_row_col", channels=channels, shape=light.shape))
+        raise InputError("colour_frame_row_col", channels=channels, shape=light.shape)
     for name, mask, shape in (
         ("valid", valid, light.shape),
         ("specimen", specimen, light.shape[:2]),
     ):
         if mask is not None and mask.shape != shape:
-            raise InputError(
-                message("mask_must_reshape", name=name, shape=mask.shape, shape_2=shape)
-            )
+            raise InputError("mask_must_reshape", name=name, shape=mask.shape, shape_2=shape)
 
 
 def _blocks(shown: ColourSignal, factor: int) -> tuple[Array, Array]:

@@ -97,7 +97,7 @@ def spectral_table(polariscope: Polariscope, response: Response) -> ColourTable:
     is blind. Source: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29.
     """
     if polariscope.field == "plane" or not polariscope.several_wavelengths:
-        raise InputError(message("polariscope_colour_table_needs"))
+        raise InputError("polariscope_colour_table_needs")
     order = STEP * np.arange(int(np.ceil(LARGEST_ORDER / STEP)) + 1)
     light = make_light(polariscope, response, highest_order=LARGEST_ORDER)
     chains = [make_chain(polariscope, wavelength_nm=float(w)) for w in light.wavelength_nm]
@@ -136,7 +136,7 @@ def measured_table(signal: Array, order: Array) -> ColourTable:
     known = np.isfinite(order) & np.isfinite(signal).all(axis=-1)
     n, s = order[known].astype(float), signal[known].astype(float)
     if len(n) < 100 or n.min() > _WIDTH:
-        raise InputError(message("colour_table_needs_pixels"))
+        raise InputError("colour_table_needs_pixels")
     cell = np.rint(n / STEP).astype(int)
     count = cell.max() + 1
     offset = n - STEP * cell
@@ -166,7 +166,7 @@ def _local_lines(number: Array, offsets: Array, plain: Array, turned: Array) -> 
     m2 = summed(number, bell * away**2) + 2.0 * summed(offsets, bell * away)
     if m0.min() < 3.0:
         where = STEP * int(np.argmin(m0))
-        raise InputError(message("colour_table_needs_pixels_every", where=where))
+        raise InputError("colour_table_needs_pixels_every", where=where)
     t0 = summed(plain, bell)
     t1 = summed(plain, bell * away) + summed(turned, bell)
     return np.asarray(((m2 * t0 - m1 * t1) / np.maximum(m0 * m2 - m1**2, 1e-30)).T)
@@ -204,15 +204,13 @@ def read_table(path: Path) -> ColourTable:
     columns = read_csv(path)
     missing = [name for name in ("fringe_order", *CHANNELS) if name not in columns]
     if missing:
-        raise InputError(
-            message("frames_colour_table_lacks_columns", path=path, missing=missing, fix=fix)
-        )
+        raise InputError("frames_colour_table_lacks_columns", path=path, missing=missing, fix=fix)
     try:
         order = np.array(columns["fringe_order"], dtype=float)
         signal = np.array([columns[name] for name in CHANNELS], dtype=float).T
         spread = np.array([columns.get(name, [0.0])[:1] for name in SPREADS], dtype=float).ravel()
     except ValueError as error:
-        raise InputError(message("frames_colour_table_holds_more", path=path, fix=fix)) from error
+        raise InputError("frames_colour_table_holds_more", path=path, fix=fix) from error
     for fault in _faults(order, signal, spread):
         raise InputError(f"{path}: frames.colour_table{fault}; {fix}")
     places = STEP * np.arange(int(np.floor(order[-1] / STEP + 1e-6)) + 1)

@@ -20,7 +20,6 @@ from isochrome.fringes.colour.colour_branch import Choice
 from isochrome.fringes.colour.colour_table import STEP, ColourTable
 from isochrome.fringes.colour.frame_exposure import FrameExposure, find_ends, find_exposure
 from isochrome.fringes.windows import Array, Mask, gaussian_sum, nearest_known
-from isochrome.messages import message
 
 LEAST_CONTRAST = 0.2
 """Contrast, over that of the frame's brightest places, below which a pixel is without light."""
@@ -61,9 +60,7 @@ def colour_signal(
     """
     for name, frame in (("dark", dark), ("bright", bright)):
         if frame is not None and frame.shape != light.shape:
-            raise InputError(
-                message("no_load_frame_row", name=name, shape=frame.shape, shape_2=light.shape)
-            )
+            raise InputError("no_load_frame_row", name=name, shape=frame.shape, shape_2=light.shape)
     blind = dark is None or bright is None
     noise = np.broadcast_to(np.asarray(sigma, dtype=float), light.shape)
     exposure = FrameExposure()
@@ -104,7 +101,7 @@ def _lit(contrast: Array, valid: Mask) -> Mask:
     from scipy.ndimage import gaussian_filter
 
     if not valid.any():
-        raise InputError(message("frame_has_no_pixel"))
+        raise InputError("frame_has_no_pixel")
     used = np.asarray(valid.any(axis=(0, 1)))
     usual = np.array(
         [
@@ -113,7 +110,7 @@ def _lit(contrast: Array, valid: Mask) -> Mask:
         ]
     )
     if not (usual > 0.0).all():
-        raise InputError(message("frame_has_no_contrast_between"))
+        raise InputError("frame_has_no_contrast_between")
     share = (contrast / usual).sum(axis=-1) / np.count_nonzero(used)
     smooth = gaussian_filter(share.astype(np.float32), 1.0, mode="nearest")
     return np.asarray((smooth > LEAST_CONTRAST) & (share > 0.5 * LEAST_CONTRAST))

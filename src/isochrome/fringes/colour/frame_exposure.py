@@ -29,7 +29,6 @@ from isochrome.estimation import channel_light
 from isochrome.fringes.colour.colour_branch import candidate_orders, choose_orders
 from isochrome.fringes.colour.colour_table import ColourTable
 from isochrome.fringes.windows import Array, Mask, block_means, nearest_known, valid_means
-from isochrome.messages import message
 
 EXPECTED = 0.5
 """Standard deviation of ln e before anything is known: exposures of 1 : 2.6 are two of these."""
@@ -315,7 +314,7 @@ def find_ends(
         inside = (choice.order < colourful) & (choice.misfit < _FARTHEST_COLOUR)
         inside &= table.coloured(signal, COLOURFUL)
         if np.count_nonzero(inside) < 100:
-            raise InputError(message("frame_colours_not_table"))
+            raise InputError("frame_colours_not_table")
         place = table.place(choice.order[inside])
         ideal, slope = table.signal[place], table.slope[place]
         root = np.where(usable, 1.0 / (over * np.sqrt(variance)), 0.0)[inside]
@@ -353,13 +352,13 @@ def _small(
 def _first_guess(small: _Small, table: ColourTable) -> Array:
     """The unknowns from the darkest and the brightest places of each channel."""
     if not small.enough.any(axis=(0, 1)).all():
-        raise InputError(message("channel_saturated_masked_all"))
+        raise InputError("channel_saturated_masked_all")
     trusted = np.where(small.enough, small.light, np.nan)
     lowest, highest = np.nanpercentile(trusted, (0.5, 99.5), axis=(0, 1))
     background = lowest if small.low is None else np.median(small.low, axis=(0, 1))
     gain = (highest - background) / (table.signal.max(axis=0) - table.signal.min(axis=0))
     if not (gain > 0.0).all():
-        raise InputError(message("frame_shows_no_fringes_normalise"))
+        raise InputError("frame_shows_no_fringes_normalise")
     shape = np.zeros((len(gain), len(small.surface)))
     shape[:, 0] = 0.9 * gain
     parts = ([shape.ravel()] if small.full is None else []) + (

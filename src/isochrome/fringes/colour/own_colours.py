@@ -51,7 +51,6 @@ from isochrome.fringes.colour.colour_table import LARGEST_ORDER, STEP, ColourTab
 from isochrome.fringes.colour.colour_value import JUMP
 from isochrome.fringes.colour.frame_exposure import UNLIKE, correction, spread_out
 from isochrome.fringes.windows import Array, Indices, Mask, beside_jumps, block_means, valid_means
-from isochrome.messages import message
 
 GREEN = 1
 
@@ -339,10 +338,10 @@ def unknowns(
     """
     light = np.where(shots.valid, np.maximum(shots.raw, 0.0), np.nan) ** gamma
     if not np.isfinite(light).any(axis=(0, 1, 2)).all():
-        raise InputError(message("channel_saturated_masked_all_frames"))
+        raise InputError("channel_saturated_masked_all_frames")
     low, high = np.nanpercentile(light, (0.5, 99.5), axis=(0, 1, 2))
     if not (high - low > _LEAST_CONTRAST).all():
-        raise InputError(message("frames_show_no_fringes"))
+        raise InputError("frames_show_no_fringes")
     frames = len(light)
     brightness, standard = _brightness(light, shots, gamma)
     light = light / np.exp(brightness)[:, None, None, None]
@@ -593,7 +592,7 @@ def _search(known: Unknowns, highest_order: float) -> OwnLight:
             np.concatenate(parts) for parts in zip(*(look.equations for look in looks), strict=True)
         )
         if len(left) < 300:
-            raise InputError(message("colours_frames_not_recognised"))
+            raise InputError("colours_frames_not_recognised")
         hold = known.hold_at(theta) * (len(left) / trials)
         step, covariance = correction(design, left, along, hold, known.expected - theta)
         covariance = covariance * (len(left) / trials)

@@ -39,7 +39,6 @@ from isochrome.fringes.film.follower import (
 )
 from isochrome.fringes.on_branch import OrderReading, make_reading, read_order, widened
 from isochrome.fringes.windows import Array, Mask, block_means, nearest_known, valid_means
-from isochrome.messages import message
 
 _DEGREES = (2, 4)
 """Of the illumination: a lamp falls off to the corners; the second where the crests ask for it."""
@@ -146,13 +145,13 @@ class BrightestLight:
     def surface(self, valid: Mask) -> Array:
         """The illumination that the crests lie on (rows, cols). Raises InputError without any."""
         if self._top is None:
-            raise InputError(message(NO_CREST))
+            raise InputError(NO_CREST)
         basis = light_basis(self._top.shape, total_degree(_DEGREES[0]))
         thin = slice(None, None, _STRIDE)
         use = valid[thin, thin]
         brightest, terms = self._top[thin, thin][use], basis[:, thin, thin][:, use]
         if brightest.size < 100 or not brightest.max() > 0.0:
-            raise InputError(message(NO_CREST))
+            raise InputError(NO_CREST)
         weight = (brightest >= np.percentile(brightest, _FIRST)).astype(np.float32)
         coefficients = np.zeros(len(terms))
         for _ in range(_ROUNDS):
@@ -164,7 +163,7 @@ class BrightestLight:
             weight = np.where(away > _ABOVE, 0.3, weight).astype(np.float32)
         surface = np.tensordot(coefficients.astype(np.float32), basis, 1)
         if not surface[valid].min() > 0.2 * np.median(surface[valid]):
-            raise InputError(message(NO_CREST))
+            raise InputError(NO_CREST)
         return np.asarray(surface)
 
 
@@ -202,7 +201,7 @@ class CrestLight:
         cols).
         """
         if not self.told:
-            raise InputError(message(NO_CREST))
+            raise InputError(NO_CREST)
         fits = [self._fit(degree) for degree in _DEGREES]
         chosen = int(fits[1][2] < _ASKED_FOR * fits[0][2])
         coefficients, inverse, variance = fits[chosen]

@@ -37,7 +37,6 @@ from isochrome.fringes.single_frame.end_search import (
 )
 from isochrome.fringes.single_frame.patches import binned
 from isochrome.fringes.windows import Array, Mask
-from isochrome.messages import message
 
 _BINNINGS = (32, 16, 8, 4, 2, 1)
 """The ends vary slowly: binned pixels tell as much, far faster, and their patches span crests."""
@@ -178,7 +177,7 @@ def fit_background_modulation(
         the ends or the exponent open, or where nothing is unknown.
     """
     if dark is not None and bright is not None and not tone:
-        raise InputError(message("both_ends_light_given"))
+        raise InputError("both_ends_light_given")
     problem, starts = _problem(light, sigma, valid, (dark, bright), tone)
     results = _searched(problem, starts)
     if not tone:
@@ -252,9 +251,7 @@ def _told_tone(tone: float) -> float:
     """A tone exponent that lies within what cameras have. Raises InputError on another one."""
     if _NEAR_END * TONES[0] < tone < TONES[1] / _NEAR_END:
         return tone
-    raise InputError(
-        message("gamma_cannot_found_from", tone=tone, tones=TONES[0], tones_2=TONES[1])
-    )
+    raise InputError("gamma_cannot_found_from", tone=tone, tones=TONES[0], tones_2=TONES[1])
 
 
 def gamma_misfit(
@@ -293,7 +290,7 @@ def gamma_misfit(
         normal = eliminated(data, ends_at(data, starts[0]), orders)
         covariance = np.linalg.inv(normal.matrix)
     except np.linalg.LinAlgError as error:
-        raise InputError(message(NOT_TOLD)) from error
+        raise InputError(NOT_TOLD) from error
     uncertainty = np.sqrt(overlap(data) * covariance[-1, -1])
     return float((covariance @ normal.slope)[-1]), float(uncertainty)
 
@@ -309,10 +306,10 @@ def _problem(
     by = next((b for b in _BINNINGS if min(light.shape) // b >= _LEAST_PIXELS), 1)
     small, noise, whole = binned(light, sigma, valid, by)
     if not whole.any():
-        raise InputError(message("no_part_frame_trusted"))
+        raise InputError("no_part_frame_trusted")
     low, high = np.percentile(small[whole], [_LOW, _HIGH])
     if not high - low > _LEAST_CONTRAST * np.median(noise[whole]):
-        raise InputError(message("frame_has_no_contrast_light"))
+        raise InputError("frame_has_no_contrast_light")
     dark, bright = (
         own if end is None else binned(end, np.ones_like(end), valid, by)[0]
         for end, own in zip(ends, shapes_of_ends(light.shape, by), strict=True)

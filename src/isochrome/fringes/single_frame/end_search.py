@@ -42,7 +42,6 @@ from isochrome.fringes.single_frame.patches import (
     offsets,
 )
 from isochrome.fringes.windows import Array, Indices, Mask
-from isochrome.messages import message
 
 _ROUNDS, _EVERY = 24, 4
 """Steps at most, and between two fresh looks at the patches."""
@@ -114,7 +113,7 @@ def search_all(problem: EndProblem, starts: list[Array]) -> list[Found]:
     """
     outcome = [result for start in starts if (result := _tried(problem, start)) is not None]
     if not outcome:
-        raise InputError(message(NOT_TOLD))
+        raise InputError(NOT_TOLD)
     return outcome
 
 
@@ -334,7 +333,7 @@ def fresh_patches(
 def _check_number(patches: int) -> None:
     """Refuse a frame of too few patches: raises InputError."""
     if patches < _LEAST_PATCHES:
-        raise InputError(message("too_few_fringes_can"))
+        raise InputError("too_few_fringes_can")
 
 
 def _fitted(problem: EndProblem, unknowns: Array) -> tuple[Indices, Indices, Array, Array, bool]:

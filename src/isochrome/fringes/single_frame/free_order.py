@@ -154,12 +154,10 @@ def read_free(
     """
     if min(wave.shape) <= 2 * HALF:
         raise InputError(
-            message(
-                "frame_pixels_smaller_patch",
-                shape=wave.shape[0],
-                shape_2=wave.shape[1],
-                half=2 * HALF + 1,
-            )
+            "frame_pixels_smaller_patch",
+            shape=wave.shape[0],
+            shape_2=wave.shape[1],
+            half=2 * HALF + 1,
         )
     orders = known_orders(known, lines, corners)
     followed, fade = follow_fringes(wave, sigma, valid, orders, error=error)

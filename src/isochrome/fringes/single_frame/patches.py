@@ -21,7 +21,6 @@ from scipy.ndimage import gaussian_filter
 from isochrome.errors import InputError
 from isochrome.estimation import State, minimise_all, sandwich, solve_all
 from isochrome.fringes.windows import Array, Indices, Mask, block_means
-from isochrome.messages import message
 
 HALF, STRIDE = 6, 5
 """Half-width of a patch and distance of their middles, pixels."""
@@ -134,7 +133,7 @@ def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
     """
     side = 2 * HALF + 1
     if min(wave.shape) < side:
-        raise InputError(message("fringes_can_followed_pixels", side=side, shape=wave.shape))
+        raise InputError("fringes_can_followed_pixels", side=side, shape=wave.shape)
     dy, dx, window = offsets()
     rows, cols = middles(wave.shape[0]), middles(wave.shape[1])
     at = tuple(v.ravel()[:, None] for v in np.meshgrid(rows, cols, indexing="ij"))

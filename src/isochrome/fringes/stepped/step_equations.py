@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.fringes.windows import Array
-from isochrome.messages import message
 from isochrome.optics import Chain
 
 BACKGROUND, AMPLITUDE, COSINE, CROSS, CROSS_SINE, SINE, SINE_SINE = range(7)
@@ -136,7 +135,7 @@ def make_design(chains: Sequence[Chain]) -> StepDesign:
         if design.leak < _LEAK:
             return design
     raise InputError(
-        message("polariscope_step_steps_do", chains_count=len(chains), missing=_missing(matrix))
+        "polariscope_step_steps_do", chains_count=len(chains), missing=_missing(matrix)
     )
 
 

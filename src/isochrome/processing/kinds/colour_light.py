@@ -49,17 +49,17 @@ class ColourLight(FrameKind):
         """Refuse frames that do not tell colours. Raises InputError."""
         where = message("polariscope_light_several_wavelengths", name=scene.name)
         if scene.camera is None or not scene.camera.colour or scene.frames.channel is not None:
-            raise InputError(message("can_processed_colours_alone", where=where))
+            raise InputError("can_processed_colours_alone", where=where)
         if scene.polariscope.step:
-            raise InputError(message("has_no_phase_steps", where=where))
+            raise InputError("has_no_phase_steps", where=where)
         if scene.polariscope.field == "plane":
-            raise InputError(message("needs_circular_dark_bright", where=where))
+            raise InputError("needs_circular_dark_bright", where=where)
         refuse_no_load_steps(scene)
 
     def prepare(self, scene: Scene, reader: FrameReader) -> Capture:
         """The colour table, and the no-load frames of each channel."""
         if reader.channel is None:
-            raise InputError(message("grey_camera_colour_says", path=reader.path))
+            raise InputError("grey_camera_colour_says", path=reader.path)
         assert scene.camera is not None
         pairs = [
             load_no_load(_one_channel(scene, name), full_shape=reader.full_shape)

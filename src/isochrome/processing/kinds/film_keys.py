@@ -62,7 +62,7 @@ class KeyedFilm(Film):
             film = prepare_keyed(captured, scene, capture, chunk=chunk, count=count, every=every)
         except PhysicsError as error:
             if not self.by_default:
-                raise PhysicsError(message(_OR_ALONE, error=error)) from error
+                raise PhysicsError(_OR_ALONE, error=error) from error
             return ImageOnly(note=message(_ALONE, error=error))
         return replace(self, film=film)
 
@@ -111,13 +111,11 @@ def prepare_keyed(
     breaks = len(path.lost) - (begin > 0)
     if breaks > _MOST_BREAKS * (count - 1 - begin):
         raise PhysicsError(
-            message(
-                "cannot_followed_in_time",
-                name=scene.name,
-                change=LARGEST_CHANGE,
-                breaks=breaks,
-                steps=count - 1 - begin,
-            )
+            "cannot_followed_in_time",
+            name=scene.name,
+            change=LARGEST_CHANGE,
+            breaks=breaks,
+            steps=count - 1 - begin,
         )
     notes = (*key_frame.warnings, message(KEY_LIGHT, begin=begin))
     return data.film(path, light, count, notes)
@@ -135,7 +133,7 @@ def _first_key(
         if ends is not None and _is_read(key_frame):
             return index, frame, key_frame, ends
         why = why or SEPARATOR.join(key_frame.warnings)
-    raise PhysicsError(message("no_order_in_first_frames", name=scene.name, why=why))
+    raise PhysicsError("no_order_in_first_frames", name=scene.name, why=why)
 
 
 def _is_read(frame: ProcessedFrame) -> bool:

@@ -49,13 +49,13 @@ class UnloadedFilm(Film):
         """Refuse a film that cannot begin without load. Raises InputError."""
         name, light = f"{scene.name}: frames.starts_unloaded", scene.polariscope
         if scene.has_model:
-            raise InputError(message("films_without_model_scene", name=name))
+            raise InputError("films_without_model_scene", name=name)
         if light.tells_orders:
-            raise InputError(message("phase_steps_colours_tell", name=name))
+            raise InputError("phase_steps_colours_tell", name=name)
         if scene.frames.known_order or scene.frames.known_line or scene.frames.free_boundary:
-            raise InputError(message("orders_counted_from_zero", name=name))
+            raise InputError("orders_counted_from_zero", name=name)
         if scene.frames.gamma == "unknown":
-            raise InputError(message("frames_gamma_unknown_single", name=name))
+            raise InputError("frames_gamma_unknown_single", name=name)
         super().check(scene)
 
     def followed(
@@ -77,9 +77,7 @@ class UnloadedFilm(Film):
         share = float(np.mean((top.lowest < least)[data.material]))
         if share > _DARKER_SHARE:  # later ones fall below its light
             than = "brighter than later ones" if data.sign > 0 else "darker than later ones"
-            raise PhysicsError(
-                message(NOT_UNLOADED, name=scene.name, than=than, share=100.0 * share)
-            )
+            raise PhysicsError(NOT_UNLOADED, name=scene.name, than=than, share=100.0 * share)
         given = None if other is None else np.maximum(data.sign * (other.image - zero), 1e-3)
         try:
             on_blocks = None if given is None else joined_pixels(given, data.by)
@@ -112,7 +110,7 @@ def _final_light(
             lost = not_followed(path.lost[0][0]) + "; " + message(NOT_KNOWN)
             raise PhysicsError(f"{scene.name}: " + lost)
         raise PhysicsError(
-            message(FEW_ORDERS, name=scene.name, highest=path.highest, least_order=LEAST_ORDER)
+            FEW_ORDERS, name=scene.name, highest=path.highest, least_order=LEAST_ORDER
         )
     none = np.zeros(shape, dtype=np.float32)
     level, error, notes = given, none, tuple[str, ...]()

@@ -109,7 +109,7 @@ class FilmData:
         for part in (capture.dark, capture.bright):
             self.valid = self.valid & part.valid if part else self.valid
         if not self.valid.any():
-            raise InputError(message("no_part_frame_trusted_check", name=first.name))
+            raise InputError("no_part_frame_trusted_check", name=first.name)
         self.by = pixels_together((self.valid.shape[0], self.valid.shape[1]))
         self.material = joined_pixels(self.valid, self.by) > 0.99
         self.clipped = self.full

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from isochrome.errors import InputError
 from isochrome.frames import Frame, FrameReader, load_no_load
-from isochrome.messages import message
 from isochrome.processing.result import Capture, FollowedFrame, ProcessedFrame, row_of_set
 from isochrome.progress import RunProgress
 from isochrome.runs import Layer
@@ -61,13 +60,13 @@ def accepts_keys(scene: Scene) -> bool:
 def refuse_colour_table(scene: Scene) -> None:
     """Refuse a table of colours in light of one wavelength. Raises InputError."""
     if scene.frames.colour_table is not None:
-        raise InputError(message("frames_colour_table_light_several", name=scene.name))
+        raise InputError("frames_colour_table_light_several", name=scene.name)
 
 
 def refuse_no_load_steps(scene: Scene) -> None:
     """Refuse no-load steps where a state is one frame. Raises InputError."""
     if scene.frames.no_load_steps is not None:
-        raise InputError(message("frames_no_load_steps_needs_polariscope", name=scene.name))
+        raise InputError("frames_no_load_steps_needs_polariscope", name=scene.name)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +95,7 @@ class FrameKind:
         """Refuse a scene whose frames cannot be read, before they are opened. Raises InputError."""
         refuse_colour_table(scene)
         if not scene.has_model and scene.polariscope.field == "plane":
-            raise InputError(message("polariscope_field_plane_without", name=scene.name))
+            raise InputError("polariscope_field_plane_without", name=scene.name)
         refuse_no_load_steps(scene)
 
     def prepare(self, scene: Scene, reader: FrameReader) -> Capture:

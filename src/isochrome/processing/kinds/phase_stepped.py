@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from isochrome.errors import InputError
 from isochrome.frames import Frame, FrameReader, estimate_noise, open_no_load_steps, to_linear
 from isochrome.fringes import ResidualStress, make_design, read_residual, read_steps
-from isochrome.messages import message
 from isochrome.optics import Chain, make_chain
 from isochrome.processing.kinds.kind import ISOCLINIC, FrameKind, refuse_colour_table
 from isochrome.processing.kinds.largest_order import LARGEST, order_columns
@@ -44,7 +43,7 @@ class PhaseStepped(FrameKind):
             light, valid, sigma = _stacked(list(unloaded), scene, Capture(unloaded.bit_depth))
         result = read_residual(light, _chains(scene), sigma=sigma, valid=valid)
         if not np.isfinite(result.field).any():
-            raise InputError(message("frames_no_load_steps_has_no", path=scene.path(name)))
+            raise InputError("frames_no_load_steps_has_no", path=scene.path(name))
         return Capture(reader.bit_depth, residual=result)
 
     def read(
@@ -104,7 +103,7 @@ def _stacked(frames: Sequence[Frame], scene: Scene, capture: Capture) -> tuple[A
     for frame in frames:
         linear = to_linear(frame, bit_depth=bit_depth, gamma=gamma, allow_blank=True)
         if not linear.valid.any():
-            raise InputError(message("frame_has_no_pixel_can", name=frame.name))
+            raise InputError("frame_has_no_pixel_can", name=frame.name)
         noise = estimate_noise(frame.image, linear.valid, bit_depth=bit_depth)
         sigma = noise.linear_sigma(frame.image, bit_depth=bit_depth, gamma=gamma)
         images.append(linear.image)
@@ -115,9 +114,7 @@ def _stacked(frames: Sequence[Frame], scene: Scene, capture: Capture) -> tuple[A
         end(np.where(good, light, np.nan), axis=0) for end in (np.fmin.reduce, np.fmax.reduce)
     )
     if not (high > low).any():
-        raise InputError(
-            message("frames_same_light_every", name=frames[0].name, name_2=frames[-1].name)
-        )
+        raise InputError("frames_same_light_every", name=frames[0].name, name_2=frames[-1].name)
     return light, good, float(np.sqrt(np.mean(variance)))
 
 

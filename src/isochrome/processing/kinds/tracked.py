@@ -28,7 +28,6 @@ from isochrome.fitting import (
     sliding_scene,
 )
 from isochrome.frames import Frame
-from isochrome.messages import message
 from isochrome.output import counted
 from isochrome.processing.frame_task import FrameSource, place_of
 from isochrome.processing.kinds.kind import CONFIDENCE, ORDER, FrameKind
@@ -226,12 +225,12 @@ class TrackedFilm(WithModel):
 def check_tracked(scene: Scene, shape: tuple[int, int], every: int) -> None:
     """Refuse a scene whose frames cannot be followed. Raises InputError."""
     if every < 2:
-        raise InputError(message("every_give_more_without", every=every))
+        raise InputError("every_give_more_without", every=every)
     if scene.indenter is None:
         what = f"a {scene.model}" if scene.model else "a scene without a model"
-        raise InputError(message("cannot_tracked_only_contact", name=scene.name, what=what))
+        raise InputError("cannot_tracked_only_contact", name=scene.name, what=what)
     if scene.polariscope.tells_orders:
-        raise InputError(message("phase_steps_colours_determine", name=scene.name))
+        raise InputError("phase_steps_colours_determine", name=scene.name)
     Tracker(placed(sliding_scene(scene), shape), free_keys(scene), bit_depth=None)
 
 

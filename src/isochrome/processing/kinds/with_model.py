@@ -205,7 +205,7 @@ def placed_disc(scene: Scene, data: FrameData) -> tuple[Scene, list[str]]:
     """
     camera, diameter = scene.camera, scene.rim_diameter_mm
     if camera is None:
-        raise InputError(message("camera_missing_picture_needs", name=scene.name))
+        raise InputError("camera_missing_picture_needs", name=scene.name)
     assert diameter is not None
     try:
         rim = find_rim(data)

@@ -45,7 +45,6 @@ from isochrome.figures import (
     write_head,
 )
 from isochrome.fringes import Skeleton, order_contours, skeletons
-from isochrome.messages import message
 from isochrome.output import counted
 from isochrome.processing.in_common import frame_values
 from isochrome.processing.kinds.kind import ISOCLINIC, NORMALISED, ORDER
@@ -228,7 +227,7 @@ def plot_order(
     """
     values = np.asarray(order, dtype=float)
     if values.ndim != 2:
-        raise InputError(message("order_map_shape_draw", shape=values.shape))
+        raise InputError("order_map_shape_draw", shape=values.shape)
     place = place_of_image(order, pixel_mm, left_mm, top_mm)
     drawn, largest = given_axes(axes), _highest_order(values)
     _share_bar([_show_order(drawn, values, largest, title, place)], ORDER_LABEL)
