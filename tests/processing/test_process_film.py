@@ -310,6 +310,7 @@ class _AtOnce(Executor):
         return done
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_two_workers_leave_the_same_bytes(followed):
     place = followed[0]

@@ -136,24 +136,22 @@ def test_the_bright_field_is_followed_too():
     assert wrong.max() == 0.0 and kept[3:].min() > 0.7
 
 
+KNOWN = {"known_order": [{"row_px": 1, "col_px": 1, "order": 0.0}]}
+DISC = {"shape": "disc", "diameter_mm": 2.0, "fringe_value_n_per_mm": 10.0}
+
+
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("frames", "specimen", "words"),
     [
-        (
-            {"frames": {"known_order": [{"row_px": 1, "col_px": 1, "order": 0.0}]}},
-            "counted from zero",
-        ),
-        ({"frames": {"gamma": "unknown"}}, "gamma = 'unknown'"),
-        ({"specimen": {"shape": "disc", "diameter_mm": 2.0}}, "without a model"),
+        (KNOWN, {}, "counted from zero"),
+        ({"gamma": "unknown"}, {}, "gamma = 'unknown'"),
+        ({}, DISC, "without a model"),
     ],
 )
-def test_what_cannot_be_counted_from_zero_is_refused(change, words):
-    scene = LoadedFilm(3).scene()
-    for part, values in change.items():
-        scene[part] = scene[part] | values
-    if "specimen" in change:
-        scene["specimen"] |= {"fringe_value_n_per_mm": 10.0}
-        scene["load"] = {"normal_n": 10.0}
+def test_what_cannot_be_counted_from_zero_is_refused(frames, specimen, words):
+    scene = LoadedFilm(3).scene() | ({"load": {"normal_n": 10.0}} if specimen else {})
+    scene["frames"] |= frames
+    scene["specimen"] |= specimen
     with pytest.raises(InputError, match=words):
         process(LoadedFilm(3).frames(range(3)), scene)
 

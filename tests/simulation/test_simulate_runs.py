@@ -90,16 +90,6 @@ def test_a_complete_simulation_is_not_rendered_again(tmp_path, monkeypatch):
     assert not other.already and contents(tmp_path / "out") != before
 
 
-@pytest.mark.long
-def test_another_runs_maps_do_not_stay(tmp_path):
-    scene = scene_of(2)
-    simulate(scene, tmp_path / "out", components=True)
-    assert (tmp_path / "out" / "sigma_1.tif").is_file()
-    simulate(scene, tmp_path / "out")
-    assert not (tmp_path / "out" / "sigma_1.tif").exists()
-    assert not (tmp_path / "out" / "stress.png").exists()
-
-
 def test_workers_and_clusters_need_a_folder():
     with pytest.raises(InputError, match="give out"):
         simulate(SCENE, workers=2)
