@@ -13,7 +13,7 @@ from runs.counting import contents
 from runs.killing import killed_and_begun_again, needs_sigkill, start
 
 
-def scene_of(count, **values):
+def scene_of(count):
     """A worn contact with noise, small and coarse, at `count` distances."""
     return load_scene("line-contact-wear").with_values(
         {
@@ -27,21 +27,10 @@ def scene_of(count, **values):
             "friction.static_state_first": False,
             "wear.distances_m": tuple(233.0 * k / (count - 1) for k in range(count)),
         }
-        | {key.replace("__", "."): value for key, value in values.items()}
     )
 
 
 SCENE = scene_of(20)
-STEPS = [
-    {"polariser_deg": 90.0, "analyser_deg": 0.0},
-    {"polariser_deg": 90.0, "analyser_deg": 90.0},
-]
-KINDS = {
-    "fringes": SCENE,
-    "steps": scene_of(20, polariscope__step=STEPS),
-    "colour": scene_of(20, polariscope__light="white", camera__colour=True),
-    "no bits": scene_of(20, camera__bit_depth=None, camera__noise_grey=0.0),
-}
 
 
 @pytest.fixture(scope="module")
@@ -51,17 +40,9 @@ def whole(tmp_path_factory):
     return out, simulate(SCENE, out)
 
 
-@pytest.mark.parametrize(
-    "kind", ["fringes", *(pytest.param(k, marks=pytest.mark.long) for k in list(KINDS)[1:])]
-)
-def test_what_is_kept_in_memory_is_what_is_written(tmp_path, kind, whole):
+def test_what_is_kept_in_memory_is_what_is_written(whole):
     """Of 20 states there are three chunks: 8, 8 and 4."""
-    scene = KINDS[kind]
-    kept = simulate(scene)
-    out, found = whole
-    if scene is not SCENE:
-        out = tmp_path / "out"
-        found = simulate(scene, out)
+    kept, (out, found) = simulate(SCENE), whole
     frames = tifffile.imread(out / "frames.tif")
     assert frames.dtype == kept.frames.dtype
     np.testing.assert_array_equal(frames, kept.frames)
