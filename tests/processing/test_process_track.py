@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import tifffile
-from tracked_films import LEFT, LOAD, TOP, contact, film, killed_and_the_same
+from tracked_films import LEFT, LOAD, TOP, contact, film
 
 import isochrome.fitting.tracking.tracker
 from isochrome import open_run
@@ -14,7 +14,7 @@ from isochrome.fitting.tracking.tracker import AGAIN, FAR, NO_FRINGES
 from isochrome.output import read_csv
 from isochrome.processing import process
 from isochrome.scene import dump_scene, parse_scene
-from runs.killing import needs_sigkill
+from runs.killing import PROCESS, killed_command_ends_the_same, needs_sigkill
 from stepped_sets import BEAM
 
 SHAPE = (160, 240)
@@ -140,7 +140,7 @@ def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, wo
     """Values, key frames' maps, and the compact maps of all frames."""
     scene = contact(sliding=sliding)
     place = save(tmp_path / "film", film(scene, course(14), 5), scene)
-    assert killed_and_the_same(place, code, workers, "--track", "--every", "3")
+    assert killed_command_ends_the_same(place, code, workers, *PROCESS, "--track", "--every", "3")
 
 
 @pytest.mark.long

@@ -6,13 +6,13 @@ import sys
 import numpy as np
 import pytest
 import tifffile
-from tracked_films import BARE, killed_and_the_same, leaves_the_same_bytes
+from tracked_films import leaves_the_same_bytes
 from unloaded_films import FILMS, WHOLE, LoadedFilm, judged
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.processing import process
 from real_frames import REAL, needs_real
-from runs.killing import needs_sigkill
+from runs.killing import PROCESS, killed_command_ends_the_same, needs_sigkill
 
 GAP, AFTER = 3.0, 12
 
@@ -184,8 +184,11 @@ def test_twelve_films_and_gaps_of_whole_size(number):
 def test_a_killed_run_ends_with_the_same_bytes(tmp_path, code, workers):
     tifffile.imwrite(tmp_path / "film.tif", LoadedFilm(9).frames())
     (tmp_path / "scene.toml").write_text(SCENE, "utf-8")
-    assert killed_and_the_same(tmp_path, code, workers)
+    assert killed_command_ends_the_same(tmp_path, code, workers, *PROCESS)
 
 
 ROI = "roi = { top_px = 900, left_px = 850, height_px = 370, width_px = 370 }\n"
-SCENE = BARE + "[frames]\nstarts_unloaded = true\n"
+SCENE = (
+    '[specimen]\nshape = "other"\nthickness_mm = 4.0\n[camera]\nbit_depth = 8\npixel_mm = 0.02\n'
+    "[frames]\nstarts_unloaded = true\n"
+)
