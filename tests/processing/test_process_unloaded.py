@@ -159,7 +159,7 @@ def test_what_cannot_be_counted_from_zero_is_refused(frames, specimen, words):
 @pytest.mark.long
 def test_workers_and_chunks_give_the_same_bytes(tmp_path):
     film = LoadedFilm(3)
-    assert leaves_the_same_bytes(tmp_path, film.frames(range(20)), film.scene())
+    assert leaves_the_same_bytes(tmp_path, film.frames(range(24)), film.scene())
 
 
 @pytest.mark.long
