@@ -4,6 +4,7 @@ written."""
 import json
 import subprocess
 import sys
+import tomllib
 
 import numpy as np
 import pytest
@@ -148,29 +149,22 @@ def test_steps_of_an_array_and_an_array_of_the_unloaded_specimen(empty):
     assert np.array_equal(one.residual.order, other.residual.order, equal_nan=True)
 
 
-SETS = {
-    "bending": isochrome.calibrate_bending,
-    "disc": isochrome.calibrate_disc,
-}
+BENDING = samples_path() / "bending"
 
 
-def set_of_arrays(name):
+def set_of_arrays():
     """A shipped set with its images as arrays."""
-    import tomllib
-
-    folder = samples_path() / name
-    given = tomllib.loads((folder / "set.toml").read_text("utf-8"))
+    given = tomllib.loads((BENDING / "set.toml").read_text("utf-8"))
     for item in given["image"]:
-        item["file"] = np.asarray(Image.open(folder / item["file"]))
+        item["file"] = np.asarray(Image.open(BENDING / item["file"]))
     return given
 
 
 @pytest.mark.study
 @pytest.mark.long
-@pytest.mark.parametrize("name", SETS)
-def test_calibration_of_arrays_is_that_of_their_files(name):
-    calibrate = SETS[name]
-    one, other = calibrate(set_of_arrays(name)), calibrate(samples_path() / name / "set.toml")
+def test_calibration_of_arrays_is_that_of_their_files():
+    sets = set_of_arrays(), BENDING / "set.toml"
+    one, other = map(isochrome.calibrate_bending, sets)
     assert numbers_of(one) == numbers_of(other) and one.columns["file"][0] == "image 1"
 
 
@@ -186,7 +180,7 @@ def test_calibration_of_arrays_is_that_of_their_files(name):
     ],
 )
 def test_a_set_of_wrong_arrays_is_refused_in_one_line(change, words):
-    given = set_of_arrays("bending") | change
+    given = set_of_arrays() | change
     with pytest.raises(InputError) as refusal:
         isochrome.calibrate_bending(given)
     text = str(refusal.value)

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isochrome.guide import guide_page
 from isochrome.output import Floats, csv_text, json_pieces
 from isochrome.processing import TrackedFilm, cell_values, kind_of, row_of_set, tabulate_set
 from isochrome.scene import load_scene, parse_scene
@@ -94,12 +93,6 @@ def test_what_a_frame_asked_for_is_in_its_causes_to_the_last_digit():
         "camera.roll_deg": (value, spread), "camera.distortion": (-1e-5, -1e-5)
     }  # fmt: skip
     assert cell_values("") == {}
-
-
-@pytest.mark.parametrize("tracked", [False, True], ids=["whole", "tracked"])
-def test_the_columns_are_in_the_guide(tracked):
-    text = guide_page("files")
-    assert not [n for n in columns_of(CONTACT, tracked=tracked) if "." not in n and n not in text]
 
 
 def test_columns_follow_the_scenes_kind():

@@ -153,6 +153,7 @@ def test_a_figure_shows_the_maps_of_the_frames_that_it_names(followed, remembere
     assert np.isnan(of_frame[1]).all()  # its picture is not kept, and the panel says so
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_figures_show_frames_that_have_maps_and_refuse_others(followed):
     _, found, _ = followed
@@ -310,6 +311,7 @@ class _AtOnce(Executor):
         return done
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_two_workers_leave_the_same_bytes(followed):
     place = followed[0]

@@ -69,22 +69,6 @@ def test_without_a_known_point_no_order_is_given_and_that_is_said(captured):
     assert "known_order" in found.columns["warnings"][0]
 
 
-def test_a_frame_without_an_order_has_no_confidence(tmp_path):
-    """An even frame among fringes: its maps are kept all the same."""
-    rows, cols = np.indices((70, 90), dtype=float)
-    light = 40.0 + 180.0 * np.sin(np.pi * (cols / 23.0 + 0.004 * rows)) ** 2
-    light = light + np.random.default_rng(2).normal(0.0, 1.0, light.shape)
-    frames = np.rint([np.full(light.shape, 90.0), light]).astype(np.uint8)
-    frames[0, 0, 0] = 91  # a frame that is constant is refused as a fault of the camera
-    tifffile.imwrite(tmp_path / "flat.tif", frames)
-    seed = "[[frames.known_order]]\nrow_px = 35\ncol_px = 53\norder = 2.44\n"
-    found = processed(tmp_path, SCENE.replace("gamma = 1.4", "gamma = 1.0") + seed, "flat.tif")
-    assert found.frames[0].reading is None and found.frames[1].reading is not None
-    order, sure = (found.dataset[name].values for name in ("fringe_order", "confidence"))
-    assert not np.isfinite(order[0]).any() and (sure[0] == 0.0).all()
-    assert np.isfinite(order[1]).mean() > 0.6 and (sure[1] > 0.0).mean() > 0.6
-
-
 UNKNOWN = SCENE.replace("gamma = 1.4", 'gamma = "unknown"')
 
 

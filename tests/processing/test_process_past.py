@@ -14,8 +14,7 @@ from isochrome.processing import (
     with_past_friction,
     with_past_loads,
 )
-from isochrome.scene import load_scene, parse_scene
-from scene_texts import PAPER_CONTACT
+from isochrome.scene import load_scene
 
 KEY = "friction.coefficient"
 SPREAD = f"{KEY} standard_uncertainty"
@@ -75,34 +74,21 @@ def test_a_followed_frame_knows_the_loads_since_its_track_began():
     assert with_past_loads(given, SCENE) is given
 
 
-WORN = (
-    PAPER_CONTACT
-    + """
-[friction]
-{friction}
-[wear]
-coefficient_mm2_per_n = 2e-9
-distances_m = [155.0]
-[polariscope]
-wavelength_nm = 587.0
-[camera]
-width_px = 220
-height_px = 165
-left_mm = -2.0
-top_mm = 0.0
-pixel_mm = 0.01821
-bit_depth = 8
-noise_grey = 1.0
-"""
-)
-"""The paper's block after 155 m, on pixels of three."""
-
-CHANGED = "coefficient = {{ distance_m = [0.0, 154.98, 154.99], value = [{0}, {0}, 0.25] }}"
-"""A friction that was another until two centimetres before the frame."""
+def worn(**friction):
+    """The paper's block after 155 m, on pixels of three."""
+    return SCENE.with_values(
+        {
+            "friction.static_state_first": False, "wear.distances_m": [155.0],
+            "camera.width_px": 220, "camera.height_px": 165, "camera.pixel_mm": 0.01821,
+            "camera.noise_grey": 1.0,
+        }
+        | {f"friction.{key}": value for key, value in friction.items()}
+    )  # fmt: skip
 
 
-def worn(friction):
-    return parse_scene(WORN.format(friction=friction))
+def changed(past):
+    """A friction that was another until two centimetres before the frame."""
+    return {"distance_m": [0.0, 154.98, 154.99], "value": [past, past, 0.25]}
 
 
 def one_frame(scene):
@@ -117,8 +103,8 @@ def test_a_single_frame_whose_friction_was_another_before_is_right_within_its_un
     """Its truth is a table over distance, which the frame's model has not.
     With the scar of one friction the frame of 0.15 came out at 0.2605, 20 of its ±, with a camera
     that was turned and looked from the side."""
-    stated = worn("coefficient = 0.25")
-    row = process(one_frame(worn(CHANGED.format(past))), stated).table.iloc[0]
+    stated = worn(coefficient=0.25)
+    row = process(one_frame(worn(coefficient=changed(past))), stated).table.iloc[0]
     for key in ("friction.coefficient", "load.normal_n", "camera.left_mm"):
         # one in 370 beyond three of them by chance alone
         assert abs(row[key] - stated.get(key)) < 3.0 * row[f"{key} standard_uncertainty"]
@@ -130,22 +116,14 @@ def test_a_single_frame_whose_friction_was_another_before_is_right_within_its_un
 
 
 def test_a_single_frame_of_one_friction_asks_for_no_other_before():
-    row = process(one_frame(worn("coefficient = 0.25")), worn("coefficient = 0.25")).table.iloc[0]
+    scene = worn(coefficient=0.25)
+    row = process(one_frame(scene), scene).table.iloc[0]
     assert not row["causes"] and abs(row[KEY] - 0.25) < 3.0 * row[SPREAD]
 
 
 def test_an_earlier_change_beside_a_table_is_refused():
     with pytest.raises(isochrome.InputError, match=r"earlier_change.*says what it was before"):
-        worn(CHANGED.format(0.15) + "\nearlier_change = 0.1")
-
-
-@pytest.mark.long
-def test_an_earlier_change_is_a_table_that_ends_in_another_friction():
-    stated = worn("coefficient = 0.25\nearlier_change = -0.1")
-    states = [isochrome.simulate(s).states[-1] for s in (stated, worn(CHANGED.format(0.15)))]
-    first, second = (state.surface.pressure_mpa for state in states)
-    # the last two centimetres, which wear the peaks at the scar's ends; of one friction it is 1.6 %
-    assert np.abs(first - second).sum() < 5e-4 * first.sum()
+        worn(coefficient=changed(0.15), earlier_change=0.1)
 
 
 def test_a_frame_that_is_made_wider_and_has_nothing_to_say_says_nothing():

@@ -107,9 +107,10 @@ def test_a_masked_peak_is_the_models_within_its_uncertainty_or_at_least(tmp_path
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "seeds", [range(15, 25), pytest.param(range(50), marks=pytest.mark.study)], ids=len
+    ("seeds", "models"),
+    [(range(15, 25), 5), pytest.param(range(50), 30, marks=pytest.mark.study)],
 )
-def test_masked_peaks(tmp_path, seeds):
+def test_masked_peaks(tmp_path, seeds, models):
     wrong, named, refused = [], [], 0
     for seed in seeds:
         contact, rng = drawn(seed)
@@ -123,7 +124,7 @@ def test_masked_peaks(tmp_path, seeds):
         named.append(row["n_max_from"])
     # a least value is one that was read: of seed 36 it lies 2.1 of its ± above the truth
     assert len(wrong) <= len(seeds) // 50 and "model" not in wrong and refused <= 2
-    assert named.count("model") >= 0.6 * len(seeds) and "frame" not in named
+    assert named.count("model") >= models and "frame" not in named
 
 
 @pytest.mark.long

@@ -178,7 +178,9 @@ HUNDRED = list(product(SPECIMENS, KINDS, range(10)))
 
 
 def marks_of(draw):
-    return () if draw in DEFAULT else (pytest.mark.long, pytest.mark.study)[: 2 - (draw in LONG)]
+    if draw in DEFAULT:
+        return ()
+    return pytest.mark.long if draw in LONG else (pytest.mark.long, pytest.mark.study)
 
 
 @pytest.mark.parametrize(

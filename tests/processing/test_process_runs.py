@@ -8,7 +8,6 @@ import time
 import numpy as np
 import pytest
 import tifffile
-from tracked_films import killed_and_the_same
 
 import isochrome
 from campaigns.conftest import COLS, ROWS, SCENE, film, true_orders, write_no_load
@@ -19,8 +18,10 @@ from isochrome.output import read_csv, read_pixel_mm, write_tiff
 from isochrome.processing import process
 from runs.counting import contents
 from runs.killing import (
+    PROCESS,
     finished,
     finished_chunks,
+    killed_command_ends_the_same,
     needs_sigkill,
     start,
     wait_until,
@@ -159,7 +160,7 @@ def test_a_cluster_leaves_the_same_files(place, monkeypatch):
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, workers):
     make_set(tmp_path, 160)
-    assert killed_and_the_same(tmp_path, code, workers)
+    assert killed_command_ends_the_same(tmp_path, code, workers, *PROCESS)
 
 
 @pytest.mark.long

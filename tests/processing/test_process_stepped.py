@@ -8,38 +8,9 @@ from isochrome.comparison import compare
 from isochrome.errors import InputError
 from isochrome.output import read_csv, write_tiff
 from isochrome.processing import process
-from isochrome.scene import dump_scene, parse_scene
+from isochrome.scene import dump_scene, load_scene, parse_scene
 from isochrome.simulation import simulate
-from scene_texts import PAPER_CONTACT
-from stepped_sets import PLANE, TEN, as_steps
-
-TEXT = (
-    PAPER_CONTACT
-    + """
-[friction]
-coefficient = 0.25
-
-[polariscope]
-wavelength_nm = 587.0
-
-[camera]
-width_px = 240
-height_px = 180
-left_mm = -2.0
-top_mm = 0.0
-pixel_mm = 0.0167
-bit_depth = 8
-brightness = 0.85
-background = 0.05
-vignette = 0.3
-noise_grey = 3.0
-"""
-)
-WEAR = "\n[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [0.0, 40.0]\n"
-
-
-def stepped(text=TEXT, steps=TEN, **values):
-    return parse_scene(text, name="set").with_values({"polariscope.step": as_steps(steps)} | values)
+from stepped_sets import BEAM, PLANE, TEN, a_scene, as_steps, contact, small
 
 
 def image_only(scene):
@@ -51,7 +22,8 @@ def image_only(scene):
 @pytest.fixture(scope="module")
 def worn():
     """Two states of ten steps: the scene, its frames and true orders."""
-    scene = stepped(TEXT + WEAR)
+    wear = {"coefficient_mm2_per_n": 2e-9, "distances_m": [0.0, 40.0]}
+    scene = load_scene(small(contact(0.25)).model_dump(exclude_unset=True) | {"wear": wear})
     simulation = simulate(scene)
     return scene, simulation.frames, simulation.orders
 
@@ -70,7 +42,7 @@ def test_frames_become_maps_one_a_state(worn, tmp_path):
         "records",
     }  # fmt: skip
     order = tifffile.imread(tmp_path / "out" / "fringe_order.tif")
-    assert order.shape == (2, 180, 240) and order.dtype == np.float32
+    assert order.shape == (2, 164, 219) and order.dtype == np.float32
     error = (order - orders)[np.isfinite(order)]
     assert np.sqrt(np.mean(error**2)) <= 0.005 and np.abs(error).max() < 0.25
     confidence = tifffile.imread(tmp_path / "out" / "confidence.tif")
@@ -123,16 +95,10 @@ def test_known_orders_of_the_scene_are_used_and_one_light_in_all_steps_refused(w
 
 
 def test_the_models_load_may_be_off_where_only_the_model_tells(tmp_path):
-    beam = TEXT[TEXT.index("[polariscope]") :].replace("left_mm = -2.0\ntop_mm = 0.0\n", "")
-    text = (
-        '[specimen]\nshape = "beam"\nheight_mm = 2.0\nthickness_mm = 6.0\n'
-        "fringe_value_n_per_mm = 7.0\n\n[load]\nnormal_n = 5.0\ninner_span_mm = 20.0\n"
-        "outer_span_mm = 40.0\n\n" + beam
-    )
-    scene = stepped(text)
+    scene = small(a_scene(BEAM, pixel_mm=0.05))
     rendered = simulate(scene)
     write_tiff(tmp_path / "set.tif", rendered.frames)
-    found = process(tmp_path / "set.tif", scene.with_values({"load.normal_n": 5.5}))
+    found = process(tmp_path / "set.tif", scene.with_values({"load.normal_n": 210.0}))
     assert found.columns["whole_order_from"] == ["model"]
     assert "taken from the scene's model" in found.warnings[0]
     (item,) = found.frames
@@ -156,12 +122,11 @@ def test_frames_that_are_no_whole_sets_are_refused(worn, tmp_path, count, words)
 
 
 def test_steps_that_cannot_tell_the_order_and_an_unknown_gamma_are_refused(tmp_path):
-    with pytest.raises(
-        InputError, match=r"^set: \[\[polariscope.step\]\]: the 4 steps do not determine"
-    ):
-        process("nowhere.tif", stepped(steps=PLANE))
+    plane = contact().with_values({"polariscope.step": as_steps(PLANE)})
+    with pytest.raises(InputError, match=r"\[\[polariscope.step\]\]: the 4 steps do not determine"):
+        process("nowhere.tif", plane)
     # Steps are compared as light: they do not tell the curve from the angles.
-    scene = image_only(stepped()).with_values({"frames.gamma": "unknown"})
+    scene = image_only(contact()).with_values({"frames.gamma": "unknown"})
     write_tiff(tmp_path / "set.tif", np.tile(np.arange(40, dtype=np.uint8), (len(TEN), 40, 1)))
     with pytest.raises(InputError, match=r"frames\.gamma = 'unknown'"):
         process(tmp_path / "set.tif", scene)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import tifffile
-from tracked_films import LEFT, LOAD, TOP, contact, film, killed_and_the_same
+from tracked_films import LEFT, LOAD, TOP, contact, film
 
 import isochrome.fitting.tracking.tracker
 from isochrome import open_run
@@ -14,9 +14,8 @@ from isochrome.fitting.tracking.tracker import AGAIN, FAR, NO_FRINGES
 from isochrome.messages import message
 from isochrome.output import read_csv
 from isochrome.processing import process
-from isochrome.runs import export
 from isochrome.scene import dump_scene, parse_scene
-from runs.killing import needs_sigkill
+from runs.killing import PROCESS, killed_command_ends_the_same, needs_sigkill
 from stepped_sets import BEAM
 
 SHAPE = (160, 240)
@@ -94,7 +93,7 @@ def test_key_frames_are_processed_as_without_tracking(tracked, tmp_path):
         assert own == pytest.approx(theirs[key], rel=1e-8)  # nine digits are written
 
 
-def test_the_dataset_has_pictures_of_key_frames_and_columns_of_all(tracked, tmp_path):
+def test_the_dataset_has_pictures_of_key_frames_and_columns_of_all(tracked):
     place, found = tracked
     with open_run(place / "out") as dataset:
         assert dict(dataset.sizes) == {"frame": 8, "key_frame": 2, "z_mm": 160, "x_mm": 240}
@@ -104,16 +103,6 @@ def test_the_dataset_has_pictures_of_key_frames_and_columns_of_all(tracked, tmp_
         np.testing.assert_array_equal(dataset.fringe_order.sel(key_frame=5).values, stack[1])
         assert dataset.load_normal_n.values.tolist() == found.columns[LOAD]
         assert dataset.left_mm.values == pytest.approx(course(8)[LEFT], abs=2e-3)
-    (table,) = export(place / "out", "csv", tmp_path)
-    columns = read_csv(table)
-    assert columns["frame"] == list(range(8)) and "key_frame" not in columns
-    maps = export(place / "out", "tiff", tmp_path)
-    with tifffile.TiffFile(maps[0]) as tif:
-        assert tif.series[0].shape == (2, *SHAPE)
-        assert tif.imagej_metadata["Labels"] == ["static"] * 2
-    pytest.importorskip("h5netcdf")
-    (run,) = export(place / "out", "netcdf", tmp_path)
-    assert run.stat().st_size > 3 * 2 * 4 * SHAPE[0] * SHAPE[1]
 
 
 def test_a_complete_run_gives_its_table_again_and_its_key_frames_are_compared(tracked):
@@ -152,7 +141,7 @@ def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, wo
     """Values, key frames' maps, and the compact maps of all frames."""
     scene = contact(sliding=sliding)
     place = save(tmp_path / "film", film(scene, course(14), 5), scene)
-    assert killed_and_the_same(place, code, workers, "--track", "--every", "3")
+    assert killed_command_ends_the_same(place, code, workers, *PROCESS, "--track", "--every", "3")
 
 
 @pytest.mark.long

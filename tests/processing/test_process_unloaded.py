@@ -6,13 +6,13 @@ import sys
 import numpy as np
 import pytest
 import tifffile
-from tracked_films import BARE, killed_and_the_same, leaves_the_same_bytes
+from tracked_films import leaves_the_same_bytes
 from unloaded_films import FILMS, WHOLE, LoadedFilm, judged
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.processing import process
 from real_frames import REAL, needs_real
-from runs.killing import needs_sigkill
+from runs.killing import PROCESS, killed_command_ends_the_same, needs_sigkill
 
 GAP, AFTER = 3.0, 12
 
@@ -136,24 +136,22 @@ def test_the_bright_field_is_followed_too():
     assert wrong.max() == 0.0 and kept[3:].min() > 0.7
 
 
+KNOWN = {"known_order": [{"row_px": 1, "col_px": 1, "order": 0.0}]}
+DISC = {"shape": "disc", "diameter_mm": 2.0, "fringe_value_n_per_mm": 10.0}
+
+
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("frames", "specimen", "words"),
     [
-        (
-            {"frames": {"known_order": [{"row_px": 1, "col_px": 1, "order": 0.0}]}},
-            "counted from zero",
-        ),
-        ({"frames": {"gamma": "unknown"}}, "gamma = 'unknown'"),
-        ({"specimen": {"shape": "disc", "diameter_mm": 2.0}}, "without a model"),
+        (KNOWN, {}, "counted from zero"),
+        ({"gamma": "unknown"}, {}, "gamma = 'unknown'"),
+        ({}, DISC, "without a model"),
     ],
 )
-def test_what_cannot_be_counted_from_zero_is_refused(change, words):
-    scene = LoadedFilm(3).scene()
-    for part, values in change.items():
-        scene[part] = scene[part] | values
-    if "specimen" in change:
-        scene["specimen"] |= {"fringe_value_n_per_mm": 10.0}
-        scene["load"] = {"normal_n": 10.0}
+def test_what_cannot_be_counted_from_zero_is_refused(frames, specimen, words):
+    scene = LoadedFilm(3).scene() | ({"load": {"normal_n": 10.0}} if specimen else {})
+    scene["frames"] |= frames
+    scene["specimen"] |= specimen
     with pytest.raises(InputError, match=words):
         process(LoadedFilm(3).frames(range(3)), scene)
 
@@ -161,30 +159,22 @@ def test_what_cannot_be_counted_from_zero_is_refused(change, words):
 @pytest.mark.long
 def test_workers_and_chunks_give_the_same_bytes(tmp_path):
     film = LoadedFilm(3)
-    assert leaves_the_same_bytes(tmp_path, film.frames(range(20)), film.scene())
+    assert leaves_the_same_bytes(tmp_path, film.frames(range(24)), film.scene())
 
 
 @pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize("number", range(len(FILMS)))
-def test_twelve_films_of_whole_size(number):
+def test_twelve_films_and_gaps_of_whole_size(number):
     """Wrong branches below 0.1 %, without a known point."""
     film = LoadedFilm(number, WHOLE)
     _, wrong, rms = judged(film, process(film.frames(), film.scene())).T
     assert wrong.max() < 1e-3 and np.median(rms) < 0.01
-
-
-@pytest.mark.long
-@pytest.mark.study
-@pytest.mark.parametrize("number", range(len(FILMS)))
-def test_twelve_gaps_of_whole_size(number):
-    film = LoadedFilm(number, WHOLE)
-    if film.course.max() * 0.7 < GAP:
-        pytest.skip("the film has no three fringes left after a third of its course")
-    numbers, gap = with_gap(film, GAP)
-    found = process(film.frames(numbers), film.scene())
-    kept, wrong, _ = judged(film, found, numbers).T
-    assert wrong.max() < 1e-3 and not kept[gap:].any()
+    if film.course.max() * 0.7 > GAP:  # three fringes are left after a third of its course
+        numbers, gap = with_gap(film, GAP)
+        found = process(film.frames(numbers), film.scene())
+        kept, wrong, _ = judged(film, found, numbers).T
+        assert wrong.max() < 1e-3 and not kept[gap:].any()
 
 
 @pytest.mark.study
@@ -194,8 +184,11 @@ def test_twelve_gaps_of_whole_size(number):
 def test_a_killed_run_ends_with_the_same_bytes(tmp_path, code, workers):
     tifffile.imwrite(tmp_path / "film.tif", LoadedFilm(9).frames())
     (tmp_path / "scene.toml").write_text(SCENE, "utf-8")
-    assert killed_and_the_same(tmp_path, code, workers)
+    assert killed_command_ends_the_same(tmp_path, code, workers, *PROCESS)
 
 
 ROI = "roi = { top_px = 900, left_px = 850, height_px = 370, width_px = 370 }\n"
-SCENE = BARE + "[frames]\nstarts_unloaded = true\n"
+SCENE = (
+    '[specimen]\nshape = "other"\nthickness_mm = 4.0\n[camera]\nbit_depth = 8\npixel_mm = 0.02\n'
+    "[frames]\nstarts_unloaded = true\n"
+)

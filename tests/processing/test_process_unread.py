@@ -105,15 +105,6 @@ def test_steps_without_an_order_or_with_all_frames_left_out_are_no_result(place)
     nothing_is_left(place)
 
 
-def test_frames_of_which_no_order_was_asked_are_normalised_as_ever(lit):
-    """Without a model, steps or a known order there is no order to be missed."""
-    save(lit, normal(120, 3)[None])
-    found = process(lit / "film.tif", parse_scene(PLAIN, folder=lit), lit / "out")
-    assert len(found.columns["frame"]) == 1
-    signal = tifffile.imread(lit / "out" / "normalised.tif")
-    assert np.nanmean(signal) == pytest.approx(0.5, abs=0.01)
-
-
 @pytest.mark.parametrize("out", ["out", None])
 def test_frames_without_contrast_of_which_no_order_was_asked_are_no_result(tmp_path, out):
     """They ended with exit code 0, and a picture of nothing."""

@@ -10,7 +10,6 @@ from isochrome.processing import process
 from isochrome.scene import load_scene
 from isochrome.simulation import make_picture, picture_signal, scene_states, state_difference
 from isochrome.stress import pixel_grid
-from runs.killing import killed_and_begun_again, start
 
 LOAD, FRICTION = "load.normal_n", "friction.coefficient"
 LEFT, TOP = "camera.left_mm", "camera.top_mm"
@@ -83,19 +82,6 @@ def write_video(path, frames, codec, pixels, options=None, *, rate=RATE, numbers
         out.mux(stream.encode(None))
 
 
-BARE = """\
-[specimen]
-shape = "other"
-thickness_mm = 4.0
-
-[camera]
-bit_depth = 8
-pixel_mm = 0.02
-
-"""
-"""A scene that knows nothing of the specimen."""
-
-
 def leaves_the_same_bytes(place, frames, scene, **options):
     """Whether one worker and two leave the same, which is what is kept in memory."""
     tifffile.imwrite(place / "film.tif", frames)
@@ -108,13 +94,3 @@ def leaves_the_same_bytes(place, frames, scene, **options):
     return len(one.table["frame"]) == len(frames) and np.array_equal(
         memory, on_disk, equal_nan=True
     )
-
-
-def killed_and_the_same(place, code, workers, *more):
-    """How much is kept of runs of the command that are killed: they end with the same bytes."""
-
-    def begin(out):
-        command = ["-m", "isochrome", "process", "film.tif", "--scene", "scene.toml", *more]
-        return start(place, code, *command, "--out", out, "--workers", workers)
-
-    return killed_and_begun_again(begin, place, [False, True], since=0.3, seed=int(workers))

@@ -89,31 +89,9 @@ needs_proc = pytest.mark.skipif(
 
 
 def finished_chunks(out):
-    """How many chunks a killed run has kept beside its output."""
-    return len(list(out.with_name(f"{out.name}.partial").glob("results-*/records/*.json")))
-
-
-def undisturbed(begin, place):
-    """What a run that nothing happens to leaves, and how long it takes, in seconds."""
-    began = time.monotonic()
-    finished(begin("whole"))
-    length = time.monotonic() - began
-    return contents(place / "whole"), length
-
-
-def killed(begin, length, with_workers, *, since, seed):
-    """Kill runs, each at a random moment of its own; the names of their outputs, one by one.
-
-    `begin`, called with a name, starts a run; `length` of an undisturbed one, and `since`, the
-    share of it before which none is killed; `with_workers`, for each whether its workers are too.
-    """
-    rng = random.Random(seed)
-    for number, group in enumerate(with_workers):
-        out = f"out{number}"
-        run = begin(out)
-        time.sleep(rng.uniform(since, 1.0) * length)
-        kill(run, with_workers=group)
-        yield out
+    """How many chunks a killed run has kept beside its output, whether among results or apart."""
+    folder = out.with_name(f"{out.name}.partial")
+    return sum(len(list(folder.glob(at))) for at in ("results-*/records/*.json", "records/*.json"))
 
 
 def ends_as(whole, run, out):
@@ -128,13 +106,20 @@ def ends_as(whole, run, out):
 def killed_and_begun_again(begin, place, with_workers, *, since, seed):
     """Kill runs, see that the same command ends each with the same bytes; how many chunks kept.
 
-    Where none had kept any, for the machine's pace has changed, one more is killed once it has.
+    `begin`, called with a name, starts a run; `with_workers`, for each whether its workers are
+    killed too; `since`, the share of an undisturbed run's length before which none is. Where none
+    had kept any, for the machine's pace has changed, one more is killed once it has.
     """
-    whole, length = undisturbed(begin, place)
-    kept = 0
-    for out in killed(begin, length, with_workers, since=since, seed=seed):
-        kept += finished_chunks(place / out)
-        ends_as(whole, begin(out), place / out)
+    began = time.monotonic()
+    finished(begin("whole"))
+    length, whole = time.monotonic() - began, contents(place / "whole")
+    kept, rng = 0, random.Random(seed)
+    for number, group in enumerate(with_workers):
+        run, out = begin(f"out{number}"), place / f"out{number}"
+        time.sleep(rng.uniform(since, 1.0) * length)
+        kill(run, with_workers=group)
+        kept += finished_chunks(out)
+        ends_as(whole, begin(out.name), out)
     if kept == 0:
         run, out = begin("late"), place / "late"
         wait_until(lambda: finished_chunks(out), "it finished no chunk", run=run)
@@ -142,3 +127,16 @@ def killed_and_begun_again(begin, place, with_workers, *, since, seed):
         kept = finished_chunks(out)
         ends_as(whole, begin("late"), out)
     return kept
+
+
+def killed_command_ends_the_same(place, code, workers, *command):
+    """How much is kept of a command's runs that are killed, alone and with their workers."""
+
+    def begin(out):
+        more = "--out", out, "--workers", workers
+        return start(place, code, "-m", "isochrome", *command, *more)
+
+    return killed_and_begun_again(begin, place, [False, True], since=0.3, seed=int(workers))
+
+
+PROCESS = "process", "film.tif", "--scene", "scene.toml"

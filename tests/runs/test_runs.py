@@ -25,6 +25,7 @@ from runs.counting import (
     put,
     truth,
 )
+from runs.killing import NO_END_S
 
 FILES = IDENTITY["inputs_sha256"]
 
@@ -352,10 +353,6 @@ try:
 except InputError as error:
     print(error)
 """
-
-
-NO_END_S = 600
-"""A run of a second that takes so long hangs, on a loaded machine too."""
 
 
 @pytest.mark.long

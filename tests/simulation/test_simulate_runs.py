@@ -10,10 +10,10 @@ from isochrome.runs import Stopped
 from isochrome.scene import dump_scene, load_scene
 from isochrome.simulation import RenderWork, simulate
 from runs.counting import contents
-from runs.killing import killed_and_begun_again, needs_sigkill, start
+from runs.killing import killed_command_ends_the_same, needs_sigkill
 
 
-def scene_of(count, **values):
+def scene_of(count):
     """A worn contact with noise, small and coarse, at `count` distances."""
     return load_scene("line-contact-wear").with_values(
         {
@@ -27,21 +27,10 @@ def scene_of(count, **values):
             "friction.static_state_first": False,
             "wear.distances_m": tuple(233.0 * k / (count - 1) for k in range(count)),
         }
-        | {key.replace("__", "."): value for key, value in values.items()}
     )
 
 
 SCENE = scene_of(20)
-STEPS = [
-    {"polariser_deg": 90.0, "analyser_deg": 0.0},
-    {"polariser_deg": 90.0, "analyser_deg": 90.0},
-]
-KINDS = {
-    "fringes": SCENE,
-    "steps": scene_of(20, polariscope__step=STEPS),
-    "colour": scene_of(20, polariscope__light="white", camera__colour=True),
-    "no bits": scene_of(20, camera__bit_depth=None, camera__noise_grey=0.0),
-}
 
 
 @pytest.fixture(scope="module")
@@ -51,17 +40,9 @@ def whole(tmp_path_factory):
     return out, simulate(SCENE, out)
 
 
-@pytest.mark.parametrize(
-    "kind", ["fringes", *(pytest.param(k, marks=pytest.mark.long) for k in list(KINDS)[1:])]
-)
-def test_what_is_kept_in_memory_is_what_is_written(tmp_path, kind, whole):
+def test_what_is_kept_in_memory_is_what_is_written(whole):
     """Of 20 states there are three chunks: 8, 8 and 4."""
-    scene = KINDS[kind]
-    kept = simulate(scene)
-    out, found = whole
-    if scene is not SCENE:
-        out = tmp_path / "out"
-        found = simulate(scene, out)
+    kept, (out, found) = simulate(SCENE), whole
     frames = tifffile.imread(out / "frames.tif")
     assert frames.dtype == kept.frames.dtype
     np.testing.assert_array_equal(frames, kept.frames)
@@ -88,16 +69,6 @@ def test_a_complete_simulation_is_not_rendered_again(tmp_path, monkeypatch):
     assert contents(tmp_path / "out") == before
     other = simulate(scene.with_values({"camera.seed": 5}), tmp_path / "out")
     assert not other.already and contents(tmp_path / "out") != before
-
-
-@pytest.mark.long
-def test_another_runs_maps_do_not_stay(tmp_path):
-    scene = scene_of(2)
-    simulate(scene, tmp_path / "out", components=True)
-    assert (tmp_path / "out" / "sigma_1.tif").is_file()
-    simulate(scene, tmp_path / "out")
-    assert not (tmp_path / "out" / "sigma_1.tif").exists()
-    assert not (tmp_path / "out" / "stress.png").exists()
 
 
 def test_workers_and_clusters_need_a_folder():
@@ -147,12 +118,5 @@ def test_two_workers_leave_the_same_files(tmp_path):
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, workers):
     (tmp_path / "scene.toml").write_text(dump_scene(scene_of(300)), "utf-8")
-
-    def begin(out):
-        return start(
-            tmp_path, code, "-m", "isochrome", "simulate", "scene.toml", "--out", out,
-            "--workers", workers,
-        )  # fmt: skip
-
-    kept = killed_and_begun_again(begin, tmp_path, [False, True], since=0.3, seed=int(workers))
-    assert kept > 0  # else nothing was told of going on
+    # else nothing was told of going on
+    assert killed_command_ends_the_same(tmp_path, code, workers, "simulate", "scene.toml")

@@ -12,29 +12,15 @@ from isochrome.simulation import simulate
 from isochrome.sweeps import make_grid, sweep
 from runs.counting import contents
 from scene_texts import PAPER_CONTACT
+from simulation.test_simulate_scene import DISC as LARGE_DISC
 
-DISC = parse_scene(
-    """
-[specimen]
-shape = "disc"
-diameter_mm = 20.0
-thickness_mm = 5.0
-fringe_value_n_per_mm = 14.6
-
-[load]
-normal_n = 300.0
-
-[camera]
-width_px = 40
-height_px = 30
-left_mm = -4.0
-top_mm = 7.0
-pixel_mm = 0.2
-bit_depth = 8
-noise_grey = 1.0
-""",
-    name="disc",
-)
+DISC = parse_scene(LARGE_DISC).with_values(
+    {
+        "load.normal_n": 300.0, "camera.width_px": 40, "camera.height_px": 30,
+        "camera.left_mm": -4.0, "camera.top_mm": 7.0, "camera.pixel_mm": 0.2,
+        "camera.bit_depth": 8, "camera.noise_grey": 1.0,
+    }
+)  # fmt: skip
 CONTACT = parse_scene(
     PAPER_CONTACT
     + "[camera]\nwidth_px = 160\nheight_px = 40\nleft_mm = -2.0\ntop_mm = 0.0\npixel_mm = 0.025\n"
