@@ -204,7 +204,7 @@ def test_the_real_disc_is_reported_with_its_poor_fit(tmp_path):
     assert all(abs(i.predicted_order - i.order) < 0.3 for i in found.images)
     figure = found.figure()
     drawn = [t.get_text() for a in figure.axes if (k := a.get_legend()) for t in k.get_texts()]
-    assert "predicted by the other loads" in drawn
+    assert "predicted" in drawn
     assert f"{found.chi:.2f}" in figure.get_suptitle()
     # every image's order is free: 2.5 fringes more were counted between 523 and 1152 N
     orders = {image.load_n: image.order for image in found.images}

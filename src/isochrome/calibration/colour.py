@@ -12,7 +12,7 @@ Source: Timoshenko & Goodier (1970), Theory of Elasticity, art. 21.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,10 +32,8 @@ from isochrome.figures import (
     LINE_STYLES,
     PaperPanels,
     Plot,
-    add_legend,
-    new_figure,
+    panels_figure,
     style_axes,
-    write_head,
 )
 from isochrome.frames import CHANNELS, as_captured, estimate_noise, load_mask, to_linear
 from isochrome.fringes import (
@@ -358,14 +356,7 @@ class ColourCalibration(Result):
 
     def figure(self) -> Figure:
         """The channels' signals over the order with their scatter, and the colours."""
-        figure = new_figure(10.0, 5.2)
-        panels: Any = figure.subplots(2, 1, sharex=True, height_ratios=[5, 1])
-        curves, strip = panels
-        _draw_channels(curves, self)
-        add_legend(curves, loc="upper right")
-        _draw_strip(strip, self)
-        write_head(figure, _values(self))
-        return figure
+        return panels_figure(replace(self.panels(), notes=()), _values(self))
 
     def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
         """Give the table for a paper; see `paper_figure`.
@@ -376,7 +367,7 @@ class ColourCalibration(Result):
             raise InputError("frames_figure_colour_table")
 
         def channels(axes: Axes) -> None:
-            _draw_channels(axes, self, LINE_STYLES)
+            _draw_channels(axes, self)
             axes.set_xlabel(_order_label(self))
 
         strip = partial(_draw_strip, calibration=self)
@@ -611,14 +602,12 @@ def _order_label(calibration: ColourCalibration) -> str:
     return f"fringe order N at {calibration.wavelength_nm:g} nm (fringes)"
 
 
-def _draw_channels(
-    curves: Axes, calibration: ColourCalibration, styles: Sequence[str] = ("-", "-", "-")
-) -> None:
+def _draw_channels(curves: Axes, calibration: ColourCalibration) -> None:
     """The channels' signals over the order with their scatter."""
     table = calibration.colour_table
     for c, (name, colour) in enumerate(zip(CHANNELS, CHANNEL_COLOURS, strict=True)):
         signal, spread = table.signal[:, c], table.spread[c]
-        curves.plot(table.order, signal, color=colour, lw=BOLD_PT, ls=styles[c], label=name)
+        curves.plot(table.order, signal, color=colour, lw=BOLD_PT, ls=LINE_STYLES[c], label=name)
         curves.fill_between(
             table.order, signal - spread, signal + spread, color=colour, alpha=0.2, lw=0
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -29,11 +29,9 @@ from isochrome.figures import (
     budget_plot,
     chosen_frames,
     data_name,
-    draw_budget,
-    new_figure,
+    panels_figure,
     show_image,
     style_axes,
-    write_head,
 )
 from isochrome.messages import message, warnings_json
 from isochrome.output import Result, columns_of, counted, with_uncertainty
@@ -50,18 +48,17 @@ Array = NDArray[np.float64]
 class Cut:
     """Where a kind of specimen tells its order: at this `place`, on a cut `along` it.
 
-    `command` calibrates by it; a figure's row with its image is `row_inches` high.
+    `command` calibrates by it.
     """
 
     place: str
     along: str
     command: str
-    row_inches: float
 
 
 CUTS = {
-    "beam": Cut("edge", "across the height (mm)", "bending", 2.1),
-    "disc": Cut("centre", "along the diameter (mm)", "disc", 2.6),
+    "beam": Cut("edge", "across the height (mm)", "bending"),
+    "disc": Cut("centre", "along the diameter (mm)", "disc"),
 }
 """The specimens of a calibration, by their table in its set."""
 
@@ -252,31 +249,12 @@ class Calibration(Result):
 
     def figure(self) -> Figure:
         """Up to four images beside fit, residual and a cut; below, the order over the load."""
-        shown = _spread([i for i in self.images if i.view is not None])
-        where = CUTS[self.specimen]
-        tall = where.row_inches
-        figure = new_figure(13.0, tall * len(shown) + 4.2)
-        halves: Any = figure.subfigures(2, 1, height_ratios=[tall * len(shown), 3.8])
-        upper, lower = halves
-        panels = upper.subplots(len(shown), 4, squeeze=False, width_ratios=[1, 1, 1.2, 1.7])
-        limit = _residual_limit([i.view for i in shown if i.view is not None])
-        for axes, item in zip(panels, shown, strict=True):
-            for axis, (image, title, options) in zip(axes, _maps(item, limit), strict=False):
-                small, pixel = _square(image, _view_of(item).pixel_mm)
-                label = "noise sigmas" if "residual" in title else ""
-                show_image(axis, small, pixel_mm=pixel, title=title, colour_label=label, **options)
-            _cut(axes[3], item, where)
-            title = f"N = {_order_text(item)} at the {where.place} (dots captured, line fitted)"
-            style_axes(axes[3], title=title)
-        line, misfit, budget = lower.subplots(1, 3, width_ratios=[1.5, 1, 1.2])
-        _line(line, self)
-        _misfit(misfit, self)
-        parts = {item.name: item.contribution_n_per_mm for item in self.budget}
-        draw_budget(budget, parts, x_label="contribution to u (N/mm)", title="uncertainty budget")
         value, *others = _values(self)
         head = [f"f$_\\sigma$ = {value}", f"$\\chi$ = {self.chi:.2f}", *others]
-        write_head(figure, "    ".join(head))
-        return figure
+        head.append(f"{self.slope_per_n:.6g} fringes per N")
+        shown = _spread([i for i in self.images if i.view is not None])
+        panels = self.panels(tuple(self.images.index(item) for item in shown))
+        return panels_figure(replace(panels, notes=panels.notes[1:]), "    ".join(head))
 
     def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
         """Give images, fits, orders and budget for a paper; see `paper_figure`.
@@ -291,12 +269,12 @@ class Calibration(Result):
         limit, where = _residual_limit(views), CUTS[self.specimen]
 
         def draw(axes: Axes, k: int, column: int) -> AxesImage:
-            image, _, options = _maps(shown[k], limit)[column]
+            image, options = _maps(shown[k], limit)[column]
             small, pixel = _square(image, views[k].pixel_mm)
             return show_image(axes, small, pixel_mm=pixel, **options)
 
         def order_line(axes: Axes) -> None:
-            _line(axes, self, "measured", "predicted")  # short: a long name covers the points
+            _line(axes, self)
             axes.margins(y=0.25)  # so that what stands below the line's beginning has room
 
         names = ("captured", "fitted", "residual")
@@ -392,17 +370,16 @@ def _residual_limit(views: list[View]) -> float:
     return float(max([4.0, *sizes]))
 
 
-def _maps(item: ImageFit, limit: float) -> tuple[tuple[Array, str, dict[str, Any]], ...]:
-    """What is drawn of an image: each map with its title and colours."""
+def _maps(item: ImageFit, limit: float) -> tuple[tuple[Array, dict[str, Any]], ...]:
+    """What is drawn of an image: each map with its colours."""
     view = _view_of(item)
     low, high = (float(v) for v in np.nanpercentile(view.image, [0.5, 99.8]))
     grey: dict[str, Any] = {"cmap": FRAME_MAP, "vmin": low, "vmax": high}
     return (
-        (view.image, f"{item.load_n:.4g} N, captured", grey),
-        (view.model, "fitted", grey),
+        (view.image, grey),
+        (view.model, grey),
         (
             view.residual / view.sigma,
-            f"residual, $\\chi$ = {item.chi:.2f}",
             {"cmap": DIFFERENCE_MAP, "vmin": -limit, "vmax": limit},
         ),
     )
@@ -439,12 +416,7 @@ def _square(image: Array, pixel_mm: tuple[float, float]) -> tuple[Array, float]:
     return image[:: rows * step, ::step], wide * step
 
 
-def _line(
-    axes: Any,
-    calibration: Calibration,
-    measured: str = "from its image",
-    predicted: str = "predicted by the other loads",
-) -> None:
+def _line(axes: Any, calibration: Calibration) -> None:
     loads = np.array([i.load_n for i in calibration.images])
     orders = np.array([i.order for i in calibration.images])
     intercept = calibration.order_at_zero_load or 0.0
@@ -453,11 +425,11 @@ def _line(
     axes.plot(
         reach, calibration.slope_per_n * reach + intercept, color=GREY, lw=LINE_PT, label=line
     )
-    axes.plot(loads, orders, "o", color=LINE_COLOURS[0], ms=5, label=measured)
+    axes.plot(loads, orders, "o", color=LINE_COLOURS[0], ms=5, label="measured")
     known = [i for i in calibration.images if i.predicted_order is not None]
     if known:
         places = [i.load_n for i in known], [i.predicted_order for i in known]
-        axes.plot(*places, "o", mfc="none", color=LINE_COLOURS[1], ms=10, label=predicted)
+        axes.plot(*places, "o", mfc="none", color=LINE_COLOURS[1], ms=10, label="predicted")
         add_legend(axes, loc="upper left")
     if calibration.order_at_zero_load is not None:
         label = data_name("at zero load")
@@ -470,8 +442,7 @@ def _line(
     axes.margins(y=0.12)
     axes.axhline(0.0, color=PALE, lw=FINE_PT, zorder=0)
     where = CUTS[calibration.specimen].place
-    title = f"{calibration.slope_per_n:.6g} fringes per N"
-    style_axes(axes, x_label="load (N)", z_label=f"order at the {where}", title=title)
+    style_axes(axes, x_label="load (N)", z_label=f"order at the {where}")
 
 
 def _misfit_title(calibration: Calibration) -> str:
@@ -500,4 +471,4 @@ def _misfit(axes: Any, calibration: Calibration) -> None:
     axes.axhline(0.0, color=PALE, lw=FINE_PT)
     axes.margins(x=0.15)
     unit = "10⁻³ fringe" if milli else "fringes"
-    style_axes(axes, x_label="load (N)", z_label=unit, title=_misfit_title(calibration))
+    style_axes(axes, x_label="load (N)", z_label=unit)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,16 +14,13 @@ from isochrome.figures import (
     FRAME_MAP,
     LINE_COLOURS,
     OVERLAY_COLOUR,
-    TITLE_PT,
     PaperPanels,
     PictureKind,
     budget_plot,
     chosen_frames,
-    draw_budget,
-    new_figure,
+    panels_figure,
     plain_name,
     show_image,
-    write_head,
 )
 from isochrome.messages import warnings_json
 from isochrome.output import Result, columns_of, counted, with_uncertainty
@@ -172,24 +169,13 @@ class ScaleCalibration(Result):
         yield "residual", f"{self.residual_px:.3f} px over {counted(self.corners, 'point')}"
 
     def figure(self) -> Figure:
-        """Each picture with its points and their residuals magnified, and the budget beside it."""
-        shown = self.images[:MOST_PICTURES]
-        tall = 7.5 * self.shape[0] / self.shape[1] + 0.7
-        figure = new_figure(13.0, min(max(tall, 3.0), 9.0) * len(shown) + 0.9)
-        panels: Any = figure.subplots(len(shown), 2, squeeze=False, width_ratios=[2.2, 1])
-        factor = _factor(self, shown)
-        for axes, picture in zip(panels[:, 0], shown, strict=True):
-            _draw_points(axes, picture, factor)
-            axes.set_title(_title(picture, factor), fontsize=TITLE_PT, loc="left")
-        parts = {item.input: item.contribution for item in self.budget}
-        title = "uncertainty budget of pixel_mm"
-        draw_budget(panels[0, 1], parts, x_label="contribution to u (mm)", title=title)
-        for axes in panels[1:, 1]:
-            axes.set_axis_off()
+        """Each picture with its points and their residuals magnified, and the budget."""
         texts = _texts(self)
         head = ["    ".join(texts[:1] + texts[4:]), "    ".join(texts[1:4])]
-        write_head(figure, "\n".join(line for line in head if line))
-        return figure
+        panels = self.panels(tuple(range(len(self.images[:MOST_PICTURES]))))
+        return panels_figure(
+            replace(panels, notes=panels.notes[1:]), "\n".join(line for line in head if line)
+        )
 
     def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
         """Give pictures with their points, and the budget, for a paper; see `paper_figure`.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from string import ascii_lowercase as LETTERS
@@ -25,13 +25,8 @@ from isochrome.errors import InputError
 from isochrome.figures import (
     DIFFERENCE_MAP,
     FRAME_MAP,
-    GREY,
-    INK,
     LINE_PT,
-    NOTE_PT,
     OVERLAY_COLOUR,
-    TEXT_PT,
-    TITLE_PT,
     PaperPanels,
     PictureKind,
     Place,
@@ -39,7 +34,7 @@ from isochrome.figures import (
     centred_limit,
     chosen_frames,
     draw_line,
-    new_figure,
+    panels_figure,
     plain_name,
     show_image,
 )
@@ -101,25 +96,11 @@ def side_by_side(
         raise InputError(
             "metrics_frames_give_one", metrics_count=len(metrics), pairs_count=len(pairs)
         )
-    chosen = [(*pairs[k], metrics[k]) for k in _evenly_spaced(len(pairs), max_rows)]
-    of_order = any(numbers.orders is not None for *_, numbers in chosen)
-    images, grey, limit = _images_of(experiment, simulation, chosen, of_order)
-    place = place_of_pair(experiment, simulation)
-
-    figure, panels, captions, foot = _lay_out(len(chosen), experiment.signal.shape[1:])
-    differences = []
-    for row, (_, there, numbers) in enumerate(chosen):
-        label = plain_name(numbers.label, _LABEL_LENGTH)
-        differences.append(_draw_row(panels[row], images[row], grey, limit, label, place))
-        if lines:
-            _draw_lines(panels[row][0], simulation, there, place)
-        _tidy(panels[row], row, last=row == len(chosen) - 1)
-        _write_line(captions[row], _caption(numbers), size_pt=TEXT_PT)
-    bar = f"difference of {_of_what(of_order)}"
-    add_colour_bar(differences, bar, length=min(1.0, 2.0 / len(chosen)))
-    text = _foot_text(lines, len(chosen), len(pairs), place["pixel_mm"])
-    _write_line(foot, text, size_pt=NOTE_PT, colour=GREY)
-    return figure
+    rows = tuple(_evenly_spaced(len(pairs), max_rows))
+    panels = side_by_side_panels(experiment, simulation, metrics, rows, lines=lines)
+    pixel_mm = place_of_pair(experiment, simulation)["pixel_mm"]
+    foot = _foot_text(lines, len(rows), len(pairs), pixel_mm)
+    return panels_figure(replace(panels, notes=[*panels.notes[: len(rows)], foot]), "")
 
 
 def side_by_side_panels(
@@ -127,6 +108,8 @@ def side_by_side_panels(
     simulation: ComparedFrames,
     metrics: Sequence[FrameMetrics],
     frames: tuple[int, ...] | None,
+    *,
+    lines: bool = True,
 ) -> PaperPanels:
     """The same for a paper: one scale, one grey range and one difference range for all frames.
 
@@ -142,7 +125,7 @@ def side_by_side_panels(
     def draw(axes: Axes, k: int, column: int) -> AxesImage:
         cmap, (low, high) = (FRAME_MAP, grey) if column < 2 else (DIFFERENCE_MAP, (-limit, limit))
         drawn = show_image(axes, images[k][column], cmap=cmap, vmin=low, vmax=high, **place)
-        if column == 0:
+        if lines and column == 0:
             _draw_lines(axes, simulation, chosen[k][1], place)
         return drawn
 
@@ -315,48 +298,6 @@ def _evenly_spaced(count: int, most: int) -> list[int]:
     return [int(index) for index in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
 
 
-def _lay_out(
-    count: int, shape: tuple[int, ...]
-) -> tuple[Figure, list[list[Axes]], list[Axes], Axes]:
-    """Make the grid: per state a row of three panels over a caption, and one foot."""
-    panel_in = float(np.clip(_PANEL_WIDTH_IN * shape[0] / shape[1], 0.8, 6.0))
-    row_in, caption_in, foot_in = panel_in + 0.32, 0.3, 0.42
-    height = count * (row_in + caption_in) + foot_in + 0.55
-    figure = new_figure(3 * _PANEL_WIDTH_IN + 1.75, height)
-    grid = figure.add_gridspec(
-        2 * count + 1, 3, height_ratios=[row_in, caption_in] * count + [foot_in]
-    )
-    engine = figure.get_layout_engine()
-    if engine is not None:
-        engine.set(wspace=0.05)  # type: ignore[call-arg]
-    panels: list[list[Axes]] = []
-    captions: list[Axes] = []
-    for row in range(count):
-        first = panels[0][0] if panels else None
-        left = figure.add_subplot(grid[2 * row, 0], sharex=first, sharey=first)
-        others = [
-            figure.add_subplot(grid[2 * row, col], sharex=left, sharey=left) for col in (1, 2)
-        ]
-        panels.append([left, *others])
-        captions.append(figure.add_subplot(grid[2 * row + 1, :]))
-    foot = figure.add_subplot(grid[2 * count, :])
-    for axes in (*captions, foot):
-        axes.set_axis_off()
-    return figure, panels, captions, foot
-
-
-def _tidy(panels: list[Axes], row: int, *, last: bool) -> None:
-    """Letter the panels and label only the outer axes."""
-    for col, axes in enumerate(panels):
-        title = f"({LETTERS[3 * row + col]}) {axes.get_title(loc='left')}"
-        axes.set_title(title, fontsize=TITLE_PT, loc="left")
-        axes.tick_params(labelleft=col == 0, labelbottom=last)
-        if col:
-            axes.set_ylabel("")
-        if not last:
-            axes.set_xlabel("")
-
-
 def _caption(numbers: FrameMetrics) -> str:
     """Say the numbers of one row in one line."""
     parts = []
@@ -375,12 +316,6 @@ def _caption(numbers: FrameMetrics) -> str:
     if np.isfinite(numbers.signals.rmse_over_noise):
         parts.append(f"χ {numbers.signals.rmse_over_noise:.3g}")
     return "  ·  ".join(parts)
-
-
-def _write_line(axes: Axes, text: str, *, size_pt: float, colour: str = INK) -> None:
-    """Put a line of text into an empty strip without widening the strip for it."""
-    line = axes.text(0.0, 0.5, text, va="center", fontsize=size_pt, color=colour)
-    line.set_in_layout(False)
 
 
 def _foot_text(lines: bool, shown: int, count: int, pixel_mm: float | None) -> str:

@@ -1,12 +1,16 @@
-from .layout import (
+from .paper import (
     PAGE_MM,
     FigureStyle,
     PaperPanels,
     PictureKind,
     Plot,
     chosen_frames,
+    curve_columns,
+    data_name,
+    panels_figure,
+    paper_figure,
+    save_figure,
 )
-from .paper import curve_columns, data_name, paper_figure, save_figure
 from .plots import (
     BAND,
     KEY_LABELS,
@@ -102,6 +106,7 @@ __all__ = [
     "frame_values_figure",
     "given_axes",
     "new_figure",
+    "panels_figure",
     "paper_figure",
     "place_of_image",
     "plain_name",

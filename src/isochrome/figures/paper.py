@@ -1,33 +1,170 @@
 """Figures for a paper: one size of letters, panels lettered, and the data of each curve as CSV.
 
-The figure is made as high as its pictures need at its width.
+Matplotlib lays them out; the height is what the pictures need at the width. What is taller than a
+page is laid out closer: pictures beside each other, lower plots, and at last without the plots
+that may be missing.
 """
 
 from __future__ import annotations
 
 import io
 import math
+import re
+import textwrap
 import warnings
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 from string import ascii_lowercase
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.figures.layout import PAGE_MM, FigureLayout, FigureStyle, FittedTexts, WithPanels
-from isochrome.figures.style import BOLD_PT, INK, PAPER_PT, add_legend, ends_beyond, new_figure
+from isochrome.figures.style import (
+    BOLD_PT,
+    INK,
+    PAPER_LINE_MM,
+    PAPER_PT,
+    add_legend,
+    ends_beyond,
+    new_figure,
+    write_head,
+)
 from isochrome.output import replacing, write_csv
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
+    from matplotlib.image import AxesImage
 
 Array = NDArray[Any]
+
+FORMATS = ("png", "pdf", "svg", "tiff")
+"""Formats of a figure for a paper, by the endings of its files."""
+
+NARROWEST_MM, WIDEST_MM = 60.0, 400.0
+"""Widths that a figure can have: a label beside a picture fits, and a poster's column."""
+LEAST_DPI, MOST_DPI = 50.0, 2400.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class FigureStyle:
+    """How a figure for a paper is to be: its width, its frames, and its files.
+
+    `paper_figure` and `save_figure` take it; a command's options --width, --frames, --format, --dpi
+    and --numbers say the same.
+
+    Parameters
+    ----------
+    width_mm : float, default 174.0
+        Width of the figure, mm: 85 is usual for one column, 174 for two.
+    frames : tuple of int, optional
+        Numbers of the frames (states, images) that are shown, from 0; by default the first or
+        evenly spaced ones.
+    formats : tuple of str, default ('pdf', 'png')
+        Files that are written: png, pdf, svg, tiff.
+    dpi : float, default 600.0
+        Dots per inch of png and tiff.
+    numbers : bool, default False
+        Whether the numbers of the panels stand below them.
+
+    Raises
+    ------
+    InputError
+        Where a value is not one of these.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> isochrome.FigureStyle(width_mm=85, formats=("svg",)).dpi
+    600.0
+    """
+
+    width_mm: float = 174.0
+    frames: tuple[int, ...] | None = None
+    formats: tuple[str, ...] = ("pdf", "png")
+    dpi: float = 600.0
+    numbers: bool = False
+
+    def __post_init__(self) -> None:
+        if not NARROWEST_MM <= self.width_mm <= WIDEST_MM:
+            raise InputError(
+                "width_mm_figure_give",
+                width_mm=self.width_mm,
+                narrowest_mm=NARROWEST_MM,
+                widest_mm=WIDEST_MM,
+            )
+        if not LEAST_DPI <= self.dpi <= MOST_DPI:
+            raise InputError("dpi_give_such", dpi=self.dpi, least_dpi=LEAST_DPI, most_dpi=MOST_DPI)
+        wrong = [name for name in self.formats if name not in FORMATS]
+        if wrong or not self.formats:
+            given = ", ".join(wrong) or "none"
+            raise InputError("format_figure_give_some", given=given, formats=", ".join(FORMATS))
+        if self.frames is not None and (not self.frames or min(self.frames) < 0):
+            given = ",".join(map(str, self.frames)) or "none"
+            raise InputError("frames_figure_give_numbers", given=given)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PictureKind:
+    """Pictures of one kind, one an item, that share their colours."""
+
+    name: str  # what they show
+    draw: Callable[[Axes, int], AxesImage]  # item k, with `show_image`
+    bar: str = ""  # label of their colour bar, with its unit; empty: there is none
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plot:
+    """A plot of curves or bars."""
+
+    title: str  # what it shows
+    draw: Callable[[Axes], Any]
+    height_mm: float = 40.0  # of its axes
+    least_mm: float = 22.0  # down to which they may be lowered where a page has no room
+    spare: int = 0  # rank in which it goes where a page has no room: the largest first, 0 never
+
+
+@dataclass(frozen=True, kw_only=True)
+class PaperPanels:
+    """The panels of a figure for a paper."""
+
+    kinds: Sequence[PictureKind] = ()  # each with a picture of every item
+    labels: Sequence[str] = ()  # what the items are
+    plots: Sequence[Plot] = ()  # below the pictures
+    plots_across: int = 3  # most plots beside each other
+    legend: Sequence[str] = ()  # names of the lines, where the plots share one legend, below them
+    notes: Sequence[str] = ()  # the panels' numbers and what holds for all, a paragraph each
+
+
+class WithPanels(Protocol):
+    """A result that can be drawn for a paper."""
+
+    @property
+    def title(self) -> str:
+        """What it is, in a line."""
+
+    def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
+        """Give the panels of some of its frames."""
+
+
+def chosen_frames(
+    frames: tuple[int, ...] | None, count: int, default: Sequence[int], *, items: str = "frames"
+) -> list[int]:
+    """The numbers of the frames that a figure shows: those asked for, or the default ones.
+
+    `items` is what they are called. InputError where there is no such frame.
+    """
+    if frames is None:
+        return list(default)
+    beyond = [k for k in frames if not 0 <= k < count]
+    if beyond:
+        raise InputError("frames_figure", beyond=beyond[0], items=items, count=count - 1)
+    return list(frames)
+
 
 _DATA_ONLY = "_data: "
 """In front of a name that no legend shows, as of all that begin with a line below."""
@@ -195,9 +332,24 @@ def add_scale_bar(axes: Axes) -> None:
 
 
 MM_PER_INCH = 25.4
-
-_LARGEST_STEP = 0.4
-"""Of the pictures' height, so that no slope of two heights that are alike throws it away."""
+PAGE_MM = 230.0
+"""Height that a journal's page leaves for a figure."""
+_BESIDE_MM = 36.0
+"""Narrowest picture whose kinds stand beside each other."""
+_LEAST_MM, _LEAST_OF_COLUMN_MM = 40.0, 24.0
+"""Narrowest picture of several items, in a wide figure and in one of a column."""
+_COLUMN_MM = 120.0
+"""Width below which a figure is one of a column."""
+_PLOT_MM = 70.0
+"""Narrowest plot, with its labels."""
+_AROUND_MM = 14.0
+"""Room of a panel's numbers and labels at the left."""
+_SCREEN_MM = 260.0
+"""Width of a figure for a screen."""
+_LETTER_MM = 1.5
+"""A letter's width in a line of text."""
+_TICK_MM, _BAR_TICK_MM = 12.0, 16.0
+"""Room of a number at a horizontal axis, and at a colour bar, whose numbers are longer."""
 _BAR_MM = 1.6
 """Height of a colour bar."""
 _MARK_PT = 10.0
@@ -206,11 +358,19 @@ _ONE_PLACE = 0.01
 """Over the picture's size: pictures that are no further apart have their numbers once."""
 _PLOT = "plot-"
 """In front of a plot's letter, in the name by which its Axes (and an SVG's group) are known."""
-_PASSES, _CLOSE_MM = 6, 0.8
-"""How often the height is mended by what the pictures leave, and how little that may be."""
+_PASSES = 4
+"""Times that the height is mended by what the pictures need."""
 _PLACES = 6
 """Decimals of places (over the figure) and heights (mm): the layout's last digits are those of
 another order of its equations each time, and an SVG's names are made of them."""
+_UNIT = re.compile(r"(?<=\d) (?=(?:m|mm|µm|N|px|fringes?)\b|%)")
+"""The space between a number and its unit, where no line ends."""
+
+
+def fold(text: str, room_mm: float) -> str:
+    """Break a text at its spaces, its own line breaks too, into lines of about a width."""
+    held = _UNIT.sub("\u00a0", " ".join(text.splitlines()))
+    return textwrap.fill(held, max(12, int(room_mm / _LETTER_MM)), break_on_hyphens=False)
 
 
 def paper_figure(result: WithPanels, style: FigureStyle | None = None) -> Figure:
@@ -261,72 +421,136 @@ def figure_for_page(result: WithPanels, style: FigureStyle) -> tuple[Figure, tup
         raise InputError(
             "has_no_figure_paper", getattr=getattr(result, "title", type(result).__name__)
         )
-    layout = FigureLayout(make(style.frames), style)
-    figure = _drawn(layout)
-    closer = replace(layout, is_close=True)
-    if layout.panels.kinds and _tall_mm(figure) > PAGE_MM and closer.grid != layout.grid:
-        layout, figure = closer, _drawn(closer)
-    lower = layout.within_page(_tall_mm(figure))
-    if lower != layout:
-        layout, figure = lower, _drawn(lower)
-    return figure, tuple(plot.title for plot in layout.left_out)
+    panels: PaperPanels = make(style.frames)
+    rows, plots = _picture_rows(panels, style.width_mm), list(panels.plots)
+    figure = _drawn(panels, style, rows, plots)
+    closer = _picture_rows(panels, style.width_mm, least_mm=_LEAST_OF_COLUMN_MM)
+    if _tall_mm(figure) > PAGE_MM and closer != rows:
+        rows, figure = closer, _drawn(panels, style, closer, plots)
+    tall, spare = _tall_mm(figure), sorted((p for p in plots if p.spare), key=lambda p: -p.spare)
+    if tall <= PAGE_MM or not plots:
+        return figure, ()
+    others = tall - sum(_plot_heights(panels, style, plots))
+    for left_out in (spare[:number] for number in range(len(spare) + 1)):
+        few = [plot for plot in plots if plot not in left_out]
+        full, least = (sum(_plot_heights(panels, style, few, low)) for low in (0.0, 1.0))
+        if others + least < PAGE_MM:
+            lowered = min(1.0, max(0.0, (others + full + 1.0 - PAGE_MM) / max(full - least, 1e-9)))
+            figure = _drawn(panels, style, rows, few, lowered)
+            return figure, tuple(plot.title for plot in left_out)
+    return figure, ()
+
+
+def panels_figure(panels: PaperPanels, head: str) -> Figure:
+    """The same panels for a screen, all of them, with their numbers, below a head."""
+    style = FigureStyle(width_mm=_SCREEN_MM, numbers=True)
+    rows = _picture_rows(panels, style.width_mm)
+    return _drawn(panels, style, rows, list(panels.plots), head=head)
 
 
 def _tall_mm(figure: Figure) -> float:
     return MM_PER_INCH * float(figure.get_figheight())
 
 
-def _drawn(layout: FigureLayout) -> Figure:
-    """The figure by a layout."""
-    blocks = layout.blocks
-    size = layout.style.width_mm / MM_PER_INCH, sum(blocks.values()) / MM_PER_INCH
-    figure = new_figure(*size)
+def _split(items: Sequence[Any], most: int) -> list[list[Any]]:
+    """Rows of one length, or nearly, of at most so many items."""
+    across = math.ceil(len(items) / math.ceil(len(items) / max(1, most)))
+    return [list(items[k : k + across]) for k in range(0, len(items), across)]
+
+
+def _picture_rows(
+    panels: PaperPanels, width_mm: float, *, least_mm: float = _BESIDE_MM
+) -> list[list[tuple[int, int]]]:
+    """Rows of pictures, as numbers of their kind and item: the kinds beside each other where they
+    fit, else the items, of which all rows of a kind come together.
+    """
+    kinds, items = range(len(panels.kinds)), range(len(panels.labels))
+    if len(items) == 1 or (len(kinds) > 2 and width_mm / len(kinds) >= _BESIDE_MM):
+        groups = [[(j, k) for j in kinds] for k in items if kinds]
+    else:
+        groups = [[(j, k) for k in items] for j in kinds]
+        least_mm = _LEAST_OF_COLUMN_MM if width_mm < _COLUMN_MM else _LEAST_MM
+    return [row for group in groups for row in _split(group, int(width_mm / least_mm))]
+
+
+def _plot_rows(panels: PaperPanels, style: FigureStyle, plots: Sequence[Plot]) -> list[list[Plot]]:
+    return _split(plots, min(int(style.width_mm / _PLOT_MM), panels.plots_across)) if plots else []
+
+
+def _plot_heights(
+    panels: PaperPanels, style: FigureStyle, plots: Sequence[Plot], lowered: float = 0.0
+) -> list[float]:
+    """Heights of the rows of plots with titles and labels, mm, and of the legend below them.
+
+    Lower in a column's figure, and where they are `lowered`, 1 of which is to the least of each.
+    """
+    share = 1.0 if style.width_mm >= _COLUMN_MM else 0.8
+    full = [[share * plot.height_mm for plot in row] for row in _plot_rows(panels, style, plots)]
+    least = [[plot.least_mm for plot in row] for row in _plot_rows(panels, style, plots)]
+    heights = [
+        max(h + lowered * (min(h, low) - h) for h, low in zip(*row, strict=True))
+        + 4.0 * PAPER_LINE_MM
+        for row in zip(full, least, strict=True)
+    ]
+    lines = math.ceil(len(panels.legend) / _legend_columns(panels, style))
+    return [*heights, (1.4 * lines + 0.6) * PAPER_LINE_MM] if lines else heights
+
+
+def _legend_columns(panels: PaperPanels, style: FigureStyle) -> int:
+    longest = _LETTER_MM * max(map(len, panels.legend), default=0) + _AROUND_MM
+    return max(1, min(len(panels.legend), int(style.width_mm / longest)))
+
+
+def _drawn(
+    panels: PaperPanels,
+    style: FigureStyle,
+    rows: list[list[tuple[int, int]]],
+    plots: Sequence[Plot],
+    lowered: float = 0.0,
+    head: str = "",
+) -> Figure:
+    """The figure with its pictures in rows; texts may be long, and Matplotlib gives them room."""
+    notes = "\n".join(fold(note, style.width_mm - 2.0) for note in panels.notes if style.numbers)
+    heights = _plot_heights(panels, style, plots, lowered)
+    head = "\n".join(fold(line, style.width_mm - 8.0) for line in head.splitlines())
+    blocks = {
+        "pictures": sum(0.75 * style.width_mm / len(rows[0]) + _AROUND_MM for _ in rows),
+        "plots": sum(heights),
+        "notes": PAPER_LINE_MM * (notes.count("\n") + 1.5) if notes else 0.0,
+    }
+    blocks = {name: high for name, high in blocks.items() if high}
+    head_mm = 1.2 * PAPER_LINE_MM * (head.count("\n") + 1.5) if head else 0.0
+    tall = head_mm + sum(blocks.values())
+    figure = new_figure(style.width_mm / MM_PER_INCH, tall / MM_PER_INCH)
     engine: Any = figure.get_layout_engine()
-    engine.set(w_pad=0.05, h_pad=0.02, wspace=0.0, hspace=0.0)
+    engine.set(w_pad=0.04, h_pad=0.02, wspace=0.0, hspace=0.0)
     grid = figure.add_gridspec(len(blocks), 1, height_ratios=list(blocks.values()))
     parts = {name: figure.add_subfigure(grid[k]) for k, name in enumerate(blocks)}
     letters = (f"({_letters(k)})" for k in count())
     pictures: list[list[Axes]] = []
-    if "pictures" in parts:
-        pictures = _draw_pictures(parts["pictures"], layout, letters)
-    if "plots" in parts:
-        _draw_plots(parts["plots"], layout, letters)
-    if "notes" in parts:
-        text = parts["notes"].text(0.01, 1.0, layout.notes, va="top")
-        text.set_in_layout(False)
+    if head:
+        write_head(figure, head)
+    if rows:
+        pictures = _draw_pictures(parts["pictures"], panels, rows, style.width_mm, letters)
+    if plots:
+        _draw_plots(parts["plots"], panels, style, plots, heights, letters)
+    if notes:
+        parts["notes"].text(0.01, 1.0, notes, va="top").set_in_layout(False)
     _one_size(figure)
-    _fit(figure, grid, blocks, pictures)
-    return figure
-
-
-def _fit(figure: Figure, grid: Any, blocks: dict[str, float], pictures: list[list[Axes]]) -> None:
-    """Fit the texts to the panels, and the height to what the pictures need at their width.
-
-    What is missing falls with the height, not by as much: letters at the sides give way where
-    pictures do not fill their places. So a step is by the slope of the last two.
-    """
-    texts, last = FittedTexts(figure), None
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"Glyph .* missing from font")
         for _ in range(_PASSES):
-            texts.fit()
             figure.draw_without_rendering()
             missing = sum(_missing_mm(row) for row in pictures)
-            if abs(missing) < _CLOSE_MM:
+            if abs(missing) < 0.1:
                 break
-            step = missing
-            if last is not None and (missing - last[1]) * (blocks["pictures"] - last[0]) < 0.0:
-                step *= (blocks["pictures"] - last[0]) / (last[1] - missing)
-            last = blocks["pictures"], missing
-            most = _LARGEST_STEP * blocks["pictures"]
-            blocks["pictures"] = round(blocks["pictures"] + min(max(step, -most), most), _PLACES)
+            blocks["pictures"] = round(max(blocks["pictures"] + missing, 10.0), _PLACES)
             grid.set_height_ratios(list(blocks.values()))
-            figure.set_figheight(sum(blocks.values()) / MM_PER_INCH)
-        texts.wrap()
-        figure.draw_without_rendering()  # the layout settles in the second drawing
-    figure.set_layout_engine("none")  # what is saved is what was fitted, at any resolution
-    _align(pictures)
+            figure.set_figheight((head_mm + sum(blocks.values())) / MM_PER_INCH)
+        figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # what is saved is what was laid out, at any resolution
     _settle(figure)
+    return figure
 
 
 def _letters(k: int) -> str:
@@ -335,93 +559,108 @@ def _letters(k: int) -> str:
     return (ascii_lowercase[more - 1] if more else "") + ascii_lowercase[last]
 
 
-def _draw_pictures(part: SubFigure, layout: FigureLayout, letters: Any) -> list[list[Axes]]:
-    """Draw the grid of pictures, and give its rows."""
-    panels = layout.panels
-    kinds, items = len(panels.kinds), len(panels.labels)
-    rows, cols = layout.grid
-    axes: Any = part.subplots(rows, cols, squeeze=False)
-    used: set[int] = set()
-    drawn: dict[int, list[Any]] = {}
-    places = layout.places
-    for (j, k), (row, col) in sorted(places.items(), key=lambda item: item[1]):
-        own, kind = axes[row, col], panels.kinds[j]
-        drawn.setdefault(j, []).append(kind.draw(own, k))
-        words = (kind.name if kinds > 1 else "", panels.labels[k])
-        marked = any(not line.get_clip_on() for line in own.lines)  # above the picture too
-        title = f"{next(letters)} {', '.join(filter(None, words))}"
-        own.set_title(title, loc="left", pad=_MARK_PT if marked else None)
-        own.set_anchor("N")
-        used.add(row * cols + col)
-    add_scale_bar(axes[0, 0])
-    for number, own in enumerate(axes.flat):
-        own.set_visible(number in used)
-    _outer_labels(axes, used)
-    for j, images in drawn.items():
-        if panels.kinds[j].bar:
-            own_places = [places[j, k] for k in range(items)]
-            last = max(own_places)[0]
-            below = [axes[place] for place in own_places if place[0] == last]
-            _add_bar(part, images, panels.kinds[j].bar, below, layout.style.width_mm / cols)
-    return [[own for own in row if own.get_visible()] for row in axes]
+def _draw_pictures(
+    part: SubFigure,
+    panels: PaperPanels,
+    rows: list[list[tuple[int, int]]],
+    width_mm: float,
+    letters: Iterator[str],
+) -> list[list[Axes]]:
+    """Draw the rows of pictures, each kind's colour bar below its last row, and as wide."""
+    cols = max(map(len, rows))
+    grid: Any = part.add_gridspec(len(rows), cols)
+    shown = [[part.add_subplot(grid[r, c]) for c in range(len(row))] for r, row in enumerate(rows)]
+    room = (width_mm - _AROUND_MM) / cols - 2.0
+    below: dict[int, list[Axes]] = {}
+    images: dict[int, list[Any]] = {}
+    for row, cells in zip(shown, rows, strict=True):
+        for axes, (j, k) in zip(row, cells, strict=True):
+            kind = panels.kinds[j]
+            images.setdefault(j, []).append(kind.draw(axes, k))
+            below[j] = [own for own, cell in zip(row, cells, strict=True) if cell[0] == j]
+            words = (kind.name if len(panels.kinds) > 1 else "", panels.labels[k])
+            marked = any(not line.get_clip_on() for line in axes.lines)  # above the picture too
+            title = fold(f"{next(letters)} {', '.join(filter(None, words))}", room)
+            axes.set_title(title, loc="left", pad=_MARK_PT if marked else None)
+            axes.set_anchor("N")
+            axes.locator_params(nbins=max(1, min(int(room / _TICK_MM), 6)))
+    add_scale_bar(shown[0][0])
+    _outer_labels(shown)
+    for j, kind in enumerate(panels.kinds):
+        if kind.bar:
+            last = below[j]
+            bar = part.colorbar(
+                images[j][0],
+                ax=last,
+                location="bottom",
+                extend=ends_beyond(images[j]),
+                extendfrac=0.04,
+                pad=0.02,
+                panchor=False,
+                fraction=0.12,  # of the pictures' height, of which it takes what its shape needs
+                aspect=0.8 * width_mm / cols * len(last) / _BAR_MM,
+            )
+            bar.set_label(fold(kind.bar, room * len(last)))
+            bar.ax.locator_params(nbins=max(2, min(int(room * len(last) / _BAR_TICK_MM), 6)))
+    return shown
 
 
-def _add_bar(
-    part: SubFigure, images: list[Any], label: str, last: list[Axes], column_mm: float
-) -> None:
-    """One colour bar for the pictures of a kind, below the last row of them and as wide."""
-    bar = part.colorbar(
-        images[0],
-        ax=last,
-        location="bottom",
-        extend=ends_beyond(images),
-        extendfrac=0.04,
-        pad=0.02,
-        fraction=0.12,  # of the pictures' height, of which the bar takes what its shape needs
-        aspect=0.8 * column_mm * len(last) / _BAR_MM,
-    )
-    bar.set_label(label)
-    bar.ax.tick_params(length=2.0, width=0.6)
-
-
-def _outer_labels(axes: Any, used: set[int]) -> None:
+def _outer_labels(rows: list[list[Axes]]) -> None:
     """Numbers and labels at the outer axes alone, where all pictures show one place."""
-    cols = axes.shape[1]
-    shown = [axes.flat[number] for number in sorted(used)]
-    limits = np.array([[*own.get_xlim(), *own.get_ylim()] for own in shown])
+    limits = np.array([[*own.get_xlim(), *own.get_ylim()] for row in rows for own in row])
     one_place = bool(np.all(np.ptp(limits, axis=0) <= _ONE_PLACE * np.ptp(limits)))
-    for number in used:
-        row, col = divmod(number, cols)
-        own = axes[row, col]
-        below = number + cols in used
-        if one_place and col:
-            own.tick_params(labelleft=False)
-        if one_place and below:
-            own.tick_params(labelbottom=False)
-        own.set_ylabel("" if col else own.get_ylabel())
-        own.set_xlabel("" if below else own.get_xlabel())
+    for r, row in enumerate(rows):
+        for col, own in enumerate(row):
+            inner = bool(col), r + 1 < len(rows) and col < len(rows[r + 1])
+            if one_place:
+                own.tick_params(labelleft=not inner[0], labelbottom=not inner[1])
+            own.set_ylabel("" if inner[0] else own.get_ylabel())
+            own.set_xlabel("" if inner[1] else own.get_xlabel())
 
 
-def _draw_plots(part: SubFigure, layout: FigureLayout, letters: Any) -> None:
-    rows = layout.plot_rows
-    heights = [layout.plot_height(row) for row in rows]
-    foot = [layout.legend_height] if layout.panels.legend else []
-    grid = part.add_gridspec(len(rows) + len(foot), 1, height_ratios=[*heights, *foot])
-    first: Axes | None = None
-    for k, row in enumerate(rows):
-        own = grid[k].subgridspec(1, max(map(len, rows)))
-        for column, plot in enumerate(row):
-            axis = part.add_subfigure(own[column]).subplots()
-            first = first or axis
-            plot.draw(axis)
+def _draw_plots(
+    part: SubFigure,
+    panels: PaperPanels,
+    style: FigureStyle,
+    plots: Sequence[Plot],
+    heights: list[float],
+    letters: Iterator[str],
+) -> None:
+    """Draw the plots in rows, each with its title over its numbers too, and a legend below all."""
+    rows = _plot_rows(panels, style, plots)
+    cols = max(map(len, rows))
+    room = style.width_mm / cols - 3.0
+    grid = part.add_gridspec(len(heights), cols, height_ratios=heights)
+    entries: Any = None
+    for r, row in enumerate(rows):
+        for col, plot in enumerate(row):
+            own = part.add_subfigure(grid[r, col])
+            axes: Axes = own.subplots()
+            plot.draw(axes)
+            entries = entries or axes.get_legend_handles_labels()
             letter = next(letters)
-            axis.set_title(f"{letter} {plot.title}", loc="left")
-            axis.set_gid(f"{_PLOT}{letter.strip('()')}")
-    if first is not None and foot:
-        handles, labels = first.get_legend_handles_labels()
-        holder = part.add_subfigure(grid[len(rows)])
-        cols = layout.legend_columns
-        add_legend(holder, handles, labels, loc="upper center", ncols=cols)
+            axes.set_title("", loc="left")
+            write_head(own, fold(f"{letter} {plot.title}", room), x=0.01, ha="left")
+            axes.set_gid(f"{_PLOT}{letter.strip('()')}")
+            axes.set_ylabel(fold(axes.get_ylabel(), heights[r] - 4.0 * PAPER_LINE_MM))
+            _fit_numbers(axes, room)
+    if panels.legend:
+        foot = part.add_subfigure(grid[len(rows), :])
+        add_legend(foot, *entries, loc="upper center", ncols=_legend_columns(panels, style))
+
+
+def _fit_numbers(axes: Axes, room_mm: float) -> None:
+    """Numbers, a label and names of lines that have room in a plot, beside the names of bars."""
+    from matplotlib.ticker import AutoLocator
+
+    names = max((len(text.get_text()) for text in axes.get_yticklabels()), default=0)
+    axes.set_xlabel(fold(axes.get_xlabel(), room_mm - _LETTER_MM * names))
+
+    if isinstance(axes.xaxis.get_major_locator(), AutoLocator):
+        axes.locator_params(axis="x", nbins=max(2, min(int((room_mm - 25.0) / _TICK_MM), 6)))
+    legend = axes.get_legend()
+    for name in legend.get_texts() if legend else ():
+        name.set_text(fold(name.get_text(), 0.6 * (room_mm - _AROUND_MM)))
 
 
 def _one_size(figure: Figure) -> None:
@@ -438,29 +677,18 @@ def _missing_mm(row: Sequence[Axes]) -> float:
     """What the pictures of a row lack in height, or have too much, to be as wide as their place."""
     needed = []
     for own in row:
-        place, shown = own.get_position(original=True), own.get_position()
+        place, shown = own.get_window_extent(), own.get_position(original=True)
         part: Any = own.figure
-        wide, high = part.bbox.width, part.bbox.height  # of the part, in dots
-        aspect = (shown.height * high) / (shown.width * wide)
-        dots = place.width * wide * aspect - place.height * high
-        needed.append(dots / part.figure.dpi * MM_PER_INCH)
-    return max(needed, default=0.0)
-
-
-def _align(rows: Sequence[Sequence[Axes]]) -> None:
-    """Give the pictures of a row one upper edge: a colour bar below moves one and its place."""
-    for row in rows:
-        places = [own.get_position(original=True) for own in row]
-        top = max((place.y1 for place in places), default=0.0)
-        for own, place in zip(row, places, strict=True):
-            own.set_position((place.x0, top - place.height, place.width, place.height))
-            own.set_anchor("N")  # Matplotlib stands a picture with a bar on its place's lower edge
+        box = shown.width * part.bbox.width, shown.height * part.bbox.height  # in dots
+        needed.append((box[0] * place.height / place.width - box[1]) / part.figure.dpi)
+    return MM_PER_INCH * float(max(needed))
 
 
 def _settle(figure: Figure) -> None:
     """Round all places, so that the same figure is the same file each time."""
-    for part in figure.subfigs:
-        part.bbox_relative.set_points(np.round(part.bbox_relative.get_points(), _PLACES))
+    for part in figure.findobj(lambda artist: hasattr(artist, "bbox_relative")):
+        own: Any = part
+        own.bbox_relative.set_points(np.round(own.bbox_relative.get_points(), _PLACES))
     for axes in figure.axes:
         place = axes.get_position(original=True)
         axes.set_position(np.round(place.bounds, _PLACES).tolist())

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from isochrome.errors import InputError
-from isochrome.figures.layout import Plot, wrap_note
-from isochrome.figures.paper import data_name
+from isochrome.figures.paper import Plot, data_name, fold
 from isochrome.figures.style import (
     FRAME_MAP,
     GREY,
@@ -140,7 +139,7 @@ def draw_frame_values(figure: Figure | SubFigure, found: FrameValues) -> None:
     for axis, key in zip(axes, found.keys, strict=False):
         draw_values(axis, found, key)
         axis.set_xlabel("")
-        axis.set_ylabel(wrap_note(axis.get_ylabel(), _LABEL_MM))
+        axis.set_ylabel(fold(axis.get_ylabel(), _LABEL_MM))
     draw_chi(axes[-1], found)
     marks = "circles: found by a full search"
     marks = f"dots: key frames; {marks}" if found.whole.any() else marks

@@ -94,9 +94,9 @@ def style_axes(axes: Axes, *, x_label: str = "", z_label: str = "", title: str =
         spine.set_linewidth(FINE_PT)
 
 
-def write_head(figure: Figure | SubFigure, text: str) -> None:
+def write_head(figure: Figure | SubFigure, text: str, **where: Any) -> None:
     """Write what a figure, or a part that has a head of its own, shows above it."""
-    figure.suptitle(text, fontsize=HEAD_PT)
+    figure.suptitle(text, fontsize=HEAD_PT, **where)
 
 
 def add_legend(holder: Axes | Figure | SubFigure, *entries: Any, **where: Any) -> None:

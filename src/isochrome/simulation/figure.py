@@ -6,6 +6,7 @@ The picture of the principal stresses that `simulate` leaves where they were ask
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
@@ -24,16 +25,14 @@ from isochrome.figures import (
     PaperPanels,
     PictureKind,
     Plot,
-    add_colour_bar,
     add_legend,
     centred_limit,
     given_axes,
-    new_figure,
+    panels_figure,
     plain_name,
     plot_frame,
     show_image,
     style_axes,
-    write_head,
 )
 from isochrome.scene import Scene
 from isochrome.simulation.model import SceneState
@@ -46,9 +45,8 @@ if TYPE_CHECKING:
 
     from isochrome.simulation.rendering import Rendered
 
-_NAMES = {"sigma_1": r"$\sigma_1$ (MPa)", "sigma_2": r"$\sigma_2$ (MPa)"}
-_PLAIN_NAMES = {"sigma_1": "σ₁", "sigma_2": "σ₂"}
-"""The same in letters that are no smaller than the others'."""
+_NAMES = {"sigma_1": "σ₁", "sigma_2": "σ₂"}
+"""In letters that are no smaller than the others'."""
 _CARET_DOWN = 7
 """Matplotlib's marker with its tip, not its middle, at the place."""
 
@@ -58,41 +56,16 @@ def stress_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Fig
 
     Red is tension, blue compression; the maps of each stress have one scale.
     """
-    cols = min(3, len(items))
-    rows = -(-len(items) // cols)
-    height = 2 * rows * (3.5 * pixels.rows / pixels.cols + 0.75) + 0.5
-    figure = new_figure(3.9 * cols + 1.3, height)
-    halves: Any = figure.subfigures(2, 1)
-    for half, (name, label) in zip(halves, _NAMES.items(), strict=True):
-        axes = _grid(half, rows, cols, len(items))
-        maps = [item.components.maps[name] for item in items if item.components]
-        limit = centred_limit(*maps, percentile=99.8)
-        drawn = [
-            _draw_stress(ax, item, image, pixels, limit, title=item.state.label)
-            for ax, item, image in zip(axes, items, maps, strict=True)
-        ]
-        # with zero between them, and never empty
-        low = min(0.0, *(float(np.nanmin(image)) for image in maps))
-        high = max(0.0, *(float(np.nanmax(image)) for image in maps))
-        low, high = (low, high) if high > low else (-1.0, 1.0)
-        add_colour_bar(drawn, label).ax.set_ylim(max(low, -limit), min(high, limit))
     marks = "× largest shear" + (", ▼ edges of contact" if scene.is_contact else "")
-    write_head(figure, f"{plain_name(scene.name)}, simulated: principal stresses\n{marks}")
-    return figure
-
-
-def _grid(figure: Any, rows: int, cols: int, count: int) -> Any:
-    """The first axes of a grid, one for each of `count` pictures; the others are hidden."""
-    axes = figure.subplots(rows, cols, squeeze=False).ravel()
-    for ax in axes[count:]:
-        ax.set_visible(False)
-    return axes[:count]
+    head = f"{plain_name(scene.name)}, simulated: principal stresses\n{marks}"
+    labels = [plain_name(item.state.label) for item in items]
+    return panels_figure(PaperPanels(kinds=stress_kinds(pixels, items), labels=labels), head)
 
 
 def stress_kinds(pixels: PixelGrid, items: Sequence[Rendered]) -> list[PictureKind]:
     """The maps for a paper; none where the principal stresses were not asked for."""
     kinds = []
-    for name, plain in _PLAIN_NAMES.items():
+    for name, plain in _NAMES.items():
         maps = [item.components.maps[name] for item in items if item.components]
         if len(maps) == len(items):
             limit = centred_limit(*maps, percentile=99.8)
@@ -105,7 +78,7 @@ def stress_kinds(pixels: PixelGrid, items: Sequence[Rendered]) -> list[PictureKi
 
 
 def _draw_stress(
-    axes: Axes, item: Rendered, image: np.ndarray, pixels: PixelGrid, limit: float, title: str = ""
+    axes: Axes, item: Rendered, image: np.ndarray, pixels: PixelGrid, limit: float
 ) -> AxesImage:
     """A map, red in tension and blue in compression, with its marks.
 
@@ -120,7 +93,6 @@ def _draw_stress(
         cmap=DIFFERENCE_MAP,
         vmin=-limit,
         vmax=limit,
-        title=title,
     )
     assert item.components is not None
     peak, surface = item.components.peak, item.state.surface
@@ -135,37 +107,14 @@ def _draw_stress(
 
 def simulation_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Figure:
     """Simulated frames on millimetre axes; for a contact, pressure and worn depth below them."""
-    cols = min(3, len(items))
-    image_rows = -(-len(items) // cols)
-    curves = items[0].state.surface is not None
-    aspect = pixels.rows / pixels.cols
-    height = image_rows * (3.6 * aspect + 0.7) + (3.2 if curves else 0.3) + 0.4
-    figure = new_figure(max(3.9 * cols + 0.5, 7.5 if curves else 0.0), height)
-    upper: Any = figure
-    lower: Any = None
-    if curves:
-        both: Any = figure.subfigures(2, 1, height_ratios=[height - 3.6, 3.2])
-        upper, lower = both
-    axes = _grid(upper, image_rows, cols, len(items))
-    for ax, item in zip(axes, items, strict=True):
-        largest = float(np.nanmax(item.picture.order))
-        _draw_frame(ax, scene, pixels, item, title=f"{item.state.label}: N up to {largest:.2f}")
-    if lower is not None:
-        pressure_axes, right = lower.subplots(1, 2)
-        plot_pressure([item.state for item in items], pressure_axes)
-        plot_scar([item.state for item in items], right)
-        if len(items) > 1:
-            handles, labels = lower.axes[0].get_legend_handles_labels()
-            add_legend(lower, handles, labels, loc="outside right center")
     steps = len(scene.polariscope.step_numbers)
     which = f"rendered frames, the first of {steps} steps" if steps > 1 else "rendered frames"
-    write_head(upper, f"{plain_name(scene.name)}, simulated ({which})")
-    return figure
+    head = f"{plain_name(scene.name)}, simulated ({which})"
+    frames = [replace(item, components=None) for item in items]
+    return panels_figure(simulation_panels(scene, pixels, frames), head)
 
 
-def _draw_frame(
-    axes: Axes, scene: Scene, pixels: PixelGrid, item: Rendered, *, title: str = ""
-) -> None:
+def _draw_frame(axes: Axes, scene: Scene, pixels: PixelGrid, item: Rendered) -> None:
     """The first frame of a state, white where the camera is full."""
     bits = scene.camera.bit_depth if scene.camera is not None else None
     plot_frame(
@@ -175,7 +124,6 @@ def _draw_frame(
         pixel_mm=pixels.pixel_mm,
         left_mm=pixels.left_mm,
         top_mm=pixels.top_mm,
-        title=title,
     )
 
 
