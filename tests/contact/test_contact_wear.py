@@ -1,4 +1,4 @@
-"""Wear stepping: balance, order, stability, and agreement with a brute-force explicit reference."""
+"""Wear stepping: balance, tolerance, stability, and a brute-force explicit reference."""
 
 import numpy as np
 import pytest

@@ -92,7 +92,7 @@ def test_what_changes_slowly_from_line_to_line_is_no_noise_of_theirs():
 
 
 @pytest.mark.parametrize(
-    "kind", ["pixels", "compressed", pytest.param("rows", marks=pytest.mark.long)]
+    "kind", ["rows", "compressed", pytest.param("pixels", marks=pytest.mark.long)]
 )
 def test_the_gradients_covariance_is_that_of_many_draws(kind):
     """Its promise: the variance of Σ r j over draws of the noise, whatever neighbours share."""

@@ -5,6 +5,7 @@ import numpy as np
 from isochrome.estimation import prepare_frame
 from isochrome.fitting import JointProblem, fit_frame
 from isochrome.frames import Frame
+from isochrome.output import write_tiff
 from isochrome.scene import parse_scene
 from isochrome.simulation import (
     make_picture,
@@ -52,6 +53,25 @@ def captured(scene, seed):
     """The camera's frame of a scene's last state."""
     image = simulate(scene.with_values({"camera.seed": seed})).frames[-1]
     return Frame(0, image, None, "captured")
+
+
+def prepared(image, scene, *, bit_depth=8, **options):
+    """An image as a fit reads it."""
+    frame = Frame(0, np.ascontiguousarray(image), None, "frame")
+    return prepare_frame(frame, scene, bit_depth=bit_depth, **options)
+
+
+def written(folder, scene):
+    """A scene's frames in a file; returns its path."""
+    path = folder / "frames.tif"
+    write_tiff(path, simulate(scene).frames, pixel_mm=scene.camera.pixel_mm)
+    return path
+
+
+def within(found, true, sigmas=4.0):
+    """A fitted value is the true one, to some of its own standard uncertainties."""
+    assert 0.0 < found["standard_uncertainty"] < np.inf
+    assert abs(found["value"] - true) < sigmas * found["standard_uncertainty"], (found, true)
 
 
 def begun(rng, scene, true, *, share=0.02, place_px=5.0):

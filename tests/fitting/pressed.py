@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isochrome.estimation import FrameData, prepare_frame
-from isochrome.frames import Frame
+from fitting.engine_frames import prepared
+from isochrome.estimation import FrameData
 from isochrome.optics import expose
 from isochrome.reference import hertz_pressure, sliding_hertz_stress
 from isochrome.scene import Camera, Scene, parse_scene
@@ -116,5 +116,4 @@ class Pressed:
         return parse_scene(self.text(load))
 
     def data(self) -> FrameData:
-        frame = Frame(0, self.frame(), None, "frame")
-        return prepare_frame(frame, self.scene(), bit_depth=8)
+        return prepared(self.frame(), self.scene())

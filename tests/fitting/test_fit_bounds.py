@@ -5,16 +5,15 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.optimize import minimize_scalar
 
-from fitting.engine_frames import fit_jointly
+from fitting.engine_frames import fit_jointly, prepared
 from isochrome.errors import PhysicsError
-from isochrome.estimation import fit_intensity, prepare_frame
+from isochrome.estimation import fit_intensity
 from isochrome.fitting import cramer_rao_bound, fit_frame, make_sequence, segments
-from isochrome.frames import Frame
 from isochrome.scene import parse_scene
 from isochrome.simulation import simulate
 from scene_texts import PAPER_CONTACT, SMALL_CAMERA
 
-LOAD, FRICTION, WEAR = "load.normal_n", "friction.coefficient", "wear.coefficient_mm2_per_n"
+LOAD, WEAR = "load.normal_n", "wear.coefficient_mm2_per_n"
 COLOUR = "polariscope.wavelength_nm"
 NOISE = 3.0
 STATIC = (
@@ -23,14 +22,9 @@ STATIC = (
 SHAPE = (120, 160)
 
 
-def prepared(scene, images):
-    frames = [Frame(i, image, None, str(i)) for i, image in enumerate(images)]
-    return [prepare_frame(frame, scene, bit_depth=8) for frame in frames]
-
-
 def one(seed):
     scene = parse_scene(STATIC)
-    return scene, prepared(scene, simulate(scene.with_values({"camera.seed": seed})).frames)[0]
+    return scene, prepared(simulate(scene.with_values({"camera.seed": seed})).frames[0], scene)
 
 
 # Held at a bound
@@ -73,7 +67,7 @@ def test_wear_that_a_new_contact_has_not_is_held_at_none_and_moves_nothing_else(
     """Noise alone would make this frame's scar heal; its load is what it is without any wear."""
     scene = worn([77.0], 5e-10)
     new = scene.with_values({WEAR: 0.0, "camera.seed": 2})
-    (data,) = prepared(scene, simulate(new).frames)
+    data = prepared(simulate(new).frames[0], scene)
     unworn = fit_frame(data, scene.model_copy(update={"wear": None}), (LOAD,))
     found = fit_frame(data, scene, (LOAD, WEAR))
     assert found.values[1] == 0.0 and found.converged
@@ -88,7 +82,8 @@ def test_a_stretch_in_which_nothing_is_worn_is_told_as_that():
     """The wear pauses between two frames; what was worn before is no less for it."""
     pause = {"distance_m": (0.0, 31.0, 31.001, 77.0), "value": (2e-9, 2e-9, 0.0, 0.0)}
     scene = worn([31.0, 77.0])
-    frames = prepared(scene, simulate(scene.with_values({WEAR: pause, "camera.seed": 2})).frames)
+    paused = simulate(scene.with_values({WEAR: pause, "camera.seed": 2}))
+    frames = [prepared(image, scene) for image in paused.frames]
     sequence = segments(make_sequence(scene, 2, (WEAR,), ()))
     found = fit_jointly(frames, sequence, np.array([1.2e-9, 0.9e-9]), shape=SHAPE)
     first, second = found.values
@@ -140,17 +135,15 @@ def test_frames_together_say_what_they_do_not_tell():
 
 def test_frames_together_are_widened_by_the_noise_that_neighbours_share():
     scene = parse_scene(STATIC)
-    clean = (
-        255.0
-        * simulate(scene.with_values({"camera.noise_grey": 0.0, "camera.bit_depth": None})).frames[
-            0
-        ]
-    )
+    ideal = scene.with_values({"camera.noise_grey": 0.0, "camera.bit_depth": None})
+    clean = 255.0 * simulate(ideal).frames[0]
     rng = np.random.default_rng(3)
     noise = [gaussian_filter(rng.normal(0.0, 1.0, SHAPE), 1.0) for _ in range(2)]
     images = [np.clip(np.rint(clean + NOISE * n / n.std()), 0, 255).astype(np.uint8) for n in noise]
     sequence = make_sequence(scene, 2, (LOAD,), ())
-    found = fit_jointly(prepared(scene, images), sequence, np.array([44.0]), shape=SHAPE)
+    found = fit_jointly(
+        [prepared(i, scene) for i in images], sequence, np.array([44.0]), shape=SHAPE
+    )
     # in blocks of 4 x 4 pixels, noise whose correlation is exp(-d²/4), beside the rounding's
     lag = np.arange(4)[:, None] - np.arange(4)[None, :]
     share = 12.0 * NOISE**2 / (12.0 * NOISE**2 + 1.0)

@@ -5,13 +5,12 @@ code with our optics and camera."""
 import numpy as np
 import pytest
 
+from fitting.engine_frames import prepared
 from fitting.sliding_bench import FRICTION, LOAD, bench
 from isochrome.benchmarks import load_benchmarks
-from isochrome.estimation import prepare_frame
 from isochrome.fitting import cause_messages, fit_frame, fit_with_causes
 from isochrome.fitting.causes.cause import ABOVE, BLURRED, ROLL, WIDE
 from isochrome.fitting.causes.score import Asked, _undecided, is_impossible
-from isochrome.frames import Frame
 from isochrome.processing import cell_values
 from isochrome.reference import contact_modulus, hertz_half_width, hertz_peak_pressure, hertz_stress
 from isochrome.scene import load_scene
@@ -26,9 +25,7 @@ def fitted(defects, *, seed=1, scene=None, true=None, keys=None):
     """What is found of a frame, and what is said, from values that are far off."""
     scene = scene or bench()
     image = frame(true or bench(), defects, seed)
-    data = prepare_frame(
-        Frame(index=0, image=image, time_s=None, name="bench"), scene, bit_depth=defects.container
-    )
+    data = prepared(image, scene, bit_depth=defects.container)
     begun = scene.with_values({"load.normal_n": 40.0, "friction.coefficient": 0.25})
     freed = fit_with_causes(data, begun, keys)
     return freed, freed.stated.fit, cause_messages(freed)
@@ -160,7 +157,7 @@ def test_rows_that_a_blur_explains_are_taken_in_again(load, left_mm, blur_px, se
     values = {"load.normal_n": load, "camera.left_mm": left_mm, "camera.pixel_mm": 0.00607}
     true = bench(494, 659).model_copy(update={"friction": None}).with_values(values)
     image = frame(true, Defects(blur_px=blur_px), seed)
-    data = prepare_frame(Frame(index=0, image=image, time_s=None, name="b"), true, bit_depth=8)
+    data = prepared(image, true)
     freed = fit_with_causes(data, true.with_values({"load.normal_n": 0.9 * load}))
     assert freed.odd is None and [c.name for c in freed.causes] == ["blur"]
     at = freed.fit.keys.index("load.normal_n")
@@ -190,9 +187,7 @@ def closed_form_picture(scene, noise_grey):
 def test_the_area_of_the_pixels_moves_no_load():
     """The mean of a bent order over a pixel is not that in its middle, which takes 3e-5 off."""
     scene = bench().with_values({"friction.coefficient": 0.0}).model_copy(update={"friction": None})
-    image = closed_form_picture(scene, 25.0)
-    frame = Frame(index=0, image=image, time_s=None, name="closed form")
-    fit = fit_frame(prepare_frame(frame, scene, bit_depth=16), scene)
+    fit = fit_frame(prepared(closed_form_picture(scene, 25.0), scene, bit_depth=16), scene)
     at = fit.keys.index("load.normal_n")
     # measured 3e-6 and 1.04; in the pixels' middles -2.9e-5 and 1.59
     assert fit.values[at] == pytest.approx(LOAD, rel=8e-6)

@@ -4,10 +4,10 @@ Truth is `outside_camera`, which shares no code with our optics and camera."""
 import numpy as np
 import pytest
 
+from fitting.engine_frames import prepared
 from fitting.sliding_bench import bench
 from fitting.test_fit_causes import Defects, frame
 from isochrome import fit, track
-from isochrome.estimation import prepare_frame
 from isochrome.fitting import Apparatus, Tracker, placed
 from isochrome.frames import Frame
 from isochrome.output import write_tiff
@@ -173,8 +173,7 @@ def test_a_tracked_value_has_the_uncertainty_of_what_is_held(key, value, spread)
 
 def test_a_held_light_and_pixels_are_those_of_every_frame():
     image = frame(bench(*SMALL), Defects(), 0)
-    shot = Frame(index=0, image=image, time_s=None, name="bench")
-    data = prepare_frame(shot, bench(*SMALL), bit_depth=8)
+    data = prepared(image, bench(*SMALL))
     outside = np.zeros(image.shape, bool)
     outside[40:50, 60:70] = True
     terms = ((0, 0), (1, 0)), ((0, 0),)

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from fitting.engine_frames import prepared
 from isochrome.contact import elastic_constants
 from isochrome.errors import PhysicsError
-from isochrome.estimation import evaluate, prepare_frame
+from isochrome.estimation import evaluate
 from isochrome.fitting import placed
 from isochrome.fitting.search.coarse_fields import (
     THETA,
@@ -15,7 +16,6 @@ from isochrome.fitting.search.coarse_fields import (
     theta_of,
 )
 from isochrome.fitting.search.descents import SearchPixels, Space
-from isochrome.frames import Frame
 from isochrome.reference import (
     coupled_contact,
     coupled_stress,
@@ -25,7 +25,7 @@ from isochrome.reference import (
     sliding_hertz_stress,
 )
 from isochrome.scene import load_scene, parse_scene
-from isochrome.simulation import render, scene_states, state_difference
+from isochrome.simulation import scene_states, simulate, state_difference
 from isochrome.stress import RegularStress, pixel_grid
 from scene_texts import PAPER_CONTACT, PAPER_PAIR
 
@@ -210,8 +210,7 @@ def test_the_light_of_a_batch_is_eliminated_as_that_of_one_frame():
     scene = placed(load_scene("line-contact-wear").model_copy(update={"wear": None}), (494, 659))
     shape = (494, 659)
     noisy = scene.with_values({"camera.noise_grey": 5.0, "camera.vignette": 0.3})
-    shot = next(render(noisy, scene_states(noisy), pixel_grid(noisy)))
-    data = prepare_frame(Frame(0, shot.frames[0], None, "frame"), scene, bit_depth=8)
+    data = prepared(simulate(noisy).frames[0], scene)
     usable = np.zeros(shape, dtype=bool)
     usable[60:] = True
     pixels = SearchPixels(data, scene, field_maker(scene), usable, 12)

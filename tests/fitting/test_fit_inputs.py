@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import tifffile
 
+from fitting.engine_frames import prepared
 from isochrome import fit
 from isochrome.benchmarks import load_benchmarks
 from isochrome.errors import InputError
-from isochrome.estimation import prepare_frame
 from isochrome.fitting import (
     cause_messages,
     fit_frame,
@@ -21,7 +21,6 @@ from isochrome.fitting import (
     stated_inputs,
     taken_as_exact,
 )
-from isochrome.frames import Frame
 from isochrome.scene import load_scene, parse_scene
 from isochrome.simulation import simulate
 
@@ -45,10 +44,6 @@ def contact():
     return scene, outside_camera.frame(scene, outside_camera.Defects(), 7)
 
 
-def data_of(image, scene):
-    return prepare_frame(Frame(0, image, None, "test"), scene, bit_depth=8)
-
-
 def rows_of(path):
     return list(csv.DictReader(path.read_text("utf-8").splitlines()))
 
@@ -70,7 +65,7 @@ def test_what_a_stated_input_explains_of_the_residual_is_not_noise_too():
         scene.with_values({key: {"value": value, "standard_uncertainty": 0.02 * modulus}})
         for value in (modulus, 1.03 * modulus)
     )
-    alike, shifted = (fit_frame(data_of(image, s), s) for s in (right, wrong))
+    alike, shifted = (fit_frame(prepared(image, s), s) for s in (right, wrong))
     assert shifted.chi > 1.03 * alike.chi  # the frame contradicts it
     # derivatives are those at another place, no more
     np.testing.assert_allclose(shifted.noise_uncertainty, alike.noise_uncertainty, rtol=0.2)
@@ -84,7 +79,7 @@ def test_sensitivities_are_those_of_fits_with_shifted_inputs():
         specimen__fringe_value_n_per_mm=0.5, specimen__young_gpa=2.0,
         indenter__radius_mm=0.1, specimen__poisson=1.0,
     )  # fmt: skip
-    data = data_of(image, scene)
+    data = prepared(image, scene)
     found = fit_frame(data, scene, KEYS, cold=False)
     for k, (key, value, spread) in enumerate(found.inputs.rows):
         step = 0.2 * spread
@@ -103,7 +98,7 @@ def test_combined_uncertainty_is_noise_and_inputs_in_squares():
     (scene, image), plain = contact(), plain_fit()
     assert np.array_equal(plain.standard_uncertainty, plain.noise_uncertainty)
     known = stated(scene, camera__pixel_mm=0.2, specimen__fringe_value_n_per_mm=0.5)
-    found = fit_frame(data_of(image, known), known, KEYS, cold=False)
+    found = fit_frame(prepared(image, known), known, KEYS, cold=False)
     assert np.array_equal(found.values, plain.values)
     # errors of the inputs explain a little of any noise
     assert found.noise_uncertainty == pytest.approx(plain.noise_uncertainty, rel=0.01)
@@ -120,14 +115,14 @@ def test_combined_uncertainty_is_noise_and_inputs_in_squares():
 def plain_fit():
     """The contact's fit without anything stated."""
     scene, image = contact()
-    return fit_frame(data_of(image, scene), scene, KEYS, cold=False)
+    return fit_frame(prepared(image, scene), scene, KEYS, cold=False)
 
 
 def with_load(value, spread):
     """The contact's fit under a prior of its load."""
     scene, image = contact()
     known = scene.with_values({LOAD: {"value": value, "standard_uncertainty": spread}})
-    return fit_frame(data_of(image, known), known, KEYS, cold=False)
+    return fit_frame(prepared(image, known), known, KEYS, cold=False)
 
 
 def test_a_prior_far_sharper_than_the_frame_is_the_value():
@@ -217,12 +212,12 @@ def test_all_that_is_left_names_the_inputs_and_their_shares(tmp_path):
 def test_a_scale_that_is_off_is_fitted_with_its_prior_and_a_suspect_without():
     scene, image = contact()
     off = scene.with_values({PIXEL: 1.004 * scene.get(PIXEL)})
-    suspect = fit_with_causes(data_of(image, off), off, KEYS, cold=False)
+    suspect = fit_with_causes(prepared(image, off), off, KEYS, cold=False)
     assert not suspect.causes and not suspect.asked[0].can_be_freed
     said = cause_messages(suspect)[-1]
     assert "contradicts the scale" in said and PIXEL in said
     known = stated(off, camera__pixel_mm=0.3)
-    found = fit_with_causes(data_of(image, known), known, KEYS, cold=False)
+    found = fit_with_causes(prepared(image, known), known, KEYS, cold=False)
     assert [cause.keys for cause in found.causes] == [(PIXEL,)]
     at = dict(zip(found.fit.keys, range(len(found.fit.keys)), strict=True))
     values, spread = found.fit.values, found.fit.standard_uncertainty
@@ -235,7 +230,7 @@ def test_a_scale_that_is_off_is_fitted_with_its_prior_and_a_suspect_without():
 def test_nothing_is_freed_where_all_that_is_stated_is_right():
     scene, image = contact()
     known = stated(scene, camera__pixel_mm=0.2, specimen__young_gpa=2.0, indenter__radius_mm=0.1)
-    assert fit_with_causes(data_of(image, known), known, KEYS, cold=False).causes == ()
+    assert fit_with_causes(prepared(image, known), known, KEYS, cold=False).causes == ()
 
 
 @pytest.mark.long

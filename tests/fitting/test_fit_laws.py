@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from fitting.engine_frames import written
 from isochrome.fitting import (
     LawFit,
     WearLaws,
@@ -19,9 +20,7 @@ from isochrome.fitting import (
     segment_ends,
     segments,
 )
-from isochrome.output import write_tiff
 from isochrome.scene import parse_scene
-from isochrome.simulation import simulate
 from scene_texts import SMALL_CAMERA, WEARING_CONTACT
 
 ENDS = np.array([31.0, 77.0, 155.0, 233.0])
@@ -234,9 +233,9 @@ def test_no_law_fits_where_chance_alone_would_not_leave_its_misfit(chance, said)
 
 
 def fitted(folder, truth, **start):
-    path = folder / "frames.tif"
-    write_tiff(path, simulate(truth).frames, pixel_mm=truth.camera.pixel_mm)
-    return fit(path, scene(**start), [WEAR, "load.normal_n"], per_frame=[FRICTION])
+    return fit(
+        written(folder, truth), scene(**start), [WEAR, "load.normal_n"], per_frame=[FRICTION]
+    )
 
 
 @pytest.mark.long

@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fitting.engine_frames import prepared
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import HALF, Minimum, is_explained, prepare_frame
+from isochrome.estimation import HALF, Minimum, is_explained
 from isochrome.fitting import (
     Pixels,
     clear_of_ends,
@@ -47,8 +48,7 @@ def image():
 @pytest.fixture(scope="module")
 def alone(image):
     """One frame's fit of load and place."""
-    data = prepare_frame(Frame(0, image, None, "frame"), scene(), bit_depth=8)
-    return fit_frame(data, scene(), (LOAD, LEFT))
+    return fit_frame(prepared(image, scene()), scene(), (LOAD, LEFT))
 
 
 def result_of(*fits):
@@ -172,15 +172,14 @@ def test_what_a_no_load_frame_does_not_show_is_not_fitted(image):
     blank = np.full(image.shape, 30, np.uint8)
     dark, bright = (to_linear(blank + k, bit_depth=8, allow_blank=True) for k in (0, 90))
     dark.valid[10, 20] = bright.valid[30, 40] = False
-    frame = Frame(0, image, None, "frame")
-    plain = prepare_frame(frame, scene(), bit_depth=8)
-    data = prepare_frame(frame, scene(), bit_depth=8, no_load=(dark, bright))
+    plain = prepared(image, scene())
+    data = prepared(image, scene(), no_load=(dark, bright))
     assert plain.valid[10, 20] and plain.valid[30, 40]
     assert np.argwhere(plain.valid & ~data.valid).tolist() == [[10, 20], [30, 40]]
 
 
 def test_light_read_with_another_exponent_has_the_noise_of_that_light(image):
-    data = prepare_frame(Frame(0, image, None, "frame"), scene(), bit_depth=8).toned(2.2)
+    data = prepared(image, scene()).toned(2.2)
     level = data.raw > 5.0 * data.raw_sigma  # black itself has no slope
     up, down = ((data.raw + s * 0.1 * data.raw_sigma)[level] ** 2.2 for s in (1.0, -1.0))
     # a tenth of the noise up and down: its cube is some 1e-3 of it
@@ -218,8 +217,7 @@ def test_pixels_whose_model_is_near_black_or_white_are_left_out():
 def test_a_scene_is_taken_at_its_word_where_the_light_is_25_times_the_noise(noise, scanned):
     """In more noise a wrong solution looks as good: all loads are tried there, whatever chi is."""
     seen = scene(camera__noise_grey=noise, load__bulk_mpa=0.0)
-    frame = Frame(0, simulate(seen).frames[0], None, "frame")
-    data = prepare_frame(frame, seen, bit_depth=8)
+    data = prepared(simulate(seen).frames[0], seen)
     found = search_frame(data, seen, (LOAD, LEFT, "load.bulk_mpa"))
     assert found.scanned is scanned
     assert found.minima[0].chi < 1.1
@@ -236,15 +234,14 @@ def noise_alone(shape, seed):
 @pytest.mark.parametrize("seed", [0, 1])
 def test_in_a_frame_of_noise_alone_no_fringes_are_found(image, seed):
     """Somewhere in a search noise follows fringes a little, and by half of all chances upwards."""
-    frame = Frame(0, noise_alone(image.shape, seed), None, "frame")
-    found = fit_frame(prepare_frame(frame, scene(), bit_depth=8), scene(), (LOAD, LEFT))
+    data = prepared(noise_alone(image.shape, seed), scene())
+    found = fit_frame(data, scene(), (LOAD, LEFT))
     assert not found.positive
 
 
 def test_fringes_of_a_third_of_the_noise_are_found():
     dim = scene(camera__brightness=0.004)  # a grey level, and noise of three
-    frame = Frame(0, simulate(dim).frames[0], None, "frame")
-    found = fit_frame(prepare_frame(frame, dim, bit_depth=8), dim, (LOAD, LEFT))
+    found = fit_frame(prepared(simulate(dim).frames[0], dim), dim, (LOAD, LEFT))
     assert found.positive
     assert abs(found.values[0] - 44.0) < 4.0 * found.standard_uncertainty[0] < 3.0
 

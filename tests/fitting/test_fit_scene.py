@@ -3,60 +3,38 @@
 import numpy as np
 import pytest
 
-from fitting.engine_frames import light_of
+from fitting.engine_frames import light_of, within, written
 from isochrome.errors import InputError, PhysicsError
 from isochrome.fitting import SceneRenderer, fit, scene_at, with_numerics
-from isochrome.output import write_tiff
 from isochrome.scene import parse_scene
-from isochrome.simulation import simulate
 from isochrome.stress import pixel_grid
 from scene_texts import PAPER_CONTACT, SMALL_CAMERA
 
 STATIC = PAPER_CONTACT + SMALL_CAMERA + "noise_grey = 3.0\nseed = 11\n"
 SLIDING = STATIC + "\n[friction]\ncoefficient = 0.25\n"
 WORN = SLIDING + "\n[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [77.0, 155.0]\n"
-PLACE = {"camera.left_mm": -1.957, "camera.top_mm": 0.018}
-
-
-@pytest.fixture
-def rendered(tmp_path):
-    """Write the frames of a scene with some values changed; returns their path."""
-
-    def write(text, **values):
-        scene = parse_scene(text).with_values({k.replace("__", "."): v for k, v in values.items()})
-        path = tmp_path / "frames.tif"
-        write_tiff(path, simulate(scene).frames, pixel_mm=scene.camera.pixel_mm)
-        return path
-
-    return write
-
-
-def within(found, true, sigmas=4.0):
-    """A fitted value is the true one, to some of its own standard uncertainties."""
-    assert 0.0 < found["standard_uncertainty"] < np.inf
-    assert abs(found["value"] - true) < sigmas * found["standard_uncertainty"], (found, true)
 
 
 # Fits
 
 
-def test_a_frame_is_fitted_that_stands_on_a_whole_pixel_of_the_fits_grid(rendered):
+def test_a_frame_is_fitted_that_stands_on_a_whole_pixel_of_the_fits_grid(tmp_path):
     """Where the fit starts: it is no trap."""
-    keys = ("load.normal_n", "friction.coefficient", "camera.left_mm", "camera.top_mm")
-    true = {key: parse_scene(SLIDING).get(key) for key in keys}
-    found = fit(rendered(SLIDING, **true), parse_scene(SLIDING), list(true))
-    for key, value in true.items():
-        within(found.shared[key], value)
+    scene = parse_scene(SLIDING)
+    keys = ["load.normal_n", "friction.coefficient", "camera.left_mm", "camera.top_mm"]
+    found = fit(written(tmp_path, scene), scene, keys)
+    for key in keys:
+        within(found.shared[key], scene.get(key))
     assert found.shared["load.normal_n"]["standard_uncertainty"] < 0.01
     assert found.chi == pytest.approx(1.0, abs=0.05) and found.warnings == ()
 
 
-def test_keys_that_the_frame_cannot_tell_apart_are_refused_by_their_correlation(rendered):
+def test_keys_that_the_frame_cannot_tell_apart_are_refused_by_their_correlation(tmp_path):
     # Modulus and radius enter together: the half-width follows from radius / contact modulus.
-    path = rendered(STATIC)
+    scene = parse_scene(STATIC)
     keys = ["specimen.young_gpa", "indenter.radius_mm"]
     with pytest.raises(PhysicsError, match=r"cannot be told apart .*correlation.*; fix one"):
-        fit(path, parse_scene(STATIC), keys)
+        fit(written(tmp_path, scene), scene, keys)
 
 
 @pytest.mark.parametrize("other", ["specimen.fringe_value_n_per_mm", "specimen.thickness_mm"])

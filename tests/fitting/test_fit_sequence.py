@@ -5,9 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from fitting.engine_frames import fit_jointly
+from fitting.engine_frames import fit_jointly, prepared, within, written
 from isochrome.errors import InputError
-from isochrome.estimation import prepare_frame
 from isochrome.fitting import (
     SharedRun,
     add_up,
@@ -23,7 +22,6 @@ from isochrome.fitting import (
     stepwise,
     with_numerics,
 )
-from isochrome.frames import Frame
 from isochrome.output import read_csv, write_tiff
 from isochrome.scene import load_scene, parse_scene
 from isochrome.simulation import scene_states, simulate
@@ -44,10 +42,7 @@ def scene(**values):
 
 def rendered(truth):
     """Prepared frames of a scene, in its own order."""
-    frames = simulate(truth).frames
-    return [
-        prepare_frame(Frame(i, f, None, str(i)), truth, bit_depth=8) for i, f in enumerate(frames)
-    ]
+    return [prepared(image, truth) for image in simulate(truth).frames]
 
 
 # What a frame shows of its history
@@ -150,17 +145,6 @@ def test_uncertainties_are_those_of_differences_through_the_whole_run():
 # Fits
 
 
-def within(found, true, sigmas=4.0):
-    assert 0.0 < found["standard_uncertainty"] < np.inf
-    assert abs(found["value"] - true) < sigmas * found["standard_uncertainty"], (found, true)
-
-
-def write(folder, truth):
-    path = folder / "frames.tif"
-    write_tiff(path, simulate(truth).frames, pixel_mm=truth.camera.pixel_mm)
-    return path
-
-
 @pytest.mark.long
 def test_load_friction_and_wear_each_over_distance(tmp_path):
     load = {"distance_m": (0.0, 77.0), "value": (42.0, 45.0)}
@@ -170,7 +154,7 @@ def test_load_friction_and_wear_each_over_distance(tmp_path):
     truth = scene(**values, load__normal_n=load, friction__coefficient=friction)
     progress = []
     found = fit(
-        write(tmp_path, truth), scene(**values), [WEAR], per_frame=[LOAD, FRICTION],
+        written(tmp_path, truth), scene(**values), [WEAR], per_frame=[LOAD, FRICTION],
         follow=True, as_stated=True, progress=progress.append, out=tmp_path / "out",
     )  # fmt: skip
     within(found.shared[WEAR], 2e-9)
@@ -211,10 +195,7 @@ def test_a_set_too_long_to_keep_is_read_in_each_pass_and_fitted_as_if_it_were_ke
     write_tiff(tmp_path / "film.tif", images, pixel_mm=0.05)
     read = fit(tmp_path / "film.tif", small, [LOAD])
     kept = fit_jointly(
-        [
-            prepare_frame(Frame(i, f, None, str(i)), small, bit_depth=8)
-            for i, f in enumerate(images)
-        ],
+        [prepared(image, small) for image in images],
         make_sequence(small, 9, (LOAD,), ()),
         np.array([read.shared[LOAD]["value"]]),
         shape=(60, 80),
@@ -226,7 +207,7 @@ def test_a_set_too_long_to_keep_is_read_in_each_pass_and_fitted_as_if_it_were_ke
     assert apart < 0.05 * kept.standard_uncertainty[0]
     # nine frames know a load three times better than one
     one = fit_jointly(
-        [prepare_frame(Frame(0, images[0], None, "0"), small, bit_depth=8)],
+        [prepared(images[0], small)],
         make_sequence(small, 1, (LOAD,), ()), np.array([44.0]), shape=(60, 80),
     )  # fmt: skip
     ratio = one.standard_uncertainty[0] / kept.standard_uncertainty[0]
@@ -234,7 +215,7 @@ def test_a_set_too_long_to_keep_is_read_in_each_pass_and_fitted_as_if_it_were_ke
 
 
 def test_a_frame_count_that_is_not_the_scenes(tmp_path):
-    path = write(tmp_path, scene(wear__distances_m=(0.0, 77.0)))
+    path = written(tmp_path, scene(wear__distances_m=(0.0, 77.0)))
     with pytest.raises(InputError, match="3 frames, and the scene has 6 states"):
         fit(path, scene(), [LOAD])
 

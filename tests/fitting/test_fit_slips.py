@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 import tifffile
 
+from fitting.engine_frames import prepared
 from fitting.sliding_bench import FRICTION, LOAD, bench
 from fitting.test_fit_causes import Defects, frame
 from isochrome.cli import main
 from isochrome.errors import PhysicsError
-from isochrome.estimation import prepare_frame
 from isochrome.fitting import cause_messages, fit, fit_with_causes, opposite_shear
 from isochrome.fitting.causes import trials
 from isochrome.fitting.causes.trials import _together
-from isochrome.frames import Frame, as_turned
+from isochrome.frames import as_turned
 from isochrome.processing import check, process
 from isochrome.scene import dump_scene, parse_scene
 
@@ -129,8 +129,7 @@ def test_fit_names_the_slip_and_the_line_that_mends_it(tmp_path, image, slip):
 
 
 def explained(image, scene, keys=None):
-    seen = Frame(index=0, image=np.ascontiguousarray(image), time_s=None, name="bench")
-    return fit_with_causes(prepare_frame(seen, scene, bit_depth=8), scene, keys)
+    return fit_with_causes(prepared(image, scene), scene, keys)
 
 
 @pytest.mark.long
@@ -166,8 +165,9 @@ def test_a_slip_is_named_that_leaves_a_sixteenth_of_what_chi_squared_is_too_larg
 ):
     """Of 19² - 1 = 360 that is 22.5: chi = 4.85."""
     monkeypatch.setattr(trials, "_tried", lambda slip, keys: (chi, slip.scene))
-    seen = prepare_frame(Frame(0, image, None, "bench"), stated(), bit_depth=8)
-    assert (trials.explaining_slip(seen, stated(), None, 19.0) is not None) is named
+    assert (
+        trials.explaining_slip(prepared(image, stated()), stated(), None, 19.0) is not None
+    ) is named
 
 
 @pytest.mark.parametrize("first", [(0, None), (90, None), (180, "vertical"), (270, "horizontal")])

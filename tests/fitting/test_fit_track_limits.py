@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from fitting.engine_frames import light_of
+from fitting.engine_frames import light_of, prepared
 from fitting.test_fit_track import FRICTION, LOAD, SHAPE, contact
 from fitting.test_fit_track_worn import WEAR, worn_film
 from isochrome.contact import contact_grid, make_site, wear_course
-from isochrome.estimation import prepare_frame
 from isochrome.fitting import Tracker, placed
 from isochrome.fitting.tracking.field_cache import thin_frame
 from isochrome.fitting.tracking.result import TrackRows
@@ -151,8 +150,7 @@ def test_the_mean_that_the_scene_gets_is_of_the_frames_that_tell_a_key():
 
 
 def test_pixels_near_black_and_white_are_not_looked_at(clean):
-    frame = Frame(0, stored(clean), None, "frame")
-    data = prepare_frame(frame, contact(), bit_depth=8)
+    data = prepared(stored(clean), contact())
     noise = NoiseModel(NOISE**2, 0.0, 0.0)
     thinned = thin_frame(data, np.ones((100, 150), bool), 2, full=255.0, noise=noise)
     model = np.linspace(-0.02, 1.02, thinned.pixels.keep.sum()).astype(np.float32)

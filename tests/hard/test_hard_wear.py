@@ -1,4 +1,4 @@
-"""Hard cases of wear: long steps, corners, roughness, reversed friction, odd lists of distances."""
+"""Hard cases of wear: corners, roughness, friction that turns round, and no distance at all."""
 
 import itertools
 

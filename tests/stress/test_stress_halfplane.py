@@ -1,4 +1,4 @@
-"""Stress below the surface: closed forms, direct sums, equilibrium, the limit at the surface."""
+"""Stress below the surface: closed forms, the limit at the surface, pixels, principal stresses."""
 
 import numpy as np
 import pytest
