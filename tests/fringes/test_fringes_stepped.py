@@ -1,7 +1,9 @@
 """Phase-stepped sets: linear algebra against Jones products, maps against the scene's own field."""
 
+import closed_forms
 import numpy as np
 import pytest
+from closed_forms import step_light
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import maximum_filter
@@ -51,25 +53,6 @@ MISALIGNED = {
 }
 
 
-def element(retardance, axis_deg):
-    turn = np.radians(axis_deg)
-    rotate = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-    return rotate @ np.diag(np.exp([-0.5j * retardance, 0.5j * retardance])) @ rotate.T
-
-
-def jones_light(four, delta, theta_deg, plate):
-    polariser, first, second, analyser = four
-    field = np.array([np.cos(np.radians(polariser)), np.sin(np.radians(polariser))], complex)
-    if first is not None:
-        field = element(plate, first) @ field
-    field = element(delta, theta_deg) @ field
-    if second is not None:
-        field = element(plate, second) @ field
-    return (
-        abs(np.cos(np.radians(analyser)) * field[0] + np.sin(np.radians(analyser)) * field[1]) ** 2
-    )
-
-
 angles = st.floats(0.0, 180.0)
 four_angles = st.one_of(
     st.tuples(angles, angles, angles, angles), st.tuples(angles, st.none(), st.none(), angles)
@@ -94,8 +77,9 @@ def test_maps_are_exact_for_any_angles_and_plates(
     )
     design = make_design([make_chain(scope, i) for i in range(len(steps))])
     assert CROSS in design.solved
+    field = delta / (2.0 * np.pi) * np.exp(2j * np.radians(theta))
     light = [
-        background + amplitude * jones_light(four, delta, theta, 0.5 * np.pi * ratio)
+        step_light(field, four, background=background, amplitude=amplitude, plate=ratio)
         for four in steps
     ]
     terms = solve_steps(np.array(light)[:, None, None], design)
@@ -119,8 +103,9 @@ def test_random_steps_are_exact_or_refused(steps, delta, theta):
         design = make_design([make_chain(scope, i) for i in range(len(steps))])
     except InputError:
         assume(False)
-    light = [0.1 + jones_light(four, delta, theta, 0.525 * np.pi) for four in steps]
     turn = np.exp(2j * np.radians(theta))
+    field = delta / (2.0 * np.pi) * turn
+    light = [step_light(field, four, amplitude=1.0, plate=1.05) for four in steps]
     terms = solve_steps(np.array(light)[:, None, None], design, np.array([[turn]]))
     # what is left out leaks by a tenth at most: four passes leave (2 x 0.1)^5 of it
     tolerance = 1e-3 if design.leaks else 1e-9
@@ -135,12 +120,10 @@ def test_six_steps_with_misaligned_elements_take_out_what_they_cannot_solve_for(
     design = make_design(chains)
     assert design.leaks and CROSS not in design.solved
     shift = list(MISALIGNED.values())
-    delta, theta = 2.0, 25.0
-    light = [
-        0.1 + 0.7 * jones_light(np.add(four, shift), delta, theta, 0.475 * np.pi)
-        for four in CIRCULAR
-    ]
-    stack, turn = np.array(light)[:, None, None], np.exp(2j * np.radians(theta))
+    delta, turn = 2.0, np.exp(2j * np.radians(25.0))
+    field = delta / (2.0 * np.pi) * turn
+    light = [step_light(field, np.add(four, shift), amplitude=0.7, plate=0.95) for four in CIRCULAR]
+    stack = np.array(light)[:, None, None]
     first = solve_steps(stack, design)
     second = solve_steps(stack, design, np.array([[turn]]))
     # errors of 1 degree (0.03 rad of 2θ), five times over, of an amplitude of 1
@@ -386,15 +369,10 @@ def test_frames_without_a_readable_pixel_and_known_orders_outside_are_said():
     assert "row 5, column 5" in " ".join(found.warnings) and found.parts[0].source == "equilibrium"
 
 
-def disc_field(rows=400, cols=400, size=170.0):
-    """(sigma_1 - sigma_2) exp 2iθ of a disc, y upward, in closed form (Frocht 1948), and inside."""
-    y, x = np.mgrid[:rows, :cols].astype(float)
-    y, x = -(y - rows / 2) / size, (x - cols / 2) / size
-    radius = np.hypot(x, y)
-    inside = (radius < 0.98) & (np.hypot(x, np.abs(y) - 1.0) > 0.3)
-    s = np.where(inside, x + 1j * y, 0.0)
-    field = 4.0 * (1.0 - np.abs(s) ** 2) / np.conj(s**2 + 1.0) ** 2
-    return field, inside
+def disc_field(side=400, radius=170.0):
+    """(sigma_1 - sigma_2) exp 2iθ of a disc, y upward, 0 outside, and where its pixels are."""
+    field = closed_forms.disc((side, side), radius, 4.0)
+    return np.nan_to_num(field), np.isfinite(field)
 
 
 @pytest.mark.parametrize("wrong", [-3, 0, 4])
@@ -420,7 +398,7 @@ def test_a_whole_number_is_left_open_where_it_is_uncertain(number, uncertainty, 
 
 def test_the_uncertainty_of_a_parts_number_covers_its_error():
     """A disc's direction under noise: the number that equilibrium gives, over twelve seeds."""
-    field, inside = disc_field(240, 240, 105.0)
+    field, inside = disc_field(240, 105.0)
     size = np.maximum(np.abs(field), 1e-12)
     noise, pulls = 0.1, []
     for seed in range(12):
