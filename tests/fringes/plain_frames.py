@@ -1,6 +1,7 @@
 """Frames of a formula's order without a camera, cos 2 pi N and noise, and what is read of them."""
 
 import numpy as np
+import pytest
 
 from isochrome.fringes import read_free
 
@@ -8,6 +9,11 @@ SHAPE = (160, 220)
 ROWS, COLS = np.indices(SHAPE)
 SLOPE = 0.3 + COLS / 100.0 + ROWS / 800.0
 """Orders 0.3 to 2.7, all fringes open: mirrored about 1.5 or 2 they are as good."""
+
+
+def seeds(count, quick):
+    """The seeds of a study, of which the first are read in each long run."""
+    return [n if n < quick else pytest.param(n, marks=pytest.mark.study) for n in range(count)]
 
 
 def light(order, noise, valid=True):
