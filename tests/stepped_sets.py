@@ -7,7 +7,7 @@ import numpy as np
 
 from isochrome.fringes import read_steps
 from isochrome.optics import expose, make_chain
-from isochrome.scene import parse_scene
+from isochrome.scene import Polariscope, parse_scene
 from isochrome.simulation import (
     make_picture,
     picture_signal,
@@ -77,6 +77,12 @@ def small(scene, factor=3):
             "camera.height_px": 494 // factor,
         }
     )
+
+
+def chains_at(angles, **values):
+    """The elements of steps at four angles each, in the sodium lamp's light."""
+    scope = Polariscope(**{"wavelength_nm": 587.0, "step": as_steps(angles)} | values)
+    return [make_chain(scope, i) for i in range(len(angles))]
 
 
 def chains_of(scene):

@@ -66,9 +66,9 @@ def metres(sizes):
         # another beam's slope is 1.5 times this one's: two images show it by their origin,
         # three by their line, and four tell which it is
         ((2.0, 4.0), (2.0, 6.0), "both show the same"),
-        ((2.0, 3.0, 4.0), (2.0, 3.0, 6.0), "shows another specimen"),
         ((2.0, 3.0, 4.0), (2.0, 3.0, 4.6), "shows another specimen"),
         ((1.5, 2.0, 3.0, 4.0), (1.5, 2.0, 3.0, 6.0), r"b3\.tif.*same specimen"),
+        ((1.5, 3.0, 2.0, 4.0), (1.5, 2.0, 3.0, 4.0), "swapped between files"),
     ],
 )
 def test_one_file_of_another_beam(beams, refused, edges, said, cause):
@@ -95,7 +95,7 @@ def test_metres_given_as_millimetres(beams, refused, sizes, pixel_mm, exit_code)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("edge", [0.0, 0.1, 0.2])
+@pytest.mark.parametrize("edge", [0.0, 0.2])
 def test_too_few_fringes(beam_frame, refused, edge):
     frame = beam_frame(edge, np.random.default_rng(1), **SMALL)
     code, line = refused([frame], [bending_load(0.3)])
@@ -118,10 +118,9 @@ def bent(edge, change):
     [
         lambda t: 1.0 + 0.05 * t,
         lambda t: 1.0 + 0.3 * t,
-        pytest.param(lambda t: 1.0 - 0.1 * t**2, marks=pytest.mark.long),
         pytest.param(lambda t: np.clip((1.15 - np.abs(t)) / 0.5, 0.0, 1.0), marks=pytest.mark.long),
     ],
-    ids=["unequal rollers", "one shear span", "a bent moment", "beyond the inner rollers"],
+    ids=["unequal rollers", "one shear span", "beyond the inner rollers"],
 )
 def test_shear_in_the_span(refused, change):
     code, line = refused([bent(e, change) for e in (2.5, 4.0)], loads_of(2.5, 4.0))
@@ -155,19 +154,11 @@ SETS = {  # images of the beams, the edges that the loads are of, other sizes, e
 }  # fmt: skip
 
 
-ARGUMENTS = ("images", "edges", "sizes", "exit_code", "words")
-
-
-@pytest.mark.parametrize(ARGUMENTS, SETS.values(), ids=SETS)
-def test_sets_that_cannot_be_right(beams, refused, images, edges, sizes, exit_code, words):
+@pytest.mark.parametrize("name", SETS)
+def test_sets_that_cannot_be_right(beams, refused, name):
+    images, edges, sizes, exit_code, words = SETS[name]
     code, line = refused(images(beams), loads_of(*edges), sizes=SIZES | sizes)
     assert code == exit_code and re.search(words, line)
-
-
-@pytest.mark.long
-def test_two_of_four_loads_swapped(beams, refused):
-    code, line = refused([beams[e] for e in (1.5, 2.0, 3.0, 4.0)], loads_of(1.5, 3.0, 2.0, 4.0))
-    assert code == 3 and "swapped between files" in line
 
 
 def test_fringes_finer_than_the_pixels(beam_frame, refused):

@@ -15,6 +15,7 @@ from .conftest import BEAM, F_SIGMA, HEIGHT, INNER, OUTER, PIXEL, bending_from_i
 
 SMALL = {"shape": (110, 147), "pixel": 0.21}
 """The same beam at a third of the resolution: 95 pixels high, 8 fringes at most in the defaults."""
+HALF = {"shape": (165, 220), "pixel": 0.14}
 
 
 def calibrated(frame, edges, seed=0, uncertainty=None, **options):
@@ -37,8 +38,8 @@ def assert_right(found, bar):
 
 @pytest.mark.long
 def test_a_rendered_beam_of_full_size_gives_its_fringe_value(beam_frame):
-    """Three loads at the full size, of which every second column is fitted."""
-    assert_right(calibrated(beam_frame, (2.0, 3.0, 4.0)), 2e-4)  # u = 4e-5
+    """Two loads at the full size, of which every second column is fitted."""
+    assert_right(calibrated(beam_frame, (2.0, 4.0)), 2e-4)  # u = 4e-5
 
 
 @pytest.mark.long
@@ -102,12 +103,12 @@ def test_the_budget_adds_up(beam_frame):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "options", [{"blur": 2.0}, {"background": 70.0}], ids=["blur", "a tenth clipped"]
+    "options", [{"blur": 1.0}, {"background": 70.0}], ids=["blur", "a tenth clipped"]
 )
 def test_blurred_and_clipped_images_are_exact_within_what_is_stated(beam_frame, options):
-    frame = beam_frame(4.0, np.random.default_rng(0), **options)
+    frame = beam_frame(4.0, np.random.default_rng(0), **HALF, **options)
     assert "blur" in options or 0.05 < np.mean(frame == 255) < 0.15
-    found = calibrated(beam_frame, (2.5, 4.0), **options)
+    found = calibrated(beam_frame, (2.5, 4.0), **HALF, **options)
     error = found.fringe_value_n_per_mm - F_SIGMA
     assert abs(error) < 1e-3 * F_SIGMA
     assert abs(error) < 4 * found.standard_uncertainty
@@ -136,7 +137,7 @@ def test_a_poor_fit_is_said_and_widens_the_uncertainty(beam_frame):
 def test_low_orders_are_exact_where_the_images_share_their_light(beam_frame):
     """The bar at one fringe is 0.1 %, from several loads with the residual order free."""
     for edges in ((0.5, 0.75, 1.0), (0.0, 0.6, 1.0)):
-        found = calibrated(beam_frame, edges)
+        found = calibrated(beam_frame, edges, **HALF)
         error = found.fringe_value_n_per_mm - F_SIGMA
         assert abs(error) < 1e-3 * F_SIGMA
         assert abs(error) < 4 * found.standard_uncertainty
@@ -161,7 +162,7 @@ def test_hostile_images_are_refused(beam_frame):
     loads = [bending_load(e) for e in (2.0, 4.0)]
     with pytest.raises(PhysicsError, match="lengths are in mm"):
         bending_from_images(frames, [1e4 * p for p in loads], BEAM, pixel)
-    with pytest.raises(PhysicsError, match=r"no fringes|too few"):
+    with pytest.raises(PhysicsError, match=r"no fringes|too few|not those of pure bending"):
         bending_from_images([rng.normal(100, 3, (200, 300))], [1.0], BEAM, pixel)
     with pytest.raises(InputError, match="as many of each"):
         bending_from_images(frames, [1.0], BEAM, pixel)

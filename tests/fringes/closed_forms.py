@@ -50,17 +50,24 @@ def grey(light: np.ndarray, noise: float, rng: np.random.Generator) -> np.ndarra
     return np.clip(levels, 0.0, 255.0) / 255.0
 
 
-def step_light(field: np.ndarray, angles, *, background: float = 0.05, amplitude: float = 0.8):
-    """The light of one step by products of Jones matrices, ideal plates.
+def step_light(
+    field: np.ndarray,
+    angles,
+    *,
+    background: float = 0.05,
+    amplitude: float = 0.8,
+    plate: float = 1.0,
+):
+    """The light of one step by products of Jones matrices, plates of `plate` quarter waves.
     `angles`: polariser, both plates' fast axes (None without plates) and analyser, degrees."""
     polariser, first, second, analyser = angles
     theta, delta = 0.5 * np.angle(field), 2.0 * np.pi * np.abs(field)
     wave = np.cos(np.radians(polariser)), np.sin(np.radians(polariser))
     if first is not None:
-        wave = _retarded(wave, 0.5 * np.pi, np.radians(first))
+        wave = _retarded(wave, 0.5 * np.pi * plate, np.radians(first))
     wave = _retarded(wave, delta, theta)
     if second is not None:
-        wave = _retarded(wave, 0.5 * np.pi, np.radians(second))
+        wave = _retarded(wave, 0.5 * np.pi * plate, np.radians(second))
     passed = np.cos(np.radians(analyser)) * wave[0] + np.sin(np.radians(analyser)) * wave[1]
     return background + amplitude * np.abs(passed) ** 2
 

@@ -7,7 +7,7 @@ import pytest
 
 from isochrome.fringes.single_frame import end_problem, end_search
 from isochrome.fringes.single_frame.background_modulation import _problem
-from isochrome.fringes.single_frame.end_problem import TERMS, PatchData, eliminated, ends_at, look
+from isochrome.fringes.single_frame.end_problem import TERMS, eliminated, ends_at, look
 from isochrome.fringes.single_frame.patches import fit_patches, gather_patches
 
 ROW, COL = np.mgrid[:110, :130].astype(float)
@@ -70,23 +70,13 @@ def test_with_every_patch_following_they_are_those_of_differences(tone):
     np.testing.assert_allclose(found.slope, slope, rtol=0, atol=1e-5 * np.abs(slope).max())
 
 
-LARGE_ROW, LARGE_COL = np.mgrid[:130, :160].astype(float)
-LARGE_ORDER = 0.2 + 0.03 * LARGE_COL + 2e-4 * (LARGE_ROW - 60.0) ** 2
 DARK, BRIGHT, TONE = 0.1, 0.8, 1.5
-
-
-def singular(data: PatchData, patch: int) -> PatchData:
-    """A patch of which one pixel says everything: ten unknowns, one equation."""
-    weight = data.weight.copy()
-    weight[patch] = 0.0
-    weight[patch, 0] = 1e25
-    return replace(data, weight=weight)
 
 
 def test_a_singular_patch_says_nothing_of_the_light():
     # light of a camera that stored I^(1/1.5)
-    linear = DARK + (BRIGHT - DARK) * np.sin(np.pi * LARGE_ORDER) ** 2
-    noise = 0.004 * np.random.default_rng(2).standard_normal(LARGE_ROW.shape)
+    linear = DARK + (BRIGHT - DARK) * np.sin(np.pi * ORDER) ** 2
+    noise = 0.004 * np.random.default_rng(2).standard_normal(ROW.shape)
     frame = linear ** (1.0 / TONE) + noise, np.full_like(noise, 0.004), np.ones(noise.shape, bool)
     problem, starts = _problem(*frame, (None, None), True)
     data, orders, _ = end_search.fresh_patches(problem, starts[0])
@@ -94,7 +84,9 @@ def test_a_singular_patch_says_nothing_of_the_light():
     weight = data.weight.copy()
     weight[lost] = 0.0
     wanted = eliminated(replace(data, weight=weight), ends_at(data, starts[0]), orders)
-    found = eliminated(singular(data, lost), ends_at(data, starts[0]), orders)
+    weight = weight.copy()
+    weight[lost, 0] = 1e25  # one pixel says everything: ten unknowns, one equation
+    found = eliminated(replace(data, weight=weight), ends_at(data, starts[0]), orders)
     np.testing.assert_allclose(found.matrix, wanted.matrix, rtol=1e-9)
     scale = np.abs(wanted.slope).max()
     np.testing.assert_allclose(found.slope, wanted.slope, rtol=1e-9, atol=1e-9 * scale)
@@ -105,8 +97,8 @@ def test_a_singular_patch_says_nothing_of_the_light():
 
 
 def test_a_patch_without_a_number_is_no_good_and_the_others_are_as_before():
-    wave, sigma = np.cos(2.0 * np.pi * LARGE_ORDER), np.full(LARGE_ROW.shape, 0.02)
-    light = gather_patches(wave, sigma, np.ones(LARGE_ROW.shape, bool))
+    wave, sigma = np.cos(2.0 * np.pi * ORDER), np.full(ROW.shape, 0.02)
+    light = gather_patches(wave, sigma, np.ones(ROW.shape, bool))
     wanted, lost = fit_patches(light), 7
     noise = light.noise.copy()
     noise[lost] = np.nan

@@ -4,7 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from test_fringes_free import assert_sure_pixels_are_right
+from test_fringes_free import assert_sure_pixels_are_right, errors, rms
 from test_fringes_free import reading as read_as_it_is
 
 from isochrome.errors import InputError
@@ -27,17 +27,11 @@ def reading(name: str, ends: str = "none", said: float | str | None = None, **sh
     return seen, light, widened(found.reading, light.error)
 
 
-def errors(seen: View, got: OrderReading) -> np.ndarray:
-    """|error| of what was kept of the specimen, fringes."""
-    error = np.abs(got.order - seen.order)[seen.material]
-    return error[np.isfinite(error)]
-
-
 def is_right(seen: View, got: OrderReading, kept: float = KEPT) -> bool:
     error = errors(seen, got)
     return bool(
         error.size >= kept * np.count_nonzero(seen.material)
-        and np.sqrt(np.mean(error**2)) <= RMS
+        and rms(error) <= RMS
         and np.mean(error > WRONG) <= WRONG_SHARE
     )
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from isochrome.errors import InputError
-from isochrome.fringes import SURE, FreeReading, read_free
+from isochrome.fringes import SURE, FreeReading, OrderReading, read_free
 from isochrome.fringes.single_frame.patch_labels import label_patches
 from isochrome.fringes.single_frame.patches import Patches, binned
 from specimens import (
@@ -49,9 +49,9 @@ def _read(
     return seen, light, read_free(light.wave, light.wave_sigma, light.valid, known)
 
 
-def errors(seen: View, got: FreeReading) -> np.ndarray:
+def errors(seen: View, got: OrderReading) -> np.ndarray:
     """|error| of what was kept of the specimen, fringes."""
-    error = np.abs(got.reading.order - seen.order)[seen.material]
+    error = np.abs(got.order - seen.order)[seen.material]
     return error[np.isfinite(error)]
 
 
@@ -60,7 +60,7 @@ def rms(error: np.ndarray) -> float:
 
 
 def holds_the_promises(seen: View, got: FreeReading, *, kept: float) -> None:
-    error = errors(seen, got)
+    error = errors(seen, got.reading)
     assert error.size >= kept * np.count_nonzero(seen.material)
     assert np.count_nonzero(error > WRONG) == 0 and rms(error) <= RMS and np.median(error) <= MEDIAN
 
@@ -89,7 +89,7 @@ def test_with_no_load_frames_the_order_is_right_and_nearly_all_is_kept(name):
 def test_with_ten_grey_levels_of_noise_what_is_kept_is_on_its_branch(name):
     """300,000 pixels a specimen: another draw of their noise is no other case."""
     seen, _, got = reading(name, noise=10.0)
-    error = errors(seen, got)
+    error = errors(seen, got.reading)
     assert np.count_nonzero(error > WRONG) == 0 and rms(error) <= RMS
     # the median error is the noise pooled over the same patch: 10/3 of that at noise 3, where it
     # may be MEDIAN
@@ -120,7 +120,7 @@ POOR = {"glare": {"glare": 0.09}, "blur": {"blur": 2.0}, "gamma": {"gamma": 2.2}
 )
 def test_a_poor_frame_shrinks_the_mask_and_not_the_promises(name, ends, poor):
     seen, light, got = reading(name, ends, **POOR[poor])
-    error = errors(seen, got)
+    error = errors(seen, got.reading)
     assert light.settled
     # a frame blurred by two pixels without no-load frames keeps 0.18 of the plate with a hole
     assert error.size > 0.1 * np.count_nonzero(seen.material)
@@ -135,7 +135,7 @@ def test_of_ten_random_scenes_all_are_read_and_none_has_a_failure_that_is_not_ma
     """One of twenty may fail: of ten, not one of these."""
     for seed in range(SCENES):
         seen, light, got = reading(str(seed))
-        error = errors(seen, got)
+        error = errors(seen, got.reading)
         assert light.settled
         assert rms(error) <= RMS and not np.any(error > WRONG), seed
         # masking everything would pass the line above

@@ -7,9 +7,7 @@ import pytest
 from closed_forms import disc, grey, point_load, step_light, valley
 
 from isochrome.fringes import ResidualStress, read_steps
-from isochrome.optics import make_chain
-from isochrome.scene import Polariscope
-from stepped_sets import CIRCULAR, TEN, as_steps
+from stepped_sets import CIRCULAR, TEN, chains_at
 
 SHAPE = (150, 190)
 SIGMA = np.sqrt(3.0**2 + 1.0 / 12.0) / 255.0
@@ -37,12 +35,12 @@ def reading(name, angles, seed, stated=1.0):
     inside = np.isfinite(field)
     shown = np.where(inside, field, 0.0)
     light = np.stack([grey(step_light(shown, four), 3.0, rng) for four in angles])
-    scope = Polariscope(wavelength_nm=587.0, step=as_steps(angles))
-    chains = [make_chain(scope, i) for i in range(len(angles))]
     order = np.where(inside, np.abs(field), np.nan)
     places = [np.unravel_index(np.nanargmin(np.abs(order - n)), SHAPE) for n in (0.7, 1.3)]
     known = [(int(row), int(col), float(order[row, col])) for row, col in places]
-    found = read_steps(light, chains, sigma=stated * SIGMA, valid=inside, known_order=known)
+    found = read_steps(
+        light, chains_at(angles), sigma=stated * SIGMA, valid=inside, known_order=known
+    )
     turn = (found.isoclinic - 0.5 * np.degrees(np.angle(field)) + 90.0) % 180.0 - 90.0
     return order, turn, found.isoclinic_uncertainty
 
@@ -99,11 +97,9 @@ def test_what_is_not_known_of_a_residual_stress_is_not_known_of_the_load():
     """A residual stress of nil, known to 0.02 fringe: no order of the load is known better."""
     field, rng = FIELDS["leaning force"], np.random.default_rng(3)
     light = np.stack([grey(step_light(field, four), 3.0, rng) for four in TEN])
-    scope = Polariscope(wavelength_nm=587.0, step=as_steps(TEN))
-    chains = [make_chain(scope, i) for i in range(len(TEN))]
     nil = ResidualStress(np.zeros(SHAPE, complex), np.full(SHAPE, 0.02), 1.0, ())
     known = [(*np.unravel_index(np.abs(np.abs(field) - n).argmin(), SHAPE), n) for n in (0.7, 1.3)]
-    found = read_steps(light, chains, sigma=SIGMA, residual=nil, known_order=known)
+    found = read_steps(light, chains_at(TEN), sigma=SIGMA, residual=nil, known_order=known)
     assert np.isfinite(found.order).mean() > 0.9
     assert 0.02 <= np.nanmin(found.reading.uncertainty) < 0.021
     # a direction is told to 2 degrees where the order is 0.02/(2 sin 2) = 0.29 at least
@@ -118,10 +114,9 @@ def test_no_direction_is_told_where_the_loads_order_is_within_its_noise_of_zero(
     shown, load = 0.3 * turning, 0.006j * turning
     light = np.stack([step_light(shown, four) for four in TEN])
     light += 3e-4 * np.random.default_rng(0).standard_normal(light.shape)
-    scope = Polariscope(wavelength_nm=587.0, step=as_steps(TEN))
     found = read_steps(
         light,
-        [make_chain(scope, i) for i in range(len(TEN))],
+        chains_at(TEN),
         sigma=3e-4,
         residual=ResidualStress(shown - load, np.full(shown.shape, 1e-5), 1.0, ()),
         known_order=[(30, 60, 0.3)],

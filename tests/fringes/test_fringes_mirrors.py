@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from plain_frames import COLS, ROWS, SHAPE, light
 
 from isochrome.fringes import read_free
 from isochrome.fringes.single_frame.patch_labels import Labels
@@ -13,18 +14,10 @@ from isochrome.fringes.single_frame.sign_ambiguity import (
     zero_lines,
 )
 
-SHAPE = (160, 220)
-ROWS, COLS = np.indices(SHAPE)
 VALUE, SLOPE = 0.01, 0.003
 """What noise leaves of a patch's order, fringes, and of its slope, fringes a pixel."""
 START = AnchorPatch((0, 0), np.eye(6)[0])
 """The patch in which the order is taken as known."""
-
-
-def light(order: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """cos 2 pi N under noise, the noise, and what is trusted."""
-    wave = np.cos(2.0 * np.pi * order) + noise * np.random.default_rng(2).normal(size=SHAPE)
-    return wave, np.full(SHAPE, noise), np.ones(SHAPE, dtype=bool)
 
 
 def true_labels(order: np.ndarray, noise: float) -> tuple[Patches, Labels, np.ndarray]:
@@ -86,7 +79,7 @@ def test_labels_that_are_right_are_left_and_sure(lowest):
     assert not open_seams(patches, terms_of(patches, labels), [START], [])
 
 
-def test_beyond_a_flat_valley_along_a_crest_nothing_is_sure_but_by_a_point_on_either_side():
+def test_beyond_a_flat_valley_along_a_crest_nothing_is_sure():
     """N touches 1 and no more: mirroring what lies beyond changes the light nowhere.
     n = 1 + b y |y| has the light of 1 + b y², and its gradient is as continuous."""
     order = valley(1.0, 6e-5, tilt=0.0)
@@ -95,13 +88,6 @@ def test_beyond_a_flat_valley_along_a_crest_nothing_is_sure_but_by_a_point_on_ei
     assert crest == 2
     above, below = patches.rows < 40, patches.rows > 120
     assert unsure[below].all() and not unsure[above].any()
-    got = read_free(*light(order, 0.13), [(5, 110, float(order[5, 110]))]).reading.order
-    assert np.isfinite(got[:50]).mean() > 0.9 and not np.isfinite(got[120:]).any()
-    assert np.nanmax(np.abs(got - order)) < 0.05
-    points = [(row, 110, float(order[row, 110])) for row in (5, 154)]
-    got = read_free(*light(order, 0.13), points).reading.order
-    assert np.isfinite(got[:50]).mean() > 0.9 and np.isfinite(got[120:]).mean() > 0.9
-    assert np.nanmax(np.abs(got - order)) < 0.05
 
 
 def test_mirroring_about_nought_or_unknown_patches_are_no_doubt():

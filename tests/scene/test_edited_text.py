@@ -134,7 +134,7 @@ PLAIN = st.recursive(
 )  # fmt: skip
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(value=PLAIN)
 def test_any_value_is_written_so_that_it_is_read_again(value):
     found = with_value(TEXT, "frames.gamma", toml_text(value))

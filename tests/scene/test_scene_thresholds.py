@@ -144,7 +144,7 @@ def test_spans_that_are_equal_bend_nothing_and_are_refused():
     )
     outer = math.nextafter(20.0, 21.0)
     assert parse_scene(f"{beam}outer_span_mm = {outer!r}\n").load.outer_span_mm == outer
-    with pytest.raises(InputError, match=r"inner_span_mm = 20 must be less than .* = 20; are they"):
+    with pytest.raises(InputError, match=r"inner_span_mm = 20 must be less than .*swapped"):
         parse_scene(f"{beam}outer_span_mm = 20.0\n")
 
 
@@ -171,10 +171,8 @@ def test_a_settings_file_is_read_up_to_a_megabyte_and_with_a_byte_order_mark(tmp
     path.write_text(text + "#" * (1_000_000 - len(text)), "utf-8")
     assert dump_scene(load_scene(path)) == text
     path.write_text(text + "#" * (1_000_001 - len(text)), "utf-8")
-    with pytest.raises(InputError, match=r"my\.toml: larger than 1000000 bytes"):
+    with pytest.raises(InputError, match=r"my\.toml: larger than 1000000 bytes.* settings file"):
         load_scene(path)
     # some editors put three bytes before the first letter of what they call UTF-8
-    path = tmp_path / "my.toml"
-    text = dump_scene(SCENE)
     path.write_bytes(b"\xef\xbb\xbf" + text.encode())
     assert dump_scene(load_scene(path)) == text
