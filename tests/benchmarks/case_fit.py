@@ -6,7 +6,6 @@ import sys
 import time
 from contextlib import contextmanager
 from functools import lru_cache
-from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -18,11 +17,9 @@ from isochrome.figures import LINE_COLOURS
 from .report import lines_of, machine
 from .rows import FitRow
 
-ONE, COLD, SEQUENCE, LAW = "one frame", "cold start", "sequence of six", "another law"
-TRACTIONS, BLOCK, TONE = "tractions", "finite block", "gamma, plates, blur"
+ONE, COLD, SEQUENCE = "one frame", "cold start", "sequence of six"
 LOAD, FRICTION = "load.normal_n", "friction.coefficient"
 WEAR = "wear.coefficient_mm2_per_n"
-PLACE = ("camera.left_mm", "camera.top_mm")
 SEED = 20
 
 
@@ -77,13 +74,13 @@ class Rows:
     def __init__(self, problem, case, seconds):
         self.problem, self.case, self.seconds, self.found = problem, case, seconds, []
 
-    def add(self, quantity, error, bar, unit, *, pull=float("nan"), more=False):
+    def add(self, quantity, error, bar, unit, *, pull=float("nan")):
         """An error in some unit beside its bar; `pull`, of all keys, as a root mean square."""
         ratio = self.seconds / evaluation_s()
         self.found.append(
             FitRow(
                 self.problem, self.case, quantity, float(error), bar, unit, float(pull),
-                1e3 * self.seconds, ratio, more,
+                1e3 * self.seconds, ratio,
             )
         )  # fmt: skip
 
@@ -152,34 +149,24 @@ DISTANCES = (0.0, 31.0, 77.0, 155.0, 233.0)
 RISING = {"distance_m": DISTANCES, "value": (0.12, 0.18, 0.24, 0.28, 0.30)}
 
 
-def _worn(law="archard", *, quick):
-    """The paper's case with a friction that rises: the truth, and a start that is off."""
+def sequence(quick=False):
+    """Six frames of one run of the paper's case: constant wear, rising friction, one load; from
+    values that are off."""
+    from isochrome.fitting import fit
+    from isochrome.output import write_tiff
     from isochrome.scene import parse_scene
+    from isochrome.simulation import simulate
 
     frames = made_by("engine_frames")
     text = made_by("scene_texts").PAPER_CONTACT + frames.CAMERA
     text += "\n[friction]\ncoefficient = 0.2\nstatic_state_first = true\n\n[wear]\n"
     text += f"coefficient_mm2_per_n = 2.3e-9\ndistances_m = {list(DISTANCES)}\n"
     begun = parse_scene(text).with_values(frames.HALF_SIZE if quick else {})
-    k = {"archard": 2e-9, "dissipated_energy": 8e-9}[law]
-    return begun.with_values({"wear.law": law, WEAR: k, FRICTION: RISING}), begun
-
-
-def _fitted(truth, begun, shared, own, folder):
-    from isochrome.fitting import fit
-    from isochrome.output import write_tiff
-    from isochrome.simulation import simulate
-
-    path = Path(folder) / "frames.tif"
-    write_tiff(path, simulate(truth).frames, pixel_mm=truth.camera.pixel_mm)
-    return timed(lambda: fit(path, begun, shared, per_frame=own))
-
-
-def sequence(quick=False):
-    """Six frames of one run: constant wear, rising friction, one load."""
-    truth, begun = _worn(quick=quick)
+    truth = begun.with_values({WEAR: 2e-9, FRICTION: RISING})
     with TemporaryDirectory() as folder:
-        found, seconds = _fitted(truth, begun, [WEAR, LOAD], [FRICTION], folder)
+        path = Path(folder) / "frames.tif"
+        write_tiff(path, simulate(truth).frames, pixel_mm=truth.camera.pixel_mm)
+        found, seconds = timed(lambda: fit(path, begun, [WEAR, LOAD], per_frame=[FRICTION]))
     k = found.shared[WEAR]
     sliding = zip(found.frames[1:], RISING["value"], strict=True)
     told = [(own[FRICTION], true) for own, true in sliding]
@@ -192,117 +179,9 @@ def sequence(quick=False):
     return rows.found
 
 
-def another_law(quick=False):
-    """A run worn by the dissipated energy, fitted by Archard's law: is the right one preferred?"""
-    from isochrome.fitting import CLEAR
-
-    truth, begun = _worn("dissipated_energy", quick=quick)
-    begun = begun.with_values({WEAR: 1.5e-9})
-    with TemporaryDirectory() as folder:
-        found, seconds = _fitted(truth, begun, [WEAR, LOAD], [FRICTION], folder)
-    laws = {law.law: law.log_evidence for law in found.wear_laws.laws}
-    others = max(value for law, value in laws.items() if law != "dissipated_energy")
-    rows = Rows(LAW, "worn by dissipated energy", seconds)
-    margin = laws["dissipated_energy"] - others
-    rows.add("margin in ln Z (more is better)", margin, CLEAR, "", more=True)
-    return rows.found
-
-
-def tractions(quick=False):
-    """A lobe of pressure beside the contact, which no contact model has."""
-    from isochrome.fitting.tractions.surface_fit import invert_tractions
-
-    frames = made_by("pressed")
-    size = {"cols": 220, "rows": 164, "pixel": 0.01821} if quick else {}
-    view = frames.Pressed((frames.CONTACT, frames.LOBE), **size)
-    data, scene = view.data(), view.scene(42.0)
-    found, seconds = timed(lambda: invert_tractions(data, scene))
-    order = frames.ORDER_PER_MPA * np.abs(found.components().difference)
-    rows_seen = (found.pixels.z_mm > 0.5 * view.pixel) & (np.arange(view.rows) >= 2)
-    load, shear = found.load_n, found.tangential_n
-    rows = Rows(TRACTIONS, "a lobe beside the contact", seconds)
-    pull = (load.value - view.load) / load.standard_uncertainty
-    rows.add("load", 100.0 * abs(load.value / view.load - 1.0), 0.05, "%", pull=abs(pull))
-    pull = (shear.value - view.tangential) / shear.standard_uncertainty
-    off = 100.0 * abs(shear.value / view.tangential - 1.0)
-    rows.add("tangential force", off, 3.0, "%", pull=abs(pull))
-    rows.add("fringe order, RMS", rms((order - view.order)[rows_seen]), 0.003, "fringe")
-    return rows.found
-
-
-def block(quick=False):
-    """A block of finite size by finite elements, fitted as a half-plane with a smooth stress."""
-    from isochrome.fitting import fit
-    from isochrome.simulation import make_picture, scene_states, state_difference
-    from isochrome.stress import pixel_grid
-
-    if find_spec("skfem") is None:
-        return []
-    frames = made_by("block_frames")
-    solid = made_by("finite_block").Solid(spacing_mm=0.04)
-    camera = frames.SMALL if quick else frames.WHOLE
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "frame.tif"
-        truth = frames.photographed(solid, camera, path)
-        begun = frames.scene_of(solid, camera).with_values({LOAD: 1.08 * frames.LOAD})
-        found, seconds = timed(lambda: fit(path, begun, frames.FREE))
-    pixels = pixel_grid(found.scene)
-    stress = state_difference(found.scene, scene_states(found.scene)[-1], pixels)
-    error = _known(make_picture(found.scene, stress, pixels).order - truth)
-    load = found.shared[LOAD]
-    rows = Rows(BLOCK, "60 x 40 mm, finite elements", seconds)
-    rows.add("load", 100.0 * abs(load["value"] / frames.LOAD - 1.0), 0.5, "%")
-    rows.add("fringe order, RMS", rms(error), 0.02, "fringe")
-    rows.add("wrong branch", 100.0 * float(np.mean(np.abs(error) > 0.25)), 0.2, "%")
-    return rows.found
-
-
-PLATES = ("polariscope.input_plate_error_deg", "polariscope.output_plate_error_deg")
-HARD = {
-    "camera.gamma 2.2": ({"camera.gamma": 2.2}, {"frames.gamma": (1.0, 2.2)}),
-    "plates 5 degrees off": (
-        dict.fromkeys(PLATES, 5.0), dict.fromkeys(PLATES, (0.0, 5.0)),
-    ),
-    "blur 2 px, vignette 0.6": (
-        {"camera.blur_px": 2.0, "camera.vignette": 0.6}, {"camera.blur_px": (1.0, 2.0)},
-    ),
-}  # fmt: skip
-
-
-def tone(quick=False):
-    """Cameras and plates that are not ideal, and are found beside the load."""
-    frames = made_by("engine_frames")
-    found = []
-    for name, (truth, free) in list(HARD.items())[: 1 if quick else None]:
-        rng = np.random.default_rng([SEED, 7])
-        scene, true = frames.random_contact(rng, "slide")
-        seen = scene.with_values(truth | (frames.HALF_SIZE if quick else {}))
-        start = frames.begun(rng, seen, true, share=0.05)
-        start = start.with_values({key: begun for key, (begun, _) in free.items()})
-        frame, wanted = frames.captured(seen, 7), true | {k: v for k, (_, v) in free.items()}
-        fit, seconds = timed(lambda f=frame, s=start, w=wanted: frames.fitted(f, s, w))
-        load = dict(zip(fit.keys, fit.values, strict=True))[LOAD]
-        rows = Rows(TONE, name, seconds)
-        off, pull = 100.0 * abs(load / true[LOAD] - 1.0), rms(frames.pulls(fit, wanted))
-        rows.add("load", off, 0.05, "%", pull=pull)
-        found += rows.found
-    return found
-
-
-CASES = {
-    ONE: one_frame,
-    COLD: cold_start,
-    SEQUENCE: sequence,
-    LAW: another_law,
-    TRACTIONS: tractions,
-    BLOCK: block,
-    TONE: tone,
-}
-
-
 def cases():
     """Each problem's case by its name."""
-    return CASES
+    return {ONE: one_frame, COLD: cold_start, SEQUENCE: sequence}
 
 
 HEAD = ("problem", "case", "quantity", "error", "bar", "pull", "CPU", "evaluations")
@@ -348,8 +227,6 @@ def _with_unit(value: float, unit: str) -> str:
 
 def share(row: FitRow) -> float:
     """A row's error over its bar; 1 and less is good."""
-    if row.more:
-        return row.bar / row.error if row.error > 0.0 else float("inf")
     if row.bar == 0.0:
         return 0.0 if row.error == 0.0 else float("inf")
     return row.error / row.bar

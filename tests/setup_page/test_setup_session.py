@@ -236,17 +236,13 @@ def test_the_live_model_is_the_simulation_but_for_what_no_eye_sees(made):
         assert np.quantile(difference, 0.99) < 0.03 and np.median(difference) < 0.005
 
 
-def test_live_values_out_of_range_are_said_and_known_points_shown_without_the_model(made):
+def test_live_values_out_of_range_and_a_map_without_known_points_are_refused(made):
     with pytest.raises(InputError, match=r"load\.normal_n"):
         made.live(1, {"load.normal_n": -1.0})
     with pytest.raises(InputError, match="there are 6"):
         made.live(6, {})
     with pytest.raises(InputError, match="no order is known anywhere"):
         order_map_of_points(made, 0)
-    point = {"row": 420, "col": 100, "order": 0.0}
-    apply_tool(made, {"tool": "known_order", "points": [point]})
-    shown, _ = order_map_of_points(made, 0)
-    assert shown.shape == (494, 659)
 
 
 def test_a_disc_of_known_loads_is_read_without_its_model_too():
@@ -319,8 +315,8 @@ def folder(fresh):
 
 
 def test_no_load_frames_beside_the_frames_of_a_folder_are_no_frames(folder, fresh):
-    """On the page by their names, and from then on by the scene, as for `process` and `check`,
-    which read what the stack beside them holds."""
+    """On the page by their names, and from then on by the scene, as for `process`, which reads what
+    the stack beside them holds."""
     session = open_session(folder)
     state = session_state(session)
     assert state["frames"]["count"] == 6
@@ -333,8 +329,6 @@ def test_no_load_frames_beside_the_frames_of_a_folder_are_no_frames(folder, fres
     with open_scene_frames(folder, scene) as reader:
         images = [frame.image for frame in reader.iterate(0)]
     np.testing.assert_array_equal(images, tifffile.imread(fresh / "captured.tif"))
-    checked = isochrome.check(folder, scene)
-    assert checked.ok and checked.count == 6
     # one that the scene no longer names is a frame again, here and for `process`
     apply_tool(session, {"tool": "values", "values": {"frames.no_load_dark": None}})
     state = session_state(session)
