@@ -4,7 +4,6 @@ What the whole list comes to is measured by `python tests/mutants.py --long`, an
 """
 
 import ast
-from pathlib import Path
 
 import pytest
 
@@ -21,41 +20,34 @@ from mutants import (
 )
 
 
-def place(root: Path, test: str) -> None:
-    """A package of one constant, and a test of it."""
-    (root / "src" / "isochrome").mkdir(parents=True)
-    (root / "src" / "isochrome" / "__init__.py").write_text('"""A package."""\nTHREE = 3\n')
-    (root / "tests").mkdir()
-    (root / "tests" / "test_it.py").write_text(
-        f"import isochrome\n\n\ndef test_it():\n    {test}\n"
-    )
+@pytest.fixture
+def tree(tmp_path, monkeypatch):
+    """A package of one constant, and for its tests a word on what they say of it: of a sample of
+    the list `.ci/run` runs the tests themselves."""
+    (tmp_path / "tree" / "src" / "isochrome").mkdir(parents=True)
+    module = tmp_path / "tree" / "src" / "isochrome" / "__init__.py"
+    module.write_text("THREE = 3\n")
+
+    def run_tests(copy, tests, long):
+        three = (copy / "src" / "isochrome" / "__init__.py").read_text() == "THREE = 3\n"
+        passes = {"sees it": three, "does not": True, "fails anyway": False}
+        return ("passed" if all(passes[name] for name in tests) else "failed"), ""
+
+    monkeypatch.setattr("mutants.run_tests", run_tests)
+    return tmp_path / "tree"
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("test", "verdict"),
-    [
-        # what is noticed, `.ci/run` asks of a sample of the list
-        pytest.param("assert isochrome.THREE == 3", "noticed", marks=pytest.mark.study),
-        ("assert isochrome.THREE < 9", "survives"),
-    ],
-)
-def test_a_change_survives_a_test_that_does_not_see_it(tmp_path, test, verdict):
-    root = tmp_path / "tree"
-    place(root, test)
-    mutant = Mutant("three is three", "THREE = 3", "THREE = 4", ("tests/test_it.py::test_it",))
-    verdicts = judge_all([mutant], root, 1, lambda *_: None)
-    assert verdicts == {"three is three": verdict}
-    assert "THREE = 3" in (root / "src" / "isochrome" / "__init__.py").read_text()
+def judged(tree, test):
+    mutant = Mutant("three is three", "THREE = 3", "THREE = 4", (test,))
+    verdicts = judge_all([mutant], tree, 1, lambda *_: None)
+    assert (tree / "src" / "isochrome" / "__init__.py").read_text() == "THREE = 3\n"
+    return verdicts["three is three"]
 
 
-@pytest.mark.long
-def test_a_test_that_fails_anyway_judges_nothing(tmp_path):
-    root = tmp_path / "tree"
-    place(root, "assert isochrome.THREE == 2")
-    mutant = Mutant("three is three", "THREE = 3", "THREE = 4", ("tests/test_it.py",))
+def test_a_change_survives_a_test_that_does_not_see_it_and_one_that_fails_anyway_is_none(tree):
+    assert (judged(tree, "sees it"), judged(tree, "does not")) == ("noticed", "survives")
     with pytest.raises(RuntimeError, match="fail without a change"):
-        judge_all([mutant], root, 1, lambda *_: None)
+        judged(tree, "fails anyway")
 
 
 @pytest.mark.long
@@ -79,19 +71,9 @@ def functions(path: str) -> str:
 
 
 ROOMS = (
-    *(
-        "contact",
-        "stress",
-        "optics",
-        "scene",
-        "simulation",
-        "sweeps",
-        "frames",
-        "fringes",
-        "fitting",
-    ),
-    *("calibration", "processing", "campaigns", "comparison", "runs", "output"),
-)
+    "contact", "stress", "optics", "scene", "simulation", "sweeps", "frames", "fringes", "fitting",
+    "calibration", "processing", "campaigns", "comparison", "runs", "output",
+)  # fmt: skip
 
 
 def test_no_room_is_left_out():

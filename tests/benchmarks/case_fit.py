@@ -6,21 +6,20 @@ import sys
 import time
 from contextlib import contextmanager
 from functools import lru_cache
-from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from isochrome.benchmarks import benchmarks_folder
+from isochrome.figures import LINE_COLOURS
 
+from .report import lines_of, machine
 from .rows import FitRow
 
-ONE, COLD, SEQUENCE, LAW = "one frame", "cold start", "sequence of six", "another law"
-TRACTIONS, BLOCK, TONE = "tractions", "finite block", "gamma, plates, blur"
+ONE, COLD, SEQUENCE = "one frame", "cold start", "sequence of six"
 LOAD, FRICTION = "load.normal_n", "friction.coefficient"
 WEAR = "wear.coefficient_mm2_per_n"
-PLACE = ("camera.left_mm", "camera.top_mm")
 SEED = 20
 
 
@@ -75,13 +74,13 @@ class Rows:
     def __init__(self, problem, case, seconds):
         self.problem, self.case, self.seconds, self.found = problem, case, seconds, []
 
-    def add(self, quantity, error, bar, unit, *, pull=float("nan"), more=False):
+    def add(self, quantity, error, bar, unit, *, pull=float("nan")):
         """An error in some unit beside its bar; `pull`, of all keys, as a root mean square."""
         ratio = self.seconds / evaluation_s()
         self.found.append(
             FitRow(
                 self.problem, self.case, quantity, float(error), bar, unit, float(pull),
-                1e3 * self.seconds, ratio, more,
+                1e3 * self.seconds, ratio,
             )
         )  # fmt: skip
 
@@ -150,34 +149,24 @@ DISTANCES = (0.0, 31.0, 77.0, 155.0, 233.0)
 RISING = {"distance_m": DISTANCES, "value": (0.12, 0.18, 0.24, 0.28, 0.30)}
 
 
-def _worn(law="archard", *, quick):
-    """The paper's case with a friction that rises: the truth, and a start that is off."""
+def sequence(quick=False):
+    """Six frames of one run of the paper's case: constant wear, rising friction, one load; from
+    values that are off."""
+    from isochrome.fitting import fit
+    from isochrome.output import write_tiff
     from isochrome.scene import parse_scene
+    from isochrome.simulation import simulate
 
     frames = made_by("engine_frames")
     text = made_by("scene_texts").PAPER_CONTACT + frames.CAMERA
     text += "\n[friction]\ncoefficient = 0.2\nstatic_state_first = true\n\n[wear]\n"
     text += f"coefficient_mm2_per_n = 2.3e-9\ndistances_m = {list(DISTANCES)}\n"
     begun = parse_scene(text).with_values(frames.HALF_SIZE if quick else {})
-    k = {"archard": 2e-9, "dissipated_energy": 8e-9}[law]
-    return begun.with_values({"wear.law": law, WEAR: k, FRICTION: RISING}), begun
-
-
-def _fitted(truth, begun, shared, own, folder):
-    from isochrome.fitting import fit
-    from isochrome.output import write_tiff
-    from isochrome.simulation import simulate
-
-    path = Path(folder) / "frames.tif"
-    write_tiff(path, simulate(truth).frames, pixel_mm=truth.camera.pixel_mm)
-    return timed(lambda: fit(path, begun, shared, per_frame=own))
-
-
-def sequence(quick=False):
-    """Six frames of one run: constant wear, rising friction, one load."""
-    truth, begun = _worn(quick=quick)
+    truth = begun.with_values({WEAR: 2e-9, FRICTION: RISING})
     with TemporaryDirectory() as folder:
-        found, seconds = _fitted(truth, begun, [WEAR, LOAD], [FRICTION], folder)
+        path = Path(folder) / "frames.tif"
+        write_tiff(path, simulate(truth).frames, pixel_mm=truth.camera.pixel_mm)
+        found, seconds = timed(lambda: fit(path, begun, [WEAR, LOAD], per_frame=[FRICTION]))
     k = found.shared[WEAR]
     sliding = zip(found.frames[1:], RISING["value"], strict=True)
     told = [(own[FRICTION], true) for own, true in sliding]
@@ -190,114 +179,95 @@ def sequence(quick=False):
     return rows.found
 
 
-def another_law(quick=False):
-    """A run worn by the dissipated energy, fitted by Archard's law: is the right one preferred?"""
-    from isochrome.fitting import CLEAR
-
-    truth, begun = _worn("dissipated_energy", quick=quick)
-    begun = begun.with_values({WEAR: 1.5e-9})
-    with TemporaryDirectory() as folder:
-        found, seconds = _fitted(truth, begun, [WEAR, LOAD], [FRICTION], folder)
-    laws = {law.law: law.log_evidence for law in found.wear_laws.laws}
-    others = max(value for law, value in laws.items() if law != "dissipated_energy")
-    rows = Rows(LAW, "worn by dissipated energy", seconds)
-    margin = laws["dissipated_energy"] - others
-    rows.add("margin in ln Z (more is better)", margin, CLEAR, "", more=True)
-    return rows.found
-
-
-def tractions(quick=False):
-    """A lobe of pressure beside the contact, which no contact model has."""
-    from isochrome.fitting.tractions.surface_fit import invert_tractions
-
-    frames = made_by("pressed")
-    size = {"cols": 220, "rows": 164, "pixel": 0.01821} if quick else {}
-    view = frames.Pressed((frames.CONTACT, frames.LOBE), **size)
-    data, scene = view.data(), view.scene(42.0)
-    found, seconds = timed(lambda: invert_tractions(data, scene))
-    order = frames.ORDER_PER_MPA * np.abs(found.components().difference)
-    rows_seen = (found.pixels.z_mm > 0.5 * view.pixel) & (np.arange(view.rows) >= 2)
-    load, shear = found.load_n, found.tangential_n
-    rows = Rows(TRACTIONS, "a lobe beside the contact", seconds)
-    pull = (load.value - view.load) / load.standard_uncertainty
-    rows.add("load", 100.0 * abs(load.value / view.load - 1.0), 0.05, "%", pull=abs(pull))
-    pull = (shear.value - view.tangential) / shear.standard_uncertainty
-    off = 100.0 * abs(shear.value / view.tangential - 1.0)
-    rows.add("tangential force", off, 3.0, "%", pull=abs(pull))
-    rows.add("fringe order, RMS", rms((order - view.order)[rows_seen]), 0.003, "fringe")
-    return rows.found
-
-
-def block(quick=False):
-    """A block of finite size by finite elements, fitted as a half-plane with a smooth stress."""
-    from isochrome.fitting import fit
-    from isochrome.simulation import make_picture, scene_states, state_difference
-    from isochrome.stress import pixel_grid
-
-    if find_spec("skfem") is None:
-        return []
-    frames = made_by("block_frames")
-    solid = made_by("finite_block").Solid(spacing_mm=0.04)
-    camera = frames.SMALL if quick else frames.WHOLE
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "frame.tif"
-        truth = frames.photographed(solid, camera, path)
-        begun = frames.scene_of(solid, camera).with_values({LOAD: 1.08 * frames.LOAD})
-        found, seconds = timed(lambda: fit(path, begun, frames.FREE))
-    pixels = pixel_grid(found.scene)
-    stress = state_difference(found.scene, scene_states(found.scene)[-1], pixels)
-    error = _known(make_picture(found.scene, stress, pixels).order - truth)
-    load = found.shared[LOAD]
-    rows = Rows(BLOCK, "60 x 40 mm, finite elements", seconds)
-    rows.add("load", 100.0 * abs(load["value"] / frames.LOAD - 1.0), 0.5, "%")
-    rows.add("fringe order, RMS", rms(error), 0.02, "fringe")
-    rows.add("wrong branch", 100.0 * float(np.mean(np.abs(error) > 0.25)), 0.2, "%")
-    return rows.found
-
-
-PLATES = ("polariscope.input_plate_error_deg", "polariscope.output_plate_error_deg")
-HARD = {
-    "camera.gamma 2.2": ({"camera.gamma": 2.2}, {"frames.gamma": (1.0, 2.2)}),
-    "plates 5 degrees off": (
-        dict.fromkeys(PLATES, 5.0), dict.fromkeys(PLATES, (0.0, 5.0)),
-    ),
-    "blur 2 px, vignette 0.6": (
-        {"camera.blur_px": 2.0, "camera.vignette": 0.6}, {"camera.blur_px": (1.0, 2.0)},
-    ),
-}  # fmt: skip
-
-
-def tone(quick=False):
-    """Cameras and plates that are not ideal, and are found beside the load."""
-    frames = made_by("engine_frames")
-    found = []
-    for name, (truth, free) in list(HARD.items())[: 1 if quick else None]:
-        rng = np.random.default_rng([SEED, 7])
-        scene, true = frames.random_contact(rng, "slide")
-        seen = scene.with_values(truth | (frames.HALF_SIZE if quick else {}))
-        start = frames.begun(rng, seen, true, share=0.05)
-        start = start.with_values({key: begun for key, (begun, _) in free.items()})
-        frame, wanted = frames.captured(seen, 7), true | {k: v for k, (_, v) in free.items()}
-        fit, seconds = timed(lambda f=frame, s=start, w=wanted: frames.fitted(f, s, w))
-        load = dict(zip(fit.keys, fit.values, strict=True))[LOAD]
-        rows = Rows(TONE, name, seconds)
-        off, pull = 100.0 * abs(load / true[LOAD] - 1.0), rms(frames.pulls(fit, wanted))
-        rows.add("load", off, 0.05, "%", pull=pull)
-        found += rows.found
-    return found
-
-
-CASES = {
-    ONE: one_frame,
-    COLD: cold_start,
-    SEQUENCE: sequence,
-    LAW: another_law,
-    TRACTIONS: tractions,
-    BLOCK: block,
-    TONE: tone,
-}
-
-
 def cases():
     """Each problem's case by its name."""
-    return CASES
+    return {ONE: one_frame, COLD: cold_start, SEQUENCE: sequence}
+
+
+HEAD = ("problem", "case", "quantity", "error", "bar", "pull", "CPU", "evaluations")
+_LEAST = 1e-4
+"""Share of its bar at which an error that is none is drawn."""
+
+
+def table(rows: list[FitRow]) -> str:
+    """The rows as a table in plain text, with what they mean."""
+    cells, last = [], None
+    for row in rows:
+        own = row.problem, row.case
+        cells.append(_cells(row, first=own != last))
+        last = own
+    return "\n".join([*lines_of(HEAD, cells, texts=3), "", _FOOT, machine()])
+
+
+_FOOT = """\
+error: of what was found against the truth, beside the bar it is to stay below; pull: errors over
+their standard uncertainties, root mean square over all keys of the case where there are several.
+CPU: processor time of one thread of one fit (the median of several), and how many evaluations of
+the light of a sliding contact at all 659 x 494 pixels would take as long.
+Rendered frames of 659 x 494 pixels, 8 bits, noise of 3 grey levels, 30 % vignette."""
+
+
+def _cells(row: FitRow, *, first: bool) -> tuple[str, ...]:
+    """A row's texts; what its case has in common stands in the first of its rows."""
+    return (
+        row.problem,
+        row.case if first else "",
+        row.quantity,
+        _with_unit(row.error, row.unit),
+        _with_unit(row.bar, row.unit),
+        f"{row.pull:.2f}" if row.pull == row.pull else "-",
+        f"{row.cpu_ms:.0f} ms" if first else "",
+        f"{row.evaluations:.0f}" if first else "",
+    )
+
+
+def _with_unit(value: float, unit: str) -> str:
+    return f"{value:.2g} {unit}".rstrip() if value < 100.0 else f"{value:.0f} {unit}".rstrip()
+
+
+def share(row: FitRow) -> float:
+    """A row's error over its bar; 1 and less is good."""
+    if row.bar == 0.0:
+        return 0.0 if row.error == 0.0 else float("inf")
+    return row.error / row.bar
+
+
+def figure(rows: list[FitRow]):
+    """Each error as a share of its bar, and what a fit of each case costs."""
+    from isochrome.figures import TICK_PT, new_figure, style_axes
+
+    blue, orange = LINE_COLOURS[:2]
+    picture = new_figure(11.0, 0.34 * len(rows) + 1.9)
+    errors, costs = picture.subplots(1, 2, sharey=True, width_ratios=(1.3, 1.0))
+    cases = {(row.problem, row.case) for row in rows}
+    several = {p for p, _ in cases if sum(p == other for other, _ in cases) > 1}
+    names, last = [], None
+    for k, row in enumerate(rows):
+        names.append(f"{row.case if row.problem in several else row.problem}: {row.quantity}")
+        part = min(max(share(row), _LEAST), 1.0 / _LEAST)
+        colour = blue if share(row) <= 1.0 else orange
+        errors.plot([_LEAST, part], [k, k], color=colour, lw=1.2, alpha=0.5)
+        errors.plot(part, k, "o", color=colour, ms=6)
+        if (row.problem, row.case) != last:
+            costs.plot(row.evaluations, k, "s", color=blue, ms=6)
+            costs.annotate(
+                f"{1e-3 * row.cpu_ms:.2g} s", (row.evaluations, k), (7, 0),
+                textcoords="offset points", va="center", fontsize=TICK_PT,
+            )  # fmt: skip
+        last = row.problem, row.case
+    errors.axvline(1.0, color="0.3", lw=1.0, ls="--")
+    errors.set_xscale("log")
+    costs.set_xscale("log")
+    costs.set_xlim(1.0, 4.0 * max(row.evaluations for row in rows))
+    errors.set_yticks(range(len(rows)), names)
+    errors.invert_yaxis()
+    titles = ("Error over its bar (dashed)", "Processor time of one fit, one thread")
+    labels = ("error / bar", "evaluations of the renderer")
+    for axes, title, label in zip((errors, costs), titles, labels, strict=True):
+        style_axes(axes, x_label=label, z_label="", title=title)
+        axes.tick_params(labelsize=TICK_PT)
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.grid(alpha=0.3, lw=0.5)
+        axes.set_axisbelow(True)
+    picture.suptitle("What a fit finds in rendered frames, against the truth")
+    return picture

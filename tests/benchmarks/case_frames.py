@@ -1,12 +1,9 @@
-"""Fringe frames from a known pressure; then the optics alone: one wavelength, real elements, white
-light in colour."""
-
-from functools import partial
+"""Fringe frames from a known pressure."""
 
 import numpy as np
 
 from isochrome.contact import SurfaceState, contact_grid
-from isochrome.optics import expose, make_chain
+from isochrome.optics import expose
 from isochrome.scene import load_scene
 from isochrome.simulation import SceneState, make_picture, picture_signal, state_difference
 from isochrome.stress import pixel_grid
@@ -66,56 +63,4 @@ def frames(quick):
         Row(case, method, f"{plain(1.0 / sec)} frames/s{note}", float(error), sec)
         for method, sec, error, note in zip((PAPER, OURS), seconds, errors, notes, strict=True)
     ]
-    return with_ratios(compared) + _optics(scene, state_difference(scene, state, pixels), pixels)
-
-
-def _optics(scene, difference, pixels):
-    """Rows from stress to 8 bits; the error is that of the light against plain sums in double."""
-    settings = {
-        "one wavelength": {},
-        "real plates, analyser 2° off": {
-            "polariscope.plate_wavelength_nm": 560.0,
-            "polariscope.analyser_error_deg": 2.0,
-        },
-        "white light, three channels": {"polariscope.light": "white", "camera.colour": True},
-    }
-    scenes = [scene.with_values(values) for values in settings.values()]
-
-    def render(changed):
-        picture = make_picture(changed, difference, pixels)
-        signal = picture_signal(changed, picture)
-        expose(signal, changed.camera)
-        return picture, signal
-
-    results, seconds = timed([partial(render, changed) for changed in scenes])
-    case = f"optics alone, {pixels.cols} x {pixels.rows}"
-    rows = []
-    for name, changed, (picture, signal), sec in zip(
-        settings, scenes, results, seconds, strict=True
-    ):
-        error = float(np.abs(signal[::29, ::31] - _summed(changed, picture)).max())
-        rows.append(Row(case, OURS, f"{name}: {plain(1.0 / sec)} frames/s", error, sec))
-    return rows
-
-
-def _summed(scene, picture):
-    """The light at every 29th row's 31st pixels, wavelength by wavelength, in double precision."""
-    some = np.s_[::29, ::31]
-    difference = picture.difference[some].astype(complex)
-    theta, scope = -0.5 * np.angle(difference), scene.polariscope
-    wavelength = np.linspace(400.0, 700.0, 3001) if scope.light else np.array([scope.wavelength_nm])
-    peak, width = np.array([600.0, 540.0, 460.0]), np.array([35.0, 33.0, 30.0])
-    total, weights = 0.0, 0.0
-    for w in wavelength:
-        k = scope.wavelength_nm / w
-        chain = make_chain(scope, wavelength_nm=w)
-        wave = chain.beta * np.cos(2 * theta) + chain.gamma * np.sin(2 * theta)
-        delta = 2 * np.pi * k * picture.mean_order[some].astype(float)
-        mixed = (chain.alpha * wave.conj()).imag
-        even, odd = (0.5 * (abs(chain.alpha) ** 2 + sign * abs(wave) ** 2) for sign in (1, -1))
-        contrast = picture.visibility[some].astype(float) ** (k * k)
-        light = even + contrast * (odd * np.cos(delta) - mixed * np.sin(delta))
-        weight = np.exp(-0.5 * ((w - peak) / width) ** 2) if scope.light else 1.0
-        weight = weight * (0.5 if w in (400.0, 700.0) else 1.0)
-        total, weights = total + np.multiply.outer(light, weight), weights + weight
-    return total / weights
+    return with_ratios(compared)

@@ -1,4 +1,4 @@
-"""Hertz's pressure: speed against error on one grid, and cost against the size of the grid."""
+"""Hertz's pressure: speed against error on one grid."""
 
 import numpy as np
 
@@ -27,25 +27,6 @@ def pressure(quick):
                 for (method, t), s, sec in zip(runs, solutions, seconds, strict=True)
             ]
         )
-    return rows
-
-
-def cost(quick):
-    """Rows for N from 256 to 16384 at one tolerance each, and the slope of time over N."""
-    sizes = (256, 1024) if quick else (256, 1024, 4096, 16384)
-    runs = [(PAPER, 1e-6), (OURS, 1e-8)]
-    rows, spent = [], {PAPER: [], OURS: []}
-    for n in sizes:
-        x, calls = _calls(n, runs)
-        solutions, seconds = timed(calls, repeats=1 if quick else 5)
-        for (method, t), s, sec in zip(runs, solutions, seconds, strict=True):
-            spent[method].append(sec)
-            setting = f"N = {n}, {_setting(t, s)}"
-            rows.append(Row("cost with size", method, setting, peak_error(x, s.pressure), sec))
-    for method, seconds in spent.items():
-        slope = np.polyfit(np.log(sizes), np.log(seconds), 1)[0]
-        text = f"time ~ N^{slope:.2f} from {sizes[0]} to {sizes[-1]}"
-        rows.append(Row("cost with size", method, text))
     return rows
 
 

@@ -4,6 +4,8 @@ import os
 import platform
 from collections.abc import Sequence
 
+import numpy as np
+
 from . import series
 from .common import plain
 from .rows import Row
@@ -32,12 +34,12 @@ def lines_of(head: tuple[str, ...], cells: Sequence[tuple[str, ...]], *, texts: 
 
 
 _FOOT = """\
-ratio: time of the fastest setting of the paper's procedure (or of a peer) at the same or smaller
-error over ours, on the same grid; in brackets where none is as accurate: to the most accurate one.
+ratio: time of the fastest setting of the paper's procedure at the same or smaller error over ours,
+on the same grid; in brackets where none is as accurate: to the most accurate one.
 Where the paper's procedure also stands in a faster form than the plain one (wear: CG stopped early;
 stress: by lags) the ratio is to whichever is faster, and the setting tells that to the plain one.
 Errors are relative: of p over p0 in the middle half of a static contact, of p_max and depth in a
-worn one, of the field over p0. Frames' are of the order (fringes), the optics' of the light.
+worn one, of the field over p0. Frames' are of the order (fringes).
 Medians of five after a warm-up, taken in turns (over two seconds: fewer); set-up not included."""
 
 
@@ -77,6 +79,25 @@ def figure(rows: list[Row]):
         axes.margins(0.08, 0.10)
         _name_below(axes, columns)
     picture.suptitle("Time against error: below and to the left is better", fontsize=11)
+    return picture
+
+
+def share_figure(pairs, legend, x_label, title, *, mark=None, z_label="share of frames"):
+    """Share of each group's values within so much, of pairs (group, value); with a `mark`, a line
+    at it, on a logarithmic axis."""
+    from isochrome.figures import LINE_COLOURS, new_figure, style_axes
+
+    picture = new_figure(8.0, 5.0)
+    axes = picture.subplots()
+    for group, colour in zip(dict.fromkeys(name for name, _ in pairs), LINE_COLOURS, strict=False):
+        values = sorted(value for name, value in pairs if name == group)
+        share = np.arange(1, len(values) + 1) / len(values)
+        axes.step(values, share, where="post", color=colour, label=group)
+    if mark is not None:
+        axes.axvline(mark, color="0.5", lw=0.8, ls="--")
+        axes.set_xscale("log")
+    axes.legend(title=legend, frameon=False)
+    style_axes(axes, x_label=x_label, z_label=z_label, title=title)
     return picture
 
 

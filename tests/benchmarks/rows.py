@@ -45,8 +45,8 @@ class FringeRow:
 class FitRow:
     """One quantity that a fit found, against the truth.
 
-    `problem`, `case`, `quantity`; its `error`, and the `bar` that it is to stay below (`more`:
-    above), both in `unit`; `pull`, error over standard uncertainty, root mean square (NaN: has
+    `problem`, `case`, `quantity`; its `error`, and the `bar` that it is to stay below,
+    both in `unit`; `pull`, error over standard uncertainty, root mean square (NaN: has
     none); `cpu_ms`, processor time of one such fit, and the `evaluations` of the renderer at all
     pixels that would take as long.
     """
@@ -60,7 +60,6 @@ class FitRow:
     pull: float
     cpu_ms: float
     evaluations: float
-    more: bool = False
 
 
 @dataclass(frozen=True)

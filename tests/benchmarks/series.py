@@ -4,14 +4,13 @@ from dataclasses import dataclass
 
 from isochrome.figures import LINE_COLOURS
 
-from .case_peers import CONTACT_MECHANICS, TAMAAS
 from .case_stress import EDGES, KINDS, LAGS
 from .case_wear import GRID, LOOSE, MESH, TIGHT
 from .common import OURS, PAPER
 from .rows import Row
 
 HERE = "Isochrome"
-BLUE, ORANGE, GREEN, PINK, SKY, YELLOW = LINE_COLOURS
+BLUE, ORANGE, _, _, SKY, YELLOW = LINE_COLOURS
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ def _seen(lines: list[Series]) -> list[Series]:
 
 
 def pressure(rows: list[Row]) -> list[Series]:
-    """Both methods on every grid, the larger the larger, and the peers that were run."""
+    """Both methods on every grid, the larger the larger."""
     cases = list(dict.fromkeys(r.case for r in rows if r.case.startswith("pressure")))
     looks = [(True, ":", 4.0), (False, "-", 6.0), (True, "--", 8.5)]
     lines = []
@@ -51,10 +50,6 @@ def pressure(rows: list[Row]) -> list[Series]:
         for case, look in zip(cases, looks, strict=False):
             name = f"{short}, {case.removeprefix('pressure, ')}"
             lines.append(Series(name, _of(rows, case, method), colour, marker, *look))
-    for peer, colour, marker in ((TAMAAS, GREEN, "^"), (CONTACT_MECHANICS, PINK, "v")):
-        found = _of(rows, "peers", peer)
-        size = found[0].case.split(", ")[-1] if found else ""
-        lines.append(Series(f"{peer}, {size}", found, colour, marker))
     return _seen(lines)
 
 

@@ -35,6 +35,7 @@ def test_a_drawn_contact_ends_in_the_right_scene(seed):
     assert verdict.kind == "right", verdict.words
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(6))
 def test_a_whole_picture_ends_in_the_right_scene(seed):

@@ -10,7 +10,7 @@ if sys.platform != "linux":
     pytest.skip("bounds on a process are set otherwise here", allow_module_level=True)
 
 from hostile.attack import run
-from hostile.given import PLAIN, picture, process, stack, video
+from hostile.given import PLAIN, picture, process, stack
 
 NAMES = (
     "two words",
@@ -120,14 +120,3 @@ def test_frames_smaller_than_a_patch_are_said_to_be(place):
     ended = run(place, process("f.tif"))
     assert ended.code == 3 and ended.err.count("\n") == 1
     assert "nothing could be read" in ended.err and "13 x 13 pixels at least" in ended.err
-
-
-@pytest.mark.long
-def test_time_stamps_that_go_backwards_are_no_times(place):
-    path = video(place / "v.mkv")
-    data = bytearray(path.read_bytes())
-    mark = b"\x81" + (300).to_bytes(2, "big")
-    assert data.count(mark) == 1
-    data[data.find(mark) + 1 : data.find(mark) + 3] = (150).to_bytes(2, "big")
-    path.write_bytes(data)
-    check_done(run(place, process("v.mkv")))

@@ -157,6 +157,7 @@ def test_a_scene_that_changes_during_the_search_is_left_alone(case, drawn, monke
     assert drawn.scene().camera.left_mm is None and drawn.scene().specimen.poisson == 0.39
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_a_discs_rim_and_fringes_give_place_scale_and_load(tmp_path):
     shutil.copy(samples_path() / "disc" / "disc-560N.png", tmp_path)

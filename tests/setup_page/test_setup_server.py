@@ -1,6 +1,7 @@
 """The server by plain sockets: who is let in, and what is refused before it is read."""
 
 import json
+import shutil
 import signal
 import socket
 import subprocess
@@ -9,6 +10,7 @@ import time
 
 import pytest
 
+from isochrome.samples import samples_path
 from isochrome.setup_page import MOST_BYTES, open_session
 from runs.killing import listen
 
@@ -18,10 +20,6 @@ from .conftest import served
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
     """A server on the sample's frames, for all of these tests."""
-    import shutil
-
-    from isochrome.samples import samples_path
-
     folder = tmp_path_factory.mktemp("frames")
     shutil.copy(samples_path() / "line-contact-wear" / "captured.tif", folder)
     with served(open_session(folder / "captured.tif")) as own:
@@ -183,13 +181,14 @@ def test_a_frame_is_its_grey_levels(server):
     assert ask(server, path=f"/{server.token}/frame")[0] == 400
 
 
-def test_the_server_ends_when_its_page_is_gone(fresh):
+def test_the_server_ends_when_its_page_is_gone(fresh, monkeypatch):
+    monkeypatch.setattr("isochrome.setup_page.server._GRACE_S", 0.3)
     with served(open_session(fresh / "captured.tif")) as own:
         text = f"GET /{own.token}/life HTTP/1.1\r\nHost: 127.0.0.1:{own.server_port}\r\n\r\n"
         with socket.create_connection(("127.0.0.1", own.server_port), timeout=10) as link:
             link.sendall(text.encode())
             assert b"text/event-stream" in link.recv(4096)
-            time.sleep(1.0)
+            time.sleep(0.5)
             assert not own.is_ended
         for _ in range(100):
             if own.is_ended:
@@ -198,6 +197,7 @@ def test_the_server_ends_when_its_page_is_gone(fresh):
         assert own.is_ended
 
 
+@pytest.mark.long
 def test_ctrl_c_ends_the_command_and_says_that_nothing_was_saved(fresh):
     command = [sys.executable, "-m", "isochrome", "setup", str(fresh / "captured.tif"),
                "--no-browser", "--json"]  # fmt: skip
