@@ -185,7 +185,7 @@ def _saying(root: Path, job: Job) -> Iterator[_State]:
             state.chunks.clear()
         if not state.chunks:
             raise
-        raise type(error)(f"{error} ({count_kept()} in {root})") from error
+        raise type(error)(error.message + f" ({count_kept()} in {root})") from error
     except KeyboardInterrupt:
         if not state.anything:
             raise Stopped(message("stopped_before_anything_finished")) from None
