@@ -22,7 +22,6 @@ from .conftest import (
     disc_from_images,
     disc_load,
 )
-from .conftest import TINY_DISC as TINY
 
 SHAPE, PIXEL = (150, 170), 0.15
 Z_95 = 1.959964
@@ -102,7 +101,8 @@ def test_discs_are_off_by_what_they_say(disc_frame):
     for seed in range(9):
         rng = np.random.default_rng([15, seed])
         centres = np.sort(rng.uniform(1.2, 5.0, 2))
-        setup = TINY | {"angle": rng.uniform(-4.0, 4.0), "noise": rng.uniform(1.5, 5.0)}
+        place = {"shape": (140, 150), "radius": 60.0, "shift": (1.3, -2.2)}
+        setup = place | {"angle": rng.uniform(-4.0, 4.0), "noise": rng.uniform(1.5, 5.0)}
         images = [disc_frame(centre, rng, **setup) for centre in centres]
         found = disc_from_images(images, disc_load(centres), Disc(diameter_mm=DIAMETER))
         values.append(value_pull(found))

@@ -11,10 +11,9 @@ from scipy.ndimage import gaussian_filter
 from typer.testing import CliRunner
 
 import isochrome
-from isochrome.calibration import MeasuredValue, calibrate_scale, fit_target
-from isochrome.cli import app, main
+from isochrome.calibration import calibrate_scale, fit_target
+from isochrome.cli import app
 from isochrome.errors import InputError, PhysicsError
-from isochrome.output import Result
 from isochrome.scene import load_scene
 
 from .target_pictures import Shown, bar, chessboard, dots, drawn, seen_places
@@ -221,15 +220,6 @@ def test_edges_that_spread_are_said(saved):
     assert found.pixel_mm.standard_uncertainty == pytest.approx(0.02 * 0.02, rel=0.05)
 
 
-def test_it_is_a_result_as_others_are(saved):
-    found = calibrate_scale(saved(dots(Shown(), 0)), **DOTS)
-    assert isinstance(found, Result) and isinstance(found.pixel_mm, MeasuredValue)
-    assert list(found.table.columns) == ["key", "value", "standard_uncertainty"]
-    assert list(found.table["key"]) == list(NAMES)
-    assert repr(found).startswith("Scale from dots in 1 image\n  pixel_mm")
-    assert json.loads(json.dumps(found.to_json()))["pixel_mm"]["value"] == found.pixel_mm.value
-
-
 WRONG = {
     "nothing": ({}, "neither target nor edges_mm"),
     "both": ({**BOARD, "edges_mm": 3.0}, "both given"),
@@ -338,27 +328,6 @@ def test_a_scene_of_other_pictures_is_not_written(saved, tmp_path, old, new, wor
     with pytest.raises(InputError, match=words):
         isochrome.write_into_scene(found, scene)
     assert scene.read_text("utf-8") == SCENE.replace(old, new)
-
-
-@pytest.mark.parametrize(
-    ("options", "code", "words"),
-    [
-        (["--target", "dots", "--columns", "4"], 2, "rows is not given"),
-        (["--edges-mm", "3", "--target", "dots"], 2, "both given"),
-        (["--target", "dots", "--columns", "4", "--rows", "5", "--spacing-mm", "1"], 3, "4 x 5"),
-    ],
-)
-def test_the_command_refuses_in_a_line(saved, tmp_path, monkeypatch, capsys, options, code, words):
-    path = saved(np.random.default_rng(0).integers(0, 255, (60, 80)).astype(np.uint8))[0]
-    out = tmp_path / "out"
-    monkeypatch.setattr(
-        "sys.argv", ["isochrome", "calibrate", "scale", str(path), "--out", str(out), *options]
-    )
-    with pytest.raises(SystemExit) as stop:
-        main()
-    said = capsys.readouterr().err
-    assert stop.value.code == code and words in said and len(said.splitlines()) == 1
-    assert not out.exists()
 
 
 def test_the_command_says_each_value_and_what_was_taken_as_exact(saved, tmp_path):

@@ -338,6 +338,11 @@ def test_the_command_prints_the_coefficient_and_sets_it_in_a_scene(tmp_path, mon
     assert "coefficient_mm2_per_n = 2.0" in done.stdout and "law = archard" in done.stdout
     assert "value set in scene.toml" in done.stdout
     assert load_scene(tmp_path / "scene.toml").wear.coefficient_mm2_per_n == pytest.approx(K)
+    shipped = ["calibrate", "wear", "set.toml", "--into", "line-contact-wear", "--out", "other"]
+    monkeypatch.setattr("sys.argv", ["isochrome", *shipped])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 2 and not (tmp_path / "other").exists()
 
 
 HEAD = "[scar]\nwidth_mm = 4.0\n"

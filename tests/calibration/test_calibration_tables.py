@@ -18,10 +18,10 @@ from .conftest import bending_load
 def folder(tmp_path_factory, beam_frame):
     """A small beam under three loads, and what the command left of it, with tables for Excel."""
     home, rng = tmp_path_factory.mktemp("tables"), np.random.default_rng(0)
-    text = f"{BENDING_BEAM}[camera]\npixel_mm = 0.23\n[uncertainty]\nload_percent = 0.3\n"
+    text = f"{BENDING_BEAM}[camera]\npixel_mm = 0.36\n[uncertainty]\nload_percent = 0.3\n"
     for edge in (1.0, 1.5, 2.0):
         name = f"beam {edge}.tif"
-        tifffile.imwrite(home / name, beam_frame(edge, rng, shape=(100, 120), pixel=0.23))
+        tifffile.imwrite(home / name, beam_frame(edge, rng, shape=(64, 80), pixel=0.36))
         text += f'[[image]]\nfile = "{name}"\nload_n = {bending_load(edge)}\n'
     (home / "set.toml").write_text(text, "utf-8")
     calibrate(home, "--csv", "excel")

@@ -1,20 +1,13 @@
 """A fringe value set in a scene file: all else in it stays, whatever its layout."""
 
 import dataclasses
-import json
 import tomllib
 
-import numpy as np
 import pytest
-import tifffile
 
 from isochrome.calibration import Calibration, edited, saved, write_into_scene
-from isochrome.cli import main
 from isochrome.errors import InputError
 from isochrome.scene import load_scene
-from scene_texts import BENDING_BEAM
-
-from .conftest import F_SIGMA, bending_load
 
 FOUND = Calibration(
     specimen="disc", fringe_value_n_per_mm=14.61234, standard_uncertainty=0.0131, chi=1.02,
@@ -127,28 +120,3 @@ def test_a_name_cannot_break_the_comment(tmp_path):
     assert load_scene(path).specimen.fringe_value_n_per_mm == 14.6123
     exact = dataclasses.replace(FOUND, standard_uncertainty=0.0)
     assert write_into_scene(exact, path) == 14.61234
-
-
-@pytest.mark.long
-def test_the_command_carries_the_value_into_a_scene(tmp_path, beam_frame, monkeypatch, capsys):
-    rng = np.random.default_rng(0)
-    tifffile.imwrite(tmp_path / "beam.tif", beam_frame(2.0, rng, shape=(100, 120), pixel=0.23))
-    text = f'{BENDING_BEAM}[camera]\npixel_mm = 0.23\n[[image]]\nfile = "beam.tif"\n'
-    (tmp_path / "set.toml").write_text(f"{text}load_n = {bending_load(2.0)}\n", "utf-8")
-    scene = tmp_path / "scene.toml"
-    scene.write_text("[specimen]\nthickness_mm = 4.0\n", "utf-8")
-    monkeypatch.chdir(tmp_path)
-    command = ["isochrome", "calibrate", "bending", "set.toml", "--json", "--into"]
-    monkeypatch.setattr("sys.argv", [*command, "scene.toml"])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert stop.value.code == 0
-    said = json.loads(capsys.readouterr().out)
-    written = load_scene(scene).specimen.fringe_value_n_per_mm
-    assert said["into"] == "scene.toml"
-    assert written == pytest.approx(said["fringe_value_n_per_mm"], rel=1e-5)
-    assert written == pytest.approx(F_SIGMA, rel=1e-3)  # u = 3e-4
-    monkeypatch.setattr("sys.argv", [*command, "line-contact-wear", "--out", "other"])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert stop.value.code == 2 and not (tmp_path / "other").exists()

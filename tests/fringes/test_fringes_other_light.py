@@ -136,7 +136,7 @@ def test_two_results_widen_each_other_by_their_difference():
 @pytest.mark.long
 @pytest.mark.parametrize(
     "seed",
-    [46, 66, 334],
+    [pytest.param(46, marks=pytest.mark.study), pytest.param(66, marks=pytest.mark.study), 334],
     ids=["wide crest in even light", "last crest at a border", "bar of light"],
 )
 def test_a_crest_near_the_border_is_not_read_as_a_fall_of_the_lamp(seed):

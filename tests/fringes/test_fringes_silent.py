@@ -8,7 +8,6 @@ from isochrome.benchmarks import load_benchmarks
 
 CASE = load_benchmarks("case_silent")
 STUDY = [pytest.mark.study, pytest.mark.long]
-
 LONG = [pytest.mark.long]
 OTHER_LIGHT = "another smooth light explains the frame as well"
 BLIND = (5, 64, 91, 107, 40, 71, 73)
@@ -24,7 +23,7 @@ CASES = [
     pytest.param(127, "", 0.5, None, marks=STUDY),
     pytest.param(379, "", 0.5, None, marks=LONG),
     # a contact under a bar, a spot and a 1 : 2 fall: 3.6 % were silently on the wrong side
-    pytest.param(129, OTHER_LIGHT, 0.7, 0.01, marks=LONG),
+    pytest.param(129, OTHER_LIGHT, 0.7, 0.01, marks=STUDY),
     # a bowl: three per cent were silently wrong, and the rest off by 26 times its ±
     pytest.param(335, "found no rest: no order is reported", None, None, marks=LONG),
 ]  # fmt: skip
@@ -122,9 +121,8 @@ def wrong_is_named(seed):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_a_wrong_point_among_four_is_named(seed):
-    assert wrong_is_named(seed)
+def test_a_wrong_point_among_four_is_named():
+    assert wrong_is_named(0)
 
 
 @pytest.mark.study

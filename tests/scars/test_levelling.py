@@ -8,7 +8,6 @@ import pytest
 
 from isochrome.errors import InputError
 from isochrome.scars import (
-    LevelledTrace,
     Roughness,
     ScarShape,
     Trace,
@@ -198,15 +197,6 @@ def test_the_spectrum_of_known_waves_is_found():
         pulls.append((np.log(found.power_um2[2:5]) - true) / spread)
     assert np.abs(np.mean(pulls)) < 4.0 / np.sqrt(np.size(pulls)) + 0.3
     assert np.sqrt(np.mean(np.square(pulls))) < 1.6
-
-
-def test_a_result_is_whole():
-    trace, _ = trace_of(14)
-    found = levelled(trace)
-    assert isinstance(found, LevelledTrace)
-    assert len(found.x_mm) == len(found.depth_um) == len(found.level_um) == len(found.unworn)
-    assert found.depth_covariance_um2.shape == (len(found.x_mm),) * 2
-    assert found.levelling_uncertainty_mm2 < found.worn_area_uncertainty_mm2
 
 
 def test_a_places_covariance_is_that_of_all_its_unknowns():

@@ -98,12 +98,12 @@ def test_the_simulated_order_is_that_of_finite_elements(scene):
 
 @pytest.mark.long
 def test_a_fit_of_frames_by_finite_elements_is_as_far_off_as_it_says(scene, tmp_path):
-    """Load and place of six frames, from 20 % and 1 mm off, against their uncertainties."""
+    """Load and place of four frames, from 20 % and 1 mm off, against their uncertainties."""
     begun = scene.with_values(
         {"load.normal_n": 210.0, "camera.left_mm": -20.4, "camera.top_mm": -0.6}
     )
     pulls, chis = [], []
-    for seed in range(6):
+    for seed in range(4):
         found = fit(write_frame(tmp_path / f"{seed}.tif", seed), begun, KEYS)
         own = found.to_json()
         pulls.append(
@@ -111,8 +111,8 @@ def test_a_fit_of_frames_by_finite_elements_is_as_far_off_as_it_says(scene, tmp_
         )
         chis.append(found.chi)
     pulls = np.array(pulls)
-    # six of three: means within 3/√6, the spread of 18 within three of its own deviations
-    assert np.abs(pulls.mean(axis=0)).max() < 1.2
+    # four of three: means within 3/√4, the spread of 12 within three of its own deviations
+    assert np.abs(pulls.mean(axis=0)).max() < 1.5
     assert 0.5 < np.sqrt(np.mean(pulls**2)) < 1.5
     # the light's jumps at both edges look like noise too: it comes out up to a tenth too high
     assert min(chis) > 0.88 and max(chis) < 1.02
