@@ -232,9 +232,10 @@ SCALE: Options = {
 """What a scale is taken from: type and option of each, by the name that the function takes."""
 
 
-def _fringe_value_command(specimen: str) -> Callable[..., None]:
-    """The command that finds the fringe value from images of a specimen."""
+def _add_calibration(what: str, text: str, show: Callable[[Any], None]) -> None:
+    """Add the command that calibrates by a set and can leave the value in a scene; its help."""
 
+    @calibrate_app.command(what, help=text, epilog=examples_of(f"calibrate {what}"))
     @with_options(FIGURE | TABLES)
     def command(
         settings: SetArgument,
@@ -246,21 +247,16 @@ def _fringe_value_command(specimen: str) -> Callable[..., None]:
     ) -> None:
         from isochrome import calibration
 
-        run = getattr(calibration, f"calibrate_{specimen}")
-        _calibrate(run, settings, out, into, as_json, options, print_calibration)
-
-    return command
+        run = getattr(calibration, f"calibrate_{what}")
+        _calibrate(run, settings, out, into, as_json, options, show)
 
 
-for _specimen, _images in {
-    "bending": "a beam in four-point bending",
-    "disc": "a disc under diametral compression",
-}.items():
-    calibrate_app.command(
-        _specimen,
-        help=f"Calibrate from images of {_images}.",
-        epilog=examples_of(f"calibrate {_specimen}"),
-    )(_fringe_value_command(_specimen))
+_add_calibration(
+    "bending", "Calibrate from images of a beam in four-point bending.", print_calibration
+)
+_add_calibration(
+    "disc", "Calibrate from images of a disc under diametral compression.", print_calibration
+)
 
 
 @calibrate_app.command("colour", epilog=examples_of("calibrate colour"))
@@ -304,28 +300,19 @@ def scale_command(
     _calibrate(run, images, out, into, as_json, options, _print_values, what="values")
 
 
-@calibrate_app.command("wear", epilog=examples_of("calibrate wear"))
-@with_options(FIGURE | TABLES)
-def wear_command(
-    settings: SetArgument,
-    out: Out = Path("isochrome-calibrate"),
-    into: Into = None,
-    *,
-    as_json: Json = False,
-    **options: Any,
-) -> None:
-    """Calibrate the wear coefficient from traces over worn scars, or from worn volumes."""
-    from isochrome.calibration import calibrate_wear as run
-
-    _calibrate(run, settings, out, into, as_json, options, _print_values)
-
-
 def _print_values(result: Any) -> None:
     """The values of a calibration of scale or wear, and what was taken as exact."""
     for name, value in result.main_values():
         typer.echo(f"{name} = {value}")
     for key in getattr(result, "taken_as_exact", ()):
         typer.echo(f"taken as exact: {key}")
+
+
+_add_calibration(
+    "wear",
+    "Calibrate the wear coefficient from traces over worn scars, or from worn volumes.",
+    _print_values,
+)
 
 
 def _calibrate(

@@ -122,7 +122,8 @@ class FrameSource:
         """Open the files besides the frames. Raises InputError."""
         self.task, self.reader = task, task.reader
         self.capture = task.kind.prepare(task.scene, task.reader)
-        self._cursor = Cursor[list[Frame]](self._begin, self._anew)
+        # of the task as it is by then
+        self._cursor = Cursor[list[Frame]](lambda k: self.task.kind.captured(self, k), self._anew)
 
     def _anew(self, start: int) -> int:
         """As how many states it takes to open the set at a state."""
@@ -130,10 +131,6 @@ class FrameSource:
             return 0
         frame = start * self.task.steps
         return (frame - self.reader.first_decoded(frame) + _OPENING) // self.task.steps
-
-    def _begin(self, start: int) -> Iterator[list[Frame]]:
-        """The frames of one state after another, from state `start` on."""
-        return self.task.kind.captured(self, start)
 
     def captured(self, start: int, stop: int) -> Iterator[tuple[int, list[Frame]]]:
         """The frames of the states [start, stop), with the number of the state."""

@@ -28,7 +28,7 @@ from isochrome.frames import Frame
 from isochrome.fringes import OrderReading, read_order
 from isochrome.messages import message
 from isochrome.output import counted
-from isochrome.processing.kinds.image_only import process_image_only
+from isochrome.processing.kinds.image_only import read_alone
 from isochrome.processing.kinds.kind import FrameKind
 from isochrome.processing.kinds.largest_order import LARGEST_BY_MODEL, PRESSURE, largest_with_model
 from isochrome.processing.result import (
@@ -154,7 +154,7 @@ def _without_model(
     assert lost.fit is not None
     # the place that the lost fit ended at says nothing: the specimen is where it began
     inside = evaluate_model(data, scene.with_values({GAMMA: data.gamma})).picture.material
-    image = process_image_only(frame, scene, capture, inside=inside)
+    image = read_alone(frame, scene, capture, inside=inside)[0]
     return replace(
         lost,
         normalised=image.normalised,
