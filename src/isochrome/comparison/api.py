@@ -83,25 +83,17 @@ _LABEL_LENGTH = 26
 def side_by_side(
     experiment: ComparedFrames,
     simulation: ComparedFrames,
-    metrics: Sequence[FrameMetrics] | None = None,
-    *,
-    max_rows: int = MOST_ROWS,
-    lines: bool = True,
+    metrics: Sequence[FrameMetrics],
 ) -> Figure:
     """Draw captured and simulated fringe patterns beside each other, with their difference.
 
     Rows as in Figure 11 of the paper: experiment, simulation, experiment - simulation; one scale,
     grey and difference range. The difference is the order's where both have one, else the signal's
-    after gain and offset (`compare_signals`). Beyond `max_rows`, 8 at most, evenly spaced frames
-    are drawn, as the foot says. `lines`: simulated dark fringes over the experiment.
+    after gain and offset (`compare_signals`). Of more than 8 frames evenly spaced ones are drawn,
+    as the foot says. Simulated dark fringes lie over the experiment.
     """
     pairs = frame_pairs(experiment, simulation)
-    metrics = compare_frames(experiment, simulation) if metrics is None else metrics
-    if len(metrics) != len(pairs):
-        raise InputError(
-            "metrics_frames_give_one", metrics_count=len(metrics), pairs_count=len(pairs)
-        )
-    chosen = [(*pairs[k], metrics[k]) for k in _evenly_spaced(len(pairs), max_rows)]
+    chosen = [(*pairs[k], metrics[k]) for k in _evenly_spaced(len(pairs), MOST_ROWS)]
     of_order = any(numbers.orders is not None for *_, numbers in chosen)
     images, grey, limit = _images_of(experiment, simulation, chosen, of_order)
     place = place_of_pair(experiment, simulation)
@@ -111,13 +103,12 @@ def side_by_side(
     for row, (_, there, numbers) in enumerate(chosen):
         label = plain_name(numbers.label, _LABEL_LENGTH)
         differences.append(_draw_row(panels[row], images[row], grey, limit, label, place))
-        if lines:
-            _draw_lines(panels[row][0], simulation, there, place)
+        _draw_lines(panels[row][0], simulation, there, place)
         _tidy(panels[row], row, last=row == len(chosen) - 1)
         _write_line(captions[row], _caption(numbers), size_pt=TEXT_PT)
     bar = f"difference of {_of_what(of_order)}"
     add_colour_bar(differences, bar, length=min(1.0, 2.0 / len(chosen)))
-    text = _foot_text(lines, len(chosen), len(pairs), place["pixel_mm"])
+    text = _foot_text(len(chosen), len(pairs), place["pixel_mm"])
     _write_line(foot, text, size_pt=NOTE_PT, colour=GREY)
     return figure
 
@@ -310,8 +301,6 @@ def _images_of(
 
 def _evenly_spaced(count: int, most: int) -> list[int]:
     """Pick at most `most` of `count` frames, the first and the last among them."""
-    if not 1 <= most <= MOST_ROWS:
-        raise InputError("max_rows_side_side_figure", most=most, most_rows=MOST_ROWS)
     return [int(index) for index in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
 
 
@@ -383,11 +372,12 @@ def _write_line(axes: Axes, text: str, *, size_pt: float, colour: str = INK) -> 
     line.set_in_layout(False)
 
 
-def _foot_text(lines: bool, shown: int, count: int, pixel_mm: float | None) -> str:
+def _foot_text(shown: int, count: int, pixel_mm: float | None) -> str:
     """Say what holds for all rows."""
-    parts = ["One scale, grey range and difference range for all rows; hatched: not known."]
-    if lines:
-        parts.append("Orange: dark-fringe centre lines of the simulation.")
+    parts = [
+        "One scale, grey range and difference range for all rows; hatched: not known.",
+        "Orange: dark-fringe centre lines of the simulation.",
+    ]
     if shown < count:
         parts.append(f"{shown} of {count} frames shown, evenly spaced.")
     if pixel_mm is None:
