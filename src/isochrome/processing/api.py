@@ -340,8 +340,7 @@ def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) ->
         if progress is not None:
             progress(Tally(len(rows), count, 0, flagged))
     table = tabulate_set(rows)
-    shares = [item.reading.kept if item.reading else None for item in selected]
-    refuse_unread(task.scene, str(source.reader.path), table, shares)
+    refuse_unread(task.scene, str(source.reader.path), table, more["kept"])
     shape = source.reader.shape
     result = collect(task.scene, table, more, selected, shape, source.capture.residual)
     from isochrome.processing.folder import set_dataset
