@@ -204,8 +204,7 @@ def _asked(recording: Any, known: dict[str, Any]) -> dict[str, float]:
 
 def _print_draft(draft: Any) -> None:
     """What was found, what is open, and what to do next."""
-    for name, value in draft.main_values():
-        typer.echo(f"{name} = {value}")
+    _print_values(draft)
     for key in draft.open:
         typer.echo(f"to fill in: {key.key}: {key.hint}")
     typer.echo("look at scene.png, fill in scene.toml; isochrome check says whether both fit")
@@ -301,7 +300,7 @@ def scale_command(
 
 
 def _print_values(result: Any) -> None:
-    """The values of a calibration of scale or wear, and what was taken as exact."""
+    """The main values of a result, and what was taken as exact."""
     for name, value in result.main_values():
         typer.echo(f"{name} = {value}")
     for key in getattr(result, "taken_as_exact", ()):
