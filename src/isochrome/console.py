@@ -141,22 +141,37 @@ def print_json(values: Any) -> None:
 
 
 def print_result(
-    result: Any, out: Path, as_json: bool, show: Callable[[Any], None], figures: Sequence[str] = ()
+    result: Any,
+    out: Path,
+    as_json: bool,
+    show: Callable[[Any], None],
+    figures: Sequence[str] = (),
+    *,
+    into: Path | None = None,
+    what: str = "value",
 ) -> None:
     """A command's result: one JSON object, or what `show` prints, its warnings and its place.
 
-    `figures`, the files of one for a paper.
+    `figures`, the files of one for a paper; `what` of it was set `into` a scene.
     """
     if as_json:
-        places = {"out": str(out), "figures": list(figures)} if figures else {"out": str(out)}
-        print_json({**places, **result.to_json()})
+        print_result_json(result, out, figures, into=into)
         return
     show(result)
     print_warnings(list(result.warnings))
     done = getattr(result, "already", False)  # an earlier run had left it all
     again = " (complete already; --restart computes them anew)" if done else ""
-    typer.echo(f"results: {out}{again}")
+    also = "" if into is None else f"; {what} set in {into}"
+    typer.echo(f"results: {out}{again}{also}")
     print_figures(figures)
+
+
+def print_result_json(
+    result: Any, out: Path, figures: Sequence[str], *, into: Path | None = None
+) -> None:
+    """A command's result, and its places, as one JSON object."""
+    places = {"out": out, "into": into, "figures": figures}
+    print_json({name: place for name, place in places.items() if place} | result.to_json())
 
 
 def print_figures(files: Sequence[str]) -> None:
@@ -199,7 +214,7 @@ def print_warnings(warnings: list[str]) -> None:
 
 
 def print_calibration(result: Any) -> None:
-    """A fringe value with its uncertainty and goodness; its warnings on standard error."""
+    """A fringe value with its uncertainty and goodness."""
     from isochrome.output import with_uncertainty
 
     value, spread = result.fringe_value_n_per_mm, result.standard_uncertainty
@@ -210,7 +225,6 @@ def print_calibration(result: Any) -> None:
     if result.residual is not None:
         form, size = result.residual["form"], result.residual["largest_order"]
         typer.echo(f"residual stress: {form}, up to {size:.3f} fringes")
-    print_warnings(list(result.warnings))
 
 
 def print_fit(result: Any) -> None:

@@ -116,7 +116,7 @@ def points(order, rng):
 
 def read(case):
     """What `process` makes of a frame."""
-    from isochrome.processing.kinds.image_only import process_image_only
+    from isochrome.processing.kinds.image_only import read_alone
     from isochrome.processing.result import Capture
 
     scene = parse_scene(_SCENE)
@@ -126,7 +126,7 @@ def read(case):
     if case.no_load is not None:
         ends = tuple(to_linear(i, bit_depth=8, allow_blank=True) for i in case.no_load)
     frame = Frame(0, case.image, None, "frame")
-    return process_image_only(frame, scene, Capture(8, *ends), inside=np.isfinite(case.order))
+    return read_alone(frame, scene, Capture(8, *ends), inside=np.isfinite(case.order))[0]
 
 
 def judged(seed):

@@ -205,7 +205,7 @@ def _row(name, workers, found, loads, wall, cpu, spent):
 
 PLACES = {
     "read": (
-        ("isochrome.processing.frame_task", "Ahead._read"),
+        ("isochrome.processing.frame_task", "_read"),
         ("isochrome.frames.reading", "FrameReader.count"),
         ("isochrome.processing.api", "identity_of"),
     ),

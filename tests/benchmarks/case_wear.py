@@ -3,7 +3,8 @@
 import numpy as np
 
 from isochrome.contact import (
-    constant_course,
+    OutputState,
+    SlidingHistory,
     make_surface,
     scar_history,
     scar_on_nodes,
@@ -87,7 +88,9 @@ def _solvers(n, distances):
     elements = paper.make_elements(n, HALF_MM, friction=FRICTION, **kinds)
     surface = make_surface(n, elements.dx_mm, **kinds)
     gap = elements.x_mm**2 / (2.0 * RADIUS)
-    course, stops = constant_course(LOAD, distances, dose_per_m=1e3 * WEAR, friction=FRICTION)
+    ends, rate = np.array([0.0, max(distances)]), 1e3 * WEAR
+    course = SlidingHistory(ends, rate * ends, np.full(2, LOAD), np.full(2, FRICTION))
+    stops = [OutputState(s, rate * s, LOAD, FRICTION) for s in distances]
 
     def explicit(run):
         step, tolerance = run

@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import quad
 
 import isochrome.contact.wear as worn_module
+from hard.hard_cases import constant_course
 from isochrome.contact import (
-    constant_course,
     contact_states,
     iter_contact_states,
     mean_wear_rate,

@@ -3,8 +3,8 @@
 import numpy as np
 
 import isochrome.contact.scar as scar_module
+from hard.hard_cases import constant_course
 from isochrome.contact import (
-    constant_course,
     make_mesh,
     scar_history,
 )

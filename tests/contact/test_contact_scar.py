@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from hard.hard_cases import constant_course
 from isochrome.contact import (
     OutputState,
     Scar,
     SlidingHistory,
-    constant_course,
     contact_states,
     make_mesh,
     make_site,

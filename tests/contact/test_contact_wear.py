@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from hard.hard_cases import COUPLING, LOAD, MODULUS, RADIUS, eliminated, influence
-from isochrome.contact import constant_course, make_surface, solve_pressure, wear_history
+from hard.hard_cases import COUPLING, LOAD, MODULUS, RADIUS, constant_course, eliminated, influence
+from isochrome.contact import make_surface, solve_pressure, wear_history
 
 PER_METRE = 2e-9 * 1e3  # dose per metre of sliding, mm/MPa: k of the paper times 1000 mm
 DOSES = PER_METRE * np.array([31.0, 77.0, 155.0, 233.0])

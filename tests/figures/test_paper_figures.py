@@ -19,7 +19,8 @@ from calibration.target_pictures import Shown, dots
 from figures.drawn_texts import drawn_texts, outside, overlaps
 from isochrome.calibration import ColourCalibration
 from isochrome.campaigns import Campaign, Outcome
-from isochrome.cli import main, save_paper_figure
+from isochrome.cli import main
+from isochrome.cli.options import save_paper_figure
 from isochrome.demonstration import Demo
 from isochrome.errors import InputError
 from isochrome.figures import (

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.linalg import toeplitz
 
-from isochrome.contact import contact_states, make_surface
+from isochrome.contact import OutputState, SlidingHistory, contact_states, make_surface
 from isochrome.errors import PhysicsError
 from isochrome.reference import (
     contact_modulus,
@@ -171,3 +171,12 @@ def patches(pressure):
     """Count of separate stretches of contact."""
     inside = np.r_[False, pressure > 0.0]
     return int(np.count_nonzero(np.diff(inside.astype(int)) == 1))
+
+
+def constant_course(load, distances_m, *, dose_per_m, friction=0.0):
+    """History and states at constant load (N/mm), friction and wear rate (1000 kappa, mm/MPa/m)."""
+    wanted = np.asarray(distances_m, dtype=float)
+    ends = np.unique([0.0, wanted.max()])
+    shape = np.ones(len(ends))
+    history = SlidingHistory(ends, dose_per_m * ends, load * shape, friction * shape)
+    return history, [OutputState(d, dose_per_m * d, load, friction) for d in wanted.tolist()]

@@ -6,11 +6,11 @@ import pytest
 from isochrome.reference import hertz_pressure, hertz_stress, sliding_hertz_stress
 from isochrome.stress import (
     PixelGrid,
+    RegularStress,
     components_on_grid,
     make_field_grid,
     stress_components,
     stress_difference,
-    uniform_stress,
 )
 
 A, P0 = 0.37, 18.0
@@ -48,7 +48,7 @@ def test_components_are_the_direct_sums(dtype, bar):
     pixels = PixelGrid(rows=30, cols=40, left_mm=-0.7, top_mm=-0.02, pixel_mm=0.02)
     grid, nodes, p = hertz_grid(pixels, fold=5, dtype=dtype)
     q = 0.4 * np.roll(p, 9)
-    field = components_on_grid(grid, p, q, regular=uniform_stress(3.0))
+    field = components_on_grid(grid, p, q, regular=RegularStress((3.0,)))
     sums = stress_components(pixels.x_mm[None, :], pixels.z_mm[1:, None], nodes, p, q)
     for name, bulk in zip(NAMES, (3.0, 0.0, 0.0), strict=True):
         # the stated errors of the two precisions, per largest pressure and shear

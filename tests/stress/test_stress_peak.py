@@ -13,7 +13,7 @@ from isochrome.reference import (
     hertz_stress,
     sliding_hertz_stress,
 )
-from isochrome.stress import PixelGrid, largest_shear, stress_components, uniform_stress
+from isochrome.stress import PixelGrid, RegularStress, largest_shear, stress_components
 
 A, P0 = 0.37, 18.0
 SIZE = {"half_width_mm": A, "peak_pressure_mpa": P0}
@@ -137,7 +137,7 @@ def test_above_the_surface_there_is_nothing_to_find(friction):
 
 def test_an_unloaded_surface_leaves_the_bulk_stress():
     nodes = np.linspace(-1, 1, 11)
-    peak = largest_shear(nodes, 0 * nodes, None, within=WINDOW, regular=uniform_stress(-3.0))
+    peak = largest_shear(nodes, 0 * nodes, None, within=WINDOW, regular=RegularStress((-3.0,)))
     assert peak.shear_mpa == 1.5
 
 
@@ -179,7 +179,7 @@ def test_no_place_in_the_window_has_more(seed, bulk):
     nodes = 0.02 * np.arange(-30, 31)
     p = np.maximum(np.cumsum(rng.normal(size=61)), 0.0)
     q = rng.uniform(-1, 1) * p
-    peak = largest_shear(nodes, p, q, within=(-0.8, 0.8, 0.0, 1.0), regular=uniform_stress(bulk))
+    peak = largest_shear(nodes, p, q, within=(-0.8, 0.8, 0.0, 1.0), regular=RegularStress((bulk,)))
     x = np.r_[rng.uniform(-0.8, 0.8, 600), nodes]
     z = np.r_[10 ** rng.uniform(-5, 0, 600), 0 * nodes]
     field = stress_components(x, z, nodes, p, q)

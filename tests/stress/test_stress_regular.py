@@ -5,7 +5,7 @@ import pytest
 
 from isochrome.scene import load_scene
 from isochrome.simulation import simulate
-from isochrome.stress import RegularStress, StressComponents, regular_modes, uniform_stress
+from isochrome.stress import RegularStress, StressComponents, regular_modes
 
 MODES = regular_modes(6)
 H = 1e-4
@@ -64,7 +64,7 @@ def test_sums_and_multiples_are_those_of_the_stress(places):
     for name in ("difference", "trace"):
         sum_of_two = getattr(one, name)(x, z) + 2 * getattr(other, name)(x, z)
         assert np.allclose(getattr(both, name)(x, z), sum_of_two, rtol=1e-13)
-    assert not RegularStress() and not uniform_stress(0.0) and uniform_stress(2.0)
+    assert not RegularStress() and not RegularStress((0.0,)) and RegularStress((2.0,))
     assert np.all(RegularStress().difference(x[:, None], z[None, :]) == np.zeros((40, 40)))
 
 

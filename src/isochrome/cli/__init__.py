@@ -28,11 +28,8 @@ from isochrome.cli.options import (
     Out,
     SceneArgument,
     SceneOption,
-    save_paper_figure,
-    take_style,
-    takes_excel,
+    take_extras,
     with_options,
-    write_excel_tables,
 )
 from isochrome.cli.usage import Commands, examples_of, fail
 from isochrome.console import (
@@ -118,10 +115,10 @@ def demo_command(
     """
     from isochrome.demonstration import demo as run
 
-    style = take_style(options)
+    write_extras = take_extras(options)
     with steps(as_json) as say:
         result = run(out, progress=say)
-    figures = save_paper_figure(result, result.folder / "comparison", style)
+    figures = write_extras(result, result.folder / "comparison")
     if as_json:
         print_json(result.to_json() | ({"figures": figures} if figures else {}))
         return
@@ -145,11 +142,10 @@ def simulate_command(
     """Simulate a scene: contact, wear, stress, and the frames that the camera would see."""
     from isochrome.simulation import simulate as run
 
-    style, excel = take_style(options), takes_excel(options)
+    write_extras = take_extras(options)
     with run_bar("simulating", "states") as progress:
         result = run(scene, out, components=components, progress=progress, **options)
-    figures = save_paper_figure(result, out, style)
-    write_excel_tables(out, excel)
+    figures = write_extras(result, out)
     names = ["label", "p_max_mpa", "contact_width_mm", "wear_depth_um", "n_max", "n_max_x_mm",
              "n_max_z_mm"]  # fmt: skip
     names += ["shear_max_mpa", "shear_max_x_mm", "shear_max_z_mm"] if components else []
@@ -177,12 +173,11 @@ def compare_command(
     """Compare experiment and simulation, frames or scars: metrics and the side-by-side figure."""
     from isochrome.comparison import compare as run
 
-    style, excel = take_style(options), takes_excel(options)
+    write_extras = take_extras(options)
     with steps(quiet=True) as say:
         say("comparing")
         result = run(experiment, simulation, out)
-        files = save_paper_figure(result, out, style)
-        write_excel_tables(out, excel)
+        files = write_extras(result, out)
     print_result(
         result, out, as_json, lambda found: print_columns(found.columns, found.main_columns), files
     )
@@ -225,21 +220,20 @@ def fit_command(
     from isochrome.frames import one_recording
 
     recording, keys = one_recording(frames, join=join), tuple(per_frame or ())
-    excel = takes_excel(options)
+    write_extras = take_extras(options)
+    result: Any
     if track:
         refuse_shared(tuple(free or ()))
         with run_bar("tracking") as progress:
-            tracked = follow_keys(recording, scene, keys, out=out, progress=progress, **options)
-        write_excel_tables(out, excel)
-        print_result(tracked, out, as_json, print_summary)
-        return
-    with run_bar("fitting") as progress:
-        result = run(
-            recording, scene, free or [], per_frame=keys, follow=follow, tractions=tractions,
-            out=out, progress=progress, **options,
-        )  # fmt: skip
-    write_excel_tables(out, excel)
-    print_result(result, out, as_json, print_fit)
+            result = follow_keys(recording, scene, keys, out=out, progress=progress, **options)
+    else:
+        with run_bar("fitting") as progress:
+            result = run(
+                recording, scene, free or [], per_frame=keys, follow=follow, tractions=tractions,
+                out=out, progress=progress, **options,
+            )  # fmt: skip
+    write_extras(result, out)
+    print_result(result, out, as_json, print_summary if track else print_fit)
 
 
 @app.command("check", epilog=examples_of("check"))

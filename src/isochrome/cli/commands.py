@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
@@ -22,11 +22,8 @@ from isochrome.cli.options import (
     SceneArgument,
     SceneOption,
     SetArgument,
-    save_paper_figure,
-    take_style,
-    takes_excel,
+    take_extras,
     with_options,
-    write_excel_tables,
 )
 from isochrome.cli.usage import examples_of
 from isochrome.console import (
@@ -36,6 +33,7 @@ from isochrome.console import (
     print_figures,
     print_json,
     print_result,
+    print_result_json,
     print_summary,
     print_warnings,
     run_bar,
@@ -43,7 +41,6 @@ from isochrome.console import (
 )
 
 if TYPE_CHECKING:
-    from isochrome.figures import FigureStyle
     from isochrome.frames import FramesPath
     from isochrome.processing import Processed
 
@@ -71,25 +68,28 @@ def process_command(
     """
     from isochrome.frames import recordings_of
 
-    style, excel = take_style(options), takes_excel(options)
+    write_extras = take_extras(options)
     recordings = recordings_of(frames, join=join)
     if len(recordings) > 1:
-        _process_campaign(recordings, scene, out, options, as_json, excel, style)
+        _process_campaign(recordings, scene, out, options, as_json, write_extras)
         return
     from isochrome.processing import process as run
 
     with run_bar("processing") as progress:
         result = run(recordings[0], scene, out, progress=progress, **options)
-    files = save_paper_figure(result, out, style)
-    write_excel_tables(out, excel)
-    print_result(result, out, as_json, _print_processed, files)
+    print_result(result, out, as_json, _print_processed, write_extras(result, out))
     if result.failed:
-        typer.echo(
-            f"isochrome: {frames[0]}: {result.failed} of {len(result.columns['frame'])} frames "
+        _end(
+            f"{frames[0]}: {result.failed} of {len(result.columns['frame'])} frames "
             f"could not be processed, as their warnings say; the others are in {out}",
-            err=True,
+            2,
         )
-        raise typer.Exit(2)
+
+
+def _end(why: str, code: int) -> NoReturn:
+    """End a command that has printed its result, of which something is missing."""
+    typer.echo(f"isochrome: {why}", err=True)
+    raise typer.Exit(code)
 
 
 def _print_processed(result: Processed) -> None:
@@ -112,20 +112,17 @@ def _process_campaign(
     out: Path,
     options: dict[str, Any],
     as_json: bool,
-    excel: bool,
-    style: FigureStyle | None,
+    write_extras: Callable[[Any, Path], list[str]],
 ) -> None:
     """Many recordings, each into a folder of its own."""
     from isochrome.campaigns import process_campaign
 
     with campaign_bar() as progress:
         result = process_campaign(recordings, scene, out, progress=progress, **options)
-    figures = save_paper_figure(result, out, style)
-    write_excel_tables(out, excel)
+    figures = write_extras(result, out)
     table = result.columns
     if as_json:
-        places = {"out": str(out), "figures": figures} if figures else {"out": str(out)}
-        print_json(places | result.to_json())
+        print_result_json(result, out, figures)
     else:
         print_columns(table, [name for name in _SHOWN_OF_CAMPAIGN if name in table])
         for name, error in zip(table["recording"], table["error"], strict=True):
@@ -137,12 +134,11 @@ def _process_campaign(
     if result.exit_code:
         some = ", ".join(result.failed[:5])
         more = f" and {len(result.failed) - 5} more" if len(result.failed) > 5 else ""
-        typer.echo(
-            f"isochrome: {len(result.failed)} of {len(recordings)} recordings could not be wholly "
+        _end(
+            f"{len(result.failed)} of {len(recordings)} recordings could not be wholly "
             f"processed ({some}{more}), as {out / 'summary.csv'} says; the others are in {out}",
-            err=True,
+            result.exit_code,
         )
-        raise typer.Exit(result.exit_code)
 
 
 KNOWN: Options = {
@@ -208,8 +204,7 @@ def _asked(recording: Any, known: dict[str, Any]) -> dict[str, float]:
 
 def _print_draft(draft: Any) -> None:
     """What was found, what is open, and what to do next."""
-    for name, value in draft.main_values():
-        typer.echo(f"{name} = {value}")
+    _print_values(draft)
     for key in draft.open:
         typer.echo(f"to fill in: {key.key}: {key.hint}")
     typer.echo("look at scene.png, fill in scene.toml; isochrome check says whether both fit")
@@ -236,9 +231,10 @@ SCALE: Options = {
 """What a scale is taken from: type and option of each, by the name that the function takes."""
 
 
-def _fringe_value_command(specimen: str) -> Callable[..., None]:
-    """The command that finds the fringe value from images of a specimen."""
+def _add_calibration(what: str, text: str, show: Callable[[Any], None]) -> None:
+    """Add the command that calibrates by a set and can leave the value in a scene; its help."""
 
+    @calibrate_app.command(what, help=text, epilog=examples_of(f"calibrate {what}"))
     @with_options(FIGURE | TABLES)
     def command(
         settings: SetArgument,
@@ -250,21 +246,16 @@ def _fringe_value_command(specimen: str) -> Callable[..., None]:
     ) -> None:
         from isochrome import calibration
 
-        run = getattr(calibration, f"calibrate_{specimen}")
-        _calibrate(run, settings, out, into, as_json, options, print_calibration)
-
-    return command
+        run = getattr(calibration, f"calibrate_{what}")
+        _calibrate(run, settings, out, into, as_json, options, show)
 
 
-for _specimen, _images in {
-    "bending": "a beam in four-point bending",
-    "disc": "a disc under diametral compression",
-}.items():
-    calibrate_app.command(
-        _specimen,
-        help=f"Calibrate from images of {_images}.",
-        epilog=examples_of(f"calibrate {_specimen}"),
-    )(_fringe_value_command(_specimen))
+_add_calibration(
+    "bending", "Calibrate from images of a beam in four-point bending.", print_calibration
+)
+_add_calibration(
+    "disc", "Calibrate from images of a disc under diametral compression.", print_calibration
+)
 
 
 @calibrate_app.command("colour", epilog=examples_of("calibrate colour"))
@@ -278,16 +269,8 @@ def colour_command(
 ) -> None:
     """Calibrate a colour table, from a beam's images or from any images' own colours."""
     from isochrome.calibration import calibrate_colour as run
-    from isochrome.calibration import save_calibration
 
-    style, excel = take_style(options), takes_excel(options)
-    with steps(quiet=True) as say:
-        say("calibrating")
-        result = run(settings)
-        save_calibration(result, out, source=settings)
-        files = save_paper_figure(result, out, style)
-        write_excel_tables(out, excel)
-    print_result(result, out, as_json, _print_colours, files)
+    _calibrate(run, settings, out, None, as_json, options, _print_colours)
 
 
 def _print_colours(result: Any) -> None:
@@ -316,29 +299,19 @@ def scale_command(
     _calibrate(run, images, out, into, as_json, options, _print_values, what="values")
 
 
-@calibrate_app.command("wear", epilog=examples_of("calibrate wear"))
-@with_options(FIGURE | TABLES)
-def wear_command(
-    settings: SetArgument,
-    out: Out = Path("isochrome-calibrate"),
-    into: Into = None,
-    *,
-    as_json: Json = False,
-    **options: Any,
-) -> None:
-    """Calibrate the wear coefficient from traces over worn scars, or from worn volumes."""
-    from isochrome.calibration import calibrate_wear as run
-
-    _calibrate(run, settings, out, into, as_json, options, _print_values)
-
-
 def _print_values(result: Any) -> None:
-    """The values of a calibration of scale or wear, what was taken as exact, and its warnings."""
+    """The main values of a result, and what was taken as exact."""
     for name, value in result.main_values():
         typer.echo(f"{name} = {value}")
     for key in getattr(result, "taken_as_exact", ()):
         typer.echo(f"taken as exact: {key}")
-    print_warnings(list(result.warnings))
+
+
+_add_calibration(
+    "wear",
+    "Calibrate the wear coefficient from traces over worn scars, or from worn volumes.",
+    _print_values,
+)
 
 
 def _calibrate(
@@ -358,7 +331,7 @@ def _calibrate(
     """
     from isochrome import calibration
 
-    style, excel = take_style(options), takes_excel(options)
+    write_extras = take_extras(options)
     with steps(quiet=True) as say:
         say("calibrating")
         if into is not None:
@@ -368,16 +341,8 @@ def _calibrate(
         if into is not None:
             first = source[0] if isinstance(source, list) else source
             calibration.write_into_scene(result, into, source=first)
-        files = save_paper_figure(result, out, style)
-        write_excel_tables(out, excel)
-    if as_json:
-        places: dict[str, Any] = {"out": out} if into is None else {"out": out, "into": into}
-        places |= {"figures": files} if files else {}
-        print_json({**places, **result.to_json()})
-        return
-    show(result)
-    typer.echo(f"results: {out}" if into is None else f"results: {out}; {what} set in {into}")
-    print_figures(files)
+        files = write_extras(result, out)
+    print_result(result, out, as_json, show, files, into=into, what=what)
 
 
 @with_options(RUN)
@@ -402,7 +367,7 @@ def sweep_command(
     with run_bar("sweeping", "points") as progress:
         result = run(scene, vary, out, progress=progress, **options)
     if as_json:
-        print_json({"out": str(out), **result.to_json()})
+        print_result_json(result, out, ())
     else:
         print_warnings(list(result.reasons))
         for key in dict.fromkeys(text.partition("=")[0].strip() for text in vary):
@@ -410,12 +375,11 @@ def sweep_command(
             typer.echo(f"{key} = {values}")
         typer.echo(f"{counted(result.points, 'point')}; results: {out}")
     if result.failed:
-        typer.echo(
-            f"isochrome: {result.failed} of {result.points} points were refused by their physics, "
+        _end(
+            f"{result.failed} of {result.points} points were refused by their physics, "
             f"as sweep.csv says; the others are in {out}",
-            err=True,
+            3,
         )
-        raise typer.Exit(3)
 
 
 def export_command(
@@ -456,12 +420,8 @@ def verify_command(
         print_warnings(list(result.warnings))
         typer.echo(result.title)
     if not result.ok:
-        typer.echo(
-            f"isochrome: {result.title}; run the command that left it again, which makes anew what "
-            "is damaged",
-            err=True,
-        )
-        raise typer.Exit(2)
+        again = "run the command that left it again, which makes anew what is damaged"
+        _end(f"{result.title}; {again}", 2)
 
 
 def report_command(

@@ -127,6 +127,25 @@ def with_options(options: Options) -> Callable[[Command], Command]:
 _MM = {"": 1.0, "mm": 1.0, "cm": 10.0, "in": 25.4}
 
 
+def take_extras(options: dict[str, Any]) -> Callable[[Any, Path], list[str]]:
+    """Take the options of a paper's figure and Excel's tables out of a command's, before its work.
+
+    Gives what writes both, of a result into a folder, and then names the files of the figure.
+    """
+    style = take_style(options) if "width" in options else None
+    has_tables, form = "tables" in options, options.pop("tables", None)
+    if form not in (None, "excel"):
+        raise InputError("csv_no_form_table", form=form)
+
+    def write(result: Any, out: Path) -> list[str]:
+        files = save_paper_figure(result, out, style)
+        if has_tables:
+            write_excel_tables(out, form is not None)
+        return files
+
+    return write
+
+
 def take_style(options: dict[str, Any]) -> FigureStyle | None:
     """Take the options of a figure for a paper out of a command's, before its work begins."""
     given = {name: options.pop(name) for name in FIGURE}
@@ -149,14 +168,6 @@ def take_style(options: dict[str, Any]) -> FigureStyle | None:
     if given["dpi"] is not None:
         known["dpi"] = given["dpi"]
     return FigureStyle(**known)
-
-
-def takes_excel(options: dict[str, Any]) -> bool:
-    """Take --csv out of a command's options, before its work begins."""
-    form = options.pop("tables")
-    if form not in (None, "excel"):
-        raise InputError("csv_no_form_table", form=form)
-    return form is not None
 
 
 def write_excel_tables(out: Path, excel: bool) -> None:

@@ -78,28 +78,19 @@ _LABEL_LENGTH = 26
 def side_by_side(
     experiment: ComparedFrames,
     simulation: ComparedFrames,
-    metrics: Sequence[FrameMetrics] | None = None,
-    *,
-    max_rows: int = MOST_ROWS,
-    lines: bool = True,
+    metrics: Sequence[FrameMetrics],
 ) -> Figure:
     """Draw captured and simulated fringe patterns beside each other, with their difference.
 
     Rows as in Figure 11 of the paper: experiment, simulation, experiment - simulation; one scale,
     grey and difference range. The difference is the order's where both have one, else the signal's
-    after gain and offset (`compare_signals`). Beyond `max_rows`, 8 at most, evenly spaced frames
-    are drawn, as the foot says. `lines`: simulated dark fringes over the experiment.
+    after gain and offset (`compare_signals`). Of more than 8 frames evenly spaced ones are drawn,
+    as the foot says. Simulated dark fringes lie over the experiment.
     """
     pairs = frame_pairs(experiment, simulation)
-    metrics = compare_frames(experiment, simulation) if metrics is None else metrics
-    if len(metrics) != len(pairs):
-        raise InputError(
-            "metrics_frames_give_one", metrics_count=len(metrics), pairs_count=len(pairs)
-        )
-    rows = tuple(_evenly_spaced(len(pairs), max_rows))
-    panels = side_by_side_panels(experiment, simulation, metrics, rows, lines=lines)
-    pixel_mm = place_of_pair(experiment, simulation)["pixel_mm"]
-    foot = _foot_text(lines, len(rows), len(pairs), pixel_mm)
+    rows = tuple(_evenly_spaced(len(pairs), MOST_ROWS))
+    panels = side_by_side_panels(experiment, simulation, metrics, rows)
+    foot = _foot_text(len(rows), len(pairs), place_of_pair(experiment, simulation)["pixel_mm"])
     return panels_figure(replace(panels, notes=[*panels.notes[: len(rows)], foot]), "")
 
 
@@ -108,8 +99,6 @@ def side_by_side_panels(
     simulation: ComparedFrames,
     metrics: Sequence[FrameMetrics],
     frames: tuple[int, ...] | None,
-    *,
-    lines: bool = True,
 ) -> PaperPanels:
     """The same for a paper: one scale, one grey range and one difference range for all frames.
 
@@ -125,7 +114,7 @@ def side_by_side_panels(
     def draw(axes: Axes, k: int, column: int) -> AxesImage:
         cmap, (low, high) = (FRAME_MAP, grey) if column < 2 else (DIFFERENCE_MAP, (-limit, limit))
         drawn = show_image(axes, images[k][column], cmap=cmap, vmin=low, vmax=high, **place)
-        if lines and column == 0:
+        if column == 0:
             _draw_lines(axes, simulation, chosen[k][1], place)
         return drawn
 
@@ -293,8 +282,6 @@ def _images_of(
 
 def _evenly_spaced(count: int, most: int) -> list[int]:
     """Pick at most `most` of `count` frames, the first and the last among them."""
-    if not 1 <= most <= MOST_ROWS:
-        raise InputError("max_rows_side_side_figure", most=most, most_rows=MOST_ROWS)
     return [int(index) for index in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
 
 
@@ -318,11 +305,12 @@ def _caption(numbers: FrameMetrics) -> str:
     return "  ·  ".join(parts)
 
 
-def _foot_text(lines: bool, shown: int, count: int, pixel_mm: float | None) -> str:
+def _foot_text(shown: int, count: int, pixel_mm: float | None) -> str:
     """Say what holds for all rows."""
-    parts = ["One scale, grey range and difference range for all rows; hatched: not known."]
-    if lines:
-        parts.append("Orange: dark-fringe centre lines of the simulation.")
+    parts = [
+        "One scale, grey range and difference range for all rows; hatched: not known.",
+        "Orange: dark-fringe centre lines of the simulation.",
+    ]
     if shown < count:
         parts.append(f"{shown} of {count} frames shown, evenly spaced.")
     if pixel_mm is None:

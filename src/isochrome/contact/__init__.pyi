@@ -4,7 +4,6 @@ from .scar import Scar, make_mesh, scar_history, unresolved
 from .sliding_history import (
     OutputState,
     SlidingHistory,
-    constant_course,
     mean_wear_rate,
     wear_course,
     wear_rate,
@@ -33,7 +32,6 @@ __all__ = [
     "SurfaceState",
     "WornStart",
     "WornState",
-    "constant_course",
     "contact_grid",
     "contact_states",
     "displacement",

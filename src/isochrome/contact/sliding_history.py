@@ -336,22 +336,3 @@ def wear_course(scene: Scene) -> tuple[SlidingHistory, list[OutputState]]:
     loads, friction = scene.load_at(wanted) / thickness, scene.friction_at(wanted)
     columns = (wanted.tolist(), doses.tolist(), loads.tolist(), friction.tolist())
     return history, [OutputState(*row) for row in zip(*columns, strict=True)]
-
-
-def constant_course(
-    line_load_n_per_mm: float,
-    distances_m: Floats | Sequence[float],
-    *,
-    dose_per_m: float,
-    friction: float = 0.0,
-) -> tuple[SlidingHistory, list[OutputState]]:
-    """Sliding history and states of a run at constant load P', friction and wear rate.
-
-    `distances_m` in any order; `dose_per_m` is 1000 kappa, mm/MPa per m.
-    """
-    wanted = np.asarray(distances_m, dtype=float)
-    ends = np.unique([0.0, wanted.max()])
-    shape = np.ones(len(ends))
-    history = SlidingHistory(ends, dose_per_m * ends, line_load_n_per_mm * shape, friction * shape)
-    stops = [OutputState(d, dose_per_m * d, line_load_n_per_mm, friction) for d in wanted.tolist()]
-    return history, stops

@@ -115,20 +115,24 @@ def read_given_table(path: Path, what: str) -> GivenTable:
     header = [cell.strip() for cell in cells[0]]
     has_names = not all(_is_number(cell) for cell in header)
     first = int(has_names)
-    for (number, _), row in zip(lines[first:], cells[first:], strict=True):
-        if len(row) != len(header):
-            raise InputError(
-                "line_has_cells_first",
-                path=path,
-                number=number,
-                row_count=len(row),
-                header_count=len(header),
-            )
+    places = [number for number, _ in lines[first:]]
+    _check_lengths("line_has_cells_first", path, header, zip(places, cells[first:], strict=True))
     names = tuple(header) if has_names else ()
     double = sorted({name for name in names if names.count(name) > 1})
     if double:
         raise InputError("column_stands_there_twice", path=path, double=double[0])
-    return GivenTable(path, names, cells[first:], [number for number, _ in lines[first:]])
+    return GivenTable(path, names, cells[first:], places)
+
+
+def _check_lengths(
+    code: str, path: str | Path, header: list[str], rows: Iterable[tuple[int, list[str]]]
+) -> None:
+    """Refuse the first of some rows, each with its line, that has not as many cells as the head."""
+    for number, row in rows:
+        if len(row) != len(header):
+            raise InputError(
+                code, path=path, number=number, row_count=len(row), header_count=len(header)
+            )
 
 
 def _parted(lines: list[str]) -> list[list[str]]:
@@ -284,15 +288,7 @@ def read_csv(path: str | Path) -> dict[str, list[Any]]:
     if not rows:
         raise InputError("empty_table_give_one", path=path)
     header, *body = rows
-    for number, row in enumerate(body, start=2):
-        if len(row) != len(header):
-            raise InputError(
-                "line_has_cells_header",
-                path=path,
-                number=number,
-                row_count=len(row),
-                header_count=len(header),
-            )
+    _check_lengths("line_has_cells_header", path, header, enumerate(body, start=2))
     return {name: _numbers([row[i] for row in body]) for i, name in enumerate(header)}
 
 

@@ -22,7 +22,7 @@ from isochrome.frames import (
     with_file_scale,
 )
 from isochrome.output import counted, load_roifile
-from isochrome.processing.chunk import FILM, blank_map, film_map, more_of, process_chunk, set_layout
+from isochrome.processing.chunk import FILM, more_of, picture_of, process_chunk, set_layout
 from isochrome.processing.frame_task import (
     FrameSource,
     FrameTask,
@@ -333,16 +333,14 @@ def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) ->
         add_frame_row(more, len(rows), more_of(item, task.scene))
         rows.append(kind.row(item, task.scene))
         for name, film_maps in film.items():
-            made = film_map(item, name)
-            film_maps.append(blank_map(name, source.reader.shape) if made is None else made)
+            film_maps.append(picture_of(item, name, source.reader.shape))
         if isinstance(item, ProcessedFrame):
             selected.append(item)
         flagged += item.status != "ok"
         if progress is not None:
             progress(Tally(len(rows), count, 0, flagged))
     table = tabulate_set(rows)
-    shares = [item.reading.kept if item.reading else None for item in selected]
-    refuse_unread(task.scene, str(source.reader.path), table, shares)
+    refuse_unread(task.scene, str(source.reader.path), table, more["kept"])
     shape = source.reader.shape
     result = collect(task.scene, table, more, selected, shape, source.capture.residual)
     from isochrome.processing.folder import set_dataset

@@ -61,10 +61,10 @@ def gather(task: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) ->
         more.append(more_of(item, task.scene))
         for layer in layers:
             if layer.compact is not None:
-                made = film_map(item, layer.name)
+                made = item.maps().get(layer.name)
                 packed[layer.name].append(None if made is None else layer.compact.pack(made))
             elif isinstance(item, ProcessedFrame):
-                pictures[layer.name].append(picture_of(item, layer.name))
+                pictures[layer.name].append(picture_of(item, layer.name, item.normalised.shape))
         if isinstance(item, FollowedFrame):
             continue
         lines = _lines_to_keep(task, item)
@@ -104,22 +104,16 @@ def _within(
     return replace(item, warnings=(*item.warnings, text))
 
 
-def picture_of(item: ProcessedFrame, name: str) -> np.ndarray:
-    """A layer's picture of a frame (rows, cols), blank where it has none."""
-    result = item.maps().get(name)
-    return blank_map(name, item.normalised.shape) if result is None else result
+def picture_of(
+    item: ProcessedFrame | FollowedFrame, name: str, shape: tuple[int, ...]
+) -> np.ndarray:
+    """A layer's picture of a frame (rows, cols).
 
-
-def blank_map(name: str, shape: tuple[int, ...]) -> np.ndarray:
-    """A map of a frame of which nothing was read: no order is known, none can be relied on."""
+    Where it has none, no order is known, and none can be relied on.
+    """
+    if (result := item.maps().get(name)) is not None:
+        return result
     return np.full(shape, 0.0 if name == CONFIDENCE.name else np.nan, dtype=np.float32)
-
-
-def film_map(item: ProcessedFrame | FollowedFrame, name: str) -> np.ndarray | None:
-    """The order or confidence of any frame of a video (rows, cols); None where none was read."""
-    if item.reading is None:
-        return None
-    return item.reading.order if name == ORDER.name else item.reading.confidence
 
 
 def more_of(item: ProcessedFrame | FollowedFrame, scene: Scene) -> dict[str, Any]:

@@ -188,7 +188,9 @@ def set_dataset(
     maps = {
         layer.name: Column(
             ("frame" if layer.name in film else few, "row", "col"),
-            np.stack(film.get(layer.name) or [picture_of(item, layer.name) for item in frames]),
+            np.stack(
+                film.get(layer.name) or [picture_of(item, layer.name, shape) for item in frames]
+            ),
             {"units": layer.units, "long_name": layer.what},
         )
         for layer in (kind_of(scene).layers(scene) if frames else ())

@@ -4,9 +4,10 @@ The captured frames of a set, handed out from any frame on, read while others ar
 """
 
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -23,36 +24,26 @@ from isochrome.specimens import surface_field_grid
 T = TypeVar("T")
 
 
-class Ahead(Generic[T]):
-    """The items of an iterator, the next one read by a thread of its own while this one is used."""
+def _ahead(items: Iterator[T]) -> Generator[T]:
+    """The items of an iterator, the next one read by a thread of its own while this one is used.
 
-    def __init__(self, items: Iterator[T]) -> None:
-        self._items = items
-        self._thread = ThreadPoolExecutor(1, thread_name_prefix="reading")
-        self._next: Future[list[T]] = self._thread.submit(self._read)
-
-    def _read(self) -> list[T]:
-        """One item, or none at the end: a StopIteration cannot pass through a Future."""
-        for item in self._items:
-            return [item]
-        return []
-
-    def __iter__(self) -> Iterator[T]:
-        return self
-
-    def __next__(self) -> T:
-        result = self._next.result()
-        if not result:
-            raise StopIteration
-        self._next = self._thread.submit(self._read)
-        return result[0]
-
-    def close(self) -> None:
-        """End the reading, and with it the file that it holds open."""
-        self._thread.shutdown(wait=True, cancel_futures=True)
-        end = getattr(self._items, "close", None)
-        if end is not None:
+    Its end ends the reading, and with it closes the file that is read.
+    """
+    thread = ThreadPoolExecutor(1, thread_name_prefix="reading")
+    try:
+        coming = thread.submit(_read, items)
+        while result := coming.result():
+            coming = thread.submit(_read, items)
+            yield result[0]
+    finally:
+        thread.shutdown(wait=True, cancel_futures=True)
+        if (end := getattr(items, "close", None)) is not None:
             end()
+
+
+def _read(items: Iterator[T]) -> list[T]:
+    """One item, or none at the end: a StopIteration cannot pass through a Future."""
+    return list(islice(items, 1))
 
 
 class Cursor(Generic[T]):
@@ -62,7 +53,7 @@ class Cursor(Generic[T]):
         """`begin(start)` gives items from `start` on; `anew(start)`, how many that is worth."""
         self._begin = begin
         self._anew = anew
-        self._items: Ahead[T] | None = None
+        self._items: Generator[T] | None = None
         self._at = 0
 
     def take(self, start: int, stop: int) -> Iterator[T]:
@@ -70,7 +61,7 @@ class Cursor(Generic[T]):
         on = self._items is not None and self._at <= start
         if not on or start > self._at + self._anew(start):
             self.close()
-            self._items, self._at = Ahead(self._begin(start)), start
+            self._items, self._at = _ahead(self._begin(start)), start
         assert self._items is not None
         for item in self._items:
             self._at += 1
@@ -122,7 +113,8 @@ class FrameSource:
         """Open the files besides the frames. Raises InputError."""
         self.task, self.reader = task, task.reader
         self.capture = task.kind.prepare(task.scene, task.reader)
-        self._cursor = Cursor[list[Frame]](self._begin, self._anew)
+        # of the task as it is by then
+        self._cursor = Cursor[list[Frame]](lambda k: self.task.kind.captured(self, k), self._anew)
 
     def _anew(self, start: int) -> int:
         """As how many states it takes to open the set at a state."""
@@ -130,10 +122,6 @@ class FrameSource:
             return 0
         frame = start * self.task.steps
         return (frame - self.reader.first_decoded(frame) + _OPENING) // self.task.steps
-
-    def _begin(self, start: int) -> Iterator[list[Frame]]:
-        """The frames of one state after another, from state `start` on."""
-        return self.task.kind.captured(self, start)
 
     def captured(self, start: int, stop: int) -> Iterator[tuple[int, list[Frame]]]:
         """The frames of the states [start, stop), with the number of the state."""

@@ -98,8 +98,8 @@ class FrameResult:
 
 def process_frame(frames: FramesLike, scene: Scene, index: int) -> FrameResult:
     """Read one frame of a set, as `process` reads it, by its number, or its state's, from 0."""
-    with _captured(frames, scene, index) as (source, number, states):
-        result = source.processed(number, states)
+    with _captured(frames, scene, index) as (source, states):
+        result = source.processed(index, states)
         row = source.task.kind.row(result, scene)
     one_state = Processed(
         scene=scene, model=scene.model, columns=tabulate_set([row]), frames=[result], fitted=None,
@@ -221,15 +221,15 @@ def anchor_preview(frames: FramesLike, scene: Scene, index: int) -> AnchorPrevie
     """
     if scene.polariscope.tells_orders:
         raise InputError("colours_phase_steps_read", name=scene.name)
-    with _captured(frames, scene, index) as (source, _, states):
+    with _captured(frames, scene, index) as (source, states):
         return AnchorPreview(states[0], scene, source.capture)
 
 
 @contextmanager
 def _captured(
     frames: FramesLike, scene: Scene, index: int
-) -> Iterator[tuple[FrameSource, int, list[Frame]]]:
-    """A set that is opened for one of its states, the state's number, and its frames."""
+) -> Iterator[tuple[FrameSource, list[Frame]]]:
+    """A set that is opened for one of its states, and its frames."""
     check_scene(scene)
     with single_threaded(), open_scene_frames(frames, scene) as reader:
         scene = with_file_scale(scene, reader)
@@ -239,7 +239,7 @@ def _captured(
         )
         source = FrameSource(task)
         try:
-            ((number, states),) = source.captured(index, index + 1)
-            yield source, number, states
+            ((_, states),) = source.captured(index, index + 1)
+            yield source, states
         finally:
             source.close()

@@ -99,7 +99,10 @@ class Capture:
 
 @dataclass(frozen=True, kw_only=True)
 class SetFrame:
-    """What every frame of a set has, however it was processed; `failed`: nothing could be found."""
+    """What every frame of a set has, however it was processed: its order's `reading`, if any.
+
+    `failed`: nothing could be found.
+    """
 
     index: int
     name: str
@@ -107,6 +110,7 @@ class SetFrame:
     distance_m: float = float("nan")
     time_s: float | None = None
     pixel_mm: float | None = None
+    reading: OrderReading | None = None
     warnings: tuple[str, ...] = ()
     failed: bool = False
 
@@ -125,6 +129,12 @@ class SetFrame:
         """The last column of frames.csv."""
         return {"warnings": SEPARATOR.join(self.warnings)}
 
+    def maps(self) -> dict[str, Array]:
+        """The maps of its order (rows, cols), by the name of their file; none where it has none."""
+        if self.reading is None:
+            return {}
+        return {"fringe_order": self.reading.order, "confidence": self.reading.confidence}
+
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessedFrame(SetFrame):
@@ -136,7 +146,6 @@ class ProcessedFrame(SetFrame):
     """
 
     normalised: Array
-    reading: OrderReading | None = None
     fit: FrameFit | None = None
     lines: list[Skeleton] = field(default_factory=list)
     noise: float = float("nan")
@@ -171,13 +180,7 @@ class ProcessedFrame(SetFrame):
 
     def maps(self) -> dict[str, Array]:
         """The maps that are written to disk, by the name of their file."""
-        if self.reading is None:
-            return {"normalised": self.normalised}
-        maps = {
-            "normalised": self.normalised,
-            "fringe_order": self.reading.order,
-            "confidence": self.reading.confidence,
-        }
+        maps = {"normalised": self.normalised} | super().maps()
         return maps if self.isoclinic is None else maps | {"isoclinic": self.isoclinic}
 
     def row(self) -> dict[str, Any]:
@@ -204,7 +207,6 @@ class FollowedFrame(SetFrame):
 
     keys: tuple[str, ...]
     tracked: Tracked | None = None
-    reading: OrderReading | None = None
     noise: float = float("nan")
     scene: Scene | None = None
     largest: dict[str, Any] = field(default_factory=dict)

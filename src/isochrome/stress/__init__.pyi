@@ -20,7 +20,6 @@ from .half_plane import (
     stress_components,
     stress_difference,
     stress_trace,
-    uniform_stress,
 )
 from .half_plane_series import SeriesField, SeriesGrid, make_series_grid, series_difference
 from .peak import ShearPeak, largest_shear
@@ -62,5 +61,4 @@ __all__ = [
     "stress_components",
     "stress_difference",
     "stress_trace",
-    "uniform_stress",
 ]

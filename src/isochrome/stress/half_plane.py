@@ -278,11 +278,6 @@ NO_STRESS = RegularStress()
 """Nothing besides the contact's own stress."""
 
 
-def uniform_stress(sigma_x_mpa: float) -> RegularStress:
-    """The same stress along x everywhere, tension positive."""
-    return RegularStress((complex(sigma_x_mpa),))
-
-
 def regular_modes(degree: int) -> tuple[RegularStress, ...]:
     """The 2 degree + 1 real modes up to a degree n: sigma_x = x^n along the surface, and bending.
 

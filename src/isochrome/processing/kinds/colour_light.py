@@ -105,9 +105,8 @@ class ColourLight(FrameKind):
         except InputError as error:
             raise InputError(f"frame {first.index} ({first.name}): {error}") from error
         trusted = np.isfinite(result.signal)
-        mean = np.where(trusted, result.signal, 0.0).sum(axis=-1) / np.maximum(
-            trusted.sum(axis=-1), 1
-        )
+        count = np.maximum(trusted.sum(axis=-1), 1)
+        mean = np.where(trusted, result.signal, 0.0).sum(axis=-1) / count
         return ProcessedFrame(
             **frame_fields(first, scene),
             normalised=np.where(trusted.any(axis=-1), mean, np.nan).astype(np.float32),
@@ -173,9 +172,8 @@ def _specimen(scene: Scene, frame: Frame) -> NDArray[np.bool_] | None:
 def _warnings(reading: ColourReading) -> tuple[str, ...]:
     messages = []
     if reading.lost:
-        messages.append(
-            message("colours_pixels_not_table", strange=100 * reading.strange, chi=reading.chi)
-        )
+        strange = 100 * reading.strange
+        messages.append(message("colours_pixels_not_table", strange=strange, chi=reading.chi))
     elif reading.chi > POOR_CHI:
         messages.append(message("chi_table_does_not", chi=reading.chi))
     exposure = reading.exposure

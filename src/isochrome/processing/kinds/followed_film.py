@@ -100,7 +100,7 @@ class FilmData:
 
     def __init__(self, first: Frame, scene: Scene, capture: Capture) -> None:
         """Take the first frame, which says where pixels are trusted. Raises InputError."""
-        self.first, self.depth = first, capture.bit_depth
+        self.depth = capture.bit_depth
         self.full = full_scale(capture.bit_depth)
         self.gamma = scene.frames.stated_gamma
         self.sign = -1.0 if scene.polariscope.field == "bright" else 1.0

@@ -226,7 +226,7 @@ class ImageOnly(FrameKind):
         self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
     ) -> ProcessedFrame:
         """The order that hangs together with known ones."""
-        return process_image_only(frames[0], scene, capture)
+        return read_alone(frames[0], scene, capture)[0]
 
     def values(self, scene: Scene) -> tuple[str, ...]:
         """Fringe lines, and the orders where one is known."""
@@ -240,21 +240,15 @@ class ImageOnly(FrameKind):
         return ()
 
 
-def process_image_only(
+def read_alone(
     frame: Frame, scene: Scene, capture: Capture, *, inside: NDArray[np.bool_] | None = None
-) -> ProcessedFrame:
+) -> tuple[ProcessedFrame, BackgroundModulation | None]:
     """Normalise a frame without a model, find its fringe skeleton, and read its order.
 
     The order is read where it hangs together with a place of known order; without one there is no
     reading. A frame in which no fringe shows (an unloaded specimen) is kept as it is, and says so.
+    Besides, the ends of the frame's light, None without any.
     """
-    return read_alone(frame, scene, capture, inside=inside)[0]
-
-
-def read_alone(
-    frame: Frame, scene: Scene, capture: Capture, *, inside: NDArray[np.bool_] | None = None
-) -> tuple[ProcessedFrame, BackgroundModulation | None]:
-    """What `process_image_only` finds, and the ends of the frame's light, None without any."""
     linear = to_linear(frame, bit_depth=capture.bit_depth, gamma=scene.frames.first_gamma)
     if inside is not None:
         linear = replace(linear, valid=linear.valid & inside)

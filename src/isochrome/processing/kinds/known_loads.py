@@ -12,7 +12,7 @@ from isochrome.fitting import LOAD
 from isochrome.frames import Frame, FrameReader
 from isochrome.messages import message
 from isochrome.output import with_uncertainty
-from isochrome.processing.kinds.image_only import ImageOnly, process_image_only
+from isochrome.processing.kinds.image_only import ImageOnly, read_alone
 from isochrome.processing.result import EXPLAINED, SPREAD, Capture, ProcessedFrame
 from isochrome.scene import Scene
 
@@ -119,7 +119,7 @@ def _with_orders(
     if rim is not None:
         rows, cols = (np.arange(size) for size in frame.image.shape)
         inside = np.hypot(rows[:, None] - rim.row, cols - rim.col) < WITHIN * rim.radius
-    result = process_image_only(frame, scene, capture, inside=inside)
+    result = read_alone(frame, scene, capture, inside=inside)[0]
     # where nobody asked for orders it is said once, of the set
     image = result.warnings if scene.frames.orders_known else ()
     row = {"fringe_lines": len(result.lines)} | result.columns | columns

@@ -16,6 +16,7 @@ from isochrome.fitting import (
     GAMMA,
     SMOOTH_KEYS,
     Apparatus,
+    FrameFit,
     Tracked,
     Tracker,
     VainSearch,
@@ -263,7 +264,7 @@ class KeyFrames:
             return
         assert complete.fit is not None
         self._tracker = Tracker(
-            _begun(self.scene, complete),
+            _begun(self.scene, complete.fit),
             self.keys,
             bit_depth=self.capture.bit_depth,
             no_load=(self.capture.dark, self.capture.bright),
@@ -335,12 +336,10 @@ class KeyFrames:
         """The values of a frame that was processed wholly, as if they had been tracked."""
         fit = complete.fit
         assert fit is not None
-        values, spread, bound = np.full((3, len(self.keys)), np.nan)
-        for k, key in enumerate(self.keys):
-            if key in fit.keys:
-                j = fit.keys.index(key)
-                values[k], spread[k] = fit.values[j], fit.standard_uncertainty[j]
-                bound[k] = fit.cramer_rao_bound[j]
+        columns = fit.values, fit.standard_uncertainty, fit.cramer_rao_bound
+        known = dict(zip(fit.keys, zip(*columns, strict=True), strict=True))
+        rows = [known.get(key, (np.nan,) * 3) for key in self.keys]
+        values, spread, bound = np.array(rows).T.copy()
         return Tracked(
             values=values,
             standard_uncertainty=spread,
@@ -351,17 +350,15 @@ class KeyFrames:
         )
 
 
-def _begun(scene: Scene, key: ProcessedFrame) -> Scene:
-    """The scene with a key frame's own values, where it has numbers and the frame told them.
+def _begun(scene: Scene, fit: FrameFit) -> Scene:
+    """The scene with the values that were fitted to a key frame, where it has numbers.
 
     What is not tracked, as an unknown gamma or a smooth stress, stays as the key frame says.
     """
-    if key.fit is None or key.failed:
-        return scene
     own = (GAMMA, *SMOOTH_KEYS)
     values = {
         name: float(value)
-        for name, value in zip(key.fit.keys, key.fit.values, strict=True)
+        for name, value in zip(fit.keys, fit.values, strict=True)
         if np.isfinite(value) and (name in own or isinstance(scene.get(name), int | float))
     }
     return scene.with_values(values)

@@ -28,7 +28,7 @@ from isochrome.frames import Frame
 from isochrome.fringes import OrderReading, read_order
 from isochrome.messages import message
 from isochrome.output import counted
-from isochrome.processing.kinds.image_only import process_image_only
+from isochrome.processing.kinds.image_only import read_alone
 from isochrome.processing.kinds.kind import FrameKind
 from isochrome.processing.kinds.largest_order import LARGEST_BY_MODEL, PRESSURE, largest_with_model
 from isochrome.processing.result import (
@@ -85,16 +85,9 @@ def process_with_model(
     `apparatus`, what the frame has in common with the others of its video. InputError on a blank
     frame, PhysicsError where the scene's fringes are not in it.
     """
-    data = prepare_frame(
-        frame,
-        scene,
-        bit_depth=capture.bit_depth,
-        no_load=(capture.dark, capture.bright),
-        gamma_found=True,
-    )
-    notes_before: tuple[str, ...] = ()
+    data = _prepared(frame, scene, capture)
     if apparatus is not None:
-        data, notes_before = apparatus.seen(data), apparatus.warnings
+        data = apparatus.seen(data)
     data, fit, scene, notes, slip = _fitted(
         data, scene, frame, as_stated, followed=apparatus is not None
     )
@@ -104,6 +97,7 @@ def process_with_model(
     gain = np.where(seen.illumination > 0.0, seen.illumination, np.nan)
     signal = np.where(inside, (data.light - seen.background) / gain, np.nan)
     largest, of_largest = largest_with_model(reading, seen, fit.scene, fit)
+    notes += [] if slip else _warnings(fit, reading, lost)
     result = ProcessedFrame(
         **frame_fields(frame) | {"pixel_mm": seen.pixels.pixel_mm},
         normalised=signal.astype(np.float32),
@@ -112,14 +106,16 @@ def process_with_model(
         noise=noise,
         chi=fit.chi,
         largest=largest,
-        warnings=(
-            *notes_before,
-            *notes,
-            *(() if slip else _warnings(fit, reading, lost)),
-            *of_largest,
-        ),
+        warnings=(*(apparatus.warnings if apparatus else ()), *notes, *of_largest),
     )
     return _without_model(result, frame, scene, capture, data, slip) if lost else result
+
+
+def _prepared(frame: Frame, scene: Scene, capture: Capture) -> FrameData:
+    no_load = capture.dark, capture.bright
+    return prepare_frame(
+        frame, scene, bit_depth=capture.bit_depth, no_load=no_load, gamma_found=True
+    )
 
 
 def read_frame(
@@ -152,9 +148,10 @@ def _without_model(
 ) -> ProcessedFrame:
     """A frame whose fit was lost, as the image alone shows it; a `slip` is all that is said."""
     assert lost.fit is not None
+    place = [scene.get(k) if k.startswith("camera.") else None for k in lost.fit.keys]
     # the place that the lost fit ended at says nothing: the specimen is where it began
     inside = evaluate_model(data, scene.with_values({GAMMA: data.gamma})).picture.material
-    image = process_image_only(frame, scene, capture, inside=inside)
+    image = read_alone(frame, scene, capture, inside=inside)[0]
     return replace(
         lost,
         normalised=image.normalised,
@@ -164,11 +161,8 @@ def _without_model(
         fit=replace(
             lost.fit,
             scene=scene,
-            values=np.array(
-                [scene.get(key) if key.startswith("camera.") else None for key in lost.fit.keys],
-                dtype=float,
-            ),
-            standard_uncertainty=np.full(len(lost.fit.keys), np.nan),
+            values=np.array(place, dtype=float),
+            standard_uncertainty=np.full(len(place), np.nan),
         ),
         warnings=(*lost.warnings, *(() if slip else image.warnings)),
     )
@@ -285,10 +279,7 @@ def frame_causes(
 
     PhysicsError where no values give fringes of the right contrast.
     """
-    no_load = capture.dark, capture.bright
-    data = prepare_frame(
-        frame, scene, bit_depth=capture.bit_depth, no_load=no_load, gamma_found=True
-    )
+    data = _prepared(frame, scene, capture)
     data, fit, _, notes, slip = _fitted(data, scene, frame, as_stated=False)
     if slip:
         return notes, "with a slip"
@@ -314,13 +305,8 @@ def _warnings(fit: FrameFit, reading: OrderReading, lost: bool) -> list[str]:
         result.append(message("no_smooth_illumination_fits"))
     near = [m for m in fit.others if m.chi < ALIKE_CHI * fit.chi]
     if near:
-        result.append(
-            message(
-                "fit_nearly_well_give",
-                counted=counted(len(near), "other solution"),
-                value="s" * (len(near) == 1),
-            )
-        )
+        count, verb = counted(len(near), "other solution"), "s" * (len(near) == 1)
+        result.append(message("fit_nearly_well_give", counted=count, value=verb))
     if not fit.converged:
         result.append(message("fit_did_not_converge"))
     if lost:

@@ -125,7 +125,7 @@ def draw_frames(figure: Figure | SubFigure, items: list[Shown]) -> str:
     """Draw frames with their fringes, and beside each its order; what the lines are, in words."""
     read, down, across = _grid(items)
     axes: Any = figure.subplots(down, across, squeeze=False)
-    largest = max((highest_order(item) for item in items), default=1.0)
+    largest = max((_highest_order(item.order) for item in items), default=1.0)
     orders, directions = list[Any](), list[Any]()
     for k, item in enumerate(items):
         ax = axes[k, 0] if read else axes.flat[k]
@@ -251,14 +251,11 @@ def _share_bar(images: list[Any], label: str, *, is_as_high: bool = False) -> No
     add_colour_bar(images, label, length=1.0 if len(images) == 1 else 0.6, is_as_high=is_as_high)
 
 
-def highest_order(item: Shown) -> float:
-    """The order up to which a frame's colours go; 1 where none was read."""
-    return 1.0 if item.order is None else _highest_order(item.order)
-
-
-def _highest_order(order: np.ndarray) -> float:
-    """The order up to which colours go; 1 where none is known."""
-    return float(np.nanpercentile(order, 99.9)) if np.isfinite(order).any() else 1.0
+def _highest_order(order: np.ndarray | None) -> float:
+    """The order up to which a frame's colours go; 1 where none is known."""
+    if order is None or not np.isfinite(order).any():
+        return 1.0
+    return float(np.nanpercentile(order, 99.9))
 
 
 def set_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Shown]) -> Figure:
@@ -353,7 +350,7 @@ def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> Paper
     usual = _usual_frames(table, dataset)
     chosen = chosen_frames(frames, len(table["frame"]), usual)
     items = [_item(table, dataset, k) for k in chosen]
-    largest = max(map(highest_order, items), default=1.0)
+    largest = max((_highest_order(item.order) for item in items), default=1.0)
     read = any(item.order is not None for item in items)
     plots = []
     if result.tracked:
