@@ -102,8 +102,9 @@ def camera(order, inside, rng, noise):
 
 
 def pressed(load_n, rng, *, angle_deg, noise, radius_px=60.0, size=140):
-    """A disc between two point forces, each sigma_r = -2 P cos(t)/(pi d r), d = 1 mm, and an even tension,
-    which makes no difference: Timoshenko & Goodier (1970), Theory of Elasticity, art. 41."""
+    """A disc between two point forces, each sigma_r = -2 P cos(t)/(pi d r), d = 1 mm, and an even
+    tension, which makes no difference: Timoshenko & Goodier (1970), Theory of Elasticity, art. 41.
+    """
     row, col = np.mgrid[:size, :size] - np.array([size / 2 + 1.3, size / 2 - 2.2])[:, None, None]
     scale = 0.5 * DIAMETER / radius_px
     place = scale * (col + 1j * row)
