@@ -38,7 +38,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -88,17 +87,23 @@ def find_place(mutant: Mutant, modules: dict[Path, str]) -> Path:
     return places[0]
 
 
-@cache
-def dumped(text: str) -> str:
-    """What a module means, whatever its layout; many changes are of one module."""
-    return ast.dump(ast.parse(text))
+def same_from(line: int, old: str, new: str) -> bool:
+    """Whether two texts mean the same from a line on, whatever their layout."""
+    one, other = (
+        [node for node in ast.parse(text).body if (node.end_lineno or 0) >= line]
+        for text in (old, new)
+    )
+    return len(one) == len(other) and all(
+        ast.dump(a) == ast.dump(b) for a, b in zip(one, other, strict=True)
+    )
 
 
 def apply_change(mutant: Mutant, modules: dict[Path, str]) -> tuple[Path, str]:
     """The module and its changed text. Raises ValueError, SyntaxError where it is no change."""
     path = find_place(mutant, modules)
-    changed = modules[path].replace(mutant.text, mutant.change)
-    if ast.dump(ast.parse(changed)) == dumped(modules[path]):
+    before, behind = modules[path].split(mutant.text)
+    changed = before + mutant.change + behind
+    if same_from(before.count("\n") + 1, modules[path], changed):
         raise ValueError("the change changes nothing")
     return path, changed
 

@@ -84,47 +84,27 @@ AS_INSTALLED = "[mypy]\nstrict = True\n[mypy-isochrome.*]\nfollow_imports = sile
 """Of an installed package the types are used, and its own modules are not judged."""
 
 
-@pytest.fixture(scope="module")
-def checked(tmp_path_factory):
-    """Judges scripts in a folder, with what was learnt of the package for the scripts before."""
-    learnt = tmp_path_factory.mktemp("learnt")
-
-    def check(folder, *scripts):
-        (folder / "mypy.ini").write_text(AS_INSTALLED)
-        command = [sys.executable, "-m", "mypy", "--show-error-codes", "--cache-dir", str(learnt)]
-        return subprocess.run(
-            [*command, *scripts], cwd=folder,
-            env={"MYPYPATH": str(Path(isochrome.__file__).parents[1])},
-            capture_output=True, text=True, check=False,
-        ).stdout  # fmt: skip
-
-    return check
-
-
 @pytest.mark.long
-def test_a_script_of_the_whole_front_door_passes_and_mistakes_are_seen(tmp_path, checked):
-    (tmp_path / "right.py").write_text(SCRIPT)
+def test_a_script_of_the_whole_front_door_and_the_notebooks_pass_and_mistakes_are_seen(tmp_path):
     wrong = "\n".join(WRONG)
-    (tmp_path / "wrong.py").write_text(f"{SCRIPT}\n{wrong}\n")
-    done = {name: checked(tmp_path, f"{name}.py") for name in ("right", "wrong")}
-    assert done["right"].startswith("Success"), done["right"]
-    lines = done["wrong"].splitlines()
-    first = len(SCRIPT.splitlines()) + 2
-    for number, code in enumerate(WRONG.values(), first):
-        assert any(f"wrong.py:{number}: error" in line and f"[{code}]" in line for line in lines), (
-            number, code, done["wrong"],
-        )  # fmt: skip
-    assert lines[-1].startswith(f"Found {len(WRONG)} errors"), done["wrong"]
-
-
-@pytest.mark.long
-def test_the_notebooks_code_passes_a_strict_check(tmp_path, checked):
+    texts = {"right": SCRIPT, "wrong": f"{SCRIPT}\n{wrong}\n"}
     for path in NOTEBOOKS:
         code = "\n".join("".join(cell["source"]) for cell in code_cells(path))
-        name = path.stem.replace("-", "_")
-        (tmp_path / f"{name}.py").write_text(code.replace("%matplotlib inline", ""))
-    done = checked(tmp_path, ".")
-    assert done.startswith("Success"), done
+        texts[path.stem.replace("-", "_")] = code.replace("%matplotlib inline", "")
+    for name, text in texts.items():
+        (tmp_path / f"{name}.py").write_text(text)
+    (tmp_path / "mypy.ini").write_text(AS_INSTALLED)
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy", "--show-error-codes", "."], cwd=tmp_path,
+        env={"MYPYPATH": str(Path(isochrome.__file__).parents[1])},
+        capture_output=True, text=True, check=False,
+    ).stdout  # fmt: skip
+    lines = done.splitlines()
+    first = len(SCRIPT.splitlines()) + 2
+    for number, code in enumerate(WRONG.values(), first):
+        seen = any(f"wrong.py:{number}: error" in line and f"[{code}]" in line for line in lines)
+        assert seen, (number, code, done)
+    assert lines[-1].startswith(f"Found {len(WRONG)} errors in 1 file"), done
 
 
 def test_what_the_front_door_offers_is_shown():

@@ -45,6 +45,8 @@ def span_of(orders):
 
 @pytest.mark.long
 def test_what_is_said_beforehand_is_what_the_map_then_is(bench):
+    part = {"top_px": 200, "left_px": 0, "height_px": 290, "width_px": 400}
+    apply_tool(bench, {"tool": "region", "region": part})
     preview = ClickPreview(bench)
     first = preview.answer(0, asked([POINT]))
     assert first["kind"] == "new" and "no order is known in it yet" in first["words"]
@@ -109,9 +111,10 @@ def test_what_fits_no_fringe_or_would_be_refused_is_an_answer_and_changes_nothin
     assert preview.answer(9, asked([POINT]))["kind"] == "nothing"
 
 
-@pytest.mark.long
 def test_a_frame_is_followed_once_for_all_places_that_are_asked(bench, monkeypatch):
     """To follow it takes over a second, to ask a place of it a tenth."""
+    part = {"top_px": 380, "left_px": 0, "height_px": 110, "width_px": 200}
+    apply_tool(bench, {"tool": "region", "region": part})
     followed = []
 
     def counted(frames, scene, index):
