@@ -181,9 +181,9 @@ def test_off_the_specimen_a_simulated_frame_is_not_known(tmp_path):
     found = load_frame_set(tmp_path / "sim")
     np.testing.assert_array_equal(np.isnan(found.signal), np.isnan(found.order))
     assert np.isnan(found.signal[:, :9]).all() and np.isfinite(found.signal[:, 9:]).any()
-    counts = np.array([[[0, 1023], [511, 256]]] * 2, dtype=np.uint16)
+    counts = np.array([[[0, 65535], [511, 256]]] * 2, dtype=np.uint16)
     write_tiff(tmp_path / "bare.tif", counts, pixel_mm=PIXEL_MM)
-    found = load_frame_set(tmp_path / "bare.tif", bit_depth=10)
+    found = load_frame_set(tmp_path / "bare.tif")
     assert found.signal.shape == (2, 2, 2) and found.signal.max() == 1.0 and found.order is None
     assert found.pixel_mm == pytest.approx(PIXEL_MM, rel=1e-5) and found.label(1) == "frame 1"
 

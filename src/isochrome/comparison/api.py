@@ -19,6 +19,7 @@ from isochrome.comparison.frame_sets import (
     compare_frames,
     frame_pairs,
     load_frame_set,
+    place_of_pair,
 )
 from isochrome.comparison.scar_comparison import ScarComparison, compare_scars
 from isochrome.errors import InputError
@@ -107,18 +108,15 @@ def side_by_side_panels(
     pairs = frame_pairs(experiment, simulation)
     shown = chosen_frames(frames, len(pairs), _evenly_spaced(len(pairs), _ROWS_FOR_PAPER))
     chosen = [(*pairs[k], metrics[k]) for k in shown]
-    of_order = any(numbers.orders is not None for *_, numbers in chosen)
-    images, grey, limit = _images_of(experiment, simulation, chosen, of_order)
-    place = place_of_pair(experiment, simulation)
+    pictures = _pictures_of(experiment, simulation, chosen)
 
     def draw(axes: Axes, k: int, column: int) -> AxesImage:
-        cmap, (low, high) = (FRAME_MAP, grey) if column < 2 else (DIFFERENCE_MAP, (-limit, limit))
-        drawn = show_image(axes, images[k][column], cmap=cmap, vmin=low, vmax=high, **place)
+        drawn = pictures.show(axes, k, column)
         if column == 0:
-            _draw_lines(axes, simulation, chosen[k][1], place)
+            _draw_lines(axes, simulation, chosen[k][1], pictures.place)
         return drawn
 
-    bars = ("", "", f"difference of {_of_what(of_order)}")
+    bars = ("", "", pictures.bar)
     names = ("experiment", "simulation", "difference")
     labels = [plain_name(numbers.label, _LABEL_LENGTH) for *_, numbers in chosen]
     notes = [f"{own}: {_caption(row[2])}" for own, row in zip(labels, chosen, strict=True)]
@@ -189,14 +187,13 @@ def plot_side_by_side(
     of_order = here.order is not None and there.order is not None
     own, model = (part.only(at) for part, at in zip((here, there), pairs[frame], strict=True))
     (numbers,) = compare_frames(own, model)
-    (images,), grey, limit = _images_of(own, model, [(0, 0, numbers)], of_order)
-    place = place_of_pair(here, there)
-    panels = three_axes(images[0].shape) if axes is None else list(axes)
+    pictures = _pictures_of(own, model, [(0, 0, numbers)], of_order)
+    panels = three_axes(own.signal.shape[1:]) if axes is None else list(axes)
     label = plain_name(here.label(pairs[frame][0]), _LABEL_LENGTH)
-    drawn = _draw_row(panels, images, grey, limit, label, place)
+    drawn = pictures.show_row(panels, 0, label)
     if lines:
-        _draw_lines(panels[0], model, 0, place)
-    add_colour_bar(drawn, f"difference of {_of_what(of_order)}")
+        _draw_lines(panels[0], model, 0, pictures.place)
+    add_colour_bar(drawn, pictures.bar)
     return panels[0], panels[1], panels[2]
 
 
@@ -212,35 +209,38 @@ def three_axes(shape: tuple[int, ...]) -> list[Axes]:
     return list(result[1])
 
 
-def place_of_pair(experiment: ComparedFrames, simulation: ComparedFrames) -> Place:
-    """Where the frames of two sets lie."""
-    known = simulation if simulation.pixel_mm is not None else experiment
-    return {"pixel_mm": known.pixel_mm, "left_mm": known.left_mm, "top_mm": known.top_mm}
+@dataclass(frozen=True)
+class _Pictures:
+    """Pairs of frames with their differences, as they are drawn.
 
+    `grey`, the range that 99 % of the pixels fill, and `limit`, that of the differences;
+    `of_order`, whether these are in fringes, else in signal units; `place`, where frames lie.
+    """
 
-def _of_what(of_order: bool) -> str:
-    return "fringe order (fringes)" if of_order else "signal (0 to 1)"
+    images: list[_Images]
+    grey: tuple[float, float]
+    limit: float
+    of_order: bool
+    place: Place
 
+    @property
+    def bar(self) -> str:
+        """What stands beside the colours of the differences."""
+        what = "fringe order (fringes)" if self.of_order else "signal (0 to 1)"
+        return f"difference of {what}"
 
-def _draw_row(
-    panels: Sequence[Axes],
-    images: _Images,
-    grey: tuple[float, float],
-    limit: float,
-    label: str,
-    place: Place,
-) -> AxesImage:
-    """Experiment, simulation and their difference on three Axes. Returns the difference's image."""
-    styles = (
-        (f"experiment: {label}", FRAME_MAP, grey),
-        ("simulation", FRAME_MAP, grey),
-        ("experiment − simulation", DIFFERENCE_MAP, (-limit, limit)),
-    )
-    drawn = [
-        show_image(axes, image, cmap=cmap, vmin=low, vmax=high, title=title, **place)
-        for axes, image, (title, cmap, (low, high)) in zip(panels, images, styles, strict=True)
-    ]
-    return drawn[-1]
+    def show(self, axes: Axes, row: int, column: int, title: str = "") -> AxesImage:
+        """Experiment, simulation or their difference of a pair."""
+        ends = self.grey if column < 2 else (-self.limit, self.limit)
+        look: Any = {"cmap": FRAME_MAP if column < 2 else DIFFERENCE_MAP, "title": title}
+        image = self.images[row][column]
+        return show_image(axes, image, vmin=ends[0], vmax=ends[1], **look, **self.place)
+
+    def show_row(self, panels: Sequence[Axes], row: int, label: str) -> AxesImage:
+        """All three of a pair on three Axes. Returns the difference's image."""
+        titles = (f"experiment: {label}", "simulation", "experiment − simulation")
+        places = enumerate(zip(panels, titles, strict=True))
+        return [self.show(axes, row, column, title) for column, (axes, title) in places][-1]
 
 
 def _draw_lines(axes: Axes, simulation: ComparedFrames, index: int, place: Place) -> None:
@@ -259,13 +259,15 @@ _Images = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
 """The signals of a pair, and experiment - simulation in fringes or in signal units."""
 
 
-def _images_of(
+def _pictures_of(
     experiment: ComparedFrames,
     simulation: ComparedFrames,
     rows: Sequence[tuple[int, int, FrameMetrics]],
-    of_order: bool,
-) -> tuple[list[_Images], tuple[float, float], float]:
-    """Images of some pairs, the grey range that 99 % of the pixels fill, and the gaps' limit."""
+    of_order: bool | None = None,
+) -> _Pictures:
+    """Pictures of some pairs; their differences are in fringes where any has metrics of orders."""
+    if of_order is None:
+        of_order = any(numbers.orders is not None for *_, numbers in rows)
     images: list[_Images] = []
     for here, there, numbers in rows:
         measured, model = experiment.signal[here], simulation.signal[there]
@@ -277,7 +279,11 @@ def _images_of(
     bounds = [np.nanpercentile(image, (0.5, 99.5)) for row in images for image in row[:2]]
     low, high = float(np.min(bounds)), float(np.max(bounds))
     grey = (low, high) if high > low else (low - 0.5, high + 0.5)
-    return images, grey, centred_limit(*(gap for *_, gap in images))
+    known = simulation if simulation.pixel_mm is not None else experiment
+    place: Place = {
+        "pixel_mm": known.pixel_mm, "left_mm": known.left_mm, "top_mm": known.top_mm,
+    }  # fmt: skip
+    return _Pictures(images, grey, centred_limit(*(gap for *_, gap in images)), of_order, place)
 
 
 def _evenly_spaced(count: int, most: int) -> list[int]:
@@ -334,19 +340,18 @@ def comparison_report(
     pairs = frame_pairs(experiment, simulation)
     of_order = any(m.orders is not None for m in metrics)
     rows = [(*pairs[one.number], metrics[one.number]) for one in chosen]
-    images, grey, limit = _images_of(experiment, simulation, rows, of_order)
-    place = place_of_pair(experiment, simulation)
+    pictures = _pictures_of(experiment, simulation, rows, of_order)
     frames = [
         ReportFrame(
             number=numbers.frame,
             label=numbers.label,
             why=one.why.replace("chi", "difference"),
-            panes=_panes(image, grey, limit, of_order),
+            panes=_panes(pictures, row),
             order=None if experiment.order is None else experiment.order[here],
             model_order=None if simulation.order is None else simulation.order[there],
-            **place,
+            **pictures.place,
         )
-        for one, image, (here, there, numbers) in zip(chosen, images, rows, strict=True)
+        for row, (one, (here, there, numbers)) in enumerate(zip(chosen, rows, strict=True))
     ]
     few = ", for the reason that stands beside each" if len(chosen) < len(metrics) else ""
     return ReportContent(
@@ -364,13 +369,10 @@ def comparison_report(
     )
 
 
-def _panes(
-    images: _Images, grey: tuple[float, float], limit: float, of_order: bool
-) -> tuple[Pane, ...]:
+def _panes(pictures: _Pictures, row: int) -> tuple[Pane, ...]:
     """The pictures of a pair: both on one range of grey, and their difference."""
-    own, model, gap = images
-    unit = FRINGES if of_order else SIGNAL
-    of_what = "order N" if of_order else "light"
+    (own, model, gap), grey, limit = pictures.images[row], pictures.grey, pictures.limit
+    unit, of_what = (FRINGES, "order N") if pictures.of_order else (SIGNAL, "light")
     return (
         Pane("experiment", "experiment", own, grey, SIGNAL),
         Pane("simulation", "simulation", model, grey, SIGNAL),

@@ -474,7 +474,7 @@ SetToCompare = FramesLike | Processed | Simulation | ComparedFrames
 """A frame set as a caller may give it: a result's folder, a result in memory, or frames."""
 
 
-def load_frame_set(given: SetToCompare, *, bit_depth: int | None = None) -> ComparedFrames:
+def load_frame_set(given: SetToCompare) -> ComparedFrames:
     """Load frames (frame, row, col) to compare, as a signal of 0 to 1.
 
     Of a result, in memory or a folder: `normalised.tif` or `frames.tif`, `fringe_order.tif`, labels
@@ -485,15 +485,15 @@ def load_frame_set(given: SetToCompare, *, bit_depth: int | None = None) -> Comp
     if isinstance(given, ComparedFrames):
         return given
     if isinstance(given, Processed | Simulation):
-        return _of_result(given, bit_depth)
+        return _of_result(given)
     if isinstance(given, str | Path):
         place = Path(given)
         if not place.exists():
             raise InputError("no_such_file_folder", place=place)
         for signal_name, table_name in _SIGNALS:
             if place.is_dir() and (place / signal_name).exists():
-                return _load_result(place, signal_name, table_name, bit_depth)
-    with open_frames(given, bit_depth=bit_depth) as reader:
+                return _load_result(place, signal_name, table_name)
+    with open_frames(given) as reader:
         images = [scaled(frame.image, reader.bit_depth) for frame in reader]
         scale = reader.pixel_mm
     if not images:
@@ -501,7 +501,7 @@ def load_frame_set(given: SetToCompare, *, bit_depth: int | None = None) -> Comp
     return ComparedFrames(signal=np.stack(images), pixel_mm=scale)
 
 
-def _of_result(result: Processed | Simulation, bit_depth: int | None) -> ComparedFrames:
+def _of_result(result: Processed | Simulation) -> ComparedFrames:
     """The frames of a result whose maps are in memory, at the place that was found."""
     if isinstance(result, Simulation):
         stack, order, scene = result.frames, result.orders, result.scene
@@ -514,7 +514,7 @@ def _of_result(result: Processed | Simulation, bit_depth: int | None) -> Compare
     if PICTURE in table:
         table = _of_pictures(table, [at is not None for at in table[PICTURE]])
     return _compared(
-        stack, order, tomllib.loads(dump_scene(scene)), table, bit_depth, name=result.title,
+        stack, order, tomllib.loads(dump_scene(scene)), table, name=result.title,
         simulated=isinstance(result, Simulation),
     )  # fmt: skip
 
@@ -531,9 +531,7 @@ def _maps_of(result: Processed) -> tuple[NDArray[Any] | None, NDArray[Any] | Non
     return stack, np.stack([reading.order if reading else blank for reading in readings])
 
 
-def _load_result(
-    folder: Path, signal_name: str, table_name: str, bit_depth: int | None
-) -> ComparedFrames:
+def _load_result(folder: Path, signal_name: str, table_name: str) -> ComparedFrames:
     opened_record(folder, (signal_name, _ORDER, table_name, "scene.toml"))
     stack = _read_stack(folder / signal_name)
     order = _read_stack(folder / _ORDER) if (folder / _ORDER).exists() else None
@@ -546,7 +544,7 @@ def _load_result(
     fitted = folder / "fitted_scene.toml"  # with the place that was found
     return _compared(
         stack, order, _scene(fitted if fitted.is_file() else folder / "scene.toml"), table,
-        bit_depth, name=str(folder / signal_name), simulated=signal_name == "frames.tif",
+        name=str(folder / signal_name), simulated=signal_name == "frames.tif",
         pixel_mm=read_pixel_mm(folder / signal_name),
     )  # fmt: skip
 
@@ -556,7 +554,6 @@ def _compared(
     order: NDArray[Any] | None,
     scene: dict[str, Any],
     table: Mapping[str, Sequence[Any]],
-    bit_depth: int | None,
     *,
     name: str,
     simulated: bool,
@@ -567,8 +564,7 @@ def _compared(
     `scene`, its tables; `table`, the columns of frames.csv or history.csv.
     """
     camera = scene.get("camera", {})
-    light = scaled(stack, bit_depth or camera.get("bit_depth"))
-    signal = _one_channel(light, scene)
+    signal = _one_channel(scaled(stack, camera.get("bit_depth")), scene)
     steps = len(scene.get("polariscope", {}).get("step", ()))
     if order is not None and steps > 1 and len(signal) == steps * len(order):
         raise InputError("phase_stepped_set_frames", name=name, steps=steps, order_count=len(order))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -194,37 +195,31 @@ class Swept(Result):
         return sweep_figure(tuple(self.axes), self.columns)
 
 
-@dataclass(frozen=True)
-class _Work:
-    """Simulates points of a grid; one that physics refuses is left empty, with the reason."""
-
-    grid: SweepGrid
-    layout: RunLayout
-
-    def __call__(self, start: int, stop: int) -> Results:
-        arrays: dict[str, list[np.ndarray]] = {layer.name: [] for layer in self.layout.layers}
-        shape = tuple(self.layout.shape.values())
-        table, more = [], []
-        for index in range(start, stop):
-            history: dict[str, list[Any]] = {}
-            reason = ""
-            try:
-                result = simulate(self.grid.scene_at(index))
-                assert result.orders is not None and result.frames is not None
-                pictures = {ORDER.name: result.orders, GREY.name: result.frames}
-                history = result.history
-            except PhysicsError as error:
-                reason = str(error)
-                pictures = dict.fromkeys(arrays, np.full(shape, np.nan, np.float32))
-            for name, selected in arrays.items():
-                selected.append(pictures[name].astype(np.float32))
-            plain = {
-                name: [v.item() if isinstance(v, np.generic) else v for v in values]
-                for name, values in history.items()
-            }
-            table.append({"history": plain, "reason": reason})
-            more.append({"status": "failed" if reason else "ok"})
-        return Results({name: np.stack(selected) for name, selected in arrays.items()}, table, more)
+def _simulated(grid: SweepGrid, layout: RunLayout, start: int, stop: int) -> Results:
+    """The points [start, stop) of a grid; one that physics refuses is empty, with the reason."""
+    arrays: dict[str, list[np.ndarray]] = {layer.name: [] for layer in layout.layers}
+    shape = tuple(layout.shape.values())
+    table, more = [], []
+    for index in range(start, stop):
+        history: dict[str, list[Any]] = {}
+        reason = ""
+        try:
+            result = simulate(grid.scene_at(index))
+            assert result.orders is not None and result.frames is not None
+            pictures = {ORDER.name: result.orders, GREY.name: result.frames}
+            history = result.history
+        except PhysicsError as error:
+            reason = str(error)
+            pictures = dict.fromkeys(arrays, np.full(shape, np.nan, np.float32))
+        for name, selected in arrays.items():
+            selected.append(pictures[name].astype(np.float32))
+        plain = {
+            name: [v.item() if isinstance(v, np.generic) else v for v in values]
+            for name, values in history.items()
+        }
+        table.append({"history": plain, "reason": reason})
+        more.append({"status": "failed" if reason else "ok"})
+    return Results({name: np.stack(selected) for name, selected in arrays.items()}, table, more)
 
 
 def sweep(
@@ -301,7 +296,7 @@ def sweep(
     seed = scene.camera.seed if scene.camera else None
     axes = {key: list(values) for key, values in grid.values.items()}
     identity = run_identity(dump_scene(scene), scene.files(of_frames=False), axes, seed)
-    job = Job(_Work(grid, layout), layout, identity)
+    job = Job(partial(_simulated, grid, layout), layout, identity)
     run_job(
         job,
         out,
