@@ -1,7 +1,6 @@
 from .covariance import (
     block_correlation,
     gradient_covariance,
-    information_bound,
     is_determined,
     jackknife_variance,
     line_correlation,
@@ -10,7 +9,6 @@ from .covariance import (
     sandwich,
     standard_uncertainty,
     white_covariance,
-    white_middle,
 )
 from .intensity import (
     STEP,
@@ -132,7 +130,6 @@ __all__ = [
     "fit_intensity",
     "frame_light",
     "gradient_covariance",
-    "information_bound",
     "is_determined",
     "is_explained",
     "jackknife_variance",
@@ -167,6 +164,5 @@ __all__ = [
     "total_degree",
     "variance_shares",
     "white_covariance",
-    "white_middle",
     "with_chosen_terms",
 ]
