@@ -6,7 +6,7 @@ import pytest
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import (
     Bounds,
-    evaluate,
+    evaluate_prepared,
     fit_intensity,
     polynomial_basis,
     prepare,
@@ -110,9 +110,10 @@ def test_a_wrong_solution_shows_in_chi():
     image = frame(np.random.default_rng(2))
     wrong = fit_intensity(image, response, TRUTH * [1.4, 1, 1], sigma=NOISE, scale=SCALE, **MAPS)
     assert wrong.chi > 1.5 or not wrong.positive
-    inverted = evaluate(image, 1.0 - response(TRUTH), sigma=NOISE, **MAPS)
+    problem = prepare(image, mask=None, sigma=NOISE, **MAPS)
+    inverted = evaluate_prepared(problem, 1.0 - response(TRUTH))
     assert inverted.chi == np.inf and not inverted.positive
-    assert evaluate(image, response(TRUTH), sigma=NOISE, **MAPS).chi == pytest.approx(1, abs=0.03)
+    assert evaluate_prepared(problem, response(TRUTH)).chi == pytest.approx(1, abs=0.03)
 
 
 def test_several_starts_find_the_truth_and_name_the_others():
@@ -174,7 +175,7 @@ def test_bad_arguments_are_refused():
     with pytest.raises(InputError, match="own grid"):
         fit_intensity(image, response, TRUTH, illumination=LIGHT[:, 1:], background=DARK)
     with pytest.raises(InputError, match="sigma"):
-        evaluate(image, response(TRUTH), sigma=0.0, **MAPS)
+        prepare(image, mask=None, sigma=0.0, **MAPS)
     with pytest.raises(InputError, match="not finite at the start"):
         fit_intensity(image, lambda p: np.full(image.shape, np.nan), TRUTH, **MAPS)
     mask = np.zeros(image.shape, bool)

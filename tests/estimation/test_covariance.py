@@ -5,7 +5,6 @@ import pytest
 
 from isochrome.estimation import (
     block_correlation,
-    information_bound,
     is_determined,
     jackknife_variance,
     standard_uncertainty,
@@ -83,7 +82,7 @@ def test_an_unknown_that_changes_nothing_is_not_determined():
     information = np.array([[4.0, 0.0], [0.0, 1e-12]])
     told = is_determined(information, np.array([5.0, 1.0]))
     assert told.tolist() == [True, False]
-    bound = information_bound(np.diag([0.25, 1e12]), told)
+    bound = standard_uncertainty(np.diag([0.25, 1e12]), told)
     assert bound.tolist() == [0.5, np.inf]
     spread = standard_uncertainty(np.diag([0.49, 1e12]), told)
     assert spread.tolist() == [0.7, np.inf]

@@ -6,7 +6,7 @@ import pytest
 from fitting.engine_frames import prepared
 from isochrome.contact import elastic_constants
 from isochrome.errors import PhysicsError
-from isochrome.estimation import evaluate
+from isochrome.estimation import evaluate_prepared, prepare
 from isochrome.fitting import placed
 from isochrome.fitting.search.coarse_fields import (
     THETA,
@@ -222,10 +222,11 @@ def test_the_light_of_a_batch_is_eliminated_as_that_of_one_frame():
     for signal, chi, light in zip(signals, found.chi, found.light, strict=True):
         image = np.zeros(keep.shape)
         image[keep] = signal
-        one = evaluate(
-            thin.light, image, illumination=thin.illumination, background=thin.background,
-            mask=keep, sigma=thin.sigma,
+        problem = prepare(
+            thin.light, mask=keep, sigma=thin.sigma,
+            illumination=thin.illumination, background=thin.background,
         )  # fmt: skip
+        one = evaluate_prepared(problem, image)
         # normal equations of numbers of order 1e5 to 1e9, with a ridge of 1e-9
         assert chi == pytest.approx(one.chi, rel=1e-5)
         np.testing.assert_allclose(light, one.illumination_coefficients, rtol=1e-3, atol=1e-4)

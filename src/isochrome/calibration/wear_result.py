@@ -425,10 +425,11 @@ class WearCalibration(Result):
 
     def to_json(self) -> dict[str, Any]:
         """The result as plain numbers, texts and lists for `calibration.json`."""
+        freedom = self.degrees_of_freedom
         return {
             "coefficient_mm2_per_n": self.coefficient_mm2_per_n,
             "standard_uncertainty": self.standard_uncertainty,
-            "degrees_of_freedom": finite_or_none(self.degrees_of_freedom),
+            "degrees_of_freedom": freedom if np.isfinite(freedom) else None,
             "interval_95": list(self.interval_95),
             "chi": self.chi,
             "law": self.law,
@@ -438,11 +439,6 @@ class WearCalibration(Result):
             "budget": [item.to_json() for item in self.budget],
             **warnings_json(self.warnings),
         }
-
-
-def finite_or_none(value: float) -> float | None:
-    """A number, None where it is not finite, for JSON."""
-    return value if np.isfinite(value) else None
 
 
 MOST_ROWS = 6

@@ -19,7 +19,6 @@ from isochrome.comparison.frame_sets import (
     compare_frames,
     frame_pairs,
     load_frame_set,
-    place_of_pair,
 )
 from isochrome.comparison.scar_comparison import ScarComparison, compare_scars
 from isochrome.errors import InputError
@@ -91,7 +90,8 @@ def side_by_side(
     pairs = frame_pairs(experiment, simulation)
     rows = tuple(_evenly_spaced(len(pairs), MOST_ROWS))
     panels = side_by_side_panels(experiment, simulation, metrics, rows)
-    foot = _foot_text(len(rows), len(pairs), place_of_pair(experiment, simulation)["pixel_mm"])
+    known = simulation if simulation.pixel_mm is not None else experiment
+    foot = _foot_text(len(rows), len(pairs), known.pixel_mm)
     return panels_figure(replace(panels, notes=[*panels.notes[: len(rows)], foot]), "")
 
 

@@ -1,7 +1,6 @@
 from .covariance import (
     block_correlation,
     gradient_covariance,
-    information_bound,
     is_determined,
     jackknife_variance,
     line_correlation,
@@ -10,7 +9,6 @@ from .covariance import (
     sandwich,
     standard_uncertainty,
     white_covariance,
-    white_middle,
 )
 from .intensity import (
     STEP,
@@ -33,7 +31,6 @@ from .least_squares import (
     damped,
     damped_step,
     damped_steps,
-    evaluate,
     evaluate_prepared,
     minimise,
     minimise_all,
@@ -126,13 +123,11 @@ __all__ = [
     "damped_step",
     "damped_steps",
     "degrees_of",
-    "evaluate",
     "evaluate_prepared",
     "evidence_gain",
     "fit_intensity",
     "frame_light",
     "gradient_covariance",
-    "information_bound",
     "is_determined",
     "is_explained",
     "jackknife_variance",
@@ -167,6 +162,5 @@ __all__ = [
     "total_degree",
     "variance_shares",
     "white_covariance",
-    "white_middle",
     "with_chosen_terms",
 ]

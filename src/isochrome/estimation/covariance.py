@@ -39,25 +39,17 @@ UNDETERMINED = 1e-10
 """Part of a parameter's effect that illumination and background must leave to determine it."""
 
 
-def white_middle(rows: Array, residual: Array) -> Array:
-    """The middle Σ r² j jᵀ (p, p) of White's covariance, of rows j (p, n), over the noise as r is.
-
-    It is the gradient's covariance as the residuals show it.
-    """
-    weighted = rows * residual
-    return np.asarray((weighted @ weighted.T).astype(float))
-
-
 def gradient_covariance(rows: Array, residual: Array, keep: Mask) -> Array:
     """The gradient's covariance as the residuals show it, with what neighbours and lines share.
 
-    White's middle, times the residuals' correlation over blocks; and where rows or columns show
-    more than these, what Σ g gᵀ of their sums g = Σ r j along each is more. Source: White (1980),
-    Econometrica 48, 817; for sums along two directions Cameron, Gelbach & Miller (2011), J. Bus.
-    Econ. Stat. 29, 238.
+    White's middle Σ r² j jᵀ (p, p), times the residuals' correlation over blocks; and where rows or
+    columns show more than these, what Σ g gᵀ of their sums g = Σ r j along each is more. Source:
+    White (1980), Econometrica 48, 817; for sums along two directions Cameron, Gelbach & Miller
+    (2011), J. Bus. Econ. Stat. 29, 238.
     """
     wider = block_correlation(keep, residual)
-    near = white_middle(rows, residual) * wider
+    weighted = rows * residual
+    near = np.asarray((weighted @ weighted.T).astype(float) * wider)
     middle = near
     for axis in (0, 1):
         if line_correlation(keep, residual, axis) <= wider:
@@ -108,7 +100,11 @@ def jackknife_variance(values: Array) -> Array:
 
 
 def standard_uncertainty(covariance: Array, determined: Mask) -> Array:
-    """Roots of a covariance's diagonal (p,), inf where an unknown is not determined."""
+    """Roots of a covariance's diagonal (p,), inf where an unknown is not determined.
+
+    Of an inverse information F⁻¹ they are the Cramér-Rao bound, below which no unbiased estimate
+    is. Source: Kay (1993), Fundamentals of Statistical Signal Processing I, section 3.7.
+    """
     return np.where(determined, np.sqrt(np.maximum(np.diag(covariance), 0.0)), np.inf)
 
 
@@ -119,15 +115,6 @@ def is_determined(information: Array, squares: Array) -> Mask:
     them known.
     """
     return np.asarray(np.diag(information) > UNDETERMINED * squares)
-
-
-def information_bound(inverse: Array, determined: Mask) -> Array:
-    """The Cramér-Rao bound sqrt(diag(F⁻¹)), inf where an unknown is not determined.
-
-    No unbiased estimate has a smaller standard uncertainty. Source: Kay (1993), Fundamentals of
-    Statistical Signal Processing I, section 3.7.
-    """
-    return standard_uncertainty(inverse, determined)
 
 
 def block_correlation(keep: Mask, residual: Array, *, most_px: int = 16) -> float:

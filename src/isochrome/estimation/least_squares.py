@@ -131,28 +131,11 @@ def solve_linear(problem: SeparableProblem, signal: Array) -> LinearPart:
     )
 
 
-def evaluate(
-    image: ArrayLike,
-    signal: ArrayLike,
-    *,
-    illumination: Array,
-    background: Array,
-    mask: NDArray[np.bool_] | None = None,
-    sigma: ArrayLike = 1.0,
-) -> Evaluation:
-    """How well a fixed signal, 0..1, explains a frame, with the best illumination and background.
+def evaluate_prepared(problem: SeparableProblem, signal: Array) -> Evaluation:
+    """How well a fixed signal (rows, cols), 0..1, explains a frame, with the best light for it.
 
     `chi` is inf where the illumination comes out negative: such a signal has the wrong contrast.
-    InputError where shapes do not agree.
     """
-    problem = prepare(
-        image, mask=mask, sigma=sigma, illumination=illumination, background=background
-    )
-    return evaluate_prepared(problem, np.asarray(signal, dtype=float))
-
-
-def evaluate_prepared(problem: SeparableProblem, signal: Array) -> Evaluation:
-    """`evaluate` of a frame that is prepared already: a scan's inner step."""
     split = len(problem.light)
     values = signal[problem.keep]
     if not np.all(np.isfinite(values)):

@@ -27,12 +27,12 @@ from isochrome.estimation import (
     Prior,
     SeparableProblem,
     damped_step,
-    information_bound,
     is_determined,
     no_prior,
     promised_gain,
     scaled_inverse,
     solve_linear,
+    standard_uncertainty,
     white_covariance,
 )
 from isochrome.fitting.arrays import Array, Mask
@@ -406,7 +406,7 @@ class LocalModel:
     @property
     def bound(self) -> Array:
         """Cramér-Rao bound of each unknown (p,), inf where it is not determined."""
-        return information_bound(self.inverse, self.determined)
+        return standard_uncertainty(self.inverse, self.determined)
 
     def covariance(self, gamma_fit: GammaFit, noise: Array | None = None) -> Array:
         """Covariance of the values by noise (p, p), by default what `gamma_fit` has left (n,)."""

@@ -17,7 +17,6 @@ from isochrome.estimation import (
     FrameData,
     budget_of,
     budgets_of,
-    information_bound,
     is_determined,
     minimise,
     sandwich,
@@ -433,7 +432,7 @@ class JointProblem:
         inverse = scaled_inverse(normal.normal, CUTOFF)
         information = normal.normal - self.prior.normal if self.prior.any else normal.normal
         determined = is_determined(information, normal.squares) | (self.prior.weight > 0.0)
-        bound = information_bound(inverse, determined)
+        bound = standard_uncertainty(inverse, determined)
         for unknown, limit in zip(self.sequence.unknowns, bound.tolist(), strict=True):
             if unknown.shared and not np.isfinite(limit):
                 raise PhysicsError("does_not_change_fringes", key=unknown.key)

@@ -9,7 +9,6 @@ from isochrome.errors import PhysicsError
 from isochrome.estimation import (
     CUTOFF,
     budgets_of,
-    information_bound,
     scaled_inverse,
     standard_uncertainty,
 )
@@ -130,7 +129,7 @@ def with_scars(joint: JointFit, single_fit: FrameFit) -> JointFit:
         joint,
         values=values,
         standard_uncertainty=standard_uncertainty(covariance, every),
-        cramer_rao_bound=information_bound(inverse, every),
+        cramer_rao_bound=standard_uncertainty(inverse, every),
         covariance=covariance,
         information=information,
         chi=float(np.sqrt(cost / freedom)),
