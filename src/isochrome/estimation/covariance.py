@@ -47,8 +47,8 @@ def gradient_covariance(rows: Array, residual: Array, keep: Mask) -> Array:
     White (1980), Econometrica 48, 817; for sums along two directions Cameron, Gelbach & Miller
     (2011), J. Bus. Econ. Stat. 29, 238.
     """
-    wider = block_correlation(keep, residual)
     weighted = rows * residual
+    wider = block_correlation(keep, residual)
     near = np.asarray((weighted @ weighted.T).astype(float) * wider)
     middle = near
     for axis in (0, 1):
