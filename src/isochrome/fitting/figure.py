@@ -89,6 +89,16 @@ def show_residual(axis: Axes, data: FrameData, model: Array, mask: Mask, **optio
     show_image(axis, residual, cmap=DIFFERENCE_MAP, vmin=-5, vmax=5, colour_label=label, **options)
 
 
+def _panels(count: int, columns: int, width: float, height: float) -> tuple[Figure, list[Any]]:
+    """A figure of `count` panels of a width and height (inches), and their axes."""
+    rows = -(-count // columns)
+    figure = new_figure(width * columns, height * rows + 0.4)
+    axes = list(figure.subplots(rows, columns, squeeze=False).flat)
+    for axis in axes[count:]:
+        axis.set_axis_off()
+    return figure, axes
+
+
 def over_distance_figure(name: str, result: Fit) -> Figure | None:
     """Each per-frame key, and the wear, over the distance; None where nothing is per frame."""
     values = result.over_frames
@@ -97,15 +107,11 @@ def over_distance_figure(name: str, result: Fit) -> Figure | None:
     if len(result.frames) < 2 or not count:
         return None
     columns = min(_COLUMNS, -(-count // -(-count // _COLUMNS)))
-    rows = -(-count // columns)
-    figure = new_figure(4.6 * columns, 3.5 * rows + 0.4)
-    axes: list[Any] = list(figure.subplots(rows, columns, squeeze=False).flat)
+    figure, axes = _panels(count, columns, 4.6, 3.5)
     for axis, key in zip(axes, keys, strict=False):
         draw_values(axis, values, key)
     if result.wear_laws is not None:
         _wear(axes[len(keys)], result)
-    for axis in axes[count:]:
-        axis.set_axis_off()
     write_head(
         figure, f"{plain_name(name)}: values of each frame, band ± {BAND:g} standard uncertainties"
     )
@@ -143,10 +149,7 @@ def _wear(axis: Axes, result: Fit) -> None:
 def budget_figure(name: str, result: Fit) -> Figure:
     """Each value's uncertainty budget as bars; of several frames' own, the mean square."""
     keys = tuple(dict.fromkeys(budget.key for budget in result.budget))
-    columns = min(_COLUMNS, len(keys))
-    rows = -(-len(keys) // columns)
-    figure = new_figure(5.0 * columns, 3.0 * rows + 0.4)
-    axes: list[Any] = list(figure.subplots(rows, columns, squeeze=False).flat)
+    figure, axes = _panels(len(keys), min(_COLUMNS, len(keys)), 5.0, 3.0)
     for axis, key in zip(axes, keys, strict=False):
         squares: dict[str, list[float]] = {}
         for budget in result.budget:
@@ -155,7 +158,5 @@ def budget_figure(name: str, result: Fit) -> Figure:
         sizes = {name: float(np.sqrt(np.mean(variances))) for name, variances in squares.items()}
         parts = dict(sorted(sizes.items(), key=lambda item: -item[1]))
         draw_budget(axis, parts, x_label=f"contribution to u({key})", title=key)
-    for axis in axes[len(keys) :]:
-        axis.set_axis_off()
     write_head(figure, f"{plain_name(name)}: uncertainty budget")
     return figure

@@ -162,9 +162,8 @@ def restore_fit(out: Path, scene: Scene, keys: tuple[str, ...] | None = None) ->
     """A fit without tractions, from the folder that an earlier run left complete."""
     estimates, fitted = kept_values(out, scene)
     rows = estimates["frames"]
-    single = len(rows) == 1
-    shared = {key: values for key, values in estimates.items() if _is_value(values)}
-    shared = {k: v for k, v in shared.items() if not (single and k in rows[0])}
+    of_frame = rows[0] if len(rows) == 1 else {}
+    shared = {k: v for k, v in estimates.items() if _is_value(v) and k not in of_frame}
     budget = _budgets(shared, None)
     for i, row in enumerate(rows):
         budget += _budgets(row, i)

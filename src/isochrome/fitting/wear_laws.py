@@ -385,10 +385,7 @@ class WearLaws:
                 "misfit": law.misfit,
                 "degrees_of_freedom": law.freedom,
                 "between": list(law.between),
-                **{
-                    name.removeprefix("wear."): parameter
-                    for name, parameter in law.parameters.items()
-                },
+                **{k.removeprefix("wear."): value for k, value in law.parameters.items()},
             }
             for law in self.laws
         ]
