@@ -254,7 +254,8 @@ class Calibration(Result):
         head.append(f"{self.slope_per_n:.6g} fringes per N")
         shown = _spread([i for i in self.images if i.view is not None])
         panels = self.panels(tuple(self.images.index(item) for item in shown))
-        return panels_figure(replace(panels, notes=panels.notes[1:]), "    ".join(head))
+        panels = replace(panels, notes=panels.notes[1:])
+        return panels_figure(panels, "    ".join(head), picture_mm=43.0)
 
     def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
         """Give images, fits, orders and budget for a paper; see `paper_figure`.

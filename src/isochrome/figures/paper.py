@@ -441,10 +441,18 @@ def figure_for_page(result: WithPanels, style: FigureStyle) -> tuple[Figure, tup
     return figure, ()
 
 
-def panels_figure(panels: PaperPanels, head: str) -> Figure:
-    """The same panels for a screen, all of them, with their numbers, below a head."""
+def panels_figure(panels: PaperPanels, head: str, *, picture_mm: float = 80.0) -> Figure:
+    """The same panels for a screen, all of them, with their numbers, below a head.
+
+    Pictures are `picture_mm` wide or more; all kinds of an item stand beside each other.
+    """
     style = FigureStyle(width_mm=_SCREEN_MM, numbers=True)
-    rows = _picture_rows(panels, style.width_mm)
+    kinds, items = range(len(panels.kinds)), range(len(panels.labels))
+    most = int(_SCREEN_MM / picture_mm)
+    if len(kinds) > 2:
+        rows = [[(j, k) for k in row for j in kinds] for row in _split(items, most // len(kinds))]
+    else:
+        rows = [[(j, k) for k in row] for j in kinds for row in _split(items, most)]
     return _drawn(panels, style, rows, list(panels.plots), head=head)
 
 
