@@ -40,12 +40,12 @@ class Message(str):
 
 def message(code: str, **values: Any) -> str:
     """The Message of a code: its words in `messages.toml`, with values in their places."""
-    return Message(_texts()[code].format(**values), code, values)
+    return Message(_by_code()[code].texts[code].format(**values), code, values)
 
 
 def as_message(text: str, values: Mapping[str, Any]) -> str:
     """The Message of a code and its values; any other text as it is."""
-    return message(text, **values) if values or text in _texts() else text
+    return message(text, **values) if values or text in _by_code() else text
 
 
 def reworded(text: str, words: str) -> str:
@@ -75,14 +75,13 @@ def entries() -> tuple[Entry, ...]:
 
 
 @cache
-def _texts() -> dict[str, str]:
-    return {code: text for entry in entries() for code, text in entry.texts.items()}
+def _by_code() -> dict[str, Entry]:
+    return {code: entry for entry in entries() for code in entry.texts}
 
 
 def entry_of(text: str) -> Entry | None:
     """What a message means; None of a text that is none."""
-    code = getattr(text, "code", None)
-    return next((entry for entry in entries() if code in entry.texts), None)
+    return _by_code().get(getattr(text, "code", ""))
 
 
 def messages_data(texts: Iterable[str]) -> list[dict[str, Any]]:

@@ -419,7 +419,7 @@ def figure_for_page(result: WithPanels, style: FigureStyle) -> tuple[Figure, tup
     make = getattr(result, "panels", None)
     if make is None:
         raise InputError(
-            "has_no_figure_paper", getattr=getattr(result, "title", type(result).__name__)
+            "has_no_figure_paper", title=getattr(result, "title", type(result).__name__)
         )
     panels: PaperPanels = make(style.frames)
     rows, plots = _picture_rows(panels, style.width_mm), list(panels.plots)

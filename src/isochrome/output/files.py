@@ -45,7 +45,7 @@ def check_link(folder: Path) -> None:
     To make what it points to would put results where nobody looks for them.
     """
     if folder.is_symlink() and not os.path.exists(folder):
-        raise InputError("symbolic_link_which_not", folder=folder, readlink=os.readlink(folder))
+        raise InputError("symbolic_link_which_not", folder=folder, target=os.readlink(folder))
 
 
 @contextmanager

@@ -281,7 +281,7 @@ def check_room(root: Path, layout: RunLayout, items: int) -> None:
     if needed > free:
         raise InputError(
             "results_need_gb_gb",
-            with_suffix=root.with_suffix(""),
+            out=root.with_suffix(""),
             needed=needed / 1e9,
             free=free / 1e9,
         )
