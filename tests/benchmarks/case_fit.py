@@ -104,17 +104,14 @@ def one_frame(quick=False):
         fit, cost = timed(lambda f=frame, s=start, t=true: frames.fitted(f, s, t))
         off = dict(zip(fit.keys, fit.values, strict=True))[LOAD] / true[LOAD] - 1.0
         errors.append(off)
-        orders.append(rms(_known(frames.orders(fit.scene) - frames.orders(scene))))
+        off = frames.picture_of(fit.scene).order - frames.picture_of(scene).order
+        orders.append(rms(off[np.isfinite(off)]))
         pulls.append(frames.pulls(fit, true))
         seconds.append(cost)
     rows = Rows(ONE, f"{count} contacts, start within 10 %", float(np.median(seconds)))
     rows.add("load, worst", 100.0 * np.abs(errors).max(), 0.02, "%", pull=rms(pulls))
     rows.add("fringe order, worst RMS", max(orders), 3e-4, "fringe")
     return rows.found
-
-
-def _known(values):
-    return values[np.isfinite(values)]
 
 
 def cold_start(quick=False):
@@ -158,10 +155,12 @@ def sequence(quick=False):
     from isochrome.simulation import simulate
 
     frames = made_by("engine_frames")
-    text = made_by("scene_texts").PAPER_CONTACT + frames.CAMERA
+    texts = made_by("scene_texts")
+    text = texts.PAPER_CONTACT + texts.SMALL_CAMERA
     text += "\n[friction]\ncoefficient = 0.2\nstatic_state_first = true\n\n[wear]\n"
     text += f"coefficient_mm2_per_n = 2.3e-9\ndistances_m = {list(DISTANCES)}\n"
-    begun = parse_scene(text).with_values(frames.HALF_SIZE if quick else {})
+    camera = frames.CAMERA | (frames.HALF_SIZE if quick else {})
+    begun = parse_scene(text).with_values(camera)
     truth = begun.with_values({WEAR: 2e-9, FRICTION: RISING})
     with TemporaryDirectory() as folder:
         path = Path(folder) / "frames.tif"
