@@ -209,42 +209,6 @@ def test_a_dose_beside_a_jump_by_its_rounding_is_on_the_jump():
             assert THICKNESS * course.leaving(dose)[0] == pytest.approx(after, rel=1e-12)
 
 
-def bends(case):
-    """Distances (m) of the bends at a constant rate of wear of 2e-6 mm/MPa per m."""
-    course, _ = wear_course(case)
-    found, dose = [], course.next_bend(0.0)
-    while dose < np.inf:
-        found.append(dose / 2e-6)
-        dose = course.next_bend(dose)
-    return found
-
-
-def test_the_ends_of_a_ramp_are_bends_and_the_points_of_a_measured_table_are_not():
-    """A load that rises by half over a metre, and a friction with 2 % of noise at 200 points. Goes
-    wrong if each point of the table counts: the mesh then begins anew at all of them."""
-    s = np.linspace(0.0, 200.0, 200)
-    noisy = 0.2 + 0.004 * np.random.default_rng(3).standard_normal(200)
-    case = scene(
-        load__normal_n=table((80.0, 20.0), (81.0, 30.0)),
-        friction__coefficient={"distance_m": s.tolist(), "value": noisy.tolist()},
-        wear__distances_m=(200.0,),
-    )
-    near = np.round(bends(case), 6)
-    assert {80.0, 81.0} <= set(near)
-    # beside the ramp a stretch of the table holds some of it
-    assert all(78.0 < place < 83.0 for place in near)
-
-
-def test_a_slow_change_of_the_load_does_not_bend():
-    """Over 40 % of the dose by a twentieth: 0.05/0.4 of the load per dose, but spread; and to the
-    end by the same slope, where nothing bends though it goes far."""
-    ramp = table((0.0, 20.0), (100.0, 40.0), (200.0, 60.0))
-    assert bends(scene(load__normal_n=ramp, wear__distances_m=(200.0,))) == []
-    ramp = table((0.0, 20.0), (100.0, 40.0), (200.0, 40.0))
-    case = scene(load__normal_n=ramp, wear__distances_m=(200.0,))
-    assert bends(case) == pytest.approx([100.0], rel=1e-9)
-
-
 def tables_of(values, max_size=4):
     """A number, or a table at distances within and beyond the run."""
     places = st.lists(st.integers(0, 30), min_size=2, max_size=max_size, unique=True).map(sorted)

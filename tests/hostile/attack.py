@@ -14,8 +14,9 @@ from pathlib import Path
 MEMORY = 2_000_000_000
 """Bytes that a run may take."""
 
-CPU_S, WALL_S = 20, 900
-"""Seconds that a run may compute, and after which one hangs, on a loaded machine too."""
+CPU_S, WALL_S = 60, 900
+"""Seconds that a run may compute, four times the longest, and after which one hangs: machines are
+slow and loaded."""
 
 SERVER = multiprocessing.get_context("forkserver")
 SERVER.set_forkserver_preload(

@@ -275,9 +275,10 @@ p_max errs up to 2.1e-5 with 160, 2.4e-6 with 240)."""
 _MAX_STEPS = 20_000
 _ROUNDING = 3e-14
 """Change of a depth that is none, in its unit: it would be felt where there is little depth yet."""
-_SHORTEST, _NEARLY = 1e-9, 1e-3
+_SHORTEST, _NEARLY, _ANEW = 1e-9, 1e-3, 1e-6
 """Shortest step over the dose: what errs in it is far below any tolerance. Its forecast's error at
-which load or friction nearly jump within it, and one Newton step no longer holds."""
+which load or friction nearly jump within it, and one Newton step no longer holds. First step beyond
+a kink: shorter ones feel rounding, which shrinks them further (measured: 6000 of them, to 1e-9)."""
 _STILL, _SAME = 4e-6, 1e-12
 """First half-widths by which an edge may draw back before its trail counts: where an edge nearly
 stands still the steps must not decide. Doses that are one: rounding."""
@@ -364,29 +365,30 @@ def _walk(
 ) -> Iterator[list[MeshPoint]]:
     """The last points after each step to a dose; ends where an edge draws back, or nearly jumps.
 
-    Where load or friction nearly jump the step ends, and the next ones begin anew: what was before
-    does not foretell what comes, and edges forecast across the bend would ring.
+    A step that errs since load or friction have a kink in it ends there, and the next ones begin
+    anew: what was before does not foretell what comes, and edges forecast across it would ring.
     """
     history, unit = equations.course, equations.units.dose_mm_per_mpa
     edges, first = _edges(points[0]), _FIRST * math.sqrt(allowed)
-    step, bend = first, history.next_bend(_SHORTEST * first * unit) / unit
+    step, kink = first, math.inf
     while (dose := points[0].dose) < end:
         shortest = _SHORTEST * max(dose, first)
-        if dose >= bend * (1.0 - _SAME):
-            points, step = points[:1], shortest
-            bend = history.next_bend((bend + shortest) * unit) / unit
-        remaining, step = min(end, bend) - dose, max(step, shortest)
+        if dose >= kink * (1.0 - _SAME):
+            points, step, kink = points[:1], _ANEW * max(dose, first), math.inf
+        remaining, step = min(end, kink) - dose, max(step, shortest)
         size = remaining if remaining <= step else min(step, 0.5 * remaining)
         new, error = _advance(equations, points, size)
         factor = _SAFETY * (allowed / max(error, 1e-300)) ** (1.0 / (_order(points) + 1))
         if size <= shortest and error > _NEARLY:
             return
         if size > shortest and error > _REJECT * allowed and len(points) > _ORDER:
+            ahead = history.next_break(dose * (1.0 + _SAME) * unit) / unit
+            kink = min(kink, ahead if ahead < dose + size else math.inf)
             step = size * max(_SHRINK, factor)
             continue
         edges = np.maximum(edges, _edges(new))
-        ahead = _edges(new) + np.minimum(_growth(points, new), 0.0)
-        if not held and np.any(ahead < edges - _STILL):
+        reach = _edges(new) + np.minimum(_growth(points, new), 0.0)
+        if not held and np.any(reach < edges - _STILL):
             return
         points = [new, *points[:_ORDER]]
         step = size * min(_GROW, max(_SHRINK, factor))

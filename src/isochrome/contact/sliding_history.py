@@ -145,11 +145,6 @@ _SAME_DOSE = 1e-14
 """Relative difference of doses that is rounding: a step to a jump must not end beyond it."""
 _NO_DRIVE = 1e-12
 """Friction that is none: rounding, where it changes its sign."""
-_BESIDE, _BEND, _RAMP = 1e-7, 0.1, 0.03
-"""Share of a dose at which slopes are taken beside a break; the change of a slope there that is a
-bend, of mu or of the load over itself against the dose over itself; and how far they go from there
-to the next break in a ramp. A measured table's noise bends at each of its points, and is no ramp.
-"""
 
 
 def same_drive(one: tuple[float, float], other: tuple[float, float]) -> bool:
@@ -191,13 +186,6 @@ class SlidingHistory:
         """The first dose beyond this at which load or friction jump (mm/MPa), or infinity."""
         return _next(self._jumps, dose_mm_per_mpa)
 
-    def next_bend(self, dose_mm_per_mpa: float) -> float:
-        """The first end of a ramp beyond a dose (mm/MPa), or infinity.
-
-        There load or friction change otherwise than before, and by much.
-        """
-        return _next(self._bends, dose_mm_per_mpa)
-
     @cached_property
     def _exact(self) -> tuple[float, ...]:
         """Doses that steps end on exactly."""
@@ -207,24 +195,6 @@ class SlidingHistory:
     def _jumps(self) -> tuple[float, ...]:
         breaks = self.breaks_mm_per_mpa
         return tuple(d for d in breaks if not same_drive(self.leaving(d), self.at(d)))
-
-    @cached_property
-    def _bends(self) -> tuple[float, ...]:
-        doses = (0.0, *self.breaks_mm_per_mpa, float(self.dose_mm_per_mpa[-1]))
-        threes = zip(doses[:-2], doses[1:-1], doses[2:], strict=True)
-        return tuple(d for a, d, b in threes if self._ramps(a, d, b) and self._bent(d))
-
-    def _ramps(self, before: float, dose: float, after: float) -> bool:
-        """Whether load or friction go far between a break and one of its neighbours."""
-        pairs = (self.leaving(before), self.at(dose)), (self.leaving(dose), self.at(after))
-        return any(max(abs(b[0] / a[0] - 1.0), abs(b[1] - a[1])) > _RAMP for a, b in pairs)
-
-    def _bent(self, dose: float) -> bool:
-        """Whether the slope of load or friction changes at a break."""
-        (load, mu), (next_load, next_mu) = self.at(dose), self.leaving(dose)
-        early, after = self.at(dose * (1.0 - _BESIDE)), self.at(dose * (1.0 + _BESIDE))
-        bend = (after[0] - next_load) - (load - early[0]), (after[1] - next_mu) - (mu - early[1])
-        return max(abs(bend[0]) / load, abs(bend[1])) > _BEND * _BESIDE
 
     def _at(self, dose: float, side: Literal["left", "right"]) -> tuple[float, float]:
         doses = self.dose_mm_per_mpa
