@@ -12,8 +12,6 @@ there to be read and no part of the installed package. Ratios within one run are
 are not: they are those of one machine and of what else it did.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from collections.abc import Callable

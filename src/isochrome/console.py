@@ -1,7 +1,5 @@
 """What the command line shows: progress on standard error, tables and JSON on standard output."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path

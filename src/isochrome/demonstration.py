@@ -1,7 +1,5 @@
 """`demo`: the paper's case and the sample images, end to end and offline."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import dataclass

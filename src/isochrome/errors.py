@@ -4,8 +4,6 @@ Every refusal is one sentence that names the file, key or frame, the value found
 allowed and what to do. The command line turns them into the exit codes 2 and 3.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from isochrome.messages import as_message

@@ -1,7 +1,5 @@
 """`report`: one HTML file of a run, from the folder that it left."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -31,10 +29,7 @@ from isochrome.simulation import simulation_report
 _NEEDED = {
     "frames.csv": ("process", ("scene.toml", STORE)),
     "fit.json": ("fit", ("scene.toml", STORE)),
-    "history.csv": (
-        "simulate",
-        ("scene.toml", "frames.tif", "fringe_order.tif", "simulation.png"),
-    ),
+    "history.csv": ("simulate", ("scene.toml", "frames.tif", "fringe_order.tif", "simulation.png")),
     "calibration.json": ("calibrate", ("calibration.png",)),
     "scale.json": ("calibrate scale", ("scale.png",)),
     "metrics.csv": ("compare", ()),

@@ -252,8 +252,4 @@ def pull_of(scene, distance, bench, table):
     pair = pair_scar(levelled(Trace(x_mm=table[:, 0], z_um=table[:, 1])), scar)
     gap, spread = pair.area_difference_mm2
     shift = pair.shift_mm - bench.origin_mm
-    return (
-        gap / spread,
-        shift / pair.shift_uncertainty_mm,
-        pair.chi,
-    )
+    return (gap / spread, shift / pair.shift_uncertainty_mm, pair.chi)

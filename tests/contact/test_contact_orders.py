@@ -4,10 +4,7 @@ import numpy as np
 
 import isochrome.contact.scar as scar_module
 from hard.hard_cases import constant_course
-from isochrome.contact import (
-    make_mesh,
-    scar_history,
-)
+from isochrome.contact import make_mesh, scar_history
 from isochrome.reference import hertz_half_width
 
 RADIUS, MODULUS, LOAD = 24.61, 2473.2, 11.0

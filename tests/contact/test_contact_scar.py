@@ -304,7 +304,7 @@ def test_a_mesh_misses_a_hump_as_narrow_as_its_nodes_and_no_wide_one(intervals):
 def test_a_load_whose_kinks_are_small_is_stepped_from_kink_to_kink(monkeypatch):
     """A swing of 20 % sampled 20 times. Goes wrong if the steps shrink in front of a kink and
     forecast across it: to 1e-9 of the dose, where rounding stopped them on some processors."""
-    s = 0.1 * np.arange(16)
+    s = 0.1 * np.arange(7)
     load = (44.0 * (1.0 + 0.2 * np.sin(np.pi * s))).tolist()
     case = load_scene("line-contact-wear").with_values(
         {
@@ -319,7 +319,7 @@ def test_a_load_whose_kinks_are_small_is_stepped_from_kink_to_kink(monkeypatch):
     advance = module._advance
     monkeypatch.setattr(module, "_advance", lambda *a: steps.append(a[2]) or advance(*a))
     fine = [state.p_max_mpa for state in contact_states(case)]
-    assert len(steps) < 2500  # 1130 are measured; 6000 and more were not enough
+    assert len(steps) < 2000  # 500 are measured; 6000 and more were not enough
     rough = [
         state.p_max_mpa for state in contact_states(case.with_values({"numerics.tolerance": 1e-4}))
     ]

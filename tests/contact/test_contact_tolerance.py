@@ -38,10 +38,7 @@ def largest(scene):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    ("spacing", "tolerance"),
-    [(0.012, 1e-3), (0.006, 1e-4)],
-)
+@pytest.mark.parametrize(("spacing", "tolerance"), [(0.012, 1e-3), (0.006, 1e-4)])
 def test_a_contact_that_overruns_its_old_edge_is_within_the_tolerance(spacing, tolerance):
     """Goes wrong: the old scar's mesh is as coarse as the tolerance of its own pressure allows, and
     p_max on the bend at its edge errs by 4 to 15 tolerances."""

@@ -11,13 +11,7 @@ from PIL import Image
 from isochrome.calibration import load_set, read_shots
 from isochrome.errors import InputError
 from isochrome.estimation import prepare_frame
-from isochrome.frames import (
-    load_mask,
-    load_no_load,
-    look_through,
-    open_scene_frames,
-    to_linear,
-)
+from isochrome.frames import load_mask, load_no_load, look_through, open_scene_frames, to_linear
 from isochrome.output import write_tiff
 from isochrome.scene import parse_scene
 

@@ -106,12 +106,7 @@ order = ORDER
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("crest", "clip", "read"),
-    [
-        (255.0, 255.0, True),
-        (300.0, 255.0, False),
-        (270.0, 240.0, False),
-    ],
+    ("crest", "clip", "read"), [(255.0, 255.0, True), (300.0, 255.0, False), (270.0, 240.0, False)]
 )
 def test_orders_are_read_of_a_full_frame_and_not_of_a_clipped_one(crest, clip, read):
     """Over 3 % at the top level are no reason; a plateau at any level is."""

@@ -159,9 +159,7 @@ def _hole_view(name: str) -> View:
     pixel, radius, thickness, far = 0.02, 1.2, 6.0, 1.5
     specimen = Specimen(shape="other", thickness_mm=thickness, fringe_value_n_per_mm=FRINGE_VALUE)
     scene = Scene(
-        specimen=specimen,
-        camera=_geometry(pixel, -0.5 * ROWS * pixel),
-        polariscope=SODIUM,
+        specimen=specimen, camera=_geometry(pixel, -0.5 * ROWS * pixel), polariscope=SODIUM
     )
     pixels = pixel_grid(scene)
     stress = hole_stress(

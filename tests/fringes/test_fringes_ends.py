@@ -79,10 +79,7 @@ def test_the_dark_end_is_found_where_few_fringes_reach_it():
 
 @pytest.mark.parametrize(
     "name",
-    [
-        "worn contact, mu 0.3",
-        pytest.param("hole", marks=[pytest.mark.long, pytest.mark.study]),
-    ],
+    ["worn contact, mu 0.3", pytest.param("hole", marks=[pytest.mark.long, pytest.mark.study])],
 )
 def test_errors_are_as_large_as_their_uncertainties_say(name):
     seen, _, got = reading(name)

@@ -5,12 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from isochrome.fringes import (
-    KeptState,
-    follow_frame,
-    light_wave,
-    unloaded_state,
-)
+from isochrome.fringes import KeptState, follow_frame, light_wave, unloaded_state
 from isochrome.fringes.film.film_reading import _followed_back, _Passed, keep_state
 from isochrome.fringes.film.follower import continued, regained
 

@@ -9,16 +9,7 @@ from isochrome.errors import InputError
 from isochrome.fringes import SURE, FreeReading, OrderReading, read_free
 from isochrome.fringes.single_frame.patch_labels import label_patches
 from isochrome.fringes.single_frame.patches import Patches, binned
-from specimens import (
-    NAMES,
-    Light,
-    View,
-    known_point,
-    light_of,
-    random_scene,
-    shoot,
-    view,
-)
+from specimens import NAMES, Light, View, known_point, light_of, random_scene, shoot, view
 
 RMS, MEDIAN, KEPT = 0.01, 0.002, 0.90
 """What a reading with no-load frames promises: fringes, fringes, share of the specimen."""

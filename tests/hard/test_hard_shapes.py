@@ -19,11 +19,7 @@ from hard.hard_cases import (
     write_profile,
 )
 from isochrome.contact import contact_states, solve_pressure
-from isochrome.reference import (
-    coupled_contact,
-    coupled_pressure,
-    punch_pressure,
-)
+from isochrome.reference import coupled_contact, coupled_pressure, punch_pressure
 
 # --- corners ------------------------------------------------------------------------------------
 

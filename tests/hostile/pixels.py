@@ -6,16 +6,7 @@ import numpy as np
 import tifffile
 
 from hostile.attack import Case, after, case, hostile
-from hostile.given import (
-    PLAIN,
-    image,
-    picture,
-    pictures,
-    process,
-    stack,
-    video,
-    write_scene,
-)
+from hostile.given import PLAIN, image, picture, pictures, process, stack, video, write_scene
 
 PIXELS: list[Case] = []
 
@@ -100,12 +91,7 @@ case(PIXELS, "folder without an image",
      process("d")), "holds no image", "name a folder with frames")  # fmt: skip
 
 
-def two_sizes(
-    place: Path,
-    name: str,
-    codec: str,
-    pixels: str,
-) -> list[str]:
+def two_sizes(place: Path, name: str, codec: str, pixels: str) -> list[str]:
     """A video of which the last frames have another size, as by joining two without decoding."""
     import av
 

@@ -41,8 +41,7 @@ def test_there_are_sixty():
 
 
 @pytest.mark.parametrize(
-    "name",
-    [pytest.param(n, marks=pytest.mark.long) if c.slow else n for n, c in CASES.items()],
+    "name", [pytest.param(n, marks=pytest.mark.long) if c.slow else n for n, c in CASES.items()]
 )
 def test_hostile_input_is_refused_in_one_line_and_changes_nothing(name, place):
     case = CASES[name]

@@ -10,10 +10,7 @@ from matplotlib import colormaps
 import isochrome
 from imagej_heads import has_whole_head, heads_of
 from imagej_program import read_by_imagej
-from isochrome.output import (
-    imagej_view,
-    read_csv,
-)
+from isochrome.output import imagej_view, read_csv
 from isochrome.scene import dump_scene, load_scene
 
 PIXEL, LEFT, TOP, ASIDE = 4.0 / 82, -2.0, 0.25, 0.03

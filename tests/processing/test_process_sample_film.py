@@ -40,8 +40,7 @@ def test_load_and_order_of_every_frame_are_the_true_ones(sample, found):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "key",
-    ["load.normal_n", "friction.coefficient", "wear.coefficient_mm2_per_n", "camera.left_mm"],
+    "key", ["load.normal_n", "friction.coefficient", "wear.coefficient_mm2_per_n", "camera.left_mm"]
 )
 def test_values_lie_about_what_was_put_in_as_they_say(sample, found, key):
     """200 pulls of mean square 1 scatter by a tenth; no jump anywhere in the film.

@@ -14,17 +14,7 @@ import tifffile
 from isochrome.errors import InputError, PhysicsError
 from isochrome.output import read_pixel_mm
 from isochrome.runs import RunOptions, Stopped, open_run, run_job
-from runs.counting import (
-    IDENTITY,
-    Count,
-    calls,
-    computed_again,
-    contents,
-    finish,
-    job,
-    put,
-    truth,
-)
+from runs.counting import IDENTITY, Count, calls, computed_again, contents, finish, job, put, truth
 from runs.killing import NO_END_S
 
 FILES = IDENTITY["inputs_sha256"]
@@ -246,10 +236,7 @@ def test_killed_while_results_take_their_place_it_goes_on(
             {"inputs_sha256": {"other.avi": "00", "dark.tif": "11"}},
             r"the input files \(film\.avi, other\.avi\)",
         ),
-        (
-            {"inputs_sha256": dict(reversed(FILES.items()))},
-            r"the input files \(their order\)",
-        ),
+        ({"inputs_sha256": dict(reversed(FILES.items()))}, r"the input files \(their order\)"),
         ({"options": {"rois": True}}, r"the options \(rois: False, now True\)"),
         ({"isochrome": "2"}, r"Isochrome's version \(1, now 2\)"),
         ({"seed": 2}, r"the seed \(1, now 2\)"),

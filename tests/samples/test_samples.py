@@ -308,10 +308,7 @@ def test_disc_darkens_where_its_order_is_whole():
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "calibrate"),
-    [
-        ("bending", calibrate_bending),
-        pytest.param("disc", calibrate_disc, marks=pytest.mark.study),
-    ],
+    [("bending", calibrate_bending), pytest.param("disc", calibrate_disc, marks=pytest.mark.study)],
 )
 def test_calibration_finds_the_true_fringe_value_within_the_images_own_uncertainty(name, calibrate):
     """All that is stated beside the images is taken as exact: their own part must cover it."""

@@ -4,11 +4,7 @@ import pytest
 
 from isochrome import scene
 from isochrome.errors import InputError
-from isochrome.scene import (
-    dump_scene,
-    load_scene,
-    parse_scene,
-)
+from isochrome.scene import dump_scene, load_scene, parse_scene
 
 GOOD = dump_scene(load_scene("line-contact-wear"))
 

@@ -75,9 +75,7 @@ def test_every_kind_of_specimen_becomes_a_scene(session, kind):
     assert session.scene().model == (None if kind == "other" else kind)
 
 
-def test_scale_contact_and_surface_are_read_off_the_picture(
-    made,
-):
+def test_scale_contact_and_surface_are_read_off_the_picture(made):
     apply_tool(made, {"tool": "scale", "points": [[10, 100], [10, 600]], "length_mm": 3.0})
     assert values_of(made)["camera"]["pixel_mm"] == 0.006
     apply_tool(made, {"tool": "contact", "point": [1.5, 324.5]})

@@ -255,10 +255,7 @@ def test_a_cause_is_taken_into_the_set_by_its_button(made, monkeypatch, width):
     apply_tool(made, {"tool": "values", "values": {"camera.pixel_mm": 0.05}})
     told = with_causes(made, monkeypatch)
     view = {"width": width, "height": 800}
-    with (
-        open_chromium() as browser,
-        tab(browser, made, viewport=view, bypass_csp=True) as own,
-    ):
+    with open_chromium() as browser, tab(browser, made, viewport=view, bypass_csp=True) as own:
         page = own.page
         page.evaluate("told => { showCalibration(told); get('step-fit').open = true; }", told)
         assert page.locator("#fit-result button").count() == 2  # the band has no key without more

@@ -16,12 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
-from isochrome.calibration.scale_result import (
-    LENS,
-    MeasuredValue,
-    ScaleCalibration,
-    ScalePicture,
-)
+from isochrome.calibration.scale_result import LENS, MeasuredValue, ScaleCalibration, ScalePicture
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import BudgetInput, budget_of
 from isochrome.frames import open_frames

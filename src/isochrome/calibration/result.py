@@ -379,10 +379,7 @@ def _maps(item: ImageFit, limit: float) -> tuple[tuple[Array, dict[str, Any]], .
     return (
         (view.image, grey),
         (view.model, grey),
-        (
-            view.residual / view.sigma,
-            {"cmap": DIFFERENCE_MAP, "vmin": -limit, "vmax": limit},
-        ),
+        (view.residual / view.sigma, {"cmap": DIFFERENCE_MAP, "vmin": -limit, "vmax": limit}),
     )
 
 

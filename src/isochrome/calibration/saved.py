@@ -30,14 +30,7 @@ from isochrome.output import (
 )
 from isochrome.reporting import ReportContent, ReportTable, camera_rows, paper_rows, write_report
 from isochrome.runs import REPORT, environment, seal
-from isochrome.scene import (
-    Scene,
-    parse_scene,
-    parse_toml,
-    read_text,
-    scene_names,
-    with_value,
-)
+from isochrome.scene import Scene, parse_scene, parse_toml, read_text, scene_names, with_value
 
 MARK = "calibrated: "
 """What a comment of ours begins with: a second calibration replaces it."""
@@ -79,10 +72,7 @@ def check_scene_file(path: str | Path) -> str:
 
 
 def write_into_scene(
-    calibration: SceneCalibration,
-    scene: str | Path,
-    *,
-    source: str | Path | None = None,
+    calibration: SceneCalibration, scene: str | Path, *, source: str | Path | None = None
 ) -> float:
     """Set `specimen.fringe_value_n_per_mm` in a scene file to a calibration's value.
 

@@ -23,27 +23,10 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from scipy.special import chdtrc
 
-from isochrome.calibration.settings import (
-    ImageSet,
-    common_percent,
-    plain_rows,
-    under_uncertainty,
-)
+from isochrome.calibration.settings import ImageSet, common_percent, plain_rows, under_uncertainty
 from isochrome.messages import message
-from isochrome.scars import (
-    LevelledTrace,
-    UnclearScarError,
-    levelled,
-    read_trace,
-    student_factor_of,
-)
-from isochrome.scene import (
-    FileName,
-    NonNegative,
-    Positive,
-    ScenePart,
-    split_uncertainties,
-)
+from isochrome.scars import LevelledTrace, UnclearScarError, levelled, read_trace, student_factor_of
+from isochrome.scene import FileName, NonNegative, Positive, ScenePart, split_uncertainties
 
 Friction = Annotated[float, Field(ge=0, le=5, allow_inf_nan=False)]
 

@@ -117,10 +117,7 @@ class Outcome:
 
 
 def outcome_of(
-    task: Task,
-    scene: Scene,
-    options: Mapping[str, Any],
-    progress: RunProgress | None = None,
+    task: Task, scene: Scene, options: Mapping[str, Any], progress: RunProgress | None = None
 ) -> Outcome:
     """Process one recording into its folder; what is wrong with it, NoCluster apart, becomes its
     row.

@@ -426,8 +426,7 @@ def verify_command(
 
 def report_command(
     run: Annotated[
-        str,
-        typer.Argument(metavar="FOLDER", help="What process, fit, simulate or calibrate left."),
+        str, typer.Argument(metavar="FOLDER", help="What process, fit, simulate or calibrate left.")
     ],
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for report.html; by default the run's own.")

@@ -61,7 +61,7 @@ TABLES: Options = {
         str | None,
         "excel: also NAME_excel.csv of each table, with semicolons and decimal commas.",
         "--csv",
-    ),
+    )
 }
 """For commands that leave tables."""
 

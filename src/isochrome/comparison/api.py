@@ -76,9 +76,7 @@ _LABEL_LENGTH = 26
 
 
 def side_by_side(
-    experiment: ComparedFrames,
-    simulation: ComparedFrames,
-    metrics: Sequence[FrameMetrics],
+    experiment: ComparedFrames, simulation: ComparedFrames, metrics: Sequence[FrameMetrics]
 ) -> Figure:
     """Draw captured and simulated fringe patterns beside each other, with their difference.
 

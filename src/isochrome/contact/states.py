@@ -16,12 +16,7 @@ from isochrome.contact.pressure import (
 from isochrome.contact.profile import ContactGrid, contact_grid, elastic_constants, line_load
 from isochrome.contact.sliding_history import OutputState, SlidingHistory, wear_course
 from isochrome.contact.state import SurfaceState
-from isochrome.contact.wear import (
-    PATH_TOLERANCE,
-    ContactSetup,
-    make_site,
-    worn_states,
-)
+from isochrome.contact.wear import PATH_TOLERANCE, ContactSetup, make_site, worn_states
 from isochrome.errors import PhysicsError
 from isochrome.scene import Scene
 

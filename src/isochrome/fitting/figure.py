@@ -40,11 +40,7 @@ _SHOWN, _COLUMNS = 6, 3
 
 
 def figure_of_frames(
-    path: FramesLike,
-    scene: Scene,
-    plain: frozenset[int],
-    lights: Lights,
-    scenes: tuple[Scene, ...],
+    path: FramesLike, scene: Scene, plain: frozenset[int], lights: Lights, scenes: tuple[Scene, ...]
 ) -> Figure:
     """`fit_figure` of frames that are read once more: they may be many, or gone (InputError)."""
     with closing(PreparedFrames(path, scene)) as frames:

@@ -12,12 +12,7 @@ from isochrome.estimation import FrameData, Terms, prepare_frame, scaled_inverse
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.single_state import sliding_scene, timed_distance
 from isochrome.fitting.frame.unknowns import LENS
-from isochrome.frames import (
-    SequentialFrames,
-    load_no_load,
-    open_scene_frames,
-    with_file_scale,
-)
+from isochrome.frames import SequentialFrames, load_no_load, open_scene_frames, with_file_scale
 from isochrome.output import counted
 from isochrome.scene import DistanceTable, FramesLike, Scene, check_pixel
 from isochrome.simulation import required_model, state_count

@@ -304,10 +304,7 @@ def _warnings(joint: JointFit, single_fits: list[FrameFit]) -> list[str]:
     lost = set(joint.lost)
     messages = [(i, message("scene_fringes_not", correct=message(CORRECT))) for i in joint.lost]
     messages += [
-        (
-            i,
-            message("no_smooth_illumination_fits"),
-        )
+        (i, message("no_smooth_illumination_fits"))
         for i, fit in enumerate(single_fits)
         if fit.plain and i not in lost
     ]

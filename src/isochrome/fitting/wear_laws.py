@@ -172,13 +172,7 @@ def segment_ends(sequence: Sequence) -> Array:
 
 
 def _fit_law(
-    law: Law,
-    sequence: Sequence,
-    values: Array,
-    information: Array,
-    *,
-    cost: float,
-    freedom: int,
+    law: Law, sequence: Sequence, values: Array, information: Array, *, cost: float, freedom: int
 ) -> LawFit:
     """A law through the values that the frames say, its ln Z but for a constant.
 

@@ -47,12 +47,7 @@ from .tables import (
     write_csv,
     write_excel_copies,
 )
-from .tiff_stack import (
-    Photometric,
-    imagej_view,
-    write_frames,
-    write_tiff,
-)
+from .tiff_stack import Photometric, imagej_view, write_frames, write_tiff
 
 __all__ = [
     "FIGURE_DPI",

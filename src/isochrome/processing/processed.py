@@ -22,12 +22,7 @@ from isochrome.fitting import (
     stated_pairs,
     taken_as_exact,
 )
-from isochrome.messages import (
-    frame_messages,
-    message,
-    read_frame_messages,
-    warnings_json,
-)
+from isochrome.messages import frame_messages, message, read_frame_messages, warnings_json
 from isochrome.output import (
     FrameValues,
     Result,

@@ -204,10 +204,9 @@ def _png(pane: Pane, values: Array) -> str:
     from matplotlib import colormaps
     from PIL import Image
 
-    name, count = {
-        "difference": (DIFFERENCE_MAP, _COLOURS),
-        "order": (VALUE_MAP, _GREYS),
-    }.get(pane.key, (FRAME_MAP, _GREYS))
+    name, count = {"difference": (DIFFERENCE_MAP, _COLOURS), "order": (VALUE_MAP, _GREYS)}.get(
+        pane.key, (FRAME_MAP, _GREYS)
+    )
     low, high = pane.span
     share = (values - low) / ((high - low) or 1.0)
     level = np.rint(np.nan_to_num(share, nan=0.0) * (count - 1))

@@ -1,7 +1,5 @@
 """A finished chunk on disk: its files, each whole, and a record of their checksums."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

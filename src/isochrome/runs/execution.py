@@ -1,7 +1,5 @@
 """A long run: chunk after chunk, each kept when it is done; after a crash, it resumes there."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping

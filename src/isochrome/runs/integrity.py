@@ -5,8 +5,6 @@ opened where it is a regular one of the size that was left; its checksum is look
 The checksum is CRC-32C (Castagnoli), that of zarr's crc32c codec: it finds damage, not forgery.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import stat

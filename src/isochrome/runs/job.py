@@ -3,8 +3,6 @@
 What a run is a result of, and whether two runs are of the same.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

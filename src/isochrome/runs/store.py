@@ -22,12 +22,7 @@ from isochrome.errors import InputError
 from isochrome.messages import message
 from isochrome.output import Floats, numbers
 from isochrome.runs.chunks import MANIFEST, RECORDS, STORE, read_checked
-from isochrome.runs.integrity import (
-    PROVENANCE,
-    opened_record,
-    read_record,
-    warn_unverified,
-)
+from isochrome.runs.integrity import PROVENANCE, opened_record, read_record, warn_unverified
 from isochrome.runs.job import Compact, Layer, RunLayout
 
 _PICTURE = (("z_mm", "x_mm"), ("row", "col"))

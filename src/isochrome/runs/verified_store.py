@@ -5,8 +5,6 @@ hand; zarr, which would go over them once more, is told so by the type of their 
 a file zarr compares the chunks' own checksums.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator
 from pathlib import Path

@@ -280,10 +280,7 @@ def check_room(root: Path, layout: RunLayout, items: int) -> None:
     free = shutil.disk_usage(root).free
     if needed > free:
         raise InputError(
-            "results_need_gb_gb",
-            out=root.with_suffix(""),
-            needed=needed / 1e9,
-            free=free / 1e9,
+            "results_need_gb_gb", out=root.with_suffix(""), needed=needed / 1e9, free=free / 1e9
         )
 
 

@@ -130,11 +130,7 @@ def waiting_workers(workers: int, work: Callable[..., Any]) -> Iterator[Waiting]
 
 
 def by_processes(
-    work: Work,
-    run: RunFolder,
-    chunks: Sequence[int],
-    workers: int,
-    waiting: Waiting | None = None,
+    work: Work, run: RunFolder, chunks: Sequence[int], workers: int, waiting: Waiting | None = None
 ) -> Generator[Finished]:
     """Compute chunks in worker processes, each of which writes its own to the disk.
 

@@ -1,11 +1,5 @@
 from .array_frames import ArrayFrames, FramesLike, ImageFile, frames_of
-from .editing import (
-    toml_text,
-    with_list_value,
-    with_table_list,
-    with_value,
-    without_value,
-)
+from .editing import toml_text, with_list_value, with_table_list, with_value, without_value
 from .imaging import (
     Camera,
     DistanceTable,

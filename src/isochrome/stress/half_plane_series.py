@@ -69,13 +69,7 @@ class SeriesGrid:
 
 
 def make_series_grid(
-    rows: int,
-    cols: int,
-    pitch_mm: float,
-    *,
-    nodes: int,
-    spacing_mm: float,
-    reach_mm: float,
+    rows: int, cols: int, pitch_mm: float, *, nodes: int, spacing_mm: float, reach_mm: float
 ) -> SeriesGrid:
     """A lattice of pixels, or of every few of them, over one of surface nodes, with its matrices.
 

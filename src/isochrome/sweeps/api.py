@@ -12,14 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.figures import (
-    LINE_COLOURS,
-    LINE_PT,
-    add_legend,
-    new_figure,
-    style_axes,
-    write_head,
-)
+from isochrome.figures import LINE_COLOURS, LINE_PT, add_legend, new_figure, style_axes, write_head
 from isochrome.output import Result, counted, numbers, read_csv, write_csv, write_text
 from isochrome.progress import RunProgress
 from isochrome.runs import (

@@ -5,8 +5,6 @@ N = sigma_x d/f_sigma = 12 M eta/(f_sigma h^3): the thickness d cancels. The ord
 eta = h/2, rises with the load by k = 3 (Lo - Li)/(2 h^2 f_sigma) fringes per N.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

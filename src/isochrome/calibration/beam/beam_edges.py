@@ -4,8 +4,6 @@ The fringes alone cannot tell a wrong pixel scale: the slope of the order over p
 is. Where both edges are in view, their distance can.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

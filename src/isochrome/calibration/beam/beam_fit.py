@@ -1,7 +1,5 @@
 """One image of a beam in bending: the whole span by least squares on its intensities."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -84,13 +82,7 @@ def beam_signal(order: Array, bright: bool) -> Array:
     return 0.5 + 0.5 * wave if bright else 0.5 - 0.5 * wave
 
 
-def fit_beam(
-    shot: Shot,
-    beam: Beam,
-    pixel_mm: float,
-    *,
-    pixels: int = PIXELS,
-) -> BeamFit:
+def fit_beam(shot: Shot, beam: Beam, pixel_mm: float, *, pixels: int = PIXELS) -> BeamFit:
     """Fit one image's whole span: slope across the height, neutral axis, tilt, illumination.
 
     Parameters: `pixels`, how many are fitted at the most; the rest as in `bending_from_shots`.

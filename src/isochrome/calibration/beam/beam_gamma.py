@@ -4,8 +4,6 @@ A camera that stored light^(1/g) is undone by raising its values to g. The g und
 bending describes the images best is taken where it describes them far better than none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

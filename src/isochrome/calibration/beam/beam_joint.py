@@ -188,11 +188,7 @@ class Stack:
 
 
 def fit_stack(
-    stack: Stack,
-    degrees: tuple[int, int],
-    *,
-    mask: Mask | None = None,
-    start: Array | None = None,
+    stack: Stack, degrees: tuple[int, int], *, mask: Mask | None = None, start: Array | None = None
 ) -> IntensityFit:
     """Least squares on a stack.
 

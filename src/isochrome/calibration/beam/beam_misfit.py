@@ -5,8 +5,6 @@ of a chamfer are not. Leaving out one band of the height after the other shows h
 hangs on where it was read (the delete-a-group jackknife, `jackknife_variance`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

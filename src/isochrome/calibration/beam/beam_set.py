@@ -1,7 +1,5 @@
 """All images of a beam in the model of a whole set: see `calibration.whole_set`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -14,11 +12,7 @@ from isochrome.calibration.beam.beam_misfit import BANDS, BENT, CERTAIN
 from isochrome.calibration.result import ImageFit, View
 from isochrome.calibration.whole_set.set_causes import free_set
 from isochrome.calibration.whole_set.set_model import Kind, SetFit, SetModel
-from isochrome.calibration.whole_set.set_result import (
-    image_chi,
-    image_maps,
-    jackknife,
-)
+from isochrome.calibration.whole_set.set_result import image_chi, image_maps, jackknife
 from isochrome.errors import PhysicsError
 
 Array = NDArray[np.float64]

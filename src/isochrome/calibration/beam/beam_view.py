@@ -5,8 +5,6 @@ sinusoid with one frequency, the slope |dN/dy|; outside the beam there is none. 
 with a window of the beam's known height finds both together, with no knowledge of f_sigma.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

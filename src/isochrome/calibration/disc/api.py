@@ -5,8 +5,6 @@ d cancels, and an order N0 that stays at zero load (residual stress) does not to
 Elsewhere in the disc residual stress adds as a tensor: see `disc_residual`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -234,11 +232,7 @@ def _of_whole(whole: SetFit, circles: Sequence[Circle], disc: Disc) -> _Found:
 
 
 def _together(
-    loaded: Sequence[Shot],
-    idle: Sequence[Shot],
-    own: Array,
-    circles: Sequence[Circle],
-    disc: Disc,
+    loaded: Sequence[Shot], idle: Sequence[Shot], own: Array, circles: Sequence[Circle], disc: Disc
 ) -> _Found | None:
     """All images with one residual stress; None where there are too few loads, or there is none."""
     shots = [*loaded, *idle]

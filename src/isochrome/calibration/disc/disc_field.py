@@ -4,8 +4,6 @@ sigma1 - sigma2 = (8 P/(pi D d)) (1 - rho^2)/((1 + rho^2)^2 - 4 zeta^2), rho = r
 the loads (Frocht 1948; see `reference.brazilian_disc`): the centre order scales all of it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

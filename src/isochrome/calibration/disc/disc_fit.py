@@ -1,7 +1,5 @@
 """One image of a loaded disc: the whole field by least squares on its intensities."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """A disc with residual stress: which form of it the images ask for, and what then is their fit."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import product
 

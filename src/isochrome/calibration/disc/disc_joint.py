@@ -5,8 +5,6 @@ Least squares on the intensities with each image's light eliminated (variable pr
 each image, and the shared coefficients of the residual stress (`disc_residual`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,12 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.calibration.disc.disc_field import (
-    DiscPixels,
-    disc_mask,
-    squared_wave,
-    thin_grid,
-)
+from isochrome.calibration.disc.disc_field import DiscPixels, disc_mask, squared_wave, thin_grid
 from isochrome.calibration.disc.disc_residual import Complexes, ResidualForm, load_field
 from isochrome.calibration.disc.disc_rim import Circle
 from isochrome.calibration.shot import Shot
@@ -152,12 +145,7 @@ class JointDisc:
 
 
 def make_pictures(
-    shots: Sequence[Shot],
-    own: Array,
-    form: ResidualForm,
-    *,
-    pixels: int,
-    degrees: tuple[int, int],
+    shots: Sequence[Shot], own: Array, form: ResidualForm, *, pixels: int, degrees: tuple[int, int]
 ) -> tuple[DiscImage, ...]:
     """The images on thinned grids about where their discs are.
 

@@ -1,7 +1,5 @@
 """From all images of a disc fitted together to their results, and a residual stress in words."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -6,8 +6,6 @@ Leaving out one block of the disc after another, the same one in all quarters an
 much the slope depends on where it is read (`jackknife_variance`).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

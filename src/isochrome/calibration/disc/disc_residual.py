@@ -7,8 +7,6 @@ An axisymmetric residual has D_0 = s(r) e^(2 i phi), s = sigma_r - sigma_theta, 
 the centre: s = c2 r^2 + c4 r^4. Moulding, cutting and annealing leave this one, and a uniform part.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

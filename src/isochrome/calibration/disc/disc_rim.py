@@ -4,8 +4,6 @@ The free rim carries no principal difference, so that in a dark field it is as d
 fringes begin a little inside: the circle is a start, which the whole-field fit corrects.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

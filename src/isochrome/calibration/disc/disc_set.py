@@ -1,7 +1,5 @@
 """All images of a disc in the model of a whole set: see `calibration.whole_set`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -24,11 +22,7 @@ from isochrome.calibration.settings import Disc, Uncertainty
 from isochrome.calibration.shot import Shot
 from isochrome.calibration.whole_set.set_causes import free_set
 from isochrome.calibration.whole_set.set_model import BLUR, Kind, SetFit, SetModel
-from isochrome.calibration.whole_set.set_result import (
-    image_chi,
-    image_maps,
-    jackknife,
-)
+from isochrome.calibration.whole_set.set_result import image_chi, image_maps, jackknife
 from isochrome.errors import InputError
 from isochrome.output import with_uncertainty
 

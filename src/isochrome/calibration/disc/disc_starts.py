@@ -4,8 +4,6 @@ One image's scan has many minima. Several loads tell them apart: their centre or
 line, N = k P + N0, and the line with the least sum of relative misfits picks every image's start.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -8,8 +8,6 @@ illumination and no knowledge of n. (A Lomb-Scargle periodogram; Lomb, Astrophys
 1976, 447-462.)
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

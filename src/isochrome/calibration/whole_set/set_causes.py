@@ -3,8 +3,6 @@
 Nothing is freed where nothing is asked: see `isochrome.estimation` for the test.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise

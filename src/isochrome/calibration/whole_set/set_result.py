@@ -1,7 +1,5 @@
 """From a whole set's fit to its misfit, its images' maps, and what it found, in words."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -4,8 +4,6 @@ Residuals are summed over blocks of pixels, which loses nothing of what is smoot
 taken at the blocks' centres, from the field that the fit ended with. Nothing is rendered again.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """The causes that are known for a frame to differ from its scene, and what mends each."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 from isochrome.fitting.frame.unknowns import (
@@ -56,10 +54,7 @@ SMOOTH = Cause("a smooth stress besides the contact's", SMOOTH_KEYS, (0.0, 0.0, 
 PAST = Cause("another friction before", (EARLIER,), least=0.005)
 SCALE = Cause("the pixel's size", (PIXEL,), least=1e-3, free=False)
 STIFF = Cause(
-    "the fringe value, the indenter's radius or the moduli",
-    (FRINGE_VALUE,),
-    least=1e-3,
-    free=False,
+    "the fringe value, the indenter's radius or the moduli", (FRINGE_VALUE,), least=1e-3, free=False
 )
 
 STATED = "what the scene states with an uncertainty"

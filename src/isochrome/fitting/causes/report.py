@@ -1,7 +1,5 @@
 """What is said of the causes that frames asked for: what was freed, and what is suspected."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import partial
 from typing import Any
@@ -33,10 +31,7 @@ said for what it changes alone."""
 
 
 def cause_messages(
-    freed: Freed[Any],
-    *,
-    rivals: Mapping[str, tuple[str, ...]] | None = None,
-    light: bool = True,
+    freed: Freed[Any], *, rivals: Mapping[str, tuple[str, ...]] | None = None, light: bool = True
 ) -> tuple[str, ...]:
     """Say what was freed in one frame, or in several together, and what is suspected and cannot be.
 

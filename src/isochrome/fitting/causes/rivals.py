@@ -5,8 +5,6 @@ alike in a frame of few fringes or much noise: plates turned by a degree as a sm
 as blur. So each is fitted in the other's place, and what it takes of the misfit is compared.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from isochrome.errors import InputError, PhysicsError

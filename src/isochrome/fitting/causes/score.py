@@ -3,8 +3,6 @@
 See `isochrome.estimation` for the test.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache

@@ -4,8 +4,6 @@ Each slip is tried by a search on some hundred pixels and a short fit to some th
 explains the frame is named, and never applied: such a scene is wrong.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial

@@ -271,11 +271,7 @@ class FrameModel:
         return float(values[self.keys.index(GAMMA)]) if GAMMA in self.keys else self.pixels.gamma
 
     def signal(
-        self,
-        values: Array,
-        *,
-        visibility: Array | None = None,
-        keys: tuple[str, ...] | None = None,
+        self, values: Array, *, visibility: Array | None = None, keys: tuple[str, ...] | None = None
     ) -> Array | None:
         """The signal at the pixels (n,), None where the values make no scene that can be solved.
 

@@ -24,11 +24,7 @@ LEFT, TOP, GAMMA, BLUR = "camera.left_mm", "camera.top_mm", "frames.gamma", "cam
 
 LENS = ("camera.roll_deg", "camera.distortion", "camera.keystone_x", "camera.keystone_z")
 
-SMOOTH_KEYS = (
-    "load.bulk_mpa",
-    "load.bulk_along_x_mpa_per_mm",
-    "load.bulk_along_z_mpa_per_mm",
-)
+SMOOTH_KEYS = ("load.bulk_mpa", "load.bulk_along_x_mpa_per_mm", "load.bulk_along_z_mpa_per_mm")
 """A smooth stress besides the contact's, as a block's sides, its support and clamps make: sigma_x
 along the surface, its change along it, and bending, the first terms of the series in
 `half_plane.regular`. Left out, they go into the load: 0.13 MPa in the paper's block, 0.035 fringe,

@@ -26,12 +26,7 @@ from isochrome.estimation import (
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.causes.blocks import BLOCK, FrameBlocks, SolvedFrame
 from isochrome.fitting.causes.score import LightTerms
-from isochrome.fitting.causes.solution import (
-    RIM_PX,
-    TRIAL_TOLERANCE,
-    Change,
-    whole_picture,
-)
+from isochrome.fitting.causes.solution import RIM_PX, TRIAL_TOLERANCE, Change, whole_picture
 from isochrome.fitting.frame.frame_fit import hidden_px, placed
 from isochrome.fitting.frame.renderer import SceneRenderer
 from isochrome.fitting.frame.single_state import with_numerics

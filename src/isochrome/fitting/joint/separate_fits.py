@@ -6,12 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from isochrome.errors import PhysicsError
-from isochrome.estimation import (
-    CUTOFF,
-    budgets_of,
-    scaled_inverse,
-    standard_uncertainty,
-)
+from isochrome.estimation import CUTOFF, budgets_of, scaled_inverse, standard_uncertainty
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.frame_fit import FrameFit
 from isochrome.fitting.frame.unknowns import LOAD, WEAR

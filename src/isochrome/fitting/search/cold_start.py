@@ -7,8 +7,6 @@ stress away are tried as well. A scene whose own values lead to the noise is tak
 nothing else is tried.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import product

@@ -9,8 +9,6 @@ way, so that quarter turns and both signs of friction stand for all that a pictu
 The best windows descend as a cold start does (`search.descents`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial

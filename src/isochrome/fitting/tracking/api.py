@@ -1,7 +1,5 @@
 """`fit --track`: a video's frames one after the other, each followed from the one before."""
 
-from __future__ import annotations
-
 import json
 from contextlib import closing
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What does not change from frame to frame of a video, asked of a few of them before the track."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 

@@ -111,11 +111,7 @@ class FieldMaker:
     """Fields at thinned pixels as the axes of a course move, on the scars that it has worn."""
 
     def __init__(
-        self,
-        course: TrackCourse,
-        shape: tuple[int, int],
-        thinned: Thinned,
-        steps: dict[str, float],
+        self, course: TrackCourse, shape: tuple[int, int], thinned: Thinned, steps: dict[str, float]
     ) -> None:
         """`course`; `shape` (rows, cols) of a frame; `thinned`, its pixels.
 

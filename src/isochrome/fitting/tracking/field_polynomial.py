@@ -7,8 +7,6 @@ each pair and triple: a sparse grid (Smolyak 1963, Dokl. Akad. Nauk SSSR 148, 10
 more corners than terms: least squares there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations, product
@@ -68,11 +66,7 @@ class FieldBox:
 
 
 def make_field_box(
-    render: Render,
-    low: Array,
-    high: Array,
-    degrees: tuple[int, ...],
-    cheap: tuple[int, ...] = (),
+    render: Render, low: Array, high: Array, degrees: tuple[int, ...], cheap: tuple[int, ...] = ()
 ) -> FieldBox:
     """Interpolate a field over a box of values.
 

@@ -5,8 +5,6 @@ where its own load does not reach, or reaches beyond, the frame tells which one 
 one load: what swung before is taken for a steady one that leaves the least misfit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -4,8 +4,6 @@ A scar is stepped on from one that is known, never worn again from the start: so
 way, with the drive that wore them.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,15 +21,7 @@ from isochrome.contact import (
 )
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.unknowns import WEAR
-from isochrome.fitting.tracking.scar_steps import (
-    JUMP,
-    SMALL,
-    STEP,
-    Drive,
-    Growth,
-    WornScar,
-    grow,
-)
+from isochrome.fitting.tracking.scar_steps import JUMP, SMALL, STEP, Drive, Growth, WornScar, grow
 from isochrome.scene import Scene
 from isochrome.simulation import SceneState
 

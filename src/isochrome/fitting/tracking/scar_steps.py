@@ -14,13 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isochrome.contact import (
-    ContactSetup,
-    OutputState,
-    SlidingHistory,
-    solve_pressure,
-    worn_states,
-)
+from isochrome.contact import ContactSetup, OutputState, SlidingHistory, solve_pressure, worn_states
 from isochrome.errors import PhysicsError
 from isochrome.fitting.arrays import Array
 

@@ -1,7 +1,5 @@
 """A contact's frames near some values: a polynomial for the field, derivatives kept, steps."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from isochrome.errors import PhysicsError

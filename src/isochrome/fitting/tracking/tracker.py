@@ -6,8 +6,6 @@ serve. A frame that this does not bring down to its noise is lost, and is search
 alone.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Any
@@ -15,12 +13,7 @@ from typing import Any
 import numpy as np
 
 from isochrome.errors import PhysicsError
-from isochrome.estimation import (
-    POOR_CHI,
-    FrameData,
-    prepare_frame,
-    standard_uncertainty,
-)
+from isochrome.estimation import POOR_CHI, FrameData, prepare_frame, standard_uncertainty
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.frame_fit import fit_frame
 from isochrome.fitting.frame.frame_model import GammaFit, LocalModel, RefinedFit

@@ -1,7 +1,5 @@
 """A full search that found nothing is not made again in frames that show the same."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from isochrome.fitting.arrays import Array

@@ -1,7 +1,5 @@
 """The scenes that tracked values stand for: what a frame shows now, on what was worn before."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Tractions of every frame of a fit, and what they leave on disk."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -8,8 +8,6 @@ pixels with narrower hats step by step: what is new at each step is predicted wi
 Then patches of pressure that noise alone explains are left out, and the rest is resolved finely.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import product
 

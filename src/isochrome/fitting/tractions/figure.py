@@ -43,10 +43,7 @@ _WIDE = 1.96
 
 
 def tractions_figure(
-    name: str,
-    frames: Iterable[FrameData],
-    scenes: tuple[Scene, ...],
-    found: tuple[Tractions, ...],
+    name: str, frames: Iterable[FrameData], scenes: tuple[Scene, ...], found: tuple[Tractions, ...]
 ) -> Figure:
     """Tractions with their 95 % bands, residual, and both principal stresses, for four frames.
 

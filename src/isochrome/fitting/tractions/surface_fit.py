@@ -5,8 +5,6 @@ pressed and rubbed, p(x) >= 0 and |q| <= m p, and that what its far sides add is
 follows from these, and so do the principal stresses apart. Warnings say where they may be wrong.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -114,11 +112,7 @@ class Tractions:
 
 
 def invert_tractions(
-    data: FrameData,
-    scene: Scene,
-    *,
-    others: tuple[Scene, ...] = (),
-    free_top: bool = False,
+    data: FrameData, scene: Scene, *, others: tuple[Scene, ...] = (), free_top: bool = False
 ) -> Tractions:
     """Pressure and shear on the surface of a contact from one frame, without a contact model.
 

@@ -19,8 +19,6 @@ Squares Problems, chapter 23; Morozov (1984), Methods for Solving Incorrectly Po
 section 8.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -31,12 +29,7 @@ from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.renderer import FringeOptics
 from isochrome.fitting.tractions.binned_pixels import Averaging, Bins, bin_averaging
 from isochrome.fitting.tractions.traction_basis import Basis, lattice_px
-from isochrome.stress import (
-    FieldGrid,
-    PixelGrid,
-    make_field_grid,
-    stress_difference,
-)
+from isochrome.stress import FieldGrid, PixelGrid, make_field_grid, stress_difference
 
 _CHUNK = 4096
 _WEAK = 1e-7

@@ -1,7 +1,5 @@
 """One stage of an inversion: some pixels, some nodes, and what they say of the tractions."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

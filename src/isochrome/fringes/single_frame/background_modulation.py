@@ -296,11 +296,7 @@ def gamma_misfit(
 
 
 def _problem(
-    light: Array,
-    sigma: Array,
-    valid: Mask,
-    ends: tuple[Array | None, Array | None],
-    tone: bool,
+    light: Array, sigma: Array, valid: Mask, ends: tuple[Array | None, Array | None], tone: bool
 ) -> tuple[EndProblem, list[Array]]:
     """The problem on binned pixels, and where to start."""
     by = next((b for b in _BINNINGS if min(light.shape) // b >= _LEAST_PIXELS), 1)
@@ -348,10 +344,7 @@ def _brights(problem: EndProblem, lamp: SmoothImages, low: float, high: float) -
 
 
 def _ends(
-    shape: tuple[int, ...],
-    dark: Array | None,
-    bright: Array | None,
-    found: Found,
+    shape: tuple[int, ...], dark: Array | None, bright: Array | None, found: Found
 ) -> BackgroundModulation:
     """The ends on all pixels."""
     full = shapes_of_ends(shape, 1)

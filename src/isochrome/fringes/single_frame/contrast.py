@@ -8,8 +8,6 @@ back at. Patches that span crest and flank alike say what contrast they have bes
 s² and b² are what they say together, and the light is divided by it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

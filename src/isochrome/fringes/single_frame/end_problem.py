@@ -6,8 +6,6 @@ what a bin of some pixels leaves of a fringe. The cubic terms are nuisances: wit
 quadratic cannot follow would be taken for light, with a certainty that it does not have.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 

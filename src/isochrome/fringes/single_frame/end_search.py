@@ -13,8 +13,6 @@ Sources: Golub & Pereyra (1973), SIAM J. Numer. Anal. 10, 413, for the eliminati
 (1944), Q. Appl. Math. 2, 164, for the damping.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np

@@ -10,20 +10,13 @@ and a wide band take of the fringes' contrast is found from the frame (`contrast
 masked pixels keep apart are parts apart.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.fringes.on_branch import (
-    LARGEST_UNCERTAINTY,
-    OrderReading,
-    less_sure,
-    make_reading,
-)
+from isochrome.fringes.on_branch import LARGEST_UNCERTAINTY, OrderReading, less_sure, make_reading
 from isochrome.fringes.single_frame.contrast import (
     FADED,
     contrast_map,

@@ -12,8 +12,6 @@ it must be said. A point that the rest contradicts may lie beyond a seam that th
 (`sign_ambiguity`): then that seam is closed as the point says.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -73,11 +71,7 @@ class Anchored:
 
 
 def anchor_parts(
-    patches: Patches,
-    labels: Labels,
-    known: Sequence[KnownPlaces],
-    valid: Mask,
-    error: Array,
+    patches: Patches, labels: Labels, known: Sequence[KnownPlaces], valid: Mask, error: Array
 ) -> Anchored:
     """Choose the whole number of each part where an order is known, and the side of open seams.
 

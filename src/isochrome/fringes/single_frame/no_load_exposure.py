@@ -11,8 +11,6 @@ The lines are where the gradient vanishes across the direction of the largest cu
 Source: Steger (1998), IEEE TPAMI 20, 113, for the lines.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

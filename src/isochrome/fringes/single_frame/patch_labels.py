@@ -11,8 +11,6 @@ The result is one signed field. It passes smoothly through zero, where the order
 crease, so that the order is its absolute value.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

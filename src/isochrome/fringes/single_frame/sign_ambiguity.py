@@ -11,8 +11,6 @@ flat valley of the order along a crest under noise: what lies beyond it is not k
 Source: Boykov, Veksler & Zabih (2001), IEEE TPAMI 23, 1222, for cuts as moves that lower a cost.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -245,11 +243,7 @@ def _seams(
 
 
 def _about(
-    joints: _Joints,
-    terms: Array,
-    crest: int,
-    band: float,
-    points: Sequence[AnchorPatch] | None,
+    joints: _Joints, terms: Array, crest: int, band: float, points: Sequence[AnchorPatch] | None
 ) -> Iterator[_Seam]:
     """The seams about one crest, which keep to the patches in a band of orders about it."""
     shape = terms.shape[:2]

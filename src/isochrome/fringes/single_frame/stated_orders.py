@@ -12,8 +12,6 @@ says the patch's whole number where all of the way is seen to be dark. Within th
 blurred or masked edge hides, N is less than their distance times its slope beyond them, as p > 1.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -197,11 +195,7 @@ class Stated:
 
 
 def stated_place(
-    patches: Patches,
-    labels: Labels,
-    terms: Array,
-    known: KnownPlaces,
-    place: tuple[float, float],
+    patches: Patches, labels: Labels, terms: Array, known: KnownPlaces, place: tuple[float, float]
 ) -> StatedPlace:
     """What the patch about a place says of it, by the parts' `terms` (m, n, 6).
 

@@ -335,11 +335,7 @@ def _result(
         contrast=light.contrast.astype(np.float32),
         chi=light.chi,
         parts=settled.parts,
-        warnings=(
-            *settled.warnings,
-            *_of_steps(light, clear),
-            *few,
-        ),
+        warnings=(*settled.warnings, *_of_steps(light, clear), *few),
     )
 
 
