@@ -433,6 +433,7 @@ def test_nothing_is_drawn_where_nothing_was_fitted(tmp_path):
         found.figure()
 
 
+@pytest.mark.long
 def test_pandas_is_imported_only_for_a_table(results, tmp_path):
     import subprocess
     import sys

@@ -59,6 +59,7 @@ def test_a_source_of_uncertainty_is_a_row_the_largest_share_first(folder):
     assert table["relative_standard_uncertainty"][load] == pytest.approx(0.003)
 
 
+@pytest.mark.long
 def test_copies_for_excel_are_of_this_calibration_or_not_there(folder):
     """Those of an earlier one were of other numbers than the tables beside them."""
     text = (folder / "images_excel.csv").read_bytes()

@@ -43,6 +43,7 @@ def captured(seed, true=LOADS, **bench):
     return disc_images(RISE * np.asarray(true), own, seed)
 
 
+@pytest.mark.long
 def test_a_load_between_others_in_a_disc_that_holds_stress_along_them():
     """Along the loads' own directions the pixels' waves are exact: what is left is the noise."""
     found = read(captured(1, zero_order=0.3), LOADS, 4)

@@ -149,6 +149,7 @@ def test_simulate_gives_the_principal_stresses_to_whoever_asks(quick_isochrome, 
     assert {f"{name}.tif" for name in maps} | {"stress.png"} <= files_in(place / "Spannung")
 
 
+@pytest.mark.long
 def test_simulating_twice_gives_the_same_bytes(captured, quick_isochrome, place):
     assert quick_isochrome("simulate", "small.toml", "--out", "twice").code == 0
     for name in ("history.csv", "frames.tif", "pressure.csv", "fringe_order.tif"):

@@ -241,6 +241,7 @@ def test_an_output_that_is_full_ends_with_2(place, monkeypatch, capfd):
     assert "cannot be read or written (No space left on device)" in capfd.readouterr().err
 
 
+@pytest.mark.long
 def test_in_another_process_a_refusal_is_one_line_too(place, isochrome):
     done = isochrome(*simulate("weg.toml"))
     assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)

@@ -43,7 +43,7 @@ def all_text(figure):
     return " ".join(" ".join(text.get_text().split()) for text in figure.findobj(Text))
 
 
-@pytest.mark.parametrize("count", [1, 2, 6])
+@pytest.mark.parametrize("count", [1, 2, pytest.param(6, marks=pytest.mark.long)])
 def test_panels_letters_labels_and_numbers(count):
     figure = drawn(*frame_sets(count))
     shown = panels(figure)
@@ -58,6 +58,7 @@ def test_panels_letters_labels_and_numbers(count):
     assert "95 % below 0.02" in text and "NCC" in text and "µm" in text
 
 
+@pytest.mark.long
 def test_axes_are_in_millimetres_and_shared_or_count_pixels():
     figure = drawn(*frame_sets(2))
     shown = panels(figure)
@@ -71,6 +72,7 @@ def test_axes_are_in_millimetres_and_shared_or_count_pixels():
     assert panels(figure)[0].get_xlabel() == "column (px)" and "No pixel scale" in all_text(figure)
 
 
+@pytest.mark.long
 def test_one_grey_range_and_differences_follow_what_is_known():
     shown = panels(drawn(*frame_sets(3)))
     greys = {axes.images[0].get_clim() for k, axes in enumerate(shown) if k % 3 < 2}
@@ -96,6 +98,7 @@ def test_lines_of_the_simulation_lie_on_its_dark_fringes():
     np.testing.assert_allclose(np.hypot(row, col - 40) / 18, 1.0, atol=0.01)
 
 
+@pytest.mark.long
 def test_many_frames_are_thinned_and_the_foot_says_so():
     figure = drawn(*frame_sets(11))
     assert len(panels(figure)) == 24 and "8 of 11 frames shown" in all_text(figure)
@@ -103,6 +106,7 @@ def test_many_frames_are_thinned_and_the_foot_says_so():
     assert titles[0].endswith(" 0 m") and titles[-1].endswith(" 310 m")
 
 
+@pytest.mark.long
 def test_words_stay_inside_the_figure_and_no_global_state_is_left(tmp_path):
     experiment, simulation = frame_sets(2, noise=0.01)
     figure = drawn(experiment, simulation)

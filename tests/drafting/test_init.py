@@ -118,6 +118,7 @@ NO_CONTACT = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "what",
     ["light", *(pytest.param(w, marks=pytest.mark.long) for w in NO_CONTACT if w != "light")],
@@ -216,6 +217,7 @@ def test_nothing_is_left_where_the_preview_cannot_be_drawn(case, draft, tmp_path
     assert not (tmp_path / "bench").exists()
 
 
+@pytest.mark.long
 def test_a_name_of_a_file_is_a_comment_whatever_it_holds(case, tmp_path):
     path = tmp_path / 'odd\n[load]\nnormal_n = 1\n".tif'
     tifffile.imwrite(path, case.captured)

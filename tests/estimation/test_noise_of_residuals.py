@@ -91,6 +91,7 @@ def test_what_changes_slowly_from_line_to_line_is_no_noise_of_theirs():
     assert line_correlation(KEEP, (noise(6) + slow).ravel(), 1) > 10.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "kind", ["rows", "compressed", pytest.param("pixels", marks=pytest.mark.long)]
 )

@@ -200,6 +200,7 @@ def test_the_frames_are_those_asked_for(worn):
         np.testing.assert_array_equal(shown, stack.asarray()[1])
 
 
+@pytest.mark.long
 def test_the_scale_bar_has_the_length_that_it_says(worn):
     figure = isochrome.paper_figure(worn["compare"])
     texts = [text.words for text in drawn_texts(figure)]
@@ -260,6 +261,7 @@ def _words_of_pdf(pdf: bytes) -> bool:
     return any(re.search(rb"T[jJ]\b", text) and b"BT" in text for text in plain)
 
 
+@pytest.mark.long
 def test_the_data_of_each_curve_stand_beside(worn, tmp_path):
     style = isochrome.FigureStyle(formats=("png",), dpi=60)
     files = isochrome.save_figure(worn["simulate"], tmp_path / "figure", style)
@@ -328,6 +330,7 @@ def numbers_shown(axis) -> int:
     return sum(low <= place <= high for place in axis.get_ticklocs())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", [3, pytest.param(6, marks=pytest.mark.long)])
 def test_each_axis_with_numbers_has_two_at_least(worn, count):
     style = isochrome.FigureStyle(width_mm=85, frames=(0, 1) * (count // 2) + (0,) * (count % 2))
@@ -343,6 +346,7 @@ def test_each_axis_with_numbers_has_two_at_least(worn, count):
     assert len(found) > 4 and min(found) >= 2
 
 
+@pytest.mark.long
 def test_labels_at_the_sides_of_values_over_frames_are_apart():
     keys, count = ("camera.left_mm", "camera.top_mm", "wear.coefficient_mm2_per_n"), 5
     none = np.zeros(count, dtype=bool)
@@ -516,6 +520,7 @@ def some_recordings(count: int) -> list[Outcome]:
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("count", [3, 40])
 def test_a_campaigns_letters_are_large_enough_and_apart(count, width):
@@ -568,6 +573,7 @@ def test_a_campaign_and_the_demo_leave_the_figure_that_is_asked_for(
     assert run(monkeypatch, capsys, "demo", "--width", "10mm")[0] == 2  # before its minute of work
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", [1, 2])
 def test_the_colour_bar_of_key_frames_is_no_taller_than_its_pictures(count):
     """Beside six values of a film, that of one key frame was three times as tall."""

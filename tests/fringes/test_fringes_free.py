@@ -186,6 +186,7 @@ def test_beside_isotropic_points_the_order_is_right_or_masked():
     assert np.isfinite(error).any() and np.nanmax(error) < SURE
 
 
+@pytest.mark.long
 def test_without_a_known_point_inside_the_frame_or_of_noise_nothing_is_known():
     _, light, _ = reading("contact, mu 0.3")
     got = read_free(light.wave[CUT], light.wave_sigma[CUT], light.valid[CUT], [])

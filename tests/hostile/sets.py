@@ -192,6 +192,6 @@ def results_over(place: Path, record: bytes) -> list[str]:
 
 NO_RECORD = ("old/", "no provenance.json", "move it away")
 case(SETS, "results over a run whose record is garbage", lambda p: results_over(p, b"\xff["),
-     *NO_RECORD)  # fmt: skip
+     *NO_RECORD, slow=True)  # fmt: skip
 case(SETS, "results over a run whose record names no files",
      lambda p: results_over(p, b'{"outputs": [1, {"a": 2}]}'), *NO_RECORD, slow=True)  # fmt: skip

@@ -67,6 +67,7 @@ def test_what_its_scene_says_is_asked_for_nothing_and_the_command_ends_well(tmp_
     assert run.exit_code == 0 and "no error found" in run.output
 
 
+@pytest.mark.long
 def test_frames_without_the_scenes_fringes_are_said_to_have_none(tmp_path):
     (finding,) = asked(check(saved(tmp_path, *dark(2)), bench()))
     assert finding.level == "error" and finding.text.startswith("frames 0-1: ")

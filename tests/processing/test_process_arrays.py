@@ -92,6 +92,7 @@ def test_arrays_and_tables_are_taken_as_files_are_and_too_many_maps_refused(ring
     assert endless.asked < 5 and len(str(refusal.value).splitlines()) == 1
 
 
+@pytest.mark.long
 def test_an_arrays_results_on_disk_are_those_in_memory_and_not_taken_for_anothers(ring):
     frames, _ = ring
     found, kept = isochrome.process(frames, RING, "OUT"), isochrome.process(frames, RING)

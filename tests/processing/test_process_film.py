@@ -272,6 +272,7 @@ def test_options_that_say_nothing_are_refused(tmp_path, more, said):
         process(place / "film.tif", place / "scene.toml", **more)
 
 
+@pytest.mark.long
 def test_a_growing_run_can_be_opened_and_looked_at(followed, monkeypatch):
     place, _, _ = followed
     follow_of = "isochrome.processing.kinds.tracked.KeyFrames.follow"

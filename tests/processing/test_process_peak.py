@@ -92,7 +92,9 @@ def test_an_unharmed_frame_shows_its_largest_order_itself():
         assert abs(row["p_max_mpa"] - contact.pressure_mpa()) <= 3.0 * row["p_max_uncertainty_mpa"]
 
 
-@pytest.mark.parametrize("seed", [0, 2, 3, 4, 11])
+@pytest.mark.parametrize(
+    "seed", [0, 2, *(pytest.param(seed, marks=pytest.mark.long) for seed in (3, 4, 11))]
+)
 def test_a_masked_peak_is_the_models_within_its_uncertainty_or_at_least(tmp_path, seed):
     contact, rng = drawn(seed)
     row, result = found(*harmed(contact, rng, HARMS[seed % 5], tmp_path))
@@ -136,6 +138,7 @@ def test_a_load_that_varies_through_the_thickness_leaves_a_least_order(tilt):
     assert "at least" in dict(result.main_values())["n_max"]
 
 
+@pytest.mark.long
 def test_followed_frames_say_where_theirs_is_from(tmp_path):
     contact = drawn(7)[0]
     true, *peak = largest(contact)

@@ -114,6 +114,7 @@ def test_a_complete_run_gives_its_table_again_until_scene_or_input_change(place)
     assert not process(place / "film.tif", place / "scene.toml", place / "out").already
 
 
+@pytest.mark.long
 def test_a_frame_that_fails_ends_the_run_or_is_left_out(tmp_path):
     place = make_set(tmp_path, 3, known=True)
     frames = film(3, 0)

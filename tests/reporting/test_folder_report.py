@@ -112,6 +112,7 @@ def test_a_folder_of_another_kind_is_named(tmp_path, file, words):
         isochrome.report(tmp_path)
 
 
+@pytest.mark.long
 def test_a_comparison_is_made_anew_of_its_two_sets(tmp_path, monkeypatch):
     """Not of sets that are others by now, or were in memory."""
     for name in ("one", "two"):

@@ -171,6 +171,7 @@ def test_orders_are_rounded_to_a_thousandth_where_that_has_room():
     assert np.isfinite(decoded(coarse["order"], *order.shape)).all()
 
 
+@pytest.mark.long
 def test_a_report_of_many_large_frames_has_room_or_is_refused(tmp_path):
     content = made_content()
     rng = np.random.default_rng(2)

@@ -123,7 +123,14 @@ def check_fault(finished, name, kind, seed, *, mend=True):
     signal.alarm(0)
 
 
-@pytest.mark.parametrize("kind", ["byte", "other", "pipe"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param("byte", marks=pytest.mark.long),
+        pytest.param("other", marks=pytest.mark.long),
+        "pipe",
+    ],
+)
 def test_a_fault_is_named_gives_nothing_wrong_and_is_mended(finished, kind):
     check_fault(finished, "process", kind, 1)
 
@@ -153,6 +160,7 @@ def test_a_thousand_faults(finished, name, kind):
         check_fault(finished, name, kind, seed, mend=own or seed < 102)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["process", "track"])
 def test_a_flipped_bit_of_a_chunks_own_checksum_is_named(finished, name):
     folder = finished(name)  # of maps one by one; of several in whole steps

@@ -78,6 +78,7 @@ def test_a_part_that_is_shifted_by_whole_orders_says_by_how_many():
     assert part_change(order, np.abs(order - 3.0), "it", "this point")[0] == "changed"
 
 
+@pytest.mark.long
 def test_where_no_fringe_is_followed_a_point_would_anchor_nothing(bench):
     preview = ClickPreview(bench)
     apply_tool(
@@ -96,6 +97,7 @@ def test_where_no_fringe_is_followed_a_point_would_anchor_nothing(bench):
     assert "of the region" in inside["words"]
 
 
+@pytest.mark.long
 def test_what_fits_no_fringe_or_would_be_refused_is_an_answer_and_changes_nothing(bench):
     text, revision, preview = bench.text, bench.revision, ClickPreview(bench)
     found = preview.answer(0, asked([POINT | {"order": 0.0}]))
