@@ -67,7 +67,6 @@ def test_a_tone_curve_is_found_with_the_whole_set(beam_frame):
     assert_covered(found)
 
 
-@pytest.mark.long
 @pytest.mark.usefixtures("apart")
 def test_an_unknown_tone_curve_stretches_the_noise_and_stays_in_the_budget(beam_frame):
     """chi is 1 only where the noise goes with the curve: sigma' = g I^(g - 1) sigma."""

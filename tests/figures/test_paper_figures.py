@@ -181,7 +181,9 @@ def test_letters_of_every_figure_are_large_enough_and_apart(others, name, width,
     # many panels are the narrowest
     [*(pytest.param(few, marks=STUDY) for few in [(0,), (1, 0)]), (0, 1, 1, 0, 1, 0, 1)],
 )
-@pytest.mark.parametrize("name", ["simulate", "process", "compare"])
+@pytest.mark.parametrize(
+    "name", [*(pytest.param(n, marks=STUDY) for n in ("simulate", "process")), "compare"]
+)
 def test_letters_are_apart_for_any_choice_of_frames(worn, name, frames, width):
     style = isochrome.FigureStyle(width_mm=width, frames=frames, numbers=True)
     check(isochrome.paper_figure(worn[name], style), width)
@@ -200,7 +202,6 @@ def test_the_frames_are_those_asked_for(worn):
         np.testing.assert_array_equal(shown, stack.asarray()[1])
 
 
-@pytest.mark.long
 def test_the_scale_bar_has_the_length_that_it_says(worn):
     figure = isochrome.paper_figure(worn["compare"])
     texts = [text.words for text in drawn_texts(figure)]

@@ -76,7 +76,6 @@ def test_a_map_has_the_display_range_of_what_it_shows():
     assert imagej_view("tau_xz", (-0.2, 0.7))["Ranges"] == (-0.7, 0.7)
 
 
-@pytest.mark.long
 def test_every_tiff_of_a_run_has_the_whole_head(processed, tmp_path):
     """What simulate, process and export leave; the tractions' are looked at where they are made."""
     folder, _ = processed

@@ -216,7 +216,10 @@ def test_the_page_of_colours_states_gamma_and_each_warning(tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("specimen", "images"), [("bending", (0, 3)), ("disc", (0, 2))])
+@pytest.mark.parametrize(
+    ("specimen", "images"),
+    [("bending", (0, 3)), pytest.param("disc", (0, 2), marks=pytest.mark.study)],
+)
 def test_the_page_of_a_fringe_value_states_it(tmp_path, specimen, images):
     given = some_of_a_shipped_set(tmp_path, specimen, images)
     found = getattr(isochrome, f"calibrate_{specimen}")(given)

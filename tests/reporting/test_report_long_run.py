@@ -17,7 +17,7 @@ MOST_BYTES = 10_000_000
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("tracked", [False, True])
+@pytest.mark.parametrize("tracked", [False, pytest.param(True, marks=pytest.mark.study)])
 def test_a_run_of_twenty_thousand_frames_has_a_page_of_less_than_ten_megabytes(tmp_path, tracked):
     """Of a camera's 659 x 494 pixels. With -s it says how long it took."""
     shape = (494, 659)

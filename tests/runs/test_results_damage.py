@@ -27,6 +27,7 @@ LONGEST_S = 120
 """Seconds in which a folder, whatever is in it, is refused or read: one that hangs takes all."""
 
 COMMANDS = {command.name: command for command in commands()}
+LONGEST = ("track", "fit", "campaign")
 
 
 class Finished:
@@ -123,14 +124,7 @@ def check_fault(finished, name, kind, seed, *, mend=True):
     signal.alarm(0)
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [
-        pytest.param("byte", marks=pytest.mark.long),
-        pytest.param("other", marks=pytest.mark.long),
-        "pipe",
-    ],
-)
+@pytest.mark.parametrize("kind", ["byte", "other", "pipe"])
 def test_a_fault_is_named_gives_nothing_wrong_and_is_mended(finished, kind):
     check_fault(finished, "process", kind, 1)
 
@@ -143,7 +137,10 @@ def _no_alarm_is_left():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize(
+    "name",  # the longest are left to the study
+    [pytest.param(n, marks=pytest.mark.study) if n in LONGEST else n for n in COMMANDS],
+)
 def test_faults_of_every_command(finished, name):
     first = list(COMMANDS).index(name) % 4
     for kind in FAULTS[first::4]:

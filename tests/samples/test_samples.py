@@ -159,7 +159,7 @@ def test_the_sample_images_are_at_most_nine_and_a_half_megabytes():
         (render_bending, "bending"),
         (render_disc, "disc"),
         (render_wear, "wear"),
-        (render_film, "sliding-film"),
+        pytest.param(render_film, "sliding-film", marks=pytest.mark.study),
     ],
 )
 def test_a_set_renders_to_the_shipped_one(tmp_path, render, name):

@@ -66,7 +66,6 @@ def test_one_search_makes_the_scene_of_the_form_and_finds_the_rest(case, drawn):
     assert drawn.text == ""
 
 
-@pytest.mark.long
 def test_a_search_in_a_scene_keeps_comments_regions_and_stated_values(case, drawn):
     values = form_of(case) | {"frames.rotate_deg": case.turn, "load.normal_n": case.about_n}
     apply_tool(drawn, {"tool": "new", "kind": "contact", "values": values})

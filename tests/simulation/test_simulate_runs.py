@@ -91,7 +91,6 @@ def stopped(tmp_path, monkeypatch, scene):
             simulate(scene, tmp_path / "out")
 
 
-@pytest.mark.long
 def test_a_stopped_simulation_goes_on_and_ends_with_the_same_bytes(tmp_path, monkeypatch, whole):
     stopped(tmp_path, monkeypatch, SCENE)
     with pytest.raises(InputError, match=r"the scene .* has changed; undo that"):
