@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-import isochrome.contact.scar as module
+import isochrome.contact.scar as scar_module
 from hard.hard_cases import constant_course
 from isochrome.contact import (
     OutputState,
@@ -302,7 +302,7 @@ def test_a_mesh_misses_a_hump_as_narrow_as_its_nodes_and_no_wide_one(intervals):
 
 
 def test_a_load_whose_kinks_are_small_is_stepped_from_kink_to_kink(monkeypatch):
-    """A swing of 20 % sampled 20 times. Goes wrong if the steps shrink in front of a kink and
+    """A swing of 20 %, 20 samples a period. Goes wrong if the steps shrink in front of a kink and
     forecast across it: to 1e-9 of the dose, where rounding stopped them on some processors."""
     s = 0.1 * np.arange(7)
     load = (44.0 * (1.0 + 0.2 * np.sin(np.pi * s))).tolist()
@@ -316,8 +316,8 @@ def test_a_load_whose_kinks_are_small_is_stepped_from_kink_to_kink(monkeypatch):
         }
     )
     steps = []
-    advance = module._advance
-    monkeypatch.setattr(module, "_advance", lambda *a: steps.append(a[2]) or advance(*a))
+    advance = scar_module._advance
+    monkeypatch.setattr(scar_module, "_advance", lambda *a: steps.append(a[2]) or advance(*a))
     fine = [state.p_max_mpa for state in contact_states(case)]
     assert len(steps) < 2000  # 1130 are measured; 6000 and more were not enough
     rough = [

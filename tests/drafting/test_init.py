@@ -119,10 +119,7 @@ NO_CONTACT = {
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "what",
-    ["light", *(pytest.param(w, marks=pytest.mark.long) for w in NO_CONTACT if w != "light")],
-)
+@pytest.mark.parametrize("what", NO_CONTACT)
 def test_a_picture_without_a_contact_is_refused(case, what):
     rows, cols = case.captured.shape
     z, x = np.mgrid[-1 : 1 : rows * 1j, -1 : 1 : cols * 1j]

@@ -92,9 +92,7 @@ def test_what_changes_slowly_from_line_to_line_is_no_noise_of_theirs():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "kind", ["rows", "compressed", pytest.param("pixels", marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("kind", ["rows", "compressed", "pixels"])
 def test_the_gradients_covariance_is_that_of_many_draws(kind):
     """Its promise: the variance of Σ r j over draws of the noise, whatever neighbours share."""
     slopes = np.stack([np.sin(ROWS / 40.0).ravel(), np.cos(COLS / 70.0).ravel()])

@@ -332,7 +332,7 @@ def numbers_shown(axis) -> int:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("count", [3, pytest.param(6, marks=pytest.mark.long)])
+@pytest.mark.parametrize("count", [3, 6])
 def test_each_axis_with_numbers_has_two_at_least(worn, count):
     style = isochrome.FigureStyle(width_mm=85, frames=(0, 1) * (count // 2) + (0,) * (count % 2))
     figure = isochrome.paper_figure(worn["compare"], style)

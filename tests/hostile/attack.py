@@ -14,7 +14,7 @@ from pathlib import Path
 MEMORY = 2_000_000_000
 """Bytes that a run may take."""
 
-CPU_S, WALL_S = 60, 900
+CPU_S, WALL_S = 40, 900
 """Seconds that a run may compute, four times the longest, and after which one hangs: machines are
 slow and loaded."""
 

@@ -135,9 +135,9 @@ def time_stamps_that_go_backwards_where_distances_are_wanted(place: Path) -> lis
 
     path = video(place / "v.mkv", rows=48, cols=64)
     data = bytearray(path.read_bytes())
-    mark = b"\x81" + (300).to_bytes(2, "big")
+    mark = b"\x81" + (200).to_bytes(2, "big")
     assert data.count(mark) == 1
-    data[data.find(mark) + 1 : data.find(mark) + 3] = (150).to_bytes(2, "big")
+    data[data.find(mark) + 1 : data.find(mark) + 3] = (50).to_bytes(2, "big")
     path.write_bytes(data)
     write_scene(place, CONTACT + "[frames]\nsliding_speed_mm_per_s = 257.7\n")
     return process("v.mkv", "wrong.toml", "--as-stated")

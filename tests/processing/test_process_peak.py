@@ -107,9 +107,10 @@ def test_a_masked_peak_is_the_models_within_its_uncertainty_or_at_least(tmp_path
     )
 
 
-@pytest.mark.study
 @pytest.mark.long
-@pytest.mark.parametrize(("seeds", "models"), [(range(50), 30)])
+@pytest.mark.parametrize(
+    ("seeds", "models"), [(range(15, 25), 5), pytest.param(range(50), 30, marks=pytest.mark.study)]
+)
 def test_masked_peaks(tmp_path, seeds, models):
     wrong, named, refused = [], [], 0
     for seed in seeds:

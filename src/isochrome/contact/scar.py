@@ -383,7 +383,7 @@ def _walk(
             return
         if size > shortest and error > _REJECT * allowed and len(points) > _ORDER:
             ahead = history.next_break(dose * (1.0 + _SAME) * unit) / unit
-            kink = min(kink, ahead if ahead < dose + size else math.inf)
+            kink = ahead if ahead < dose + size else kink
             step = size * max(_SHRINK, factor)
             continue
         edges = np.maximum(edges, _edges(new))
