@@ -9,11 +9,9 @@ from fitting.engine_frames import prepared
 from fitting.sliding_bench import FRICTION, LOAD, bench
 from isochrome.benchmarks import load_benchmarks
 from isochrome.fitting import cause_messages, fit_frame, fit_with_causes
-from isochrome.fitting.causes.cause import ABOVE, BLURRED, ROLL, WIDE
-from isochrome.fitting.causes.score import Asked, _undecided, is_impossible
+from isochrome.fitting.causes.cause import ABOVE, WIDE
 from isochrome.processing import cell_values
 from isochrome.reference import contact_modulus, hertz_half_width, hertz_peak_pressure, hertz_stress
-from isochrome.scene import load_scene
 from isochrome.stress import pixel_grid
 from pixel_means import gauss_mean
 
@@ -195,10 +193,11 @@ def test_the_area_of_the_pixels_moves_no_load():
 
 
 @pytest.mark.long
-def test_a_blur_too_little_to_be_freed_is_not_taken_for_a_band_of_light():
+def test_a_little_blur_is_not_taken_for_a_band_of_light():
     """A band of 4.9 nm was found in the sample disc, whose camera blurs by 0.4 px."""
     freed, _, _ = fitted(Defects(blur_px=0.45))
-    assert not freed.causes
+    assert [cause.name for cause in freed.causes] == ["blur"]
+    assert value_of(freed, "camera.blur_px") == pytest.approx(0.45, abs=0.02)
     assert max(map(abs, pulls(freed.fit))) < 4.0
 
 
@@ -289,41 +288,6 @@ def test_a_lens_too_weak_to_be_asked_for_is_in_the_uncertainty(keystone):
     assert np.mean(held) < -3.5
     # nine of ten benches have none, so that some of it stays where chance hides it
     assert np.sqrt(np.mean(np.square(found))) < 0.8 * np.sqrt(np.mean(np.square(held)))
-
-
-class Alike:
-    """Products of columns that all move the fit's one unknown by 1."""
-
-    count = 1000
-
-    def shift(self, columns, values):
-        return np.ones(1)
-
-
-@pytest.mark.parametrize("evidence", [-4.0, 2.0, 20.0, 4000.0])
-@pytest.mark.parametrize("number", [1, 2, 5])
-def test_causes_that_say_the_same_widen_a_fit_as_one_of_their_odds_together(evidence, number):
-    """Models that exclude one another: n w/(1 + n w), w = exp(E/2)/9, and never above 1."""
-    asked = [Asked(gain=0.0, evidence=evidence, cause=ROLL, values=(1.0,))] * number
-    left = _undecided(Alike(), asked, [1] * number)
-    inverse = 9.0 * np.exp(-0.5 * evidence) / number
-    assert (left @ left.T)[0, 0] == pytest.approx(1.0 / (1.0 + inverse), rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("cause", "value", "blur_px", "impossible"),
-    [
-        (BLURRED, -0.5, 0.0, True),
-        (BLURRED, 0.5, 0.0, False),
-        (BLURRED, -0.5, 1.2, False),  # less blur than is stated
-        (WIDE, -100.0, 0.0, True),
-        (ROLL, -0.3, 0.0, False),
-    ],
-)
-def test_a_negative_square_is_no_cause(cause, value, blur_px, impossible):
-    """A picture is not sharper than without blur: what asks for that is something else."""
-    scene = load_scene("line-contact-wear").with_values({"camera.blur_px": blur_px})
-    assert is_impossible(cause, np.array([value]), scene) is impossible
 
 
 @pytest.mark.long

@@ -14,8 +14,8 @@ from fitting.test_fit_causes import Defects, frame
 from isochrome.cli import main
 from isochrome.errors import PhysicsError
 from isochrome.fitting import cause_messages, fit, fit_with_causes, opposite_shear
-from isochrome.fitting.causes import trials
-from isochrome.fitting.causes.trials import _together
+from isochrome.fitting.causes import slips
+from isochrome.fitting.causes.slips import _together
 from isochrome.frames import as_turned
 from isochrome.processing import check, process
 from isochrome.scene import dump_scene, parse_scene
@@ -164,9 +164,9 @@ def test_a_slip_is_named_that_leaves_a_sixteenth_of_what_chi_squared_is_too_larg
     monkeypatch, image, chi, named
 ):
     """Of 19² - 1 = 360 that is 22.5: chi = 4.85."""
-    monkeypatch.setattr(trials, "_tried", lambda slip, keys: (chi, slip.scene))
+    monkeypatch.setattr(slips, "_tried", lambda slip, keys: (chi, slip.scene))
     assert (
-        trials.explaining_slip(prepared(image, stated()), stated(), None, 19.0) is not None
+        slips.explaining_slip(prepared(image, stated()), stated(), None, 19.0) is not None
     ) is named
 
 

@@ -27,9 +27,8 @@ WEAR = "\n[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [0.0, 40.0, 80.0]\
 
 def sample_scene(**wear):
     scene = load_scene(CONTACT / "scene.toml")
-    return scene.with_values({f"wear.{k}": v for k, v in wear.items()}).model_copy(
-        update={"folder": CONTACT, "name": "sample"}
-    )
+    known = {f"wear.{k}": v for k, v in wear.items()} | {"camera.blur_px": 0.4}  # its camera's
+    return scene.with_values(known).model_copy(update={"folder": CONTACT, "name": "sample"})
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +57,8 @@ def right_to_a_hundredth(item, true):
     assert np.sqrt(np.mean(error[known] ** 2)) <= 0.01 and np.abs(error[known]).max() < 0.25
     assert 0.9 < item.chi < 1.1 and item.reading.kept >= 0.95
     # a worn contact's largest order lies at its edge, on the surface, where none is read
-    assert all("n_max and its place are those of the fitted model" in w for w in item.warnings)
+    peak = [text for text in item.warnings if "n_max" in text]
+    assert all("n_max and its place are those of the fitted model" in text for text in peak)
     assert abs(item.largest["n_max"] - np.nanmax(true)) <= 2.0 * item.largest["n_max_uncertainty"]
 
 
@@ -67,7 +67,9 @@ def test_two_sample_frames_are_read_to_a_hundredth_of_a_fringe(first_and_last, t
         right_to_a_hundredth(item, true_order[state])
     assert first_and_last.columns["label"] == ["static", "233 m"]
     assert first_and_last.columns["n_max_from"] == ["frame", "model"]
-    assert len(first_and_last.warnings) == 1
+    assert not first_and_last.frames[0].warnings
+    # it wore under less friction than it has: .236 to .25 before .252
+    assert "friction.earlier_change = -0.00" in first_and_last.frames[1].warnings[0]
 
 
 @pytest.mark.long
@@ -152,8 +154,8 @@ def test_fitted_values_are_the_rendered_ones(first_and_last):
 
 @pytest.mark.long
 @pytest.mark.parametrize("radius_mm", [27.0, pytest.param(49.22, marks=pytest.mark.study)])
-def test_a_wrong_scene_gives_a_poor_chi_and_says_so(radius_mm, tmp_path):
-    """A radius 10 % off leaves orders to be used with care; one twice too large leaves none."""
+def test_a_wrong_radius_is_said_to_be_a_modulus_or_leaves_nothing(radius_mm, tmp_path):
+    """Of a contact's width and pressure both are one direction; twice too large leaves none."""
     write_tiff(tmp_path / "static.tif", simulate(parse_scene(STATIC)).frames)
     scene = parse_scene(STATIC).with_values({"indenter.radius_mm": radius_mm})
     if radius_mm > 40.0:
@@ -162,8 +164,10 @@ def test_a_wrong_scene_gives_a_poor_chi_and_says_so(radius_mm, tmp_path):
             process(tmp_path / "static.tif", scene)
         return
     found = process(tmp_path / "static.tif", scene)
-    assert found.columns["chi"][0] > 1.3 and found.columns["kept_share"][0] > 0.5
-    assert "the model does not describe this frame" in found.warnings[0]
+    assert found.columns["chi"][0] < 1.05 and found.columns["kept_share"][0] > 0.9
+    assert "another modulus of the specimen, or another radius" in found.warnings[0]
+    # E/R is what the frame knows
+    assert found.fitted.specimen.young_gpa == pytest.approx(1.08 * 2.1, rel=0.02)
 
 
 COARSE = (

@@ -286,7 +286,7 @@ def find_contact(
         raise _unexplained(frame, fit.chi if fit.positive else None)
     _refuse_far_load(fit, given, frame)
     rivals = rival_causes(answer)
-    messages = cause_messages(answer, rivals=rivals, light=light_matters(answer))
+    messages = cause_messages(answer, light=light_matters(answer))
     poor = fit.chi > POOR_CHI
     if poor:
         messages += (message("chi_frame_holds_more", chi=fit.chi),)

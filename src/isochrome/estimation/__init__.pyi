@@ -10,6 +10,7 @@ from .covariance import (
     standard_uncertainty,
     white_covariance,
 )
+from .evidence import Evidence, Hypothesis, Sets, weigh
 from .intensity import (
     STEP,
     IntensityFit,
@@ -103,7 +104,9 @@ __all__ = [
     "BudgetInput",
     "BudgetRow",
     "Damping",
+    "Evidence",
     "FrameData",
+    "Hypothesis",
     "IntensityFit",
     "LinearPart",
     "Minimum",
@@ -111,6 +114,7 @@ __all__ = [
     "Prior",
     "ScoreProducts",
     "SeparableProblem",
+    "Sets",
     "SeveralStarts",
     "State",
     "Terms",
@@ -161,6 +165,7 @@ __all__ = [
     "stride_mask",
     "total_degree",
     "variance_shares",
+    "weigh",
     "white_covariance",
     "with_chosen_terms",
 ]

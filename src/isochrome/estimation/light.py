@@ -271,7 +271,7 @@ class ScoreProducts:
             gram = gram + _taken_off(products, len(local))
             count, fitted = count + stacked.shape[1], fitted + len(local)
         self.size = size
-        self._taken_up = _explained(gram, shared)[:, :-1]
+        self.taken_up = _explained(gram, shared)[:, :-1]
         reduced = _taken_off(gram, shared)
         self.count = count
         self.matrix, self.right, square = reduced[:-1, :-1], reduced[:-1, -1], reduced[-1, -1]
@@ -289,25 +289,6 @@ class ScoreProducts:
         inverse = np.linalg.pinv(matrix * np.outer(scale, scale), 1e-8, hermitian=True)
         values = scale * (inverse @ (scale * right))
         return float(values @ right) / self.noise, int(determined.sum()), values
-
-    def shift(self, chosen: slice | list[int], values: Array) -> Array:
-        """How far (p,) what is fitted to all parts would move, to first order, if columns had such
-        values.
-        """
-        return np.asarray(-self._taken_up[:, chosen] @ values)
-
-    def score_with_prior(self, chosen: slice, weight: Array) -> tuple[float, float, Array]:
-        """What columns gain whose values are known beforehand, over the noise, its price, values.
-
-        With U² the prior's variances, 1/`weight`, the gain is gᵀ (M + U⁻²)⁻¹ g, and what Bayes's
-        factor takes off for the values that might have been, ln det(1 + U M U). Values (k,) are to
-        first order.
-        """
-        right, matrix = self.right[chosen] / self.noise, self.matrix[chosen][:, chosen] / self.noise
-        scale = weight**-0.5
-        full = np.eye(len(right)) + scale[:, None] * matrix * scale
-        values = scale * np.linalg.solve(full, scale * right)
-        return float(values @ right), float(np.linalg.slogdet(full)[1]), values
 
     def one_by_one(self, most: int) -> list[int]:
         """The columns that are asked for, each the one with the most evidence beside those before.

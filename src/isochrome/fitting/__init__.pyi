@@ -1,7 +1,6 @@
 from .api import FrameWork, fit
 from .causes.freeing import Freed, fit_with_causes
-from .causes.report import cause_messages, light_matters, opposite_shear
-from .causes.rivals import rival_causes
+from .causes.report import cause_messages, light_matters, opposite_shear, rival_causes
 from .figure import over_distance_figure
 from .folder import fit_report, restore_fit, restore_values
 from .frame.frame_fit import FrameFit, cramer_rao_bound, fit_frame, placed, propagated

@@ -11,8 +11,9 @@ import numpy as np
 
 from isochrome.errors import PhysicsError
 from isochrome.estimation import POOR_CHI, FrameData, Minimum
-from isochrome.fitting.causes.freeing import Freed, fit_with_causes, free_causes
+from isochrome.fitting.causes.freeing import ADDED, Freed, fit_with_causes, free_causes
 from isochrome.fitting.causes.report import cause_messages, opposite_shear
+from isochrome.fitting.causes.score import added_tractions
 from isochrome.fitting.causes.solution import FrameSolution
 from isochrome.fitting.figure import figure_of_frames
 from isochrome.fitting.folder import restore_fit, write_fit
@@ -112,6 +113,8 @@ class FrameWork:
         parts["others"] = tuple(Minimum(np.array(values), chi) for values, chi in row["others"])
         start = placed(alone_scene(self.sequence.scene, index), self.data.shape)
         fitted_values = dict(zip(row["keys"], row["values"], strict=True))
+        if row.get("tractions") is not None:
+            fitted_values[ADDED] = row["tractions"]
         return FrameFit(scene=start.with_values(fitted_values), **parts)
 
     def _row(self, index: int, data: FrameData, last: Mapping[str, float] | None) -> Row:
@@ -133,6 +136,8 @@ class FrameWork:
         row |= {name: getattr(fit, name) for name in _PLAIN} | {"keys": list(fit.keys)}
         others = [[other.values.tolist(), float(other.chi)] for other in fit.others]
         row["inputs"] = [list(item) for item in fit.inputs.rows]
+        added = added_tractions(fit.scene)
+        row["tractions"] = added and added.model_dump(mode="json")
         return row | {"others": others, "said": list(messages), "light": light}
 
     def _explained(self, extended: Freed[FrameSolution]) -> Freed[FrameSolution]:

@@ -137,6 +137,25 @@ def _light(signal: Array, camera: Camera) -> Array:
     return light
 
 
+_KERNEL = 40
+_LEAST_WIDTH = 0.1
+"""Standard deviation (px) below which a kernel on whole pixels is one pixel alone."""
+
+
+def blur_variance(sigma_px: float) -> tuple[float, float]:
+    """Variance (px²) of a blur's kernel on whole pixels, and its slope by the standard deviation.
+
+    Below a pixel it is less than the square, since the kernel is the Gaussian at whole pixels.
+    """
+    if sigma_px < _LEAST_WIDTH:
+        return 0.0, 0.0
+    squares = np.square(np.arange(-_KERNEL, _KERNEL + 1.0))
+    weights = np.exp(-0.5 * squares / sigma_px**2)
+    variance = float(np.average(squares, weights=weights))
+    fourth = float(np.average(np.square(squares), weights=weights))
+    return variance, (fourth - variance**2) / sigma_px**3
+
+
 def illumination(shape: tuple[int, ...], camera: Camera) -> Array | float:
     """Fall-off of the light, 1 - vignette r², r = 1 in the corners (rows, cols), or (.., .., 1)."""
     if camera.vignette == 0.0:

@@ -278,16 +278,17 @@ def slope_visibility(rows: Array, cols: Array, *, out: Array | None = None) -> A
     return np.multiply(_sinc(rows), _sinc(cols), out=out)
 
 
-def mean_order(order: Array, *, stride: int = 1) -> Array:
+def mean_order(order: Array, *, stride: int = 1, blur_px2: float = 0.0) -> Array:
     """The order M (rows, cols) that square pixels show of N in their middles, NaN off the specimen.
 
     Over a pixel of side 1 the mean of exp(2 pi i N) is V exp(2 pi i M), M = N + (d²N/dx² +
     d²N/dz²)/24, to second order in the pixel's size; V, see `pixel_visibility`. Beside an edge N
-    has the bend of the next pixel, or none. `stride`: pixels from one entry to the next.
+    has the bend of the next pixel, or none. `stride`: pixels from one entry to the next; a blur of
+    variance `blur_px2` adds half of that times the same bend.
     """
     bend = _bend(order, 0)
     bend += _bend(order, 1)
-    bend *= 1.0 / (24.0 * stride**2)
+    bend *= (1.0 / 24.0 + 0.5 * blur_px2) / stride**2
     bend += order
     return bend
 

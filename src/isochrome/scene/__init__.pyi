@@ -16,6 +16,7 @@ from .imaging import (
 )
 from .parts import (
     BODIES,
+    AddedTractions,
     Friction,
     Indenter,
     Load,
@@ -47,6 +48,7 @@ __all__ = [
     "LIBRARY",
     "STIFFEST_GPA",
     "UNDOUBTED_MM",
+    "AddedTractions",
     "ArrayFrames",
     "Camera",
     "DistanceTable",

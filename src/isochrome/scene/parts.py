@@ -155,6 +155,30 @@ class Indenter(ScenePart):
         return self
 
 
+class AddedTractions(ScenePart):
+    """Tractions on a contact's surface besides its model's, linear between places, nought beyond.
+
+    Parameters
+    ----------
+    x_mm : tuple of float
+        Places from the contact's centre, mm, rising.
+    pressure_mpa : tuple of float
+        Pressure to add there, MPa. Its integral adds to the load.
+    shear_mpa : tuple of float
+        Shear along +x to add there, MPa.
+    """
+
+    x_mm: Annotated[tuple[Finite, ...], Field(min_length=2, max_length=1000)]
+    pressure_mpa: Annotated[tuple[Finite, ...], Field(min_length=2, max_length=1000)]
+    shear_mpa: Annotated[tuple[Finite, ...], Field(min_length=2, max_length=1000)]
+
+    @model_validator(mode="after")
+    def _same_length_rising(self) -> AddedTractions:
+        check_samples(self, "x_mm", "pressure_mpa")
+        check_samples(self, "x_mm", "shear_mpa")
+        return self
+
+
 class Load(ScenePart):
     """The forces: normal (diametral; or the whole bending load), tangential, bulk stress, spans.
 
@@ -175,6 +199,8 @@ class Load(ScenePart):
         Distance between the inner rollers of a beam, mm.
     outer_span_mm : float, optional
         Distance between the outer rollers of a beam, mm.
+    added_tractions : AddedTractions, optional
+        Tractions of a contact besides its model's, as a fit finds them.
     """
 
     normal_n: OverDistance[Positive, PositiveTable]
@@ -184,6 +210,7 @@ class Load(ScenePart):
     bulk_along_z_mpa_per_mm: Finite | None = None
     inner_span_mm: Positive | None = None
     outer_span_mm: Positive | None = None
+    added_tractions: AddedTractions | None = None
 
 
 class Friction(ScenePart):

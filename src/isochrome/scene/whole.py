@@ -161,6 +161,8 @@ class Scene(ScenePart):
             raise ValueError(message("specimen_support_liding_holds"))
 
     def _check_load(self, load: Load) -> None:
+        if load.added_tractions is not None and self.indenter is None:
+            raise ValueError(message("load_added_tractions_need_contact"))
         if isinstance(load.normal_n, DistanceTable) and self.indenter is None:
             raise ValueError(message("load_normal_n_table_over"))
         if isinstance(load.normal_n, DistanceTable) and load.tangential_n is not None:

@@ -1,7 +1,7 @@
 """The chain from scene to picture: states, stress, fringe order, signal. Each step on its own."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,9 +115,49 @@ def iter_scene_states(scene: Scene) -> Iterator[SceneState]:
         SceneState(
             f"{s.distance_m:g} m" if s.distance_m else "initial sliding" if s.sliding else "static",
             s.distance_m,
-            s,
+            with_added_tractions(scene, s),
         )
         for s in iter_contact_states(scene)
+    )
+
+
+def with_added_tractions(scene: Scene, surface: SurfaceState) -> SurfaceState:
+    """A contact's surface with the scene's added tractions on it; its edges stay the model's.
+
+    PhysicsError where they lie outside the contact's window.
+    """
+    added = scene.load.added_tractions if scene.load else None
+    if added is None:
+        return surface
+    grid, x = surface.grid, surface.grid.x_mm
+    beyond = np.array([x[0] - added.x_mm[0], added.x_mm[-1] - x[-1]])
+    if beyond.max() > x[-1] - x[0]:
+        raise PhysicsError(
+            "load_added_tractions_outside_window",
+            first=added.x_mm[0],
+            last=added.x_mm[-1],
+            left_mm=float(x[0]),
+            right=float(x[-1]),
+        )
+    before, behind = np.ceil(np.maximum(0.0, beyond) / grid.spacing_mm).astype(int).tolist()
+    wider = replace(
+        grid, left_mm=grid.left_mm - before * grid.spacing_mm, nodes=grid.nodes + before + behind
+    )
+    pressure, shear, depth = (
+        np.pad(values, (before, behind))
+        for values in (surface.pressure_mpa, surface.shear_mpa, surface.wear_depth_mm)
+    )
+    more = (
+        np.interp(wider.x_mm, added.x_mm, values, left=0.0, right=0.0)
+        for values in (added.pressure_mpa, added.shear_mpa)
+    )
+    return replace(
+        surface,
+        grid=wider,
+        pressure_mpa=pressure + next(more),
+        shear_mpa=shear + next(more),
+        wear_depth_mm=depth,
+        scar_edges_mm=surface.edges_mm,
     )
 
 

@@ -9,14 +9,16 @@ from functools import cached_property
 
 import numpy as np
 
-from isochrome.estimation import FrameData, line_noise
+from isochrome.estimation import FrameData, block_correlation, line_noise
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.causes.cause import BAND, FRINGE_VALUE, PLATES, Cause
+from isochrome.fitting.causes.cause import BAND, EVEN, FRINGE_VALUE, PLATES, YOUNG, Cause
+from isochrome.fitting.causes.modes import TractionModes, traction_modes
 from isochrome.fitting.frame.frame_model import GammaFit, Pixels, gamma_slope
 from isochrome.fitting.frame.renderer import SceneRenderer, scene_optics
 from isochrome.fitting.frame.unknowns import BLUR, EARLIER, GAMMA, LENS, PIXEL, SMOOTH_KEYS
+from isochrome.optics import blur_variance
 from isochrome.scene import Scene
-from isochrome.stress import pixel_grid, regular_modes
+from isochrome.stress import PixelGrid, pixel_grid, regular_modes
 
 BLOCK = 3
 """Pixels of a block's side: a fringe is seldom finer than three blocks."""
@@ -24,22 +26,27 @@ BLOCK = 3
 _FILLED = 0.5
 """Least share of a block's pixels that were fitted."""
 
-_OWN_NOISE = 1.5
-"""Variance of rows' sums, over that of independent pixels, from which rows have their own noise."""
-
-_SHADOW_PX = 15
-"""Depth that a shadow on the surface may reach: it grows fainter, and its end is not seen."""
-_OF_THE_EXCESS = 0.5
-"""Share of what noise does not explain from which it lies beside the surface."""
-_FELT, _CLEAR = 0.1, 6.0
-"""What noise does not explain there, in its variances, and in standard deviations of their sum."""
+SHADOW_BLOCKS = 5
+"""Depth in blocks that a shadow on the surface may reach: it fades, and its end is not seen."""
 
 _STEP = 1e-4
 _STRESS_MPA = 0.01
 _FRICTION = 0.01
 """A change of the scar that stands above what its own tolerance moves."""
-EVEN = {PLATES[0]: 3.0, PLATES[1]: 3.0, BAND: 10.0}
+_MODULUS = 1e-3
+"""Share of a modulus by which it is changed: the contact is solved to 1e-6 or so."""
+_EVEN_STEPS = {PLATES[0]: 3.0, PLATES[1]: 3.0, BAND: 10.0}
 """Steps of what has no slope at nought: degrees, nm."""
+_OUTLIER = 6.0
+"""Residual of a block, in standard deviations of a block's, beyond which it is no accident."""
+_BESIDE = 2.5
+"""The same beside such a block: a speck has a rim."""
+_MAD = 1.4826
+"""Standard deviation over the median of the sizes, of a normal distribution."""
+_ORDER = 1e-3
+"""Fringes by which an order is changed."""
+COSINES = 7
+"""Cosines of the picture's height, and of its width, that an unknown order is made of."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,9 +72,9 @@ class SolvedFrame:
 class FrameBlocks:
     """Blocks of a frame (n,): `residual` over its noise, `rows` of the unknowns (p, n).
 
-    `light_rows` (l, n), of its own light; `worst` (rows/3, cols/3), the largest residual of a pixel
-    in each block of the picture; `shadow` (rows/3, cols/3), the blocks beside a contact's surface,
-    None where they are no worse than others.
+    `light_rows` (l, n), of its own light, and `light_values` (l,); `outliers` (rows/3, cols/3),
+    those that no noise explains; `beside` (rows/3, cols/3), those beside a contact's surface;
+    `excess`, the variance of what is left over the noise's.
     """
 
     def __init__(self, solved: SolvedFrame) -> None:
@@ -86,37 +93,41 @@ class FrameBlocks:
         image = np.zeros(keep.shape, np.float32)
         image[keep] = gamma_fit.residual
         self.residual = block_sums(image)[chosen] / root
-        self.worst = _largest_near(image)
-        self.shadow = None if self.scene.indenter is None else _shadow(image, keep)
+        self.outliers = outliers(image, chosen)
         image[keep] = gamma_fit.part.signal
         self._signal_image = image
         self.signal = gamma_fit.part.signal[at]
+        self._model = gamma_fit.model[at]
         self._light = gamma_fit.weight[at] * root
         bases = pixels.light[:, at], pixels.dark[:, at]
         self.light_rows = self.light_columns(*bases)
-        amplitude = gamma_fit.part.coefficients[: len(bases[0])].astype(np.float32) @ bases[0]
+        self.light_values = gamma_fit.part.coefficients
+        amplitude = self.light_values[: len(bases[0])].astype(np.float32) @ bases[0]
         self.brightness = float(np.mean(amplitude))
         self._gain = amplitude * self._light
         self._gamma_slope = gamma_slope(gamma_fit, self.scene.frames.stated_gamma)[at] * root
         every = solved.along.T.astype(np.float32) @ (solved.rows[:, at] * root)
         self.rows, self._held = np.split(every, [solved.unknowns])
-        self._noisy = [
-            axis for axis in (0, 1) if line_noise(keep, gamma_fit.residual, axis) > _OWN_NOISE
-        ]
+        lines = (line_noise(keep, gamma_fit.residual, axis) for axis in (0, 1))
+        self._own = [1.0 - max(1.0, variance) ** -0.5 for variance in lines]
+        self.excess = _excess(keep, gamma_fit.residual, self._own)
+        first = np.argmax(keep, axis=0)
+        self._depth = (np.arange(len(keep))[:, None] - first)[::BLOCK, ::BLOCK] // BLOCK
+        self.beside = self._depth < SHADOW_BLOCKS if self.scene.is_contact else None
         self._renderer = solved.renderer
         self._fields = self._thin_fields(solved.renderer)
 
     def part(self, columns: Array) -> tuple[Array, Array, Array, Array]:
         """`light_rows`, `rows`, some `columns` (k, n) that are not fitted, and the residual (n,).
 
-        Where rows or columns of the picture have a noise of their own, each one's mean is taken off
-        all of them: it tells nothing.
+        Of each row and column a part of the mean is taken off all of them, the larger the more
+        noise it has of its own: what is left is as if of independent pixels.
         """
         light, rows, residual = self.light_rows, self.rows, self.residual[None]
-        for axis in self._noisy:
+        for axis, share in enumerate(self._own):
             lines = np.nonzero(self._chosen)[1 - axis]
             light, rows, columns, residual = (
-                _without_means(values, lines) for values in (light, rows, columns, residual)
+                less_means(values, lines, share) for values in (light, rows, columns, residual)
             )
         return light, rows, columns, residual[0]
 
@@ -134,12 +145,6 @@ class FrameBlocks:
         """Images of every third pixel (..., rows/3, cols/3) at the blocks (..., n)."""
         return np.asarray(thinned[..., self._chosen])
 
-    def image_of(self, values: Array) -> Array:
-        """Values of the blocks (n,) as an image of every third pixel, 0 elsewhere."""
-        image = np.zeros(self._chosen.shape, dtype=values.dtype)
-        image[self._chosen] = values
-        return image
-
     def light_columns(self, illumination: Array, background: Array) -> Array:
         """Weighted columns (k, n) of light that is not in the model, given at the blocks."""
         return np.concatenate(
@@ -147,14 +152,37 @@ class FrameBlocks:
         )
 
     def columns(self, cause: Cause) -> Array:
-        """Weighted derivatives of the model by a cause's keys (k, n); an even one's whole step."""
-        if cause.weight:
+        """Weighted derivatives of the model by a cause's keys (k, n).
+
+        An even one's is its effect over the square of its size; of plates that are turned alike,
+        and behind it the slope by the first alone, which has one.
+        """
+        if cause.stated:
             return self._held
+        if cause.keys[0] == BLUR:
+            curved = self.thin(_curvature(self._signal_image)) * self._gain
+            return np.asarray(curved * cause.sizes[0] ** 2)[None]
         if cause.keys[0] in EVEN:
-            changed = dict.fromkeys(cause.keys, EVEN[cause.keys[0]])
+            changed = {key: _EVEN_STEPS[key] for key in cause.keys}
             step = self._signal(self.scene.with_values(changed)) - self._here
-            return np.asarray(step * self._gain)[None]
+            if cause.keys[0] == BAND:
+                return np.asarray(step * self._gain)[None]
+            first, size = cause.keys[0], changed[cause.keys[0]]
+            ahead, behind = (
+                self._signal(self.scene.with_values({first: sign * size})) for sign in (1.0, -1.0)
+            )
+            slope = (ahead - behind) * np.float32(0.5 / size)
+            return np.asarray(np.array([step, slope]) * self._gain)
         return np.array([self._column(key) for key in cause.keys])
+
+    def effect(self, cause: Cause) -> Array:
+        """What an even cause that is there does to the picture, weighted (1, n)."""
+        if cause.keys[0] == BLUR:
+            variance, _ = blur_variance(float(self.scene.get(BLUR)))
+            curved = self.thin(_curvature(self._signal_image)) * self._gain
+            return np.asarray(variance * curved)[None]
+        without = self._signal(self.scene.with_values(dict.fromkeys(cause.keys, 0.0)))
+        return np.asarray((self._here - without) * self._gain)[None]
 
     @cached_property
     def _here(self) -> Array:
@@ -170,8 +198,6 @@ class FrameBlocks:
     def _column(self, key: str) -> Array:
         if key == GAMMA:
             return np.asarray(self._gamma_slope)
-        if key == BLUR:
-            return np.asarray(self.thin(_curvature(self._signal_image)) * self._gain)
         if key in SMOOTH_KEYS:
             added = self._smooth(key)
             moved = self._signal(self.scene, self._fields[0] + np.complex64(_STRESS_MPA) * added)
@@ -179,15 +205,52 @@ class FrameBlocks:
         if key == FRINGE_VALUE:
             moved = self._signal(self.scene, self._fields[0] * np.float32(1.0 - _STEP))
             return np.asarray((moved - self._here) * (self._gain / (_STEP * self.scene.get(key))))
-        if key == EARLIER:
-            return self._past_column(float(self.scene.get(key)))
+        if key in (EARLIER, YOUNG):
+            value = float(self.scene.get(key))
+            return self._solved_column(key, value, _MODULUS * value if key == YOUNG else _FRICTION)
         return self._moved_column(key)
 
-    def _past_column(self, change: float) -> Array:
-        """By what the scar would be, had it been worn under another friction."""
-        field, _ = self._renderer.order_field(self.scene.with_values({EARLIER: change + _FRICTION}))
+    def _solved_column(self, key: str, value: float, step: float) -> Array:
+        """By what the contact would be with another modulus, or the scar under another friction."""
+        field = self._renderer.field_alone(self.scene.with_values({key: value + step}))
         moved = self._signal(self.scene, np.nan_to_num(self.thin(field)))
-        return np.asarray((moved - self._here) * (self._gain / _FRICTION))
+        return np.asarray((moved - self._here) * (self._gain / step))
+
+    @cached_property
+    def modes(self) -> TractionModes:
+        """The tractions that a contact may have of its own."""
+        surface = self._renderer.state(self.scene).surface
+        assert surface is not None
+        return traction_modes(self.scene, surface, self._grid.pixel_mm)
+
+    def traction_columns(self) -> Array:
+        """By the hats of `modes` (k, n)."""
+        field, step = self._fields[0], np.float32(_STRESS_MPA)
+        columns = np.empty((2 * len(self.modes.inner), len(field)), np.float32)
+        for column, image in zip(columns, self.modes.fields(self._grid), strict=True):
+            moved = self._signal(self.scene, field + step * self.pick(image))
+            column[:] = (moved - self._here) * (self._gain / step)
+        return columns
+
+    def order_columns(self) -> Array:
+        """By an order that no cause explains, as products of cosines over the picture (k, n)."""
+        optics, (field, visibility) = scene_optics(self.scene), self._fields
+        order = optics.order(field) + np.float32(_ORDER)
+        moved = optics.signal(field, order=order, visibility=visibility)
+        slope = (moved - self._here) * (self._gain / np.float32(_ORDER))
+        rows, cols = self._chosen.shape
+        return np.asarray(self.pick(cosines((rows, cols))) * slope)
+
+    def shadow_columns(self) -> Array:
+        """By the light that is missing at each depth of blocks beside the surface (k, n)."""
+        depth = self._depth[self._chosen]
+        lit = self._model * self._light
+        return np.array([np.where(depth == d, lit, 0.0) for d in range(SHADOW_BLOCKS)], np.float32)
+
+    @property
+    def _grid(self) -> PixelGrid:
+        # every third pixel's own centre, not that of the three
+        return pixel_grid(self.scene, self.data.shape).every(BLOCK)
 
     def _smooth(self, key: str) -> Array:
         """The stress of one of the smooth ones at 1 MPa, or MPa/mm, at the blocks."""
@@ -196,7 +259,6 @@ class FrameBlocks:
         return mode.difference(x, np.maximum(z, 0.0)).astype(np.complex64)
 
     def _places(self, scene: Scene) -> tuple[Array, Array]:
-        # every third pixel's own centre, not that of the three
         grid = pixel_grid(scene, self.data.shape).every(BLOCK)
         x, z = (np.broadcast_to(v, self._chosen.shape)[self._chosen] for v in grid.places)
         return x, z
@@ -218,14 +280,36 @@ class FrameBlocks:
         return scene_optics(scene).signal(field, visibility=self._fields[1])
 
 
-def _without_means(values: Array, lines: Array) -> Array:
-    """Values (k, n) less their means over each line (n,) of the picture."""
+def cosines(shape: tuple[int, int]) -> Array:
+    """Products of cosines (k, rows, cols) over a picture, those along the rows first."""
+    down, across = (
+        np.cos(np.pi * np.outer(np.arange(COSINES), np.arange(n) + 0.5) / n).astype(np.float32)
+        for n in shape
+    )
+    return (down[:, None, :, None] * across[None, :, None, :]).reshape(-1, *shape)
+
+
+def less_means(values: Array, lines: Array, share: float) -> Array:
+    """Values (k, n) less a share of their means over each line (n,) of the picture."""
     from scipy.sparse import csr_array
 
     count = np.bincount(lines)
     there = csr_array((np.ones(len(lines)), (np.arange(len(lines)), lines)))
     means = (values @ there) / np.maximum(count, 1)
-    return np.asarray(values - means[:, lines], values.dtype)
+    return np.asarray(values - share * means[:, lines], values.dtype)
+
+
+def _excess(keep: Mask, residual: Array, own: list[float]) -> float:
+    """Variance of the residuals' sums over blocks of pixels, over the noise's, 1 at least.
+
+    What is left and smooth is no noise of single pixels: neither where the model is wrong, nor
+    where a picture was compressed. Lines' own noise is taken off first.
+    """
+    values = residual[None]
+    for axis, share in enumerate(own):
+        values = less_means(values, np.nonzero(keep)[1 - axis], share)
+    size = float(np.mean(np.square(values), dtype=float))
+    return max(1.0, size * block_correlation(keep, values[0]))
 
 
 def _inner(keep: Mask) -> Mask:
@@ -241,19 +325,18 @@ def _curvature(image: Array) -> Array:
     return np.asarray(0.5 * laplace(image))
 
 
-def _shadow(image: Array, keep: Mask) -> Mask | None:
-    """Blocks (rows/3, cols/3) that a shadow on the surface may reach, None where there is none.
+def outliers(image: Array, chosen: Mask) -> Mask:
+    """The `chosen` blocks (rows/3, cols/3) of a residual (rows, cols) that no noise explains."""
+    from scipy.ndimage import binary_dilation, binary_propagation
 
-    It is one where most of what noise does not explain of a residual `image` lies there, and that
-    is no accident.
-    """
-    beside = np.arange(len(keep))[:, None] < np.argmax(keep, axis=0) + _SHADOW_PX
-    excess = np.where(keep, image**2 - 1.0, 0.0)
-    there, count = float(excess[beside].sum()), int(keep[beside].sum())
-    chance = max(_FELT * count, _CLEAR * (2.0 * count) ** 0.5)
-    if there < max(chance, _OF_THE_EXCESS * float(excess.sum())):
-        return None
-    return np.asarray(beside[::BLOCK, ::BLOCK])
+    count = block_sums((image != 0.0).astype(np.float32))
+    blocks = np.where(chosen, np.abs(block_sums(image)) / np.sqrt(np.maximum(count, 1.0)), 0.0)
+    noise = max(1.0, _MAD * float(np.median(blocks[chosen])))
+    size = blocks / noise
+    near = np.ones((3, 3), dtype=bool)
+    seeds = np.maximum(size, _largest_near(image) / noise) > _OUTLIER
+    outside = binary_propagation(seeds, near, mask=seeds | (size > _BESIDE))
+    return np.asarray(binary_dilation(outside, near) & bool(seeds.any()))
 
 
 def _largest_near(image: Array) -> Array:

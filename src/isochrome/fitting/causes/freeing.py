@@ -1,54 +1,66 @@
-"""A fit of one frame, or of several (`Askable`), with what it asks for: else nothing is freed."""
+"""A fit of one frame, or of several (`Askable`), with what it shows besides: else nothing is freed.
+
+All that may be there is weighed about the fit (`score.ask`), the fit moves to the likeliest set,
+and all is weighed again there. Where the residual is large its slopes say little: then some sets
+are told apart by their own fits to few pixels (`trial`).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from isochrome.errors import PhysicsError
-from isochrome.estimation import (
-    FEW_TERMS,
-    HALF,
-    LITTLE,
-    MOST_TERMS,
-    POOR_CHI,
-    FrameData,
-    evidence_gain,
-    stays_poor,
-)
+from isochrome.estimation import FEW_TERMS, HALF, MOST_TERMS, POOR_CHI, FrameData
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.causes.cause import GEOMETRY, LOOK, Cause, candidates
-from isochrome.fitting.causes.score import Asked, LightTerms, ask, richer_light
-from isochrome.fitting.causes.solution import Askable, Change, FrameSolution, change_for
-from isochrome.fitting.causes.trials import Trial, explaining_slip, is_unexplained
+from isochrome.fitting.causes.cause import EVEN, Cause
+from isochrome.fitting.causes.score import (
+    LIGHT,
+    ORDER,
+    SHADOW,
+    TRACTIONS,
+    Asked,
+    FittedNuisances,
+    ask,
+    middle_of,
+    richer_light,
+    sizes_of,
+)
+from isochrome.fitting.causes.slips import Slip, explaining_slip, is_unexplained
+from isochrome.fitting.causes.solution import Askable, Change, FrameSolution
+from isochrome.fitting.causes.trial import Expected, Trial
 from isochrome.fitting.frame.frame_fit import fit_with_model
-from isochrome.fitting.frame.unknowns import GAMMA, LENS, StatedInputs
+from isochrome.fitting.frame.unknowns import StatedInputs
 from isochrome.scene import Scene
 
 S = TypeVar("S", bound=Askable)
 
-_ROUNDS, _PRUNINGS = 6, 3
-_LARGE, _STRONG = 1.03, 500.0
-"""Residual over noise, and evidence, from which a cause is no small step: each is then tried by its
-own fit, for where the surface or a fringe moves by a pixel its slope says little."""
-_TRIED = 5
-_CLEAR = 4.0
-"""Standard uncertainties from what is stated below which a cause is not kept free."""
+ADDED = "load.added_tractions"
+
+_ROUNDS = 16
+_LARGE = 1.03
+"""Residual over noise from which sets are told apart by their own fits."""
+_LIKELY, _TRIED = 3, 9
+"""The likeliest sets, and all that are tried: these, the first without one thing, what is fitted
+and that with one more."""
+_LEAST_EVEN = 0.1
+"""Least square, of its size's, at which an even cause begins: it has no slope at nought."""
 _SAME_CHI = 1.01
-"""Ratio of chi within which a fit without a needless cause must stay."""
-_RIM = 2
-"""Blocks by which what may be in a shadow is wider than what is in its deepest part."""
+"""Ratio of chi within which a fit with fewer unknowns must stay."""
+_AT_REST, _KEPT = 4.0, 0.25
+"""What the cost may yet fall by, two standard deviations along the way; and how much of what its
+slope has promised a step must bring."""
 _LIGHTS = 4
 """How often light is made richer in a row: what is asked for changes a little with the fit."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Freed(Generic[S]):
-    """A fit with what its frames asked for.
+    """A fit with what its frames showed.
 
     Parameters
     ----------
@@ -57,18 +69,18 @@ class Freed(Generic[S]):
     stated : Askable
         The fit as the scene states it.
     causes : tuple of Cause, optional
-        Those that were freed, in order.
+        Those that were freed.
+    tractions : bool, default False
+        Whether tractions that are not the model's were fitted.
     light : bool, default False
         Whether the light was made richer.
     odd : ndarray of bool, (rows/3, cols/3), optional
         Blocks of the picture that were left out.
-    late : bool, default False
-        Whether some were left out after other things had been fitted to them.
-    asked : tuple of Asked, optional
-        What the frames still ask for and is not freed.
+    asked : Asked, optional
+        What the frames show besides, weighed about the fit.
     undecided : ndarray, (p, p), optional
-        What the covariance lacks for causes and light that the frames neither ask for nor exclude.
-    slip : Trial, optional
+        What the covariance lacks for what the frames neither show nor exclude.
+    slip : Slip, optional
         The slip in the scene that explains the frame where the scene does not. The fit's light is
         none then: `positive` is False.
     """
@@ -76,12 +88,12 @@ class Freed(Generic[S]):
     now: S
     stated: S
     causes: tuple[Cause, ...] = ()
+    tractions: bool = False
     light: bool = False
     odd: Mask | None = None
-    late: bool = False
-    asked: tuple[Asked, ...] = ()
+    asked: Asked | None = None
     undecided: Array | None = None
-    slip: Trial | None = None
+    slip: Slip | None = None
 
     @property
     def fit(self) -> Any:
@@ -101,169 +113,310 @@ class Freed(Generic[S]):
     @property
     def is_plain(self) -> bool:
         """Whether nothing was freed, and nothing left out."""
-        return not (self.causes or self.light) and self.odd is None
+        return not (self.causes or self.tractions or self.light) and self.odd is None
 
-    @cached_property
-    def richer(self) -> LightTerms:
-        """The light that the frames ask for most, which is both tried and taken first."""
-        return richer_light(self.now.blocks(), self.now.terms, FEW_TERMS)
+    @property
+    def chances(self) -> dict[str, float]:
+        """How likely each thing is there, by its name."""
+        return self.asked.chances if self.asked else {}
+
+    @property
+    def fitted(self) -> FittedNuisances:
+        """What is fitted besides the unknowns."""
+        return FittedNuisances(self.causes, self.tractions, self.light)
+
+    def weighed(self) -> Freed[S]:
+        """The same with all that may be there weighed about it."""
+        asked = ask(self.now, self.fitted, self.stated)
+        return replace(self, asked=asked, undecided=asked.undecided)
 
     def undone(self) -> Freed[S]:
-        """The fit as the scene states it, less sure by all that its frames ask for."""
-        return Freed(now=self.stated, stated=self.stated, undecided=_asked(self.stated)[1])
+        """The fit as the scene states it, less sure by all that its frames show."""
+        return Freed(now=self.stated, stated=self.stated).weighed()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Plan:
+    """A set to fit: `causes`, tractions of a prior's `root`, an `order`'s, uneven `light`, still
+    `richer` than what is fitted.
+
+    `log_odds` of them; `starts` of even causes' keys, which have no slope at nought. Found by a
+    `trial`, or with the tractions' `values` (k,) to first order. An order that no cause explains is
+    tried, and never fitted.
+    """
+
+    causes: tuple[Cause, ...] = ()
+    root: Array | None = None
+    order: Array | None = None
+    light: bool = False
+    richer: bool = False
+    values: Array | None = None
+    starts: dict[str, float] = field(default_factory=dict)
+    log_odds: float = 0.0
+    trial: Trial | None = None
+
+    @property
+    def names(self) -> frozenset[str]:
+        """All that is fitted, by name."""
+        names = FittedNuisances(self.causes, self.root is not None, self.light).names
+        return names | ({"richer light"} if self.richer else set())
+
+    @property
+    def every(self) -> frozenset[str]:
+        """All of it by name."""
+        return self.names | ({ORDER} if self.order is not None else set())
+
+    def evidence(self, noise: float) -> float:
+        """That of its trial, at a variance of the noise."""
+        return -np.inf if self.trial is None else self.trial.evidence(noise) + self.log_odds
 
 
 def free_causes(solution: S) -> Freed[S]:
-    """Free what frames ask for, one cause after the other, until they ask for nothing.
+    """Move to the likeliest set of what frames show, until the fit has it.
 
     Parameters: `solution`, their fit. Returns Freed, with the fit that was given where the frames
-    ask for nothing, or their light came out negative.
+    show nothing else, or their light came out negative.
     """
     freed = Freed(now=solution, stated=solution)
     if not solution.is_bright:
         return freed
-    freed = _settled(freed)
-    if freed.late:
-        freed = _anew(freed)
-    if freed.odd is not None and freed.causes:
-        freed = _whole_again(freed)
-    # a frame that nothing explains has no causes, only another scene
-    more = any(asked.can_be_freed for asked in freed.asked)
-    return freed.undone() if more and freed.now.chi > POOR_CHI else freed
-
-
-def _settled(freed: Freed[S]) -> Freed[S]:
-    """What is asked for freed, without what comes out at nothing."""
-    for _ in range(_PRUNINGS):
-        freed = _freed(freed)
-        fewer = _pruned(freed)
-        if fewer is freed:
-            break
-        freed = fewer  # without what was needless, something else may be asked for
-    return freed
-
-
-def _anew(freed: Freed[S]) -> Freed[S]:
-    """All that is asked for freed once more, without what is odd from the beginning.
-
-    Light that was made rich on a shadow, and causes that were fitted to it, hide what is beside it.
-    """
-    try:
-        clean = freed.stated.again(Change(outside=freed.odd))
-    except PhysicsError:
-        return freed
-    again = _settled(Freed(now=clean, stated=freed.stated, odd=freed.odd))
-    return again if again.now.is_sound and again.now.chi < _SAME_CHI * freed.now.chi else freed
-
-
-def _whole_again(freed: Freed[S]) -> Freed[S]:
-    """With what was odd before its cause was known, where it is odd no more: a blur, no shadow."""
-    new = {k: freed.now.scene.get(k) for k in freed.now.keys if k not in freed.stated.keys}
-    try:
-        whole = freed.stated.again(Change(added=new, terms=freed.now.terms))
-    except PhysicsError:
-        return freed
-    if not whole.is_sound or whole.chi > _SAME_CHI * freed.now.chi:
-        return freed
-    asked, undecided = _asked(whole)
-    if any(item.outside is not None for item in asked):
-        return freed
-    return replace(freed, now=whole, odd=None, asked=asked, undecided=undecided)
-
-
-def _freed(freed: Freed[S]) -> Freed[S]:
-    """What is asked for freed, one after the other, the one with the most evidence first."""
+    freed = freed.weighed()
+    seen: set[tuple[frozenset[str], int]] = set()
     for _ in range(_ROUNDS):
-        asked, undecided = _asked(freed.now)
-        freed = replace(freed, asked=asked, undecided=undecided)
-        wider = _widest(freed, asked)
-        if wider is None:
+        moved = _moved(freed, seen)
+        if moved is None:
             break
-        freed = wider
-    return freed
+        freed = moved.weighed()
+    if freed.odd is not None:
+        freed = _with_all_pixels(freed)
+    # a frame that nothing explains has no causes, only another scene
+    return freed.undone() if freed.now.chi > POOR_CHI and not freed.is_plain else freed
 
 
-def _asked(now: Askable) -> tuple[tuple[Asked, ...], Array]:
-    """What a fit's frames ask for, see `ask`."""
-    causes = candidates(now.scene, now.keys, now.held, past=now.past)
-    return ask(now.blocks(), causes, now.scene, now.terms, now.stated_misfit)
+def _moved(freed: Freed[S], seen: set[tuple[frozenset[str], int]]) -> Freed[S] | None:
+    """The fit with a likelier set, or without what is odd; None where it has the likeliest.
 
-
-def _widest(freed: Freed[S], asked: tuple[Asked, ...]) -> Freed[S] | None:
-    """The fit with the best of what is asked for, None where none of it can be freed."""
-    open_ = tuple(a for a in asked if a.can_be_freed)
-    if not open_:
-        return None
-    suspected = not asked[0].can_be_freed
-    slight = freed.now.chi < _LARGE and asked[0].evidence < _STRONG
-    if suspected and slight:
-        return None
-    order = open_ if slight else _tried(freed, open_)
-    # what is odd is left out where the best two of the others come to nothing
-    for item in (*order[:2], *(a for a in order[2:] if a.outside is not None)):
-        wider = _with(freed, item)
-        if suspected and wider is not None:
-            # a wrong scale is not how a camera looks, though that may explain some of it
-            wider = wider if all(a.can_be_freed for a in _asked(wider.now)[0]) else None
-        # what is odd may hide what a cause explains: a trial has told that without it
-        alone = item.outside is not None
-        if wider is not None and not (alone and stays_poor(freed.now.chi, wider.now.chi, LITTLE)):
+    A shadow goes first: light and lens take its fainter rows for their own. Other pixels are left
+    out where no set is likelier: what is odd may be where a cause is felt most. Sets that were
+    `seen` are not fitted again.
+    """
+    asked = freed.asked
+    assert asked is not None
+    if SHADOW in asked.best and asked.beside is not None:
+        without = _left_out(freed, asked.beside)
+        if without is not None:
+            return without
+    nearer = _nearer(freed, asked) if freed.tractions else None
+    if nearer is not None:
+        return nearer
+    left = 0 if freed.odd is None else int(freed.odd.sum())
+    left += sum(map(len, freed.now.terms))
+    seen.add((freed.fitted.names, left))
+    for plan in _plans(freed, asked):
+        if (plan.names, left) in seen and not plan.names < freed.fitted.names:
+            continue
+        seen.add((plan.names, left))
+        wider = _with(freed, plan)
+        if wider is not None:
             return wider
-    return None
+    if freed.light:
+        now = _with_all_light(freed.now)
+        if now is not freed.now:
+            return replace(freed, now=now)
+    odd, beside = asked.outside, asked.beside
+    if odd is not None and beside is not None and _is_shadow(odd, beside):
+        odd = odd | beside  # its faint rows are not seen as such
+    return None if odd is None else _left_out(freed, odd)
 
 
-def _with(freed: Freed[S], asked: Asked) -> Freed[S] | None:
-    """The fit with one more cause, None where that is no better."""
-    before = freed.now
+def _nearer(freed: Freed[S], asked: Asked) -> Freed[S] | None:
+    """The fit with its tractions moved on: derivatives turn where these move far; None at rest.
+
+    What is not at rest looks like something else.
+    """
+    own = _best_ways(asked, freed.fitted.names)
+    fall = asked.sets.evidence.fall(own, asked.now)
+    nearer = _with(freed, _of_members(asked, own)) if fall > _AT_REST else None
+    if nearer is None:
+        return None
+    fell = freed.now.pixels * (freed.now.chi**2 - nearer.now.chi**2)
+    return nearer if fell > _KEPT * fall else None
+
+
+def _left_out(freed: Freed[S], odd: Mask) -> Freed[S] | None:
+    """The fit without some blocks more; None where there are none, or it cannot be made.
+
+    Those that it explains once it is made without them are taken in again.
+    """
+    if freed.odd is not None:
+        odd = odd | freed.odd
+        if (odd == freed.odd).all():
+            return None
     try:
-        now = before.again(_change(freed, asked))
+        now = freed.now.again(Change(outside=odd))
+        left = now.still_odd(freed.stated, odd)
+        if left.sum() < odd.sum() and freed.asked and not _is_shadow(odd, freed.asked.beside):
+            now, odd = freed.stated.again(replace(_as_fitted(freed, now), outside=left)), left
     except PhysicsError:
         return None
-    # a cause whose value is stated moves within what is stated, and odd blocks are no unknowns
-    told = asked.outside is not None or bool(asked.cause is not None and asked.cause.weight)
-    if not (now.is_sound and now.chi < before.chi and (told or _pays(before, now))):
-        return None
-    if asked.terms is not None and not stays_poor(before.chi, now.chi, HALF):
-        now = _with_all_light(now)
-    parts = () if asked.cause is None else GEOMETRY if asked.cause is LOOK else (asked.cause,)
-    if parts and not any(_is_felt(now, cause, freed.stated.scene) for cause in parts):
-        return None
-    odd = freed.odd
-    if asked.outside is not None:
-        odd = asked.outside if odd is None else odd | asked.outside
-    return replace(
-        freed,
-        now=now,
-        causes=(*freed.causes, *(c for c in parts if c not in freed.causes)),
-        light=freed.light or asked.terms is not None,
-        odd=odd,
-        late=freed.late or (asked.outside is not None and bool(freed.causes or freed.light)),
-        asked=(),
-        undecided=None,
+    return replace(freed, now=now, odd=odd) if now.is_sound else None
+
+
+def _is_shadow(odd: Mask, beside: Mask | None) -> bool:
+    """Whether what is odd lies all along the surface."""
+    return beside is not None and bool((odd & beside).any(axis=0).mean() > HALF)
+
+
+def _plans(freed: Freed[S], asked: Asked) -> Iterator[_Plan]:
+    """Sets that are likelier than what is fitted, the likeliest first."""
+    members = asked.sets.members[0]
+    best = _of_members(asked, members)
+    settled = best.names == freed.fitted.names and not freed.light
+    if freed.now.chi < _LARGE or settled:
+        yield best
+        return
+    own = _best_ways(asked, freed.fitted.names)
+    # what is far off looks like two things, and one thing more may be another one
+    fewer = [tuple(k for k in members if k != gone) for gone in members]
+    some = [*asked.sets.members[:_LIKELY], *fewer, *_with_one_more(asked, own)]
+    base, *sets = (_of_members(asked, m) for m in (own, *some))
+    richer = [replace(base, richer=True)] if freed.light else []
+    plans = {plan.every: plan for plan in (base, *richer, *sets)}
+    expected = _expected(freed, asked)
+    tried = [
+        replace(plan, trial=trial, values=trial.tractions)
+        for plan in list(plans.values())[:_TRIED]
+        if (trial := _trial(freed, plan, expected)) is not None
+    ]
+    noise = min((max(1.0, trial.excess) for plan in tried if (trial := plan.trial)), default=1.0)
+    tried.sort(key=lambda plan: -plan.evidence(noise))
+    for plan in tried:
+        if plan.names == freed.fitted.names:
+            break
+        yield plan
+
+
+def _of_members(asked: Asked, members: tuple[int, ...]) -> _Plan:
+    """A set of hypotheses as it can be fitted."""
+    evidence = asked.sets.evidence
+    chosen = {h.name: h for h in (evidence.hypotheses[k] for k in members)}
+    press, order = chosen.get(TRACTIONS), chosen.get(ORDER)
+    causes = tuple(cause for cause in asked.causes if cause.name in chosen and cause.free)
+    values = evidence.values(members)
+    starts: dict[str, float] = {}
+    for cause in causes:
+        if cause.keys[0] in EVEN and not cause.stated:
+            square, *slope = values[chosen[cause.name].columns].tolist()
+            least = 0.0 if slope and slope[0] else _LEAST_EVEN
+            root = max(square, least) ** 0.5
+            starts |= {key: root * u for key, u in zip(cause.keys, cause.sizes, strict=True)}
+            starts[cause.keys[0]] += sum(slope)
+    return _Plan(
+        causes=causes,
+        starts=starts,
+        root=press.root if press else None,
+        order=order.root if order else None,
+        light=LIGHT in chosen,
+        values=values[press.columns] if press else None,
+        log_odds=sum(hypothesis.log_odds for hypothesis in chosen.values()),
     )
 
 
-def _pays(before: Askable, now: Askable) -> bool:
-    """Whether a fit with more unknowns is as much better as the residual's slope has promised.
+def _with_one_more(asked: Asked, own: tuple[int, ...]) -> list[tuple[int, ...]]:
+    """Sets with one thing more than what is fitted, the likeliest first."""
+    evidence = asked.sets.evidence
+    there = {evidence.hypotheses[k].name for k in own}
+    larger: dict[str, tuple[float, tuple[int, ...]]] = {}
+    for k, hypothesis in enumerate(evidence.hypotheses):
+        log = evidence.of((*own, k)) if hypothesis.name not in there else -np.inf
+        if log > larger.get(hypothesis.name, (-np.inf, ()))[0]:
+            larger[hypothesis.name] = log, (*own, k)
+    return [members for _, members in sorted(larger.values(), key=lambda pair: -pair[0])]
 
-    It is not where what is asked for only looks like it: blocks of a compressed picture, like blur.
+
+def _best_ways(asked: Asked, names: frozenset[str]) -> tuple[int, ...]:
+    """The likeliest way of each of some things, one after the other."""
+    evidence = asked.sets.evidence
+    chosen: tuple[int, ...] = ()
+    for name in sorted(names):
+        ways = [k for k, h in enumerate(evidence.hypotheses) if h.name == name]
+        if ways:
+            best = max(ways, key=lambda k: evidence.of((*chosen, k)))
+            chosen = (*chosen, best)
+    return chosen
+
+
+def _expected(freed: Freed[S], asked: Asked) -> Expected:
+    """What is known beforehand of all that may be fitted."""
+    stated = freed.stated.scene
+    keys = {
+        key: (start if cause.stated else middle_of(stated, key), size)
+        for cause in asked.causes
+        for key, start, size in zip(cause.keys, cause.starts, sizes_of(cause, stated), strict=True)
+    }
+    return Expected(keys=keys, terms=freed.stated.terms)
+
+
+def _trial(freed: Freed[S], plan: _Plan, expected: Expected) -> Trial | None:
+    """A set's fit to few pixels; None where it cannot be made.
+
+    What no noise explains is left out of all: it may be dust, or where a cause is felt most, and
+    what explains the others as well without it is right.
     """
-    sides = [
-        (fit.chi**2, len(fit.keys) + fit.count * sum(map(len, fit.terms))) for fit in (before, now)
-    ]
-    return evidence_gain(*sides, pixels=now.pixels) > 0.0
+    asked = freed.asked
+    assert asked is not None
+    expected = replace(expected, root=plan.root, order=plan.order, modes=asked.modes)
+    change = replace(_change(freed, replace(plan, values=None)), outside=asked.outside)
+    return freed.now.trial(change, expected)
 
 
-def _change(freed: Freed[S], asked: Asked) -> Change:
-    """What makes the fit one with what is asked for."""
-    return change_for(freed.now, asked, freed.richer if asked.terms is not None else None)
+def _change(freed: Freed[S], plan: _Plan) -> Change:
+    """What makes the fit one with a set, begun where its trial came to rest."""
+    now, asked, stated_fit = freed.now, freed.asked, freed.stated
+    stated = stated_fit.scene
+    assert asked is not None
+    found = plan.trial.values if plan.trial else plan.starts
+    added = {
+        key: found.get(key, now.scene.get(key) or start)
+        for cause in plan.causes
+        for key, start in zip(cause.keys, cause.starts, strict=True)
+        if key not in now.keys
+    }
+    gone = [key for c in freed.causes if c not in plan.causes for key in c.keys]
+    held: dict[str, Any] = {key: stated.get(key) for key in gone}
+    if asked.modes is not None:
+        held[ADDED] = None if plan.values is None else asked.modes.added(plan.values)
+    begun = {key: found[key] for key in now.keys if key in found and key not in held}
+    begun = begun if plan.trial else {}
+    terms = None
+    if plan.richer or plan.light > freed.light:
+        terms = richer_light(now, FEW_TERMS)
+    elif plan.light < freed.light:
+        terms = stated_fit.terms
+    return Change(added=added, held=held, begun=begun, terms=terms)
+
+
+def _with(freed: Freed[S], plan: _Plan) -> Freed[S] | None:
+    """The fit with a set, None where it is not sound, or no better with more unknowns."""
+    before = freed.now
+    change = _change(freed, plan)
+    try:
+        now = before.again(change)
+    except PhysicsError:
+        return None
+    fewer = not (plan.names - freed.fitted.names)
+    if not now.is_sound or now.chi > before.chi * (_SAME_CHI if fewer else 1.0):
+        return None
+    return replace(
+        freed, now=now, causes=plan.causes, tractions=plan.root is not None, light=plan.light
+    )
 
 
 def _with_all_light(solution: S) -> S:
     """A fit whose light is made as rich as its frames ask for."""
     with suppress(PhysicsError):  # what cannot be fitted is not asked for
         for _ in range(_LIGHTS):
-            terms = richer_light(solution.blocks(), solution.terms, MOST_TERMS)
+            terms = richer_light(solution, MOST_TERMS)
             again = solution if terms == solution.terms else solution.again(Change(terms=terms))
             if again is solution or not again.is_sound or again.chi > solution.chi:
                 break
@@ -271,72 +424,24 @@ def _with_all_light(solution: S) -> S:
     return solution
 
 
-def _tried(freed: Freed[S], asked: tuple[Asked, ...]) -> tuple[Asked, ...]:
-    """What is asked for by the evidence of its own fit to some pixels, the best first.
-
-    Blocks that no noise explains may be dust, or where a cause is felt most: all are compared
-    without them, and they are left out only where nothing else explains the others.
-    """
-    out = [a for a in asked if a.outside is not None]
-    lens = [a for a in asked if a.cause is not None and a.cause.keys[0] in LENS]
-    lights = [a for a in asked if a.terms is not None]
-    tried = [a for a in asked if a.cause is not None and a not in lens][:_TRIED]
-    tried += lights[:1] + [replace(a, cause=LOOK) for a in lens[:1]]
-    causes = [item for item in tried if item.cause is not None]
-    if out and out[0].shadow is not None and not _explained(freed, causes, out[0].shadow):
-        return tuple(out)
-    outside = out[0].outside if out else None
-    base = freed.now.trial(Change(outside=outside))
-    if base is None:
-        return ()
-    scored, before = [], float(np.sqrt(base[0]))
-    for item in tried:
-        result = freed.now.trial(replace(_change(freed, item), outside=outside))
-        # what leaves few pixels unexplained leaves all of them so, at a hundred times the cost
-        if result is not None and not stays_poor(before, float(np.sqrt(result[0])), LITTLE):
-            scored.append((evidence_gain(base[:2], result[:2], pixels=base[2]), item))
-    scored.sort(key=lambda pair: -pair[0])
-    return (*(item for gain, item in scored if gain > 0.0), *out)
+def _as_fitted(freed: Freed[S], now: S) -> Change:
+    """What makes the fit as stated one that has all that is fitted now."""
+    added = {key: now.scene.get(key) for key in now.keys if key not in freed.stated.keys}
+    held = {ADDED: now.scene.get(ADDED)} if freed.tractions else {}
+    return Change(added=added, held=held, terms=now.terms)
 
 
-def _explained(freed: Freed[S], asked: list[Asked], band: Mask) -> bool:
-    """Whether one cause takes up most of what the noise does not explain, a shadow or none.
-
-    Causes that are fitted to rows in a shadow take its fainter rows for their own, and light grows
-    rich on them: where none explains them, they are left out before any is freed.
-    """
-    rim = np.zeros_like(band)
-    rim[:-_RIM] = band[_RIM:]  # a blur hides the darkest rows
-    base = freed.now.trial(Change(outside=rim))
-    result = (freed.now.trial(replace(_change(freed, item), outside=rim)) for item in asked)
-    least = np.inf if base is None else 1.0 + HALF * (base[0] - 1.0)
-    return any(trial is not None and trial[0] < least for trial in result)
-
-
-def _is_felt(now: Askable, cause: Cause, stated: Scene) -> bool:
-    """Whether a cause came out at more than nothing, and more than is worth an unknown."""
-    if cause.weight:
-        return True  # what is known of it stands beside it: it may be nothing, and costs nothing
-    for key in cause.keys:
-        nothing = stated.frames.first_gamma if key == GAMMA else 0.0
-        if any(abs(v - nothing) > max(_CLEAR * u, cause.least) for v, u in now.values_of_key(key)):
-            return True
-    return False
-
-
-def _pruned(freed: Freed[S]) -> Freed[S]:
-    """Without the causes that came out at nothing beside the others."""
-    now, stated = freed.now, freed.stated.scene
-    needless = tuple(c for c in freed.causes if not _is_felt(now, c, stated))
-    if not needless:
+def _with_all_pixels(freed: Freed[S]) -> Freed[S]:
+    """With what was odd before its cause was known, where it is odd no more: a blur, no shadow."""
+    try:
+        whole = freed.stated.again(_as_fitted(freed, freed.now))
+    except PhysicsError:
         return freed
-    held = {key: stated.get(key) for cause in needless for key in cause.keys}
-    again = now.again(Change(held=held))
-    if not again.is_bright or again.chi > _SAME_CHI * now.chi:
+    if not whole.is_sound or whole.chi > _SAME_CHI * freed.now.chi:
         return freed
-    causes = tuple(cause for cause in freed.causes if cause not in needless)
-    # without some, others may come out at nothing too
-    return _pruned(replace(freed, now=again, causes=causes, undecided=None))
+    again = replace(freed, now=whole, odd=None).weighed()
+    assert again.asked is not None
+    return freed if again.asked.outside is not None or SHADOW in again.asked.best else again
 
 
 def fit_with_causes(

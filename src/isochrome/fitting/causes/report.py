@@ -4,16 +4,21 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from isochrome.fitting.causes.cause import Cause
 from isochrome.fitting.causes.freeing import Freed
-from isochrome.fitting.causes.score import Asked
+from isochrome.fitting.causes.score import ORDER, added_tractions
+from isochrome.fitting.causes.slips import lying_otherwise
 from isochrome.fitting.causes.solution import Askable
-from isochrome.fitting.causes.trials import lying_otherwise
 from isochrome.fitting.frame.frame_fit import FrameFit
 from isochrome.fitting.frame.unknowns import FRICTION, LOAD, PIXEL, TANGENTIAL, taken_as_exact
 from isochrome.messages import message
 from isochrome.output import agree, per_cent, with_uncertainty
 from isochrome.scene import Scene
+
+NAMED, SUSPECTED = 0.9, 0.3
+"""Chances from which something is there, and from which it may be."""
 
 _FAR = 4.0
 """Standard uncertainties from what is stated that chance does not explain."""
@@ -30,17 +35,13 @@ _MOVED, _GROWN = 0.005, 1.5
 said for what it changes alone."""
 
 
-def cause_messages(
-    freed: Freed[Any], *, rivals: Mapping[str, tuple[str, ...]] | None = None, light: bool = True
-) -> tuple[str, ...]:
+def cause_messages(freed: Freed[Any], *, light: bool = True) -> tuple[str, ...]:
     """Say what was freed in one frame, or in several together, and what is suspected and cannot be.
 
     Parameters
     ----------
     freed : Freed
         A fit with what its frames asked for.
-    rivals : mapping of str to tuple of str, optional
-        Causes that the frame cannot tell from those that were freed, see `rival_causes`.
     light : bool, default True
         Whether richer light is said where it was taken.
 
@@ -52,8 +53,10 @@ def cause_messages(
     """
     if freed.slip is not None:
         return (freed.slip.sentence(),)
-    own = tuple(cause for cause in freed.causes if not cause.weight)
-    messages = [_freed_sentence(freed, own, rivals or {})] if own else []
+    own = tuple(cause for cause in freed.causes if not cause.stated)
+    messages = [_freed_sentence(freed, own, rival_causes(freed))] if own else []
+    if freed.tractions:
+        messages.append(_traction_sentence(freed))
     messages += [text for text in map(partial(_contradicted, freed), freed.causes) if text]
     if freed.light and light:
         messages.append(message("no_load_frames_frames", light_words=freed.now.light_words))
@@ -64,10 +67,39 @@ def cause_messages(
     louder = freed.now.noise_ratio
     if louder > 1.0:
         messages.append(message("noise_times_what_neighbouring", louder=louder))
-    suspects = [asked for asked in freed.asked if not asked.can_be_freed]
-    if suspects:
-        messages.append(_suspect_sentence(freed.now, suspects))
-    return tuple(messages)
+    return (*messages, *_suspicions(freed))
+
+
+def rival_causes(freed: Freed[Any]) -> dict[str, tuple[str, ...]]:
+    """Tell what a frame cannot tell from the causes that were freed.
+
+    Parameters
+    ----------
+    freed : Freed
+        A fit with what its frames showed.
+
+    Returns
+    -------
+    dict of str to tuple of str
+        Names of what may be there instead, by the name of the freed cause; nothing for one that is
+        there with a chance of 0.9.
+    """
+    if freed.slip is not None or freed.asked is None:
+        return {}
+    sets, result = freed.asked.sets, {}
+    for cause in freed.causes:
+        left = 1.0 - freed.chances[cause.name]
+        if cause.stated or left <= 1.0 - NAMED:
+            continue
+        instead: dict[str, float] = {}
+        for index, weight in enumerate(sets.weights.tolist()):
+            names = {hypothesis.name for hypothesis in sets.named(index)}
+            for name in () if cause.name in names else names - freed.fitted.names:
+                instead[name] = instead.get(name, 0.0) + weight
+        likely = [name for name, weight in instead.items() if weight > SUSPECTED * left]
+        if likely:
+            result[cause.name] = tuple(sorted(likely, key=lambda name: -instead[name]))
+    return result
 
 
 def light_matters(freed: Freed[Any]) -> bool:
@@ -155,10 +187,11 @@ def _contradicted(freed: Freed[Any], cause: Cause) -> str:
 
     Those that agree with it are refined, which is no cause.
     """
+    rows = zip(cause.keys, cause.starts, cause.sizes, strict=True) if cause.stated else ()
     far = [
-        f"{_told(freed, key)}, stated as {with_uncertainty(value, weight**-0.5)}"
-        for key, value, weight in zip(cause.keys, cause.starts, cause.weight, strict=False)
-        if not agree(_pair(freed, key), (value, weight**-0.5))
+        f"{_told(freed, key)}, stated as {with_uncertainty(value, spread)}"
+        for key, value, spread in rows
+        if not agree(_pair(freed, key), (value, spread))
     ]
     return message(
         "what_stated_value_more",
@@ -219,12 +252,53 @@ def _shift(freed: Freed[Any]) -> str:
     return text
 
 
-def _suspect_sentence(solution: Askable, suspects: list[Asked]) -> str:
+def _traction_sentence(freed: Freed[Any]) -> str:
+    """How far the tractions are from the model's, of the model's largest pressure."""
+    assert freed.asked is not None and freed.asked.modes is not None
+    modes, scene = freed.asked.modes, freed.now.scene
+    press, shear = np.abs(modes.values_of(added_tractions(scene))).reshape(2, -1).max(axis=1)
+    return message(
+        "tractions_not_model",
+        shows=_verb(freed.now, "show"),
+        pressure=per_cent(press / modes.largest_mpa),
+        shear=per_cent(shear / modes.largest_mpa),
+    )
+
+
+def _suspicions(freed: Freed[Any]) -> list[str]:
+    """What may be there and was not fitted: scales, an order that nothing explains, and others."""
+    asked, messages = freed.asked, []
+    if asked is None:
+        return []
+    names = [
+        name
+        for name, chance in sorted(asked.chances.items(), key=lambda pair: -pair[1])
+        if chance > SUSPECTED and name not in freed.fitted.names
+    ]
+    scales = [c for c in asked.causes if c.name in names and not c.free]
+    if scales:
+        messages.append(_scale_sentence(freed, scales))
+    if ORDER in names:
+        size = asked.order_size
+        messages.append(
+            message("frames_hold_unknown_order", who=_verb(freed.now, "hold"), size=size)
+        )
+    told = {ORDER, *(cause.name for cause in scales)}
+    rivals = {name for group in rival_causes(freed).values() for name in group}
+    other = [f"{n} ({per_cent(asked.chances[n])})" for n in names if n not in told | rivals]
+    if other:
+        messages.append(message("frames_may_show", who=_who(freed.now), parts=" or ".join(other)))
+    return messages
+
+
+def _scale_sentence(freed: Freed[Any], suspects: list[Cause]) -> str:
     """The lengths and moduli that a frame contradicts, of which it cannot tell which is wrong."""
-    scene, parts = solution.scene, []
-    for asked in suspects:
-        assert asked.cause is not None
-        (key,), (value,) = asked.cause.keys, asked.values
+    solution, parts = freed.now, []
+    scene = solution.scene
+    assert freed.asked is not None
+    for cause in suspects:
+        (key,) = cause.keys
+        value = freed.asked.value_of(cause.name)
         parts.append(f"{key} {100.0 * value / float(scene.get(key)):+.2g} %")
     open_ = [
         key

@@ -1,183 +1,440 @@
-"""Which causes a fit's residual asks for: score tests on the frame's blocks, without a new fit.
+"""What frames show besides their unknowns: sets of nuisances, weighed by one linearisation.
 
-See `isochrome.estimation` for the test.
+About a fit the columns of all that may be there are taken at the frame's blocks, without a new fit;
+`isochrome.estimation.evidence` weighs the sets. What is freed already is one of them.
 """
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from isochrome.estimation import (
-    ASKED,
     FIRST_DEGREES,
     RICHEST,
+    Evidence,
+    Hypothesis,
     ScoreProducts,
+    Sets,
     Terms,
     light_products,
     missing_terms,
+    weigh,
     with_chosen_terms,
 )
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.causes.blocks import BLOCK, EVEN, FrameBlocks
-from isochrome.fitting.causes.cause import BLURRED, Cause
-from isochrome.scene import Scene
+from isochrome.fitting.causes.blocks import BLOCK, COSINES, SHADOW_BLOCKS, FrameBlocks
+from isochrome.fitting.causes.cause import EVEN, OF_SIZE, RARE, STATED, Cause, candidates
+from isochrome.fitting.causes.modes import LENGTHS, SIZES, TractionModes
+from isochrome.fitting.frame.unknowns import BLUR, GAMMA
+from isochrome.optics import blur_variance
+from isochrome.scene import AddedTractions, Scene
+
+if TYPE_CHECKING:
+    from isochrome.fitting.causes.solution import Askable
 
 LightTerms = tuple[Terms, Terms]
 """Polynomial products of illumination and background."""
 
-_SUSPECTED = 10.0
-"""Evidence from which a scale is accused: unlike what is freed, it is not tried by a fit."""
-_OUTLIER = 6.0
-"""Residual of a block, in standard deviations of a block's, beyond which it is no accident."""
-_BESIDE = 2.5
-"""The same beside such a block: a speck has a rim."""
-_WORST_OF_NINE = 3.5
-"""Mean square of the largest of nine residuals of noise alone."""
-_RARE = 0.1
-"""Chance that a bench has a given defect, before its frame is looked at."""
-_MAD = 1.4826
-"""Standard deviation over the median of the sizes, of a normal distribution."""
+LIGHT, TRACTIONS = "more uneven light", "tractions that are not the model's"
+ORDER, SHADOW = "an order that no cause explains", "a shadow on the surface"
+
+_LIGHT_SIZE, _LIGHT_FALLS = 0.05, (0.5, 0.7, 0.9)
+"""Standard deviation of the light's first degree, of its brightness, and what each degree more
+leaves of it: a lamp's, one that is near, one with an edge."""
+_SHADOW_SIZE, _SHADOW_LENGTH = 0.2, 2.0
+"""Standard deviation of the light that a shadow takes, and over how many blocks it is alike."""
+_ORDERS, _WIDTHS = (0.003, 0.01, 0.03, 0.1), (0.12, 0.3)
+"""Standard deviations of an unknown order, fringes, and its lengths, of the picture's size."""
+_TAKEN = 1e-6
+"""Part of a column's square that must be left by what is fitted."""
+_LEAST_VALUE = 0.1
+"""Of its size, the least value at which an even cause that is fitted is taken to stand."""
+_LEAST_BLUR_PX = 0.25
+"""Blur below which a kernel on whole pixels does nothing."""
 _MOST_OUT = 0.15
 """Largest share of the blocks that may be left out as outliers."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Asked:
-    """What a frame gains by a cause, or by richer light, or by leaving blocks out.
+@dataclass(frozen=True)
+class FittedNuisances:
+    """What is fitted besides the unknowns: `causes`, and whether `tractions` and uneven `light`."""
 
-    `cause`, or None; `terms`, the light's polynomial products then, or None; `outside`, the blocks
-    (rows, cols) that are left out, or None, and those of them that a `shadow` may reach. `gain`, S
-    over the noise; `evidence`, that less ln n for each unknown (or, with priors, what Bayes's
-    factor takes off); `values`, at which the cause would come out, to first order.
-    """
-
-    gain: float
-    evidence: float
-    cause: Cause | None = None
-    terms: LightTerms | None = None
-    outside: Mask | None = None
-    shadow: Mask | None = None
-    values: tuple[float, ...] = ()
+    causes: tuple[Cause, ...] = ()
+    tractions: bool = False
+    light: bool = False
 
     @property
-    def can_be_freed(self) -> bool:
-        """Whether the frame can tell it from what it is told; else it is a suspect."""
-        return self.cause is None or self.cause.free
+    def names(self) -> frozenset[str]:
+        """All of it by name."""
+        others = {TRACTIONS: self.tractions, LIGHT: self.light}
+        return frozenset(c.name for c in self.causes) | {n for n, there in others.items() if there}
 
 
-def ask(
-    frames: Iterable[FrameBlocks],
-    causes: tuple[Cause, ...],
-    scene: Scene,
-    terms: LightTerms,
-    stated: tuple[Array, Array],
-) -> tuple[tuple[Asked, ...], Array]:
-    """What the residual of one frame, or of several together, asks for; and what that leaves.
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What frames show besides what is fitted.
 
-    Parameters: `frames`, that share whatever is freed; `causes` that they can have; their `scene`;
-    `terms` of their light; `stated`, 1/u (p,) of what is known of the unknowns beforehand, and how
-    far it is from what was fitted, over u (p,). Returns what noise alone does not ask for, the
-    one with the most evidence first, nothing where the frames are what their scene says; and what
-    the covariance (p, p) lacks for what they neither ask for nor exclude, see `_undecided`.
+    `sets` of what may be there, with the values `now` (k,) of all columns; `causes` that may;
+    `noise`, the variance that a block's residual
+    has; `undecided` (p, p), what the covariance lacks for what is neither shown nor excluded;
+    `outside`, the blocks (rows, cols) that no noise explains, and `beside`, those at the surface;
+    `modes` of a contact's tractions.
     """
-    lights = _lights(terms)
-    groups: list[Any] = [*causes, *lights]
-    sizes = [1 if c.keys[0] in EVEN and not c.weight else len(c.keys) for c in causes]
-    sizes += [len(light) + len(dark) for light, dark in lights]
-    found_outside: list[Asked] = []
+
+    sets: Sets
+    now: Array
+    causes: tuple[Cause, ...]
+    noise: float
+    undecided: Array
+    outside: Mask | None = None
+    beside: Mask | None = None
+    modes: TractionModes | None = None
+
+    @property
+    def best(self) -> frozenset[str]:
+        """What is there in the likeliest set."""
+        return frozenset(hypothesis.name for hypothesis in self.sets.best)
+
+    @property
+    def chances(self) -> dict[str, float]:
+        """How likely each is there."""
+        return self.sets.chances
+
+    def value_of(self, name: str) -> float:
+        """The first value of something in the likeliest set that has it."""
+        return float(self._values(name)[0])
+
+    @property
+    def order_size(self) -> float:
+        """Root mean square of the order that no cause explains, fringes, in its likeliest set."""
+        power = np.where(np.arange(COSINES), 0.5, 1.0)
+        values = self._values(ORDER).reshape(COSINES, COSINES)
+        return float(np.sqrt(np.sum(np.outer(power, power) * values**2)))
+
+    def _values(self, name: str) -> Array:
+        for members in self.sets.members:
+            for k in members:
+                hypothesis = self.sets.evidence.hypotheses[k]
+                if hypothesis.name == name:
+                    return self.sets.evidence.values(members)[hypothesis.columns]
+        raise KeyError(name)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Nuisance:
+    """Something that may be there: its `columns` at a frame's blocks, their values `now` (k,).
+
+    `roots` of its priors, ways that exclude one another; `positive`, whether the first one's
+    amplitude is;
+    `rows`, of the unknowns that hold it where it is fitted, `of_each` (k, rows), their change with
+    it.
+    """
+
+    name: str
+    columns: Callable[[FrameBlocks], Array]
+    now: Array
+    roots: tuple[Array, ...]
+    positive: bool = False
+    rows: tuple[int, ...] = ()
+    of_each: Array = field(default_factory=lambda: np.empty((0, 0)))
+
+
+def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
+    """What the frames of a solution show, `fitted` already or not.
+
+    `stated`, the fit as the scene states it: what is fitted besides is counted from there.
+    """
+    causes = candidates(stated.scene, stated.keys, stated.held, past=stated.past)
+    nuisances: list[_Nuisance] = []
+    modes: TractionModes | None = None
+    found: list[tuple[Mask, Mask | None]] = []
+    excess: list[float] = []
+    unknowns = solution.unknown_keys
+    shared = np.array([not _is_fitted(key, fitted) for key in unknowns], dtype=bool)
+    weight, misfit = solution.stated_misfit
 
     def parts() -> Iterator[tuple[Array, Array, Array, Array]]:
-        for blocks in frames:
-            columns = [blocks.columns(cause) for cause in causes]
-            columns += [blocks.light_columns(*_light_bases(blocks, pair)) for pair in lights]
-            found_outside.append(_outliers(blocks))
-            yield blocks.part(np.concatenate(columns))
-        size = len(stated[0])
-        yield np.empty((0, size)), np.diag(stated[0]), np.zeros((sum(sizes), size)), stated[1]
+        nonlocal modes
+        for blocks in solution.blocks():
+            if not nuisances:
+                modes = blocks.modes if _has_own_tractions(solution, stated.scene) else None
+                nuisances.extend(_nuisances(solution, blocks, causes, fitted, stated))
+            found.append((blocks.outliers, blocks.beside))
+            excess.append(blocks.excess)
+            columns = np.concatenate([n.columns(blocks) for n in nuisances])
+            light, rows, every, residual = blocks.part(columns)
+            light = np.delete(light, _of_more_light(blocks, solution.terms, stated.terms), 0)
+            yield light, rows[shared], every, residual
+        size = sum(len(n.now) for n in nuisances)
+        fixed = np.diag(weight)[:, shared].T
+        yield np.empty((0, len(weight))), fixed, np.zeros((size, len(weight))), misfit
 
     products = ScoreProducts(parts())
-    blur = None
-    if BLURRED in causes:
-        blur = _little_blur(products, sum(sizes[: causes.index(BLURRED)]))
-    result = _scores(products, sizes, [getattr(group, "weight", ()) for group in groups])
-    asked = [
-        _asked(group, 0.0 if is_impossible(group, values, scene) else gain, price, values)
-        for group, (gain, price, values) in zip(groups, result, strict=True)
-    ]
-    asked = [blur if blur is not None and a.cause is BLURRED else a for a in asked]
-    left = _undecided(products, asked, sizes)
-    asked = [a for a in asked if not _is_slight(a, scene)] + [_outside_of_all(found_outside)]
-    asked.sort(key=lambda item: -item.evidence)
-    clear = tuple(item for item in asked if item.evidence > ASKED)
-    # what is known to be uncertain is asked before what is taken as exact is accused
-    known = any(item.cause is not None and item.cause.weight for item in clear)
-    return tuple(item for item in clear if item.can_be_freed or not known), left @ left.T
+    noise = max(products.noise, float(np.mean(excess)))
+    matrix = _definite(products.matrix, products.size) / noise
+    now = np.concatenate([n.now for n in nuisances])
+    right = products.right / noise + matrix @ now
+    hypotheses: list[Hypothesis] = []
+    given: list[int] = []
+    first = 0
+    for nuisance in nuisances:
+        columns = slice(first, first + len(nuisance.now))
+        first = columns.stop
+        odds = np.log(RARE / (1.0 - RARE) / len(nuisance.roots))
+        if nuisance.name in fitted.names:
+            given.append(len(hypotheses) + len(nuisance.roots) // 2)
+        hypotheses += [
+            Hypothesis(nuisance.name, columns, root, float(odds), nuisance.positive and way == 0)
+            for way, root in enumerate(nuisance.roots)
+        ]
+    lit = sum(map(len, more_than(solution.terms, stated.terms)))
+    sets = weigh(Evidence(matrix, right, hypotheses), given=given)
+    return Asked(
+        sets=sets,
+        now=now,
+        causes=causes,
+        noise=noise,
+        undecided=_undecided(products, sets, nuisances, now, shared, matrix, lit),
+        outside=_outside_of_all([outside for outside, _ in found]),
+        beside=found[0][1],
+        modes=modes,
+    )
 
 
-def _undecided(products: ScoreProducts, asked: list[Asked], sizes: list[int]) -> Array:
-    """How far what is fitted would move by each cause or light, times the root of its chance.
+def _is_fitted(key: str, fitted: FittedNuisances) -> bool:
+    return any(key in cause.keys for cause in fitted.causes)
 
-    The sum of their squares is what a fit without them is more uncertain by: the variance between
-    models of a mean over all of them (Raftery (1995), Sociological Methodology 25, 111-163). One
-    model says that there is nothing, each other one defect: their chances are w/(1 + sum w), with
-    w = exp(E/2) p/(1 - p) of an evidence E and of p before it. Each term of the light is a model of
-    its own.
-    Parameters: `products`; `asked`, of each group of columns; `sizes` of these. Returns (p, k).
-    """
-    shifts, evidences, first = [], [], 0
-    for item, size in zip(asked, sizes, strict=True):
-        chosen = list(range(first, first + size))
-        first += size
-        if item.terms is not None:
-            single = [products.score([i]) for i in chosen]
-            price = float(np.log(products.count))
-            parts = [([i], gain - price, v) for i, (gain, _, v) in zip(chosen, single, strict=True)]
-        elif item.cause is not None and item.cause.free and not item.cause.weight:
-            parts = [(chosen, item.evidence, np.array(item.values))]
+
+def _nuisances(
+    solution: Askable,
+    blocks: FrameBlocks,
+    causes: tuple[Cause, ...],
+    fitted: FittedNuisances,
+    stated: Askable,
+) -> Iterator[_Nuisance]:
+    """All that may be there in frames like `blocks`."""
+    for cause in causes:
+        if cause in fitted.causes:
+            yield _fitted_cause(solution, cause, stated.scene)
         else:
-            continue
-        shifts += [products.shift(columns, values) for columns, _, values in parts]
-        evidences += [evidence for _, evidence, _ in parts]
-    # evidences of thousands would overflow: all odds are over the largest of them
-    logs = 0.5 * np.array(evidences) + np.log(_RARE / (1.0 - _RARE))
-    largest = max(0.0, float(logs.max(initial=0.0)))
-    odds = np.exp(logs - largest)
-    chance = odds / (np.exp(-largest) + odds.sum())
-    moves = [root * shift for root, shift in zip(np.sqrt(chance), shifts, strict=True)]
-    return np.array(moves).T
+            yield _open_cause(blocks, cause)
+    yield _light(solution, blocks, stated.terms)
+    yield _Nuisance(
+        name=ORDER,
+        columns=FrameBlocks.order_columns,
+        now=np.zeros(COSINES**2),
+        roots=tuple(_order_root(size, width) for size in _ORDERS for width in _WIDTHS),
+    )
+    if blocks.beside is not None:
+        depth = np.arange(SHADOW_BLOCKS)
+        apart = (depth[:, None] - depth[None, :]) / _SHADOW_LENGTH
+        root = np.linalg.cholesky(np.exp(-0.5 * apart**2) + 1e-9 * np.eye(len(depth)))
+        yield _Nuisance(
+            name=SHADOW,
+            columns=FrameBlocks.shadow_columns,
+            now=np.zeros(len(depth)),
+            roots=(_SHADOW_SIZE * root,),
+        )
+    if _has_own_tractions(solution, stated.scene):
+        modes = blocks.modes
+        yield _Nuisance(
+            name=TRACTIONS,
+            columns=FrameBlocks.traction_columns,
+            now=modes.values_of(added_tractions(solution.scene)),
+            roots=tuple(modes.root(size, length) for size in SIZES for length in LENGTHS),
+        )
 
 
-def _outside_of_all(found: list[Asked]) -> Asked:
-    """What frames gain without the blocks that are odd in any of them: dust lies on the glass."""
-    odd = [item for item in found if item.outside is not None]
-    if not odd:
-        return Asked(gain=0.0, evidence=0.0)
-    gain, evidence = (sum(getattr(a, name) for a in odd) for name in ("gain", "evidence"))
-    outside = np.logical_or.reduce([a.outside for a in odd if a.outside is not None])
-    if outside.mean() > _MOST_OUT:
-        return Asked(gain=0.0, evidence=0.0)
-    shadow = next((a.shadow for a in odd if a.shadow is not None), None)
-    return Asked(gain=gain, evidence=evidence, outside=outside, shadow=shadow)
+def _has_own_tractions(solution: Askable, stated: Scene) -> bool:
+    """Whether they may be there: each frame has its own, and what is stated is known."""
+    return stated.is_contact and solution.count == 1 and added_tractions(stated) is None
 
 
-def _is_slight(asked: Asked, scene: Scene) -> bool:
-    """Whether a suspect is off by so little that noise, or the model itself, may be."""
-    if asked.cause is None or asked.can_be_freed:
-        return False
-    slight = asked.cause.least * float(scene.get(asked.cause.keys[0]))
-    return asked.evidence < _SUSPECTED or abs(asked.values[0]) < slight
+def added_tractions(scene: Scene) -> AddedTractions | None:
+    """Those of a scene; None where it has none."""
+    return scene.load.added_tractions if scene.load else None
 
 
-def _lights(terms: LightTerms) -> list[LightTerms]:
-    """Light that a frame's model has not, by its terms: more illumination, more background."""
-    light, dark = missing_terms(terms, FIRST_DEGREES)
-    return [(light, ()), ((), dark)]
+def _open_cause(blocks: FrameBlocks, cause: Cause) -> _Nuisance:
+    """A cause that is not fitted: at nought."""
+    if cause.keys[0] in EVEN and not cause.stated:
+        roots: tuple[Array, ...] = (np.eye(1),)
+        if len(cause.keys) > 1:  # plates turned alike, or one of them
+            roots = np.array([[1.0], [0.0]]), np.array([[0.0], [cause.sizes[0]]])
+        now = np.zeros(len(roots[0]))
+    else:
+        roots = (np.diag(sizes_of(cause, blocks.scene)),)
+        now = np.zeros(len(cause.keys))
+    return _Nuisance(
+        name=cause.name,
+        columns=lambda blocks: blocks.columns(cause),
+        now=now,
+        roots=roots,
+        positive=cause.keys[0] in EVEN and not cause.stated,
+    )
 
 
-def _light_bases(blocks: FrameBlocks, terms: LightTerms) -> tuple[Array, Array]:
+def _fitted_cause(solution: Askable, cause: Cause, stated: Scene) -> _Nuisance:
+    """A cause that is fitted, by the rows of its unknowns; an even one's effect is of second order,
+    half of its slope times its value.
+    """
+    sizes = dict(zip(cause.keys, sizes_of(cause, stated), strict=True))
+    middles = dict(zip(cause.keys, cause.starts, strict=True)) if cause.stated else {}
+    rows, values = [], []
+    for row, (key, value) in enumerate(zip(solution.unknown_keys, solution.values, strict=True)):
+        if key in sizes:
+            middle = middles.get(key, middle_of(stated, key))
+            rows.append(row)
+            values.append(float(value) - middle)
+    spread = np.array([sizes[solution.unknown_keys[row]] for row in rows])
+    if cause.keys[0] in EVEN and not cause.stated:
+        off = np.array(values)
+        off = np.copysign(np.maximum(np.abs(off), _LEAST_VALUE * spread), off)
+        size, change = float(np.mean((off / spread) ** 2)), 0.5 * off
+        if cause.keys[0] == BLUR:  # what a kernel on whole pixels does is not the square
+            width = max(float(off[0]), _LEAST_BLUR_PX)
+            size, slope = (v / spread[0] ** 2 for v in blur_variance(width))
+            change = np.array([size / slope])
+        return _Nuisance(
+            name=cause.name,
+            columns=lambda blocks: blocks.effect(cause) / np.float32(size),
+            now=np.array([size]),
+            roots=(np.eye(1),),
+            positive=True,
+            rows=tuple(rows),
+            of_each=change[None, :] / size,
+        )
+    return _Nuisance(
+        name=cause.name,
+        columns=lambda blocks: blocks.rows[rows],
+        now=np.array(values),
+        roots=(np.diag(spread),),
+        rows=tuple(rows),
+        of_each=np.eye(len(rows)),
+    )
+
+
+def _light(solution: Askable, blocks: FrameBlocks, own: LightTerms) -> _Nuisance:
+    """The light's products besides those of a frame as stated: what is fitted, and then others."""
+    more, missing = more_than(solution.terms, own), missing_terms(solution.terms, FIRST_DEGREES)
+    chosen = _of_more_light(blocks, solution.terms, own)
+    bright = blocks.brightness  # of the fitted ones the coefficients are counted, not the shares
+    return _Nuisance(
+        name=LIGHT,
+        columns=lambda blocks: np.concatenate(
+            (
+                bright * blocks.light_rows[chosen],
+                blocks.light_columns(*light_bases(blocks, missing)),
+            )
+        ),
+        now=np.r_[blocks.light_values[chosen] / bright, np.zeros(sum(map(len, missing)))],
+        roots=tuple(
+            np.diag([*light_sizes(more, fall), *light_sizes(missing, fall)])
+            for fall in _LIGHT_FALLS
+        ),
+    )
+
+
+def more_than(terms: LightTerms, own: LightTerms) -> LightTerms:
+    """The products behind the first ones."""
+    return terms[0][len(own[0]) :], terms[1][len(own[1]) :]
+
+
+def _of_more_light(blocks: FrameBlocks, terms: LightTerms, own: LightTerms) -> Array:
+    """Which of a frame's light rows are of products behind the first ones."""
+    count = len(blocks.light_rows)
+    dark = count - len(terms[1]) + len(own[1])
+    return np.asarray(np.r_[len(own[0]) : len(terms[0]), dark:count], int)
+
+
+def sizes_of(cause: Cause, scene: Scene) -> list[float]:
+    """Standard deviations of a cause's keys, in their units."""
+    return [
+        size * float(scene.get(key)) if key in OF_SIZE and not cause.stated else size
+        for key, size in zip(cause.keys, cause.sizes, strict=True)
+    ]
+
+
+def middle_of(scene: Scene, key: str) -> float:
+    """What a scene says of a key that is not stated with an uncertainty."""
+    return scene.frames.first_gamma if key == GAMMA else float(scene.get(key) or 0.0)
+
+
+def _order_root(size: float, width: float) -> Array:
+    """L (k, r) of a Gaussian process of an order over the picture, on its cosines."""
+    number = np.arange(COSINES)
+    power = np.exp(-0.5 * (np.pi * number * width) ** 2)
+    power *= np.where(number, 2.0, 1.0)
+    power /= power.sum()
+    spread = np.sqrt(np.outer(power, power)).ravel()
+    chosen = spread > 0.01 * spread.max()
+    return np.asarray(size * np.diag(spread)[:, chosen])
+
+
+def _definite(matrix: Array, size: Array) -> Array:
+    """Products (k, k) without what rounding makes negative, and what the fit takes up wholly."""
+    scale = np.sqrt(np.maximum(size, 1e-300))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    part = (vectors * np.where(values > _TAKEN, values, 0.0)) @ vectors.T
+    return np.asarray(part * np.outer(scale, scale))
+
+
+def _undecided(
+    products: ScoreProducts,
+    sets: Sets,
+    nuisances: list[_Nuisance],
+    now: Array,
+    shared: Mask,
+    matrix: Array,
+    lit: int,
+) -> Array:
+    """What the covariance (p, p) of all unknowns lacks: second moments over the sets about what is
+    fitted, less what the fit has already for the noise of what it has freed, `lit` of the light's
+    products.
+    """
+    size = len(shared)
+    along = np.zeros((size, len(now)))
+    along[shared] = -products.taken_up
+    first = 0
+    own: list[int] = []
+    for nuisance in nuisances:
+        columns = range(first, first + len(nuisance.now))
+        first += len(nuisance.now)
+        if nuisance.name == STATED:  # counted by the sensitivity to what is stated
+            along[:, list(columns)] = 0.0
+        elif nuisance.name == LIGHT:
+            own += columns[:lit]
+        elif nuisance.rows:
+            own += columns
+            along[np.ix_(nuisance.rows, columns)] = nuisance.of_each.T
+    total = sets.moments(along, now)
+    if own:
+        flat = np.linalg.pinv(matrix[np.ix_(own, own)], 1e-12, hermitian=True)
+        total = total - along[:, own] @ flat @ along[:, own].T
+    size_of = np.diag(total)
+    scale = np.where(size_of > 0.0, np.sqrt(np.abs(size_of)), 1.0)
+    values, vectors = np.linalg.eigh(total / np.outer(scale, scale))
+    part = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return np.asarray(part * np.outer(scale, scale))
+
+
+def _outside_of_all(found: list[Mask]) -> Mask | None:
+    """The blocks that are odd in any of several frames: dust lies on the glass; None for none."""
+    outside = np.logical_or.reduce(found)
+    return outside if 0.0 < outside.mean() <= _MOST_OUT else None
+
+
+def light_sizes(terms: LightTerms, fall: float = _LIGHT_FALLS[1]) -> list[float]:
+    """Standard deviations of some light's products, of its brightness."""
+    return [_LIGHT_SIZE * fall ** (i + j - 1) for part in terms for i, j in part]
+
+
+def light_bases(blocks: FrameBlocks, terms: LightTerms) -> tuple[Array, Array]:
     """The images of some light at the blocks, (k, n) each, as bright as the frame's own."""
     shares = (blocks.pick(_thin_basis(blocks.data.shape, chosen)) for chosen in terms)
     light, dark = (np.float32(blocks.brightness) * image for image in shares)
@@ -194,92 +451,17 @@ def _thin_basis(shape: tuple[int, int], terms: Terms) -> Array:
     return light_products((down, across), terms)
 
 
-def _little_blur(products: ScoreProducts, index: int) -> Asked | None:
-    """A blur that is asked for and too little to be freed, which is fitted before others are asked.
-
-    It looks like a band of light. Parameters: `products`; `index` of its column. Returns what it
-    gains, None where it is not asked for, or large enough to be freed.
-    """
-    gain, _, values = products.score([index])
-    blur = _asked(BLURRED, gain, float(np.log(products.count)), values)
-    if blur.evidence <= ASKED or not 0.0 < blur.values[0] < BLURRED.least**2:
-        return None
-    products.take(index)
-    return blur
-
-
-def _scores(
-    products: ScoreProducts, sizes: list[int], weights: list[tuple[float, ...]]
-) -> list[tuple[float, float, Array]]:
-    """Gain, price and values of each group of columns, beside what is fitted."""
-    result = []
-    for size, end, weight in zip(sizes, np.cumsum(sizes), weights, strict=True):
-        chosen = slice(end - size, end)
-        if weight:
-            result.append(products.score_with_prior(chosen, np.array(weight)))
-            continue
-        gain, number, values = products.score(chosen)
-        result.append((gain, number * float(np.log(products.count)), values))
-    return result
-
-
-def richer_light(frames: Iterable[FrameBlocks], terms: LightTerms, most: int) -> LightTerms:
+def richer_light(solution: Askable, most: int) -> LightTerms:
     """The light that frames ask for, product by product: each the one with the most evidence.
 
-    Parameters: `frames`; `terms` of their light; `most`, by so many products. Returns the terms of
+    Parameters: `solution`, their fit; `most`, by so many products. Returns the terms of
     illumination and background, the frames' own first.
     """
+    terms = solution.terms
     more = missing_terms(terms, RICHEST)
 
     def parts() -> Iterator[tuple[Array, Array, Array, Array]]:
-        for blocks in frames:
-            columns = blocks.light_columns(*_light_bases(blocks, more))
-            yield blocks.part(columns)
+        for blocks in solution.blocks():
+            yield blocks.part(blocks.light_columns(*light_bases(blocks, more)))
 
     return with_chosen_terms(terms, more, ScoreProducts(parts()).one_by_one(most))
-
-
-def is_impossible(group: Any, values: Array, scene: Scene) -> bool:
-    """Whether a cause is asked for with a negative square: a picture sharper than without blur.
-
-    What a frame asks for so is something else, and would stand before it.
-    """
-    if not isinstance(group, Cause) or group.weight:
-        return False
-    squared = group is BLURRED or group.keys[0] in EVEN
-    return squared and bool(values[0] < 0.0) and not any(scene.get(key) for key in group.keys)
-
-
-def _asked(group: Any, gain: float, price: float, values: Array) -> Asked:
-    evidence = gain - price
-    if isinstance(group, Cause):
-        return Asked(gain=gain, evidence=evidence, cause=group, values=tuple(values.tolist()))
-    return Asked(gain=gain, evidence=evidence, terms=group)
-
-
-def _outliers(blocks: FrameBlocks) -> Asked:
-    """What leaving out the blocks gains that no noise explains; nothing where they are too many."""
-    from scipy.ndimage import binary_dilation, binary_propagation
-
-    residual = blocks.residual
-    noise = max(1.0, _MAD * float(np.median(np.abs(residual))))
-    price = float(np.log(len(residual)))
-    if blocks.shadow is not None:  # specks are told from the rest after it
-        return _without(blocks, blocks.shadow, noise, price)
-    size = blocks.image_of(np.abs(residual) / noise)
-    near = np.ones((3, 3), dtype=bool)
-    seeds = np.maximum(size, blocks.worst / noise) > _OUTLIER
-    outside = binary_propagation(seeds, near, mask=seeds | (size > _BESIDE))
-    outside = binary_dilation(outside, near)
-    return _without(blocks, outside, noise, price * int(blocks.pick(outside).sum()))
-
-
-def _without(blocks: FrameBlocks, outside: Mask, noise: float, price: float) -> Asked:
-    """What leaving out some blocks gains; nothing where they are none, or too many."""
-    out = blocks.pick(outside)
-    number = int(out.sum())
-    if not number or number > _MOST_OUT * len(out):
-        return Asked(gain=0.0, evidence=0.0)
-    worst = np.maximum(blocks.residual, blocks.pick(blocks.worst))[out]
-    gain = float(np.sum(worst**2)) / noise**2 - _WORST_OF_NINE * number
-    return Asked(gain=gain, evidence=gain - price, outside=outside, shadow=blocks.shadow)

@@ -9,22 +9,26 @@ from typing import Any, Protocol, Self
 import numpy as np
 
 from isochrome.errors import PhysicsError
-from isochrome.estimation import FrameData
+from isochrome.estimation import FrameData, block_correlation
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.causes.blocks import BLOCK, FrameBlocks, SolvedFrame
-from isochrome.fitting.causes.score import Asked, LightTerms
+from isochrome.fitting.causes.blocks import BLOCK, FrameBlocks, SolvedFrame, outliers
+from isochrome.fitting.causes.score import LightTerms
+from isochrome.fitting.causes.trial import (
+    TOLERANCE,
+    Expected,
+    Trial,
+    TrialModel,
+    light_weights,
+    through_a_lens,
+    trial_stride,
+)
 from isochrome.fitting.frame.frame_fit import Fitted, FrameFit, fit_with_model, hidden_px
-from isochrome.fitting.frame.frame_model import FrameModel, refine_fit
+from isochrome.fitting.frame.frame_model import FrameModel, refine_fit, stored
 from isochrome.fitting.frame.single_state import with_numerics
 from isochrome.fitting.frame.unknowns import StatedInputs, fit_region, moved_scene, values_of
 from isochrome.scene import Scene
-from isochrome.stress import pixel_grid
 
-TRIAL_TOLERANCE = 0.5
-"""Last step of a trial, in standard uncertainties."""
 _PASSES = 12
-RIM_PX = 2.0
-"""Rows at the surface that trials leave out: a lens hides some more, and all are compared."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,11 +36,13 @@ class Change:
     """What a fit is made anew with.
 
     `added`, where keys begin that become unknowns; `held`, keys that are unknowns no more, and
-    their values; `terms` of the light; `outside` (rows/3, cols/3), blocks that are left out.
+    their values; `begun`, where the other unknowns begin; `terms` of the light; `outside` (rows/3,
+    cols/3), blocks that are left out.
     """
 
     added: dict[str, float] = field(default_factory=dict)
     held: dict[str, Any] = field(default_factory=dict)
+    begun: dict[str, float] = field(default_factory=dict)
     terms: LightTerms | None = None
     outside: Mask | None = None
 
@@ -81,6 +87,14 @@ class Askable(Protocol):
         """The keys that were fitted."""
 
     @property
+    def unknown_keys(self) -> tuple[str, ...]:
+        """The key of each unknown (p,)."""
+
+    @property
+    def values(self) -> Array:
+        """The fitted values (p,)."""
+
+    @property
     def held(self) -> StatedInputs:
         """What is stated with an uncertainty, and held."""
 
@@ -113,8 +127,11 @@ class Askable(Protocol):
     def again(self, change: Change) -> Self:
         """The fit with a change. Raises PhysicsError where it cannot be made."""
 
-    def trial(self, change: Change) -> tuple[float, int, int] | None:
-        """Mean squared residual, unknowns and pixels of a fit to every third pixel."""
+    def trial(self, change: Change, expected: Expected) -> Trial | None:
+        """A fit to few pixels with what is expected of it; None where there is none."""
+
+    def still_odd(self, whole: Self, odd: Mask) -> Mask:
+        """Which of the blocks that it left out of the `whole` frame it does not explain."""
 
 
 @dataclass(frozen=True)
@@ -158,6 +175,16 @@ class FrameSolution:
     def keys(self) -> tuple[str, ...]:
         """The keys that were fitted."""
         return self.fit.keys
+
+    @property
+    def unknown_keys(self) -> tuple[str, ...]:
+        """The key of each unknown (p,)."""
+        return self.fit.keys
+
+    @property
+    def values(self) -> Array:
+        """The fitted values (p,)."""
+        return self.fit.values
 
     @property
     def held(self) -> StatedInputs:
@@ -219,22 +246,58 @@ class FrameSolution:
         fitted = replace(fitted, fit=replace(fitted.fit, others=self.fit.others))
         return replace(self, data=data, fitted=fitted)
 
-    def trial(self, change: Change) -> tuple[float, int, int] | None:
-        """Mean squared residual, unknowns and pixels of a fit to every third pixel."""
+    def trial(self, change: Change, expected: Expected) -> Trial | None:
+        """A fit to few pixels with what is expected of it; None where there is none."""
         data, keys, scene = self._changed(change)
-        bent = pixel_grid(scene, data.shape).lens is not None
-        region = fit_region(scene, data.shape, BLOCK, hidden_px(scene) + (not bent) * RIM_PX)
+        scene, stride = through_a_lens(scene), trial_stride(data.shape)
+        prior = expected.prior(keys, self.fitted.stated.prior(keys))
         try:
-            prior = self.fitted.stated.prior(keys)
-            model = FrameModel(data, with_numerics(scene), keys, region, stride=BLOCK, prior=prior)
-            start = values_of(scene, keys)
-            result = refine_fit(model, start, tolerance=TRIAL_TOLERANCE, iterations=_PASSES)
+            region = fit_region(scene, data.shape, stride, hidden_px(scene))
+            model = TrialModel(
+                data, with_numerics(scene), keys, region,
+                stride=stride, prior=prior, expected=expected,
+            )  # fmt: skip
+            start = np.pad(values_of(scene, keys), (0, model.count))
+            result = refine_fit(model, start, tolerance=TOLERANCE, iterations=_PASSES)
         except PhysicsError:
             return None
         if result is None or not result.gamma_fit.part.positive:
             return None
-        size = model.pixels.size
-        return result.cost / size, len(keys) + len(result.gamma_fit.part.coefficients), size
+        part, residual = result.gamma_fit.part, result.gamma_fit.residual
+        values, amplitudes = np.split(result.values, [len(keys)])
+        found = None
+        if expected.root is not None:
+            found = expected.root @ amplitudes[: expected.root.shape[1]]
+        return Trial(
+            cost=result.gamma_fit.cost,
+            normal=result.local.information,
+            prior=model.prior.cost(result.values),
+            weight=model.prior.weight,
+            extra=np.array([key in expected.keys for key in keys] + [True] * model.count),
+            light=np.linalg.inv(part.inverse),
+            light_weight=light_weights(part, expected.terms, data.lamp.terms),
+            excess=result.gamma_fit.noise * block_correlation(model.pixels.keep, residual),
+            values=dict(zip(keys, values.tolist(), strict=True)),
+            tractions=found,
+        )
+
+    def still_odd(self, whole: FrameSolution, odd: Mask) -> Mask:
+        """Which of the blocks that it left out of the `whole` frame it does not explain."""
+        model, final = self.fitted.model, self.fitted.final
+        data = replace(whole.data, lamp=self.data.lamp)
+        region = fit_region(model.scene, data.shape, 1, hidden_px(model.scene))
+        every = FrameModel(data, model.scene, self.fit.keys, region)
+        signal = every.signal(final.values)
+        if signal is None:
+            return odd
+        pixels, coefficients = every.pixels, final.gamma_fit.part.coefficients.astype(np.float32)
+        light = coefficients[: len(pixels.light)] @ pixels.light * signal
+        light += coefficients[len(pixels.light) :] @ pixels.dark
+        image = np.zeros(data.shape, np.float32)
+        image[pixels.keep] = pixels.raw - stored(light, every.gamma(final.values))
+        image[pixels.keep] *= pixels.weight
+        seen = pixels.keep[::BLOCK, ::BLOCK]
+        return np.asarray(odd & (outliers(image, seen) | ~seen))
 
     def _changed(self, change: Change) -> tuple[FrameData, tuple[str, ...], Scene]:
         """Data, unknowns and scene to begin with."""
@@ -244,19 +307,8 @@ class FrameSolution:
         if change.outside is not None:
             data = replace(data, valid=data.valid & ~whole_picture(change.outside, data.shape))
         keys = tuple(key for key in self.fit.keys if key not in change.held)
-        scene = self.fit.scene.with_values(change.added | change.held)
+        scene = self.fit.scene.with_values(change.begun | change.added | change.held)
         return data, (*keys, *change.added), scene
-
-
-def change_for(solution: Askable, asked: Asked, light: LightTerms | None = None) -> Change:
-    """What makes a fit one with what is asked: `light`, the terms where it is richer light."""
-    if asked.outside is not None:
-        return Change(outside=asked.outside)
-    if asked.cause is None:
-        return Change(terms=light)
-    pairs = zip(asked.cause.keys, asked.cause.starts, strict=True)
-    new = {key: value for key, value in pairs if key not in solution.keys}
-    return Change(added={key: solution.scene.get(key) or value for key, value in new.items()})
 
 
 def whole_picture(outside: Array, shape: tuple[int, int]) -> Mask:

@@ -101,7 +101,7 @@ _CLOSE_CHI = 1.15
 _SENSOR = (GAMMA, BLUR, *LENS)
 """Unknowns that no start is scanned in: they hardly move a fringe, or far from the middle only."""
 
-_LEAST_BLUR_PX = 0.7
+_LEAST_BLUR_PX = 0.3
 """Where a free blur starts at least: from none it has no slope."""
 
 _RIVALS = 3
@@ -161,8 +161,6 @@ def fit_with_model(
     keys = free_keys(scene) if keys is None else keys
     stated = stated_inputs(scene) if stated is None else stated
     scene = placed(scene, data.shape)
-    if BLUR in keys and scene.get(BLUR) < _LEAST_BLUR_PX:
-        scene = scene.with_values({BLUR: _LEAST_BLUR_PX})
     made = _fit_toned(data, scene, keys, cold, stated)
     ratio = local_noise(
         made.model.pixels.keep,
@@ -203,11 +201,13 @@ def _fit_begun(
     """The fit from one scene's start, and others about it."""
     others: tuple[Minimum, ...] = ()
     prior = stated.prior(keys)
+    scene = _with_some_blur(scene, keys)
     near = _coarse(data, scene, keys, prior)
     if near is not None and (not cold or (near.chi <= _CLOSE_CHI and near.clear)):
         best = near.scene
     else:
         best, others = _searched(data, scene, keys, prior)
+    best = _with_some_blur(best, keys)  # few pixels do not show a little one
     fine = with_numerics(best.model_copy(update={"numerics": scene.numerics}))
     model, final = _final(data, fine, keys, prior)
     plain = not final.positive
@@ -246,6 +246,13 @@ def _fit_begun(
         noise_ratio=data.noise_ratio,
     )
     return Fitted(fit, model, final, held, rows, stated)
+
+
+def _with_some_blur(scene: Scene, keys: tuple[str, ...]) -> Scene:
+    """The scene with a blur, where that is an unknown."""
+    if BLUR in keys and scene.get(BLUR) < _LEAST_BLUR_PX:
+        return scene.with_values({BLUR: _LEAST_BLUR_PX})
+    return scene
 
 
 def _is_seen(gamma_fit: GammaFit) -> bool:

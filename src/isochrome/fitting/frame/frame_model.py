@@ -330,7 +330,8 @@ class FrameModel:
         rows = np.empty((len(chosen), self.pixels.size), np.float32)
         precise = self.prior.any
         # what the pixels' area takes changes little: it is not rendered for every derivative
-        _, shown = self.renderer.order_field(moved_scene(self.scene, keys, values))
+        where = moved_scene(self.scene, keys, values[: len(keys)])
+        _, shown = self.renderer.order_field(where)
         picked = tuple(keys[j] for j in chosen)
         steps, high = STEP * scales(self.scene, picked), limits(self.scene, picked).high
         for row, j, key, step, most in zip(rows, chosen, picked, steps, high, strict=True):

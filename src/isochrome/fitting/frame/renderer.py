@@ -16,6 +16,7 @@ from isochrome.errors import PhysicsError
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.optics import (
     Chain,
+    blur_variance,
     fringe_order,
     make_chain,
     mean_order,
@@ -123,6 +124,7 @@ class SceneRenderer:
         self._series: SeriesGrid | None = None
         self._last: _Rendered | None = None
         self._around: tuple[Any, SurfaceState, SeriesField] | None = None
+        self.added: Array | None = None  # a field (rows, cols) besides the scene's own, MPa
 
     def order_field(self, scene: Scene) -> tuple[Array, Array]:
         """Stress difference (rows, cols) and visibility of the fringes at the strided pixels.
@@ -130,17 +132,15 @@ class SceneRenderer:
         Both are of the pixels' area; with a stride the visibility stands for the camera's blur too.
         PhysicsError where the scene's values cannot be solved.
         """
-        camera = scene.camera
-        assert camera is not None
         state = self.state(scene)
-        blur = camera.blur_px if self.stride > 1 else 0.0
+        blur = self._blurred(scene)
         key = (*_standing(scene), blur)
         last = self._last
         if last is None or last.state is not state or last.key != key:
             pixels = self._pixels(scene)
             made = self._field(scene, state, pixels, slopes=self.stride > 1 and not self._rough)
             above = self._above(scene, pixels)
-            visibility_by_area = self._seen_by_area(made.difference, above)
+            visibility_by_area = self._seen_by_area(scene, made.difference, above)
             visibility = self._visibility(scene, made, pixels.pixel_mm, above, blur)
             last = self._last = _Rendered(state, key, visibility_by_area, visibility)
         return last.field, last.visibility
@@ -156,6 +156,8 @@ class SceneRenderer:
             field = self.field_alone(scene)
         if not scene.is_contact:
             field = np.nan_to_num(field)
+        if self.added is not None:
+            field = field + self.added
         signal = scene_optics(scene).signal(field, visibility=visibility)
         camera = scene.camera
         assert camera is not None
@@ -176,9 +178,9 @@ class SceneRenderer:
     def state(self, scene: Scene) -> SceneState:
         """The solved mechanics: place, optics and bulk stress do not change them."""
         load = scene.load
+        forces = load and (load.normal_n, load.tangential_n, load.added_tractions)
         key = (
-            scene.specimen, scene.indenter, load and (load.normal_n, load.tangential_n),
-            scene.friction, scene.wear, scene.numerics,
+            scene.specimen, scene.indenter, forces, scene.friction, scene.wear, scene.numerics,
         )  # fmt: skip
         if key not in self._states:
             # the surface nodes divide the pixels that the fit began with, whatever they become
@@ -188,17 +190,26 @@ class SceneRenderer:
         self._states.move_to_end(key)
         return self._states[key]
 
+    def _blurred(self, scene: Scene) -> float:
+        """Variance (px²) of a blur that the field stands for: with a stride nothing is filtered."""
+        assert scene.camera is not None
+        return blur_variance(scene.camera.blur_px)[0] if self.stride > 1 else 0.0
+
     def _pixels(self, scene: Scene) -> PixelGrid:
         return pixel_grid(scene, self.shape).every(self.stride)
 
     def field_alone(self, scene: Scene) -> Array:
         """The field without its visibility; the last one if only the optics have changed."""
         state, last = self.state(scene), self._last
-        if last is not None and last.state is state and last.key[:-1] == _standing(scene):
+        if (
+            last is not None
+            and last.state is state
+            and last.key == (*_standing(scene), self._blurred(scene))
+        ):
             return last.field
         pixels = self._pixels(scene)
         made = self._field(scene, state, pixels, slopes=False)
-        return self._seen_by_area(made.difference, self._above(scene, pixels))
+        return self._seen_by_area(scene, made.difference, self._above(scene, pixels))
 
     def difference(self, scene: Scene, state: SceneState) -> Array:
         """The stress difference (rows, cols), MPa, of a solved state in the pixels' middles."""
@@ -232,13 +243,13 @@ class SceneRenderer:
         slopes_seen = (None if m is None else seen_by(m, around, pixels) for m in made.slopes)
         return SeriesField(seen_by(made.difference, around, pixels), *slopes_seen)
 
-    def _seen_by_area(self, field: Array, above: Mask) -> Array:
+    def _seen_by_area(self, scene: Scene, field: Array, above: Mask) -> Array:
         """The field with the mean of the order over each pixel in place of that in its middle."""
         if self._rough:
             return field
         size = np.abs(field)
         size[above] = np.nan
-        share = mean_order(size, stride=self.stride)
+        share = mean_order(size, stride=self.stride, blur_px2=self._blurred(scene))
         np.divide(share, size, out=share, where=size > 0.0)
         return np.asarray(field * np.nan_to_num(share, copy=False, nan=1.0))
 
@@ -274,7 +285,7 @@ class SceneRenderer:
         )
         visibility = slope_visibility(across, down)
         if blur > 0.0:
-            visibility *= np.exp(-2.0 * (np.pi * blur) ** 2 * (across**2 + down**2))
+            visibility *= np.exp(np.float32(-2.0 * np.pi**2 * blur) * (across**2 + down**2))
         return visibility
 
     def _waves(self, surface: SurfaceState, pixels: PixelGrid, slopes: bool) -> SeriesField:

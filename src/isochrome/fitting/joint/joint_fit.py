@@ -23,10 +23,11 @@ from isochrome.estimation import (
     scaled_inverse,
     standard_uncertainty,
 )
-from isochrome.fitting.arrays import Array
-from isochrome.fitting.causes.blocks import BLOCK, FrameBlocks, SolvedFrame
+from isochrome.fitting.arrays import Array, Mask
+from isochrome.fitting.causes.blocks import FrameBlocks, SolvedFrame
 from isochrome.fitting.causes.score import LightTerms
-from isochrome.fitting.causes.solution import RIM_PX, TRIAL_TOLERANCE, Change, whole_picture
+from isochrome.fitting.causes.solution import Change, whole_picture
+from isochrome.fitting.causes.trial import TOLERANCE, Expected, Trial, through_a_lens, trial_stride
 from isochrome.fitting.frame.frame_fit import hidden_px, placed
 from isochrome.fitting.frame.renderer import SceneRenderer
 from isochrome.fitting.frame.single_state import with_numerics
@@ -54,7 +55,6 @@ from isochrome.fitting.joint.normal_equations import (
     with_number,
 )
 from isochrome.scene import Scene
-from isochrome.stress import pixel_grid
 
 
 @dataclass(frozen=True)
@@ -103,6 +103,16 @@ class JointSolution:
     def keys(self) -> tuple[str, ...]:
         """The keys that were fitted."""
         return tuple(dict.fromkeys(unknown.key for unknown in self.fit.unknowns))
+
+    @property
+    def unknown_keys(self) -> tuple[str, ...]:
+        """The key of each unknown (p,)."""
+        return tuple(unknown.key for unknown in self.fit.unknowns)
+
+    @property
+    def values(self) -> Array:
+        """The fitted values (p,)."""
+        return self.fit.values
 
     @property
     def held(self) -> StatedInputs:
@@ -166,24 +176,41 @@ class JointSolution:
                 raise PhysicsError("end_where_may", key=unknown.key, values=values[k])
         return solution
 
-    def trial(self, change: Change) -> tuple[float, int, int] | None:
-        """Mean squared residual, unknowns and pixels of a fit to every third pixel."""
+    def trial(self, change: Change, expected: Expected) -> Trial | None:
+        """A fit to few pixels with what is expected of it; None where there is none."""
         data, sequence, start = self._changed(change)
-        scene = sequence.whole(start)
-        bent = pixel_grid(scene, data.shape).lens is not None
-        margin = 0.0 if bent else RIM_PX
+        stride = trial_stride(data.shape)
+        sequence = replace(sequence, scene=through_a_lens(sequence.scene))
+        keys = tuple(unknown.key for unknown in sequence.unknowns)
         try:
-            problem = JointProblem(
-                data, sequence, start, data.shape, self.progress, margin_px=margin
-            )
-            _, sums, _ = problem.solve(start, BLOCK, TRIAL_TOLERANCE)
+            problem = JointProblem(data, sequence, start, data.shape, self.progress)
+            problem.prior = expected.prior(keys, problem.prior)
+            values, sums, _ = problem.solve(start, stride, TOLERANCE)
         except (InputError, PhysicsError):
             return None
         if not all(sums.positive):
             return None
-        linear = len(data) * sum(map(len, data[0].lamp.terms))
-        size = sums.freedom + linear
-        return sums.cost / size, len(start) + linear, size
+        cost = sums.cost - sums.prior_cost
+        return Trial(
+            cost=cost,
+            normal=sums.normal - problem.prior.normal,
+            prior=sums.prior_cost,
+            weight=problem.prior.weight,
+            extra=np.array([key in expected.keys for key in keys]),
+            # the light's own equations are not kept: it counts by what it leaves
+            light=np.zeros((0, 0)),
+            light_weight=np.zeros(0),
+            excess=max(1.0, cost / sums.freedom),
+            values={
+                unknown.key: float(value)
+                for unknown, value in zip(sequence.unknowns, values, strict=True)
+                if unknown.shared
+            },
+        )
+
+    def still_odd(self, whole: JointSolution, odd: Mask) -> Mask:
+        """All that was left out: specks lie elsewhere in each frame, and are left out of all."""
+        return odd
 
     def joined(self, other: JointSolution) -> JointSolution:
         """The fit with the light, the pixels and the keys that another one of its frames has more.
@@ -209,7 +236,8 @@ class JointSolution:
         added = added_unknowns(sequence, tuple(change.added))
         unknowns = (*(sequence.unknowns[k] for k in remaining), *added)
         scene = sequence.scene.with_values(change.added | change.held)
-        start = np.r_[self.fit.values[remaining], [change.added[unknown.key] for unknown in added]]
+        begun = [change.begun.get(sequence.unknowns[k].key, self.fit.values[k]) for k in remaining]
+        start = np.array([*begun, *(change.added[unknown.key] for unknown in added)], float)
         return data, replace(sequence, scene=scene, unknowns=unknowns), start
 
 
@@ -324,16 +352,10 @@ class JointProblem:
         start: Array,
         shape: tuple[int, int],
         progress: Callable[[], None] = lambda: None,
-        *,
-        margin_px: float = 0.0,
     ) -> None:
-        """`frames` of a `shape`, gone through once a pass; `start` (p,), in the right basin.
-
-        `margin_px`, rows at the surface that are left out besides.
-        """
+        """`frames` of a `shape`, gone through once a pass; `start` (p,), in the right basin."""
         fine = with_numerics(sequence.whole(start), room=1.3).numerics
         self.progress, self.frames, self.shape = progress, frames, shape
-        self._margin_px = margin_px
         self.given, self.sequence = (
             replace(sequence, scene=sequence.scene.model_copy(update={"numerics": numerics}))
             for numerics in (sequence.scene.numerics, fine)
@@ -419,7 +441,7 @@ class JointProblem:
             bits = np.unpackbits(self._clear[index], count=self.shape[0] * self.shape[1])
             return bits.reshape(self.shape).astype(bool)
         least = _EDGE_PX if self.sequence.count > 1 else 0.0  # a single frame is fitted as alone
-        hidden = max(least, hidden_px(self.first[index])) + self._margin_px
+        hidden = max(least, hidden_px(self.first[index]))
         return fit_region(self.first[index], self.shape, stride, hidden)
 
     def result(self, values: Array, normal: NormalEquations, converged: bool) -> JointFit:

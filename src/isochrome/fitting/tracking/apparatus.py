@@ -12,7 +12,7 @@ from isochrome.fitting.causes.cause import BAND, PLATES, SMOOTH
 from isochrome.fitting.causes.freeing import Freed, free_causes
 from isochrome.fitting.causes.report import cause_messages
 from isochrome.fitting.causes.score import LightTerms
-from isochrome.fitting.causes.trials import is_lost
+from isochrome.fitting.causes.slips import is_lost
 from isochrome.fitting.frame.frame_fit import FrameFit, fit_with_model, placed
 from isochrome.fitting.frame.single_state import scene_at, slid_until
 from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS, inputs_of_rows

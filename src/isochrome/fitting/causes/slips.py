@@ -52,7 +52,7 @@ _GAMMAS, _SAME_GAMMA = (0.45, 2.2), 0.1
 
 
 @dataclass(frozen=True)
-class Trial:
+class Slip:
     """A slip that explains a frame: `what` it is, the scene's `line` that mends it, its `chi`.
 
     `before`, the residual over the noise as the scene stands; inf where it gave no light.
@@ -72,7 +72,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class _Slip:
+class _Candidate:
     """What is tried: a frame as it would lie, and a scene."""
 
     what: str
@@ -99,7 +99,7 @@ def _lost_chi(found: RefinedFit) -> float:
 
 def explaining_slip(
     data: FrameData, scene: Scene, keys: tuple[str, ...] | None, before: float
-) -> Trial | None:
+) -> Slip | None:
     """The slip in a scene that explains a frame far better than the scene does.
 
     Parameters: `data`, the frame; `scene`, one state, where the fit began; `keys`, its unknowns, by
@@ -113,7 +113,7 @@ def explaining_slip(
     keys = tuple(k for k in keys if k not in (GAMMA, BLUR, *LENS))
     if scene.indenter is not None:
         keys = tuple(dict.fromkeys((*keys, LEFT, TOP)))
-    best: Trial | None = None
+    best: Slip | None = None
     for slip in _slips(data, scene):
         result = _tried(slip, keys)
         if result is None:
@@ -121,13 +121,13 @@ def explaining_slip(
         chi, end = result
         if is_explained(before, chi, _LEFT) and (best is None or chi < _ALIKE * best.chi):
             line = slip.line or f"{LEFT} = {end.get(LEFT):.3g} and {TOP} = {end.get(TOP):.3g}"
-            best = Trial(slip.what, line, chi, before)
+            best = Slip(slip.what, line, chi, before)
         if best is not None and best.chi <= _LEAST:
             break
     return best
 
 
-def _slips(data: FrameData, scene: Scene) -> Iterator[_Slip]:
+def _slips(data: FrameData, scene: Scene) -> Iterator[_Candidate]:
     """All that is tried, the likeliest first."""
     yield from _fields(data, scene)
     yield from _turns(data, scene, ((180, None),))
@@ -140,21 +140,21 @@ def _slips(data: FrameData, scene: Scene) -> Iterator[_Slip]:
             if abs(gamma / data.gamma - 1.0) > _SAME_GAMMA:
                 line = f"{GAMMA} = {gamma}"
                 gamma_fit = scene.with_values({GAMMA: gamma})
-                yield _Slip(message("tone_curve_another"), line, data.toned(gamma), gamma_fit)
+                yield _Candidate(message("tone_curve_another"), line, data.toned(gamma), gamma_fit)
     yield from _units(data, scene, stiff=False)
 
 
-def _fields(data: FrameData, scene: Scene) -> Iterator[_Slip]:
+def _fields(data: FrameData, scene: Scene) -> Iterator[_Candidate]:
     other = {"dark": "bright", "bright": "dark"}.get(scene.polariscope.field)
     if other is not None and not scene.polariscope.step:
         changed = scene.with_values({"polariscope.field": other})
         line = f'polariscope.field = "{other}"'
-        yield _Slip(message("picture_one_field", other=other), line, data, changed)
+        yield _Candidate(message("picture_one_field", other=other), line, data, changed)
 
 
 def _turns(
     data: FrameData, scene: Scene, ways: tuple[tuple[int, str | None], ...]
-) -> Iterator[_Slip]:
+) -> Iterator[_Candidate]:
     """The picture lying otherwise; a quarter turn keeps its middle where it was."""
     camera, (rows, cols) = scene.camera, data.shape
     assert camera is not None and camera.pixel_mm is not None and camera.left_mm is not None
@@ -167,7 +167,9 @@ def _turns(
             line += "".join(f" and {key} = {value}" for key, value in changed.items())
             left = camera.left_mm + 0.5 * (cols - rows) * camera.pixel_mm
             start = scene.with_values(changed | {LEFT: left})
-        yield _Slip(what, line, data.lying(partial(as_turned, rotate_deg=turn, flip=flip)), start)
+        yield _Candidate(
+            what, line, data.lying(partial(as_turned, rotate_deg=turn, flip=flip)), start
+        )
 
 
 def lying_otherwise(scene: Scene, turn: int, flip: str | None) -> tuple[str, str]:
@@ -199,7 +201,7 @@ def _together(first: tuple[int, Any], then: tuple[int, Any]) -> tuple[int, str |
     return next(w for w in ways if np.array_equal(as_turned(marked, *w), wanted))
 
 
-def _units(data: FrameData, scene: Scene, stiff: bool) -> Iterator[_Slip]:
+def _units(data: FrameData, scene: Scene, stiff: bool) -> Iterator[_Candidate]:
     """Young's moduli in MPa or Pa: those that are `stiff` beyond all bodies, or a soft specimen's.
 
     The second may be no slip, and is tried late.
@@ -217,10 +219,10 @@ def _units(data: FrameData, scene: Scene, stiff: bool) -> Iterator[_Slip]:
             unit = "Pa" if 1e-9 in shares.values() else "MPa"
             line = " and ".join(f"{key} = {value:g}" for key, value in changed.items())
             what = message("young_modulus_given", unit=unit)
-            yield _Slip(what, line, data, scene.with_values(changed))
+            yield _Candidate(what, line, data, scene.with_values(changed))
 
 
-def _places(data: FrameData, scene: Scene) -> Iterator[_Slip]:
+def _places(data: FrameData, scene: Scene) -> Iterator[_Candidate]:
     """The contact elsewhere in the picture; where the place is an unknown, beyond the search."""
     camera = scene.camera
     if scene.indenter is None:
@@ -231,10 +233,10 @@ def _places(data: FrameData, scene: Scene) -> Iterator[_Slip]:
     shifts = [(0.0, 0.0), *((x, 0.0) for x in _ACROSS), *((0.0, z) for z in _DOWN)]
     for across, down in shifts:
         place = {LEFT: camera.left_mm + across * width, TOP: camera.top_mm + down * height}
-        yield _Slip(message("contact_elsewhere_picture"), "", data, scene.with_values(place))
+        yield _Candidate(message("contact_elsewhere_picture"), "", data, scene.with_values(place))
 
 
-def _tried(slip: _Slip, keys: tuple[str, ...]) -> tuple[float, Scene] | None:
+def _tried(slip: _Candidate, keys: tuple[str, ...]) -> tuple[float, Scene] | None:
     """Residual over noise of a quick fit, and where it ended; None where it explains nothing."""
     data, scene = slip.data, slip.scene
     try:

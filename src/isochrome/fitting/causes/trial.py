@@ -1,0 +1,193 @@
+"""Fits to few pixels that tell which of several sets explains a frame, whatever its slopes say.
+
+Their evidence, to second order about where each came to rest (Laplace's method), is
+
+    ln E = -(cost / s + prior) / 2 - ln det (N / s + W) / 2 + sum ln w / 2,
+
+with the cost and the normal equations N of all unknowns, the priors' cost and weights W = diag(w),
+w = 1/u^2 of those that not every set has, and s the variance of what the best set leaves. Source:
+Kass & Raftery (1995), J. Am. Stat. Assoc. 90, 773, section 4.1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from isochrome.estimation import Bounds, FrameData, LinearPart, Prior
+from isochrome.fitting.arrays import Array
+from isochrome.fitting.causes.blocks import BLOCK, cosines
+from isochrome.fitting.causes.cause import TINY
+from isochrome.fitting.causes.modes import TractionModes
+from isochrome.fitting.causes.score import LightTerms, light_sizes, more_than
+from isochrome.fitting.frame.frame_model import FrameModel, GammaFit, LocalModel, local_model
+from isochrome.fitting.frame.renderer import scene_optics
+from isochrome.fitting.frame.unknowns import LENS, moved_scene, thinning
+from isochrome.scene import Scene
+from isochrome.stress import pixel_grid
+
+TOLERANCE = 0.5
+"""Last step, in standard uncertainties."""
+_PIXELS = 9_000
+
+
+def trial_stride(shape: tuple[int, int]) -> int:
+    """Every how manieth pixel is fitted: a whole number of blocks, on which modes are known."""
+    return BLOCK * max(1, round(thinning(shape[0] * shape[1], _PIXELS) / BLOCK))
+
+
+def through_a_lens(scene: Scene) -> Scene:
+    """The scene seen through a lens, be it one that does nothing.
+
+    A picture through one is interpolated and hides some rows: all trials are, to be compared.
+    """
+    bent = scene.camera is not None and any(scene.get(key) for key in LENS)
+    return scene if bent else scene.with_values({LENS[0]: TINY})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Expected:
+    """What is known beforehand of what a trial fits besides the unknowns.
+
+    `keys` to a middle and a standard deviation; `root` L (k, r) of the covariance of the tractions
+    of `modes`; `order` L (k, r) of that of an order's cosines; `terms`, the light that all have.
+    """
+
+    keys: dict[str, tuple[float, float]]
+    terms: LightTerms
+    modes: TractionModes | None = None
+    root: Array | None = None
+    order: Array | None = None
+
+    def prior(self, keys: Iterable[str], stated: Prior) -> Prior:
+        """That of some unknowns (p,), with what is `stated`."""
+        values, weight = stated.values.copy(), stated.weight.copy()
+        for k, key in enumerate(keys):
+            if key in self.keys:
+                values[k], weight[k] = self.keys[key][0], self.keys[key][1] ** -2.0
+        return Prior(values, weight)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """A fit to few pixels, and where it came to rest.
+
+    `cost` and `normal` (p, p), of the pixels alone; `prior` cost, `weight` (p,) and `extra` (p,),
+    those that not every set has; `light`, the normal equations (k, k) of its products, and the
+    `light_weight` (k,) of theirs; `excess`, the variance of what is left over the noise's; `values`
+    of the keys, `tractions` (k,) of the modes, None where it has none.
+    """
+
+    cost: float
+    normal: Array
+    prior: float
+    weight: Array
+    extra: Array
+    light: Array
+    light_weight: Array
+    excess: float
+    values: dict[str, float]
+    tractions: Array | None = None
+
+    def evidence(self, noise: float) -> float:
+        """ln E, at a variance of the noise."""
+        log = -0.5 * (self.cost / noise + self.prior)
+        parts = (
+            (self.normal, self.weight, self.weight[self.extra]),
+            (self.light, self.light_weight, self.light_weight[self.light_weight > 0.0]),
+        )
+        for normal, weight, own in parts:
+            log -= 0.5 * np.linalg.slogdet(normal / noise + np.diag(weight))[1]
+            log += 0.5 * np.log(own).sum()
+        return float(log)
+
+
+class TrialModel(FrameModel):
+    """A frame's few pixels, with amplitudes of the tractions' modes behind its unknowns."""
+
+    def __init__(
+        self,
+        data: FrameData,
+        scene: Scene,
+        keys: tuple[str, ...],
+        region: Array,
+        *,
+        stride: int,
+        prior: Prior,
+        expected: Expected,
+    ) -> None:
+        """As of a `FrameModel`, with what is `expected`."""
+        super().__init__(data, scene, keys, region, stride=stride)
+        self._fields = np.empty((0, *self.pixels.keep.shape), np.complex64)
+        if expected.root is not None:
+            assert expected.modes is not None
+            hats = expected.modes.fields(pixel_grid(scene, data.shape).every(stride))
+            self._fields = np.tensordot(expected.root.T.astype(np.float32), hats, 1)
+        if expected.order is not None:
+            orders = np.tensordot(expected.order.T.astype(np.float32), cosines(self._shape), 1)
+            self._fields = np.concatenate((self._fields, orders * self._per_order(scene)))
+        count, ends = len(self._fields), self.limits
+        self.prior = Prior(
+            np.r_[prior.values, np.zeros(count)], np.r_[prior.weight, np.ones(count)]
+        )
+        self.limits = Bounds(
+            np.r_[ends.low, np.full(count, -np.inf)], np.r_[ends.high, np.full(count, np.inf)]
+        )
+
+    @property
+    def _shape(self) -> tuple[int, int]:
+        rows, cols = self.pixels.keep.shape
+        return rows, cols
+
+    def _per_order(self, scene: Scene) -> Array:
+        """The stress difference (rows, cols) that adds a fringe where the scene's own lies."""
+        field = np.nan_to_num(self.renderer.order_field(scene)[0])
+        size = np.maximum(np.abs(field), np.float32(1e-6))
+        return np.asarray(field / (size * np.float32(scene_optics(scene).order_per_mpa)))
+
+    @property
+    def count(self) -> int:
+        """Number of amplitudes."""
+        return len(self._fields)
+
+    def signal(
+        self, values: Array, *, visibility: Array | None = None, keys: tuple[str, ...] | None = None
+    ) -> Array | None:
+        """The signal at the pixels (n,), as of a `FrameModel`."""
+        number = len(values) - self.count
+        if self.count:
+            amplitudes = np.asarray(values[number:], np.float32)
+            self.renderer.added = np.tensordot(amplitudes, self._fields, 1)
+        return super().signal(values[:number], visibility=visibility, keys=keys)
+
+    def linearise(self, values: Array, gamma_fit: GammaFit) -> LocalModel:
+        """Derivatives at some values, where the linear solution is known."""
+        number = len(self.keys)
+        rows = np.empty((number + self.count, self.pixels.size), np.float32)
+        rows[:number] = self._slopes(self.keys, values, range(number), gamma_fit)
+        here = moved_scene(self.scene, self.keys, values[:number])
+        field, shown = self.renderer.order_field(here)
+        if self.renderer.added is not None:
+            field = field + self.renderer.added
+        optics, slope = scene_optics(here), gamma_fit.part.amplitude / _AMPLITUDE
+        for row, image in zip(rows[number:], self._fields, strict=True):
+            signal = optics.signal(field + _AMPLITUDE * image, visibility=shown)
+            row[:] = (signal[self.pixels.keep] - gamma_fit.part.signal) * slope
+        names = (*self.keys, *(f"mode {k}" for k in range(self.count)))
+        return local_model(names, values, gamma_fit, rows, self.prior)
+
+
+_AMPLITUDE = np.float32(0.03)
+"""Change of an amplitude, in standard deviations of its prior."""
+
+
+def light_weights(part: LinearPart, own: LightTerms, terms: LightTerms) -> Array:
+    """1/u^2 (k,) of a light's coefficients: of `terms` that are not the frame's `own`; else 0."""
+    more = more_than(terms, own)
+    count = len(part.coefficients)
+    weight = np.zeros(count)
+    extra = np.r_[len(own[0]) : len(terms[0]), count - len(more[1]) : count].astype(int)
+    weight[extra] = (np.array(light_sizes(more)) * part.coefficients[0]) ** -2.0
+    return weight

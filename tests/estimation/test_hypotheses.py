@@ -1,0 +1,153 @@
+"""Sets of hypotheses: their evidence against integrals, and their means against brute force."""
+
+from itertools import combinations, product
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import multivariate_normal, norm
+
+from isochrome.estimation import Evidence, Hypothesis, weigh
+
+
+def problem(rng, sizes, n=40, scale=1.0):
+    """Columns (k, n), a residual (n,) over its noise, and their products."""
+    columns = scale * rng.normal(size=(sum(sizes), n))
+    residual = rng.normal(size=n)
+    return columns, residual, columns @ columns.T, columns @ residual
+
+
+def hypotheses(rng, sizes, ways=1):
+    """One for each group of columns, or several that exclude one another."""
+    found, first = [], 0
+    for number, size in enumerate(sizes):
+        columns = slice(first, first + size)
+        first += size
+        for _ in range(ways):
+            root = rng.normal(size=(size, size))
+            found.append(Hypothesis(f"thing {number}", columns, root, float(rng.normal())))
+    return found
+
+
+def test_the_evidence_of_a_set_is_that_of_its_marginal_likelihood():
+    """ln N(r; 0, 1 + J'VJ) - ln N(r; 0, 1), the data's own density with and without it."""
+    rng = np.random.default_rng(1)
+    sizes = (1, 3, 2)
+    columns, residual, matrix, right = problem(rng, sizes)
+    some = hypotheses(rng, sizes)
+    evidence = Evidence(matrix, right, some)
+    for chosen in ((0,), (1,), (0, 2), (0, 1, 2)):
+        spread = np.eye(residual.size)
+        for k in chosen:
+            moved = columns[some[k].columns].T @ some[k].root
+            spread = spread + moved @ moved.T
+        want = multivariate_normal(np.zeros(residual.size), spread).logpdf(residual)
+        want -= norm.logpdf(residual).sum()
+        # rounding of determinants of 40 x 40
+        got = evidence.of(chosen) - sum(some[k].log_odds for k in chosen)
+        assert got == pytest.approx(want, abs=1e-9)
+
+
+def test_what_is_fitted_already_does_not_change_what_a_set_is_worth():
+    """b = g + M now is the same wherever the values stand."""
+    rng = np.random.default_rng(2)
+    columns, residual, matrix, right = problem(rng, (2, 1))
+    some = hypotheses(rng, (2, 1))
+    now = rng.normal(size=3)
+    moved = Evidence(matrix, columns @ (residual - columns.T @ now) + matrix @ now, some)
+    assert moved.of((0, 1)) == pytest.approx(Evidence(matrix, right, some).of((0, 1)), abs=1e-9)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_an_amplitude_that_cannot_be_negative_has_the_evidence_of_its_integral(sign):
+    rng = np.random.default_rng(3)
+    column = sign * np.abs(rng.normal(size=30))
+    residual = 0.5 * np.abs(column) + rng.normal(size=30)
+    size = 0.7
+    one = Hypothesis("even", slice(0, 1), np.array([[size]]), 0.0, positive=True)
+    m, g = float(column @ column), float(column @ residual)
+    evidence = Evidence(np.array([[m]]), np.array([g]), [one])
+
+    def density(a, power=0):
+        return a**power * np.exp(g * a - 0.5 * m * a**2) * 2.0 * norm.pdf(a, scale=size)
+
+    total = quad(density, 0.0, 10.0, epsabs=0.0, epsrel=1e-10)[0]
+    assert evidence.of((0,)) == pytest.approx(np.log(total), abs=1e-8)
+    mean = quad(density, 0.0, 10.0, args=(1,), epsabs=0.0, epsrel=1e-10)[0] / total
+    assert evidence.values((0,))[0] == pytest.approx(mean, rel=1e-8)
+
+
+def test_means_over_sets_are_those_of_the_integrals():
+    """Second moments of what is fitted, over all sets, by brute force."""
+    rng = np.random.default_rng(4)
+    sizes, ways = (1, 2, 1), 2
+    _, _, matrix, right = problem(rng, sizes, n=12, scale=0.6)
+    some = hypotheses(rng, sizes, ways)
+    sets = weigh(Evidence(matrix, right, some))
+    along, about = rng.normal(size=(2, 4)), rng.normal(size=4)
+    total, weights, chance = np.zeros((2, 2)), 0.0, 0.0
+    groups = [[2 * i, 2 * i + 1] for i in range(3)]
+    for size in range(4):
+        for names in combinations(groups, size):
+            for chosen in product(*names):
+                prior = np.zeros((4, 4))
+                for k in chosen:
+                    prior[some[k].columns, some[k].columns] = some[k].root @ some[k].root.T
+                spread = prior @ np.linalg.inv(np.eye(4) + matrix @ prior)
+                mean = spread @ right
+                log = 0.5 * right @ spread @ right
+                log -= 0.5 * np.linalg.slogdet(np.eye(4) + matrix @ prior)[1]
+                weight = np.exp(log + sum(some[k].log_odds for k in chosen))
+                off = along @ (mean - about)
+                total += weight * (along @ spread @ along.T + np.outer(off, off))
+                weights += weight
+                chance += weight * any(some[k].name == "thing 1" for k in chosen)
+    assert len(sets.members) == 27  # none is negligible here
+    assert sets.moments(along, about) == pytest.approx(total / weights, rel=1e-9)
+    assert sets.chances["thing 1"] == pytest.approx(chance / weights, rel=1e-9)
+
+
+def test_two_that_say_the_same_have_half_the_chance_each():
+    rng = np.random.default_rng(5)
+    column, noise = rng.normal(size=50), rng.normal(size=50)
+    columns = np.array([column, column])
+    residual = 2.0 * column + noise
+    some = [Hypothesis(n, slice(i, i + 1), np.eye(1), np.log(1 / 9)) for i, n in enumerate("ab")]
+    sets = weigh(Evidence(columns @ columns.T, columns @ residual, some))
+    assert sets.chances["a"] == pytest.approx(sets.chances["b"], rel=1e-12)
+    assert 0.5 < sets.chances["a"] < 0.7 and sets.members[0] in ((0,), (1,))
+
+
+def test_the_likeliest_of_many_sets_is_found_where_it_has_four_members():
+    """Among twenty things in three ways each: 4e5 sets, of which a thousandth is looked at."""
+    rng = np.random.default_rng(6)
+    columns = rng.normal(size=(20, 400))
+    true = (3, 7, 11, 17)
+    residual = rng.normal(size=400) + 0.5 * columns[list(true)].sum(axis=0)
+    some = [
+        Hypothesis(str(k), slice(k, k + 1), np.array([[size]]), np.log(1 / 27))
+        for k in range(20)
+        for size in (0.05, 0.5, 5.0)
+    ]
+    sets = weigh(Evidence(columns @ columns.T, columns @ residual, some))
+    assert {hypothesis.name for hypothesis in sets.best} == {str(k) for k in true}
+    assert all(hypothesis.root[0, 0] == 0.5 for hypothesis in sets.best)
+
+
+def test_what_is_fitted_is_weighed_however_unlikely_it_is():
+    rng = np.random.default_rng(7)
+    _, _, matrix, right = problem(rng, (1, 1))
+    some = [Hypothesis(n, slice(i, i + 1), np.eye(1), -40.0) for i, n in enumerate("ab")]
+    assert (0, 1) in weigh(Evidence(matrix, right, some), given=(0, 1)).members
+
+
+def test_at_a_sets_values_its_posterior_cannot_fall():
+    rng = np.random.default_rng(8)
+    _, _, matrix, right = problem(rng, (3,))
+    evidence = Evidence(matrix, right, hypotheses(rng, (3,)))
+    values = evidence.values((0,))
+    assert evidence.fall((0,), values) == pytest.approx(0.0, abs=1e-18)
+    root = evidence.hypotheses[0].root
+    normal = matrix + np.linalg.inv(root @ root.T)
+    off = rng.normal(size=3)
+    assert evidence.fall((0,), values + off) == pytest.approx(off @ normal @ off, rel=1e-9)

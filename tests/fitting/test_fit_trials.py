@@ -1,0 +1,101 @@
+"""Fits to few pixels, by which sets are told apart: their evidence in closed form."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+from scipy.stats import multivariate_normal
+
+from fitting.sliding_bench import bench
+from isochrome.fitting.causes.blocks import cosines, less_means
+from isochrome.fitting.causes.trial import Trial, through_a_lens, trial_stride
+from isochrome.optics import blur_variance
+
+
+def trial_of(columns, residual, weight, extra):
+    """The trial that a linear model's most probable values make."""
+    normal = columns @ columns.T
+    values = np.linalg.solve(normal + np.diag(weight), columns @ residual)
+    left = residual - values @ columns
+    return Trial(
+        cost=float(left @ left),
+        normal=normal,
+        prior=float(values**2 @ weight),
+        weight=weight,
+        extra=extra,
+        light=np.zeros((0, 0)),
+        light_weight=np.zeros(0),
+        excess=1.0,
+        values={},
+    )
+
+
+@pytest.mark.parametrize("noise", [1.0, 3.0])
+def test_the_difference_of_two_trials_is_that_of_their_marginal_likelihoods(noise):
+    """Of linear models Laplace's method is exact: with and without two unknowns more."""
+    rng = np.random.default_rng(1)
+    columns = rng.normal(size=(3, 60))
+    residual = rng.normal(size=60) + 0.4 * columns[1]
+    weight = np.array([1.0, 4.0, 0.25])  # the first, which both have, falls out of the difference
+    want = 0.0
+    for chosen, sign in (([0, 1, 2], 1.0), ([0], -1.0)):
+        spread = noise * np.eye(60)
+        for k in chosen:
+            spread = spread + np.outer(columns[k], columns[k]) / weight[k]
+        want += sign * multivariate_normal(np.zeros(60), spread).logpdf(residual)
+    # the values come to rest at the noise that the evidence is taken at
+    columns, residual = columns / noise**0.5, residual / noise**0.5
+    both = trial_of(columns, residual, weight, np.array([False, True, True]))
+    one = trial_of(columns[:1], residual, weight[:1], np.array([False]))
+    assert both.evidence(1.0) - one.evidence(1.0) == pytest.approx(want, abs=1e-5)
+
+
+def test_more_noise_makes_sets_more_alike():
+    rng = np.random.default_rng(2)
+    columns, residual = rng.normal(size=(2, 80)), rng.normal(size=80)
+    residual = residual + 2.0 * columns[1]
+    both = trial_of(columns, residual, np.array([1e-12, 1.0]), np.array([False, True]))
+    one = trial_of(columns[:1], residual, np.array([1e-12]), np.array([False]))
+    gains = [both.evidence(noise) - one.evidence(noise) for noise in (1.0, 4.0, 16.0)]
+    assert gains[0] > gains[1] > gains[2] > 0.0
+
+
+@pytest.mark.parametrize("sigma", [0.3, 0.45, 0.7, 1.5])
+def test_a_blurs_variance_is_that_of_its_kernel(sigma):
+    impulse = np.zeros(61)
+    impulse[30] = 1.0
+    kernel = gaussian_filter(impulse, sigma)
+    want = np.average((np.arange(61) - 30.0) ** 2, weights=kernel)
+    variance, slope = blur_variance(sigma)
+    # the filter is cut at four standard deviations
+    assert variance == pytest.approx(want, rel=2e-3)
+    ahead = blur_variance(1.01 * sigma)[0] - blur_variance(0.99 * sigma)[0]
+    assert slope == pytest.approx(ahead / (0.02 * sigma), rel=2e-2)
+
+
+def test_a_share_of_lines_means_whitens_noise_that_lines_share():
+    """Of a row of n with 1 + n t of the variance the sum is as if of independent pixels."""
+    rng = np.random.default_rng(3)
+    rows, cols, own = 4000, 20, 0.4
+    image = rng.normal(size=(rows, cols)) + own**0.5 * rng.normal(size=(rows, 1))
+    variance = 1.0 + cols * own
+    lines = np.repeat(np.arange(rows), cols)
+    left = less_means(image.reshape(1, -1), lines, 1.0 - variance**-0.5)[0].reshape(rows, cols)
+    # 4000 sums tell their variance to 2.2 %
+    assert np.var(left.sum(axis=1)) / cols == pytest.approx(1.0, abs=0.08)
+
+
+def test_cosines_are_products_over_the_picture():
+    images = cosines((6, 9))
+    assert images.shape == (49, 6, 9) and np.all(images[0] == 1.0)
+    # orthogonal on the pixels' middles, as far as both picture sides have as many
+    flat = images[[0, 1, 7, 8]].reshape(4, -1)
+    products = flat @ flat.T
+    assert np.abs(products - np.diag(np.diag(products))).max() < 1e-4
+
+
+def test_trials_look_through_a_lens_that_does_nothing():
+    scene = bench()
+    assert through_a_lens(scene).camera.roll_deg == pytest.approx(0.0, abs=1e-6)
+    bent = scene.with_values({"camera.distortion": 0.01})
+    assert through_a_lens(bent) is bent
+    assert trial_stride((247, 330)) == 3 and trial_stride((494, 659)) == 6
