@@ -28,7 +28,16 @@ from isochrome.estimation import (
 )
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.blocks import BLOCK, COSINES, SHADOW_BLOCKS, FrameBlocks
-from isochrome.fitting.causes.cause import EVEN, OF_SIZE, RARE, STATED, Cause, candidates
+from isochrome.fitting.causes.cause import (
+    EVEN,
+    OF_SIZE,
+    RARE,
+    SCALE,
+    STATED,
+    STIFF,
+    Cause,
+    candidates,
+)
 from isochrome.fitting.causes.modes import LENGTHS, SIZES, TractionModes
 from isochrome.fitting.frame.unknowns import BLUR, GAMMA
 from isochrome.optics import blur_variance
@@ -43,6 +52,8 @@ LightTerms = tuple[Terms, Terms]
 LIGHT, TRACTIONS = "more uneven light", "tractions that are not the model's"
 ORDER, SHADOW = "an order that no cause explains", "a shadow on the surface"
 
+_NOT_COUNTED = (STATED, SCALE.name, STIFF.name)
+"""What no ± holds as something that may be there."""
 _LIGHT_SIZE, _LIGHT_FALLS = 0.05, (0.5, 0.7, 0.9)
 """Standard deviation of the light's first degree, of its brightness, and what each degree more
 leaves of it: a lamp's, one that is near, one with an edge."""
@@ -405,7 +416,8 @@ def _undecided(
     for nuisance in nuisances:
         columns = range(first, first + len(nuisance.now))
         first += len(nuisance.now)
-        if nuisance.name == STATED:  # counted by the sensitivity to what is stated
+        # what is stated counts by the sensitivity to it, and what is taken as exact is said to be
+        if nuisance.name in _NOT_COUNTED:
             along[:, list(columns)] = 0.0
         elif nuisance.name == LIGHT:
             own += columns[:lit]
