@@ -1,73 +1,15 @@
-"""Contacts that are not their scene's: load and friction within their ±, and what is said.
-
-Truth is `real_contacts`, which shares no code with us. In each of its frames the friction does not
-couple with the pressure, which scenes say that it does."""
+"""Tractions besides a contact's model: their stress, their prior, and their key in a scene."""
 
 import numpy as np
 import pytest
 
-from fitting import real_contacts
-from fitting.engine_frames import prepared
-from fitting.sliding_bench import FRICTION, LOAD, bench
+from fitting.sliding_bench import bench
 from isochrome.contact import SurfaceState
-from isochrome.fitting import SceneRenderer, cause_messages, fit_with_causes
+from isochrome.fitting import SceneRenderer
 from isochrome.fitting.causes.modes import traction_modes
-from isochrome.fitting.causes.score import TRACTIONS
 from isochrome.scene import dump_scene, parse_scene
 from isochrome.simulation import scene_states
 from isochrome.stress import pixel_grid
-
-MODULUS = "another modulus of the specimen, or another radius of what presses on it"
-SMOOTH = "a smooth stress besides the contact's"
-
-
-def found_in(**facts):
-    """What is fitted of a frame, from values that are off, and what is said."""
-    scene = bench(164, 220)
-    data = prepared(real_contacts.frame(**facts), scene)
-    begun = scene.with_values({"load.normal_n": 0.85 * LOAD, "friction.coefficient": 0.22})
-    return fit_with_causes(data, begun)
-
-
-def pulls(fit):
-    truth = {"load.normal_n": LOAD, "friction.coefficient": FRICTION}
-    at = {key: fit.keys.index(key) for key in truth}
-    return [(fit.values[k] - truth[key]) / fit.standard_uncertainty[k] for key, k in at.items()]
-
-
-def test_friction_that_does_not_couple_is_in_the_tractions():
-    freed = found_in()
-    assert freed.tractions and freed.chances[TRACTIONS] > 0.9 and not freed.causes
-    assert max(map(abs, pulls(freed.fit))) < 3.0 and freed.fit.chi < 1.01
-    assert any("tractions that are not the model's" in text for text in cause_messages(freed))
-    added = freed.fit.scene.load.added_tractions
-    # their sums are nought: load and friction are those of all tractions
-    assert abs(sum(added.pressure_mpa)) < 1e-9 * max(map(abs, added.pressure_mpa)) * 100
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("facts", "names"),
-    [
-        ({"modulus": 0.97}, {MODULUS}),  # a lens and two keystones were named, 3.5 and 5.9 u off
-        ({"modulus": 1.15}, {MODULUS}),
-        ({"debris": (0.1, 0.03, 0.3)}, set()),
-        ({"shear": 0.5}, set()),
-        ({"bulk": (0.3, 0.1)}, {SMOOTH}),
-        ({"tilt": 0.3}, set()),
-    ],
-    ids=str,
-)
-def test_one_fact_of_a_real_contact_leaves_load_and_friction_right(facts, names):
-    """As the scene stood they were off by 5 to 10 of their u, a modulus of 3 % taken for a lens."""
-    freed = found_in(**facts)
-    assert names <= {cause.name for cause in freed.causes}
-    lens = ("camera.roll_deg", "camera.distortion", "camera.keystone_x", "camera.keystone_z")
-    assert not set(lens) & set(freed.fit.keys)
-    assert max(map(abs, pulls(freed.fit))) < 3.5 and freed.fit.chi < 1.02
-    if "modulus" in facts:
-        value, spread = freed.now.values_of_key("specimen.young_gpa")[0]
-        assert value == pytest.approx(facts["modulus"] * 2.1, rel=0.01) and spread < 0.01 * value
 
 
 def test_the_modes_stress_is_that_of_the_renderer():
