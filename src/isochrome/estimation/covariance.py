@@ -56,15 +56,18 @@ def gradient_covariance(rows: Array, residual: Array, keep: Mask) -> Array:
             continue
         line = np.nonzero(keep)[1 - axis]
         sums = np.array([np.bincount(line, row * residual) for row in rows])
-        middle = middle + _positive_part(sums @ sums.T - near, np.sqrt(np.diag(near)))
+        middle = middle + positive_part(sums @ sums.T - near, np.sqrt(np.diag(near)))
     return middle
 
 
-def _positive_part(matrix: Array, scale: Array) -> Array:
-    """A symmetric matrix (p, p) without what would make variances less, in units of a scale."""
+def positive_part(matrix: Array, scale: Array, least: float = 0.0) -> Array:
+    """A symmetric matrix (p, p) without what would make variances less, in units of a scale.
+
+    `least`, the eigenvalue in these up to which a direction is left out.
+    """
     size = np.where(scale > 0.0, scale, 1.0)
     values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
-    part = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    part = (vectors * np.where(values > least, values, 0.0)) @ vectors.T
     return np.asarray(part * np.outer(size, size))
 
 

@@ -57,7 +57,6 @@ class Sets:
     evidence: Evidence
     members: tuple[tuple[int, ...], ...]
     weights: Array
-    logs: Array  # ln E of each, that of the empty set is 0
 
     @property
     def best(self) -> tuple[Hypothesis, ...]:
@@ -178,7 +177,7 @@ def weigh(evidence: Evidence, *, given: Sequence[int] = ()) -> Sets:
     keep |= np.array([s == frozenset(given) for s in order])
     weights = np.exp(logs - logs[0])[keep]
     likely_sets = tuple(tuple(sorted(s)) for s, kept in zip(order, keep, strict=True) if kept)
-    return Sets(evidence, likely_sets, weights / weights.sum(), logs[keep])
+    return Sets(evidence, likely_sets, weights / weights.sum())
 
 
 def _beside(hypotheses: Sequence[Hypothesis], members: frozenset[int]) -> Iterator[frozenset[int]]:

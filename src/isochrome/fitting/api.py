@@ -13,7 +13,6 @@ from isochrome.errors import PhysicsError
 from isochrome.estimation import POOR_CHI, FrameData, Minimum
 from isochrome.fitting.causes.freeing import ADDED, Freed, fit_with_causes, free_causes
 from isochrome.fitting.causes.report import cause_messages, opposite_shear
-from isochrome.fitting.causes.score import added_tractions
 from isochrome.fitting.causes.solution import FrameSolution
 from isochrome.fitting.figure import figure_of_frames
 from isochrome.fitting.folder import restore_fit, write_fit
@@ -136,7 +135,7 @@ class FrameWork:
         row |= {name: getattr(fit, name) for name in _PLAIN} | {"keys": list(fit.keys)}
         others = [[other.values.tolist(), float(other.chi)] for other in fit.others]
         row["inputs"] = [list(item) for item in fit.inputs.rows]
-        added = added_tractions(fit.scene)
+        added = fit.scene.added_tractions
         row["tractions"] = added and added.model_dump(mode="json")
         return row | {"others": others, "said": list(messages), "light": light}
 

@@ -16,6 +16,7 @@ from isochrome.scene.imaging import Camera, Distance, DistanceTable, Frames, Sce
 from isochrome.scene.measured_course import with_tables
 from isochrome.scene.parts import (
     BODIES,
+    AddedTractions,
     Body,
     Friction,
     Indenter,
@@ -213,6 +214,11 @@ class Scene(ScenePart):
         """The indenter, of a contact alone."""
         assert self.indenter is not None
         return self.indenter
+
+    @property
+    def added_tractions(self) -> AddedTractions | None:
+        """Tractions of a contact besides its model's; None without any."""
+        return self.load.added_tractions if self.load else None
 
     @property
     def profile_file(self) -> str | None:

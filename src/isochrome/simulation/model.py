@@ -126,7 +126,7 @@ def with_added_tractions(scene: Scene, surface: SurfaceState) -> SurfaceState:
 
     PhysicsError where they lie outside the contact's window.
     """
-    added = scene.load.added_tractions if scene.load else None
+    added = scene.added_tractions
     if added is None:
         return surface
     grid, x = surface.grid, surface.grid.x_mm

@@ -160,8 +160,7 @@ class FrameBlocks:
         if cause.stated:
             return self._held
         if cause.keys[0] == BLUR:
-            curved = self.thin(_curvature(self._signal_image)) * self._gain
-            return np.asarray(curved * cause.sizes[0] ** 2)[None]
+            return np.asarray(self._curved * cause.sizes[0] ** 2)[None]
         if cause.keys[0] in EVEN:
             changed = {key: _EVEN_STEPS[key] for key in cause.keys}
             step = self._signal(self.scene.with_values(changed)) - self._here
@@ -179,8 +178,7 @@ class FrameBlocks:
         """What an even cause that is there does to the picture, weighted (1, n)."""
         if cause.keys[0] == BLUR:
             variance, _ = blur_variance(float(self.scene.get(BLUR)))
-            curved = self.thin(_curvature(self._signal_image)) * self._gain
-            return np.asarray(variance * curved)[None]
+            return np.asarray(variance * self._curved)[None]
         without = self._signal(self.scene.with_values(dict.fromkeys(cause.keys, 0.0)))
         return np.asarray((self._here - without) * self._gain)[None]
 
@@ -188,6 +186,11 @@ class FrameBlocks:
     def _here(self) -> Array:
         """The signal at the blocks, as it was fitted."""
         return self._signal(self.scene)
+
+    @property
+    def _curved(self) -> Array:
+        """What a blur of a pixel adds, weighted."""
+        return np.asarray(self.thin(_curvature(self._signal_image)) * self._gain)
 
     @cached_property
     def _slopes(self) -> tuple[Array, Array]:

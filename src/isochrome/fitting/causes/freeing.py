@@ -386,8 +386,8 @@ def _change(freed: Freed[S], plan: _Plan) -> Change:
     held: dict[str, Any] = {key: stated.get(key) for key in gone}
     if asked.modes is not None:
         held[ADDED] = None if plan.values is None else asked.modes.added(plan.values)
-    begun = {key: found[key] for key in now.keys if key in found and key not in held}
-    begun = begun if plan.trial else {}
+    rest = plan.trial.values if plan.trial else {}
+    begun = {key: rest[key] for key in now.keys if key in rest and key not in held}
     terms = None
     if plan.richer or plan.light > freed.light:
         terms = richer_light(now, FEW_TERMS)

@@ -110,7 +110,7 @@ def traction_modes(scene: Scene, surface: SurfaceState, pitch_mm: float) -> Trac
     """
     left_mm, right_mm = surface.edges_mm
     middle, width = 0.5 * (left_mm + right_mm), right_mm - left_mm
-    added = scene.load.added_tractions if scene.load else None
+    added = scene.added_tractions
     if added is not None:
         nodes = np.array(added.x_mm)
         spacing = float(nodes[1] - nodes[0])

@@ -8,7 +8,7 @@ import numpy as np
 
 from isochrome.fitting.causes.cause import Cause
 from isochrome.fitting.causes.freeing import Freed
-from isochrome.fitting.causes.score import ORDER, added_tractions
+from isochrome.fitting.causes.score import ORDER
 from isochrome.fitting.causes.slips import lying_otherwise
 from isochrome.fitting.causes.solution import Askable
 from isochrome.fitting.frame.frame_fit import FrameFit
@@ -256,7 +256,7 @@ def _traction_sentence(freed: Freed[Any]) -> str:
     """How far the tractions are from the model's, of the model's largest pressure."""
     assert freed.asked is not None and freed.asked.modes is not None
     modes, scene = freed.asked.modes, freed.now.scene
-    press, shear = np.abs(modes.values_of(added_tractions(scene))).reshape(2, -1).max(axis=1)
+    press, shear = np.abs(modes.values_of(scene.added_tractions)).reshape(2, -1).max(axis=1)
     return message(
         "tractions_not_model",
         shows=_verb(freed.now, "show"),

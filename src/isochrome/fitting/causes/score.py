@@ -23,6 +23,7 @@ from isochrome.estimation import (
     Terms,
     light_products,
     missing_terms,
+    positive_part,
     weigh,
     with_chosen_terms,
 )
@@ -41,7 +42,7 @@ from isochrome.fitting.causes.cause import (
 from isochrome.fitting.causes.modes import LENGTHS, SIZES, TractionModes
 from isochrome.fitting.frame.unknowns import BLUR, GAMMA
 from isochrome.optics import blur_variance
-from isochrome.scene import AddedTractions, Scene
+from isochrome.scene import Scene
 
 if TYPE_CHECKING:
     from isochrome.fitting.causes.solution import Askable
@@ -91,16 +92,14 @@ class Asked:
     """What frames show besides what is fitted.
 
     `sets` of what may be there, with the values `now` (k,) of all columns; `causes` that may;
-    `noise`, the variance that a block's residual
-    has; `undecided` (p, p), what the covariance lacks for what is neither shown nor excluded;
-    `outside`, the blocks (rows, cols) that no noise explains, and `beside`, those at the surface;
-    `modes` of a contact's tractions.
+    `undecided` (p, p), what the covariance lacks for what is neither shown nor excluded; `outside`,
+    the blocks (rows, cols) that no noise explains, and `beside`, those at the surface; `modes` of a
+    contact's tractions.
     """
 
     sets: Sets
     now: Array
     causes: tuple[Cause, ...]
-    noise: float
     undecided: Array
     outside: Mask | None = None
     beside: Mask | None = None
@@ -141,9 +140,8 @@ class _Nuisance:
     """Something that may be there: its `columns` at a frame's blocks, their values `now` (k,).
 
     `roots` of its priors, ways that exclude one another; `positive`, whether the first one's
-    amplitude is;
-    `rows`, of the unknowns that hold it where it is fitted, `of_each` (k, rows), their change with
-    it.
+    amplitude is; `rows`, of the unknowns that hold it where it is fitted, `of_each` (k, rows),
+    their change with it.
     """
 
     name: str
@@ -179,7 +177,7 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
             excess.append(blocks.excess)
             columns = np.concatenate([n.columns(blocks) for n in nuisances])
             light, rows, every, residual = blocks.part(columns)
-            light = np.delete(light, _of_more_light(blocks, solution.terms, stated.terms), 0)
+            light = np.delete(light, of_more_light(len(light), solution.terms, stated.terms), 0)
             yield light, rows[shared], every, residual
         size = sum(len(n.now) for n in nuisances)
         fixed = np.diag(weight)[:, shared].T
@@ -187,7 +185,7 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
 
     products = ScoreProducts(parts())
     noise = max(products.noise, float(np.mean(excess)))
-    matrix = _definite(products.matrix, products.size) / noise
+    matrix = positive_part(products.matrix, np.sqrt(products.size), _TAKEN) / noise
     now = np.concatenate([n.now for n in nuisances])
     right = products.right / noise + matrix @ now
     hypotheses: list[Hypothesis] = []
@@ -209,7 +207,6 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
         sets=sets,
         now=now,
         causes=causes,
-        noise=noise,
         undecided=_undecided(products, sets, nuisances, now, shared, matrix, lit),
         outside=_outside_of_all([outside for outside, _ in found]),
         beside=found[0][1],
@@ -256,19 +253,14 @@ def _nuisances(
         yield _Nuisance(
             name=TRACTIONS,
             columns=FrameBlocks.traction_columns,
-            now=modes.values_of(added_tractions(solution.scene)),
+            now=modes.values_of(solution.scene.added_tractions),
             roots=tuple(modes.root(size, length) for size in SIZES for length in LENGTHS),
         )
 
 
 def _has_own_tractions(solution: Askable, stated: Scene) -> bool:
     """Whether they may be there: each frame has its own, and what is stated is known."""
-    return stated.is_contact and solution.count == 1 and added_tractions(stated) is None
-
-
-def added_tractions(scene: Scene) -> AddedTractions | None:
-    """Those of a scene; None where it has none."""
-    return scene.load.added_tractions if scene.load else None
+    return stated.is_contact and solution.count == 1 and stated.added_tractions is None
 
 
 def _open_cause(blocks: FrameBlocks, cause: Cause) -> _Nuisance:
@@ -333,7 +325,7 @@ def _fitted_cause(solution: Askable, cause: Cause, stated: Scene) -> _Nuisance:
 def _light(solution: Askable, blocks: FrameBlocks, own: LightTerms) -> _Nuisance:
     """The light's products besides those of a frame as stated: what is fitted, and then others."""
     more, missing = more_than(solution.terms, own), missing_terms(solution.terms, FIRST_DEGREES)
-    chosen = _of_more_light(blocks, solution.terms, own)
+    chosen = of_more_light(len(blocks.light_rows), solution.terms, own)
     bright = blocks.brightness  # of the fitted ones the coefficients are counted, not the shares
     return _Nuisance(
         name=LIGHT,
@@ -356,9 +348,8 @@ def more_than(terms: LightTerms, own: LightTerms) -> LightTerms:
     return terms[0][len(own[0]) :], terms[1][len(own[1]) :]
 
 
-def _of_more_light(blocks: FrameBlocks, terms: LightTerms, own: LightTerms) -> Array:
-    """Which of a frame's light rows are of products behind the first ones."""
-    count = len(blocks.light_rows)
+def of_more_light(count: int, terms: LightTerms, own: LightTerms) -> Array:
+    """Which of a light's `count` coefficients are of the products behind the first ones."""
     dark = count - len(terms[1]) + len(own[1])
     return np.asarray(np.r_[len(own[0]) : len(terms[0]), dark:count], int)
 
@@ -385,14 +376,6 @@ def _order_root(size: float, width: float) -> Array:
     spread = np.sqrt(np.outer(power, power)).ravel()
     chosen = spread > 0.01 * spread.max()
     return np.asarray(size * np.diag(spread)[:, chosen])
-
-
-def _definite(matrix: Array, size: Array) -> Array:
-    """Products (k, k) without what rounding makes negative, and what the fit takes up wholly."""
-    scale = np.sqrt(np.maximum(size, 1e-300))
-    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    part = (vectors * np.where(values > _TAKEN, values, 0.0)) @ vectors.T
-    return np.asarray(part * np.outer(scale, scale))
 
 
 def _undecided(
@@ -428,11 +411,7 @@ def _undecided(
     if own:
         flat = np.linalg.pinv(matrix[np.ix_(own, own)], 1e-12, hermitian=True)
         total = total - along[:, own] @ flat @ along[:, own].T
-    size_of = np.diag(total)
-    scale = np.where(size_of > 0.0, np.sqrt(np.abs(size_of)), 1.0)
-    values, vectors = np.linalg.eigh(total / np.outer(scale, scale))
-    part = (vectors * np.maximum(values, 0.0)) @ vectors.T
-    return np.asarray(part * np.outer(scale, scale))
+    return positive_part(total, np.sqrt(np.maximum(np.diag(total), 0.0)))
 
 
 def _outside_of_all(found: list[Mask]) -> Mask | None:

@@ -21,7 +21,7 @@ from isochrome.fitting.arrays import Array
 from isochrome.fitting.causes.blocks import BLOCK, cosines
 from isochrome.fitting.causes.cause import TINY
 from isochrome.fitting.causes.modes import TractionModes
-from isochrome.fitting.causes.score import LightTerms, light_sizes, more_than
+from isochrome.fitting.causes.score import LightTerms, light_sizes, more_than, of_more_light
 from isochrome.fitting.frame.frame_model import FrameModel, GammaFit, LocalModel, local_model
 from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.frame.unknowns import LENS, moved_scene, thinning
@@ -188,6 +188,7 @@ def light_weights(part: LinearPart, own: LightTerms, terms: LightTerms) -> Array
     more = more_than(terms, own)
     count = len(part.coefficients)
     weight = np.zeros(count)
-    extra = np.r_[len(own[0]) : len(terms[0]), count - len(more[1]) : count].astype(int)
-    weight[extra] = (np.array(light_sizes(more)) * part.coefficients[0]) ** -2.0
+    weight[of_more_light(count, terms, own)] = (
+        np.array(light_sizes(more)) * part.coefficients[0]
+    ) ** -2.0
     return weight
