@@ -89,6 +89,13 @@ class LightModel:
         rows, cols = self.illumination.shape[1:]
         return frame_light((rows, cols), self.dark, self.bright, terms=terms)
 
+    def with_terms(self, more: tuple[Terms, Terms]) -> tuple[Terms, Terms]:
+        """Its products, and behind them those of `more` that it has not."""
+        light, dark = (
+            tuple(dict.fromkeys(own + others)) for own, others in zip(self.terms, more, strict=True)
+        )
+        return light, dark
+
     def every(self, stride: int) -> LightModel:
         """The images at every `stride`-th pixel."""
         return replace(

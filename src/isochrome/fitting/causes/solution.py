@@ -25,7 +25,7 @@ from isochrome.fitting.causes.trial import (
 from isochrome.fitting.frame.frame_fit import Fitted, FrameFit, fit_with_model, hidden_px
 from isochrome.fitting.frame.frame_model import FrameModel, refine_fit, stored
 from isochrome.fitting.frame.single_state import with_numerics
-from isochrome.fitting.frame.unknowns import StatedInputs, fit_region, moved_scene, values_of
+from isochrome.fitting.frame.unknowns import GAMMA, StatedInputs, fit_region, moved_scene, values_of
 from isochrome.scene import Scene
 
 _PASSES = 12
@@ -302,12 +302,16 @@ class FrameSolution:
     def _changed(self, change: Change) -> tuple[FrameData, tuple[str, ...], Scene]:
         """Data, unknowns and scene to begin with."""
         data = self.data
-        if change.terms is not None:
-            data = replace(data, lamp=data.lamp.of(change.terms))
-        if change.outside is not None:
-            data = replace(data, valid=data.valid & ~whole_picture(change.outside, data.shape))
         keys = tuple(key for key in self.fit.keys if key not in change.held)
         scene = self.fit.scene.with_values(change.begun | change.added | change.held)
+        chosen = change.terms or data.lamp.terms
+        if GAMMA in change.added or GAMMA in change.held:  # what no-load frames show is read anew
+            data = data.toned(scene.frames.stated_gamma)
+            chosen = data.lamp.with_terms(chosen)
+        if chosen != data.lamp.terms:
+            data = replace(data, lamp=data.lamp.of(chosen))
+        if change.outside is not None:
+            data = replace(data, valid=data.valid & ~whole_picture(change.outside, data.shape))
         return data, (*keys, *change.added), scene
 
 
