@@ -68,10 +68,10 @@ def frame(scene: Scene, defects: Defects = NONE, seed: int = 0, state: int = -1)
     return _stored(_things(pixels, defects, rng, scene), defects, rng)
 
 
-def lit(signal, defects):
-    """The pixels' light (rows, cols): lamp and stray light on a signal at the samples."""
+def lit(signal, defects, samples=SAMPLES):
+    """The pixels' light (rows, cols): lamp and stray light on a signal at their samples."""
     light = _lamp(signal.shape, defects) * signal + _stray(signal.shape, defects)
-    return light.reshape(light.shape[0] // SAMPLES, SAMPLES, -1, SAMPLES).mean(axis=(1, 3))
+    return light.reshape(light.shape[0] // samples, samples, -1, samples).mean(axis=(1, 3))
 
 
 def _places(rows, cols, defects):

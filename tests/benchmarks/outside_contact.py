@@ -22,7 +22,8 @@ class Contact:
     """A steel cylinder on a plate, and the picture of it.
 
     `tilt`, how much more load the plate's one face carries, and the other less, relative; the
-    picture's `shape`, `pixel_mm` and upper left corner, from the cylinder's axis and the surface.
+    picture's `shape`, `pixel_mm` and upper left corner, from the cylinder's axis and the surface;
+    `samples`, a pixel's side.
     """
 
     load_n: float = 47.3
@@ -38,6 +39,7 @@ class Contact:
     left_mm: float = -2.0
     top_mm: float = 0.0
     defects: Defects = field(default_factory=lambda: NONE)
+    samples: int = SAMPLES
 
     def order(self, x, z):
         """Fringe order N at places (mm); the mean stress of all slices of the thickness counts."""
@@ -74,9 +76,10 @@ class Contact:
         slope = np.conj(scale * (1.0 - root * (alpha / (w + a) + (1.0 - alpha) / (w - a))))
         return 2.0 * z * slope - 2.0 * self.friction * (found - 1j * z * slope)
 
-    def seen(self, samples=SAMPLES):
+    def seen(self, samples=None):
         """Orders at the samples of the picture's pixels; NaN above the surface."""
         rows, cols = self.shape
+        samples = samples or self.samples
         step = self.pixel_mm / samples
         x = self.left_mm + step * (np.arange(cols * samples) + 0.5)
         z = (self.top_mm + step * (np.arange(rows * samples) + 0.5))[:, None]
@@ -85,7 +88,7 @@ class Contact:
     def frame(self, seed=0, harm=None):
         """The stored grey levels (rows, cols); `harm`, what is done to the light before."""
         signal = np.nan_to_num(_band(self.seen(), np.zeros(()), self.defects))
-        light = lit(signal, self.defects)
+        light = lit(signal, self.defects, self.samples)
         rng = np.random.default_rng(seed)
         return _stored(light if harm is None else harm(light), self.defects, rng)
 

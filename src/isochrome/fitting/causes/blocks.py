@@ -296,10 +296,12 @@ def less_means(values: Array, lines: Array, share: float) -> Array:
     """Values (k, n) less a share of their means over each line (n,) of the picture."""
     from scipy.sparse import csr_array
 
+    if not share:
+        return values
     count = np.bincount(lines)
     there = csr_array((np.ones(len(lines)), (np.arange(len(lines)), lines)))
-    means = (values @ there) / np.maximum(count, 1)
-    return np.asarray(values - share * means[:, lines], values.dtype)
+    part = (share / np.maximum(count, 1) * (values @ there)).astype(values.dtype)
+    return np.asarray(values - part.take(lines, axis=1))
 
 
 def _excess(keep: Mask, residual: Array, own: list[float]) -> float:

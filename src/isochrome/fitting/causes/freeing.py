@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -25,6 +26,7 @@ from isochrome.fitting.causes.score import (
     TRACTIONS,
     Asked,
     FittedNuisances,
+    LightTerms,
     ask,
     middle_of,
     richer_light,
@@ -124,6 +126,11 @@ class Freed(Generic[S]):
     def fitted(self) -> FittedNuisances:
         """What is fitted besides the unknowns."""
         return FittedNuisances(self.causes, self.tractions, self.light)
+
+    @cached_property
+    def richer(self) -> LightTerms:
+        """A light with what its frames ask for beside other causes."""
+        return richer_light(self.now, FEW_TERMS)
 
     def weighed(self) -> Freed[S]:
         """The same with all that may be there weighed about it."""
@@ -390,10 +397,10 @@ def _change(freed: Freed[S], plan: _Plan) -> Change:
     begun = {key: rest[key] for key in now.keys if key in rest and key not in held}
     terms = None
     if plan.richer or plan.light > freed.light:
-        terms = richer_light(now, FEW_TERMS)
+        terms = freed.richer
     elif plan.light < freed.light:
         terms = stated_fit.terms
-    return Change(added=added, held=held, begun=begun, terms=terms)
+    return Change(added=added, held=held, begun=begun, terms=terms, far=plan.trial is None)
 
 
 def _with(freed: Freed[S], plan: _Plan) -> Freed[S] | None:
@@ -426,13 +433,20 @@ def _with_all_light(solution: S) -> S:
 
 def _as_fitted(freed: Freed[S], now: S) -> Change:
     """What makes the fit as stated one that has all that is fitted now."""
-    added = {key: now.scene.get(key) for key in now.keys if key not in freed.stated.keys}
+    stated = freed.stated.keys
+    added = {key: now.scene.get(key) for key in now.keys if key not in stated}
+    # what each frame has of its own begins where it was
+    rows = {key: now.values_of_key(key) for key in now.keys if key in stated}
+    begun = {key: row[0][0] for key, row in rows.items() if len(row) == 1}
     held = {ADDED: now.scene.get(ADDED)} if freed.tractions else {}
-    return Change(added=added, held=held, terms=now.terms)
+    return Change(added=added, held=held, begun=begun, terms=now.terms)
 
 
 def _with_all_pixels(freed: Freed[S]) -> Freed[S]:
     """With what was odd before its cause was known, where it is odd no more: a blur, no shadow."""
+    assert freed.odd is not None
+    if freed.now.still_odd(freed.stated, freed.odd).any():
+        return freed
     try:
         whole = freed.stated.again(_as_fitted(freed, freed.now))
     except PhysicsError:

@@ -37,7 +37,7 @@ class Change:
 
     `added`, where keys begin that become unknowns; `held`, keys that are unknowns no more, and
     their values; `begun`, where the other unknowns begin; `terms` of the light; `outside` (rows/3,
-    cols/3), blocks that are left out.
+    cols/3), blocks that are left out. `far`, whether it does not begin where a fit came to rest.
     """
 
     added: dict[str, float] = field(default_factory=dict)
@@ -45,6 +45,7 @@ class Change:
     begun: dict[str, float] = field(default_factory=dict)
     terms: LightTerms | None = None
     outside: Mask | None = None
+    far: bool = False
 
 
 class Askable(Protocol):
@@ -241,7 +242,9 @@ class FrameSolution:
     def again(self, change: Change) -> FrameSolution:
         """The fit with a change. Raises PhysicsError where it cannot be made."""
         data, keys, scene = self._changed(change)
-        fitted = fit_with_model(data, scene, keys, cold=False, stated=self.fitted.stated)
+        fitted = fit_with_model(
+            data, scene, keys, cold=False, stated=self.fitted.stated, rested=not change.far
+        )
         # other minima are those of the first search
         fitted = replace(fitted, fit=replace(fitted.fit, others=self.fit.others))
         return replace(self, data=data, fitted=fitted)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from enum import Enum
 
 import numpy as np
 
@@ -156,12 +157,17 @@ def fit_with_model(
     *,
     cold: bool = True,
     stated: StatedInputs | None = None,
+    rested: bool = False,
 ) -> Fitted:
-    """`fit_frame` with the model that was fitted, for those who ask its residual."""
+    """`fit_frame` with the model that was fitted, for those who ask its residual.
+
+    `rested`, whether the scene is where another fit came to rest: few pixels would lead away.
+    """
     keys = free_keys(scene) if keys is None else keys
     stated = stated_inputs(scene) if stated is None else stated
     scene = placed(scene, data.shape)
-    made = _fit_toned(data, scene, keys, cold, stated)
+    start = _Start.RESTED if rested else _Start.COLD if cold else _Start.NEAR
+    made = _fit_toned(data, scene, keys, start, stated)
     ratio = local_noise(
         made.model.pixels.keep,
         made.final.gamma_fit.residual,
@@ -169,23 +175,29 @@ def fit_with_model(
     )
     if ratio == 1.0:
         return made
-    again = _fit_toned(data.with_noise(ratio), made.fit.scene, keys, False, stated)
+    again = _fit_toned(data.with_noise(ratio), made.fit.scene, keys, _Start.RESTED, stated)
     return replace(again, fit=replace(again.fit, others=made.fit.others))
 
 
+class _Start(Enum):
+    """How near a scene is: it may need a search, a fit to few pixels, or neither."""
+
+    COLD, NEAR, RESTED = range(3)
+
+
 def _fit_toned(
-    data: FrameData, scene: Scene, keys: tuple[str, ...], cold: bool, stated: StatedInputs
+    data: FrameData, scene: Scene, keys: tuple[str, ...], start: _Start, stated: StatedInputs
 ) -> Fitted:
     """The fit, from each exponent in turn where that is unknown until one explains the frame."""
     known = scene.frames.gamma
     if isinstance(known, str) and GAMMA not in keys:
         keys = (*keys, GAMMA)
     if GAMMA not in keys:
-        return _fit_begun(data, scene, keys, cold, stated)
+        return _fit_begun(data, scene, keys, start, stated)
     best: Fitted | None = None
     for gamma in dict.fromkeys((*([] if isinstance(known, str) else [known]), *_GAMMAS)):
         begun = scene.with_values({GAMMA: gamma})
-        made = _fit_begun(data.toned(gamma), begun, keys, cold, stated)
+        made = _fit_begun(data.toned(gamma), begun, keys, start, stated)
         fit = made.fit
         if best is None or (fit.positive, -fit.chi) > (best.fit.positive, -best.fit.chi):
             best = made
@@ -196,14 +208,16 @@ def _fit_toned(
 
 
 def _fit_begun(
-    data: FrameData, scene: Scene, keys: tuple[str, ...], cold: bool, stated: StatedInputs
+    data: FrameData, scene: Scene, keys: tuple[str, ...], start: _Start, stated: StatedInputs
 ) -> Fitted:
     """The fit from one scene's start, and others about it."""
     others: tuple[Minimum, ...] = ()
     prior = stated.prior(keys)
     scene = _with_some_blur(scene, keys)
-    near = _coarse(data, scene, keys, prior)
-    if near is not None and (not cold or (near.chi <= _CLOSE_CHI and near.clear)):
+    near = None if start is _Start.RESTED else _coarse(data, scene, keys, prior)
+    if start is _Start.RESTED:
+        best = scene
+    elif near and (start is _Start.NEAR or (near.chi <= _CLOSE_CHI and near.clear)):
         best = near.scene
     else:
         best, others = _searched(data, scene, keys, prior)

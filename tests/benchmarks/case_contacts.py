@@ -1,0 +1,122 @@
+"""Frames of real contacts by `outside_tractions`, with one or two facts that the scene leaves out:
+load and friction in their uncertainties, and what is named."""
+
+import time
+from functools import partial
+
+import numpy as np
+
+from isochrome.errors import PhysicsError
+from isochrome.estimation import prepare_frame
+from isochrome.fitting import fit_with_causes
+from isochrome.frames import Frame
+from isochrome.scene import load_scene
+
+from .outside_camera import Defects
+from .outside_tractions import RealContact
+from .rows import DefectRow
+
+FRAMES = {"clean": 50, "one": 100, "two": 100}
+
+FACTS = {
+    "modulus": lambda rng: {"modulus_change": rng.uniform(-0.2, 0.2)},
+    "layer": lambda rng: {"layer_mm_per_mpa": rng.uniform(1e-5, 1e-4)},
+    "wave": lambda rng: {
+        "wave_mm": rng.uniform(1e-4, 1e-3), "wavelength_mm": rng.uniform(0.08, 0.5)
+    },
+    "flat": lambda rng: {"flat_mm": rng.uniform(1e-4, 1e-3)},
+    "grain": lambda rng: {
+        "grain_mm": rng.uniform(2e-4, 1e-3), "grain_at": rng.uniform(-0.7, 0.7),
+        "grain_width_mm": rng.uniform(0.02, 0.1),
+    },
+    "uneven shear": lambda rng: {"uneven": rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.5)},
+    "uncoupled": lambda rng: {"coupled": False},
+    "smooth": lambda rng: {
+        "smooth_mpa": rng.uniform(-0.4, 0.4), "bending_mpa_per_mm": rng.uniform(-0.15, 0.15)
+    },
+}  # fmt: skip
+"""What a real contact has, and how strong it is drawn."""
+
+MODULUS, TRACTIONS, SMOOTH = (
+    "another modulus of the specimen, or another radius of what presses on it",
+    "tractions that are not the model's",
+    "a smooth stress besides the contact's",
+)
+NAMES = dict.fromkeys(FACTS, TRACTIONS) | {"modulus": MODULUS, "smooth": SMOOTH}
+"""What each is called."""
+
+NAMED = 0.9
+_TOLD = {"an order that no cause explains"}
+"""What is said to be there without a cause."""
+
+
+def cases():
+    """A case for each kind of frame."""
+    return {kind: partial(frames, kind) for kind in FRAMES}
+
+
+def frames(kind, quick, seeds=None):
+    """A row for each frame of a kind, or with `quick` for the first."""
+    seeds = range(FRAMES[kind]) if seeds is None else seeds
+    return [judged(kind, seed) for seed in (seeds[:1] if quick else seeds)]
+
+
+def contact(kind, seed):
+    """A contact that slides, the names of its facts, and the numbers that are drawn on."""
+    rng = np.random.default_rng([seed, 38, list(FRAMES).index(kind)])
+    names = list(FACTS)
+    chosen = {"clean": [], "one": [names[seed % len(names)]]}.get(kind)
+    if chosen is None:
+        chosen = rng.choice(names, 2, replace=False).tolist()
+    values = {key: value for name in chosen for key, value in FACTS[name](rng).items()}
+    shape = 164, 220
+    made = RealContact(
+        load_n=rng.uniform(25.0, 60.0),
+        friction=rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.3),
+        shape=shape,
+        pixel_mm=4.0 / shape[1],
+        left_mm=-2.0 + rng.uniform(-0.2, 0.2),
+        defects=Defects(noise=rng.uniform(1.0, 3.0), fall_off=rng.uniform(0.0, 0.4)),
+        **values,
+    )
+    return made, chosen, rng
+
+
+def judged(kind, seed):
+    """The row of one frame."""
+    made, names, rng = contact(kind, seed)
+    image = made.frame(int(rng.integers(2**31)))
+    tables = made.scene()
+    scene = load_scene(tables | {"load": {"normal_n": made.load_n * rng.uniform(0.8, 1.2)}})
+    data = prepare_frame(Frame(0, image, None, "contact"), scene, bit_depth=8)
+    truth = {"load.normal_n": made.load_n, "friction.coefficient": made.friction}
+    start = time.process_time()
+    try:
+        freed = fit_with_causes(data, scene)
+    except PhysicsError as error:
+        return DefectRow(kind, seed, ", ".join(names), refused=str(error))
+    seconds = time.process_time() - start
+    fit = freed.fit
+    at = [fit.keys.index(key) for key in truth]
+    pulls = [
+        (fit.values[j] - true) / fit.standard_uncertainty[j]
+        for j, true in zip(at, truth.values(), strict=True)
+    ]
+    there = {name for name, chance in freed.chances.items() if chance >= NAMED} - _TOLD
+    wanted = {NAMES[name] for name in names}
+    return DefectRow(
+        kind,
+        seed,
+        ", ".join(names),
+        found="; ".join(sorted(there)),
+        named=wanted <= there,
+        first=there <= wanted,
+        over_bound=float(max(fit.standard_uncertainty[j] / fit.cramer_rao_bound[j] for j in at)),
+        load_percent=100.0 * (fit.values[at[0]] / made.load_n - 1.0),
+        load_pull=pulls[0],
+        friction_pull=pulls[1],
+        chi=fit.chi,
+        flagged=bool(there) or fit.chi > 1.3,
+        cost=1.0,
+        seconds=seconds,
+    )
