@@ -14,7 +14,7 @@ normal prior: its evidence is twice the posterior's part above nought. Sources: 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -75,6 +75,16 @@ class Sets:
             for hypothesis in self.named(index):
                 result[hypothesis.name] += weight
         return result
+
+    def judged(self, logs: Mapping[tuple[int, ...], float]) -> Sets:
+        """With ln E of some sets from elsewhere: between these it counts, not the slopes."""
+        known = {m: float(np.log(w)) for m, w in zip(self.members, self.weights, strict=True)}
+        first = max(logs, key=lambda members: known.get(members, -np.inf))
+        if first in known:
+            known |= {m: known[first] + log - logs[first] for m, log in logs.items()}
+        order = sorted(known, key=lambda members: -known[members])
+        weights = np.exp([known[members] - known[order[0]] for members in order])
+        return Sets(self.evidence, tuple(order), weights / weights.sum())
 
     def moments(self, along: Array, about: Array) -> Array:
         """Mean over the sets of the second moments (p, p) of T (a - about), T = `along` (p, k)."""

@@ -7,7 +7,6 @@ are told apart by their own fits to few pixels (`trial`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -144,15 +143,16 @@ class Freed(Generic[S]):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Plan:
-    """A set to fit: `causes`, tractions of a prior's `root`, an `order`'s, uneven `light`, still
-    `richer` than what is fitted.
+    """A set to fit: `causes`, tractions of a prior's `root`, uneven `light`, still `richer` than
+    what is fitted; and what is tried, and never fitted: `suspects`, an `order` that no cause
+    explains.
 
-    `log_odds` of them; `starts` of even causes' keys, which have no slope at nought. Found by a
-    `trial`, or with the tractions' `values` (k,) to first order. An order that no cause explains is
-    tried, and never fitted.
+    `log_odds` of them, its `members` by number; `starts` of even causes' keys, which have no slope
+    at nought. Found by a `trial`, or with the tractions' `values` (k,) to first order.
     """
 
     causes: tuple[Cause, ...] = ()
+    suspects: tuple[Cause, ...] = ()
     root: Array | None = None
     order: Array | None = None
     light: bool = False
@@ -160,6 +160,7 @@ class _Plan:
     values: Array | None = None
     starts: dict[str, float] = field(default_factory=dict)
     log_odds: float = 0.0
+    members: tuple[int, ...] = ()
     trial: Trial | None = None
 
     @property
@@ -171,7 +172,8 @@ class _Plan:
     @property
     def every(self) -> frozenset[str]:
         """All of it by name."""
-        return self.names | ({ORDER} if self.order is not None else set())
+        suspects = {cause.name for cause in self.suspects}
+        return self.names | suspects | ({ORDER} if self.order is not None else set())
 
     def evidence(self, noise: float) -> float:
         """That of its trial, at a variance of the noise."""
@@ -191,7 +193,8 @@ def free_causes(solution: S) -> Freed[S]:
     seen: set[tuple[frozenset[str], int]] = set()
     for _ in range(_ROUNDS):
         moved = _moved(freed, seen)
-        if moved is None:
+        if isinstance(moved, Asked):
+            freed = replace(freed, asked=moved, undecided=moved.undecided)
             break
         freed = moved.weighed()
     if freed.odd is not None:
@@ -200,8 +203,8 @@ def free_causes(solution: S) -> Freed[S]:
     return freed.undone() if freed.now.chi > POOR_CHI and not freed.is_plain else freed
 
 
-def _moved(freed: Freed[S], seen: set[tuple[frozenset[str], int]]) -> Freed[S] | None:
-    """The fit with a likelier set, or without what is odd; None where it has the likeliest.
+def _moved(freed: Freed[S], seen: set[tuple[frozenset[str], int]]) -> Freed[S] | Asked:
+    """The fit with a likelier set, or without what is odd; what was asked where there is none.
 
     A shadow goes first: light and lens take its fainter rows for their own. Other pixels are left
     out where no set is likelier: what is odd may be where a cause is felt most. Sets that were
@@ -219,7 +222,8 @@ def _moved(freed: Freed[S], seen: set[tuple[frozenset[str], int]]) -> Freed[S] |
     left = 0 if freed.odd is None else int(freed.odd.sum())
     left += sum(map(len, freed.now.terms))
     seen.add((freed.fitted.names, left))
-    for plan in _plans(freed, asked):
+    asked, plans = _plans(freed, asked)
+    for plan in plans:
         if (plan.names, left) in seen and not plan.names < freed.fitted.names:
             continue
         seen.add((plan.names, left))
@@ -233,7 +237,8 @@ def _moved(freed: Freed[S], seen: set[tuple[frozenset[str], int]]) -> Freed[S] |
     odd, beside = asked.outside, asked.beside
     if odd is not None and beside is not None and _is_shadow(odd, beside):
         odd = odd | beside  # its faint rows are not seen as such
-    return None if odd is None else _left_out(freed, odd)
+    without = None if odd is None else _left_out(freed, odd)
+    return asked if without is None else without
 
 
 def _nearer(freed: Freed[S], asked: Asked) -> Freed[S] | None:
@@ -251,22 +256,34 @@ def _nearer(freed: Freed[S], asked: Asked) -> Freed[S] | None:
 
 
 def _left_out(freed: Freed[S], odd: Mask) -> Freed[S] | None:
-    """The fit without some blocks more; None where there are none, or it cannot be made.
-
-    Those that it explains once it is made without them are taken in again.
-    """
+    """The fit without some blocks more; None where there are none, or it cannot be made."""
     if freed.odd is not None:
         odd = odd | freed.odd
         if (odd == freed.odd).all():
             return None
     try:
-        now = freed.now.again(Change(outside=odd))
-        left = now.still_odd(freed.stated, odd)
-        if left.sum() < odd.sum() and freed.asked and not _is_shadow(odd, freed.asked.beside):
-            now, odd = freed.stated.again(replace(_as_fitted(freed, now), outside=left)), left
+        now, left = _again(freed, Change(), odd)
     except PhysicsError:
         return None
-    return replace(freed, now=now, odd=odd) if now.is_sound else None
+    return replace(freed, now=now, odd=left) if now.is_sound else None
+
+
+def _again(freed: Freed[S], change: Change, odd: Mask | None) -> tuple[S, Mask | None]:
+    """The fit with a change and without `odd` blocks, and those that are out.
+
+    What is explained once it is made without them is taken in again.
+    """
+    if odd is None:
+        return freed.now.again(change), None
+    now = freed.now.again(replace(change, outside=odd))
+    assert freed.asked is not None
+    if _is_shadow(odd, freed.asked.beside):
+        return now, odd
+    left = now.still_odd(freed.stated, odd)
+    if left.sum() == odd.sum():
+        return now, odd
+    whole = replace(_as_fitted(freed.stated, now), outside=left)
+    return freed.stated.again(whole), left if left.any() else None
 
 
 def _is_shadow(odd: Mask, beside: Mask | None) -> bool:
@@ -274,14 +291,16 @@ def _is_shadow(odd: Mask, beside: Mask | None) -> bool:
     return beside is not None and bool((odd & beside).any(axis=0).mean() > HALF)
 
 
-def _plans(freed: Freed[S], asked: Asked) -> Iterator[_Plan]:
-    """Sets that are likelier than what is fitted, the likeliest first."""
+def _plans(freed: Freed[S], asked: Asked) -> tuple[Asked, list[_Plan]]:
+    """Sets that are likelier than what is fitted, the likeliest first, and what is asked by then.
+
+    Where the residual is large its slopes say little, and sets are told apart by their trials.
+    """
     members = asked.sets.members[0]
     best = _of_members(asked, members)
     settled = best.names == freed.fitted.names and not freed.light
     if freed.now.chi < _LARGE or settled:
-        yield best
-        return
+        return asked, [best]
     own = _best_ways(asked, freed.fitted.names)
     # what is far off looks like two things, and one thing more may be another one
     fewer = [tuple(k for k in members if k != gone) for gone in members]
@@ -297,10 +316,10 @@ def _plans(freed: Freed[S], asked: Asked) -> Iterator[_Plan]:
     ]
     noise = min((max(1.0, trial.excess) for plan in tried if (trial := plan.trial)), default=1.0)
     tried.sort(key=lambda plan: -plan.evidence(noise))
-    for plan in tried:
-        if plan.names == freed.fitted.names:
-            break
-        yield plan
+    logs = {plan.members: plan.evidence(noise) for plan in tried if not plan.richer}
+    asked = replace(asked, sets=asked.sets.judged(logs)) if logs else asked
+    fitted = (k for k, plan in enumerate(tried) if plan.names == freed.fitted.names)
+    return asked, tried[: next(fitted, None)]
 
 
 def _of_members(asked: Asked, members: tuple[int, ...]) -> _Plan:
@@ -308,7 +327,8 @@ def _of_members(asked: Asked, members: tuple[int, ...]) -> _Plan:
     evidence = asked.sets.evidence
     chosen = {h.name: h for h in (evidence.hypotheses[k] for k in members)}
     press, order = chosen.get(TRACTIONS), chosen.get(ORDER)
-    causes = tuple(cause for cause in asked.causes if cause.name in chosen and cause.free)
+    named = tuple(cause for cause in asked.causes if cause.name in chosen)
+    causes = tuple(cause for cause in named if cause.free)
     values = evidence.values(members)
     starts: dict[str, float] = {}
     for cause in causes:
@@ -320,11 +340,13 @@ def _of_members(asked: Asked, members: tuple[int, ...]) -> _Plan:
             starts[cause.keys[0]] += sum(slope)
     return _Plan(
         causes=causes,
+        suspects=tuple(cause for cause in named if not cause.free),
         starts=starts,
         root=press.root if press else None,
         order=order.root if order else None,
         light=LIGHT in chosen,
         values=values[press.columns] if press else None,
+        members=members,
         log_odds=sum(hypothesis.log_odds for hypothesis in chosen.values()),
     )
 
@@ -373,7 +395,8 @@ def _trial(freed: Freed[S], plan: _Plan, expected: Expected) -> Trial | None:
     asked = freed.asked
     assert asked is not None
     expected = replace(expected, root=plan.root, order=plan.order, modes=asked.modes)
-    change = replace(_change(freed, replace(plan, values=None)), outside=asked.outside)
+    every = replace(plan, causes=plan.causes + plan.suspects, values=None)
+    change = replace(_change(freed, every), outside=asked.outside)
     return freed.now.trial(change, expected)
 
 
@@ -405,17 +428,23 @@ def _change(freed: Freed[S], plan: _Plan) -> Change:
 
 def _with(freed: Freed[S], plan: _Plan) -> Freed[S] | None:
     """The fit with a set, None where it is not sound, or no better with more unknowns."""
-    before = freed.now
-    change = _change(freed, plan)
+    before, odd = freed.now, freed.odd
+    if plan.trial is not None and freed.asked and freed.asked.outside is not None:
+        odd = freed.asked.outside if odd is None else odd | freed.asked.outside  # as in its trial
     try:
-        now = before.again(change)
+        now, odd = _again(freed, _change(freed, plan), odd)
     except PhysicsError:
         return None
     fewer = not (plan.names - freed.fitted.names)
     if not now.is_sound or now.chi > before.chi * (_SAME_CHI if fewer else 1.0):
         return None
     return replace(
-        freed, now=now, causes=plan.causes, tractions=plan.root is not None, light=plan.light
+        freed,
+        now=now,
+        causes=plan.causes,
+        tractions=plan.root is not None,
+        light=plan.light,
+        odd=odd,
     )
 
 
@@ -431,24 +460,21 @@ def _with_all_light(solution: S) -> S:
     return solution
 
 
-def _as_fitted(freed: Freed[S], now: S) -> Change:
+def _as_fitted(stated: Askable, now: Askable) -> Change:
     """What makes the fit as stated one that has all that is fitted now."""
-    stated = freed.stated.keys
-    added = {key: now.scene.get(key) for key in now.keys if key not in stated}
+    added = {key: now.scene.get(key) for key in now.keys if key not in stated.keys}
     # what each frame has of its own begins where it was
-    rows = {key: now.values_of_key(key) for key in now.keys if key in stated}
+    rows = {key: now.values_of_key(key) for key in now.keys if key in stated.keys}
     begun = {key: row[0][0] for key, row in rows.items() if len(row) == 1}
-    held = {ADDED: now.scene.get(ADDED)} if freed.tractions else {}
+    tractions = now.scene.added_tractions
+    held = {} if tractions is None else {ADDED: tractions}
     return Change(added=added, held=held, begun=begun, terms=now.terms)
 
 
 def _with_all_pixels(freed: Freed[S]) -> Freed[S]:
     """With what was odd before its cause was known, where it is odd no more: a blur, no shadow."""
-    assert freed.odd is not None
-    if freed.now.still_odd(freed.stated, freed.odd).any():
-        return freed
     try:
-        whole = freed.stated.again(_as_fitted(freed, freed.now))
+        whole = freed.stated.again(_as_fitted(freed.stated, freed.now))
     except PhysicsError:
         return freed
     if not whole.is_sound or whole.chi > _SAME_CHI * freed.now.chi:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -92,18 +92,28 @@ class Asked:
     """What frames show besides what is fitted.
 
     `sets` of what may be there, with the values `now` (k,) of all columns; `causes` that may;
-    `undecided` (p, p), what the covariance lacks for what is neither shown nor excluded; `outside`,
-    the blocks (rows, cols) that no noise explains, and `beside`, those at the surface; `modes` of a
-    contact's tractions.
+    `along` (p, k), what a change of these changes the unknowns by, and `counted` (p, p), what the
+    fit's covariance has already of what it has freed; `outside`, the blocks (rows, cols) that no
+    noise explains, and `beside`, those at the surface; `modes` of a contact's tractions.
     """
 
     sets: Sets
     now: Array
     causes: tuple[Cause, ...]
-    undecided: Array
+    along: Array
+    counted: Array
     outside: Mask | None = None
     beside: Mask | None = None
     modes: TractionModes | None = None
+
+    @cached_property
+    def undecided(self) -> Array:
+        """What the covariance (p, p) of all unknowns lacks for what is neither shown nor excluded.
+
+        The second moments over the sets about what is fitted, less what is counted.
+        """
+        total = self.sets.moments(self.along, self.now) - self.counted
+        return positive_part(total, np.sqrt(np.maximum(np.diag(total), 0.0)))
 
     @property
     def best(self) -> frozenset[str]:
@@ -202,12 +212,13 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
             for way, root in enumerate(nuisance.roots)
         ]
     lit = sum(map(len, more_than(solution.terms, stated.terms)))
-    sets = weigh(Evidence(matrix, right, hypotheses), given=given)
+    along, counted = _told(products, nuisances, shared, matrix, lit)
     return Asked(
-        sets=sets,
+        sets=weigh(Evidence(matrix, right, hypotheses), given=given),
         now=now,
         causes=causes,
-        undecided=_undecided(products, sets, nuisances, now, shared, matrix, lit),
+        along=along,
+        counted=counted,
         outside=_outside_of_all([outside for outside, _ in found]),
         beside=found[0][1],
         modes=modes,
@@ -378,21 +389,13 @@ def _order_root(size: float, width: float) -> Array:
     return np.asarray(size * np.diag(spread)[:, chosen])
 
 
-def _undecided(
-    products: ScoreProducts,
-    sets: Sets,
-    nuisances: list[_Nuisance],
-    now: Array,
-    shared: Mask,
-    matrix: Array,
-    lit: int,
-) -> Array:
-    """What the covariance (p, p) of all unknowns lacks: second moments over the sets about what is
-    fitted, less what the fit has already for the noise of what it has freed, `lit` of the light's
-    products.
+def _told(
+    products: ScoreProducts, nuisances: list[_Nuisance], shared: Mask, matrix: Array, lit: int
+) -> tuple[Array, Array]:
+    """What a change of all columns changes the unknowns by (p, k), and what of its variance (p, p)
+    the fit has already for the noise of what it has freed, `lit` of the light's products.
     """
-    size = len(shared)
-    along = np.zeros((size, len(now)))
+    along = np.zeros((len(shared), len(matrix)))
     along[shared] = -products.taken_up
     first = 0
     own: list[int] = []
@@ -407,11 +410,10 @@ def _undecided(
         elif nuisance.rows:
             own += columns
             along[np.ix_(nuisance.rows, columns)] = nuisance.of_each.T
-    total = sets.moments(along, now)
-    if own:
-        flat = np.linalg.pinv(matrix[np.ix_(own, own)], 1e-12, hermitian=True)
-        total = total - along[:, own] @ flat @ along[:, own].T
-    return positive_part(total, np.sqrt(np.maximum(np.diag(total), 0.0)))
+    if not own:
+        return along, np.zeros((len(shared), len(shared)))
+    flat = np.linalg.pinv(matrix[np.ix_(own, own)], 1e-12, hermitian=True)
+    return along, along[:, own] @ flat @ along[:, own].T
 
 
 def _outside_of_all(found: list[Mask]) -> Mask | None:
