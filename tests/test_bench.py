@@ -241,7 +241,7 @@ def test_a_reading_that_is_off_is_counted_as_such():
 
 def test_an_unknown_suite_is_refused_with_the_known_ones():
     with pytest.raises(
-        InputError, match="speed, fringes, fit, defects, inputs, track, memory, tolerance"
+        InputError, match="speed, fringes, fit, defects, contacts, inputs, track, memory, tolerance"
     ):
         bench(suite="colour")
 
@@ -260,6 +260,28 @@ def test_defects_suite_names_a_defect_and_keeps_to_its_uncertainty(tmp_path):
     case.figure([row]).savefig(tmp_path / "defects.png")
     gone = replace(row, refused="no fringes")
     assert "single 0: roll: no fringes" in case.table([gone])
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.2, -0.2])
+def test_strips_of_even_traction_are_the_closed_form_of_a_contact(friction):
+    """But above the depth of a few strips, of which five lie in a pixel."""
+    outside, strips = load_benchmarks("outside_contact"), load_benchmarks("outside_tractions")
+    size = {"friction": friction, "shape": (60, 165)}
+    closed, made = outside.Contact(**size), strips.RealContact(**size)
+    assert made.pressure_mpa() == pytest.approx(closed.pressure_mpa(), rel=1e-4)
+    off = np.abs(made.seen(5) - closed.seen(5)).max(axis=1)
+    # a strip's own field falls with the depth's square
+    assert off[5] < 4e-3 and off[10] < 1.5e-3 and off[50:].max() < 2e-4
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [0, 3, 4, 6, 7])
+def test_contacts_suite_is_within_the_uncertainty_of_real_contacts(seed):
+    case = load_benchmarks("case_contacts")
+    row = case.judged("single", seed)
+    assert row.defects == row.found and row.named and row.chi < 1.05 and not row.refused
+    assert max(abs(row.load_pull), abs(row.friction_pull)) < 3.0
+    assert row.defects in case.table([row])
 
 
 @pytest.mark.long

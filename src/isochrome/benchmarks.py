@@ -74,8 +74,8 @@ def bench(
         Folder for the table and the figure, bench.csv and bench.png, of the other suites by their
         own name, as fit.csv and fit.png; by default nothing is written.
     suite : str, default 'speed'
-        Which cases to run: 'speed', 'fringes', 'fit', 'defects', 'inputs', 'track', 'memory' or
-        'tolerance'.
+        Which cases to run: 'speed', 'fringes', 'fit', 'defects', 'contacts', 'inputs', 'track',
+        'memory' or 'tolerance'.
     quick : bool, default False
         Whether to run tiny cases, which only show that everything runs.
     progress : callable, optional

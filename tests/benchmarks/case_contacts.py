@@ -8,15 +8,16 @@ import numpy as np
 
 from isochrome.errors import PhysicsError
 from isochrome.estimation import prepare_frame
-from isochrome.fitting import fit_with_causes
+from isochrome.fitting import fit_frame, fit_with_causes
 from isochrome.frames import Frame
 from isochrome.scene import load_scene
 
+from . import case_defects
 from .outside_camera import Defects
 from .outside_tractions import RealContact
 from .rows import DefectRow
 
-FRAMES = {"clean": 50, "one": 100, "two": 100}
+FRAMES = {"clean": 50, "single": 100, "two": 100}
 
 FACTS = {
     "modulus": lambda rng: {"modulus_change": rng.uniform(-0.2, 0.2)},
@@ -65,7 +66,7 @@ def contact(kind, seed):
     """A contact that slides, the names of its facts, and the numbers that are drawn on."""
     rng = np.random.default_rng([seed, 38, list(FRAMES).index(kind)])
     names = list(FACTS)
-    chosen = {"clean": [], "one": [names[seed % len(names)]]}.get(kind)
+    chosen = {"clean": [], "single": [names[seed % len(names)]]}.get(kind)
     if chosen is None:
         chosen = rng.choice(names, 2, replace=False).tolist()
     values = {key: value for name in chosen for key, value in FACTS[name](rng).items()}
@@ -90,8 +91,10 @@ def judged(kind, seed):
     scene = load_scene(tables | {"load": {"normal_n": made.load_n * rng.uniform(0.8, 1.2)}})
     data = prepare_frame(Frame(0, image, None, "contact"), scene, bit_depth=8)
     truth = {"load.normal_n": made.load_n, "friction.coefficient": made.friction}
-    start = time.process_time()
     try:
+        plain = time.process_time()
+        fit_frame(data, scene)
+        start = time.process_time()
         freed = fit_with_causes(data, scene)
     except PhysicsError as error:
         return DefectRow(kind, seed, ", ".join(names), refused=str(error))
@@ -108,7 +111,10 @@ def judged(kind, seed):
         kind,
         seed,
         ", ".join(names),
-        found="; ".join(sorted(there)),
+        found=", ".join(
+            [name for name in names if NAMES[name] in there]
+            + sorted(name.split(",")[0] for name in there - wanted)
+        ),
         named=wanted <= there,
         first=there <= wanted,
         over_bound=float(max(fit.standard_uncertainty[j] / fit.cramer_rao_bound[j] for j in at)),
@@ -116,7 +122,18 @@ def judged(kind, seed):
         load_pull=pulls[0],
         friction_pull=pulls[1],
         chi=fit.chi,
-        flagged=bool(there) or fit.chi > 1.3,
-        cost=1.0,
+        flagged=bool(freed.asked) or fit.chi > 1.3 or not fit.positive,
+        cost=seconds / max(start - plain, 1e-9),
         seconds=seconds,
     )
+
+
+_FOOT = """\
+u: standard uncertainty; pulls: errors over it, root mean square; named, first: what is there is
+named by a chance of 0.9 at least; freed in vain: something else was named; over bound: median of
+the uncertainty over the Cramér-Rao bound of the scene as stated; cost: median processor time over
+that of the fit as stated. Frames of 220 x 164 pixels by strips of even traction, which share no
+code with our contact, stress, optics and camera."""
+
+table = partial(case_defects.table, foot=_FOOT)
+figure = case_defects.figure

@@ -174,7 +174,7 @@ code with our optics and camera."""
 _BEYOND, _FAR = 3.0, 6.0
 
 
-def table(rows: list[DefectRow]) -> str:
+def table(rows: list[DefectRow], foot: str = _FOOT) -> str:
     """By kind of frame and single defect; then each frame whose values are beyond 3 u."""
     groups = {}
     for row in rows:
@@ -189,7 +189,7 @@ def table(rows: list[DefectRow]) -> str:
     reasons = [
         f"{row.kind} {row.seed}: {row.defects}: {row.refused}" for row in rows if row.refused
     ]
-    return "\n".join([*lines_of(HEAD, cells, texts=1), "", *beyond, *reasons, _FOOT, machine()])
+    return "\n".join([*lines_of(HEAD, cells, texts=1), "", *beyond, *reasons, foot, machine()])
 
 
 def _cells(name: str, some: list[DefectRow]) -> tuple[str, ...]:

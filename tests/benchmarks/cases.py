@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from . import (
+    case_contacts,
     case_defects,
     case_fit,
     case_frames,
@@ -46,6 +47,7 @@ SUITES = {"speed": Suite(lambda: CASES, "bench", report.table, report.figure)} |
         "fringes": case_fringes,
         "fit": case_fit,
         "defects": case_defects,
+        "contacts": case_contacts,
         "inputs": case_inputs,
         "track": case_track,
         "memory": case_memory,

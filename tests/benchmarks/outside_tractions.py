@@ -29,9 +29,9 @@ class RealContact(Contact):
     `modulus_change`, of E* against the scene's, relative; `layer_mm_per_mpa`; a wave of `wave_mm`
     height and `wavelength_mm`; a flat worn `flat_mm` deep; a grain, `grain_mm` high and
     `grain_width_mm` wide, `grain_at` half-widths from the middle; `uneven`, by how much the shear
-    over the pressure grows along the contact, relative; `coupled`, False where friction does not
-    shift the pressure; `smooth_mpa` and `bending_mpa_per_mm`, stress along the surface besides. Strips are as wide as
-    one of the `samples`: they are seen as such above their own width only.
+    over the pressure grows over a half-width, relative; `coupled`, False where friction does not
+    shift the pressure; `smooth_mpa` and `bending_mpa_per_mm`, stress along the surface besides.
+    Strips are as wide as one of the `samples`, and are seen as such above their own width only.
     """
 
     modulus_change: float = 0.0

@@ -78,7 +78,8 @@ class Sets:
 
     def judged(self, logs: Mapping[tuple[int, ...], float]) -> Sets:
         """With ln E of some sets from elsewhere: between these it counts, not the slopes."""
-        known = {m: float(np.log(w)) for m, w in zip(self.members, self.weights, strict=True)}
+        logs_now = np.log(np.maximum(self.weights, np.finfo(float).tiny)).tolist()
+        known = dict(zip(self.members, logs_now, strict=True))
         first = max(logs, key=lambda members: known.get(members, -np.inf))
         if first in known:
             known |= {m: known[first] + log - logs[first] for m, log in logs.items()}
