@@ -79,8 +79,6 @@ class Freed(Generic[S]):
         Blocks of the picture that were left out.
     asked : Asked, optional
         What the frames show besides, weighed about the fit.
-    undecided : ndarray, (p, p), optional
-        What the covariance lacks for what the frames neither show nor exclude.
     slip : Slip, optional
         The slip in the scene that explains the frame where the scene does not. The fit's light is
         none then: `positive` is False.
@@ -93,13 +91,12 @@ class Freed(Generic[S]):
     light: bool = False
     odd: Mask | None = None
     asked: Asked | None = None
-    undecided: Array | None = None
     slip: Slip | None = None
 
     @property
     def fit(self) -> Any:
-        """The fit: a FrameFit, or what else the solution is of."""
-        return self.now.fit if self.undecided is None else self.now.fit.less_sure(self.undecided)
+        """The fit, a FrameFit or what else the solution is of, less sure by what was asked."""
+        return self.now.fit.less_sure(self.asked.undecided) if self.asked else self.now.fit
 
     @property
     def data(self) -> Any:
@@ -133,8 +130,7 @@ class Freed(Generic[S]):
 
     def weighed(self) -> Freed[S]:
         """The same with all that may be there weighed about it."""
-        asked = ask(self.now, self.fitted, self.stated)
-        return replace(self, asked=asked, undecided=asked.undecided)
+        return replace(self, asked=ask(self.now, self.fitted, self.stated))
 
     def undone(self) -> Freed[S]:
         """The fit as the scene states it, less sure by all that its frames show."""
@@ -194,7 +190,7 @@ def free_causes(solution: S) -> Freed[S]:
     for _ in range(_ROUNDS):
         moved = _moved(freed, seen)
         if isinstance(moved, Asked):
-            freed = replace(freed, asked=moved, undecided=moved.undecided)
+            freed = replace(freed, asked=moved)
             break
         freed = moved.weighed()
     if freed.odd is not None:
