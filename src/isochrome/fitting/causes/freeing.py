@@ -296,7 +296,7 @@ def _plans(freed: Freed[S], asked: Asked) -> tuple[Asked, list[_Plan]]:
     best = _of_members(asked, members)
     settled = best.names == freed.fitted.names and not freed.light
     if freed.now.chi < _LARGE or settled:
-        return asked, [best]
+        return asked, [] if best.suspects else [best]
     own = _best_ways(asked, freed.fitted.names)
     # what is far off looks like two things, and one thing more may be another one
     fewer = [tuple(k for k in members if k != gone) for gone in members]
@@ -314,8 +314,9 @@ def _plans(freed: Freed[S], asked: Asked) -> tuple[Asked, list[_Plan]]:
     tried.sort(key=lambda plan: -plan.evidence(noise))
     logs = {plan.members: plan.evidence(noise) for plan in tried if not plan.richer}
     asked = replace(asked, sets=asked.sets.judged(logs)) if logs else asked
-    fitted = (k for k, plan in enumerate(tried) if plan.names == freed.fitted.names)
-    return asked, tried[: next(fitted, None)]
+    # beside what cannot be fitted nothing else is: it would take that for its own
+    ends = (k for k, p in enumerate(tried) if p.suspects or p.names == freed.fitted.names)
+    return asked, tried[: next(ends, None)]
 
 
 def _of_members(asked: Asked, members: tuple[int, ...]) -> _Plan:
