@@ -1,14 +1,11 @@
 """Frames of real contacts by `outside_tractions`, with one or two facts that the scene leaves out:
 load and friction in their uncertainties, and what is named."""
 
-import time
 from functools import partial
 
 import numpy as np
 
-from isochrome.errors import PhysicsError
 from isochrome.estimation import prepare_frame
-from isochrome.fitting import fit_frame, fit_with_causes
 from isochrome.frames import Frame
 from isochrome.scene import load_scene
 
@@ -91,41 +88,19 @@ def judged(kind, seed):
     scene = load_scene(tables | {"load": {"normal_n": made.load_n * rng.uniform(0.8, 1.2)}})
     data = prepare_frame(Frame(0, image, None, "contact"), scene, bit_depth=8)
     truth = {"load.normal_n": made.load_n, "friction.coefficient": made.friction}
-    try:
-        plain = time.process_time()
-        fit_frame(data, scene)
-        start = time.process_time()
-        freed = fit_with_causes(data, scene)
-    except PhysicsError as error:
-        return DefectRow(kind, seed, ", ".join(names), refused=str(error))
-    seconds = time.process_time() - start
-    fit = freed.fit
-    at = [fit.keys.index(key) for key in truth]
-    pulls = [
-        (fit.values[j] - true) / fit.standard_uncertainty[j]
-        for j, true in zip(at, truth.values(), strict=True)
-    ]
-    there = {name for name, chance in freed.chances.items() if chance >= NAMED} - _TOLD
     wanted = {NAMES[name] for name in names}
-    return DefectRow(
-        kind,
-        seed,
-        ", ".join(names),
-        found=", ".join(
-            [name for name in names if NAMES[name] in there]
-            + sorted(name.split(",")[0] for name in there - wanted)
-        ),
-        named=wanted <= there,
-        first=there <= wanted,
-        over_bound=float(max(fit.standard_uncertainty[j] / fit.cramer_rao_bound[j] for j in at)),
-        load_percent=100.0 * (fit.values[at[0]] / made.load_n - 1.0),
-        load_pull=pulls[0],
-        friction_pull=pulls[1],
-        chi=fit.chi,
-        flagged=bool(freed.asked) or fit.chi > 1.3 or not fit.positive,
-        cost=seconds / max(start - plain, 1e-9),
-        seconds=seconds,
-    )
+
+    def told(freed):
+        there = {name for name, chance in freed.chances.items() if chance >= NAMED} - _TOLD
+        others = sorted(name.split(",")[0] for name in there - wanted)
+        return {
+            "found": ", ".join([name for name in names if NAMES[name] in there] + others),
+            "named": wanted <= there,
+            "first": there <= wanted,
+        }
+
+    row = DefectRow(kind, seed, ", ".join(names))
+    return case_defects.fitted(row, data, scene, truth, told)
 
 
 _FOOT = """\

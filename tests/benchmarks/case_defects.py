@@ -2,7 +2,7 @@
 and what the asking costs."""
 
 import time
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 
 import numpy as np
@@ -77,6 +77,22 @@ def judged(kind, seed):
     known = ("load.normal_n", *(("friction.coefficient",) if scene.friction else ()))
     truth = {key: scene.get(key) for key in known}
     begun = scene.with_values({"load.normal_n": truth["load.normal_n"] * rng.uniform(0.8, 1.2)})
+
+    def told(freed):
+        groups = found_of(freed)
+        found = [name for group in groups for name in group]
+        first = {name for group in groups[: 2 if kind == "three" else 1] for name in group}
+        return {
+            "found": ", ".join(found),
+            "named": all(name in found for name in names if name not in UNNAMED),
+            "first": bool(first & set(names)) or set(names) <= set(UNNAMED),
+        }
+
+    return fitted(DefectRow(kind, seed, ", ".join(names)), data, begun, truth, told)
+
+
+def fitted(row, data, begun, truth, told):
+    """A row with what a frame's fit gives: `told` of it what is found, the `truth` its errors."""
     try:
         plain = time.process_time()
         fit_frame(data, begun)
@@ -84,24 +100,17 @@ def judged(kind, seed):
         freed = fit_with_causes(data, begun)
         seconds = time.process_time() - start
     except PhysicsError as error:
-        return DefectRow(kind, seed, ", ".join(names), refused=str(error))
+        return replace(row, refused=str(error))
     fit = freed.fit
     at = {key: fit.keys.index(key) for key in truth}
     pulls = {
         key: (fit.values[j] - truth[key]) / fit.standard_uncertainty[j] for key, j in at.items()
     }
-    groups = found_of(freed)
-    found = [name for group in groups for name in group]
-    first = {name for group in groups[: 2 if kind == "three" else 1] for name in group}
     bounds = [fit.standard_uncertainty[j] / fit.cramer_rao_bound[j] for j in at.values()]
     load = fit.values[at["load.normal_n"]] / truth["load.normal_n"] - 1.0
-    return DefectRow(
-        kind,
-        seed,
-        ", ".join(names),
-        found=", ".join(found),
-        named=all(name in found for name in names if name not in UNNAMED),
-        first=bool(first & set(names)) or set(names) <= set(UNNAMED),
+    return replace(
+        row,
+        **told(freed),
         over_bound=float(max(bounds)),
         load_percent=100.0 * load,
         load_pull=pulls["load.normal_n"],

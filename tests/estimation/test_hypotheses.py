@@ -107,6 +107,20 @@ def test_means_over_sets_are_those_of_the_integrals():
     assert sets.chances["thing 1"] == pytest.approx(chance / weights, rel=1e-9)
 
 
+def test_sets_that_are_judged_otherwise_keep_their_place_among_the_others():
+    """ln E from elsewhere counts between two; their likelier one stays as likely as it was."""
+    rng = np.random.default_rng(7)
+    _, _, matrix, right = problem(rng, (1, 1, 1), n=12, scale=0.6)
+    sets = weigh(Evidence(matrix, right, hypotheses(rng, (1, 1, 1))))
+    of = dict(zip(sets.members, sets.weights, strict=True))
+    first, second, other = sets.members[:3]
+    judged = sets.judged({first: 5.0, second: 7.0})
+    now = dict(zip(judged.members, judged.weights, strict=True))
+    assert judged.members[0] == second and judged.weights.sum() == pytest.approx(1.0)
+    assert now[second] / now[first] == pytest.approx(np.exp(2.0))
+    assert now[first] / now[other] == pytest.approx(of[first] / of[other])
+
+
 def test_two_that_say_the_same_have_half_the_chance_each():
     rng = np.random.default_rng(5)
     column, noise = rng.normal(size=50), rng.normal(size=50)

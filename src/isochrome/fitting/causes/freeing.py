@@ -171,10 +171,6 @@ class _Plan:
         suspects = {cause.name for cause in self.suspects}
         return self.names | suspects | ({ORDER} if self.order is not None else set())
 
-    def evidence(self, noise: float) -> float:
-        """That of its trial, at a variance of the noise."""
-        return -np.inf if self.trial is None else self.trial.evidence(noise) + self.log_odds
-
 
 def free_causes(solution: S) -> Freed[S]:
     """Move to the likeliest set of what frames show, until the fit has it.
@@ -292,12 +288,22 @@ def _plans(freed: Freed[S], asked: Asked) -> tuple[Asked, list[_Plan]]:
 
     Where the residual is large its slopes say little, and sets are told apart by their trials.
     """
-    members = asked.sets.members[0]
-    best = _of_members(asked, members)
+    best = _of_members(asked, asked.sets.members[0])
     settled = best.names == freed.fitted.names and not freed.light
     if freed.now.chi < _LARGE or settled:
         return asked, [] if best.suspects else [best]
-    own = _best_ways(asked, freed.fitted.names)
+    tried = _tried(freed, asked)
+    logs = {plan.members: log for plan, log in tried if not plan.richer}
+    asked = replace(asked, sets=asked.sets.judged(logs)) if logs else asked
+    plans = [plan for plan, _ in tried]
+    # beside what cannot be fitted nothing else is: it would take that for its own
+    ends = (k for k, p in enumerate(plans) if p.suspects or p.names == freed.fitted.names)
+    return asked, plans[: next(ends, None)]
+
+
+def _tried(freed: Freed[S], asked: Asked) -> list[tuple[_Plan, float]]:
+    """Sets with their trials and ln E of these, the likeliest first."""
+    own, members = _best_ways(asked, freed.fitted.names), asked.sets.members[0]
     # what is far off looks like two things, and one thing more may be another one
     fewer = [tuple(k for k in members if k != gone) for gone in members]
     some = [*asked.sets.members[:_LIKELY], *fewer, *_with_one_more(asked, own)]
@@ -305,18 +311,14 @@ def _plans(freed: Freed[S], asked: Asked) -> tuple[Asked, list[_Plan]]:
     richer = [replace(base, richer=True)] if freed.light else []
     plans = {plan.every: plan for plan in (base, *richer, *sets)}
     expected = _expected(freed, asked)
+    trials = [(plan, _trial(freed, plan, expected)) for plan in list(plans.values())[:_TRIED]]
+    made = [(plan, trial) for plan, trial in trials if trial is not None]
+    noise = min((max(1.0, trial.excess) for _, trial in made), default=1.0)
     tried = [
-        replace(plan, trial=trial, values=trial.tractions)
-        for plan in list(plans.values())[:_TRIED]
-        if (trial := _trial(freed, plan, expected)) is not None
+        (replace(plan, trial=trial, values=trial.tractions), trial.evidence(noise) + plan.log_odds)
+        for plan, trial in made
     ]
-    noise = min((max(1.0, trial.excess) for plan in tried if (trial := plan.trial)), default=1.0)
-    tried.sort(key=lambda plan: -plan.evidence(noise))
-    logs = {plan.members: plan.evidence(noise) for plan in tried if not plan.richer}
-    asked = replace(asked, sets=asked.sets.judged(logs)) if logs else asked
-    # beside what cannot be fitted nothing else is: it would take that for its own
-    ends = (k for k, p in enumerate(tried) if p.suspects or p.names == freed.fitted.names)
-    return asked, tried[: next(ends, None)]
+    return sorted(tried, key=lambda pair: -pair[1])
 
 
 def _of_members(asked: Asked, members: tuple[int, ...]) -> _Plan:
@@ -330,11 +332,7 @@ def _of_members(asked: Asked, members: tuple[int, ...]) -> _Plan:
     starts: dict[str, float] = {}
     for cause in causes:
         if cause.keys[0] in EVEN and not cause.stated:
-            square, *slope = values[chosen[cause.name].columns].tolist()
-            least = 0.0 if slope and slope[0] else _LEAST_EVEN
-            root = max(square, least) ** 0.5
-            starts |= {key: root * u for key, u in zip(cause.keys, cause.sizes, strict=True)}
-            starts[cause.keys[0]] += sum(slope)
+            starts |= _even_starts(cause, values[chosen[cause.name].columns])
     return _Plan(
         causes=causes,
         suspects=tuple(cause for cause in named if not cause.free),
@@ -346,6 +344,16 @@ def _of_members(asked: Asked, members: tuple[int, ...]) -> _Plan:
         members=members,
         log_odds=sum(hypothesis.log_odds for hypothesis in chosen.values()),
     )
+
+
+def _even_starts(cause: Cause, values: Array) -> dict[str, float]:
+    """Where an even cause's keys begin, from its square and, of plates, the slope by the first."""
+    square, *slope = values.tolist()
+    least = 0.0 if slope and slope[0] else _LEAST_EVEN
+    root = max(square, least) ** 0.5
+    starts = {key: root * u for key, u in zip(cause.keys, cause.sizes, strict=True)}
+    starts[cause.keys[0]] += sum(slope)
+    return starts
 
 
 def _with_one_more(asked: Asked, own: tuple[int, ...]) -> list[tuple[int, ...]]:
@@ -399,8 +407,7 @@ def _trial(freed: Freed[S], plan: _Plan, expected: Expected) -> Trial | None:
 
 def _change(freed: Freed[S], plan: _Plan) -> Change:
     """What makes the fit one with a set, begun where its trial came to rest."""
-    now, asked, stated_fit = freed.now, freed.asked, freed.stated
-    stated = stated_fit.scene
+    now, asked, stated = freed.now, freed.asked, freed.stated.scene
     assert asked is not None
     found = plan.trial.values if plan.trial else plan.starts
     added = {
@@ -415,12 +422,20 @@ def _change(freed: Freed[S], plan: _Plan) -> Change:
         held[ADDED] = None if plan.values is None else asked.modes.added(plan.values)
     rest = plan.trial.values if plan.trial else {}
     begun = {key: rest[key] for key in now.keys if key in rest and key not in held}
-    terms = None
+    return Change(
+        added=added,
+        held=held,
+        begun=begun,
+        terms=_changed_light(freed, plan),
+        far=plan.trial is None,
+    )
+
+
+def _changed_light(freed: Freed[S], plan: _Plan) -> LightTerms | None:
+    """The light's products with a set, None where they stay."""
     if plan.richer or plan.light > freed.light:
-        terms = freed.richer
-    elif plan.light < freed.light:
-        terms = stated_fit.terms
-    return Change(added=added, held=held, begun=begun, terms=terms, far=plan.trial is None)
+        return freed.richer
+    return freed.stated.terms if plan.light < freed.light else None
 
 
 def _with(freed: Freed[S], plan: _Plan) -> Freed[S] | None:
