@@ -113,8 +113,9 @@ def largest_with_model(
         values, spreads = _of_scene(fit, seen.pixels, peak)
     if source == MODEL:
         value, pixel, spread = top, peak, np.hypot(spreads[0], excess)
+    if source == MODEL and np.isfinite(_nine(seen.picture.order, *peak)).all():
         value += _rise(scene if fit is None else fit.scene, seen.pixels, peak)
-    elif source == FRAME:
+    elif source != AT_LEAST:
         spread = np.hypot(spread, _between(seen.picture.order, *pixel))
     x, z = seen.pixels.place(*pixel)
     result |= {"n_max": float(value), "n_max_x_mm": x, "n_max_z_mm": z}
@@ -132,7 +133,7 @@ def _between(order: Array, row: int, col: int) -> float:
     its eight neighbours; beside an edge, half of how far it falls from there.
     Parameters: `order` (rows, cols), NaN where there is no specimen; `row`, `col` of the largest.
     """
-    a = np.pad(order, 1, constant_values=np.nan)[row : row + 3, col : col + 3].astype(float)
+    a = _nine(order, row, col)
     slope = 0.5 * np.array([a[2, 1] - a[0, 1], a[1, 2] - a[1, 0]])
     across = 0.25 * (a[2, 2] - a[2, 0] - a[0, 2] + a[0, 0])
     bend = np.array([
@@ -141,6 +142,11 @@ def _between(order: Array, row: int, col: int) -> float:
     if np.isfinite(a).all() and np.linalg.det(bend) > 0.0:
         return float(-0.5 * slope @ np.linalg.solve(bend, slope))
     return 0.5 * float(a[1, 1] - np.nanmin(a[[0, 1, 1, 2], [1, 0, 2, 1]]))
+
+
+def _nine(order: Array, row: int, col: int) -> Array:
+    """A pixel's order and those of its neighbours (3, 3), NaN where there is no specimen."""
+    return np.pad(order, 1, constant_values=np.nan)[row : row + 3, col : col + 3].astype(float)
 
 
 def _rise(scene: Scene, pixels: PixelGrid, peak: tuple[int, int]) -> float:
