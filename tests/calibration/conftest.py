@@ -1,4 +1,7 @@
-"""Frames rendered here from the closed forms, by nothing that is under test."""
+"""Frames rendered here from the closed forms, by nothing that is under test.
+
+Pixels have an area.
+"""
 
 import numpy as np
 import pytest
@@ -41,8 +44,11 @@ def beam_frame():
         turn = np.radians(tilt)
         y, x = y - shape[0] / 2 - 4.0, x - shape[1] / 2
         eta = (y * np.cos(turn) + x * np.sin(turn)) * pixel
-        order = (edge + residual) * (eta - axis_mm) / (0.5 * HEIGHT)
-        wave = np.sin(np.pi * order) ** 2
+        steep = (edge + residual) * pixel / (0.5 * HEIGHT)
+        order = steep * (eta - axis_mm) / pixel
+        # the mean over a pixel's area: Bracewell (2000), The Fourier transform, chapter 4
+        contrast = np.sinc(steep * np.cos(turn)) * np.sinc(steep * np.sin(turn))
+        wave = 0.5 - 0.5 * np.cos(2.0 * np.pi * order) * contrast
         wave = 1.0 - wave if bright else wave
         inside = np.abs(eta) < 0.5 * HEIGHT
         signal = np.where(inside, wave, 1.0 if bright else 0.0)
@@ -58,7 +64,9 @@ def disc_frame():
     def render(centre, rng, *, angle=2.0, radius=150.0, shape=(340, 400), shift=(3.3, -6.2),
                bright=False, noise=3.0, background=12.0, blur=0.0, gamma=1.0,
                residual=None):  # fmt: skip
-        y, x = np.mgrid[: shape[0], : shape[1]].astype(float)
+        # the mean over a pixel's area: by three by three places of equal parts
+        rows, cols = ((np.arange(3 * n) - 1.0) / 3.0 for n in shape)
+        y, x = np.meshgrid(rows, cols, indexing="ij")
         z, x = (y - shape[0] / 2 - shift[0]) / radius, (x - shape[1] / 2 - shift[1]) / radius
         along = z * np.cos(np.radians(angle)) + x * np.sin(np.radians(angle))
         square = x**2 + z**2
@@ -68,6 +76,7 @@ def disc_frame():
         if residual is not None:
             order = order + np.where(inside, residual(x, z), 0.0)
         wave = np.sin(np.pi * order) ** 2
+        wave = wave.reshape(shape[0], 3, shape[1], 3).mean(axis=(1, 3))
         return _camera(1.0 - wave if bright else wave, rng, noise, background, blur, gamma)
 
     return render

@@ -138,54 +138,28 @@ def test_repeated_images_scatter_through_the_front_door(off_the_line):
     assert abs(off_the_line.fringe_value_n_per_mm - F_SIGMA) < 4.0 * noise
 
 
-def fits(orders, misfits, u=1e-3):
+def fits(orders, u=1e-3):
     """Images at loads 1, 2, 3 … that were fitted to these orders."""
     return [
-        ImageFit(
-            file=f"{i}.tif",
-            load_n=i + 1.0,
-            order=float(n),
-            standard_uncertainty=u,
-            chi=1.5,
-            misfit=m,
-        )
-        for i, (n, m) in enumerate(zip(orders, misfits, strict=True))
+        ImageFit(file=f"{i}.tif", load_n=i + 1.0, order=float(n), standard_uncertainty=u, chi=1.5)
+        for i, n in enumerate(orders)
     ]
 
 
-def misfit_of(orders, misfits):
-    """The budget's row of the misfit, fringe/N, of orders at loads 1, 2, 3 …"""
-    found = uncertainty_budget("beam", fits(orders, misfits), 1.0, ())
-    return {b.name: b for b in found.budget}["model misfit"]
-
-
-def test_a_misfit_that_one_image_has_alone_goes_through_its_weight_in_the_line():
-    """The last of four: d slope/d order = 1.5/5 = 0.3; in proportion it would be only 1/8."""
-    alone = misfit_of(LOADS, (0.0, 0.0, 0.0, 0.02))
-    assert alone.standard_uncertainty == pytest.approx(0.3 * 0.02, rel=1e-6)
-    assert alone.contribution_n_per_mm == pytest.approx(0.3 * 0.02, rel=1e-6)  # f = 1/k, k = 1
-
-
-def test_a_misfit_widens_the_order_at_zero_load_too():
-    """d intercept/d order of the last of four is 1/4 - 2.5 x 0.3 = -1/2."""
-    found = uncertainty_budget("beam", fits(LOADS, (0.0, 0.0, 0.0, 0.02)), 1.0, ())
-    noise = 1e-3 * math.sqrt(0.25 + 2.5**2 / SPREAD_OF_LOADS)
-    assert found.order_at_zero_load_uncertainty == pytest.approx(math.hypot(0.01, noise), rel=1e-6)
-
-
-def test_a_misfit_that_all_images_share_does_not_average_out():
+def test_an_error_that_all_orders_share_does_not_average_out():
     """Twelve orders, each 1 % off: taken apart, sqrt(sum (w N)^2) of it; alike, the whole 1 %."""
     orders = np.arange(1.0, 13.0)
-    weights = (orders - 6.5) / np.sum((orders - 6.5) ** 2)
-    apart = math.sqrt(np.sum((weights * orders) ** 2))
-    assert apart < 0.7
-    assert misfit_of(orders, 0.01 * orders).standard_uncertainty == pytest.approx(0.01, rel=1e-6)
+    alike = np.outer(orders, orders) * 1e-4 + 1e-12 * np.eye(12)
+    found = uncertainty_budget("beam", fits(orders), 1.0, (), covariance=alike)
+    parts = {b.name: b for b in found.budget}
+    assert parts["image noise and fit"].standard_uncertainty == pytest.approx(0.01, rel=1e-4)
+    assert found.order_at_zero_load_uncertainty < 1e-5
 
 
 def test_the_shares_are_parts_of_the_variance():
     """3 % of load and 4 % of height make 5 %: shares of 0.36 and 0.64, not of 3/7 and 4/7."""
     inputs = (Input("load", 3.0, "%", 0.01), Input("height", 0.4, "mm", 0.1))
-    found = uncertainty_budget("beam", fits(LOADS[:2], (0.0, 0.0), u=1e-9), 1.0, inputs)
+    found = uncertainty_budget("beam", fits(LOADS[:2], u=1e-9), 1.0, inputs)
     parts = {b.name: b for b in found.budget}
     assert found.standard_uncertainty == pytest.approx(0.05, rel=1e-6)
     assert parts["load"].share == pytest.approx(0.36, rel=1e-6)
@@ -207,7 +181,7 @@ def test_the_shares_are_parts_of_the_variance():
     ],
 )
 def test_a_line_that_is_none_is_refused(orders, refused):
-    images = fits(orders, [0.0] * len(orders))
+    images = fits(orders)
     if refused:
         with pytest.raises(PhysicsError, match="check"):
             uncertainty_budget("beam", images, 1.0, ())
@@ -220,7 +194,7 @@ def test_a_line_that_is_none_is_refused(orders, refused):
 )
 def test_a_fringe_value_that_no_material_has_is_refused(factor, refused):
     """Gelatine to glass: 0.03 to 2000 N/mm."""
-    images = fits(LOADS, [0.0] * 4)
+    images = fits(LOADS)
     if refused:
         with pytest.raises(PhysicsError, match="no photoelastic material"):
             uncertainty_budget("beam", images, factor, ())

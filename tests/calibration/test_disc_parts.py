@@ -6,15 +6,11 @@ import pytest
 from isochrome.calibration import Circle, Disc, as_shots
 from isochrome.calibration.disc.disc_field import ORDERS
 from isochrome.calibration.disc.disc_fit import fit_disc
-from isochrome.calibration.disc.disc_forms import fit_disc_images, through_origin
-from isochrome.calibration.disc.disc_joint import fit_joint, make_pictures
-from isochrome.calibration.disc.disc_joint_result import centre_orders
-from isochrome.calibration.disc.disc_residual import NONE
 from isochrome.calibration.disc.disc_starts import Scan, choose_centre_orders
 from isochrome.calibration.disc.order_slope import Rise, fit_rise, overlay
 from isochrome.errors import PhysicsError
 
-from .conftest import DIAMETER, disc_load
+from .conftest import DIAMETER, disc_from_images, disc_load
 from .conftest import TINY_DISC as SMALL
 
 CIRCLE = Circle(51.0, 53.0, 42.0, 0.0)
@@ -33,7 +29,7 @@ def test_two_centre_orders_that_explain_an_image_alike_are_refused(disc_frame):
     twice = 0.5 * sum(disc_frame(n, rng, **SMALL).astype(float) for n in (2.4, 3.0))
     (shot,) = as_shots([np.rint(twice)], [disc_load(2.4)])
     with pytest.raises(PhysicsError, match=r"two centre orders near .* explain it equally well"):
-        fit_disc(shot, CIRCLE, placed((2.4, 3.0, 2.5, 2.9)), Disc(diameter_mm=DIAMETER))
+        fit_disc(shot, CIRCLE, placed((2.4, 3.0, 2.5, 2.9)))
 
 
 def test_too_small_a_noise_makes_the_orders_no_surer(disc_frame):
@@ -42,13 +38,12 @@ def test_too_small_a_noise_makes_the_orders_no_surer(disc_frame):
     images, loads = [disc_frame(n, rng, **SMALL) for n in (2.0, 3.0)], disc_load(np.array([2, 3]))
     spreads = []
     for sigma in (3.0, 1.0):
-        own, shots = placed((2.0, 3.0)), as_shots(images, loads, sigma=sigma)
-        pictures = make_pictures(shots, own, NONE, pixels=3000, degrees=(2, 1))
-        orders, covariance = centre_orders(fit_joint(pictures, own, np.zeros(0)))
-        spreads.append(np.sqrt(np.diag(covariance)))
-        assert np.all(np.abs(orders - [2.0, 3.0]) < 4 * spreads[-1])
-    # three seeds: equal to 1e-3, where the first has a chi a little above 1
-    np.testing.assert_allclose(spreads[1], spreads[0], rtol=0.02)
+        found = disc_from_images(images, loads, Disc(diameter_mm=DIAMETER), sigma=sigma)
+        spreads.append([image.standard_uncertainty for image in found.images])
+        orders = np.array([image.order for image in found.images])
+        assert np.all(np.abs(orders - [2.0, 3.0]) < 4 * np.array(spreads[-1]))
+    # what else may be there is weighed by the noise, and is a part of what is stated
+    np.testing.assert_allclose(spreads[1], spreads[0], rtol=0.2)
 
 
 def scan_of(*dips):
@@ -69,25 +64,14 @@ def test_starts_follow_the_rise_that_the_pixels_show():
     )
 
 
-def test_a_search_with_residual_stress_starts_in_proportion_to_the_loads():
-    """Orders 0.4 above 0.01 fringe/N: the offset is the residual's, not the loads'."""
-    images = [np.zeros((20, 20))] * 3
-    loads = [100.0, 200.0, 300.0]
-    shots = as_shots(images, loads, sigma=1.0)
-    own = placed((1.4, 2.4, 3.4))
-    moved = through_origin(shots, own)
-    assert moved[:, 0] == pytest.approx((1.0, 2.0, 3.0))
-    np.testing.assert_array_equal(moved[:, 1:], own[:, 1:])
-
-
 @pytest.mark.long
 def test_a_tone_curve_is_not_taken_for_residual_stress(disc_frame):
-    """A residual that takes away less than half of the misfit is not believed."""
     rng = np.random.default_rng(0)
     centres = (1.8, 2.6, 3.4)
     images = [disc_frame(n, rng, gamma=1.3, **SMALL) for n in centres]
-    shots = as_shots(images, disc_load(np.array(centres)))
-    assert fit_disc_images(shots, placed(centres)) is None
+    found = disc_from_images(images, disc_load(np.array(centres)), Disc(diameter_mm=DIAMETER))
+    assert found.residual is None
+    assert [cause["key"] for cause in found.causes] == ["frames.gamma"]
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,6 @@ class OrderLine:
     scatter: float = 0.0  # between-load part of an order's uncertainty (0: the fits explain it all)
     left_out: tuple[float, ...] | None = None  # each order by the other loads; None below three
     weights: tuple[float, ...]  # d slope / d order, 1/N
-    intercept_weights: tuple[float, ...] | None = None  # d intercept / d order
 
 
 def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) -> OrderLine:
@@ -66,7 +65,6 @@ def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) ->
         slope=float(values[0]), slope_uncertainty=max(float(slope_u), noise), slope_noise=noise,
         intercept=float(values[1]), intercept_uncertainty=float(intercept_u), scatter=scatter,
         left_out=_left_out(p, n, wide), weights=tuple(weights[0]),
-        intercept_weights=tuple(weights[1]),
     )  # fmt: skip
 
 
@@ -220,7 +218,6 @@ def uncertainty_budget(
     check_order(loads, orders, tuple(i.file for i in images))
     spread = [max(i.standard_uncertainty, 1e-9) for i in images]
     line = fit_line(loads, orders, spread if covariance is None else covariance)
-    line = _intercept_with_misfit(images, line)
     if line.intercept is None and unloaded:
         line = replace(line, intercept=0.0, intercept_uncertainty=largest_order(unloaded))
     value = factor_n2_per_mm / line.slope if line.slope > 0 else np.inf
@@ -229,7 +226,7 @@ def uncertainty_budget(
     if line.left_out is not None:
         images = [replace(i, predicted_order=p) for i, p in zip(images, line.left_out, strict=True)]
     _check_line(images, line)
-    budget = _budget(value, line, inputs, _misfit(images, line))
+    budget = _budget(value, line, inputs)
     total = float(np.sqrt(sum(b.contribution_n_per_mm**2 for b in budget)))
     chis = np.array([i.chi for i in images])
     return Calibration(
@@ -281,34 +278,7 @@ def _check_line(images: Sequence[ImageFit], line: OrderLine) -> None:
         )
 
 
-def _intercept_with_misfit(images: Sequence[ImageFit], line: OrderLine) -> OrderLine:
-    """The line with the images' misfits in its intercept's uncertainty.
-
-    A cause that works in proportion to the orders leaves the intercept where it is; what remains
-    is each image's own part, through its weight.
-    """
-    if line.intercept_weights is None or line.intercept_uncertainty is None:
-        return line
-    parts = np.array(line.intercept_weights) * np.array([i.misfit for i in images])
-    spread = float(np.hypot(line.intercept_uncertainty, np.sqrt(np.sum(parts**2))))
-    return replace(line, intercept_uncertainty=spread)
-
-
-def _misfit(images: Sequence[ImageFit], line: OrderLine) -> float:
-    """What the images' misfits m may do to the slope k: fringes per N.
-
-    One cause mostly works in all images, in proportion to their orders (then it is k m/N) or
-    alone in each (then it is the line's weights times m); the larger of both is taken.
-    """
-    misfits = np.array([i.misfit for i in images])
-    orders = np.array([i.order for i in images])
-    alike = line.slope * float(np.sqrt(np.mean((misfits / orders) ** 2)))
-    return max(alike, float(np.sqrt(np.sum((np.array(line.weights) * misfits) ** 2))))
-
-
-def _budget(
-    value: float, line: OrderLine, inputs: Sequence[Input], misfit: float
-) -> tuple[BudgetItem, ...]:
+def _budget(value: float, line: OrderLine, inputs: Sequence[Input]) -> tuple[BudgetItem, ...]:
     scatter = np.sqrt(max(line.slope_uncertainty**2 - line.slope_noise**2, 0.0))
     rows = [
         ("image noise and fit", line.slope_noise, "fringe/N", value * line.slope_noise / line.slope)
@@ -317,8 +287,6 @@ def _budget(
     if line.intercept is not None and abs(joint) > 1e-9 * line.slope:
         spread = line.intercept_uncertainty or 0.0
         rows.append(("order at zero load", spread, "fringe", value * joint * spread / line.slope))
-    if misfit > 0:
-        rows.append(("model misfit", misfit, "fringe/N", value * misfit / line.slope))
     if line.left_out is not None:
         rows.append(("scatter across loads", scatter, "fringe/N", value * scatter / line.slope))
     rows += [
@@ -361,7 +329,7 @@ def widened_to_held_out(calibration: Calibration) -> Calibration:
     """A calibration whose uncertainty no held-out load contradicts, and a sentence where it grew.
 
     Each order n_i is held against the other loads' line, with u_i² = v_i + v(line) + (n_i U)²: its
-    own noise and misfit, the line's, and the value's relative uncertainty U, which grows to 3 u_i.
+    own, the line's, and the value's relative uncertainty U, which grows to 3 u_i.
     """
     if any(image.predicted_order is None for image in calibration.images):
         return calibration
@@ -413,7 +381,7 @@ def _away(images: Sequence[ImageFit]) -> tuple[Array, Array]:
     Both (n,), fringes; the line through the others is weighted by their own uncertainties.
     """
     loads, orders = np.array([(i.load_n, i.order) for i in images]).T
-    variance = np.array([i.standard_uncertainty**2 + i.misfit**2 for i in images])
+    variance = np.array([i.standard_uncertainty**2 for i in images])
     predicted = np.array([i.predicted_order for i in images], dtype=float)
     spread = np.empty(len(images))
     for i, load in enumerate(loads):

@@ -109,7 +109,7 @@ class ImageFit:
     order : float
         Its order at a beam's edge, or at a disc's centre, fringes.
     standard_uncertainty : float
-        That of the order by the noise, fringes.
+        That of the order, by the noise and by what else the images leave open, fringes.
     chi : float
         Root mean square of the residual over the noise.
     predicted_order : float, optional
@@ -120,8 +120,6 @@ class ImageFit:
         The fitted places in pixels and angles in degrees, by name.
     view : View, optional
         What a figure shows of it.
-    misfit : float, optional
-        What comes on top of the uncertainty where the model does not describe the image, fringes.
     """
 
     file: str
@@ -133,7 +131,6 @@ class ImageFit:
     predicted_uncertainty: float | None = None
     geometry: dict[str, float] = field(default_factory=dict)
     view: View | None = None
-    misfit: float = 0.0
 
 
 @dataclass(frozen=True)

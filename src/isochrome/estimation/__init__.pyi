@@ -68,7 +68,6 @@ from .observation import FrameData, Observation, observe, prepare_frame
 from .priors import (
     ALIKE_CHI,
     HALF,
-    LITTLE,
     NOISE,
     POOR_CHI,
     RIVAL_CHI,
@@ -82,7 +81,6 @@ from .priors import (
     is_explained,
     less_explained,
     no_prior,
-    stays_poor,
     variance_shares,
 )
 
@@ -93,7 +91,6 @@ __all__ = [
     "FEW_TERMS",
     "FIRST_DEGREES",
     "HALF",
-    "LITTLE",
     "MOSTLY",
     "MOST_TERMS",
     "NOISE",
@@ -163,7 +160,6 @@ __all__ = [
     "solve_all",
     "solve_linear",
     "standard_uncertainty",
-    "stays_poor",
     "stride_mask",
     "total_degree",
     "variance_shares",

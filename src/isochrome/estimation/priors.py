@@ -32,21 +32,13 @@ RIVAL_CHI = 1.3
 own model, or its fewer unknowns of light, do not decide between them."""
 
 
-LITTLE, HALF = 0.9, 0.5
-"""Shares of chi² - 1 that are left: by what explains little, and by what does not explain much.
-
-The first is not kept, the second not gone on with: a hundred products of light take up some of
-anything."""
+HALF = 0.5
+"""Share of chi² - 1 that is left by what does not explain much."""
 
 
 def is_explained(before: float, after: float, share: float) -> bool:
     """Whether chi² - 1, of residual over noise, fell below a share of what it was."""
     return after**2 - 1.0 < share * (before**2 - 1.0)
-
-
-def stays_poor(before: float, after: float, share: float) -> bool:
-    """Whether more unknowns leave chi above `POOR_CHI`, and a share `left` of chi² - 1 at least."""
-    return after > POOR_CHI and not is_explained(before, after, share)
 
 
 def evidence_gain(old: tuple[float, int], new: tuple[float, int], *, pixels: int) -> float:

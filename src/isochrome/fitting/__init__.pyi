@@ -1,6 +1,8 @@
 from .api import FrameWork, fit
+from .causes.cause import CAUSES, RARE
 from .causes.freeing import Freed, fit_with_causes
 from .causes.report import cause_messages, light_matters, opposite_shear, rival_causes
+from .causes.score import LIGHT, LIGHT_FALLS, ORDER, light_sizes
 from .figure import over_distance_figure
 from .folder import fit_report, restore_fit, restore_values
 from .frame.frame_fit import FrameFit, cramer_rao_bound, fit_frame, placed, propagated
@@ -66,14 +68,19 @@ from .wear_laws import (
 )
 
 __all__ = [
+    "CAUSES",
     "CLEAR",
     "CORRECT",
     "EARLIER",
     "FRICTION",
     "GAMMA",
     "LENS",
+    "LIGHT",
+    "LIGHT_FALLS",
     "LOAD",
+    "ORDER",
     "PARTS",
+    "RARE",
     "SMOOTH_KEYS",
     "TOO_FAR",
     "WEAR",
@@ -119,6 +126,7 @@ __all__ = [
     "inputs_of_rows",
     "is_each",
     "light_matters",
+    "light_sizes",
     "linearise_frame",
     "local_model",
     "local_values",

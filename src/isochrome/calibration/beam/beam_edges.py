@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.calibration.beam.beam_fit import BeamFit
 from isochrome.calibration.settings import Beam, Uncertainty
 from isochrome.errors import InputError
 from isochrome.output import with_uncertainty
@@ -64,25 +63,6 @@ class BeamPicture:
     sigma: float
     middle: float
     height_px: float
-
-
-def beam_pictures(fits: Sequence[BeamFit]) -> list[BeamPicture]:
-    """The images of fits through no lens."""
-    result = []
-    for fit in fits:
-        (y, x), tilt, view = fit.places, float(fit.best.values[2]), fit.view
-        result.append(
-            BeamPicture(
-                depth=(y - tilt * x) / np.hypot(1.0, tilt),
-                light=fit.shot.light[:, fit.pick],
-                model=fit.best.model,
-                valid=fit.shot.valid[:, fit.pick],
-                sigma=float(np.median(fit.shot.sigma)),
-                middle=view.top / np.hypot(1.0, view.tilt) + 0.5 * view.height_px,
-                height_px=view.height_px,
-            )
-        )
-    return result
 
 
 def edge_distance(pictures: Sequence[BeamPicture]) -> EdgeDistance | None:

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from isochrome.calibration.beam.beam_view import FEWEST, BeamView, find_beam
-from isochrome.calibration.result import ImageFit, View
 from isochrome.calibration.settings import Beam
 from isochrome.calibration.shot import Shot
 from isochrome.errors import PhysicsError
@@ -14,8 +13,8 @@ from isochrome.estimation import ALIKE_CHI, IntensityFit, SeveralStarts, smooth_
 
 Array = NDArray[np.float64]
 
-PIXELS = 80_000
-"""Pixels of an image that are fitted; more add nothing to the uncertainty that matters."""
+PIXELS = 20_000
+"""Pixels of an image from which the set starts."""
 
 MARGINS = (0.1, 0.03, 0.03, 0.03)
 """Part of the height left out at each edge, where chamfers and blur are, in each round of the fit:
@@ -59,11 +58,6 @@ class BeamFit:
         """Rows (rows, 1), and columns from the frame's middle (1, m)."""
         rows, width = self.shot.light.shape
         return np.arange(rows, dtype=float)[:, None], (self.cols - 0.5 * (width - 1))[None, :]
-
-    @property
-    def gradient(self) -> float:
-        """Fringes a pixel across the fringes, which lie under the tilt."""
-        return float(self.best.values[0] * np.hypot(1.0, self.best.values[2]))
 
 
 def beam_order(params: ArrayLike, y: Array, x: Array) -> Array:
@@ -178,42 +172,3 @@ def _check(shot: Shot, found: SeveralStarts, seen_px: float) -> None:
 
 def _not_fitted(shot: Shot) -> PhysicsError:
     return PhysicsError("fringes_not_those_pure", name=shot.name)
-
-
-def beam_image(fit: BeamFit, pixel_mm: float, *, misfit: float) -> ImageFit:
-    """The order at the edge eta = h/2, the geometry and the view of one fitted image.
-
-    Parameters: `fit`; `pixel_mm`; `misfit`, standard uncertainty of the order from what the model
-    does not describe, as a fraction of it.
-    Returns the ImageFit.
-    """
-    slope, row, tilt = fit.best.values
-    order = fit.gradient * 0.5 * fit.view.height_px
-    relative = float(fit.best.standard_uncertainty[0] / slope)
-    geometry = {
-        "tilt_deg": float(np.degrees(np.arctan(-tilt))),
-        "neutral_axis_row_px": float(row),
-        "top_edge_row_px": fit.view.top,
-        "fringes_per_mm": fit.gradient / pixel_mm,
-    }
-    return ImageFit(
-        file=fit.shot.name, load_n=fit.shot.load_n, order=order,
-        standard_uncertainty=order * relative, chi=fit.best.chi, geometry=geometry,
-        view=_view(fit, pixel_mm), misfit=order * misfit,
-    )  # fmt: skip
-
-
-def _view(fit: BeamFit, pixel_mm: float) -> View:
-    shot, best, cols = fit.shot, fit.best, fit.pick
-    middle = best.signal.shape[1] // 2
-    stride = float(cols[1] - cols[0]) if len(cols) > 1 else 1.0
-    return View(
-        image=shot.light[:, cols],
-        model=np.where(fit.mask, best.model, np.nan),
-        residual=best.residual,
-        sigma=float(np.median(shot.sigma)),
-        cut=np.s_[:, middle],
-        order=np.abs(beam_order(best.values, *fit.places)),
-        position_mm=(np.arange(len(shot.light)) - best.values[1]) * pixel_mm,
-        pixel_mm=(pixel_mm, pixel_mm * stride),
-    )

@@ -13,22 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.calibration.disc.disc_fit import fit_disc
-from isochrome.calibration.disc.disc_forms import (
-    FEWEST_LOADS,
-    fit_disc_images,
-    own_unknowns,
-    plain_fit,
-    unloaded_beside,
-)
-from isochrome.calibration.disc.disc_joint_result import joint_images, residual_of
-from isochrome.calibration.disc.disc_misfit import slope_misfit
-from isochrome.calibration.disc.disc_rim import Circle
 from isochrome.calibration.disc.disc_set import (
     check_diameter,
-    disc_set_images,
+    disc_images,
     fit_disc_set,
-    pooled_chi,
-    set_misfit,
+    residual_of,
 )
 from isochrome.calibration.disc.disc_starts import check_scans, choose_centre_orders, scan_disc
 from isochrome.calibration.disc.order_slope import fit_rise, overlay, rise_with_load
@@ -44,11 +33,6 @@ from isochrome.messages import message
 from isochrome.scene import Camera, Polariscope
 
 Array = NDArray[np.float64]
-
-BARELY = 1.05
-"""Pooled chi up to which the closed form is taken to describe the single images."""
-
-FROM_RISE = "closed_form_disc_does"
 
 
 def calibrate_disc(source: SetLike) -> Calibration:
@@ -143,26 +127,27 @@ def disc_from_shots(
         Where the images do not determine the value.
     """
     loaded, idle = by_load(shots)
-    messages = unused(idle, message("order_zero_load_from"))
     camera, scope = camera or Camera(), polariscope or Polariscope()
     outcome = _find(loaded, idle, disc, stated_values(camera, scope))
-    if camera.pixel_mm is not None and not outcome.from_rise:
-        check_diameter(outcome.images, disc, camera.pixel_mm, uncertainty)
     freed: tuple[dict[str, Any], ...] = ()
-    if outcome.whole is not None:
+    if outcome.whole is None:
+        messages = (
+            message("closed_form_disc_does"),
+            *unused(idle, message("order_zero_load_from")),
+        )
+    else:
+        if camera.pixel_mm is not None:
+            check_diameter(outcome.images, disc, camera.pixel_mm, uncertainty)
         freed = causes(outcome.whole, scope.wavelength_nm)
-        messages = (*sentences(outcome.whole, freed), *messages)
-    if outcome.from_rise:
-        messages = (message(FROM_RISE), *messages)
+        messages = sentences(outcome.whole, freed)
     if outcome.residual is not None:
         size, form = outcome.residual["largest_order"], outcome.residual["form"]
-        messages = (message("residual_stress_up_fringe", size=size, form=form),)
+        messages = (*messages, message("residual_stress_up_fringe", size=size, form=form))
     known = uncertainty or Uncertainty()
     inputs = (
         Input("load", known.load_percent, "%", 0.01),
         Input("diameter", known.diameter_mm, "mm", 1.0 / disc.diameter_mm),
         Input("thickness", known.thickness_mm, "mm", 0.0),
-        *([Input("model misfit", 100.0 * outcome.misfit, "%", 0.01)] if outcome.misfit > 0 else []),
     )
     factor = 8.0 / (np.pi * disc.diameter_mm)
     result = uncertainty_budget(
@@ -173,22 +158,20 @@ def disc_from_shots(
 
 @dataclass(frozen=True)
 class _Found:
-    """The images' fits, their orders' `covariance`, the slope's relative `misfit`, the residual,
-    whether the orders are `from_rise`, see `fit_rise`, and the `whole` set's fit they are of.
+    """The images' fits, their orders' `covariance`, the residual, and the `whole` set's fit they
+    are of; None where the orders are from their rise, see `fit_rise`.
     """
 
     images: Sequence[ImageFit]
     covariance: Array | None = None
-    misfit: float = 0.0
     residual: dict[str, Any] | None = None
-    from_rise: bool = False
     whole: SetFit | None = None
 
 
 def _find(
     loaded: Sequence[Shot], idle: Sequence[Shot], disc: Disc, held: dict[str, float]
 ) -> _Found:
-    """The loaded images' orders, each by itself, all together, or from their rise with the load."""
+    """The loaded images' orders, all together, or from their rise with the load."""
     scans = [scan_disc(shot) for shot in loaded]
     circles = [s.circle for s in scans]
     overlaid = overlay(loaded, circles)
@@ -197,49 +180,17 @@ def _find(
     orders = choose_centre_orders(
         scans, [s.load_n for s in loaded], rise_per_n=clear.slope if clear else None
     )
+    starts = [scan.starts(order) for scan, order in zip(scans, orders, strict=True)]
+    refused: PhysicsError | None = None
     try:
-        images = [
-            fit_disc(shot, scan.circle, scan.starts(order), disc)
-            for shot, scan, order in zip(loaded, scans, orders, strict=True)
-        ]
-    except PhysicsError:
-        own = np.stack([s.starts(o)[0] for s, o in zip(scans, orders, strict=True)])
-        result = _together(loaded, idle, own, circles, disc)
-        if result is not None:
-            return result
+        own = [fit_disc(*each) for each in zip(loaded, circles, starts, strict=True)]
+    except PhysicsError as error:  # which residual stress may explain
+        own, refused = [start[0] for start in starts], error
+    whole = fit_disc_set(loaded, idle, np.array(own), held)
+    if refused is not None and not (whole.model.besides and whole.explained):
         if clear is None:
             check_scans(scans, loaded)
-            raise
-        return _Found(fit_rise(loaded, circles, overlaid, clear, disc.diameter_mm), from_rise=True)
-    whole = fit_disc_set(loaded, images, held)
-    if whole is not None and whole.chi <= BARELY:
-        return _of_whole(whole, circles, disc)
-    if pooled_chi(images) <= BARELY:
-        return _Found(images)
-    own = own_unknowns(images)
-    result = _together(loaded, idle, own, circles, disc)
-    # what the light explains as well is no residual stress
-    if whole is not None and (result is None or whole.chi < pooled_chi(result.images)):
-        return _of_whole(whole, circles, disc)
-    return result or _Found(images, misfit=slope_misfit(plain_fit(loaded, own)[0]))
-
-
-def _of_whole(whole: SetFit, circles: Sequence[Circle], disc: Disc) -> _Found:
-    """What a whole set's fit found."""
-    images, covariance = disc_set_images(whole, [c.radius for c in circles], disc.diameter_mm)
-    misfit = set_misfit(whole) if whole.chi > BARELY else 0.0
-    return _Found(images, covariance, misfit, whole=whole)
-
-
-def _together(
-    loaded: Sequence[Shot], idle: Sequence[Shot], own: Array, circles: Sequence[Circle], disc: Disc
-) -> _Found | None:
-    """All images with one residual stress; None where there are too few loads, or there is none."""
-    shots = [*loaded, *idle]
-    if np.unique([s.load_n for s in shots]).size < FEWEST_LOADS:
-        return None
-    joint = fit_disc_images(shots, unloaded_beside(np.pad(own, ((0, len(idle)), (0, 0)))))
-    if joint is None:
-        return None
-    images, covariance = joint_images(joint, [c.radius for c in circles], disc.diameter_mm)
-    return _Found(images, covariance, slope_misfit(joint), residual_of(joint, disc.diameter_mm))
+            raise refused
+        return _Found(fit_rise(loaded, circles, overlaid, clear, disc.diameter_mm))
+    images, covariance = disc_images(whole, [c.radius for c in circles], disc.diameter_mm)
+    return _Found(images, covariance, residual_of(whole, disc.diameter_mm), whole)

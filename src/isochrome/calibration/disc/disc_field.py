@@ -12,7 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from isochrome.calibration.disc.disc_rim import Circle
 from isochrome.calibration.result import ImageFit, View
 from isochrome.calibration.shot import Shot
-from isochrome.estimation import evaluate_prepared, prepare, smooth_light, solve_linear
+from isochrome.estimation import (
+    MOSTLY,
+    SeparableProblem,
+    prepare,
+    smooth_light,
+    solve_all,
+    solve_linear,
+)
 
 Array = NDArray[np.float64]
 
@@ -169,11 +176,34 @@ def scan_orders(shot: Shot, geometries: ArrayLike) -> tuple[Array, float]:
         sigma=shot.sigma[grid.pick],
         **smooth_light(near.shape, (1, 2)).bases,
     )
-    chi = np.empty((len(table), ORDERS.size))
-    for i, geometry in enumerate(table):
-        unit = disc_order(grid, [1.0, *geometry])
-        for j, order in enumerate(ORDERS):
-            wave = squared_wave(np.pi * order * unit, shot.bright)
-            chi[i, j] = evaluate_prepared(problem, wave).chi
+    chi = [
+        _scanned(problem, np.pi * disc_order(grid, [1.0, *geometry])[problem.keep], shot.bright)
+        for geometry in table
+    ]
     smooth = solve_linear(problem, np.zeros(problem.size))
-    return chi, float(np.sqrt(smooth.cost / problem.size))
+    return np.array(chi), float(np.sqrt(smooth.cost / problem.size))
+
+
+def _scanned(problem: SeparableProblem, unit: Array, bright: bool) -> Array:
+    """chi of each centre order in ORDERS for phases `unit` (n,) of order 1, all solved at once."""
+    light, dark, data = problem.light, problem.dark, problem.data
+    ka, kc = len(light), len(dark)
+    wave = squared_wave(ORDERS[:, None] * unit, bright)
+    gram = np.empty((ORDERS.size, ka + kc, ka + kc))
+    gram[:, :ka, :ka] = (wave**2 @ _products(light, light)).reshape(-1, ka, ka)
+    gram[:, :ka, ka:] = (wave @ _products(light, dark)).reshape(-1, ka, kc)
+    gram[:, ka:, :ka] = gram[:, :ka, ka:].transpose(0, 2, 1)
+    gram[:, ka:, ka:] = problem.dark_gram
+    right = np.empty((ORDERS.size, ka + kc))
+    right[:, :ka], right[:, ka:] = wave @ (light * data).T, dark @ data
+    coefficients = solve_all(gram, right[..., None])[..., 0]
+    cost = data @ data - np.sum(right * coefficients, axis=1)
+    negative = np.mean(coefficients[:, :ka] @ light <= 0.0, axis=1)
+    good = np.isfinite(cost) & (negative <= MOSTLY)
+    freedom = max(1, problem.size - ka - kc)
+    return np.where(good, np.sqrt(np.maximum(cost, 0.0) / freedom), np.inf)
+
+
+def _products(first: Array, second: Array) -> Array:
+    """Products of all pairs of images (n, k l)."""
+    return np.asarray((first[:, None] * second[None]).reshape(-1, first.shape[1]).T)

@@ -5,25 +5,21 @@ from numpy.typing import NDArray
 
 from isochrome.calibration.disc.disc_field import (
     DiscPixels,
-    disc_image,
     disc_mask,
     disc_order,
-    disc_view,
     squared_wave,
     thin_grid,
 )
 from isochrome.calibration.disc.disc_rim import Circle
 from isochrome.calibration.disc.order_slope import FEWEST_LOADS
-from isochrome.calibration.result import ImageFit
-from isochrome.calibration.settings import Disc
 from isochrome.calibration.shot import Shot
 from isochrome.errors import PhysicsError
 from isochrome.estimation import ALIKE_CHI, IntensityFit, SeveralStarts, smooth_starts
 
 Array = NDArray[np.float64]
 
-PIXELS = 80_000
-"""Pixels of the square about the disc that are fitted."""
+PIXELS = 20_000
+"""Pixels of the square about the disc from which the set starts."""
 
 FEWEST = 0.5
 """Centre order at the least."""
@@ -32,12 +28,11 @@ EXPLAINED = 0.6
 """Share of an image's variation that the model must explain at least."""
 
 
-def fit_disc(shot: Shot, circle: Circle, starts: Array, disc: Disc) -> ImageFit:
-    """Fit one image's whole field: centre order, centre, radius and load direction.
+def fit_disc(shot: Shot, circle: Circle, starts: Array) -> Array:
+    """Fit one image's whole field: centre order, centre, radius and load direction (5,).
 
-    Parameters: `circle`, the rim as found; `starts` (m, 5), see `disc_order`; `disc`, its sizes.
-    Returns the ImageFit, its order at the centre. Raises PhysicsError for too low an order, one
-    that is ambiguous, or a fit that did not converge.
+    Parameters: `circle`, the rim as found; `starts` (m, 5), see `disc_order`. Raises PhysicsError
+    for too low an order, one that is ambiguous, or a fit that did not converge.
     """
     grid = thin_grid(shot.light.shape, circle, PIXELS)
     start, ambiguous = starts, False
@@ -49,17 +44,7 @@ def fit_disc(shot: Shot, circle: Circle, starts: Array, disc: Disc) -> ImageFit:
         start = result.best.values[None, :]
     best = result.best
     _check(shot, best, ambiguous)
-    return disc_image(
-        shot,
-        best.values,
-        circle.radius,
-        spread=float(best.standard_uncertainty[0]),
-        chi=best.chi,
-        view=disc_view(
-            shot, grid, best.values, disc.diameter_mm,
-            model=best.model, residual=best.residual, order=disc_order(grid, best.values),
-        ),
-    )  # fmt: skip
+    return best.values
 
 
 def _check_explained(shot: Shot, best: IntensityFit) -> None:

@@ -1,11 +1,15 @@
 """All images of a disc in the model of a whole set: see `calibration.whole_set`."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.calibration.disc.disc_field import (
+    RIM_ZONE,
     DiscPixels,
     disc_image,
     disc_mask,
@@ -13,16 +17,23 @@ from isochrome.calibration.disc.disc_field import (
     disc_view,
     thin_grid,
 )
-from isochrome.calibration.disc.disc_forms import own_unknowns
-from isochrome.calibration.disc.disc_joint import LARGEST, OWN, STEPS
-from isochrome.calibration.disc.disc_misfit import BLOCKS, block_of
+from isochrome.calibration.disc.disc_residual import (
+    DEGREE,
+    SIZES,
+    by_residual,
+    load_field,
+    residual_at_centre,
+    residual_basis,
+    simple_residual,
+    total_order,
+)
 from isochrome.calibration.disc.disc_rim import Circle
 from isochrome.calibration.result import ImageFit
 from isochrome.calibration.settings import Disc, Uncertainty
 from isochrome.calibration.shot import Shot
-from isochrome.calibration.whole_set.set_causes import free_set
+from isochrome.calibration.whole_set.set_fit import fit_set
 from isochrome.calibration.whole_set.set_model import BLUR, Kind, SetFit, SetModel
-from isochrome.calibration.whole_set.set_result import image_chi, image_maps, jackknife
+from isochrome.calibration.whole_set.set_result import image_chi, image_maps
 from isochrome.errors import InputError
 from isochrome.output import with_uncertainty
 
@@ -31,9 +42,32 @@ Array = NDArray[np.float64]
 PIXELS = 40_000
 """Pixels of the square about the disc that are fitted with the whole set."""
 
-_MOST_BLUR = 2.0 * np.pi**2 * 1.0**2
-"""Largest blur that is described, as 2 pi² sigma² of one pixel: at two the value errs by 14 of its
-uncertainties, though chi is 1.01."""
+ROUGH_PIXELS = 3_000
+RADII = (0.92, 0.95, 0.98, 1.01)
+ORDERS = (-0.6, -0.3, 0.0, 0.3, 0.6)
+REFINED = 4
+"""Starts with a residual: pixels of the square about the disc, radii over the least one found,
+sizes in fringes, and how many are refined."""
+
+BARELY = 1.05
+"""Chi up to which the closed form is taken to describe the images without another start."""
+
+_CLEAR_OF_RIM = 3.0
+"""Blurs by which pixels stay off the rim: a Gaussian is nothing there."""
+
+RESIDUAL = "residual stress"
+
+FEWEST_LOADS = 3
+"""Different loads, zero among them, below which a residual field is not looked for."""
+
+OWN = 5
+"""Unknowns of each image: centre order, row, column, radius, angle of the loads."""
+
+STEPS = np.array([1e-4, 2e-3, 2e-3, 2e-3, 1e-5])
+"""Steps of the differences in an image's own unknowns (fringes, px, rad)."""
+
+LARGEST = np.array([0.3, 0.03, 0.03, 0.03, 0.05])
+"""Largest move of an image's own unknowns in one step (fringes, radii, rad)."""
 
 RIM_PX = 0.5
 """What a rim itself is uncertain by: a bevel, and how a point load's field fits to the disc's."""
@@ -43,91 +77,183 @@ CONTRADICTED, SLIGHT = 3.0, 0.01
 
 
 def fit_disc_set(
-    shots: Sequence[Shot], images: Sequence[ImageFit], held: dict[str, float]
-) -> SetFit | None:
-    """The whole set with what it asks for, None where it asks for nothing.
+    shots: Sequence[Shot], idle: Sequence[Shot], own: Array, held: dict[str, float]
+) -> SetFit:
+    """The whole set with what it shows, from a start with residual stress where it asks for one.
 
-    Parameters: `shots` (m,), loaded; `images`, their own fits; `held`, what the set states of the
-    camera, by its keys.
+    Parameters: `shots` (m,), loaded, `idle` (j,), unloaded; `own` (m, 5), where the loaded ones'
+    unknowns start; `held`, what the set states of the camera, by its keys.
     """
-    if len({s.light.shape for s in shots}) > 1:
-        return None
-    own = own_unknowns(images)
+    images = [*shots, *idle]
+    fit = _fitted(disc_model(images, own, held), own, np.zeros(0))
+    if not len(fit.model.kind.sizes) or (fit.explained and fit.chi < BARELY):
+        return fit
+    start = stressed_start(images, own)
+    if start is None:
+        return fit
+    places, residual = start
+    model = replace(disc_model(images, places, held), besides=True)
+    stressed = _fitted(model, places, residual)
+    return stressed if stressed.chi < fit.chi else fit
+
+
+def _fitted(model: SetModel, own: Array, residual: Array) -> SetFit:
+    """The whole set from where its unknowns start, kept off the rim by the blur that it shows."""
+    contrast = np.array([np.std(image.light) for image in model.images[: len(own)]])
+    exposures = np.zeros(model.exposures)
+    exposures[: len(own) - 1] = np.log(contrast[1:] / contrast[0])
+    fit = fit_set(model, np.concatenate([own.ravel(), exposures, residual]))
+    blur_px = np.sqrt(fit.shared.get(BLUR, (0.0, 0.0))[0] / 2.0) / np.pi
+    if _CLEAR_OF_RIM * blur_px <= RIM_ZONE * own[:, 3].min():
+        return fit
+    # what a blur carries over the rim is in no model
+    inner = disc_model(model.shots, fit.own, model.held, blur_px=blur_px)
+    wider = replace(inner, besides=fit.model.besides)
+    return fit_set(wider, fit.model.carried(fit.values, wider))
+
+
+def disc_model(
+    images: Sequence[Shot],
+    own: Array,
+    held: dict[str, float],
+    *,
+    blur_px: float = 0.0,
+    pixels: int = PIXELS,
+) -> SetModel:
+    """The model of images of a disc where their unknowns (m, 5) put it, the loaded ones first.
+
+    Parameters: `blur_px`, which keeps off the rim; `pixels` of the square about the disc.
+    """
     middle, radius = own[:, 1:3].mean(axis=0), float(own[:, 3].max())
     reach = radius + float(np.abs(own[:, 1:3] - middle).max())
-    grid = thin_grid(
-        shots[0].light.shape, Circle(float(middle[0]), float(middle[1]), reach, 0.0), PIXELS
-    )
+    circle = Circle(float(middle[0]), float(middle[1]), reach, 0.0)
+    grid = thin_grid(images[0].light.shape, circle, pixels)
+    within = 1.0 - max(RIM_ZONE, _CLEAR_OF_RIM * blur_px / radius)
+    places = [*own, *([own[0]] * (len(images) - len(own)))]
     masks = np.stack(
-        [s.valid[grid.pick] & disc_mask(grid, o) for s, o in zip(shots, own, strict=True)]
+        [
+            shot.valid[grid.pick] & disc_mask(grid, place, within=within)
+            for shot, place in zip(images, places, strict=True)
+        ]
     )
-    model = SetModel(
-        kind=disc_kind(radius), shots=shots, rows=grid.rows[:, 0].astype(np.intp),
+    several = len({shot.load_n for shot in images}) >= FEWEST_LOADS
+    return SetModel(
+        kind=disc_kind(radius, several), shots=images, rows=grid.rows[:, 0].astype(np.intp),
         cols=grid.cols[0].astype(np.intp), masks=masks, held=held,
     )  # fmt: skip
-    # each image's contrast, over that of its model
-    levels = np.array([np.nanstd(i.view.model) if i.view else 1.0 for i in images])
-    start = np.concatenate([own.ravel(), np.log(levels[1:] / levels[0])])
-    whole = free_set(model, start, rival=pooled_chi(images))
-    if whole is not None and whole.shared.get(BLUR, (0.0, 0.0))[0] > _MOST_BLUR:
-        return None  # what it carries over the rim is in no model: light and lens would take it up
-    return whole
 
 
-def pooled_chi(images: Sequence[ImageFit]) -> float:
-    """Residual over noise of all images."""
-    return float(np.sqrt(np.mean([i.chi**2 for i in images])))
+def stressed_start(images: Sequence[Shot], own: Array) -> tuple[Array, Array] | None:
+    """Where images with residual stress start: their unknowns (m, 5) and its amplitudes (k,); None
+    where no start has the fringes' contrast.
+
+    Axisymmetric residuals and even ones, over radii and sizes, with orders in proportion to the
+    loads: a residual may have moved all single fits by a part of a fringe, but hardly their slope.
+    The best few are fitted on a few pixels, each image with its own light.
+    """
+    loads = np.array([shot.load_n for shot in images[: len(own)]])
+    begun, scored = own.copy(), []
+    if np.unique(loads).size > 1:
+        begun[:, 0] = np.polynomial.polynomial.polyfit(loads, own[:, 0], 1)[1] * loads
+    for factor in RADII:
+        begun[:, 3] = factor * own[:, 3].min()
+        model = replace(
+            disc_model(images, begun, {}, pixels=ROUGH_PIXELS), apart=True, besides=True
+        )
+        for even, round_ in product(ORDERS, ORDERS):
+            values = np.concatenate([begun.ravel(), simple_residual(even, round_)])
+            point = model.at(values)
+            if point is not None and point.positive:
+                scored.append((point.cost / point.pixels, values, model))
+    scored.sort(key=lambda item: item[0])
+    fits = [model.fit(values) for _, values, model in scored[:REFINED]]
+    if not fits:
+        return None
+    best = min(fits, key=lambda fit: fit.chi)
+    return best.own, best.model.split(best.values)[1]
 
 
-def disc_kind(radius: float) -> Kind:
-    """A disc's order by centre order, row, column, radius and angle, see `disc_order`."""
+def disc_kind(radius: float, several_loads: bool) -> Kind:
+    """A disc's order by centre order, row, column, radius and angle, see `disc_order`.
+
+    Besides, its residual stress, which one load, or two, cannot tell from the loads'.
+    """
+
+    def order(own: Array, besides: Array, rows: Array, cols: Array) -> Array:
+        if besides.any():
+            return np.abs(total_order(own, besides, rows, cols))
+        return disc_order(DiscPixels(rows, cols, 1.0), own)
+
     return Kind(
-        lambda own, rows, cols: disc_order(DiscPixels(rows, cols, 1.0), own),
-        STEPS,
-        LARGEST * np.array([1.0, radius, radius, radius, 1.0]),
+        besides=RESIDUAL,
+        order=order,
+        by_besides=by_residual,
+        sizes=SIZES if several_loads else SIZES[:0],
+        steps=STEPS,
+        largest=LARGEST * np.array([1.0, radius, radius, radius, 1.0]),
+        idle=lambda first, _: np.concatenate([[0.0], first[1:]]),
+        idle_steps=np.zeros(0),
     )
 
 
-def disc_set_images(
+def disc_images(
     fit: SetFit, rims: Sequence[float], diameter_mm: float
 ) -> tuple[list[ImageFit], Array]:
-    """The images' results from a whole set's fit, and their orders' covariance (m, m).
+    """The loaded images' results from a whole set's fit, and their orders' covariance (m, m).
 
-    Parameters: `rims` (m,), their radii as found, px; `diameter_mm`.
+    The order at the centre is along the loads' directions, with the residual's part. Parameters:
+    `rims` (m,), their radii as found, px; `diameter_mm`.
     """
     model, own = fit.model, fit.own
-    orders = OWN * np.arange(len(own))
-    covariance = fit.covariance[np.ix_(orders, orders)]
+    _, amplitudes, _ = model.split(fit.values)
+    linear = np.zeros((len(own), model.size))
+    linear[np.arange(len(own)), OWN * np.arange(len(own))] = 1.0
+    orders = own[:, 0].copy()
+    if model.besides:
+        seen = np.array([residual_at_centre(values) for values in own])
+        linear[:, model.besides_places] = seen
+        orders += seen @ amplitudes
+    covariance = linear @ fit.covariance @ linear.T
     grid = DiscPixels(
         model.rows[:, None].astype(float), model.cols[None, :].astype(float),
         float(model.rows[1] - model.rows[0]),
     )  # fmt: skip
     images = []
-    for i, (shot, values, rim) in enumerate(zip(model.shots, own, rims, strict=True)):
+    for i, (values, rim) in enumerate(zip(own, rims, strict=True)):
         maps = image_maps(fit, i)
         maps.pop("image")
         images.append(
             disc_image(
-                shot, values, rim, spread=float(np.sqrt(covariance[i, i])), chi=image_chi(fit, i),
-                view=disc_view(shot, grid, values, diameter_mm, **maps),
+                model.shots[i], [orders[i], *values[1:]], rim,
+                spread=float(np.sqrt(covariance[i, i])), chi=image_chi(fit, i),
+                view=disc_view(model.shots[i], grid, values, diameter_mm, **maps),
             )
         )  # fmt: skip
     return images, covariance
 
 
-def set_misfit(fit: SetFit) -> float:
-    """Part of the slope's relative uncertainty that noise does not explain: see `slope_misfit`."""
-    loads = np.array([s.load_n for s in fit.model.shots])
-    away = loads - (loads.mean() if np.unique(loads).size > 1 else 0.0)
-    weights = np.zeros((1, len(fit.values)))
-    weights[0, : OWN * len(loads) : OWN] = away / np.sum(away * loads)
-    blocks = [
-        block_of(image.rows, image.cols, values)
-        for image, values in zip(fit.model.images, fit.own, strict=True)
-    ]
-    assert max(int(b.max()) for b in blocks) < BLOCKS
-    slope = float(weights[0] @ fit.values)
-    return float(np.sqrt(jackknife(fit, blocks, weights)[0]) / abs(slope))
+def residual_of(fit: SetFit, diameter_mm: float) -> dict[str, Any] | None:
+    """A fit's residual stress, for a disc of `diameter_mm`, for `calibration.json`; None for none.
+
+    The order at the centre with no load, the largest in the part of the disc that is fitted and
+    where (mm from the centre), fringes.
+    """
+    model = fit.model
+    if not model.besides:
+        return None
+    image, own = model.images[0], fit.own[0]
+    _, row, col, radius, _ = own
+    x, z = (np.append(v, 0.0) for v in ((image.cols - col) / radius, (image.rows - row) / radius))
+    _, turn = load_field(np.append(image.rows, row), np.append(image.cols, col), own[1:])
+    size = np.abs(model.split(fit.values)[1] @ residual_basis(x, z, turn))
+    at = int(np.argmax(size[:-1]))
+    return {
+        "form": f"tensor, and along the loads, degree {DEGREE}",
+        "centre_order": float(size[-1]),
+        "largest_order": float(size[at]),
+        "largest_x_mm": float(0.5 * diameter_mm * x[at]),
+        "largest_z_mm": float(0.5 * diameter_mm * z[at]),
+    }
 
 
 def check_diameter(

@@ -63,9 +63,9 @@ class SetImage:
 
 
 def looked_at(
-    image: SetImage, shape: tuple[int, int], lens: dict[str, float]
+    rows: Array, cols: Array, shape: tuple[int, int], lens: dict[str, float]
 ) -> tuple[Array, Array]:
-    """Rows and columns (n,), px, of the places that an image's pixels look at through a lens.
+    """Rows and columns (n,), px, of the places that pixels look at through a lens.
 
     Parameters: `shape` of the picture; `lens`, by the camera's keys.
     """
@@ -76,5 +76,5 @@ def looked_at(
         right_mm=right, down_mm=down, half_width_mm=0.5 * width, half_height_mm=0.5 * height,
         **given,
     )  # fmt: skip
-    x, z = through.looked_at(image.cols - right, image.rows - down)
+    x, z = through.looked_at(cols - right, rows - down)
     return np.asarray(z + down, dtype=np.float64), np.asarray(x + right, dtype=np.float64)

@@ -1,11 +1,11 @@
 r"""The model of a whole set: each image's own fringes under one light, through one camera.
 
-    I_i = e_i (A s_i + B),    s_i = 1/2 -+ 1/2 V_i cos 2π N_i(x, z),
+    I_i = e_i (A s_i + B) + c_i,    s_i = 1/2 -+ 1/2 V_i cos 2π N_i(x, z),
 
 with the illumination A and the background B of all images (sums of smooth images, eliminated
-linearly), image i's exposure e_i and its order N_i, a specimen's closed form at the places (x, z)
-that the pixels look at through the lens (`isochrome.stress`). Contrast falls with the order in a
-band of wavelengths, and with its slope by blur: V = exp(-a N² - b |grad N|²).
+linearly), image i's exposure e_i and stray light c_i, and its order N_i, a specimen's closed form
+at the places (x, z) that the pixels look at through the lens (`isochrome.stress`). Contrast falls
+with the order in a band of wavelengths, and with its slope by blur: V = exp(-a N² - b |grad N|²).
 """
 
 from __future__ import annotations
@@ -21,11 +21,14 @@ from isochrome.calibration.shot import Shot
 from isochrome.calibration.whole_set.set_image import SetImage, looked_at
 from isochrome.estimation import (
     MOSTLY,
+    Bounds,
     Damping,
     Terms,
     block_correlation,
     light_products,
     line_correlation,
+    line_noise,
+    local_noise,
     minimise,
     scaled_inverse,
     total_degree,
@@ -33,6 +36,8 @@ from isochrome.estimation import (
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Light = tuple[Terms, Terms]
+"""Polynomial products of illumination and background."""
 
 LENS = ("camera.distortion", "camera.keystone_x", "camera.keystone_z")
 BAND, BLUR, GAMMA = "polariscope.bandwidth_nm", "camera.blur_px", "frames.gamma"
@@ -45,7 +50,11 @@ PIXEL = np.pi**2 / 6.0
 _BESIDE = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
 _STEPS = dict(zip(SHARED, (1e-5, 1e-5, 1e-5, 1e-6, 1e-3, 1e-5), strict=True))
-"""Steps of their derivatives."""
+_ORDER_STEP = 1e-5
+"""Steps of their derivatives, and of an order, fringes."""
+
+_MOVES = dict(zip(SHARED, (0.02, 0.02, 0.02, 0.02, 2.0, 0.2), strict=True))
+"""Largest moves of them at once."""
 
 _CORRELATED = 1.2
 """Variance of sums of residuals, over that of independent ones, that these may have by chance."""
@@ -54,23 +63,43 @@ _MOST_STEPS = 40
 _ENOUGH = 1e-3
 """Fall of chi-square, in units of the noise that is left, below which a step is the last."""
 
+EXPLAINED = 0.6
+"""Share of each loaded image's variation that a fit must explain at the least."""
 
-@dataclass(frozen=True)
+_LARGEST_EXPONENT = 5.0
+"""Of a squared order below nought, where noise may drive it: the wave stays finite."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Kind:
-    """A specimen: its `order` (n,), with a sign or none, for an image's unknowns (p,) at rows and
-    columns (n,), px; `steps` (p,) of their derivatives, and the `largest` moves of them at once.
+    """A specimen. Its `order` (n,), with a sign or none, for an image's unknowns (p,) and the
+    amplitudes (k,) of what all images have `besides`, at rows and columns (n,), px.
+
+    `by_besides` (k, n), its derivatives by these; their `sizes` (k,) on usual benches; `steps`
+    (p,) of derivatives, and the `largest` moves of them at once. Of an unloaded image `idle` gives
+    the unknowns (p,) from the first loaded one's and its own (r,), of `idle_steps`; below nought
+    its order is imaginary.
     """
 
-    order: Callable[[Array, Array, Array], Array]
+    besides: str
+    order: Callable[[Array, Array, Array, Array], Array]
+    by_besides: Callable[[Array, Array, Array, Array], Array]
+    sizes: Array
     steps: Array
     largest: Array
+    idle: Callable[[Array, Array], Array]
+    idle_steps: Array
 
 
 @dataclass(frozen=True, kw_only=True)
 class SetModel:
-    """Images `shots` (m,) of one size on common pixels, at `rows` (R,) and `cols` (C,), each where
-    its `masks` (m, R, C) say; the light's polynomial `terms`; the `free` keys of SHARED, and what
-    the others are `held` at; `levels` (m, R, C), the light without noise where a fit tells it.
+    """Images `shots` (m,) of one size, the loaded ones first, on common pixels, at `rows` (R,) and
+    `cols` (C,), each where its `masks` (m, R, C) say.
+
+    `terms`, the light's products, and the `weights` (k,), 1/u², of their coefficients about nought;
+    `apart` where each image has its own light, `scaled` where it has its exposure and stray light;
+    the `free` keys of SHARED, and what the others are `held` at; whether what the kind has
+    `besides` is free; `levels` (m, R, C), the light without noise where a fit tells it.
     """
 
     kind: Kind
@@ -78,8 +107,12 @@ class SetModel:
     rows: NDArray[np.intp]
     cols: NDArray[np.intp]
     masks: Mask
-    terms: tuple[Terms, Terms] = (total_degree(2), total_degree(1))
+    terms: Light = (total_degree(2), total_degree(1))
+    weights: Array | None = None
+    apart: bool = False
+    scaled: bool = True
     free: tuple[str, ...] = ()
+    besides: bool = False
     held: dict[str, float] = field(default_factory=dict)
     levels: Array | None = None
 
@@ -87,6 +120,11 @@ class SetModel:
     def shape(self) -> tuple[int, int]:
         """Rows and columns of the whole picture."""
         return self.shots[0].light.shape[0], self.shots[0].light.shape[1]
+
+    @cached_property
+    def loaded(self) -> int:
+        """Number of images with a load."""
+        return sum(shot.load_n > 0.0 for shot in self.shots)
 
     @cached_property
     def images(self) -> tuple[SetImage, ...]:
@@ -99,19 +137,40 @@ class SetModel:
 
     @cached_property
     def bases(self) -> tuple[tuple[Array, Array], ...]:
-        """The light's images over each image's noise, (ka, n) and (kc, n).
-
-        The last of the background's are what each image after the first has beside the others.
-        """
-        result, more = [], np.eye(len(self.shots))[:, 1:]
-        for (light, dark), own, image in zip(
-            self.weighted(self.terms), more, self.images, strict=True
+        """The light's images over each image's noise, (ka, n) and (kc, n), with its stray light."""
+        result = []
+        for i, ((light, dark), image) in enumerate(
+            zip(self.weighted(self.terms), self.images, strict=True)
         ):
-            offsets = own[:, None] / image.sigma
-            result.append((light, np.concatenate((dark, offsets))))
+            if i and self.exposures:
+                dark = np.concatenate((dark, (1.0 / image.sigma)[None]))
+            result.append((light, dark))
         return tuple(result)
 
-    def weighted(self, terms: tuple[Terms, Terms]) -> tuple[tuple[Array, Array], ...]:
+    def coefficients_of(self, index: int) -> NDArray[np.intp]:
+        """Which of all the light's coefficients are those of an image."""
+        shared = sum(map(len, self.terms))
+        if self.apart:
+            return np.arange(index * shared, (index + 1) * shared, dtype=np.intp)
+        own = [shared + index - 1] if index and self.exposures else []
+        return np.asarray([*range(shared), *own], dtype=np.intp)
+
+    @property
+    def coefficients(self) -> int:
+        """Number of the light's coefficients."""
+        shared = sum(map(len, self.terms))
+        return shared * len(self.shots) if self.apart else shared + self.exposures
+
+    @cached_property
+    def light_weights(self) -> Array:
+        """The weights of all the light's coefficients about nought."""
+        result = np.zeros(self.coefficients)
+        if self.weights is not None:
+            for i in range(len(self.shots)):
+                result[self.coefficients_of(i)[: len(self.weights)]] = self.weights
+        return result
+
+    def weighted(self, terms: Light) -> tuple[tuple[Array, Array], ...]:
         """Some light's images over each image's noise."""
         places = [np.linspace(-1.0, 1.0, n) for n in self.shape]
         axes = places[0][self.rows], places[1][self.cols]
@@ -123,76 +182,163 @@ class SetModel:
         ]
         return tuple(result)
 
-    def split(self, values: Array) -> tuple[Array, Array, dict[str, float]]:
-        """Unknowns: the images' own (m, p), their exposures (m,), and what they share."""
-        count, own = len(self.shots), len(self.kind.steps)
-        table = values[: count * own].reshape(count, own)
-        exposure = np.exp(np.concatenate([[0.0], values[count * own :][: count - 1]]))
-        shared = dict.fromkeys(SHARED, 0.0) | {GAMMA: 1.0} | self.held
-        return table, exposure, shared | dict(zip(self.free, values[self.first :], strict=True))
+    @property
+    def exposures(self) -> int:
+        """Number of free exposures: the first image's is 1."""
+        return len(self.shots) - 1 if self.scaled and not self.apart else 0
+
+    @cached_property
+    def _ends(self) -> tuple[int, ...]:
+        """Where the images' own unknowns, exposures, what they have besides and keys end."""
+        idle = (len(self.shots) - self.loaded) * len(self.kind.idle_steps)
+        own = self.loaded * len(self.kind.steps) + idle
+        besides = len(self.kind.sizes) if self.besides else 0
+        return tuple(np.cumsum([own, self.exposures, besides, len(self.free)]).tolist())
 
     @property
-    def first(self) -> int:
-        """Where the shared unknowns begin."""
-        return len(self.shots) * (len(self.kind.steps) + 1) - 1
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self._ends[-1]
+
+    def own_places(self, index: int) -> NDArray[np.intp]:
+        """Which unknowns are an image's own."""
+        loaded, count = self.loaded * len(self.kind.steps), len(self.own_steps(index))
+        first = index * count if index < self.loaded else loaded + (index - self.loaded) * count
+        return np.arange(first, first + count)
+
+    def key_place(self, key: str) -> int:
+        """Which unknown a free key is."""
+        return self._ends[2] + self.free.index(key)
+
+    @property
+    def besides_places(self) -> NDArray[np.intp]:
+        """Which unknowns are of what the kind has besides."""
+        return np.arange(self._ends[1], self._ends[2])
+
+    def table(self, values: Array) -> Array:
+        """The loaded images' own unknowns (m, p)."""
+        size = len(self.kind.steps)
+        return np.asarray(values[: self.loaded * size].reshape(-1, size))
+
+    def split(self, values: Array) -> tuple[Array, Array, dict[str, float]]:
+        """Of some unknowns: exposures (m,), the amplitudes (k,) besides, and what is shared."""
+        own, exposures, besides, _ = self._ends
+        scale = np.ones(len(self.shots))
+        if self.exposures:
+            scale[1:] = np.exp(values[own:exposures])
+        amplitudes = values[exposures:besides] if self.besides else np.zeros(len(self.kind.sizes))
+        shared = dict.fromkeys(SHARED, 0.0) | {GAMMA: 1.0} | self.held
+        return scale, amplitudes, shared | dict(zip(self.free, values[besides:], strict=True))
 
     def places(self, index: int, shared: dict[str, float]) -> tuple[Array, Array]:
         """Rows and columns (n,), px, of the places that an image's pixels look at."""
         image = self.images[index]
         if not any(shared[key] for key in LENS):
             return image.rows, image.cols
-        return looked_at(image, self.shape, {key: shared[key] for key in LENS})
+        lens = {key: shared[key] for key in LENS}
+        return looked_at(image.rows, image.cols, self.shape, lens)
 
-    def signal(self, index: int, own: Array, shared: dict[str, float]) -> Array:
-        """The polariscope's 0..1 at an image's pixels (n,)."""
+    def own_steps(self, index: int) -> Array:
+        """Steps of the derivatives by an image's own unknowns."""
+        return self.kind.steps if index < self.loaded else self.kind.idle_steps
+
+    def unknowns_of(self, index: int, values: Array) -> tuple[Array, bool]:
+        """An image's unknowns as a loaded one's (p,), and whether its order is imaginary."""
+        own = values[self.own_places(index)]
+        if index < self.loaded:
+            return own, False
+        return self.kind.idle(values[self.own_places(0)], own), bool(len(own) and own[0] < 0.0)
+
+    def _orders(self, index: int, values: Array, shared: dict[str, float]) -> tuple[Array, ...]:
+        """An image's order (n,), and its differences to the pixels below, above, right and left."""
+        own, _ = self.unknowns_of(index, values)
+        besides = self.split(values)[1]
         rows, cols = self.places(index, shared)
-        at = self.kind.order
-        order = at(own, rows, cols)
-        beside = [at(own, rows + d, cols + c) - order for d, c in _BESIDE]
-        steep = 0.25 * ((beside[0] - beside[1]) ** 2 + (beside[2] - beside[3]) ** 2)
-        # a blur adds half its variance times the curvature to the order
-        spread = PIXEL + shared[BLUR]
-        blurred = order + spread / (4.0 * np.pi**2) * sum(beside)
-        # a band's mean phase is that of its mean wave number, less the third cumulant's part
-        share, phase = shared[BAND] / (2.0 * np.pi**2), 2.0 * np.pi * blurred
-        wave = np.cos(phase * (1.0 + share - (share * phase) ** 2))
-        wave *= np.exp(-shared[BAND] * order**2 - spread * steep)
-        return np.asarray(0.5 + 0.5 * wave if self.shots[index].bright else 0.5 - 0.5 * wave)
+        here = self.kind.order(own, besides, rows, cols)
+        beside = (self.kind.order(own, besides, rows + d, cols + c) - here for d, c in _BESIDE)
+        return (here, *beside)
+
+    def signal(self, index: int, values: Array, moved: dict[str, float] | None = None) -> Array:
+        """The polariscope's 0..1 at an image's pixels (n,), with some shared keys elsewhere."""
+        shared = self.split(values)[2] | (moved or {})
+        order, *beside = self._orders(index, values, shared)
+        bright = self.shots[index].bright
+        if not self.unknowns_of(index, values)[1]:
+            return seen(order, beside, shared, bright)
+        wave = np.cosh(np.minimum(2.0 * np.pi * np.abs(order), _LARGEST_EXPONENT))
+        return np.asarray(0.5 + 0.5 * wave if bright else 0.5 - 0.5 * wave)
+
+    def by_order(self, index: int, values: Array) -> tuple[Array, Array]:
+        """An image's order (n,), and the derivative of its signal by what is added to it all over;
+        nought where it is imaginary.
+        """
+        shared = self.split(values)[2]
+        order, *beside = self._orders(index, values, shared)
+        if self.unknowns_of(index, values)[1]:
+            return order, np.zeros_like(order)
+        bright = self.shots[index].bright
+        change = seen(order + _ORDER_STEP, beside, shared, bright)
+        return order, (change - seen(order, beside, shared, bright)) / _ORDER_STEP
 
     def at(self, values: Array) -> SetPoint | None:
         """The model at some unknowns, None where it is not finite."""
-        table, exposure, shared = self.split(values)
-        signals = tuple(self.signal(i, own, shared) for i, own in enumerate(table))
+        signals = tuple(self.signal(i, values) for i in range(len(self.shots)))
         if not all(np.isfinite(s).all() for s in signals):
             return None
+        exposure, _, shared = self.split(values)
         return SetPoint(self, values, signals, exposure, shared[GAMMA])
 
     def fit(self, start: Array) -> SetFit:
         """Least squares from a start."""
-        largest = np.full(len(start), np.inf)
-        count, own = len(self.shots), len(self.kind.steps)
-        largest[: count * own] = np.tile(self.kind.largest, count)
-        largest[self.first :] = [0.2 if key in (GAMMA, BLUR) else 0.02 for key in self.free]
+        largest = np.full(self.size, np.inf)
+        for i in range(self.loaded):
+            largest[self.own_places(i)] = self.kind.largest
+        largest[self.besides_places] = self.kind.sizes[: len(self.besides_places)]
+        largest[self._ends[2] :] = [_MOVES[key] for key in self.free]
+        low = np.full(self.size, -np.inf)
+        low[[self.key_place(key) for key in self.free if key in (BAND, BLUR)]] = 0.0
+        bounds = Bounds(low, np.full(self.size, np.inf))
 
-        def cut(_: Array, step: Array) -> Array:
-            return np.asarray(step / max(1.0, float(np.max(np.abs(step) / largest))))
+        def cut(values: Array, step: Array) -> Array:
+            return bounds.cut(values, step / max(1.0, float(np.max(np.abs(step) / largest))))
 
         first = self.at(start)
         assert first is not None
         result = minimise(
-            self.at, start, first, damping=Damping(1e-3), iterations=_MOST_STEPS, cut=cut,
-            enough=lambda at: _ENOUGH * max(1.0, at.cost / at.pixels),
+            self.at, start, first, damping=Damping(1e-3), iterations=_MOST_STEPS, bounds=bounds,
+            cut=cut, enough=lambda at: _ENOUGH * max(1.0, at.cost / at.pixels),
             better=lambda new, old: new.cost < old.cost and (new.positive or not old.positive),
         )  # fmt: skip
         return SetFit(self, result.values, result.point, result.converged)
 
-    def freed(
-        self, values: Array, free: tuple[str, ...], held: dict[str, float] | None = None
-    ) -> tuple[SetModel, Array]:
-        """The model with other keys free, and where its unknowns start."""
-        shared = self.split(values)[2]
-        model = replace(self, free=free, held=self.held if held is None else held)
-        return model, np.concatenate([values[: self.first], [shared[key] for key in free]])
+    def carried(self, values: Array, wider: SetModel) -> Array:
+        """Where another model's unknowns start that has more of them, or fewer."""
+        own, exposures, _, _ = self._ends
+        _, besides, shared = self.split(values)
+        begun = values[own:exposures] if self.exposures else np.zeros(wider.exposures)
+        return np.concatenate(
+            [
+                values[:own],
+                begun[: wider.exposures],
+                besides if wider.besides else [],
+                [shared[key] for key in wider.free],
+            ]
+        )
+
+
+def seen(order: Array, beside: Sequence[Array], shared: dict[str, float], bright: bool) -> Array:
+    """The polariscope's 0..1 (n,) of orders and their differences to the pixels below, above, right
+    and left, through a blur and in a band of wavelengths.
+    """
+    steep = 0.25 * ((beside[0] - beside[1]) ** 2 + (beside[2] - beside[3]) ** 2)
+    # a blur adds half its variance times the curvature to the order
+    spread = PIXEL + shared[BLUR]
+    blurred = order + spread / (4.0 * np.pi**2) * sum(beside)
+    # a band's mean phase is that of its mean wave number, less the third cumulant's part
+    share, phase = shared[BAND] / (2.0 * np.pi**2), 2.0 * np.pi * blurred
+    wave = np.cos(phase * (1.0 + share - (share * phase) ** 2))
+    wave *= np.exp(-shared[BAND] * order**2 - spread * steep)
+    return np.asarray(0.5 + 0.5 * wave if bright else 0.5 - 0.5 * wave)
 
 
 @dataclass(frozen=True)
@@ -214,22 +360,30 @@ class SetPoint:
     @cached_property
     def linear(self) -> tuple[Array, Array, tuple[Array, ...]]:
         """Coefficients of the light, their inverse normal equations, the weighted residuals."""
-        size = sum(map(len, self.model.bases[0]))
+        model, size = self.model, self.model.coefficients
         gram, right, data = np.zeros((size, size)), np.zeros(size), []
-        for i, image in enumerate(self.model.images):
-            columns = self.columns(i)
+        for i, image in enumerate(model.images):
+            columns, place = self.columns(i), model.coefficients_of(i)
             value = image.toned(self.gamma)
-            gram, right = gram + columns @ columns.T, right + columns @ value
+            gram[np.ix_(place, place)] += columns @ columns.T
+            right[place] += columns @ value
             data.append(value)
-        inverse = scaled_inverse(gram)
+        inverse = scaled_inverse(gram + np.diag(model.light_weights))
         coefficients = inverse @ right
-        residual = tuple(value - coefficients @ self.columns(i) for i, value in enumerate(data))
+        residual = tuple(
+            value - coefficients[model.coefficients_of(i)] @ self.columns(i)
+            for i, value in enumerate(data)
+        )
         return coefficients, inverse, residual
 
     @cached_property
     def cost(self) -> float:
-        """Chi-square over all images."""
-        return float(sum(r @ r for r in self.linear[2]))
+        """Chi-square over all images, and of what has a usual size over this."""
+        besides = self.values[self.model.besides_places] / (
+            self.model.kind.sizes if self.model.besides else 1.0
+        )
+        light = self.model.light_weights @ self.linear[0] ** 2
+        return float(sum(r @ r for r in self.linear[2]) + besides @ besides + light)
 
     @property
     def pixels(self) -> int:
@@ -239,7 +393,8 @@ class SetPoint:
     def amplitude(self, index: int) -> Array:
         """The illumination over the noise (n,)."""
         light = self.model.bases[index][0]
-        return np.asarray(self.linear[0][: len(light)] @ light)
+        place = self.model.coefficients_of(index)[: len(light)]
+        return np.asarray(self.linear[0][place] @ light)
 
     @cached_property
     def positive(self) -> bool:
@@ -247,74 +402,82 @@ class SetPoint:
         negative = sum(np.count_nonzero(self.amplitude(i) <= 0) for i in range(len(self.signals)))
         return bool(negative <= MOSTLY * self.pixels)
 
-    def _gain(self, index: int) -> Array:
+    def gain(self, index: int) -> Array:
         """How an image's pixels change with its signal (n,)."""
         scale = self.exposure[index] * self.model.images[index].scale(self.gamma)
         return np.asarray(self.amplitude(index) * scale)
 
-    def shared_rows(self, index: int, keys: tuple[str, ...]) -> Array:
+    def key_rows(self, index: int, keys: tuple[str, ...]) -> Array:
         """Weighted derivatives of one image by shared keys (k, n)."""
-        table, _, shared = self.model.split(self.values)
-        gain = self.amplitude(index) * (
-            self.exposure[index] * self.model.images[index].scale(self.gamma)
-        )
+        model, gain = self.model, self.gain(index)
+        shared = model.split(self.values)[2]
         rows = np.empty((len(keys), gain.size))
         for row, key in zip(rows, keys, strict=True):
             if key == GAMMA:
                 row[:] = self._tone_row(index)
                 continue
-            moved = shared | {key: shared[key] + _STEPS[key]}
-            change = self.model.signal(index, table[index], moved) - self.signals[index]
-            row[:] = change * gain / _STEPS[key]
+            moved = model.signal(index, self.values, {key: shared[key] + _STEPS[key]})
+            row[:] = (moved - self.signals[index]) * gain / _STEPS[key]
         return rows
+
+    def besides_rows(self, index: int) -> Array:
+        """Weighted derivatives of one image by what its kind has besides (k, n)."""
+        model = self.model
+        own, _ = model.unknowns_of(index, self.values)
+        _, besides, shared = model.split(self.values)
+        slope = model.by_order(index, self.values)[1] * self.gain(index)
+        return np.asarray(slope * model.kind.by_besides(own, besides, *model.places(index, shared)))
 
     def _tone_row(self, index: int) -> Array:
         """How an image's residual changes with the exponent, the other way round."""
         image = self.model.images[index]
         step = _STEPS[GAMMA]
         later = replace(self, gamma=self.gamma + step)
-        model = (self.linear[0] @ (later.columns(index) - self.columns(index))) / step
+        own = self.linear[0][self.model.coefficients_of(index)]
+        model = (own @ (later.columns(index) - self.columns(index))) / step
         data = (image.toned(self.gamma + step) - image.toned(self.gamma)) / step
         return np.asarray(model - data)
 
-    def rows(self, index: int) -> Array:
-        """Weighted derivatives of one image by its own unknowns, exposure and shared ones."""
-        model = self.model
-        own = model.split(self.values)[0][index]
-        shared = model.split(self.values)[2]
-        gain = self.amplitude(index) * (
-            self.exposure[index] * self.model.images[index].scale(self.gamma)
-        )
-        rows = np.empty((len(own), gain.size))
-        for j, step in enumerate(model.kind.steps):
-            moved = own.copy()
-            moved[j] += step
-            change = model.signal(index, moved, shared) - self.signals[index]
-            rows[j] = change * gain / step
-        parts = [rows, self.shared_rows(index, model.free)]
-        if index:
-            parts.insert(1, (self.linear[0] @ self.columns(index))[None])
-        return np.concatenate(parts)
-
-    def columns_of(self, index: int) -> NDArray[np.intp]:
-        """Which unknowns the `rows` of an image are by."""
-        model, own = self.model, len(self.model.kind.steps)
-        exposures = len(model.shots) * own
-        start = np.arange(index * own, (index + 1) * own)
-        end = np.arange(model.first, len(self.values))
-        return np.concatenate([start, [exposures + index - 1][: min(index, 1)], end]).astype(int)
+    def rows(self, index: int) -> tuple[Array, NDArray[np.intp]]:
+        """Weighted derivatives (k, n) of one image by the unknowns that it depends on, and which
+        these are.
+        """
+        model, gain = self.model, self.gain(index)
+        place, steps = model.own_places(index), model.own_steps(index)
+        if index >= model.loaded:  # it lies where the first one does
+            place = np.concatenate((model.own_places(0), place))
+            steps = np.concatenate((model.kind.steps, steps))
+        own = np.empty((len(place), gain.size))
+        for row, at, step in zip(own, place, steps, strict=True):
+            moved = self.values.copy()
+            moved[at] += step
+            row[:] = (model.signal(index, moved) - self.signals[index]) * gain / step
+        parts, places = [own, self.key_rows(index, model.free)], [place]
+        if index and model.exposures:
+            coefficients = self.linear[0][model.coefficients_of(index)]
+            parts.insert(1, (coefficients @ self.columns(index))[None])
+            places.append(np.array([model._ends[0] + index - 1]))
+        if model.besides:
+            parts.insert(-1, self.besides_rows(index))
+            places.append(model.besides_places)
+        places.append(np.arange(model._ends[2], model.size))
+        return np.concatenate(parts), np.concatenate(places).astype(np.intp)
 
     @cached_property
     def equations(self) -> tuple[Array, Array]:
         """Normal equations with the light eliminated, and their right side."""
-        size, (_, inverse, residual) = len(self.values), self.linear
-        normal, gradient = np.zeros((size, size)), np.zeros(size)
-        cross = np.zeros((size, len(inverse)))
+        model, (_, inverse, residual) = self.model, self.linear
+        normal, gradient = np.zeros((model.size, model.size)), np.zeros(model.size)
+        cross = np.zeros((model.size, len(inverse)))
         for i, left in enumerate(residual):
-            rows, place = self.rows(i), self.columns_of(i)
+            rows, place = self.rows(i)
             normal[np.ix_(place, place)] += rows @ rows.T
             gradient[place] += rows @ left
-            cross[place] += rows @ self.columns(i).T
+            cross[np.ix_(place, model.coefficients_of(i))] += rows @ self.columns(i).T
+        if model.besides:  # what is left undecided keeps the size that benches have
+            places, weight = model.besides_places, 1.0 / model.kind.sizes**2
+            normal[places, places] += weight
+            gradient[places] -= weight * self.values[places]
         return normal - cross @ inverse @ cross.T, gradient
 
     @property
@@ -330,8 +493,8 @@ class SetPoint:
 
 @dataclass(frozen=True)
 class SetFit:
-    """A fitted set: its `model`, unknowns, the `point` there, whether it `converged`, and the part
-    of the pixels that was `left_out`.
+    """A fitted set: its `model`, unknowns, the `point` there, whether it `converged`, the part of
+    the pixels that was `left_out`, and what the noise's covariance lacks, `undecided` (p, p).
     """
 
     model: SetModel
@@ -339,6 +502,7 @@ class SetFit:
     point: SetPoint
     converged: bool
     left_out: float = 0.0
+    undecided: Array | None = None
 
     @property
     def unknowns(self) -> int:
@@ -364,11 +528,36 @@ class SetFit:
         ratio = float(np.mean(ratios, axis=0).max())
         return ratio if ratio > _CORRELATED else 1.0
 
+    @property
+    def noise(self) -> float:
+        """Variance of what is left, in units of the noise's, with what neighbours share."""
+        return max(1.0, self.chi) ** 2 * self.correlation
+
+    @property
+    def local_noise(self) -> float:
+        """The same of the noise alone, whatever the model misses: that is smooth."""
+        ratios = [
+            local_noise(image.mask, left, image.light / image.sigma) ** 2
+            * line_noise(image.mask, left, 1)
+            for image, left in zip(self.model.images, self.point.linear[2], strict=True)
+        ]
+        return max(1.0, float(np.mean(ratios)))
+
     @cached_property
     def covariance(self) -> Array:
-        """Of the unknowns by the noise, its correlation and a chi above 1 included."""
-        wider = max(1.0, self.chi) ** 2 * self.correlation
-        return np.asarray(scaled_inverse(self.point.normal, 1e-14) * wider)
+        """Of the unknowns (p, p), by the noise and by what else the images leave open."""
+        return self._of_noise if self.undecided is None else self._of_noise + self.undecided
+
+    @cached_property
+    def _of_noise(self) -> Array:
+        return np.asarray(scaled_inverse(self.point.normal, 1e-14) * self.noise)
+
+    @property
+    def explained(self) -> bool:
+        """Whether the model explains most of each loaded image's variation."""
+        pairs = zip(self.model.images[: self.model.loaded], self.point.linear[2], strict=False)
+        left = [np.var(r) / np.var(image.light / image.sigma) for image, r in pairs]
+        return bool(self.point.positive and max(left) < 1.0 - EXPLAINED)
 
     def levelled(self) -> SetFit:
         """The same fit, with its own model as the light without noise of each image."""
@@ -382,16 +571,12 @@ class SetFit:
 
     @property
     def own(self) -> Array:
-        """The images' own unknowns (m, p)."""
-        return self.model.split(self.values)[0]
+        """The loaded images' own unknowns (m, p)."""
+        return self.model.table(self.values)
 
     @property
     def shared(self) -> dict[str, tuple[float, float]]:
-        """The free shared keys: value and standard uncertainty."""
-        spread = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))[self.model.first :]
-        return {
-            key: (float(v), float(u))
-            for key, v, u in zip(
-                self.model.free, self.values[self.model.first :], spread, strict=True
-            )
-        }
+        """The free shared keys: value and standard uncertainty, given that they are there."""
+        spread = np.sqrt(np.maximum(np.diag(self._of_noise), 0.0))
+        places = {key: self.model.key_place(key) for key in self.model.free}
+        return {key: (float(self.values[i]), float(spread[i])) for key, i in places.items()}

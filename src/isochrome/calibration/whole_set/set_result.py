@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.calibration.whole_set.set_model import BAND, BLUR, GAMMA, SetFit
-from isochrome.estimation import jackknife_variance, scaled_inverse
 from isochrome.messages import message
 from isochrome.output import per_cent, with_uncertainty
 
@@ -26,42 +25,13 @@ NAMES = {
 }
 
 
-def jackknife(fit: SetFit, blocks: list[NDArray[np.intp]], weights: Array) -> Array:
-    """Variances (k,) of sums of unknowns beyond the noise's, by leaving out block after block.
-
-    To first order in what is left out. Parameters: `blocks` (m,) of (n,), the block of each pixel;
-    `weights` (k, p) of the unknowns in each sum.
-    """
-    point, count = fit.point, 1 + max(int(b.max()) for b in blocks)
-    size, full = len(fit.values), len(fit.values) + len(point.linear[0])
-    grams, pulls = np.zeros((count, full, full)), np.zeros((count, full))
-    for i, (left, block) in enumerate(zip(point.linear[2], blocks, strict=True)):
-        rows = np.concatenate((point.rows(i), point.columns(i)))
-        place = np.concatenate((point.columns_of(i), np.arange(size, full)))
-        for b in range(count):
-            here = np.ascontiguousarray(rows[:, block == b])
-            grams[b][np.ix_(place, place)] += here @ here.T
-            pulls[b][place] += here @ left[block == b]
-    whole, pull = grams.sum(axis=0), pulls.sum(axis=0)
-    padded = np.pad(weights, ((0, 0), (0, full - size)))
-    moved = [
-        padded @ (scaled_inverse(whole - gram, 1e-14) @ (pull - own))
-        for gram, own in zip(grams, pulls, strict=True)
-    ]
-    noise = np.einsum("kp,pq,kq->k", padded, scaled_inverse(whole, 1e-14), padded)
-    noise *= max(1.0, fit.chi) ** 2 * fit.correlation
-    variance = jackknife_variance(np.array(moved)) - noise
-    return np.asarray(np.maximum(variance, 0.0))
-
-
 def image_maps(fit: SetFit, index: int) -> dict[str, Any]:
     """An image's `image`, `model`, `residual` and `order` maps on the fit's pixels, NaN outside."""
     model, point = fit.model, fit.point
     own, image = model.images[index], model.shots[index].light[np.ix_(model.rows, model.cols)]
     residual, order = np.full((2, *own.mask.shape), np.nan)
     residual[own.mask] = point.linear[2][index] * own.sigma
-    table, _, shared = model.split(fit.values)
-    order[own.mask] = np.abs(model.kind.order(table[index], *model.places(index, shared)))
+    order[own.mask] = np.abs(model.by_order(index, fit.values)[0])
     return {"image": image, "model": image - residual, "residual": residual, "order": order}
 
 
@@ -136,6 +106,11 @@ def stated_values(camera: Any, polariscope: Any) -> dict[str, float]:
     }
     wavelength, band = polariscope.wavelength_nm, polariscope.bandwidth_nm
     if wavelength and band:
-        held[BAND] = 2.0 * (np.pi * band / FULL_WIDTH / wavelength) ** 2
+        held[BAND] = band_share(band, wavelength)
     held[BLUR] = 2.0 * (np.pi * camera.blur_px) ** 2
     return {key: value for key, value in held.items() if value}
+
+
+def band_share(band_nm: float, wavelength_nm: float) -> float:
+    """The model's `a` of a Gaussian band of a full width at half height, see `set_model`."""
+    return float(2.0 * (np.pi * band_nm / FULL_WIDTH / wavelength_nm) ** 2)

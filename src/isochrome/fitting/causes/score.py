@@ -55,7 +55,7 @@ ORDER, SHADOW = "an order that no cause explains", "a shadow on the surface"
 
 _NOT_COUNTED = (STATED, SCALE.name, STIFF.name)
 """What no ± holds as something that may be there."""
-_LIGHT_SIZE, _LIGHT_FALLS = 0.05, (0.5, 0.7, 0.9)
+_LIGHT_SIZE, LIGHT_FALLS = 0.05, (0.5, 0.7, 0.9)
 """Standard deviation of the light's first degree, of its brightness, and what each degree more
 leaves of it: a lamp's, one that is near, one with an edge."""
 _SHADOW_SIZE, _SHADOW_LENGTH = 0.2, 2.0
@@ -348,8 +348,7 @@ def _light(solution: Askable, blocks: FrameBlocks, own: LightTerms) -> _Nuisance
         ),
         now=np.r_[blocks.light_values[chosen] / bright, np.zeros(sum(map(len, missing)))],
         roots=tuple(
-            np.diag([*light_sizes(more, fall), *light_sizes(missing, fall)])
-            for fall in _LIGHT_FALLS
+            np.diag([*light_sizes(more, fall), *light_sizes(missing, fall)]) for fall in LIGHT_FALLS
         ),
     )
 
@@ -422,7 +421,7 @@ def _outside_of_all(found: list[Mask]) -> Mask | None:
     return outside if 0.0 < outside.mean() <= _MOST_OUT else None
 
 
-def light_sizes(terms: LightTerms, fall: float = _LIGHT_FALLS[1]) -> list[float]:
+def light_sizes(terms: LightTerms, fall: float = LIGHT_FALLS[1]) -> list[float]:
     """Standard deviations of some light's products, of its brightness."""
     return [_LIGHT_SIZE * fall ** (i + j - 1) for part in terms for i, j in part]
 

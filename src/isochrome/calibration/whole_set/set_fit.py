@@ -1,0 +1,462 @@
+"""What a set of images shows besides its specimen, weighed by its evidence: see `estimation`.
+
+About a fit the columns of all that may be there are taken once: lens, tone, blur and band, uneven
+light, light of each image's own, what the kind of specimen has besides, and a smooth order that no
+cause explains. The likeliest set of them is fitted, and asked again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.calibration.whole_set.set_model import (
+    BAND,
+    BLUR,
+    GAMMA,
+    LENS,
+    SHARED,
+    Light,
+    SetFit,
+    SetModel,
+    SetPoint,
+)
+from isochrome.calibration.whole_set.set_result import band_share
+from isochrome.estimation import (
+    FEW_TERMS,
+    FIRST_DEGREES,
+    RICHEST,
+    Evidence,
+    Hypothesis,
+    ScoreProducts,
+    Sets,
+    evidence_gain,
+    missing_terms,
+    positive_part,
+    weigh,
+    with_chosen_terms,
+)
+from isochrome.fitting import CAUSES, LIGHT, LIGHT_FALLS, ORDER, RARE, light_sizes
+
+Array = NDArray[np.float64]
+
+_EVEN = (BAND, BLUR)
+"""Keys that cannot be negative."""
+
+APART = "light of each image's own"
+
+_ROUNDS, _LIGHTS, _PASSES, _TONES = 8, 4, 4, 2
+"""Times that a set is asked, its light made richer, its outliers looked for, and a tone taken about
+the light that the fit has: ends of loops that come to rest by themselves."""
+
+_ODD = 6.0
+"""Residual in noises beyond which a pixel is no accident, and is left out with its neighbours."""
+
+_MOST_ODD = 0.1
+"""Share of the pixels that no dust covers."""
+
+_TAKEN = 1e-6
+"""Part of a column's square that must be left by what is fitted."""
+
+_COSINES, _ORDERS, _WIDTHS = 5, (0.001, 0.003, 0.01, 0.03), (0.12, 0.3)
+"""Cosines along each side of the picture; standard deviations of an unknown part of the orders, and
+its lengths, of the picture's size."""
+
+
+def fit_set(model: SetModel, start: Array) -> SetFit:
+    """Fit a set with all that it shows: lens, light, tone, specks left out.
+
+    Parameters: `model`, as stated; `start`, its unknowns. What is weighed and not fitted is in the
+    result's covariance.
+    """
+    fit = model.fit(start)
+    if not fit.explained:
+        return fit
+    fit, pixels = _without_outliers(fit), model.masks.sum()
+    evidence, nothing = weighed(fit), frozenset({ORDER})
+    for _ in range(_ROUNDS):
+        fitted = fitted_names(fit.model)
+        wanted = frozenset(h.name for h in evidence.sets.best) - nothing | fitted & {APART}
+        if wanted == fitted:
+            break
+        fit = _without_outliers(_with(fit, wanted).levelled())
+        # what comes out at its bound is not there, whatever slopes say
+        nothing |= {key for key in _EVEN if fit.shared.get(key, (1.0, 0.0))[0] == 0.0}
+        evidence = weighed(fit)
+    even = _evenly_exposed(fit)
+    if even is not fit:
+        fit, evidence = even, weighed(even)
+    left_out = 1.0 - fit.model.masks.sum() / pixels
+    return replace(fit, left_out=float(left_out), undecided=evidence.undecided)
+
+
+def _evenly_exposed(fit: SetFit) -> SetFit:
+    """The fit with one exposure and no stray light of single images, where as much speaks for it.
+
+    Only then does an unloaded image tell its order, or images of less than a fringe theirs.
+    """
+    model = fit.model
+    if not model.exposures:
+        return fit
+    even = replace(model, scaled=False)
+    start = model.carried(fit.values, even)
+    for index in range(model.loaded, len(model.shots)):
+        start[model.own_places(index)] = 0.0  # which its exposure could not be told from
+    other = even.fit(start)
+    pixels = fit.point.pixels
+    before, after = ((f.point.cost / pixels, f.unknowns) for f in (fit, other))
+    better = other.point.positive and evidence_gain(before, after, pixels=pixels) > 0.0
+    return other if better else fit
+
+
+def fitted_names(model: SetModel) -> frozenset[str]:
+    """What a model has free beside what a set states, by name."""
+    others = {
+        LIGHT: model.terms != plain_terms(model),
+        APART: model.apart,
+        model.kind.besides: model.besides,
+    }
+    return frozenset(model.free) | {name for name, there in others.items() if there}
+
+
+def plain_terms(model: SetModel) -> Light:
+    """The light's products of a model as stated, of which others are more."""
+    return model.terms[0][:6], model.terms[1][:3]
+
+
+_GREEN_NM = 550.0
+"""Where a set states no wavelength, its band's is of this."""
+
+_KEYS = {key: size for cause in CAUSES for key, size in zip(cause.keys, cause.sizes, strict=True)}
+_SIZES = {
+    **{key: _KEYS[key] for key in (*LENS, GAMMA)},
+    BLUR: 2.0 * (np.pi * _KEYS[BLUR]) ** 2,
+    BAND: band_share(_KEYS[BAND], _GREEN_NM),
+}
+"""Standard deviations on usual benches, in the model's units: see `fitting.causes`."""
+
+
+def _with(fit: SetFit, names: frozenset[str]) -> SetFit:
+    """The fit with other things free."""
+    model = fit.model
+    wider = replace(
+        model,
+        free=tuple(key for key in SHARED if key in names),
+        besides=model.kind.besides in names,
+        apart=APART in names,
+    )
+    if (LIGHT in names) != (LIGHT in fitted_names(model)):
+        plain = plain_terms(model)
+        more = missing_terms(plain, FIRST_DEGREES) if LIGHT in names else ((), ())
+        terms = plain[0] + more[0], plain[1] + more[1]
+        weights = _weights(fit, terms) if LIGHT in names else None
+        wider = replace(wider, terms=terms, weights=weights)
+    result = wider.fit(model.carried(fit.values, wider))
+    if LIGHT in names:
+        lit = replace(wider, weights=_weights(result, wider.terms))
+        result = lit.fit(result.values)
+    for _ in range(_TONES if GAMMA in wider.free else 0):
+        again = result.levelled()  # a tone is linear about the light only
+        result = again.model.fit(again.values)
+    for _ in range(_LIGHTS if LIGHT in names else 0):
+        more = missing_terms(result.model.terms, RICHEST)
+        chosen = _products(result, more).one_by_one(FEW_TERMS)
+        if not chosen:
+            break
+        terms = with_chosen_terms(result.model.terms, more, chosen)
+        richer = replace(result.model, terms=terms, weights=_weights(result, terms))
+        result = richer.fit(result.values)
+    return result
+
+
+def _weights(fit: SetFit, terms: Light) -> Array:
+    """1/u² (k,) of the light's coefficients: the first ones are free, a few more as benches have
+    them, and what was asked for one by one is free again.
+    """
+    bright = float(_brightness(fit.point).mean())
+    sizes, usual = _usual_light(fit.model, terms)
+    return np.where(usual, (bright * unevenness(fit) * sizes) ** -2.0, 0.0)
+
+
+def _usual_light(model: SetModel, terms: Light) -> tuple[Array, NDArray[np.bool_]]:
+    """Standard deviations (k,) of some light's coefficients over its brightness, and which of them
+    every light is asked for.
+    """
+    usual = missing_terms(plain_terms(model), FIRST_DEGREES)
+    there = [t in own for part, own in zip(terms, usual, strict=True) for t in part]
+    return np.array(light_sizes(terms, LIGHT_FALLS[1])), np.array(there)
+
+
+def unevenness(fit: SetFit) -> float:
+    """How much more uneven a set's light is than usual, 1 at least.
+
+    The likeliest scale of the coefficients' prior: MacKay (1992), Neural Computation 4, 415.
+    """
+    if fit.model.weights is None:
+        return 1.0
+    sizes, usual = _usual_light(fit.model, fit.model.terms)
+    bright = _brightness(fit.point)
+    own = [
+        fit.point.linear[0][fit.model.coefficients_of(i)[: len(sizes)]] / bright[i]
+        for i in range(len(bright) if fit.model.apart else 1)
+    ]
+    return max(1.0, float(np.sqrt(np.mean((np.array(own) / sizes)[:, usual] ** 2))))
+
+
+def _products(fit: SetFit, more: Light) -> ScoreProducts:
+    """Products of more light with what is fitted and the residual."""
+    bases = fit.model.weighted(more)
+
+    def parts() -> Iterator[tuple[Array, Array, Array, Array]]:
+        for i, left in enumerate(fit.point.linear[2]):
+            fitted = _fitted_rows(fit, i)
+            yield fitted[:0], fitted, fit.point.columns(i, bases[i]), left
+
+    return ScoreProducts(parts())
+
+
+def _fitted_rows(fit: SetFit, index: int) -> Array:
+    """One image's derivatives by all unknowns and all the light's coefficients (p + k, n)."""
+    point, model = fit.point, fit.model
+    rows, place = point.rows(index)
+    columns = point.columns(index)
+    result = np.zeros((model.size + model.coefficients, rows.shape[1]))
+    result[place] = rows
+    result[model.size + model.coefficients_of(index)] = columns
+    return result
+
+
+def _without_outliers(fit: SetFit) -> SetFit:
+    """The fit without pixels whose residual no noise explains, and those beside them."""
+    from scipy.ndimage import binary_dilation
+
+    for _ in range(_PASSES):
+        masks, odd = [], 0
+        for image, left in zip(fit.model.images, fit.point.linear[2], strict=True):
+            away = np.zeros(image.mask.shape, dtype=bool)
+            away[image.mask] = np.abs(left) > _ODD * max(1.0, fit.chi)
+            away = binary_dilation(away, iterations=2) & image.mask
+            odd += int(away.sum())
+            masks.append(image.mask & ~away)
+        if not odd or odd > _MOST_ODD * fit.point.pixels:
+            break
+        fit = replace(fit.model, masks=np.stack(masks)).fit(fit.values)
+    return fit
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """What a set shows besides what is fitted: `sets` of what may be there, and what the noise's
+    covariance of the unknowns lacks for it, `undecided` (p, p).
+    """
+
+    sets: Sets
+    undecided: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Nuisance:
+    """Something that may be there: its `columns` (k, n) at an image, their values `now` (k,), the
+    `roots` of its priors, ways that exclude one another, and whether its amplitude is `positive`.
+
+    `unknowns`, those of the fit that hold it, `weights`, 1/u² (k,) of the first columns, those that
+    the fit has free, about nought.
+    """
+
+    name: str
+    columns: Callable[[int], Array]
+    now: Array
+    roots: tuple[Array, ...]
+    positive: bool = False
+    unknowns: tuple[int, ...] = ()
+    weights: Array = field(default_factory=lambda: np.zeros(0))
+
+
+def weighed(fit: SetFit) -> Weighed:
+    """Weigh all that a set of images may show about a fit."""
+    model, point = fit.model, fit.point
+    nuisances = list(_nuisances(fit))
+    freed = [u for n in nuisances for u in n.unknowns]
+    kept, stays = np.setdiff1d(np.arange(model.size), freed), _of_light(model)[1]
+
+    def parts() -> Iterator[tuple[Array, Array, Array, Array]]:
+        for i, left in enumerate(point.linear[2]):
+            rows = _fitted_rows(fit, i)
+            fitted = np.concatenate((rows[kept], rows[model.size + stays]))
+            columns = np.concatenate([n.columns(i) for n in nuisances])
+            yield fitted[:0], fitted, columns, left
+
+    products = ScoreProducts(parts())
+    noise = fit.local_noise
+    matrix = positive_part(products.matrix, np.sqrt(products.size), _TAKEN) / noise
+    now = np.concatenate([n.now for n in nuisances])
+    along = np.zeros((model.size, len(now)))
+    along[kept] = -products.taken_up[: len(kept)]
+    hypotheses: list[Hypothesis] = []
+    given: list[int] = []
+    counted: list[int] = []
+    weights: list[float] = []
+    first = 0
+    for nuisance in nuisances:
+        place = np.arange(first, first + len(nuisance.now))
+        first += len(place)
+        if nuisance.name in fitted_names(model):
+            given.append(len(hypotheses) + len(nuisance.roots) // 2)
+        if nuisance.unknowns:
+            along[list(nuisance.unknowns), place] = 1.0
+        counted += place[: len(nuisance.weights)].tolist()
+        weights += nuisance.weights.tolist()
+        odds = float(np.log(RARE / (1.0 - RARE) / len(nuisance.roots)))
+        hypotheses += [
+            Hypothesis(nuisance.name, slice(place[0], first), root, odds, nuisance.positive)
+            for root in nuisance.roots
+        ]
+    right = products.right / noise + matrix @ now
+    sets = weigh(Evidence(matrix, right, hypotheses), given=given)
+    normal = matrix[np.ix_(counted, counted)] + np.diag(weights) / noise
+    own = np.linalg.pinv(normal, 1e-12, hermitian=True)
+    lacking = sets.moments(along, now) - along[:, counted] @ own @ along[:, counted].T
+    return Weighed(sets, positive_part(lacking, np.sqrt(np.maximum(np.diag(lacking), 0.0))))
+
+
+def _nuisances(fit: SetFit) -> Iterator[_Nuisance]:
+    """All that may be there in a set of images."""
+    model, point = fit.model, fit.point
+    shared = model.split(fit.values)[2]
+    for key in SHARED:
+        if key == GAMMA and model.shots[0].no_load_light is not None:
+            continue  # the no-load frames would need it too
+        yield _Nuisance(
+            name=key,
+            columns=partial(_key_rows, point, key),
+            now=np.array([shared[key] - stated_value(model, key)]),
+            roots=(np.array([[_SIZES[key]]]),),
+            positive=key in _EVEN and key not in model.held,
+            unknowns=(model.key_place(key),) if key in model.free else (),
+            weights=np.zeros(int(key in model.free)),
+        )
+    if len(model.kind.sizes):
+        yield _Nuisance(
+            name=model.kind.besides,
+            columns=point.besides_rows,
+            now=model.split(fit.values)[1],
+            roots=(np.diag(model.kind.sizes),),
+            unknowns=tuple(model.besides_places.tolist()),
+            weights=model.kind.sizes[: len(model.besides_places)] ** -2.0,
+        )
+    yield _light(fit)
+    if len(model.shots) > 1 and not model.apart:
+        yield _apart(fit)
+    yield _Nuisance(
+        name=ORDER,
+        columns=partial(_order_columns, fit),
+        now=np.zeros(_COSINES**2 - 1),
+        roots=tuple(_order_root(size, width) for size in _ORDERS for width in _WIDTHS),
+    )
+
+
+def _key_rows(point: SetPoint, key: str, index: int) -> Array:
+    return point.key_rows(index, (key,))
+
+
+def stated_value(model: SetModel, key: str) -> float:
+    """What a set states of a key, or what does nothing."""
+    return model.held.get(key, 1.0 if key == GAMMA else 0.0)
+
+
+def _of_light(model: SetModel) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Which of all the light's coefficients are of more than the first products, and the others."""
+    (light, dark), (plain, below) = model.terms, plain_terms(model)
+    rich = np.r_[len(plain) : len(light), len(light) + len(below) : len(light) + len(dark)]
+    of_each = [model.coefficients_of(i)[rich] for i in range(len(model.shots))]
+    found = np.unique(np.concatenate(of_each)).astype(np.intp)
+    return found, np.setdiff1d(np.arange(model.coefficients), found)
+
+
+def _light(fit: SetFit) -> _Nuisance:
+    """The light's products besides those of a set as stated: what is fitted, and then others."""
+    model, point = fit.model, fit.point
+    rich, missing = _of_light(model)[0], missing_terms(model.terms, FIRST_DEGREES)
+    bases, bright = model.weighted(missing), _brightness(point)
+    count = sum(len(t) - len(p) for t, p in zip(model.terms, plain_terms(model), strict=True))
+    of_image = rich // max(1, model.coefficients // len(model.shots)) if model.apart else rich * 0
+
+    def columns(index: int) -> Array:
+        fitted = np.zeros((model.coefficients, point.signals[index].size))
+        fitted[model.coefficients_of(index)] = point.columns(index)
+        stacked = np.concatenate((fitted[rich], point.columns(index, bases[index])))
+        return np.asarray(bright[index] * stacked)
+
+    light, dark = (t[len(p) :] for t, p in zip(model.terms, plain_terms(model), strict=True))
+    more = light, dark
+    repeats, scale = len(rich) // count if count else 1, unevenness(fit)
+    return _Nuisance(
+        name=LIGHT,
+        columns=columns,
+        now=np.r_[point.linear[0][rich] / bright[of_image], np.zeros(sum(map(len, missing)))],
+        roots=tuple(
+            scale
+            * np.diag(
+                [*light_sizes((more[0], more[1]), fall) * repeats, *light_sizes(missing, fall)]
+            )
+            for fall in LIGHT_FALLS
+        ),
+        weights=model.light_weights[rich] * bright[of_image] ** 2,
+    )
+
+
+def _brightness(point: SetPoint) -> Array:
+    """Mean illumination (m,) of the images, without their exposures."""
+    own = [
+        float(np.mean(point.amplitude(i) * image.sigma))
+        for i, image in enumerate(point.model.images)
+    ]
+    return np.array(own) if point.model.apart else np.full(len(own), float(np.mean(own)))
+
+
+def _apart(fit: SetFit) -> _Nuisance:
+    """What each image's light but the first's has of its own, beside exposure and stray light."""
+    model, point = fit.model, fit.point
+    light, dark = (terms[1:] for terms in plain_terms(model))
+    bases, bright = model.weighted((light, dark)), _brightness(point)
+    count, others = len(light) + len(dark), len(model.shots) - 1
+
+    def columns(index: int) -> Array:
+        own = np.zeros((others, count, point.signals[index].size))
+        if index:
+            own[index - 1] = bright[index] * point.columns(index, bases[index])
+        return own.reshape(others * count, -1)
+
+    return _Nuisance(
+        name=APART,
+        columns=columns,
+        now=np.zeros(others * count),
+        roots=tuple(np.diag(light_sizes((light, dark), fall) * others) for fall in LIGHT_FALLS),
+    )
+
+
+def _order_columns(fit: SetFit, index: int) -> Array:
+    """By an order that no cause explains, a share of each place's own, as products of cosines."""
+    model = fit.model
+    order, slope = model.by_order(index, fit.values)
+    mask = model.images[index].mask
+    down, across = (
+        np.cos(np.pi * np.outer(np.arange(_COSINES), np.arange(n) + 0.5) / n) for n in mask.shape
+    )
+    waves = (down[:, None, :, None] * across[None, :, None, :])[:, :, mask]
+    return np.asarray(waves.reshape(_COSINES**2, -1)[1:] * (slope * order * fit.point.gain(index)))
+
+
+def _order_root(size: float, width: float) -> Array:
+    """L (k, r) of a Gaussian process over the picture, on its cosines, the even one left out: that
+    is the fringe value itself.
+    """
+    number = np.arange(_COSINES)
+    power = np.exp(-0.5 * (np.pi * number * width) ** 2)
+    power *= np.where(number, 2.0, 1.0)
+    power /= power.sum()
+    return np.asarray(size * np.diag(np.sqrt(np.outer(power, power)).ravel()[1:]))

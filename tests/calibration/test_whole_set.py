@@ -1,0 +1,94 @@
+"""All images of a calibration in one model: its derivatives, and what it shows besides."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.outside_specimens import Bench, beam_images, disc_images
+from isochrome.calibration import as_shots
+from isochrome.calibration.beam.beam_fit import fit_beam
+from isochrome.calibration.beam.beam_set import beam_kind
+from isochrome.calibration.disc.disc_residual import simple_residual
+from isochrome.calibration.disc.disc_set import disc_model
+from isochrome.calibration.whole_set.set_fit import fit_set, fitted_names
+from isochrome.calibration.whole_set.set_model import SHARED, SetModel
+
+from .conftest import BEAM, F_SIGMA, HEIGHT, bending_from_images, bending_load
+
+BENCH = Bench(shape=(60, 76), size_px=44.0, angle_deg=1.0)
+ORDERS = (1.2, 2.0)
+
+
+def beam_model(**options):
+    shots = as_shots([*beam_images(ORDERS, BENCH)], [1.0, 2.0], sigma=2.0)
+    fits = [fit_beam(shot, BEAM, HEIGHT / BENCH.size_px) for shot in shots]
+    rows, cols = (np.arange(n) for n in BENCH.shape)
+    model = SetModel(
+        kind=beam_kind(fits[0]), shots=shots, rows=rows, cols=cols,
+        masks=np.stack([f.mask for f in fits]), free=SHARED, besides=True, **options,
+    )  # fmt: skip
+    own = np.concatenate([f.best.values for f in fits])
+    shared = [0.005, -0.003, 0.002, 1e-3, 2.0, 1.1]
+    return model, np.concatenate([own, np.zeros(model.exposures), [0.01, -0.01], shared])
+
+
+def stressed_model():
+    shots = as_shots([*disc_images((0.0, *ORDERS), BENCH)], [0.0, 1.0, 2.0], sigma=2.0)
+    shots = [*shots[1:], shots[0]]
+    own = np.array([[n, 33.0, 34.0, 22.0, 0.02] for n in ORDERS])
+    model = replace(disc_model(shots, own, {}), besides=True)
+    return model, np.concatenate([own.ravel(), [0.1, -0.2], simple_residual(0.2, 0.3)])
+
+
+@pytest.mark.parametrize(
+    "made",
+    [beam_model, lambda: beam_model(apart=True), stressed_model],
+    ids=["beam", "apart", "disc"],
+)
+def test_the_gradient_is_the_differences_of_the_cost(made):
+    """Of every unknown: r r falls by 2 g for a step of one, the light free at each."""
+    model, values = made()
+    point = model.at(values)
+    found, steps = point.gradient, np.sqrt(np.diag(point.normal))
+    for i in range(model.size):
+        if not steps[i]:
+            continue
+        step = np.zeros(model.size)
+        step[i] = 1e-3 / steps[i]
+        costs = [model.at(values + sign * step).cost for sign in (-1.0, 1.0)]
+        slope = (costs[0] - costs[1]) / (4.0 * step[i])
+        # beside tens of standard uncertainties one-sided differences are off by a part of one; what
+        # a kind has besides leaves out how its slope blurs, some more where fringes are fine
+        rel, near = (5e-2, 2.0) if i in model.besides_places else (2e-2, 0.5)
+        assert slope == pytest.approx(found[i], rel=rel, abs=near * steps[i])
+
+
+def bowed(edges, bow):
+    """Frames of a beam whose orders leave the straight line by a share of them, wave by wave."""
+    rng, (rows, cols), pixel = np.random.default_rng(3), (100, 120), 0.23
+    y, x = np.mgrid[:rows, :cols]
+    eta = (y - rows / 2 - 4.0) * pixel
+    share = 1.0 + bow * np.cos(2.0 * np.pi * y / rows) * np.cos(np.pi * x / cols)
+    frames = []
+    for edge in edges:
+        order = edge * eta / (0.5 * HEIGHT) * share
+        wave = np.where(np.abs(eta) < 0.5 * HEIGHT, np.sin(np.pi * order) ** 2, 0.0)
+        light = 12.0 + 200.0 * wave + rng.normal(0.0, 3.0, wave.shape)
+        frames.append(np.clip(np.rint(light), 0, 255).astype(np.uint8))
+    return bending_from_images(frames, [bending_load(e) for e in edges], BEAM, pixel)
+
+
+def test_an_order_that_is_in_no_list_is_in_the_uncertainty():
+    """It bends the fringes by two per cent; a straight set of as many fringes is surer."""
+    straight, found = (bowed((2.5, 4.0), bow) for bow in (0.0, 0.02))
+    assert abs(found.fringe_value_n_per_mm - F_SIGMA) < 3.0 * found.standard_uncertainty
+    assert found.standard_uncertainty > 2.0 * straight.standard_uncertainty
+
+
+def test_a_clean_set_has_nothing_besides():
+    model, values = beam_model()
+    plain = replace(model, free=(), besides=False)
+    fit = fit_set(plain, model.carried(values, plain))
+    assert not fitted_names(fit.model)
+    assert not fit.model.scaled  # images of one lamp have one exposure
