@@ -1,7 +1,14 @@
 from .api import FrameWork, fit
 from .causes.cause import CAUSES, RARE
 from .causes.freeing import Freed, fit_with_causes
-from .causes.report import cause_messages, light_matters, opposite_shear, rival_causes
+from .causes.report import (
+    NAMED,
+    SUSPECTED,
+    cause_messages,
+    light_matters,
+    opposite_shear,
+    rival_causes,
+)
 from .causes.score import LIGHT, LIGHT_FALLS, ORDER, light_sizes
 from .figure import over_distance_figure
 from .folder import fit_report, restore_fit, restore_values
@@ -78,10 +85,12 @@ __all__ = [
     "LIGHT",
     "LIGHT_FALLS",
     "LOAD",
+    "NAMED",
     "ORDER",
     "PARTS",
     "RARE",
     "SMOOTH_KEYS",
+    "SUSPECTED",
     "TOO_FAR",
     "WEAR",
     "Apparatus",

@@ -12,7 +12,13 @@ import numpy as np
 
 from isochrome.calibration.beam.beam_edges import check_beam_scale, edge_distance
 from isochrome.calibration.beam.beam_fit import fit_beam
-from isochrome.calibration.beam.beam_set import beam_images, check_span, fit_beam_set, set_pictures
+from isochrome.calibration.beam.beam_set import (
+    beam_images,
+    check_span,
+    fit_beam_set,
+    moment_sentence,
+    set_pictures,
+)
 from isochrome.calibration.loading import calibrate_channels
 from isochrome.calibration.order_line import Input, uncertainty_budget, widened_to_held_out
 from isochrome.calibration.result import Calibration
@@ -125,7 +131,7 @@ def bending_from_shots(
     check_span(whole)
     images, covariance, rest = beam_images(whole, fits, pixel_mm)
     outcome = causes(whole, scope.wavelength_nm)
-    messages = sentences(whole, outcome)
+    messages = (*sentences(whole, outcome), *moment_sentence(whole))
     if not rest:
         messages = (*messages, *unused(idle, message("because_light_not_loaded")))
     distance = edge_distance(set_pictures(whole, fits))

@@ -16,6 +16,7 @@ from isochrome.calibration.whole_set.set_image import looked_at
 from isochrome.calibration.whole_set.set_model import LENS, Kind, SetFit, SetModel
 from isochrome.calibration.whole_set.set_result import image_chi, image_maps
 from isochrome.errors import PhysicsError
+from isochrome.messages import message
 
 Array = NDArray[np.float64]
 
@@ -87,6 +88,15 @@ def beam_kind(fit: BeamFit) -> Kind:
         idle=idle,
         idle_steps=np.array([1e-4]),
     )
+
+
+def moment_sentence(fit: SetFit) -> tuple[str, ...]:
+    """Say that the moment changes along the beam, where that was fitted."""
+    if not fit.model.besides:
+        return ()
+    linear, square = fit.values[fit.model.besides_places]
+    change = 100.0 * max(abs(linear + square), abs(linear - square))
+    return (message("moment_changes_along_beam", change=change),)
 
 
 def check_span(fit: SetFit) -> None:

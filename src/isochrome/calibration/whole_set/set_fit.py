@@ -24,8 +24,9 @@ from isochrome.calibration.whole_set.set_model import (
     SetFit,
     SetModel,
     SetPoint,
+    Weighed,
+    band_share,
 )
-from isochrome.calibration.whole_set.set_result import band_share
 from isochrome.estimation import (
     FEW_TERMS,
     FIRST_DEGREES,
@@ -91,7 +92,7 @@ def fit_set(model: SetModel, start: Array) -> SetFit:
     if even is not fit:
         fit, evidence = even, weighed(even)
     left_out = 1.0 - fit.model.masks.sum() / pixels
-    return replace(fit, left_out=float(left_out), undecided=evidence.undecided)
+    return replace(fit, left_out=float(left_out), weighed=evidence)
 
 
 def _evenly_exposed(fit: SetFit) -> SetFit:
@@ -246,16 +247,6 @@ def _without_outliers(fit: SetFit) -> SetFit:
             break
         fit = replace(fit.model, masks=np.stack(masks)).fit(fit.values)
     return fit
-
-
-@dataclass(frozen=True)
-class Weighed:
-    """What a set shows besides what is fitted: `sets` of what may be there, and what the noise's
-    covariance of the unknowns lacks for it, `undecided` (p, p).
-    """
-
-    sets: Sets
-    undecided: Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -460,3 +451,18 @@ def _order_root(size: float, width: float) -> Array:
     power *= np.where(number, 2.0, 1.0)
     power /= power.sum()
     return np.asarray(size * np.diag(np.sqrt(np.outer(power, power)).ravel()[1:]))
+
+
+def unexplained_order(sets: Sets) -> float:
+    """Root mean square of the order that no cause explains, as a share of the orders, in its
+    likeliest set; 0 where no likely set has it.
+    """
+    for members in sets.members:
+        for k in members:
+            hypothesis = sets.evidence.hypotheses[k]
+            if hypothesis.name == ORDER:
+                number = np.where(np.arange(_COSINES), 0.5, 1.0)
+                power = np.outer(number, number).ravel()[1:]
+                values = sets.evidence.values(members)[hypothesis.columns]
+                return float(np.sqrt(power @ values**2))
+    return 0.0

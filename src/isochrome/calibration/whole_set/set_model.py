@@ -23,6 +23,7 @@ from isochrome.estimation import (
     MOSTLY,
     Bounds,
     Damping,
+    Sets,
     Terms,
     block_correlation,
     light_products,
@@ -43,6 +44,9 @@ LENS = ("camera.distortion", "camera.keystone_x", "camera.keystone_z")
 BAND, BLUR, GAMMA = "polariscope.bandwidth_nm", "camera.blur_px", "frames.gamma"
 SHARED = (*LENS, BAND, BLUR, GAMMA)
 """What all images may share besides the light, by the keys that a scene has for them."""
+
+FULL_WIDTH = 2.3548
+"""Width at half height of a Gaussian over its standard deviation."""
 
 PIXEL = np.pi**2 / 6.0
 """What a pixel's own area takes of the contrast, as `b` of a blur."""
@@ -492,9 +496,19 @@ class SetPoint:
 
 
 @dataclass(frozen=True)
+class Weighed:
+    """What a set shows besides what is fitted: `sets` of what may be there, and what the noise's
+    covariance of the unknowns lacks for it, `undecided` (p, p).
+    """
+
+    sets: Sets
+    undecided: Array
+
+
+@dataclass(frozen=True)
 class SetFit:
     """A fitted set: its `model`, unknowns, the `point` there, whether it `converged`, the part of
-    the pixels that was `left_out`, and what the noise's covariance lacks, `undecided` (p, p).
+    the pixels that was `left_out`, and what else may be there, `weighed`.
     """
 
     model: SetModel
@@ -502,7 +516,7 @@ class SetFit:
     point: SetPoint
     converged: bool
     left_out: float = 0.0
-    undecided: Array | None = None
+    weighed: Weighed | None = None
 
     @property
     def unknowns(self) -> int:
@@ -546,7 +560,7 @@ class SetFit:
     @cached_property
     def covariance(self) -> Array:
         """Of the unknowns (p, p), by the noise and by what else the images leave open."""
-        return self._of_noise if self.undecided is None else self._of_noise + self.undecided
+        return self._of_noise + self.weighed.undecided if self.weighed else self._of_noise
 
     @cached_property
     def _of_noise(self) -> Array:
@@ -580,3 +594,8 @@ class SetFit:
         spread = np.sqrt(np.maximum(np.diag(self._of_noise), 0.0))
         places = {key: self.model.key_place(key) for key in self.model.free}
         return {key: (float(self.values[i]), float(spread[i])) for key, i in places.items()}
+
+
+def band_share(band_nm: float, wavelength_nm: float) -> float:
+    """The model's `a` of a Gaussian band of a full width at half height, see `set_model`."""
+    return float(2.0 * (np.pi * band_nm / FULL_WIDTH / wavelength_nm) ** 2)

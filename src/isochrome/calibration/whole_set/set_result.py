@@ -6,14 +6,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.calibration.whole_set.set_model import BAND, BLUR, GAMMA, SetFit
+from isochrome.calibration.whole_set.set_fit import fitted_names, unexplained_order
+from isochrome.calibration.whole_set.set_model import (
+    BAND,
+    BLUR,
+    FULL_WIDTH,
+    GAMMA,
+    SetFit,
+    band_share,
+)
+from isochrome.fitting import NAMED, ORDER, SUSPECTED
 from isochrome.messages import message
 from isochrome.output import per_cent, with_uncertainty
 
 Array = NDArray[np.float64]
-
-FULL_WIDTH = 2.3548
-"""Width at half height of a Gaussian over its standard deviation."""
 
 NAMES = {
     "camera.distortion": "the lens's distortion",
@@ -95,6 +101,17 @@ def sentences(fit: SetFit, found: tuple[dict[str, Any], ...]) -> tuple[str, ...]
         messages.append(message("light_more_uneven_quadratic", plain=count - plain))
     if fit.left_out > 0:
         messages.append(message("pixels_fit_nothing_dust", per_cent=per_cent(fit.left_out)))
+    if fit.weighed is None:
+        return tuple(messages)
+    chances = {
+        n: c for n, c in fit.weighed.sets.chances.items() if n not in fitted_names(fit.model)
+    }
+    if chances.pop(ORDER, 0.0) > NAMED:
+        size = 100.0 * unexplained_order(fit.weighed.sets)
+        messages.append(message("orders_differ_unexplained", size=size))
+    likely = [f"{NAMES.get(n, n)} ({per_cent(c)})" for n, c in chances.items() if c > SUSPECTED]
+    if likely:
+        messages.append(message("frames_may_show", who="the images", parts=" or ".join(likely)))
     return tuple(messages)
 
 
@@ -109,8 +126,3 @@ def stated_values(camera: Any, polariscope: Any) -> dict[str, float]:
         held[BAND] = band_share(band, wavelength)
     held[BLUR] = 2.0 * (np.pi * camera.blur_px) ** 2
     return {key: value for key, value in held.items() if value}
-
-
-def band_share(band_nm: float, wavelength_nm: float) -> float:
-    """The model's `a` of a Gaussian band of a full width at half height, see `set_model`."""
-    return float(2.0 * (np.pi * band_nm / FULL_WIDTH / wavelength_nm) ** 2)
