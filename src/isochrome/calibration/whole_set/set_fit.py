@@ -77,41 +77,38 @@ def fit_set(model: SetModel, start: Array) -> SetFit:
     fit = model.fit(start)
     if not fit.explained:
         return fit
-    fit, pixels = _without_outliers(fit), model.masks.sum()
+    pixels = model.masks.sum()
+    fit = _exposed(_without_outliers(fit))
     evidence, nothing = weighed(fit), frozenset({ORDER})
     for _ in range(_ROUNDS):
         fitted = fitted_names(fit.model)
         wanted = frozenset(h.name for h in evidence.sets.best) - nothing | fitted & {APART}
         if wanted == fitted:
             break
-        fit = _without_outliers(_with(fit, wanted).levelled())
+        fit = _exposed(_without_outliers(_with(fit, wanted).levelled()))
         # what comes out at its bound is not there, whatever slopes say
         nothing |= {key for key in _EVEN if fit.shared.get(key, (1.0, 0.0))[0] == 0.0}
         evidence = weighed(fit)
-    even = _evenly_exposed(fit)
-    if even is not fit:
-        fit, evidence = even, weighed(even)
     left_out = 1.0 - fit.model.masks.sum() / pixels
     return replace(fit, left_out=float(left_out), weighed=evidence)
 
 
-def _evenly_exposed(fit: SetFit) -> SetFit:
-    """The fit with one exposure and no stray light of single images, where as much speaks for it.
+def _exposed(fit: SetFit) -> SetFit:
+    """The fit with an exposure and stray light of each image, or one for all, as the images ask.
 
-    Only then does an unloaded image tell its order, or images of less than a fringe theirs.
+    Only with one does an unloaded image tell its order, or images of less than a fringe theirs.
     """
     model = fit.model
-    if not model.exposures:
+    if model.apart or len(model.shots) == 1:
         return fit
-    even = replace(model, scaled=False)
-    start = model.carried(fit.values, even)
+    other = replace(model, scaled=not model.scaled)
+    start = model.carried(fit.values, other)
     for index in range(model.loaded, len(model.shots)):
         start[model.own_places(index)] = 0.0  # which its exposure could not be told from
-    other = even.fit(start)
-    pixels = fit.point.pixels
-    before, after = ((f.point.cost / pixels, f.unknowns) for f in (fit, other))
-    better = other.point.positive and evidence_gain(before, after, pixels=pixels) > 0.0
-    return other if better else fit
+    rival, pixels = other.fit(start), fit.point.pixels
+    before, after = ((f.point.cost / pixels, f.unknowns) for f in (fit, rival))
+    better = rival.point.positive and evidence_gain(before, after, pixels=pixels) > 0.0
+    return rival if better else fit
 
 
 def fitted_names(model: SetModel) -> frozenset[str]:
