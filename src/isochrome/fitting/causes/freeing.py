@@ -31,7 +31,7 @@ from isochrome.fitting.causes.score import (
     richer_light,
     sizes_of,
 )
-from isochrome.fitting.causes.slips import Slip, explaining_slip, is_unexplained
+from isochrome.fitting.causes.slips import Slip, explaining_slip, is_lost
 from isochrome.fitting.causes.solution import Askable, Change, FrameSolution
 from isochrome.fitting.causes.trial import Expected, Trial
 from isochrome.fitting.frame.frame_fit import fit_with_model
@@ -547,10 +547,12 @@ def fit_with_causes(
     given = data = data.with_noise(fitted.fit.noise_ratio / data.noise_ratio)
     if fitted.fit.scene.frames.stated_gamma != data.gamma:
         data = data.toned(fitted.fit.scene.frames.stated_gamma)
-    if slips and is_unexplained(fitted):
+    freed = None if is_lost(fitted) else free_causes(FrameSolution(data, fitted, past=past))
+    # a slip costs more to look for than all causes, and what they explain has none
+    if slips and (freed is None or freed.now.chi > POOR_CHI):
         slip = explaining_slip(given, scene, keys, fitted.fit.chi)
         if slip is not None:
             lost = replace(fitted, fit=replace(fitted.fit, positive=False))
             unlit = FrameSolution(data, lost)
             return Freed(now=unlit, stated=unlit, slip=slip)
-    return free_causes(FrameSolution(data, fitted, past=past))
+    return freed or free_causes(FrameSolution(data, fitted, past=past))
