@@ -157,7 +157,7 @@ class Evidence:
         return np.asarray(self.roots[at].T @ mean)
 
     def _factor(self, chosen: Sequence[int]) -> tuple[Array, Array, Array]:
-        """Places of a set's amplitudes (r,), L of their inverse covariance L L', and L^-1 b (r,)."""
+        """Places of a set's amplitudes (r,), L of their inverse covariance L L', and L^-1 b."""
         at = np.concatenate([np.zeros(0, int), *(self.places[k] for k in chosen)])
         every = np.r_[at, len(self._matrix) - 1]
         half = np.linalg.cholesky(self._matrix[every[:, None], every])
