@@ -36,7 +36,7 @@ from isochrome.messages import message
 from isochrome.scene import STIFFEST_GPA, Scene
 
 _LEAST = 2.0
-"""Residual over noise that no slip leaves less of: below it, small causes are enough."""
+"""Residual over noise up to which no slip is looked for: small causes are enough."""
 _LEFT = 1.0 / 16.0
 """Part of what chi² is too large by that a slip may leave, for its small causes."""
 _ALIKE = 0.8
