@@ -21,7 +21,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg import solve_triangular
 from scipy.special import log_ndtr
 
 Array = NDArray[np.float64]
@@ -110,15 +110,17 @@ class Evidence:
         self.roots = np.zeros((int(ends[-1]), len(right)))
         for hypothesis, place in zip(self.hypotheses, self.places, strict=True):
             self.roots[place, hypothesis.columns] = hypothesis.root.T
-        self._matrix = self.roots @ matrix @ self.roots.T
-        self._right = self.roots @ right
+        mine, right = self.roots @ matrix @ self.roots.T, self.roots @ right
+        # with the right side below the matrix one factorisation solves, too; the corner is enough
+        # for any set: the prior's part is the unit matrix
+        corner = np.array([[1.0 + 2.0 * right @ right]])
+        self._matrix = np.block([[mine + np.eye(len(mine)), right[:, None]], [right, corner]])
 
     def of(self, chosen: Sequence[int]) -> float:
         """ln E of a set over that of the empty one; -inf where it cannot be."""
         if not chosen:
             return 0.0
-        at, half = self._factor(chosen)
-        white = solve_triangular(half, self._right[at], lower=True)
+        at, half, white = self._factor(chosen)
         log = 0.5 * float(white @ white) - float(np.log(np.diag(half)).sum())
         positive = self._positive(chosen, at)
         if positive.any():
@@ -131,8 +133,7 @@ class Evidence:
         """Places of a set's amplitudes among all `roots` (r,), their means, and the Cholesky factor
         of their inverse covariance (r, r); of a positive one the mean of what is positive of it.
         """
-        at, half = self._factor(chosen)
-        white = solve_triangular(half, self._right[at], lower=True)
+        at, half, white = self._factor(chosen)
         mean = solve_triangular(half.T, white, lower=False)
         for j in np.flatnonzero(self._positive(chosen, at)):
             unit = np.zeros(len(at))
@@ -155,10 +156,12 @@ class Evidence:
         at, mean, _ = self.posterior(chosen)
         return np.asarray(self.roots[at].T @ mean)
 
-    def _factor(self, chosen: Sequence[int]) -> tuple[Array, Array]:
+    def _factor(self, chosen: Sequence[int]) -> tuple[Array, Array, Array]:
+        """Places of a set's amplitudes (r,), L of their inverse covariance L L', and L^-1 b."""
         at = np.concatenate([np.zeros(0, int), *(self.places[k] for k in chosen)])
-        normal = self._matrix[np.ix_(at, at)] + np.eye(len(at))
-        return at, cholesky(normal, lower=True) if len(at) else normal
+        every = np.r_[at, len(self._matrix) - 1]
+        half = np.linalg.cholesky(self._matrix[every[:, None], every])
+        return at, half[:-1, :-1], half[-1, :-1]
 
     def _positive(self, chosen: Sequence[int], at: Array) -> NDArray[np.bool_]:
         flags = [[self.hypotheses[k].positive] * len(self.places[k]) for k in chosen]

@@ -31,7 +31,7 @@ from isochrome.fitting.causes.score import (
     richer_light,
     sizes_of,
 )
-from isochrome.fitting.causes.slips import Slip, explaining_slip, is_unexplained
+from isochrome.fitting.causes.slips import Slip, explaining_slip, is_lost
 from isochrome.fitting.causes.solution import Askable, Change, FrameSolution
 from isochrome.fitting.causes.trial import Expected, Trial
 from isochrome.fitting.frame.frame_fit import fit_with_model
@@ -198,19 +198,19 @@ def free_causes(solution: S) -> Freed[S]:
 def _moved(freed: Freed[S], seen: set[tuple[frozenset[str], int]]) -> Freed[S] | Asked:
     """The fit with a likelier set, or without what is odd; what was asked where there is none.
 
-    A shadow goes first: light and lens take its fainter rows for their own. Other pixels are left
-    out where no set is likelier: what is odd may be where a cause is felt most. Sets that were
-    `seen` are not fitted again.
+    Before other sets a shadow goes: light and lens take its fainter rows for their own. Other
+    pixels are left out where no set is likelier: what is odd may be where a cause is felt most.
+    Sets that were `seen` are not fitted again.
     """
     asked = freed.asked
     assert asked is not None
+    nearer = _nearer(freed, asked) if freed.tractions else None
+    if nearer is not None:
+        return nearer
     if SHADOW in asked.best and asked.beside is not None:
         without = _left_out(freed, asked.beside)
         if without is not None:
             return without
-    nearer = _nearer(freed, asked) if freed.tractions else None
-    if nearer is not None:
-        return nearer
     left = 0 if freed.odd is None else int(freed.odd.sum())
     left += sum(map(len, freed.now.terms))
     seen.add((freed.fitted.names, left))
@@ -239,7 +239,7 @@ def _nearer(freed: Freed[S], asked: Asked) -> Freed[S] | None:
     What is not at rest looks like something else.
     """
     own = _best_ways(asked, freed.fitted.names)
-    fall = asked.sets.evidence.fall(own, asked.now)
+    fall = asked.evidence.fall(own, asked.now)
     nearer = _with(freed, _of_members(asked, own)) if fall > _AT_REST else None
     if nearer is None:
         return None
@@ -294,7 +294,7 @@ def _plans(freed: Freed[S], asked: Asked) -> tuple[Asked, list[_Plan]]:
         return asked, [] if best.suspects else [best]
     tried = _tried(freed, asked)
     logs = {plan.members: log for plan, log in tried if not plan.richer}
-    asked = replace(asked, sets=asked.sets.judged(logs)) if logs else asked
+    asked = replace(asked, judged=asked.sets.judged(logs)) if logs else asked
     plans = [plan for plan, _ in tried]
     # beside what cannot be fitted nothing else is: it would take that for its own
     ends = (k for k, p in enumerate(plans) if p.suspects or p.names == freed.fitted.names)
@@ -323,7 +323,7 @@ def _tried(freed: Freed[S], asked: Asked) -> list[tuple[_Plan, float]]:
 
 def _of_members(asked: Asked, members: tuple[int, ...]) -> _Plan:
     """A set of hypotheses as it can be fitted."""
-    evidence = asked.sets.evidence
+    evidence = asked.evidence
     chosen = {h.name: h for h in (evidence.hypotheses[k] for k in members)}
     press, order = chosen.get(TRACTIONS), chosen.get(ORDER)
     named = tuple(cause for cause in asked.causes if cause.name in chosen)
@@ -358,7 +358,7 @@ def _even_starts(cause: Cause, values: Array) -> dict[str, float]:
 
 def _with_one_more(asked: Asked, own: tuple[int, ...]) -> list[tuple[int, ...]]:
     """Sets with one thing more than what is fitted, the likeliest first."""
-    evidence = asked.sets.evidence
+    evidence = asked.evidence
     there = {evidence.hypotheses[k].name for k in own}
     larger: dict[str, tuple[float, tuple[int, ...]]] = {}
     for k, hypothesis in enumerate(evidence.hypotheses):
@@ -370,7 +370,7 @@ def _with_one_more(asked: Asked, own: tuple[int, ...]) -> list[tuple[int, ...]]:
 
 def _best_ways(asked: Asked, names: frozenset[str]) -> tuple[int, ...]:
     """The likeliest way of each of some things, one after the other."""
-    evidence = asked.sets.evidence
+    evidence = asked.evidence
     chosen: tuple[int, ...] = ()
     for name in sorted(names):
         ways = [k for k, h in enumerate(evidence.hypotheses) if h.name == name]
@@ -547,10 +547,12 @@ def fit_with_causes(
     given = data = data.with_noise(fitted.fit.noise_ratio / data.noise_ratio)
     if fitted.fit.scene.frames.stated_gamma != data.gamma:
         data = data.toned(fitted.fit.scene.frames.stated_gamma)
-    if slips and is_unexplained(fitted):
+    freed = None if is_lost(fitted) else free_causes(FrameSolution(data, fitted, past=past))
+    # a slip costs more to look for than all causes, and what they explain has none
+    if slips and (freed is None or freed.now.chi > POOR_CHI):
         slip = explaining_slip(given, scene, keys, fitted.fit.chi)
         if slip is not None:
             lost = replace(fitted, fit=replace(fitted.fit, positive=False))
             unlit = FrameSolution(data, lost)
             return Freed(now=unlit, stated=unlit, slip=slip)
-    return free_causes(FrameSolution(data, fitted, past=past))
+    return freed or free_causes(FrameSolution(data, fitted, past=past))

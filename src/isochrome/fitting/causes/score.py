@@ -91,13 +91,15 @@ class FittedNuisances:
 class Asked:
     """What frames show besides what is fitted.
 
-    `sets` of what may be there, with the values `now` (k,) of all columns; `causes` that may;
+    `evidence` of what may be there, what is `given` of it by number, with the values `now` (k,) of
+    all columns; `judged`, its sets where trials tell them apart; `causes` that may be there;
     `along` (p, k), what a change of these changes the unknowns by, and `counted` (p, p), what the
     fit's covariance has already of what it has freed; `outside`, the blocks (rows, cols) that no
     noise explains, and `beside`, those at the surface; `modes` of a contact's tractions.
     """
 
-    sets: Sets
+    evidence: Evidence
+    given: tuple[int, ...]
     now: Array
     causes: tuple[Cause, ...]
     along: Array
@@ -105,6 +107,12 @@ class Asked:
     outside: Mask | None = None
     beside: Mask | None = None
     modes: TractionModes | None = None
+    judged: Sets | None = None
+
+    @cached_property
+    def sets(self) -> Sets:
+        """The likely sets: a fit that is not at rest moves on without them."""
+        return self.judged or weigh(self.evidence, given=self.given)
 
     @cached_property
     def undecided(self) -> Array:
@@ -139,9 +147,9 @@ class Asked:
     def _values(self, name: str) -> Array:
         for members in self.sets.members:
             for k in members:
-                hypothesis = self.sets.evidence.hypotheses[k]
+                hypothesis = self.evidence.hypotheses[k]
                 if hypothesis.name == name:
-                    return self.sets.evidence.values(members)[hypothesis.columns]
+                    return self.evidence.values(members)[hypothesis.columns]
         raise KeyError(name)
 
 
@@ -214,7 +222,8 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
     lit = sum(map(len, more_than(solution.terms, stated.terms)))
     along, counted = _told(products, nuisances, shared, matrix, lit)
     return Asked(
-        sets=weigh(Evidence(matrix, right, hypotheses), given=given),
+        evidence=Evidence(matrix, right, hypotheses),
+        given=tuple(given),
         now=now,
         causes=causes,
         along=along,

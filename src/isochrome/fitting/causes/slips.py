@@ -35,9 +35,8 @@ from isochrome.frames import as_turned
 from isochrome.messages import message
 from isochrome.scene import STIFFEST_GPA, Scene
 
-_HOPELESS, _LEAST = 10.0, 2.0
-"""Residual over noise beyond which no small cause is looked for before these: at most, at least. In
-between, half of that at which a fit is lost."""
+_LEAST = 2.0
+"""Residual over noise up to which no slip is looked for: small causes are enough."""
 _LEFT = 1.0 / 16.0
 """Part of what chi² is too large by that a slip may leave, for its small causes."""
 _ALIKE = 0.8
@@ -79,12 +78,6 @@ class _Candidate:
     line: str
     data: FrameData
     scene: Scene
-
-
-def is_unexplained(fitted: Fitted) -> bool:
-    """Whether a fit is so far off that the scene itself is doubted, before its small causes are."""
-    doubted = max(_LEAST, min(_HOPELESS, 0.5 * _lost_chi(fitted.final)))
-    return not fitted.fit.positive or fitted.fit.chi > doubted
 
 
 def is_lost(fitted: Fitted) -> bool:

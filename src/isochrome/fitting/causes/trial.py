@@ -119,6 +119,7 @@ class TrialModel(FrameModel):
         expected: Expected,
     ) -> None:
         """As of a `FrameModel`, with what is `expected`."""
+        # it stands on what the pixels tell apart, and needs its derivatives by one side only
         super().__init__(data, scene, keys, region, stride=stride)
         self._fields = np.empty((0, *self.pixels.keep.shape), np.complex64)
         if expected.root is not None:

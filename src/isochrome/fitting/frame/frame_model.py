@@ -231,6 +231,7 @@ class FrameModel:
         """
         self.scene, self.keys = scene, keys
         self.prior = prior or no_prior(len(keys))
+        self._precise = self.prior.any
         self.renderer = SceneRenderer(
             scene, data.shape, stride=stride, hidden_px=hidden_px, rough=rough
         )
@@ -328,7 +329,6 @@ class FrameModel:
         cent of a one-sided difference, and would pass for a difference of the two.
         """
         rows = np.empty((len(chosen), self.pixels.size), np.float32)
-        precise = self.prior.any
         # what the pixels' area takes changes little: it is not rendered for every derivative
         where = moved_scene(self.scene, keys, values[: len(keys)])
         _, shown = self.renderer.order_field(where)
@@ -339,10 +339,10 @@ class FrameModel:
                 row[:] = gamma_slope(gamma_fit, self.gamma(values))
                 continue
             first = step if values[j] + step <= most else -step
-            visibility = None if key == BLUR or precise else shown
+            visibility = None if key == BLUR or self._precise else shown
             signal = self._beside(keys, values, j, first, visibility)
             second = None
-            if signal is None or precise:
+            if signal is None or self._precise:
                 second = self._beside(keys, values, j, -first, visibility)
             if signal is None and second is None:
                 raise PhysicsError("scene_cannot_solved_beside", key=key, value=values[j])
