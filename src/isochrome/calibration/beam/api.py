@@ -69,9 +69,10 @@ def calibrate_bending(source: SetLike) -> Calibration:
     >>> from isochrome.samples import samples_path
     >>> isochrome.calibrate_bending(samples_path() / "bending" / "set.toml")  # doctest: +SKIP
     Calibration from 4 images of a beam
-      fringe_value_n_per_mm  14.601 ± 0.066
+      fringe_value_n_per_mm  14.600 ± 0.066
       chi                    0.996
-      order_at_zero_load     0.050071 ± 0.000069
+      order_at_zero_load     0.04997 ± 0.00013
+      1 warning: see .warnings
     """
     given = load_set(source, specimen="beam")
     beam, pixel_mm = given.beam, given.camera.pixel_mm
