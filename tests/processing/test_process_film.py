@@ -238,7 +238,7 @@ def test_a_map_is_packed_to_the_same_bytes_in_any_thread():
 
 
 def test_a_video_is_followed_unless_each_frame_is_wanted(tmp_path):
-    scene = contact(sliding=True)
+    scene = contact((60, 90), sliding=True)
     (tmp_path / "scene.toml").write_text(dump_scene(scene), "utf-8")
     write_video(tmp_path / "film.avi", film(scene, course(3), 1), "rawvideo", "gray")
     arguments = tmp_path / "film.avi", tmp_path / "scene.toml"
