@@ -149,14 +149,6 @@ def test_simulate_gives_the_principal_stresses_to_whoever_asks(quick_isochrome, 
     assert {f"{name}.tif" for name in maps} | {"stress.png"} <= files_in(place / "Spannung")
 
 
-@pytest.mark.long
-def test_simulating_twice_gives_the_same_bytes(captured, quick_isochrome, place):
-    assert quick_isochrome("simulate", "small.toml", "--out", "twice").code == 0
-    for name in ("history.csv", "frames.tif", "pressure.csv", "fringe_order.tif"):
-        one, two = ((f / name).read_bytes() for f in (captured / "Bild ü", place / "twice"))
-        assert one == two, name
-
-
 def test_process_leaves_what_the_contract_names(processed):
     folder, found = processed
     out = folder / "Ergebnis"

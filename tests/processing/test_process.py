@@ -62,6 +62,7 @@ def right_to_a_hundredth(item, true):
     assert abs(item.largest["n_max"] - np.nanmax(true)) <= 2.0 * item.largest["n_max_uncertainty"]
 
 
+@pytest.mark.long
 def test_two_sample_frames_are_read_to_a_hundredth_of_a_fringe(first_and_last, true_order):
     for item, state in zip(first_and_last.frames, (0, 5), strict=True):
         right_to_a_hundredth(item, true_order[state])
@@ -108,6 +109,7 @@ def test_all_sample_frames_are_read_to_a_hundredth_of_a_fringe_and_their_frictio
     assert (spread[2:] < 1e-3 * true[2:]).all()  # a thousandth of the friction, no more
 
 
+@pytest.mark.long
 def test_uncertainty_and_confidence_are_those_of_the_errors(first_and_last, true_order):
     for item, state in zip(first_and_last.frames, (0, 5), strict=True):
         pull = (item.reading.order - true_order[state]) / item.reading.uncertainty
@@ -140,6 +142,7 @@ def test_a_frame_is_read_alike_alone_and_among_others(first_and_last, captured, 
     assert np.array_equal(alone.fit.values, among.fit.values) and alone.chi == among.chi
 
 
+@pytest.mark.long
 def test_fitted_values_are_the_rendered_ones(first_and_last):
     static = first_and_last.frames[0].fit
     found = dict(zip(static.keys, static.values, strict=True))
