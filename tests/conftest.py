@@ -31,6 +31,30 @@ def pytest_xdist_make_scheduler(config, log):
     return WorkStealingScheduling(config, log) if stealing else None
 
 
+SKETCHED = {"campaigns", "cli", "drafting", "fitting", "frames", "guide", "processing", "simulation",
+            "sweeps", "test_docstrings.py", "test_results_damage.py"}  # fmt: skip
+"""Folders and modules whose tests look at no picture that a run leaves."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _sketched(request):
+    """What nobody looks at is not laid out: that is half of the work of leaving a small folder.
+
+    Runs in processes of their own lay theirs out, and are compared with what is beside them.
+    """
+    own = {request.path.parent.name, request.path.name} & SKETCHED
+    if not own or "killing" in request.path.read_text("utf-8"):
+        yield
+        return
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)
+        patch.setattr(Figure, "draw_without_rendering", lambda *_: None)
+        yield
+
+
 @pytest.fixture(scope="session")
 def code(tmp_path_factory):
     """A copy of the package, which nobody edits in the middle of a run."""
