@@ -31,8 +31,8 @@ def pytest_xdist_make_scheduler(config, log):
     return WorkStealingScheduling(config, log) if stealing else None
 
 
-SKETCHED = {"campaigns", "cli", "drafting", "fitting", "frames", "guide", "processing", "simulation",
-            "sweeps", "test_docstrings.py", "test_results_damage.py"}  # fmt: skip
+SKETCHED = {"campaigns", "cli", "drafting", "fitting", "frames", "guide", "processing", "sweeps",
+            "simulation", "test_docstrings.py", "test_results_damage.py"}  # fmt: skip
 """Folders and modules whose tests look at no picture that a run leaves."""
 
 
@@ -53,6 +53,16 @@ def _sketched(request):
         patch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)
         patch.setattr(Figure, "draw_without_rendering", lambda *_: None)
         yield
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    """A browser for the tests of a module."""
+    from browsers import open_chromium, skip_without_browser
+
+    skip_without_browser()
+    with open_chromium() as browser:
+        yield browser
 
 
 @pytest.fixture(scope="session")

@@ -5,7 +5,6 @@ import re
 import numpy as np
 import pytest
 
-from browsers import open_chromium, skip_without_browser
 from isochrome.errors import InputError
 from isochrome.processing import anchor_preview, part_change
 from isochrome.setup_page import ClickPreview, apply_tool, order_map_of_points, server
@@ -143,14 +142,6 @@ def test_what_is_no_point_is_refused(bench):
     ):  # fmt: skip
         with pytest.raises(InputError):
             preview.answer(0, wrong)
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    """A browser."""
-    skip_without_browser()
-    with open_chromium() as browser:
-        yield browser
 
 
 def words_at(own, row, col):

@@ -6,9 +6,7 @@ from browsers import skip_without_browser
 from isochrome.setup_page import apply_tool
 
 from .conftest import GIVEN
-from .test_setup_browser import chromium, place_on_screen, tab
-
-__all__ = ["chromium"]
+from .test_setup_browser import place_on_screen, tab
 
 pytestmark = pytest.mark.browser
 
