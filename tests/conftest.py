@@ -38,12 +38,8 @@ SKETCHED = {"campaigns", "cli", "drafting", "fitting", "frames", "guide", "proce
 
 @pytest.fixture(scope="module", autouse=True)
 def _sketched(request):
-    """What nobody looks at is not laid out: that is half of the work of leaving a small folder.
-
-    Runs in processes of their own lay theirs out, and are compared with what is beside them.
-    """
-    own = {request.path.parent.name, request.path.name} & SKETCHED
-    if not own or "killing" in request.path.read_text("utf-8"):
+    """What nobody looks at is not laid out: that is half of the work of leaving a small folder."""
+    if not {request.path.parent.name, request.path.name} & SKETCHED:
         yield
         return
     from matplotlib.figure import Figure
