@@ -98,6 +98,7 @@ def test_a_region_is_not_turned_under_the_user(case, drawn):
     assert drawn.text == before
 
 
+@pytest.mark.long
 def test_what_is_held_is_not_searched_for(case, drawn):
     """The wrong field, held, explains nothing: the refusal names the page's fields."""
     wrong = {"dark": "bright", "bright": "dark"}[case.field]
