@@ -150,7 +150,7 @@ def words_at(own, row, col):
 
     own.page.mouse.move(*place_on_screen(own, row - 4, col + 3))
     own.page.mouse.move(*place_on_screen(own, row, col))
-    own.page.wait_for_function("() => would.found !== null", timeout=30_000)
+    own.page.wait_for_function("() => would.found !== null")
     assert own.page.is_visible("#preview-box")
     words = own.page.text_content("#preview")
     assert own.page.text_content("#preview-box") in words
@@ -176,7 +176,7 @@ def test_the_words_beside_the_mouse_are_what_the_map_is_after_the_click(chromium
         page.wait_for_function("() => page.state.known_order.length === 1")
         assert page.is_hidden("#preview-box")
         page.click("#show-map")
-        page.wait_for_function("() => shown.map !== null", timeout=60_000)
+        page.wait_for_function("() => shown.map !== null")
         levels = np.array(page.evaluate("Array.from(shown.map.orders)"))
         orders = np.where(levels > 0, (levels - 1.0) * 0.02, np.nan)
         (said,) = spans(words)
@@ -196,7 +196,7 @@ def test_a_number_that_is_typed_says_what_it_would_do_before_it_is_taken(chromiu
         page.focus("#point-0-order")
         page.keyboard.press("Control+a")
         page.keyboard.type("1.42")
-        page.wait_for_function("() => would.found !== null", timeout=30_000)
+        page.wait_for_function("() => would.found !== null")
         words = page.text_content("#preview")
         assert words.startswith("Order 1.42 here: the part under it") and len(spans(words)) == 2
         assert bench.scene().frames.known_order[0].order == 0.42
@@ -219,5 +219,5 @@ def test_the_keys_alone_are_told_what_enter_would_set(chromium, bench):
             page.keyboard.press("ArrowDown")
         while page.evaluate("document.activeElement.id") != "stage":
             page.keyboard.press("Tab")
-        page.wait_for_function("() => would.found !== null", timeout=30_000)
+        page.wait_for_function("() => would.found !== null")
         assert "Order 0 here" in page.text_content("#preview")
