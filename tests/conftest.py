@@ -31,6 +31,36 @@ def pytest_xdist_make_scheduler(config, log):
     return WorkStealingScheduling(config, log) if stealing else None
 
 
+SKETCHED = {"campaigns", "cli", "drafting", "fitting", "frames", "guide", "processing", "sweeps",
+            "simulation", "test_docstrings.py", "test_results_damage.py"}  # fmt: skip
+"""Folders and modules whose tests look at no picture that a run leaves."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _sketched(request):
+    """What nobody looks at is not laid out: that is half of the work of leaving a small folder."""
+    if not {request.path.parent.name, request.path.name} & SKETCHED:
+        yield
+        return
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)
+        patch.setattr(Figure, "draw_without_rendering", lambda *_: None)
+        yield
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    """A browser for the tests of a module."""
+    from browsers import open_chromium, skip_without_browser
+
+    skip_without_browser()
+    with open_chromium() as browser:
+        yield browser
+
+
 @pytest.fixture(scope="session")
 def code(tmp_path_factory):
     """A copy of the package, which nobody edits in the middle of a run."""

@@ -38,6 +38,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -90,12 +91,18 @@ def find_place(mutant: Mutant, modules: dict[Path, str]) -> Path:
 def same_from(line: int, old: str, new: str) -> bool:
     """Whether two texts mean the same from a line on, whatever their layout."""
     one, other = (
-        [node for node in ast.parse(text).body if (node.end_lineno or 0) >= line]
-        for text in (old, new)
+        [node for node in body if (node.end_lineno or 0) >= line]
+        for body in (parsed(old), ast.parse(new).body)
     )
     return len(one) == len(other) and all(
         ast.dump(a) == ast.dump(b) for a, b in zip(one, other, strict=True)
     )
+
+
+@lru_cache(maxsize=4)
+def parsed(text: str) -> list[ast.stmt]:
+    """The statements of a module, which many changes share."""
+    return ast.parse(text).body
 
 
 def apply_change(mutant: Mutant, modules: dict[Path, str]) -> tuple[Path, str]:

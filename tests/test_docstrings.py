@@ -265,7 +265,9 @@ def test_what_is_missing_is_noticed():
     assert raises(undocumented) and not raises(faults_of)
 
 
-@every_export
+@pytest.mark.parametrize(  # the longest in the slow part
+    "name", [pytest.param(n, marks=pytest.mark.long) if n == "init" else n for n in EXPORTED]
+)
 def test_its_examples_run(name, tmp_path, monkeypatch):
     """Those that take long, or need a user's own images, are marked as skipped in the text."""
     monkeypatch.chdir(tmp_path)

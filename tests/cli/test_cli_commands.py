@@ -3,7 +3,6 @@
 import csv
 import json
 import shlex
-import shutil
 import subprocess
 import sys
 import tomllib
@@ -17,7 +16,6 @@ from typer.main import get_command
 from isochrome.cli import app
 from isochrome.cli.usage import EXAMPLES, examples_of
 from isochrome.output import read_pixel_mm
-from shipped_sets import some_of_a_shipped_set
 
 COMMANDS = [
     (), ("demo",), ("simulate",), ("process",), ("compare",), ("calibrate",),
@@ -139,24 +137,6 @@ def test_simulate_in_json_is_the_history(quick_isochrome):
     assert found["out"] == "isochrome-simulate" and set(HISTORY) <= set(found["history"])
 
 
-@pytest.mark.study
-@pytest.mark.long
-def test_simulate_gives_the_principal_stresses_to_whoever_asks(quick_isochrome, place):
-    done = quick_isochrome("simulate", "small.toml", "--out", "Spannung", "--components")
-    assert (done.code, done.err) == (0, "")
-    assert "shear_max_mpa" in done.out and "shear_max_z_mm" in done.out
-    maps = {"sigma_1", "sigma_2", "sigma_1_direction", "sigma_x", "sigma_z", "tau_xz"}
-    assert {f"{name}.tif" for name in maps} | {"stress.png"} <= files_in(place / "Spannung")
-
-
-@pytest.mark.long
-def test_simulating_twice_gives_the_same_bytes(captured, quick_isochrome, place):
-    assert quick_isochrome("simulate", "small.toml", "--out", "twice").code == 0
-    for name in ("history.csv", "frames.tif", "pressure.csv", "fringe_order.tif"):
-        one, two = ((f / name).read_bytes() for f in (captured / "Bild ü", place / "twice"))
-        assert one == two, name
-
-
 def test_process_leaves_what_the_contract_names(processed):
     folder, found = processed
     out = folder / "Ergebnis"
@@ -176,45 +156,12 @@ def test_process_leaves_what_the_contract_names(processed):
         assert 0.95 < chi < 1.05
 
 
-@pytest.mark.study
-@pytest.mark.long
-def test_process_leaves_rois_where_they_are_asked_for(isochrome, place):
-    roifile = pytest.importorskip("roifile")
-    (place / "bare.toml").write_text("[specimen]\n[camera]\nbit_depth = 8\n", "utf-8")
-    done = isochrome("process", "frames.tif", "--scene", "bare.toml", "--out", "aus", "--rois")
-    assert done.code == 0
-    lines = columns_of(place / "aus" / "skeleton.csv")
-    rois = roifile.roiread(place / "aus" / "skeleton.zip")
-    assert len(rois) == len(set(zip(lines["frame"], lines["line"], strict=True))) > 0
-    assert {roi.position for roi in rois} == {1, 2}  # ImageJ counts slices from 1
-
-
 def test_process_finds_the_simulated_order(processed):
     folder, _ = processed
     found = tifffile.imread(folder / "Ergebnis" / "fringe_order.tif")
     true = tifffile.imread(folder / "Bild ü" / "fringe_order.tif")
     error = (found - true)[np.isfinite(found)]
     assert np.sqrt(np.mean(error**2)) < 0.005 and np.abs(error).max() < 0.25
-
-
-@pytest.mark.study
-@pytest.mark.long
-@pytest.mark.process_too
-def test_what_was_found_can_be_simulated_and_compared(processed, quick_isochrome, place):
-    folder, _ = processed
-    shutil.copytree(folder / "Ergebnis", place / "Versuch")
-    done = quick_isochrome("simulate", "Versuch/fitted_scene.toml", "--out", "Rechnung")
-    assert (done.code, done.err) == (0, "")
-    done = quick_isochrome("compare", "Versuch", "Rechnung", "--out", "Vergleich", "--json")
-    metrics = done.json()["metrics"]
-    assert (done.code, done.err) == (0, "")
-    assert files_in(place / "Vergleich") == {
-        "metrics.csv", "comparison.png", "provenance.json", "report.html",
-    }  # fmt: skip
-    assert set(columns_of(place / "Vergleich" / "metrics.csv")) == set(metrics)
-    assert max(metrics["order_rms_fringe"]) < 0.005 and max(metrics["wrong_branch_share"]) == 0.0
-    # The surface stands a hundredth of a pixel apart: rows that one side calls air do not count.
-    assert min(metrics["ncc"]) > 0.999
 
 
 @pytest.mark.process_too
@@ -241,38 +188,6 @@ def test_fit_gives_the_keys_by_name_and_a_scene_that_reloads(quick_isochrome, pl
     table = columns_of(place / "Anpassung" / "fit.csv")
     assert table["key"] == ["load.normal_n", "friction.coefficient", "friction.coefficient"]
     assert quick_isochrome("check", "frames.tif", "--scene", "Anpassung/scene.toml").code == 0
-
-
-@pytest.mark.study
-@pytest.mark.parametrize(
-    ("specimen", "command", "keep"),
-    [
-        # all loads of both: tests/samples/test_samples.py
-        pytest.param("bending", "bending", (0, 3), id="bending, two loads", marks=pytest.mark.long),
-        pytest.param(
-            "disc",
-            "disc",
-            (0, 2),
-            id="disc, two loads",
-            marks=[pytest.mark.long, pytest.mark.study],
-        ),
-    ],
-)
-def test_calibrate_finds_the_fringe_value(quick_isochrome, place, specimen, command, keep):
-    some_of_a_shipped_set(place, specimen, keep)
-    given = f"{specimen}/set.toml"
-    done = quick_isochrome("calibrate", command, given, "--out", "Kalibrierung", "--json")
-    found = done.json()
-    assert (done.code, done.err) == (0, "")
-    saved = json.loads((place / "Kalibrierung" / "calibration.json").read_text("utf-8"))
-    assert saved == {k: v for k, v in found.items() if k != "out"}
-    spread = found["standard_uncertainty"]
-    assert abs(found["fringe_value_n_per_mm"] - 14.6) < 4.0 * spread < 0.5
-    assert 0.9 < found["chi"] < 1.1 and abs(found["order_at_zero_load"]) < 0.06
-    assert files_in(place / "Kalibrierung") == {
-        "budget.csv", "calibration.json", "calibration.png", "images.csv", "provenance.json",
-        "report.html",
-    }  # fmt: skip
 
 
 @pytest.mark.study

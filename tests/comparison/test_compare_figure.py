@@ -43,7 +43,7 @@ def all_text(figure):
     return " ".join(" ".join(text.get_text().split()) for text in figure.findobj(Text))
 
 
-@pytest.mark.parametrize("count", [1, 2, pytest.param(6, marks=pytest.mark.long)])
+@pytest.mark.parametrize("count", [1, 2])
 def test_panels_letters_labels_and_numbers(count):
     figure = drawn(*frame_sets(count))
     shown = panels(figure)

@@ -29,9 +29,8 @@ def draft(case):
     return isochrome.init(case.captured, known_of(case))
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(2, marks=pytest.mark.long)])
-def test_a_drawn_contact_ends_in_the_right_scene(seed):
-    verdict = judged(drawn_contact(seed, shrunk=SHRUNK))
+def test_a_drawn_contact_ends_in_the_right_scene():
+    verdict = judged(drawn_contact(0, shrunk=SHRUNK))
     assert verdict.kind == "right", verdict.words
 
 
@@ -119,19 +118,29 @@ NO_CONTACT = {
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("what", NO_CONTACT)
+@pytest.mark.parametrize(
+    "what", [pytest.param(n, marks=pytest.mark.study) if n == "an edge" else n for n in NO_CONTACT]
+)
 def test_a_picture_without_a_contact_is_refused(case, what):
     rows, cols = case.captured.shape
     z, x = np.mgrid[-1 : 1 : rows * 1j, -1 : 1 : cols * 1j]
     noise = np.random.default_rng(7).normal(0.0, 3.0, (rows, cols))
     picture = np.clip(np.rint(NO_CONTACT[what](z, x) + noise), 0, 255).astype(np.uint8)
-    with pytest.raises(isochrome.PhysicsError):
+    with pytest.raises(isochrome.PhysicsError) as refused:
         isochrome.init(picture, known_of(case))
+    assert what != "rings" or "no fringes" not in str(refused.value)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("key", "factor"), [("radius_mm", 2.0), ("fringe_value_n_per_mm", 1.5), ("load_n", 10.0)]
+    ("key", "factor"),
+    [
+        *(
+            pytest.param(key, factor, marks=pytest.mark.study)
+            for key, factor in (("radius_mm", 2.0), ("fringe_value_n_per_mm", 1.5))
+        ),
+        ("load_n", 10.0),
+    ],
 )
 def test_a_wrong_value_is_refused(case, key, factor):
     known = known_of(case)
@@ -228,10 +237,14 @@ DISC = {"shape": "disc", "diameter_mm": 50.0, "thickness_mm": 6.0, "fringe_value
 
 @pytest.mark.long
 def test_a_disc_ends_in_its_scene_though_it_lies_on_its_side():
-    image = tifffile_of("disc-560N.png")
+    image = tifffile_of("disc-560N.png")[::3, ::3]
     found = isochrome.init(np.ascontiguousarray(np.rot90(image)), DISC | {"load_n": 400.0})
     spread = {value.key: value.standard_uncertainty for value in found.values}
-    for key, truth in (("load.normal_n", 560.0), ("camera.pixel_mm", 0.13), ("frames.gamma", 1.4)):
+    for key, truth in (
+        ("load.normal_n", 560.0),
+        ("camera.pixel_mm", 3 * 0.13),
+        ("frames.gamma", 1.4),
+    ):
         assert abs(found.scene.get(key) - truth) < 3.0 * spread[key]
     assert found.scene.frames.rotate_deg == 90 and found.scene.polariscope.field == "dark"
 

@@ -67,9 +67,12 @@ def worn(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    "width", [WIDTHS[0], *(pytest.param(width, marks=pytest.mark.long) for width in WIDTHS[1:])]
+    ("name", "width"),
+    [
+        *((name, WIDTHS[0]) for name in ("simulate", "process", "compare")),
+        pytest.param("compare", WIDTHS[1], marks=pytest.mark.long),
+    ],
 )
-@pytest.mark.parametrize("name", ["simulate", "process", "compare"])
 def test_letters_are_large_enough_and_apart(worn, name, width):
     style = isochrome.FigureStyle(width_mm=width, numbers=True)
     check(isochrome.paper_figure(worn[name], style), width)

@@ -59,7 +59,9 @@ def test_friction_of_a_held_contact_is_found_beside_its_forces():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("seed", "factors"), [(1, (0.03, 0.04)), (0, (9.0, 20.0))])
+@pytest.mark.parametrize(
+    ("seed", "factors"), [pytest.param(1, (0.03, 0.04), marks=pytest.mark.study), (0, (9.0, 20.0))]
+)
 def test_a_load_outside_the_search_is_flagged_by_chi(seed, factors):
     case = random_case("held", seed, factors=factors)
     fit = fit_frame(case.data, case.begun, case.keys)

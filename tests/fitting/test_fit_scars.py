@@ -180,7 +180,9 @@ def test_the_budget_of_a_frame_with_scars_holds_what_the_load_does_to_both():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("law", ["sarkar", "dissipated_energy"])
+@pytest.mark.parametrize(
+    "law", ["sarkar", pytest.param("dissipated_energy", marks=pytest.mark.study)]
+)
 def test_a_single_frames_coefficient_is_that_of_the_scenes_law(tmp_path, law):
     """It was that of Archard's law, 7 and 78 % off, without a word."""
     scene = scene_of([77.0], **TRUTH).with_values({"wear.law": law})

@@ -147,7 +147,9 @@ def test_a_place_that_is_held_wrong_is_named_with_the_right_one(image):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("defects", [{"roll_deg": -2.0}, {"gamma": 2.2}])
+@pytest.mark.parametrize(
+    "defects", [pytest.param({"roll_deg": -2.0}, marks=pytest.mark.study), {"gamma": 2.2}]
+)
 def test_no_slip_is_named_where_a_cause_explains_the_frame(defects):
     freed = explained(frame(bench(ROWS, COLS), Defects(**defects), 1), stated())
     assert freed.slip is None and freed.fit.positive and freed.fit.chi < 1.1

@@ -73,6 +73,7 @@ def test_a_track_that_begins_at_a_low_load_finds_which_load_wore_the_scar(tmp_pa
     assert np.sqrt(np.mean(pull**2)) < 1.6
 
 
+@pytest.mark.study  # of a worn contact: the sample film, in tests/processing
 @pytest.mark.long
 def test_a_new_contact_under_a_load_that_swings_far_is_followed_with_its_wear(tmp_path):
     """By 20 %, from the unworn contact on: where the load fell, k fell by 11 %, and its scar with

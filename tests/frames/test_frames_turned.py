@@ -138,7 +138,13 @@ def fitted(path, scene, out):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("turn", "flip"), WAYS[1:])
+@pytest.mark.parametrize(
+    ("turn", "flip"),
+    [
+        pytest.param(*way, marks=pytest.mark.study if k % 3 else ())
+        for k, way in enumerate(WAYS[1:])
+    ],
+)
 def test_a_turned_file_with_the_turn_stated_gives_the_same_bytes(
     tmp_path, contact, upright, turn, flip
 ):

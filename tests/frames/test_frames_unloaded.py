@@ -9,6 +9,7 @@ from isochrome.frames import look_through
 from isochrome.samples import samples_path
 
 BENCH = samples_path() / "line-contact-wear"
+STUDY = [pytest.mark.long, pytest.mark.study]
 WORDS = "looks like the unloaded specimen"
 
 
@@ -64,9 +65,7 @@ def test_the_samples_frames_are_all_loaded(name, frames):
     assert found.count and not [f for f in found.findings if WORDS in f.text]
 
 
-@pytest.mark.parametrize(
-    "load", [0.3, *(pytest.param(load, marks=pytest.mark.long) for load in (1.0, 5.0))]
-)
+@pytest.mark.parametrize("load", [0.3, *(pytest.param(load, marks=STUDY) for load in (1.0, 5.0))])
 @pytest.mark.parametrize("field", ["dark", pytest.param("bright", marks=pytest.mark.long)])
 def test_a_contact_at_a_low_load_is_no_unloaded_frame(tmp_path, load, field):
     """Beside no-load frames of the same light; few blocks of it are lit otherwise."""

@@ -71,7 +71,11 @@ def quenched_disc():
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "case", [pytest.param(light_disc, marks=pytest.mark.study), quenched_disc, layered_contact]
+    "case",
+    [
+        *(pytest.param(d, marks=pytest.mark.study) for d in (light_disc, quenched_disc)),
+        layered_contact,
+    ],
 )
 def test_the_loads_own_field_is_left(case):
     scene, residual = case()

@@ -176,9 +176,9 @@ def test_the_order_of_the_steps_does_not_matter():
 @pytest.mark.parametrize(
     ("scene", "highest"),
     [
-        pytest.param(disc(), 17.0, marks=pytest.mark.long),
+        pytest.param(disc(), 17.0, marks=[pytest.mark.long, pytest.mark.study]),
         (disc(**UNMATCHED, **MISALIGNED), 17.0),
-        pytest.param(contact(), 3.0, marks=pytest.mark.long),
+        pytest.param(contact(), 3.0, marks=[pytest.mark.long, pytest.mark.study]),
         pytest.param(contact(0.3), 3.4, marks=pytest.mark.long),
     ],
     ids=["disc", "disc, real elements", "contact", "sliding contact"],

@@ -1,6 +1,7 @@
 """A hostile case, and the command line run on it in a process with bounds."""
 
 import ctypes
+import gc
 import multiprocessing
 import os
 import re
@@ -20,11 +21,11 @@ slow and loaded."""
 
 SERVER = multiprocessing.get_context("forkserver")
 SERVER.set_forkserver_preload(
-    ["__main__", "isochrome.cli", "isochrome.processing", "isochrome.fitting.api",
-     "isochrome.simulation", "isochrome.calibration", "isochrome.comparison.api",
-     "isochrome.runs.exporting", "isochrome.sweeps",
+    ["isochrome.cli", "isochrome.processing.api", "isochrome.processing.kinds.image_only",
+     "isochrome.fitting.api", "isochrome.simulation.api", "isochrome.calibration.beam.api",
+     "isochrome.comparison.api", "isochrome.runs.exporting", "isochrome.sweeps.api",
      "matplotlib.figure", "xarray", "zarr", "cv2", "tifffile", "PIL.Image", "roifile", "av",
-     "rich.progress", "numpy.ma"]
+     "rich.progress", "numpy.ma", "filelock", "threadpoolctl", "tomli_w", "typer._adapters"]
 )  # fmt: skip
 
 
@@ -148,6 +149,7 @@ def _in_process(
     inside: Callable[[], None] | None,
     pipes: list[Connection],
 ) -> None:
+    gc.freeze()  # what was imported is not looked through, nor copied
     for number, pipe in enumerate(pipes[:2], start=1):
         os.dup2(pipe.fileno(), number)
     os.chdir(place)

@@ -1,9 +1,12 @@
 """Calibration sets, regions and what earlier runs have left, damaged or forged."""
 
+import atexit
 import json
 import os
 import shutil
+import tempfile
 import zipfile
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +16,7 @@ from hostile.bombs import with_mask
 from hostile.given import (
     BENDING,
     CONTACT,
+    PLAIN,
     image,
     picture,
     process,
@@ -124,12 +128,22 @@ case(SETS, "profile that is a pipe",
 
 def finished(place: Path) -> Path:
     """What a run of `process` has left in `old`, and a scene and frames for another."""
+    shutil.copytree(_finished(), place, dirs_exist_ok=True)
+    return place / "old"
+
+
+@cache
+def _finished() -> Path:
+    """A folder with the frames and `old`, made once."""
     from hostile.attack import run
 
+    place = Path(tempfile.mkdtemp())
+    atexit.register(shutil.rmtree, place, ignore_errors=True)
+    (place / "plain.toml").write_text(PLAIN, "utf-8")
     stack(place / "f.tif", picture(rows=32, cols=32)[None])
     ended = run(place, [*process("f.tif")[:-1], "old"])
     assert ended.code == 0, ended.err
-    return place / "old"
+    return place
 
 
 def compare(place: Path) -> list[str]:

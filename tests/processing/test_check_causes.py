@@ -46,8 +46,8 @@ def asked(found):
     return [f for f in found.findings if "the frame shows" in f.text or "fringes are not" in f.text]
 
 
-@pytest.mark.parametrize("before", [pytest.param(0, marks=pytest.mark.long), 1])
-def test_the_first_frame_with_fringes_is_asked_and_the_key_is_named(tmp_path, before):
+def test_the_first_frame_with_fringes_is_asked_and_the_key_is_named(tmp_path):
+    before = 1
     image = OUTSIDE.frame(bench(), OUTSIDE.Defects(distortion=0.005), 1)
     path = saved(tmp_path, *dark(before), image)
     (finding,) = asked(check(path, bench()))

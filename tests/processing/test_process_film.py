@@ -70,7 +70,13 @@ def test_each_frame_has_the_map_that_it_has_when_it_is_processed_alone(followed)
     with open_run(place / "out") as dataset:
         order, confidence = dataset.fringe_order.values, dataset.confidence.values
     assert order.shape == (COUNT, *SHAPE) and order.dtype == np.float32
-    alone = process(place / "film.tif", place / "scene.toml").dataset
+    some = [0, 3, 7]
+    alone = process(tifffile.imread(place / "film.tif")[some], place / "scene.toml").dataset
+    truth = true_orders(contact(sliding=True), course(COUNT))
+    error = (order - truth)[np.isfinite(order)]
+    # what the noise leaves of a pooled reading; the bar of a frame by itself is the same
+    assert np.sqrt(np.mean(error**2)) < 0.005 and np.mean(np.abs(error) > 0.25) == 0.0
+    order, confidence = order[some], confidence[some]
     other, sure = alone.fringe_order.values, alone.confidence.values
     both = np.isfinite(order) & np.isfinite(other)
     # both read the same light; their models differ by the noise of a fit, some 1e-4 fringe
@@ -78,10 +84,6 @@ def test_each_frame_has_the_map_that_it_has_when_it_is_processed_alone(followed)
     assert np.abs(order - other)[both].max() < 0.1  # a fifth of a branch
     assert np.mean(np.isfinite(order) != np.isfinite(other)) < 0.005
     assert np.sqrt(np.mean((confidence - sure)[both] ** 2)) < 0.02
-    truth = true_orders(contact(sliding=True), course(COUNT))
-    error = (order - truth)[np.isfinite(order)]
-    # what the noise leaves of a pooled reading; the bar of a frame by itself is the same
-    assert np.sqrt(np.mean(error**2)) < 0.005 and np.mean(np.abs(error) > 0.25) == 0.0
 
 
 def test_a_followed_frame_has_the_columns_and_pages_of_a_whole_one(followed):
@@ -238,19 +240,19 @@ def test_a_map_is_packed_to_the_same_bytes_in_any_thread():
 
 
 def test_a_video_is_followed_unless_each_frame_is_wanted(tmp_path):
-    scene = contact(sliding=True)
+    scene = contact((60, 90), sliding=True)
     (tmp_path / "scene.toml").write_text(dump_scene(scene), "utf-8")
-    write_video(tmp_path / "film.avi", film(scene, course(3), 1), "rawvideo", "gray")
+    write_video(tmp_path / "film.avi", film(scene, course(2), 1), "rawvideo", "gray")
     arguments = tmp_path / "film.avi", tmp_path / "scene.toml"
     found = process(*arguments)
-    assert found.columns["found_by"] == ["whole frame", "track", "track"]
+    assert found.columns["found_by"] == ["whole frame", "track"]
     assert found.dataset.fringe_order.dims[0] == "frame"
     assert not process(*arguments, each=True).tracked
     none = process(*arguments, tmp_path / "none", maps="none")
-    assert none.columns["picture"] == [None] * 3 and none.fitted is not None
+    assert none.columns["picture"] == [None] * 2 and none.fitted is not None
     assert not list((tmp_path / "none").glob("*.tif"))
     with open_run(tmp_path / "none") as dataset:
-        assert "fringe_order" not in dataset and dataset.load_normal_n.size == 3
+        assert "fringe_order" not in dataset and dataset.load_normal_n.size == 2
     assert not shown_maps(isochrome.paper_figure(none))  # its values alone
     with pytest.raises(InputError, match="frames that have one: none"):
         isochrome.paper_figure(none, isochrome.FigureStyle(frames=(0,)))

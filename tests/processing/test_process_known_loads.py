@@ -68,9 +68,9 @@ def test_check_reads_loads_and_refuses_those_that_do_not_belong(frames):
     assert not few.ok and any("3 other loads are known" in one.text for one in few.findings)
 
 
-def test_a_number_for_each_frame(frames):
+def test_a_number_for_each_frame():
     with pytest.raises(InputError, match=r"known_loads_n has 6 numbers, and the set 7 frames"):
-        process(frames, with_loads(*LOADS[:6]))
+        process(np.full((7, 40, 42), 90, np.uint8), with_loads(*LOADS[:6]))
 
 
 @pytest.mark.parametrize(

@@ -156,6 +156,7 @@ def test_what_cannot_be_counted_from_zero_is_refused(frames, specimen, words):
         process(LoadedFilm(3).frames(range(3)), scene)
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_workers_and_chunks_give_the_same_bytes(tmp_path):
     film = LoadedFilm(3)

@@ -8,7 +8,7 @@ from pages import COLS, HOSTILE, LEFT, PIXEL, ROWS, TOP, order_field
 from test_other_reports import wear_set
 
 import isochrome
-from browsers import open_chromium, skip_without_browser
+from browsers import skip_without_browser
 from isochrome.calibration import save_calibration
 from processing.tracked_films import LOAD, contact, film
 from scene_texts import SMALL_CAMERA, WORN_CONTACT
@@ -21,13 +21,6 @@ SCALES = [1.0, 1.5, 2.0, 3.0]
 """Device pixels a pixel of the page: a desk's screen, a telephone's, and the browser's zoom."""
 
 WIDTHS = [360, 768, 1920]
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    """A browser."""
-    with open_chromium() as browser:
-        yield browser
 
 
 class Opened:

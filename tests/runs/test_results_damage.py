@@ -27,7 +27,7 @@ LONGEST_S = 120
 """Seconds in which a folder, whatever is in it, is refused or read: one that hangs takes all."""
 
 COMMANDS = {command.name: command for command in commands()}
-SLOW = ("track", "fit", "campaign")
+SLOW = ("process", "track", "fit", "campaign")
 
 
 class Finished:
@@ -138,7 +138,7 @@ def _no_alarm_is_left():
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "name",  # the longest are left to the study
+    "name",  # the longest, and that of the default tests, are left to the study
     [pytest.param(n, marks=pytest.mark.study) if n in SLOW else n for n in COMMANDS],
 )
 def test_faults_of_every_command(finished, name):

@@ -13,7 +13,8 @@ import pytest
 import tifffile
 
 import isochrome
-from browsers import open_chromium, skip_without_browser
+from browsers import skip_without_browser
+from isochrome.processing import process_frame
 from isochrome.samples import samples_path
 from isochrome.setup_page import apply_tool, open_session
 from real_frames import REAL, needs_real
@@ -26,13 +27,8 @@ skip_without_browser()
 
 REAL_DISC = REAL / "disc-seven-loads"
 MOST_ACTIONS = 12
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    """A browser."""
-    with open_chromium() as browser:
-        yield browser
+NO_END_MS = 900_000
+"""What a page waits for some seconds hangs after so many, on a loaded machine too."""
 
 
 class SetupTab:
@@ -43,6 +39,7 @@ class SetupTab:
         view = {"viewport": {"width": 1280, "height": 800}}
         self.context = browser.new_context(**view | options)
         self.page = self.context.new_page()
+        self.page.set_default_timeout(NO_END_MS)
         self.said, self.asked = [], []
         self.page.on("console", lambda message: self.said.append(message.text))
         self.page.on("pageerror", lambda error: self.said.append(str(error)))
@@ -93,18 +90,11 @@ def tab(browser, session, *, quiet=True, **options):
         assert [url for url in own.asked if not url.startswith((server.url, "data:"))] == []
 
 
-def within(found, truth, key):
-    """Whether values lie within three of their standard uncertainties of the truth."""
-    table = found.columns
-    pairs = zip(table[key], table[f"{key} standard_uncertainty"], truth, strict=True)
-    return [abs(value - true) < 3.0 * u for value, u, true in pairs if value is not None]
-
-
 def found_on_page(own):
     """Press the one button, and wait for what it says: values with their ± by key."""
     own.actions += 1
     own.page.click("#find")
-    own.page.wait_for_function("() => page.state.has_scene && !searching", timeout=180_000)
+    own.page.wait_for_function("() => page.state.has_scene && !searching")
     own.settle()
     own.status("Found in frame")
     rows = own.page.locator("#find-result tr[data-key]").all()
@@ -136,11 +126,13 @@ def test_from_the_samples_frames_to_a_scene_by_the_form_alone(chromium, fresh):
         assert own.actions <= MOST_ACTIONS
     scene, frames = fresh / "scene.toml", fresh / "captured.tif"
     assert isochrome.check(frames, scene).ok
-    found = isochrome.process(frames, scene)
     truth = json.loads((samples_path() / "line-contact-wear" / "truth.json").read_text())
-    assert all(within(found, 6 * [truth["load.normal_n"]], "load.normal_n"))
-    moving = within(found, truth["friction.coefficient"], "friction.coefficient")
-    assert len(moving) == 5 and all(moving)
+    # the first that slides; of all six see tests/processing/test_process.py
+    found = process_frame(frames, isochrome.load_scene(scene), 1)
+    values = {one.key: (one.value, one.standard_uncertainty) for one in found.values}
+    true = {"load.normal_n": truth["load.normal_n"]}
+    true["friction.coefficient"] = truth["friction.coefficient"][1]
+    assert all(abs(values[key][0] - true[key]) < 3.0 * values[key][1] for key in true)
 
 
 def test_from_the_samples_frames_to_a_scene_by_one_search(chromium, fresh):
@@ -173,10 +165,6 @@ def test_from_the_samples_frames_to_a_scene_by_one_search(chromium, fresh):
     scene, frames = fresh / "scene.toml", fresh / "captured.tif"
     assert isochrome.load_scene(scene).camera.top_mm == float(found["camera.top_mm"].split()[0])
     assert isochrome.check(frames, scene).ok
-    found = isochrome.process(frames, scene)
-    assert all(within(found, 6 * [truth["load.normal_n"]], "load.normal_n"))
-    moving = within(found, truth["friction.coefficient"], "friction.coefficient")
-    assert len(moving) == 5 and all(moving)
 
 
 def test_from_a_rendered_disc_to_a_scene(chromium, tmp_path):
@@ -208,8 +196,9 @@ def test_from_a_rendered_disc_to_a_scene(chromium, tmp_path):
         assert own.page.is_hidden("#find-result") and own.page.is_enabled("#find")
     scene, frames = tmp_path / "scene.toml", tmp_path / "disc-560N.png"
     assert isochrome.check(frames, scene).ok
-    found = isochrome.process(frames, scene)
-    assert all(within(found, [560.0], "load.normal_n"))
+    found = isochrome.process(frames, scene).columns
+    (load,), (spread,) = (found[f"load.normal_n{end}"] for end in ("", " standard_uncertainty"))
+    assert abs(load - 560.0) < 3.0 * spread
 
 
 def test_a_search_without_what_it_needs_says_the_fields_names(chromium, fresh):
@@ -241,13 +230,13 @@ def test_from_the_real_disc_to_a_scene_that_refuses_to_lie(chromium, tmp_path):
         own.page.click("#fit")
         own.page.wait_for_function(
             "() => /chi = |not in this frame|cannot/.test(document.getElementById('fit-result')"
-            ".textContent + document.getElementById('status').textContent)", timeout=120_000,
+            ".textContent + document.getElementById('status').textContent)"
         )  # fmt: skip
         assert "load.normal_n" not in (own.page.text_content("#fit-result") or "")
         own.page.click("#check")
         own.page.wait_for_function(
             "() => document.getElementById('check-result').textContent"
-            ".includes('no single frame tells its load')", timeout=120_000,
+            ".includes('no single frame tells its load')"
         )  # fmt: skip
         assert own.page.get_attribute("#check-result", "data-ok") == "false"
     with pytest.raises(isochrome.PhysicsError, match="nothing could be read"):
@@ -294,16 +283,14 @@ def test_from_the_real_discs_known_loads_to_the_one_that_nobody_stated(chromium,
         scene = isochrome.load_scene(tmp_path / "scene.toml")
         own.page.click("#check")
         own.page.wait_for_function(
-            "() => document.getElementById('check-result').dataset.revision == page.state.revision",
-            timeout=120_000,
+            "() => document.getElementById('check-result').dataset.revision == page.state.revision"
         )
         assert own.page.get_attribute("#check-result", "data-ok") == "true", own.page.text_content(
             "#check-result"
         )
         own.page.click("#fit")
-        own.page.wait_for_selector("#fit-result td.value", timeout=120_000)
+        own.page.wait_for_selector("#fit-result td.value")
         assert "Load (N)" in own.page.text_content("#fit-result")
-    assert isochrome.check(tmp_path, scene).ok
     found = isochrome.process(tmp_path, scene).columns
     pairs = zip(found["load.normal_n"], found["load.normal_n standard_uncertainty"], strict=True)
     truth = (523.0, 663.0, 807.0, 922.0, 1045.0, 1152.0)
@@ -574,6 +561,6 @@ def test_the_server_ends_with_the_page(chromium, made):
 def test_the_page_says_what_the_uncertainties_of_a_fit_are_of(chromium, made):
     with tab(chromium, made, quiet=False) as own:
         own.page.click("#fit")
-        own.page.wait_for_selector("#fit-result td.value", timeout=120_000)
+        own.page.wait_for_selector("#fit-result td.value")
         said = own.page.text_content("#fit-result") or ""
         assert "± from the picture alone: camera.pixel_mm" in said and "were taken as exact" in said

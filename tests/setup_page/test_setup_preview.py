@@ -5,7 +5,6 @@ import re
 import numpy as np
 import pytest
 
-from browsers import open_chromium, skip_without_browser
 from isochrome.errors import InputError
 from isochrome.processing import anchor_preview, part_change
 from isochrome.setup_page import ClickPreview, apply_tool, order_map_of_points, server
@@ -145,21 +144,13 @@ def test_what_is_no_point_is_refused(bench):
             preview.answer(0, wrong)
 
 
-@pytest.fixture(scope="module")
-def chromium():
-    """A browser."""
-    skip_without_browser()
-    with open_chromium() as browser:
-        yield browser
-
-
 def words_at(own, row, col):
     """What is said of a place on which the mouse rests."""
     from .test_setup_browser import place_on_screen
 
     own.page.mouse.move(*place_on_screen(own, row - 4, col + 3))
     own.page.mouse.move(*place_on_screen(own, row, col))
-    own.page.wait_for_function("() => would.found !== null", timeout=30_000)
+    own.page.wait_for_function("() => would.found !== null")
     assert own.page.is_visible("#preview-box")
     words = own.page.text_content("#preview")
     assert own.page.text_content("#preview-box") in words
@@ -185,7 +176,7 @@ def test_the_words_beside_the_mouse_are_what_the_map_is_after_the_click(chromium
         page.wait_for_function("() => page.state.known_order.length === 1")
         assert page.is_hidden("#preview-box")
         page.click("#show-map")
-        page.wait_for_function("() => shown.map !== null", timeout=60_000)
+        page.wait_for_function("() => shown.map !== null")
         levels = np.array(page.evaluate("Array.from(shown.map.orders)"))
         orders = np.where(levels > 0, (levels - 1.0) * 0.02, np.nan)
         (said,) = spans(words)
@@ -205,7 +196,7 @@ def test_a_number_that_is_typed_says_what_it_would_do_before_it_is_taken(chromiu
         page.focus("#point-0-order")
         page.keyboard.press("Control+a")
         page.keyboard.type("1.42")
-        page.wait_for_function("() => would.found !== null", timeout=30_000)
+        page.wait_for_function("() => would.found !== null")
         words = page.text_content("#preview")
         assert words.startswith("Order 1.42 here: the part under it") and len(spans(words)) == 2
         assert bench.scene().frames.known_order[0].order == 0.42
@@ -228,5 +219,5 @@ def test_the_keys_alone_are_told_what_enter_would_set(chromium, bench):
             page.keyboard.press("ArrowDown")
         while page.evaluate("document.activeElement.id") != "stage":
             page.keyboard.press("Tab")
-        page.wait_for_function("() => would.found !== null", timeout=30_000)
+        page.wait_for_function("() => would.found !== null")
         assert "Order 0 here" in page.text_content("#preview")

@@ -6,9 +6,7 @@ from browsers import skip_without_browser
 from isochrome.setup_page import apply_tool
 
 from .conftest import GIVEN
-from .test_setup_browser import chromium, place_on_screen, tab
-
-__all__ = ["chromium"]
+from .test_setup_browser import place_on_screen, tab
 
 pytestmark = pytest.mark.browser
 
@@ -203,7 +201,7 @@ def test_the_map_of_points_is_read_out_renewed_and_of_any_opacity(chromium, made
         page = own.page
         own.tool("order")
         page.click("#show-map")
-        page.wait_for_function("() => shown.map !== null", timeout=60_000)
+        page.wait_for_function("() => shown.map !== null")
         page.mouse.move(*place_on_screen(own, 420, 100))
         assert "N = 0.4" in page.text_content("#readout")
         lines = page.locator("#map-said p").all_inner_texts()
@@ -217,7 +215,7 @@ def test_the_map_of_points_is_read_out_renewed_and_of_any_opacity(chromium, made
         page.evaluate("shown.map.first = true")
         page.fill("#point-0-order", "1.42")
         page.press("#point-0-order", "Tab")
-        page.wait_for_function("() => shown.map && !shown.map.first", timeout=60_000)
+        page.wait_for_function("() => shown.map && !shown.map.first")
         page.mouse.move(*place_on_screen(own, 420, 100))
         assert "N = 1.4" in page.text_content("#readout")
         page.fill("#frame-number", "1")
