@@ -1,4 +1,26 @@
-r"""Fringe order of one monochrome frame without a model of the specimen.
+"""What a frame's fringes lose of their contrast, by blur and by the width of the light's band.
+
+A lens or a pixel that blurs by s (standard deviation, pixels) leaves exp(-2 pi² s² |∇N|²) of a
+fringe, and a band of wavelengths of relative width b leaves exp(-2 pi² b² N²) of one of order N:
+the Fourier transforms of Gaussians (Born & Wolf (1999), Principles of Optics, section 7.5.8). Read
+as if nothing were lost, a crest that the light does not reach looks like one that the order turns
+back at. Patches that span crest and flank alike say what contrast they have besides their order;
+s² and b² are what they say together, and the light is divided by it.
+
+One whole number for each part of a frame, from points and lines whose order the user knows.
+
+A part's patches say N = |f + j| with one whole number j that no light can tell. A point of known
+order o says j = round(o - f) or round(-o - f). Off the fringe lines only one of the two fits the
+light; on a line, 2 o a whole number, both do: such a point says the line, and not on which side of
+it the order is higher, and so do all places of a known fringe line together. The j of a part is
+therefore chosen jointly: it costs the sum of min(((|f + j| - o)/sigma)², C) over the part's points
+and lines, a line having one voice, so that among many a wrong one is outvoted. Where two j are
+nearly as good the part is not known. A line of N = 0 through the part is not generic in a loaded
+body (isotropic places are points), though a beam has one: where what is known lies on lines alone,
+it must be said. A point that the rest contradicts may lie beyond a seam that the light leaves open
+(`sign_ambiguity`): then that seam is closed as the point says.
+
+Fringe order of one monochrome frame without a model of the specimen.
 
 Patches of the frame are fitted by quadratics of the order, their signs and whole numbers settled
 between neighbours, and what is left, one sign and one whole number for each connected part, is
@@ -16,52 +38,407 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.fringes.on_branch import LARGEST_UNCERTAINTY, OrderReading, less_sure, make_reading
-from isochrome.fringes.single_frame.contrast import (
-    FADED,
-    contrast_map,
-    everywhere,
-    fit_contrast,
-    is_faded,
-    with_told,
-)
-from isochrome.fringes.single_frame.known_points import (
-    APART,
-    Anchored,
-    anchor_parts,
-    clearly_apart,
-    part_near,
-)
-from isochrome.fringes.single_frame.patch_labels import (
-    Labels,
-    expected_terms,
-    label_patches,
-    nearest_patches,
+from isochrome.fringes.on_branch import (
+    LARGEST_UNCERTAINTY,
+    OrderReading,
+    less_sure,
+    make_reading,
+    moved_by_light,
+    stray_error,
 )
 from isochrome.fringes.single_frame.patches import (
     HALF,
+    STRIDE,
     TURN,
+    Labels,
     Patches,
     basis,
     binned,
     bodies_of,
+    expected_terms,
     fit_patches,
     gather_patches,
+    label_patches,
     middles,
+    nearest_patches,
     offsets,
 )
-from isochrome.fringes.single_frame.sign_ambiguity import mend_mirrored
 from isochrome.fringes.single_frame.stated_orders import (
+    CLEAR,
     KnownOrders,
     KnownPlaces,
     KnownPoint,
+    Stated,
+    StatedPlace,
+    ZeroPlace,
     corner_orders,
+    fits_nothing,
     known_orders,
+    left_out,
+    mend_mirrored,
+    open_seams,
+    stated_place,
+    turned_to,
+    zero_lines,
 )
-from isochrome.fringes.stray_light import stray_error
 from isochrome.fringes.windows import Array, Mask, innermost
 from isochrome.messages import message
 from isochrome.scene import FreeCorner
+
+FADED = 0.05
+"""Contrast that is lost from which it moves the order by more than its uncertainty."""
+_SOME = 0.05
+"""Share of the patches that have lost as much."""
+_FILLED, _FAINTEST, _FEWEST = 0.6, 0.1, 30
+_FINEST = 0.2
+"""Fringes a bin beyond which a bin says nothing of the light's contrast."""
+_ROUNDS = 6
+_OUTLIER = 2.0
+"""Robust deviations from which a patch counts for less."""
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """The law a = exp(-2 pi² (blur |∇N|² + band N²)).
+
+    `blur`, variance of the blur, pixels²; `band`, variance of the wavenumber over its mean squared.
+    """
+
+    blur: float = 0.0
+    band: float = 0.0
+
+    def left(self, order: Array, slope: Array) -> Array:
+        """Contrast at `order`, fringes, whose gradient's size is `slope`, fringes a pixel."""
+        lost = self.blur * slope**2 + self.band * order**2
+        return np.asarray(np.exp(-0.5 * TURN**2 * lost))
+
+
+def with_told(patches: Patches, by: int, told: Array | None) -> Patches:
+    """Patches with the contrast that wider ones tell where they tell none.
+
+    Parameters: `patches` of bins of `by` pixels, whose own blur is taken out; `told` by wider ones
+    (m, n), NaN where nothing is, None for none. Returns Patches.
+    """
+    own = patches.contrast
+    if by > 1:
+        slope = np.hypot(patches.terms[..., 1], patches.terms[..., 2])
+        lost = Contrast(blur=(1.0 - by**-2.0) / 12.0).left(np.zeros_like(slope), slope)
+        own = np.where(slope < _FINEST, own / lost, np.nan)
+    return replace(patches, contrast=own if told is None else np.where(own > 0.0, own, told))
+
+
+def everywhere(told: Array) -> Array:
+    """The contrast (m, n) of the nearest patch that tells one; 1 where none does."""
+    known = np.isfinite(told)
+    return told[_nearest(known)] if known.any() else np.ones_like(told)
+
+
+def _nearest(known: Mask) -> tuple[Array, ...]:
+    from scipy.ndimage import distance_transform_edt
+
+    return tuple(distance_transform_edt(~known, return_distances=False, return_indices=True))
+
+
+def is_faded(patches: Patches) -> bool:
+    """Whether a frame's fringes have lost so much that it must be reckoned with."""
+    own = patches.contrast[(patches.filled > _FILLED) & np.isfinite(patches.contrast)]
+    return bool(len(own) >= _FEWEST and np.mean(own < 1.0 - FADED) > _SOME)
+
+
+def fit_contrast(patches: Patches, terms: Array) -> Contrast:
+    """Find what fringes lose from patches whose order is known.
+
+    Parameters: `patches`; `terms` (m, n, 6) of their signed order, NaN = not known. Returns the
+    Contrast, of no loss where too few patches tell.
+    """
+    use = np.isfinite(terms[..., 0]) & (patches.contrast > _FAINTEST)
+    if np.count_nonzero(use) < _FEWEST:
+        return Contrast()
+    own = terms[use]
+    lost = -2.0 * np.log(patches.contrast[use]) / TURN**2
+    return _law(np.stack([own[:, 1] ** 2 + own[:, 2] ** 2, own[:, 0] ** 2], axis=-1), lost)
+
+
+def _law(causes: Array, lost: Array) -> Contrast:
+    """Least squares of both variances, neither negative, patches off the law counting for less."""
+    from scipy.optimize import nnls
+
+    weight = np.ones(len(lost))
+    for _ in range(_ROUNDS):
+        result, _ = nnls(causes * weight[:, None], lost * weight)
+        away = np.abs(lost - causes @ result)
+        scale = max(1.4826 * float(np.median(away)), 1e-6)
+        weight = np.sqrt(np.minimum(1.0, _OUTLIER * scale / np.maximum(away, 1e-9)))
+    return Contrast(*(float(v) for v in result))
+
+
+def contrast_map(patches: Patches, terms: Array, law: Contrast, shape: tuple[int, ...]) -> Array:
+    """The contrast at each pixel (rows, cols); where no order is known, that of the nearest patch.
+
+    Parameters: `patches`; `terms` (m, n, 6), NaN = not known; `law`; `shape` of the frame.
+    """
+    near = terms[_nearest(np.isfinite(terms[..., 0]))]
+    left = law.left(near[..., 0], np.hypot(near[..., 1], near[..., 2]))
+    down, across = (_hats(at, n) for at, n in zip((patches.rows, patches.cols), shape, strict=True))
+    return np.asarray(down @ left @ across.T)
+
+
+def _hats(at: Array, length: int) -> Array:
+    """Weights of linear interpolation between places: (length, places)."""
+    return np.stack([np.interp(np.arange(length), at, unit) for unit in np.eye(len(at))], axis=-1)
+
+
+_BELOW = 0.1
+"""Order below which a known point says a line of N = 0, fringes."""
+_FEWEST_PATCHES = 6
+"""Patches beyond an open seam from which it is said."""
+_ALONE = 0.1
+"""Share of what could be followed, without a point, from which it is said."""
+_TELLABLE = 0.2
+"""Fringes between two answers that a known order tells apart: closer to a line than half of that it
+says the line, and not the side."""
+_SHARP = 0.1
+"""Share of the difference of two answers that the light may move them by where a point is asked."""
+_DOUBTFUL = 0.003
+"""Uncertainty of the signal by the ends of the light from which a line of N = 0 must be known."""
+_OF_ZERO_LINE = "order_would_along_line"
+APART = 0.5
+"""Fringes between two orders from which any known order contradicts one: it may be off by .24."""
+
+
+@dataclass(frozen=True)
+class Anchored:
+    """What the known points make of the patches.
+
+    `terms` (m, n, 6) of the signed order, NaN where it is not known; `misses`, points that were not
+    used; `said`, what is open, and what point would settle it.
+    """
+
+    terms: Array = field(repr=False)
+    misses: tuple[KnownPoint, ...]
+    said: tuple[str, ...]
+
+
+def anchor_parts(
+    patches: Patches, labels: Labels, known: Sequence[KnownPlaces], valid: Mask, error: Array
+) -> Anchored:
+    """Choose the whole number of each part where an order is known, and the side of open seams.
+
+    Parameters: `patches`; their `labels`; what is `known`; `valid`, True = trusted pixel (rows,
+    cols); `error` (m, n), the signal's uncertainty by the ends of the light. Returns an Anchored.
+    """
+    terms = np.full_like(patches.terms, np.nan)
+    field_terms = labels.sign[..., None] * patches.terms
+    field_terms[..., 0] += labels.shift
+    said: list[str] = []
+    misses: list[KnownPoint] = []
+    by_part: dict[int, list[Stated]] = {}
+    for each in known:
+        places = [stated_place(patches, labels, field_terms, each, p) for p in each.places]
+        parts = [_part_at(patches, labels, p) for p in places]
+        misses += [p.point for p, part in zip(places, parts, strict=True) if part < 0]
+        if max(parts) < 0:
+            said.append(_unfollowed(each, valid))
+        for part in sorted({part for part in parts if part >= 0}):
+            own = tuple(p for p, at in zip(places, parts, strict=True) if at == part)
+            by_part.setdefault(part, []).append(Stated(each, own))
+    for part, given in sorted(by_part.items()):
+        inside = labels.part == part
+        result = _one_part(patches, np.where(inside[..., None], field_terms, np.nan), given, error)
+        misses += result.misses
+        said += result.said
+        terms[inside] = result.terms[inside]
+    alone = (labels.part >= 0) & ~np.isin(labels.part, list(by_part))
+    share = float(alone.sum() / max(1, int((labels.part >= 0).sum())))
+    if share > _ALONE:
+        said.append(_left_alone(patches, labels, alone, share))
+    return Anchored(terms, tuple(misses), tuple(said))
+
+
+def _unknown(own: Array, given: list[Stated], *said: str) -> Anchored:
+    """A part of which nothing is known, and why."""
+    points = tuple(p.point for g in given for p in g.places)
+    return Anchored(np.full_like(own, np.nan), points, said)
+
+
+def _one_part(patches: Patches, own: Array, given: list[Stated], error: Array) -> Anchored:
+    """A part's order by what is known in it."""
+    candidates = {
+        round(s * g.order - p.field) for g in given for p in g.places for s in (1.0, -1.0)
+    }
+    candidates = {j for j in candidates if any(g.fits(j) for g in given)}
+    if not candidates:
+        return _unknown(own, given, *(fits_nothing(g, g.first) for g in given))
+    lines = {j: zero_lines(own[..., 0] + j, _zero_said(j, given)) for j in candidates}
+    cost = {j: sum(g.cost(j) for g in given) for j in candidates}
+    # a line of N = 0 is unlikely, and no proof: it says what is tried first, and settles nothing
+    best, *others = sorted(candidates, key=lambda j: (round(cost[j], 6), lines[j], j))
+    rivals = [j for j in others if cost[j] < cost[best] + CLEAR]
+    if rivals:
+        for j in (best, *rivals):
+            if not all(p.fits(j) for g in given for p in g.places):
+                result = _with_seams(patches, own, given, j, error)
+                if not result.misses:
+                    return result
+        return _open(patches, own, given, best, rivals[0])
+    sure = [g for g in given if g.fits(best)]
+    doubtful = float(np.median(error[np.isfinite(own[..., 0])])) > _DOUBTFUL
+    if lines[best] and (doubtful or all(g.on_line for g in sure)):
+        return _unknown(own, sure, f"{sure[0]}: " + message(_OF_ZERO_LINE))
+    return _with_seams(patches, own, given, best, error)
+
+
+def _with_seams(
+    patches: Patches, own: Array, given: list[Stated], j: int, error: Array
+) -> Anchored:
+    """Open seams closed as points beyond them say, and what still lies beyond one left out."""
+    terms = own.copy()
+    terms[..., 0] += j
+    said: list[str] = []
+    misses: list[KnownPoint] = []
+    used = [(g, p) for g in given for p in g.places if p.cost(j) < CLEAR]
+    zero_said = _zero_said(j, given)
+    for g in given:
+        missed = []
+        for p in (p for p in g.places if p.cost(j) >= CLEAR):
+            turned = _turned(patches, terms, used, zero_said, g, p)
+            if turned is None:
+                missed.append(p)
+            else:
+                terms = turned
+                used.append((g, p))
+        if missed:
+            misses += [p.point for p in missed]
+            said.append(left_out(g, missed, j, sum(other.fits(j) for other in given)))
+    sources = [g.source(p, terms) for g, p in used]
+    for crest, beyond in open_seams(patches, terms, sources, zero_said):
+        if beyond.sum() >= _FEWEST_PATCHES:
+            said.append(_beyond_seam(patches, terms, beyond, crest, error))
+        terms[beyond] = np.nan
+    return Anchored(terms, tuple(misses), tuple(said))
+
+
+def _turned(
+    patches: Patches,
+    terms: Array,
+    used: list[tuple[Stated, StatedPlace]],
+    zero_said: list[ZeroPlace],
+    given: Stated,
+    p: StatedPlace,
+) -> Array | None:
+    """The terms (m, n, 6) with an open seam closed as a place beyond it says.
+
+    As they are where the place fits, since another place of its line has closed it, or roughly, and
+    better beyond no seam; None where it fits neither way.
+    """
+    there = given.source(p, terms)
+    miss = abs(abs(float(there.basis @ terms[p.patch])) - given.order)
+    if (miss / p.sigma) ** 2 < CLEAR:
+        return terms
+    sources = [g.source(q, terms) for g, q in used]
+    turned = turned_to(patches, terms, sources, zero_said, there, given.order, p.within)
+    return terms if turned is None and miss < p.within else turned
+
+
+def _zero_said(j: int, given: list[Stated]) -> list[ZeroPlace]:
+    """Where it is known that N = 0 along a line: a place on it, or two on its two sides."""
+    there = [(g, p) for g in given if g.known.says_zero_line for p in g.places if p.fits(j)]
+    on: list[ZeroPlace] = [(p.patch,) for g, p in there if g.order < _BELOW]
+    off = [p for g, p in there if g.order > _BELOW and not g.on_line]
+    above, below = ([p for p in off if sign * (p.field + j) > 0.0] for sign in (1.0, -1.0))
+    return on + [(p.patch, q.patch) for p in above for q in below]
+
+
+def _open(patches: Patches, own: Array, given: list[Stated], best: int, rival: int) -> Anchored:
+    """A part for which two whole numbers are as good: nothing is known, and why."""
+    listed = "; ".join(map(str, given))
+    if all(any(not g.fits(j) for g in given) for j in (best, rival)):
+        said = message("contradict_each_other_no", listed=listed)
+    else:
+        orders = [np.abs(own[..., 0] + j) for j in (best, rival)]
+        row, col, at = _place(patches, clearly_apart(np.abs(orders[0] - orders[1])))
+        first, second = sorted(o[at] for o in orders)
+        said = message(
+            "fringe_line_light_cannot", listed=listed, row=row, col=col, first=first, second=second
+        )
+        turning = next((g for g in given if not g.known.is_line and g.first.around), None)
+        if turning is not None:
+            said += message("extremum_maximum_minimum", turning=turning)
+    return _unknown(own, given, said)
+
+
+def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int, error: Array) -> str:
+    """What to say of patches whose branch the light does not settle.
+
+    A point is asked for where the light is known well enough for its answer to be the order.
+    """
+    order = terms[..., 0]
+    mirrored = np.abs(crest - order)
+    share = 100.0 * beyond.sum() / max(1, np.isfinite(order).sum())
+    said = message("light_cannot_decide_whether", crest=abs(0.5 * crest), share=share)
+    apart = np.where(beyond, np.abs(mirrored - np.abs(order)), np.nan)
+    most = float(np.nanmax(apart))
+    if most < _TELLABLE:
+        return message("lies_within_line_order", said=said, most=0.5 * most)
+    moved = moved_by_light(np.where(beyond, order, 0.0), error)
+    lit = (apart >= _TELLABLE) & (moved < np.minimum(LARGEST_UNCERTAINTY, _SHARP * apart))
+    if not lit.any():
+        return message("nor_light_there_give", said=said)
+    differ = np.where(lit, apart, np.nan)
+    row, col, at = _place(patches, clearly_apart(differ))
+    first, second = sorted([float(mirrored[at]), abs(float(order[at]))])
+    return message(
+        "known_order_row_column_settles", said=said, row=row, col=col, first=first, second=second
+    )
+
+
+def _left_alone(patches: Patches, labels: Labels, alone: Mask, share: float) -> str:
+    numbers, counts = np.unique(labels.part[alone], return_counts=True)
+    row, col, _ = _place(patches, labels.part == numbers[counts.argmax()])
+    return message("what_could_followed_hangs", share=100.0 * share, row=row, col=col)
+
+
+def clearly_apart(difference: Array) -> Mask:
+    """Where two orders differ enough for a known one to tell them apart, else where most.
+
+    Equation: d > min(1/2, max(d)/2), d the `difference` (rows, cols), NaN where nothing is asked.
+    """
+    return np.asarray(difference > min(APART, 0.5 * float(np.nanmax(difference))))
+
+
+def _place(patches: Patches, where: Mask) -> tuple[int, int, tuple[int, int]]:
+    """The middle-most place of some patches: row and column of its pixel, and its patch."""
+    i, j = innermost(where)
+    return int(patches.rows[i]), int(patches.cols[j]), (i, j)
+
+
+def _unfollowed(known: KnownPlaces, valid: Mask) -> str:
+    row, col = known.places[0]
+    i, j = round(row), round(col)
+    inside = 0 <= i < valid.shape[0] and 0 <= j < valid.shape[1] and bool(valid[i, j])
+    why = message("no_fringe_could_followed") if inside else message("lies_outside_specimen_where")
+    others = message("other_places") if known.is_line else ""
+    return f"{known.key} = {known.order:g} at row {row:g}, column {col:g}{others}: {why}"
+
+
+def part_near(
+    patches: Patches, labels: Labels, place: tuple[float, float], *, on_line: bool = False
+) -> int:
+    """The part for which an order at a place speaks, -1 where there is none near.
+
+    Parameters: `patches`, their `labels`; `place` (row, col), px; `on_line`, whether a line's.
+    """
+    kind = KnownPlaces((place,) * (2 if on_line else 1), 0.0)
+    return _part_at(patches, labels, stated_place(patches, labels, patches.terms, kind, place))
+
+
+def _part_at(patches: Patches, labels: Labels, p: StatedPlace) -> int:
+    """The part of the patch about a place, -1 where there is none near."""
+    far = max(
+        abs(p.point[0] - patches.rows[p.patch[0]]), abs(p.point[1] - patches.cols[p.patch[1]])
+    )
+    return -1 if far > HALF + STRIDE else int(labels.part[p.patch])
+
 
 _BINNINGS = (4, 2, 1)
 _LEAST_PIXELS = 7 * (2 * HALF + 1) // 2
