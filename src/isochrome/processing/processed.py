@@ -41,12 +41,13 @@ from isochrome.output import (
 from isochrome.processing.in_common import (
     fitted_keys,
     frame_values,
+    set_grid,
+    shift_messages,
     with_past_friction,
     with_past_loads,
     with_scatter_of_gamma,
 )
 from isochrome.processing.kinds.largest_order import ORDER_SPREAD, largest_from
-from isochrome.processing.placement import set_grid, shift_messages
 from isochrome.processing.result import (
     CAUSES,
     FOUND_BY,
@@ -223,7 +224,7 @@ class Processed(Result):
 
         `frames`: numbers of those that are shown. Raises InputError where one is not there.
         """
-        from isochrome.processing.pictures.figure import processed_panels
+        from isochrome.processing.figure import processed_panels
 
         return processed_panels(self, frames)
 
