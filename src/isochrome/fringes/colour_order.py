@@ -1,4 +1,14 @@
-"""The order of each pixel from the colours around it, on a branch that is chosen already.
+"""Fringe order from a colour frame: three-fringe (RGB) photoelasticity.
+
+In light of several wavelengths each order has a colour of its own, as far as the fringes have
+contrast; black in the dark field is N = 0 alone. Each pixel's three signals are compared with a
+calibration table; the branch is chosen with the neighbours (`choose_orders`),
+never by the nearest colour alone. The value then comes from the pixel's neighbourhood by weighted
+least squares over the channels.
+Sources: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29; Quiroga, García-Botella
+& Gómez-Pedrero (2002), Applied Optics 41, 3461, for the guidance by neighbours.
+
+The order of each pixel from the colours around it, on a branch that is chosen already.
 
 N = N_branch + d, d = Σ w J r / Σ w J² over a small Gaussian window and all channels, J = ds/dN,
 r = y - s(N), repeated, so that curvature of the order over the window does not shift it.
@@ -7,16 +17,6 @@ Colour light to fringe signal: background and illumination taken out of every ch
 
 A channel's light is I_c = D_c + A_c s_c(N). With no-load frames D and A are theirs; what is missing
 is found from the frame itself (`isochrome.fringes.frame_exposure`).
-
-Fringe order from a colour frame: three-fringe (RGB) photoelasticity.
-
-In light of several wavelengths each order has a colour of its own, as far as the fringes have
-contrast; black in the dark field is N = 0 alone. Each pixel's three signals are compared with a
-calibration table; the branch is chosen with the neighbours (`colour.colour_branch`),
-never by the nearest colour alone. The value then comes from the pixel's neighbourhood by weighted
-least squares over the channels (`isochrome.fringes.colour_order`).
-Sources: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29; Quiroga, García-Botella
-& Gómez-Pedrero (2002), Applied Optics 41, 3461, for the guidance by neighbours.
 """
 
 from dataclasses import dataclass

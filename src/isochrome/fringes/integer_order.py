@@ -1,4 +1,17 @@
-"""From wrapped to absolute fringe order: unwrapping, and the whole number that phase leaves open.
+"""The whole number of each connected part of an unwrapped field, and what it was taken from.
+
+In this order: orders that the user knows; equilibrium and compatibility (see `anchor`); a model.
+Where the first two disagree, or nothing tells, that is said.
+
+The direction of sigma_1 from the maps of a phase-stepped set, pooled and made continuous.
+
+sin δ exp 2iθ, squared, and (1 - cos δ) exp 4iθ both point along exp 4iθ. The first is nothing at
+whole and half orders, the second at whole ones; weighted with their information they are summed
+over a small window, which no wrap of θ disturbs, and which fringes do not interrupt. The root,
+exp 2iθ, keeps a sign that continuity settles: about an isotropic point 2θ turns whole, so that
+a continuous choice exists all round it.
+
+From wrapped to absolute fringe order: unwrapping, and the whole number that phase leaves open.
 
 Phase stepping gives δ and the direction of sigma_1 up to the joint change (δ, θ) ~ (-δ, θ + 90°),
 which leaves n = (sigma_1 - sigma_2 as fringes) exp 2iθ = (φ/2π + m) exp 2iθ as it is once θ is
@@ -12,19 +25,6 @@ stress obeys equilibrium and no compatibility: its n leaves the imaginary part o
 nought, 2 (∂xx - ∂yy) τxy - 2 ∂x∂y (σx - σy); the real part is -∇²(σx + σy).
 Source: Muskhelishvili (1953), Some Basic Problems of the Mathematical Theory of Elasticity, for
 the stresses' form; the use made of it here was derived from it.
-
-The whole number of each connected part of an unwrapped field, and what it was taken from.
-
-In this order: orders that the user knows; equilibrium and compatibility (see `anchor`); a model.
-Where the first two disagree, or nothing tells, that is said.
-
-The direction of sigma_1 from the maps of a phase-stepped set, pooled and made continuous.
-
-sin δ exp 2iθ, squared, and (1 - cos δ) exp 4iθ both point along exp 4iθ. The first is nothing at
-whole and half orders, the second at whole ones; weighted with their information they are summed
-over a small window, which no wrap of θ disturbs, and which fringes do not interrupt. The root,
-exp 2iθ, keeps a sign that continuity settles: about an isotropic point 2θ turns whole, so that
-a continuous choice exists all round it.
 """
 
 from __future__ import annotations

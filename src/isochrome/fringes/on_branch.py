@@ -1,13 +1,4 @@
-"""Light that neither a model nor no-load frames hold: a lamp's reflection, a smear, dust.
-
-Light that is added to a fringe's flank moves the order that is read there, e/(df/dN), and leaves no
-trace: only a crest, where no order answers to it, shows it. What a shift of the order leaves of the
-light, r - J Σ w J r / Σ w J², is therefore compared with what it leaves of an even light of unit
-size, q = o - J Σ w J o / Σ w J²: e = Σ w q r / Σ w q², over windows of several widths, of which the
-one that says most counts. Where no crest is within reach nothing tells such light from stress that
-the model lacks: there a bump of the order, narrower than its surroundings make likely, is doubt.
-
-Fringe order from the intensity, on the branch that a fitted model names.
+"""Fringe order from the intensity, on the branch that a fitted model names.
 
 A pixel's light I = A f(N) + C, f = sin²(pi N) in the ideal dark field, says N only up to its sign
 and a whole number. A model that describes the frame names the branch; the value then comes from
@@ -15,6 +6,15 @@ the light itself: N = N_model + d, with d from the pixel's own neighbourhood by 
 squares, d = Σ w J r / Σ w J², r = (I - A f - C)/sigma, J = (A/sigma) df/dN, repeated until d rests.
 Pooling over a few pixels is what lifts the answer above a single pixel's noise, which has no
 answer at all on the crests, where df/dN = 0.
+
+Light that neither a model nor no-load frames hold: a lamp's reflection, a smear, dust.
+
+Light that is added to a fringe's flank moves the order that is read there, e/(df/dN), and leaves no
+trace: only a crest, where no order answers to it, shows it. What a shift of the order leaves of the
+light, r - J Σ w J r / Σ w J², is therefore compared with what it leaves of an even light of unit
+size, q = o - J Σ w J o / Σ w J²: e = Σ w q r / Σ w q², over windows of several widths, of which the
+one that says most counts. Where no crest is within reach nothing tells such light from stress that
+the model lacks: there a bump of the order, narrower than its surroundings make likely, is doubt.
 """
 
 from __future__ import annotations

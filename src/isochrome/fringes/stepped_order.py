@@ -1,13 +1,4 @@
-"""What the light of a phase-stepped set says in each pixel, before any whole number is settled.
-
-Least squares over the steps gives the maps of `step_equations`, these the direction of sigma_1
-(`isoclinic`) and, with contrast and misfit, how far each pixel is to be trusted. A frame that
-cannot be trusted in a pixel, saturated there or faulty, is left out of that pixel alone, where the
-other frames still tell.
-
-From what a stepped set's light says to the field n: unwrapped, settled, and smoothed.
-
-Absolute fringe order and isoclinic angle from a phase-stepped set.
+"""Absolute fringe order and isoclinic angle from a phase-stepped set.
 
 The steps' light gives cos δ, sin δ exp 2iθ and (1 - cos δ) exp 4iθ in every pixel
 (`step_equations`), these the continuous direction up to 90° (`isoclinic`), along which δ is signed
@@ -31,6 +22,15 @@ obeys no compatibility) or, where that does not tell, from most of the specimen 
 order. What cannot be followed, and might be beyond, is left unknown.
 Source: Frocht (1941), Photoelasticity, vol. 1, for stresses that add up in one plane; Aben &
 Guillemet (1993), Photoelasticity of Glass, for those that vary along the light.
+
+What the light of a phase-stepped set says in each pixel, before any whole number is settled.
+
+Least squares over the steps gives the maps of `step_equations`, these the direction of sigma_1
+(`isoclinic`) and, with contrast and misfit, how far each pixel is to be trusted. A frame that
+cannot be trusted in a pixel, saturated there or faulty, is left out of that pixel alone, where the
+other frames still tell.
+
+From what a stepped set's light says to the field n: unwrapped, settled, and smoothed.
 """
 
 from __future__ import annotations

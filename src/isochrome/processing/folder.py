@@ -1,6 +1,6 @@
-"""A chunk of a set: what is found in its frames, as pictures, rows and parts of files.
+"""The files that `process` makes when all frames are done: tables, figure, dataset, scene.
 
-The files that `process` makes when all frames are done: tables, figure, dataset, scene.
+A chunk of a set: what is found in its frames, as pictures, rows and parts of files.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Where frames stand: the axes of a set's maps, and each frame's shift from them.
+"""The table of a set, and what its frames say together of each one's uncertainties.
 
-The table of a set, and what its frames say together of each one's uncertainties.
+Where frames stand: the axes of a set's maps, and each frame's shift from them.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,4 +1,6 @@
-"""The working folder beside an output: what is finished of a run, until all of it is.
+"""A long run: chunk after chunk, each kept when it is done; after a crash, it resumes there.
+
+The working folder beside an output: what is finished of a run, until all of it is.
 
 DIR.partial holds the manifest (what the run is a result of), the records of its finished chunks,
 and, in a folder of its own, the files that become DIR. It goes when DIR is there.
@@ -6,8 +8,6 @@ and, in a folder of its own, the files that become DIR. It goes when DIR is ther
 One run at a time on one output: a lock that the system opens when its process dies.
 
 The end of a run: its results take their place, and what was there before goes, or stays.
-
-A long run: chunk after chunk, each kept when it is done; after a crash, it resumes there.
 """
 
 from __future__ import annotations

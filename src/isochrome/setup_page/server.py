@@ -50,8 +50,12 @@ from isochrome.setup_page.edits import (
     session_state,
     without_model,
 )
-from isochrome.setup_page.places import round_by_spread
-from isochrome.setup_page.session import SetSession, SetupSession, calibration_answer
+from isochrome.setup_page.session import (
+    SetSession,
+    SetupSession,
+    calibration_answer,
+    round_by_spread,
+)
 
 _WRONG_CHI = 3.0
 """chi of a fit from which its values are not taken into the scene together: the model is wrong."""

@@ -1,5 +1,13 @@
 from .block_fem import Sampled, Sides, corrections
-from .field import StressComponents, StressDifference, principal_direction, seen_by
+from .field import (
+    Lens,
+    PixelGrid,
+    StressComponents,
+    StressDifference,
+    pixel_grid,
+    principal_direction,
+    seen_by,
+)
 from .half_plane import (
     DEEP_PX,
     DOUBLE_ERROR,
@@ -23,7 +31,6 @@ from .half_plane import (
 )
 from .half_plane_series import SeriesField, SeriesGrid, make_series_grid, series_difference
 from .peak import ShearPeak, largest_shear
-from .pixels import Lens, PixelGrid, pixel_grid
 
 __all__ = [
     "DEEP_PX",

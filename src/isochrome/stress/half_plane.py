@@ -42,8 +42,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.stress.field import StressComponents, StressDifference
-from isochrome.stress.pixels import PixelGrid
+from isochrome.stress.field import PixelGrid, StressComponents, StressDifference
 
 Floats = NDArray[np.floating]
 Complexes = NDArray[np.complexfloating]

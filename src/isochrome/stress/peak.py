@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from isochrome.errors import InputError
+from isochrome.stress.field import PixelGrid
 from isochrome.stress.half_plane import NO_STRESS, Box, Floats, Loads, RegularStress, find_hills
-from isochrome.stress.pixels import PixelGrid
 
 
 @dataclass(frozen=True)

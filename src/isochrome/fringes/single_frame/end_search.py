@@ -1,11 +1,4 @@
-"""Ends of the light and patches of the order as one least-squares problem.
-
-A patch's pixel has the light I = M^(1/g), M = D (1 - s) + B s, s = (1 - a cos 2 pi N)/2: D and B
-are sums of given shapes, N is a cubic of the place, g the tone exponent, and a = sinc N_x sinc N_y
-what a bin of some pixels leaves of a fringe. The cubic terms are nuisances: without them, what a
-quadratic cannot follow would be taken for light, with a certainty that it does not have.
-
-The search for the ends of the light: damped steps on all unknowns, from several starts.
+"""The search for the ends of the light: damped steps on all unknowns, from several starts.
 
 A patch that touches a crest and one that crosses it fit nearly alike, and a search that starts with
 the bright end too low leaves patches on the wrong side: that is why it starts more than once, looks
@@ -18,6 +11,13 @@ The loop is not `isochrome.estimation.minimise`: the patches follow each step by
 and are made anew in between, and a cost is compared only as long as they are the same ones.
 Sources: Golub & Pereyra (1973), SIAM J. Numer. Anal. 10, 413, for the elimination; Levenberg
 (1944), Q. Appl. Math. 2, 164, for the damping.
+
+Ends of the light and patches of the order as one least-squares problem.
+
+A patch's pixel has the light I = M^(1/g), M = D (1 - s) + B s, s = (1 - a cos 2 pi N)/2: D and B
+are sums of given shapes, N is a cubic of the place, g the tone exponent, and a = sinc N_x sinc N_y
+what a bin of some pixels leaves of a fringe. The cubic terms are nuisances: without them, what a
+quadratic cannot follow would be taken for light, with a certainty that it does not have.
 """
 
 from dataclasses import dataclass, field, replace

@@ -1,4 +1,15 @@
-"""What a frame's fringes lose of their contrast, by blur and by the width of the light's band.
+"""Fringe order of one monochrome frame without a model of the specimen.
+
+Patches of the frame are fitted by quadratics of the order, their signs and whole numbers settled
+between neighbours, and what is left, one sign and one whole number for each connected part, is
+taken from where the user knows the order (`[[frames.known_order]]`, `[[frames.known_line]]`,
+corners of a `[[frames.free_boundary]]`). A part without any is left unknown: no light can tell its
+whole number. Pixels are then the mean of the patches about them; where those disagree, as beside an
+isotropic point or where fringes are finer than a patch can follow, the pixel is masked. What blur
+and a wide band take of the fringes' contrast is found from the frame (`contrast`), and bodies that
+masked pixels keep apart are parts apart.
+
+What a frame's fringes lose of their contrast, by blur and by the width of the light's band.
 
 A lens or a pixel that blurs by s (standard deviation, pixels) leaves exp(-2 pi² s² |∇N|²) of a
 fringe, and a band of wavelengths of relative width b leaves exp(-2 pi² b² N²) of one of order N:
@@ -19,17 +30,6 @@ nearly as good the part is not known. A line of N = 0 through the part is not ge
 body (isotropic places are points), though a beam has one: where what is known lies on lines alone,
 it must be said. A point that the rest contradicts may lie beyond a seam that the light leaves open
 (`sign_ambiguity`): then that seam is closed as the point says.
-
-Fringe order of one monochrome frame without a model of the specimen.
-
-Patches of the frame are fitted by quadratics of the order, their signs and whole numbers settled
-between neighbours, and what is left, one sign and one whole number for each connected part, is
-taken from where the user knows the order (`[[frames.known_order]]`, `[[frames.known_line]]`,
-corners of a `[[frames.free_boundary]]`). A part without any is left unknown: no light can tell its
-whole number. Pixels are then the mean of the patches about them; where those disagree, as beside an
-isotropic point or where fringes are finer than a patch can follow, the pixel is masked. What blur
-and a wide band take of the fringes' contrast is found from the frame (`contrast`), and bodies that
-masked pixels keep apart are parts apart.
 """
 
 from collections.abc import Sequence

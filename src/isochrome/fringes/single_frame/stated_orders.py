@@ -1,16 +1,4 @@
-"""Regions of the field that are mirrored about a crest, or that might as well be.
-
-On a crest of the light, n = k/2, the light is the same whether the order goes on through it or
-turns back: a region beyond it could be k - n in place of n. Only the smoothness of the patches
-along the whole of the crest tells. For each crest the regions away from it are taken as they are,
-and the seam along which one of them would be turned over at the least cost is a minimum cut through
-the patches near the crest; an edge's cost is by how much worse its two patches would agree.
-A seam of negative cost is a region turned over by mistake: it is turned back. A seam along which
-some edges speak for turning and others against is one that the light does not settle, such as a
-flat valley of the order along a crest under noise: what lies beyond it is not known.
-Source: Boykov, Veksler & Zabih (2001), IEEE TPAMI 23, 1222, for cuts as moves that lower a cost.
-
-What a user knows of the order, as the patches of one part see it.
+"""What a user knows of the order, as the patches of one part see it.
 
 A point, the places of a fringe line, or a free corner. Between two free sides of an outward
 corner no stress is left: N rises from it as r^p. For stress
@@ -22,6 +10,18 @@ The nearest patch that is followed lies some pixels away. On the way to it N sta
 changes by less than a quarter as long as the light c = cos 2 pi N stays dark, c > 0: so the corner
 says the patch's whole number where all of the way is seen to be dark. Within the few pixels that a
 blurred or masked edge hides, N is less than their distance times its slope beyond them, as p > 1.
+
+Regions of the field that are mirrored about a crest, or that might as well be.
+
+On a crest of the light, n = k/2, the light is the same whether the order goes on through it or
+turns back: a region beyond it could be k - n in place of n. Only the smoothness of the patches
+along the whole of the crest tells. For each crest the regions away from it are taken as they are,
+and the seam along which one of them would be turned over at the least cost is a minimum cut through
+the patches near the crest; an edge's cost is by how much worse its two patches would agree.
+A seam of negative cost is a region turned over by mistake: it is turned back. A seam along which
+some edges speak for turning and others against is one that the light does not settle, such as a
+flat valley of the order along a crest under noise: what lies beyond it is not known.
+Source: Boykov, Veksler & Zabih (2001), IEEE TPAMI 23, 1222, for cuts as moves that lower a cost.
 """
 
 from collections.abc import Iterator, Sequence
