@@ -352,10 +352,16 @@ def comparison_report(
         for row, (one, (here, there, numbers)) in enumerate(zip(chosen, rows, strict=True))
     ]
     few = ", for the reason that stands beside each" if len(chosen) < len(metrics) else ""
+    parts = []
+    if any(value is not None for value in columns["order_rms_fringe"]):
+        parts.append(f"orders differ by {over_items(columns['order_rms_fringe'])} fringe (RMS)")
+        parts.append(f"share on a wrong branch {over_items(columns['wrong_branch_share'])}")
+    parts.append(f"correlation of the light (NCC) {over_items(columns['ncc'])}")
+    text = "; ".join(parts)
     return ReportContent(
         command="compare",
         title=f"Comparison of {counted(len(metrics), 'frame')}",
-        verdict=_verdict(columns),
+        verdict=f"{text[:1].upper()}{text[1:]}.",
         frames=frames,
         choice=f"{len(chosen)} of {counted(len(metrics), 'frame')} are shown{few}.",
         no_budget="A comparison has none; those of its two sets stand in their own reports.",
@@ -376,17 +382,6 @@ def _panes(pictures: _Pictures, row: int) -> tuple[Pane, ...]:
         Pane("simulation", "simulation", model, grey, SIGNAL),
         Pane("difference", f"experiment − simulation, {of_what}", gap, (-limit, limit), unit),
     )
-
-
-def _verdict(columns: Mapping[str, Sequence[Any]]) -> str:
-    """How far the two are apart."""
-    parts = []
-    if any(value is not None for value in columns["order_rms_fringe"]):
-        parts.append(f"orders differ by {over_items(columns['order_rms_fringe'])} fringe (RMS)")
-        parts.append(f"share on a wrong branch {over_items(columns['wrong_branch_share'])}")
-    parts.append(f"correlation of the light (NCC) {over_items(columns['ncc'])}")
-    text = "; ".join(parts)
-    return f"{text[:1].upper()}{text[1:]}."
 
 
 _SETS = "compared_sets"

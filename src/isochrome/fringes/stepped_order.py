@@ -481,7 +481,13 @@ def read_residual(
     field, spread = pooled, less
     known_share = float(known.sum() / max(1, np.count_nonzero(known | light.specimen)))
     spread = np.where(known, spread, np.nan)
-    return ResidualStress(field, spread, known_share, _remarks(light, known_share), light.agrees)
+    remarks = []
+    if light.chi > POOR_CHI:
+        lost = "" if light.agrees.any() else message("no_isoclinic_given_load")
+        remarks.append(message("no_load_steps_chi", chi=light.chi, lost=lost))
+    if known_share < _FEW:
+        remarks.append(message("no_load_steps_only", known_share=100 * known_share))
+    return ResidualStress(field, spread, known_share, tuple(remarks), light.agrees)
 
 
 def least_field(terms: StepTerms) -> Array:
@@ -538,17 +544,6 @@ def _believed(main: Mask, free: Mask, clear: Mask, apart: Mask) -> tuple[Mask, M
     parts, count = label(main)
     gainsaid = np.bincount(parts[main & clear & apart], minlength=count + 1) > 0
     return clear & (reaches[labels] | free), main & ~gainsaid[parts]
-
-
-def _remarks(light: StepLight, known_share: float) -> tuple[str, ...]:
-    """What the user should know of the no-load set."""
-    remarks = []
-    if light.chi > POOR_CHI:
-        lost = "" if light.agrees.any() else message("no_isoclinic_given_load")
-        remarks.append(message("no_load_steps_chi", chi=light.chi, lost=lost))
-    if known_share < _FEW:
-        remarks.append(message("no_load_steps_only", known_share=100 * known_share))
-    return tuple(remarks)
 
 
 _LEAST_ORDER = 4.0

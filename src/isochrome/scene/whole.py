@@ -119,7 +119,11 @@ class Scene(ScenePart):
     def _parts_agree(self) -> Scene:
         self._check_needed()
         self._check_sliding()
-        self._check_frames()
+        light, frames = self.polariscope, self.frames
+        if light.step and frames.known_line:
+            raise ValueError(message("frames_known_line_single_frames"))
+        if frames.known_loads_n and (self.model != "disc" or light.tells_orders):
+            raise ValueError(message("frames_known_loads_n_single_frames"))
         if self.specimen.shape == "block":
             self._check_block()
         if self.load is not None:
@@ -148,13 +152,6 @@ class Scene(ScenePart):
             raise ValueError(message("scar_needs_wear_which"))
         if self.wear and self.wear.law == "dissipated_energy" and self.friction is None:
             raise ValueError(message("wear_law_dissipated_energy_needs"))
-
-    def _check_frames(self) -> None:
-        light, frames = self.polariscope, self.frames
-        if light.step and frames.known_line:
-            raise ValueError(message("frames_known_line_single_frames"))
-        if frames.known_loads_n and (self.model != "disc" or light.tells_orders):
-            raise ValueError(message("frames_known_loads_n_single_frames"))
 
     def _check_block(self) -> None:
         specimen = self.specimen

@@ -179,13 +179,11 @@ def contrast_map(patches: Patches, terms: Array, law: Contrast, shape: tuple[int
     """
     near = terms[_nearest(np.isfinite(terms[..., 0]))]
     left = law.left(near[..., 0], np.hypot(near[..., 1], near[..., 2]))
-    down, across = (_hats(at, n) for at, n in zip((patches.rows, patches.cols), shape, strict=True))
+    down, across = (
+        np.stack([np.interp(np.arange(n), at, unit) for unit in np.eye(len(at))], axis=-1)
+        for at, n in zip((patches.rows, patches.cols), shape, strict=True)
+    )
     return np.asarray(down @ left @ across.T)
-
-
-def _hats(at: Array, length: int) -> Array:
-    """Weights of linear interpolation between places: (length, places)."""
-    return np.stack([np.interp(np.arange(length), at, unit) for unit in np.eye(len(at))], axis=-1)
 
 
 _BELOW = 0.1
@@ -251,7 +249,9 @@ def anchor_parts(
     alone = (labels.part >= 0) & ~np.isin(labels.part, list(by_part))
     share = float(alone.sum() / max(1, int((labels.part >= 0).sum())))
     if share > _ALONE:
-        said.append(_left_alone(patches, labels, alone, share))
+        numbers, counts = np.unique(labels.part[alone], return_counts=True)
+        row, col, _ = _place(patches, labels.part == numbers[counts.argmax()])
+        said.append(message("what_could_followed_hangs", share=100.0 * share, row=row, col=col))
     return Anchored(terms, tuple(misses), tuple(said))
 
 
@@ -390,12 +390,6 @@ def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int, error
     return message(
         "known_order_row_column_settles", said=said, row=row, col=col, first=first, second=second
     )
-
-
-def _left_alone(patches: Patches, labels: Labels, alone: Mask, share: float) -> str:
-    numbers, counts = np.unique(labels.part[alone], return_counts=True)
-    row, col, _ = _place(patches, labels.part == numbers[counts.argmax()])
-    return message("what_could_followed_hangs", share=100.0 * share, row=row, col=col)
 
 
 def clearly_apart(difference: Array) -> Mask:
