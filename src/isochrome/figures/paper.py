@@ -38,6 +38,7 @@ from isochrome.output import replacing, write_csv
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
+    from matplotlib.gridspec import GridSpec
     from matplotlib.image import AxesImage
 
 Array = NDArray[Any]
@@ -545,6 +546,19 @@ def _drawn(
     if notes:
         parts["notes"].text(0.01, 1.0, notes, va="top").set_in_layout(False)
     _one_size(figure)
+    _lay_out(figure, grid, blocks, pictures, head_mm)
+    _settle(figure)
+    return figure
+
+
+def _lay_out(
+    figure: Figure,
+    grid: GridSpec,
+    blocks: dict[str, float],
+    pictures: list[list[Axes]],
+    head_mm: float,
+) -> None:
+    """Make the figure as high as its pictures are at their width."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"Glyph .* missing from font")
         for _ in range(_PASSES):
@@ -557,8 +571,6 @@ def _drawn(
             figure.set_figheight((head_mm + sum(blocks.values())) / MM_PER_INCH)
         figure.draw_without_rendering()
     figure.set_layout_engine("none")  # what is saved is what was laid out, at any resolution
-    _settle(figure)
-    return figure
 
 
 def _letters(k: int) -> str:

@@ -609,19 +609,21 @@ def _of_files(files: tuple[Path, ...], kind: Kind) -> Source:
     for file in files:
         if file.suffix.lower() not in KNOWN:
             raise InputError("frames_cannot_read_from", file=file, known=", ".join(KNOWN))
-    kinds = [signature_of(f).kind for f in files]
-    moving = [f for f, media in zip(files, kinds, strict=True) if media == "video"]
-    if moving and len(moving) < len(files):
-        still = next(f for f in files if f not in moving)
+    first_of: dict[str, Path] = {}
+    for file in files:
+        first_of.setdefault(signature_of(file).kind, file)
+    moving = first_of.pop("video", None)
+    if moving and first_of:
+        still = next(iter(first_of.values()))
         raise InputError(
             "video_image_frames_either",
-            moving=moving[0],
+            moving=moving,
             name=still.name,
-            with_name=moving[0].with_name("*" + moving[0].suffix),
+            with_name=moving.with_name("*" + moving.suffix),
         )
     if moving:
         return open_parts(files, video.open_video)
-    if set(kinds) == {"tiff"}:
+    if set(first_of) == {"tiff"}:
         first = tiff.open_tiff(files[0])
         if len(files) == 1 and (kind == "image" or first.extent().count > 1):
             return first

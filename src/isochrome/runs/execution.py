@@ -475,10 +475,7 @@ def run_job(
     """
     means = means or RunOptions()
     keep_steady()
-    if means.workers is not None and means.workers < 1:
-        raise InputError("workers_give_more", workers=means.workers)
-    if job.in_turn and (means.cluster is not None or (means.workers or 1) > 1):
-        raise InputError("workers_cluster_each_frame")
+    _check_workers(job, means)
     root = working_folder(Path(out))
     target, stamps = Path(out).resolve(), stamps_of(job.identity)
     check_apart(stamps, target)
@@ -513,6 +510,14 @@ def run_job(
             publish(run, target)
             wipe(root)
             return result
+
+
+def _check_workers(job: Job, options: RunOptions) -> None:
+    """Refuse no worker at all, and several where one process has to do all. Raises InputError."""
+    if options.workers is not None and options.workers < 1:
+        raise InputError("workers_give_more", workers=options.workers)
+    if job.in_turn and (options.cluster is not None or (options.workers or 1) > 1):
+        raise InputError("workers_cluster_each_frame")
 
 
 def _of_damage(out: str | Path, faults: Mapping[str, str]) -> str:

@@ -566,11 +566,7 @@ def find_in_frames(
     known = _known(scene, 1 if still and index == 0 and count > 1 else index, held=held)
     draft = _drafted(session, scene, known)
     values, notes = _values(draft, scene, guessed=guessed)
-    # a picture is not turned under what was set on it
-    stated, turn = scene.frames, draft.scene.frames.rotate_deg
-    on_it = stated.roi or stated.polygon_px or stated.orders_known
-    if on_it and (stated.rotate_deg or 0) != (turn or 0):
-        raise InputError("frame_explains_itself_turned", name=scene.name, turn=turn or 0)
+    _refuse_turn(scene, draft)
 
     def edit(now: str) -> str:
         if now != started:
@@ -662,6 +658,14 @@ def _values(draft: SceneDraft, scene: Scene, *, guessed: bool) -> tuple[dict[str
         if getattr(scene.camera, name, None) is not None:
             values[f"camera.{name}"] = draft.scene.get(f"camera.{name}")
     return values, notes
+
+
+def _refuse_turn(scene: Scene, draft: SceneDraft) -> None:
+    """Refuse to turn a picture under what was set on it."""
+    stated, turn = scene.frames, draft.scene.frames.rotate_deg
+    on_it = stated.roi or stated.polygon_px or stated.orders_known
+    if on_it and (stated.rotate_deg or 0) != (turn or 0):
+        raise InputError("frame_explains_itself_turned", name=scene.name, turn=turn or 0)
 
 
 def _placed_text(session: SetupSession, text: str, draft: SceneDraft) -> str:

@@ -263,10 +263,7 @@ def _unknown(own: Array, given: list[Stated], *said: str) -> Anchored:
 
 def _one_part(patches: Patches, own: Array, given: list[Stated], error: Array) -> Anchored:
     """A part's order by what is known in it."""
-    candidates = {
-        round(s * g.order - p.field) for g in given for p in g.places for s in (1.0, -1.0)
-    }
-    candidates = {j for j in candidates if any(g.fits(j) for g in given)}
+    candidates = _shifts_that_fit(given)
     if not candidates:
         return _unknown(own, given, *(fits_nothing(g, g.first) for g in given))
     lines = {j: zero_lines(own[..., 0] + j, _zero_said(j, given)) for j in candidates}
@@ -275,17 +272,31 @@ def _one_part(patches: Patches, own: Array, given: list[Stated], error: Array) -
     best, *others = sorted(candidates, key=lambda j: (round(cost[j], 6), lines[j], j))
     rivals = [j for j in others if cost[j] < cost[best] + CLEAR]
     if rivals:
-        for j in (best, *rivals):
-            if not all(p.fits(j) for g in given for p in g.places):
-                result = _with_seams(patches, own, given, j, error)
-                if not result.misses:
-                    return result
-        return _open(patches, own, given, best, rivals[0])
+        return _of_rivals(patches, own, given, (best, *rivals), error)
     sure = [g for g in given if g.fits(best)]
     doubtful = float(np.median(error[np.isfinite(own[..., 0])])) > _DOUBTFUL
     if lines[best] and (doubtful or all(g.on_line for g in sure)):
         return _unknown(own, sure, f"{sure[0]}: " + message(_OF_ZERO_LINE))
     return _with_seams(patches, own, given, best, error)
+
+
+def _shifts_that_fit(given: list[Stated]) -> set[int]:
+    """Whole orders that make a part's own orders those of something known, of either sign."""
+    signed = (1.0, -1.0)
+    shifts = {round(s * g.order - p.field) for g in given for p in g.places for s in signed}
+    return {j for j in shifts if any(g.fits(j) for g in given)}
+
+
+def _of_rivals(
+    patches: Patches, own: Array, given: list[Stated], rivals: Sequence[int], error: Array
+) -> Anchored:
+    """The first of some equally likely shifts that seams make fit all that is known; else none."""
+    for j in rivals:
+        if not all(p.fits(j) for g in given for p in g.places):
+            result = _with_seams(patches, own, given, j, error)
+            if not result.misses:
+                return result
+    return _open(patches, own, given, *rivals[:2])
 
 
 def _with_seams(

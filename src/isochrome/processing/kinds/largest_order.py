@@ -103,11 +103,8 @@ def largest_with_model(
     near = read & (model > top - 2.0 * BRANCH)
     off, each = order[near] - model[near], reading.uncertainty[near]
     excess = max(np.mean(off**2 - each**2), 0.0) ** 0.5 if off.size else np.inf
-    source = AT_LEAST if _beside_unread(order, *pixel) else FRAME
-    said = tuple[str, ...]()
-    if trusted[peak] and top - np.max(model, where=read, initial=-np.inf) > spread:
-        agrees = off.size and np.mean((off / each) ** 2) <= POOR_CHI**2
-        source, said = (MODEL, (message(BY_MODEL),)) if agrees else (AT_LEAST, (message(BY_NONE),))
+    beyond = bool(trusted[peak] and top - np.max(model, where=read, initial=-np.inf) > spread)
+    source, said = _source(beyond, off, each, _beside_unread(order, *pixel))
     values, spreads = np.full((2, 2), nothing)
     if fit is not None and (source == MODEL or scene.indenter is not None):
         values, spreads = _of_scene(fit, seen.pixels, peak)
@@ -124,6 +121,20 @@ def largest_with_model(
         also = np.hypot(spreads[1], values[1] * excess / top)
         result |= dict(zip(PRESSURE, (float(values[1]), float(also)), strict=True))
     return result, said
+
+
+def _source(beyond: bool, off: Array, each: Array, unread: bool) -> tuple[str, tuple[str, ...]]:
+    """Where the largest order is from, and what is said of it.
+
+    `beyond`, whether the model's exceeds all that was read; `off` (n,), by how much orders near its
+    peak are off it, `each` with its uncertainty; `unread`, whether one beside the largest is not
+    known.
+    """
+    if not beyond:
+        return AT_LEAST if unread else FRAME, ()
+    if off.size and np.mean((off / each) ** 2) <= POOR_CHI**2:
+        return MODEL, (message(BY_MODEL),)
+    return AT_LEAST, (message(BY_NONE),)
 
 
 def _between(order: Array, row: int, col: int) -> float:
