@@ -14,7 +14,7 @@ import textwrap
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import count
+from itertools import chain, product
 from pathlib import Path
 from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any, Protocol
@@ -535,7 +535,8 @@ def _drawn(
     engine.set(w_pad=0.04, h_pad=0.02, wspace=0.0, hspace=0.0)
     grid = figure.add_gridspec(len(blocks), 1, height_ratios=list(blocks.values()))
     parts = {name: figure.add_subfigure(grid[k]) for k, name in enumerate(blocks)}
-    letters = (f"({_letters(k)})" for k in count())
+    singles, pairs = ascii_lowercase, product(ascii_lowercase, repeat=2)
+    letters = (f"({''.join(letter)})" for letter in chain(singles, pairs))
     pictures: list[list[Axes]] = []
     if head:
         write_head(figure, head)
@@ -571,12 +572,6 @@ def _lay_out(
             figure.set_figheight((head_mm + sum(blocks.values())) / MM_PER_INCH)
         figure.draw_without_rendering()
     figure.set_layout_engine("none")  # what is saved is what was laid out, at any resolution
-
-
-def _letters(k: int) -> str:
-    """Letters of a panel: a to z, aa to zz."""
-    more, last = divmod(k, len(ascii_lowercase))
-    return (ascii_lowercase[more - 1] if more else "") + ascii_lowercase[last]
 
 
 def _draw_pictures(
