@@ -89,11 +89,11 @@ def folder_names(recordings: Sequence[FramesPath]) -> tuple[str, ...]:
     """
     firsts = (frames if isinstance(frames, str | Path) else frames[0] for frames in recordings)
     places = [Path(os.path.abspath(first)) for first in firsts]
-    own = [_plain(place.name if place.is_dir() else place.stem) for place in places]
-    count = Counter(_key(name) for name in own)
+    plain = [_plain(place.name if place.is_dir() else place.stem) for place in places]
+    count = Counter(_key(name) for name in plain)
     taken: set[str] = set()
     result = []
-    for place, name in zip(places, own, strict=True):
+    for place, name in zip(places, plain, strict=True):
         if count[_key(name)] > 1:
             name = _plain(f"{place.parent.name}-{name}")
         free, number = name, 1
@@ -192,26 +192,26 @@ def _row(task: Task, status: str) -> dict[str, Any]:
     return names | dict.fromkeys(_VALUES) | {"warnings": "", "error": ""}
 
 
-def _read(task: Task, found: Processed) -> Outcome:
+def _read(task: Task, processed: Processed) -> Outcome:
     """What a run found: counts, and of each fitted key mean, scatter and uncertainty."""
-    table = found.columns
+    table = processed.columns
     count = len(table["frame"])
-    flagged = sum(bool(text) for text in table["warnings"]) - found.failed
-    status = "flagged" if flagged or found.failed else "ok"
-    row = _row(task, "failed" if found.failed == count else status)
+    flagged = sum(bool(text) for text in table["warnings"]) - processed.failed
+    status = "flagged" if flagged or processed.failed else "ok"
+    row = _row(task, "failed" if processed.failed == count else status)
     chi, selected = _known(table, "chi"), _known(table, "kept_share")
     with open_run(task.folder) as dataset:
         times = dataset.time_s.values
     row |= {
         "frames": count,
-        "failed_frames": found.failed,
+        "failed_frames": processed.failed,
         "flagged_frames": flagged,
         "duration_s": float(np.nanmax(times)) if np.isfinite(times).any() else None,
         "pixel_mm": next((p for p in table["pixel_mm"] if p is not None), None),
         "chi_median": _of_known(np.median, chi),
         "chi_max": _of_known(np.max, chi),
         "kept_share": _of_known(np.median, selected),
-        "warnings": "; ".join(found.warnings),
+        "warnings": "; ".join(processed.warnings),
     }
     keys = [name for name in table if f"{name} {SPREAD}" in table]
     for key in keys:
@@ -219,15 +219,15 @@ def _read(task: Task, found: Processed) -> Outcome:
         row[f"{key} mean"] = _of_known(np.mean, values)
         row[f"{key} standard_deviation"] = float(values.std(ddof=1)) if values.size > 1 else None
         row[f"{key} median_{SPREAD}"] = _of_known(np.median, spread)
-    if found.failed:
-        row["error"] = message("frames_could_not_processed", failed=found.failed, count=count)
+    if processed.failed:
+        row["error"] = message("frames_could_not_processed", failed=processed.failed, count=count)
     record = json.loads((task.folder / PROVENANCE).read_text("utf-8"))
     curves = {
         name: numbers(table[name])[:: -(-count // _POINTS)]
         for name in ("distance_m", "frame", *keys, *(f"{key} {SPREAD}" for key in keys))
     }
-    code = InputError.exit_code if found.failed else 0
-    return Outcome(row, record["inputs_sha256"], code, found.already, curves)
+    code = InputError.exit_code if processed.failed else 0
+    return Outcome(row, record["inputs_sha256"], code, processed.already, curves)
 
 
 def _known(table: Mapping[str, Sequence[Any]], name: str) -> Array:
@@ -342,8 +342,8 @@ def write_summary(out: Path, scene: Scene, outcomes: Sequence[Outcome], beside: 
         write_csv(beside / table, tabulate_campaign([item.row for item in outcomes]))
         if figure is not None:
             write_figure(beside / picture, figure)
-        left = [name for name in (table, picture) if (beside / name).exists()]
-        seal(beside, summary_of(scene, outcomes), file=summary, names=left)
+        written = [name for name in (table, picture) if (beside / name).exists()]
+        seal(beside, summary_of(scene, outcomes), file=summary, names=written)
         for name in (summary, table, picture):  # first what says whose they are
             if (beside / name).exists():
                 os.replace(beside / name, folder / name)
@@ -361,15 +361,15 @@ def check_summary(out: Path) -> set[str]:
     Raises InputError rather than replace files of the summary's names that no campaign has left.
     """
     path, rows = out / SUMMARIES[1], None
-    there = [out / name for name in SUMMARIES if os.path.lexists(out / name)]
+    present = [out / name for name in SUMMARIES if os.path.lexists(out / name)]
     try:
         rows = json.loads(path.read_text("utf-8"))["recordings"]
-        left = {row["folder"] for row in rows if row["status"] != "failed"}
+        folders = {row["folder"] for row in rows if row["status"] != "failed"}
     except (OSError, ValueError, KeyError, TypeError):
-        left = set()
-    if there and rows is None and not has_own_keys(path):
-        raise InputError("would_replaced_campaign_summary", there=there[0])
-    return left
+        folders = set()
+    if present and rows is None and not has_own_keys(path):
+        raise InputError("would_replaced_campaign_summary", there=present[0])
+    return folders
 
 
 CampaignProgress = Callable[[Tally, Tally | None], None]
@@ -606,19 +606,19 @@ def _outcomes(
     began = time.perf_counter()
     for number, task in enumerate(tasks):
         each_s = (time.perf_counter() - began) / number if number else None
-        if _pays(each_s, len(tasks) - number, most, asked=workers is not None):
-            left = dict(enumerate(tasks[number:], number))
-            yield from run_side_by_side(left, scene, options, most)
+        if _pays(each_s, len(tasks) - number, most, requested=workers is not None):
+            remaining = dict(enumerate(tasks[number:], number))
+            yield from run_side_by_side(remaining, scene, options, most)
             return
         yield number, outcome_of(task, scene, {**options, "workers": workers}, tell)
 
 
-def _pays(each_s: float | None, left: int, workers: int, *, asked: bool) -> bool:
+def _pays(each_s: float | None, remaining: int, workers: int, *, requested: bool) -> bool:
     """Whether the recordings left are sooner done side by side, with `each_s` for each so far.
 
     So it is with many, and with few where each is known to be too short for workers of its own;
-    where nobody `asked` for workers, only if all of them are worth the workers' start.
+    where nobody `requested` for workers, only if all of them are worth the workers' start.
     """
     short = each_s is not None and each_s < WORTH_WORKERS_S
-    worth = asked or (each_s is not None and each_s * left > WORTH_WORKERS_S)
-    return workers > 1 and worth and left >= (2 if short else 2 * workers)
+    worth = requested or (each_s is not None and each_s * remaining > WORTH_WORKERS_S)
+    return workers > 1 and worth and remaining >= (2 if short else 2 * workers)

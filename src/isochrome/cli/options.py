@@ -124,8 +124,8 @@ def fail(text: str, code: int) -> NoReturn:
     """Say why, once, on standard error, and as JSON on standard output where JSON was asked for."""
     line = " ".join(text.split())
     if "--json" in sys.argv:
-        (said,) = messages_data([text])
-        typer.echo(json.dumps({"error": line, "exit_code": code, "message": said}))
+        (entry,) = messages_data([text])
+        typer.echo(json.dumps({"error": line, "exit_code": code, "message": entry}))
     typer.echo(f"isochrome: {line}", err=True)
     sys.exit(code)
 

@@ -354,8 +354,10 @@ def settle(
             residual=residual,
             compatible=compatible,
         )
-        whole = balanced.whole if balanced else None
-        number, source, notes = _part_number(turns, inside, whole, seeds.get(index, []), model)
+        balanced_number = balanced.whole if balanced else None
+        number, source, notes = _part_number(
+            turns, inside, balanced_number, seeds.get(index, []), model
+        )
         warnings += notes
         parts.append(FieldPart(number, source))
         if number is not None:
@@ -366,16 +368,16 @@ def settle(
 def _part_number(
     turns: Array,
     inside: Mask,
-    whole: int | None,
+    balanced: int | None,
     seeds: list[_Seed],
     model: Callable[[], Array] | None,
 ) -> tuple[int | None, str, list[str]]:
-    """The number of a part, what it is from, and what to say of it; `whole`, by equilibrium."""
+    """The number of a part, what it is from, and what to say of it; `balanced`, by equilibrium."""
     if seeds:
-        number, notes = _from_seeds(turns, seeds, whole)
+        number, notes = _from_seeds(turns, seeds, balanced)
         return number, "none" if number is None else "known order", notes
-    if whole is not None:
-        return whole, "equilibrium", []
+    if balanced is not None:
+        return balanced, "equilibrium", []
     number = _from_model(turns, inside, model()) if model else None
     if number is not None:
         note = message("whole_number_order_taken")
@@ -402,7 +404,7 @@ def _seeds_of_parts(labels: Array, known_order: Sequence[KnownOrder]) -> dict[in
 
 
 def _from_seeds(
-    turns: Array, seeds: list[_Seed], whole: int | None
+    turns: Array, seeds: list[_Seed], balanced: int | None
 ) -> tuple[int | None, list[str]]:
     """The number under which |turns + m| is the known orders, and what to say of it."""
     here = np.array([turns[place] for _, place in seeds])
@@ -412,12 +414,12 @@ def _from_seeds(
     best = tried[misfit < misfit.min() + _TIE]
     if misfit.min() > _FAR:
         return None, [message("frames_known_order_disagrees_light", min=misfit.min())]
-    if len(best) > 1 and whole not in best:
+    if len(best) > 1 and balanced not in best:
         return None, [message("frames_known_order_leaves_two")]
-    number = whole if len(best) > 1 else int(best[0])
-    if whole is not None and whole != number:
+    number = balanced if len(best) > 1 else int(best[0])
+    if balanced is not None and balanced != number:
         return number, [
-            message("frames_known_order_equilibrium_field", number=abs(whole - (number or 0)))
+            message("frames_known_order_equilibrium_field", number=abs(balanced - (number or 0)))
         ]
     return number, []
 

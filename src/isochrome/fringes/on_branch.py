@@ -76,9 +76,9 @@ def stray_error(
         sums = gaussian_sum(square, _WINDOW_PX), gaussian_sum(answer, _WINDOW_PX)
     informed = sums[0] + np.float32(_LEAST)
     of_even = gaussian_sum(cross, _WINDOW_PX) / informed
-    rest = even - slope * of_even
-    both = halved(rest * (residual - slope * (sums[1] / informed)))
-    size, open_ = _told(halved(rest * rest), both, 2, _STEADY_PX)
+    remaining = even - slope * of_even
+    both = halved(remaining * (residual - slope * (sums[1] / informed)))
+    size, open_ = _told(halved(remaining * remaining), both, 2, _STEADY_PX)
     light = even * residual
     if shift is not None:  # a wide window is to see what a narrow one has followed
         answer += shift * square
@@ -300,12 +300,12 @@ class _Wave:
     def light(self, shift: Array) -> Array:
         """What is left of the light at a shift d (rows, cols) from the branches."""
         turn = np.float32(2.0 * np.pi) * shift
-        left: Array = np.sin(turn)
-        left *= self._sine
+        product: Array = np.sin(turn)
+        product *= self._sine
         cosine = np.cos(turn, out=turn)
         cosine *= self._cosine
-        left += cosine
-        return np.asarray(np.subtract(self._rest, left, out=left))
+        product += cosine
+        return np.asarray(np.subtract(self._rest, product, out=product))
 
     def light_and_slope(self, shift: Array) -> tuple[Array, Array]:
         """The same, and its slope."""

@@ -523,13 +523,13 @@ def _main_parts(lit: Mask, near: Mask) -> tuple[Mask, Mask]:
     """Where the order is below a half for most of what hangs together, and pixels of connected
     parts of the specimen without such a part. `near`, where its least order is well below a half.
     """
-    whole, _ = label(lit)
+    labels, _ = label(lit)
     parts, count = label(near)
     owner = np.zeros(count + 1, dtype=int)
-    owner[parts.ravel()] = whole.ravel()
-    most = np.bincount(parts.ravel()) > _MOST * np.bincount(whole.ravel())[owner]
+    owner[parts.ravel()] = labels.ravel()
+    most = np.bincount(parts.ravel()) > _MOST * np.bincount(labels.ravel())[owner]
     most[0] = False
-    return most[parts], lit & ~np.isin(whole, owner[most])
+    return most[parts], lit & ~np.isin(labels, owner[most])
 
 
 def _believed(main: Mask, free: Mask, clear: Mask, apart: Mask) -> tuple[Mask, Mask]:
@@ -649,9 +649,9 @@ def _of_load(light: StepLight, settled: SettledField, residual: ResidualStress |
         less = np.where(gain < 1.0, 1.0 - _SMOOTHED**2, 0.0) * np.square(direction.scatter)
         turn = np.sqrt(np.square(direction.uncertainty) - less)
         return _Parts(field, along, np.where(small, gain * across / (2.0 * size), turn), known)
-    lean = (shown / np.maximum(np.abs(shown), _TINY)) * np.conj(field / size)
+    unit = (shown / np.maximum(np.abs(shown), _TINY)) * np.conj(field / size)
     uncertainty, swing = (
-        np.sqrt(np.square(a * lean.real) + np.square(b * lean.imag) + residual.uncertainty**2)
+        np.sqrt(np.square(a * unit.real) + np.square(b * unit.imag) + residual.uncertainty**2)
         for a, b in ((along, across), (across, along))
     )
     known = known & (uncertainty < LARGEST_UNCERTAINTY)

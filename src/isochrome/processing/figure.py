@@ -361,9 +361,9 @@ def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> Paper
     if result.tracked:
         outcome = result.over_frames
         for key in outcome.keys:
-            drawn = partial(draw_values, found=outcome, key=key)
+            drawn = partial(draw_values, table=outcome, key=key)
             plots.append(Plot(title=KEY_LABELS.get(key, key), draw=drawn, height_mm=30.0))
-        plots.append(Plot(title="chi", draw=partial(draw_chi, found=outcome), height_mm=30.0))
+        plots.append(Plot(title="chi", draw=partial(draw_chi, table=outcome), height_mm=30.0))
     return PaperPanels(
         kinds=_kinds(items, largest, what="picture" if result.tracked else "frame"),
         labels=[plain_name(item.label, 30) for item in items],

@@ -291,7 +291,7 @@ def _shown(
         for index in sorted({k // run_folder.layout.chunk for k in good})
         if (file := run_folder.part_file(LINES, index)).is_file()
     )
-    lines = {k: own for text in tables for k, own in lines_of(text, set(good)).items()}
+    lines = {k: drawn for text in tables for k, drawn in lines_of(text, set(good)).items()}
 
     def read(layer: str, item: int) -> np.ndarray | None:
         return picture(run_folder, layer, item) if (layer in names and more["read"][item]) else None

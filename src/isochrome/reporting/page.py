@@ -150,15 +150,15 @@ def encode_frames(frames: Sequence[ReportFrame], *, room: int = ROOM_BYTES) -> l
     """
     result: list[tuple[dict[str, Any], int]] = []
     for done, frame in enumerate(frames):
-        own = (room - sum(size for _, size in result)) // (len(frames) - done)
+        share = (room - sum(size for _, size in result)) // (len(frames) - done)
         shape = frame.panes[0].values.shape
-        stride = max(1, int(np.sqrt(_LEAST_BYTES * np.prod(shape) / own)))
+        stride = max(1, int(np.sqrt(_LEAST_BYTES * np.prod(shape) / share)))
         encoded = _encoded(frame, stride)
-        while _size(encoded) > own and min(shape) > stride:
-            stride = max(stride + 1, int(stride * np.sqrt(_size(encoded) / own)))
+        while _size(encoded) > share and min(shape) > stride:
+            stride = max(stride + 1, int(stride * np.sqrt(_size(encoded) / share)))
             encoded = _encoded(frame, stride)
         finer = encoded | _orders(frame, stride, FINE_STEP)
-        encoded = finer if _size(finer) <= own and _holds(frame) else encoded
+        encoded = finer if _size(finer) <= share and _holds(frame) else encoded
         result.append((encoded, _size(encoded)))
     return [encoded for encoded, _ in result]
 
@@ -171,8 +171,8 @@ def _size(encoded: dict[str, Any]) -> int:
 def _encoded(frame: ReportFrame, stride: int) -> dict[str, Any]:
     """A frame as the page takes it: means over `stride` pixels, and orders in their middle."""
     rows, cols = (size // stride for size in frame.panes[0].values.shape)
-    own = ("number", "label", "why", "notes")
-    return {name: getattr(frame, name) for name in own} | {
+    names = ("number", "label", "why", "notes")
+    return {name: getattr(frame, name) for name in names} | {
         "rows": rows,
         "cols": cols,
         "stride": stride,
@@ -194,10 +194,10 @@ def _orders(frame: ReportFrame, stride: int, step: float) -> dict[str, Any]:
     first = stride // 2
     rows, cols = (size // stride for size in frame.panes[0].values.shape)
     part = tuple(slice(first, first + stride * size, stride) for size in (rows, cols))
-    own = {"order": frame.order, "model_order": frame.model_order}
+    maps = {"order": frame.order, "model_order": frame.model_order}
     return {
         name: None if order is None else vars(order_map(order[part], step))
-        for name, order in own.items()
+        for name, order in maps.items()
     }
 
 
@@ -275,8 +275,8 @@ class ReportTable:
     def _cells(self, name: str) -> list[tuple[str, bool]]:
         """The first cells of a column: a ± with two digits, a value to the last of its own."""
         values = self.columns[name][:_MOST_ROWS]
-        own = _SPREAD if name == "value" else f"{name} {_SPREAD}"
-        spreads = self.columns.get(own, [None] * len(values))
+        column = _SPREAD if name == "value" else f"{name} {_SPREAD}"
+        spreads = self.columns.get(column, [None] * len(values))
         digits = 2 if name.endswith(("uncertainty", "bound")) else 5
         pairs = zip(values, spreads, strict=False)
         return [(_text(v, spread, digits), isinstance(v, int | float)) for v, spread in pairs]
@@ -378,9 +378,9 @@ class WithCamera(Protocol):
         """How its frames are read."""
 
 
-def camera_rows(found: WithCamera) -> list[tuple[str, str]]:
+def camera_rows(settings: WithCamera) -> list[tuple[str, str]]:
     """Names and values, with units, of what a paper states of the camera and the light."""
-    return [*_camera(found), *_light(found)]
+    return [*_camera(settings), *_light(settings)]
 
 
 def paper_rows(scene: Scene | None, record: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -439,8 +439,8 @@ def _numbers(scene: Scene) -> Iterator[tuple[str, str]]:
             continue
         spread = stated.get(key)
         text = f"{value:g}" if spread is None else with_uncertainty(value, spread)
-        own = "no uncertainty stated" if spread is None else "standard uncertainty"
-        yield name, f"{text} {unit}".strip() + f" ({own})"
+        basis = "no uncertainty stated" if spread is None else "standard uncertainty"
+        yield name, f"{text} {unit}".strip() + f" ({basis})"
         if name.startswith("fringe value"):
             yield "date of f_sigma", scene.fringe_value_date or NO_DATE
 
@@ -507,21 +507,21 @@ class Curve:
         return base64.b64encode(content.getvalue()).decode()
 
 
-def curves_of(found: FrameValues) -> list[Curve]:
+def curves_of(table: FrameValues) -> list[Curve]:
     """The curves of fitted values, each with its band, and one of chi.
 
     One for each key that is known in two frames at least; a tracked video's places too.
     """
-    place, across = frame_axis(found)
+    place, across = frame_axis(table)
     place = np.where(np.isfinite(place), place, 0.0)  # what stands still has slid by nothing
     columns: list[tuple[str, Array, Array | None]] = [
-        (KEY_LABELS.get(key, key), found.values[:, j], found.standard_uncertainty[:, j])
-        for j, key in enumerate(found.keys)
+        (KEY_LABELS.get(key, key), table.values[:, j], table.standard_uncertainty[:, j])
+        for j, key in enumerate(table.keys)
     ]
-    columns.append(("chi (residual over noise)", found.chi, None))
+    columns.append(("chi (residual over noise)", table.chi, None))
     return [
-        make_curve(label, across, place, values, own)
-        for label, values, own in columns
+        make_curve(label, across, place, values, spread)
+        for label, values, spread in columns
         if np.isfinite(values).sum() > 1
     ]
 
@@ -533,10 +533,10 @@ def make_curve(
 
     At least one value is known; `spread` is their standard uncertainties, None: they have none.
     """
-    own = np.zeros(len(values)) if spread is None else spread
+    spreads = np.zeros(len(values)) if spread is None else spread
     known = np.flatnonzero(np.isfinite(values))
     known = known[np.argsort(place[known], kind="stable")]
-    half = BAND * np.where(np.isfinite(own), own, 0.0)
+    half = BAND * np.where(np.isfinite(spreads), spreads, 0.0)
     together = -(-len(known) // MOST_POINTS)
     starts = np.arange(0, len(known), together)
     counts = np.diff([*starts, len(known)])

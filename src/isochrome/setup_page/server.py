@@ -590,8 +590,8 @@ def _map(handler: _Handler, request: Mapping[str, Any]) -> None:
     with handler.server.work:
         shown, warnings = order_map_of_points(session, _index(request))
     words = json.dumps(warnings)  # escapes whatever is not ASCII
-    said = {"X-Said": words if len(words) < 2000 else "[]"}
-    handler.send_picture(shown, session.region(session.scene_or_none()), said)
+    headers = {"X-Said": words if len(words) < 2000 else "[]"}
+    handler.send_picture(shown, session.region(session.scene_or_none()), headers)
 
 
 def _tool(handler: _Handler, request: Mapping[str, Any]) -> None:

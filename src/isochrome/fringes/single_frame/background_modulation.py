@@ -244,12 +244,12 @@ def _searched(problem: EndProblem, starts: list[Array]) -> list[Found]:
     return possible(plain, spotted)
 
 
-def _among(found: Found, kept: Mask) -> Found:
+def _among(result: Found, selected: Mask) -> Found:
     """A result of some of the unknowns as one of all, the others being nought."""
-    unknowns, covariance = np.zeros(kept.size), np.zeros((kept.size, kept.size))
-    unknowns[kept] = found.unknowns
-    covariance[np.ix_(kept, kept)] = found.covariance
-    return replace(found, unknowns=unknowns, covariance=covariance)
+    unknowns, covariance = np.zeros(selected.size), np.zeros((selected.size, selected.size))
+    unknowns[selected] = result.unknowns
+    covariance[np.ix_(selected, selected)] = result.covariance
+    return replace(result, unknowns=unknowns, covariance=covariance)
 
 
 def as_doubtful(results: list[Found]) -> Found:
@@ -315,20 +315,20 @@ def _problem(
 ) -> tuple[EndProblem, list[Array]]:
     """The problem on binned pixels, and where to start."""
     by = next((b for b in _BINNINGS if min(light.shape) // b >= _LEAST_PIXELS), 1)
-    small, noise, whole = binned(light, sigma, valid, by)
-    if not whole.any():
+    small, noise, trusted = binned(light, sigma, valid, by)
+    if not trusted.any():
         raise InputError("no_part_frame_trusted")
-    low, high = np.percentile(small[whole], [_LOW, _HIGH])
-    if not high - low > _LEAST_CONTRAST * np.median(noise[whole]):
+    low, high = np.percentile(small[trusted], [_LOW, _HIGH])
+    if not high - low > _LEAST_CONTRAST * np.median(noise[trusted]):
         raise InputError("frame_has_no_contrast_light")
     dark, bright = (
-        own if end is None else binned(end, np.ones_like(end), valid, by)[0]
-        for end, own in zip(ends, shapes_of_ends(light.shape, by), strict=True)
+        smooth if end is None else binned(end, np.ones_like(end), valid, by)[0]
+        for end, smooth in zip(ends, shapes_of_ends(light.shape, by), strict=True)
     )
     problem = EndProblem(
         light=small,
         sigma=noise,
-        valid=whole,
+        valid=trusted,
         shapes=(dark, bright),
         tone=tone,
         scale=float(high - low),
@@ -359,21 +359,21 @@ def _brights(problem: EndProblem, lamp: SmoothImages, low: float, high: float) -
 
 
 def _as_images(
-    shape: tuple[int, ...], dark: Array | None, bright: Array | None, found: Found
+    shape: tuple[int, ...], dark: Array | None, bright: Array | None, result: Found
 ) -> BackgroundModulation:
     """The ends on all pixels."""
     full = shapes_of_ends(shape, 1)
     given = dark is not None, bright is not None
-    g = float(found.unknowns[-1])
+    g = float(result.unknowns[-1])
     cut = 1 if given[0] else full[0].spread.size
     return BackgroundModulation(
-        dark=full[0].sum(found.unknowns[:cut]) if dark is None else dark**g,
-        bright=full[1].sum(found.unknowns[cut:-1]) if bright is None else bright**g,
-        settled=found.rests,
+        dark=full[0].sum(result.unknowns[:cut]) if dark is None else dark**g,
+        bright=full[1].sum(result.unknowns[cut:-1]) if bright is None else bright**g,
+        settled=result.rests,
         tone=g,
-        tone_uncertainty=float(np.sqrt(found.covariance[-1, -1])),
+        tone_uncertainty=float(np.sqrt(result.covariance[-1, -1])),
         given=given,
-        variance=variance_of_ends(shape, given, cut, found.covariance),
+        variance=variance_of_ends(shape, given, cut, result.covariance),
     )
 
 
@@ -459,26 +459,26 @@ def find_no_load_exposure(
         The factors, and whether the fringes tell them.
     """
     low, high = _smooth(dark), _smooth(bright)
-    seen = valid & (high > 0.1 * np.median(high))
-    crest = _level(light, sigma, high, seen)
+    lit = valid & (high > 0.1 * np.median(high))
+    crest = _level(light, sigma, high, lit)
     if crest is None:
         return NoLoadExposure()
     b, by_crest = crest
-    share = float(np.median(low[seen] / high[seen]))
+    share = float(np.median(low[lit] / high[lit]))
     black = share < _BLACKEST
-    trough = None if black else _level(light, sigma, low, seen & (low > 0.0), b * high)
+    trough = None if black else _level(light, sigma, low, lit & (low > 0.0), b * high)
     d, by_trough = trough or (b, by_crest if black else _UNSEEN * b)
     moved = max(abs(b - 1.0) - _SURE * by_crest, share * (abs(d - 1.0) - _SURE * by_trough))
     if moved < _LEAST:
         return NoLoadExposure(told=True)
     ends = _of_sides(dark, bright, (d, b), (by_trough, by_crest))
-    crest_sure = trough is not None or _has_trough(light, sigma, b * high, seen, share)
+    crest_sure = trough is not None or _has_trough(light, sigma, b * high, lit, share)
     return NoLoadExposure(d, b, True, ends, black or trough is not None, crest_sure)
 
 
-def _has_trough(light: Array, sigma: Array, bright: Array, seen: Mask, share: float) -> bool:
+def _has_trough(light: Array, sigma: Array, bright: Array, lit: Mask, share: float) -> bool:
     """Whether there is a line as dark as the dark end, a `share` of the bright one, may be."""
-    lifted = _level(light + _LIFT * bright, sigma, bright, seen, bright)
+    lifted = _level(light + _LIFT * bright, sigma, bright, lit, bright)
     if lifted is None:
         return False
     level, uncertainty = lifted[0] - _LIFT, 3.0 * lifted[1] + _BLACKEST
@@ -495,26 +495,26 @@ def _smooth(end: Array) -> Array:
 
 
 def _level(
-    light: Array, sigma: Array, end: Array, seen: Mask, bright: Array | None = None
+    light: Array, sigma: Array, end: Array, lit: Mask, bright: Array | None = None
 ) -> tuple[float, float] | None:
     """Factor of an end by the lines on which the light is its, and its standard uncertainty.
 
-    Parameters: `end`, smooth; `seen`, where it can be divided by; `bright`, the light on crests
+    Parameters: `end`, smooth; `lit`, where it can be divided by; `bright`, the light on crests
     where troughs are looked for. None where there is no such line.
     """
     sign = 1.0 if bright is None else -1.0
-    safe = np.where(seen, end, 1.0)
-    ratio = sign * np.where(seen, light / safe, 0.0)
-    ratio = np.where(seen, ratio, np.median(ratio[seen]))
-    noise = float(np.median(sigma[seen] / safe[seen]))
+    safe = np.where(lit, end, 1.0)
+    ratio = sign * np.where(lit, light / safe, 0.0)
+    ratio = np.where(lit, ratio, np.median(ratio[lit]))
+    noise = float(np.median(sigma[lit] / safe[lit]))
     fringe = np.maximum(np.abs(ratio) if bright is None else bright / safe, noise)
     widths = [max(_NARROWEST_PX, share * min(light.shape)) for share in _WIDTHS]
     # wide smoothing takes narrow fringes away, which may be brighter than the line
     finest = ndimage.gaussian_filter(ratio, widths[-1], mode="nearest")
-    brightest = float(np.percentile(finest[_inner(seen, widths[-1])], 99.5))
+    brightest = float(np.percentile(finest[_inner(lit, widths[-1])], 99.5))
     brightest -= 2.0 * noise / widths[-1]
     for width in widths:
-        level = _level_at(ratio, fringe, noise, seen, width)
+        level = _level_at(ratio, fringe, noise, lit, width)
         if level is None or sign * level[0] <= 0.0:
             continue
         if brightest - level[0] < _NOTHING_BEYOND * abs(level[0]):
@@ -522,14 +522,14 @@ def _level(
     return None
 
 
-def _inner(seen: Mask, width: float) -> Mask:
+def _inner(lit: Mask, width: float) -> Mask:
     """Where neither the border nor what is not seen lies within reach of a smoothing."""
-    inner = ndimage.gaussian_filter(seen.astype(float), width) > 0.98
+    inner = ndimage.gaussian_filter(lit.astype(float), width) > 0.98
     return np.asarray(ndimage.binary_erosion(inner, iterations=int(width)))
 
 
 def _level_at(
-    ratio: Array, fringe: Array, noise: float, seen: Mask, width: float
+    ratio: Array, fringe: Array, noise: float, lit: Mask, width: float
 ) -> tuple[float, float] | None:
     """The greatest value that a ratio has all along a line, at one width of smoothing (pixels).
 
@@ -538,7 +538,7 @@ def _level_at(
     """
     smooth, across, bend, along = _lines(ratio, width)
     sharp = _SHARP * noise * np.sqrt(3.0 / (16.0 * np.pi)) / width**3
-    inner = _inner(seen, width)
+    inner = _inner(lit, width)
     if not inner.any():
         return None
     fringe = ndimage.gaussian_filter(fringe, width, mode="nearest")

@@ -256,8 +256,8 @@ def spots_beyond_prior(covariance: Array, terms: Array, precision: Array, spots:
     Parameters: `covariance` (n, n) with the priors' `precision` 1/σ² (n,); the `terms` found (n,);
     which of them are `spots`.
     """
-    told = np.sum(1.0 - np.diag(covariance)[spots] * precision[spots])
-    return float(max(1.0, np.sum(precision[spots] * terms[spots] ** 2) / max(told, 1.0)))
+    informed = np.sum(1.0 - np.diag(covariance)[spots] * precision[spots])
+    return float(max(1.0, np.sum(precision[spots] * terms[spots] ** 2) / max(informed, 1.0)))
 
 
 def as_spotted(covariance: Array, precision: Array, spots: Mask, larger: float) -> Array:

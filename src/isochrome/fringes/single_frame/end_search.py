@@ -357,13 +357,13 @@ def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
     Parameters as in `look`. Returns the EndEquations.
     """
     problem, now = data.problem, look(data, ends, orders)
-    own, pull, weighted = _information(data, now.residual, now.slope, orders)
-    inverse = solve_all(own, np.broadcast_to(np.eye(TERMS), own.shape))
-    whole = np.isfinite(inverse).all(axis=(1, 2))
-    told = np.asarray((inverse[:, _DIAGONAL, _DIAGONAL] > 0.0).all(axis=1) & whole)
+    information, pull, weighted = _information(data, now.residual, now.slope, orders)
+    inverse = solve_all(information, np.broadcast_to(np.eye(TERMS), information.shape))
+    finite = np.isfinite(inverse).all(axis=(1, 2))
+    regular = np.asarray((inverse[:, _DIAGONAL, _DIAGONAL] > 0.0).all(axis=1) & finite)
     parts = data.weight, weighted, pull
-    weight, weighted, pull = (np.where(told[:, None], part, 0.0) for part in parts)
-    inverse = np.where(told[:, None, None], inverse, 0.0)
+    weight, weighted, pull = (np.where(regular[:, None], part, 0.0) for part in parts)
+    inverse = np.where(regular[:, None, None], inverse, 0.0)
     matrix, slope = _of_ends(data, now, weight)
     mixed = _with_orders(data, now, weighted)
     solved = inverse @ np.concatenate([mixed, pull[..., None]], axis=-1)
@@ -375,7 +375,7 @@ def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
         slope - inner[:, -1] - (prior * away)[free],
         solved[..., -1],
         solved[..., :-1],
-        np.where(told, np.sqrt(inverse[:, 0, 0]), np.inf),
+        np.where(regular, np.sqrt(inverse[:, 0, 0]), np.inf),
     )
 
 
@@ -536,8 +536,8 @@ def _tried(problem: EndProblem, start: Array) -> Found | None:
         result = _search(problem, start)
     except np.linalg.LinAlgError:
         return None
-    whole = np.isfinite(result.unknowns).all() and np.isfinite(result.covariance).all()
-    return result if whole else None
+    finite = np.isfinite(result.unknowns).all() and np.isfinite(result.covariance).all()
+    return result if finite else None
 
 
 def _dearer(one: Found, other: Found) -> float:
@@ -571,25 +571,25 @@ def _of_both(one: Found, other: Found) -> tuple[Indices, Indices]:
 def _search(problem: EndProblem, unknowns: Array) -> Found:
     data, orders, _ = fresh_patches(problem, unknowns)
     damping, since, change, resting = 1e-3, 0, np.inf, False
-    own, cost = _start(data, unknowns, orders)
+    dampings, cost = _start(data, unknowns, orders)
     for _ in range(_ROUNDS):
         if resting or since >= _EVERY:
             data, orders, stale = fresh_patches(problem, unknowns, (data, orders))
             if resting and stale < _STALE:
                 break
-            own, cost = _start(data, unknowns, orders)
+            dampings, cost = _start(data, unknowns, orders)
             since, resting = 0, False
         normal = eliminated(data, ends_at(data, unknowns), orders)
         while True:
             step = _damped(normal, damping)
-            tried = _followed(data, unknowns, orders, own, normal, step)
+            tried = _followed(data, unknowns, orders, dampings, normal, step)
             if tried[0] < cost or damping > _HEAVIEST:
                 break
             damping *= 8.0
         change = _change(normal, step)
         resting, since = change < _REST and damping < _FREELY, since + 1
         if tried[0] < cost:
-            cost, unknowns, orders, own = tried
+            cost, unknowns, orders, dampings = tried
             damping = max(0.1 * damping, 1e-7)
         else:
             damping = 1e-3
@@ -598,20 +598,20 @@ def _search(problem: EndProblem, unknowns: Array) -> Found:
     return _found(data, unknowns, orders, change)
 
 
-def search_on(found: Found, problem: EndProblem) -> Found:
+def search_on(result: Found, problem: EndProblem) -> Found:
     """A result as one of a problem that leaves more open, by full steps from where it rests.
 
-    The patches are those in use. Parameters: `found`, its unknowns those of `problem`.
+    The patches are those in use. Parameters: `result`, its unknowns those of `problem`.
     """
-    data = replace(found.data, problem=problem)
-    unknowns, orders, change = found.unknowns, found.orders, found.change
-    own, cost = _start(data, unknowns, orders)
+    data = replace(result.data, problem=problem)
+    unknowns, orders, change = result.unknowns, result.orders, result.change
+    dampings, cost = _start(data, unknowns, orders)
     for _ in range(_MORE):
         normal = eliminated(data, ends_at(data, unknowns), orders)
-        tried = _followed(data, unknowns, orders, own, normal, _damped(normal, 0.0))
+        tried = _followed(data, unknowns, orders, dampings, normal, _damped(normal, 0.0))
         if not tried[0] < cost:
             break
-        cost, unknowns, orders, own = tried
+        cost, unknowns, orders, dampings = tried
     return _found(data, unknowns, orders, change)
 
 
@@ -626,19 +626,24 @@ def _damped(normal: EndEquations, damping: float) -> Array:
 
 
 def _followed(
-    data: PatchData, unknowns: Array, orders: Array, own: Array, normal: EndEquations, step: Array
+    data: PatchData,
+    unknowns: Array,
+    orders: Array,
+    dampings: Array,
+    normal: EndEquations,
+    step: Array,
 ) -> tuple[float, Array, Array, Array]:
     """Cost and place after a step, every patch going along where that is good for it."""
     new = unknowns.copy()
     new[data.problem.free] += step
     if not TONES[0] < new[-1] < TONES[1]:
-        return np.inf, unknowns, orders, own
+        return np.inf, unknowns, orders, dampings
     along = orders + normal.pull - normal.drag @ step
     ends = ends_at(data, new)
     stay, go = (look(data, ends, tried).cost for tried in (orders, along))
     nearer = np.where((go < stay)[:, None], along, orders)
-    gone, cost, own = refine_ends(data, ends, nearer, own, 2)
-    return total(data, cost, new), new, gone, own
+    gone, cost, dampings = refine_ends(data, ends, nearer, dampings, 2)
+    return total(data, cost, new), new, gone, dampings
 
 
 def _change(normal: EndEquations, step: Array) -> float:
@@ -660,12 +665,14 @@ def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Fo
         last = _damped(normal, 0.0)
         inverse = inverse + np.outer(last, last)
     prior = data.problem.prior(unknowns)[0][free]
-    own = prior / overlap(data)
-    larger = spots_beyond_prior(inverse, unknowns[free], own, spots)
-    covariance[np.ix_(free, free)] = as_spotted(inverse, own, spots, larger)
+    precision = prior / overlap(data)
+    larger = spots_beyond_prior(inverse, unknowns[free], precision, spots)
+    covariance[np.ix_(free, free)] = as_spotted(inverse, precision, spots, larger)
     price = -np.linalg.slogdet(inverse)[1] - np.log(prior[prior > 0.0]).sum()
-    left = look(data, ends, orders).residual
-    cost = np.einsum("pk,pk,pk->p", data.weight, left, left) * np.maximum(data.chi, 1.0) ** 2
+    residual = look(data, ends, orders).residual
+    cost = (
+        np.einsum("pk,pk,pk->p", data.weight, residual, residual) * np.maximum(data.chi, 1.0) ** 2
+    )
     prior_cost = data.problem.prior_cost(unknowns)
     return Found(
         unknowns=unknowns,
@@ -699,9 +706,9 @@ def fresh_patches(
     if before is not None:
         old = np.zeros_like(orders)
         was = np.full(len(index), np.inf)
-        _, here, there = np.intersect1d(index, before[0].index, return_indices=True)
-        old[here] = before[1][there]
-        was[here] = look(data, ends, old).cost[here]
+        _, latter, former = np.intersect1d(index, before[0].index, return_indices=True)
+        old[latter] = before[1][former]
+        was[latter] = look(data, ends, old).cost[latter]
         orders = np.asarray(np.where((was <= cost)[:, None], old, orders))
         stale = float(np.mean(cost < _BETTER * was - 0.02 * data.window))
     misfit = look(data, ends, orders).residual
@@ -731,10 +738,10 @@ def _fitted(problem: EndProblem, unknowns: Array) -> tuple[Indices, Indices, Arr
     index = np.flatnonzero(use)
     _check_number(len(index))
     fitted = fit_patches(light.only(index))
-    told = fitted.chi[0] < _WORST_CHI
-    index = index[told]
+    good = fitted.chi[0] < _WORST_CHI
+    index = index[good]
     terms = np.zeros((len(index), TERMS))
-    terms[:, :6] = fitted.terms[0, told]
+    terms[:, :6] = fitted.terms[0, good]
     places = np.stack(np.meshgrid(light.rows, light.cols, indexing="ij"), axis=-1).reshape(-1, 2)
     return index, places[index], light.weight[index].astype(float), terms, thinned
 
@@ -744,12 +751,12 @@ def _normalised(problem: EndProblem, unknowns: Array) -> tuple[Array, Array, Mas
     dark, bright = problem.ends(unknowns)
     g = unknowns[-1]
     contrast = bright - dark
-    seen = problem.valid & (contrast > _FAINT * problem.scale**g)
-    safe = np.where(seen, contrast, 1.0)
+    lit = problem.valid & (contrast > _FAINT * problem.scale**g)
+    safe = np.where(lit, contrast, 1.0)
     level = np.maximum(problem.light, problem.sigma)
     linear = problem.light if g == 1.0 else level**g
     sigma = 2.0 * g * level ** (g - 1.0) * problem.sigma / safe
-    return 1.0 - 2.0 * (linear - dark) / safe, sigma, seen
+    return 1.0 - 2.0 * (linear - dark) / safe, sigma, lit
 
 
 def _data(

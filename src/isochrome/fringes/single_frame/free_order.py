@@ -113,24 +113,26 @@ class Contrast:
         return np.asarray(np.exp(-0.5 * TURN**2 * lost))
 
 
-def with_told(patches: Patches, by: int, told: Array | None) -> Patches:
+def with_told(patches: Patches, by: int, wider: Array | None) -> Patches:
     """Patches with the contrast that wider ones tell where they tell none.
 
-    Parameters: `patches` of bins of `by` pixels, whose own blur is taken out; `told` by wider ones
+    Parameters: `patches` of bins of `by` pixels, whose own blur is taken out; `wider` by wider ones
     (m, n), NaN where nothing is, None for none. Returns Patches.
     """
-    own = patches.contrast
+    contrast = patches.contrast
     if by > 1:
         slope = np.hypot(patches.terms[..., 1], patches.terms[..., 2])
         lost = Contrast(blur=(1.0 - by**-2.0) / 12.0).left(np.zeros_like(slope), slope)
-        own = np.where(slope < _FINEST, own / lost, np.nan)
-    return replace(patches, contrast=own if told is None else np.where(own > 0.0, own, told))
+        contrast = np.where(slope < _FINEST, contrast / lost, np.nan)
+    return replace(
+        patches, contrast=contrast if wider is None else np.where(contrast > 0.0, contrast, wider)
+    )
 
 
-def everywhere(told: Array) -> Array:
+def everywhere(contrast: Array) -> Array:
     """The contrast (m, n) of the nearest patch that tells one; 1 where none does."""
-    known = np.isfinite(told)
-    return told[_nearest(known)] if known.any() else np.ones_like(told)
+    known = np.isfinite(contrast)
+    return contrast[_nearest(known)] if known.any() else np.ones_like(contrast)
 
 
 def _nearest(known: Mask) -> tuple[Array, ...]:
@@ -141,8 +143,8 @@ def _nearest(known: Mask) -> tuple[Array, ...]:
 
 def is_faded(patches: Patches) -> bool:
     """Whether a frame's fringes have lost so much that it must be reckoned with."""
-    own = patches.contrast[(patches.filled > _FILLED) & np.isfinite(patches.contrast)]
-    return bool(len(own) >= _FEWEST and np.mean(own < 1.0 - FADED) > _SOME)
+    contrast = patches.contrast[(patches.filled > _FILLED) & np.isfinite(patches.contrast)]
+    return bool(len(contrast) >= _FEWEST and np.mean(contrast < 1.0 - FADED) > _SOME)
 
 
 def fit_contrast(patches: Patches, terms: Array) -> Contrast:
@@ -154,9 +156,9 @@ def fit_contrast(patches: Patches, terms: Array) -> Contrast:
     use = np.isfinite(terms[..., 0]) & (patches.contrast > _FAINTEST)
     if np.count_nonzero(use) < _FEWEST:
         return Contrast()
-    own = terms[use]
+    known = terms[use]
     lost = -2.0 * np.log(patches.contrast[use]) / TURN**2
-    return _law(np.stack([own[:, 1] ** 2 + own[:, 2] ** 2, own[:, 0] ** 2], axis=-1), lost)
+    return _law(np.stack([known[:, 1] ** 2 + known[:, 2] ** 2, known[:, 0] ** 2], axis=-1), lost)
 
 
 def _law(causes: Array, lost: Array) -> Contrast:
@@ -178,12 +180,12 @@ def contrast_map(patches: Patches, terms: Array, law: Contrast, shape: tuple[int
     Parameters: `patches`; `terms` (m, n, 6), NaN = not known; `law`; `shape` of the frame.
     """
     near = terms[_nearest(np.isfinite(terms[..., 0]))]
-    left = law.left(near[..., 0], np.hypot(near[..., 1], near[..., 2]))
+    contrast = law.left(near[..., 0], np.hypot(near[..., 1], near[..., 2]))
     down, across = (
         np.stack([np.interp(np.arange(n), at, unit) for unit in np.eye(len(at))], axis=-1)
         for at, n in zip((patches.rows, patches.cols), shape, strict=True)
     )
-    return np.asarray(down @ left @ across.T)
+    return np.asarray(down @ contrast @ across.T)
 
 
 _BELOW = 0.1
@@ -228,7 +230,7 @@ def anchor_parts(
     terms = np.full_like(patches.terms, np.nan)
     field_terms = labels.sign[..., None] * patches.terms
     field_terms[..., 0] += labels.shift
-    said: list[str] = []
+    notes: list[str] = []
     misses: list[KnownPoint] = []
     by_part: dict[int, list[Stated]] = {}
     for each in known:
@@ -236,48 +238,48 @@ def anchor_parts(
         parts = [_part_at(patches, labels, p) for p in places]
         misses += [p.point for p, part in zip(places, parts, strict=True) if part < 0]
         if max(parts) < 0:
-            said.append(_unfollowed(each, valid))
+            notes.append(_unfollowed(each, valid))
         for part in sorted({part for part in parts if part >= 0}):
-            own = tuple(p for p, at in zip(places, parts, strict=True) if at == part)
-            by_part.setdefault(part, []).append(Stated(each, own))
+            within = tuple(p for p, at in zip(places, parts, strict=True) if at == part)
+            by_part.setdefault(part, []).append(Stated(each, within))
     for part, given in sorted(by_part.items()):
         inside = labels.part == part
         result = _one_part(patches, np.where(inside[..., None], field_terms, np.nan), given, error)
         misses += result.misses
-        said += result.said
+        notes += result.said
         terms[inside] = result.terms[inside]
-    alone = (labels.part >= 0) & ~np.isin(labels.part, list(by_part))
-    share = float(alone.sum() / max(1, int((labels.part >= 0).sum())))
+    unanchored = (labels.part >= 0) & ~np.isin(labels.part, list(by_part))
+    share = float(unanchored.sum() / max(1, int((labels.part >= 0).sum())))
     if share > _ALONE:
-        numbers, counts = np.unique(labels.part[alone], return_counts=True)
+        numbers, counts = np.unique(labels.part[unanchored], return_counts=True)
         row, col, _ = _place(patches, labels.part == numbers[counts.argmax()])
-        said.append(message("what_could_followed_hangs", share=100.0 * share, row=row, col=col))
-    return Anchored(terms, tuple(misses), tuple(said))
+        notes.append(message("what_could_followed_hangs", share=100.0 * share, row=row, col=col))
+    return Anchored(terms, tuple(misses), tuple(notes))
 
 
-def _unknown(own: Array, given: list[Stated], *said: str) -> Anchored:
+def _unknown(part: Array, given: list[Stated], *said: str) -> Anchored:
     """A part of which nothing is known, and why."""
     points = tuple(p.point for g in given for p in g.places)
-    return Anchored(np.full_like(own, np.nan), points, said)
+    return Anchored(np.full_like(part, np.nan), points, said)
 
 
-def _one_part(patches: Patches, own: Array, given: list[Stated], error: Array) -> Anchored:
+def _one_part(patches: Patches, part: Array, given: list[Stated], error: Array) -> Anchored:
     """A part's order by what is known in it."""
     candidates = _shifts_that_fit(given)
     if not candidates:
-        return _unknown(own, given, *(fits_nothing(g, g.first) for g in given))
-    lines = {j: zero_lines(own[..., 0] + j, _zero_said(j, given)) for j in candidates}
+        return _unknown(part, given, *(fits_nothing(g, g.first) for g in given))
+    lines = {j: zero_lines(part[..., 0] + j, _zero_said(j, given)) for j in candidates}
     cost = {j: sum(g.cost(j) for g in given) for j in candidates}
     # a line of N = 0 is unlikely, and no proof: it says what is tried first, and settles nothing
     best, *others = sorted(candidates, key=lambda j: (round(cost[j], 6), lines[j], j))
     rivals = [j for j in others if cost[j] < cost[best] + CLEAR]
     if rivals:
-        return _of_rivals(patches, own, given, (best, *rivals), error)
+        return _of_rivals(patches, part, given, (best, *rivals), error)
     sure = [g for g in given if g.fits(best)]
-    doubtful = float(np.median(error[np.isfinite(own[..., 0])])) > _DOUBTFUL
+    doubtful = float(np.median(error[np.isfinite(part[..., 0])])) > _DOUBTFUL
     if lines[best] and (doubtful or all(g.on_line for g in sure)):
-        return _unknown(own, sure, f"{sure[0]}: " + message(_OF_ZERO_LINE))
-    return _with_seams(patches, own, given, best, error)
+        return _unknown(part, sure, f"{sure[0]}: " + message(_OF_ZERO_LINE))
+    return _with_seams(patches, part, given, best, error)
 
 
 def _shifts_that_fit(given: list[Stated]) -> set[int]:
@@ -288,24 +290,24 @@ def _shifts_that_fit(given: list[Stated]) -> set[int]:
 
 
 def _of_rivals(
-    patches: Patches, own: Array, given: list[Stated], rivals: Sequence[int], error: Array
+    patches: Patches, part: Array, given: list[Stated], rivals: Sequence[int], error: Array
 ) -> Anchored:
     """The first of some equally likely shifts that seams make fit all that is known; else none."""
     for j in rivals:
         if not all(p.fits(j) for g in given for p in g.places):
-            result = _with_seams(patches, own, given, j, error)
+            result = _with_seams(patches, part, given, j, error)
             if not result.misses:
                 return result
-    return _open(patches, own, given, *rivals[:2])
+    return _open(patches, part, given, *rivals[:2])
 
 
 def _with_seams(
-    patches: Patches, own: Array, given: list[Stated], j: int, error: Array
+    patches: Patches, part: Array, given: list[Stated], j: int, error: Array
 ) -> Anchored:
     """Open seams closed as points beyond them say, and what still lies beyond one left out."""
-    terms = own.copy()
+    terms = part.copy()
     terms[..., 0] += j
-    said: list[str] = []
+    notes: list[str] = []
     misses: list[KnownPoint] = []
     used = [(g, p) for g in given for p in g.places if p.cost(j) < CLEAR]
     zero_said = _zero_said(j, given)
@@ -320,13 +322,13 @@ def _with_seams(
                 used.append((g, p))
         if missed:
             misses += [p.point for p in missed]
-            said.append(left_out(g, missed, j, sum(other.fits(j) for other in given)))
+            notes.append(left_out(g, missed, j, sum(other.fits(j) for other in given)))
     sources = [g.source(p, terms) for g, p in used]
     for crest, beyond in open_seams(patches, terms, sources, zero_said):
         if beyond.sum() >= _FEWEST_PATCHES:
-            said.append(_beyond_seam(patches, terms, beyond, crest, error))
+            notes.append(_beyond_seam(patches, terms, beyond, crest, error))
         terms[beyond] = np.nan
-    return Anchored(terms, tuple(misses), tuple(said))
+    return Anchored(terms, tuple(misses), tuple(notes))
 
 
 def _turned(
@@ -342,40 +344,40 @@ def _turned(
     As they are where the place fits, since another place of its line has closed it, or roughly, and
     better beyond no seam; None where it fits neither way.
     """
-    there = given.source(p, terms)
-    miss = abs(abs(float(there.basis @ terms[p.patch])) - given.order)
+    beyond = given.source(p, terms)
+    miss = abs(abs(float(beyond.basis @ terms[p.patch])) - given.order)
     if (miss / p.sigma) ** 2 < CLEAR:
         return terms
     sources = [g.source(q, terms) for g, q in used]
-    turned = turned_to(patches, terms, sources, zero_said, there, given.order, p.within)
+    turned = turned_to(patches, terms, sources, zero_said, beyond, given.order, p.within)
     return terms if turned is None and miss < p.within else turned
 
 
 def _zero_said(j: int, given: list[Stated]) -> list[ZeroPlace]:
     """Where it is known that N = 0 along a line: a place on it, or two on its two sides."""
-    there = [(g, p) for g in given if g.known.says_zero_line for p in g.places if p.fits(j)]
-    on: list[ZeroPlace] = [(p.patch,) for g, p in there if g.order < _BELOW]
-    off = [p for g, p in there if g.order > _BELOW and not g.on_line]
+    on_zero = [(g, p) for g in given if g.known.says_zero_line for p in g.places if p.fits(j)]
+    on: list[ZeroPlace] = [(p.patch,) for g, p in on_zero if g.order < _BELOW]
+    off = [p for g, p in on_zero if g.order > _BELOW and not g.on_line]
     above, below = ([p for p in off if sign * (p.field + j) > 0.0] for sign in (1.0, -1.0))
     return on + [(p.patch, q.patch) for p in above for q in below]
 
 
-def _open(patches: Patches, own: Array, given: list[Stated], best: int, rival: int) -> Anchored:
+def _open(patches: Patches, part: Array, given: list[Stated], best: int, rival: int) -> Anchored:
     """A part for which two whole numbers are as good: nothing is known, and why."""
     listed = "; ".join(map(str, given))
     if all(any(not g.fits(j) for g in given) for j in (best, rival)):
-        said = message("contradict_each_other_no", listed=listed)
+        note = message("contradict_each_other_no", listed=listed)
     else:
-        orders = [np.abs(own[..., 0] + j) for j in (best, rival)]
+        orders = [np.abs(part[..., 0] + j) for j in (best, rival)]
         row, col, at = _place(patches, clearly_apart(np.abs(orders[0] - orders[1])))
         first, second = sorted(o[at] for o in orders)
-        said = message(
+        note = message(
             "fringe_line_light_cannot", listed=listed, row=row, col=col, first=first, second=second
         )
         turning = next((g for g in given if not g.known.is_line and g.first.around), None)
         if turning is not None:
-            said += message("extremum_maximum_minimum", turning=turning)
-    return _unknown(own, given, said)
+            note += message("extremum_maximum_minimum", turning=turning)
+    return _unknown(part, given, note)
 
 
 def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int, error: Array) -> str:
@@ -386,20 +388,20 @@ def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int, error
     order = terms[..., 0]
     mirrored = np.abs(crest - order)
     share = 100.0 * beyond.sum() / max(1, np.isfinite(order).sum())
-    said = message("light_cannot_decide_whether", crest=abs(0.5 * crest), share=share)
+    note = message("light_cannot_decide_whether", crest=abs(0.5 * crest), share=share)
     apart = np.where(beyond, np.abs(mirrored - np.abs(order)), np.nan)
     most = float(np.nanmax(apart))
     if most < _TELLABLE:
-        return message("lies_within_line_order", said=said, most=0.5 * most)
+        return message("lies_within_line_order", said=note, most=0.5 * most)
     moved = moved_by_light(np.where(beyond, order, 0.0), error)
     lit = (apart >= _TELLABLE) & (moved < np.minimum(LARGEST_UNCERTAINTY, _SHARP * apart))
     if not lit.any():
-        return message("nor_light_there_give", said=said)
+        return message("nor_light_there_give", said=note)
     differ = np.where(lit, apart, np.nan)
     row, col, at = _place(patches, clearly_apart(differ))
     first, second = sorted([float(mirrored[at]), abs(float(order[at]))])
     return message(
-        "known_order_row_column_settles", said=said, row=row, col=col, first=first, second=second
+        "known_order_row_column_settles", said=note, row=row, col=col, first=first, second=second
     )
 
 
@@ -624,9 +626,9 @@ def follow_fringes(
             result = followed(patches, labels, wave / fade).anchored(known)
             if not np.isfinite(result.terms).any():
                 break
-            own = replace(patches, contrast=patches.contrast * _at(fade, patches))
+            unfaded = replace(patches, contrast=patches.contrast * _at(fade, patches))
             before = fade
-            law = fit_contrast(own, result.terms)
+            law = fit_contrast(unfaded, result.terms)
             fade = contrast_map(patches, result.terms, law, wave.shape)
             patches, labels = _coarse_to_fine(wave / fade, sigma / fade, valid, faded=True)
             if np.percentile(np.abs(fade - before)[valid], _MOSTLY) < FADED:
@@ -664,7 +666,7 @@ def _coarse_to_fine(
     for k, binning in enumerate(binnings):
         frame = binned(wave, sigma, valid, binning)
         contrast = None if told is None or not faded else everywhere(told)
-        patches = fit_patches(gather_patches(*frame), expected, contrast, own=faded)
+        patches = fit_patches(gather_patches(*frame), expected, contrast, deviation=faded)
         patches = with_told(patches, binning, told)
         labels = mend_mirrored(patches, label_patches(patches))
         if k + 1 < len(binnings):
@@ -700,12 +702,12 @@ def _dense(patches: Patches, terms: Array, valid: Mask) -> OrderReading:
         for total, value in zip(sums, (share * trust, first, first * order, share), strict=True):
             total[at] += value
     weight, first, second, cover = sums
-    seen = valid & (cover > _LEAST_COVER * max(float(cover.max()), 1e-9))
-    safe = np.where(seen, weight, 1.0)
+    covered = valid & (cover > _LEAST_COVER * max(float(cover.max()), 1e-9))
+    safe = np.where(covered, weight, 1.0)
     mean = first / safe
     spread = np.sqrt(np.maximum(second / safe - mean**2, 0.0))
-    uncertainty = np.maximum(np.sqrt(np.where(seen, cover, 1.0) / safe), spread)
-    known = seen & (spread < _LARGEST_SPREAD) & (uncertainty < LARGEST_UNCERTAINTY)
+    uncertainty = np.maximum(np.sqrt(np.where(covered, cover, 1.0) / safe), spread)
+    known = covered & (spread < _LARGEST_SPREAD) & (uncertainty < LARGEST_UNCERTAINTY)
     return make_reading(mean, uncertainty, known, of=valid)
 
 
@@ -738,8 +740,8 @@ def common_reading(readings: Sequence[FreeReading]) -> FreeReading:
     square = np.sum([(best.reading.order - order) ** 2 for order in orders], axis=0)
     error = np.sqrt(np.where(np.isnan(square), np.inf, square))
     reading = less_sure(best.reading, error, LARGEST_UNCERTAINTY)
-    said = _of_what_is_lost(best.reading, reading, orders)
-    return replace(best, reading=reading, said=(*best.said, *said))
+    note = _of_what_is_lost(best.reading, reading, orders)
+    return replace(best, reading=reading, said=(*best.said, *note))
 
 
 def _of_what_is_lost(before: OrderReading, after: OrderReading, orders: list[Array]) -> list[str]:
@@ -749,14 +751,14 @@ def _of_what_is_lost(before: OrderReading, after: OrderReading, orders: list[Arr
     share = float(lost.sum() / max(1, int(read.sum())))
     if share < _WORTH_SAYING:
         return []
-    said = message("another_smooth_light_explains", share=100.0 * share)
+    note = message("another_smooth_light_explains", share=100.0 * share)
     for order in orders:
         away = np.where(lost, np.abs(order - before.order), np.nan)
         if (away > APART).any():  # else no known order rules either light out
             at = innermost(clearly_apart(away))
             first, second = sorted((float(before.order[at]), float(order[at])))
-            said += message(
+            note += message(
                 "known_order_row_column", at=at[0], at_2=at[1], first=first, second=second
             )
             break
-    return [said]
+    return [note]

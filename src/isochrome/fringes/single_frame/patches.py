@@ -104,9 +104,9 @@ def binned(wave: Array, sigma: Array, valid: Mask, by: int) -> tuple[Array, Arra
     """Means over blocks of by x by pixels; a block is valid where all of it is."""
     if by == 1:
         return wave, sigma, valid
-    whole = np.asarray(block_means(valid.astype(float), by) == 1.0)
+    complete = np.asarray(block_means(valid.astype(float), by) == 1.0)
     mean = block_means(np.where(valid, wave, 0.0), by)
-    return mean, np.sqrt(block_means(sigma**2, by)) / by, whole
+    return mean, np.sqrt(block_means(sigma**2, by)) / by, complete
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,9 +159,9 @@ def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
     body = np.ones(len(trusted), dtype=int)
     if count > 1:  # a patch is that of the body nearest to its middle
         nearest = np.where(trusted, dx**2 + dy**2, np.inf).argmin(axis=1)
-        there = bodies[pick]
-        body = there[np.arange(len(there)), nearest]
-        trusted &= there == body[:, None]
+        chosen = bodies[pick]
+        body = chosen[np.arange(len(chosen)), nearest]
+        trusted &= chosen == body[:, None]
     gradient = [g[at][:, 0] for g in _start_gradient(np.where(valid, wave, 0.0), sigma, valid)]
     return PatchLight(
         rows=rows,
@@ -190,36 +190,38 @@ def fit_patches(
     expected: tuple[Array, Array] | None = None,
     contrast: Array | None = None,
     *,
-    own: bool = False,
+    deviation: bool = False,
 ) -> Patches:
     """Fit a quadratic of the order to each patch of a frame.
 
     Parameters: `patches`; `expected`, terms that are known beforehand (m, n, 6), NaN where none
     are, and their standard deviations; `contrast`, the fringes' (m, n), 1 if not given. A patch
-    that fits its expectation badly is fitted again without; with `own` one that tells another
+    that fits its expectation badly is fitted again without; with `deviation` one that tells another
     contrast is fitted with that. Returns Patches.
     """
     if contrast is None:
-        whole = _fit_given(patches, expected)
-        scale = np.ones(whole.chi.size, dtype=np.float32)
+        fitted = _fit_given(patches, expected)
+        scale = np.ones(fitted.chi.size, dtype=np.float32)
     else:
         scale = contrast.ravel().astype(np.float32)
-        whole = _fit_given(patches.over(scale), expected)
-        whole = replace(whole, contrast=whole.contrast * contrast)
-    if not own:
-        return whole
-    told = whole.contrast.ravel()
+        fitted = _fit_given(patches.over(scale), expected)
+        fitted = replace(fitted, contrast=fitted.contrast * contrast)
+    if not deviation:
+        return fitted
+    measured = fitted.contrast.ravel()
     least, most = _OWN_CONTRAST
-    off = np.flatnonzero((np.abs(told - scale) > _FADED * scale) & (told > least) & (told < most))
+    off = np.flatnonzero(
+        (np.abs(measured - scale) > _FADED * scale) & (measured > least) & (measured < most)
+    )
     if not len(off):
-        return whole
-    scale = told[off].astype(np.float32)
-    start = whole.terms.reshape(-1, 6)[off].astype(np.float32)
-    alone = np.tile(patch_prior(), (len(off), 1))
-    again = _refine(patches.only(off).over(scale), start, np.zeros_like(start), alone)
+        return fitted
+    scale = measured[off].astype(np.float32)
+    start = fitted.terms.reshape(-1, 6)[off].astype(np.float32)
+    prior = np.tile(patch_prior(), (len(off), 1))
+    again = _refine(patches.only(off).over(scale), start, np.zeros_like(start), prior)
     again = replace(again, contrast=again.contrast * scale)
-    _take(whole, off, again, again.chi.ravel() < whole.chi.ravel()[off])
-    return whole
+    _take(fitted, off, again, again.chi.ravel() < fitted.chi.ravel()[off])
+    return fitted
 
 
 def _fit_given(patches: PatchLight, expected: tuple[Array, Array] | None) -> Patches:
@@ -265,17 +267,17 @@ def _start_gradient(wave: Array, sigma: Array, valid: Mask) -> tuple[Array, Arra
         return np.asarray(gaussian_filter(np.where(valid, values, 0.0), _FREQUENCY_WINDOW))
 
     speed = np.maximum(pooled(1.0 - smooth**2), 0.05)
-    own = pooled(sigma**2) / (8.0 * np.pi * scale**4)  # what noise adds to a derivative's square
-    xx, yy = (pooled(dx * dx) - own) / speed, (pooled(dy * dy) - own) / speed
+    noise = pooled(sigma**2) / (8.0 * np.pi * scale**4)  # what noise adds to a derivative's square
+    xx, yy = (pooled(dx * dx) - noise) / speed, (pooled(dy * dy) - noise) / speed
     xy = pooled(dx * dy) / speed
     largest = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
     size = np.minimum(np.sqrt(np.maximum(largest, 0.0)) / TURN, _STEEPEST)
     # fine fringes fade in the derivative itself, but alike in the second one
     bend = gaussian_filter(wave, scale, order=(0, 2)) + gaussian_filter(wave, scale, order=(2, 0))
     first = np.maximum((xx + yy) * speed, 1e-9)
-    second = pooled(bend * bend) - 4.0 * own / scale**2
+    second = pooled(bend * bend) - 4.0 * noise / scale**2
     frequency = np.sqrt(np.maximum(second, 0.0) / first)
-    fine = (frequency > _FINE) & (first > _CLEAR * own)
+    fine = (frequency > _FINE) & (first > _CLEAR * noise)
     size = np.where(fine, np.minimum(frequency / TURN, _STEEPEST), size)
     angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
     return size * np.cos(angle), size * np.sin(angle)
@@ -342,15 +344,15 @@ def _refine(patches: PatchLight, terms: Array, mean: Array, prior: Array) -> Pat
     covariance = sandwich(inverse, squared.astype(float))
     total = np.maximum(weight.sum(axis=1), 1e-9)
     chi = np.sqrt(np.einsum("pk,pk,pk->p", weight, residual, residual) / total) / patches.noise
-    told = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))  # a singular patch is left out
+    regular = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))  # a singular patch is left out
     spread = np.sqrt(np.abs(np.einsum("pii->pi", covariance)))
     shape = len(patches.rows), len(patches.cols)
     return Patches(
         rows=patches.rows,
         cols=patches.cols,
         terms=terms.reshape(*shape, 6).astype(float),
-        spread=np.where(told[:, None], spread, np.inf).reshape(*shape, 6),
-        chi=np.where(told & (patches.filled > 0.0), chi, np.inf).reshape(shape),
+        spread=np.where(regular[:, None], spread, np.inf).reshape(*shape, 6),
+        chi=np.where(regular & (patches.filled > 0.0), chi, np.inf).reshape(shape),
         filled=patches.filled.reshape(shape),
         contrast=_contrast(weight, light, light - residual).reshape(shape),
         body=patches.body.reshape(shape),
@@ -382,11 +384,11 @@ def neighbours(
     cols = patches.cols[None, :] + 0 * patches.rows[:, None]
     for down, right in _STEPS:
         here = np.s_[: m - down, max(0, -right) : n - max(right, 0)]
-        there = np.s_[down:, max(0, right) : n + min(right, 0)]
-        dy, dx = 0.5 * (rows[there] - rows[here]), 0.5 * (cols[there] - cols[here])
-        a, b = moved_patch(terms[here], dy, dx), moved_patch(terms[there], -dy, -dx)
-        variance = patches.spread[here] ** 2 + patches.spread[there] ** 2
-        numbers = number[here].ravel(), number[there].ravel()
+        beside = np.s_[down:, max(0, right) : n + min(right, 0)]
+        dy, dx = 0.5 * (rows[beside] - rows[here]), 0.5 * (cols[beside] - cols[here])
+        a, b = moved_patch(terms[here], dy, dx), moved_patch(terms[beside], -dy, -dx)
+        variance = patches.spread[here] ** 2 + patches.spread[beside] ** 2
+        numbers = number[here].ravel(), number[beside].ravel()
         yield *numbers, a.reshape(-1, 6), b.reshape(-1, 6), variance.reshape(-1, 6)
 
 
@@ -500,11 +502,11 @@ def expected_terms(
     terms = labels.sign[near][..., None] * patches.terms[near]
     terms[..., 0] += labels.shift[near]
     dy, dx = rows - patches.rows[i], cols - patches.cols[j]
-    there = moved_patch(terms, dy[:, None] + 0 * dx, dx[None, :] + 0 * dy[:, None])
+    moved = moved_patch(terms, dy[:, None] + 0 * dx, dx[None, :] + 0 * dy[:, None])
     per_pixel = np.array([1, finer, finer, *[finer**2] * 3], dtype=float)
     scale = _GUIDE * np.sqrt(patches.spread[near] ** 2 + BEND**2)
     good = (labels.part[near] >= 0)[..., None]
-    return np.where(good, there, np.nan) / per_pixel, scale / per_pixel
+    return np.where(good, moved, np.nan) / per_pixel, scale / per_pixel
 
 
 def nearest_patches(patches: Patches, rows: Array, cols: Array) -> tuple[Indices, ...]:
@@ -562,7 +564,7 @@ def _before(tree: Any, part: Indices) -> Indices:
     roots = roots[numbers >= 0]
     # one patch more, joined to a patch of each part: one walk then reaches all
     joint = csr_array((np.ones(len(roots)), (np.zeros_like(roots), roots)), shape=(1, count))
-    whole = block_array([[tree, None], [joint, csr_array((1, 1))]], format="csr")
-    _, result = breadth_first_order(whole, count, directed=True)
-    own = np.arange(count)
-    return np.where((result[:count] < 0) | (result[:count] == count), own, result[:count])
+    system = block_array([[tree, None], [joint, csr_array((1, 1))]], format="csr")
+    _, result = breadth_first_order(system, count, directed=True)
+    number = np.arange(count)
+    return np.where((result[:count] < 0) | (result[:count] == count), number, result[:count])

@@ -102,10 +102,10 @@ class _Seam:
         """Whether the light does not settle on which side the field lies beyond it."""
         return self.worse <= settled * self.size
 
-    def takes_zero_line(self, order: Array, said: Sequence[ZeroPlace], lines: int) -> bool:
-        """Whether turning over takes one of the signed order's `lines` of N = 0, not `said`."""
+    def takes_zero_line(self, order: Array, known: Sequence[ZeroPlace], lines: int) -> bool:
+        """Whether turning over takes one of the signed order's `lines` of N = 0, not `known`."""
         turned = np.where(self.beyond, self.crest - order, order)
-        return zero_lines(turned, said) < lines
+        return zero_lines(turned, known) < lines
 
 
 @dataclass(frozen=True)
@@ -135,9 +135,9 @@ def mend_mirrored(patches: Patches, labels: Labels) -> Labels:
     for part in range(int(labels.part.max()) + 1):
         inside = labels.part == part
         for _ in range(_PASSES):
-            own = np.where(inside[..., None], sign[..., None] * patches.terms, np.nan)
-            own[..., 0] += shift
-            worst = min(_seams(patches, own), key=lambda seam: seam.worse, default=None)
+            signed = np.where(inside[..., None], sign[..., None] * patches.terms, np.nan)
+            signed[..., 0] += shift
+            worst = min(_seams(patches, signed), key=lambda seam: seam.worse, default=None)
             if worst is None or worst.worse >= 0.0:
                 break
             sign[worst.beyond] *= -1
@@ -145,7 +145,7 @@ def mend_mirrored(patches: Patches, labels: Labels) -> Labels:
     return Labels(sign, shift, labels.part)
 
 
-def zero_lines(order: Array, said: Sequence[ZeroPlace] = ()) -> int:
+def zero_lines(order: Array, known: Sequence[ZeroPlace] = ()) -> int:
     """The number of lines of N = 0 of which nothing known says that they are.
 
     Each line parts a region of positive signed order from one of negative.
@@ -170,7 +170,7 @@ def zero_lines(order: Array, said: Sequence[ZeroPlace] = ()) -> int:
     for a, b in ((regions[1:], regions[:-1]), (regions[:, 1:], regions[:, :-1])):
         two = (a > 0) & (b > 0) & (positive[a] != positive[b])
         lines |= {frozenset(pair) for pair in zip(a[two].tolist(), b[two].tolist(), strict=True)}
-    return sum(not any(_says(place, regions, line) for place in said) for line in lines)
+    return sum(not any(_says(place, regions, line) for place in known) for line in lines)
 
 
 def _says(place: ZeroPlace, regions: Indices, line: frozenset[int]) -> bool:
@@ -182,19 +182,19 @@ def _says(place: ZeroPlace, regions: Indices, line: frozenset[int]) -> bool:
 
 
 def open_seams(
-    patches: Patches, terms: Array, points: Sequence[AnchorPatch], said: Sequence[ZeroPlace]
+    patches: Patches, terms: Array, points: Sequence[AnchorPatch], known: Sequence[ZeroPlace]
 ) -> list[tuple[int, Mask]]:
     """Patches whose branch the light does not settle from where the order is known.
 
     Parameters: `patches`; `terms` (m, n, 6) of the signed order, NaN = not known; `points`,
-    where it is known; `said`, where lines of N = 0 are. Returns for each seam its crest (in half
+    where it is known; `known`, where lines of N = 0 are. Returns for each seam its crest (in half
     fringes) and the patches beyond it (m, n), each patch once.
     Mirroring about n = 0 changes no order and is left out.
     """
     order = terms[..., 0]
     unsure = np.zeros(terms.shape[:2], dtype=bool)
     result = []
-    seams = _not_settled(patches, terms, points, said)
+    seams = _not_settled(patches, terms, points, known)
     for seam in sorted(seams, key=lambda s: -int(s.beyond.sum())):
         beyond = seam.beyond & (np.abs(order - 0.5 * seam.crest) > _ALIKE) & ~unsure
         if beyond.any():
@@ -204,16 +204,16 @@ def open_seams(
 
 
 def _not_settled(
-    patches: Patches, terms: Array, points: Sequence[AnchorPatch], said: Sequence[ZeroPlace]
+    patches: Patches, terms: Array, points: Sequence[AnchorPatch], known: Sequence[ZeroPlace]
 ) -> list[_Seam]:
     """The seams that the light leaves open, as in `open_seams`."""
     order = terms[..., 0]
     seams = [s for s in _seams(patches, terms, points) if s.crest and s.is_open(_SETTLED_ZERO)]
-    lines = 0 if all(seam.is_open() for seam in seams) else zero_lines(order, said)
+    lines = 0 if all(seam.is_open() for seam in seams) else zero_lines(order, known)
     return [
         seam
         for seam in seams
-        if seam.is_open() or (lines and seam.takes_zero_line(order, said, lines))
+        if seam.is_open() or (lines and seam.takes_zero_line(order, known, lines))
     ]
 
 
@@ -221,22 +221,22 @@ def turned_to(
     patches: Patches,
     terms: Array,
     points: Sequence[AnchorPatch],
-    said: Sequence[ZeroPlace],
-    there: AnchorPatch,
+    known: Sequence[ZeroPlace],
+    beyond: AnchorPatch,
     order: float,
     within: float,
 ) -> Array | None:
     """The terms with what lies beyond an open seam turned over so that a place has a known order.
 
-    Parameters as in `open_seams`; `there`, the place; `order`, what is known of it, to `within`.
+    Parameters as in `open_seams`; `beyond`, the place; `order`, what is known of it, to `within`.
     Returns terms (m, n, 6), None where no open seam makes it so.
     """
-    now = float(there.basis @ terms[there.patch])
+    now = float(beyond.basis @ terms[beyond.patch])
     within = min(within, abs(abs(now) - order))  # nearer than it is
     seams = [
         seam
-        for seam in _not_settled(patches, terms, points, said)
-        if seam.beyond[there.patch] and abs(abs(seam.crest - now) - order) < within
+        for seam in _not_settled(patches, terms, points, known)
+        if seam.beyond[beyond.patch] and abs(abs(seam.crest - now) - order) < within
     ]
     if not seams:
         return None
@@ -279,17 +279,17 @@ def _about(
     if points is not None:  # where doubt is enough; what is turned back must be one whole region
         same &= joints.cost < _AGREE
     same &= (from_crest[joints.a] > 0.0) == (from_crest[joints.b] > 0.0)
-    whole = _graph(joints.a[same], joints.b[same], np.ones(np.count_nonzero(same)), known.size)
-    region = connected_components(whole, directed=False)[1]
+    graph = _graph(joints.a[same], joints.b[same], np.ones(np.count_nonzero(same)), known.size)
+    region = connected_components(graph, directed=False)[1]
     sizes = np.bincount(region[far], minlength=region.max() + 1)
     sides = [p.patch for p in points or () if p.crest != crest]
     here = np.unique([region[np.ravel_multi_index(p, shape)] for p in sides])
     if not sides:
         here = np.array([sizes.argmax()])
-    there = np.setdiff1d(np.flatnonzero(sizes >= _SMALLEST), here)
+    others = np.setdiff1d(np.flatnonzero(sizes >= _SMALLEST), here)
     ends = region[joints.a[~same]], region[joints.b[~same]]
     worse = joints.mirrored(~same, crest)
-    for cut in _cuts(ends, worse, here, there, len(sizes)):
+    for cut in _cuts(ends, worse, here, others, len(sizes)):
         across = cut[ends[0]] != cut[ends[1]]
         if across.any():
             beyond = (cut[region] & known).reshape(shape)
@@ -303,8 +303,8 @@ def _joints(patches: Patches, terms: Array) -> _Joints:
     parts = []
     for a, b, x, y, variance in neighbours(patches, terms):
         use = known[a] & known[b]
-        own = x[use], y[use], variance[use]
-        parts.append((a[use], b[use], *own, _cost(*own)))
+        relation = x[use], y[use], variance[use]
+        parts.append((a[use], b[use], *relation, _cost(*relation)))
     return _Joints(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
@@ -315,10 +315,10 @@ def _cost(x: Array, y: Array, variance: Array) -> Array:
 
 
 def _cuts(
-    ends: tuple[Indices, Indices], worse: Array, here: Indices, there: Indices, count: int
+    ends: tuple[Indices, Indices], worse: Array, here: Indices, others: Indices, count: int
 ) -> Iterator[Mask]:
     """The minimum cut (count,), True beyond it, between the regions `here` and each one there."""
-    numbers, at = np.unique(np.concatenate([*ends, here, there]), return_inverse=True)
+    numbers, at = np.unique(np.concatenate([*ends, here, others]), return_inverse=True)
     a, b, sources, sinks = np.split(at, np.cumsum([len(ends[0]), len(ends[1]), len(here)]))
     root = len(numbers)  # one node more, from which all sources are fed
     room = np.rint(_PER_UNIT * np.maximum(worse, 0.0)).astype(np.int32)
@@ -329,9 +329,9 @@ def _cuts(
         root + 1,
     )
     for sink in sinks:
-        left = graph - maximum_flow(graph, root, int(sink)).flow
-        left.eliminate_zeros()
-        reached, _ = breadth_first_order(left, root, directed=True)
+        capacity = graph - maximum_flow(graph, root, int(sink)).flow
+        capacity.eliminate_zeros()
+        reached, _ = breadth_first_order(capacity, root, directed=True)
         beyond = np.zeros(count, dtype=bool)
         beyond[numbers[np.setdiff1d(np.arange(root), reached)]] = True
         yield beyond
@@ -521,11 +521,11 @@ def stated_place(
     """
     row, col = place
     away = np.hypot(patches.rows[:, None] - row, patches.cols[None, :] - col)
-    own = np.unravel_index(away.argmin(), away.shape)
-    if labels.part[own] < 0 and not known.is_line:
-        beside = (labels.part >= 0) & (patches.body == patches.body[own])
-        own = np.unravel_index(np.where(beside, away, np.inf).argmin(), away.shape)
-    patch = int(own[0]), int(own[1])
+    nearest = np.unravel_index(away.argmin(), away.shape)
+    if labels.part[nearest] < 0 and not known.is_line:
+        beside = (labels.part >= 0) & (patches.body == patches.body[nearest])
+        nearest = np.unravel_index(np.where(beside, away, np.inf).argmin(), away.shape)
+    patch = int(nearest[0]), int(nearest[1])
     off = np.array(row - patches.rows[patch[0]]), np.array(col - patches.cols[patch[1]])
     sigma, within = STATED_SPREAD, _WITHIN
     if known.is_line:
@@ -640,7 +640,7 @@ def corner_orders(
     Parameters: `corners`; `patches` and their `labels`; `wave`, the light c (rows, cols); `valid`,
     True = trusted (rows, cols).
     """
-    known, said = [], []
+    known, notes = [], []
     trusted = gaussian_filter(valid.astype(float), _POOLED_PX)
     pooled = gaussian_filter(np.where(valid, wave, 0.0), _POOLED_PX) / np.maximum(trusted, 1e-9)
     light = np.where(valid, pooled, np.nan)
@@ -648,12 +648,12 @@ def corner_orders(
         result = _carried(corner, patches, labels, light)
         name = message("frames_free_boundary_corner_row", row=corner.row, col=corner.col)
         if isinstance(result, str):
-            said.append(f"{name}: {result}; it is not used")
+            notes.append(f"{name}: {result}; it is not used")
             continue
         order = abs(patches.terms[result][0] - round(patches.terms[result][0]))
         place = float(patches.rows[result[0]]), float(patches.cols[result[1]])
         known.append(KnownPlaces((place,), round(float(order), 2), name, says_zero_line=False))
-    return known, said
+    return known, notes
 
 
 def _carried(
@@ -673,14 +673,14 @@ def _carried(
     i, j = np.unravel_index(np.where(inside, away, np.inf).argmin(), away.shape)
     steps = np.arange(0.0, float(away[i, j]) + 0.5, 0.5) / float(away[i, j])
     way = [corner.row + steps * down[i, 0], corner.col + steps * right[0, j]]
-    seen = map_coordinates(light, way, order=0, mode="constant", cval=np.nan)
-    first = int(np.isfinite(seen).argmax())
+    carried = map_coordinates(light, way, order=0, mode="constant", cval=np.nan)
+    first = int(np.isfinite(carried).argmax())
     hidden = 0.5 * first
     steepest = float(np.hypot(*patches.terms[inside][:, 1:3].T).max())
-    if not np.isfinite(seen[first:]).all() or hidden > _HIDDEN_PX:
+    if not np.isfinite(carried[first:]).all() or hidden > _HIDDEN_PX:
         return message("pixels_between_next_fringes")
     if hidden * steepest > _HIDDEN_RISE:
         return message("fringes_beside_too_dense")
-    if seen[first:].min() < _DARK:
+    if carried[first:].min() < _DARK:
         return message("light_beside_not_order")
     return int(i), int(j)

@@ -223,8 +223,8 @@ class Film(ImageOnly):
             assert state is not None
             if index >= start:
                 known = state.known & ~film.kept[film.begin(index)].doubt() & (lost is None)
-                own = replace(frame, index=index)
-                yield _read(film, replace(state, known=known), own, light, scene, capture)
+                numbered = replace(frame, index=index)
+                yield _read(film, replace(state, known=known), numbered, light, scene, capture)
 
 
 def _reported(
