@@ -17,9 +17,11 @@ from .half_plane import (
     FieldGrid,
     PointForce,
     RegularStress,
+    ShearPeak,
     cauchy_of_hat,
     components_on_grid,
     field_dtype,
+    largest_shear,
     make_field_grid,
     pixel_sources,
     point_force_displacement,
@@ -30,7 +32,6 @@ from .half_plane import (
     stress_trace,
 )
 from .half_plane_series import SeriesField, SeriesGrid, make_series_grid, series_difference
-from .peak import ShearPeak, largest_shear
 
 __all__ = [
     "DEEP_PX",
