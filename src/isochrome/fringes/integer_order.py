@@ -1,6 +1,6 @@
 """The whole number of each connected part of an unwrapped field, and what it was taken from.
 
-In this order: orders that the user knows; equilibrium and compatibility (see `anchor`); a model.
+In this order: orders that the user knows; equilibrium and compatibility (see `balance`); a model.
 Where the first two disagree, or nothing tells, that is said.
 
 The direction of sigma_1 from the maps of a phase-stepped set, pooled and made continuous.

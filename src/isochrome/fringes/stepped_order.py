@@ -4,7 +4,7 @@ The steps' light gives cos δ, sin δ exp 2iθ and (1 - cos δ) exp 4iθ in ever
 (`step_equations`), these the continuous direction up to 90° (`isoclinic`), along which δ is signed
 and unwraps without the ambiguity (δ, θ) ~ (-δ, θ + 90°): n = (φ/2π + m) exp 2iθ does not change
 with it. The whole number m of each connected part comes from the user's known orders, from
-equilibrium and compatibility, or from a model (`anchor`, `integer_order`); a part that has none is
+equilibrium and compatibility, or from a model (`integer_order`); a part that has none is
 left unknown. A residual stress is taken off n (`read_residual`). Then N = |n| and θ = arg(n)/2.
 
 The field of a residual stress, from a phase-stepped set of the unloaded specimen.

@@ -3,7 +3,7 @@
 The light is I^g = D (1 - s) + B s, s = sin² pi N, with D and B slowly varying over the frame:
 polynomials of the place; and g, where wanted, the exponent that the light's linearisation lacks.
 Each of many patches has an N of its own, so that the ends and the exponent are what all patches
-together leave open (see `end_problem`, `end_search`). Where a patch spans no
+together leave open (see `end_search`). Where a patch spans no
 crest its order follows any change of the ends, and it says nothing of them: the ends come with
 their covariance, and the order is as uncertain as they make it.
 
@@ -75,26 +75,10 @@ _NEAR_END = 1.1
 class BackgroundModulation:
     """Light of the dark and the bright end (rows, cols), and how well they are known.
 
-    The light is I^g = D (1 - s) + B s, s = sin² pi N; D and B are sums of given shapes.
-
-    Parameters
-    ----------
-    dark : ndarray (rows, cols)
-        Light of the dark end, D.
-    bright : ndarray (rows, cols)
-        Light of the bright end, B.
-    settled : bool
-        Whether the search came to rest.
-    tone : float
-        The exponent g that makes the light linear; 1 where it was not asked for.
-    tone_uncertainty : float
-        Standard uncertainty of the exponent.
-    given : tuple of two bools
-        Which of the ends no-load frames gave.
-    variance : ndarray (3, 3, rows, cols)
-        Covariance of the dark end, the bright end and the exponent.
-    others : tuple of BackgroundModulation
-        Ends that explain the frame about as well, under which its orders may be others.
+    The light is I^g = D (1 - s) + B s, s = sin² pi N; D `dark`, B `bright`, sums of given shapes,
+    and the exponent g `tone`, 1 where it was not asked for. `settled`: the search came to rest;
+    `given`: which ends no-load frames gave; `variance` (3, 3, rows, cols) of D, B and g; `others`
+    explain the frame about as well, under which its orders may be others.
     """
 
     dark: Array = field(repr=False)
@@ -129,20 +113,7 @@ class BackgroundModulation:
 
 
 def exact_ends(dark: Array, bright: Array) -> BackgroundModulation:
-    """Take no-load frames for the ends of a frame, and for exact.
-
-    Parameters
-    ----------
-    dark : ndarray (rows, cols)
-        Light of the dark end.
-    bright : ndarray (rows, cols)
-        Light of the bright end.
-
-    Returns
-    -------
-    BackgroundModulation
-        Those, without an uncertainty of their own.
-    """
+    """Take no-load frames for the ends of a frame, without an uncertainty of their own."""
     return BackgroundModulation(
         dark=dark,
         bright=bright,
@@ -165,31 +136,10 @@ def fit_background_modulation(
 ) -> BackgroundModulation:
     """Find the dark and bright ends of a frame in which both occur.
 
-    Parameters
-    ----------
-    light : ndarray (rows, cols)
-        Light I, linear, but for an exponent where `tone` asks for it.
-    sigma : ndarray (rows, cols)
-        Noise of the light.
-    valid : bool ndarray (rows, cols)
-        Whether a pixel is trusted.
-    dark : ndarray (rows, cols), optional
-        The dark end that a no-load frame gives, of the same linearity.
-    bright : ndarray (rows, cols), optional
-        The bright end that a no-load frame gives, of the same linearity.
-    tone : bool, default False
-        Whether the exponent that makes the light linear is wanted.
-
-    Returns
-    -------
-    BackgroundModulation
-        The ends, the exponent, and how well they are known.
-
-    Raises
-    ------
-    InputError
-        Where the frame has no contrast, or no fringe that can be followed, where its fringes leave
-        the ends or the exponent open, or where nothing is unknown.
+    `light`, linear but for an exponent where `tone` asks for it; `dark`, `bright`: ends that
+    no-load frames give, of the same linearity. InputError where the frame has no contrast, or no
+    fringe that can be followed, where its fringes leave ends or exponent open, or where nothing is
+    unknown.
     """
     if dark is not None and bright is not None and not tone:
         raise InputError("both_ends_light_given")
@@ -272,32 +222,11 @@ def _told_tone(tone: float) -> float:
 def gamma_misfit(
     light: Array, sigma: Array, valid: Mask, ends: tuple[Array, Array]
 ) -> tuple[float, float]:
-    """Find how far the tone exponent is from 1, by the fringes' shape.
+    """Find g - 1 of the tone exponent by the fringes' shape, and its uncertainty.
 
-    By one linear step from 1: enough to tell that the light is not linear, not how far.
-
-    Parameters
-    ----------
-    light : ndarray (rows, cols)
-        Light I, linear as far as is known.
-    sigma : ndarray (rows, cols)
-        Noise of the light.
-    valid : bool ndarray (rows, cols)
-        Whether a pixel is trusted.
-    ends : tuple of two ndarrays (rows, cols)
-        The dark and the bright end, found or given.
-
-    Returns
-    -------
-    change : float
-        The difference g - 1.
-    uncertainty : float
-        Its standard uncertainty.
-
-    Raises
-    ------
-    InputError
-        Where no fringe can be followed, or the fringes leave the exponent open.
+    By one linear step from 1: enough to tell that the light is not linear, not how far. `ends`,
+    found or given. InputError where no fringe can be followed, or the fringes leave the exponent
+    open.
     """
     problem, starts = _problem(light, sigma, valid, ends, True)
     data, orders, _ = fresh_patches(problem, starts[0])
@@ -413,20 +342,11 @@ _SURE, _LEAST = 3.0, 0.02
 
 @dataclass(frozen=True)
 class NoLoadExposure:
-    """Factors of the no-load frames that make them a frame's own ends.
+    """Factors that make the no-load frames a frame's own ends, 1 where nothing speaks against it.
 
-    Parameters
-    ----------
-    dark, bright : float
-        The factors d and b; both 1 where the frame does not speak against that.
-    told : bool
-        Whether the fringes tell b: whether a crest is in the frame.
-    ends : BackgroundModulation, optional
-        The frame's ends, where they are not the no-load frames.
-    dark_told : bool
-        Whether the fringes tell d: whether a trough is in the frame, or the dark end is black.
-    crest_sure : bool
-        Whether the line that told b must be a crest: whether a trough is in the frame, or b is 1.
+    `told`: a crest tells b, the factor `bright`; `dark_told`: a trough tells d, `dark`, or the dark
+    end is black; `ends`, the frame's, where they are not the no-load frames; `crest_sure`: the line
+    that told b must be a crest, since a trough is in the frame, or b is 1.
     """
 
     dark: float = 1.0
@@ -440,23 +360,9 @@ class NoLoadExposure:
 def find_no_load_exposure(
     light: Array, sigma: Array, valid: Mask, *, dark: Array, bright: Array
 ) -> NoLoadExposure:
-    """Find a frame's exposure over that of each of its no-load frames.
+    """Find a frame's exposure over that of each of its no-load frames `dark` and `bright`.
 
-    Parameters
-    ----------
-    light : ndarray (rows, cols)
-        Light of the frame, linear.
-    sigma : ndarray (rows, cols)
-        Noise of the light.
-    valid : bool ndarray (rows, cols)
-        Whether a pixel is trusted.
-    dark, bright : ndarray (rows, cols)
-        The no-load frames, of the same linearity.
-
-    Returns
-    -------
-    NoLoadExposure
-        The factors, and whether the fringes tell them.
+    `light` is linear, `sigma` its noise; the no-load frames are of the same linearity.
     """
     low, high = _smooth(dark), _smooth(bright)
     lit = valid & (high > 0.1 * np.median(high))

@@ -29,7 +29,7 @@ and lines, a line having one voice, so that among many a wrong one is outvoted. 
 nearly as good the part is not known. A line of N = 0 through the part is not generic in a loaded
 body (isotropic places are points), though a beam has one: where what is known lies on lines alone,
 it must be said. A point that the rest contradicts may lie beyond a seam that the light leaves open
-(`sign_ambiguity`): then that seam is closed as the point says.
+(`open_seams`): then that seam is closed as the point says.
 """
 
 from collections.abc import Sequence
@@ -464,20 +464,11 @@ _WORTH_SAYING = 0.01
 
 @dataclass(frozen=True)
 class FreeReading:
-    """What a frame says without a model.
+    """What a frame says without a model: the order, and how well it is known.
 
-    Parameters
-    ----------
-    reading : OrderReading
-        The order and how well it is known.
-    anchored : float
-        Share of what could be followed that hangs together with a known point.
-    contrast : ndarray (rows, cols)
-        What the fringes have left of their contrast, 1 where nothing is lost to speak of.
-    misses : tuple of (row, col, order)
-        Known points that were not used.
-    said : tuple of str
-        Why they were not, what the frame leaves open, and what point would settle it.
+    `anchored`: share of what could be followed that hangs together with a known point; `contrast`,
+    what the fringes have left, 1 where nothing is lost to speak of; `misses`: known points that
+    were not used; `said`: why, what the frame leaves open, and what point would settle it.
     """
 
     reading: OrderReading
@@ -497,37 +488,12 @@ def read_free(
     corners: Sequence[FreeCorner] = (),
     error: Array | None = None,
 ) -> FreeReading:
-    """Read the fringe order of a normalised frame without a model.
+    """Read the fringe order of a normalised frame `wave`, cos 2 pi N, without a model.
 
-    Parameters
-    ----------
-    wave : ndarray (rows, cols)
-        The frame as c = cos 2 pi N.
-    sigma : ndarray (rows, cols)
-        Noise of that.
-    valid : bool ndarray (rows, cols)
-        Whether a pixel is trusted.
-    known : sequence of (row, col, order) or (row, col, order, extremum)
-        Points where the order is known (pixels, fringes); extremum, whether it is the "maximum" or
-        the "minimum" of its surroundings.
-    lines : sequence of KnownPlaces, optional
-        Fringe lines whose order is known.
-    corners : sequence of FreeCorner, optional
-        Corners of the outline that are free of load. Each part that is wanted needs one of these.
-    error : ndarray (rows, cols), optional
-        Standard uncertainty of the signal (1 - c)/2 by the ends of the light. From 0.003 on in the
-        median a line of N = 0 must be among what is known: in a wrong light it stands for a line of
-        N = 1.
-
-    Returns
-    -------
-    FreeReading
-        The order, and what hangs together with the known points.
-
-    Raises
-    ------
-    InputError
-        Where the frame is smaller than a patch.
+    `known`: points (row, col, order), or with "maximum" or "minimum" of their surroundings; each
+    part that is wanted needs a point, a line or a corner. `error`: uncertainty of the signal (1 -
+    cos 2 pi N)/2 by the ends of the light: from 0.003 on in the median a line of N = 0, which
+    stands for N = 1 in a wrong light, must be known. InputError: the frame is smaller than a patch.
     """
     if min(wave.shape) <= 2 * HALF:
         raise InputError(
@@ -550,18 +516,9 @@ def read_free(
 class FollowedFringes:
     """What a frame's fringes say before an order is known.
 
-    Parameters
-    ----------
-    faded : bool
-        Whether they have lost contrast, so that what can be followed depends on what was known.
-    patches, labels : Patches, Labels
-        The frame's patches, and their signs and whole numbers within each part.
-    wave : ndarray (rows, cols)
-        The light c = cos 2 pi N.
-    valid : bool ndarray (rows, cols)
-        Whether a pixel is trusted.
-    unlit : ndarray (m, n)
-        The signal's uncertainty by the ends of the light, at the patches.
+    `faded`: they have lost contrast, so that what can be followed depends on what was known;
+    `wave`, the light c = cos 2 pi N; `unlit` (m, n), the signal's uncertainty by the ends of the
+    light at the patches.
     """
 
     faded: bool
@@ -591,23 +548,8 @@ def follow_fringes(
     """Follow the fringes of a normalised frame as far as they can be without a known order.
 
     Low orders of wide fringes lose next to nothing of their contrast and tell what the others lose:
-    where contrast is lost, what is followed grows from them by what is known.
-
-    Parameters
-    ----------
-    wave, sigma, valid : ndarray (rows, cols)
-        As in `read_free`.
-    known : KnownOrders
-        What is known; it matters where the fringes have lost contrast alone.
-    error : ndarray (rows, cols), optional
-        As in `read_free`.
-
-    Returns
-    -------
-    FollowedFringes
-        What could be followed.
-    ndarray (rows, cols)
-        What the fringes have left of their contrast.
+    where contrast is lost, and there alone, what is followed grows from them by what is `known`.
+    Arrays as in `read_free`. Returns what could be followed, and what is left of the contrast.
     """
 
     fade = np.ones(wave.shape)
@@ -642,7 +584,7 @@ def _at(image: Array, patches: Patches) -> Array:
 
 
 def _beside_stray(reading: OrderReading, wave: Array, sigma: Array) -> OrderReading:
-    """A reading as uncertain as light leaves it that is not the fringes', see `stray_light`."""
+    """A reading as uncertain as light leaves it that is not the fringes', see `stray_error`."""
     read = np.isfinite(reading.order)
     order = np.where(read, reading.order, 0.0)
     weight = np.where(read, 1.0 / sigma, 0.0)
@@ -712,25 +654,12 @@ def _dense(patches: Patches, terms: Array, valid: Mask) -> OrderReading:
 
 
 def common_reading(readings: Sequence[FreeReading]) -> FreeReading:
-    """Keep of readings of one frame what they have in common.
+    """The reading that misses the fewest known points, as uncertain as its equals leave it.
 
-    Without no-load frames several smooth lights may explain a frame alike, and under each of them
-    other regions are turned over about a crest. A known order that a reading contradicts speaks
-    against its light.
-
-    Equation: u' = (u² + sum d²)^(1/2), d the difference of another reading's order; a pixel of more
-    than 0.03 fringe, or that another does not know, is not known.
-
-    Parameters
-    ----------
-    readings : sequence of FreeReading
-        Those of one frame under lights that explain it alike, the best first.
-
-    Returns
-    -------
-    FreeReading
-        The first of those that miss the fewest known points, as uncertain as the others of these
-        leave it, and what to say of that.
+    Several smooth lights may explain a frame alike, and under each other regions are turned over
+    about a crest: u' = (u² + sum d²)^(1/2), d the difference of another reading's order; a pixel of
+    more than 0.03 fringe, or that another does not know, is not known. A known order that is missed
+    speaks against a light. `readings`: the best first.
     """
     fewest = min(len(result.misses) for result in readings)
     best, *others = (result for result in readings if len(result.misses) == fewest)

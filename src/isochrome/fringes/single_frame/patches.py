@@ -4,7 +4,7 @@ In a patch the order is N = n + g·x + x·H·x/2, and the dark field's signal s 
 c = 1 - 2 s = cos 2 pi N. Fitted by least squares, all patches at once, from a start that the
 gradient gives: with c = cos ω·x the means of ∇c ∇cᵀ and of 1 - c² are as ω ωᵀ. A patch knows its
 quadratic only up to a sign and a whole number, (n, g, H) ~ ±(n, g, H) + k, which no light can tell;
-`patch_labels` settles that between neighbours. Pooling over the patch is what reaches below a
+`label_patches` settles that between neighbours. Pooling over the patch is what reaches below a
 pixel's noise, and the quadratic what carries over the fringes' crests, where a pixel knows nothing.
 Sources: the windowed least squares of Servín, Marroquín & Cuevas (1997), Appl. Opt. 36, 4540; the
 steps are `isochrome.estimation.least_squares`.
@@ -70,13 +70,12 @@ _STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 @dataclass(frozen=True, kw_only=True)
 class Patches:
-    """Quadratics of the order about the patches' middles, on a lattice (m, n).
+    """Quadratics of the order about the patches' middles `rows` (m,), `cols` (n,), pixels.
 
-    `rows` (m,), `cols` (n,): the middles, pixels; `terms` (m, n, 6): n, g_x, g_y, H_xx, H_xy, H_yy
-    with x along the columns; `spread` (m, n, 6), their standard uncertainties; `chi` (m, n),
-    residual over noise; `filled` (m, n), share of the patch's pixels that are valid; `contrast`
-    (m, n), what the patch says that its fringes have, NaN where it spans too little to tell;
-    `body` (m, n), the number of the one that it lies on.
+    `terms` (m, n, 6): n, g_x, g_y, H_xx, H_xy, H_yy with x along the columns, and their
+    uncertainties `spread`; `chi` (m, n), residual over noise; `filled`, share of valid pixels;
+    `contrast`, what the patch says of its fringes', NaN where it spans too little; `body`, the
+    number of that it lies on.
     """
 
     rows: Indices

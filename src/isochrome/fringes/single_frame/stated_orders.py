@@ -148,14 +148,8 @@ def mend_mirrored(patches: Patches, labels: Labels) -> Labels:
 def zero_lines(order: Array, known: Sequence[ZeroPlace] = ()) -> int:
     """The number of lines of N = 0 of which nothing known says that they are.
 
-    Each line parts a region of positive signed order from one of negative.
-
-    Parameters
-    ----------
-    order : ndarray (m, n)
-        Signed order of the patches, NaN = not known.
-    said : sequence of ZeroPlace, optional
-        Where such a line is known: a patch on it, or two patches on its two sides.
+    Each parts a region of positive signed `order` (m, n) from one of negative; `known`: a patch on
+    such a line, or two on its two sides.
     """
     labels = np.zeros(order.shape, dtype=int)
     for side in (order > _BELOW, order < -_BELOW):
@@ -363,20 +357,10 @@ CLEAR = 8.0
 
 @dataclass(frozen=True)
 class KnownPlaces:
-    """An order that is known at a place, or at several along one fringe line.
+    """An order that is known at places (row, col), pixels: at one, or along a fringe line.
 
-    Parameters
-    ----------
-    places : tuple of (row, col)
-        The places, pixels.
-    order : float
-        The order there, fringes.
-    key : str, default 'frames.known_order'
-        What messages call it.
-    says_zero_line : bool, default True
-        Whether an order of 0 may be that of a line; a free corner's is the corner's alone.
-    extremum : {'maximum', 'minimum'}, optional
-        Whether it is the highest or the lowest of its surroundings.
+    `key`, what messages call it; `says_zero_line`: an order of 0 may be that of a line, where a
+    free corner's is the corner's alone; `extremum`: 'maximum' or 'minimum' of its surroundings.
     """
 
     places: tuple[tuple[float, float], ...]
@@ -393,15 +377,7 @@ class KnownPlaces:
 
 @dataclass(frozen=True)
 class KnownOrders:
-    """What is known of a frame's orders.
-
-    Parameters
-    ----------
-    places : tuple of KnownPlaces
-        Points and fringe lines alike.
-    corners : tuple of FreeCorner
-        Corners of the outline that are free of load.
-    """
+    """What is known of a frame's orders: points, fringe lines, and corners free of load."""
 
     places: tuple[KnownPlaces, ...] = ()
     corners: tuple[FreeCorner, ...] = ()
@@ -412,18 +388,7 @@ def known_orders(
     lines: Sequence[KnownPlaces] = (),
     corners: Sequence[FreeCorner] = (),
 ) -> KnownOrders:
-    """Gather what is known of a frame's orders.
-
-    Parameters
-    ----------
-    known, lines, corners : sequence
-        As for `read_free`.
-
-    Returns
-    -------
-    KnownOrders
-        All of it.
-    """
+    """Gather what is known of a frame's orders, given as for `read_free`."""
     points = [
         KnownPlaces(((row, col),), order, extremum=turn[0] if turn else None)
         for row, col, order, *turn in known
