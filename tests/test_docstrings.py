@@ -68,8 +68,6 @@ NOT_YET = (
     "fitting/search/",
     "fitting/tracking/",
     "fitting/tractions/",
-    "folder_report.py",
-    "fringes/single_frame/",
 )
 """Where docstrings of inner names are still long: this list only gets shorter."""
 

@@ -17,8 +17,8 @@ import pytest
 import isochrome
 from campaigns.conftest import COLS, ROWS, film
 from isochrome.campaigns import Campaign, Outcome, process_campaign, summary_figure
+from isochrome.campaigns import api as campaign_module
 from isochrome.campaigns import api as run_module
-from isochrome.campaigns import outcome as outcome_module
 from isochrome.cli import main
 from isochrome.errors import InputError
 from isochrome.output import write_tiff
@@ -380,7 +380,7 @@ def test_the_summary_holds_the_measures_of_the_frames(stacks, place, monkeypatch
         found = process(frames, scene, out)
         return replace(found, columns=table, warnings=("frame 1: odd",), failed=1)
 
-    monkeypatch.setattr(outcome_module, "process", instead)
+    monkeypatch.setattr(campaign_module, "process", instead)
     process_campaign(stacks[:1], "scene.toml", "out")
     (row,) = summary(place / "out")
     loads = [40.0, 43.0]

@@ -14,7 +14,7 @@ import tifffile
 from typer.main import get_command
 
 from isochrome.cli import app
-from isochrome.cli.usage import EXAMPLES, examples_of
+from isochrome.cli.options import EXAMPLES, examples_of
 from isochrome.output import read_pixel_mm
 
 COMMANDS = [

@@ -19,8 +19,8 @@ from isochrome.contact import (
     wear_course,
     wear_rate,
 )
-from isochrome.contact import profile as contact_profile
 from isochrome.contact import sliding_history as history_module
+from isochrome.contact import state as contact_state
 from isochrome.errors import PhysicsError
 from isochrome.scene import load_scene
 
@@ -341,7 +341,7 @@ def test_a_long_history_in_order_holds_no_states(solved):
 def test_a_contact_that_outgrows_its_grid_goes_on_where_it_was(monkeypatch):
     case = scene(wear__distances_m=(0.0, 10.0, 100.0, 233.0))
     whole = contact_states(case)
-    monkeypatch.setattr(contact_profile, "_MARGIN", 0.8)
+    monkeypatch.setattr(contact_state, "_MARGIN", 0.8)
     states = list(iter_contact_states(case))
     assert [s.distance_m for s in states] == [0.0, 0.0, 10.0, 100.0, 233.0]
     nodes = [s.grid.nodes for s in states]

@@ -98,7 +98,7 @@ PIXELS = {"rawvideo": "gray", "ffv1": "gray16le", "mjpeg": "yuvj420p", "huffyuv"
 @pytest.mark.parametrize("codec", LISTED)
 def test_packets_that_are_frames_are_counted_without_decoding(codec, tmp_path, monkeypatch):
     path = video(tmp_path / f"v.{LISTED[codec]}", codec, PIXELS.get(codec, "rgb24"))
-    module = importlib.import_module("isochrome.frames.readers.video")
+    module = importlib.import_module("isochrome.frames.video")
     with open_frames(path) as reader, monkeypatch.context() as patch:
         patch.setattr(module, "decoded", None)
         assert reader.count(decode=False) == COUNT

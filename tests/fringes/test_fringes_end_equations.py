@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from isochrome.fringes.single_frame import end_problem, end_search
+from isochrome.fringes.single_frame import end_search
 from isochrome.fringes.single_frame.background_modulation import _problem
-from isochrome.fringes.single_frame.end_problem import TERMS, eliminated, ends_at, look
+from isochrome.fringes.single_frame.end_search import TERMS, eliminated, ends_at, look
 from isochrome.fringes.single_frame.patches import fit_patches, gather_patches
 
 ROW, COL = np.mgrid[:110, :130].astype(float)
@@ -55,9 +55,9 @@ def test_with_every_patch_following_they_are_those_of_differences(tone):
     root = np.sqrt(data.weight)[..., None]
     ends, own, left = root * ends, root * own, root[..., 0] * look(data, here, orders).residual
     inner = np.einsum("pka,pkb->pab", own, own)
-    inner += np.diag(end_problem._PRIOR + end_problem._PIVOT)
+    inner += np.diag(end_search._PRIOR + end_search._PIVOT)
     mixed = np.einsum("pka,pkb->pab", own, ends)
-    pull = np.einsum("pka,pk->pa", own, left) - orders * end_problem._PRIOR
+    pull = np.einsum("pka,pk->pa", own, left) - orders * end_search._PRIOR
     follow = np.linalg.solve(inner, np.concatenate([mixed, pull[..., None]], axis=-1))
     prior, away = problem.prior(unknowns)
     wanted = np.einsum("pka,pkb->ab", ends, ends) + np.diag(prior[free])

@@ -11,8 +11,7 @@ from isochrome.errors import InputError
 from isochrome.fringes import OrderReading, fit_background_modulation, gamma_misfit, widened
 from isochrome.fringes.single_frame.background_modulation import as_doubtful
 from isochrome.fringes.single_frame.end_images import SmoothImages
-from isochrome.fringes.single_frame.end_problem import EndProblem
-from isochrome.fringes.single_frame.end_search import search_all
+from isochrome.fringes.single_frame.end_search import EndProblem, search_all
 from specimens import NAMES, View, light_of, shoot, view
 
 RMS, WRONG_SHARE, KEPT = 0.05, 0.005, 0.70

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from isochrome.fringes import KeptState, follow_frame, light_wave, unloaded_state
-from isochrome.fringes.film.film_reading import _followed_back, _Passed, keep_state
-from isochrome.fringes.film.follower import continued, regained
+from isochrome.fringes.film_reading import _followed_back, _Passed, keep_state
+from isochrome.fringes.follower import continued, regained
 
 ROWS, COLS = 90, 120
 NOISE = 0.02

@@ -7,8 +7,7 @@ import pytest
 
 from isochrome.errors import InputError
 from isochrome.fringes import SURE, FreeReading, OrderReading, read_free
-from isochrome.fringes.single_frame.patch_labels import label_patches
-from isochrome.fringes.single_frame.patches import Patches, binned
+from isochrome.fringes.single_frame.patches import Patches, binned, label_patches
 from specimens import NAMES, Light, View, known_point, light_of, random_scene, shoot, view
 
 RMS, MEDIAN, KEPT = 0.01, 0.002, 0.90

@@ -5,9 +5,8 @@ import pytest
 from plain_frames import COLS, ROWS, SHAPE, light
 
 from isochrome.fringes import read_free
-from isochrome.fringes.single_frame.patch_labels import Labels
-from isochrome.fringes.single_frame.patches import Patches, fit_patches, gather_patches
-from isochrome.fringes.single_frame.sign_ambiguity import (
+from isochrome.fringes.single_frame.patches import Labels, Patches, fit_patches, gather_patches
+from isochrome.fringes.single_frame.stated_orders import (
     AnchorPatch,
     mend_mirrored,
     open_seams,

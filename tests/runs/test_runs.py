@@ -268,7 +268,7 @@ def test_the_same_files_in_another_folder_are_the_same_input(count, tmp_path):
 
 HOLD = """
 import sys
-from isochrome.runs.work_folder import locked
+from isochrome.runs.execution import locked
 from pathlib import Path
 with locked(Path(sys.argv[1])):
     print("held", flush=True)

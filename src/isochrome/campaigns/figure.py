@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isochrome.campaigns.outcome import Outcome
 from isochrome.figures import (
     BAND,
     FINE_PT,
@@ -32,6 +31,8 @@ from isochrome.processing import SPREAD
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from isochrome.campaigns.api import Outcome
 
 DRAWN = ("load.normal_n", "friction.coefficient")
 """Fitted keys that are drawn."""

@@ -22,16 +22,18 @@ from isochrome.cli.options import (
     FIGURE,
     RUN,
     TABLES,
+    Commands,
     FramesArgument,
     Join,
     Json,
     Out,
     SceneArgument,
     SceneOption,
+    examples_of,
+    fail,
     take_extras,
     with_options,
 )
-from isochrome.cli.usage import Commands, examples_of, fail
 from isochrome.console import (
     print_columns,
     print_figures,

@@ -22,10 +22,10 @@ from isochrome.cli.options import (
     SceneArgument,
     SceneOption,
     SetArgument,
+    examples_of,
     take_extras,
     with_options,
 )
-from isochrome.cli.usage import examples_of
 from isochrome.console import (
     campaign_bar,
     print_calibration,

@@ -117,7 +117,7 @@ def side_by_side_panels(
     bars = ("", "", pictures.bar)
     names = ("experiment", "simulation", "difference")
     labels = [plain_name(numbers.label, _LABEL_LENGTH) for *_, numbers in chosen]
-    notes = [f"{own}: {_caption(row[2])}" for own, row in zip(labels, chosen, strict=True)]
+    notes = [f"{label}: {_caption(row[2])}" for label, row in zip(labels, chosen, strict=True)]
     return PaperPanels(
         kinds=[
             PictureKind(name=name, draw=partial(draw, column=column), bar=bar)
@@ -183,10 +183,10 @@ def plot_side_by_side(
     if axes is not None and len(axes) != 3:
         raise InputError("axes_side_side_row", axes_count=len(axes))
     of_order = here.order is not None and there.order is not None
-    own, model = (part.only(at) for part, at in zip((here, there), pairs[frame], strict=True))
-    (numbers,) = compare_frames(own, model)
-    pictures = _pictures_of(own, model, [(0, 0, numbers)], of_order)
-    panels = three_axes(own.signal.shape[1:]) if axes is None else list(axes)
+    measured, model = (part.only(at) for part, at in zip((here, there), pairs[frame], strict=True))
+    (numbers,) = compare_frames(measured, model)
+    pictures = _pictures_of(measured, model, [(0, 0, numbers)], of_order)
+    panels = three_axes(measured.signal.shape[1:]) if axes is None else list(axes)
     label = plain_name(here.label(pairs[frame][0]), _LABEL_LENGTH)
     drawn = pictures.show_row(panels, 0, label)
     if lines:
@@ -267,10 +267,10 @@ def _pictures_of(
     if of_order is None:
         of_order = any(numbers.orders is not None for *_, numbers in rows)
     images: list[_Images] = []
-    for here, there, numbers in rows:
-        measured, model = experiment.signal[here], simulation.signal[there]
+    for i, j, numbers in rows:
+        measured, model = experiment.signal[i], simulation.signal[j]
         if of_order and experiment.order is not None and simulation.order is not None:
-            gap = experiment.order[here] - simulation.order[there]
+            gap = experiment.order[i] - simulation.order[j]
         else:
             gap = measured - (numbers.signals.gain * model + numbers.signals.offset)
         images.append((measured, model, gap))
@@ -345,17 +345,23 @@ def comparison_report(
             label=numbers.label,
             why=one.why.replace("chi", "difference"),
             panes=_panes(pictures, row),
-            order=None if experiment.order is None else experiment.order[here],
-            model_order=None if simulation.order is None else simulation.order[there],
+            order=None if experiment.order is None else experiment.order[i],
+            model_order=None if simulation.order is None else simulation.order[j],
             **pictures.place,
         )
-        for row, (one, (here, there, numbers)) in enumerate(zip(chosen, rows, strict=True))
+        for row, (one, (i, j, numbers)) in enumerate(zip(chosen, rows, strict=True))
     ]
     few = ", for the reason that stands beside each" if len(chosen) < len(metrics) else ""
+    parts = []
+    if any(value is not None for value in columns["order_rms_fringe"]):
+        parts.append(f"orders differ by {over_items(columns['order_rms_fringe'])} fringe (RMS)")
+        parts.append(f"share on a wrong branch {over_items(columns['wrong_branch_share'])}")
+    parts.append(f"correlation of the light (NCC) {over_items(columns['ncc'])}")
+    text = "; ".join(parts)
     return ReportContent(
         command="compare",
         title=f"Comparison of {counted(len(metrics), 'frame')}",
-        verdict=_verdict(columns),
+        verdict=f"{text[:1].upper()}{text[1:]}.",
         frames=frames,
         choice=f"{len(chosen)} of {counted(len(metrics), 'frame')} are shown{few}.",
         no_budget="A comparison has none; those of its two sets stand in their own reports.",
@@ -369,24 +375,13 @@ def comparison_report(
 
 def _panes(pictures: _Pictures, row: int) -> tuple[Pane, ...]:
     """The pictures of a pair: both on one range of grey, and their difference."""
-    (own, model, gap), grey, limit = pictures.images[row], pictures.grey, pictures.limit
+    (measured, model, gap), grey, limit = pictures.images[row], pictures.grey, pictures.limit
     unit, of_what = (FRINGES, "order N") if pictures.of_order else (SIGNAL, "light")
     return (
-        Pane("experiment", "experiment", own, grey, SIGNAL),
+        Pane("experiment", "experiment", measured, grey, SIGNAL),
         Pane("simulation", "simulation", model, grey, SIGNAL),
         Pane("difference", f"experiment − simulation, {of_what}", gap, (-limit, limit), unit),
     )
-
-
-def _verdict(columns: Mapping[str, Sequence[Any]]) -> str:
-    """How far the two are apart."""
-    parts = []
-    if any(value is not None for value in columns["order_rms_fringe"]):
-        parts.append(f"orders differ by {over_items(columns['order_rms_fringe'])} fringe (RMS)")
-        parts.append(f"share on a wrong branch {over_items(columns['wrong_branch_share'])}")
-    parts.append(f"correlation of the light (NCC) {over_items(columns['ncc'])}")
-    text = "; ".join(parts)
-    return f"{text[:1].upper()}{text[1:]}."
 
 
 _SETS = "compared_sets"
@@ -532,8 +527,8 @@ def compare(
             write_csv(folder / "metrics.csv", result.columns)
             sets = ((experiment, here, "experiment"), (simulation, there, "simulation"))
             inputs = [
-                given if isinstance(given, str | Path) else ArrayFrames(own.signal, name)
-                for given, own, name in sets
+                given if isinstance(given, str | Path) else ArrayFrames(captured.signal, name)
+                for given, captured, name in sets
             ]
             record = provenance(None, inputs)
             on_disk = all(isinstance(given, str | Path) for given in (experiment, simulation))
@@ -568,8 +563,8 @@ def _scene_of(given: SetToCompare) -> Scene | None:
     if isinstance(given, str | Path):
         file = Path(given) / "scene.toml"
         return load_scene(file) if file.is_file() else None
-    own = getattr(given, "scene", None)
-    return own if isinstance(own, Scene) else None
+    scene = getattr(given, "scene", None)
+    return scene if isinstance(scene, Scene) else None
 
 
 def _table(metrics: list[FrameMetrics]) -> dict[str, list[Any]]:

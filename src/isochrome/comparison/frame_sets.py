@@ -73,12 +73,12 @@ def skeleton_distance(
     by_order = all(line.order is not None for line in (*experiment, *simulation))
     if reach_px is None:
         reach_px = _REACH_KNOWN_PX if by_order else _REACH_PX
-    there = _nearest(experiment, simulation, by_order)
+    forth = _nearest(experiment, simulation, by_order)
     back = _nearest(simulation, experiment, by_order)
-    both = np.concatenate([there, back])
-    near, *sides = (each[(each <= reach_px) & np.isfinite(each)] for each in (both, there, back))
-    means = [side.mean() for side in sides if side.size]
-    mean_px = float(np.mean(means)) if means else np.nan
+    both = np.concatenate([forth, back])
+    near, *sides = (each[(each <= reach_px) & np.isfinite(each)] for each in (both, forth, back))
+    averages = [side.mean() for side in sides if side.size]
+    mean_px = float(np.mean(averages)) if averages else np.nan
     return SkeletonDistance(
         mean_px=mean_px,
         p95_px=float(np.percentile(near, 95.0)) if near.size else np.nan,
@@ -283,8 +283,8 @@ def _ssim(measured: Floats, model: Floats, known: NDArray[np.bool_]) -> float:
     from scipy.ndimage import binary_erosion
     from skimage.metrics import structural_similarity
 
-    whole = binary_erosion(known, np.ones((_SSIM_WINDOW, _SSIM_WINDOW)))
-    if not whole.any():
+    inner = binary_erosion(known, np.ones((_SSIM_WINDOW, _SSIM_WINDOW)))
+    if not inner.any():
         return float("nan")
     level = float(measured[known].mean())
     _, local = structural_similarity(
@@ -294,7 +294,7 @@ def _ssim(measured: Floats, model: Floats, known: NDArray[np.bool_]) -> float:
         data_range=1.0,
         full=True,
     )
-    return float(local[whole].mean())
+    return float(local[inner].mean())
 
 
 _SCALE_TOLERANCE = 1e-3  # two pixel scales that differ by more are not on one grid
@@ -360,10 +360,10 @@ class ComparedFrames:
 
     def only(self, index: int) -> ComparedFrames:
         """Frame `index` alone."""
-        own = slice(index, index + 1)
-        order = None if self.order is None else self.order[own]
-        labels, noise = self.labels[own], self.noise_of(index)
-        return replace(self, signal=self.signal[own], order=order, labels=labels, noise=noise)
+        span = slice(index, index + 1)
+        order = None if self.order is None else self.order[span]
+        labels, noise = self.labels[span], self.noise_of(index)
+        return replace(self, signal=self.signal[span], order=order, labels=labels, noise=noise)
 
     def noise_of(self, index: int) -> float | None:
         """Noise of frame `index` in signal units; None when not known."""
@@ -409,16 +409,16 @@ def compare_frames(
     do not fit together, or a pair has no pixel to compare.
     """
     result = []
-    for index, (here, there) in enumerate(frame_pairs(experiment, simulation)):
+    for index, (i, j) in enumerate(frame_pairs(experiment, simulation)):
         label = (experiment if len(experiment) >= len(simulation) else simulation).label(index)
-        measured, model = experiment.signal[here], simulation.signal[there]
+        measured, model = experiment.signal[i], simulation.signal[j]
         try:
-            signals = compare_signals(measured, model, mask=mask, noise=experiment.noise_of(here))
+            signals = compare_signals(measured, model, mask=mask, noise=experiment.noise_of(i))
         except InputError as error:
             raise InputError(f"frame {index} ({label}): {error}") from error
         orders = None
         if experiment.order is not None and simulation.order is not None:
-            maps = _known_in_both(experiment.order[here], simulation.order[there], mask)
+            maps = _known_in_both(experiment.order[i], simulation.order[j], mask)
             if np.isfinite(maps[0]).any():
                 orders = compare_orders(*maps, mask=mask)
         if orders is not None:

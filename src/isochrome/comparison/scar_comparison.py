@@ -235,10 +235,10 @@ class ScarPair:
     @property
     def area_difference_mm2(self) -> tuple[float, float]:
         """Measured less simulated worn area, and its standard uncertainty, mm²."""
-        own = float(root_sum_square(self.scar.moved_area_mm2))
+        measured = float(root_sum_square(self.scar.moved_area_mm2))
         return (
             self.trace.worn_area_mm2 - self.scar.worn_area_mm2,
-            float(np.hypot(self.trace.worn_area_uncertainty_mm2, own)),
+            float(np.hypot(self.trace.worn_area_uncertainty_mm2, measured)),
         )
 
     @property
@@ -443,14 +443,14 @@ class ScarComparison(Result):
         for row in zip(*self.columns.values(), strict=True):
             one = dict(zip(self.columns, row, strict=True))
             model = simulated_text(one["simulated_area_mm2"], one["simulated_area_uncertainty_mm2"])
-            own = (
+            values = (
                 "no clear scar"
                 if one["measured_area_mm2"] is None
                 else with_uncertainty(
                     one["measured_area_mm2"], one["measured_area_uncertainty_mm2"]
                 )
             )
-            yield f"{one['trace']}, {one['distance_m']:g} m", f"{own} mm², simulated {model} mm²"
+            yield f"{one['trace']}, {one['distance_m']:g} m", f"{values} mm², simulated {model} mm²"
 
     def to_json(self) -> dict[str, Any]:
         """The metrics of all traces, and the warnings."""
@@ -734,8 +734,8 @@ def _area_text(row: _Row) -> str:
         return f"{head}: no clear scar, simulated {model}"
     area = [1e3 * pair.trace.worn_area_mm2 for _, pair in traces]
     spread = [1e3 * pair.trace.worn_area_uncertainty_mm2 for _, pair in traces]
-    own = with_uncertainty(float(np.mean(area)), float(np.hypot.reduce(spread)) / len(spread))
-    return f"{head} {own}, simulated {model}"
+    text = with_uncertainty(float(np.mean(area)), float(np.hypot.reduce(spread)) / len(spread))
+    return f"{head} {text}, simulated {model}"
 
 
 def _difference_text(row: _Row) -> str:

@@ -1,14 +1,14 @@
 from .pressure import ContactState, Surface, displacement, log_of_hat, make_surface, solve_pressure
-from .profile import ContactGrid, contact_grid, elastic_constants, line_load
 from .scar import Scar, make_mesh, scar_history, unresolved
 from .sliding_history import OutputState, SlidingHistory, mean_wear_rate, wear_course, wear_rate
-from .state import SurfaceState
-from .states import contact_states, iter_contact_states
+from .state import ContactGrid, SurfaceState, contact_grid, elastic_constants, line_load
 from .wear import (
     ContactSetup,
     WornStart,
     WornState,
+    contact_states,
     elastic_state,
+    iter_contact_states,
     make_site,
     scar_on_nodes,
     wear_history,

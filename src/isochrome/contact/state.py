@@ -1,11 +1,179 @@
-"""What acts on the specimen's surface in one state of a contact."""
+"""What acts on the specimen's surface in one state of a contact.
 
+A scene's elastic constants and load, and the grid on which its contact is solved.
+"""
+
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from isochrome.contact.pressure import Floats
-from isochrome.contact.profile import ContactGrid
+from isochrome.contact.pressure import Floats, read_profile, undeformed_gap
+from isochrome.errors import PhysicsError
+from isochrome.scene import UNDOUBTED_MM, Scene
+
+STEEPEST = 0.3
+"""Largest half-width over radius: beyond it, the parabola is over 2 % off the cylinder's arc."""
+
+_MAX_NODES = 32_768
+_NODES_IN_HALF_WIDTH = 350
+"""Fine enough for 1e-3 of the peak pressure in the first row of pixels, beside the edge."""
+_MARGIN = 1.3
+_SPACINGS_IN_ROW_STEP, _FEWEST_IN_ROW_STEP = 4, 2
+"""Spacings from one row of a measured profile to the next, by default and at least, so that no row
+is passed over. A profile is straight between its rows: at a row that is a kink, the pressure has a
+logarithm, which grows as the spacing is made finer."""
+
+
+@dataclass(frozen=True)
+class ContactGrid:
+    """Uniform nodes along the surface: x = left_mm + i spacing_mm, i = 0 .. nodes-1.
+
+    Parameters
+    ----------
+    left_mm : float
+        Place of the first node, mm.
+    spacing_mm : float
+        Distance of the nodes, mm.
+    nodes : int
+        How many there are.
+    """
+
+    left_mm: float
+    spacing_mm: float
+    nodes: int
+
+    @property
+    def x_mm(self) -> Floats:
+        """Positions of the nodes (n,), mm."""
+        return self.left_mm + self.spacing_mm * np.arange(self.nodes)
+
+
+def elastic_constants(scene: Scene) -> tuple[float, float]:
+    """E* (MPa) and 1/G* (1/MPa) of a scene with an indenter, in its plane strain or plane stress.
+
+    1/E* = Σ (1-nu²)/E and 1/G* = (1-2nu1)/G1 - (1-2nu2)/G2 in plane strain; plane stress is the
+    same with nu/(1+nu) for nu at unchanged G. Source: Johnson (1985), sections 2.4 and 5.4;
+    Timoshenko & Goodier (1970), section 16, for the exchange.
+    """
+    block, other = scene.specimen, scene.indenter
+    assert other is not None and block.young_gpa is not None and block.poisson is not None
+    compliance = coupling = 0.0
+    bodies = (block.young_gpa, block.poisson, 1), (other.young_gpa, other.poisson, -1)
+    for young, nu, sign in bodies:
+        shear = 1e3 * young / (2.0 * (1.0 + nu))
+        nu = nu if block.plane == "strain" else nu / (1.0 + nu)
+        compliance += (1.0 - nu) / (2.0 * shear)
+        coupling += sign * (1.0 - 2.0 * nu) / shear
+    return 1.0 / compliance, coupling
+
+
+def line_load(scene: Scene) -> float:
+    """Normal load over thickness P' before sliding, N/mm."""
+    assert scene.specimen.thickness_mm is not None
+    return scene.load_at(0.0) / scene.specimen.thickness_mm
+
+
+def contact_grid(
+    scene: Scene,
+    *,
+    largest_dose_mm_per_mpa: float,
+    line_loads_n_per_mm: tuple[float, float] | None = None,
+    growth: float = 1.0,
+) -> ContactGrid:
+    """A grid that holds the contact at every state, fine enough for the unworn one.
+
+    Half-width (a³ + c³)^(1/3) with a margin, a of Hertz, c = (3 R K P'/2)^(1/3) of the worn arc; it
+    reaches a measured profile's outer hills. Spacing: 1/4 of the profile's row step at most, a part
+    of the pixel, so that the stress needs no interpolation. Of `line_loads_n_per_mm` the smaller
+    sets it, the larger the window, which `growth` widens. PhysicsError where no grid does.
+    """
+    modulus, _ = elastic_constants(scene)
+    loads = line_loads_n_per_mm or (line_load(scene), line_load(scene))
+    finest, reach = _contact_reach(scene, modulus, largest_dose_mm_per_mpa, loads)
+    half = scene.numerics.window_mm / 2.0 if scene.numerics.window_mm else _MARGIN * growth * reach
+    spacing = _spacing(scene, finest / _NODES_IN_HALF_WIDTH, min(half, reach))
+    pixel = scene.camera.pixel_mm if scene.camera else None
+    if pixel:
+        spacing = pixel / math.ceil(pixel / spacing * (1.0 - 1e-9))
+    nodes = 2 * math.ceil(half / spacing) + 1
+    if nodes > _MAX_NODES:
+        raise PhysicsError(
+            "contact_needs_nodes_mm",
+            name=scene.name,
+            nodes=nodes,
+            spacing=spacing,
+            half=2 * half,
+            max_nodes=_MAX_NODES,
+            words=" (and smooth the profile to fewer rows)" if scene.profile_file else "",
+        )
+    if nodes < 16:
+        raise PhysicsError(
+            "window_mm_has_only", name=scene.name, half=2 * half, nodes=nodes, spacing=spacing
+        )
+    # every pixel would be divided into thousands of nodes
+    if pixel and pixel > max(2.0 * reach, UNDOUBTED_MM):
+        raise PhysicsError(
+            "camera_pixel_mm_wider_contact", name=scene.name, pixel=pixel, reach=2.0 * reach
+        )
+    return ContactGrid(left_mm=-spacing * (nodes // 2), spacing_mm=spacing, nodes=nodes)
+
+
+def _spacing(scene: Scene, smooth: float, half: float) -> float:
+    """The scene's own spacing or that of a smooth contact, and none that passes over rows (mm)."""
+    given = scene.numerics.spacing_mm
+    row = math.inf
+    if scene.profile_file is not None:
+        x, _ = read_profile(scene.path(scene.profile_file))
+        steps = np.diff(x)[(x[1:] > -half) & (x[:-1] < half)]
+        if len(steps):
+            row = float(np.median(steps))
+        coarsest = row / _FEWEST_IN_ROW_STEP
+        if given is not None and given > coarsest * (1.0 + 1e-6):
+            raise PhysicsError(
+                "numerics_spacing_mm_does_not",
+                name=scene.name,
+                given=given,
+                profile_file=scene.profile_file,
+                row=row,
+                coarsest=coarsest,
+            )
+    return given or min(smooth, row / _SPACINGS_IN_ROW_STEP)
+
+
+def _contact_reach(
+    scene: Scene, modulus: float, dose: float, loads: tuple[float, float]
+) -> tuple[float, float]:
+    """The half-width of the smallest load's unworn contact and the widest to be expected (mm)."""
+    indenter = scene.pressed_body
+    if indenter.shape == "flat" and indenter.half_width_mm is not None:
+        return indenter.half_width_mm, indenter.half_width_mm
+    if indenter.radius_mm is None:
+        assert indenter.profile is not None
+        x, _ = read_profile(scene.path(indenter.profile))
+        half = float(np.abs(x).max())
+        return half / 2.0, half
+    radius = indenter.radius_mm
+    # root by root, so that no load overflows on its way to the refusal
+    per_load = 2.0 * math.sqrt(radius / (math.pi * modulus))
+    finest, hertz = (per_load * math.sqrt(load) for load in loads)
+    worn = (1.5 * radius * dose) ** (1.0 / 3.0) * loads[1] ** (1.0 / 3.0)
+    widest = max(hertz, worn)
+    reach = widest * ((hertz / widest) ** 3 + (worn / widest) ** 3) ** (1.0 / 3.0)
+    if not reach <= STEEPEST * radius:
+        raise PhysicsError(
+            "contact_half_width_would",
+            name=scene.name,
+            reach=reach,
+            steepest=STEEPEST,
+            radius=radius,
+        )
+    if indenter.profile is not None:
+        x, _ = read_profile(scene.path(indenter.profile))
+        gap = undeformed_gap(scene, x)
+        low = gap - gap.min() <= reach**2 / (2.0 * radius)
+        reach = max(reach, float(np.abs(x[low]).max()))
+    return finest, reach
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -62,6 +62,7 @@ from isochrome.fitting import (
     GAMMA,
     TOO_FAR,
     FrameFit,
+    Freed,
     Lying,
     PictureStart,
     cause_messages,
@@ -111,31 +112,23 @@ def draft_figure(data: FrameData, scene: Scene, values: Sequence[DraftValue]) ->
         panels, (data.raw, model), ("the frame", "the scene that was found"), strict=True
     ):
         show_image(axes, image, cmap=FRAME_MAP, vmin=low, vmax=high, title=title, **place)
-        _draw_zeros(axes)
-    write_head(figure, _head(values))
-    add_legend(figure, *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
-    return figure
-
-
-def _head(values: Sequence[DraftValue]) -> str:
-    """What was found besides the place, which the axes show."""
+        # the surface and the middle of what presses on it, no farther than the picture
+        ends = axes.get_xlim(), axes.get_ylim()
+        look: dict[str, Any] = {"color": OVERLAY_COLOUR, "lw": LINE_PT}
+        axes.axhline(0.0, ls="-", label="surface, or top (z = 0)", **look)
+        axes.axvline(0.0, ls=":", label="middle (x = 0)", **look)
+        axes.set_xlim(ends[0])
+        axes.set_ylim(ends[1])
+    # without the place, which the axes show
     texts = [
         f"{value.key} = {value.words}"
         for value in values
         if value.origin == "found" and value.key not in ("camera.left_mm", "camera.top_mm")
     ]
     lines = (texts[k : k + _IN_A_LINE] for k in range(0, len(texts), _IN_A_LINE))
-    return "\n".join("    ".join(line) for line in lines)
-
-
-def _draw_zeros(axes: Any) -> None:
-    """The surface and the middle of what presses on it, as far as the picture shows them."""
-    ends = axes.get_xlim(), axes.get_ylim()
-    look: dict[str, Any] = {"color": OVERLAY_COLOUR, "lw": LINE_PT}
-    axes.axhline(0.0, ls="-", label="surface, or top (z = 0)", **look)
-    axes.axvline(0.0, ls=":", label="middle (x = 0)", **look)
-    axes.set_xlim(ends[0])
-    axes.set_ylim(ends[1])
+    write_head(figure, "\n".join("    ".join(line) for line in lines))
+    add_legend(figure, *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return figure
 
 
 def frame_figure(image: Floats) -> Figure:
@@ -285,13 +278,17 @@ def find_contact(
     if not fit.positive or _is_no_bench(fit) or (fit.chi > POOR_CHI and not clear):
         raise _unexplained(frame, fit.chi if fit.positive else None)
     _refuse_far_load(fit, given, frame)
-    rivals = rival_causes(answer)
+    return _with_doubts(frame.index, best.lying, answer)
+
+
+def _with_doubts(index: int, lying: Lying, answer: Freed[Any]) -> ContactFit:
+    """A fit as a contact, with what is said of it, and the keys that other causes explain too."""
     messages = cause_messages(answer, light=light_matters(answer))
-    poor = fit.chi > POOR_CHI
-    if poor:
-        messages += (message("chi_frame_holds_more", chi=fit.chi),)
+    if answer.fit.chi > POOR_CHI:
+        messages += (message("chi_frame_holds_more", chi=answer.fit.chi),)
+    rivals = rival_causes(answer)
     unsure = {k: rivals[c.name] for c in answer.causes if c.name in rivals for k in c.keys}
-    return ContactFit(frame.index, best.lying, answer.data, fit, messages, unsure)
+    return ContactFit(index, lying, answer.data, answer.fit, messages, unsure)
 
 
 def _best_start(
@@ -428,11 +425,15 @@ def _found_values(contact: ContactFit, given: KnownValues) -> list[DraftValue]:
     """What the frame tells."""
     fit, lying = contact.fit, contact.lying
     spread = dict(zip(fit.keys, fit.standard_uncertainty.tolist(), strict=True))
+    camera = contact.fit.scene.camera
+    assert camera is not None and camera.top_mm is not None and camera.pixel_mm is not None
+    row = -camera.top_mm / camera.pixel_mm
+    place = f"is row {row:.1f}" if row >= 0.0 else f"is {-row:.1f} rows above the picture"
     notes = {
         "load.normal_n": f"about {given.load_n:g} was given",
         FRICTION: _side(contact),
         "camera.left_mm": "of the first column's outer edge, from the middle of the contact",
-        "camera.top_mm": _surface(contact),
+        "camera.top_mm": f"of the first row's outer edge, below the surface, which {place}",
         GAMMA: "the camera stores light^(1/gamma)",
     }
     for key, names in contact.unsure.items():
@@ -483,15 +484,6 @@ def _side(contact: ContactFit) -> str:
     )
 
 
-def _surface(contact: ContactFit) -> str:
-    """Where the surface is in the picture."""
-    camera = contact.fit.scene.camera
-    assert camera is not None and camera.top_mm is not None and camera.pixel_mm is not None
-    row = -camera.top_mm / camera.pixel_mm
-    place = f"is row {row:.1f}" if row >= 0.0 else f"is {-row:.1f} rows above the picture"
-    return f"of the first row's outer edge, below the surface, which {place}"
-
-
 FIELD, TURN, PIXEL = "polariscope.field", "frames.rotate_deg", "camera.pixel_mm"
 
 _DISC = ("diameter_mm", "thickness_mm", "fringe_value_n_per_mm")
@@ -519,7 +511,12 @@ def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
     """
     refuse_unclear(frames, given)
     frame = frame_of(frames, frames_to_look_at(frames, given)[0], given)
-    bare = _disc_scene(given)
+    tables: dict[str, Any] = {
+        "specimen": {"shape": "disc"} | {name: getattr(given, name) for name in _DISC},
+        "load": {"normal_n": given.load_n},
+        "camera": {} if given.pixel_mm is None else {"pixel_mm": given.pixel_mm},
+    }
+    bare = load_scene(tables | light_tables(given))
     data, fit = _fitted(prepare_frame(frame, bare, bit_depth=frames.bit_depth), bare, given)
     turned = fit.scene.frames.rotate_deg in (90, 270)
     values = [DraftValue(key="specimen.shape", value="disc", origin="given")]
@@ -552,7 +549,12 @@ def draft_without_model(frames: FrameReader, given: KnownValues) -> SceneDraft:
     if given.pixel_mm is None and frames.pixel_mm is not None:
         values.append(DraftValue(key=PIXEL, value=frames.pixel_mm, origin="file"))
     values += [*_stated(given), *light_values(given)]
-    open_keys = _open_of(values, ("thickness_mm", "fringe_value_n_per_mm", "pixel_mm"))
+    present = {value.key for value in values}
+    quantities = [
+        QUANTITIES[name] for name in ("thickness_mm", "fringe_value_n_per_mm", "pixel_mm")
+    ]
+    keys = [OpenKey(q.key, q.question) for q in quantities if q.key not in present]
+    open_keys = keys + [OpenKey(key, hint) for key, hint in _STANDARD.items() if key not in present]
     order = "orders that are known, such as [{ row_px = 480, col_px = 20, order = 0.0 }]"
     open_keys += [*open_of_set(frames, given), OpenKey("frames.known_order", order)]
     sentences = [message("specimen_has_no_model")]
@@ -565,24 +567,6 @@ def _stated(given: KnownValues) -> list[DraftValue]:
     """What was given of scale, field, gamma and turn."""
     stated = {PIXEL: given.pixel_mm, FIELD: given.field, GAMMA: given.gamma, TURN: given.rotate_deg}
     return [DraftValue(key=k, value=v, origin="given") for k, v in stated.items() if v]
-
-
-def _open_of(values: list[DraftValue], names: Sequence[str]) -> list[OpenKey]:
-    """What is open of some quantities, and what has a value of its own until it is filled in."""
-    present = {value.key for value in values}
-    quantities = [QUANTITIES[name] for name in names]
-    keys = [OpenKey(q.key, q.question) for q in quantities if q.key not in present]
-    return keys + [OpenKey(key, hint) for key, hint in _STANDARD.items() if key not in present]
-
-
-def _disc_scene(given: KnownValues) -> Scene:
-    """The disc before it is placed."""
-    tables: dict[str, Any] = {
-        "specimen": {"shape": "disc"} | {name: getattr(given, name) for name in _DISC},
-        "load": {"normal_n": given.load_n},
-        "camera": {} if given.pixel_mm is None else {"pixel_mm": given.pixel_mm},
-    }
-    return load_scene(tables | light_tables(given))
 
 
 def _fitted(data: FrameData, bare: Scene, given: KnownValues) -> tuple[FrameData, FrameFit]:

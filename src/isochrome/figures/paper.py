@@ -14,7 +14,7 @@ import textwrap
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import count
+from itertools import chain, product
 from pathlib import Path
 from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any, Protocol
@@ -38,6 +38,7 @@ from isochrome.output import replacing, write_csv
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
+    from matplotlib.gridspec import GridSpec
     from matplotlib.image import AxesImage
 
 Array = NDArray[Any]
@@ -206,10 +207,10 @@ def curve_columns(axes: Axes) -> dict[str, Array]:
 def _all_curves(axes: Axes) -> Iterator[tuple[str, str, Array, dict[str, Array]]]:
     """Curves of Axes and of those over them with a second scale: name, quantity, x, values."""
     others = [one for one in axes.get_shared_x_axes().get_siblings(axes) if one is not axes]
-    for own in (axes, *others):
-        bars = any(x.dtype.kind != "f" for _, x, _ in _curves(own))
-        label = own.get_xlabel() if bars else own.get_ylabel()
-        for name, x, values in _curves(own):
+    for scale in (axes, *others):
+        bars = any(x.dtype.kind != "f" for _, x, _ in _curves(scale))
+        label = scale.get_xlabel() if bars else scale.get_ylabel()
+        for name, x, values in _curves(scale):
             yield name, " ".join(label.split()) or "y", x, values
 
 
@@ -534,7 +535,8 @@ def _drawn(
     engine.set(w_pad=0.04, h_pad=0.02, wspace=0.0, hspace=0.0)
     grid = figure.add_gridspec(len(blocks), 1, height_ratios=list(blocks.values()))
     parts = {name: figure.add_subfigure(grid[k]) for k, name in enumerate(blocks)}
-    letters = (f"({_letters(k)})" for k in count())
+    singles, pairs = ascii_lowercase, product(ascii_lowercase, repeat=2)
+    letters = (f"({''.join(letter)})" for letter in chain(singles, pairs))
     pictures: list[list[Axes]] = []
     if head:
         write_head(figure, head)
@@ -545,6 +547,16 @@ def _drawn(
     if notes:
         parts["notes"].text(0.01, 1.0, notes, va="top").set_in_layout(False)
     _one_size(figure)
+    _lay_out(figure, grid, blocks, pictures, head_mm)
+    _settle(figure)
+    return figure
+
+
+def _lay_out(
+    figure: Figure, grid: GridSpec, blocks: dict[str, float], pictures: list[list[Axes]],
+    head_mm: float,
+) -> None:  # fmt: skip
+    """Make the figure as high as its pictures are at their width."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"Glyph .* missing from font")
         for _ in range(_PASSES):
@@ -557,14 +569,6 @@ def _drawn(
             figure.set_figheight((head_mm + sum(blocks.values())) / MM_PER_INCH)
         figure.draw_without_rendering()
     figure.set_layout_engine("none")  # what is saved is what was laid out, at any resolution
-    _settle(figure)
-    return figure
-
-
-def _letters(k: int) -> str:
-    """Letters of a panel: a to z, aa to zz."""
-    more, last = divmod(k, len(ascii_lowercase))
-    return (ascii_lowercase[more - 1] if more else "") + ascii_lowercase[last]
 
 
 def _draw_pictures(
@@ -615,15 +619,15 @@ def _draw_pictures(
 
 def _outer_labels(rows: list[list[Axes]]) -> None:
     """Numbers and labels at the outer axes alone, where all pictures show one place."""
-    limits = np.array([[*own.get_xlim(), *own.get_ylim()] for row in rows for own in row])
+    limits = np.array([[*axes.get_xlim(), *axes.get_ylim()] for row in rows for axes in row])
     one_place = bool(np.all(np.ptp(limits, axis=0) <= _ONE_PLACE * np.ptp(limits)))
     for r, row in enumerate(rows):
-        for col, own in enumerate(row):
+        for col, axes in enumerate(row):
             inner = bool(col), r + 1 < len(rows) and col < len(rows[r + 1])
             if one_place:
-                own.tick_params(labelleft=not inner[0], labelbottom=not inner[1])
-            own.set_ylabel("" if inner[0] else own.get_ylabel())
-            own.set_xlabel("" if inner[1] else own.get_xlabel())
+                axes.tick_params(labelleft=not inner[0], labelbottom=not inner[1])
+            axes.set_ylabel("" if inner[0] else axes.get_ylabel())
+            axes.set_xlabel("" if inner[1] else axes.get_xlabel())
 
 
 def _draw_plots(
@@ -642,13 +646,13 @@ def _draw_plots(
     entries: Any = None
     for r, row in enumerate(rows):
         for col, plot in enumerate(row):
-            own = part.add_subfigure(grid[r, col])
-            axes: Axes = own.subplots()
+            panel = part.add_subfigure(grid[r, col])
+            axes: Axes = panel.subplots()
             plot.draw(axes)
             entries = entries or axes.get_legend_handles_labels()
             letter = next(letters)
             axes.set_title("", loc="left")
-            write_head(own, fold(f"{letter} {plot.title}", room), x=0.01, ha="left")
+            write_head(panel, fold(f"{letter} {plot.title}", room), x=0.01, ha="left")
             axes.set_gid(f"{_PLOT}{letter.strip('()')}")
             axes.set_ylabel(fold(axes.get_ylabel(), heights[r] - 4.0 * PAPER_LINE_MM))
             _fit_numbers(axes, room)
@@ -684,9 +688,9 @@ def _one_size(figure: Figure) -> None:
 def _missing_mm(row: Sequence[Axes]) -> float:
     """What the pictures of a row lack in height, or have too much, to be as wide as their place."""
     needed = []
-    for own in row:
-        place, shown = own.get_window_extent(), own.get_position(original=True)
-        part: Any = own.figure
+    for axes in row:
+        place, shown = axes.get_window_extent(), axes.get_position(original=True)
+        part: Any = axes.figure
         box = shown.width * part.bbox.width, shown.height * part.bbox.height  # in dots
         needed.append((box[0] * place.height / place.width - box[1]) / part.figure.dpi)
     return MM_PER_INCH * float(max(needed))
@@ -695,8 +699,8 @@ def _missing_mm(row: Sequence[Axes]) -> float:
 def _settle(figure: Figure) -> None:
     """Round all places, so that the same figure is the same file each time."""
     for part in figure.findobj(lambda artist: hasattr(artist, "bbox_relative")):
-        own: Any = part
-        own.bbox_relative.set_points(np.round(own.bbox_relative.get_points(), _PLACES))
+        block: Any = part
+        block.bbox_relative.set_points(np.round(block.bbox_relative.get_points(), _PLACES))
     for axes in figure.axes:
         place = axes.get_position(original=True)
         axes.set_position(np.round(place.bounds, _PLACES).tolist())

@@ -63,15 +63,15 @@ _FEW = 40
 """Frames whose points have room beside each other."""
 
 
-def frame_axis(found: FrameValues) -> tuple[Array, str]:
+def frame_axis(table: FrameValues) -> tuple[Array, str]:
     """Where frames stand on an axis, and its label: at their distances (m) where they have several.
 
     NaN for a frame that stands still among those that slide; else numbers.
     """
-    known = found.distance_m[np.isfinite(found.distance_m)]
+    known = table.distance_m[np.isfinite(table.distance_m)]
     if known.size and np.ptp(known) > 0.0:
-        return found.distance_m, "sliding distance (m)"
-    return np.arange(len(found.chi), dtype=float), "frame"
+        return table.distance_m, "sliding distance (m)"
+    return np.arange(len(table.chi), dtype=float), "frame"
 
 
 def draw_band(
@@ -84,15 +84,15 @@ def draw_band(
     axis.plot(x, values, color=colour, **line)
 
 
-def draw_values(axis: Axes, found: FrameValues, key: str) -> None:
+def draw_values(axis: Axes, table: FrameValues, key: str) -> None:
     """Draw a key over the frames, or the distance, with its band.
 
     Frames that stand still are squares at the distance 0, key frames dots, and frames found by a
     full search circles.
     """
-    j = found.keys.index(key)
-    values, spread = found.values[:, j], found.standard_uncertainty[:, j]
-    place, across = frame_axis(found)
+    j = table.keys.index(key)
+    values, spread = table.values[:, j], table.standard_uncertainty[:, j]
+    place, across = frame_axis(table)
     still = ~np.isfinite(place) & np.isfinite(values)
     order = np.argsort(place, kind="stable")[: int(np.isfinite(place).sum())]
     order = order[:: -(-len(order) // _POINTS)] if len(order) else order
@@ -106,8 +106,8 @@ def draw_values(axis: Axes, found: FrameValues, key: str) -> None:
             bars = BAND * np.where(np.isfinite(spread[frames]), spread[frames], np.nan)
             look |= {"color": LINE_COLOURS[0], "ms": 4, "capsize": 2.5, "lw": LINE_PT}
             axis.errorbar(x, values[frames], yerr=bars, **look)
-    _mark(axis, found, place, values)
-    followed = spread[~found.whole] if not found.whole.all() else spread
+    _mark(axis, table, place, values)
+    followed = spread[~table.whole] if not table.whole.all() else spread
     known = followed[np.isfinite(followed)]
     title = f"median u = {np.median(known):.2g}" if known.size else "not determined"
     title += " (square: static)" * bool(still.any())
@@ -115,41 +115,41 @@ def draw_values(axis: Axes, found: FrameValues, key: str) -> None:
     axis.ticklabel_format(axis="y", useOffset=False)
 
 
-def _mark(axis: Axes, found: FrameValues, place: Array, values: Array) -> None:
+def _mark(axis: Axes, table: FrameValues, place: Array, values: Array) -> None:
     """Mark key frames, and those that were found by a full search."""
-    key, again = found.whole, found.searched
+    key, again = table.whole, table.searched
     axis.plot(place[key], values[key], ".", color=INK, ms=4, label=data_name("key frames"))
     look: dict[str, Any] = {"mfc": "none", "color": LINE_COLOURS[1], "ms": 5}
     axis.plot(place[again], values[again], "o", label=data_name("full search"), **look)
 
 
-def draw_chi(axis: Axes, found: FrameValues) -> None:
+def draw_chi(axis: Axes, table: FrameValues) -> None:
     """Draw chi over the frames, or the distance."""
-    place, across = frame_axis(found)
+    place, across = frame_axis(table)
     thin = slice(None, None, -(-len(place) // _POINTS))
-    axis.plot(place[thin], found.chi[thin], color=GREY, lw=LINE_PT)
-    _mark(axis, found, place, found.chi)
+    axis.plot(place[thin], table.chi[thin], color=GREY, lw=LINE_PT)
+    _mark(axis, table, place, table.chi)
     style_axes(axis, x_label=across, z_label="chi")
 
 
-def draw_frame_values(figure: Figure | SubFigure, found: FrameValues) -> None:
+def draw_frame_values(figure: Figure | SubFigure, table: FrameValues) -> None:
     """Draw each key with its band, and below them chi, on an empty figure."""
-    count = len(found.keys) + 1
+    count = len(table.keys) + 1
     axes: list[Any] = list(figure.subplots(count, 1, sharex=True, squeeze=False).flat)
-    for axis, key in zip(axes, found.keys, strict=False):
-        draw_values(axis, found, key)
+    for axis, key in zip(axes, table.keys, strict=False):
+        draw_values(axis, table, key)
         axis.set_xlabel("")
         axis.set_ylabel(fold(axis.get_ylabel(), _LABEL_MM))
-    draw_chi(axes[-1], found)
+    draw_chi(axes[-1], table)
     marks = "circles: found by a full search"
-    marks = f"dots: key frames; {marks}" if found.whole.any() else marks
+    marks = f"dots: key frames; {marks}" if table.whole.any() else marks
     write_head(figure, f"values, band ± {BAND:g} standard uncertainties\n{marks}")
 
 
-def frame_values_figure(name: str, found: FrameValues) -> Figure:
+def frame_values_figure(name: str, table: FrameValues) -> Figure:
     """Draw `draw_frame_values` as a picture of its own."""
-    figure = new_figure(9.0, PANEL_IN * (len(found.keys) + 1) + 0.8)
-    draw_frame_values(figure, found)
+    figure = new_figure(9.0, PANEL_IN * (len(table.keys) + 1) + 0.8)
+    draw_frame_values(figure, table)
     write_head(figure, f"{plain_name(name)}: tracked {figure.get_suptitle()}")
     return figure
 
@@ -217,8 +217,8 @@ def place_of_image(image: Any, pixel_mm: float | None, left_mm: float, top_mm: f
 
 def _own_shift(coords: Any, name: str) -> float:
     """How far (mm) the one frame that an image is lies from its axis, where that is known."""
-    own = (coords.get(f"{start}shift_{name}_mm") for start in ("", "key_"))
-    result = next((float(at) for at in own if at is not None and np.ndim(at) == 0), 0.0)
+    shifts = (coords.get(f"{start}shift_{name}_mm") for start in ("", "key_"))
+    result = next((float(at) for at in shifts if at is not None and np.ndim(at) == 0), 0.0)
     return result if np.isfinite(result) else 0.0
 
 

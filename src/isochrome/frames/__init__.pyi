@@ -16,12 +16,12 @@ from .linear import (
     saturation_level,
     to_linear,
 )
-from .mask import load_mask
 from .opening import (
     absolute,
     channel_for,
     check_scale,
     input_files,
+    load_mask,
     named_files,
     one_recording,
     open_frames,
@@ -29,7 +29,6 @@ from .opening import (
     recordings_of,
     with_file_scale,
 )
-from .readers.tiff import open_tiff
 from .reading import (
     CHANNELS,
     Channel,
@@ -40,6 +39,7 @@ from .reading import (
     as_captured,
     as_turned,
 )
+from .tiff import open_tiff
 
 __all__ = [
     "CHANNELS",

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.figures import LINE_COLOURS, LINE_PT, NOTE_PT, new_figure, style_axes
+from isochrome.frames.images import signature_of
 from isochrome.frames.linear import (
     estimate_noise,
     full_scale,
@@ -36,7 +37,6 @@ from isochrome.frames.linear import (
     saturation_level,
 )
 from isochrome.frames.opening import check_scale, open_scene_frames, with_file_scale
-from isochrome.frames.readers.images import signature_of
 from isochrome.frames.reading import Frame, FrameReader, Mask
 from isochrome.messages import message, messages_data
 from isochrome.output import Result, counted, named_frames

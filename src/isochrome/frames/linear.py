@@ -182,7 +182,14 @@ def noise_between_pixels(
     """
     if min(image.shape) < _SQUARE:
         return 1.0
-    fits = _polynomials(_SQUARE, _DEGREE)
+    # orthonormal polynomials of two places in a square: (pixels, terms)
+    powers = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, _SQUARE), _DEGREE)
+    terms = [
+        np.outer(powers[:, i], powers[:, j]).ravel()
+        for i in range(_DEGREE + 1)
+        for j in range(_DEGREE + 1 - i)
+    ]
+    fits = np.asarray(np.linalg.qr(np.stack(terms, axis=1))[0])
     squares = np.lib.stride_tricks.sliding_window_view(image, (_SQUARE, _SQUARE))[::_STEP, ::_STEP]
     windows = np.lib.stride_tricks.sliding_window_view(valid, (_SQUARE, _SQUARE))[::_STEP, ::_STEP]
     light = squares[windows.all(axis=(2, 3))].reshape(-1, _SQUARE**2).astype(float)
@@ -195,17 +202,6 @@ def noise_between_pixels(
     share = np.sqrt(residual / freedom) / model.sigma(level)
     white = 1.0 - _DECILE * (2.0 * freedom) ** -0.5
     return max(1.0, float(np.percentile(share, 10.0) / white))
-
-
-def _polynomials(side: int, degree: int) -> np.ndarray:
-    """Orthonormal polynomials of two places in a square: (pixels, terms)."""
-    powers = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, side), degree)
-    terms = [
-        np.outer(powers[:, i], powers[:, j]).ravel()
-        for i in range(degree + 1)
-        for j in range(degree + 1 - i)
-    ]
-    return np.asarray(np.linalg.qr(np.stack(terms, axis=1))[0])
 
 
 _FEWEST_FULL, _FEWEST = 3, 25

@@ -1,6 +1,5 @@
-from .anchor import Balance, balance, unwrap
-from .colour.colour_order import ColourReading, read_colour
-from .colour.colour_table import (
+from .colour_order import ColourReading, read_colour
+from .colour_table import (
     STEP,
     ColourTable,
     measured_table,
@@ -8,8 +7,7 @@ from .colour.colour_table import (
     spectral_table,
     table_columns,
 )
-from .colour.own_colours import ColourShots, OwnLight, band_light, band_scale, find_light
-from .film.film_reading import (
+from .film_reading import (
     BrightestLight,
     FilmLight,
     FilmPath,
@@ -22,7 +20,8 @@ from .film.film_reading import (
     read_followed,
     smooth_zero,
 )
-from .film.follower import LARGEST_CHANGE, FilmState, follow_frame, unloaded_state
+from .follower import LARGEST_CHANGE, FilmState, follow_frame, unloaded_state
+from .integer_order import Balance, Direction, balance, settle, unwrap
 from .on_branch import (
     BRANCH,
     LARGEST_UNCERTAINTY,
@@ -32,9 +31,12 @@ from .on_branch import (
     read_order,
     widened,
 )
+from .own_colours import ColourShots, OwnLight, band_light, band_scale, find_light
 from .single_frame.background_modulation import (
     BackgroundModulation,
+    NoLoadExposure,
     exact_ends,
+    find_no_load_exposure,
     fit_background_modulation,
     gamma_misfit,
 )
@@ -45,7 +47,6 @@ from .single_frame.free_order import (
     follow_fringes,
     read_free,
 )
-from .single_frame.no_load_exposure import NoLoadExposure, find_no_load_exposure
 from .single_frame.stated_orders import (
     CLEAR,
     MOST_COST,
@@ -55,20 +56,11 @@ from .single_frame.stated_orders import (
     known_orders,
 )
 from .skeleton import Skeleton, number_lines, order_contours, skeleton_table, skeletons
-from .stepped.integer_order import Direction, settle
-from .stepped.step_equations import (
-    COSINE,
-    CROSS,
-    SINE,
-    SINE_SINE,
-    StepTerms,
-    make_design,
-    solve_steps,
-)
-from .stepped.step_light import fill_gaps
-from .stepped.stepped_order import (
+from .step_equations import COSINE, CROSS, SINE, SINE_SINE, StepTerms, make_design, solve_steps
+from .stepped_order import (
     ResidualStress,
     SteppedReading,
+    fill_gaps,
     least_field,
     read_residual,
     read_steps,

@@ -8,31 +8,36 @@ from .files import (
     write_json,
     write_text,
 )
-from .frame_values import FrameValues, counted_frames, messages_of_frames, named_frames
-from .record import InputContent, provenance, sha256, write_figure
-from .result import (
-    FIGURE_DPI,
-    Result,
-    agree,
-    counted,
-    over_items,
-    per_cent,
-    rounded_texts,
-    saved_picture,
-    to_last_digit,
-    with_uncertainty,
-)
-from .roi import SUFFIXES, add_rois, load_roifile, read_roi_mask, roi_entries
-from .scale import pixel_mm_of, read_pixel_mm
-from .sentence import (
+from .frame_values import (
+    FrameValues,
     Row,
     basis_of_uncertainty,
+    counted_frames,
+    messages_of_frames,
+    named_frames,
     refined_texts,
     rows_by_key,
     sentence_of,
     sentence_of_orders,
     spoken,
 )
+from .result import (
+    FIGURE_DPI,
+    InputContent,
+    Result,
+    agree,
+    counted,
+    over_items,
+    per_cent,
+    provenance,
+    rounded_texts,
+    saved_picture,
+    sha256,
+    to_last_digit,
+    with_uncertainty,
+    write_figure,
+)
+from .roi import SUFFIXES, add_rois, load_roifile, read_roi_mask, roi_entries
 from .tables import (
     Floats,
     GivenTable,
@@ -47,7 +52,14 @@ from .tables import (
     write_csv,
     write_excel_copies,
 )
-from .tiff_stack import Photometric, imagej_view, write_frames, write_tiff
+from .tiff_stack import (
+    Photometric,
+    imagej_view,
+    pixel_mm_of,
+    read_pixel_mm,
+    write_frames,
+    write_tiff,
+)
 
 __all__ = [
     "FIGURE_DPI",

@@ -1,5 +1,6 @@
 from .api import check_scene, process
 from .checking import check
+from .figure import Shown, plot_order, tracked_figure
 from .frame_task import own_scene
 from .in_common import tabulate_set, with_past_friction, with_past_loads, with_scatter_of_gamma
 from .kinds.image_only import says_a_half
@@ -15,7 +16,6 @@ from .one_frame import (
     part_change,
     process_frame,
 )
-from .pictures.figure import Shown, plot_order, tracked_figure
 from .processed import Processed, collect, restore
 from .result import FOUND_BY, PICTURE, SPREAD, ProcessedFrame, cell_values, row_of_set
 from .run_report import process_report

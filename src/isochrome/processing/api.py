@@ -22,7 +22,8 @@ from isochrome.frames import (
     with_file_scale,
 )
 from isochrome.output import counted, load_roifile
-from isochrome.processing.chunk import FILM, more_of, picture_of, process_chunk, set_layout
+from isochrome.processing.figure import PREVIEW, figure_in_memory
+from isochrome.processing.folder import FILM, more_of, picture_of, process_chunk, set_layout
 from isochrome.processing.frame_task import (
     FrameSource,
     FrameTask,
@@ -33,8 +34,6 @@ from isochrome.processing.frame_task import (
 )
 from isochrome.processing.in_common import add_frame_row, tabulate_set
 from isochrome.processing.kinds.kind import FrameKind, accepts_keys, kind_of
-from isochrome.processing.pictures.figure import figure_in_memory
-from isochrome.processing.pictures.preview import PREVIEW
 from isochrome.processing.processed import Processed, collect, refuse_unread, restore
 from isochrome.processing.result import ProcessedFrame
 from isochrome.progress import RunProgress, Tally
@@ -246,7 +245,7 @@ def _kind_of_set(
             raise InputError("video_followed_add_track", name=name, value=value)
     if not keyed:
         return kind_of(scene)
-    from isochrome.processing.kinds.film_keys import KEY_EVERY, KeyedFilm
+    from isochrome.processing.kinds.followed_film import KEY_EVERY, KeyedFilm
 
     return KeyedFilm(key_every=every or KEY_EVERY, by_default=not track)
 

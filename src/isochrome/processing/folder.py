@@ -1,48 +1,60 @@
-"""The files that `process` makes when all frames are done: tables, figure, dataset, scene."""
+"""The files that `process` makes when all frames are done: tables, figure, dataset, scene.
+
+A chunk of a set: what is found in its frames, as pictures, rows and parts of files.
+"""
 
 from __future__ import annotations
 
+import csv
 import io
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 import isochrome
+from isochrome.fringes import Skeleton, skeleton_table
+from isochrome.messages import frame_messages, message
 from isochrome.output import (
     FIGURE_DPI,
     add_rois,
+    csv_text,
     imagej_view,
     numbers,
     replacing,
+    roi_entries,
     write_csv,
     write_figure,
     write_text,
     write_tiff,
 )
-from isochrome.processing.chunk import LINES, ROIS, lines_of, picture_of
-from isochrome.processing.frame_task import FrameTask
-from isochrome.processing.in_common import add_frame_row, warnings_last
-from isochrome.processing.kinds.kind import ISOCLINIC, NORMALISED, ORDER, kind_of
-from isochrome.processing.pictures.figure import Shown, row_fields, set_figure, shown_frames
-from isochrome.processing.placement import set_grid, shift_of
+from isochrome.processing.figure import Shown, row_fields, set_figure, shown_frames, write_preview
+from isochrome.processing.frame_task import FrameSource, FrameTask, open_set
+from isochrome.processing.in_common import add_frame_row, set_grid, shift_of, warnings_last
+from isochrome.processing.kinds.kind import CONFIDENCE, ISOCLINIC, NORMALISED, ORDER, kind_of
 from isochrome.processing.processed import FIGURE, Processed, collect, refuse_unread
-from isochrome.processing.result import PICTURE, ProcessedFrame
+from isochrome.processing.result import PICTURE, FollowedFrame, ProcessedFrame
 from isochrome.processing.run_report import process_report
 from isochrome.reporting import write_report
 from isochrome.runs import (
     REPORT,
     STORE,
     Column,
+    Compact,
     Job,
+    Results,
     RunDataset,
     RunFolder,
+    RunLayout,
     add_columns,
     attributes,
+    chunk_size,
     column,
     make_dataset,
     open_run,
@@ -58,6 +70,129 @@ from isochrome.stress import PixelGrid
 
 if TYPE_CHECKING:
     from isochrome.fringes import ResidualStress
+
+LINES, ROIS = "skeleton.csv", "skeleton.zip"
+
+FILM = (ORDER.name, CONFIDENCE.name)
+"""Maps of every frame of a video that is followed."""
+
+
+def set_layout(source: FrameSource, count: int) -> RunLayout:
+    """What a set's run leaves: its maps over frame, row and column."""
+    rows, cols = source.reader.shape
+    kind = source.task.kind
+    return RunLayout(
+        axes={"frame": count},
+        shape={"row": rows, "col": cols},
+        layers=kind.layers(source.task.scene),
+        chunk=kind.key_step or chunk_size(count, 4 * rows * cols),
+        every=kind.key_step or 1,
+    )
+
+
+def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
+    """What is found in the states [start, stop) of a set. Raises InputError, PhysicsError."""
+    return gather(task, task.kind.states(open_set(task), start, stop))
+
+
+def gather(task: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) -> Results:
+    """Processed frames as Results; they are let go one by one."""
+    layers = task.kind.layers(task.scene)
+    steps = next((layer.compact for layer in layers if layer.name == ORDER.name), None)
+    pictures, packed = defaultdict[str, list[Any]](list), defaultdict[str, list[Any]](list)
+    rows, more = [], []
+    tables: list[str] = []
+    rois: list[tuple[str, bytes]] = []
+    for item in states:
+        item = _within(item, steps)
+        if task.preview is not None:
+            write_preview(task.preview, item)
+        rows.append(task.kind.row(item, task.scene))
+        more.append(more_of(item, task.scene))
+        for layer in layers:
+            if layer.compact is not None:
+                made = item.maps().get(layer.name)
+                packed[layer.name].append(None if made is None else layer.compact.pack(made))
+            elif isinstance(item, ProcessedFrame):
+                pictures[layer.name].append(picture_of(item, layer.name, item.normalised.shape))
+        if isinstance(item, FollowedFrame):
+            continue
+        lines = _lines_to_keep(task, item)
+        if lines:
+            left, top = item.corner_mm(task.scene)
+            points = skeleton_table(lines, pixel_mm=item.pixel_mm, left_mm=left, top_mm=top)
+            number = np.full(len(points["line"]), item.index)
+            tables.append(csv_text({"frame": number, **points}, header=not tables))
+        if task.rois:
+            rois += roi_entries(lines, item.index)
+    parts = {LINES: "".join(tables).encode()} if tables else {}
+    if task.rois:
+        data = io.BytesIO()
+        with zipfile.ZipFile(data, "w") as archive:
+            add_rois(archive, rois)
+        parts[ROIS] = data.getvalue()
+    arrays = {name: np.stack(maps) for name, maps in pictures.items()}
+    return Results(arrays, rows, more, parts, packed=dict(packed))
+
+
+def _lines_to_keep(task: FrameTask, item: ProcessedFrame) -> list[Skeleton]:
+    """The fringe lines of a frame; with a model, which can draw them anew, for who asks alone."""
+    wanted = task.rois or (item.fit is None and task.kind.draws_lines)
+    return item.skeleton() if wanted else []
+
+
+def _within(
+    item: ProcessedFrame | FollowedFrame, kind: Compact | None
+) -> ProcessedFrame | FollowedFrame:
+    """A frame, that says where its orders go beyond what the store's steps reach."""
+    if kind is None or item.reading is None:
+        return item
+    above = int(np.count_nonzero(item.reading.order > kind.largest))
+    if not above:
+        return item
+    text = message("pixels_have_orders_above", above=above, largest=kind.largest)
+    return replace(item, warnings=(*item.warnings, text))
+
+
+def picture_of(
+    item: ProcessedFrame | FollowedFrame, name: str, shape: tuple[int, ...]
+) -> np.ndarray:
+    """A layer's picture of a frame (rows, cols).
+
+    Where it has none, no order is known, and none can be relied on.
+    """
+    if (result := item.maps().get(name)) is not None:
+        return result
+    return np.full(shape, 0.0 if name == CONFIDENCE.name else np.nan, dtype=np.float32)
+
+
+def more_of(item: ProcessedFrame | FollowedFrame, scene: Scene) -> dict[str, Any]:
+    """What the dataset and the figure need to know besides the row."""
+    left, top = item.corner_mm(scene)
+    return {
+        "status": item.status,
+        "messages": frame_messages(item.warnings),
+        "time_s": item.time_s,
+        "left_mm": left,
+        "top_mm": top,
+        "read": item.reading is not None,
+        "kept": item.reading.kept if item.reading is not None else None,
+    }
+
+
+def lines_of(table: bytes, frames: set[int]) -> dict[int, list[Skeleton]]:
+    """The fringe lines of some frames, read back from a chunk's table."""
+    result: dict[int, list[Skeleton]] = {}
+    points = csv.DictReader(io.StringIO(table.decode()))
+    wanted = (row for row in points if int(row["frame"]) in frames)
+    for (frame, _), line in groupby(wanted, key=lambda row: (int(row["frame"]), row["line"])):
+        points_of_line = list(line)
+        order, kind = points_of_line[0]["order"], cast(Any, points_of_line[0]["kind"])
+        rows, cols = (np.array([float(p[n]) for p in points_of_line]) for n in ("row_px", "col_px"))
+        skeleton = Skeleton(kind, rows, cols, float(order) if order else None)
+        result.setdefault(frame, []).append(skeleton)
+    return result
+
 
 _TRACKED_DPI = 110.0
 """Of a picture as wide as a screen."""
@@ -156,7 +291,7 @@ def _shown(
         for index in sorted({k // run_folder.layout.chunk for k in good})
         if (file := run_folder.part_file(LINES, index)).is_file()
     )
-    lines = {k: own for text in tables for k, own in lines_of(text, set(good)).items()}
+    lines = {k: drawn for text in tables for k, drawn in lines_of(text, set(good)).items()}
 
     def read(layer: str, item: int) -> np.ndarray | None:
         return picture(run_folder, layer, item) if (layer in names and more["read"][item]) else None

@@ -151,11 +151,11 @@ class FrameSource:
         """One state, with its label and distance."""
         kind = self.task.kind
         scene = kind.held(self.task.scene)
-        own, label, distance = scene, first.name, float("nan")
+        state, label, distance = scene, first.name, float("nan")
         if scene.has_model:
             label, distance = place_of(scene, first)
-            own = own_scene(scene, first)
-        result = kind.read(frames, own, self.capture, as_stated=self.task.as_stated)
+            state = own_scene(scene, first)
+        result = kind.read(frames, state, self.capture, as_stated=self.task.as_stated)
         if label == first.name:
             label = result.label  # of several frames, from where to where
         return replace(result, label=label, distance_m=distance)

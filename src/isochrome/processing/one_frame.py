@@ -87,9 +87,9 @@ class FrameResult:
             return tuple(FrameValue(key, *pair, asked=False) for key, pair in known.items())
         if not self.frame.has_values:
             return ()
-        asked, refined = (cell_values(self.row.get(name) or "") for name in (CAUSES, REFINED))
+        causes, refined = (cell_values(self.row.get(name) or "") for name in (CAUSES, REFINED))
         return tuple(
-            FrameValue(key, float(value), float(spread), key in asked, key in refined)
+            FrameValue(key, float(value), float(spread), key in causes, key in refined)
             for key, value, spread in zip(
                 fit.keys, fit.values, fit.standard_uncertainty, strict=True
             )
@@ -133,18 +133,18 @@ class AnchorPreview:
         self._followed: tuple[FollowedFringes, ...] = ()
         linear = to_linear(frame, bit_depth=capture.bit_depth, gamma=scene.frames.first_gamma)
         try:
-            seen = frame_signal(frame, linear, scene, capture)
+            signal = frame_signal(frame, linear, scene, capture)
         except InputError as error:  # no fringe in it
             self.refusal = str(error)
             return
-        lines = len(skeletons(np.clip(seen.signal, 0.0, 1.0)))
-        self.refusal = refused_beforehand(frame, seen, lines, capture, asked=True)
+        lines = len(skeletons(np.clip(signal.signal, 0.0, 1.0)))
+        self.refusal = refused_beforehand(frame, signal, lines, capture, requested=True)
         if self.refusal:
             return
         known = orders_of(scene)
         self._followed = tuple(
             follow_fringes(*wave_of(one, scene), one.valid, known, error=one.error)[0]
-            for one in (seen, *seen.others)
+            for one in (signal, *signal.others)
         )
 
     @property
@@ -166,12 +166,12 @@ class AnchorPreview:
             square = np.sum([(np.abs(one.terms[..., 0]) - order) ** 2 for one in others], axis=0)
             agree = np.sqrt(np.where(np.isnan(square), np.inf, square)) < LARGEST_UNCERTAINTY
             order = np.where(agree, order, np.nan)
-        said = best.said
+        notes = best.said
         few = refused_low(order, self._capture)
         if few:
-            order, said = np.full_like(order, np.nan), (*said, few)
+            order, notes = np.full_like(order, np.nan), (*notes, few)
         patches = self._followed[0].patches
-        return PatchOrders(rows=patches.rows, cols=patches.cols, order=order, said=said)
+        return PatchOrders(rows=patches.rows, cols=patches.cols, order=order, said=notes)
 
     def part_at(self, row: float, col: float, *, on_line: bool = False) -> NDArray[np.bool_]:
         """The patches (m, n) that hang together with a place of the region, px; none where no

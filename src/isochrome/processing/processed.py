@@ -41,12 +41,13 @@ from isochrome.output import (
 from isochrome.processing.in_common import (
     fitted_keys,
     frame_values,
+    set_grid,
+    shift_messages,
     with_past_friction,
     with_past_loads,
     with_scatter_of_gamma,
 )
 from isochrome.processing.kinds.largest_order import ORDER_SPREAD, largest_from
-from isochrome.processing.placement import set_grid, shift_messages
 from isochrome.processing.result import (
     CAUSES,
     FOUND_BY,
@@ -173,8 +174,8 @@ class Processed(Result):
     def causes(self) -> list[str]:
         """What frames asked for besides the scene: keys, and how many frames did."""
         cells = [cell_values(cell or "") for cell in self.columns.get(CAUSES, ())]
-        asked = Counter(key for cell in cells for key in cell)
-        return [f"{key} ({n} of {counted(len(cells), 'frame')})" for key, n in asked.items()]
+        counts = Counter(key for cell in cells for key in cell)
+        return [f"{key} ({n} of {counted(len(cells), 'frame')})" for key, n in counts.items()]
 
     @property
     def refined(self) -> list[str]:
@@ -223,7 +224,7 @@ class Processed(Result):
 
         `frames`: numbers of those that are shown. Raises InputError where one is not there.
         """
-        from isochrome.processing.pictures.figure import processed_panels
+        from isochrome.processing.figure import processed_panels
 
         return processed_panels(self, frames)
 
@@ -292,17 +293,17 @@ def _of_scene(scene: Scene, residual: ResidualStress | None) -> list[str]:
 
 
 def refuse_unread(
-    scene: Scene, name: str, table: Mapping[str, list[Any]], kept: Iterable[float | None]
+    scene: Scene, name: str, table: Mapping[str, list[Any]], read: Iterable[float | None]
 ) -> None:
     """Refuse a set in none of whose frames an order was read; where none can be, none normalised.
 
-    `kept`, share of the specimen's pixels read in each frame, None where nobody read it.
+    `read`, share of the specimen's pixels read in each frame, None where nobody read it.
     """
     followed = any(result != NOTHING for result in table.get(FOUND_BY, ()))
     of_orders = scene.orders_are_read
     light = LOAD if scene.frames.has_known_loads else "noise"
     normalised = np.isfinite(numbers(table[light])).any()
-    if followed or any(kept) or (normalised and not of_orders):
+    if followed or any(read) or (normalised and not of_orders):
         return
     count = counted(len(table["frame"]), "frame")
     raise PhysicsError(

@@ -11,9 +11,9 @@ from isochrome.errors import IsochromeError
 from isochrome.figures import centred_limit
 from isochrome.fitting import frame_scene, scene_at, sliding_scene
 from isochrome.output import counted, numbers, with_uncertainty
+from isochrome.processing.figure import place_of_row
 from isochrome.processing.in_common import fitted_keys
 from isochrome.processing.kinds.kind import NORMALISED, ORDER
-from isochrome.processing.pictures.figure import place_of_row
 from isochrome.processing.processed import Processed
 from isochrome.processing.result import CAUSES, EXPLAINED, PICTURE, REFINED, cell_values, own_values
 from isochrome.reporting import (

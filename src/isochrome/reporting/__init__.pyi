@@ -1,26 +1,27 @@
-from .content import (
-    Curve,
-    ReportContent,
-    ReportTable,
-    camera_rows,
-    curves_of,
-    make_curve,
-    paper_rows,
-    warnings_with_remedies,
-)
-from .page import assemble_page, content_policy, report_html, write_report
-from .pictures import (
+from .page import (
     FRINGES,
     GREY_LEVELS,
     MOST_FRAMES,
     SIGNAL,
     ChosenFrame,
+    Curve,
     OrderMap,
     Pane,
+    ReportContent,
     ReportFrame,
+    ReportTable,
+    assemble_page,
+    camera_rows,
     choose_frames,
+    content_policy,
+    curves_of,
     encode_frames,
+    make_curve,
     order_map,
+    paper_rows,
+    report_html,
+    warnings_with_remedies,
+    write_report,
 )
 
 __all__ = [

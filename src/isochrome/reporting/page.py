@@ -1,17 +1,557 @@
-"""The report as one HTML page: nothing is fetched, and nothing of a run is ever code in it."""
+"""The report as one HTML page: nothing is fetched, and nothing of a run is ever code in it.
+
+Pictures and orders of some frames as text in a page, in bounded room.
+
+Which frames of a run a report shows, and why these.
+
+What a report says, whatever run it is of: sentences, tables, curves, and what a paper states.
+"""
+
+from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Sequence
+import io
+import zlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from pathlib import Path
-from typing import Any
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from isochrome.errors import InputError
-from isochrome.output import write_text
-from isochrome.reporting.content import ReportContent, warnings_with_remedies
-from isochrome.reporting.pictures import ROOM_BYTES, encode_frames
+from isochrome.figures import (
+    BAND,
+    DIFFERENCE_MAP,
+    FINE_PT,
+    FRAME_MAP,
+    KEY_LABELS,
+    LINE_COLOURS,
+    LINE_PT,
+    PALE,
+    VALUE_MAP,
+    frame_axis,
+    new_figure,
+    style_axes,
+)
+from isochrome.messages import entry_of
+from isochrome.output import FrameValues, to_last_digit, with_uncertainty, write_text
+from isochrome.scene import Camera, Frames, Polariscope, Scene
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MOST_FRAMES = 8
+"""Frames in a report: of a camera's usual picture so many are shown pixel by pixel in 10 MB."""
+
+
+@dataclass(frozen=True)
+class ChosenFrame:
+    """A frame that a report shows."""
+
+    number: int  # among those it was chosen from, from 0
+    why: str  # empty where all are shown
+
+
+def choose_frames(
+    chi: ArrayLike, order: ArrayLike, *, most: int = MOST_FRAMES
+) -> list[ChosenFrame]:
+    """Choose the frames that a report shows by chi and largest order, which may be NaN.
+
+    All, where they are no more than `most`, 4 at least; else the first and the last, the one that
+    its model describes worst, the one with the largest order, and between them evenly spaced ones.
+    """
+    worst, largest = np.asarray(chi, float), np.asarray(order, float)
+    count = len(worst)
+    if count <= most:
+        return [ChosenFrame(k, "") for k in range(count)]
+    why = {0: "the first", count - 1: "the last"}
+    for values, reason in ((worst, "the largest chi"), (largest, "the largest order")):
+        if np.isfinite(values).any():
+            why.setdefault(int(np.nanargmax(values)), reason)
+    between = np.linspace(0, count - 1, most - len(why) + 2)[1:-1]
+    for place in between:  # one that is taken gives way to the next
+        number = next((k for k in range(round(place), count) if k not in why), None)
+        if number is not None:
+            why[number] = "evenly spaced"
+    return [ChosenFrame(k, why[k]) for k in sorted(why)]
+
+
+Array = NDArray[Any]
+
+FINE_STEP, STEP = 0.001, 0.01
+"""Fringes: orders in a report are rounded to the first, or the second where that lacks room."""
+
+ROOM_BYTES = 8_000_000
+"""Text for all frames of a report, of the 10 MB that one has at most."""
+
+_LARGEST = 65_000
+"""Steps that 16 bits hold; orders hundreds of fringes above the smallest are given as not known."""
+
+_LEAST_BYTES = 0.4
+"""Bytes a pixel of a frame, of which no camera's frame takes less: nothing finer is tried."""
+
+_GREYS, _COLOURS = 64, 15
+"""Levels of a grey picture and of a difference: more are not told apart on paper."""
+
+
+FRINGES, SIGNAL, GREY_LEVELS = "fringes", "of the full light", "grey levels"
+"""Units of what a pane shows."""
+
+
+@dataclass(frozen=True)
+class Pane:
+    """One picture (row, col) of a frame; NaN = not known."""
+
+    key: str  # 'experiment', 'simulation', 'rendered', 'order' or 'difference'
+    label: str  # what the page calls it
+    values: Array
+    span: tuple[float, float]  # what is shown black and white, or in the end colours
+    unit: str  # FRINGES, SIGNAL or GREY_LEVELS
+
+
+@dataclass(frozen=True)
+class OrderMap:
+    """Fringe orders as text, rounded to a step.
+
+    `data`: base64 of zlib: N/step - first + 1 as 16-bit whole numbers, 0 = not known; each less the
+    one to its left (modulo 2^16), first all low bytes and then all high ones, row by row.
+    """
+
+    data: str
+    first: int  # the smallest N/step
+    step: float  # fringes
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportFrame:
+    """A frame as a report shows it."""
+
+    number: int  # in the run
+    label: str  # what figures call it
+    why: str  # it is shown
+    panes: tuple[Pane, ...]  # the first, the experiment where there is one, lies over the others
+    order: Array | None = None  # read, fringes, NaN = not known; None: none is read
+    model_order: Array | None = None  # of the simulation
+    pixel_mm: float | None = None  # None: no scale is known
+    left_mm: float = 0.0  # outer edges of the first column and row
+    top_mm: float = 0.0
+    notes: tuple[str, ...] = ()  # what to say of it, such as why it has no simulation
+
+
+def encode_frames(frames: Sequence[ReportFrame], *, room: int = ROOM_BYTES) -> list[dict[str, Any]]:
+    """For each frame its pictures as PNG and its orders, as the page takes them, in `room` bytes.
+
+    Of each n-th pixel of each n-th row where all would take too much.
+    """
+    result: list[tuple[dict[str, Any], int]] = []
+    for done, frame in enumerate(frames):
+        share = (room - sum(size for _, size in result)) // (len(frames) - done)
+        shape = frame.panes[0].values.shape
+        stride = max(1, int(np.sqrt(_LEAST_BYTES * np.prod(shape) / share)))
+        encoded = _encoded(frame, stride)
+        while _size(encoded) > share and min(shape) > stride:
+            stride = max(stride + 1, int(stride * np.sqrt(_size(encoded) / share)))
+            encoded = _encoded(frame, stride)
+        finer = encoded | _orders(frame, stride, FINE_STEP)
+        encoded = finer if _size(finer) <= share and _holds(frame) else encoded
+        result.append((encoded, _size(encoded)))
+    return [encoded for encoded, _ in result]
+
+
+def _size(encoded: dict[str, Any]) -> int:
+    maps = (encoded[name] for name in ("order", "model_order") if encoded[name])
+    return sum(len(p["png"]) for p in encoded["panes"]) + sum(len(m["data"]) for m in maps)
+
+
+def _encoded(frame: ReportFrame, stride: int) -> dict[str, Any]:
+    """A frame as the page takes it: means over `stride` pixels, and orders in their middle."""
+    rows, cols = (size // stride for size in frame.panes[0].values.shape)
+    names = ("number", "label", "why", "notes")
+    return {name: getattr(frame, name) for name in names} | {
+        "rows": rows,
+        "cols": cols,
+        "stride": stride,
+        "first": stride // 2,
+        "pixel_mm": frame.pixel_mm,
+        "left_mm": frame.left_mm,
+        "top_mm": frame.top_mm,
+        "panes": [
+            {"key": p.key, "label": p.label, "span": p.span, "unit": p.unit,
+             "png": _png(p, _means(p.values, stride)),
+             "bar": _png(p, np.linspace(*p.span, _GREYS)[None])}  # from end to end of its span
+            for p in frame.panes
+        ],
+    } | _orders(frame, stride, STEP)  # fmt: skip
+
+
+def _orders(frame: ReportFrame, stride: int, step: float) -> dict[str, Any]:
+    """A frame's orders as the page takes them, those in the middle of each square."""
+    first = stride // 2
+    rows, cols = (size // stride for size in frame.panes[0].values.shape)
+    part = tuple(slice(first, first + stride * size, stride) for size in (rows, cols))
+    maps = {"order": frame.order, "model_order": frame.model_order}
+    return {
+        name: None if order is None else vars(order_map(order[part], step))
+        for name, order in maps.items()
+    }
+
+
+def _holds(frame: ReportFrame) -> bool:
+    """Whether a frame's orders are within what whole numbers of the fine step hold."""
+    maps = [order for order in (frame.order, frame.model_order) if order is not None]
+    known = [order[np.isfinite(order)] for order in maps]
+    return all(np.ptp(own) < FINE_STEP * (_LARGEST - 1) for own in known if own.size)
+
+
+def _means(values: Array, stride: int) -> Array:
+    """Means over squares of `stride` pixels; NaN where one of them is not known."""
+    if stride == 1:
+        return values
+    rows, cols = (size // stride for size in values.shape)
+    squares = values[: rows * stride, : cols * stride]
+    return np.asarray(squares.reshape(rows, stride, cols, stride).mean(axis=(1, 3)))
+
+
+def order_map(order: Array, step: float = STEP) -> OrderMap:
+    """Fringe orders (row, col), NaN = not known, as text, each within half a step of its own."""
+    known = np.isfinite(order)
+    steps = np.rint(np.where(known, order, 0.0).astype(float) / step).astype(np.int64)
+    first = int(steps[known].min()) if known.any() else 0
+    level = np.where(known & (steps - first < _LARGEST), steps - first + 1, 0)
+    moved = np.diff(level, axis=1, prepend=0) % 65536
+    low, high = (moved % 256).astype(np.uint8), (moved // 256).astype(np.uint8)
+    data = zlib.compress(low.tobytes() + high.tobytes(), 6)
+    return OrderMap(base64.b64encode(data).decode(), first, step)
+
+
+def _png(pane: Pane, values: Array) -> str:
+    """A picture as base64 of a PNG with a palette; what is not known is transparent."""
+    from matplotlib import colormaps
+    from PIL import Image
+
+    name, count = {"difference": (DIFFERENCE_MAP, _COLOURS), "order": (VALUE_MAP, _GREYS)}.get(
+        pane.key, (FRAME_MAP, _GREYS)
+    )
+    low, high = pane.span
+    share = (values - low) / ((high - low) or 1.0)
+    level = np.rint(np.nan_to_num(share, nan=0.0) * (count - 1))
+    level = np.where(np.isfinite(values), np.clip(level, 0, count - 1), count).astype(np.uint8)
+    picture = Image.fromarray(level, "P")
+    colours = colormaps[name](np.linspace(0.0, 1.0, count))[:, :3]
+    palette = np.rint(255 * np.vstack([colours, [1.0, 1.0, 1.0]])).astype(np.uint8)
+    picture.putpalette(bytes(palette))
+    file = io.BytesIO()
+    bits = 4 if count < 16 else 8
+    picture.save(file, "PNG", transparency=count, bits=bits, compress_level=5)
+    return base64.b64encode(file.getvalue()).decode()
+
+
+_MOST_ROWS = 60
+"""Rows of a table in a report: the run's own file has all of them."""
+
+_SPREAD = "standard_uncertainty"
+
+_MOST_MESSAGES = 30
+"""Of a group of warnings: each frame of a long run may have one of its own."""
+
+
+@dataclass(frozen=True)
+class ReportTable:
+    """A table of a report; its columns' names have the unit."""
+
+    caption: str  # what it holds, and in which file all of it is
+    columns: Mapping[str, Sequence[Any]]
+
+    @property
+    def rows(self) -> list[tuple[tuple[str, bool], ...]]:
+        """The first rows: each value as text, and whether it is a number, which is not broken."""
+        return list(zip(*map(self._cells, self.columns), strict=True))
+
+    def _cells(self, name: str) -> list[tuple[str, bool]]:
+        """The first cells of a column: a ± with two digits, a value to the last of its own."""
+        values = self.columns[name][:_MOST_ROWS]
+        column = _SPREAD if name == "value" else f"{name} {_SPREAD}"
+        spreads = self.columns.get(column, [None] * len(values))
+        digits = 2 if name.endswith(("uncertainty", "bound")) else 5
+        pairs = zip(values, spreads, strict=False)
+        return [(_text(v, spread, digits), isinstance(v, int | float)) for v, spread in pairs]
+
+    @property
+    def left_out(self) -> int:
+        """How many rows are left to the run's own file."""
+        return max(0, max(map(len, self.columns.values()), default=0) - _MOST_ROWS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportContent:
+    """All that a report says of a run."""
+
+    command: str  # what made the run, such as 'process'
+    title: str  # what the run is of
+    verdict: str  # what was found, in a sentence
+    frames: Sequence[ReportFrame] = ()
+    choice: str = ""  # which frames of how many, and why
+    curves: Sequence[Curve] = ()
+    budget: ReportTable | None = None  # shares of the uncertainty; None: the run has none
+    no_budget: str = ""  # why there is none, and what to do
+    tables: Sequence[ReportTable] = ()
+    # what the frames asked for besides the scene; None: nobody asked
+    causes: Sequence[str] | None = None
+    causes_text: str = ""  # what to say where there is no such list
+    refined: Sequence[str] = ()  # what the frames know better than the scene states it
+    # keys of measured numbers whose uncertainty is not in the ±
+    taken_as_exact: Sequence[str] = ()
+    warnings: Sequence[str] = ()
+    scene: str = ""  # resolved, TOML, or a calibration's settings
+    scene_title: str = "Scene"
+    paper: Sequence[tuple[str, str]] = ()  # names and values of what a paper states
+    picture: bytes | None = None  # the run's own figure, PNG
+
+
+def warnings_with_remedies(warnings: Iterable[str]) -> list[dict[str, Any]]:
+    """Group warnings by what they are about, each group with its meaning, cause and remedy.
+
+    Dicts of 'title', 'meaning', 'cause' and 'remedy', empty for what the guide does not explain;
+    'messages', the first ones in their order; and 'left_out', how many more there are.
+    """
+    groups: dict[str, dict[str, Any]] = {}
+    for text in warnings:
+        entry = entry_of(text)
+        title = entry.title if entry else "Other"
+        words = {
+            name: getattr(entry, name) if entry else "" for name in ("meaning", "cause", "remedy")
+        }
+        group = groups.setdefault(title, {"title": title, **words, "messages": [], "left_out": 0})
+        if len(group["messages"]) < _MOST_MESSAGES:
+            group["messages"].append(text)
+        else:
+            group["left_out"] += 1
+    return list(groups.values())
+
+
+def _text(value: Any, spread: Any, digits: int) -> str:
+    if value is None or value != value:
+        return "not known"
+    if not isinstance(value, float):
+        return str(value)
+    return to_last_digit(value, spread) if spread else f"{value:.{digits}g}"
+
+
+_MEASURED = (
+    ("pixel", "camera.pixel_mm", "mm"),
+    ("fringe value f_sigma", "specimen.fringe_value_n_per_mm", "N/mm per fringe"),
+    ("thickness", "specimen.thickness_mm", "mm"),
+    ("Young's modulus", "specimen.young_gpa", "GPa"),
+    ("Poisson's ratio", "specimen.poisson", ""),
+    ("diameter", "specimen.diameter_mm", "mm"),
+    ("indenter's radius", "indenter.radius_mm", "mm"),
+)
+"""Names, keys and units of the measured numbers that a paper states."""
+
+_MOST_FILES = 16
+"""Of the input, with their hashes: a run may be of thousands of single pictures."""
+
+NO_DATE = (
+    "not stated in the scene, where calibrate --into writes it; else it stands in the report of "
+    "the calibration"
+)
+
+
+class WithCamera(Protocol):
+    """A scene, or a calibration's set: what stood in front of the camera."""
+
+    @property
+    def camera(self) -> Camera | None:
+        """The camera."""
+
+    @property
+    def polariscope(self) -> Polariscope:
+        """The light."""
+
+    @property
+    def frames(self) -> Frames:
+        """How its frames are read."""
+
+
+def camera_rows(settings: WithCamera) -> list[tuple[str, str]]:
+    """Names and values, with units, of what a paper states of the camera and the light."""
+    return [*_camera(settings), *_light(settings)]
+
+
+def paper_rows(scene: Scene | None, record: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Names and values, with units, of what a paper states of a run.
+
+    `record` is provenance.json: versions and hashes; the scene is None where the run has none.
+    """
+    result = [] if scene is None else [*camera_rows(scene), *_numbers(scene)]
+    libraries = record.get("libraries") or {}
+    versions = ", ".join(f"{name} {number}" for name, number in libraries.items())
+    code = record.get("code_sha256")
+    result.append(("software", f"isochrome {record.get('isochrome', 'not known')}"))
+    result += [("with", versions)] if versions else []
+    result += [("SHA-256 of the code", str(code))] if code else []
+    files = list((record.get("inputs_sha256") or {}).items())
+    for name, digest in files[:_MOST_FILES]:
+        result.append((f"SHA-256 of {PurePath(*PurePath(name).parts[-2:])}", str(digest)))
+    if len(files) > _MOST_FILES:
+        text = f"SHA-256 of {len(files) - _MOST_FILES} files more"
+        result.append((text, "in provenance.json"))
+    return result
+
+
+def _camera(scene: WithCamera) -> Iterator[tuple[str, str]]:
+    camera = scene.camera
+    if camera is None:
+        return
+    parts = []
+    if camera.width_px and camera.height_px:
+        parts.append(f"{camera.width_px} x {camera.height_px} pixels")
+    if camera.bit_depth:
+        parts.append(f"{camera.bit_depth} bit")
+    parts += ["colour"] if camera.colour else []
+    parts.append(f"gamma {scene.frames.gamma}")
+    yield "camera", ", ".join(parts)
+
+
+def _light(scene: WithCamera) -> Iterator[tuple[str, str]]:
+    light = scene.polariscope
+    field = f"{len(light.step)} phase steps" if light.step else f"{light.field} field"
+    if light.several_wavelengths:
+        yield "light", f"several wavelengths, {field}"
+    elif light.wavelength_nm is None:
+        yield "light", f"wavelength not stated, {field}"
+    else:
+        band = f", band {light.bandwidth_nm:g} nm" if light.bandwidth_nm else ""
+        yield "light", f"{light.wavelength_nm:g} nm{band}, {field}"
+
+
+def _numbers(scene: Scene) -> Iterator[tuple[str, str]]:
+    stated = dict(scene.stated_uncertainty)
+    for name, key, unit in _MEASURED:
+        table, _, field = key.partition(".")
+        value = getattr(getattr(scene, table), field, None)
+        if value is None:
+            continue
+        spread = stated.get(key)
+        text = f"{value:g}" if spread is None else with_uncertainty(value, spread)
+        basis = "no uncertainty stated" if spread is None else "standard uncertainty"
+        yield name, f"{text} {unit}".strip() + f" ({basis})"
+        if name.startswith("fringe value"):
+            yield "date of f_sigma", scene.fringe_value_date or NO_DATE
+
+
+MOST_POINTS = 240
+"""Points of a curve: more than a drawing has pixels to tell them apart."""
+
+_INCHES = 4.0, 2.3
+"""Of a drawing, whose letters are then those of a page where a telephone shows it."""
+
+_SVG: Any = {"svg.fonttype": "path", "svg.hashsalt": "isochrome", "text.parse_math": False}
+"""The same drawing on every machine and each time; a `$` in a name is no formula."""
+
+_UNDATED = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve:
+    """A quantity over distance or frames; each point (n,) is some neighbours together where there
+    are many.
+    """
+
+    label: str  # name and unit of the quantity
+    across: str  # name and unit of the horizontal axis
+    place: Array
+    value: Array  # their mean
+    least: Array  # envelope of the values
+    most: Array
+    low: Array  # envelope of the bands
+    high: Array
+    together: int  # how many values are one point, at most
+    has_band: bool  # the values have uncertainties
+
+    @property
+    def rows(self) -> list[tuple[str, ...]]:
+        """The points as a table: place, value, least, most, low, high."""
+        columns = self.place, self.value, self.least, self.most, self.low, self.high
+        return [tuple(f"{value:.6g}" for value in row) for row in zip(*columns, strict=True)]
+
+    def draw(self, axes: Axes) -> None:
+        """Draw the line between its envelope and its band; few points have dots."""
+        colour = LINE_COLOURS[0]
+        axes.fill_between(self.place, self.low, self.high, color=colour, alpha=0.25, lw=0)
+        axes.fill_between(self.place, self.least, self.most, color=colour, alpha=0.35, lw=0)
+        dot = "o" if len(self.place) <= MOST_POINTS // 6 else ""
+        axes.plot(self.place, self.value, color=colour, lw=LINE_PT, marker=dot, ms=4)
+
+    @property
+    def svg(self) -> str:
+        """The drawing as base64: a picture of its own, as the page's policy forbids its styles."""
+        from matplotlib import rc_context
+
+        content = io.BytesIO()
+        with rc_context(_SVG):
+            figure = new_figure(*_INCHES)
+            axes = figure.subplots()
+            self.draw(axes)
+            axes.ticklabel_format(useOffset=False)
+            axes.locator_params(nbins=5)  # numbers of a long run have room beside each other
+            axes.grid(color=PALE, alpha=0.5, lw=FINE_PT)
+            axes.set_axisbelow(True)
+            style_axes(axes, x_label=self.across)
+            figure.savefig(content, format="svg", metadata=_UNDATED)
+        return base64.b64encode(content.getvalue()).decode()
+
+
+def curves_of(table: FrameValues) -> list[Curve]:
+    """The curves of fitted values, each with its band, and one of chi.
+
+    One for each key that is known in two frames at least; a tracked video's places too.
+    """
+    place, across = frame_axis(table)
+    place = np.where(np.isfinite(place), place, 0.0)  # what stands still has slid by nothing
+    columns: list[tuple[str, Array, Array | None]] = [
+        (KEY_LABELS.get(key, key), table.values[:, j], table.standard_uncertainty[:, j])
+        for j, key in enumerate(table.keys)
+    ]
+    columns.append(("chi (residual over noise)", table.chi, None))
+    return [
+        make_curve(label, across, place, values, spread)
+        for label, values, spread in columns
+        if np.isfinite(values).sum() > 1
+    ]
+
+
+def make_curve(
+    label: str, across: str, place: Array, values: Array, spread: Array | None = None
+) -> Curve:
+    """A quantity's curve: what is not known is left out, and many are put together.
+
+    At least one value is known; `spread` is their standard uncertainties, None: they have none.
+    """
+    spreads = np.zeros(len(values)) if spread is None else spread
+    known = np.flatnonzero(np.isfinite(values))
+    known = known[np.argsort(place[known], kind="stable")]
+    half = BAND * np.where(np.isfinite(spreads), spreads, 0.0)
+    together = -(-len(known) // MOST_POINTS)
+    starts = np.arange(0, len(known), together)
+    counts = np.diff([*starts, len(known)])
+    return Curve(
+        label=label,
+        across=across,
+        place=np.add.reduceat(place[known], starts) / counts,
+        value=np.add.reduceat(values[known], starts) / counts,
+        least=np.minimum.reduceat(values[known], starts),
+        most=np.maximum.reduceat(values[known], starts),
+        low=np.minimum.reduceat((values - half)[known], starts),
+        high=np.maximum.reduceat((values + half)[known], starts),
+        together=together,
+        has_band=spread is not None,
+    )
 
 
 def assemble_page(

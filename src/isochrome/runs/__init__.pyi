@@ -1,5 +1,15 @@
-from .chunks import STORE, RunFolder, parts, picture, rows, write_stack
-from .execution import WORTH_WORKERS_S, RunOptions, Stopped, refuse_without_folder, run_job
+from .execution import (
+    WORTH_WORKERS_S,
+    RunOptions,
+    Stopped,
+    has_run,
+    holds_results,
+    locked,
+    refuse_without_folder,
+    run_job,
+    wipe,
+    working_folder,
+)
 from .exporting import export
 from .integrity import (
     PROVENANCE,
@@ -14,14 +24,20 @@ from .integrity import (
 )
 from .job import (
     CHUNK_BYTES,
+    STORE,
     Compact,
     Job,
     Layer,
     Results,
+    RunFolder,
     RunLayout,
     chunk_size,
     environment,
+    parts,
+    picture,
+    rows,
     run_identity,
+    write_stack,
 )
 from .store import (
     WORKING,
@@ -41,7 +57,6 @@ from .store import (
     stored_map,
     texts,
 )
-from .work_folder import has_run, holds_results, locked, wipe, working_folder
 from .workers import (
     NoCluster,
     WorkersLost,

@@ -18,8 +18,8 @@ from isochrome.output import (
     write_excel_copies,
     write_frames,
 )
-from isochrome.runs.chunks import STORE
 from isochrome.runs.integrity import name_damage
+from isochrome.runs.job import STORE
 from isochrome.runs.store import open_store, with_identifiers
 
 if TYPE_CHECKING:

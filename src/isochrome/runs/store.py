@@ -21,9 +21,8 @@ from xarray.plot.accessor import DataArrayPlotAccessor
 from isochrome.errors import InputError
 from isochrome.messages import message
 from isochrome.output import Floats, numbers
-from isochrome.runs.chunks import MANIFEST, RECORDS, STORE, read_checked
 from isochrome.runs.integrity import PROVENANCE, opened_record, read_record, warn_unverified
-from isochrome.runs.job import Compact, Layer, RunLayout
+from isochrome.runs.job import MANIFEST, RECORDS, STORE, Compact, Layer, RunLayout, read_checked
 
 _PICTURE = (("z_mm", "x_mm"), ("row", "col"))
 """The two axes of a picture: in mm, or where no scale is known in pixels."""

@@ -28,8 +28,7 @@ from typing import Any, TypeVar
 
 from isochrome.errors import InputError
 from isochrome.messages import message
-from isochrome.runs.chunks import ChunkRecord, RunFolder, keep
-from isochrome.runs.job import Results, Work, environment
+from isochrome.runs.job import ChunkRecord, Results, RunFolder, Work, environment, keep
 
 LARGE = 16 << 20
 """Bytes of an array, as a stack of frames, that is given back as soon as it is freed."""

@@ -484,7 +484,16 @@ def render_wear(folder: Path, seed: int) -> None:
         places[item["file"]] = middle
         worn = float(np.trapezoid(state.wear_depth_mm, state.grid.x_mm))
         areas[f"{item['distance_m']:g}"] = float(f"{worn:.6g}")
-    write_csv(folder / "friction.csv", _friction(truth, np.random.default_rng([seed, 31])))
+    # the friction that a tester recorded over the test's time: the true one, and scatter
+    assert truth.wear is not None
+    end_s = 1e3 * max(truth.wear.distances_m) / SPEED_MM_PER_S
+    time = np.arange(int(end_s * RATE_HZ) + 2) / RATE_HZ
+    scatter = SCATTER * _correlated(len(time), KEEP, np.random.default_rng([seed, 31]))
+    coefficient = truth.friction_at(1e-3 * SPEED_MM_PER_S * time) + scatter
+    write_csv(
+        folder / "friction.csv",
+        {"time_s": np.round(time, 1).tolist(), "coefficient": np.round(coefficient, 4).tolist()},
+    )
     write_text(folder / "set.toml", text)
     values: dict[str, Any] = {
         "rendered": "by Isochrome: every value below was put in, none was measured",
@@ -502,34 +511,20 @@ def render_wear(folder: Path, seed: int) -> None:
     write_json(folder / "truth.json", values)
 
 
-def _friction(truth: Scene, rng: np.random.Generator) -> dict[str, list[float]]:
-    """The friction that a tester recorded over the test's time: the true one, and scatter."""
-    assert truth.wear is not None
-    end_s = 1e3 * max(truth.wear.distances_m) / SPEED_MM_PER_S
-    time = np.arange(int(end_s * RATE_HZ) + 2) / RATE_HZ
-    scatter = SCATTER * _correlated(len(time), KEEP, rng)
-    coefficient = truth.friction_at(1e-3 * SPEED_MM_PER_S * time) + scatter
-    return {"time_s": np.round(time, 1).tolist(), "coefficient": np.round(coefficient, 4).tolist()}
-
-
 def _trace(state: SurfaceState, rng: np.random.Generator) -> tuple[Array, Array, float]:
     """Places (n,), mm, heights (n,), µm, both rounded as a file has them, and the scar's middle."""
     x = np.round(np.linspace(0.0, LENGTH_MM, POINTS), 4)
     middle = round(float(0.5 * LENGTH_MM + rng.uniform(-OFF_MM, OFF_MM)), 4)
     z = -1e3 * np.interp(x - middle, state.grid.x_mm, state.wear_depth_mm, left=0.0, right=0.0)
-    z += RA_UM * _ground(x, rng)
+    # ground: Gaussian heights of Ra 1, Ra = Rq sqrt(2/pi), correlated as exp(-distance/length)
+    keep = float(np.exp(-(x[1] - x[0]) / CORRELATION_MM))
+    z += RA_UM * (_correlated(len(x), keep, rng) * np.sqrt(np.pi / 2.0))
     u = x - 0.5 * LENGTH_MM
     z += 1e3 * np.tan(np.radians(rng.uniform(-TRACE_TILT_DEG, TRACE_TILT_DEG))) * u
     z += 1e3 * u**2 / (2.0 * rng.uniform(*ROUND_MM))
     dust = rng.integers(0, POINTS, rng.integers(0, _DUST + 1))
     z[dust] += rng.uniform(0.3, 1.0, len(dust)) * _HIGHEST_UM
     return x, np.round(z, 3), middle
-
-
-def _ground(x: Array, rng: np.random.Generator) -> Array:
-    """Gaussian heights (n,) of Ra 1 that are correlated as exp(-distance/length)."""
-    keep = float(np.exp(-(x[1] - x[0]) / CORRELATION_MM))
-    return np.asarray(_correlated(len(x), keep, rng) * np.sqrt(np.pi / 2.0))  # Ra = Rq sqrt(2/pi)
 
 
 def _correlated(count: int, keep: float, rng: np.random.Generator) -> Array:

@@ -1,14 +1,16 @@
 from .levelling import (
     LevelledTrace,
+    Roughness,
     ScarShape,
     UnclearScarError,
+    fit_roughness,
     form_spread,
     levelled,
+    make_bands,
     refine_place,
     student_factor_of,
     whitening,
 )
-from .roughness import Roughness, fit_roughness, make_bands
 from .trace import Trace, read_trace
 
 __all__ = [

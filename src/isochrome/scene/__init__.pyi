@@ -1,5 +1,4 @@
 from .array_frames import ArrayFrames, FramesLike, ImageFile, frames_of
-from .editing import toml_text, with_list_value, with_table_list, with_value, without_value
 from .imaging import (
     Camera,
     DistanceTable,
@@ -28,7 +27,6 @@ from .parts import (
     Spectrum,
     Wear,
 )
-from .pixel_scale import STIFFEST_GPA, UNDOUBTED_MM, check_moduli, check_pixel, check_width
 from .toml import (
     LIBRARY,
     SceneLike,
@@ -39,9 +37,14 @@ from .toml import (
     parse_toml,
     read_text,
     scene_names,
+    toml_text,
+    with_list_value,
+    with_table_list,
+    with_value,
+    without_value,
 )
 from .validation import check_reach, plain_value, split_uncertainties, validate
-from .whole import Scene
+from .whole import STIFFEST_GPA, UNDOUBTED_MM, Scene, check_moduli, check_pixel, check_width
 
 __all__ = [
     "BODIES",

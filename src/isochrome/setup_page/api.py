@@ -108,6 +108,13 @@ def open_session(
         text = (LIBRARY / f"{scene}.toml").read_text("utf-8")
         return SetupSession(given, folder / _NAME, text, saved=False)
     place = Path(scene) if scene is not None else folder / (_SET_NAME if calibration else _NAME)
+    return _session_of(given, place, calibration)
+
+
+def _session_of(
+    given: str | Path | tuple[str | Path, ...], place: Path, calibration: str | None
+) -> SetupSession:
+    """The session on a scene's or set's file, which may not be there yet."""
     content = _text_of(place)
     text, saved = content or "", content is not None
     subject = _subject(text, place, calibration)

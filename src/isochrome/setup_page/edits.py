@@ -38,16 +38,19 @@ from isochrome.scene import (
     with_value,
     without_value,
 )
-from isochrome.setup_page.places import (
+from isochrome.setup_page.session import (
+    SetSession,
+    SetupSession,
     cut_out,
     moved,
     on_line,
     pixel_scale,
     placed_at,
+    plain_table,
     seen_at,
     surface_roll,
+    with_loads,
 )
-from isochrome.setup_page.session import SetSession, SetupSession, plain_table, with_loads
 from isochrome.stress import PixelGrid, pixel_grid
 
 _TABLES = tomllib.loads(

@@ -50,8 +50,12 @@ from isochrome.setup_page.edits import (
     session_state,
     without_model,
 )
-from isochrome.setup_page.places import round_by_spread
-from isochrome.setup_page.session import SetSession, SetupSession, calibration_answer
+from isochrome.setup_page.session import (
+    SetSession,
+    SetupSession,
+    calibration_answer,
+    round_by_spread,
+)
 
 _WRONG_CHI = 3.0
 """chi of a fit from which its values are not taken into the scene together: the model is wrong."""
@@ -586,8 +590,8 @@ def _map(handler: _Handler, request: Mapping[str, Any]) -> None:
     with handler.server.work:
         shown, warnings = order_map_of_points(session, _index(request))
     words = json.dumps(warnings)  # escapes whatever is not ASCII
-    said = {"X-Said": words if len(words) < 2000 else "[]"}
-    handler.send_picture(shown, session.region(session.scene_or_none()), said)
+    headers = {"X-Said": words if len(words) < 2000 else "[]"}
+    handler.send_picture(shown, session.region(session.scene_or_none()), headers)
 
 
 def _tool(handler: _Handler, request: Mapping[str, Any]) -> None:

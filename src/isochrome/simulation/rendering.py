@@ -95,15 +95,15 @@ _WHAT = {
 
 
 def picture_array(
-    values: NDArray[Any], pixels: PixelGrid, name: str, said: Mapping[str, str]
+    values: NDArray[Any], pixels: PixelGrid, name: str, label: Mapping[str, str]
 ) -> RunArray:
     """A picture (rows, cols) or (rows, cols, 3) with its axes in mm.
 
-    Parameters: `values`; `pixels`; `name`; `said`, its attributes.
+    Parameters: `values`; `pixels`; `name`; `label`, its attributes.
     """
     names = ("row", "col", "channel")[: values.ndim]
     places = picture_axes(pixels, coloured=values.ndim == 3)
-    array: RunArray = make_dataset({name: Column(names, values, said)}, places, {})[name]
+    array: RunArray = make_dataset({name: Column(names, values, label)}, places, {})[name]
     return array
 
 

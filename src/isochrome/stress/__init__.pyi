@@ -1,5 +1,13 @@
 from .block_fem import Sampled, Sides, corrections
-from .field import StressComponents, StressDifference, principal_direction, seen_by
+from .field import (
+    Lens,
+    PixelGrid,
+    StressComponents,
+    StressDifference,
+    pixel_grid,
+    principal_direction,
+    seen_by,
+)
 from .half_plane import (
     DEEP_PX,
     DOUBLE_ERROR,
@@ -9,9 +17,11 @@ from .half_plane import (
     FieldGrid,
     PointForce,
     RegularStress,
+    ShearPeak,
     cauchy_of_hat,
     components_on_grid,
     field_dtype,
+    largest_shear,
     make_field_grid,
     pixel_sources,
     point_force_displacement,
@@ -22,8 +32,6 @@ from .half_plane import (
     stress_trace,
 )
 from .half_plane_series import SeriesField, SeriesGrid, make_series_grid, series_difference
-from .peak import ShearPeak, largest_shear
-from .pixels import Lens, PixelGrid, pixel_grid
 
 __all__ = [
     "DEEP_PX",

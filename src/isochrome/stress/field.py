@@ -1,16 +1,218 @@
-"""What a stress field is, and a field made on a plain grid at the places that pixels look at."""
+"""What a stress field is, and a field made on a plain grid at the places that pixels look at.
+
+The pixel grid on which a field is wanted, and where its pixels look through a lens.
+
+A point at (x, z) from the picture's middle is seen where three steps put it: the roll φ, counter-
+clockwise; the keystone, (u, v) = (x, z) / (1 - k_x x / X - k_z z / Z); the distortion, (u', v') =
+(u, v) (1 + k r² / R²), r² = u² + v². X and Z are half the picture's width and height, R half its
+diagonal, so that k_x, k_z and k are the displacement at the middle of the right edge, of the lower
+edge, and in the corners over the distance from the middle; k < 0 is a barrel. The model is rendered
+from each pixel to the place that it looks at: no captured image is resampled. Sources: Brown
+(1971), Photogramm. Eng. 37, 855-866; Hartley & Zisserman (2004), Multiple View Geometry, section
+2.3.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.stress.pixels import PixelGrid
+from isochrome.errors import InputError
+from isochrome.scene import Camera, Scene
 
 Floats = NDArray[np.floating]
+
+_PASSES = 6
+"""Newton's steps for the radius: at |k| <= 0.1 four leave less than 1e-12 of it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lens:
+    """A camera's roll, keystone and distortion."""
+
+    # the picture's middle from its left and upper edge
+    right_mm: float
+    down_mm: float
+    # half the picture's size
+    half_width_mm: float
+    half_height_mm: float
+    roll_deg: float = 0.0  # about the middle, counter-clockwise
+    distortion: float = 0.0  # displacement in the corners over their distance from the middle
+    # displacement at the middle of the right and of the lower edge over its distance
+    keystone_x: float = 0.0
+    keystone_z: float = 0.0
+
+    def looked_at(self, u_mm: Floats, v_mm: Floats) -> tuple[Floats, Floats]:
+        """Places on the specimen of places in the picture, both from its middle (mm)."""
+        radius = math.hypot(self.half_width_mm, self.half_height_mm)
+        distance = np.hypot(u_mm, v_mm) / radius
+        ideal = distance.copy()
+        for _ in range(_PASSES if self.distortion else 0):
+            cubic = ideal * (1.0 + self.distortion * ideal**2) - distance
+            ideal -= cubic / (1.0 + 3.0 * self.distortion * ideal**2)
+        factor = 1.0 / (1.0 + self.distortion * ideal**2)
+        tilt = self.keystone_x / self.half_width_mm, self.keystone_z / self.half_height_mm
+        factor /= 1.0 + factor * (tilt[0] * u_mm + tilt[1] * v_mm)
+        cos, sin = math.cos(math.radians(self.roll_deg)), math.sin(math.radians(self.roll_deg))
+        return factor * (cos * u_mm - sin * v_mm), factor * (sin * u_mm + cos * v_mm)
+
+
+MAX_PIXELS = 100_000_000
+
+_STEP = 16
+"""Pixels by which the grid around a picture grows."""
+_ROOM = 4
+"""Pixels that it has beyond what is looked at: a spline's ends are felt no farther."""
+
+MAX_REACH_MM = 1e6
+"""A kilometre: no picture of a specimen, and its pixels' places are still told to a nanometre."""
+
+
+@dataclass(frozen=True)
+class PixelGrid:
+    """Square pixels; their centres lie at left_mm + (col+1/2) pixel_mm, and so in z.
+
+    With a lens these are places in the picture, and a pixel looks elsewhere, see `places`.
+    """
+
+    rows: int
+    cols: int
+    # outer edge of the first column, from the centre of the contact, disc, ring or beam
+    left_mm: float
+    # outer edge of the first row, z below the surface, or the top of the disc, ring or beam
+    top_mm: float
+    pixel_mm: float
+    lens: Lens | None = None
+
+    @property
+    def x_mm(self) -> Floats:
+        """Centres of the columns (cols,), mm."""
+        return self.left_mm + self.pixel_mm * (np.arange(self.cols) + 0.5)
+
+    @property
+    def z_mm(self) -> Floats:
+        """Centres of the rows (rows,), mm, below the surface."""
+        return self.top_mm + self.pixel_mm * (np.arange(self.rows) + 0.5)
+
+    @property
+    def places(self) -> tuple[Floats, Floats]:
+        """x and z (mm) that the pixels look at, of shapes that broadcast to (rows, cols)."""
+        return (self.x_mm[None, :], self.z_mm[:, None]) if self.lens is None else _looked_at(self)
+
+    def place(self, row: int, col: int) -> tuple[float, float]:
+        """x and z (mm) that one pixel looks at."""
+        x, z = (np.broadcast_to(v, (self.rows, self.cols))[row, col] for v in self.places)
+        return float(x), float(z)
+
+    def around(self) -> PixelGrid:
+        """A plain grid of the same pixels around all places that are looked at: itself, or more.
+
+        A row of it lies half a pixel below the surface, and it grows by steps, so that a lens that
+        changes little is served by the same one.
+        """
+        if self.lens is None:
+            return self
+        (x, z), unit = self.places, _STEP * self.pixel_mm
+        reach = np.array([[x.min(), x.max()], [z.min(), z.max()]]) / unit
+        low = unit * np.floor(reach[:, 0] - _ROOM / _STEP)
+        size = np.ceil(reach[:, 1] + _ROOM / _STEP) * unit - low
+        cols, rows = np.rint(size / self.pixel_mm).astype(int).tolist()
+        return PixelGrid(rows, cols, float(low[0]), float(low[1]), self.pixel_mm)
+
+    def every(self, stride: int) -> PixelGrid:
+        """The grid of the pixels image[::stride, ::stride]: the same centres, fewer of them."""
+        shift = 0.5 * (stride - 1) * self.pixel_mm
+        lens = self.lens and replace(
+            self.lens, right_mm=self.lens.right_mm + shift, down_mm=self.lens.down_mm + shift
+        )
+        return replace(
+            self,
+            rows=-(-self.rows // stride),
+            cols=-(-self.cols // stride),
+            left_mm=self.left_mm - shift,
+            top_mm=self.top_mm - shift,
+            pixel_mm=self.pixel_mm * stride,
+            lens=lens,
+        )
+
+
+@lru_cache(maxsize=2)
+def _looked_at(pixels: PixelGrid) -> tuple[Floats, Floats]:
+    """The places of a grid with a lens; the last ones are kept."""
+    lens = pixels.lens
+    assert lens is not None
+    middle = pixels.left_mm + lens.right_mm, pixels.top_mm + lens.down_mm
+    x, z = lens.looked_at(pixels.x_mm[None, :] - middle[0], pixels.z_mm[:, None] - middle[1])
+    return x + middle[0], z + middle[1]
+
+
+def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
+    """The pixel grid of a scene's camera; `shape` is its (rows, cols) where the camera has none.
+
+    The place defaults to the contact (or disc, ring, beam) in the middle of the width, the surface
+    at the top (a disc, ring or beam in the middle of the height). InputError where a key is
+    missing, or the picture too large.
+    """
+    camera = scene.camera
+    if camera is None:
+        raise InputError("camera_missing_picture_needs", name=scene.name)
+    rows = camera.height_px or (shape[0] if shape else None)
+    cols = camera.width_px or (shape[1] if shape else None)
+    for key, value in (("height_px", rows), ("width_px", cols), ("pixel_mm", camera.pixel_mm)):
+        if value is None:
+            raise InputError("camera_missing_add", name=scene.name, key=key)
+    assert rows is not None and cols is not None and camera.pixel_mm is not None
+    if rows * cols > MAX_PIXELS:
+        raise InputError(
+            "camera_width_px_height_px_over",
+            name=scene.name,
+            cols=cols,
+            rows=rows,
+            max_pixels=MAX_PIXELS,
+        )
+    left_mm, top = camera.left_mm, camera.top_mm
+    if left_mm is None:
+        left_mm = -0.5 * cols * camera.pixel_mm
+    if top is None:
+        height = scene.body_height_mm
+        top = 0.0 if height is None else 0.5 * (height - rows * camera.pixel_mm)
+    reach = max(abs(left_mm), abs(top)) + max(rows, cols) * camera.pixel_mm
+    if reach > MAX_REACH_MM:
+        raise InputError(
+            "picture_reaches_mm_from_contact",
+            name=scene.name,
+            reach=reach,
+            pixel_mm=camera.pixel_mm,
+            left_mm=left_mm,
+            top=top,
+            max_reach_mm=MAX_REACH_MM,
+        )
+    return PixelGrid(rows, cols, left_mm, top, camera.pixel_mm, _lens(camera, rows, cols))
+
+
+def _lens(camera: Camera, rows: int, cols: int) -> Lens | None:
+    """The lens of a picture, None where the camera is square to the specimen and has none."""
+    if not any((camera.roll_deg, camera.distortion, camera.keystone_x, camera.keystone_z)):
+        return None
+    assert camera.pixel_mm is not None
+    width, height = 0.5 * cols * camera.pixel_mm, 0.5 * rows * camera.pixel_mm
+    return Lens(
+        right_mm=width,
+        down_mm=height,
+        half_width_mm=width,
+        half_height_mm=height,
+        roll_deg=camera.roll_deg,
+        distortion=camera.distortion,
+        keystone_x=camera.keystone_x,
+        keystone_z=camera.keystone_z,
+    )
+
+
 StressDifference = NDArray[np.complexfloating]
 """(sigma_x - sigma_z) + 2i tau_xz (rows, cols), MPa. Its modulus is sigma_1 - sigma_2."""
 

@@ -62,7 +62,9 @@ class SweepGrid:
     def point(self, index: int) -> dict[str, float]:
         """The values at a point, counted from 0."""
         place = np.unravel_index(index, tuple(self.counts.values()))
-        return {key: own[int(k)] for (key, own), k in zip(self.values.items(), place, strict=True)}
+        return {
+            key: values[int(k)] for (key, values), k in zip(self.values.items(), place, strict=True)
+        }
 
     def scene_at(self, index: int) -> Scene:
         """The scene at a point. Raises InputError where it is none."""
@@ -74,37 +76,39 @@ def make_grid(scene: Scene, vary: Sequence[str] | Mapping[str, Values]) -> Sweep
     """The grid of a sweep by the `vary` of `sweep`, each point's scene checked."""
     values: dict[str, tuple[float, ...]] = {}
     for text in vary:
-        key, own = _parsed(text) if not isinstance(vary, Mapping) else (text, vary[text])
+        key, given = _parsed(text) if not isinstance(vary, Mapping) else (text, vary[text])
         if key in values:
             raise InputError("vary_given_twice_give", key=key)
-        values[key] = tuple(float(v) for v in own)
+        values[key] = tuple(float(v) for v in given)
         if len(set(values[key])) < len(values[key]) or not values[key]:
             raise InputError("vary_needs_values_each", key=key, values=list(values[key]))
     if not values:
         raise InputError("sweep_varies_something_give")
-    count = math.prod(len(own) for own in values.values())
+    count = math.prod(len(given) for given in values.values())
     if count > MAX_POINTS:
         raise InputError("vary_makes_points_allowed", count=count, max_points=MAX_POINTS)
-    grid = SweepGrid(scene, {key: _whole(scene, key, own) for key, own in values.items()})
+    grid = SweepGrid(scene, {key: _whole(scene, key, given) for key, given in values.items()})
     for index in range(count):
         grid.scene_at(index)
     return grid
 
 
 def _parsed(text: str) -> tuple[str, list[float]]:
-    key, equals, rest = text.partition("=")
+    key, equals, values = text.partition("=")
     try:
-        if ":" in rest:
-            first, last, number = rest.split(":")
+        if ":" in values:
+            first, last, number = values.split(":")
             if int(number) < 2:
                 raise ValueError
             result: list[Any] = np.linspace(float(first), float(last), int(number)).tolist()
         else:
-            result = [float(v) for v in rest.split(",")]
+            result = [float(v) for v in values.split(",")]
         if not equals or not key or not np.isfinite(result).all():
             raise ValueError
     except ValueError:
-        comma = "with points in its numbers, not commas, " if "," in rest and ":" in rest else ""
+        comma = (
+            "with points in its numbers, not commas, " if "," in values and ":" in values else ""
+        )
         raise InputError("vary_give_key_first", text=text, comma=comma) from None
     return key.strip(), result
 
@@ -310,9 +314,9 @@ def _layout(grid: SweepGrid) -> RunLayout:
         raise InputError("sweep_needs_model_camera", name=first.name)
     forms = set()
     for index in range(count):
-        own = grid.scene_at(index)
-        pixels = pixel_grid(own)
-        forms.add((state_count(own), pixels.rows, pixels.cols, own.polariscope.step_numbers))
+        scene = grid.scene_at(index)
+        pixels = pixel_grid(scene)
+        forms.add((state_count(scene), pixels.rows, pixels.cols, scene.polariscope.step_numbers))
     if len(forms) > 1:
         raise InputError("vary_changes_number_states", values=", ".join(grid.values))
     ((states, rows_, cols, steps),) = forms
@@ -345,9 +349,9 @@ def _table(run_folder: RunFolder, grid: SweepGrid) -> dict[str, list[Any]]:
     keys = (*grid.values, "state", "status", *names, "reason")
     table: dict[str, list[Any]] = {key: [] for key in keys}
     for index, (row, more) in enumerate(rows(run_folder)):
-        own = grid.point(index) | {"status": more["status"], "reason": row["reason"]}
+        point = grid.point(index) | {"status": more["status"], "reason": row["reason"]}
         for state in range(run_folder.layout.shape["state"]):
-            for key, value in (own | {"state": state}).items():
+            for key, value in (point | {"state": state}).items():
                 table[key].append(value)
             for name in names:
                 values = row["history"].get(name)
@@ -372,7 +376,7 @@ def _add_table(
         columns[name] = Column(axes, data, named_units(name))
     places = {**grid.values, "state": range(shape[-1])}
     coordinates = {
-        name: Column((name,), np.array(own), named_units(name)) for name, own in places.items()
+        name: Column((name,), np.array(along), named_units(name)) for name, along in places.items()
     }
     if not any(key.startswith("camera.") for key in grid.values):
         coordinates |= picture_axes(pixel_grid(grid.scene_at(0)))
@@ -398,10 +402,10 @@ def sweep_figure(keys: tuple[str, ...], table: Mapping[str, list[Any]]) -> Figur
     for axis, name in zip(axes[0], names, strict=True):
         y = numbers(table[name])[last]
         for k, line in enumerate(lines):
-            own = (others == line[:, None]).all(axis=0)
+            here = (others == line[:, None]).all(axis=0)
             look = {"color": LINE_COLOURS[k % 6], "marker": _MARKERS[k // 6 % 6]}
             label = ", ".join(f"{key} = {v:g}" for key, v in zip(keys[1:], line, strict=True))
-            axis.plot(x[own], y[own], lw=LINE_PT, ms=4, label=label or None, **look)
+            axis.plot(x[here], y[here], lw=LINE_PT, ms=4, label=label or None, **look)
         style_axes(axis, x_label=keys[0], z_label=DRAWN[name])
     if 1 < len(lines) <= 12:
         add_legend(axes[0, 0])

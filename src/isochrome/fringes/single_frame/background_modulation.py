@@ -1,11 +1,23 @@
-r"""The dark and the bright end of a frame without no-load frames, from its fringes alone.
+"""The dark and the bright end of a frame without no-load frames, from its fringes alone.
 
 The light is I^g = D (1 - s) + B s, s = sin² pi N, with D and B slowly varying over the frame:
 polynomials of the place; and g, where wanted, the exponent that the light's linearisation lacks.
 Each of many patches has an N of its own, so that the ends and the exponent are what all patches
-together leave open (see `end_problem`, `end_search`). Where a patch spans no
+together leave open (see `end_search`). Where a patch spans no
 crest its order follows any change of the ends, and it says nothing of them: the ends come with
 their covariance, and the order is as uncertain as they make it.
+
+How long a frame was exposed against its no-load frames, from its fringes' crests and troughs.
+
+The frame's ends are its no-load frames' times a factor each, D' = d D and B' = b B: another
+exposure, gain or lamp, and a sensor's offset need not go with them. All along a crest, N = 1/2,
+3/2, ..., the light is b B, whatever the background: I/B has one value there, and none above it. So
+has I/D along a trough. A line of greatest order is no crest, and its light changes along it; but
+where it hardly does, the light alone cannot tell a crest of N = 1/2 under less light from a ridge
+of the order below 1/2, unless a trough is in the frame too: an order that is 0 along a line is not
+generic.
+The lines are where the gradient vanishes across the direction of the largest curvature.
+Source: Steger (1998), IEEE TPAMI 20, 113, for the lines.
 """
 
 from __future__ import annotations
@@ -13,6 +25,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy import ndimage
 
 from isochrome.errors import InputError
 from isochrome.fringes.single_frame.end_images import (
@@ -24,11 +37,13 @@ from isochrome.fringes.single_frame.end_images import (
     surface_through,
     variance_of_ends,
 )
-from isochrome.fringes.single_frame.end_problem import EndProblem, eliminated, ends_at
 from isochrome.fringes.single_frame.end_search import (
     NOT_TOLD,
     TONES,
+    EndProblem,
     Found,
+    eliminated,
+    ends_at,
     fresh_patches,
     overlap,
     possible,
@@ -60,26 +75,10 @@ _NEAR_END = 1.1
 class BackgroundModulation:
     """Light of the dark and the bright end (rows, cols), and how well they are known.
 
-    The light is I^g = D (1 - s) + B s, s = sin² pi N; D and B are sums of given shapes.
-
-    Parameters
-    ----------
-    dark : ndarray (rows, cols)
-        Light of the dark end, D.
-    bright : ndarray (rows, cols)
-        Light of the bright end, B.
-    settled : bool
-        Whether the search came to rest.
-    tone : float
-        The exponent g that makes the light linear; 1 where it was not asked for.
-    tone_uncertainty : float
-        Standard uncertainty of the exponent.
-    given : tuple of two bools
-        Which of the ends no-load frames gave.
-    variance : ndarray (3, 3, rows, cols)
-        Covariance of the dark end, the bright end and the exponent.
-    others : tuple of BackgroundModulation
-        Ends that explain the frame about as well, under which its orders may be others.
+    The light is I^g = D (1 - s) + B s, s = sin² pi N; D `dark`, B `bright`, sums of given shapes,
+    and the exponent g `tone`, 1 where it was not asked for. `settled`: the search came to rest;
+    `given`: which ends no-load frames gave; `variance` (3, 3, rows, cols) of D, B and g; `others`
+    explain the frame about as well, under which its orders may be others.
     """
 
     dark: Array = field(repr=False)
@@ -114,20 +113,7 @@ class BackgroundModulation:
 
 
 def exact_ends(dark: Array, bright: Array) -> BackgroundModulation:
-    """Take no-load frames for the ends of a frame, and for exact.
-
-    Parameters
-    ----------
-    dark : ndarray (rows, cols)
-        Light of the dark end.
-    bright : ndarray (rows, cols)
-        Light of the bright end.
-
-    Returns
-    -------
-    BackgroundModulation
-        Those, without an uncertainty of their own.
-    """
+    """Take no-load frames for the ends of a frame, without an uncertainty of their own."""
     return BackgroundModulation(
         dark=dark,
         bright=bright,
@@ -150,38 +136,17 @@ def fit_background_modulation(
 ) -> BackgroundModulation:
     """Find the dark and bright ends of a frame in which both occur.
 
-    Parameters
-    ----------
-    light : ndarray (rows, cols)
-        Light I, linear, but for an exponent where `tone` asks for it.
-    sigma : ndarray (rows, cols)
-        Noise of the light.
-    valid : bool ndarray (rows, cols)
-        Whether a pixel is trusted.
-    dark : ndarray (rows, cols), optional
-        The dark end that a no-load frame gives, of the same linearity.
-    bright : ndarray (rows, cols), optional
-        The bright end that a no-load frame gives, of the same linearity.
-    tone : bool, default False
-        Whether the exponent that makes the light linear is wanted.
-
-    Returns
-    -------
-    BackgroundModulation
-        The ends, the exponent, and how well they are known.
-
-    Raises
-    ------
-    InputError
-        Where the frame has no contrast, or no fringe that can be followed, where its fringes leave
-        the ends or the exponent open, or where nothing is unknown.
+    `light`, linear but for an exponent where `tone` asks for it; `dark`, `bright`: ends that
+    no-load frames give, of the same linearity. InputError where the frame has no contrast, or no
+    fringe that can be followed, where its fringes leave ends or exponent open, or where nothing is
+    unknown.
     """
     if dark is not None and bright is not None and not tone:
         raise InputError("both_ends_light_given")
     problem, starts = _problem(light, sigma, valid, (dark, bright), tone)
     results = _searched(problem, starts)
     if not tone:
-        best, *others = (_ends(light.shape, dark, bright, result) for result in results)
+        best, *others = (_as_images(light.shape, dark, bright, result) for result in results)
         return replace(best, others=tuple(others))
     result = as_doubtful(results)
     # a bin's mean is that of the light only where the light is linear: once more, nearly so
@@ -191,7 +156,7 @@ def fit_background_modulation(
     low, high = (None if end is None else end**first for end in (dark, bright))
     problem, _ = _problem(linear, noise, valid, (low, high), True)
     again = as_doubtful(_searched(problem, [np.append(result.unknowns[:-1], 1.0)]))
-    done = _ends(light.shape, low, high, again)
+    done = _as_images(light.shape, low, high, again)
     per_tone = np.array([1.0, 1.0, first])[:, None, None]
     return replace(
         done,
@@ -229,12 +194,12 @@ def _searched(problem: EndProblem, starts: list[Array]) -> list[Found]:
     return possible(plain, spotted)
 
 
-def _among(found: Found, kept: Mask) -> Found:
+def _among(result: Found, selected: Mask) -> Found:
     """A result of some of the unknowns as one of all, the others being nought."""
-    unknowns, covariance = np.zeros(kept.size), np.zeros((kept.size, kept.size))
-    unknowns[kept] = found.unknowns
-    covariance[np.ix_(kept, kept)] = found.covariance
-    return replace(found, unknowns=unknowns, covariance=covariance)
+    unknowns, covariance = np.zeros(selected.size), np.zeros((selected.size, selected.size))
+    unknowns[selected] = result.unknowns
+    covariance[np.ix_(selected, selected)] = result.covariance
+    return replace(result, unknowns=unknowns, covariance=covariance)
 
 
 def as_doubtful(results: list[Found]) -> Found:
@@ -257,32 +222,11 @@ def _told_tone(tone: float) -> float:
 def gamma_misfit(
     light: Array, sigma: Array, valid: Mask, ends: tuple[Array, Array]
 ) -> tuple[float, float]:
-    """Find how far the tone exponent is from 1, by the fringes' shape.
+    """Find g - 1 of the tone exponent by the fringes' shape, and its uncertainty.
 
-    By one linear step from 1: enough to tell that the light is not linear, not how far.
-
-    Parameters
-    ----------
-    light : ndarray (rows, cols)
-        Light I, linear as far as is known.
-    sigma : ndarray (rows, cols)
-        Noise of the light.
-    valid : bool ndarray (rows, cols)
-        Whether a pixel is trusted.
-    ends : tuple of two ndarrays (rows, cols)
-        The dark and the bright end, found or given.
-
-    Returns
-    -------
-    change : float
-        The difference g - 1.
-    uncertainty : float
-        Its standard uncertainty.
-
-    Raises
-    ------
-    InputError
-        Where no fringe can be followed, or the fringes leave the exponent open.
+    By one linear step from 1: enough to tell that the light is not linear, not how far. `ends`,
+    found or given. InputError where no fringe can be followed, or the fringes leave the exponent
+    open.
     """
     problem, starts = _problem(light, sigma, valid, ends, True)
     data, orders, _ = fresh_patches(problem, starts[0])
@@ -300,20 +244,20 @@ def _problem(
 ) -> tuple[EndProblem, list[Array]]:
     """The problem on binned pixels, and where to start."""
     by = next((b for b in _BINNINGS if min(light.shape) // b >= _LEAST_PIXELS), 1)
-    small, noise, whole = binned(light, sigma, valid, by)
-    if not whole.any():
+    small, noise, trusted = binned(light, sigma, valid, by)
+    if not trusted.any():
         raise InputError("no_part_frame_trusted")
-    low, high = np.percentile(small[whole], [_LOW, _HIGH])
-    if not high - low > _LEAST_CONTRAST * np.median(noise[whole]):
+    low, high = np.percentile(small[trusted], [_LOW, _HIGH])
+    if not high - low > _LEAST_CONTRAST * np.median(noise[trusted]):
         raise InputError("frame_has_no_contrast_light")
     dark, bright = (
-        own if end is None else binned(end, np.ones_like(end), valid, by)[0]
-        for end, own in zip(ends, shapes_of_ends(light.shape, by), strict=True)
+        smooth if end is None else binned(end, np.ones_like(end), valid, by)[0]
+        for end, smooth in zip(ends, shapes_of_ends(light.shape, by), strict=True)
     )
     problem = EndProblem(
         light=small,
         sigma=noise,
-        valid=whole,
+        valid=trusted,
         shapes=(dark, bright),
         tone=tone,
         scale=float(high - low),
@@ -343,20 +287,253 @@ def _brights(problem: EndProblem, lamp: SmoothImages, low: float, high: float) -
     return [above, surface_through(lines, images, problem.scale * lamp.spread, problem.scale)]
 
 
-def _ends(
-    shape: tuple[int, ...], dark: Array | None, bright: Array | None, found: Found
+def _as_images(
+    shape: tuple[int, ...], dark: Array | None, bright: Array | None, result: Found
 ) -> BackgroundModulation:
     """The ends on all pixels."""
     full = shapes_of_ends(shape, 1)
     given = dark is not None, bright is not None
-    g = float(found.unknowns[-1])
+    g = float(result.unknowns[-1])
     cut = 1 if given[0] else full[0].spread.size
     return BackgroundModulation(
-        dark=full[0].sum(found.unknowns[:cut]) if dark is None else dark**g,
-        bright=full[1].sum(found.unknowns[cut:-1]) if bright is None else bright**g,
-        settled=found.rests,
+        dark=full[0].sum(result.unknowns[:cut]) if dark is None else dark**g,
+        bright=full[1].sum(result.unknowns[cut:-1]) if bright is None else bright**g,
+        settled=result.rests,
         tone=g,
-        tone_uncertainty=float(np.sqrt(found.covariance[-1, -1])),
+        tone_uncertainty=float(np.sqrt(result.covariance[-1, -1])),
         given=given,
-        variance=variance_of_ends(shape, given, cut, found.covariance),
+        variance=variance_of_ends(shape, given, cut, result.covariance),
+    )
+
+
+_WIDTHS, _NARROWEST_PX = (1.0 / 16.0, 1.0 / 32.0, 1.0 / 64.0), 1.5
+"""Smoothings to try, standard deviation over the frame's shorter side, and pixels at least."""
+
+_FLATTENED, _NARROW = 0.3, 0.05
+"""Share of a line's light, and of the fringe's, that smoothing may take off."""
+_CORRECTED = 0.1
+"""Standard uncertainty of that, over itself: the fringes' rate changes."""
+
+_LENGTH = 0.2
+"""Length of a line that says something, over the frame's shorter side."""
+
+_OFF, _SHARP = 0.6, 4.0
+"""A line's distance from its pixel at most, pixels, and its curvature over that of noise."""
+
+_SCATTER, _NOTHING_BEYOND = 0.007, 0.02
+"""Scatter of the light along a line, and share by which other light may pass it."""
+
+_STRAIGHT = 0.2
+"""Curvature of the light along a line over that across: a flat extremum of the order has both."""
+
+_BLACKEST = 0.005
+"""Dark end, over the bright one, below which its factor changes nothing and is not looked for."""
+
+_LIFT = 0.1
+"""Share of the bright end by which light is lifted to look for its dark lines."""
+
+_SMOOTH_PX = 3.0
+_SYSTEMATIC = 0.003
+_UNSEEN = 0.5
+"""Standard uncertainty, over b, of the dark frame's factor where no trough is in the frame."""
+
+_SURE, _LEAST = 3.0, 0.02
+
+
+@dataclass(frozen=True)
+class NoLoadExposure:
+    """Factors that make the no-load frames a frame's own ends, 1 where nothing speaks against it.
+
+    `told`: a crest tells b, the factor `bright`; `dark_told`: a trough tells d, `dark`, or the dark
+    end is black; `ends`, the frame's, where they are not the no-load frames; `crest_sure`: the line
+    that told b must be a crest, since a trough is in the frame, or b is 1.
+    """
+
+    dark: float = 1.0
+    bright: float = 1.0
+    told: bool = False
+    ends: BackgroundModulation | None = None
+    dark_told: bool = True
+    crest_sure: bool = True
+
+
+def find_no_load_exposure(
+    light: Array, sigma: Array, valid: Mask, *, dark: Array, bright: Array
+) -> NoLoadExposure:
+    """Find a frame's exposure over that of each of its no-load frames `dark` and `bright`.
+
+    `light` is linear, `sigma` its noise; the no-load frames are of the same linearity.
+    """
+    low, high = _smooth(dark), _smooth(bright)
+    lit = valid & (high > 0.1 * np.median(high))
+    crest = _level(light, sigma, high, lit)
+    if crest is None:
+        return NoLoadExposure()
+    b, by_crest = crest
+    share = float(np.median(low[lit] / high[lit]))
+    black = share < _BLACKEST
+    trough = None if black else _level(light, sigma, low, lit & (low > 0.0), b * high)
+    d, by_trough = trough or (b, by_crest if black else _UNSEEN * b)
+    moved = max(abs(b - 1.0) - _SURE * by_crest, share * (abs(d - 1.0) - _SURE * by_trough))
+    if moved < _LEAST:
+        return NoLoadExposure(told=True)
+    ends = _of_sides(dark, bright, (d, b), (by_trough, by_crest))
+    crest_sure = trough is not None or _has_trough(light, sigma, b * high, lit, share)
+    return NoLoadExposure(d, b, True, ends, black or trough is not None, crest_sure)
+
+
+def _has_trough(light: Array, sigma: Array, bright: Array, lit: Mask, share: float) -> bool:
+    """Whether there is a line as dark as the dark end, a `share` of the bright one, may be."""
+    lifted = _level(light + _LIFT * bright, sigma, bright, lit, bright)
+    if lifted is None:
+        return False
+    level, uncertainty = lifted[0] - _LIFT, 3.0 * lifted[1] + _BLACKEST
+    return -uncertainty < level < share / _UNSEEN + uncertainty
+
+
+def _smooth(end: Array) -> Array:
+    """A no-load frame without its noise; a lamp's bright spot keeps its height.
+
+    Equation: 2 G - G * G, which changes nothing up to the third derivative.
+    """
+    once = ndimage.gaussian_filter(end, _SMOOTH_PX, mode="nearest")
+    return np.asarray(2.0 * once - ndimage.gaussian_filter(once, _SMOOTH_PX, mode="nearest"))
+
+
+def _level(
+    light: Array, sigma: Array, end: Array, lit: Mask, bright: Array | None = None
+) -> tuple[float, float] | None:
+    """Factor of an end by the lines on which the light is its, and its standard uncertainty.
+
+    Parameters: `end`, smooth; `lit`, where it can be divided by; `bright`, the light on crests
+    where troughs are looked for. None where there is no such line.
+    """
+    sign = 1.0 if bright is None else -1.0
+    safe = np.where(lit, end, 1.0)
+    ratio = sign * np.where(lit, light / safe, 0.0)
+    ratio = np.where(lit, ratio, np.median(ratio[lit]))
+    noise = float(np.median(sigma[lit] / safe[lit]))
+    fringe = np.maximum(np.abs(ratio) if bright is None else bright / safe, noise)
+    widths = [max(_NARROWEST_PX, share * min(light.shape)) for share in _WIDTHS]
+    # wide smoothing takes narrow fringes away, which may be brighter than the line
+    finest = ndimage.gaussian_filter(ratio, widths[-1], mode="nearest")
+    brightest = float(np.percentile(finest[_inner(lit, widths[-1])], 99.5))
+    brightest -= 2.0 * noise / widths[-1]
+    for width in widths:
+        level = _level_at(ratio, fringe, noise, lit, width)
+        if level is None or sign * level[0] <= 0.0:
+            continue
+        if brightest - level[0] < _NOTHING_BEYOND * abs(level[0]):
+            return abs(level[0]), level[1]
+    return None
+
+
+def _inner(lit: Mask, width: float) -> Mask:
+    """Where neither the border nor what is not seen lies within reach of a smoothing."""
+    inner = ndimage.gaussian_filter(lit.astype(float), width) > 0.98
+    return np.asarray(ndimage.binary_erosion(inner, iterations=int(width)))
+
+
+def _level_at(
+    ratio: Array, fringe: Array, noise: float, lit: Mask, width: float
+) -> tuple[float, float] | None:
+    """The greatest value that a ratio has all along a line, at one width of smoothing (pixels).
+
+    Parameters: `fringe` (rows, cols), the ratio's change from a trough to a crest. Pieces of a line
+    that are less apart than its smoothing are one.
+    """
+    smooth, across, bend, along = _lines(ratio, width)
+    sharp = _SHARP * noise * np.sqrt(3.0 / (16.0 * np.pi)) / width**3
+    inner = _inner(lit, width)
+    if not inner.any():
+        return None
+    fringe = ndimage.gaussian_filter(fringe, width, mode="nearest")
+    lost = _taken_off(bend, fringe, width)
+    top = smooth + lost
+    line = inner & (np.abs(across) < _OFF) & (bend < -sharp)
+    line &= lost < np.minimum(_FLATTENED * np.abs(top), _NARROW * fringe)
+    at = _greatest_even(line, top, (bend, along), noise, width)
+    if at is None:
+        return None
+    middle, scatter = _middle(top[at])
+    along = max(scatter, noise / width) / np.sqrt(max(np.count_nonzero(at) / width, 1.0))
+    corrected = _CORRECTED * float(np.median(lost[at]))
+    return middle, float(np.sqrt(along**2 + corrected**2 + (_SYSTEMATIC * middle) ** 2))
+
+
+def _greatest_even(
+    line: Mask, top: Array, curvature: tuple[Array, Array], noise: float, width: float
+) -> Mask | None:
+    """The lines of the greatest value that lines have all along; None where there are none.
+
+    Parameters: `curvature`, across and along. Several lines of one value count as one: all crests
+    are alike.
+    """
+    near = ndimage.binary_dilation(line, np.ones((3, 3)), iterations=max(1, int(width / 2.0)))
+    pieces, count = ndimage.label(near)
+    pieces = np.where(line, pieces, 0)
+    even = []
+    for piece in range(1, count + 1):
+        at = pieces == piece
+        middle, scatter = _middle(top[at])
+        bend, along = (float(np.median(part[at])) for part in curvature)
+        if scatter < _SCATTER * abs(middle) + noise / width and abs(along) < _STRAIGHT * abs(bend):
+            even.append((middle, piece))
+    for greatest, _ in sorted(even, reverse=True):
+        within = _SCATTER * abs(greatest) + noise / width
+        at = np.isin(pieces, [p for middle, p in even if 0.0 <= greatest - middle < within])
+        if np.count_nonzero(at) > _LENGTH * min(top.shape):
+            return np.asarray(at)
+    return None
+
+
+def _middle(values: Array) -> tuple[float, float]:
+    """Median of some values, and their scatter."""
+    middle = float(np.median(values))
+    return middle, 1.4826 * float(np.median(np.abs(values - middle)))
+
+
+def _taken_off(bend: Array, fringe: Array, width: float) -> Array:
+    r"""What smoothing took off a line.
+
+    Equation: of A sin^2(k x/2) a Gaussian of standard deviation w takes A (1 - e^-u)/2 off its
+    ends, u = k^2 w^2/2, and leaves a curvature of A k^2 e^-u/2 there, so that w^2 times this over A
+    is q = u e^-u, and what is taken off w^2/2 times it times (e^u - 1)/u. u = q + q^2 up to q^3.
+    """
+    lost = -0.5 * width**2 * bend
+    q = np.clip(2.0 * lost / fringe, 0.0, 2.0 * _NARROW)
+    return np.asarray(lost * (1.0 + 0.5 * (q + q**2) + q**2 / 6.0))
+
+
+def _lines(image: Array, width: float) -> tuple[Array, Array, Array, Array]:
+    """The smooth image, the distance to a line's middle, the curvature across it and along."""
+    smooth = ndimage.gaussian_filter(image, width, mode="nearest")
+    gy, gx = np.gradient(smooth)
+    hyy, hyx = np.gradient(gy)
+    hxx = np.gradient(gx, axis=1)
+    angle = 0.5 * np.arctan2(2.0 * hyx, hxx - hyy)
+    size = np.hypot(0.5 * (hxx - hyy), hyx)
+    mean = 0.5 * (hxx + hyy)
+    bend = mean - size
+    cos, sin = -np.sin(angle), np.cos(angle)
+    slope = gx * cos + gy * sin
+    return smooth, -slope / np.minimum(bend, -1e-12), bend, mean + size
+
+
+def _of_sides(
+    dark: Array, bright: Array, factors: tuple[float, float], spread: tuple[float, float]
+) -> BackgroundModulation:
+    """The frame's own ends, and how well they are known."""
+    variance = np.zeros((3, 3, *dark.shape))
+    for i, (end, factor, each) in enumerate(zip((dark, bright), factors, spread, strict=True)):
+        noise = factor * 1.4826 * float(np.median(np.abs(end - _smooth(end))))
+        variance[i, i] = (each * end) ** 2 + noise**2
+    return BackgroundModulation(
+        dark=factors[0] * dark,
+        bright=factors[1] * bright,
+        settled=True,
+        tone=1.0,
+        tone_uncertainty=0.0,
+        given=(False, False),
+        variance=variance,
     )

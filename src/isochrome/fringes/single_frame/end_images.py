@@ -19,20 +19,10 @@ QUADRATICS = (_DEGREE + 1) * (_DEGREE + 2) // 2
 class SmoothImages:
     """Images f_k(row) g_k(col) over a frame, and how large each may be beforehand.
 
-    Many of them have a factor in common: sums over the frame are taken along its rows, and then
-    along its columns, once for each different factor.
-
-    Parameters
-    ----------
-    down : ndarray (rows, a)
-        The different factors of the row.
-    across : ndarray (cols, b)
-        The different factors of the column.
-    pairs : ndarray of int (terms, 2)
-        Which of them each image is the product of; no two images are the same.
-    spread : ndarray (terms,)
-        Prior standard deviation of each image's coefficient, over the contrast, inf for the even
-        light.
+    Sums go along the rows, then the columns, once for each different factor, `down` (rows, a) and
+    `across` (cols, b); `pairs` (terms, 2): which of them each image is the product of, no two the
+    same; `spread` (terms,): prior deviation of its coefficient, over the contrast, inf for the even
+    light.
     """
 
     down: Array
@@ -89,25 +79,10 @@ def binned_light(
 ) -> SmoothImages:
     """What the light of a frame that is read without a model is a sum of, at its binned pixels.
 
-    Equation: the products of powers of the place up to the second; with `spots` the cosines besides
-    that stand for a Gaussian process of covariance exp(-d²/2l²), the variance of each by the
-    process' spectral density (Solin & Sarkka (2020), Stat. Comput. 30, 419).
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns of the whole frame, over which the place runs from -1 to 1.
-    by : int
-        Pixels a bin.
-    uneven : float, default 0.1
-        Prior deviation of each product but the even one, over the contrast.
-    spots : float, default 0
-        Prior deviation of spots and bars together, over the contrast; 0 for none.
-
-    Returns
-    -------
-    SmoothImages
-        The products at the bins' middles.
+    Products of powers of the place, -1 to 1 over the frame of `shape`, up to the second, `uneven`
+    their prior deviation over the contrast; with `spots` the cosines besides of a Gaussian process
+    of covariance exp(-d²/2l²), each's variance by its spectral density (Solin & Sarkka (2020),
+    Stat. Comput. 30, 419).
     """
     y, x = (2.0 * (by * np.arange(n // by) + 0.5 * (by - 1)) / max(n - 1, 1) - 1.0 for n in shape)
     pairs = [(i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)]
@@ -256,8 +231,8 @@ def spots_beyond_prior(covariance: Array, terms: Array, precision: Array, spots:
     Parameters: `covariance` (n, n) with the priors' `precision` 1/σ² (n,); the `terms` found (n,);
     which of them are `spots`.
     """
-    told = np.sum(1.0 - np.diag(covariance)[spots] * precision[spots])
-    return float(max(1.0, np.sum(precision[spots] * terms[spots] ** 2) / max(told, 1.0)))
+    informed = np.sum(1.0 - np.diag(covariance)[spots] * precision[spots])
+    return float(max(1.0, np.sum(precision[spots] * terms[spots] ** 2) / max(informed, 1.0)))
 
 
 def as_spotted(covariance: Array, precision: Array, spots: Mask, larger: float) -> Array:

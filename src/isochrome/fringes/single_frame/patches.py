@@ -1,22 +1,38 @@
-r"""Local models of the fringe order: a quadratic in each of many overlapping patches.
+"""Local models of the fringe order: a quadratic in each of many overlapping patches.
 
 In a patch the order is N = n + g·x + x·H·x/2, and the dark field's signal s says
 c = 1 - 2 s = cos 2 pi N. Fitted by least squares, all patches at once, from a start that the
 gradient gives: with c = cos ω·x the means of ∇c ∇cᵀ and of 1 - c² are as ω ωᵀ. A patch knows its
 quadratic only up to a sign and a whole number, (n, g, H) ~ ±(n, g, H) + k, which no light can tell;
-`patch_labels` settles that between neighbours. Pooling over the patch is what reaches below a
+`label_patches` settles that between neighbours. Pooling over the patch is what reaches below a
 pixel's noise, and the quadratic what carries over the fringes' crests, where a pixel knows nothing.
 Sources: the windowed least squares of Servín, Marroquín & Cuevas (1997), Appl. Opt. 36, 4540; the
 steps are `isochrome.estimation.least_squares`.
+
+Signs and whole numbers of the patches' orders, settled between neighbours.
+
+Each patch's quadratic stands for ±(n, g, H) + k. Half-way between two neighbours both predict the
+order, its gradient and its curvature; the sign and whole number under which they agree best is
+their relation, and how much worse the other sign would be says how far to trust it. A crest where
+the order turns, or one of no slope, leaves the sign open along one edge and not along another: the
+tree of the most trusted edges reaches every patch without using an open one (Ghiglia & Pritt 1998,
+Two-Dimensional Phase Unwrapping, for trees in place of rows).
+
+The result is one signed field. It passes smoothly through zero, where the order itself has a
+crease, so that the order is its absolute value.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
+from scipy.sparse import block_array, coo_matrix, csr_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 
 from isochrome.errors import InputError
 from isochrome.estimation import State, minimise_all, sandwich, solve_all
@@ -54,13 +70,12 @@ _STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 @dataclass(frozen=True, kw_only=True)
 class Patches:
-    """Quadratics of the order about the patches' middles, on a lattice (m, n).
+    """Quadratics of the order about the patches' middles `rows` (m,), `cols` (n,), pixels.
 
-    `rows` (m,), `cols` (n,): the middles, pixels; `terms` (m, n, 6): n, g_x, g_y, H_xx, H_xy, H_yy
-    with x along the columns; `spread` (m, n, 6), their standard uncertainties; `chi` (m, n),
-    residual over noise; `filled` (m, n), share of the patch's pixels that are valid; `contrast`
-    (m, n), what the patch says that its fringes have, NaN where it spans too little to tell;
-    `body` (m, n), the number of the one that it lies on.
+    `terms` (m, n, 6): n, g_x, g_y, H_xx, H_xy, H_yy with x along the columns, and their
+    uncertainties `spread`; `chi` (m, n), residual over noise; `filled`, share of valid pixels;
+    `contrast`, what the patch says of its fringes', NaN where it spans too little; `body`, the
+    number of that it lies on.
     """
 
     rows: Indices
@@ -88,9 +103,9 @@ def binned(wave: Array, sigma: Array, valid: Mask, by: int) -> tuple[Array, Arra
     """Means over blocks of by x by pixels; a block is valid where all of it is."""
     if by == 1:
         return wave, sigma, valid
-    whole = np.asarray(block_means(valid.astype(float), by) == 1.0)
+    complete = np.asarray(block_means(valid.astype(float), by) == 1.0)
     mean = block_means(np.where(valid, wave, 0.0), by)
-    return mean, np.sqrt(block_means(sigma**2, by)) / by, whole
+    return mean, np.sqrt(block_means(sigma**2, by)) / by, complete
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,9 +158,9 @@ def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
     body = np.ones(len(trusted), dtype=int)
     if count > 1:  # a patch is that of the body nearest to its middle
         nearest = np.where(trusted, dx**2 + dy**2, np.inf).argmin(axis=1)
-        there = bodies[pick]
-        body = there[np.arange(len(there)), nearest]
-        trusted &= there == body[:, None]
+        chosen = bodies[pick]
+        body = chosen[np.arange(len(chosen)), nearest]
+        trusted &= chosen == body[:, None]
     gradient = [g[at][:, 0] for g in _start_gradient(np.where(valid, wave, 0.0), sigma, valid)]
     return PatchLight(
         rows=rows,
@@ -174,36 +189,38 @@ def fit_patches(
     expected: tuple[Array, Array] | None = None,
     contrast: Array | None = None,
     *,
-    own: bool = False,
+    deviation: bool = False,
 ) -> Patches:
     """Fit a quadratic of the order to each patch of a frame.
 
     Parameters: `patches`; `expected`, terms that are known beforehand (m, n, 6), NaN where none
     are, and their standard deviations; `contrast`, the fringes' (m, n), 1 if not given. A patch
-    that fits its expectation badly is fitted again without; with `own` one that tells another
+    that fits its expectation badly is fitted again without; with `deviation` one that tells another
     contrast is fitted with that. Returns Patches.
     """
     if contrast is None:
-        whole = _fit_given(patches, expected)
-        scale = np.ones(whole.chi.size, dtype=np.float32)
+        fitted = _fit_given(patches, expected)
+        scale = np.ones(fitted.chi.size, dtype=np.float32)
     else:
         scale = contrast.ravel().astype(np.float32)
-        whole = _fit_given(patches.over(scale), expected)
-        whole = replace(whole, contrast=whole.contrast * contrast)
-    if not own:
-        return whole
-    told = whole.contrast.ravel()
+        fitted = _fit_given(patches.over(scale), expected)
+        fitted = replace(fitted, contrast=fitted.contrast * contrast)
+    if not deviation:
+        return fitted
+    measured = fitted.contrast.ravel()
     least, most = _OWN_CONTRAST
-    off = np.flatnonzero((np.abs(told - scale) > _FADED * scale) & (told > least) & (told < most))
+    off = np.flatnonzero(
+        (np.abs(measured - scale) > _FADED * scale) & (measured > least) & (measured < most)
+    )
     if not len(off):
-        return whole
-    scale = told[off].astype(np.float32)
-    start = whole.terms.reshape(-1, 6)[off].astype(np.float32)
-    alone = np.tile(patch_prior(), (len(off), 1))
-    again = _refine(patches.only(off).over(scale), start, np.zeros_like(start), alone)
+        return fitted
+    scale = measured[off].astype(np.float32)
+    start = fitted.terms.reshape(-1, 6)[off].astype(np.float32)
+    prior = np.tile(patch_prior(), (len(off), 1))
+    again = _refine(patches.only(off).over(scale), start, np.zeros_like(start), prior)
     again = replace(again, contrast=again.contrast * scale)
-    _take(whole, off, again, again.chi.ravel() < whole.chi.ravel()[off])
-    return whole
+    _take(fitted, off, again, again.chi.ravel() < fitted.chi.ravel()[off])
+    return fitted
 
 
 def _fit_given(patches: PatchLight, expected: tuple[Array, Array] | None) -> Patches:
@@ -249,17 +266,17 @@ def _start_gradient(wave: Array, sigma: Array, valid: Mask) -> tuple[Array, Arra
         return np.asarray(gaussian_filter(np.where(valid, values, 0.0), _FREQUENCY_WINDOW))
 
     speed = np.maximum(pooled(1.0 - smooth**2), 0.05)
-    own = pooled(sigma**2) / (8.0 * np.pi * scale**4)  # what noise adds to a derivative's square
-    xx, yy = (pooled(dx * dx) - own) / speed, (pooled(dy * dy) - own) / speed
+    noise = pooled(sigma**2) / (8.0 * np.pi * scale**4)  # what noise adds to a derivative's square
+    xx, yy = (pooled(dx * dx) - noise) / speed, (pooled(dy * dy) - noise) / speed
     xy = pooled(dx * dy) / speed
     largest = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
     size = np.minimum(np.sqrt(np.maximum(largest, 0.0)) / TURN, _STEEPEST)
     # fine fringes fade in the derivative itself, but alike in the second one
     bend = gaussian_filter(wave, scale, order=(0, 2)) + gaussian_filter(wave, scale, order=(2, 0))
     first = np.maximum((xx + yy) * speed, 1e-9)
-    second = pooled(bend * bend) - 4.0 * own / scale**2
+    second = pooled(bend * bend) - 4.0 * noise / scale**2
     frequency = np.sqrt(np.maximum(second, 0.0) / first)
-    fine = (frequency > _FINE) & (first > _CLEAR * own)
+    fine = (frequency > _FINE) & (first > _CLEAR * noise)
     size = np.where(fine, np.minimum(frequency / TURN, _STEEPEST), size)
     angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
     return size * np.cos(angle), size * np.sin(angle)
@@ -326,15 +343,15 @@ def _refine(patches: PatchLight, terms: Array, mean: Array, prior: Array) -> Pat
     covariance = sandwich(inverse, squared.astype(float))
     total = np.maximum(weight.sum(axis=1), 1e-9)
     chi = np.sqrt(np.einsum("pk,pk,pk->p", weight, residual, residual) / total) / patches.noise
-    told = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))  # a singular patch is left out
+    regular = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))  # a singular patch is left out
     spread = np.sqrt(np.abs(np.einsum("pii->pi", covariance)))
     shape = len(patches.rows), len(patches.cols)
     return Patches(
         rows=patches.rows,
         cols=patches.cols,
         terms=terms.reshape(*shape, 6).astype(float),
-        spread=np.where(told[:, None], spread, np.inf).reshape(*shape, 6),
-        chi=np.where(told & (patches.filled > 0.0), chi, np.inf).reshape(shape),
+        spread=np.where(regular[:, None], spread, np.inf).reshape(*shape, 6),
+        chi=np.where(regular & (patches.filled > 0.0), chi, np.inf).reshape(shape),
         filled=patches.filled.reshape(shape),
         contrast=_contrast(weight, light, light - residual).reshape(shape),
         body=patches.body.reshape(shape),
@@ -366,11 +383,11 @@ def neighbours(
     cols = patches.cols[None, :] + 0 * patches.rows[:, None]
     for down, right in _STEPS:
         here = np.s_[: m - down, max(0, -right) : n - max(right, 0)]
-        there = np.s_[down:, max(0, right) : n + min(right, 0)]
-        dy, dx = 0.5 * (rows[there] - rows[here]), 0.5 * (cols[there] - cols[here])
-        a, b = moved_patch(terms[here], dy, dx), moved_patch(terms[there], -dy, -dx)
-        variance = patches.spread[here] ** 2 + patches.spread[there] ** 2
-        numbers = number[here].ravel(), number[there].ravel()
+        beside = np.s_[down:, max(0, right) : n + min(right, 0)]
+        dy, dx = 0.5 * (rows[beside] - rows[here]), 0.5 * (cols[beside] - cols[here])
+        a, b = moved_patch(terms[here], dy, dx), moved_patch(terms[beside], -dy, -dx)
+        variance = patches.spread[here] ** 2 + patches.spread[beside] ** 2
+        numbers = number[here].ravel(), number[beside].ravel()
         yield *numbers, a.reshape(-1, 6), b.reshape(-1, 6), variance.reshape(-1, 6)
 
 
@@ -395,3 +412,158 @@ def scale_of(a: Array, b: Array, variance: Array) -> Array:
     size = np.hypot(a, b)
     size[..., 0] = size[..., 1:3].max(axis=-1)
     return np.asarray(np.sqrt(variance + BEND**2 + (_STEEP_BEND * size) ** 2))
+
+
+_LEAST_FILLED, _LEAST_SURE = 0.6, 0.05
+_GUIDE = 3.0
+"""Width of what a binned frame lets the finer one do, in its own uncertainties."""
+_WORST_EDGE = 12.0
+_SMALLEST = 12
+"""Patches of the smallest part that is followed."""
+SURE_ENOUGH = 50.0
+"""chi² of an edge beyond which nothing more is learnt from it."""
+
+
+@dataclass(frozen=True)
+class Labels:
+    """For each patch (m, n): the field is sign n + shift; `part`, its connected part, -1 for none.
+
+    Within a part all is known but one sign and one whole number for the part.
+    """
+
+    sign: NDArray[np.int8]
+    shift: Array
+    part: Indices
+
+
+@dataclass(frozen=True)
+class _Edges:
+    """Pairs of patches: n_a = sign n_b + shift; `cost` of that, `other` of the other sign."""
+
+    a: Indices
+    b: Indices
+    sign: Indices
+    shift: Array
+    cost: Array
+    other: Array
+
+
+def label_patches(patches: Patches) -> Labels:
+    """Settle signs and whole numbers over a frame.
+
+    Parameters: `patches`. Returns Labels; parts are numbered from the largest, 0.
+    """
+    shape = patches.chi.shape
+    count = patches.chi.size
+    good = (
+        (patches.chi < WORST_CHI)
+        & (patches.filled > _LEAST_FILLED)
+        & (patches.spread[..., 0] < _LEAST_SURE)
+    ).ravel()
+    edges = _edges(patches)
+    use = good[edges.a] & good[edges.b] & (edges.cost < _WORST_EDGE)
+    body = patches.body.ravel()
+    use &= body[edges.a] == body[edges.b]
+    sure = np.minimum(edges.other - edges.cost, SURE_ENOUGH)
+    length = 5.0 * edges.cost / (1e-3 + sure) + 0.1 * edges.cost + 1e-3
+    graph = coo_matrix((length[use], (edges.a[use], edges.b[use])), shape=(count, count))
+    tree = minimum_spanning_tree(graph.tocsr())
+    tree = tree + tree.T
+    _, raw = connected_components(tree, directed=False)
+    sizes = np.bincount(raw)
+    rank = np.argsort(np.argsort(-sizes, kind="stable"))
+    part = np.where(good & (sizes[raw] >= _SMALLEST), rank[raw], -1)
+    sign, shift = _carried(tree, part, edges)
+    return Labels(sign.reshape(shape), shift.reshape(shape), part.reshape(shape))
+
+
+def _edges(patches: Patches) -> _Edges:
+    """The relations of each patch with its neighbours to the right, below, and on the diagonals."""
+    parts = [
+        (a, b, *_relation(x, y, variance))
+        for a, b, x, y, variance in neighbours(patches, patches.terms)
+    ]
+    return _Edges(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def expected_terms(
+    patches: Patches, labels: Labels, rows: Array, cols: Array, finer: int
+) -> tuple[Array, Array]:
+    """What a binned frame's patches say of the quadratics of a finer one.
+
+    Parameters: `patches`, `labels` of the binned frame; `rows` (m,), `cols` (n,), places in it
+    where terms are wanted, pixels; `finer`, how many pixels of the finer frame make one of its.
+    Returns the terms in the finer frame's pixels (m, n, 6), in the signs of the nearest patch's
+    part, NaN where that is no good, and their standard deviations.
+    """
+    near = nearest_patches(patches, rows, cols)
+    i, j = near[0].ravel(), near[1].ravel()
+    terms = labels.sign[near][..., None] * patches.terms[near]
+    terms[..., 0] += labels.shift[near]
+    dy, dx = rows - patches.rows[i], cols - patches.cols[j]
+    moved = moved_patch(terms, dy[:, None] + 0 * dx, dx[None, :] + 0 * dy[:, None])
+    per_pixel = np.array([1, finer, finer, *[finer**2] * 3], dtype=float)
+    scale = _GUIDE * np.sqrt(patches.spread[near] ** 2 + BEND**2)
+    good = (labels.part[near] >= 0)[..., None]
+    return np.where(good, moved, np.nan) / per_pixel, scale / per_pixel
+
+
+def nearest_patches(patches: Patches, rows: Array, cols: Array) -> tuple[Indices, ...]:
+    """Numbers of the patches nearest to places in their pixels, `rows` (m,) by `cols` (n,)."""
+    i = np.abs(patches.rows[:, None] - rows).argmin(axis=0)
+    j = np.abs(patches.cols[:, None] - cols).argmin(axis=0)
+    return np.ix_(i, j)
+
+
+def _relation(a: Array, b: Array, variance: Array) -> tuple[Indices, Array, Array, Array]:
+    """Sign and shift of n_a = sign n_b + shift, their cost, and the cost of the other sign."""
+    scale = scale_of(a, b, variance)
+    costs, shifts = [], []
+    for sign in (1, -1):
+        difference = a - sign * b
+        shift = np.round(difference[..., 0])
+        difference[..., 0] -= shift
+        costs.append(((difference / scale) ** 2).sum(axis=-1))
+        shifts.append(shift)
+    same = costs[0] <= costs[1]
+    return (
+        np.where(same, 1, -1),
+        np.where(same, shifts[0], shifts[1]),
+        np.minimum(*costs),
+        np.maximum(*costs),
+    )
+
+
+def _carried(tree: Any, part: Indices, edges: _Edges) -> tuple[NDArray[np.int8], Array]:
+    """Carry sign and shift from one patch of each part along the tree to the others."""
+    before = _before(tree, part)
+    count = len(part)
+    key = edges.a.astype(np.int64) * count + edges.b
+    by_key = np.argsort(key)
+    inner = np.flatnonzero(before != np.arange(count))
+    first, last = np.minimum(before[inner], inner), np.maximum(before[inner], inner)
+    place = by_key[np.searchsorted(key[by_key], first * np.int64(count) + last)]
+    # n_before = s n + k, or n = s n_before + k: what is carried is field = sign n + shift
+    sign, shift = np.ones(count, dtype=np.int8), np.zeros(count)
+    sign[inner] = edges.sign[place]
+    forward = before[inner] < inner
+    shift[inner] = np.where(forward, 1, -edges.sign[place]) * edges.shift[place]
+    # each patch leaps to where its leap led before, until all stand at their part's root
+    while (before != before[before]).any():
+        shift = shift[before] + sign[before] * shift
+        sign = sign[before] * sign
+        before = before[before]
+    return sign, shift
+
+
+def _before(tree: Any, part: Indices) -> Indices:
+    """The patch before each on the way from its part's root along the tree; itself at a root."""
+    count = len(part)
+    numbers, roots = np.unique(part, return_index=True)
+    roots = roots[numbers >= 0]
+    # one patch more, joined to a patch of each part: one walk then reaches all
+    joint = csr_array((np.ones(len(roots)), (np.zeros_like(roots), roots)), shape=(1, count))
+    system = block_array([[tree, None], [joint, csr_array((1, 1))]], format="csr")
+    _, result = breadth_first_order(system, count, directed=True)
+    number = np.arange(count)
+    return np.where((result[:count] < 0) | (result[:count] == count), number, result[:count])

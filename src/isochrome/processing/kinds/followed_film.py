@@ -1,4 +1,9 @@
-"""A film without a model whose orders are followed in time: what its frames share; each read."""
+"""A film without a model whose orders are followed in time: what its frames share; each read.
+
+A film that begins without load: its orders are counted from zero, without a known point.
+
+A film without a model whose key frames are read from nothing: the others are followed.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.errors import InputError
+from isochrome.errors import InputError, PhysicsError
 from isochrome.frames import (
     Frame,
     NoiseModel,
@@ -23,6 +28,8 @@ from isochrome.frames import (
 )
 from isochrome.fringes import (
     LARGEST_CHANGE,
+    BackgroundModulation,
+    BrightestLight,
     FilmLight,
     FilmPath,
     FilmState,
@@ -30,15 +37,18 @@ from isochrome.fringes import (
     follow_frame,
     fringe_response,
     joined_pixels,
+    joined_reading,
     light_wave,
     pixels_together,
     read_followed,
+    smooth_zero,
+    unloaded_state,
 )
 from isochrome.messages import message
-from isochrome.processing.kinds.image_only import FLAWS, ImageOnly
+from isochrome.processing.kinds.image_only import FLAWS, LEAST_ORDER, ImageOnly, read_alone
 from isochrome.processing.kinds.kind import FrameKind
 from isochrome.processing.kinds.largest_order import order_columns
-from isochrome.processing.result import Capture, ProcessedFrame, frame_fields
+from isochrome.processing.result import SEPARATOR, Capture, ProcessedFrame, frame_fields
 from isochrome.progress import STAGE_EVERY_S, RunProgress, Tally
 from isochrome.runs import chunk_size
 from isochrome.scene import Scene
@@ -213,8 +223,8 @@ class Film(ImageOnly):
             assert state is not None
             if index >= start:
                 known = state.known & ~film.kept[film.begin(index)].doubt() & (lost is None)
-                own = replace(frame, index=index)
-                yield _read(film, replace(state, known=known), own, light, scene, capture)
+                numbered = replace(frame, index=index)
+                yield _read(film, replace(state, known=known), numbered, light, scene, capture)
 
 
 def _reported(
@@ -279,3 +289,223 @@ def _warnings(film: FollowedFilm, index: int, known_share: float) -> tuple[str, 
     if known_share < 0.5 and index > 0:
         notes.append(message(FEW_FOLLOWED, known_share=100.0 * known_share))
     return tuple(notes)
+
+
+NOT_UNLOADED = "frames_starts_unloaded_set_first"
+OWN_CRESTS = "illumination_found_from_crests"
+OTHER_LIGHT = "crests_times_bright_no"
+FEW_ORDERS = "film_orders_reach_alone"
+_NOISE_FRAMES = 8
+_DARKER, _DARKER_SHARE = 0.05, 0.01
+"""By how much of the contrast, and in which share of the specimen, light falls below the first
+frame's before that was not unloaded: fringes of order 0.07 are as bright."""
+_SAME_LIGHT = 0.02
+"""Of the illumination: by so much lamps and exposures differ from day to day."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnloadedFilm(Film):
+    """A film that begins without load, from whose zero orders it is followed."""
+
+    def check(self, scene: Scene) -> None:
+        """Refuse a film that cannot begin without load. Raises InputError."""
+        name, light = f"{scene.name}: frames.starts_unloaded", scene.polariscope
+        if scene.has_model:
+            raise InputError("films_without_model_scene", name=name)
+        if light.tells_orders:
+            raise InputError("phase_steps_colours_tell", name=name)
+        if scene.frames.known_order or scene.frames.known_line or scene.frames.free_boundary:
+            raise InputError("orders_counted_from_zero", name=name)
+        if scene.frames.gamma == "unknown":
+            raise InputError("frames_gamma_unknown_single", name=name)
+        super().check(scene)
+
+    def followed(
+        self, captured: Callable[[], Frames], scene: Scene, capture: Capture, chunk: int, count: int
+    ) -> FrameKind:
+        """Followed from its first frame."""
+        first = next(iter(captured()))[1][0]
+        data = FilmData(first, scene, capture)
+        field_zero, other = (capture.dark, capture.bright)[:: int(data.sign)]
+        zero, rough = (
+            (field_zero.image, False) if field_zero else smooth_zero(data.light(first), data.valid)
+        )
+        top, below = BrightestLight(), joined_pixels(zero, data.by)
+        for index, (frame, *_) in captured():
+            top.add(np.float32(data.sign) * (joined_pixels(data.light(frame), data.by) - below))
+            if index % max(1, count // _NOISE_FRAMES) == 0:
+                data.take_noise(frame)
+        least = -_DARKER * top.contrast(data.material)
+        share = float(np.mean((top.lowest < least)[data.material]))
+        if share > _DARKER_SHARE:  # later ones fall below its light
+            than = "brighter than later ones" if data.sign > 0 else "darker than later ones"
+            raise PhysicsError(NOT_UNLOADED, name=scene.name, than=than, share=100.0 * share)
+        given = None if other is None else np.maximum(data.sign * (other.image - zero), 1e-3)
+        try:
+            on_blocks = None if given is None else joined_pixels(given, data.by)
+            surface = top.surface(data.material) if on_blocks is None else on_blocks
+        except InputError as error:
+            raise PhysicsError(f"{scene.name}: " + error.message) from error
+        none = np.zeros_like(surface)
+        guide = FilmLight(
+            zero=joined_pixels(zero, data.by), illumination=surface, error=none, zero_error=none,
+            sign=data.sign,
+        )  # fmt: skip
+        if rough:  # the first frame's own noise is in all differences from it
+            data.between *= float(np.sqrt(2.0))
+        level = float(np.median(surface[data.material]))
+        start = unloaded_state(data.material, film_time(first, 0))
+        path = FilmPath(start, guide, noise=data.wave_noise(level), chunk=chunk)
+        path.follow((*data.joined(frames[0]), film_time(frames[0], k)) for k, frames in captured())
+        light, notes = _final_light(path, data, zero, given, scene)
+        return replace(self, film=data.film(path, light, count, notes))
+
+
+def _final_light(
+    path: FilmPath, data: FilmData, zero: Array, given: Array | None, scene: Scene
+) -> tuple[FilmLight, tuple[str, ...]]:
+    """The light of the frames' size by the crests that were followed, and what to say of it."""
+    shape = (zero.shape[0], zero.shape[1])
+    crests_tell = path.crests.told and path.highest > LEAST_ORDER
+    if not crests_tell and given is None:
+        if path.lost:
+            lost = not_followed(path.lost[0][0]) + "; " + message(NOT_KNOWN)
+            raise PhysicsError(f"{scene.name}: " + lost)
+        raise PhysicsError(
+            FEW_ORDERS, name=scene.name, highest=path.highest, least_order=LEAST_ORDER
+        )
+    none = np.zeros(shape, dtype=np.float32)
+    level, error, notes = given, none, tuple[str, ...]()
+    if crests_tell:
+        result, spread = path.crests.illumination(shape)
+        scale = 1.0 if given is None else float(np.median((result / given)[data.valid]))
+        if given is None or abs(scale - 1.0) > _SAME_LIGHT:
+            level, error = result, spread
+            notes = (message(OWN_CRESTS) if given is None else message(OTHER_LIGHT, scale=scale),)
+    assert level is not None
+    light = FilmLight(zero=zero, illumination=level, error=error, zero_error=none, sign=data.sign)
+    return light, notes
+
+
+KEY_EVERY = 200
+"""Frames from one key frame to the next: one is read in as long as some fifty are followed."""
+KEY_LIGHT = "light_first_key_frame"
+_ALONE = "each_frame_read_itself"
+_OR_ALONE = "leave_track_out_each"
+_MOST_BREAKS = 0.5
+"""Share of the steps from frame to frame beyond which a set is no film."""
+_TRIED = 16
+"""Frames at most that a film may begin with: unloaded ones have no fringes."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeyedFilm(Film):
+    """A film each `key_every`-th frame of which is read from nothing.
+
+    `by_default`, whether nobody asked to follow it: frames that are no film are then read one by
+    one, and the first says so.
+    """
+
+    key_every: int = KEY_EVERY
+    by_default: bool = False
+
+    def followed(
+        self, captured: Callable[[], Frames], scene: Scene, capture: Capture, chunk: int, count: int
+    ) -> FrameKind:
+        """Followed from its key frames; read one by one where that fails by default."""
+        every = self.key_every
+        try:
+            film = prepare_keyed(captured, scene, capture, chunk=chunk, count=count, every=every)
+        except PhysicsError as error:
+            if not self.by_default:
+                raise PhysicsError(_OR_ALONE, error=error) from error
+            return ImageOnly(note=message(_ALONE, error=error))
+        return replace(self, film=film)
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """Its key frames."""
+        return {"key_every": self.key_every}
+
+
+def prepare_keyed(
+    captured: Callable[[], Frames], scene: Scene, capture: Capture, *, chunk: int, count: int,
+    every: int = KEY_EVERY,
+) -> FollowedFilm:  # fmt: skip
+    """Pass over a film: its key frames, and the states of its chunks, one each `chunk` frames.
+
+    `captured` gives the film's frames anew, each with its number. PhysicsError where no frame to
+    begin with can be read, or the frames are no film.
+    """
+    begin, first, key_frame, ends = _first_key(captured(), scene, capture, count)
+    assert key_frame.reading is not None
+    data = FilmData(first, scene, capture)
+    data.take_noise(first)
+    light = _light_of(ends, data.sign)
+    guide = light.joined(data.by)
+    start = joined_reading(key_frame.reading, data.by, film_time(first, begin))
+    last: list[tuple[int, Frame]] = []
+
+    def key() -> FilmState | None:
+        index, frame = last[0]
+        result: ProcessedFrame = read_alone(frame, scene, capture)[0]
+        if result.reading is None or not _is_read(result):
+            return None
+        return joined_reading(result.reading, data.by, film_time(frame, index))
+
+    path = FilmPath(
+        start, guide, noise=data.wave_noise(float(np.median(guide.illumination[data.material]))),
+        chunk=chunk, key=key, every=every, begin=begin,
+    )  # fmt: skip
+
+    def frames() -> Iterator[tuple[Array, Mask, float]]:
+        for index, (frame, *_) in captured():
+            last[:] = [(index, frame)]
+            yield (*data.joined(frame), film_time(frame, index))
+
+    path.follow(frames())
+    breaks = len(path.lost) - (begin > 0)
+    if breaks > _MOST_BREAKS * (count - 1 - begin):
+        raise PhysicsError(
+            "cannot_followed_in_time",
+            name=scene.name,
+            change=LARGEST_CHANGE,
+            breaks=breaks,
+            steps=count - 1 - begin,
+        )
+    notes = (*key_frame.warnings, message(KEY_LIGHT, begin=begin))
+    return data.film(path, light, count, notes)
+
+
+def _first_key(
+    frames: Frames, scene: Scene, capture: Capture, count: int
+) -> tuple[int, Frame, ProcessedFrame, BackgroundModulation]:
+    """The first frame of some, from the film's first on, that can be read from nothing."""
+    why = None
+    for index, (frame, *_) in frames:
+        if index % max(1, count // _TRIED):
+            continue
+        key_frame, ends = read_alone(frame, scene, capture)
+        if ends is not None and _is_read(key_frame):
+            return index, frame, key_frame, ends
+        why = why or SEPARATOR.join(key_frame.warnings)
+    raise PhysicsError("no_order_in_first_frames", name=scene.name, why=why)
+
+
+def _is_read(frame: ProcessedFrame) -> bool:
+    """Whether any order of a frame is known."""
+    return frame.reading is not None and bool(np.isfinite(frame.reading.order).any())
+
+
+def _light_of(ends: BackgroundModulation, sign: float) -> FilmLight:
+    """The ends of a frame's light as a film's; order 0 is at the bright one for a `sign` of -1."""
+    zero, other = (ends.dark, ends.bright)[:: int(sign)]
+    illumination = np.maximum(sign * (other - zero), 1e-3).astype(np.float32)
+    zero = zero.astype(np.float32)
+    return FilmLight(
+        zero=zero,
+        illumination=illumination,
+        error=ends.signal_uncertainty(other).astype(np.float32),
+        zero_error=ends.signal_uncertainty(zero).astype(np.float32),
+        sign=sign,
+    )

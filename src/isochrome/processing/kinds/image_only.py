@@ -293,15 +293,15 @@ def read_alone(
 
 def refused_beforehand(
     frame: Frame,
-    seen: FrameSignal,
+    signal: FrameSignal,
     lines: int,
     capture: Capture,
-    asked: bool,
+    requested: bool,
     inside: NDArray[np.bool_] | None = None,
 ) -> str:
     """Why no order is read in a frame whatever is known of its orders; empty where one is.
 
-    `asked`, whether a point is known; `inside`, as in `read_alone`.
+    `requested`, whether a point is known; `inside`, as in `read_alone`.
     """
     if capture.bright is None:
         specimen = np.ones(frame.image.shape, dtype=bool)
@@ -311,9 +311,9 @@ def refused_beforehand(
         saturated = float(np.mean(frame.image[specimen] >= level))
         if saturated > MOST_SATURATED:
             return message(OVEREXPOSED, saturated=100.0 * saturated)
-    if seen.refusal:
-        return seen.refusal
-    if capture.bright is None and lines < FEWEST_LINES and asked:
+    if signal.refusal:
+        return signal.refusal
+    if capture.bright is None and lines < FEWEST_LINES and requested:
         return message(FEW_FRINGES, value=f"{lines} fringe lines", fewest_lines=FEWEST_LINES)
     return ""
 
@@ -482,8 +482,8 @@ def orders_of(scene: Scene) -> KnownOrders:
     return known_orders(points, lines, [c for edge in stated.free_boundary for c in edge.corners])
 
 
-def wave_of(seen: FrameSignal, scene: Scene) -> tuple[Array, Array]:
-    """The light c = cos 2 pi N of a signal `seen` in the `scene`'s field, and its noise."""
+def wave_of(signal: FrameSignal, scene: Scene) -> tuple[Array, Array]:
+    """The light c = cos 2 pi N of a signal `signal` in the `scene`'s field, and its noise."""
     turn = -1.0 if scene.polariscope.field == "bright" else 1.0
-    wave = np.where(seen.valid, turn * (1.0 - 2.0 * seen.signal), 0.0)
-    return wave, np.where(seen.valid, 2.0 * seen.sigma, 1.0)
+    wave = np.where(signal.valid, turn * (1.0 - 2.0 * signal.signal), 0.0)
+    return wave, np.where(signal.valid, 2.0 * signal.sigma, 1.0)

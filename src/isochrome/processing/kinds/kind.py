@@ -28,7 +28,7 @@ CONFIDENCE = Layer("confidence", "1", "probability that the order is right to 1/
 ISOCLINIC = Layer("isoclinic", "degree", "direction of sigma_1, counter-clockwise from x")
 
 ACCEPTS: Mapping[str, Callable[[Scene], bool]] = {
-    "film_unloaded.UnloadedFilm": lambda scene: scene.frames.starts_unloaded,
+    "followed_film.UnloadedFilm": lambda scene: scene.frames.starts_unloaded,
     "colour_light.ColourLight": lambda scene: scene.polariscope.several_wavelengths,
     "phase_stepped.PhaseStepped": lambda scene: bool(scene.polariscope.step),
     "image_only.ImageOnly": lambda scene: not scene.has_model,

@@ -82,7 +82,7 @@ def _beside_unread(order: Array, row: int, col: int) -> bool:
 
 
 def largest_with_model(
-    reading: OrderReading, seen: ModelFrame, scene: Scene, fit: FrameFit | None = None
+    reading: OrderReading, frame: ModelFrame, scene: Scene, fit: FrameFit | None = None
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Columns of the largest order and its place, and what is said of it.
 
@@ -95,35 +95,46 @@ def largest_with_model(
     result: dict[str, Any] = dict.fromkeys(LARGEST_BY_MODEL, nothing) | {ORDER_FROM: None}
     if not np.isfinite(order).any():
         return result, ()
-    trusted = seen.picture.material & specimen_model(scene).trusted(scene, seen.pixels, 0.0)
-    model = np.where(seen.picture.material, seen.picture.order, -np.inf)
+    trusted = frame.picture.material & specimen_model(scene).trusted(scene, frame.pixels, 0.0)
+    model = np.where(frame.picture.material, frame.picture.order, -np.inf)
     read = np.isfinite(order) & trusted
     peak, pixel = largest_pixel(model), largest_pixel(order)
     value, spread, top = order[pixel], reading.uncertainty[pixel], model[peak]
     near = read & (model > top - 2.0 * BRANCH)
     off, each = order[near] - model[near], reading.uncertainty[near]
     excess = max(np.mean(off**2 - each**2), 0.0) ** 0.5 if off.size else np.inf
-    source = AT_LEAST if _beside_unread(order, *pixel) else FRAME
-    said = tuple[str, ...]()
-    if trusted[peak] and top - np.max(model, where=read, initial=-np.inf) > spread:
-        agrees = off.size and np.mean((off / each) ** 2) <= POOR_CHI**2
-        source, said = (MODEL, (message(BY_MODEL),)) if agrees else (AT_LEAST, (message(BY_NONE),))
+    beyond = bool(trusted[peak] and top - np.max(model, where=read, initial=-np.inf) > spread)
+    source, notes = _source(beyond, off, each, _beside_unread(order, *pixel))
     values, spreads = np.full((2, 2), nothing)
     if fit is not None and (source == MODEL or scene.indenter is not None):
-        values, spreads = _of_scene(fit, seen.pixels, peak)
+        values, spreads = _of_scene(fit, frame.pixels, peak)
     if source == MODEL:
         value, pixel, spread = top, peak, np.hypot(spreads[0], excess)
-    if source == MODEL and np.isfinite(_nine(seen.picture.order, *peak)).all():
-        value += _rise(scene if fit is None else fit.scene, seen.pixels, peak)
+    if source == MODEL and np.isfinite(_nine(frame.picture.order, *peak)).all():
+        value += _rise(scene if fit is None else fit.scene, frame.pixels, peak)
     elif source != AT_LEAST:
-        spread = np.hypot(spread, _between(seen.picture.order, *pixel))
-    x, z = seen.pixels.place(*pixel)
+        spread = np.hypot(spread, _between(frame.picture.order, *pixel))
+    x, z = frame.pixels.place(*pixel)
     result |= {"n_max": float(value), "n_max_x_mm": x, "n_max_z_mm": z}
     result |= {"n_max_uncertainty": float(spread), ORDER_FROM: source}
     if len(values) > 1:
         also = np.hypot(spreads[1], values[1] * excess / top)
         result |= dict(zip(PRESSURE, (float(values[1]), float(also)), strict=True))
-    return result, said
+    return result, notes
+
+
+def _source(beyond: bool, off: Array, each: Array, unread: bool) -> tuple[str, tuple[str, ...]]:
+    """Where the largest order is from, and what is said of it.
+
+    `beyond`, whether the model's exceeds all that was read; `off` (n,), by how much orders near its
+    peak are off it, `each` with its uncertainty; `unread`, whether one beside the largest is not
+    known.
+    """
+    if not beyond:
+        return AT_LEAST if unread else FRAME, ()
+    if off.size and np.mean((off / each) ** 2) <= POOR_CHI**2:
+        return MODEL, (message(BY_MODEL),)
+    return AT_LEAST, (message(BY_NONE),)
 
 
 def _between(order: Array, row: int, col: int) -> float:

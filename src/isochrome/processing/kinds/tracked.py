@@ -355,10 +355,10 @@ def _begun(scene: Scene, fit: FrameFit) -> Scene:
 
     What is not tracked, as an unknown gamma or a smooth stress, stays as the key frame says.
     """
-    own = (GAMMA, *SMOOTH_KEYS)
+    keys = (GAMMA, *SMOOTH_KEYS)
     values = {
         name: float(value)
         for name, value in zip(fit.keys, fit.values, strict=True)
-        if np.isfinite(value) and (name in own or isinstance(scene.get(name), int | float))
+        if np.isfinite(value) and (name in keys or isinstance(scene.get(name), int | float))
     }
     return scene.with_values(values)

@@ -91,15 +91,15 @@ def process_with_model(
     data, fit, scene, notes, slip = _fitted(
         data, scene, frame, as_stated, followed=apparatus is not None
     )
-    data, seen = _held(data, fit)
-    reading, noise, lost = read_frame(frame, data, seen, chi=fit.chi, positive=fit.positive)
-    inside = data.valid & seen.picture.material & (not lost)
-    gain = np.where(seen.illumination > 0.0, seen.illumination, np.nan)
-    signal = np.where(inside, (data.light - seen.background) / gain, np.nan)
-    largest, of_largest = largest_with_model(reading, seen, fit.scene, fit)
+    data, model = _held(data, fit)
+    reading, noise, lost = read_frame(frame, data, model, chi=fit.chi, positive=fit.positive)
+    inside = data.valid & model.picture.material & (not lost)
+    gain = np.where(model.illumination > 0.0, model.illumination, np.nan)
+    signal = np.where(inside, (data.light - model.background) / gain, np.nan)
+    largest, of_largest = largest_with_model(reading, model, fit.scene, fit)
     notes += [] if slip else _warnings(fit, reading, lost)
     result = ProcessedFrame(
-        **frame_fields(frame) | {"pixel_mm": seen.pixels.pixel_mm},
+        **frame_fields(frame) | {"pixel_mm": model.pixels.pixel_mm},
         normalised=signal.astype(np.float32),
         reading=reading,
         fit=fit,
@@ -119,25 +119,25 @@ def _prepared(frame: Frame, scene: Scene, capture: Capture) -> FrameData:
 
 
 def read_frame(
-    frame: Frame, data: FrameData, seen: ModelFrame, *, chi: float, positive: bool
+    frame: Frame, data: FrameData, model: ModelFrame, *, chi: float, positive: bool
 ) -> tuple[OrderReading, float, bool]:
     """Read a frame's orders on the branches of its model, however that was found.
 
     The reading, the noise over the illumination, and whether the model is too far off to name
     branches.
     """
-    noise, lost = _is_lost(data, seen, chi=chi, positive=positive)
+    noise, lost = _is_lost(data, model, chi=chi, positive=positive)
     reading = read_order(
         data.light,
-        seen.picture.order,
-        seen.response,
-        illumination=seen.illumination,
-        background=seen.background,
+        model.picture.order,
+        model.response,
+        illumination=model.illumination,
+        background=model.background,
         sigma=data.sigma,
-        valid=seen.mask & (seen.illumination > 0.0) & (not lost),
+        valid=model.mask & (model.illumination > 0.0) & (not lost),
     )
     if frame.mask is not None:
-        specimen = seen.picture.material & frame.mask
+        specimen = model.picture.material & frame.mask
         selected = float(np.isfinite(reading.order).sum() / max(1, int(specimen.sum())))
         reading = replace(reading, kept=selected)
     return reading, noise, lost
@@ -262,13 +262,13 @@ def _held(data: FrameData, fit: FrameFit) -> tuple[FrameData, ModelFrame]:
 
 
 def _is_lost(
-    data: FrameData, seen: ModelFrame, *, chi: float, positive: bool
+    data: FrameData, model: ModelFrame, *, chi: float, positive: bool
 ) -> tuple[float, bool]:
     """The noise over the contrast, and whether a model is too far off to say anything.
 
     Its values, and the branches that it names, say nothing then.
     """
-    noise = seen.contrast_noise(data.sigma) if positive else float("nan")
+    noise = model.contrast_noise(data.sigma) if positive else float("nan")
     return noise, not positive or chi * noise > TOO_FAR
 
 

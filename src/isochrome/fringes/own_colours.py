@@ -46,10 +46,15 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates
 
 from isochrome.errors import InputError
 from isochrome.estimation import channel_light
-from isochrome.fringes.colour.colour_branch import choose_orders
-from isochrome.fringes.colour.colour_table import LARGEST_ORDER, STEP, ColourTable, end_of_contrast
-from isochrome.fringes.colour.colour_value import JUMP
-from isochrome.fringes.colour.frame_exposure import UNLIKE, correction, spread_out
+from isochrome.fringes.colour_order import JUMP
+from isochrome.fringes.colour_table import (
+    LARGEST_ORDER,
+    STEP,
+    ColourTable,
+    choose_orders,
+    end_of_contrast,
+)
+from isochrome.fringes.frame_exposure import UNLIKE, correction, spread_out
 from isochrome.fringes.windows import Array, Indices, Mask, beside_jumps, block_means, valid_means
 
 GREEN = 1

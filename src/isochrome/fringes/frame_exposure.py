@@ -26,8 +26,7 @@ import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.estimation import channel_light
-from isochrome.fringes.colour.colour_branch import candidate_orders, choose_orders
-from isochrome.fringes.colour.colour_table import ColourTable
+from isochrome.fringes.colour_table import ColourTable, candidate_orders, choose_orders
 from isochrome.fringes.windows import Array, Mask, block_means, nearest_known, valid_means
 
 EXPECTED = 0.5

@@ -1,4 +1,4 @@
-r"""Phase steps as linear equations: what the light says of δ and θ, for any angles and plates.
+"""Phase steps as linear equations: what the light says of δ and θ, for any angles and plates.
 
 The light of a step is I = C + A [|α|² cos²(δ/2) + |w|² sin²(δ/2) - Im(α w*) sin δ] with
 w = β cos 2θ + γ sin 2θ, and α, β, γ of its elements alone. Written out, it is linear in C, A,

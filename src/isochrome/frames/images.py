@@ -17,8 +17,8 @@ from typing import Any, Literal
 import numpy as np
 
 from isochrome.errors import InputError
+from isochrome.frames import tiff
 from isochrome.frames.containers import container_of
-from isochrome.frames.readers import tiff
 from isochrome.frames.reading import (
     MAX_BYTES,
     Extent,

@@ -30,13 +30,7 @@ import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.estimation import light_basis, total_degree
-from isochrome.fringes.film.follower import (
-    FilmState,
-    continued,
-    faded_contrast,
-    follow_frame,
-    regained,
-)
+from isochrome.fringes.follower import FilmState, continued, faded_contrast, follow_frame, regained
 from isochrome.fringes.on_branch import OrderReading, make_reading, read_order, widened
 from isochrome.fringes.windows import Array, Mask, block_means, nearest_known, valid_means
 

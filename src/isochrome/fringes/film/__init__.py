@@ -1,1 +1,0 @@
-"""Fringe orders followed from frame to frame, without a model of the specimen."""

@@ -1,1 +1,0 @@
-"""Order and isoclinic angle from a phase-stepped set."""

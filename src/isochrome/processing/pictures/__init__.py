@@ -1,1 +1,0 @@
-"""Pictures of a processed set: the figure of a run, and panels for a paper."""
