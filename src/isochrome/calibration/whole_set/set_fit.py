@@ -30,7 +30,6 @@ from isochrome.calibration.whole_set.set_model import (
 from isochrome.estimation import (
     FEW_TERMS,
     FIRST_DEGREES,
-    RICHEST,
     Evidence,
     Hypothesis,
     ScoreProducts,
@@ -53,6 +52,10 @@ APART = "light of each image's own"
 _ROUNDS, _LIGHTS, _PASSES, _TONES = 8, 4, 4, 2
 """Times that a set is asked, its light made richer, its outliers looked for, and a tone taken about
 the light that the fit has: ends of loops that come to rest by themselves."""
+
+_RICHEST = 24, 12
+"""Degrees of illumination and background up to which light is made richer, product by product: a
+glare adds light in a twelfth of the picture."""
 
 _ODD = 6.0
 """Residual in noises beyond which a pixel is no accident, and is left out with its neighbours."""
@@ -86,22 +89,24 @@ def fit_set(model: SetModel, start: Array) -> SetFit:
         if wanted == fitted:
             break
         fit = _exposed(_without_outliers(_with(fit, wanted).levelled()))
-        # what comes out at its bound is not there, whatever slopes say
+        # what comes out at its bound, or as no better light, is not there, whatever slopes say
         nothing |= {key for key in _EVEN if fit.shared.get(key, (1.0, 0.0))[0] == 0.0}
+        nothing |= wanted - fitted_names(fit.model)
         evidence = weighed(fit)
     left_out = 1.0 - fit.model.masks.sum() / pixels
     return replace(fit, left_out=float(left_out), weighed=evidence)
 
 
 def _exposed(fit: SetFit) -> SetFit:
-    """The fit with an exposure and stray light of each image, or one for all, as the images ask.
+    """The fit with one exposure of all images, or an exposure and stray light of each, as they ask;
+    where each has its own light, that is held against exposures.
 
-    Only with one does an unloaded image tell its order, or images of less than a fringe theirs.
+    Only with one exposure does an unloaded image tell its order, or one of less than a fringe its.
     """
     model = fit.model
-    if model.apart or len(model.shots) == 1:
+    if len(model.shots) == 1:
         return fit
-    other = replace(model, scaled=not model.scaled)
+    other = replace(model, apart=False, scaled=model.apart or not model.scaled)
     start = model.carried(fit.values, other)
     for index in range(model.loaded, len(model.shots)):
         start[model.own_places(index)] = 0.0  # which its exposure could not be told from
@@ -161,7 +166,7 @@ def _with(fit: SetFit, names: frozenset[str]) -> SetFit:
         again = result.levelled()  # a tone is linear about the light only
         result = again.model.fit(again.values)
     for _ in range(_LIGHTS if LIGHT in names else 0):
-        more = missing_terms(result.model.terms, RICHEST)
+        more = missing_terms(result.model.terms, _RICHEST)
         chosen = _products(result, more).one_by_one(FEW_TERMS)
         if not chosen:
             break
