@@ -11,7 +11,7 @@ from isochrome.calibration.beam.beam_fit import BeamFit, beam_order
 from isochrome.calibration.order_line import ResidualOrder
 from isochrome.calibration.result import ImageFit, View
 from isochrome.calibration.shot import Shot
-from isochrome.calibration.whole_set.set_fit import fit_set
+from isochrome.calibration.whole_set.set_fit import fit_set, plain_terms
 from isochrome.calibration.whole_set.set_image import looked_at
 from isochrome.calibration.whole_set.set_model import LENS, Kind, SetFit, SetModel
 from isochrome.calibration.whole_set.set_result import image_chi, image_maps
@@ -184,10 +184,15 @@ def _view(fit: SetFit, index: int, pixel_mm: float) -> View:
 
 
 def set_pictures(fit: SetFit, fits: Sequence[BeamFit]) -> list[BeamPicture]:
-    """The loaded images with their models beyond the beam as well, for the edges."""
-    model = replace(fit.model, masks=np.ones_like(fit.model.masks), levels=None)
+    """The loaded images with their models beyond the beam as well, for the edges.
+
+    With light of the first products: of many the sum goes anywhere where none was fitted.
+    """
+    plain = replace(fit.model, terms=plain_terms(fit.model), weights=None)
+    inside = plain.at(fit.values)
+    model = replace(plain, masks=np.ones_like(plain.masks), levels=None)
     point = model.at(fit.values)
-    assert point is not None
+    assert inside is not None and point is not None
     gamma, point = point.gamma, replace(point, gamma=1.0)
     shared = model.split(fit.values)[2]
     pick, middle, result = np.ix_(model.rows, model.cols), 0.5 * (model.shape[1] - 1), []
@@ -195,7 +200,7 @@ def set_pictures(fit: SetFit, fits: Sequence[BeamFit]) -> list[BeamPicture]:
         rows, cols = model.places(i, shared)
         shape = model.masks[i].shape
         depth = (rows - own[2] * (cols - middle)) / np.hypot(1.0, own[2])
-        light = fit.point.linear[0][model.coefficients_of(i)]
+        light = inside.linear[0][model.coefficients_of(i)]
         seen = light @ point.columns(i) * model.images[i].sigma
         full = float(fit.model.images[i].level.max())
         seen = full * np.maximum(seen / full, 0.0) ** (1.0 / gamma)  # as the camera stored it
