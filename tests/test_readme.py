@@ -87,8 +87,10 @@ def test_every_command_runs_as_it_stands(tmp_path, kind, first):
         done = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True)
         assert done.returncode == 0, f"{body}\n{done.stderr}"
         warnings = [line for line in done.stderr.splitlines() if "warning" in line]
-        # of worn frames the largest order is at the surface, where none is read: that is said
-        assert all("n_max and its place are those of the fitted model" in line for line in warnings)
+        # of worn frames the largest order is at the surface, where none is read: that is said; and
+        # that the sample beams may be blurred, as they are, by less than half a pixel
+        known = "n_max and its place are those of the fitted model", "the images may show blur"
+        assert all(any(words in line for words in known) for line in warnings)
         assert done.stdout
     if kind == "bash":
         assert (tmp_path / "calibration" / "calibration.json").is_file()
