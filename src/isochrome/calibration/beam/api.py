@@ -127,8 +127,7 @@ def bending_from_shots(
     loaded, idle = by_load(shots)
     scope = polariscope or Polariscope()
     fits = [fit_beam(shot, beam, pixel_mm) for shot in loaded]
-    alike = [s for s in idle if s.light.shape == loaded[0].light.shape]
-    whole = fit_beam_set(fits, alike, stated_values(camera or Camera(), scope))
+    whole = fit_beam_set(fits, idle, stated_values(camera or Camera(), scope))
     check_span(whole)
     images, covariance, rest = beam_images(whole, fits, pixel_mm)
     outcome = causes(whole, scope.wavelength_nm)

@@ -76,15 +76,14 @@ def beam_signal(order: Array, bright: bool) -> Array:
     return 0.5 + 0.5 * wave if bright else 0.5 - 0.5 * wave
 
 
-def fit_beam(shot: Shot, beam: Beam, pixel_mm: float, *, pixels: int = PIXELS) -> BeamFit:
+def fit_beam(shot: Shot, beam: Beam, pixel_mm: float) -> BeamFit:
     """Fit one image's whole span: slope across the height, neutral axis, tilt, illumination.
 
-    Parameters: `pixels`, how many are fitted at the most; the rest as in `bending_from_shots`.
-    Returns the BeamFit. Raises PhysicsError for too few fringes, an ambiguous slope or a fit that
+    Parameters: as in `bending_from_shots`. Returns the BeamFit. Raises PhysicsError for too few fringes, an ambiguous slope or a fit that
     did not converge.
     """
     view = find_beam(shot, beam.height_mm / pixel_mm)
-    stride = max(1, int(np.ceil(shot.light.size / pixels)))
+    stride = max(1, int(np.ceil(shot.light.size / PIXELS)))
     cols = np.arange(stride // 2, shot.light.shape[1], stride, dtype=float)
     for margin in MARGINS:
         try:

@@ -33,7 +33,7 @@ CERTAIN = 6.0
 
 
 def fit_beam_set(fits: Sequence[BeamFit], idle: Sequence[Shot], held: dict[str, float]) -> SetFit:
-    """The whole set with what it shows, or each image's own light where sizes differ.
+    """The whole set with what it shows.
 
     Parameters: `fits`, each loaded image's own; `idle`, the unloaded ones; `held`, what the set
     states of the camera, by its keys.

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from isochrome.calibration.whole_set.set_model import (
     BAND,
     BLUR,
+    EVEN,
     GAMMA,
     LENS,
     SHARED,
@@ -43,9 +44,6 @@ from isochrome.estimation import (
 from isochrome.fitting import CAUSES, LIGHT, LIGHT_FALLS, ORDER, RARE, light_sizes
 
 Array = NDArray[np.float64]
-
-_EVEN = (BAND, BLUR)
-"""Keys that cannot be negative."""
 
 APART = "light of each image's own"
 
@@ -90,7 +88,7 @@ def fit_set(model: SetModel, start: Array) -> SetFit:
             break
         fit = _exposed(_without_outliers(_with(fit, wanted).levelled()))
         # what comes out at its bound, or as no better light, is not there, whatever slopes say
-        nothing |= {key for key in _EVEN if fit.shared.get(key, (1.0, 0.0))[0] == 0.0}
+        nothing |= {key for key in EVEN if fit.shared.get(key, (1.0, 0.0))[0] == 0.0}
         nothing |= wanted - fitted_names(fit.model)
         evidence = weighed(fit)
     left_out = 1.0 - fit.model.masks.sum() / pixels
@@ -191,7 +189,7 @@ def _usual_light(model: SetModel, terms: Light) -> tuple[Array, NDArray[np.bool_
     """
     usual = missing_terms(plain_terms(model), FIRST_DEGREES)
     there = [t in own for part, own in zip(terms, usual, strict=True) for t in part]
-    return np.array(light_sizes(terms, LIGHT_FALLS[1])), np.array(there)
+    return np.array(light_sizes(terms)), np.array(there)
 
 
 def unevenness(fit: SetFit) -> float:
@@ -328,7 +326,7 @@ def _nuisances(fit: SetFit) -> Iterator[_Nuisance]:
             columns=partial(_key_rows, point, key),
             now=np.array([shared[key] - stated_value(model, key)]),
             roots=(np.array([[_SIZES[key]]]),),
-            positive=key in _EVEN and key not in model.held,
+            positive=key in EVEN and key not in model.held,
             unknowns=(model.key_place(key),) if key in model.free else (),
             weights=np.zeros(int(key in model.free)),
         )
@@ -385,7 +383,6 @@ def _light(fit: SetFit) -> _Nuisance:
         return np.asarray(bright[index] * stacked)
 
     light, dark = (t[len(p) :] for t, p in zip(model.terms, plain_terms(model), strict=True))
-    more = light, dark
     repeats, scale = len(rich) // count if count else 1, unevenness(fit)
     return _Nuisance(
         name=LIGHT,
@@ -393,9 +390,7 @@ def _light(fit: SetFit) -> _Nuisance:
         now=np.r_[point.linear[0][rich] / bright[of_image], np.zeros(sum(map(len, missing)))],
         roots=tuple(
             scale
-            * np.diag(
-                [*light_sizes((more[0], more[1]), fall) * repeats, *light_sizes(missing, fall)]
-            )
+            * np.diag([*light_sizes((light, dark), fall) * repeats, *light_sizes(missing, fall)])
             for fall in LIGHT_FALLS
         ),
         weights=model.light_weights[rich] * bright[of_image] ** 2,

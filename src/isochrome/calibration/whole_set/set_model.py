@@ -44,6 +44,8 @@ LENS = ("camera.distortion", "camera.keystone_x", "camera.keystone_z")
 BAND, BLUR, GAMMA = "polariscope.bandwidth_nm", "camera.blur_px", "frames.gamma"
 SHARED = (*LENS, BAND, BLUR, GAMMA)
 """What all images may share besides the light, by the keys that a scene has for them."""
+EVEN = (BAND, BLUR)
+"""Those that cannot be negative."""
 
 FULL_WIDTH = 2.3548
 """Width at half height of a Gaussian over its standard deviation."""
@@ -300,7 +302,7 @@ class SetModel:
         largest[self.besides_places] = self.kind.sizes[: len(self.besides_places)]
         largest[self._ends[2] :] = [_MOVES[key] for key in self.free]
         low = np.full(self.size, -np.inf)
-        low[[self.key_place(key) for key in self.free if key in (BAND, BLUR)]] = 0.0
+        low[[self.key_place(key) for key in self.free if key in EVEN]] = 0.0
         bounds = Bounds(low, np.full(self.size, np.inf))
 
         def cut(values: Array, step: Array) -> Array:

@@ -10,6 +10,7 @@ from isochrome.calibration.whole_set.set_fit import fitted_names, unexplained_or
 from isochrome.calibration.whole_set.set_model import (
     BAND,
     BLUR,
+    EVEN,
     FULL_WIDTH,
     GAMMA,
     SetFit,
@@ -56,7 +57,7 @@ def causes(fit: SetFit, wavelength_nm: float | None) -> tuple[dict[str, Any], ..
     result = []
     for key, (value, spread) in fit.shared.items():
         name: str | None = key
-        if key in (BAND, BLUR):
+        if key in EVEN:
             value, spread = float(np.sqrt(value)), 0.5 * spread / float(np.sqrt(value))
             factor = 1.0 / float(np.sqrt(2.0) * np.pi)
             if key == BAND:
@@ -103,9 +104,8 @@ def sentences(fit: SetFit, found: tuple[dict[str, Any], ...]) -> tuple[str, ...]
         messages.append(message("pixels_fit_nothing_dust", per_cent=per_cent(fit.left_out)))
     if fit.weighed is None:
         return tuple(messages)
-    chances = {
-        n: c for n, c in fit.weighed.sets.chances.items() if n not in fitted_names(fit.model)
-    }
+    fitted = fitted_names(fit.model)
+    chances = {n: c for n, c in fit.weighed.sets.chances.items() if n not in fitted}
     if chances.pop(ORDER, 0.0) > NAMED:
         size = 100.0 * unexplained_order(fit.weighed.sets)
         messages.append(message("orders_differ_unexplained", size=size))
