@@ -79,8 +79,8 @@ def beam_signal(order: Array, bright: bool) -> Array:
 def fit_beam(shot: Shot, beam: Beam, pixel_mm: float) -> BeamFit:
     """Fit one image's whole span: slope across the height, neutral axis, tilt, illumination.
 
-    Parameters: as in `bending_from_shots`. Returns the BeamFit. Raises PhysicsError for too few fringes, an ambiguous slope or a fit that
-    did not converge.
+    Parameters: as in `bending_from_shots`. Returns the BeamFit. Raises PhysicsError for too few
+    fringes, an ambiguous slope or a fit that did not converge.
     """
     view = find_beam(shot, beam.height_mm / pixel_mm)
     stride = max(1, int(np.ceil(shot.light.size / PIXELS)))
