@@ -6,7 +6,8 @@ from scipy.ndimage import gaussian_filter
 from scipy.stats import multivariate_normal
 
 from fitting.sliding_bench import bench
-from isochrome.fitting.causes.blocks import cosines, less_means
+from isochrome.estimation import cosines
+from isochrome.fitting.causes.blocks import less_means
 from isochrome.fitting.causes.trial import Trial, through_a_lens, trial_stride
 from isochrome.optics import blur_variance
 
@@ -85,7 +86,7 @@ def test_a_share_of_lines_means_whitens_noise_that_lines_share():
 
 
 def test_cosines_are_products_over_the_picture():
-    images = cosines((6, 9))
+    images = cosines((6, 9), 7)
     assert images.shape == (49, 6, 9) and np.all(images[0] == 1.0)
     # orthogonal on the pixels' middles, as far as both picture sides have as many
     flat = images[[0, 1, 7, 8]].reshape(4, -1)

@@ -11,7 +11,7 @@ from .covariance import (
     standard_uncertainty,
     white_covariance,
 )
-from .evidence import Evidence, Hypothesis, Sets, weigh
+from .evidence import Evidence, Hypothesis, Sets, cosine_rms, cosine_spread, cosines, ways, weigh
 from .intensity import (
     STEP,
     IntensityFit,
@@ -121,6 +121,9 @@ __all__ = [
     "budget_of",
     "budgets_of",
     "channel_light",
+    "cosine_rms",
+    "cosine_spread",
+    "cosines",
     "damped",
     "damped_step",
     "damped_steps",
@@ -163,6 +166,7 @@ __all__ = [
     "stride_mask",
     "total_degree",
     "variance_shares",
+    "ways",
     "weigh",
     "white_covariance",
     "with_chosen_terms",

@@ -50,6 +50,47 @@ class Hypothesis:
     positive: bool = False
 
 
+def ways(
+    name: str, columns: slice, roots: Sequence[Array], chance: float, *, positive: bool = False
+) -> list[Hypothesis]:
+    """Something that is there by a chance, in ways that exclude one another, by their `roots`.
+
+    `positive`, whether the amplitude of the first is.
+    """
+    odds = float(np.log(chance / (1.0 - chance) / len(roots)))
+    return [
+        Hypothesis(name, columns, root, odds, positive and way == 0)
+        for way, root in enumerate(roots)
+    ]
+
+
+def cosines(shape: tuple[int, ...], count: int) -> NDArray[np.float32]:
+    """Products of `count` cosines along each side of a picture (count², rows, cols), float32."""
+    down, across = (
+        np.cos(np.pi * np.outer(np.arange(count), np.arange(n) + 0.5) / n).astype(np.float32)
+        for n in shape
+    )
+    return np.asarray(down[:, None, :, None] * across[None, :, None, :]).reshape(-1, *shape)
+
+
+def cosine_spread(count: int, width: float) -> Array:
+    """Standard deviations (count²,) of such products in a Gaussian process of variance 1 and a
+    length of `width`, of the picture's size.
+    """
+    number = np.arange(count)
+    power = np.exp(-0.5 * (np.pi * number * width) ** 2)
+    power *= np.where(number, 2.0, 1.0)
+    power /= power.sum()
+    return np.asarray(np.sqrt(np.outer(power, power)).ravel())
+
+
+def cosine_rms(amplitudes: Array) -> float:
+    """Root mean square over the picture of such products with their amplitudes (count²,)."""
+    count = round(len(amplitudes) ** 0.5)
+    power = np.where(np.arange(count), 0.5, 1.0)
+    return float(np.sqrt(np.sum(np.outer(power, power).ravel() * amplitudes**2)))
+
+
 @dataclass(frozen=True)
 class Sets:
     """Sets of hypotheses, the likeliest first: `members`, by number, and `weights`, their sum 1."""
@@ -75,6 +116,15 @@ class Sets:
             for hypothesis in self.named(index):
                 result[hypothesis.name] += weight
         return result
+
+    def values_of(self, name: str) -> Array:
+        """The values of something in the likeliest set that has it; KeyError where none has."""
+        for members in self.members:
+            for k in members:
+                hypothesis = self.evidence.hypotheses[k]
+                if hypothesis.name == name:
+                    return self.evidence.values(members)[hypothesis.columns]
+        raise KeyError(name)
 
     def judged(self, logs: Mapping[tuple[int, ...], float]) -> Sets:
         """With ln E of some sets from elsewhere: between these it counts, not the slopes."""

@@ -35,9 +35,13 @@ from isochrome.estimation import (
     Hypothesis,
     ScoreProducts,
     Sets,
+    cosine_rms,
+    cosine_spread,
+    cosines,
     evidence_gain,
     missing_terms,
     positive_part,
+    ways,
     weigh,
     with_chosen_terms,
 )
@@ -301,11 +305,8 @@ def weighed(fit: SetFit) -> Weighed:
             along[list(nuisance.unknowns), place] = 1.0
         counted += place[: len(nuisance.weights)].tolist()
         weights += nuisance.weights.tolist()
-        odds = float(np.log(RARE / (1.0 - RARE) / len(nuisance.roots)))
-        hypotheses += [
-            Hypothesis(nuisance.name, slice(place[0], first), root, odds, nuisance.positive)
-            for root in nuisance.roots
-        ]
+        columns = slice(place[0], first)
+        hypotheses += ways(nuisance.name, columns, nuisance.roots, RARE, positive=nuisance.positive)
     right = products.right / noise + matrix @ now
     sets = weigh(Evidence(matrix, right, hypotheses), given=given)
     normal = matrix[np.ix_(counted, counted)] + np.diag(weights) / noise
@@ -432,34 +433,19 @@ def _order_columns(fit: SetFit, index: int) -> Array:
     model = fit.model
     order, slope = model.by_order(index, fit.values)
     mask = model.images[index].mask
-    down, across = (
-        np.cos(np.pi * np.outer(np.arange(_COSINES), np.arange(n) + 0.5) / n) for n in mask.shape
-    )
-    waves = (down[:, None, :, None] * across[None, :, None, :])[:, :, mask]
-    return np.asarray(waves.reshape(_COSINES**2, -1)[1:] * (slope * order * fit.point.gain(index)))
+    waves = cosines(mask.shape, _COSINES)[1:, mask]
+    return np.asarray(waves * (slope * order * fit.point.gain(index)))
 
 
 def _order_root(size: float, width: float) -> Array:
     """L (k, r) of a Gaussian process over the picture, on its cosines, the even one left out: that
     is the fringe value itself.
     """
-    number = np.arange(_COSINES)
-    power = np.exp(-0.5 * (np.pi * number * width) ** 2)
-    power *= np.where(number, 2.0, 1.0)
-    power /= power.sum()
-    return np.asarray(size * np.diag(np.sqrt(np.outer(power, power)).ravel()[1:]))
+    return np.asarray(size * np.diag(cosine_spread(_COSINES, width)[1:]))
 
 
 def unexplained_order(sets: Sets) -> float:
     """Root mean square of the order that no cause explains, as a share of the orders, in its
-    likeliest set; 0 where no likely set has it.
+    likeliest set.
     """
-    for members in sets.members:
-        for k in members:
-            hypothesis = sets.evidence.hypotheses[k]
-            if hypothesis.name == ORDER:
-                number = np.where(np.arange(_COSINES), 0.5, 1.0)
-                power = np.outer(number, number).ravel()[1:]
-                values = sets.evidence.values(members)[hypothesis.columns]
-                return float(np.sqrt(power @ values**2))
-    return 0.0
+    return cosine_rms(np.r_[0.0, sets.values_of(ORDER)])

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from isochrome.estimation import FrameData, block_correlation, line_noise
+from isochrome.estimation import FrameData, block_correlation, cosines, line_noise
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.cause import BAND, EVEN, FRINGE_VALUE, PLATES, YOUNG, Cause
 from isochrome.fitting.causes.modes import TractionModes, traction_modes
@@ -242,7 +242,7 @@ class FrameBlocks:
         moved = optics.signal(field, order=order, visibility=visibility)
         slope = (moved - self._here) * (self._gain / np.float32(_ORDER))
         rows, cols = self._chosen.shape
-        return np.asarray(self.pick(cosines((rows, cols))) * slope)
+        return np.asarray(self.pick(cosines((rows, cols), COSINES)) * slope)
 
     def shadow_columns(self) -> Array:
         """By the light that is missing at each depth of blocks beside the surface (k, n)."""
@@ -281,15 +281,6 @@ class FrameBlocks:
         """The signal at the blocks for a scene's own optics, and a field (n,)."""
         field = self._fields[0] if field is None else field
         return scene_optics(scene).signal(field, visibility=self._fields[1])
-
-
-def cosines(shape: tuple[int, int]) -> Array:
-    """Products of cosines (k, rows, cols) over a picture, those along the rows first."""
-    down, across = (
-        np.cos(np.pi * np.outer(np.arange(COSINES), np.arange(n) + 0.5) / n).astype(np.float32)
-        for n in shape
-    )
-    return (down[:, None, :, None] * across[None, :, None, :]).reshape(-1, *shape)
 
 
 def less_means(values: Array, lines: Array, share: float) -> Array:

@@ -21,9 +21,12 @@ from isochrome.estimation import (
     ScoreProducts,
     Sets,
     Terms,
+    cosine_rms,
+    cosine_spread,
     light_products,
     missing_terms,
     positive_part,
+    ways,
     weigh,
     with_chosen_terms,
 )
@@ -135,22 +138,12 @@ class Asked:
 
     def value_of(self, name: str) -> float:
         """The first value of something in the likeliest set that has it."""
-        return float(self._values(name)[0])
+        return float(self.sets.values_of(name)[0])
 
     @property
     def order_size(self) -> float:
         """Root mean square of the order that no cause explains, fringes, in its likeliest set."""
-        power = np.where(np.arange(COSINES), 0.5, 1.0)
-        values = self._values(ORDER).reshape(COSINES, COSINES)
-        return float(np.sqrt(np.sum(np.outer(power, power) * values**2)))
-
-    def _values(self, name: str) -> Array:
-        for members in self.sets.members:
-            for k in members:
-                hypothesis = self.evidence.hypotheses[k]
-                if hypothesis.name == name:
-                    return self.evidence.values(members)[hypothesis.columns]
-        raise KeyError(name)
+        return cosine_rms(self.sets.values_of(ORDER))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,13 +205,9 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
     for nuisance in nuisances:
         columns = slice(first, first + len(nuisance.now))
         first = columns.stop
-        odds = np.log(RARE / (1.0 - RARE) / len(nuisance.roots))
         if nuisance.name in fitted.names:
             given.append(len(hypotheses) + len(nuisance.roots) // 2)
-        hypotheses += [
-            Hypothesis(nuisance.name, columns, root, float(odds), nuisance.positive and way == 0)
-            for way, root in enumerate(nuisance.roots)
-        ]
+        hypotheses += ways(nuisance.name, columns, nuisance.roots, RARE, positive=nuisance.positive)
     lit = sum(map(len, more_than(solution.terms, stated.terms)))
     along, counted = _told(products, nuisances, shared, matrix, lit)
     return Asked(
@@ -388,11 +377,7 @@ def middle_of(scene: Scene, key: str) -> float:
 
 def _order_root(size: float, width: float) -> Array:
     """L (k, r) of a Gaussian process of an order over the picture, on its cosines."""
-    number = np.arange(COSINES)
-    power = np.exp(-0.5 * (np.pi * number * width) ** 2)
-    power *= np.where(number, 2.0, 1.0)
-    power /= power.sum()
-    spread = np.sqrt(np.outer(power, power)).ravel()
+    spread = cosine_spread(COSINES, width)
     chosen = spread > 0.01 * spread.max()
     return np.asarray(size * np.diag(spread)[:, chosen])
 

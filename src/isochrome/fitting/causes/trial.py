@@ -16,9 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isochrome.estimation import Bounds, FrameData, LinearPart, Prior
+from isochrome.estimation import Bounds, FrameData, LinearPart, Prior, cosines
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.causes.blocks import BLOCK, cosines
+from isochrome.fitting.causes.blocks import BLOCK, COSINES
 from isochrome.fitting.causes.cause import TINY
 from isochrome.fitting.causes.modes import TractionModes
 from isochrome.fitting.causes.score import LightTerms, light_sizes, more_than, of_more_light
@@ -127,7 +127,9 @@ class TrialModel(FrameModel):
             hats = expected.modes.fields(pixel_grid(scene, data.shape).every(stride))
             self._fields = np.tensordot(expected.root.T.astype(np.float32), hats, 1)
         if expected.order is not None:
-            orders = np.tensordot(expected.order.T.astype(np.float32), cosines(self._shape), 1)
+            orders = np.tensordot(
+                expected.order.T.astype(np.float32), cosines(self._shape, COSINES), 1
+            )
             self._fields = np.concatenate((self._fields, orders * self._per_order(scene)))
         count, ends = len(self._fields), self.limits
         self.prior = Prior(
