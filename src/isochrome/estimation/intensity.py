@@ -80,14 +80,13 @@ def fit_intensity(
     lower: ArrayLike | None = None,
     upper: ArrayLike | None = None,
     scale: ArrayLike | None = None,
-    central: bool = True,
 ) -> IntensityFit:
     """Fit a polariscope's signal to a frame, illumination and background eliminated linearly.
 
     `response`: from params (p,) to the ideal signal 0..1 (rows, cols), such as sin²(πN); bases (k,
     rows, cols), see `polynomial_basis`; `mask`: by default where finite; `scale`: a natural change
-    of each parameter, by default |start| or 1, whose 1e-4 is the difference step; not `central`:
-    one way, for a costly response. InputError on shapes, a start, or more unknowns than pixels.
+    of each parameter, by default |start| or 1, whose 1e-4 is the difference step. InputError on
+    shapes, a start, or more unknowns than pixels.
     """
     problem = prepare(
         image, mask=mask, sigma=sigma, illumination=illumination, background=background
@@ -113,7 +112,7 @@ def fit_intensity(
         enough=lambda at: _LAST_STEP**2 * max(1.0, at.cost / problem.size),
         better=better, bounds=search.bounds,
     )  # fmt: skip
-    rows = search.jacobian(descent.values, descent.point.part, central=central)
+    rows = search.jacobian(descent.values, descent.point.part, central=True)
     return _result(image, search, descent, rows, illumination, background)
 
 

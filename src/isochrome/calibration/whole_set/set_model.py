@@ -221,11 +221,6 @@ class SetModel:
         """Which unknowns are of what the kind has besides."""
         return np.arange(self._ends[1], self._ends[2])
 
-    def table(self, values: Array) -> Array:
-        """The loaded images' own unknowns (m, p)."""
-        size = len(self.kind.steps)
-        return np.asarray(values[: self.loaded * size].reshape(-1, size))
-
     def split(self, values: Array) -> tuple[Array, Array, dict[str, float]]:
         """Of some unknowns: exposures (m,), the amplitudes (k,) besides, and what is shared."""
         own, exposures, besides, _ = self._ends
@@ -254,6 +249,12 @@ class SetModel:
         if index < self.loaded:
             return own, False
         return self.kind.idle(values[self.own_places(0)], own), bool(len(own) and own[0] < 0.0)
+
+    def order(self, index: int, values: Array) -> Array:
+        """An image's order (n,), with a sign or none."""
+        own, _ = self.unknowns_of(index, values)
+        _, besides, shared = self.split(values)
+        return self.kind.order(own, besides, *self.places(index, shared))
 
     def _orders(self, index: int, values: Array, shared: dict[str, float]) -> tuple[Array, ...]:
         """An image's order (n,), and its differences to the pixels below, above, right and left."""
@@ -588,7 +589,8 @@ class SetFit:
     @property
     def own(self) -> Array:
         """The loaded images' own unknowns (m, p)."""
-        return self.model.table(self.values)
+        size = len(self.model.kind.steps)
+        return np.asarray(self.values[: self.model.loaded * size].reshape(-1, size))
 
     @property
     def shared(self) -> dict[str, tuple[float, float]]:

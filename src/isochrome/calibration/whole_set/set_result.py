@@ -38,7 +38,7 @@ def image_maps(fit: SetFit, index: int) -> dict[str, Any]:
     own, image = model.images[index], model.shots[index].light[np.ix_(model.rows, model.cols)]
     residual, order = np.full((2, *own.mask.shape), np.nan)
     residual[own.mask] = point.linear[2][index] * own.sigma
-    order[own.mask] = np.abs(model.by_order(index, fit.values)[0])
+    order[own.mask] = np.abs(model.order(index, fit.values))
     return {"image": image, "model": image - residual, "residual": residual, "order": order}
 
 
