@@ -40,7 +40,8 @@ MODULUS, TRACTIONS, SMOOTH = (
     "tractions that are not the model's",
     "a smooth stress besides the contact's",
 )
-NAMES = dict.fromkeys(FACTS, TRACTIONS) | {"modulus": MODULUS, "smooth": SMOOTH}
+LAYER = "a soft or rough layer between the bodies"
+NAMES = dict.fromkeys(FACTS, TRACTIONS) | {"modulus": MODULUS, "layer": LAYER, "smooth": SMOOTH}
 """What each is called."""
 
 NAMED = 0.9

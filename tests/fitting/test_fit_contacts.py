@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
+from benchmarks import case_contacts
 from fitting.sliding_bench import bench
 from isochrome.contact import SurfaceState
+from isochrome.errors import InputError
 from isochrome.fitting import SceneRenderer
 from isochrome.fitting.causes.modes import traction_modes
-from isochrome.scene import dump_scene, parse_scene
+from isochrome.scene import dump_scene, load_scene, parse_scene
 from isochrome.simulation import scene_states
 from isochrome.stress import pixel_grid
 
@@ -43,6 +45,24 @@ def test_the_process_has_its_size_and_no_sum(size, length):
     spread = np.sqrt(np.square(root[:count]).sum(axis=1)) / modes.largest_mpa
     # what the sum of nought takes: the longer the process is alike, the more
     assert np.all(spread < 1.01 * size) and np.median(spread) > 0.5 * size
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("single", 41), ("single", 18)])
+def test_what_moves_fringes_by_more_than_half_of_one_is_named_alone(kind, seed):
+    """A layer, and a wave that parts the contact: from where the scene is, slopes point elsewhere.
+
+    Frames by strips of even traction; chi is 7 and 12 as the scene states it.
+    """
+    row = case_contacts.judged(kind, seed)
+    assert row.named and row.first, row.found
+    assert row.chi < 1.03
+    # four standard uncertainties: one in ten thousand
+    assert max(abs(row.load_pull), abs(row.friction_pull)) < 4.0
+
+
+def test_a_layer_needs_an_indenter():
+    with pytest.raises(InputError, match=r"\[contact\] says what lies between two bodies"):
+        load_scene("ring").with_values({"contact.layer_um_per_mpa": 0.1})
 
 
 def test_added_tractions_are_in_the_simulation_and_in_the_scenes_text():

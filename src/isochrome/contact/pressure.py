@@ -70,15 +70,22 @@ class Surface:
 
 @lru_cache(maxsize=8)
 def make_surface(
-    nodes: int, spacing_mm: float, *, contact_modulus_mpa: float, coupling_per_mpa: float = 0.0
+    nodes: int,
+    spacing_mm: float,
+    *,
+    contact_modulus_mpa: float,
+    coupling_per_mpa: float = 0.0,
+    layer_mm_per_mpa: float = 0.0,
 ) -> Surface:
-    """The surface operator of a grid, for E* and the coupling 1/G* (0: none).
+    """The surface operator of a grid, for E*, the coupling 1/G* (0: none) and a layer that gives
+    way by its compliance times the pressure (Johnson, 1985, section 4.3: Winkler's foundation).
 
     The last ones are kept: a video's frames are solved on one. Source: see the module.
     """
     n, h = nodes, spacing_mm
     length = int(scipy.fft.next_fast_len(2 * n, real=True))
     half = -2.0 / (np.pi * contact_modulus_mpa) * log_of_hat(n, h)
+    half[0] += layer_mm_per_mpa
     theta = 2.0 * np.pi * np.arange(length // 2 + 1) / length
     coupling = lattice_coupling = ahead = None
     if coupling_per_mpa != 0.0:
@@ -92,15 +99,20 @@ def make_surface(
     if n <= _DENSE:
         dense = toeplitz(half), None if ahead is None else toeplitz(ahead, -ahead)
     else:
-        moduli = {"contact_modulus_mpa": contact_modulus_mpa, "coupling_per_mpa": coupling_per_mpa}
-        coarse = make_surface((n - 1) // COARSER + 1, COARSER * h, **moduli)
+        coarse = make_surface(
+            (n - 1) // COARSER + 1,
+            COARSER * h,
+            contact_modulus_mpa=contact_modulus_mpa,
+            coupling_per_mpa=coupling_per_mpa,
+            layer_mm_per_mpa=layer_mm_per_mpa,
+        )
     return Surface(
         nodes=n,
         spacing_mm=h,
         modulus_mpa=contact_modulus_mpa,
         normal=scipy.fft.rfft(_circular(half, length)),
         coupling=coupling,
-        lattice_normal=2.0 * h / contact_modulus_mpa * _lattice_symbol(theta),
+        lattice_normal=2.0 * h / contact_modulus_mpa * _lattice_symbol(theta) + layer_mm_per_mpa,
         lattice_coupling=lattice_coupling,
         dense=dense,
         coarse=coarse,

@@ -157,6 +157,8 @@ def _contact_reach(
     # root by root, so that no load overflows on its way to the refusal
     per_load = 2.0 * math.sqrt(radius / (math.pi * modulus))
     finest, hertz = (per_load * math.sqrt(load) for load in loads)
+    # a layer gives way as wear does
+    dose = dose + scene.layer_mm_per_mpa
     worn = (1.5 * radius * dose) ** (1.0 / 3.0) * loads[1] ** (1.0 / 3.0)
     widest = max(hertz, worn)
     reach = widest * ((hertz / widest) ** 3 + (worn / widest) ** 3) ** (1.0 / 3.0)

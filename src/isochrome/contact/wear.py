@@ -304,7 +304,11 @@ def make_site(scene: Scene, grid: ContactGrid) -> ContactSetup:
     """The operator and the gap of a scene on a grid; InputError on an unusable profile."""
     modulus, coupling = elastic_constants(scene)
     surface = make_surface(
-        grid.nodes, grid.spacing_mm, contact_modulus_mpa=modulus, coupling_per_mpa=coupling
+        grid.nodes,
+        grid.spacing_mm,
+        contact_modulus_mpa=modulus,
+        coupling_per_mpa=coupling,
+        layer_mm_per_mpa=scene.layer_mm_per_mpa,
     )
     return ContactSetup(scene, grid, surface, undeformed_gap(scene, grid.x_mm))
 
@@ -377,8 +381,8 @@ def _scars(
     `path` decides it. Without one it is all of them.
     """
     indenter = site.scene.pressed_body
-    if indenter.shape != "cylinder" or indenter.profile is not None:
-        return
+    if indenter.shape != "cylinder" or indenter.profile is not None or site.scene.layer_mm_per_mpa:
+        return  # the mesh's places are those of a pressure that ends as the root of the distance
     assert indenter.radius_mm is not None
     modulus, coupling = elastic_constants(site.scene)
     run = partial(scar_history, indenter.radius_mm, modulus, coupling)
@@ -584,6 +588,7 @@ def touches_outside(scene: Scene, state: SurfaceState) -> bool:
     here = log_of_hat(state.grid.nodes, state.grid.spacing_mm)[lags]
     level = undeformed_gap(scene, state.grid.x_mm[[peak]]) + state.wear_depth_mm[peak]
     level += _displacement(scene, state, state.grid.x_mm[[peak]], here[None, :])
+    level += scene.layer_mm_per_mpa * state.pressure_mpa[peak]
     loaded = np.flatnonzero(state.pressure_mpa)
     away = np.zeros((len(x), state.grid.nodes))
     distance = np.abs(x[:, None] - state.grid.x_mm[None, loaded])

@@ -91,6 +91,29 @@ class FrameData(Observation):
         rows, cols = parts["light"].shape
         return replace(self, lamp=frame_light((rows, cols), dark, bright), **parts)
 
+    def in_blocks(self, side: int) -> FrameData:
+        """Means over blocks of `side` by `side` pixels, an odd number, about every `side`-th one.
+
+        Valid are those whose pixels all are.
+        """
+        import cv2
+
+        def mean(image: Array) -> Array:
+            blurred = cv2.blur(image.astype(np.float32), (side, side))
+            return np.asarray(blurred[::side, ::side])
+
+        names = ("light", "raw")
+        thin = {name: mean(getattr(self, name)) for name in names}
+        for name in ("sigma", "raw_sigma"):
+            thin[name] = np.sqrt(mean(getattr(self, name) ** 2)) / np.float32(side)
+        inside = np.pad(self.valid, side // 2)  # at the picture's ends blocks are not whole
+        count = cv2.boxFilter(inside.astype(np.float32), -1, (side, side), normalize=False)[
+            side // 2 :: side, side // 2 :: side
+        ]
+        rows, cols = thin["raw"].shape
+        thin["valid"] = count[:rows, :cols] > side**2 - 0.5
+        return replace(self, lamp=self.lamp.every(side), **thin)
+
     def every(self, stride: int) -> FrameData:
         """The frame at every `stride`-th pixel."""
         names = ("light", "sigma", "valid", "raw", "raw_sigma")

@@ -278,7 +278,7 @@ def slope_visibility(rows: Array, cols: Array, *, out: Array | None = None) -> A
     return np.multiply(_sinc(rows), _sinc(cols), out=out)
 
 
-def mean_order(order: Array, *, stride: int = 1, blur_px2: float = 0.0) -> Array:
+def mean_order(order: Array, *, stride: float = 1.0, blur_px2: float = 0.0) -> Array:
     """The order M (rows, cols) that square pixels show of N in their middles, NaN off the specimen.
 
     Over a pixel of side 1 the mean of exp(2 pi i N) is V exp(2 pi i M), M = N + (d²N/dx² +

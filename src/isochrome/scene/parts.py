@@ -155,6 +155,18 @@ class Indenter(ScenePart):
         return self
 
 
+class Contact(ScenePart):
+    """What lies between the bodies of a contact.
+
+    Parameters
+    ----------
+    layer_um_per_mpa : float, default 0.0
+        Compliance of a soft or rough layer: how far a pressure of 1 MPa presses it together, um.
+    """
+
+    layer_um_per_mpa: NonNegative = 0.0
+
+
 class AddedTractions(ScenePart):
     """Tractions on a contact's surface besides its model's, linear between places, nought beyond.
 

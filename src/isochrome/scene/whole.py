@@ -23,6 +23,7 @@ from isochrome.scene.parts import (
     BODIES,
     AddedTractions,
     Body,
+    Contact,
     Friction,
     Indenter,
     Load,
@@ -50,6 +51,8 @@ class Scene(ScenePart):
         fringe).
     indenter : Indenter, optional
         The sliding body of a contact.
+    contact : Contact, optional
+        What lies between the bodies.
     load : Load, optional
         The forces, N.
     friction : Friction, optional
@@ -95,6 +98,7 @@ class Scene(ScenePart):
 
     specimen: Specimen
     indenter: Indenter | None = None
+    contact: Contact = Contact()
     load: Load | None = None
     friction: Friction | None = None
     wear: Wear | None = None
@@ -146,6 +150,8 @@ class Scene(ScenePart):
                 raise ValueError(message("missing_needs_add", key=key, what=what))
 
     def _check_sliding(self) -> None:
+        if self.indenter is None and self.contact != Contact():
+            raise ValueError(message("contact_needs_indenter"))
         if self.indenter is None and (self.friction or self.wear):
             raise ValueError(message("friction_wear_need_indenter"))
         if self.scar and self.wear is None:
@@ -216,6 +222,11 @@ class Scene(ScenePart):
         """The indenter, of a contact alone."""
         assert self.indenter is not None
         return self.indenter
+
+    @property
+    def layer_mm_per_mpa(self) -> float:
+        """Compliance of what lies between the bodies of a contact, mm/MPa."""
+        return 1e-3 * self.contact.layer_um_per_mpa
 
     @property
     def added_tractions(self) -> AddedTractions | None:

@@ -178,11 +178,11 @@ def plain_values(text: str) -> dict[str, Any]:
 
 
 _ORDER = (
-    "specimen", "beam", "disc", "indenter", "load", "friction", "wear", "polariscope", "camera",
-    "frames", "uncertainty",
+    "specimen", "beam", "disc", "indenter", "contact", "load", "friction", "wear", "polariscope",
+    "camera", "frames", "uncertainty",
 )  # fmt: skip
 
-_OF_A_MODEL = ("indenter", "friction", "wear", "scar", "load", "frames.known_loads_n")
+_OF_A_MODEL = ("indenter", "contact", "friction", "wear", "scar", "load", "frames.known_loads_n")
 """Tables and keys that make a scene one of a model."""
 
 _NOUGHT = (False, 0, "")

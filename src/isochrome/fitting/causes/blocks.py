@@ -13,9 +13,9 @@ from isochrome.estimation import FrameData, block_correlation, cosines, line_noi
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.cause import BAND, EVEN, FRINGE_VALUE, PLATES, YOUNG, Cause
 from isochrome.fitting.causes.modes import TractionModes, traction_modes
-from isochrome.fitting.frame.frame_model import GammaFit, Pixels, gamma_slope
+from isochrome.fitting.frame.frame_model import GammaFit, Pixels, gamma_slope, trust_of_slopes
 from isochrome.fitting.frame.renderer import SceneRenderer, scene_optics
-from isochrome.fitting.frame.unknowns import BLUR, EARLIER, GAMMA, LENS, PIXEL, SMOOTH_KEYS
+from isochrome.fitting.frame.unknowns import BLUR, EARLIER, GAMMA, LAYER, LENS, PIXEL, SMOOTH_KEYS
 from isochrome.optics import blur_variance
 from isochrome.scene import Scene
 from isochrome.stress import PixelGrid, pixel_grid, regular_modes
@@ -35,6 +35,7 @@ _FRICTION = 0.01
 """A change of the scar that stands above what its own tolerance moves."""
 _MODULUS = 1e-3
 """Share of a modulus by which it is changed: the contact is solved to 1e-6 or so."""
+_LAYER_UM_PER_MPA = 0.001
 _EVEN_STEPS = {PLATES[0]: 3.0, PLATES[1]: 3.0, BAND: 10.0}
 """Steps of what has no slope at nought: degrees, nm."""
 _OUTLIER = 6.0
@@ -98,6 +99,8 @@ class FrameBlocks:
         self._signal_image = image
         self.signal = gamma_fit.part.signal[at]
         self._model = gamma_fit.model[at]
+        trust = trust_of_slopes(gamma_fit)
+        self._trust = trust[at]
         self._light = gamma_fit.weight[at] * root
         bases = pixels.light[:, at], pixels.dark[:, at]
         self.light_rows = self.light_columns(*bases)
@@ -110,7 +113,7 @@ class FrameBlocks:
         self.rows, self._held = np.split(every, [solved.unknowns])
         lines = (line_noise(keep, gamma_fit.residual, axis) for axis in (0, 1))
         self._own = [1.0 - max(1.0, variance) ** -0.5 for variance in lines]
-        self.excess = _excess(keep, gamma_fit.residual, self._own)
+        self.excess = _excess(keep, trust * gamma_fit.residual, self._own)
         first = np.argmax(keep, axis=0)
         self._depth = (np.arange(len(keep))[:, None] - first)[::BLOCK, ::BLOCK] // BLOCK
         self.beside = self._depth < SHADOW_BLOCKS if self.scene.is_contact else None
@@ -123,7 +126,10 @@ class FrameBlocks:
         Of each row and column a part of the mean is taken off all of them, the larger the more
         noise it has of its own: what is left is as if of independent pixels.
         """
-        light, rows, residual = self.light_rows, self.rows, self.residual[None]
+        light, rows, columns, residual = (
+            values * self._trust
+            for values in (self.light_rows, self.rows, columns, self.residual[None])
+        )
         for axis, share in enumerate(self._own):
             lines = np.nonzero(self._chosen)[1 - axis]
             light, rows, columns, residual = (
@@ -208,9 +214,10 @@ class FrameBlocks:
         if key == FRINGE_VALUE:
             moved = self._signal(self.scene, self._fields[0] * np.float32(1.0 - _STEP))
             return np.asarray((moved - self._here) * (self._gain / (_STEP * self.scene.get(key))))
-        if key in (EARLIER, YOUNG):
-            value = float(self.scene.get(key))
-            return self._solved_column(key, value, _MODULUS * value if key == YOUNG else _FRICTION)
+        if key in (EARLIER, YOUNG, LAYER):
+            value = float(self.scene.get(key) or 0.0)
+            step = {EARLIER: _FRICTION, YOUNG: _MODULUS * value, LAYER: _LAYER_UM_PER_MPA}[key]
+            return self._solved_column(key, value, step)
         return self._moved_column(key)
 
     def _solved_column(self, key: str, value: float, step: float) -> Array:

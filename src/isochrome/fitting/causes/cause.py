@@ -6,6 +6,7 @@ from isochrome.fitting.frame.unknowns import (
     BLUR,
     EARLIER,
     GAMMA,
+    LAYER,
     LENS,
     PIXEL,
     SMOOTH_KEYS,
@@ -61,17 +62,23 @@ PAST = Cause("another friction before", (EARLIER,), (0.1,))
 MODULUS = Cause(
     "another modulus of the specimen, or another radius of what presses on it", (YOUNG,), (0.1,)
 )
+# the asperities of a surface that was ground or milled
+SOFT = Cause("a soft or rough layer between the bodies", (LAYER,), (0.05,))
 SCALE = Cause("the pixel's size", (PIXEL,), (0.003,), free=False)
 STIFF = Cause("the fringe value", (FRINGE_VALUE,), (0.05,), free=False)
 
 STATED = "what the scene states with an uncertainty"
 
 CAUSES = (
-    ROLL, DISTORTION, SIDE, ABOVE, TONE, BLURRED, TURNED, WIDE, SMOOTH, PAST, MODULUS, SCALE, STIFF,
+    ROLL, DISTORTION, SIDE, ABOVE, TONE, BLURRED, TURNED, WIDE, SMOOTH, PAST, MODULUS, SOFT, SCALE,
+    STIFF,
 )  # fmt: skip
 
 OF_SIZE = (YOUNG, PIXEL, FRINGE_VALUE)
 """Keys whose causes have a share of the value as their size."""
+
+POSITIVE = (LAYER,)
+"""Keys of causes whose values cannot be negative, and that have a slope at nought."""
 
 EVEN = (BLUR, *PLATES, BAND)
 """Keys of causes that enter by their square."""
@@ -108,6 +115,8 @@ def _has(scene: Scene, key: str) -> bool:
     polariscope = scene.polariscope
     if key in (*SMOOTH_KEYS, YOUNG):
         return scene.is_contact
+    if key == LAYER:  # sliding wears it off
+        return scene.is_contact and scene.wear is None
     if key in (PIXEL, FRINGE_VALUE):  # in a contact they look like its modulus
         return not scene.is_contact
     if key == EARLIER:

@@ -34,8 +34,8 @@ from isochrome.fitting.causes.score import (
 from isochrome.fitting.causes.slips import Slip, explaining_slip, is_lost
 from isochrome.fitting.causes.solution import Askable, Change, FrameSolution
 from isochrome.fitting.causes.trial import Expected, Trial
-from isochrome.fitting.frame.frame_fit import fit_with_model
-from isochrome.fitting.frame.unknowns import StatedInputs
+from isochrome.fitting.frame.frame_fit import fit_with_model, hidden_px
+from isochrome.fitting.frame.unknowns import BLUR, StatedInputs
 from isochrome.scene import Scene
 
 S = TypeVar("S", bound=Askable)
@@ -388,21 +388,18 @@ def _expected(freed: Freed[S], asked: Asked) -> Expected:
         for cause in asked.causes
         for key, start, size in zip(cause.keys, cause.starts, sizes_of(cause, stated), strict=True)
     }
-    return Expected(keys=keys, terms=freed.stated.terms)
+    starts = {cause.keys[0]: cause.starts[0] for cause in asked.causes}
+    blurred = stated.with_values({BLUR: starts[BLUR]}) if BLUR in starts else stated
+    return Expected(keys=keys, terms=freed.stated.terms, hidden_px=hidden_px(blurred))
 
 
 def _trial(freed: Freed[S], plan: _Plan, expected: Expected) -> Trial | None:
-    """A set's fit to few pixels; None where it cannot be made.
-
-    What no noise explains is left out of all: it may be dust, or where a cause is felt most, and
-    what explains the others as well without it is right.
-    """
+    """A set's fit to few pixels; None where it cannot be made."""
     asked = freed.asked
     assert asked is not None
     expected = replace(expected, root=plan.root, order=plan.order, modes=asked.modes)
     every = replace(plan, causes=plan.causes + plan.suspects, values=None)
-    change = replace(_change(freed, every), outside=asked.outside)
-    return freed.now.trial(change, expected)
+    return freed.now.trial(_change(freed, every), expected)
 
 
 def _change(freed: Freed[S], plan: _Plan) -> Change:
@@ -440,11 +437,9 @@ def _changed_light(freed: Freed[S], plan: _Plan) -> LightTerms | None:
 
 def _with(freed: Freed[S], plan: _Plan) -> Freed[S] | None:
     """The fit with a set, None where it is not sound, or no better with more unknowns."""
-    before, odd = freed.now, freed.odd
-    if plan.trial is not None and freed.asked and freed.asked.outside is not None:
-        odd = freed.asked.outside if odd is None else odd | freed.asked.outside  # as in its trial
+    before = freed.now
     try:
-        now, odd = _again(freed, _change(freed, plan), odd)
+        now, odd = _again(freed, _change(freed, plan), freed.odd)
     except PhysicsError:
         return None
     fewer = not (plan.names - freed.fitted.names)

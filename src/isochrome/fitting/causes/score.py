@@ -35,6 +35,7 @@ from isochrome.fitting.causes.blocks import BLOCK, COSINES, SHADOW_BLOCKS, Frame
 from isochrome.fitting.causes.cause import (
     EVEN,
     OF_SIZE,
+    POSITIVE,
     RARE,
     SCALE,
     STATED,
@@ -287,7 +288,7 @@ def _open_cause(blocks: FrameBlocks, cause: Cause) -> _Nuisance:
         columns=lambda blocks: blocks.columns(cause),
         now=now,
         roots=roots,
-        positive=cause.keys[0] in EVEN and not cause.stated,
+        positive=cause.keys[0] in (*EVEN, *POSITIVE) and not cause.stated,
     )
 
 
@@ -326,6 +327,7 @@ def _fitted_cause(solution: Askable, cause: Cause, stated: Scene) -> _Nuisance:
         columns=lambda blocks: blocks.rows[rows],
         now=np.array(values),
         roots=(np.diag(spread),),
+        positive=cause.keys[0] in POSITIVE and not cause.stated,
         rows=tuple(rows),
         of_each=np.eye(len(rows)),
     )

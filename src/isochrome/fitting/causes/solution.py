@@ -14,21 +14,19 @@ from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.blocks import BLOCK, FrameBlocks, SolvedFrame, outliers
 from isochrome.fitting.causes.score import LightTerms
 from isochrome.fitting.causes.trial import (
-    TOLERANCE,
     Expected,
     Trial,
     TrialModel,
     light_weights,
+    student_cost,
     through_a_lens,
-    trial_stride,
+    trial_side,
 )
 from isochrome.fitting.frame.frame_fit import Fitted, FrameFit, fit_with_model, hidden_px
-from isochrome.fitting.frame.frame_model import FrameModel, refine_fit, stored
+from isochrome.fitting.frame.frame_model import FrameModel, stored
 from isochrome.fitting.frame.single_state import with_numerics
 from isochrome.fitting.frame.unknowns import GAMMA, StatedInputs, fit_region, moved_scene, values_of
 from isochrome.scene import Scene
-
-_PASSES = 12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -252,16 +250,18 @@ class FrameSolution:
     def trial(self, change: Change, expected: Expected) -> Trial | None:
         """A fit to few pixels with what is expected of it; None where there is none."""
         data, keys, scene = self._changed(change)
-        scene, stride = through_a_lens(scene), trial_stride(data.shape)
+        scene, side = through_a_lens(scene), trial_side(data.shape)
         prior = expected.prior(keys, self.fitted.stated.prior(keys))
         try:
-            region = fit_region(scene, data.shape, stride, hidden_px(scene))
+            region = fit_region(scene, data.shape, 1, expected.hidden_px)
+            around = through_a_lens(self.fit.scene)
             model = TrialModel(
-                data, with_numerics(scene), keys, region,
-                stride=stride, prior=prior, expected=expected,
+                replace(data, valid=data.valid & region),
+                *(with_numerics(one, nodes_per_pixel=1, tolerance=1e-3) for one in (scene, around)),
+                keys, side=side, prior=prior, expected=expected,
             )  # fmt: skip
             start = np.pad(values_of(scene, keys), (0, model.count))
-            result = refine_fit(model, start, tolerance=TOLERANCE, iterations=_PASSES)
+            result = model.settled(start)
         except PhysicsError:
             return None
         if result is None or not result.gamma_fit.part.positive:
@@ -272,7 +272,7 @@ class FrameSolution:
         if expected.root is not None:
             found = expected.root @ amplitudes[: expected.root.shape[1]]
         return Trial(
-            cost=result.gamma_fit.cost,
+            cost=student_cost(model.residual(result)),
             normal=result.local.information,
             prior=model.prior.cost(result.values),
             weight=model.prior.weight,

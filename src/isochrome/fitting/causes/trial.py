@@ -12,7 +12,7 @@ Kass & Raftery (1995), J. Am. Stat. Assoc. 90, 773, section 4.1.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,7 +22,15 @@ from isochrome.fitting.causes.blocks import BLOCK, COSINES
 from isochrome.fitting.causes.cause import TINY
 from isochrome.fitting.causes.modes import TractionModes
 from isochrome.fitting.causes.score import LightTerms, light_sizes, more_than, of_more_light
-from isochrome.fitting.frame.frame_model import FrameModel, GammaFit, LocalModel, local_model
+from isochrome.fitting.frame.frame_model import (
+    FrameModel,
+    GammaFit,
+    LocalModel,
+    RefinedFit,
+    local_model,
+    refine_fit,
+    trust_of_slopes,
+)
 from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.frame.unknowns import LENS, moved_scene, thinning
 from isochrome.scene import Scene
@@ -30,12 +38,22 @@ from isochrome.stress import pixel_grid
 
 TOLERANCE = 0.5
 """Last step, in standard uncertainties."""
-_PIXELS = 9_000
+_MEANS = 4_000
+_COARSE = 0.05
+"""Error of a mean over a block, over the light and what fringes lose of their contrast in it."""
+_NEARER, _FAR = 8, 1.5
+"""How often the slopes' weights are taken anew, and the residual's variance over the noise's, below
+which none is needed."""
+_PASSES, _ROBUST = 12, 2
+"""Steps of a fit, and how often its outliers are weighed."""
+_DEGREES = 5.0
+"""Degrees of freedom of the noise's Student's t."""
 
 
-def trial_stride(shape: tuple[int, int]) -> int:
-    """Every how manieth pixel is fitted: a whole number of blocks, on which modes are known."""
-    return BLOCK * max(1, round(thinning(shape[0] * shape[1], _PIXELS) / BLOCK))
+def trial_side(shape: tuple[int, int]) -> int:
+    """Side in pixels of the blocks whose means are fitted, an odd number of those of causes."""
+    wide = thinning(shape[0] * shape[1], _MEANS) / BLOCK
+    return BLOCK * (2 * round(0.5 * (wide - 1.0)) + 1) if wide > 1.0 else BLOCK
 
 
 def through_a_lens(scene: Scene) -> Scene:
@@ -52,11 +70,13 @@ class Expected:
     """What is known beforehand of what a trial fits besides the unknowns.
 
     `keys` to a middle and a standard deviation; `root` L (k, r) of the covariance of the tractions
-    of `modes`; `order` L (k, r) of that of an order's cosines; `terms`, the light that all have.
+    of `modes`; `order` L (k, r) of that of an order's cosines; `terms`, the light that all have,
+    and `hidden_px`, the depth above which none is fitted: all are compared over the same pixels.
     """
 
     keys: dict[str, tuple[float, float]]
     terms: LightTerms
+    hidden_px: float
     modes: TractionModes | None = None
     root: Array | None = None
     order: Array | None = None
@@ -104,6 +124,16 @@ class Trial:
         return float(log)
 
 
+def student_root(residual: Array) -> Array:
+    """Root of the weights (n,) that residuals have in Student's t."""
+    return np.asarray(np.sqrt((_DEGREES + 1.0) / (_DEGREES + np.square(residual))), np.float32)
+
+
+def student_cost(residual: Array) -> float:
+    """-2 ln of Student's t of the residuals, up to a constant."""
+    return float(np.sum((_DEGREES + 1.0) * np.log1p(np.square(residual) / _DEGREES), dtype=float))
+
+
 class TrialModel(FrameModel):
     """A frame's few pixels, with amplitudes of the tractions' modes behind its unknowns."""
 
@@ -111,20 +141,31 @@ class TrialModel(FrameModel):
         self,
         data: FrameData,
         scene: Scene,
+        around: Scene,
         keys: tuple[str, ...],
-        region: Array,
         *,
-        stride: int,
+        side: int,
         prior: Prior,
         expected: Expected,
     ) -> None:
-        """As of a `FrameModel`, with what is `expected`."""
+        """As of a `FrameModel`, on means over blocks, with what is `expected`.
+
+        `around`, the scene by which all trials weigh their pixels.
+        """
         # it stands on what the pixels tell apart, and needs its derivatives by one side only
-        super().__init__(data, scene, keys, region, stride=stride)
+        rows, cols = (-(-n // side) for n in data.shape)
+        region = np.ones((rows, cols), dtype=bool)
+        super().__init__(data, scene, keys, region, stride=side, in_blocks=True)
+        _, shown = self.renderer.order_field(around)
+        lost = 1.0 - np.broadcast_to(shown, region.shape)[self.pixels.keep]
+        off = np.float32(_COARSE) * self.pixels.raw.max() * lost
+        weight = 1.0 / np.hypot(1.0 / self.pixels.weight, off)
+        self.pixels = replace(self.pixels, weight=weight)
+        self._root = np.ones(self.pixels.size, np.float32)
         self._fields = np.empty((0, *self.pixels.keep.shape), np.complex64)
         if expected.root is not None:
             assert expected.modes is not None
-            hats = expected.modes.fields(pixel_grid(scene, data.shape).every(stride))
+            hats = expected.modes.fields(pixel_grid(scene, data.shape).every(side))
             self._fields = np.tensordot(expected.root.T.astype(np.float32), hats, 1)
         if expected.order is not None:
             orders = np.tensordot(
@@ -164,6 +205,39 @@ class TrialModel(FrameModel):
             amplitudes = np.asarray(values[number:], np.float32)
             self.renderer.added = np.tensordot(amplitudes, self._fields, 1)
         return super().signal(values[:number], visibility=visibility, keys=keys)
+
+    def settled(self, values: Array) -> RefinedFit | None:
+        """Where it comes to rest from `values` (p,); None where it makes no scene.
+
+        First by what its slopes are right in, the more the nearer it comes: so a start that is
+        fringes off near the contact leads to no other minimum. What no noise explains then counts
+        as in Student's t: dust decides nothing.
+        """
+        for _ in range(_NEARER):
+            here = self.at(values)
+            if here is None or here.cost < _FAR * here.residual.size:
+                break
+            trust = trust_of_slopes(here, self.renderer.stride)
+            nearer = self._refined(values, trust, iterations=3)
+            if nearer is None:
+                break
+            values = nearer.values
+        result = self._refined(values, np.ones_like(self._root), iterations=_PASSES)
+        for _ in range(_ROBUST):
+            if result is None:
+                break
+            result = self._refined(result.values, student_root(self.residual(result)), _PASSES)
+        return result
+
+    def residual(self, result: RefinedFit) -> Array:
+        """What a fit has left (n,), over the pixels' noise."""
+        return np.asarray(result.gamma_fit.residual / self._root)
+
+    def _refined(self, values: Array, root: Array, iterations: int) -> RefinedFit | None:
+        """The fit with the root of a weight (n,) of the pixels, besides their noise's."""
+        own = self.pixels.weight / self._root
+        self.pixels, self._root = replace(self.pixels, weight=own * root), root
+        return refine_fit(self, values, tolerance=TOLERANCE, iterations=iterations)
 
     def linearise(self, values: Array, gamma_fit: GammaFit) -> LocalModel:
         """Derivatives at some values, where the linear solution is known."""

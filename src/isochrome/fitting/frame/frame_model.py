@@ -184,6 +184,25 @@ def gamma_slope(gamma_fit: GammaFit, gamma: float) -> Array:
     return np.asarray(-model * np.log(model) / np.float32(gamma) * gamma_fit.weight)
 
 
+def trust_of_slopes(gamma_fit: GammaFit, stride: int = 1) -> Array:
+    """Root of the weight (n,) that pixels have by the error of their slopes, besides the noise.
+
+    Where fringes are off by a phase d the signal is by sin(phase) d / 2, and by cos(phase) d^2 / 4
+    besides, which slopes do not know: with the mean square m of the first about a pixel, the root
+    mean square of that is sqrt(2) m. Near the contact, where fringes are off by most, it leaves
+    little; as a fit comes nearer, all. `stride`, of the pixels.
+    """
+    from scipy.ndimage import uniform_filter
+
+    keep, gain = gamma_fit.problem.keep, gamma_fit.part.amplitude
+    image, there = np.zeros((2, *keep.shape), np.float32)
+    image[keep] = np.square(gamma_fit.residual / np.maximum(gain, 1e-6))
+    there[keep] = 1.0
+    size = max(3, _ABOUT_PX // stride)
+    mean = uniform_filter(image, size)[keep] / np.maximum(uniform_filter(there, size)[keep], 1e-6)
+    return np.asarray(1.0 / np.sqrt(1.0 + 2.0 * np.square(mean * gain)), np.float32)
+
+
 def _problem(pixels: Pixels, data: Array, weight: Array) -> SeparableProblem:
     dark = pixels.dark * weight
     return SeparableProblem(
@@ -196,6 +215,8 @@ def _problem(pixels: Pixels, data: Array, weight: Array) -> SeparableProblem:
     )
 
 
+_ABOUT_PX = 15
+"""Side of the square about a pixel that tells how far off its fringes are: some fringes."""
 _SMOOTH_PX, _DIMMEST = 5.0, 0.05
 """What is smoothed off an illumination whose slope is wanted; the least of it, over its most."""
 
@@ -223,19 +244,23 @@ class FrameModel:
         hidden_px: float = 0.0,
         rough: bool = False,
         prior: Prior | None = None,
+        in_blocks: bool = False,
     ) -> None:
         """`data`, whole; `scene`, one state, numbers at `keys`; `region` (rows, cols), strided.
 
         `hidden_px`, depth above which the region shows nothing; `rough`, whether the pixels' area
-        may be left out; `prior` of the unknowns.
+        may be left out; `prior` of the unknowns; `in_blocks`, whether to fit the means over blocks
+        as wide as the stride, and not one pixel of each.
         """
         self.scene, self.keys = scene, keys
         self.prior = prior or no_prior(len(keys))
         self._precise = self.prior.any
         self.renderer = SceneRenderer(
-            scene, data.shape, stride=stride, hidden_px=hidden_px, rough=rough
-        )
-        self.pixels: Pixels = trusted_pixels(data.every(stride) if stride > 1 else data, region)
+            scene, data.shape, stride=stride, hidden_px=hidden_px, rough=rough,
+            side=stride if in_blocks else 1,
+        )  # fmt: skip
+        thin = data.in_blocks(stride) if in_blocks else data.every(stride) if stride > 1 else data
+        self.pixels: Pixels = trusted_pixels(thin, region)
         self.limits = limits(scene, keys)
         self._light_slopes: tuple[Array, Array] | None = None
 

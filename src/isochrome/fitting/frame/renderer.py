@@ -103,7 +103,7 @@ class SceneRenderer:
     """Signals of a one-state scene on every `stride`-th pixel of a picture (rows, cols).
 
     `solve` gives a scene's state, by default on its own; nobody looks above `hidden_px`; `rough`:
-    the pixels' area is left out.
+    the pixels' area is left out; `side`, of the blocks whose means are wanted, in pixels.
     """
 
     def __init__(
@@ -115,8 +115,9 @@ class SceneRenderer:
         solve: Solve | None = None,
         hidden_px: float = 0.0,
         rough: bool = False,
+        side: int = 1,
     ) -> None:
-        self.shape, self.stride = shape, stride
+        self.shape, self.stride, self._side = shape, stride, side
         self._hidden_px, self._rough = hidden_px, rough
         self._solve = solve or (lambda one: scene_states(one)[-1])
         self._camera = scene.camera
@@ -180,7 +181,8 @@ class SceneRenderer:
         load = scene.load
         forces = load and (load.normal_n, load.tangential_n, load.added_tractions)
         key = (
-            scene.specimen, scene.indenter, forces, scene.friction, scene.wear, scene.numerics,
+            scene.specimen, scene.indenter, scene.contact, forces, scene.friction, scene.wear,
+            scene.numerics,
         )  # fmt: skip
         if key not in self._states:
             # the surface nodes divide the pixels that the fit began with, whatever they become
@@ -249,7 +251,9 @@ class SceneRenderer:
             return field
         size = np.abs(field)
         size[above] = np.nan
-        share = mean_order(size, stride=self.stride, blur_px2=self._blurred(scene))
+        share = mean_order(
+            size, stride=self.stride / self._side, blur_px2=self._blurred(scene) / self._side**2
+        )
         np.divide(share, size, out=share, where=size > 0.0)
         return np.asarray(field * np.nan_to_num(share, copy=False, nan=1.0))
 
@@ -278,13 +282,15 @@ class SceneRenderer:
         if made.along is None or made.down is None:
             return np.ones((), np.float32)
         size = np.maximum(np.abs(field), np.float32(1e-30))
-        pixel = np.float32(scene_optics(scene).order_per_mpa * pixel_mm / self.stride)
+        side_mm = pixel_mm * self._side / self.stride
+        pixel = np.float32(scene_optics(scene).order_per_mpa * side_mm)
         across, down = (
             (field.real * slope.real + field.imag * slope.imag) * (pixel / size)
             for slope in (made.along, made.down)
         )
         visibility = slope_visibility(across, down)
         if blur > 0.0:
+            blur /= self._side**2
             visibility *= np.exp(np.float32(-2.0 * np.pi**2 * blur) * (across**2 + down**2))
         return visibility
 

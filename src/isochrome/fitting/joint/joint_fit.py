@@ -27,7 +27,7 @@ from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.blocks import FrameBlocks, SolvedFrame
 from isochrome.fitting.causes.score import LightTerms
 from isochrome.fitting.causes.solution import Change, whole_picture
-from isochrome.fitting.causes.trial import TOLERANCE, Expected, Trial, through_a_lens, trial_stride
+from isochrome.fitting.causes.trial import TOLERANCE, Expected, Trial, through_a_lens, trial_side
 from isochrome.fitting.frame.frame_fit import hidden_px, placed
 from isochrome.fitting.frame.renderer import SceneRenderer
 from isochrome.fitting.frame.single_state import with_numerics
@@ -179,7 +179,7 @@ class JointSolution:
     def trial(self, change: Change, expected: Expected) -> Trial | None:
         """A fit to few pixels with what is expected of it; None where there is none."""
         data, sequence, start = self._changed(change)
-        stride = trial_stride(data.shape)
+        stride = trial_side(data.shape)
         sequence = replace(sequence, scene=through_a_lens(sequence.scene))
         keys = tuple(unknown.key for unknown in sequence.unknowns)
         try:
