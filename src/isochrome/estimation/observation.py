@@ -102,8 +102,7 @@ class FrameData(Observation):
             blurred = cv2.blur(image.astype(np.float32), (side, side))
             return np.asarray(blurred[::side, ::side])
 
-        names = ("light", "raw")
-        thin = {name: mean(getattr(self, name)) for name in names}
+        thin: dict[str, Any] = {name: mean(getattr(self, name)) for name in ("light", "raw")}
         for name in ("sigma", "raw_sigma"):
             thin[name] = np.sqrt(mean(getattr(self, name) ** 2)) / np.float32(side)
         inside = np.pad(self.valid, side // 2)  # at the picture's ends blocks are not whole

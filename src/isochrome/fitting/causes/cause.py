@@ -74,6 +74,9 @@ CAUSES = (
     STIFF,
 )  # fmt: skip
 
+OF_PRESSURE = (MODULUS, SOFT)
+"""Causes that change a contact's pressure, as tractions of its own do."""
+
 OF_SIZE = (YOUNG, PIXEL, FRINGE_VALUE)
 """Keys whose causes have a share of the value as their size."""
 

@@ -17,7 +17,7 @@ import numpy as np
 from isochrome.errors import PhysicsError
 from isochrome.estimation import FEW_TERMS, HALF, MOST_TERMS, POOR_CHI, FrameData
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.causes.cause import EVEN, Cause
+from isochrome.fitting.causes.cause import EVEN, OF_PRESSURE, Cause
 from isochrome.fitting.causes.score import (
     LIGHT,
     ORDER,
@@ -33,9 +33,9 @@ from isochrome.fitting.causes.score import (
 )
 from isochrome.fitting.causes.slips import Slip, explaining_slip, is_lost
 from isochrome.fitting.causes.solution import Askable, Change, FrameSolution
-from isochrome.fitting.causes.trial import Expected, Trial
+from isochrome.fitting.causes.trial import FAR, Expected, Trial
 from isochrome.fitting.frame.frame_fit import fit_with_model, hidden_px
-from isochrome.fitting.frame.unknowns import BLUR, StatedInputs
+from isochrome.fitting.frame.unknowns import StatedInputs
 from isochrome.scene import Scene
 
 S = TypeVar("S", bound=Askable)
@@ -204,7 +204,8 @@ def _moved(freed: Freed[S], seen: set[tuple[frozenset[str], int]]) -> Freed[S] |
     """
     asked = freed.asked
     assert asked is not None
-    nearer = _nearer(freed, asked) if freed.tractions else None
+    near = freed.now.chi < _LARGE  # from afar other sets are likelier to be
+    nearer = _nearer(freed, asked) if near else None
     if nearer is not None:
         return nearer
     if SHADOW in asked.best and asked.beside is not None:
@@ -213,15 +214,20 @@ def _moved(freed: Freed[S], seen: set[tuple[frozenset[str], int]]) -> Freed[S] |
             return without
     left = 0 if freed.odd is None else int(freed.odd.sum())
     left += sum(map(len, freed.now.terms))
+    before = (freed.fitted.names, left) in seen
     seen.add((freed.fitted.names, left))
-    asked, plans = _plans(freed, asked)
+    asked, plans = _plans(freed, asked, before=before)
     for plan in plans:
-        if (plan.names, left) in seen and not plan.names < freed.fitted.names:
+        again = plan.names == freed.fitted.names
+        if (plan.names, left) in seen and not plan.names < freed.fitted.names and not again:
             continue
         seen.add((plan.names, left))
         wider = _with(freed, plan)
-        if wider is not None:
+        if wider is not None and not (again and wider.now.chi * _SAME_CHI > freed.now.chi):
             return wider
+    nearer = None if near else _nearer(freed, asked)
+    if nearer is not None:
+        return nearer
     if freed.light:
         now = _with_all_light(freed.now)
         if now is not freed.now:
@@ -238,6 +244,8 @@ def _nearer(freed: Freed[S], asked: Asked) -> Freed[S] | None:
 
     What is not at rest looks like something else.
     """
+    if not freed.tractions:
+        return None
     own = _best_ways(asked, freed.fitted.names)
     fall = asked.evidence.fall(own, asked.now)
     nearer = _with(freed, _of_members(asked, own)) if fall > _AT_REST else None
@@ -283,40 +291,78 @@ def _is_shadow(odd: Mask, beside: Mask | None) -> bool:
     return beside is not None and bool((odd & beside).any(axis=0).mean() > HALF)
 
 
-def _plans(freed: Freed[S], asked: Asked) -> tuple[Asked, list[_Plan]]:
+def _plans(freed: Freed[S], asked: Asked, *, before: bool) -> tuple[Asked, list[_Plan]]:
     """Sets that are likelier than what is fitted, the likeliest first, and what is asked by then.
 
+    `before`, whether what is fitted was held against others once: not again, where it is likeliest.
     Where the residual is large its slopes say little, and sets are told apart by their trials.
     """
     best = _of_members(asked, asked.sets.members[0])
-    settled = best.names == freed.fitted.names and not freed.light
-    if freed.now.chi < _LARGE or settled:
+    far, same = freed.now.chi >= _LARGE, best.names == freed.fitted.names
+    if same and before and not (far and freed.tractions):
+        return asked, []
+    if not far and not (same and _one_for_another(freed)):
         return asked, [] if best.suspects else [best]
-    tried = _tried(freed, asked)
+    if same and before:
+        sets = [_of_members(asked, _best_ways(asked, freed.fitted.names))]
+    else:
+        sets = _sets_from_afar(freed, asked) if far else _sets_with_less(freed, asked)
+    tried = _tried(freed, asked, sets)
     logs = {plan.members: log for plan, log in tried if not plan.richer}
     asked = replace(asked, judged=asked.sets.judged(logs)) if logs else asked
     plans = [plan for plan, _ in tried]
     # beside what cannot be fitted nothing else is: it would take that for its own
-    ends = (k for k, p in enumerate(plans) if p.suspects or p.names == freed.fitted.names)
-    return asked, plans[: next(ends, None)]
+    plans = plans[: next((k for k, plan in enumerate(plans) if plan.suspects), None)]
+    own = next((k for k, p in enumerate(plans) if p.names == freed.fitted.names), len(plans))
+    return asked, plans[: own + freed.tractions]  # what is fitted, with tractions that are nearer
 
 
-def _tried(freed: Freed[S], asked: Asked) -> list[tuple[_Plan, float]]:
-    """Sets with their trials and ln E of these, the likeliest first."""
+def _one_for_another(freed: Freed[S]) -> bool:
+    """Whether a modulus or a layer stands beside tractions, which may do without it.
+
+    Each changes the pressure by much, and slopes about all of them do not know how the others
+    would be alone.
+    """
+    return freed.tractions and any(cause in OF_PRESSURE for cause in freed.causes)
+
+
+def _sets_with_less(freed: Freed[S], asked: Asked) -> list[_Plan]:
+    """What is fitted, and that without a modulus or a layer."""
+    own = _best_ways(asked, freed.fitted.names)
+    names = [asked.evidence.hypotheses[k].name for k in own]
+    gone = [name for name in names if name in {cause.name for cause in OF_PRESSURE}]
+    less = [_best_ways(asked, freed.fitted.names - {name}) for name in gone]
+    return [_of_members(asked, members) for members in (own, *less)]
+
+
+def _sets_from_afar(freed: Freed[S], asked: Asked) -> list[_Plan]:
+    """The likeliest sets, what is fitted, and each with one thing less or more.
+
+    What is far off looks like two things, and one thing more may be another one.
+    """
     own, members = _best_ways(asked, freed.fitted.names), asked.sets.members[0]
-    # what is far off looks like two things, and one thing more may be another one
     fewer = [tuple(k for k in members if k != gone) for gone in members]
     some = [*asked.sets.members[:_LIKELY], *fewer, *_with_one_more(asked, own)]
     base, *sets = (_of_members(asked, m) for m in (own, *some))
     richer = [replace(base, richer=True)] if freed.light else []
-    plans = {plan.every: plan for plan in (base, *richer, *sets)}
-    expected = _expected(freed, asked)
-    trials = [(plan, _trial(freed, plan, expected)) for plan in list(plans.values())[:_TRIED]]
-    made = [(plan, trial) for plan, trial in trials if trial is not None]
-    noise = min((max(1.0, trial.excess) for _, trial in made), default=1.0)
+    return [*sets[:_LIKELY], base, *richer, *sets]
+
+
+def _tried(freed: Freed[S], asked: Asked, sets: list[_Plan]) -> list[tuple[_Plan, float]]:
+    """Some sets with their trials and ln E of these, the likeliest first."""
+    plans = {plan.every: plan for plan in sets}
+    expected, trials = _expected(freed, asked), []
+    for plan in list(plans.values())[:_TRIED]:
+        trial = _trial(freed, plan, expected)
+        if trial is None:
+            continue
+        trials.append((plan, trial))
+        if len(trials) > _LIKELY and min(made.excess for _, made in trials) < FAR:
+            break
+    noise = min((max(1.0, trial.excess) for _, trial in trials), default=1.0)
     tried = [
         (replace(plan, trial=trial, values=trial.tractions), trial.evidence(noise) + plan.log_odds)
-        for plan, trial in made
+        for plan, trial in trials
     ]
     return sorted(tried, key=lambda pair: -pair[1])
 
@@ -388,9 +434,7 @@ def _expected(freed: Freed[S], asked: Asked) -> Expected:
         for cause in asked.causes
         for key, start, size in zip(cause.keys, cause.starts, sizes_of(cause, stated), strict=True)
     }
-    starts = {cause.keys[0]: cause.starts[0] for cause in asked.causes}
-    blurred = stated.with_values({BLUR: starts[BLUR]}) if BLUR in starts else stated
-    return Expected(keys=keys, terms=freed.stated.terms, hidden_px=hidden_px(blurred))
+    return Expected(keys=keys, terms=freed.stated.terms, hidden_px=hidden_px(stated))
 
 
 def _trial(freed: Freed[S], plan: _Plan, expected: Expected) -> Trial | None:

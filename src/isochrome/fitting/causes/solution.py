@@ -254,11 +254,13 @@ class FrameSolution:
         prior = expected.prior(keys, self.fitted.stated.prior(keys))
         try:
             region = fit_region(scene, data.shape, 1, expected.hidden_px)
-            around = through_a_lens(self.fit.scene)
+            here, around = (
+                with_numerics(one, nodes_per_pixel=1, tolerance=1e-3)
+                for one in (scene, through_a_lens(self.fit.scene))
+            )
             model = TrialModel(
-                replace(data, valid=data.valid & region),
-                *(with_numerics(one, nodes_per_pixel=1, tolerance=1e-3) for one in (scene, around)),
-                keys, side=side, prior=prior, expected=expected,
+                replace(data, valid=data.valid & region), here, around, keys,
+                side=side, prior=prior, expected=expected,
             )  # fmt: skip
             start = np.pad(values_of(scene, keys), (0, model.count))
             result = model.settled(start)

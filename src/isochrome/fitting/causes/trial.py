@@ -41,11 +41,10 @@ TOLERANCE = 0.5
 _MEANS = 4_000
 _COARSE = 0.05
 """Error of a mean over a block, over the light and what fringes lose of their contrast in it."""
-_NEARER, _FAR = 8, 1.5
-"""How often the slopes' weights are taken anew, and the residual's variance over the noise's, below
-which none is needed."""
-_PASSES, _ROBUST = 12, 2
-"""Steps of a fit, and how often its outliers are weighed."""
+_NEARER_STEPS, FAR, _STALLED = 3, 1.5, 0.8
+"""Steps with one weight of the slopes; the residual's variance over the noise's below which none
+is needed, and what must be left of it where they help."""
+_PASSES = 12
 _DEGREES = 5.0
 """Degrees of freedom of the noise's Student's t."""
 
@@ -213,31 +212,35 @@ class TrialModel(FrameModel):
         fringes off near the contact leads to no other minimum. What no noise explains then counts
         as in Student's t: dust decides nothing.
         """
-        for _ in range(_NEARER):
+        every, cost = np.ones_like(self._root), np.inf
+        while True:
+            self._weigh(every)
             here = self.at(values)
-            if here is None or here.cost < _FAR * here.residual.size:
+            if here is None:
+                return None
+            if here.cost < FAR * every.size or here.cost > _STALLED * cost:
                 break
-            trust = trust_of_slopes(here, self.renderer.stride)
-            nearer = self._refined(values, trust, iterations=3)
+            cost, trust = here.cost, trust_of_slopes(here, self.renderer.stride)
+            self._weigh(trust)
+            nearer = refine_fit(self, values, tolerance=1.0, iterations=_NEARER_STEPS)
             if nearer is None:
-                break
+                return None
             values = nearer.values
-        result = self._refined(values, np.ones_like(self._root), iterations=_PASSES)
-        for _ in range(_ROBUST):
-            if result is None:
-                break
-            result = self._refined(result.values, student_root(self.residual(result)), _PASSES)
+        self._weigh(student_root(here.residual))
+        result = refine_fit(self, values, tolerance=TOLERANCE, iterations=_PASSES)
+        if result is not None:
+            self._weigh(student_root(self.residual(result)))
+            result = refine_fit(self, result.values, tolerance=TOLERANCE, iterations=_PASSES)
         return result
 
     def residual(self, result: RefinedFit) -> Array:
         """What a fit has left (n,), over the pixels' noise."""
         return np.asarray(result.gamma_fit.residual / self._root)
 
-    def _refined(self, values: Array, root: Array, iterations: int) -> RefinedFit | None:
-        """The fit with the root of a weight (n,) of the pixels, besides their noise's."""
+    def _weigh(self, root: Array) -> None:
+        """Give each pixel the root of a weight (n,) besides its noise's."""
         own = self.pixels.weight / self._root
         self.pixels, self._root = replace(self.pixels, weight=own * root), root
-        return refine_fit(self, values, tolerance=TOLERANCE, iterations=iterations)
 
     def linearise(self, values: Array, gamma_fit: GammaFit) -> LocalModel:
         """Derivatives at some values, where the linear solution is known."""
