@@ -66,7 +66,6 @@ def test_scale_lens_and_roll_are_found(saved, paint, how):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize(("paint", "how"), [(chessboard, BOARD), (dots, DOTS)])
 def test_the_uncertainties_cover_the_truth(saved, paint, how):
     """30 cameras drawn; five values each: the mean square of 150 pulls is 1 to .12 by chance, and
@@ -114,6 +113,7 @@ def test_exact_places_give_the_exact_camera_however_they_are_counted(turn):
     assert fit.shortening == 0.0
 
 
+@pytest.mark.long
 def test_a_large_soft_picture_is_read_as_a_small_one(saved):
     """Each pixel as six by six: 1800 x 2400 of them, with edges ten pixels wide."""
     shown = drawn(1)

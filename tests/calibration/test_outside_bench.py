@@ -128,7 +128,7 @@ def test_a_stated_lens_is_taken():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("specimen", [beam, disc])
+@pytest.mark.parametrize("specimen", [beam, pytest.param(disc, marks=pytest.mark.study)])
 def test_unequal_exposures_under_a_bright_bar(specimen):
     """No tone curve and no residual stress is made of them."""
     found = specimen(bench(SET_3, **BAR))
@@ -182,7 +182,6 @@ def pull_of(specimen, seed):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize(("specimen", "count"), [(beam, 20), (disc, 10)])
 def test_random_benches_are_within_what_is_stated(specimen, count):
     pulls = np.array([pull_of(specimen, seed) for seed in range(count)])

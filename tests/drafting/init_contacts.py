@@ -53,12 +53,17 @@ def truth_unmirrored(case: DrawnContact) -> dict:
     }
 
 
-def judged(case: DrawnContact, **known) -> Verdict:
-    """What `init` makes of a drawn contact; `known`, what is known besides, or otherwise."""
+def judged(case: DrawnContact) -> Verdict:
+    """What `init` makes of a drawn contact."""
     try:
-        draft = isochrome.init(case.captured, known_of(case) | known)
+        draft = isochrome.init(case.captured, known_of(case))
     except isochrome.PhysicsError as error:
         return Verdict("refused", str(error))
+    return judged_draft(case, draft)
+
+
+def judged_draft(case: DrawnContact, draft: SceneDraft) -> Verdict:
+    """Whether a scene that was made of a drawn contact is the right one."""
     truth = truth_unmirrored(case)
     wrong = [
         f"{key} = {draft.scene.get(key)} for {truth[key]}"

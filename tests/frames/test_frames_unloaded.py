@@ -9,7 +9,7 @@ from isochrome.frames import look_through
 from isochrome.samples import samples_path
 
 BENCH = samples_path() / "line-contact-wear"
-STUDY = [pytest.mark.long, pytest.mark.study]
+STUDY = pytest.mark.study
 WORDS = "looks like the unloaded specimen"
 
 
@@ -33,8 +33,17 @@ def named(frames, scene):
     return [f for f in found if WORDS in f.text]
 
 
-@pytest.mark.parametrize("place", [0, 3, 6])
-@pytest.mark.parametrize("light", ["dark", "bright"])
+@pytest.mark.parametrize(
+    ("light", "place"),
+    [
+        ("dark", 0),
+        ("bright", 3),
+        *(
+            pytest.param(*case, marks=STUDY)
+            for case in (("dark", 3), ("dark", 6), ("bright", 0), ("bright", 6))
+        ),
+    ],
+)
 def test_a_no_load_frame_among_the_frames_is_named_with_what_to_do(sample, place, light):
     scene, captured, dark, bright = sample
     noise = np.random.default_rng(place).normal(0.0, 1.5, dark.shape)
