@@ -222,21 +222,6 @@ def test_all_else_is_said_in_a_few_lines():
     assert not long, "shorten their docstrings: " + ", ".join(long)
 
 
-def test_a_long_docstring_is_noticed():
-    tree = ast.parse(
-        "def f(n):\n"
-        "    'One.\\n\\n    Parameters\\n    ----------\\n    n : int'\n"
-        "N = 1\n"
-        "'1\\n2\\n3\\n4\\n5\\n6'\n"
-        "class Processed:\n"
-        "    '1\\n2\\n3\\n4\\n5\\n6'\n"
-        "    def _g(self):\n"
-        "        '1\\n2\\n3\\n4\\n\\n5'\n"
-    )
-    found = {name: is_long(text) for name, text in texts_of(tree)}
-    assert found == {"f": True, "N = 1": True, "Processed._g": False}
-
-
 def undocumented(frames: int, scene: str) -> int:
     """Do something with frames.
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from isochrome.figures import frame_values_figure
 from isochrome.output import FrameValues, messages_of_frames, named_frames
 
 NAN = np.nan
@@ -46,21 +45,6 @@ def test_values_come_to_their_mean_span_and_median_uncertainty():
     assert found["mean"] == pytest.approx([(44.0 + 44.2 + 44.3) / 3])
     assert (found["least"], found["most"]) == ([44.0], [pytest.approx(44.3)])
     assert found["standard_uncertainty"] == [0.02]
-
-
-@pytest.mark.parametrize("count", [4, 100, 5000])
-@pytest.mark.parametrize("distance", [False, True])
-def test_a_picture_of_values_has_a_band_of_two_uncertainties(count, distance):
-    found = over_frames(count, distance=distance)
-    upper, lower = frame_values_figure("a contact", found).axes
-    points = upper.collections[0].get_paths()[0].vertices
-    here = points[np.isclose(points[:, 0], 0.0)]
-    assert np.ptp(here[:, 1]) == pytest.approx(0.08)  # four times 0.02
-    assert upper.get_ylabel() == "normal load (N)"
-    across = "sliding distance (m)" if distance else "frame"
-    assert lower.get_xlabel() == across and lower.get_ylabel() == "chi"
-    (again,) = [line for line in upper.lines if line.get_markerfacecolor() == "none"]
-    assert again.get_xdata().tolist() == [4.0 if distance else 2.0]
 
 
 def test_sentences_that_differ_in_their_numbers_have_one_cause():

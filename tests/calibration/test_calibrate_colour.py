@@ -113,7 +113,6 @@ def assert_read(found, orders, kept):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize(("light", "gamma"), [("diodes", 1.0), ("diodes", 2.2), ("lamp", 2.2)])
 def test_a_table_of_own_colours_reads_to_the_bar(light, gamma, tmp_path):
     head, orders = write_contacts(tmp_path, light, gamma)

@@ -121,7 +121,6 @@ def pressed(load_n, rng, *, angle_deg, noise, radius_px=60.0, size=140):
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_discs_are_off_by_what_they_say():
     """Of two loads: the fringe value, and the order of each image, fitted by itself."""
     values, orders = [], []
@@ -138,7 +137,6 @@ def test_discs_are_off_by_what_they_say():
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_ninety_five_per_cent_of_the_intervals_hold_the_truth(beam_frame):
     """A thousand by ISOCHROME_COVERAGE=1000; the default is what half a minute allows."""
     count = int(os.environ.get("ISOCHROME_COVERAGE", "40"))

@@ -315,18 +315,6 @@ def test_by_another_law_the_scene_gets_that_laws_coefficient(tmp_path):
     assert write_into_scene(exactly, path) == pytest.approx(K, rel=1e-6)
 
 
-@pytest.mark.long
-def test_the_command_leaves_json_and_figure(tmp_path, ground_set, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(app, ["calibrate", "wear", str(ground_set), "--json"])
-    assert done.exit_code == 0
-    said = json.loads(done.stdout)
-    left = json.loads((tmp_path / "isochrome-calibrate" / "calibration.json").read_text("utf-8"))
-    assert {k: v for k, v in said.items() if k != "out"} == left
-    assert {"coefficient_mm2_per_n", "standard_uncertainty", "chi", "by_distance"} <= set(left)
-    assert (tmp_path / "isochrome-calibrate" / "calibration.png").stat().st_size > 20_000
-
-
 def test_the_command_prints_the_coefficient_and_sets_it_in_a_scene(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     text = "".join(VOLUME.format(s, v) for s, v in zip(DISTANCES, exact(), strict=True))

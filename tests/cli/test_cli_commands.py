@@ -129,14 +129,6 @@ def test_simulate_leaves_what_the_contract_names(captured):
     assert came["seed"] == 3 and came["isochrome"] == version("isochrome")
 
 
-@pytest.mark.process_too
-def test_simulate_in_json_is_the_history(quick_isochrome):
-    done = quick_isochrome("simulate", "small.toml", "--json")
-    found = done.json()
-    assert (done.code, done.err) == (0, "")
-    assert found["out"] == "isochrome-simulate" and set(HISTORY) <= set(found["history"])
-
-
 def test_process_leaves_what_the_contract_names(processed):
     folder, found = processed
     out = folder / "Ergebnis"
@@ -191,7 +183,6 @@ def test_fit_gives_the_keys_by_name_and_a_scene_that_reloads(quick_isochrome, pl
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_demo_runs_from_anywhere(isochrome, place):
     done = isochrome("demo", "--out", "Vorführung", "--json")
     assert done.code == 0

@@ -148,7 +148,6 @@ def test_the_overrun_is_that_of_a_finer_grid_and_plain_elimination():
         *((seed, 1e-5) for seed in (9, 5, 7, 16, 69)),
     ],
 )
-@pytest.mark.long
 def test_random_courses_are_within_their_tolerance(seed, tolerance):
     """Those that were not, by 1.2 to 40 tolerances. 10: an overload after friction has turned; 60:
     a load that rises steeply while it wears. 9 and 32: edges that ring after a ramp seem to draw

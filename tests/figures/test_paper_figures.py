@@ -78,17 +78,6 @@ def test_letters_are_large_enough_and_apart(worn, name, width):
     check(isochrome.paper_figure(worn[name], style), width)
 
 
-def test_small_and_overlapping_letters_would_be_noticed():
-    figure = Figure(figsize=(3.0, 2.0))
-    figure.text(0.2, 0.5, "one", fontsize=8)
-    figure.text(0.23, 0.5, "other", fontsize=6)
-    figure.text(0.9, 0.1, "over the edge", fontsize=8)
-    figure.text(0.1, 0.2, "apart", fontsize=8, rotation=90)
-    texts = drawn_texts(figure)
-    assert [text.size_pt for text in texts] == [8, 6, 8, 8]
-    assert overlaps(texts) == [("one", "other")] and outside(texts, figure) == ["over the edge"]
-
-
 def a_scale(worn: dict) -> object:
     shown, picture = Shown(), worn["home"] / f"{'a long name of a board ' * 4}.tif"
     write_tiff(picture, dots(shown)[None])
@@ -525,8 +514,14 @@ def some_recordings(count: int) -> list[Outcome]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("width", WIDTHS)
-@pytest.mark.parametrize("count", [3, 40])
+@pytest.mark.parametrize(
+    ("count", "width"),
+    [
+        (3, 85.0),
+        (40, 174.0),
+        *(pytest.param(*one, marks=STUDY) for one in ((3, 174.0), (40, 85.0))),
+    ],
+)
 def test_a_campaigns_letters_are_large_enough_and_apart(count, width):
     scene = isochrome.load_scene("line-contact-wear")
     found = Campaign(Path(), scene, tuple(some_recordings(count)))
@@ -578,7 +573,7 @@ def test_a_campaign_and_the_demo_leave_the_figure_that_is_asked_for(
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("count", [1, pytest.param(2, marks=STUDY)])
 def test_the_colour_bar_of_key_frames_is_no_taller_than_its_pictures(count):
     """Beside six values of a film, that of one key frame was three times as tall."""
     keys = [f"key {k}" for k in range(5)]

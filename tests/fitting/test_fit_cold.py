@@ -30,7 +30,6 @@ def test_a_held_contact_is_found_from_far_values():
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize("kind", ["sliding", "worn", "flat", "disc"])
 def test_other_contacts_and_discs_are_found_from_far_values(kind):
     assert study(kind, range(8)) == []
@@ -41,7 +40,6 @@ def test_a_sliding_contact_is_found_from_far_values():
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_friction_of_a_held_contact_is_found_beside_its_forces():
     # The slip at the edges tells it: its own uncertainty says how well.
     for seed in range(8):

@@ -3,19 +3,10 @@
 import numpy as np
 import pytest
 
-from fitting.engine_frames import prepared
 from isochrome.contact import elastic_constants
 from isochrome.errors import PhysicsError
-from isochrome.estimation import evaluate_prepared, prepare
-from isochrome.fitting import placed
-from isochrome.fitting.search.coarse_fields import (
-    THETA,
-    field_maker,
-    pressure_table,
-    search_values,
-    theta_of,
-)
-from isochrome.fitting.search.descents import SearchPixels, Space
+from isochrome.fitting.search.coarse_fields import field_maker, pressure_table, theta_of
+from isochrome.fitting.search.descents import Space
 from isochrome.reference import (
     coupled_contact,
     coupled_stress,
@@ -24,8 +15,8 @@ from isochrome.reference import (
     hertz_peak_pressure,
     sliding_hertz_stress,
 )
-from isochrome.scene import load_scene, parse_scene
-from isochrome.simulation import scene_states, simulate, state_difference
+from isochrome.scene import parse_scene
+from isochrome.simulation import scene_states, state_difference
 from isochrome.stress import RegularStress, pixel_grid
 from scene_texts import PAPER_CONTACT, PAPER_PAIR
 
@@ -190,43 +181,8 @@ def test_nothing_is_stressed_above_the_surface():
     assert np.all(seen[air] == 0.0) and np.all(np.abs(seen[~air]).max(axis=1) > 0.1)
 
 
-def test_values_come_back_from_their_row():
-    scene = parse_scene(HELD)
-    held = [key for key in THETA if not key.startswith("wear")]
-    values = search_values(theta_of(scene), tuple(held))
-    assert values == pytest.approx({key: scene.get(key) for key in held}, rel=1e-12)
-    worn = search_values(theta_of(parse_scene(WORN)), ("wear.coefficient_mm2_per_n",))
-    assert worn == pytest.approx({"wear.coefficient_mm2_per_n": 2e-9}, rel=1e-12)
-
-
 def test_a_scene_that_no_load_can_solve_is_refused():
     # a tenth of the radius is the loads' own half-width: no half-plane at any of them
     text = PAPER_PAIR.replace("24.61", "0.01") + "\n[load]\nnormal_n = 5e4\n" + CAMERA
     with pytest.raises(PhysicsError, match="cannot be solved at any load"):
         field_maker(parse_scene(text))
-
-
-def test_the_light_of_a_batch_is_eliminated_as_that_of_one_frame():
-    scene = placed(load_scene("line-contact-wear").model_copy(update={"wear": None}), (494, 659))
-    shape = (494, 659)
-    noisy = scene.with_values({"camera.noise_grey": 5.0, "camera.vignette": 0.3})
-    data = prepared(simulate(noisy).frames[0], scene)
-    usable = np.zeros(shape, dtype=bool)
-    usable[60:] = True
-    pixels = SearchPixels(data, scene, field_maker(scene), usable, 12)
-    theta = np.repeat(theta_of(scene)[None], 3, axis=0)
-    theta[:, 0] += [0.0, 0.01, -0.02]
-    signals = pixels.signal_of(theta)
-    found = pixels.misfit(signals)
-    thin, keep = data.every(12), usable[::12, ::12]
-    for signal, chi, light in zip(signals, found.chi, found.light, strict=True):
-        image = np.zeros(keep.shape)
-        image[keep] = signal
-        problem = prepare(
-            thin.light, mask=keep, sigma=thin.sigma,
-            illumination=thin.illumination, background=thin.background,
-        )  # fmt: skip
-        one = evaluate_prepared(problem, image)
-        # normal equations of numbers of order 1e5 to 1e9, with a ridge of 1e-9
-        assert chi == pytest.approx(one.chi, rel=1e-5)
-        np.testing.assert_allclose(light, one.illumination_coefficients, rtol=1e-3, atol=1e-4)

@@ -18,7 +18,7 @@ from fitting.engine_frames import (
     random_contact,
 )
 from isochrome.estimation import prepare_frame
-from isochrome.fitting import FrameModel, cramer_rao_bound, fit_frame, fit_region
+from isochrome.fitting import cramer_rao_bound, fit_frame
 from isochrome.simulation import simulate
 from isochrome.stress import pixel_grid
 
@@ -77,7 +77,6 @@ def test_uncertainties_are_those_of_the_errors_and_near_the_limit():
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_pulls_over_many_contacts_have_the_spread_and_the_coverage_that_is_promised():
     z, over_limit, _ = study(24, 11, {})
     # some 110 pulls: their RMS is known to 0.07, the share to 2 %
@@ -115,27 +114,6 @@ def test_the_bound_is_that_of_the_whole_problem_solved_by_brute_force():
     truth = np.sqrt(np.diag(inverse))[: len(keys)] / scale[: len(keys)]
     # forward differences and a fitted illumination on one side, central ones on the other
     assert cramer_rao_bound(data, scene, keys) == pytest.approx(truth, rel=0.02)
-
-
-def test_a_local_model_steps_to_where_a_new_frame_stands():
-    scene, true = random_contact(np.random.default_rng(4), "slide")
-    scene = scene.with_values(HALF_SIZE)
-    moved = {
-        "load.normal_n": 1.0005 * true["load.normal_n"],
-        "camera.left_mm": true["camera.left_mm"] + 0.01 * scene.camera.pixel_mm,
-    }
-    keys = tuple(moved)
-    data = prepare_frame(captured(scene, 1), scene, bit_depth=8)
-    whole = fit_region(scene, data.light.shape, 1, 2.0)
-    model = FrameModel(data, scene, keys, whole)
-    values = np.array([true[key] for key in keys])
-    local = model.linearise(values, model.at(values))
-    change = 0.85 * (light_of(scene.with_values(moved)) - light_of(scene))
-    rows, cols = (np.linspace(-1.0, 1.0, n) for n in data.light.shape)
-    change *= 1.0 - 0.15 * (rows[:, None] ** 2 + cols[None, :] ** 2)
-    step = local.step((change / data.sigma)[model.pixels.keep].astype(np.float32))
-    # what is left is of second order in a step of 0.05 % and a hundredth of a pixel
-    assert step == pytest.approx(np.array(list(moved.values())) - values, rel=0.05)
 
 
 def test_noise_that_is_correlated_widens_the_uncertainty():

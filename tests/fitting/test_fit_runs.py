@@ -168,7 +168,6 @@ def test_a_changed_scene_input_or_key_is_noticed(place):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 def test_workers_and_a_cluster_leave_the_same_files(place, monkeypatch):
     distributed = pytest.importorskip("distributed", reason="needs isochrome[cluster]")
@@ -188,7 +187,6 @@ def test_workers_and_a_cluster_leave_the_same_files(place, monkeypatch):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @needs_sigkill
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, workers):

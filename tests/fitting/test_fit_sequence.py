@@ -221,7 +221,6 @@ def test_a_frame_count_that_is_not_the_scenes(tmp_path):
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_pulls_of_wear_and_friction_over_seeds():
     size = {"camera__pixel_mm": 0.0125, "camera__width_px": 320, "camera__height_px": 240}
     truth = scene(**size, wear__law="sarkar", friction__coefficient=RISING)

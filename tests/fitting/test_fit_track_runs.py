@@ -71,7 +71,6 @@ def test_a_track_is_one_processs_work(tmp_path):
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_a_stopped_track_of_a_worn_contact_goes_on_with_its_scar(tmp_path, short_chunks):
     count = 6
     distance = 40.0 + 0.5 * np.arange(count)

@@ -5,10 +5,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.stats import multivariate_normal
 
-from fitting.sliding_bench import bench
-from isochrome.estimation import cosines
 from isochrome.fitting.causes.blocks import less_means
-from isochrome.fitting.causes.trial import Trial, through_a_lens, trial_stride
+from isochrome.fitting.causes.trial import Trial
 from isochrome.optics import blur_variance
 
 
@@ -50,16 +48,6 @@ def test_the_difference_of_two_trials_is_that_of_their_marginal_likelihoods(nois
     assert both.evidence(1.0) - one.evidence(1.0) == pytest.approx(want, abs=1e-5)
 
 
-def test_more_noise_makes_sets_more_alike():
-    rng = np.random.default_rng(2)
-    columns, residual = rng.normal(size=(2, 80)), rng.normal(size=80)
-    residual = residual + 2.0 * columns[1]
-    both = trial_of(columns, residual, np.array([1e-12, 1.0]), np.array([False, True]))
-    one = trial_of(columns[:1], residual, np.array([1e-12]), np.array([False]))
-    gains = [both.evidence(noise) - one.evidence(noise) for noise in (1.0, 4.0, 16.0)]
-    assert gains[0] > gains[1] > gains[2] > 0.0
-
-
 @pytest.mark.parametrize("sigma", [0.3, 0.45, 0.7, 1.5])
 def test_a_blurs_variance_is_that_of_its_kernel(sigma):
     impulse = np.zeros(61)
@@ -83,20 +71,3 @@ def test_a_share_of_lines_means_whitens_noise_that_lines_share():
     left = less_means(image.reshape(1, -1), lines, 1.0 - variance**-0.5)[0].reshape(rows, cols)
     # 4000 sums tell their variance to 2.2 %
     assert np.var(left.sum(axis=1)) / cols == pytest.approx(1.0, abs=0.08)
-
-
-def test_cosines_are_products_over_the_picture():
-    images = cosines((6, 9), 7)
-    assert images.shape == (49, 6, 9) and np.all(images[0] == 1.0)
-    # orthogonal on the pixels' middles, as far as both picture sides have as many
-    flat = images[[0, 1, 7, 8]].reshape(4, -1)
-    products = flat @ flat.T
-    assert np.abs(products - np.diag(np.diag(products))).max() < 1e-4
-
-
-def test_trials_look_through_a_lens_that_does_nothing():
-    scene = bench()
-    assert through_a_lens(scene).camera.roll_deg == pytest.approx(0.0, abs=1e-6)
-    bent = scene.with_values({"camera.distortion": 0.01})
-    assert through_a_lens(bent) is bent
-    assert trial_stride((247, 330)) == 3 and trial_stride((494, 659)) == 6

@@ -159,7 +159,6 @@ def test_with_no_load_frames_the_order_is_read(kind, mu):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "mu", "no_load"),
     [
@@ -345,20 +344,6 @@ def test_a_table_is_the_integral_over_the_spectrum_and_ends_where_all_is_white()
 def test_a_table_needs_several_wavelengths_in_a_circular_field(scope):
     with pytest.raises(InputError, match="several wavelengths in the circular"):
         spectral_table(scope, camera_response(Camera(colour=True)))
-
-
-def test_a_table_measured_from_a_beam_reads_another_specimen():
-    beam = rendered("beam", load=300.0)
-    light = (beam.frame.astype(float) - beam.dark) / np.where(
-        np.isfinite(beam.order)[..., None], beam.bright.astype(float) - beam.dark, np.nan
-    )
-    table = measured_table(light, beam.order)
-    n = np.arange(0, int(3.5 * 256))
-    # 3 grey levels in a signal of some 200, over the 900 pixels within 0.02 fringe: 6e-4; and the
-    # bell's width takes (2 pi 1.3 0.02)²/2 = 1.3 % off the fringes' contrast of 0.5
-    assert np.abs(table.signal[n] - beam.table.signal[n]).max() < 0.02
-    shot = rendered("contact", mu=0.3, load=36.0)
-    meets_the_bar(shot.read(table=table), shot.order, kept=0.95)
 
 
 def test_a_table_is_not_measured_where_orders_are_missing():

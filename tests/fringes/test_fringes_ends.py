@@ -50,7 +50,6 @@ def test_blind_the_order_is_right_and_most_is_kept(name):
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_ten_random_scenes_are_read_blind_and_right():
     """One of twenty may fail: of ten, not one of these."""
     for name in map(str, range(SCENES)):
@@ -60,7 +59,6 @@ def test_ten_random_scenes_are_read_blind_and_right():
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_blind_too_the_pixels_said_to_be_sure_are_right():
     assert_sure_pixels_are_right("none")
 
@@ -77,8 +75,7 @@ def test_the_dark_end_is_found_where_few_fringes_reach_it():
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["worn contact, mu 0.3", pytest.param("hole", marks=[pytest.mark.long, pytest.mark.study])],
+    "name", ["worn contact, mu 0.3", pytest.param("hole", marks=pytest.mark.study)]
 )
 def test_errors_are_as_large_as_their_uncertainties_say(name):
     seen, _, got = reading(name)
@@ -88,7 +85,6 @@ def test_errors_are_as_large_as_their_uncertainties_say(name):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "shot"),
     [
@@ -187,7 +183,6 @@ def test_a_found_gammas_uncertainty_is_in_the_signals():
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_fringes_of_no_gamma_do_not_tell_it():
     """Fringes of black and white alone: no gamma makes them a cosine's; 0.04 was said to."""
     frame, ends = ramp(3, 1.4, hard=True)
@@ -211,7 +206,6 @@ def problem_of(light, noise):
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_a_bright_end_that_may_as_well_be_another_is_as_uncertain_as_the_two_differ():
     """The order rises to 0.44 and falls: the light may reach its bright end there, or not quite."""
     order = np.tile(0.15 + 0.29 * np.sin(np.pi * np.arange(50) / 50.0), (50, 1))

@@ -227,7 +227,6 @@ def test_a_flat_crest_of_a_small_frame_is_passed(seed):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize("seed", range(100))
 def test_few_fringes_of_many_fields_are_read_with_no_load_frames_of_any_exposure(seed):
     judge(seed, ANY[seed % len(ANY)])

@@ -59,11 +59,10 @@ QUICK = ("hole",)
 """Specimens that every run reads; the others are for the long one."""
 
 
-@pytest.mark.study
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=[] if name in QUICK else [pytest.mark.long])
+        pytest.param(name, marks=() if name in QUICK else pytest.mark.study)
         for name in (*NAMES, "disc 6", "beam 10")
     ],
 )
@@ -74,7 +73,6 @@ def test_with_no_load_frames_the_order_is_right_and_nearly_all_is_kept(name):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 def test_with_ten_grey_levels_of_noise_what_is_kept_is_on_its_branch(name):
     """300,000 pixels a specimen: another draw of their noise is no other case."""
@@ -91,7 +89,6 @@ POOR = {"glare": {"glare": 0.09}, "blur": {"blur": 2.0}, "gamma": {"gamma": 2.2}
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "ends", "poor"),
     [
@@ -120,7 +117,6 @@ def test_a_poor_frame_shrinks_the_mask_and_not_the_promises(name, ends, poor):
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_of_ten_random_scenes_all_are_read_and_none_has_a_failure_that_is_not_masked():
     """One of twenty may fail: of ten, not one of these."""
     for seed in range(SCENES):
@@ -152,7 +148,6 @@ def assert_sure_pixels_are_right(ends: str) -> None:
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_of_the_pixels_said_to_be_sure_at_least_as_many_are_right():
     assert_sure_pixels_are_right("both")
 
@@ -174,7 +169,6 @@ def test_orders_beyond_ten_are_read_where_the_pixels_allow():
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_beside_isotropic_points_the_order_is_right_or_masked():
     """Where a bulk pressure makes up for the contact's stress; N is a cone there."""
     seen, _, got = reading("contact, bulk")
@@ -207,6 +201,7 @@ def part(row: int, col: int) -> tuple[tuple[np.ndarray, ...], np.ndarray, tuple]
     return frame, order, (row, col, float(order[row, col]))
 
 
+@pytest.mark.long
 def test_any_true_point_gives_the_same_orders():
     frame, _, first = part(80, 30)
     _, _, second = part(120, 180)

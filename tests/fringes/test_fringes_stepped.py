@@ -176,9 +176,9 @@ def test_the_order_of_the_steps_does_not_matter():
 @pytest.mark.parametrize(
     ("scene", "highest"),
     [
-        pytest.param(disc(), 17.0, marks=[pytest.mark.long, pytest.mark.study]),
+        pytest.param(disc(), 17.0, marks=pytest.mark.study),
         (disc(**UNMATCHED, **MISALIGNED), 17.0),
-        pytest.param(contact(), 3.0, marks=[pytest.mark.long, pytest.mark.study]),
+        pytest.param(contact(), 3.0, marks=pytest.mark.study),
         pytest.param(contact(0.3), 3.4, marks=pytest.mark.long),
     ],
     ids=["disc", "disc, real elements", "contact", "sliding contact"],
@@ -210,7 +210,6 @@ def test_six_circular_steps_are_enough():
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_six_steps_with_real_plates_leave_out_what_they_cannot_tell():
     """Wide half orders: what the plates leak of 4θ there is more than sin δ exp 2iθ itself."""
     values = {"polariscope.plate_wavelength_nm": 557.0, "load.bulk_mpa": 12.0}

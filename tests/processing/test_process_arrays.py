@@ -162,7 +162,6 @@ def set_of_arrays():
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_calibration_of_arrays_is_that_of_their_files():
     sets = set_of_arrays(), BENDING / "set.toml"
     one, other = map(isochrome.calibrate_bending, sets)

@@ -96,7 +96,6 @@ def one_frame(scene):
 
 
 @pytest.mark.study  # of a change by a twentieth see the sample's last frame in test_process.py
-@pytest.mark.long
 @pytest.mark.parametrize("past", [0.15, 0.0, 0.22, 0.4])
 def test_a_single_frame_whose_friction_was_another_before_is_right_within_its_uncertainty(past):
     """Its truth is a table over distance, which the frame's model has not.

@@ -148,7 +148,6 @@ def test_faults_of_every_command(finished, name):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize("name", COMMANDS)
 @pytest.mark.parametrize("kind", FAULTS)
 def test_a_thousand_faults(finished, name, kind):

@@ -248,7 +248,6 @@ def test_workers_below_one_are_refused(count, tmp_path):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @needs_proc
 @pytest.mark.parametrize("workers", [1, 2])
 def test_killed_at_random_moments_no_more_than_the_chunks_in_hand_are_lost(

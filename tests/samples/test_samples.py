@@ -170,7 +170,6 @@ def test_a_set_renders_to_the_shipped_one(tmp_path, render, name):
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_the_command_renders_the_shipped_files_and_the_same_bytes_twice(tmp_path):
     for run in ("one", "two"):
         command = [sys.executable, "-m", "isochrome.samples", run]

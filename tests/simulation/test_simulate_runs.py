@@ -51,26 +51,6 @@ def test_what_is_kept_in_memory_is_what_is_written(whole):
     assert np.unique(read_csv(out / "pressure.csv")["state"]).tolist() == list(range(20))
 
 
-@pytest.mark.long
-def test_a_complete_simulation_is_not_rendered_again(tmp_path, monkeypatch):
-    scene = scene_of(3)
-    first = simulate(scene, tmp_path / "out")
-    before = contents(tmp_path / "out")
-    with monkeypatch.context() as patch:
-        patch.setattr(RenderWork, "__call__", None)
-        again = simulate(scene, tmp_path / "out")
-    assert again.already and not first.already
-    for name, values in first.history.items():
-        if name == "label":
-            assert again.history[name] == values
-        else:  # nine digits in a table
-            np.testing.assert_allclose(again.history[name], values, rtol=1e-8)
-    assert not simulate(scene, tmp_path / "out", restart=True).already
-    assert contents(tmp_path / "out") == before
-    other = simulate(scene.with_values({"camera.seed": 5}), tmp_path / "out")
-    assert not other.already and contents(tmp_path / "out") != before
-
-
 def test_workers_and_clusters_need_a_folder():
     with pytest.raises(InputError, match="give out"):
         simulate(SCENE, workers=2)
@@ -105,7 +85,6 @@ def test_a_stopped_simulation_goes_on_and_ends_with_the_same_bytes(tmp_path, mon
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_two_workers_leave_the_same_files(tmp_path):
     simulate(SCENE, tmp_path / "one", components=True)
     simulate(SCENE, tmp_path / "two", components=True, workers=2)
@@ -113,7 +92,6 @@ def test_two_workers_leave_the_same_files(tmp_path):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @needs_sigkill
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, workers):

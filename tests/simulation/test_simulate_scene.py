@@ -101,21 +101,6 @@ def test_bright_field_is_the_dark_fields_complement():
     assert np.abs(total - 255).max() <= 1
 
 
-def test_a_frame_does_not_depend_on_the_others():
-    """Noise of state i is seeded with i, so that a longer scene repeats a shorter one's frames."""
-    noisy = SMALL.with_values(
-        {"camera.noise_grey": 2.0, "wear.coefficient_mm2_per_n": 0.0, "camera.seed": 3}
-    )
-    three = simulate(noisy)
-    two = simulate(noisy.with_values({"wear.distances_m": (0.0, 77.0)}))
-    np.testing.assert_array_equal(three.frames[: len(two.frames)], two.frames)
-    np.testing.assert_array_equal(simulate(noisy).frames, three.frames)
-    # frames of equal pictures differ by their noise only, and do differ
-    assert (three.frames[1] != three.frames[2]).any()
-    other = simulate(noisy.with_values({"camera.seed": 4}))
-    assert (other.frames != three.frames).any()
-
-
 def test_a_phase_stepped_scene_gives_a_frame_for_each_step_and_state():
     steps = tuple({"polariser_deg": 90.0 + b, "analyser_deg": b} for b in (0.0, 22.5, 45.0, 67.5))
     out = simulate(SMALL.with_values({"polariscope.step": steps}))

@@ -58,21 +58,6 @@ def test_a_disc_is_centred_in_the_picture_and_its_centre_has_the_closed_forms_di
     np.testing.assert_allclose(field, field[::-1].conj(), rtol=1e-9, atol=1e-9)
 
 
-def test_a_beam_bends_linearly_between_its_inner_rollers_and_is_unknown_beyond():
-    scene = parse_scene(BEAM)
-    pixels = pixel_grid(scene)
-    field = specimen_model(scene).difference(scene, None, pixels)
-    eta = pixels.z_mm - 10.0
-    moment, inertia = 150 * (30 - 10) / 4, 6 * 20**3 / 12
-    known = (np.abs(pixels.x_mm) <= 5.0)[None, :] & (np.abs(eta) <= 10.0)[:, None]
-    np.testing.assert_array_equal(np.isfinite(field), known)
-    middle = field[:, 40]
-    inside = np.isfinite(middle)
-    # compressed above, stretched below
-    np.testing.assert_allclose(middle[inside], moment * eta[inside] / inertia, rtol=1e-12)
-    assert middle[inside][0].real < 0 < middle[inside][-1].real
-
-
 @pytest.mark.parametrize("key", ["width_px = 81\n", "height_px = 81\n", "pixel_mm = 0.26\n"])
 def test_a_picture_without_its_size_names_the_key(key):
     with pytest.raises(InputError, match=f"camera.{key.split()[0]} is missing; add it"):

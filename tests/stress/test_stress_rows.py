@@ -14,7 +14,6 @@ from isochrome.stress import (
     PixelGrid,
     field_dtype,
     make_field_grid,
-    pixel_sources,
     stress_difference,
     stress_trace,
 )
@@ -48,35 +47,6 @@ def test_rows_on_both_sides_of_the_switch_are_the_exact_sum(exact_field, dtype, 
     bar = 2.0 * (SINGLE_ERROR if dtype is np.complex64 else DOUBLE_ERROR)
     assert np.abs(stress_difference(grid, p, q) - difference).max() < bar
     assert np.abs(stress_trace(grid, p, q) - trace).max() < bar
-
-
-@pytest.mark.parametrize("fold", [2, 5, 6])
-def test_moved_sources_keep_their_moments(fold):
-    """Interpolation of degree 2m - 1 keeps every moment up to it; here the first eight."""
-    rng = np.random.default_rng(fold)
-    values = rng.normal(size=7 * fold + 3)
-    sources = pixel_sources(values, fold)
-    t = np.arange(len(values)) / fold - 4.0
-    moved = np.arange(len(sources)) - (HALF_TAPS - 1) - 4.0
-    for power in range(8):
-        terms = moved**power * sources
-        # rounding of the largest terms
-        assert terms.sum() == pytest.approx(
-            (t**power * values).sum(), rel=0, abs=1e-14 * np.abs(terms).sum()
-        )
-
-
-def test_a_moved_source_errs_as_the_remainder_says():
-    """A source midway between pixels, seen from straight below it: the remainder is exact."""
-    value = np.zeros(2)
-    value[1] = 1.0
-    sources = pixel_sources(value, 2)
-    at = np.arange(len(sources)) - (HALF_TAPS - 1.0)
-    for depth in (2.0, 4.0, 6.0):
-        zeta = 0.5 - 1j * depth
-        error = abs((sources / (zeta - at)).sum() * (zeta - 0.5) - 1.0)
-        # sums of 24 terms of order one in double precision
-        assert error == pytest.approx(bound(depth), rel=1e-3, abs=1e-15)
 
 
 def test_the_switches_lie_where_the_remainder_is_negligible():
