@@ -268,7 +268,7 @@ def test_strips_of_even_traction_are_the_closed_form_of_a_contact(friction):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "seed", [4, 6, *(pytest.param(seed, marks=pytest.mark.study) for seed in (0, 3, 7))]
+    "seed", [4, *(pytest.param(seed, marks=pytest.mark.study) for seed in (0, 3, 6, 7))]
 )
 def test_contacts_suite_is_within_the_uncertainty_of_real_contacts(seed):
     case = load_benchmarks("case_contacts")

@@ -264,6 +264,7 @@ MARKS = {
     "calibrate bending": (pytest.mark.long,),
     "campaign": (pytest.mark.long,),
     "process track": (pytest.mark.long,),
+    **{f"{name}, in memory": (pytest.mark.long,) for name in ("process", "fit")},
     "process track, in memory": (pytest.mark.study,),
     "fit track": (pytest.mark.long,),
 }

@@ -122,6 +122,7 @@ def test_a_large_soft_picture_is_read_as_a_small_one(saved):
     holds(found, replace(shown, pixel_mm=shown.pixel_mm / 6.0))
 
 
+@pytest.mark.long
 def test_pictures_share_the_camera_and_lie_each_for_itself(saved):
     first = drawn(5, keystone_x=0.01)
     second = replace(first, roll_deg=-2.0, x_mm=0.05, z_mm=-0.08)

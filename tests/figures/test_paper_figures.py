@@ -66,6 +66,13 @@ def worn(tmp_path_factory):
     return {"simulate": simulated, "process": processed, "compare": compared, "home": home}
 
 
+@pytest.fixture(scope="module")
+def numbered(worn):
+    """Makes figures of its results with their numbers, each once."""
+    style = partial(isochrome.FigureStyle, numbers=True)
+    return cache(lambda name, mm: isochrome.paper_figure(worn[name], style(width_mm=mm)))
+
+
 @pytest.mark.parametrize(
     ("name", "width"),
     [
@@ -73,9 +80,8 @@ def worn(tmp_path_factory):
         pytest.param("compare", WIDTHS[1], marks=pytest.mark.long),
     ],
 )
-def test_letters_are_large_enough_and_apart(worn, name, width):
-    style = isochrome.FigureStyle(width_mm=width, numbers=True)
-    check(isochrome.paper_figure(worn[name], style), width)
+def test_letters_are_large_enough_and_apart(numbered, name, width):
+    check(numbered(name, width), width)
 
 
 def a_scale(worn: dict) -> object:
@@ -194,8 +200,8 @@ def test_the_frames_are_those_asked_for(worn):
         np.testing.assert_array_equal(shown, stack.asarray()[1])
 
 
-def test_the_scale_bar_has_the_length_that_it_says(worn):
-    figure = isochrome.paper_figure(worn["compare"])
+def test_the_scale_bar_has_the_length_that_it_says(numbered):
+    figure = numbered("compare", WIDTHS[0])
     texts = [text.words for text in drawn_texts(figure)]
     (words,) = (text for text in texts if re.fullmatch(r"[\d.]+ mm", text))
     from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar

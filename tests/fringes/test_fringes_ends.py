@@ -74,6 +74,7 @@ def test_the_dark_end_is_found_where_few_fringes_reach_it():
     assert np.sqrt(np.mean(away**2)) < 0.02
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name", ["worn contact, mu 0.3", pytest.param("hole", marks=pytest.mark.study)]
 )
