@@ -16,7 +16,7 @@ from isochrome.processing import process
 from isochrome.scene import Camera, parse_scene
 from isochrome.simulation import make_picture, picture_signal, scene_states, state_difference
 from isochrome.stress import pixel_grid
-from scene_texts import PAPER_PAIR
+from scene_texts import PAPER_PAIR, beam_text
 
 WAVE = np.arange(400.0, 701.0, 5.0)
 LIGHTS = {
@@ -28,17 +28,7 @@ LIGHTS = {
     "lamp": (560.0 / WAVE) ** 5 / np.expm1(1.4388e7 / (WAVE * 3200.0)) * 3e3,
 }
 CONTACT = "[load]\nnormal_n = {load}\n[friction]\ncoefficient = 0.2\n"
-BEAM = """
-[specimen]
-shape = "beam"
-height_mm = 20.0
-thickness_mm = 4.0
-fringe_value_n_per_mm = 14.6
-[load]
-normal_n = {load}
-inner_span_mm = 40.0
-outer_span_mm = 100.0
-"""
+BEAM = beam_text("{load}", fringe_value=14.6, thickness_mm=4.0)
 
 
 def middle_of_green(light):

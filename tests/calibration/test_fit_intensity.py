@@ -10,7 +10,6 @@ from isochrome.estimation import (
     polynomial_basis,
     prepare,
     several_starts,
-    stride_mask,
 )
 
 ROWS, COLS = 120, 160
@@ -109,20 +108,6 @@ def test_no_load_frame_as_illumination():
     fit = fit_intensity(image, response, TRUTH * [1.01, 1, 1], illumination=stack,
                         background=DARK, scale=SCALE)  # fmt: skip
     assert fit.illumination_coefficients[0] == pytest.approx(3.0, rel=1e-9)
-
-
-def test_basis_is_orthogonal_and_complete():
-    basis = polynomial_basis((201, 201), 4)
-    assert basis.shape[0] == 15
-    flat = basis.reshape(15, -1)
-    gram = flat @ flat.T / np.sqrt(np.outer((flat**2).sum(1), (flat**2).sum(1)))
-    assert np.max(np.abs(gram - np.eye(15))) < 0.05
-
-
-def test_stride_mask_keeps_about_as_many():
-    mask = np.ones((494, 659), bool)
-    assert 30_000 <= stride_mask(mask, 30_000).sum() < 60_000
-    assert stride_mask(mask, 10**7) is mask
 
 
 def test_bad_arguments_are_refused():

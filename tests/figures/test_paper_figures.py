@@ -1,7 +1,6 @@
 """Figures for a paper: letters of 7 pt or more that do not touch, at both widths; their files."""
 
 import csv
-import io
 import json
 import re
 import zlib
@@ -172,21 +171,6 @@ def test_letters_of_every_figure_are_large_enough_and_apart(others, name, width,
         assert 25.4 * figure.get_figheight() <= PAGE_MM
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("width", [85.0, pytest.param(174.0, marks=STUDY)])
-@pytest.mark.parametrize(
-    "frames",
-    # many panels are the narrowest
-    [*(pytest.param(few, marks=STUDY) for few in [(0,), (1, 0)]), (0, 1, 1, 0, 1, 0, 1)],
-)
-@pytest.mark.parametrize(
-    "name", [*(pytest.param(n, marks=STUDY) for n in ("simulate", "process")), "compare"]
-)
-def test_letters_are_apart_for_any_choice_of_frames(worn, name, frames, width):
-    style = isochrome.FigureStyle(width_mm=width, frames=frames, numbers=True)
-    check(isochrome.paper_figure(worn[name], style), width)
-
-
 def test_the_frames_are_those_asked_for(worn):
     figure = isochrome.paper_figure(worn["compare"], isochrome.FigureStyle(frames=(1, 0)))
     titles = [text for axes in figure.axes if (text := axes.get_title(loc="left"))]
@@ -318,6 +302,7 @@ def test_a_figure_that_is_taller_than_a_page_is_written_with_a_warning(
     tall = float(re.findall(r"\d+", str(said[0].message))[0])
     with Image.open(file) as picture:
         assert tall > 230.0 and picture.height / 60 * 25.4 == pytest.approx(tall, abs=0.6)
+    check(isochrome.paper_figure(worn["compare"], style), 85.0)  # of many panels too
     monkeypatch.setattr("isochrome.cli.options.print_warnings", print)
     save_paper_figure(worn["compare"], tmp_path, style)
     assert f"['the figure is {tall:.0f} mm tall; choose fewer --frames']" in capsys.readouterr().out
@@ -489,18 +474,6 @@ def test_a_frame_that_is_not_there_is_refused(worn):
         isochrome.paper_figure(a_colour_table(worn), isochrome.FigureStyle(frames=(0,)))
     with pytest.raises(InputError, match="has no figure for a paper"):
         isochrome.paper_figure(object())  # type: ignore[arg-type]
-
-
-@pytest.mark.long
-def test_the_run_in_memory_and_the_folder_give_one_picture(worn):
-    scene, frames = worn["home"] / "scene.toml", worn["home"] / "simulated" / "frames.tif"
-    style = isochrome.FigureStyle(frames=(1,))
-    pictures = []
-    for found in (worn["process"], isochrome.process(frames, scene)):
-        content = io.BytesIO()
-        isochrome.paper_figure(found, style).savefig(content, format="png", dpi=50)
-        pictures.append(content.getvalue())
-    assert pictures[0] == pictures[1]
 
 
 def some_recordings(count: int) -> list[Outcome]:

@@ -9,7 +9,6 @@ from fitting.engine_frames import prepared
 from fitting.sliding_bench import FRICTION, LOAD, bench
 from isochrome.benchmarks import load_benchmarks
 from isochrome.fitting import cause_messages, fit_frame, fit_with_causes
-from isochrome.fitting.causes.cause import ABOVE, WIDE
 from isochrome.processing import cell_values
 from isochrome.reference import contact_modulus, hertz_half_width, hertz_peak_pressure, hertz_stress
 from isochrome.stress import pixel_grid
@@ -199,14 +198,6 @@ def test_a_little_blur_is_not_taken_for_a_band_of_light():
     assert max(map(abs, pulls(freed.fit))) < 4.0
 
 
-@pytest.mark.study
-def test_three_defects_at_once():
-    freed, _, said = fitted(Defects(roll_deg=-0.5, spot=0.3, band_nm=20.0, noise=2.0))
-    assert freed.light and {"camera.roll_deg", "polariscope.bandwidth_nm"} <= set(freed.fit.keys)
-    assert max(map(abs, pulls(freed.fit))) < 4.0 and np.isfinite(freed.fit.chi)
-    assert len(said) >= 2
-
-
 def test_what_knows_no_lens_refuses_one(tmp_path):
     import tifffile
 
@@ -261,15 +252,6 @@ def test_rows_with_a_noise_of_their_own_are_counted():
         found += pulls(freed.fit)
     # four values: chi² of 4 degrees of freedom is below 18.5 in 999 of 1000
     assert np.sum(np.square(found)) < 18.5
-
-
-@pytest.mark.study
-def test_dust_does_not_hide_what_a_lens_and_a_band_do():
-    defects = Defects(dust=30, keystone_z=0.01, band_nm=25.0)
-    freed, _, _ = fitted(defects)
-    assert {cause.name for cause in freed.causes} >= {ABOVE.name, WIDE.name}
-    assert freed.outside > 0.0 and freed.fit.chi < 1.05
-    assert np.all(np.abs(pulls(freed.fit)) < 3.0)
 
 
 @pytest.mark.long

@@ -3,18 +3,10 @@
 import numpy as np
 import pytest
 
-from isochrome.contact import elastic_constants
 from isochrome.errors import PhysicsError
 from isochrome.fitting.search.coarse_fields import field_maker, pressure_table, theta_of
 from isochrome.fitting.search.descents import Space
-from isochrome.reference import (
-    coupled_contact,
-    coupled_stress,
-    disc_stress,
-    hertz_half_width,
-    hertz_peak_pressure,
-    sliding_hertz_stress,
-)
+from isochrome.reference import disc_stress
 from isochrome.scene import parse_scene
 from isochrome.simulation import scene_states, state_difference
 from isochrome.stress import RegularStress, pixel_grid
@@ -68,38 +60,6 @@ def quick(text, **changes):
 
 def of_stress(stress):
     return stress.sigma_x - stress.sigma_z + 2j * stress.tau_xz
-
-
-@pytest.mark.parametrize("shear", [3.0, -11.5])
-def test_a_held_contact_is_two_closed_forms_one_inside_the_other(shear):
-    # Cattaneo and Mindlin: mu p over the contact less mu p' over what sticks, under P - Q/mu.
-    changes = {"load__normal_n": 61.0, "load__tangential_n": shear, "load__bulk_mpa": -1.5}
-    scene, field, x, z = quick(HELD, camera__left_mm=-1.9, camera__top_mm=-0.03, **changes)
-    modulus, _ = elastic_constants(scene)
-    total = np.full(x.shape, -1.5 + 0j)
-    sign, stuck = np.sign(shear), 1.0 - abs(shear) / (0.3 * 61.0)
-    for share, factor in ((1.0, 1.0), (stuck, -1.0)):
-        load = 61.0 / 4.0 * share
-        pair = {
-            "half_width_mm": hertz_half_width(load, 24.61, modulus),
-            "peak_pressure_mpa": hertz_peak_pressure(load, 24.61, modulus),
-        }
-        slid = of_stress(sliding_hertz_stress(x, z, **pair, friction=0.3 * sign))
-        alone = of_stress(sliding_hertz_stress(x, z, **pair, friction=0.0))
-        total += factor * (slid - alone) + (alone if factor > 0.0 else 0.0)
-    # the pressure's table, solved on nodes: 1e-3 of the largest stress
-    assert np.abs(field - total).max() < 1e-3 * np.abs(total).max()
-
-
-@pytest.mark.parametrize("friction", [0.3, 0.12, -0.2])
-def test_a_sliding_contact_leans_and_shifts_with_its_friction(friction):
-    scene, field, x, z = quick(SLIDING, friction__coefficient=friction, load__normal_n=27.0)
-    modulus, coupling = elastic_constants(scene)
-    beta = 0.25 * modulus * coupling
-    contact = coupled_contact(27.0 / 4.0, 24.61, modulus, friction=friction, beta=beta)
-    true = of_stress(coupled_stress(x, z, contact))
-    # table at 0.3, coupling taken as linear in the friction: its square is 1e-3 here
-    assert np.abs(field - true).max() < 2e-3 * np.abs(true).max()
 
 
 @pytest.mark.parametrize(
@@ -169,16 +129,6 @@ def test_a_disc_is_its_closed_form_at_any_load_and_place():
     x, z = np.meshgrid(grid.x_mm + 0.2, grid.z_mm - 5.0)
     true = disc_stress(x[keep], z[keep], load_n=900.0, diameter_mm=10.0, thickness_mm=6.0)
     np.testing.assert_allclose(field, of_stress(true), rtol=1e-6, atol=1e-6)
-
-
-def test_nothing_is_stressed_above_the_surface():
-    scene = parse_scene(HELD)
-    grid = pixel_grid(scene)
-    theta = theta_of(scene.with_values({"camera.top_mm": -0.5}))
-    field = field_maker(scene)(grid, np.ones((120, 160), bool)).difference(theta[None])
-    air = pixel_grid(scene).z_mm - 0.52 <= 0.0
-    seen = field.reshape(120, 160)
-    assert np.all(seen[air] == 0.0) and np.all(np.abs(seen[~air]).max(axis=1) > 0.1)
 
 
 def test_a_scene_that_no_load_can_solve_is_refused():

@@ -1,6 +1,5 @@
 """`fit` as a long run: killed, stopped, with workers; what nothing ties together stands alone."""
 
-import json
 import tracemalloc
 
 import numpy as np
@@ -98,18 +97,6 @@ def test_a_frames_fit_does_not_depend_on_those_beside_it(tmp_path):
     assert fitted(place, None).frames == both.frames[1:]
 
 
-@pytest.mark.long
-def test_several_files_are_named_each_with_its_hash(tmp_path, monkeypatch):
-    make_set(tmp_path, 2)
-    monkeypatch.chdir(tmp_path)
-    for i, frame in enumerate(tifffile.imread("film.tif")):
-        write_tiff(f"frame-{i}.tif", frame[None], pixel_mm=0.031)
-    fit("frame-*.tif", "scene.toml", (), per_frame=(LOAD,), as_stated=True, out="out")
-    record = json.loads((tmp_path / "out" / "provenance.json").read_text("utf-8"))
-    assert list(record["inputs_sha256"]) == ["frame-0.tif", "frame-1.tif"]
-    assert {"fit.csv", "fit.json", "fit.png", "scene.toml"} <= set(record["outputs"])
-
-
 def test_workers_and_clusters_need_a_folder_and_frames_of_their_own(place):
     with pytest.raises(InputError, match="give out"):
         fitted(place, None, workers=2)
@@ -147,24 +134,6 @@ def test_a_stopped_fit_goes_on_and_ends_with_the_same_bytes(place, options):
     assert told[0].before == 1
     assert contents(place / "out") == contents(place / "whole")
     assert not (place / "out.partial").exists()
-
-
-@pytest.mark.long
-def test_a_changed_scene_input_or_key_is_noticed(place):
-    stopped(place)
-    with pytest.raises(InputError, match=r"the options .* has changed; undo that"):
-        fitted(place, place / "out", per_frame=(LOAD,))
-    text = (place / "scene.toml").read_text("utf-8")
-    (place / "scene.toml").write_text(text.replace("= 44.0", "= 43.0"), "utf-8")
-    with pytest.raises(InputError, match=r"the scene .* has changed; undo that"):
-        fitted(place, place / "out")
-    (place / "scene.toml").write_text(text, "utf-8")
-    film = (place / "film.tif").read_bytes()
-    (place / "film.tif").write_bytes(film[:-1] + bytes([film[-1] ^ 1]))
-    with pytest.raises(InputError, match=r"the content of .*film\.tif has changed; undo that"):
-        fitted(place, place / "out")
-    (place / "film.tif").write_bytes(film)
-    assert not fitted(place, place / "out").already
 
 
 @pytest.mark.study

@@ -48,27 +48,6 @@ def rendered(truth):
 # What a frame shows of its history
 
 
-@pytest.mark.parametrize("law", ["archard", "sarkar", "dissipated_energy"])
-def test_worn_area_is_the_integral_of_rate_and_load(law):
-    load = {"distance_m": (0.0, 100.0, 200.0), "value": (40.0, 50.0, 44.0)}
-    whole = scene(wear__law=law, friction__coefficient=RISING, load__normal_n=load)
-    found = local_values(whole, (None, 0.0, 77.0, 233.0, 31.0))
-    s = np.linspace(0.0, 233.0, 200_001)
-    mu, p = whole.friction_at(s), whole.load_at(s)
-    factor = {"archard": 1.0 + 0.0 * mu, "sarkar": np.sqrt(1 + 3 * mu**2), "dissipated_energy": mu}
-    rate = 1e3 * 2e-9 * factor[law] * p / 4.0
-    area = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(s))])
-    for row, distance in zip(found[1:], (0.0, 77.0, 233.0, 31.0), strict=True):
-        # the sum's own error: (ds)^2 over the curvature's length, 1e-9
-        wanted = (
-            whole.load_at(distance),
-            whole.friction_at(distance),
-            np.interp(distance, s, area),
-        )
-        assert row == pytest.approx(wanted, rel=1e-6, abs=1e-15)
-    assert found[0].tolist() == [40.0, 0.0, 0.0]
-
-
 def test_a_scene_of_one_state_is_exactly_the_runs_own():
     whole = scene(friction__coefficient=RISING, wear__law="sarkar")
     whole = with_numerics(whole, nodes_per_pixel=4, tolerance=1e-4, room=1.2)

@@ -5,7 +5,6 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.stats import multivariate_normal
 
-from isochrome.fitting.causes.blocks import less_means
 from isochrome.fitting.causes.trial import Trial
 from isochrome.optics import blur_variance
 
@@ -59,15 +58,3 @@ def test_a_blurs_variance_is_that_of_its_kernel(sigma):
     assert variance == pytest.approx(want, rel=2e-3)
     ahead = blur_variance(1.01 * sigma)[0] - blur_variance(0.99 * sigma)[0]
     assert slope == pytest.approx(ahead / (0.02 * sigma), rel=2e-2)
-
-
-def test_a_share_of_lines_means_whitens_noise_that_lines_share():
-    """Of a row of n with 1 + n t of the variance the sum is as if of independent pixels."""
-    rng = np.random.default_rng(3)
-    rows, cols, own = 4000, 20, 0.4
-    image = rng.normal(size=(rows, cols)) + own**0.5 * rng.normal(size=(rows, 1))
-    variance = 1.0 + cols * own
-    lines = np.repeat(np.arange(rows), cols)
-    left = less_means(image.reshape(1, -1), lines, 1.0 - variance**-0.5)[0].reshape(rows, cols)
-    # 4000 sums tell their variance to 2.2 %
-    assert np.var(left.sum(axis=1)) / cols == pytest.approx(1.0, abs=0.08)

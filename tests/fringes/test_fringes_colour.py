@@ -12,7 +12,7 @@ from isochrome.optics import Response, camera_response, expose
 from isochrome.scene import Camera, Polariscope, parse_scene
 from isochrome.simulation import make_picture, picture_signal, scene_states, state_difference
 from isochrome.stress import pixel_grid
-from scene_texts import PAPER_PAIR
+from scene_texts import PAPER_PAIR, beam_text, disc_text
 
 
 def study(*values):
@@ -28,26 +28,8 @@ normal_n = {load}
 [friction]
 coefficient = {mu}
 """,
-    "disc": """
-[specimen]
-shape = "disc"
-diameter_mm = 20.0
-thickness_mm = 4.0
-fringe_value_n_per_mm = 14.6
-[load]
-normal_n = {load}
-""",
-    "beam": """
-[specimen]
-shape = "beam"
-height_mm = 20.0
-thickness_mm = 4.0
-fringe_value_n_per_mm = 14.6
-[load]
-normal_n = {load}
-inner_span_mm = 40.0
-outer_span_mm = 100.0
-""",
+    "disc": disc_text("{load}", fringe_value=14.6, thickness_mm=4.0),
+    "beam": beam_text("{load}", fringe_value=14.6, thickness_mm=4.0),
 }
 SPECIMENS["worn"] = (
     SPECIMENS["contact"] + "[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [77.0]\n"

@@ -4,7 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from test_fringes_free import assert_sure_pixels_are_right, errors, rms
+from test_fringes_free import errors, rms
 from test_fringes_free import reading as read_as_it_is
 
 from isochrome.errors import InputError
@@ -16,7 +16,7 @@ from specimens import NAMES, View, light_of, shoot, view
 
 RMS, WRONG_SHARE, KEPT = 0.05, 0.005, 0.70
 """What a blind reading promises: fringes, share off by over half a fringe, share kept."""
-WRONG, SCENES = 0.5, 10
+WRONG = 0.5
 
 
 @lru_cache(maxsize=64)
@@ -49,20 +49,6 @@ def test_blind_the_order_is_right_and_most_is_kept(name):
     assert is_right(seen, got) and is_right(seen, read_as_it_is(name, "none")[2].reading)
 
 
-@pytest.mark.study
-def test_ten_random_scenes_are_read_blind_and_right():
-    """One of twenty may fail: of ten, not one of these."""
-    for name in map(str, range(SCENES)):
-        seen, light, got = reading(name)
-        assert light.settled, name
-        assert is_right(seen, got) and is_right(seen, read_as_it_is(name, "none")[2].reading), name
-
-
-@pytest.mark.study
-def test_blind_too_the_pixels_said_to_be_sure_are_right():
-    assert_sure_pixels_are_right("none")
-
-
 @pytest.mark.long
 def test_the_dark_end_is_found_where_few_fringes_reach_it():
     """Around the hole the plate is at the crest of order 1.5: a quadratic alone says 0.4 off."""
@@ -83,21 +69,6 @@ def test_errors_are_as_large_as_their_uncertainties_say(name):
     ratio = (got.order - seen.order) / got.uncertainty
     spread = np.nanmedian(np.abs(ratio)) / 0.6745  # a normal deviate's median is 0.6745
     assert 0.4 < spread < 1.3  # on the safe side by 2.5 at most
-
-
-@pytest.mark.study
-@pytest.mark.parametrize(
-    ("name", "shot"),
-    [
-        *((name, {"noise": 10.0}) for name in ("contact", "worn contact, mu 0.3", "disc", "beam")),
-        *((name, {"saturated": 0.09}) for name in ("contact", "disc")),
-        *((name, {"blur": 2.0}) for name in ("contact", "worn contact, mu 0.3", "disc", "beam")),
-    ],
-    ids=str,
-)
-def test_a_poor_frame_is_read_blind_all_the_same(name, shot):
-    seen, _, got = reading(name, **shot)
-    assert is_right(seen, got)
 
 
 GAMMA = 2.2

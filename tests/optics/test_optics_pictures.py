@@ -10,22 +10,10 @@ from isochrome.reference import disc_centre_difference, disc_stress
 from isochrome.scene import parse_scene
 from isochrome.simulation import make_picture, picture_signal, scene_states, state_difference
 from isochrome.stress import pixel_grid
+from scene_texts import camera_text, disc_text
 
-DISC = """
-[specimen]
-shape = "disc"
-diameter_mm = 20.0
-thickness_mm = 6.0
-fringe_value_n_per_mm = 12.0
-[load]
-normal_n = 240.0
-[polariscope]
-wavelength_nm = 587.0
-[camera]
-width_px = 121
-height_px = 121
-pixel_mm = 0.18
-"""
+DISC = disc_text(240.0, fringe_value=12.0) + "[polariscope]\nwavelength_nm = 587.0\n"
+DISC += camera_text(121, 121, 0.18)
 
 
 @cache

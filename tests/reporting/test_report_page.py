@@ -41,8 +41,6 @@ from isochrome.reporting import (
     write_report,
 )
 
-ALLOWED = {"http-equiv", "charset", "name", "content", "lang", "class", "id", "href", "src", "alt"}
-
 
 def test_the_policy_names_the_style_and_the_script_that_are_there(page):
     """And nothing else: no address, no inline style, no script by an attribute."""

@@ -72,7 +72,12 @@ polariscopes = st.builds(
     field=st.sampled_from(["dark", "bright"]),
     plate_wavelength_nm=maybe(wavelengths),
     step=st.lists(steps, max_size=3),
-)
+) | st.sampled_from([
+    Polariscope(field="plane", axis_deg=12.5, analyser_error_deg=-0.5),
+    Polariscope(wavelength_nm=587.0, light="white", plate_wavelength_nm=560.0),
+    Polariscope(wavelength_nm=546.1, lines={"wavelength_nm": (435.8, 546.1), "power": (1.0, 2.0)}),
+    Polariscope(wavelength_nm=546.1, spectrum={"wavelength_nm": (400, 700), "power": (1.0, 2.0)}),
+])  # fmt: skip
 cameras = some(
     Camera,
     width_px=st.integers(1, 100_000),

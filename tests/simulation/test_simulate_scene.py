@@ -17,6 +17,7 @@ from isochrome.simulation import (
     state_difference,
 )
 from isochrome.stress import pixel_grid
+from scene_texts import beam_text, camera_text, disc_text
 
 PAPER = load_scene("line-contact-wear")
 
@@ -139,34 +140,8 @@ def test_a_colour_cameras_frames_are_rgb_in_memory_and_on_disk(tmp_path, bits, d
             np.testing.assert_array_equal(np.stack([f.image for f in reader]), frames[..., k])
 
 
-DISC = """
-[specimen]
-shape = "disc"
-diameter_mm = 20.0
-thickness_mm = 6.0
-fringe_value_n_per_mm = 12.0
-[load]
-normal_n = 120.0
-[camera]
-width_px = 241
-height_px = 241
-pixel_mm = 0.09
-"""
-BEAM = """
-[specimen]
-shape = "beam"
-height_mm = 20.0
-thickness_mm = 6.0
-fringe_value_n_per_mm = 12.0
-[load]
-normal_n = 500.0
-inner_span_mm = 40.0
-outer_span_mm = 100.0
-[camera]
-width_px = 120
-height_px = 240
-pixel_mm = 0.1
-"""
+DISC = disc_text(120.0, fringe_value=12.0) + camera_text(241, 241, 0.09)
+BEAM = beam_text(500.0, fringe_value=12.0) + camera_text(120, 240, 0.1)
 
 
 def test_a_beams_order_is_linear_over_its_height_and_dark_on_the_neutral_axis():

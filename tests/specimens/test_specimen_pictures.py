@@ -9,34 +9,10 @@ from isochrome.errors import InputError
 from isochrome.scene import BODIES, parse_scene
 from isochrome.specimens import SpecimenModel, specimen_model
 from isochrome.stress import pixel_grid
+from scene_texts import beam_text, camera_text, disc_text
 
-COMMON = "thickness_mm = 6.0\nfringe_value_n_per_mm = 14.6\n"
-DISC = f"""
-[specimen]
-shape = "disc"
-diameter_mm = 20.0
-{COMMON}
-[load]
-normal_n = 200.0
-[camera]
-width_px = 81
-height_px = 81
-pixel_mm = 0.26
-"""
-BEAM = f"""
-[specimen]
-shape = "beam"
-height_mm = 20.0
-{COMMON}
-[load]
-normal_n = 150.0
-inner_span_mm = 10.0
-outer_span_mm = 30.0
-[camera]
-width_px = 81
-height_px = 101
-pixel_mm = 0.25
-"""
+DISC = disc_text(200.0, fringe_value=14.6) + camera_text(81, 81, 0.26)
+BEAM = beam_text(150.0, fringe_value=14.6, spans_mm=(10.0, 30.0)) + camera_text(81, 101, 0.25)
 
 
 @pytest.mark.parametrize("name", [*BODIES, "contact", "block"])
