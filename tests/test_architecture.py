@@ -321,12 +321,10 @@ def built_by_position(node: ast.ClassDef) -> bool:
 COMMANDS = ("process", "simulate", "fit", "compare", "sweep")
 
 HOMES = {
-    "process": "isochrome.processing.api",
-    "simulate": "isochrome.simulation.api",
-    "fit": "isochrome.fitting.api",
-    "compare": "isochrome.comparison.api",
+    "process": "isochrome.processing.api", "simulate": "isochrome.simulation.api",
+    "fit": "isochrome.fitting.api", "compare": "isochrome.comparison.api",
     "sweep": "isochrome.sweeps.api",
-}
+}  # fmt: skip
 
 AS_FUNCTIONS = f"""
 import importlib, sys

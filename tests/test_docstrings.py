@@ -49,26 +49,19 @@ PARTS = {
     "isochrome.comparison": ("ComparedFrames", "FrameMetrics", "ScarPair"),
     "isochrome.comparison.frame_sets": ("OrderMetrics", "SignalMetrics", "SkeletonDistance"),
     "isochrome.contact": ("ContactGrid", "SurfaceState"),
-    "isochrome.drafting": ("DraftValue", "OpenKey"),
-    "isochrome.estimation": ("BudgetInput",),
-    "isochrome.frames": ("Finding", "Frame"),
-    "isochrome.output": ("FrameValues",),
+    "isochrome.drafting": ("DraftValue", "OpenKey"), "isochrome.estimation": ("BudgetInput",),
+    "isochrome.frames": ("Finding", "Frame"), "isochrome.output": ("FrameValues",),
     "isochrome.scene": ("ArrayFrames", "FreeCorner"),
-}
+}  # fmt: skip
 """Parts of results whose values users read, where they stand."""
 
 LINES = 5
 """Lines that a docstring of all else may have, blank ones apart."""
 
 NOT_YET = (
-    "calibration/beam/",
-    "calibration/disc/",
-    "calibration/whole_set/",
-    "fitting/causes/",
-    "fitting/search/",
-    "fitting/tracking/",
-    "fitting/tractions/",
-)
+    "calibration/beam/", "calibration/disc/", "calibration/whole_set/", "fitting/causes/",
+    "fitting/search/", "fitting/tracking/", "fitting/tractions/",
+)  # fmt: skip
 """Where docstrings of inner names are still long: this list only gets shorter."""
 
 every_export = pytest.mark.parametrize("name", EXPORTED)

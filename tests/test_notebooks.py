@@ -195,11 +195,9 @@ def test_notebook_runs_to_its_end_and_gives_what_is_stored(
 
     notebook = nbformat.read(path, as_version=4)
     client = nbclient.NotebookClient(
-        notebook,
-        timeout=NO_END_S,
-        kernel_name=own_kernel,
+        notebook, timeout=NO_END_S, kernel_name=own_kernel,
         resources={"metadata": {"path": str(tmp_path)}},
-    )
+    )  # fmt: skip
     try:
         client.execute()
     except nbclient.exceptions.CellExecutionError as error:

@@ -225,12 +225,10 @@ def test_an_incomplete_set_is_refused(beam, old, new, words):
     ("found", "words"),
     [
         ({"strange": 0.04}, "4.0 % of the pixels are off the table"),
-        ({"torn": 0.04}, "jumps beside 4.0 %"),
-        ({"moved": 0.06}, "moved the table by 0.060"),
-        ({"highest": 1.1}, "reach N = 1.10, and 1.2 at least"),
-        ({}, None),
+        ({"torn": 0.04}, "jumps beside 4.0 %"), ({"moved": 0.06}, "moved the table by 0.060"),
+        ({"highest": 1.1}, "reach N = 1.10, and 1.2 at least"), ({}, None),
     ],
-)
+)  # fmt: skip
 def test_a_light_that_was_not_found_is_refused_whatever_shows_it(found, words):
     """One sign is enough; each of the shares here is a little over what is let pass, or below."""
     fields = dict.fromkeys(OwnLight.__dataclass_fields__, np.zeros(0))

@@ -92,12 +92,10 @@ def exact_places(shown, columns=11, rows=8, turn=lambda grid: grid):
 
 
 TURNS = {
-    "as it is": lambda grid: grid,
-    "from the other end": lambda grid: grid[::-1, ::-1],
-    "mirrored": lambda grid: grid[:, ::-1],
-    "by columns": lambda grid: grid.transpose(1, 0, 2),
+    "as it is": lambda grid: grid, "from the other end": lambda grid: grid[::-1, ::-1],
+    "mirrored": lambda grid: grid[:, ::-1], "by columns": lambda grid: grid.transpose(1, 0, 2),
     "by columns, from the end": lambda grid: grid.transpose(1, 0, 2)[::-1],
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("turn", TURNS.values(), ids=TURNS)

@@ -135,11 +135,9 @@ def test_what_variances_of_few_degrees_promise_makes_no_scatter_of_chance(ground
             # its variance, widened as Student's t is
             estimate = 1e-10 * rng.chisquare(freedom) / (freedom - 2.0)
             one = replace(
-                base,
-                worn_area_mm2=1e-3 + 1e-5 * rng.standard_normal(),
-                worn_area_uncertainty_mm2=float(np.sqrt(estimate)),
-                degrees_of_freedom=freedom,
-            )
+                base, worn_area_mm2=1e-3 + 1e-5 * rng.standard_normal(),
+                worn_area_uncertainty_mm2=float(np.sqrt(estimate)), degrees_of_freedom=freedom,
+            )  # fmt: skip
             drawn.append(TraceScar(scar.test, one))
         _, scatter = worn_volumes(settings, drawn)
         shares.append(scatter.chi_square / scatter.freedom)
@@ -349,16 +347,12 @@ WRONG_SETS = {
     "volume below zero": (VOLUME.format(31.0, -0.002), None, "volume[1].value_mm3 = -0.002"),
     "no volume above zero": (VOLUME.format(31.0, 0.0), None, "no [[volume]] is above 0"),
     "distances that fall": (
-        VOLUME.format(77.0, 0.006) + VOLUME.format(31.0, 0.003),
-        None,
-        "distances must not fall",
+        VOLUME.format(77.0, 0.006) + VOLUME.format(31.0, 0.003), None, "distances must not fall",
     ),
     "one file twice": (HEAD + 2 * TRACE.format(31.0), LINE, "stands twice"),
     "an unknown key": (HEAD + "depth_mm = 1.0\n", None, "unknown key 'scar.depth_mm'"),
     "a volume beside traces": (
-        HEAD + TRACE.format(31.0) + VOLUME.format(31.0, 0.003),
-        LINE,
-        "needs its uncertainty",
+        HEAD + TRACE.format(31.0) + VOLUME.format(31.0, 0.003), LINE, "needs its uncertainty",
     ),
     "half of the uncertainties": (
         VOLUME.format(31.0, "{ value = 0.003, standard_uncertainty = 1e-4 }")
@@ -374,7 +368,7 @@ WRONG_SETS = {
         "uncertainty.width_mm is stated beside its value too",
     ),
     "metres for kilometres": (VOLUME.format(1e-12, 0.003), None, "k = "),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", WRONG_SETS)

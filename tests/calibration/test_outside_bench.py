@@ -94,14 +94,12 @@ def test_a_diameter_that_the_rim_agrees_with_changes_nothing():
 @pytest.mark.parametrize(
     ("specimen", "key", "value"),
     [
-        (beam, "distortion", 0.02),
-        (beam, "keystone_x", -0.01),
-        (beam, "keystone_z", 0.02),
+        (beam, "distortion", 0.02), (beam, "keystone_x", -0.01), (beam, "keystone_z", 0.02),
         pytest.param(disc, "keystone_z", 0.02, marks=pytest.mark.study),
         pytest.param(disc, "distortion", 0.02, marks=pytest.mark.study),
         pytest.param(disc, "keystone_x", -0.01, marks=pytest.mark.study),
     ],
-)
+)  # fmt: skip
 def test_a_lens_is_found_and_its_value_kept(specimen, key, value):
     """Unsaid before: a distortion of 0.5 % moved a beam's value by 38 standard uncertainties."""
     found = specimen(bench(**{key: value}))

@@ -134,12 +134,9 @@ def test_wedge_has_its_width_and_logarithmic_pressure():
 
 @settings(max_examples=25, deadline=None)
 @given(
-    seed=st.integers(0, 2**32 - 1),
-    n=st.integers(16, 300),
-    load=st.floats(1e-3, 1e3),
-    friction=st.floats(-1.0, 1.0),
-    wear=st.sampled_from([0.0, 1e-6, 1e-3]),
-)
+    seed=st.integers(0, 2**32 - 1), n=st.integers(16, 300), load=st.floats(1e-3, 1e3),
+    friction=st.floats(-1.0, 1.0), wear=st.sampled_from([0.0, 1e-6, 1e-3]),
+)  # fmt: skip
 def test_every_contact_holds_its_conditions(seed, n, load, friction, wear):
     """Any gap, load, friction and wear diagonal: p >= 0, gap >= 0, p gap = 0 and the load."""
     gap = np.random.default_rng(seed).random(n).cumsum() * 1e-3

@@ -24,16 +24,12 @@ def known_of(case: DrawnContact) -> dict:
     """What the user of a drawn contact knows."""
     specimen, indenter = case.true.specimen, case.true.indenter
     return {
-        "young_gpa": specimen.young_gpa,
-        "poisson": specimen.poisson,
+        "young_gpa": specimen.young_gpa, "poisson": specimen.poisson,
         "thickness_mm": specimen.thickness_mm,
-        "fringe_value_n_per_mm": specimen.fringe_value_n_per_mm,
-        "radius_mm": indenter.radius_mm,
-        "indenter_young_gpa": indenter.young_gpa,
-        "indenter_poisson": indenter.poisson,
-        "load_n": case.about_n,
-        "pixel_mm": case.true.camera.pixel_mm,
-    }
+        "fringe_value_n_per_mm": specimen.fringe_value_n_per_mm, "radius_mm": indenter.radius_mm,
+        "indenter_young_gpa": indenter.young_gpa, "indenter_poisson": indenter.poisson,
+        "load_n": case.about_n, "pixel_mm": case.true.camera.pixel_mm,
+    }  # fmt: skip
 
 
 def truth_unmirrored(case: DrawnContact) -> dict:

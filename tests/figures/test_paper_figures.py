@@ -128,18 +128,16 @@ there fits elsewhere but for a chance, and the default tests hold both columns o
 
 WEAR_SET = ROOT / "sample_images" / "wear" / "set.toml"
 OTHERS = {
-    "scars": lambda _: isochrome.compare(WEAR_SET, "line-contact-wear"),
-    "scale": a_scale,
+    "scars": lambda _: isochrome.compare(WEAR_SET, "line-contact-wear"), "scale": a_scale,
     "colour table": a_colour_table,
     "components": lambda worn: isochrome.simulate(worn["home"] / "scene.toml", components=True),
-    "tracked video": a_tracked_video,
-    "no model": without_a_model,
+    "tracked video": a_tracked_video, "no model": without_a_model,
     "beam": lambda worn: isochrome.calibrate_bending(some_of(worn, "bending", (0, 3))),
     "wear": lambda _: isochrome.calibrate_wear(WEAR_SET),
     "paper's case": lambda _: isochrome.simulate("line-contact-wear"),
     "many states": lambda worn: isochrome.simulate(at(worn, list(range(12)))),
     "disc": lambda worn: isochrome.calibrate_disc(some_of(worn, "disc", (0, 2))),
-}
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -453,14 +451,12 @@ def test_bands_and_bars_of_a_curve_are_among_its_data():
     ("given", "words"),
     [
         ({"width_mm": 20}, "width = 20 mm of a figure: give 60 to 400 mm"),
-        ({"width_mm": float("nan")}, "width = nan"),
-        ({"dpi": 5}, "dpi = 5: give 50 to 2400"),
+        ({"width_mm": float("nan")}, "width = nan"), ({"dpi": 5}, "dpi = 5: give 50 to 2400"),
         ({"formats": ("jpg",)}, "format = jpg of a figure: give some of png, pdf, svg, tiff"),
-        ({"formats": ()}, "format = none"),
-        ({"frames": (0, -1)}, "frames = 0,-1 of a figure"),
+        ({"formats": ()}, "format = none"), ({"frames": (0, -1)}, "frames = 0,-1 of a figure"),
         ({"frames": ()}, "frames = none"),
     ],
-)
+)  # fmt: skip
 def test_a_style_that_is_none_is_refused(given, words):
     with pytest.raises(InputError, match=re.escape(words)):
         isochrome.FigureStyle(**given)

@@ -174,11 +174,9 @@ def test_a_set_too_long_to_keep_is_read_in_each_pass_and_fitted_as_if_it_were_ke
     write_tiff(tmp_path / "film.tif", images, pixel_mm=0.05)
     read = fit(tmp_path / "film.tif", small, [LOAD])
     kept = fit_jointly(
-        [prepared(image, small) for image in images],
-        make_sequence(small, 9, (LOAD,), ()),
-        np.array([read.shared[LOAD]["value"]]),
-        shape=(60, 80),
-    )
+        [prepared(image, small) for image in images], make_sequence(small, 9, (LOAD,), ()),
+        np.array([read.shared[LOAD]["value"]]), shape=(60, 80),
+    )  # fmt: skip
     within(read.shared[LOAD], 44.0)
     assert read.frame_chi == pytest.approx(kept.frame_chi, rel=1e-6)
     # from there no step is left but those below a thirtieth of a standard uncertainty

@@ -24,19 +24,12 @@ def contact():
     scene = load_scene("line-contact-wear")
     return scene.model_copy(update={"wear": None}).with_values(
         {
-            LOAD: 44.0,
-            FRICTION: 0.2,
-            "friction.static_state_first": False,
-            "camera.width_px": SHAPE[1],
-            "camera.height_px": SHAPE[0],
-            "camera.pixel_mm": 0.0125,
-            LEFT: -1.9,
-            "camera.vignette": 0.3,
-            "camera.brightness": 0.85,
-            "camera.background": 0.05,
-            "camera.noise_grey": 3.0,
+            LOAD: 44.0, FRICTION: 0.2, "friction.static_state_first": False,
+            "camera.width_px": SHAPE[1], "camera.height_px": SHAPE[0], "camera.pixel_mm": 0.0125,
+            LEFT: -1.9, "camera.vignette": 0.3, "camera.brightness": 0.85,
+            "camera.background": 0.05, "camera.noise_grey": 3.0,
         }
-    )
+    )  # fmt: skip
 
 
 def frame_of(scene, state, rng):

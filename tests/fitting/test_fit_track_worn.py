@@ -113,11 +113,9 @@ def test_a_load_that_swings_on_a_worn_scar_is_followed_with_its_uncertainty(
     assert result.searched == (0,)
     assert np.all(np.abs(result.chi - 1.0) < 0.03)
     truth = {
-        LOAD: load[begin:],
-        FRICTION: friction[begin:],
-        LEFT: np.full(count, -1.9),
+        LOAD: load[begin:], FRICTION: friction[begin:], LEFT: np.full(count, -1.9),
         WEAR: np.full(count, 2e-9),
-    }
+    }  # fmt: skip
     # 0.7 to 0.9e-4 in all of these; the bar of a tracked load is 5e-4
     assert np.sqrt(np.mean((result.values[:, 0] / truth[LOAD] - 1.0) ** 2)) < 2e-4
     found = pulls(result, truth)

@@ -15,16 +15,9 @@ def trial_of(columns, residual, weight, extra):
     values = np.linalg.solve(normal + np.diag(weight), columns @ residual)
     left = residual - values @ columns
     return Trial(
-        cost=float(left @ left),
-        normal=normal,
-        prior=float(values**2 @ weight),
-        weight=weight,
-        extra=extra,
-        light=np.zeros((0, 0)),
-        light_weight=np.zeros(0),
-        excess=1.0,
-        values={},
-    )
+        cost=float(left @ left), normal=normal, prior=float(values**2 @ weight), weight=weight,
+        extra=extra, light=np.zeros((0, 0)), light_weight=np.zeros(0), excess=1.0, values={},
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("noise", [1.0, 3.0])

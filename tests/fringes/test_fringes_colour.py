@@ -81,14 +81,11 @@ class Shot:
         level = np.maximum(self.frame / 255.0, self.noise / 255.0)
         sigma = gamma * level ** (gamma - 1.0) * max(self.noise, 0.3) / 255.0
         return read_colour(
-            frame,
-            table or self.table,
-            sigma=sigma,
+            frame, table or self.table, sigma=sigma,
             dark=dark if no_load in ("both", "dark") else None,
-            bright=bright if no_load in ("both", "bright") else None,
-            valid=self.frame < 255,
+            bright=bright if no_load in ("both", "bright") else None, valid=self.frame < 255,
             **given,
-        )
+        )  # fmt: skip
 
 
 @lru_cache(maxsize=3)
@@ -145,12 +142,10 @@ def test_with_no_load_frames_the_order_is_read(kind, mu):
     ("kind", "mu", "no_load"),
     [
         *((*case, no_load) for case in CASES for no_load in ("both", "none")),
-        ("contact", 0.3, "dark"),
-        ("disc", 0.0, "dark"),
-        ("worn", 0.25, "bright"),
+        ("contact", 0.3, "dark"), ("disc", 0.0, "dark"), ("worn", 0.25, "bright"),
         ("beam", 0.0, "bright"),
     ],
-)
+)  # fmt: skip
 def test_full_frames_meet_the_bar(kind, mu, no_load):
     shot = rendered(kind, mu=mu, size=FULL)
     specimen = np.isfinite(shot.order)

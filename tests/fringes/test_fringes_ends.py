@@ -82,15 +82,12 @@ GAMMA = 2.2
         *(
             pytest.param(*case, marks=pytest.mark.study)
             for case in (
-                ("worn contact, mu 0.3", "none"),
-                ("worn contact, mu 0.3, bulk", "none"),
-                ("disc", "both"),
-                ("beam", "none"),
-                ("hole", "none"),
+                ("worn contact, mu 0.3", "none"), ("worn contact, mu 0.3, bulk", "none"),
+                ("disc", "both"), ("beam", "none"), ("hole", "none"),
             )
         ),
     ],
-)
+)  # fmt: skip
 def test_an_unknown_gamma_is_found_from_the_fringes(name, ends):
     seen, light, got = reading(name, ends, "unknown", gamma=GAMMA)
     # 3 %: with it the light's middle is off by 0.03 * 0.5 ln 2 = 0.01, the order by 0.003
@@ -167,14 +164,9 @@ def problem_of(light, noise):
     one = [np.ones((n, 1)) for n in light.shape]
     even = SmoothImages(*one, np.zeros((1, 2), dtype=int), np.array([np.inf]))
     return EndProblem(
-        light=light,
-        sigma=noise,
-        valid=np.ones(light.shape, bool),
-        shapes=(np.full(light.shape, 0.05), even),
-        tone=False,
-        scale=0.8,
-        by=1,
-    )
+        light=light, sigma=noise, valid=np.ones(light.shape, bool),
+        shapes=(np.full(light.shape, 0.05), even), tone=False, scale=0.8, by=1,
+    )  # fmt: skip
 
 
 @pytest.mark.study

@@ -311,15 +311,9 @@ def a_lattice(slope, chi):
     terms[..., 0], terms[..., 1] = np.cumsum(5.0 * slope), slope
     spread = np.broadcast_to([1e-3, 1e-4, 1e-4, 1e-5, 1e-5, 1e-5], terms.shape)
     return Patches(
-        rows=places,
-        cols=places,
-        terms=terms,
-        spread=spread,
-        chi=chi,
-        filled=ones,
-        contrast=ones,
+        rows=places, cols=places, terms=terms, spread=spread, chi=chi, filled=ones, contrast=ones,
         body=np.ones((16, 16), dtype=int),
-    )
+    )  # fmt: skip
 
 
 def test_a_patch_that_its_quadratic_does_not_describe_is_left_out():

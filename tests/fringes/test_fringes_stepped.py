@@ -46,11 +46,9 @@ from stepped_sets import (
 
 UNMATCHED = {"polariscope.plate_wavelength_nm": 0.95 * 587.0}
 MISALIGNED = {
-    "polariscope.polariser_error_deg": 0.7,
-    "polariscope.input_plate_error_deg": -1.0,
-    "polariscope.output_plate_error_deg": 0.8,
-    "polariscope.analyser_error_deg": -0.5,
-}
+    "polariscope.polariser_error_deg": 0.7, "polariscope.input_plate_error_deg": -1.0,
+    "polariscope.output_plate_error_deg": 0.8, "polariscope.analyser_error_deg": -0.5,
+}  # fmt: skip
 
 
 angles = st.floats(0.0, 180.0)
@@ -61,13 +59,10 @@ four_angles = st.one_of(
 
 @settings(max_examples=60)
 @given(
-    extra=st.lists(four_angles, max_size=5),
-    ratio=st.floats(0.85, 1.15),
-    delta=st.floats(-20.0, 20.0),
-    theta=angles,
-    amplitude=st.floats(0.1, 2.0),
+    extra=st.lists(four_angles, max_size=5), ratio=st.floats(0.85, 1.15),
+    delta=st.floats(-20.0, 20.0), theta=angles, amplitude=st.floats(0.1, 2.0),
     background=st.floats(0.0, 1.0),
-)
+)  # fmt: skip
 def test_maps_are_exact_for_any_angles_and_plates(
     extra, ratio, delta, theta, amplitude, background
 ):

@@ -129,14 +129,9 @@ def test_a_measured_spectrum_and_response_are_linear_between_their_samples(order
 
 
 REAL = Polariscope(
-    wavelength_nm=REFERENCE,
-    light="white",
-    plate_wavelength_nm=560.0,
-    polariser_error_deg=3.0,
-    input_plate_error_deg=-2.0,
-    output_plate_error_deg=1.0,
-    analyser_error_deg=-1.5,
-)
+    wavelength_nm=REFERENCE, light="white", plate_wavelength_nm=560.0, polariser_error_deg=3.0,
+    input_plate_error_deg=-2.0, output_plate_error_deg=1.0, analyser_error_deg=-1.5,
+)  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -217,11 +212,9 @@ def test_a_response_file_is_read_for_the_cameras_channels(tmp_path):
     found = camera_response(Camera(colour=True, response="sensor.csv"), path)
     assert found.names == ("red", "green", "blue")
     np.testing.assert_allclose(
-        found.at(np.array([390.0, 475.0, 700.0])),
-        [[0, 0.05, 1], [0, 0.5, 0], [0, 0.6, 0]],
-        rtol=0,
+        found.at(np.array([390.0, 475.0, 700.0])), [[0, 0.05, 1], [0, 0.5, 0], [0, 0.6, 0]], rtol=0,
         atol=1e-15,
-    )
+    )  # fmt: skip
     for mark in (b"", b"\xef\xbb\xbf"):  # a spreadsheet's "CSV UTF-8" begins with three bytes
         path.write_bytes(mark + b"wavelength_nm,grey\r\n400,1\r\n700,0.5\r\n")
         grey = camera_response(Camera(response="sensor.csv"), path)

@@ -24,25 +24,17 @@ BRIGHT = DARK.model_copy(update={"analyser_deg": 90.0})
 
 @settings(max_examples=200, deadline=None)
 @given(
-    order=orders,
-    theta=st.floats(-np.pi, np.pi),
-    polariser=angles,
-    first=angles,
-    second=angles,
-    analyser=angles,
-    ratio=st.floats(0.5, 1.5),
-    plates=st.booleans(),
-)
+    order=orders, theta=st.floats(-np.pi, np.pi), polariser=angles, first=angles, second=angles,
+    analyser=angles, ratio=st.floats(0.5, 1.5), plates=st.booleans(),
+)  # fmt: skip
 def test_any_chain_is_the_product_of_its_jones_matrices_and_keeps_the_energy(
     jones_intensity, order, theta, polariser, first, second, analyser, ratio, plates
 ):
     """Misaligned elements, plates of another wavelength, with and without plates."""
     step = PolariscopeStep(
-        polariser_deg=polariser,
-        input_plate_deg=first if plates else None,
-        output_plate_deg=second if plates else None,
-        analyser_deg=analyser,
-    )
+        polariser_deg=polariser, input_plate_deg=first if plates else None,
+        output_plate_deg=second if plates else None, analyser_deg=analyser,
+    )  # fmt: skip
     scope = Polariscope(wavelength_nm=600.0, plate_wavelength_nm=600.0 * ratio, step=[step])
     signal = polariscope_signal(np.array(order), make_chain(scope, 0), direction=np.array(theta))
     exact = jones_intensity(angles_of(step), order, theta, 0.5 * np.pi * ratio)
@@ -67,23 +59,19 @@ errors = st.floats(-20.0, 20.0)
 
 @settings(max_examples=200, deadline=None)
 @given(
-    order=orders,
-    theta=st.floats(-np.pi, np.pi),
-    wrong=st.tuples(errors, errors, errors, errors),
+    order=orders, theta=st.floats(-np.pi, np.pi), wrong=st.tuples(errors, errors, errors, errors),
     ratio=st.floats(0.7, 1.4),
     field=st.sampled_from(["dark", "bright", "plane", "step", "plane step"]),
-)
+)  # fmt: skip
 def test_an_elements_error_turns_it_and_no_other(
     jones_intensity, order, theta, wrong, ratio, field
 ):
     """The nominal angles and the errors, added up here and multiplied out."""
     nominal = {
-        "dark": (90.0, 45.0, -45.0, 0.0),
-        "bright": (90.0, 45.0, -45.0, 90.0),
-        "plane": (90.0, None, None, 180.0),
-        "step": (80.0, 30.0, -40.0, 20.0),
+        "dark": (90.0, 45.0, -45.0, 0.0), "bright": (90.0, 45.0, -45.0, 90.0),
+        "plane": (90.0, None, None, 180.0), "step": (80.0, 30.0, -40.0, 20.0),
         "plane step": (80.0, None, None, 20.0),
-    }[field]
+    }[field]  # fmt: skip
     names = ("polariser", "input_plate", "output_plate", "analyser")
     keys = {f"{n}_error_deg": e for n, e in zip(names, wrong, strict=True)}
     if field == "plane":

@@ -22,13 +22,10 @@ def bench():
     """A static contact of 4 mm x 3 mm in view."""
     scene = load_scene("line-contact-wear").with_values(
         {
-            "load.normal_n": 47.3,
-            "polariscope.wavelength_nm": 587.0,
-            "camera.width_px": COLS,
-            "camera.height_px": ROWS,
-            "camera.pixel_mm": 4.0 / COLS,
+            "load.normal_n": 47.3, "polariscope.wavelength_nm": 587.0, "camera.width_px": COLS,
+            "camera.height_px": ROWS, "camera.pixel_mm": 4.0 / COLS,
         }
-    )
+    )  # fmt: skip
     return scene.model_copy(update={"wear": None, "friction": None})
 
 

@@ -133,10 +133,8 @@ def test_a_frame_that_is_made_wider_and_has_nothing_to_say_says_nothing():
     ]
     rows = table([0.2, 0.2, 0.2, 0.3], [0, 31, 77, 155]) | {"chi": [1.0] * 4}
     rows |= {
-        "pixel_mm": [None] * 4,
-        "frame": [0, 1, 2, 3],
-        "warnings": ["", "", "", "dark | small"],
-    }
+        "pixel_mm": [None] * 4, "frame": [0, 1, 2, 3], "warnings": ["", "", "", "dark | small"],
+    }  # fmt: skip
     cells = ["", "", "", frame_messages(["dark", "small"])]
     more = {"status": ["done"] * 4, "messages": cells}
     found = collect(SCENE, rows, more, frames, (2, 2)).frames

@@ -128,14 +128,11 @@ def test_outside_in_the_hole_and_under_the_loads_nothing_is_known():
 @pytest.mark.parametrize(
     ("changed", "told"),
     [
-        ({"load_n": 0.0}, "load_n"),
-        ({"diameter_mm": -1.0}, "diameter_mm"),
-        ({"hole_mm": 0.0}, "hole_mm"),
-        ({"hole_mm": 39.5}, "hole_mm is 39.5"),
-        ({"thickness_mm": np.nan}, "thickness_mm"),
-        ({"x_mm": np.inf}, "x_mm"),
+        ({"load_n": 0.0}, "load_n"), ({"diameter_mm": -1.0}, "diameter_mm"),
+        ({"hole_mm": 0.0}, "hole_mm"), ({"hole_mm": 39.5}, "hole_mm is 39.5"),
+        ({"thickness_mm": np.nan}, "thickness_mm"), ({"x_mm": np.inf}, "x_mm"),
     ],
-)
+)  # fmt: skip
 def test_bad_arguments_are_refused_by_name(changed, told):
     given = {"load_n": P, "diameter_mm": D, "hole_mm": 20.0, "thickness_mm": T}
     with pytest.raises(InputError, match=told):

@@ -146,12 +146,10 @@ def test_the_sample_images_are_at_most_nine_and_a_half_megabytes():
 @pytest.mark.parametrize(
     ("render", "name"),
     [
-        (render_bending, "bending"),
-        (render_disc, "disc"),
-        (render_wear, "wear"),
+        (render_bending, "bending"), (render_disc, "disc"), (render_wear, "wear"),
         pytest.param(render_film, "sliding-film", marks=pytest.mark.study),
     ],
-)
+)  # fmt: skip
 def test_a_set_renders_to_the_shipped_one(tmp_path, render, name):
     render(tmp_path, samples.SEED)
     names = files_in(tmp_path)

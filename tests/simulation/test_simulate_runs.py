@@ -17,17 +17,12 @@ def scene_of(count):
     """A worn contact with noise, small and coarse, at `count` distances."""
     return load_scene("line-contact-wear").with_values(
         {
-            "camera.width_px": 64,
-            "camera.height_px": 48,
-            "camera.pixel_mm": 0.05,
-            "camera.left_mm": -1.6,
-            "camera.noise_grey": 2.0,
-            "numerics.spacing_mm": 0.005,
-            "numerics.tolerance": 1e-3,
-            "friction.static_state_first": False,
+            "camera.width_px": 64, "camera.height_px": 48, "camera.pixel_mm": 0.05,
+            "camera.left_mm": -1.6, "camera.noise_grey": 2.0, "numerics.spacing_mm": 0.005,
+            "numerics.tolerance": 1e-3, "friction.static_state_first": False,
             "wear.distances_m": tuple(233.0 * k / (count - 1) for k in range(count)),
         }
-    )
+    )  # fmt: skip
 
 
 SCENE = scene_of(20)

@@ -24,14 +24,11 @@ PAPER = load_scene("line-contact-wear")
 # a quarter of the pixels each way and a loose step: for tests that need frames, not figures
 SMALL = PAPER.with_values(
     {
-        "camera.width_px": 165,
-        "camera.height_px": 123,
-        "camera.pixel_mm": 4 * 0.00607,
-        "numerics.spacing_mm": 2 * 0.00607,
-        "numerics.tolerance": 1e-3,
+        "camera.width_px": 165, "camera.height_px": 123, "camera.pixel_mm": 4 * 0.00607,
+        "numerics.spacing_mm": 2 * 0.00607, "numerics.tolerance": 1e-3,
         "wear.distances_m": (0.0, 77.0, 233.0),
     }
-)
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -121,13 +118,10 @@ def test_a_colour_cameras_frames_are_rgb_in_memory_and_on_disk(tmp_path, bits, d
     steps = ({"polariser_deg": 90.0, "analyser_deg": 0.0},) * 2
     scene = SMALL.with_values(
         {
-            "camera.colour": True,
-            "camera.bit_depth": bits,
-            "polariscope.light": "white",
-            "polariscope.step": steps,
-            "wear.distances_m": (0.0,),
+            "camera.colour": True, "camera.bit_depth": bits, "polariscope.light": "white",
+            "polariscope.step": steps, "wear.distances_m": (0.0,),
         }
-    )
+    )  # fmt: skip
     frames = simulate(scene).frames
     assert frames.shape == (2 * 2, 123, 165, 3) and frames.dtype == dtype
     assert (frames[..., 0] != frames[..., 2]).any()
@@ -181,15 +175,9 @@ def test_simulate_leaves_its_files_whole(written):
     steps = list(told)
     assert result.frames is None and result.orders is None
     assert sorted(p.name for p in out.iterdir()) == [
-        "frames.tif",
-        "fringe_order.tif",
-        "history.csv",
-        "pressure.csv",
-        "provenance.json",
-        "report.html",
-        "scene.toml",
-        "simulation.png",
-    ]
+        "frames.tif", "fringe_order.tif", "history.csv", "pressure.csv", "provenance.json",
+        "report.html", "scene.toml", "simulation.png",
+    ]  # fmt: skip
     assert [(step.done, step.count) for step in steps] == [(0, 4), (4, 4)]
     memory = simulate(SMALL, progress=steps.append)
     assert [(step.done, step.count) for step in steps[2:]] == [(k, 4) for k in range(1, 5)]

@@ -73,12 +73,9 @@ def test_a_tolerance_beyond_double_precision_is_refused(tolerance):
 
 @settings(max_examples=12)
 @given(
-    tolerance=st.sampled_from([1e-6, 5e-13]),
-    nodes=st.integers(2, 3000),
-    fold=st.integers(1, 8),
-    cols=st.integers(1, 300),
-    seed=st.integers(0, 99),
-)
+    tolerance=st.sampled_from([1e-6, 5e-13]), nodes=st.integers(2, 3000), fold=st.integers(1, 8),
+    cols=st.integers(1, 300), seed=st.integers(0, 99),
+)  # fmt: skip
 def test_the_chosen_precision_keeps_its_tolerance(exact_field, tolerance, nodes, fold, cols, seed):
     """Random signs on grids of any size: the error must stay below what the rule promises."""
     pixel = 0.01
