@@ -355,19 +355,6 @@ def test_compare_of_scars_with_a_trace_that_is_none(place, refuses):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("load_n = 60.0", "load_n = -60.0", ["load_n", "-60", "0"]),
-        ("load_n = 60.0", "load_n = 0.0", ["load_n"]),
-        ("load_n = 60.0", "load_n = 60.0", ["gone.png", "no such file"]),
-    ],
-)
-def test_calibration_set_that_is_wrong(place, refuses, old, new, words):
-    (place / "Satz.toml").write_text(BENDING_SET.replace(old, new), "utf-8")
-    refuses(2, words, "calibrate", "bending", "Satz.toml", "--out", "out")
-
-
-@pytest.mark.parametrize(
     "arguments",
     [
         simulate("weg.toml"), process("weg.tif"), ("compare", "weg", "frames.tif"),
