@@ -265,6 +265,9 @@ MARKS = {
     "campaign": (pytest.mark.long,),
     "process track": (pytest.mark.long,),
     **{f"{name}, in memory": (pytest.mark.long,) for name in ("process", "fit")},
+    "process": (pytest.mark.long,),
+    "fit": (pytest.mark.long,),
+    "calibrate scale": (pytest.mark.long,),
     "process track, in memory": (pytest.mark.study,),
     "fit track": (pytest.mark.long,),
 }

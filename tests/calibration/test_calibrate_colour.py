@@ -175,6 +175,7 @@ def test_the_folder_holds_table_numbers_and_figure(beam, table, tmp_path):
     np.testing.assert_allclose(again.spread, calibration.colour_table.spread, rtol=0, atol=1e-8)
 
 
+@pytest.mark.long
 def test_what_arrays_give_is_what_their_files_give_bit_by_bit(beam, table):
     place, _ = beam
     tables = tomllib.loads((place / "set.toml").read_text("utf-8"))

@@ -145,6 +145,7 @@ def test_what_variances_of_few_degrees_promise_makes_no_scatter_of_chance(ground
     assert np.mean(shares) == pytest.approx(1.0, abs=0.09)
 
 
+@pytest.mark.long
 def test_the_profilometer_and_the_width_go_into_the_budget(ground_set, ground):
     settings = WearSet.read(ground_set)
     known = {"height_percent": 0.5, "lateral_percent": 0.2, "width_mm": 0.04, "load_percent": 1.0}

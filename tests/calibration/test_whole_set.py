@@ -78,6 +78,7 @@ def bowed(edges, bow):
     return bending_from_images(frames, [bending_load(e) for e in edges], BEAM, pixel)
 
 
+@pytest.mark.long
 def test_an_order_that_is_in_no_list_is_in_the_uncertainty():
     """It bends the fringes by two per cent; a straight set of as many fringes is surer."""
     straight, found = (bowed((2.5, 4.0), bow) for bow in (0.0, 0.02))

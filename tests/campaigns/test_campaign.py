@@ -107,6 +107,7 @@ def test_what_is_complete_is_not_done_again(stacks, place):
         assert path.parent.name == "run2" or path.stat().st_mtime_ns == stamp
 
 
+@pytest.mark.long
 def test_stopped_it_says_what_is_kept_and_goes_on(stacks, place):
     process_campaign(stacks[:2], "scene.toml", "whole")
 

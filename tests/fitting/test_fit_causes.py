@@ -50,6 +50,7 @@ def rows(*cases, long):
     ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.study)])
 def test_nothing_is_freed_in_a_frame_that_is_what_its_scene_says(seed):
     freed, stated, said = fitted(Defects(), seed=seed)

@@ -66,6 +66,7 @@ def test_a_load_outside_the_search_is_flagged_by_chi(seed, factors):
     assert fit.chi > RIGHT_CHI or is_right(case, fit), (case.data.name, fit.chi, fit.values)
 
 
+@pytest.mark.long
 def test_another_cylinder_than_the_scenes_is_flagged_by_chi():
     case = random_case("held", 2)
     other = 2.5 * case.true.indenter.radius_mm

@@ -102,6 +102,7 @@ def test_the_bound_is_that_of_the_whole_problem_solved_by_brute_force():
     assert cramer_rao_bound(data, scene, keys) == pytest.approx(truth, rel=0.02)
 
 
+@pytest.mark.long
 def test_noise_that_is_correlated_widens_the_uncertainty():
     """Smoothed by a lens or a codec, noise of neighbours is alike, and counts for less."""
     scene, true = random_contact(np.random.default_rng(6), "static")

@@ -86,6 +86,7 @@ def test_frames_that_share_nothing_are_fitted_as_each_is_alone_and_given_again(t
     assert not anew.already and contents(tmp_path / "out") == before
 
 
+@pytest.mark.long
 def test_a_frames_fit_does_not_depend_on_those_beside_it(tmp_path):
     place = make_set(tmp_path, 2)
     both = fitted(place, None)

@@ -105,6 +105,7 @@ def test_a_load_that_jumps_is_lost_told_and_found_again(tmp_path):
     assert np.all(np.abs(pulls(result, {LOAD: load})) < 4.0)
 
 
+@pytest.mark.long
 def test_a_frame_without_fringes_has_no_values_and_the_next_are_found(tmp_path):
     rng = np.random.default_rng(3)
     frames = film(contact(), {LOAD: np.full(3, 44.0)}, rng)

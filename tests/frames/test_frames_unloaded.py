@@ -33,16 +33,12 @@ def named(frames, scene):
     return [f for f in found if WORDS in f.text]
 
 
+OTHER_PLACES = ("dark", 3), ("dark", 6), ("bright", 0), ("bright", 6)
+
+
 @pytest.mark.parametrize(
     ("light", "place"),
-    [
-        ("dark", 0),
-        ("bright", 3),
-        *(
-            pytest.param(*case, marks=STUDY)
-            for case in (("dark", 3), ("dark", 6), ("bright", 0), ("bright", 6))
-        ),
-    ],
+    [("dark", 0), ("bright", 3), *(pytest.param(*case, marks=STUDY) for case in OTHER_PLACES)],
 )
 def test_a_no_load_frame_among_the_frames_is_named_with_what_to_do(sample, place, light):
     scene, captured, dark, bright = sample
@@ -74,8 +70,9 @@ def test_the_samples_frames_are_all_loaded(name, frames):
     assert found.count and not [f for f in found.findings if WORDS in f.text]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("load", [0.3, *(pytest.param(load, marks=STUDY) for load in (1.0, 5.0))])
-@pytest.mark.parametrize("field", ["dark", pytest.param("bright", marks=pytest.mark.long)])
+@pytest.mark.parametrize("field", ["dark", "bright"])
 def test_a_contact_at_a_low_load_is_no_unloaded_frame(tmp_path, load, field):
     """Beside no-load frames of the same light; few blocks of it are lit otherwise."""
     scene = isochrome.load_scene("line-contact-wear").with_values({

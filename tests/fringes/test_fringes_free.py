@@ -215,6 +215,7 @@ def test_a_roughly_counted_point_does_as_well_and_moves_nothing():
     np.testing.assert_array_equal(exact.reading.order, rough.reading.order)
 
 
+@pytest.mark.long
 def test_two_known_points_that_contradict_each_other_are_told():
     frame, _, (row, col, order) = part(80, 30)
     wrong = (row, col, order + 0.4)  # on no branch of the light there

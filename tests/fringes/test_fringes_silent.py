@@ -13,7 +13,7 @@ OTHER_LIGHT = "another smooth light explains the frame as well"
 BLIND = (5, 64, 91, 107, 40, 71, 73)
 CASES = [
     # with no-load frames, and a wrong point among several each
-    *(pytest.param(seed, "contradicted by", 0.9, 0.01, marks=[] if seed == 60 else STUDY)
+    *(pytest.param(seed, "contradicted by", 0.9, 0.01, marks=LONG if seed == 60 else STUDY)
       for seed in (2, 6, 60)),
     # JPEG 81, noise 6.9 of which neighbours show 2.8; a dark frame taken for a clipped one
     pytest.param(104, "", 0.9, 0.01, marks=LONG),

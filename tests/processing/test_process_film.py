@@ -218,6 +218,7 @@ def test_a_map_is_packed_to_the_same_bytes_in_any_thread():
     assert set(found) == {kind.pack(values)}
 
 
+@pytest.mark.long
 def test_a_video_is_followed_unless_each_frame_is_wanted(tmp_path):
     scene = contact((60, 90), sliding=True)
     (tmp_path / "scene.toml").write_text(dump_scene(scene), "utf-8")

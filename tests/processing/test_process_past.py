@@ -113,6 +113,7 @@ def test_a_single_frame_whose_friction_was_another_before_is_right_within_its_un
     assert abs(value - (past - 0.25)) < 3.0 * spread + 1e-3  # the last two centimetres
 
 
+@pytest.mark.long
 def test_a_single_frame_of_one_friction_asks_for_no_other_before():
     scene = worn(coefficient=0.25)
     row = process(one_frame(scene), scene).table.iloc[0]

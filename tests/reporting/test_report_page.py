@@ -207,6 +207,7 @@ def test_what_grows_with_a_run_is_bounded_and_the_rest_is_named(tmp_path):
         assert words in text, words
 
 
+@pytest.mark.long
 def test_a_large_figure_of_a_run_is_made_smaller_until_it_has_room(monkeypatch):
     from PIL import Image
 

@@ -46,6 +46,7 @@ def drawn(case, tmp_path):
     return open_session(tmp_path / "drawn.tif")
 
 
+@pytest.mark.long
 def test_one_search_makes_the_scene_of_the_form_and_finds_the_rest(case, drawn):
     answer = find_in_frames(drawn, 0, form=("contact", form_of(case)))
     scene, true = drawn.scene(), case.true

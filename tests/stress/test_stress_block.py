@@ -135,11 +135,12 @@ def half_plane_and_block(solid):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("solid", "bar"),
     [
         (Solid(spacing_mm=0.04), 2.5e-3),
-        pytest.param(Solid(friction=0.25, spacing_mm=0.04), 2.5e-3, marks=pytest.mark.long),
+        (Solid(friction=0.25, spacing_mm=0.04), 2.5e-3),
         pytest.param(Solid(support="sliding"), 1e-3, marks=pytest.mark.study),
         pytest.param(Solid(left_mm=-6.0), 1e-3, marks=pytest.mark.study),
     ],
