@@ -116,7 +116,7 @@ def bent(edge, change):
 @pytest.mark.parametrize(
     "change",
     [
-        pytest.param(lambda t: 1.0 + 0.05 * t, marks=pytest.mark.long),
+        lambda t: 1.0 + 0.05 * t,
         lambda t: 1.0 + 0.3 * t,
         pytest.param(lambda t: np.clip((1.15 - np.abs(t)) / 0.5, 0.0, 1.0), marks=pytest.mark.long),
     ],

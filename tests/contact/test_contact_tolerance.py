@@ -165,7 +165,6 @@ def test_random_courses_are_within_their_tolerance(seed, tolerance):
         assert max(row.p_max, row.depth) <= 0.7, row
 
 
-@pytest.mark.long
 def test_mesh_and_grid_share_the_way_alike_at_every_tolerance():
     """A load that falls until the edges turn, and states every half metre. Mesh and grid differ in
     space: where one hands over to the other must not depend on the tolerance. Goes wrong if each
