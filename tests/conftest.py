@@ -31,23 +31,38 @@ def pytest_xdist_make_scheduler(config, log):
     return WorkStealingScheduling(config, log) if stealing else None
 
 
-SKETCHED = {"campaigns", "cli", "drafting", "fitting", "frames", "guide", "processing", "sweeps",
-            "simulation", "test_docstrings.py", "test_results_damage.py"}  # fmt: skip
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """A study is a long test, whether it says so or not."""
+    for item in items:
+        if item.get_closest_marker("study"):
+            item.add_marker("long")
+
+
+SKETCHED = {
+    "calibration", "campaigns", "cli", "contact", "drafting", "fitting", "frames", "guide",
+    "processing", "runs", "samples", "scene", "setup_page", "simulation", "specimens", "sweeps",
+    "test_docstrings.py", "test_folder_report.py", "test_messages.py", "test_other_reports.py",
+    "test_report_long_run.py",
+}  # fmt: skip
 """Folders and modules whose tests look at no picture that a run leaves."""
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _sketched(request):
-    """What nobody looks at is not laid out: that is half of the work of leaving a small folder."""
+    """What nobody looks at is not drawn: that is most of the work of leaving a small folder."""
     if not {request.path.parent.name, request.path.name} & SKETCHED:
         yield
         return
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)
         patch.setattr(Figure, "draw_without_rendering", lambda *_: None)
+        if request.path.parent.name not in ("reporting", "setup_page"):  # pages that are shown
+            patch.setattr(Axes, "draw", lambda *_: None)
         yield
 
 

@@ -148,16 +148,12 @@ REQUESTS = (
     ("tool", {"tool": "new", "kind": "contact", "values": GIVEN}),
     ("tool", {"tool": "contact", "point": [30.0, 320.0]}),
     ("tool", {"tool": "region", "points": [[5.0, 10.0], [480.0, 640.0]]}),
-    ("tool", {"tool": "values", "values": {"frames.gamma": 1.4}}),
-    ("tool", {"tool": "undo"}),
-    ("model", {"frame": 0, "values": {}}),
-    ("fit", {"frame": 0}),
-    ("check", {}),
+    ("tool", {"tool": "values", "values": {"frames.gamma": 1.4}}), ("tool", {"tool": "undo"}),
+    ("model", {"frame": 0, "values": {}}), ("fit", {"frame": 0}), ("check", {}),
     ("tool", {"tool": "known_order", "points": [{"row": 400, "col": 300, "order": 1.2}]}),
-    ("map", {"frame": 0}),
-    ("preview", {"frame": 0, "row_px": 200, "col_px": 300}),
+    ("map", {"frame": 0}), ("preview", {"frame": 0, "row_px": 200, "col_px": 300}),
     ("tool", {"tool": "save"}),
-)
+)  # fmt: skip
 """What the set-up page asks for, one after the other, on the contact's frames."""
 
 BEAM = """\
@@ -352,12 +348,9 @@ def run_command(name: str, source: Path, home: Path) -> Path:
     words = COMMANDS[name].split()
     words = [w.replace("OUT", f"runs/{own}/out").replace("FROM", "runs") for w in words]
     done = subprocess.run(
-        [sys.executable, "-m", "isochrome", *words, "--json"],
-        cwd=home,
-        env=environment_of(source),
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-    )
+        [sys.executable, "-m", "isochrome", *words, "--json"], cwd=home, env=environment_of(source),
+        stdin=subprocess.DEVNULL, capture_output=True,
+    )  # fmt: skip
     (folder / "printed.json").write_bytes(done.stdout)
     (folder / "exit.txt").write_text(str(done.returncode))
     if done.returncode not in (0, 2, 3):
@@ -371,14 +364,10 @@ def run_setup(source: Path, home: Path) -> Path:
     folder.mkdir(parents=True)
     shutil.copy(home / WEAR / "captured.tif", folder)
     page = subprocess.Popen(
-        [sys.executable, "-m", "isochrome", "setup", "captured.tif", "--no-browser"],
-        cwd=folder,
-        env=environment_of(source),
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
+        [sys.executable, "-m", "isochrome", "setup", "captured.tif", "--no-browser"], cwd=folder,
+        env=environment_of(source), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
     try:
         assert page.stdout is not None
         url = next(w for line in page.stdout for w in line.split() if w.startswith("http://"))

@@ -149,15 +149,10 @@ def run_tests(tree: Path, tests: Iterable[str], long: bool) -> tuple[str, str]:
     kind = ["-m", "long" if long else "not long"]
     command = [sys.executable, "-m", "pytest", "-x", "-p", "no:cacheprovider", *kind, *tests]
     process = subprocess.Popen(
-        command,
-        cwd=tree,
-        env=os.environ | {"OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"} | own,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
+        command, cwd=tree, env=os.environ | {"OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"} | own,
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         start_new_session=True,
-    )
+    )  # fmt: skip
     try:
         printed, _ = process.communicate(timeout=NO_END_S)
     except subprocess.TimeoutExpired:

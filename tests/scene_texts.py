@@ -61,3 +61,29 @@ inner_span_mm = 40.0
 outer_span_mm = 100.0
 """
 """A beam in four-point bending, for sets of images."""
+
+
+def disc_text(load_n, *, fringe_value, thickness_mm=6.0):
+    """A disc of 20 mm under two loads; a number may be a text that is to be filled in."""
+    return _specimen_text("disc", "diameter_mm = 20.0", thickness_mm, fringe_value, load_n)
+
+
+def beam_text(load_n, *, fringe_value, thickness_mm=6.0, spans_mm=(40.0, 100.0)):
+    """A beam in four-point bending, 20 mm high."""
+    inner, outer = spans_mm
+    return (
+        _specimen_text("beam", "height_mm = 20.0", thickness_mm, fringe_value, load_n)
+        + f"inner_span_mm = {inner}\nouter_span_mm = {outer}\n"
+    )
+
+
+def _specimen_text(shape, size, thickness_mm, fringe_value, load_n):
+    return (
+        f'[specimen]\nshape = "{shape}"\n{size}\nthickness_mm = {thickness_mm}\n'
+        f"fringe_value_n_per_mm = {fringe_value}\n[load]\nnormal_n = {load_n}\n"
+    )
+
+
+def camera_text(cols, rows, pixel_mm):
+    """A camera's pixels, and nothing else."""
+    return f"[camera]\nwidth_px = {cols}\nheight_px = {rows}\npixel_mm = {pixel_mm}\n"

@@ -193,13 +193,9 @@ def with_residual(scene, residual, *, exposure=1.0):
         )
         pictures.append(picture)
     return Sets(
-        np.stack(frames[0]),
-        np.stack(frames[1]),
-        alone.order,
-        -0.5 * np.degrees(np.angle(load)),
-        pictures[1].order,
-        pictures[0].order,
-    )
+        np.stack(frames[0]), np.stack(frames[1]), alone.order, -0.5 * np.degrees(np.angle(load)),
+        pictures[1].order, pictures[0].order,
+    )  # fmt: skip
 
 
 def light_of(frames, scene):

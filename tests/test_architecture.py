@@ -318,36 +318,13 @@ def built_by_position(node: ast.ClassDef) -> bool:
     return bool(decorators) and len(fields) > MOST_BY_POSITION and not by_name
 
 
-@pytest.mark.parametrize(
-    ("head", "fields", "by_position"),
-    [
-        ("@dataclass(frozen=True)", 7, True),
-        ("@dataclass", 7, True),
-        ("@dataclass(frozen=True)", 6, False),
-        ("@dataclass(frozen=True, kw_only=True)", 7, False),
-        ("", 7, False),
-    ],
-)
-def test_a_large_dataclass_without_keywords_is_noticed(head, fields, by_position):
-    lines = [
-        head,
-        "class A:",
-        "    shared: ClassVar[int]",
-        *(f"    f{k}: int" for k in range(fields)),
-    ]
-    (node,) = ast.parse("\n".join(lines)).body
-    assert built_by_position(node) == by_position
-
-
 COMMANDS = ("process", "simulate", "fit", "compare", "sweep")
 
 HOMES = {
-    "process": "isochrome.processing.api",
-    "simulate": "isochrome.simulation.api",
-    "fit": "isochrome.fitting.api",
-    "compare": "isochrome.comparison.api",
+    "process": "isochrome.processing.api", "simulate": "isochrome.simulation.api",
+    "fit": "isochrome.fitting.api", "compare": "isochrome.comparison.api",
     "sweep": "isochrome.sweeps.api",
-}
+}  # fmt: skip
 
 AS_FUNCTIONS = f"""
 import importlib, sys
@@ -447,18 +424,3 @@ def test_one_file_holds_the_look_of_all_figures():
         if faults:
             found[path.relative_to(HOUSE).as_posix()] = faults
     assert not found
-
-
-@pytest.mark.parametrize(
-    ("line", "count"),
-    [
-        ("axes.set_title(text, fontsize=9.5)", 1),
-        ("axes.plot(x, y, lw=1.2, color='red')", 2),
-        ("look = {'color': 'C0', 'linewidth': 0.8}", 3),
-        ("PEAK = '#009e73'", 1),
-        ("axes.plot(x, y, lw=LINE_PT, color=GREY, mfc='none')", 0),
-        ("axes.fill_between(x, low, high, color=colour, lw=0)", 0),
-    ],
-)
-def test_a_look_of_its_own_is_noticed(line, count):
-    assert len(list(looks_of(ast.walk(ast.parse(line))))) == count

@@ -159,13 +159,6 @@ def test_among_equally_accurate_rivals_the_fastest_counts():
     assert ours.ratio == 2.0 and not ours.reached
 
 
-@pytest.mark.long
-def test_the_table_stays_readable(quick):
-    _, text, _ = quick
-    assert max(map(len, text.splitlines())) <= 150
-    assert "e+" not in text  # ratios and times are written out
-
-
 def test_an_installed_package_finds_the_benchmarks_of_the_clone_it_is_run_from(code, tmp_path):
     """And without a clone it says where to run it."""
     clone = Path(__file__).parents[1]
@@ -247,7 +240,6 @@ def test_an_unknown_suite_is_refused_with_the_known_ones():
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_defects_suite_names_a_defect_and_keeps_to_its_uncertainty(tmp_path):
     """The first single one: a roll. Its row, the table and the picture."""
     case = load_benchmarks("case_defects")
@@ -276,7 +268,7 @@ def test_strips_of_even_traction_are_the_closed_form_of_a_contact(friction):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "seed", [4, 6, *(pytest.param(seed, marks=pytest.mark.study) for seed in (0, 3, 7))]
+    "seed", [4, *(pytest.param(seed, marks=pytest.mark.study) for seed in (0, 3, 6, 7))]
 )
 def test_contacts_suite_is_within_the_uncertainty_of_real_contacts(seed):
     case = load_benchmarks("case_contacts")
@@ -333,14 +325,12 @@ def test_track_suite_counts_frames_and_what_reading_takes(monkeypatch, tmp_path)
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_track_suite_reads_a_film_of_a_codec_whose_columns_are_even():
     (row,) = load_benchmarks("case_track").run_case("MJPEG in AVI", quick=True)
     assert row.frames == 9 and row.load_error < 3.5e-4  # 1.1e-4: a codec adds a little
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_track_suite_sets_a_worn_film_beside_its_frames_wholly():
     case = load_benchmarks("case_track")
     rows = [row for name in (case.WORN, case.WORN_WHOLE) for row in case.run_case(name, quick=True)]
@@ -351,7 +341,6 @@ def test_track_suite_sets_a_worn_film_beside_its_frames_wholly():
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_track_suite_judges_orders_of_films_without_a_model():
     films, case = load_benchmarks("case_films"), load_benchmarks("case_track")
     assert set(films.FILMS) <= set(case.cases())
@@ -364,7 +353,6 @@ def test_track_suite_judges_orders_of_films_without_a_model():
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="no resource module there")
 def test_memory_is_that_of_the_run_alone(tmp_path):
     got = bench(tmp_path / "out", suite="memory", quick=True)
@@ -384,11 +372,3 @@ def test_a_stack_whose_pages_share_pixels_is_read_as_written(tmp_path):
     with open_frames(tmp_path / "a.tif") as reader:
         assert reader.count() == len(order)
         np.testing.assert_array_equal([frame.image for frame in reader.iterate(0)], frames[order])
-
-
-def test_a_share_of_a_bar_is_one_where_it_is_just_met():
-    share = load_benchmarks("case_fit").share
-    row = ROWS.FitRow("a", "b", "c", 0.02, 0.02, "%", math.nan, 1.0, 1.0)
-    assert share(row) == 1.0 and share(replace(row, error=0.01)) == 0.5
-    assert share(replace(row, error=0.0, bar=0.0)) == 0.0
-    assert share(replace(row, bar=0.0)) == math.inf

@@ -46,18 +46,13 @@ def shown(capfd, *rows):
 @pytest.mark.parametrize(
     ("value", "spread", "said"),
     [
-        (44.1234567, 0.0123, "44.123 ± 0.012"),
-        (-44.1234567, 0.0123, "-44.123 ± 0.012"),
-        (2.00123e-9, 3.4e-11, "2.001e-09 ± 3.4e-11"),
-        (9.94, 1.0, "9.9 ± 1.0"),
-        (11.0, 0.00011, "11.00000 ± 0.00011"),
-        (1234.5, 99.6, "1230 ± 100"),
-        (12345678.0, 1234.0, "1.23457e+07 ± 1.2e+03"),
-        (0.25, 0.5, "0.25 ± 0.50"),
-        (44.1234567, float("nan"), "44.1235 ± nan"),
-        (0.0, 0.1, "0.00 ± 0.10"),
+        (44.1234567, 0.0123, "44.123 ± 0.012"), (-44.1234567, 0.0123, "-44.123 ± 0.012"),
+        (2.00123e-9, 3.4e-11, "2.001e-09 ± 3.4e-11"), (9.94, 1.0, "9.9 ± 1.0"),
+        (11.0, 0.00011, "11.00000 ± 0.00011"), (1234.5, 99.6, "1230 ± 100"),
+        (12345678.0, 1234.0, "1.23457e+07 ± 1.2e+03"), (0.25, 0.5, "0.25 ± 0.50"),
+        (44.1234567, float("nan"), "44.1235 ± nan"), (0.0, 0.1, "0.00 ± 0.10"),
     ],
-)
+)  # fmt: skip
 def test_a_value_has_the_digits_that_its_uncertainty_leaves_it(capfd, value, spread, said):
     """As many decimals as the uncertainty, which is shown with two digits."""
     _, row, *_ = shown(capfd, (value, spread))
@@ -201,12 +196,9 @@ def test_json_is_one_line_without_nan(capfd):
 def test_what_was_read_without_a_model_is_a_sentence():
     """Nothing was said but a table: no sentence had a place for an order."""
     table = {
-        "frame": [0, 1, 2],
-        "kept_share": [0.9, 0.8, None],
-        "n_max": [3.2, 4.126, float("nan")],
-        "order_uncertainty": [0.004, 0.0062, float("nan")],
-        "fringe_lines": [5, 6, 0],
-    }
+        "frame": [0, 1, 2], "kept_share": [0.9, 0.8, None], "n_max": [3.2, 4.126, float("nan")],
+        "order_uncertainty": [0.004, 0.0062, float("nan")], "fringe_lines": [5, 6, 0],
+    }  # fmt: skip
     said = "in 3 frames: order read in 85 % of the pixels, up to 4.13 fringes, ± 0.0051 typically"
     assert sentence_of_orders(table) == said
     one = {name: values[:1] for name, values in table.items()}

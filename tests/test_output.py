@@ -206,14 +206,6 @@ def test_table_put_together_of_parts_is_the_one_written_at_once(tmp_path):
     assert text.encode() == (tmp_path / "once.csv").read_bytes()
 
 
-def test_long_table_is_written_whole(tmp_path):
-    """In several parts, so that little of it is text at a time."""
-    count = 10_000
-    write_csv(tmp_path / "t.csv", {"x": range(count), "y": np.arange(count) / 8})
-    table = read_csv(tmp_path / "t.csv")
-    assert table["x"] == list(range(count)) and table["y"] == [k / 8 for k in range(count)]
-
-
 def test_failed_table_leaves_nothing_and_keeps_the_old_one(tmp_path):
     write_text(tmp_path / "t.csv", "old")
     with pytest.raises(InputError, match=r"t\.csv"):

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from isochrome.figures import frame_values_figure
 from isochrome.output import FrameValues, messages_of_frames, named_frames
 
 NAN = np.nan
@@ -12,12 +11,10 @@ NAN = np.nan
 @pytest.mark.parametrize(
     ("frames", "said"),
     [
-        ([3], "frame 3"),
-        ([3, 4], "frames 3-4"),
-        ([0, 1, 2, 4, 7, 8], "frames 0-2, 4, 7-8"),
+        ([3], "frame 3"), ([3, 4], "frames 3-4"), ([0, 1, 2, 4, 7, 8], "frames 0-2, 4, 7-8"),
         (list(range(0, 18, 2)), "frames 0, 2, 4, 6, 8, 10, 12, 14 and 1 more"),
     ],
-)
+)  # fmt: skip
 def test_frames_are_named_by_their_spans(frames, said):
     assert named_frames(frames) == said
 
@@ -48,33 +45,15 @@ def test_values_come_to_their_mean_span_and_median_uncertainty():
     assert found["standard_uncertainty"] == [0.02]
 
 
-@pytest.mark.parametrize("count", [4, 100, 5000])
-@pytest.mark.parametrize("distance", [False, True])
-def test_a_picture_of_values_has_a_band_of_two_uncertainties(count, distance):
-    found = over_frames(count, distance=distance)
-    upper, lower = frame_values_figure("a contact", found).axes
-    points = upper.collections[0].get_paths()[0].vertices
-    here = points[np.isclose(points[:, 0], 0.0)]
-    assert np.ptp(here[:, 1]) == pytest.approx(0.08)  # four times 0.02
-    assert upper.get_ylabel() == "normal load (N)"
-    across = "sliding distance (m)" if distance else "frame"
-    assert lower.get_xlabel() == across and lower.get_ylabel() == "chi"
-    (again,) = [line for line in upper.lines if line.get_markerfacecolor() == "none"]
-    assert again.get_xdata().tolist() == [4.0 if distance else 2.0]
-
-
 def test_sentences_that_differ_in_their_numbers_have_one_cause():
     found = messages_of_frames(
         [
-            (0, "chi = 1.45: the model is poor"),
-            (1, "1 other solution fits; give the load"),
-            (2, "chi = 12: the model is poor"),
-            (3, "3 other solutions fit; give the load"),
-            (4, "chi = 2.10: the model is poor"),
-            (5, "roll_deg = 0.5 ± 0.02 in sigma_1"),
+            (0, "chi = 1.45: the model is poor"), (1, "1 other solution fits; give the load"),
+            (2, "chi = 12: the model is poor"), (3, "3 other solutions fit; give the load"),
+            (4, "chi = 2.10: the model is poor"), (5, "roll_deg = 0.5 ± 0.02 in sigma_1"),
             (6, "roll_deg = -0.31 ± 0.01 in sigma_1"),
         ]
-    )
+    )  # fmt: skip
     assert found == [
         "frames 0, 2, 4 (3 in all): chi = 1.45 to 12: the model is poor",
         "frames 1, 3 (2 in all): 1 to 3 other solutions fit; give the load",

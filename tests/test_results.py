@@ -31,15 +31,7 @@ from isochrome.cli import app
 from isochrome.errors import InputError
 from isochrome.fitting import track
 from isochrome.fringes import ColourTable
-from isochrome.output import (
-    Result,
-    over_items,
-    per_cent,
-    write_csv,
-    write_figure,
-    write_json,
-    write_tiff,
-)
+from isochrome.output import Result, per_cent, write_csv, write_figure, write_json, write_tiff
 from isochrome.processing import check
 from isochrome.scene import dump_scene, load_scene, parse_scene
 from scene_texts import SMALL_CAMERA, WORN_CONTACT
@@ -265,13 +257,18 @@ MAKE: dict[str, Callable[..., Left]] = {
 }
 
 MARKS = {
-    "demo": (pytest.mark.long, pytest.mark.study),
-    "bench": (pytest.mark.long,),
-    "calibrate disc": (pytest.mark.long, pytest.mark.study),
+    "demo": (pytest.mark.study,),
+    "bench": (pytest.mark.study,),  # its files: test_bench.py
+    "compare": (pytest.mark.long,),
+    "calibrate disc": (pytest.mark.study,),
     "calibrate bending": (pytest.mark.long,),
     "campaign": (pytest.mark.long,),
     "process track": (pytest.mark.long,),
-    "process track, in memory": (pytest.mark.long, pytest.mark.study),
+    **{f"{name}, in memory": (pytest.mark.long,) for name in ("process", "fit")},
+    "process": (pytest.mark.long,),
+    "fit": (pytest.mark.long,),
+    "calibrate scale": (pytest.mark.long,),
+    "process track, in memory": (pytest.mark.study,),
     "fit track": (pytest.mark.long,),
 }
 
@@ -350,6 +347,7 @@ def test_the_figure_is_the_picture_on_disk(name, results, tmp_path):
         np.testing.assert_array_equal(drawn, imread(left.folder / left.picture))
 
 
+@pytest.mark.long
 @marked("simulate", "process", "process track", "fit", "fit track")
 def test_an_earlier_runs_figure_is_its_picture(name, results, tmp_path):
     left = results(name)
@@ -410,20 +408,6 @@ def test_names_are_text_on_a_page(name, results):
     tags, text = parts_of(results(name).result)
     assert "<b>bold<b> &" in text or "<b>colours<b> &" in text
     assert tags <= {"div", "p", "b", "table", "thead", "tbody", "tr", "th", "td", "ul", "li"}
-
-
-@pytest.mark.parametrize(
-    ("values", "spreads", "said"),
-    [
-        ([1.23456], [0.012], "1.235 ± 0.012"),
-        ([1.0, None, 3.0], [0.1, float("nan"), 0.3],
-         "2.00 ± 0.20 each (mean of 2 frames, 1.00 to 3.00)"),
-        ([1.0, 2.0], [], "1.5 (mean of 2 frames, 1 to 2)"),
-        ([None], [None], "not known"),
-    ],
-)  # fmt: skip
-def test_a_column_is_told_by_its_mean_span_and_median_uncertainty(values, spreads, said):
-    assert over_items(values, spreads) == said
 
 
 def test_nothing_is_drawn_where_nothing_was_fitted(tmp_path):

@@ -71,12 +71,10 @@ except (isochrome.InputError, isochrome.PhysicsError) as error:
 
 WRONG = {
     'isochrome.process(frames, scene, folder="out")': "call-arg",
-    "isochrome.process(3, scene)": "arg-type",
-    'isochrome.compare(1.0, "simulation")': "arg-type",
-    "isochrome.plot_order(scene)": "arg-type",
-    "isochrome.simulate(frames)": "arg-type",
+    "isochrome.process(3, scene)": "arg-type", 'isochrome.compare(1.0, "simulation")': "arg-type",
+    "isochrome.plot_order(scene)": "arg-type", "isochrome.simulate(frames)": "arg-type",
     "isochrome.tracks": "attr-defined",
-}
+}  # fmt: skip
 """Mistakes that a type checker is to see, each with its code."""
 
 

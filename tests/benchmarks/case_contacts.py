@@ -70,14 +70,10 @@ def contact(kind, seed):
     values = {key: value for name in chosen for key, value in FACTS[name](rng).items()}
     shape = 164, 220
     made = RealContact(
-        load_n=rng.uniform(25.0, 60.0),
-        friction=rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.3),
-        shape=shape,
-        pixel_mm=4.0 / shape[1],
-        left_mm=-2.0 + rng.uniform(-0.2, 0.2),
-        defects=Defects(noise=rng.uniform(1.0, 3.0), fall_off=rng.uniform(0.0, 0.4)),
-        **values,
-    )
+        load_n=rng.uniform(25.0, 60.0), friction=rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.3),
+        shape=shape, pixel_mm=4.0 / shape[1], left_mm=-2.0 + rng.uniform(-0.2, 0.2),
+        defects=Defects(noise=rng.uniform(1.0, 3.0), fall_off=rng.uniform(0.0, 0.4)), **values,
+    )  # fmt: skip
     return made, chosen, rng
 
 

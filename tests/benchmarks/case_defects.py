@@ -22,37 +22,26 @@ FRAMES = {"clean": 60, "single": 150, "three": 90}
 ROWS_ABOVE = 40
 
 STRENGTHS = {
-    "roll": {"roll_deg": (-2.0, 2.0)},
-    "distortion": {"distortion": (-0.02, 0.02)},
-    "keystone x": {"keystone_x": (-0.02, 0.02)},
-    "keystone z": {"keystone_z": (-0.02, 0.02)},
-    "gamma": {"gamma": (0.45, 2.2)},
-    "blur": {"blur_px": (0.8, 2.0)},
-    "plates": {"plate_error_deg": (3.0, 15.0)},
-    "band": {"band_nm": (10.0, 40.0)},
+    "roll": {"roll_deg": (-2.0, 2.0)}, "distortion": {"distortion": (-0.02, 0.02)},
+    "keystone x": {"keystone_x": (-0.02, 0.02)}, "keystone z": {"keystone_z": (-0.02, 0.02)},
+    "gamma": {"gamma": (0.45, 2.2)}, "blur": {"blur_px": (0.8, 2.0)},
+    "plates": {"plate_error_deg": (3.0, 15.0)}, "band": {"band_nm": (10.0, 40.0)},
     "light": {"spot": (0.05, 0.5), "bar": (0.05, 0.5)},
     "stray light": {"background": (0.05, 0.3), "background_slope": (0.2, 1.0)},
-    "dust": {"dust": (10, 40)},
-    "shadow": {"shadow_px": (2, 8)},
-    "noise": {"row_noise": (0.2, 1.0), "flicker": (0.0, 0.005)},
-    "jpeg": {"jpeg": (80, 95)},
+    "dust": {"dust": (10, 40)}, "shadow": {"shadow_px": (2, 8)},
+    "noise": {"row_noise": (0.2, 1.0), "flicker": (0.0, 0.005)}, "jpeg": {"jpeg": (80, 95)},
     "deep": {"bits": (12, 12), "container": (16, 16)},
-}
+}  # fmt: skip
 """Defects by name, and between what their strengths are drawn."""
 
 UNNAMED = ("noise", "jpeg", "deep")
 """What is a property of the sensor, and no cause to be found."""
 
 KEYS = {
-    "roll": "camera.roll_deg",
-    "distortion": "camera.distortion",
-    "keystone x": "camera.keystone_x",
-    "keystone z": "camera.keystone_z",
-    "gamma": "frames.gamma",
-    "blur": "camera.blur_px",
-    "plates": "polariscope.input_plate_error_deg",
-    "band": "polariscope.bandwidth_nm",
-}
+    "roll": "camera.roll_deg", "distortion": "camera.distortion", "keystone x": "camera.keystone_x",
+    "keystone z": "camera.keystone_z", "gamma": "frames.gamma", "blur": "camera.blur_px",
+    "plates": "polariscope.input_plate_error_deg", "band": "polariscope.bandwidth_nm",
+}  # fmt: skip
 """The key in which a defect is to be found; others by richer light, or by what is left out."""
 
 
@@ -109,29 +98,22 @@ def fitted(row, data, begun, truth, told):
     bounds = [fit.standard_uncertainty[j] / fit.cramer_rao_bound[j] for j in at.values()]
     load = fit.values[at["load.normal_n"]] / truth["load.normal_n"] - 1.0
     return replace(
-        row,
-        **told(freed),
-        over_bound=float(max(bounds)),
-        load_percent=100.0 * load,
+        row, **told(freed), over_bound=float(max(bounds)), load_percent=100.0 * load,
         load_pull=pulls["load.normal_n"],
-        friction_pull=pulls.get("friction.coefficient", float("nan")),
-        chi=fit.chi,
+        friction_pull=pulls.get("friction.coefficient", float("nan")), chi=fit.chi,
         flagged=bool(freed.asked) or fit.chi > 1.3 or not fit.positive,
-        cost=seconds / max(start - plain, 1e-9),
-        seconds=seconds,
-    )
+        cost=seconds / max(start - plain, 1e-9), seconds=seconds,
+    )  # fmt: skip
 
 
 def contact(rng):
     """A static, a sliding or a worn contact in a picture of 659 x 494 pixels."""
     values = {
-        "load.normal_n": float(rng.uniform(25.0, 60.0)),
-        "friction.static_state_first": False,
+        "load.normal_n": float(rng.uniform(25.0, 60.0)), "friction.static_state_first": False,
         "friction.coefficient": float(rng.uniform(0.1, 0.3)),
-        "wear.distances_m": (float(rng.uniform(20.0, 230.0)),),
-        "polariscope.wavelength_nm": 587.0,
+        "wear.distances_m": (float(rng.uniform(20.0, 230.0)),), "polariscope.wavelength_nm": 587.0,
         "camera.left_mm": float(-2.0 + rng.uniform(-0.2, 0.2)),
-    }
+    }  # fmt: skip
     scene = load_scene("line-contact-wear").with_values(values)
     if rng.random() < 0.5:  # the surface is in view, below up to 40 rows
         rows = float(rng.uniform(0.0, ROWS_ABOVE))
@@ -212,18 +194,12 @@ def _cells(name: str, some: list[DefectRow]) -> tuple[str, ...]:
         np.mean([getattr(row, key) for row in kept] or [np.nan]) for key in ("named", "first")
     )
     return (
-        name,
-        str(len(some)),
-        f"{100.0 * within:.0f} %",
-        str(far),
-        *(f"{_rms(values):.2f}" for values in pulls),
-        f"{worst:.3f} %",
-        f"{100.0 * named:.0f} %",
-        f"{100.0 * first:.0f} %",
-        str(vain),
+        name, str(len(some)), f"{100.0 * within:.0f} %", str(far),
+        *(f"{_rms(values):.2f}" for values in pulls), f"{worst:.3f} %", f"{100.0 * named:.0f} %",
+        f"{100.0 * first:.0f} %", str(vain),
         f"{np.median([row.over_bound for row in kept] or [np.nan]):.2f}",
         f"{np.median([row.cost for row in kept] or [np.nan]):.1f}",
-    )
+    )  # fmt: skip
 
 
 def _asked_for(row: DefectRow) -> bool:

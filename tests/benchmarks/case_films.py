@@ -17,13 +17,9 @@ from .rows import TrackRow
 COUNT = 200
 ZERO, KEYED = "from zero load", "from key frames"
 FILMS = {
-    f"beam {ZERO}": 3,
-    f"disc {ZERO}": 0,
-    f"disc {KEYED}": 0,
-    f"beam {KEYED}": 1,
-    f"ring {KEYED}": 2,
-    f"hole {KEYED}": 3,
-}
+    f"beam {ZERO}": 3, f"disc {ZERO}": 0, f"disc {KEYED}": 0, f"beam {KEYED}": 1,
+    f"ring {KEYED}": 2, f"hole {KEYED}": 3,
+}  # fmt: skip
 """Films without a model, and their numbers."""
 
 
@@ -84,12 +80,7 @@ def _row(name, path, film, numbers, scene, workers):
     kept, wrong, rms = films().judged(film, found, numbers).T
     count = len(kept)
     return TrackRow(
-        name,
-        workers,
-        count,
-        count / wall,
-        1e3 * spent / count,
-        rms=float(sorted(rms[5:])[(count - 5) // 2]),
-        wrong=float(wrong.max()),
+        name, workers, count, count / wall, 1e3 * spent / count,
+        rms=float(sorted(rms[5:])[(count - 5) // 2]), wrong=float(wrong.max()),
         kept=float(sorted(kept[5:])[(count - 5) // 2]),
-    )
+    )  # fmt: skip

@@ -209,15 +209,10 @@ Rendered frames of 659 x 494 pixels, 8 bits, noise of 3 grey levels, 30 % vignet
 def _cells(row: FitRow, *, first: bool) -> tuple[str, ...]:
     """A row's texts; what its case has in common stands in the first of its rows."""
     return (
-        row.problem,
-        row.case if first else "",
-        row.quantity,
-        _with_unit(row.error, row.unit),
-        _with_unit(row.bar, row.unit),
-        f"{row.pull:.2f}" if row.pull == row.pull else "-",
-        f"{row.cpu_ms:.0f} ms" if first else "",
-        f"{row.evaluations:.0f}" if first else "",
-    )
+        row.problem, row.case if first else "", row.quantity, _with_unit(row.error, row.unit),
+        _with_unit(row.bar, row.unit), f"{row.pull:.2f}" if row.pull == row.pull else "-",
+        f"{row.cpu_ms:.0f} ms" if first else "", f"{row.evaluations:.0f}" if first else "",
+    )  # fmt: skip
 
 
 def _with_unit(value: float, unit: str) -> str:

@@ -28,15 +28,9 @@ def frames(quick):
     p, q = tractions(grid.x_mm)
     mu = scene.friction_at(0.0)
     surface = SurfaceState(
-        grid=grid,
-        pressure_mpa=p,
-        shear_mpa=q,
-        wear_depth_mm=np.zeros_like(p),
-        distance_m=0.0,
-        friction=mu,
-        sliding=True,
-        residual=0.0,
-    )
+        grid=grid, pressure_mpa=p, shear_mpa=q, wear_depth_mm=np.zeros_like(p), distance_m=0.0,
+        friction=mu, sliding=True, residual=0.0,
+    )  # fmt: skip
     state = SceneState("initial sliding", 0.0, surface)
     to_order = scene.specimen.thickness_mm / scene.specimen.fringe_value_n_per_mm
     here = pixels.x_mm, pixels.z_mm[::TIMED_ROWS], grid.left_mm, grid.spacing_mm, p, q

@@ -129,12 +129,10 @@ def steps(seen, noise):
 
     def read():
         found = read_steps(
-            frames.astype(np.float32) / 255.0,
-            chains,
+            frames.astype(np.float32) / 255.0, chains,
             sigma=float(np.sqrt(noise**2 + 1.0 / 12.0)) / 255.0,
-            valid=(frames < 255).all(axis=0) & seen.material,
-            known_order=known,
-        ).reading
+            valid=(frames < 255).all(axis=0) & seen.material, known_order=known,
+        ).reading  # fmt: skip
         return found.order, found.confidence
 
     return read
@@ -156,27 +154,18 @@ def colour(seen, noise):
 
     def read():
         found = read_colour(
-            frame / 255.0,
-            table,
-            sigma=float(np.sqrt(noise**2 + 1.0 / 12.0)) / 255.0,
-            dark=dark,
-            bright=bright,
-            valid=frame < 255,
-            specimen=seen.material,
-        )
+            frame / 255.0, table, sigma=float(np.sqrt(noise**2 + 1.0 / 12.0)) / 255.0, dark=dark,
+            bright=bright, valid=frame < 255, specimen=seen.material,
+        )  # fmt: skip
         return found.order, found.confidence
 
     return read
 
 
 METHODS = {
-    ARCSINE: arcsine,
-    MODEL: with_model,
-    FREE: partial(one_frame, ends="both"),
-    BLIND: partial(one_frame, ends="none"),
-    STEPS: steps,
-    COLOUR: colour,
-}
+    ARCSINE: arcsine, MODEL: with_model, FREE: partial(one_frame, ends="both"),
+    BLIND: partial(one_frame, ends="none"), STEPS: steps, COLOUR: colour,
+}  # fmt: skip
 
 
 def cases():
@@ -223,27 +212,17 @@ def judged(name, method, seen, order, confidence, seconds):
         said = confidence[kept] >= SAID
         right = float((error[said] <= SURE).mean()) if said.any() else nan
     return FringeRow(
-        name,
-        method,
-        float((error > WRONG).mean()),
-        float(np.sqrt(np.mean(error**2))),
-        float(np.median(error)),
-        share,
-        right,
-        seconds,
-    )
+        name, method, float((error > WRONG).mean()), float(np.sqrt(np.mean(error**2))),
+        float(np.median(error)), share, right, seconds,
+    )  # fmt: skip
 
 
 HEAD = ("specimen", "method", "wrong", "RMS", "median", "kept", "right", "time")
 BLUE, ORANGE, GREEN, PINK, SKY, YELLOW = LINE_COLOURS
 LOOKS = {
-    ARCSINE: (ORANGE, "x"),
-    MODEL: (PINK, "v"),
-    FREE: (BLUE, "s"),
-    BLIND: (SKY, "D"),
-    STEPS: (GREEN, "o"),
-    COLOUR: (YELLOW, "^"),
-}
+    ARCSINE: (ORANGE, "x"), MODEL: (PINK, "v"), FREE: (BLUE, "s"), BLIND: (SKY, "D"),
+    STEPS: (GREEN, "o"), COLOUR: (YELLOW, "^"),
+}  # fmt: skip
 
 
 def over_all(rows: list[FringeRow]) -> list[FringeRow]:
@@ -257,16 +236,13 @@ def over_all(rows: list[FringeRow]) -> list[FringeRow]:
             right = [r.right for r in read if r.right == r.right]
             found.append(
                 FringeRow(
-                    ALL,
-                    method,
-                    max(r.wrong for r in read),
+                    ALL, method, max(r.wrong for r in read),
                     float(np.sqrt(np.mean([r.rms**2 for r in read]))),
                     max((r.median for r in read if r.median == r.median), default=float("nan")),
-                    float(np.mean([r.kept for r in of])),
-                    min(right) if right else float("nan"),
+                    float(np.mean([r.kept for r in of])), min(right) if right else float("nan"),
                     float(np.median([r.seconds for r in of])),
                 )
-            )
+            )  # fmt: skip
     return found
 
 
@@ -289,14 +265,11 @@ its branch."""
 
 def _cells(row: FringeRow) -> tuple[str, ...]:
     return (
-        row.specimen,
-        row.method,
-        _number(row.wrong, "{:.2f} %", 100.0),
+        row.specimen, row.method, _number(row.wrong, "{:.2f} %", 100.0),
         *(_number(v, "{:.4f}", 1.0) for v in (row.rms, row.median)),
-        _number(row.kept, "{:.1f} %", 100.0),
-        _number(row.right, "{:.1f} %", 100.0),
+        _number(row.kept, "{:.1f} %", 100.0), _number(row.right, "{:.1f} %", 100.0),
         _number(row.seconds, "{:.2f} s", 1.0),
-    )
+    )  # fmt: skip
 
 
 def _number(value: float, how: str, factor: float) -> str:
@@ -320,14 +293,10 @@ def figure(rows: list[FringeRow]):
                 points = [(place(r), r.rms) for r in part if r.method == method and r.rms == r.rms]
                 if points:
                     axes.scatter(
-                        *zip(*points, strict=True),
-                        s=size,
-                        c=colour,
-                        marker=marker,
-                        alpha=alpha,
+                        *zip(*points, strict=True), s=size, c=colour, marker=marker, alpha=alpha,
                         linewidths=1.6 if marker == "x" else 0.0,
                         label=method if part is together else None,
-                    )
+                    )  # fmt: skip
         axes.set_yscale("log")
         for which in ("major", "minor"):
             axes.tick_params(axis="y", which=which, labelsize=TICK_PT)
@@ -340,14 +309,9 @@ def figure(rows: list[FringeRow]):
     picture.axes[1].xaxis.set_major_formatter("{x:g}")
     handles, labels = picture.axes[0].get_legend_handles_labels()
     picture.legend(
-        handles,
-        labels,
-        loc="outside lower center",
-        frameon=False,
-        fontsize=TICK_PT,
-        ncols=len(labels),
-        markerscale=0.6,
-    )
+        handles, labels, loc="outside lower center", frameon=False, fontsize=TICK_PT,
+        ncols=len(labels), markerscale=0.6,
+    )  # fmt: skip
     picture.suptitle("Fringe order by every method: a point a specimen, large ones all of them")
     return picture
 

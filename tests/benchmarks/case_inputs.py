@@ -21,13 +21,10 @@ COVERED = 1.96
 """Standard uncertainties that hold 95 of 100 of a normal distribution."""
 
 STATED = {
-    "camera.pixel_mm": 0.002,
-    "specimen.thickness_mm": 0.005,
-    "specimen.fringe_value_n_per_mm": 0.005,
-    "specimen.young_gpa": 0.02,
-    "indenter.radius_mm": 0.001,
-    "load.normal_n": 0.005,
-}
+    "camera.pixel_mm": 0.002, "specimen.thickness_mm": 0.005,
+    "specimen.fringe_value_n_per_mm": 0.005, "specimen.young_gpa": 0.02,
+    "indenter.radius_mm": 0.001, "load.normal_n": 0.005,
+}  # fmt: skip
 """Relative standard uncertainties of the inputs: caliper, calibration, data sheet, load cell."""
 
 _TRUTHS = ((44.0, 0.2), (32.0, 0.12), (56.0, 0.28))
@@ -105,17 +102,12 @@ def judged(kind, seed):
     }
     load = at["load.normal_n"]
     return InputRow(
-        kind,
-        seed,
-        load_percent=100.0 * (found.values[load] / true.load_at(0.0) - 1.0),
-        load_pull=pulls["load.normal_n"],
-        friction_pull=pulls["friction.coefficient"],
+        kind, seed, load_percent=100.0 * (found.values[load] / true.load_at(0.0) - 1.0),
+        load_pull=pulls["load.normal_n"], friction_pull=pulls["friction.coefficient"],
         combined_percent=100.0 * found.standard_uncertainty[load] / true.load_at(0.0),
         noise_percent=100.0 * found.noise_uncertainty[load] / true.load_at(0.0),
-        freed=len(found.keys) > len(_KEYS),
-        chi=found.chi,
-        seconds=seconds,
-    )
+        freed=len(found.keys) > len(_KEYS), chi=found.chi, seconds=seconds,
+    )  # fmt: skip
 
 
 _KEYS = ("load.normal_n", "friction.coefficient", "camera.left_mm", "camera.top_mm")
@@ -148,15 +140,13 @@ def _cells(kind: str, some: list[InputRow]) -> tuple[str, ...]:
     pulls = np.array([(row.load_pull, row.friction_pull) for row in kept])
     within = np.mean(abs(pulls) <= COVERED, axis=0)
     return (
-        kind,
-        str(len(some)),
-        *(f"{100.0 * share:.1f} %" for share in within),
+        kind, str(len(some)), *(f"{100.0 * share:.1f} %" for share in within),
         *(f"{rms:.2f}" for rms in np.sqrt(np.mean(pulls**2, axis=0))),
         f"{np.median([row.combined_percent for row in kept]):.3f} %",
         f"{np.median([row.noise_percent for row in kept]):.4f} %",
         f"{100.0 * np.mean([row.freed for row in kept]):.0f} %",
         f"{1e3 * np.median([row.seconds for row in kept]):.0f}",
-    )
+    )  # fmt: skip
 
 
 def figure(rows: list[InputRow]):

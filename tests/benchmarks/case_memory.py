@@ -99,16 +99,12 @@ def long_history(count):
     last = 233.0
     scene = load_scene("line-contact-wear").with_values(
         {
-            "camera.width_px": 64,
-            "camera.height_px": 48,
-            "camera.pixel_mm": 0.05,
-            "camera.left_mm": -1.6,
-            "numerics.spacing_mm": 0.005,
-            "numerics.tolerance": 1e-3,
+            "camera.width_px": 64, "camera.height_px": 48, "camera.pixel_mm": 0.05,
+            "camera.left_mm": -1.6, "numerics.spacing_mm": 0.005, "numerics.tolerance": 1e-3,
             "friction.static_state_first": False,
             "wear.distances_m": tuple(last * k / (count - 1) for k in range(count)),
         }
-    )
+    )  # fmt: skip
     return dump_scene(scene)
 
 
@@ -117,10 +113,8 @@ def peak_memory(command, scene, frames, out):
     from the fork: this one's own size would be in it."""
     done = subprocess.run(
         [sys.executable, "-c", _WATCH, _RUN, command, str(scene), str(frames), str(out)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
     if done.returncode:
         raise RuntimeError(f"{command} {scene} failed: {done.stderr}")
     size, seconds = done.stdout.split()

@@ -70,14 +70,12 @@ def drawn(seed, **flaws):
 def lamp(rng):
     """Light of 1 : 3 at most, stray light, noise of 1 to 10, and in a third of frames a JPEG."""
     return Defects(
-        fall_off=float(rng.uniform(0.0, 0.6)),
-        spot=float(rng.choice([0.0, rng.uniform(0.0, 0.6)])),
+        fall_off=float(rng.uniform(0.0, 0.6)), spot=float(rng.choice([0.0, rng.uniform(0.0, 0.6)])),
         bar=float(rng.choice([0.0, rng.uniform(0.0, 0.4)])),
-        background=float(rng.uniform(0.02, 0.1)),
-        background_slope=float(rng.uniform(-0.5, 0.5)),
+        background=float(rng.uniform(0.02, 0.1)), background_slope=float(rng.uniform(-0.5, 0.5)),
         noise=float(np.exp(rng.uniform(0.0, np.log(10.0)))),
         jpeg=int(rng.integers(80, 96)) if rng.random() < 1.0 / 3.0 else None,
-    )
+    )  # fmt: skip
 
 
 def exposed(signal, defects, rng):

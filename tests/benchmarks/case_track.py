@@ -191,16 +191,12 @@ def _row(name, workers, found, loads, wall, cpu, spent):
     )
     alone = workers == 1
     return TrackRow(
-        name,
-        workers,
-        count,
-        count / wall,
-        1e3 * cpu / count,
+        name, workers, count, count / wall, 1e3 * cpu / count,
         spent["read"] / cpu if alone else float("nan"),
         spent["write"] / cpu if alone else float("nan"),
         float(np.sqrt(np.mean((value / loads - 1.0) ** 2))),
         float(np.sqrt(np.mean(((value - loads) / spread) ** 2))),
-    )
+    )  # fmt: skip
 
 
 PLACES = {
@@ -284,21 +280,16 @@ writing under {100 * SHARE:.0f} % together, a codec's own decoding included; wit
 
 def _run_cells(row: TrackRow) -> tuple[str, ...]:
     return (
-        row.film,
-        str(row.workers),
-        str(row.frames),
-        f"{row.frames_per_s:.1f}",
+        row.film, str(row.workers), str(row.frames), f"{row.frames_per_s:.1f}",
         f"{row.cpu_ms:.1f} ms",
-    )
+    )  # fmt: skip
 
 
 def _value_cells(row: TrackRow) -> tuple[str, ...]:
     return (
-        _share(row.reading),
-        _share(row.writing),
-        f"{100 * row.load_error:.4f} %",
+        _share(row.reading), _share(row.writing), f"{100 * row.load_error:.4f} %",
         f"{row.pull:.2f}",
-    )
+    )  # fmt: skip
 
 
 def _order_cells(row: TrackRow) -> tuple[str, ...]:

@@ -20,11 +20,9 @@ from . import (
 )
 
 CASES = {
-    "pressure": case_pressure.pressure,
-    "wear": case_wear.wear,
-    "stress": case_stress.stress,
+    "pressure": case_pressure.pressure, "wear": case_wear.wear, "stress": case_stress.stress,
     "frames": case_frames.frames,
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -44,13 +42,8 @@ def _suite(module, name: str) -> Suite:
 SUITES = {"speed": Suite(lambda: CASES, "bench", report.table, report.figure)} | {
     name: _suite(module, name)
     for name, module in {
-        "fringes": case_fringes,
-        "fit": case_fit,
-        "defects": case_defects,
-        "contacts": case_contacts,
-        "inputs": case_inputs,
-        "track": case_track,
-        "memory": case_memory,
-        "tolerance": case_tolerance,
+        "fringes": case_fringes, "fit": case_fit, "defects": case_defects,
+        "contacts": case_contacts, "inputs": case_inputs, "track": case_track,
+        "memory": case_memory, "tolerance": case_tolerance,
     }.items()
-}
+}  # fmt: skip

@@ -185,10 +185,8 @@ def _things(light, defects, rng, scene):
     light = light.copy()
     for _ in range(defects.dust):
         row, col, radius = (
-            rng.uniform(0, len(light)),
-            rng.uniform(0, light.shape[1]),
-            rng.uniform(1, 4),
-        )
+            rng.uniform(0, len(light)), rng.uniform(0, light.shape[1]), rng.uniform(1, 4),
+        )  # fmt: skip
         light[np.hypot(rows - row, cols - col) < radius] *= rng.uniform(0.0, 0.6)
     if defects.shadow_px:
         first = max(0, round(-pixel_grid(scene).top_mm / pixel_grid(scene).pixel_mm))

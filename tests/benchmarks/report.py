@@ -104,26 +104,16 @@ def share_figure(pairs, legend, x_label, title, *, mark=None, z_label="share of 
 def _draw(axes, line: series.Series) -> None:
     points = sorted((r.error, 1e3 * r.seconds) for r in line.rows)
     axes.loglog(
-        *zip(*points, strict=True),
-        label=line.name,
-        color=line.colour,
-        marker=line.marker,
-        markerfacecolor="white" if line.hollow else line.colour,
-        linestyle=line.dashes,
-        ms=line.size,
-        lw=1.2,
-    )
+        *zip(*points, strict=True), label=line.name, color=line.colour, marker=line.marker,
+        markerfacecolor="white" if line.hollow else line.colour, linestyle=line.dashes,
+        ms=line.size, lw=1.2,
+    )  # fmt: skip
 
 
 def _name_below(axes, columns: int) -> None:
     from isochrome.figures import TICK_PT
 
     axes.legend(
-        loc="upper center",
-        bbox_to_anchor=(0.48, -0.17),
-        frameon=False,
-        fontsize=TICK_PT,
-        ncols=columns,
-        columnspacing=1.0,
-        handlelength=2.4,
-    )
+        loc="upper center", bbox_to_anchor=(0.48, -0.17), frameon=False, fontsize=TICK_PT,
+        ncols=columns, columnspacing=1.0, handlelength=2.4,
+    )  # fmt: skip

@@ -59,21 +59,17 @@ def wear(rows: list[Row]) -> list[Series]:
     return _seen(
         [
             Series(
-                f"paper: CG to {TIGHT:g}",
-                [r for r in steps if f"CG to {TIGHT:g}" in r.setting],
-                ORANGE,
-                "o",
+                f"paper: CG to {TIGHT:g}", [r for r in steps if f"CG to {TIGHT:g}" in r.setting],
+                ORANGE, "o",
             ),
             Series(
-                f"paper: CG to {LOOSE:g}",
-                [r for r in steps if f"CG to {LOOSE:g}" in r.setting],
-                YELLOW,
-                "v",
+                f"paper: CG to {LOOSE:g}", [r for r in steps if f"CG to {LOOSE:g}" in r.setting],
+                YELLOW, "v",
             ),
             Series(f"{HERE}: cylinder", _of(rows, "wear", OURS, MESH), BLUE, "s"),
             Series(f"{HERE}: any profile", _of(rows, "wear", OURS, GRID), SKY, "D"),
         ]
-    )
+    )  # fmt: skip
 
 
 def stress(rows: list[Row]) -> list[Series]:
@@ -99,9 +95,7 @@ PANELS = {
     "Pressure under a cylinder": ("error over $p_0$ (middle half of the contact)", 2, pressure),
     "Wear with friction and coupling": ("largest error of $p_{max}$ and depth (relative)", 2, wear),
     "Stress on the camera's pixels": (
-        "error over $p_0$ (filled: closed form, open: exact sum)",
-        2,
-        stress,
+        "error over $p_0$ (filled: closed form, open: exact sum)", 2, stress,
     ),
-}
+}  # fmt: skip
 """Title: label of the x axis, columns of the legend, and the lines."""

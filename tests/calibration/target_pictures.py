@@ -122,11 +122,8 @@ def drawn(seed, **fixed):
     """A camera and place by chance: distortion and keystone to 2 %, roll to 5 degrees."""
     rng = np.random.default_rng(seed)
     free = {
-        "roll_deg": rng.uniform(-5.0, 5.0),
-        "distortion": rng.uniform(-0.02, 0.02),
-        "keystone_x": rng.uniform(-0.02, 0.02),
-        "keystone_z": rng.uniform(-0.02, 0.02),
-        "x_mm": rng.uniform(-0.1, 0.1),
-        "z_mm": rng.uniform(-0.1, 0.1),
-    }
+        "roll_deg": rng.uniform(-5.0, 5.0), "distortion": rng.uniform(-0.02, 0.02),
+        "keystone_x": rng.uniform(-0.02, 0.02), "keystone_z": rng.uniform(-0.02, 0.02),
+        "x_mm": rng.uniform(-0.1, 0.1), "z_mm": rng.uniform(-0.1, 0.1),
+    }  # fmt: skip
     return replace(Shown(), **{**free, **fixed})

@@ -86,7 +86,6 @@ def test_a_glare_is_in_the_uncertainty_of_the_order_at_zero_load_too(beam_frame)
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_errors_beside_a_glare_are_as_large_as_stated(beam_frame):
     """One glare in all images is one error: of 24 such, pulls of 0.6 and 0.7 in the mean."""
     pulls = np.array([pulls_beside_a_glare(beam_frame, seed) for seed in range(12)])
@@ -146,7 +145,6 @@ def test_orders_of_one_light_err_together(beam_frame):
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_the_order_at_zero_load_of_close_loads_is_off_by_what_it_says(beam_frame):
     """Of twenty normal pulls the root mean square is 0.54 to 1.51 but twice in a thousand."""
     found = [close_loads(beam_frame, seed, TINY) for seed in range(20)]

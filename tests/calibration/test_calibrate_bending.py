@@ -115,7 +115,6 @@ def test_blurred_and_clipped_images_are_exact_within_what_is_stated(beam_frame, 
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_a_poor_fit_is_said_and_widens_the_uncertainty(beam_frame):
     """Interference in a plate of glass: stripes finer than any light, in every image."""
 
@@ -239,17 +238,3 @@ def test_a_wrong_set_is_refused_by_name(beam_frame, tmp_path, change, message):
     with pytest.raises(InputError, match=message) as caught:
         load_set(path, specimen="beam")
     assert "set.toml" in str(caught.value)
-
-
-def test_files_that_are_wrong_are_named(beam_frame, tmp_path):
-    path = tmp_path / "set.toml"
-    path.write_text(SET + '[[image]]\nfile = "none.tif"\nload_n = 1.0\n', "utf-8")
-    with pytest.raises(InputError, match=r"none\.tif"):
-        calibrate_bending(path)
-    tifffile.imwrite(tmp_path / "none.tif", np.full((60, 80), 255, np.uint8))
-    with pytest.raises(InputError, match=r"none\.tif"):
-        calibrate_bending(path)
-    with pytest.raises(InputError, match="calibrate bending"):
-        load_set(path, specimen="disc")
-    with pytest.raises(InputError, match="cannot be read"):
-        load_set(tmp_path / "missing.toml")

@@ -101,7 +101,6 @@ def test_white_light_is_a_band_of_each_channel(beam_frame, tmp_path):
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_a_disc_has_its_channels_too(disc_frame, tmp_path):
     rng = np.random.default_rng(4)
     frames = [

@@ -16,7 +16,7 @@ from isochrome.processing import process
 from isochrome.scene import Camera, parse_scene
 from isochrome.simulation import make_picture, picture_signal, scene_states, state_difference
 from isochrome.stress import pixel_grid
-from scene_texts import PAPER_PAIR
+from scene_texts import PAPER_PAIR, beam_text
 
 WAVE = np.arange(400.0, 701.0, 5.0)
 LIGHTS = {
@@ -28,17 +28,7 @@ LIGHTS = {
     "lamp": (560.0 / WAVE) ** 5 / np.expm1(1.4388e7 / (WAVE * 3200.0)) * 3e3,
 }
 CONTACT = "[load]\nnormal_n = {load}\n[friction]\ncoefficient = 0.2\n"
-BEAM = """
-[specimen]
-shape = "beam"
-height_mm = 20.0
-thickness_mm = 4.0
-fringe_value_n_per_mm = 14.6
-[load]
-normal_n = {load}
-inner_span_mm = 40.0
-outer_span_mm = 100.0
-"""
+BEAM = beam_text("{load}", fringe_value=14.6, thickness_mm=4.0)
 
 
 def middle_of_green(light):
@@ -113,7 +103,6 @@ def assert_read(found, orders, kept):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize(("light", "gamma"), [("diodes", 1.0), ("diodes", 2.2), ("lamp", 2.2)])
 def test_a_table_of_own_colours_reads_to_the_bar(light, gamma, tmp_path):
     head, orders = write_contacts(tmp_path, light, gamma)
@@ -186,6 +175,7 @@ def test_the_folder_holds_table_numbers_and_figure(beam, table, tmp_path):
     np.testing.assert_allclose(again.spread, calibration.colour_table.spread, rtol=0, atol=1e-8)
 
 
+@pytest.mark.long
 def test_what_arrays_give_is_what_their_files_give_bit_by_bit(beam, table):
     place, _ = beam
     tables = tomllib.loads((place / "set.toml").read_text("utf-8"))
@@ -236,12 +226,10 @@ def test_an_incomplete_set_is_refused(beam, old, new, words):
     ("found", "words"),
     [
         ({"strange": 0.04}, "4.0 % of the pixels are off the table"),
-        ({"torn": 0.04}, "jumps beside 4.0 %"),
-        ({"moved": 0.06}, "moved the table by 0.060"),
-        ({"highest": 1.1}, "reach N = 1.10, and 1.2 at least"),
-        ({}, None),
+        ({"torn": 0.04}, "jumps beside 4.0 %"), ({"moved": 0.06}, "moved the table by 0.060"),
+        ({"highest": 1.1}, "reach N = 1.10, and 1.2 at least"), ({}, None),
     ],
-)
+)  # fmt: skip
 def test_a_light_that_was_not_found_is_refused_whatever_shows_it(found, words):
     """One sign is enough; each of the shares here is a little over what is let pass, or below."""
     fields = dict.fromkeys(OwnLight.__dataclass_fields__, np.zeros(0))

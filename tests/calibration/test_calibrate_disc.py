@@ -83,7 +83,6 @@ def test_one_load(disc_frame, centre, options, bar):
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_a_stressed_disc_is_calibrated_from_the_rise(disc_frame):
     """Residual stress along the loads' own directions: no single image fits, their rise does."""
 
@@ -170,7 +169,6 @@ def test_a_blur_that_hardly_shows_is_found(disc_frame):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @needs_real
 def test_the_real_disc_is_reported_with_its_poor_fit(tmp_path):
     loads = (523, 663, 807, 922, 1045, 1152, 1221)

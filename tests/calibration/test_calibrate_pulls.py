@@ -8,20 +8,9 @@ import numpy as np
 import pytest
 from scipy.special import chdtri
 
-from isochrome.calibration import Beam, Disc, Uncertainty
+from isochrome.calibration import Beam, Uncertainty
 
-from .conftest import (
-    BEAM,
-    DIAMETER,
-    F_SIGMA,
-    HEIGHT,
-    INNER,
-    OUTER,
-    bending_from_images,
-    bending_load,
-    disc_from_images,
-    disc_load,
-)
+from .conftest import BEAM, F_SIGMA, HEIGHT, INNER, OUTER, bending_from_images, bending_load
 
 SHAPE, PIXEL = (150, 170), 0.15
 Z_95 = 1.959964
@@ -93,52 +82,7 @@ def test_beams_are_off_by_what_they_say(beam_frame, count):
         assert_normal([order_pulls(f, bending_load(1.0))[one] for f in found])
 
 
-def camera(order, inside, rng, noise):
-    """Grey levels of an order in the dark field: uneven light, a background, noise, rounding."""
-    y, x = (np.linspace(-1.0, 1.0, n) for n in order.shape)
-    light = 190.0 * (1.0 - 0.15 * (x[None, :] - 0.2) ** 2 - 0.2 * y[:, None] ** 2)
-    clean = 14.0 + np.where(inside, light * np.sin(np.pi * order) ** 2, 0.0)
-    return np.clip(np.rint(clean + rng.normal(0.0, noise, order.shape)), 0, 255).astype(np.uint8)
-
-
-def pressed(load_n, rng, *, angle_deg, noise, radius_px=60.0, size=140):
-    """A disc between two point forces, each sigma_r = -2 P cos(t)/(pi d r), d = 1 mm, and an even
-    tension, which makes no difference: Timoshenko & Goodier (1970), Theory of Elasticity, art. 41.
-    """
-    row, col = np.mgrid[:size, :size] - np.array([size / 2 + 1.3, size / 2 - 2.2])[:, None, None]
-    scale = 0.5 * DIAMETER / radius_px
-    place = scale * (col + 1j * row)
-    axis = np.exp(1j * (0.5 * np.pi - math.radians(angle_deg)))  # from the columns' direction
-    difference = np.zeros(place.shape, complex)
-    for end in (axis, -axis):
-        away = place - 0.5 * DIAMETER * end
-        along = (away * np.conj(-end)).real  # r cos t, from the force inwards
-        r2 = np.maximum(np.abs(away) ** 2, 1e-9)
-        radial = -2.0 * load_n * along / (np.pi * r2)
-        difference += radial * away**2 / r2
-    inside = np.abs(place) < 0.5 * DIAMETER
-    return camera(np.abs(difference) / F_SIGMA, inside, rng, noise)
-
-
 @pytest.mark.study
-@pytest.mark.long
-def test_discs_are_off_by_what_they_say():
-    """Of two loads: the fringe value, and the order of each image, fitted by itself."""
-    values, orders = [], []
-    for seed in range(9):
-        rng = np.random.default_rng([15, seed])
-        loads = disc_load(np.sort(rng.uniform(1.2, 5.0, 2)))
-        setup = {"angle_deg": rng.uniform(-4.0, 4.0), "noise": rng.uniform(1.5, 5.0)}
-        images = [pressed(p, rng, **setup) for p in loads]
-        found = disc_from_images(images, loads, Disc(diameter_mm=DIAMETER))
-        values.append(value_pull(found))
-        orders += order_pulls(found, disc_load(1.0))
-    assert_normal(values)
-    assert_normal(orders)
-
-
-@pytest.mark.study
-@pytest.mark.long
 def test_ninety_five_per_cent_of_the_intervals_hold_the_truth(beam_frame):
     """A thousand by ISOCHROME_COVERAGE=1000; the default is what half a minute allows."""
     count = int(os.environ.get("ISOCHROME_COVERAGE", "40"))

@@ -66,7 +66,6 @@ def test_scale_lens_and_roll_are_found(saved, paint, how):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize(("paint", "how"), [(chessboard, BOARD), (dots, DOTS)])
 def test_the_uncertainties_cover_the_truth(saved, paint, how):
     """30 cameras drawn; five values each: the mean square of 150 pulls is 1 to .12 by chance, and
@@ -93,12 +92,10 @@ def exact_places(shown, columns=11, rows=8, turn=lambda grid: grid):
 
 
 TURNS = {
-    "as it is": lambda grid: grid,
-    "from the other end": lambda grid: grid[::-1, ::-1],
-    "mirrored": lambda grid: grid[:, ::-1],
-    "by columns": lambda grid: grid.transpose(1, 0, 2),
+    "as it is": lambda grid: grid, "from the other end": lambda grid: grid[::-1, ::-1],
+    "mirrored": lambda grid: grid[:, ::-1], "by columns": lambda grid: grid.transpose(1, 0, 2),
     "by columns, from the end": lambda grid: grid.transpose(1, 0, 2)[::-1],
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("turn", TURNS.values(), ids=TURNS)
@@ -114,6 +111,7 @@ def test_exact_places_give_the_exact_camera_however_they_are_counted(turn):
     assert fit.shortening == 0.0
 
 
+@pytest.mark.long
 def test_a_large_soft_picture_is_read_as_a_small_one(saved):
     """Each pixel as six by six: 1800 x 2400 of them, with edges ten pixels wide."""
     shown = drawn(1)
@@ -122,6 +120,7 @@ def test_a_large_soft_picture_is_read_as_a_small_one(saved):
     holds(found, replace(shown, pixel_mm=shown.pixel_mm / 6.0))
 
 
+@pytest.mark.long
 def test_pictures_share_the_camera_and_lie_each_for_itself(saved):
     first = drawn(5, keystone_x=0.01)
     second = replace(first, roll_deg=-2.0, x_mm=0.05, z_mm=-0.08)

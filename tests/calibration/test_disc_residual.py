@@ -80,7 +80,6 @@ def test_the_derivatives_by_a_residual_are_the_differences():
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_residual_of_a_third_of_a_fringe_along_the_loads(disc_frame):
     """It falls to nothing at the rim; an even one is among the tensors below."""
     rng = np.random.default_rng(3)
@@ -99,7 +98,6 @@ def test_residual_of_a_third_of_a_fringe_along_the_loads(disc_frame):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize(("round_", "uniform"), [(-0.6, 0.0), (0.3, 0.2 + 0.2j)])
 def test_residual_tensor(round_, uniform):
     rng = np.random.default_rng(5)
@@ -120,7 +118,6 @@ def test_residual_tensor(round_, uniform):
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_an_unloaded_image_serves_the_residual():
     rng = np.random.default_rng(6)
 
@@ -137,7 +134,6 @@ def test_an_unloaded_image_serves_the_residual():
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize(
     "options",
     [
@@ -162,7 +158,6 @@ def test_a_misfit_that_is_no_residual_is_within_what_is_stated(disc_frame, optio
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_swapped_loads_are_not_taken_for_residual_stress(disc_frame):
     rng = np.random.default_rng(2)
     images = [disc_frame(c, rng, **SMALL_DISC) for c in (1.5, 2.0, 3.0, 4.0)]

@@ -5,17 +5,12 @@ import pytest
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import (
-    Bounds,
     evaluate_prepared,
     fit_intensity,
     polynomial_basis,
     prepare,
-    reduced_normal,
     several_starts,
-    solve_linear,
-    stride_mask,
 )
-from isochrome.estimation.intensity import _Search
 
 ROWS, COLS = 120, 160
 Y, X = np.mgrid[:ROWS, :COLS].astype(float)
@@ -46,40 +41,6 @@ def test_exact_data_give_the_truth():
     np.testing.assert_allclose(
         fit.illumination_map * fit.signal + fit.background_map, frame(), atol=1e-4
     )
-
-
-def test_reduced_normal_is_the_hessian_of_the_projected_cost():
-    """At exact data Gauss-Newton is the whole Hessian: compare with differences of the cost."""
-    problem = prepare(frame(), mask=None, sigma=NOISE, **MAPS)
-    free = np.full(3, np.inf)
-    search = _Search(problem, response, Bounds(-free, free), 1e-4 * SCALE)
-    part = solve_linear(problem, response(TRUTH)[problem.keep])
-    normal = reduced_normal(problem, search.jacobian(TRUTH, part, central=True), part)
-
-    def cost(shift):
-        return solve_linear(problem, response(TRUTH + shift)[problem.keep]).cost
-
-    for j in range(3):
-        step = np.zeros(3)
-        step[j] = 1e-3 * SCALE[j]
-        second = (cost(step) - 2 * cost(0 * step) + cost(-step)) / step[j] ** 2
-        assert normal[j, j] == pytest.approx(0.5 * second, rel=1e-3)
-
-
-def test_jacobian_against_finite_differences():
-    problem = prepare(frame(), mask=None, sigma=NOISE, **MAPS)
-    free = np.full(3, np.inf)
-    search = _Search(problem, response, Bounds(-free, free), 1e-4 * SCALE)
-    part = solve_linear(problem, response(TRUTH)[problem.keep])
-    slope, row, tilt = TRUTH
-    order = slope * (Y - row - tilt * (X - 80.0))
-    inner = np.pi * np.sin(2 * np.pi * order)
-    exact = inner * np.stack([order / slope, -slope + 0 * Y, -slope * (X - 80.0)])
-    exact = exact.reshape(3, -1) * part.amplitude
-    largest = np.abs(exact).max(axis=1, keepdims=True)
-    rows = search.jacobian(TRUTH, part, central=True)
-    assert np.max(np.abs(rows - exact) / largest) < 1e-6
-    assert np.max(np.abs(search.jacobian(TRUTH, part) - exact) / largest) < 3e-3
 
 
 @pytest.mark.long
@@ -140,13 +101,6 @@ def test_masked_and_non_finite_pixels_are_dropped():
     assert np.isnan(fit.residual[0, 0]) and np.isnan(fit.residual[50, 50])
 
 
-def test_bounds_hold():
-    fit = fit_intensity(
-        frame(), response, TRUTH, scale=SCALE, lower=[0.046, 0, -1], upper=[1, 200, 1], **MAPS
-    )
-    assert fit.values[0] == 0.046
-
-
 def test_no_load_frame_as_illumination():
     bright = 50.0 + 30.0 * np.sin(X / 9.0)
     image = 5.0 + 3.0 * bright * response(TRUTH)
@@ -154,20 +108,6 @@ def test_no_load_frame_as_illumination():
     fit = fit_intensity(image, response, TRUTH * [1.01, 1, 1], illumination=stack,
                         background=DARK, scale=SCALE)  # fmt: skip
     assert fit.illumination_coefficients[0] == pytest.approx(3.0, rel=1e-9)
-
-
-def test_basis_is_orthogonal_and_complete():
-    basis = polynomial_basis((201, 201), 4)
-    assert basis.shape[0] == 15
-    flat = basis.reshape(15, -1)
-    gram = flat @ flat.T / np.sqrt(np.outer((flat**2).sum(1), (flat**2).sum(1)))
-    assert np.max(np.abs(gram - np.eye(15))) < 0.05
-
-
-def test_stride_mask_keeps_about_as_many():
-    mask = np.ones((494, 659), bool)
-    assert 30_000 <= stride_mask(mask, 30_000).sum() < 60_000
-    assert stride_mask(mask, 10**7) is mask
 
 
 def test_bad_arguments_are_refused():

@@ -122,11 +122,10 @@ def pulls(seeds, **bench):
 
 @pytest.mark.long
 def test_a_few_loads_are_off_by_what_they_say():
-    assert np.sqrt(np.mean(pulls(range(5)) ** 2)) < 1.5
+    assert np.sqrt(np.mean(pulls(range(3)) ** 2)) < 1.5
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_coverage_of_twenty_discs():
     """Too wide rather than too narrow: scatter may be the cell's or the orders', nobody can say."""
     found = pulls(range(20), shape=(260, 280), size_px=200.0)

@@ -38,7 +38,6 @@ def test_the_pulls_of_some_sets_are_those_of_their_uncertainty(tmp_path):
     assert np.abs(errors[ra < 0.2]).max() < 0.01
 
 
-@pytest.mark.long
 @pytest.mark.study
 def test_the_interval_holds_the_truth_in_eight_hundred_sets(tmp_path):
     """93 to 97 %: 800 draws scatter by 0.8 %, where 200 scatter by 1.5."""
@@ -54,7 +53,6 @@ def test_the_interval_holds_the_truth_in_eight_hundred_sets(tmp_path):
     assert np.abs(errors / spreads).max() < 4.0
 
 
-@pytest.mark.long
 @pytest.mark.study
 def test_a_shallow_scar_has_a_wide_uncertainty_or_is_refused(tmp_path):
     """Ra from half the depth after 31 m to all of it. Student's t of some twenty degrees of freedom

@@ -11,7 +11,6 @@ from isochrome.calibration.beam.beam_fit import fit_beam
 from isochrome.calibration.beam.beam_set import beam_kind
 from isochrome.calibration.disc.disc_residual import simple_residual
 from isochrome.calibration.disc.disc_set import disc_model
-from isochrome.calibration.whole_set.set_fit import fit_set, fitted_names
 from isochrome.calibration.whole_set.set_model import SHARED, SetModel
 
 from .conftest import BEAM, F_SIGMA, HEIGHT, bending_from_images, bending_load
@@ -79,16 +78,9 @@ def bowed(edges, bow):
     return bending_from_images(frames, [bending_load(e) for e in edges], BEAM, pixel)
 
 
+@pytest.mark.long
 def test_an_order_that_is_in_no_list_is_in_the_uncertainty():
     """It bends the fringes by two per cent; a straight set of as many fringes is surer."""
     straight, found = (bowed((2.5, 4.0), bow) for bow in (0.0, 0.02))
     assert abs(found.fringe_value_n_per_mm - F_SIGMA) < 3.0 * found.standard_uncertainty
     assert found.standard_uncertainty > 2.0 * straight.standard_uncertainty
-
-
-def test_a_clean_set_has_nothing_besides():
-    model, values = beam_model()
-    plain = replace(model, free=(), besides=False)
-    fit = fit_set(plain, model.carried(values, plain))
-    assert not fitted_names(fit.model)
-    assert not fit.model.scaled  # images of one lamp have one exposure

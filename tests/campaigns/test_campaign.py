@@ -107,6 +107,7 @@ def test_what_is_complete_is_not_done_again(stacks, place):
         assert path.parent.name == "run2" or path.stat().st_mtime_ns == stamp
 
 
+@pytest.mark.long
 def test_stopped_it_says_what_is_kept_and_goes_on(stacks, place):
     process_campaign(stacks[:2], "scene.toml", "whole")
 
@@ -251,11 +252,9 @@ def test_the_picture_of_an_earlier_campaign_goes(stacks, place):
 def test_bands_are_as_wide_as_the_pictures_title_says():
     spread = np.array([0.1, 0.2, 0.4])
     curves = {
-        "distance_m": np.array([0.0, 5.0, 9.0]),
-        "frame": np.arange(3.0),
-        "load.normal_n": np.array([40.0, 41.0, 43.0]),
-        "load.normal_n standard_uncertainty": spread,
-    }
+        "distance_m": np.array([0.0, 5.0, 9.0]), "frame": np.arange(3.0),
+        "load.normal_n": np.array([40.0, 41.0, 43.0]), "load.normal_n standard_uncertainty": spread,
+    }  # fmt: skip
     row = {
         "folder": "run1", "status": "ok",
         "load.normal_n mean": 41.3, "load.normal_n standard_deviation": 1.5,
@@ -366,15 +365,11 @@ def test_check_goes_through_all_and_fit_wants_one(stacks, place, command):
 def test_the_summary_holds_the_measures_of_the_frames(stacks, place, monkeypatch):
     """Against the definitions, computed here by the standard library."""
     table = {
-        "frame": [0, 1, 2],
-        "distance_m": [0.0, 5.0, 9.0],
-        "chi": [1.0, 4.0, None],
-        "pixel_mm": [None, 0.02, 0.02],
-        "kept_share": [0.9, 0.8, float("nan")],
-        "load.normal_n": [40.0, 43.0, None],
-        "load.normal_n standard_uncertainty": [0.2, 0.4, None],
+        "frame": [0, 1, 2], "distance_m": [0.0, 5.0, 9.0], "chi": [1.0, 4.0, None],
+        "pixel_mm": [None, 0.02, 0.02], "kept_share": [0.9, 0.8, float("nan")],
+        "load.normal_n": [40.0, 43.0, None], "load.normal_n standard_uncertainty": [0.2, 0.4, None],
         "warnings": ["", "odd", "no fringes"],
-    }
+    }  # fmt: skip
 
     def instead(frames, scene, out, **options):
         found = process(frames, scene, out)

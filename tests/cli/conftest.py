@@ -80,7 +80,7 @@ def pytest_generate_tests(metafunc):
     if "quick_isochrome" in metafunc.fixturenames:
         ways = ["here"]
         if metafunc.definition.get_closest_marker("process_too"):
-            ways.append(pytest.param("process", marks=[pytest.mark.long, pytest.mark.study]))
+            ways.append(pytest.param("process", marks=pytest.mark.study))
         metafunc.parametrize("quick_isochrome", ways, indirect=True)
 
 

@@ -129,14 +129,6 @@ def test_simulate_leaves_what_the_contract_names(captured):
     assert came["seed"] == 3 and came["isochrome"] == version("isochrome")
 
 
-@pytest.mark.process_too
-def test_simulate_in_json_is_the_history(quick_isochrome):
-    done = quick_isochrome("simulate", "small.toml", "--json")
-    found = done.json()
-    assert (done.code, done.err) == (0, "")
-    assert found["out"] == "isochrome-simulate" and set(HISTORY) <= set(found["history"])
-
-
 def test_process_leaves_what_the_contract_names(processed):
     folder, found = processed
     out = folder / "Ergebnis"
@@ -156,42 +148,13 @@ def test_process_leaves_what_the_contract_names(processed):
         assert 0.95 < chi < 1.05
 
 
-def test_process_finds_the_simulated_order(processed):
-    folder, _ = processed
-    found = tifffile.imread(folder / "Ergebnis" / "fringe_order.tif")
-    true = tifffile.imread(folder / "Bild ü" / "fringe_order.tif")
-    error = (found - true)[np.isfinite(found)]
-    assert np.sqrt(np.mean(error**2)) < 0.005 and np.abs(error).max() < 0.25
-
-
 @pytest.mark.process_too
 def test_check_finds_nothing_wrong_with_simulated_frames(quick_isochrome):
     done = quick_isochrome("check", "frames.tif", "--scene", "small.toml")
     assert (done.code, done.err) == (0, "") and done.out.endswith("2 frames read: no error found\n")
 
 
-@pytest.mark.long
-@pytest.mark.process_too
-def test_fit_gives_the_keys_by_name_and_a_scene_that_reloads(quick_isochrome, place):
-    done = quick_isochrome(
-        "fit", "frames.tif", "--scene", "small.toml", "--free", "load.normal_n",
-        "--per-frame", "friction.coefficient", "--out", "Anpassung", "--json",
-    )  # fmt: skip
-    found = done.json()
-    assert (done.code, done.err) == (0, "")
-    parts = {"value", "standard_uncertainty", "noise_uncertainty", "cramer_rao_bound"}
-    assert set(found["load.normal_n"]) == parts
-    assert found["load.normal_n"]["value"] == pytest.approx(44.0, rel=1e-3)
-    names = {"frame", "distance_m", "chi", "other_minima", "friction.coefficient"}
-    assert [set(f) for f in found["frames"]] == [names] * 2 and 0.9 < found["chi"] < 1.1
-    assert {"fit.csv", "scene.toml", "fit.png"} <= files_in(place / "Anpassung")
-    table = columns_of(place / "Anpassung" / "fit.csv")
-    assert table["key"] == ["load.normal_n", "friction.coefficient", "friction.coefficient"]
-    assert quick_isochrome("check", "frames.tif", "--scene", "Anpassung/scene.toml").code == 0
-
-
 @pytest.mark.study
-@pytest.mark.long
 def test_demo_runs_from_anywhere(isochrome, place):
     done = isochrome("demo", "--out", "Vorführung", "--json")
     assert done.code == 0

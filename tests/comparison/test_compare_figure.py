@@ -1,5 +1,7 @@
 """The side-by-side figure through its Figure object, the helpers, and frame sets from disk."""
 
+from functools import cache
+
 import matplotlib
 import numpy as np
 import pytest
@@ -31,6 +33,12 @@ def drawn(experiment, simulation):
     return side_by_side(experiment, simulation, compare_frames(experiment, simulation))
 
 
+@cache
+def figure_of(count):
+    """The figure of so many frames, at which several tests look."""
+    return drawn(*frame_sets(count))
+
+
 def panels(figure):
     return [axes for axes in figure.axes if axes.images and not hasattr(axes, "_colorbar")]
 
@@ -43,9 +51,9 @@ def all_text(figure):
     return " ".join(" ".join(text.get_text().split()) for text in figure.findobj(Text))
 
 
-@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("count", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_panels_letters_labels_and_numbers(count):
-    figure = drawn(*frame_sets(count))
+    figure = figure_of(count)
     shown = panels(figure)
     assert len(shown) == 3 * count
     titles = titles_of(shown)
@@ -60,7 +68,7 @@ def test_panels_letters_labels_and_numbers(count):
 
 @pytest.mark.long
 def test_axes_are_in_millimetres_and_shared_or_count_pixels():
-    figure = drawn(*frame_sets(2))
+    figure = figure_of(2)
     shown = panels(figure)
     for axes in shown:
         assert axes.get_xlim() == pytest.approx((-0.8, 0.8))
@@ -81,7 +89,7 @@ def test_one_grey_range_and_differences_follow_what_is_known():
     ((low, high),) = differences
     assert low == -high and shown[2].images[0].get_cmap().name == figures.DIFFERENCE_MAP
     experiment, simulation = frame_sets(1)
-    bars = [a.get_xlabel() for a in drawn(experiment, simulation).axes]
+    bars = [a.get_xlabel() for a in figure_of(1).axes]
     assert "difference of fringe order (fringes)" in bars
     plain = ComparedFrames(signal=experiment.signal, pixel_mm=PIXEL_MM)
     figure = drawn(plain, simulation)
@@ -90,8 +98,7 @@ def test_one_grey_range_and_differences_follow_what_is_known():
 
 
 def test_lines_of_the_simulation_lie_on_its_dark_fringes():
-    experiment, simulation = frame_sets(1)
-    first = panels(drawn(experiment, simulation))[0]
+    first = panels(figure_of(1))[0]
     assert len(first.lines) >= 3
     x, z = first.lines[0].get_data()
     row, col = (z - 0.1) / PIXEL_MM - 0.5, (x + 0.8) / PIXEL_MM - 0.5

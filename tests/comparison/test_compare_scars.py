@@ -220,7 +220,6 @@ def test_what_cannot_be_compared_is_refused(measured, tmp_path):
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_pulls_of_area_and_shift_are_those_of_their_uncertainties():
     """60 rendered traces at four roughnesses; a root mean square of 60 pulls is known to 0.09."""
     scene = parse_scene(STIFF)

@@ -67,11 +67,9 @@ def run(dose, tolerance, *, mu_beta=0.04, mu_beta_first=None, load_ratio=1.0, co
     first = mu_beta if mu_beta_first is None else mu_beta_first
     coupling = 4.0 / MODULUS  # beta = 1, so that mu is mu beta
     course = SlidingHistory(
-        np.array([0.0, 1.0]),
-        np.array([0.0, doses[-1]]),
-        LOAD * np.array([1.0, load_ratio]),
+        np.array([0.0, 1.0]), np.array([0.0, doses[-1]]), LOAD * np.array([1.0, load_ratio]),
         np.array([first, mu_beta]),
-    )
+    )  # fmt: skip
     share = doses / doses[-1]
     loads, mus = LOAD * (1.0 + (load_ratio - 1.0) * share), first + (mu_beta - first) * share
     stops = [OutputState(*row) for row in np.stack([doses, doses, loads, mus], axis=1).tolist()]
@@ -109,11 +107,9 @@ def edges_advance(*, mu_beta, mu_beta_first, load_ratio):
 @pytest.mark.long
 @settings(max_examples=12, deadline=None)
 @given(
-    st.floats(-2.0, 3.0).map(lambda e: 10.0**e),
-    st.floats(-0.5, 0.5),
-    st.floats(0.0, 1.0),
+    st.floats(-2.0, 3.0).map(lambda e: 10.0**e), st.floats(-0.5, 0.5), st.floats(0.0, 1.0),
     st.floats(1.0, 3.0),
-)
+)  # fmt: skip
 def test_any_run_is_within_its_tolerance(dose, mu_beta, share, load_ratio):
     """Dose over five decades, coupling to 0.5, friction and load that vary: all that is left. In
     Hertz's units nothing else can differ from run to run. Truth: a tolerance ten times finer, whose
@@ -262,12 +258,10 @@ def test_an_edge_that_draws_back_hands_over_to_the_grid():
     table = {"distance_m": (0.0, 40.0, 80.0), "value": (44.0, 44.0, 15.0)}
     scene = load_scene("line-contact-wear").with_values(
         {
-            "load.normal_n": table,
-            "wear.distances_m": (20.0, 60.0, 100.0),
-            "numerics.spacing_mm": 0.012,
-            "friction.static_state_first": False,
+            "load.normal_n": table, "wear.distances_m": (20.0, 60.0, 100.0),
+            "numerics.spacing_mm": 0.012, "friction.static_state_first": False,
         }
-    )
+    )  # fmt: skip
     states = contact_states(scene)
     assert states[0].scar_edges_mm is not None and states[-1].scar_edges_mm is None
     site = make_site(scene, states[0].grid)
@@ -308,13 +302,11 @@ def test_a_load_whose_kinks_are_small_is_stepped_from_kink_to_kink(monkeypatch):
     load = (44.0 * (1.0 + 0.2 * np.sin(np.pi * s))).tolist()
     case = load_scene("line-contact-wear").with_values(
         {
-            "friction.static_state_first": False,
-            "friction.coefficient": 0.2,
+            "friction.static_state_first": False, "friction.coefficient": 0.2,
             "load.normal_n": {"distance_m": s.tolist(), "value": load},
-            "wear.distances_m": s.tolist(),
-            "numerics.tolerance": 1e-5,
+            "wear.distances_m": s.tolist(), "numerics.tolerance": 1e-5,
         }
-    )
+    )  # fmt: skip
     steps = []
     advance = scar_module._advance
     monkeypatch.setattr(scar_module, "_advance", lambda *a: steps.append(a[2]) or advance(*a))

@@ -148,7 +148,6 @@ def test_the_overrun_is_that_of_a_finer_grid_and_plain_elimination():
         *((seed, 1e-5) for seed in (9, 5, 7, 16, 69)),
     ],
 )
-@pytest.mark.long
 def test_random_courses_are_within_their_tolerance(seed, tolerance):
     """Those that were not, by 1.2 to 40 tolerances. 10: an overload after friction has turned; 60:
     a load that rises steeply while it wears. 9 and 32: edges that ring after a ramp seem to draw
@@ -171,11 +170,9 @@ def test_mesh_and_grid_share_the_way_alike_at_every_tolerance():
     space: where one hands over to the other must not depend on the tolerance. Goes wrong if each
     run decides by its own steps: at 1e-5 the mesh goes on for thirteen states more than at 1e-4."""
     falling = {
-        "load.normal_n": table((0.0, 60.0), (200.0, 10.0)),
-        "wear.coefficient_mm2_per_n": 2e-9,
-        "wear.distances_m": tuple(np.arange(5.0, 200.0, 0.5).tolist()),
-        "friction.coefficient": 0.0,
-    }
+        "load.normal_n": table((0.0, 60.0), (200.0, 10.0)), "wear.coefficient_mm2_per_n": 2e-9,
+        "wear.distances_m": tuple(np.arange(5.0, 200.0, 0.5).tolist()), "friction.coefficient": 0.0,
+    }  # fmt: skip
     held = []
     for tolerance in (1e-4, 1e-5):
         states = contact_states(overrun(0.012, tolerance, **falling))

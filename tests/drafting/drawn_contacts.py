@@ -75,11 +75,9 @@ def drawn_contact(seed: int, *, shrunk: int = 1) -> DrawnContact:
     turn = int(rng.choice(TURNS))
     flip = FLIPS[rng.integers(3)]
     defects = Defects(
-        gamma=gamma,
-        fall_off=float(rng.uniform(0.0, 0.4)),
-        background=float(rng.uniform(0.02, 0.08)),
-        noise=float(rng.uniform(1.0, 4.0)),
-    )
+        gamma=gamma, fall_off=float(rng.uniform(0.0, 0.4)),
+        background=float(rng.uniform(0.02, 0.08)), noise=float(rng.uniform(1.0, 4.0)),
+    )  # fmt: skip
     dark = np.sin(np.pi * order) ** 2
     signal = np.nan_to_num(
         dark if field == "dark" else 1.0 - dark

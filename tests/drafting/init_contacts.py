@@ -24,16 +24,12 @@ def known_of(case: DrawnContact) -> dict:
     """What the user of a drawn contact knows."""
     specimen, indenter = case.true.specimen, case.true.indenter
     return {
-        "young_gpa": specimen.young_gpa,
-        "poisson": specimen.poisson,
+        "young_gpa": specimen.young_gpa, "poisson": specimen.poisson,
         "thickness_mm": specimen.thickness_mm,
-        "fringe_value_n_per_mm": specimen.fringe_value_n_per_mm,
-        "radius_mm": indenter.radius_mm,
-        "indenter_young_gpa": indenter.young_gpa,
-        "indenter_poisson": indenter.poisson,
-        "load_n": case.about_n,
-        "pixel_mm": case.true.camera.pixel_mm,
-    }
+        "fringe_value_n_per_mm": specimen.fringe_value_n_per_mm, "radius_mm": indenter.radius_mm,
+        "indenter_young_gpa": indenter.young_gpa, "indenter_poisson": indenter.poisson,
+        "load_n": case.about_n, "pixel_mm": case.true.camera.pixel_mm,
+    }  # fmt: skip
 
 
 def truth_unmirrored(case: DrawnContact) -> dict:
@@ -53,12 +49,17 @@ def truth_unmirrored(case: DrawnContact) -> dict:
     }
 
 
-def judged(case: DrawnContact, **known) -> Verdict:
-    """What `init` makes of a drawn contact; `known`, what is known besides, or otherwise."""
+def judged(case: DrawnContact) -> Verdict:
+    """What `init` makes of a drawn contact."""
     try:
-        draft = isochrome.init(case.captured, known_of(case) | known)
+        draft = isochrome.init(case.captured, known_of(case))
     except isochrome.PhysicsError as error:
         return Verdict("refused", str(error))
+    return judged_draft(case, draft)
+
+
+def judged_draft(case: DrawnContact, draft: SceneDraft) -> Verdict:
+    """Whether a scene that was made of a drawn contact is the right one."""
     truth = truth_unmirrored(case)
     wrong = [
         f"{key} = {draft.scene.get(key)} for {truth[key]}"

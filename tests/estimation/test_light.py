@@ -50,10 +50,3 @@ def test_one_amplitude_is_the_even_part_alone():
     plain = frame_light(SHAPE).plain()
     assert plain.illumination.shape == (1, *SHAPE)
     assert np.ptp(plain.illumination) == 0.0
-
-
-def test_every_third_pixel_of_the_images_is_theirs():
-    model = frame_light(SHAPE)
-    thin = model.every(3)
-    np.testing.assert_array_equal(thin.illumination, model.illumination[:, ::3, ::3])
-    np.testing.assert_array_equal(thin.background, model.background[:, ::3, ::3])

@@ -1,7 +1,6 @@
 """Figures for a paper: letters of 7 pt or more that do not touch, at both widths; their files."""
 
 import csv
-import io
 import json
 import re
 import zlib
@@ -66,6 +65,13 @@ def worn(tmp_path_factory):
     return {"simulate": simulated, "process": processed, "compare": compared, "home": home}
 
 
+@pytest.fixture(scope="module")
+def numbered(worn):
+    """Makes figures of its results with their numbers, each once."""
+    style = partial(isochrome.FigureStyle, numbers=True)
+    return cache(lambda name, mm: isochrome.paper_figure(worn[name], style(width_mm=mm)))
+
+
 @pytest.mark.parametrize(
     ("name", "width"),
     [
@@ -73,20 +79,8 @@ def worn(tmp_path_factory):
         pytest.param("compare", WIDTHS[1], marks=pytest.mark.long),
     ],
 )
-def test_letters_are_large_enough_and_apart(worn, name, width):
-    style = isochrome.FigureStyle(width_mm=width, numbers=True)
-    check(isochrome.paper_figure(worn[name], style), width)
-
-
-def test_small_and_overlapping_letters_would_be_noticed():
-    figure = Figure(figsize=(3.0, 2.0))
-    figure.text(0.2, 0.5, "one", fontsize=8)
-    figure.text(0.23, 0.5, "other", fontsize=6)
-    figure.text(0.9, 0.1, "over the edge", fontsize=8)
-    figure.text(0.1, 0.2, "apart", fontsize=8, rotation=90)
-    texts = drawn_texts(figure)
-    assert [text.size_pt for text in texts] == [8, 6, 8, 8]
-    assert overlaps(texts) == [("one", "other")] and outside(texts, figure) == ["over the edge"]
+def test_letters_are_large_enough_and_apart(numbered, name, width):
+    check(numbered(name, width), width)
 
 
 def a_scale(worn: dict) -> object:
@@ -134,18 +128,16 @@ there fits elsewhere but for a chance, and the default tests hold both columns o
 
 WEAR_SET = ROOT / "sample_images" / "wear" / "set.toml"
 OTHERS = {
-    "scars": lambda _: isochrome.compare(WEAR_SET, "line-contact-wear"),
-    "scale": a_scale,
+    "scars": lambda _: isochrome.compare(WEAR_SET, "line-contact-wear"), "scale": a_scale,
     "colour table": a_colour_table,
     "components": lambda worn: isochrome.simulate(worn["home"] / "scene.toml", components=True),
-    "tracked video": a_tracked_video,
-    "no model": without_a_model,
+    "tracked video": a_tracked_video, "no model": without_a_model,
     "beam": lambda worn: isochrome.calibrate_bending(some_of(worn, "bending", (0, 3))),
     "wear": lambda _: isochrome.calibrate_wear(WEAR_SET),
     "paper's case": lambda _: isochrome.simulate("line-contact-wear"),
     "many states": lambda worn: isochrome.simulate(at(worn, list(range(12)))),
     "disc": lambda worn: isochrome.calibrate_disc(some_of(worn, "disc", (0, 2))),
-}
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -177,21 +169,6 @@ def test_letters_of_every_figure_are_large_enough_and_apart(others, name, width,
         assert 25.4 * figure.get_figheight() <= PAGE_MM
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("width", [85.0, pytest.param(174.0, marks=STUDY)])
-@pytest.mark.parametrize(
-    "frames",
-    # many panels are the narrowest
-    [*(pytest.param(few, marks=STUDY) for few in [(0,), (1, 0)]), (0, 1, 1, 0, 1, 0, 1)],
-)
-@pytest.mark.parametrize(
-    "name", [*(pytest.param(n, marks=STUDY) for n in ("simulate", "process")), "compare"]
-)
-def test_letters_are_apart_for_any_choice_of_frames(worn, name, frames, width):
-    style = isochrome.FigureStyle(width_mm=width, frames=frames, numbers=True)
-    check(isochrome.paper_figure(worn[name], style), width)
-
-
 def test_the_frames_are_those_asked_for(worn):
     figure = isochrome.paper_figure(worn["compare"], isochrome.FigureStyle(frames=(1, 0)))
     titles = [text for axes in figure.axes if (text := axes.get_title(loc="left"))]
@@ -205,8 +182,8 @@ def test_the_frames_are_those_asked_for(worn):
         np.testing.assert_array_equal(shown, stack.asarray()[1])
 
 
-def test_the_scale_bar_has_the_length_that_it_says(worn):
-    figure = isochrome.paper_figure(worn["compare"])
+def test_the_scale_bar_has_the_length_that_it_says(numbered):
+    figure = numbered("compare", WIDTHS[0])
     texts = [text.words for text in drawn_texts(figure)]
     (words,) = (text for text in texts if re.fullmatch(r"[\d.]+ mm", text))
     from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
@@ -323,6 +300,7 @@ def test_a_figure_that_is_taller_than_a_page_is_written_with_a_warning(
     tall = float(re.findall(r"\d+", str(said[0].message))[0])
     with Image.open(file) as picture:
         assert tall > 230.0 and picture.height / 60 * 25.4 == pytest.approx(tall, abs=0.6)
+    check(isochrome.paper_figure(worn["compare"], style), 85.0)  # of many panels too
     monkeypatch.setattr("isochrome.cli.options.print_warnings", print)
     save_paper_figure(worn["compare"], tmp_path, style)
     assert f"['the figure is {tall:.0f} mm tall; choose fewer --frames']" in capsys.readouterr().out
@@ -473,14 +451,12 @@ def test_bands_and_bars_of_a_curve_are_among_its_data():
     ("given", "words"),
     [
         ({"width_mm": 20}, "width = 20 mm of a figure: give 60 to 400 mm"),
-        ({"width_mm": float("nan")}, "width = nan"),
-        ({"dpi": 5}, "dpi = 5: give 50 to 2400"),
+        ({"width_mm": float("nan")}, "width = nan"), ({"dpi": 5}, "dpi = 5: give 50 to 2400"),
         ({"formats": ("jpg",)}, "format = jpg of a figure: give some of png, pdf, svg, tiff"),
-        ({"formats": ()}, "format = none"),
-        ({"frames": (0, -1)}, "frames = 0,-1 of a figure"),
+        ({"formats": ()}, "format = none"), ({"frames": (0, -1)}, "frames = 0,-1 of a figure"),
         ({"frames": ()}, "frames = none"),
     ],
-)
+)  # fmt: skip
 def test_a_style_that_is_none_is_refused(given, words):
     with pytest.raises(InputError, match=re.escape(words)):
         isochrome.FigureStyle(**given)
@@ -494,18 +470,6 @@ def test_a_frame_that_is_not_there_is_refused(worn):
         isochrome.paper_figure(a_colour_table(worn), isochrome.FigureStyle(frames=(0,)))
     with pytest.raises(InputError, match="has no figure for a paper"):
         isochrome.paper_figure(object())  # type: ignore[arg-type]
-
-
-@pytest.mark.long
-def test_the_run_in_memory_and_the_folder_give_one_picture(worn):
-    scene, frames = worn["home"] / "scene.toml", worn["home"] / "simulated" / "frames.tif"
-    style = isochrome.FigureStyle(frames=(1,))
-    pictures = []
-    for found in (worn["process"], isochrome.process(frames, scene)):
-        content = io.BytesIO()
-        isochrome.paper_figure(found, style).savefig(content, format="png", dpi=50)
-        pictures.append(content.getvalue())
-    assert pictures[0] == pictures[1]
 
 
 def some_recordings(count: int) -> list[Outcome]:
@@ -525,8 +489,14 @@ def some_recordings(count: int) -> list[Outcome]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("width", WIDTHS)
-@pytest.mark.parametrize("count", [3, 40])
+@pytest.mark.parametrize(
+    ("count", "width"),
+    [
+        (3, 85.0),
+        (40, 174.0),
+        *(pytest.param(*one, marks=STUDY) for one in ((3, 174.0), (40, 85.0))),
+    ],
+)
 def test_a_campaigns_letters_are_large_enough_and_apart(count, width):
     scene = isochrome.load_scene("line-contact-wear")
     found = Campaign(Path(), scene, tuple(some_recordings(count)))
@@ -578,7 +548,7 @@ def test_a_campaign_and_the_demo_leave_the_figure_that_is_asked_for(
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("count", [1, pytest.param(2, marks=STUDY)])
 def test_the_colour_bar_of_key_frames_is_no_taller_than_its_pictures(count):
     """Beside six values of a film, that of one key frame was three times as tall."""
     keys = [f"key {k}" for k in range(5)]

@@ -83,7 +83,6 @@ def test_a_frame_that_the_contact_alone_explains_has_nothing_freed(tmp_path):
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_a_static_and_a_sliding_frame_of_a_block_share_all_but_what_the_shear_adds(tmp_path):
     solids = (Solid(), Solid(friction=0.25))
     for i, solid in enumerate(solids):
@@ -103,7 +102,6 @@ def test_a_static_and_a_sliding_frame_of_a_block_share_all_but_what_the_shear_ad
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_process_reads_a_blocks_orders_with_its_smooth_stress(tmp_path):
     solid = Solid(friction=0.25)
     truth = photographed(solid, WHOLE, tmp_path / "frame.tif")
@@ -120,7 +118,6 @@ def test_process_reads_a_blocks_orders_with_its_smooth_stress(tmp_path):
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_a_smooth_stress_that_explains_little_is_not_kept(tmp_path):
     # a contact of another width: the flat's pressure is no smooth stress
     flat = PAPER_CONTACT.replace("radius_mm = 24.61", 'shape = "flat"\nhalf_width_mm = 0.45')
@@ -132,7 +129,6 @@ def test_a_smooth_stress_that_explains_little_is_not_kept(tmp_path):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("friction", "support", "bulk_free"),
     [  # each with each of the others once
@@ -160,7 +156,6 @@ def test_a_finite_blocks_frame_gives_load_and_order_within_the_bars(
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize("friction", [0.0, 0.25])
 def test_a_block_in_the_scene_leaves_nothing_to_free(tmp_path, friction):
     solid = Solid(friction=friction)

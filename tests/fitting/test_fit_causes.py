@@ -9,7 +9,6 @@ from fitting.engine_frames import prepared
 from fitting.sliding_bench import FRICTION, LOAD, bench
 from isochrome.benchmarks import load_benchmarks
 from isochrome.fitting import cause_messages, fit_frame, fit_with_causes
-from isochrome.fitting.causes.cause import ABOVE, WIDE
 from isochrome.processing import cell_values
 from isochrome.reference import contact_modulus, hertz_half_width, hertz_peak_pressure, hertz_stress
 from isochrome.stress import pixel_grid
@@ -51,7 +50,8 @@ def rows(*cases, long):
     ]
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.study)])
 def test_nothing_is_freed_in_a_frame_that_is_what_its_scene_says(seed):
     freed, stated, said = fitted(Defects(), seed=seed)
     assert freed.now is freed.stated and not freed.causes and not freed.light and said == ()
@@ -105,9 +105,8 @@ def test_uneven_light_is_described_and_said(defects):
     assert "the light is more uneven than a quadratic" in said[0]
 
 
-@pytest.mark.parametrize(
-    "defects", [{"dust": 40}, pytest.param({"shadow_px": 6}, marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("defects", [{"dust": 40}, {"shadow_px": 6}])
 def test_dust_and_shadow_are_left_out_and_said(defects):
     freed, stated, said = fitted(Defects(**defects))
     assert 0.0 < freed.outside < 0.1 and not freed.causes
@@ -145,7 +144,6 @@ def test_a_blur_is_no_shadow(blur_px):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("load", "left_mm", "blur_px", "seed"),
     [(42.008, -1.92691, 0.822, 1719522194), (25.3827, -1.91113, 1.0376, 1587952543)],
@@ -199,15 +197,6 @@ def test_a_little_blur_is_not_taken_for_a_band_of_light():
     assert [cause.name for cause in freed.causes] == ["blur"]
     assert value_of(freed, "camera.blur_px") == pytest.approx(0.45, abs=0.02)
     assert max(map(abs, pulls(freed.fit))) < 4.0
-
-
-@pytest.mark.study
-@pytest.mark.long
-def test_three_defects_at_once():
-    freed, _, said = fitted(Defects(roll_deg=-0.5, spot=0.3, band_nm=20.0, noise=2.0))
-    assert freed.light and {"camera.roll_deg", "polariscope.bandwidth_nm"} <= set(freed.fit.keys)
-    assert max(map(abs, pulls(freed.fit))) < 4.0 and np.isfinite(freed.fit.chi)
-    assert len(said) >= 2
 
 
 def test_what_knows_no_lens_refuses_one(tmp_path):
@@ -266,16 +255,6 @@ def test_rows_with_a_noise_of_their_own_are_counted():
     assert np.sum(np.square(found)) < 18.5
 
 
-@pytest.mark.study
-@pytest.mark.long
-def test_dust_does_not_hide_what_a_lens_and_a_band_do():
-    defects = Defects(dust=30, keystone_z=0.01, band_nm=25.0)
-    freed, _, _ = fitted(defects)
-    assert {cause.name for cause in freed.causes} >= {ABOVE.name, WIDE.name}
-    assert freed.outside > 0.0 and freed.fit.chi < 1.05
-    assert np.all(np.abs(pulls(freed.fit)) < 3.0)
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("keystone", [4e-4, pytest.param(2e-4, marks=pytest.mark.study)])
 def test_a_lens_too_weak_to_be_asked_for_is_in_the_uncertainty(keystone):
@@ -290,7 +269,6 @@ def test_a_lens_too_weak_to_be_asked_for_is_in_the_uncertainty(keystone):
     assert np.sqrt(np.mean(np.square(found))) < 0.8 * np.sqrt(np.mean(np.square(held)))
 
 
-@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize(
     ("kind", "seed"),

@@ -51,6 +51,7 @@ def pulls(found):
     return np.array([(v["value"] - true) / v["standard_uncertainty"] for v, true in pairs])
 
 
+@pytest.mark.long
 def test_frames_that_are_what_their_scene_says_ask_for_nothing(tmp_path):
     found = joint(tmp_path, Defects())
     assert found.warnings == () and set(found.shared) == {FRICTION, *PLACE}
@@ -59,7 +60,6 @@ def test_frames_that_are_what_their_scene_says_ask_for_nothing(tmp_path):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize(("key", "defects", "value", "bar"), DEFECTS)
 def test_what_the_frames_share_is_one_unknown_of_all(tmp_path, key, defects, value, bar):
     found = joint(tmp_path, Defects(**defects), size=LARGER if key == ROLL else ())
@@ -78,7 +78,6 @@ def test_what_the_scene_states_is_held_where_that_is_wanted(tmp_path):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize("defects", [{"spot": 0.5}, {"bar": 0.4}])
 def test_light_that_is_uneven_is_as_rich_in_all_frames(tmp_path, defects):
     found = joint(tmp_path, Defects(**defects))
@@ -95,7 +94,6 @@ def test_dust_is_left_out_of_all_frames(tmp_path):
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_two_causes_at_once(tmp_path):
     found = joint(tmp_path, Defects(roll_deg=-0.5, spot=0.3), size=LARGER)
     assert ROLL in found.shared and "the light is more uneven" in " ".join(found.warnings)
@@ -120,7 +118,6 @@ def test_a_track_of_what_its_scene_says_asks_for_nothing(tmp_path):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize(("key", "defects", "value", "bar"), DEFECTS)
 def test_what_a_videos_frames_share_is_held_through_the_track(tmp_path, key, defects, value, bar):
     found = followed(tmp_path, Defects(**defects), size=LARGER if key == ROLL else ())
@@ -131,7 +128,6 @@ def test_what_a_videos_frames_share_is_held_through_the_track(tmp_path, key, def
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_rich_light_is_held_through_the_track(tmp_path):
     found = followed(tmp_path, Defects(spot=0.5))
     assert "the light is more uneven than a quadratic" in found.warnings[0]

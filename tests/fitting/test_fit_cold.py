@@ -30,7 +30,6 @@ def test_a_held_contact_is_found_from_far_values():
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize("kind", ["sliding", "worn", "flat", "disc"])
 def test_other_contacts_and_discs_are_found_from_far_values(kind):
     assert study(kind, range(8)) == []
@@ -41,7 +40,6 @@ def test_a_sliding_contact_is_found_from_far_values():
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_friction_of_a_held_contact_is_found_beside_its_forces():
     # The slip at the edges tells it: its own uncertainty says how well.
     for seed in range(8):
@@ -68,6 +66,7 @@ def test_a_load_outside_the_search_is_flagged_by_chi(seed, factors):
     assert fit.chi > RIGHT_CHI or is_right(case, fit), (case.data.name, fit.chi, fit.values)
 
 
+@pytest.mark.long
 def test_another_cylinder_than_the_scenes_is_flagged_by_chi():
     case = random_case("held", 2)
     other = 2.5 * case.true.indenter.radius_mm

@@ -68,10 +68,8 @@ def test_a_layer_needs_an_indenter():
 def test_added_tractions_are_in_the_simulation_and_in_the_scenes_text():
     plain = bench(60, 80)
     added = {
-        "x_mm": [-0.2, 0.0, 0.3],
-        "pressure_mpa": [0.0, 2.0, 0.0],
-        "shear_mpa": [0.0, 1.0, 0.0],
-    }
+        "x_mm": [-0.2, 0.0, 0.3], "pressure_mpa": [0.0, 2.0, 0.0], "shear_mpa": [0.0, 1.0, 0.0],
+    }  # fmt: skip
     scene = plain.with_values({"load.added_tractions": added})
     before, after = (scene_states(one)[-1].surface for one in (plain, scene))
     assert isinstance(after, SurfaceState) and after.edges_mm == before.edges_mm

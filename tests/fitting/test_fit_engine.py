@@ -18,7 +18,7 @@ from fitting.engine_frames import (
     random_contact,
 )
 from isochrome.estimation import prepare_frame
-from isochrome.fitting import FrameModel, cramer_rao_bound, fit_frame, fit_region
+from isochrome.fitting import cramer_rao_bound, fit_frame
 from isochrome.simulation import simulate
 from isochrome.stress import pixel_grid
 
@@ -44,46 +44,31 @@ def test_load_place_and_friction_to_the_bar_from_a_start_ten_per_cent_off(factor
     assert fit.converged and fit.chi == pytest.approx(1.0, abs=0.02)
 
 
-def study(count, seed, size):
-    """Pulls, and uncertainties over the limit, of random contacts of all kinds; and their keys."""
-    rng = np.random.default_rng(seed)
+@pytest.mark.long
+def test_uncertainties_are_those_of_the_errors_and_near_the_limit():
+    """Of a random contact of each kind; `isochrome bench fit` has more."""
+    rng = np.random.default_rng(1)
     found, over_limit, keys = [], [], []
-    for i in range(count):
-        kind = KINDS[i % len(KINDS)]
+    for i, kind in enumerate(KINDS):
         scene, true = random_contact(rng, kind)
-        scene = scene.with_values(size)
+        scene = scene.with_values(HALF_SIZE)
         start = begun(rng, scene, true)
-        data = prepare_frame(captured(scene, 1000 * seed + i), start, bit_depth=8)
+        data = prepare_frame(captured(scene, 1000 + i), start, bit_depth=8)
         fit = fit_frame(data, start, tuple(true))
         found.append(pulls(fit, true))
         over_limit.append(fit.standard_uncertainty / cramer_rao_bound(data, scene, fit.keys))
         keys += fit.keys
         print(i, kind, f"chi {fit.chi:.3f}", np.round(found[-1], 2), np.round(over_limit[-1], 2))
-    return np.concatenate(found), np.concatenate(over_limit), np.array(keys)
-
-
-@pytest.mark.long
-def test_uncertainties_are_those_of_the_errors_and_near_the_limit():
-    z, over_limit, keys = study(6, 1, HALF_SIZE)
+    z, over_limit = np.concatenate(found), np.concatenate(over_limit)
     # 27 pulls, of which the correlated ones count as fewer: over six seeds their RMS is 0.7 to 1.2,
     # and the largest 1.7 to 3.3
     assert 0.5 < np.sqrt(np.mean(z**2)) < 1.5
     assert np.abs(z).max() < 4.0
     # the issue's bar; what the residuals' own scatter makes of an uncertainty: 0.93 to 1.15
-    place = keys == "camera.top_mm"
+    place = np.array(keys) == "camera.top_mm"
     assert np.all(over_limit > 0.85) and np.all(over_limit[~place] <= 1.2)
     # the surface's place is told by the few rows below it, whose residuals scatter more: 1.23
     assert np.all(over_limit[place] < 1.35)
-
-
-@pytest.mark.study
-@pytest.mark.long
-def test_pulls_over_many_contacts_have_the_spread_and_the_coverage_that_is_promised():
-    z, over_limit, _ = study(24, 11, {})
-    # some 110 pulls: their RMS is known to 0.07, the share to 2 %
-    assert 0.85 <= np.sqrt(np.mean(z**2)) <= 1.15
-    assert 0.92 <= np.mean(np.abs(z) < 1.96) <= 0.98
-    assert np.all(over_limit <= 1.2)
 
 
 def test_the_bound_is_that_of_the_whole_problem_solved_by_brute_force():
@@ -117,27 +102,7 @@ def test_the_bound_is_that_of_the_whole_problem_solved_by_brute_force():
     assert cramer_rao_bound(data, scene, keys) == pytest.approx(truth, rel=0.02)
 
 
-def test_a_local_model_steps_to_where_a_new_frame_stands():
-    scene, true = random_contact(np.random.default_rng(4), "slide")
-    scene = scene.with_values(HALF_SIZE)
-    moved = {
-        "load.normal_n": 1.0005 * true["load.normal_n"],
-        "camera.left_mm": true["camera.left_mm"] + 0.01 * scene.camera.pixel_mm,
-    }
-    keys = tuple(moved)
-    data = prepare_frame(captured(scene, 1), scene, bit_depth=8)
-    whole = fit_region(scene, data.light.shape, 1, 2.0)
-    model = FrameModel(data, scene, keys, whole)
-    values = np.array([true[key] for key in keys])
-    local = model.linearise(values, model.at(values))
-    change = 0.85 * (light_of(scene.with_values(moved)) - light_of(scene))
-    rows, cols = (np.linspace(-1.0, 1.0, n) for n in data.light.shape)
-    change *= 1.0 - 0.15 * (rows[:, None] ** 2 + cols[None, :] ** 2)
-    step = local.step((change / data.sigma)[model.pixels.keep].astype(np.float32))
-    # what is left is of second order in a step of 0.05 % and a hundredth of a pixel
-    assert step == pytest.approx(np.array(list(moved.values())) - values, rel=0.05)
-
-
+@pytest.mark.long
 def test_noise_that_is_correlated_widens_the_uncertainty():
     """Smoothed by a lens or a codec, noise of neighbours is alike, and counts for less."""
     scene, true = random_contact(np.random.default_rng(6), "static")

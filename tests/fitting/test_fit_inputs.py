@@ -209,6 +209,7 @@ def test_all_that_is_left_names_the_inputs_and_their_shares(tmp_path):
     assert kept.already and kept.to_json() == json.loads(json.dumps(found.to_json()))
 
 
+@pytest.mark.long
 def test_a_scale_that_is_off_is_fitted_with_its_prior_and_looks_like_a_modulus_without():
     """Of a contact with a free place a pixel and a modulus are one direction."""
     scene, image = contact()

@@ -115,7 +115,6 @@ def test_evidence_is_the_integral_over_what_the_law_leaves_open():
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_the_right_law_leaves_a_misfit_of_its_degrees_of_freedom():
     rng = np.random.default_rng(1)
     misfits = []
@@ -276,7 +275,6 @@ def test_running_in_is_told_with_its_distance(tmp_path):
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_laws_of_friction_are_alike_where_it_is_constant(tmp_path):
     found = fitted(tmp_path, scene())
     close = {near.law for near in found.wear_laws.close}

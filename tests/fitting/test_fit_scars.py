@@ -94,23 +94,12 @@ def frame_of(scene, keys, values, sensitivity, inputs):
     noise = alike * np.outer(share, share)
     covariance = noise + (sensitivity * inputs.spread**2) @ sensitivity.T
     return FrameFit(
-        scene=scene.with_values(dict(zip(keys, values.tolist(), strict=True))),
-        keys=keys,
-        values=values,
-        standard_uncertainty=np.sqrt(np.diag(covariance)),
-        covariance=covariance,
-        noise_uncertainty=share,
-        inputs=inputs,
-        sensitivity=sensitivity,
-        cramer_rao_bound=share,
-        information=np.linalg.inv(noise),
-        freedom=1000,
-        chi=1.0,
-        others=(),
-        converged=True,
-        plain=False,
-        positive=True,
-    )
+        scene=scene.with_values(dict(zip(keys, values.tolist(), strict=True))), keys=keys,
+        values=values, standard_uncertainty=np.sqrt(np.diag(covariance)), covariance=covariance,
+        noise_uncertainty=share, inputs=inputs, sensitivity=sensitivity, cramer_rao_bound=share,
+        information=np.linalg.inv(noise), freedom=1000, chi=1.0, others=(), converged=True,
+        plain=False, positive=True,
+    )  # fmt: skip
 
 
 def both_by_search(fit, load, area, spread, keys):
@@ -127,11 +116,9 @@ def both_by_search(fit, load, area, spread, keys):
         return away @ weight @ away + ((area - worn) / spread) ** 2
 
     found = minimize(
-        cost,
-        np.zeros(len(keys)),
-        method="Nelder-Mead",
+        cost, np.zeros(len(keys)), method="Nelder-Mead",
         options={"xatol": 1e-9, "fatol": 1e-12, "maxiter": 9000, "maxfev": 9000},
-    )
+    )  # fmt: skip
     return fit.values * (1.0 + found.x)
 
 

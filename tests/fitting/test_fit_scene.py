@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from fitting.engine_frames import light_of, within, written
+from fitting.engine_frames import within, written
 from isochrome.errors import InputError, PhysicsError
 from isochrome.fitting import SceneRenderer, fit, scene_at, with_numerics
 from isochrome.scene import parse_scene
-from isochrome.stress import pixel_grid
 from scene_texts import PAPER_CONTACT, SMALL_CAMERA
 
 STATIC = PAPER_CONTACT + SMALL_CAMERA + "noise_grey = 3.0\nseed = 11\n"
@@ -44,34 +43,6 @@ def test_keys_with_the_same_effect_as_the_load_are_refused_before_the_frames_are
 
 
 # The quick simulation against the direct one
-
-
-@pytest.mark.parametrize("shift_px", [(0.0, 0.0), (0.37, -0.61), (-0.5, 0.5), (6.25, -11.8)])
-def test_a_shifted_field_is_that_rendered_at_the_shifted_place(shift_px):
-    fine = with_numerics(parse_scene(SLIDING), nodes_per_pixel=8, tolerance=1e-4, room=1.2)
-    here = fine.with_values({"camera.pixel_mm": 0.0125, "numerics.spacing_mm": 0.0125 / 8})
-    renderer = SceneRenderer(here, (120, 160))
-    moved = here.with_values(
-        {"camera.left_mm": -1.0 + 0.0125 * shift_px[0], "camera.top_mm": 0.0 + 0.0125 * shift_px[1]}
-    )
-    renderer.signal(here)
-    deep = pixel_grid(moved).z_mm > 6 * 0.0125
-    error = (renderer.signal(moved) - light_of(moved))[deep]
-    # both in single precision: 3e-6 to 4e-6 of the light
-    assert np.abs(error).max() <= 1e-5
-
-
-def test_the_signal_has_no_jump_where_the_shift_passes_a_whole_pixel():
-    scene = with_numerics(parse_scene(SLIDING), nodes_per_pixel=3, tolerance=1e-3, room=1.2)
-    renderer = SceneRenderer(scene, (120, 160))
-    for key in ("camera.left_mm", "camera.top_mm"):
-        start = scene.get(key)
-        before, at, after = (
-            renderer.signal(scene.with_values({key: start + 0.025 * step}))[8:]
-            for step in (-1e-4, 0.0, 1e-4)
-        )
-        # A ten-thousandth of a pixel moves the finest fringe here by 5e-5 of its light.
-        assert np.abs(at - before).max() < 1.5e-4 and np.abs(after - at).max() < 1.5e-4
 
 
 def test_a_cached_signal_is_the_fresh_one_whatever_came_between():

@@ -48,27 +48,6 @@ def rendered(truth):
 # What a frame shows of its history
 
 
-@pytest.mark.parametrize("law", ["archard", "sarkar", "dissipated_energy"])
-def test_worn_area_is_the_integral_of_rate_and_load(law):
-    load = {"distance_m": (0.0, 100.0, 200.0), "value": (40.0, 50.0, 44.0)}
-    whole = scene(wear__law=law, friction__coefficient=RISING, load__normal_n=load)
-    found = local_values(whole, (None, 0.0, 77.0, 233.0, 31.0))
-    s = np.linspace(0.0, 233.0, 200_001)
-    mu, p = whole.friction_at(s), whole.load_at(s)
-    factor = {"archard": 1.0 + 0.0 * mu, "sarkar": np.sqrt(1 + 3 * mu**2), "dissipated_energy": mu}
-    rate = 1e3 * 2e-9 * factor[law] * p / 4.0
-    area = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(s))])
-    for row, distance in zip(found[1:], (0.0, 77.0, 233.0, 31.0), strict=True):
-        # the sum's own error: (ds)^2 over the curvature's length, 1e-9
-        wanted = (
-            whole.load_at(distance),
-            whole.friction_at(distance),
-            np.interp(distance, s, area),
-        )
-        assert row == pytest.approx(wanted, rel=1e-6, abs=1e-15)
-    assert found[0].tolist() == [40.0, 0.0, 0.0]
-
-
 def test_a_scene_of_one_state_is_exactly_the_runs_own():
     whole = scene(friction__coefficient=RISING, wear__law="sarkar")
     whole = with_numerics(whole, nodes_per_pixel=4, tolerance=1e-4, room=1.2)
@@ -195,11 +174,9 @@ def test_a_set_too_long_to_keep_is_read_in_each_pass_and_fitted_as_if_it_were_ke
     write_tiff(tmp_path / "film.tif", images, pixel_mm=0.05)
     read = fit(tmp_path / "film.tif", small, [LOAD])
     kept = fit_jointly(
-        [prepared(image, small) for image in images],
-        make_sequence(small, 9, (LOAD,), ()),
-        np.array([read.shared[LOAD]["value"]]),
-        shape=(60, 80),
-    )
+        [prepared(image, small) for image in images], make_sequence(small, 9, (LOAD,), ()),
+        np.array([read.shared[LOAD]["value"]]), shape=(60, 80),
+    )  # fmt: skip
     within(read.shared[LOAD], 44.0)
     assert read.frame_chi == pytest.approx(kept.frame_chi, rel=1e-6)
     # from there no step is left but those below a thirtieth of a standard uncertainty
@@ -221,7 +198,6 @@ def test_a_frame_count_that_is_not_the_scenes(tmp_path):
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_pulls_of_wear_and_friction_over_seeds():
     size = {"camera__pixel_mm": 0.0125, "camera__width_px": 320, "camera__height_px": 240}
     truth = scene(**size, wear__law="sarkar", friction__coefficient=RISING)

@@ -140,6 +140,7 @@ def test_a_slip_is_named_beside_a_small_cause():
     assert said.startswith("the picture is upside down")
 
 
+@pytest.mark.long
 def test_a_place_that_is_held_wrong_is_named_with_the_right_one(image):
     held = stated(camera__left_mm=-1.8, camera__top_mm=0.0)
     (said,) = cause_messages(explained(image, held, ("load.normal_n", "friction.coefficient")))
@@ -155,6 +156,7 @@ def test_no_slip_is_named_where_a_cause_explains_the_frame(defects):
     assert freed.slip is None and freed.fit.positive and freed.fit.chi < 1.1
 
 
+@pytest.mark.long
 def test_no_slip_is_named_of_a_frame_that_none_explains():
     noise = np.random.default_rng(3).normal(120.0, 3.0, (62, 83)).astype(np.uint8)
     freed = explained(noise, bench(62, 83).with_values(START))

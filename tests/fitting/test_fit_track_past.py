@@ -24,13 +24,9 @@ def shown(load, value, start, seed):
     raw = 0.1 + 0.6 * true + NOISE * np.random.default_rng(seed).standard_normal(SIZE)
     one = np.ones((1, SIZE), np.float32)
     pixels = Pixels(
-        raw.astype(np.float32),
-        (one[0] / np.float32(NOISE)),
-        one,
-        one,
-        np.ones((1, SIZE), bool),
+        raw.astype(np.float32), (one[0] / np.float32(NOISE)), one, one, np.ones((1, SIZE), bool),
         1.0,
-    )
+    )  # fmt: skip
     gamma_fit = solve_with_gamma(pixels, signal, 1.0)
     rows = (BY_VALUE * gamma_fit.part.amplitude).astype(np.float32)[None]
     return gamma_fit, local_model(("value",), np.zeros(1), gamma_fit, rows)

@@ -5,7 +5,6 @@ import pytest
 
 from fitting.test_fit_track import FRICTION, LOAD, contact, film, frame_of, save
 from isochrome import open_run
-from isochrome.errors import InputError
 from isochrome.fitting import track
 from isochrome.fitting.tracking import api as track_run
 from isochrome.runs import Stopped
@@ -63,15 +62,7 @@ def test_a_stopped_track_goes_on_and_ends_with_the_same_bytes(tmp_path, short_ch
         assert dataset.searched.values.tolist() == [1] + [0] * 5
 
 
-def test_a_track_is_one_processs_work(tmp_path):
-    save(tmp_path, film(contact(), {LOAD: [44.0]}, np.random.default_rng(1)))
-    for means in ({"workers": 2}, {"cluster": "tcp://nowhere:1"}):
-        with pytest.raises(InputError, match="only one process can do; leave them out"):
-            track(tmp_path / "film.tif", contact(), (LOAD,), out=tmp_path / "out", **means)
-
-
 @pytest.mark.study
-@pytest.mark.long
 def test_a_stopped_track_of_a_worn_contact_goes_on_with_its_scar(tmp_path, short_chunks):
     count = 6
     distance = 40.0 + 0.5 * np.arange(count)

@@ -74,7 +74,6 @@ def test_a_track_that_begins_at_a_low_load_finds_which_load_wore_the_scar(tmp_pa
 
 
 @pytest.mark.study  # of a worn contact: the sample film, in tests/processing
-@pytest.mark.long
 def test_a_new_contact_under_a_load_that_swings_far_is_followed_with_its_wear(tmp_path):
     """By 20 %, from the unworn contact on: where the load fell, k fell by 11 %, and its scar with
     it. Boxes reached behind the scars that were kept, and wore on by loads of long ago."""
@@ -91,7 +90,6 @@ def test_a_new_contact_under_a_load_that_swings_far_is_followed_with_its_wear(tm
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("step_m", "count", "begin", "keys"),
     [
@@ -115,11 +113,9 @@ def test_a_load_that_swings_on_a_worn_scar_is_followed_with_its_uncertainty(
     assert result.searched == (0,)
     assert np.all(np.abs(result.chi - 1.0) < 0.03)
     truth = {
-        LOAD: load[begin:],
-        FRICTION: friction[begin:],
-        LEFT: np.full(count, -1.9),
+        LOAD: load[begin:], FRICTION: friction[begin:], LEFT: np.full(count, -1.9),
         WEAR: np.full(count, 2e-9),
-    }
+    }  # fmt: skip
     # 0.7 to 0.9e-4 in all of these; the bar of a tracked load is 5e-4
     assert np.sqrt(np.mean((result.values[:, 0] / truth[LOAD] - 1.0) ** 2)) < 2e-4
     found = pulls(result, truth)

@@ -147,7 +147,6 @@ BESIDE = {
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "free_top"),
     [*((name, True) for name in BESIDE), ("large lobe", False), ("gradient in z", False)],
@@ -166,7 +165,6 @@ def test_truth_beside_the_model_is_found_to_the_bars(name, free_top):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize("off_px", [-3.0, 3.0])
 def test_a_wrong_place_of_the_surface_is_flagged(off_px):
     view = Pressed((CONTACT, LOBE), **HALF)
@@ -176,7 +174,6 @@ def test_a_wrong_place_of_the_surface_is_flagged(off_px):
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_uncertainties_of_the_resultants_are_their_errors():
     pulls = []
     for seed in range(0, 12, 2):

@@ -1,12 +1,9 @@
 """The parts of the inversion for tractions: bins, fields, signs, smoothness."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from fitting.pressed import CONTACT, Pressed
-from isochrome.fitting.tractions.binned_pixels import Bins, bin_averaging, make_bins
+from isochrome.fitting.tractions.binned_pixels import Bins
 from isochrome.fitting.tractions.surface_fit import what_to_say
 from isochrome.fitting.tractions.traction_basis import lattice_px, make_basis
 from isochrome.fitting.tractions.traction_solver import (
@@ -18,7 +15,6 @@ from isochrome.fitting.tractions.traction_solver import (
 )
 from isochrome.fitting.tractions.traction_stage import Stage
 from isochrome.stress import PixelGrid
-from isochrome.stress.half_plane import difference_and_trace
 
 PIXELS = PixelGrid(rows=200, cols=300, left_mm=-1.5, top_mm=0.0, pixel_mm=0.01)
 
@@ -33,84 +29,6 @@ def bins_at(row, col, side):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("side", [1, 2, 4])
-@pytest.mark.parametrize("spacing", [1, 2, 4])
-def test_fields_of_hats_add_up_to_the_closed_form(side, spacing):
-    rng = np.random.default_rng(0)
-    col = (rng.integers(0, 300 // side, 60) + 0.5) * side - 0.5
-    row = (rng.integers(30 // side, 200 // side, 60) + 0.5) * side - 0.5
-    nodes = lattice_px(PIXELS)[::spacing]
-    basis = make_basis(bins_at(row, col, side), PIXELS, nodes, spacing, limit=0.7, degree=1)
-    view = Pressed((CONTACT,), lambda x, z: 0.5 + 0.25 * z - 0.1 * x + 0.2j * z)
-    pressure = view.pressure(PIXELS.left_mm + PIXELS.pixel_mm * nodes)
-    half = 1.5  # mm: half the longer side, at which a mode is 1 MPa
-    c = basis.unknowns(pressure, 0.25 * pressure, np.array([0.5, -0.1 * half, 0.25 * half]))
-    x, z = (PIXELS.pixel_mm * (place + 0.5) for place in (col, row))
-    true = view.difference(PIXELS.left_mm + x, z)
-    # trapezia under a root miss zeta(-1/2) sqrt(2) (h/a)^1.5 p0 a of its load at each edge, 0.37 of
-    # (h/a)^1.5 in all, and with it at most that share of a stress from below the edges
-    allowed = 0.37 * (spacing * PIXELS.pixel_mm / CONTACT.half_width) ** 1.5
-    found = basis.columns @ c
-    assert np.abs(found - true).max() < allowed * np.abs(true).max()
-    # the same lines, summed place by place in double precision: what is left is single's rounding
-    places = PIXELS.left_mm + PIXELS.pixel_mm * nodes
-    lines, _ = difference_and_trace(PIXELS.left_mm + x, z, places, pressure, 0.25 * pressure)
-    besides = view.besides(PIXELS.left_mm + x, z)
-    assert np.abs(found - lines - besides).max() < 1e-6 * CONTACT.peak * 3
-    p, q = basis.tractions(c)
-    assert p == pytest.approx(pressure) and q == pytest.approx(0.25 * pressure)
-
-
-def test_bins_are_means_of_whole_valid_squares():
-    data = Pressed((CONTACT,), cols=64, rows=48, pixel=0.06).data()
-    data.valid[20, 30] = False
-    bins = make_bins(data, np.arange(48) + 0.5, np.zeros((48, 64)), from_px=2.0)
-    assert [side for side, _ in bins.sides()] == [1, 2, 4]
-    assert bins.row[bins.side == 1].min() == 2.0
-    for side, part in bins.sides():
-        k = part.start + 3
-        row, col = (round(v - 0.5 * (side - 1)) for v in (bins.row[k], bins.col[k]))
-        square = (slice(row, row + side), slice(col, col + side))
-        assert bins.light[k] == pytest.approx(data.light[square].mean(), rel=1e-6)
-        expected = np.sqrt(np.mean(data.sigma[square] ** 2)) / side
-        assert bins.sigma[k] == pytest.approx(expected, rel=1e-6)
-        # no square holds the pixel that is not trusted
-        inside = np.abs(bins.row[part] - 20) < side / 2
-        assert not np.any(inside & (np.abs(bins.col[part] - 30) < side / 2))
-
-
-def test_contrast_of_a_bin_is_that_of_the_mean_of_its_light():
-    rows, cols = np.mgrid[:40, :40]
-    order = 0.05 * cols + 0.03 * rows
-    bins = bins_at([18.0, 18.5, 19.5], [18.0, 18.5, 19.5], 1)
-    bins = replace(bins, side=np.array([1, 2, 4]))
-    fine = (np.arange(400) + 0.5) / 400 - 0.5
-    for k, side in enumerate((1, 2, 4)):
-        x, z = np.meshgrid(side * fine, side * fine)
-        mean = np.cos(2 * np.pi * (0.05 * x + 0.03 * z)).mean()
-        assert bin_averaging(order, bins).contrast[k] == pytest.approx(mean, abs=1e-5)
-
-
-@pytest.mark.parametrize("blur", [0.0, 1.5])
-def test_a_bent_field_shifts_the_order_of_the_mean_light(blur):
-    def field(row, col):
-        return 0.2 + 0.01 * (col - 18.5) - 0.01 * (row - 18.5) + 8e-4 * (col - 18.5) ** 2
-
-    order = field(*np.mgrid[:40, :40].astype(float))
-    bins = bins_at([18.5], [18.5], 1)
-    bins = replace(bins, side=np.array([4]))
-    across = 18.5 + 4.0 * ((np.arange(400) + 0.5) / 400 - 0.5)
-    reach = np.linspace(-8.0, 8.0, 161)
-    weight = np.exp(-0.5 * (reach / max(blur, 1e-3)) ** 2)
-    col, offset = np.meshgrid(across, reach)
-    row = 18.5 + 4.0 * ((np.arange(40) + 0.5) / 40 - 0.5)
-    light = [np.sum(weight[:, None] * np.exp(2j * np.pi * field(one, col + offset))) for one in row]
-    mean = np.angle(np.sum(light)) / (2.0 * np.pi)
-    shift = bin_averaging(order, bins, blur).shift[0]
-    # the next order is (2 pi g s)² of the shift, one or two per cent
-    assert shift == pytest.approx(mean - 0.2, rel=0.03)
-
-
 def test_least_squares_with_signs_meets_its_conditions():
     rng = np.random.default_rng(1)
     root = rng.normal(size=(40, 12))
@@ -122,17 +40,6 @@ def test_least_squares_with_signs_meets_its_conditions():
     free = np.r_[c[:9] > 0.0, np.ones(3, bool)]
     assert np.abs(slope[free]).max() < 1e-7
     assert slope[~free].min() > 0.0
-
-
-def test_smoothness_is_the_integral_of_the_squared_second_derivatives():
-    nodes = lattice_px(PIXELS)[::2]
-    nodes = nodes[(nodes >= 100) & (nodes <= 200)]
-    basis = make_basis(bins_at([50.0], [50.0], 1), PIXELS, nodes, 2, limit=0.5, degree=1)
-    x = 0.01 * (nodes - 150.0)
-    c = basis.unknowns(3.0 + 2.0 * x**2, 0.3 * x**2, np.zeros(3))
-    # p'' = 4, q'' = 0.6 over the nodes that have two neighbours
-    expected = (4.0**2 + 0.6**2) * 0.02 * (len(nodes) - 2)
-    assert c @ smoothness(basis, 0.01) @ c == pytest.approx(expected, rel=1e-9)
 
 
 def test_the_discrepancy_principle_raises_the_misfit_by_one_for_each_unknown():

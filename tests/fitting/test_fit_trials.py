@@ -5,10 +5,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.stats import multivariate_normal
 
-from fitting.sliding_bench import bench
-from isochrome.estimation import cosines
-from isochrome.fitting.causes.blocks import less_means
-from isochrome.fitting.causes.trial import Trial, through_a_lens, trial_stride
+from isochrome.fitting.causes.trial import Trial
 from isochrome.optics import blur_variance
 
 
@@ -18,16 +15,9 @@ def trial_of(columns, residual, weight, extra):
     values = np.linalg.solve(normal + np.diag(weight), columns @ residual)
     left = residual - values @ columns
     return Trial(
-        cost=float(left @ left),
-        normal=normal,
-        prior=float(values**2 @ weight),
-        weight=weight,
-        extra=extra,
-        light=np.zeros((0, 0)),
-        light_weight=np.zeros(0),
-        excess=1.0,
-        values={},
-    )
+        cost=float(left @ left), normal=normal, prior=float(values**2 @ weight), weight=weight,
+        extra=extra, light=np.zeros((0, 0)), light_weight=np.zeros(0), excess=1.0, values={},
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("noise", [1.0, 3.0])
@@ -50,16 +40,6 @@ def test_the_difference_of_two_trials_is_that_of_their_marginal_likelihoods(nois
     assert both.evidence(1.0) - one.evidence(1.0) == pytest.approx(want, abs=1e-5)
 
 
-def test_more_noise_makes_sets_more_alike():
-    rng = np.random.default_rng(2)
-    columns, residual = rng.normal(size=(2, 80)), rng.normal(size=80)
-    residual = residual + 2.0 * columns[1]
-    both = trial_of(columns, residual, np.array([1e-12, 1.0]), np.array([False, True]))
-    one = trial_of(columns[:1], residual, np.array([1e-12]), np.array([False]))
-    gains = [both.evidence(noise) - one.evidence(noise) for noise in (1.0, 4.0, 16.0)]
-    assert gains[0] > gains[1] > gains[2] > 0.0
-
-
 @pytest.mark.parametrize("sigma", [0.3, 0.45, 0.7, 1.5])
 def test_a_blurs_variance_is_that_of_its_kernel(sigma):
     impulse = np.zeros(61)
@@ -71,32 +51,3 @@ def test_a_blurs_variance_is_that_of_its_kernel(sigma):
     assert variance == pytest.approx(want, rel=2e-3)
     ahead = blur_variance(1.01 * sigma)[0] - blur_variance(0.99 * sigma)[0]
     assert slope == pytest.approx(ahead / (0.02 * sigma), rel=2e-2)
-
-
-def test_a_share_of_lines_means_whitens_noise_that_lines_share():
-    """Of a row of n with 1 + n t of the variance the sum is as if of independent pixels."""
-    rng = np.random.default_rng(3)
-    rows, cols, own = 4000, 20, 0.4
-    image = rng.normal(size=(rows, cols)) + own**0.5 * rng.normal(size=(rows, 1))
-    variance = 1.0 + cols * own
-    lines = np.repeat(np.arange(rows), cols)
-    left = less_means(image.reshape(1, -1), lines, 1.0 - variance**-0.5)[0].reshape(rows, cols)
-    # 4000 sums tell their variance to 2.2 %
-    assert np.var(left.sum(axis=1)) / cols == pytest.approx(1.0, abs=0.08)
-
-
-def test_cosines_are_products_over_the_picture():
-    images = cosines((6, 9), 7)
-    assert images.shape == (49, 6, 9) and np.all(images[0] == 1.0)
-    # orthogonal on the pixels' middles, as far as both picture sides have as many
-    flat = images[[0, 1, 7, 8]].reshape(4, -1)
-    products = flat @ flat.T
-    assert np.abs(products - np.diag(np.diag(products))).max() < 1e-4
-
-
-def test_trials_look_through_a_lens_that_does_nothing():
-    scene = bench()
-    assert through_a_lens(scene).camera.roll_deg == pytest.approx(0.0, abs=1e-6)
-    bent = scene.with_values({"camera.distortion": 0.01})
-    assert through_a_lens(bent) is bent
-    assert trial_stride((247, 330)) == 3 and trial_stride((494, 659)) == 6

@@ -74,7 +74,6 @@ def judged(folder, number):
     return Case((values - truth) / both, both, frames, by_scars)
 
 
-@pytest.mark.long
 @pytest.mark.study
 def test_frames_and_scars_together_are_as_sure_as_they_say(tmp_path):
     """Pulls .8 to 1.3, and no uncertainty above that of either alone. The frames' own uncertainty

@@ -45,17 +45,11 @@ def axes(values, dims=("frame", "row", "col"), **coords):
 
 
 GIVEN = {
-    "array": GREY,
-    "other byte order": GREY.astype(">u2"),
-    "not in one piece": np.asfortranarray(GREY),
-    "list": list(GREY),
-    "tuple": tuple(GREY),
-    "own list": UserList(GREY),
-    "lazy": Lazy(3),
-    "read only": np.broadcast_to(GREY, GREY.shape),
-    "xarray": axes(GREY),
-    "list of xarray": list(axes(GREY)),
-}
+    "array": GREY, "other byte order": GREY.astype(">u2"),
+    "not in one piece": np.asfortranarray(GREY), "list": list(GREY), "tuple": tuple(GREY),
+    "own list": UserList(GREY), "lazy": Lazy(3), "read only": np.broadcast_to(GREY, GREY.shape),
+    "xarray": axes(GREY), "list of xarray": list(axes(GREY)),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", GIVEN)
@@ -331,14 +325,12 @@ def test_no_load_frames_and_mask_are_arrays_as_well(tmp_path):
 @pytest.mark.parametrize(
     ("mask", "words"),
     [
-        (np.zeros((2, 20, 24), bool), "one picture"),
-        (np.zeros((20, 24), object), "one picture"),
-        (np.zeros((20, 24), bool), "leaves no pixel"),
-        (np.ones((20, 24), bool), "masks nothing"),
+        (np.zeros((2, 20, 24), bool), "one picture"), (np.zeros((20, 24), object), "one picture"),
+        (np.zeros((20, 24), bool), "leaves no pixel"), (np.ones((20, 24), bool), "masks nothing"),
         (np.eye(7, dtype=bool), "make the mask of one of these sizes"),
         (GREY[0], "many grey levels"),
     ],
-)
+)  # fmt: skip
 def test_an_array_that_is_no_mask_is_refused(mask, words):
     with pytest.raises(InputError, match=words) as refusal:
         load_mask(scene_of(mask=mask), (20, 24), (20, 24))

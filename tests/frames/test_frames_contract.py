@@ -16,14 +16,9 @@ RANGES = ((0, 0), (0, 1), (5, 9), (8, 8 + 9), (16, 19), (31, COUNT), (COUNT - 1,
 """Within a group of frames of one key frame (8 frames), at it, over it, at the files' ends."""
 
 QUICK = (
-    "OpenCV's MJPG in AVI",
-    "FFV1 10 bit",
-    "FFV1 16 bit",
-    "H.264 in MP4, uneven",
-    "H.264 in AVI",
-    "glob of H.264 with B-frames in AVI",
-    "folder of FFV1 16 bit",
-)
+    "OpenCV's MJPG in AVI", "FFV1 10 bit", "FFV1 16 bit", "H.264 in MP4, uneven", "H.264 in AVI",
+    "glob of H.264 with B-frames in AVI", "folder of FFV1 16 bit",
+)  # fmt: skip
 VIDEOS = [n if n in QUICK else pytest.param(n, marks=pytest.mark.long) for n in MOVING]
 
 
@@ -39,10 +34,8 @@ def check_contract(recording, path):
     full = 1.0 if recording.bits is None else 2.0**recording.bits - 1
     with open_frames(path) as reader:
         assert (reader.kind, reader.shape, reader.bit_depth) == (
-            recording.kind,
-            (ROWS, COLS),
-            recording.bits,
-        )
+            recording.kind, (ROWS, COLS), recording.bits,
+        )  # fmt: skip
         frames = list(reader)
         assert [decoded(f.image, full) for f in frames] == list(range(COUNT))
         assert [f.index for f in frames] == list(range(COUNT))

@@ -178,16 +178,8 @@ def test_pixels_that_are_no_number_are_passed_on_as_such(tmp_path, value, bits):
 
 
 NAMES = [
-    "two words",
-    "Versuch Öl µ",
-    "опыт 七",
-    "100%d",
-    "a:b",
-    "x[1]",
-    "#1 'q' \"d\"",
-    "-lead",
-    "~",
-]
+    "two words", "Versuch Öl µ", "опыт 七", "100%d", "a:b", "x[1]", "#1 'q' \"d\"", "-lead", "~",
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -42,17 +42,14 @@ def found(*names, join=False):
         (["other.mkv", "stack1.tif"], ["other.mkv", "stack1.tif"]),
         (["run1.avi", "run*.avi", "./run2.avi"], ["run1.avi", "run2.avi", "run10.avi"]),
         (["folder", "run1.avi"], ["folder", "run1.avi"]),
-        (["second.d", "folder"], ["second.d", "folder"]),
-        (["img*.tif"], ["img*.tif"]),
+        (["second.d", "folder"], ["second.d", "folder"]), (["img*.tif"], ["img*.tif"]),
         (["img1.tif", "img10.tif", "img2.tif"], [["img1.tif", "img2.tif", "img10.tif"]]),
-        (["img2.tif", "img1.tif"], [["img2.tif", "img1.tif"]]),
-        (["run1.avi"], ["run1.avi"]),
-        (["run1*.mkv", "run1.avi"], None),
-        (["folder"], ["folder"]),
+        (["img2.tif", "img1.tif"], [["img2.tif", "img1.tif"]]), (["run1.avi"], ["run1.avi"]),
+        (["run1*.mkv", "run1.avi"], None), (["folder"], ["folder"]),
         (["missing.avi"], ["missing.avi"]),
         (["missing.avi", "run1.avi"], ["missing.avi", "run1.avi"]),
     ],
-)
+)  # fmt: skip
 def test_names_of_recordings(place, names, recordings):
     if recordings is None:
         with pytest.raises(InputError, match=r"run1\*\.mkv: no such file"):

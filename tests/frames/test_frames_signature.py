@@ -73,19 +73,16 @@ def test_a_mask_is_what_it_is_and_a_jpeg_is_refused_under_another_name(tmp_path)
 @pytest.mark.parametrize(
     ("data", "seems"),
     [
-        (b"%PDF-1.7\n" + bytes(90), "a PDF document"),
-        (b"PK\x03\x04" + bytes(90), "a ZIP archive"),
-        (b"\x89HDF\r\n\x1a\n" + bytes(90), "HDF5 data"),
-        (b"GIF89a" + bytes(90), "a GIF"),
+        (b"%PDF-1.7\n" + bytes(90), "a PDF document"), (b"PK\x03\x04" + bytes(90), "a ZIP archive"),
+        (b"\x89HDF\r\n\x1a\n" + bytes(90), "HDF5 data"), (b"GIF89a" + bytes(90), "a GIF"),
         (b"\x89PNG\n\x1a\n" + bytes(90), "a PNG that was changed on its way"),
         (b"\x00\x00\x00\x18ftypheic" + bytes(90), "a HEIF or AVIF photograph"),
         (b"load_n, frame\n44, a.tif\n", "a text that begins 'load_n,'"),
         ("Grüße aus dem Labor\n".encode(), "a text that begins 'Grüße'"),
-        (b"<!DOCTYPE html>", "a web page or XML"),
-        (bytes(600), "nothing but zeros"),
+        (b"<!DOCTYPE html>", "a web page or XML"), (bytes(600), "nothing but zeros"),
         (b"\x01\x02\x03\xfe\xff\xf0\xf1\xf2" + bytes(90), "first bytes 01 02 03 fe"),
     ],
-)
+)  # fmt: skip
 @pytest.mark.parametrize("name", ["a.tif", "a.jpg", "a.avi"])
 def test_a_file_that_is_no_picture_is_refused_with_what_it_seems_to_be(tmp_path, data, seems, name):
     (tmp_path / name).write_bytes(data)

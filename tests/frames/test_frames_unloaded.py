@@ -9,7 +9,7 @@ from isochrome.frames import look_through
 from isochrome.samples import samples_path
 
 BENCH = samples_path() / "line-contact-wear"
-STUDY = [pytest.mark.long, pytest.mark.study]
+STUDY = pytest.mark.study
 WORDS = "looks like the unloaded specimen"
 
 
@@ -33,8 +33,13 @@ def named(frames, scene):
     return [f for f in found if WORDS in f.text]
 
 
-@pytest.mark.parametrize("place", [0, 3, 6])
-@pytest.mark.parametrize("light", ["dark", "bright"])
+OTHER_PLACES = ("dark", 3), ("dark", 6), ("bright", 0), ("bright", 6)
+
+
+@pytest.mark.parametrize(
+    ("light", "place"),
+    [("dark", 0), ("bright", 3), *(pytest.param(*case, marks=STUDY) for case in OTHER_PLACES)],
+)
 def test_a_no_load_frame_among_the_frames_is_named_with_what_to_do(sample, place, light):
     scene, captured, dark, bright = sample
     noise = np.random.default_rng(place).normal(0.0, 1.5, dark.shape)
@@ -65,8 +70,9 @@ def test_the_samples_frames_are_all_loaded(name, frames):
     assert found.count and not [f for f in found.findings if WORDS in f.text]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("load", [0.3, *(pytest.param(load, marks=STUDY) for load in (1.0, 5.0))])
-@pytest.mark.parametrize("field", ["dark", pytest.param("bright", marks=pytest.mark.long)])
+@pytest.mark.parametrize("field", ["dark", "bright"])
 def test_a_contact_at_a_low_load_is_no_unloaded_frame(tmp_path, load, field):
     """Beside no-load frames of the same light; few blocks of it are lit otherwise."""
     scene = isochrome.load_scene("line-contact-wear").with_values({

@@ -36,12 +36,10 @@ CONTACTS = {
     "worn contact": {"wear.distances_m": (77.0,)},
     "worn contact, mu 0.3": {"friction.coefficient": 0.3, "wear.distances_m": (77.0,)},
     "worn contact, mu 0.3, bulk": {
-        "friction.coefficient": 0.3,
-        "wear.distances_m": (77.0,),
-        "load.bulk_mpa": 4.0,
+        "friction.coefficient": 0.3, "wear.distances_m": (77.0,), "load.bulk_mpa": 4.0,
     },
     "contact, bulk": {"load.bulk_mpa": -3.0},
-}
+}  # fmt: skip
 OTHERS = ("disc", "beam", "hole")
 NAMES = (*CONTACTS, *OTHERS)
 
@@ -163,11 +161,9 @@ def _hole_view(name: str) -> View:
     )
     pixels = pixel_grid(scene)
     stress = hole_stress(
-        pixels.x_mm[None, :],
-        pixels.z_mm[:, None],
-        tension_mpa=far * FRINGE_VALUE / thickness,
+        pixels.x_mm[None, :], pixels.z_mm[:, None], tension_mpa=far * FRINGE_VALUE / thickness,
         radius_mm=radius,
-    )
+    )  # fmt: skip
     field = StressComponents(stress.sigma_x, stress.sigma_z, stress.tau_xz)
     return View(name, scene, make_picture(scene, field.difference, pixels))
 
@@ -212,12 +208,10 @@ def shoot(
     averaged = taken.model_copy(update={"noise_grey": taken.noise_grey / np.sqrt(AVERAGED)})
     rng = np.random.default_rng([seed, 7])
     return Shot(
-        seen,
-        expose(signal + lamps, taken, rng=rng),
+        seen, expose(signal + lamps, taken, rng=rng),
         expose(0.0 * signal + lamps, averaged, rng=rng),
-        expose(0.0 * signal + 1.0 + lamps, averaged, rng=rng),
-        taken,
-    )
+        expose(0.0 * signal + 1.0 + lamps, averaged, rng=rng), taken,
+    )  # fmt: skip
 
 
 def _lamps(shape: tuple[int, int], share: float, rng: np.random.Generator) -> np.ndarray:
@@ -253,13 +247,9 @@ def light_of(shot: Shot, *, ends: str = "both", gamma: float | str | None = None
         low, contrast, valid, settled = done.background, done.contrast, done.valid, True
     else:
         found = fit_background_modulation(
-            light,
-            sigma,
-            valid,
-            dark=dark.image if ends in ("dark", "both") else None,
-            bright=bright.image if ends == "both" else None,
-            tone=unknown,
-        )
+            light, sigma, valid, dark=dark.image if ends in ("dark", "both") else None,
+            bright=bright.image if ends == "both" else None, tone=unknown,
+        )  # fmt: skip
         low, contrast, settled = found.dark, found.bright - found.dark, found.settled
         error, tone = found.signal_uncertainty(light), found.tone
         valid = valid & (contrast > 0.05 * np.median(contrast[valid]))
@@ -300,11 +290,9 @@ def random_scene(seed: int) -> tuple[View, dict[str, float]]:
             "load.bulk_mpa": float(rng.choice([0.0, rng.uniform(-4.0, 4.0)])),
         }
         camera = {
-            "noise": float(rng.uniform(1.0, 6.0)),
-            "brightness": float(rng.uniform(0.6, 0.85)),
-            "background": float(rng.uniform(0.03, 0.1)),
-            "vignette": float(rng.uniform(0.0, 0.4)),
-        }
+            "noise": float(rng.uniform(1.0, 6.0)), "brightness": float(rng.uniform(0.6, 0.85)),
+            "background": float(rng.uniform(0.03, 0.1)), "vignette": float(rng.uniform(0.0, 0.4)),
+        }  # fmt: skip
         try:
             seen = contact_view(f"random {seed}", values)
         except PhysicsError:

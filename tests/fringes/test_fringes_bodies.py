@@ -42,7 +42,8 @@ def shares(got, order, body):
     return known.sum() / body.sum(), float(np.mean(error > 0.25)) if known.any() else 0.0
 
 
-@pytest.mark.parametrize("masked", [True, pytest.param(False, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("masked", [True, False])
 def test_packed_discs_are_bodies_of_their_own(masked):
     """By a mask, or by the dark about them: two are known by their points, and one is not."""
     order, body, wave = frame("packed discs")

@@ -23,11 +23,9 @@ def captured(order, *, added=0.0, seed=0):
 def read(light, model, **changed):
     """The reading of a frame on a model's branch."""
     given = {
-        "illumination": np.full(SHAPE, AMPLITUDE),
-        "background": np.full(SHAPE, BACKGROUND),
-        "sigma": np.full(SHAPE, SIGMA),
-        "valid": np.isfinite(model),
-    }
+        "illumination": np.full(SHAPE, AMPLITUDE), "background": np.full(SHAPE, BACKGROUND),
+        "sigma": np.full(SHAPE, SIGMA), "valid": np.isfinite(model),
+    }  # fmt: skip
     return read_order(light, model, lambda n: np.sin(np.pi * n) ** 2, **(given | changed))
 
 
@@ -120,10 +118,8 @@ def test_confidence_is_the_probability_to_be_right_to_a_twentieth():
 # Light that neither the model nor the no-load frames hold
 
 SPECIMENS = {
-    "disc": np.abs(disc(SHAPE, 78.0, 3.0)),
-    "beam": np.abs(ROWS - 75.3) / 20.0,
-    "ramp": ramp(0.09),
-}
+    "disc": np.abs(disc(SHAPE, 78.0, 3.0)), "beam": np.abs(ROWS - 75.3) / 20.0, "ramp": ramp(0.09),
+}  # fmt: skip
 PLACES = ((50, 70), (85, 110))
 
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from isochrome.benchmarks import load_benchmarks
-from isochrome.estimation import channel_light, polynomial_basis
 from isochrome.fringes import fit_background_modulation, gamma_misfit
 from isochrome.fringes.single_frame.end_images import (
     as_spotted,
@@ -18,36 +17,6 @@ SHAPE = (40, 60)
 OUTSIDE = load_benchmarks("outside_camera")
 LIT = (240, 300)
 NOISE = 0.012
-
-
-def test_smooth_images_of_all_rooms_and_bins_are_the_same():
-    """Quadratics of the place: Legendre's, plain powers, and those of binned pixels."""
-    wanted = polynomial_basis(SHAPE, 2).reshape(6, -1)
-    binned = np.moveaxis(binned_light(SHAPE, 1).images, -1, 0)
-    for other in (channel_light(*SHAPE), binned):
-        flat = other.reshape(6, -1)
-        left = wanted - np.linalg.lstsq(flat.T, wanted.T, rcond=None)[0].T @ flat
-        assert np.abs(left).max() < 1e-12
-    # A plane's mean over a bin is its value there; the terms are 1, x, x², y, xy, y²
-    full, half = (binned_light(SHAPE, by).images[..., [0, 1, 3]] for by in (1, 4))
-    blocks = full.reshape(10, 4, 15, 4, 3).mean(axis=(1, 3))
-    np.testing.assert_allclose(half, blocks, atol=1e-14)
-    smooth = binned_light(SHAPE, 2, spots=0.1)
-    terms = np.random.default_rng(0).normal(size=smooth.spread.size)
-    np.testing.assert_allclose(smooth.sum(terms), smooth.images @ terms, rtol=0, atol=1e-12)
-
-
-def test_spots_vary_alike_all_over_the_frame_and_over_their_own_size():
-    """A Gaussian process of length 0.4; its mean is the even light's, and not among them."""
-    smooth = binned_light((81, 81), 1, spots=0.3)
-    spots = smooth.images[..., 6:] * smooth.spread[6:]
-    variance = np.einsum("yxk,yxk->yx", spots, spots)[20:61, 20:61]
-    assert variance.max() < 1.25 * variance.min() and 0.05 < variance.mean() < 0.09
-    place = np.linspace(-1.0, 1.0, 81)
-    along = spots[40] @ spots[40, 40] / (spots[40, 40] @ spots[40, 40])
-    expected = np.exp(-(place**2) / (2.0 * 0.4**2))
-    # without its mean, a correlation r is about (r - 0.2)/0.8
-    assert np.abs(along - expected)[np.abs(place) < 0.8].max() < 0.3
 
 
 @pytest.mark.parametrize("by", [1, 3])

@@ -115,12 +115,10 @@ def test_no_direction_is_told_where_the_loads_order_is_within_its_noise_of_zero(
     light = np.stack([step_light(shown, four) for four in TEN])
     light += 3e-4 * np.random.default_rng(0).standard_normal(light.shape)
     found = read_steps(
-        light,
-        chains_at(TEN),
-        sigma=3e-4,
+        light, chains_at(TEN), sigma=3e-4,
         residual=ResidualStress(shown - load, np.full(shown.shape, 1e-5), 1.0, ()),
         known_order=[(30, 60, 0.3)],
-    )
+    )  # fmt: skip
     turn = (found.isoclinic - 0.5 * np.degrees(np.angle(load)) + 90.0) % 180.0 - 90.0
     assert np.isfinite(found.order).all() and np.isfinite(turn).mean() > 0.7
     # 4.5 times what is said of the noise is 0.6°, and 1.3° are measured; without a bar, 89°

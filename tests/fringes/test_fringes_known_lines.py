@@ -133,7 +133,6 @@ def test_true_lines_never_make_a_map_worse(kind, seed):
     never_worse(judged(kind, seed))
 
 
-@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize("kind", FIELDS.KINDS)
 def test_true_lines_never_make_maps_of_a_kind_worse(kind):
@@ -221,6 +220,7 @@ def processed(order, toml):
     return process_frame(stored(signal), scene.with_values(values), 0).frame
 
 
+@pytest.mark.long
 def test_process_reads_by_the_scenes_lines_and_by_its_free_corners():
     line = "[[frames.known_line]]\nrow_px = [{}]\ncol_px = [{}]\norder = {}\n"
     axis = line.format("80, 80", "30, 190", "0")

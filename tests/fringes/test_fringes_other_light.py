@@ -69,17 +69,12 @@ def test_a_light_that_a_known_point_contradicts_says_nothing():
 def result(patch_cost, *, prior_cost=0.0, price=0.0, orders=0.2, at=1.0, beyond_prior=1.0):
     """A search's result of given residuals over noise, squared."""
     return Found(
-        unknowns=np.array([at]),
-        covariance=np.array([[1e-4]]),
-        change=0.0,
+        unknowns=np.array([at]), covariance=np.array([[1e-4]]), change=0.0,
         index=np.arange(PATCHES),
         patch_cost=np.broadcast_to(np.asarray(patch_cost, float), PATCHES).copy(),
-        prior_cost=prior_cost,
-        price=price,
-        beyond_prior=beyond_prior,
-        data=None,
+        prior_cost=prior_cost, price=price, beyond_prior=beyond_prior, data=None,
         orders=np.full((PATCHES, 10), orders),
-    )
+    )  # fmt: skip
 
 
 def worse(patches, cost):

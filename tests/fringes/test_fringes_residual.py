@@ -133,7 +133,6 @@ def test_a_specimen_without_residual_stress_stays_as_it_is():
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_six_circular_steps_take_it_out_too():
     scene, residual = layered_contact(steps=CIRCULAR)
     sets = with_residual(scene, residual)
@@ -204,7 +203,7 @@ def test_noise_of_ten_grey_levels_is_told(seed):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "seed", [0, 1, 3, *(pytest.param(n, marks=pytest.mark.study) for n in (2, *range(4, 12)))]
+    "seed", [0, *(pytest.param(n, marks=pytest.mark.study) for n in range(1, 12))]
 )
 def test_random_residual_stresses_break_no_branch_and_turn_no_direction(seed):
     rng = np.random.default_rng(seed)

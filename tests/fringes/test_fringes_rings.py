@@ -47,7 +47,7 @@ def judged(got, order, valid=None):
     [
         (12.5, 135.0, SMALL),
         pytest.param(20.5, 330.0, (494, 659), marks=pytest.mark.long),
-        pytest.param(30.0, 330.0, (494, 659), marks=[pytest.mark.long, pytest.mark.study]),
+        pytest.param(30.0, 330.0, (494, 659), marks=pytest.mark.study),
     ],
 )
 def test_closed_rings_are_kept_whole_from_the_order_of_their_centre(centre, radius, shape):

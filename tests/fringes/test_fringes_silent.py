@@ -7,13 +7,13 @@ import pytest
 from isochrome.benchmarks import load_benchmarks
 
 CASE = load_benchmarks("case_silent")
-STUDY = [pytest.mark.study, pytest.mark.long]
+STUDY = pytest.mark.study
 LONG = [pytest.mark.long]
 OTHER_LIGHT = "another smooth light explains the frame as well"
 BLIND = (5, 64, 91, 107, 40, 71, 73)
 CASES = [
     # with no-load frames, and a wrong point among several each
-    *(pytest.param(seed, "contradicted by", 0.9, 0.01, marks=[] if seed == 60 else STUDY)
+    *(pytest.param(seed, "contradicted by", 0.9, 0.01, marks=LONG if seed == 60 else STUDY)
       for seed in (2, 6, 60)),
     # JPEG 81, noise 6.9 of which neighbours show 2.8; a dark frame taken for a clipped one
     pytest.param(104, "", 0.9, 0.01, marks=LONG),
@@ -86,7 +86,6 @@ def test_no_point_is_asked_for_where_both_answers_are_the_lines_own(seed):
     assert not any("of order 0.5" in said and "settles it" in said for said in found.warnings)
 
 
-@pytest.mark.long
 @pytest.mark.study
 def test_no_point_is_asked_for_where_the_light_is_not_known():
     """A wedge whose lamp is off by 5 % in a corner: answers .1 beside the truth settle nothing."""
@@ -96,7 +95,6 @@ def test_no_point_is_asked_for_where_the_light_is_not_known():
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_of_open_questions_one_point_settles_19_of_20():
     asked = [
         answer for seed in range(100) if (answer := CASE.settled(true_points(seed))) is not None
@@ -124,14 +122,12 @@ def test_a_wrong_point_among_four_is_named():
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_of_wrong_points_among_four_19_of_20_are_named():
     seeds = [seed for seed in range(100) if CASE.drawn(seed).no_load is not None]
     assert sum(map(wrong_is_named, seeds)) >= 0.95 * len(seeds)
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_of_a_hundred_frames_next_to_nothing_is_silently_wrong():
     rows = [CASE.judged(seed) for seed in range(100)]
     assert sum(row.wrong for row in rows) / len(rows) < 0.002

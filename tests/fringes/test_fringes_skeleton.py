@@ -112,10 +112,8 @@ def test_order_contours_follow_circles_exactly_and_stop_at_unknown_pixels():
     order = np.hypot(ROW - CENTRE[0], COL - CENTRE[1]) / 20.0
     lines = order_contours(order, [1.0, 2.5, 3.0])
     assert [(each.order, each.kind) for each in lines] == [
-        (1.0, "dark"),
-        (2.5, "bright"),
-        (3.0, "dark"),
-    ]
+        (1.0, "dark"), (2.5, "bright"), (3.0, "dark"),
+    ]  # fmt: skip
     for line in lines:
         radius = np.hypot(line.rows - CENTRE[0], line.cols - CENTRE[1])
         assert np.abs(radius - 20.0 * line.order).max() < 0.02

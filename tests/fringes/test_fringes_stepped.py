@@ -46,11 +46,9 @@ from stepped_sets import (
 
 UNMATCHED = {"polariscope.plate_wavelength_nm": 0.95 * 587.0}
 MISALIGNED = {
-    "polariscope.polariser_error_deg": 0.7,
-    "polariscope.input_plate_error_deg": -1.0,
-    "polariscope.output_plate_error_deg": 0.8,
-    "polariscope.analyser_error_deg": -0.5,
-}
+    "polariscope.polariser_error_deg": 0.7, "polariscope.input_plate_error_deg": -1.0,
+    "polariscope.output_plate_error_deg": 0.8, "polariscope.analyser_error_deg": -0.5,
+}  # fmt: skip
 
 
 angles = st.floats(0.0, 180.0)
@@ -61,13 +59,10 @@ four_angles = st.one_of(
 
 @settings(max_examples=60)
 @given(
-    extra=st.lists(four_angles, max_size=5),
-    ratio=st.floats(0.85, 1.15),
-    delta=st.floats(-20.0, 20.0),
-    theta=angles,
-    amplitude=st.floats(0.1, 2.0),
+    extra=st.lists(four_angles, max_size=5), ratio=st.floats(0.85, 1.15),
+    delta=st.floats(-20.0, 20.0), theta=angles, amplitude=st.floats(0.1, 2.0),
     background=st.floats(0.0, 1.0),
-)
+)  # fmt: skip
 def test_maps_are_exact_for_any_angles_and_plates(
     extra, ratio, delta, theta, amplitude, background
 ):
@@ -176,9 +171,9 @@ def test_the_order_of_the_steps_does_not_matter():
 @pytest.mark.parametrize(
     ("scene", "highest"),
     [
-        pytest.param(disc(), 17.0, marks=[pytest.mark.long, pytest.mark.study]),
+        pytest.param(disc(), 17.0, marks=pytest.mark.study),
         (disc(**UNMATCHED, **MISALIGNED), 17.0),
-        pytest.param(contact(), 3.0, marks=[pytest.mark.long, pytest.mark.study]),
+        pytest.param(contact(), 3.0, marks=pytest.mark.study),
         pytest.param(contact(0.3), 3.4, marks=pytest.mark.long),
     ],
     ids=["disc", "disc, real elements", "contact", "sliding contact"],
@@ -210,7 +205,6 @@ def test_six_circular_steps_are_enough():
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_six_steps_with_real_plates_leave_out_what_they_cannot_tell():
     """Wide half orders: what the plates leak of 4θ there is more than sin δ exp 2iθ itself."""
     values = {"polariscope.plate_wavelength_nm": 557.0, "load.bulk_mpa": 12.0}

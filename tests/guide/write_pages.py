@@ -15,10 +15,8 @@ import isochrome
 
 GUIDE = Path(isochrome.__file__).parent / "guide"
 PAGES: dict[str, Callable[[], str]] = {
-    "scene-keys": scene_keys.page,
-    "files": file_columns.page,
-    "messages": message_page.page,
-}
+    "scene-keys": scene_keys.page, "files": file_columns.page, "messages": message_page.page,
+}  # fmt: skip
 COMMAND = "python tests/guide/write_pages.py"
 
 

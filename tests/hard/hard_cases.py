@@ -160,11 +160,9 @@ def violation(x, pressure, gap, load, **pair):
     level = gap + u
     level = level - level[inside].mean()
     return max(
-        -pressure.min() / pressure.max(),
-        -level[~inside].min(initial=0.0) / np.ptp(u),
-        np.abs(level[inside]).max() / np.ptp(u),
-        abs(pressure.sum() * (x[1] - x[0]) / load - 1.0),
-    )
+        -pressure.min() / pressure.max(), -level[~inside].min(initial=0.0) / np.ptp(u),
+        np.abs(level[inside]).max() / np.ptp(u), abs(pressure.sum() * (x[1] - x[0]) / load - 1.0),
+    )  # fmt: skip
 
 
 def patches(pressure):

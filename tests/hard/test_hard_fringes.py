@@ -80,7 +80,6 @@ def test_order_fifty_on_pixels_too_coarse_for_it_is_refused_not_aliased(pixel):
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_millionth_of_the_load_is_a_point_force_to_the_camera():
     """Goes wrong: a contact of 0.7 um under pixels of 6 um fills the memory, or is lost."""
     pixel = 0.00607

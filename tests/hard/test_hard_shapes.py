@@ -33,10 +33,8 @@ def flat_error(spacing):
     carried = h * (np.cumsum(p) - 0.5 * p)
     true = LOAD * (0.5 + np.arcsin(np.clip(x / 0.5, -1.0, 1.0)) / np.pi)
     return (
-        np.abs(p[inside] / exact - 1.0).max(),
-        np.abs(carried - true)[inside].max() / LOAD,
-        state,
-    )
+        np.abs(p[inside] / exact - 1.0).max(), np.abs(carried - true)[inside].max() / LOAD, state,
+    )  # fmt: skip
 
 
 def test_flat_with_corners_carries_its_load_as_the_closed_form_does():

@@ -88,16 +88,10 @@ def grey_tags(
 ) -> dict[int, tuple]:
     """The tags of a grey page of one strip, by their numbers."""
     return {
-        256: (256, 4, 1, cols),
-        257: (257, 4, 1, rows),
-        258: (258, 3, 1, bits),
-        259: (259, 3, 1, compression),
-        262: (262, 3, 1, 1),
-        273: (273, 4, 1, place),
-        277: (277, 3, 1, 1),
-        278: (278, 4, 1, rows),
-        279: (279, 4, 1, size),
-    }
+        256: (256, 4, 1, cols), 257: (257, 4, 1, rows), 258: (258, 3, 1, bits),
+        259: (259, 3, 1, compression), 262: (262, 3, 1, 1), 273: (273, 4, 1, place),
+        277: (277, 3, 1, 1), 278: (278, 4, 1, rows), 279: (279, 4, 1, size),
+    }  # fmt: skip
 
 
 def png(path: Path, rows: int, cols: int, data: bytes, bits: int = 8) -> None:

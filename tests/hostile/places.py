@@ -146,23 +146,17 @@ for count in FULL:
     for make in (processing, simulating):
         PLACES.append(
             Case(
-                make,
-                ("out", "No space left on device"),
-                inside=partial(full_after, count),
-                kept=True,
-                slow=count not in (0, 3, 8),
+                make, ("out", "No space left on device"), inside=partial(full_after, count),
+                kept=True, slow=count not in (0, 3, 8),
                 label=f"disk full after {count} writes while {make.__name__}",
             )
-        )
+        )  # fmt: skip
 
 for most in (0, 1000):
     for make in (processing, simulating):
         PLACES.append(
             Case(
-                make,
-                ("out", "File too large"),
-                file_bytes=most,
-                kept=True,
+                make, ("out", "File too large"), file_bytes=most, kept=True,
                 label=f"no file may hold over {most} bytes while {make.__name__}",
             )
-        )
+        )  # fmt: skip

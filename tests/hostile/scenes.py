@@ -151,11 +151,9 @@ polygon(
 )
 polygon("polygon of no numbers", "[[nan,5],[20,20],[40,5]]", "polygon_px", "correct it")
 polygon(
-    "polygon of three thousand corners",
-    str([[k % 2, k] for k in range(3000)]),
-    "3000 corners",
+    "polygon of three thousand corners", str([[k % 2, k] for k in range(3000)]), "3000 corners",
     "draw it with fewer",
-)
+)  # fmt: skip
 case(SCENES, "region outside the frame",
      lambda p: with_frames(p, "[frames]\nroi = {top_px=40, left_px=0, height_px=20, width_px=9}\n"),
      "roi", "lies outside the frame", "correct frames.roi")  # fmt: skip

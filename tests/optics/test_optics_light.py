@@ -11,7 +11,7 @@ from scipy.integrate import quad
 
 from isochrome.errors import InputError
 from isochrome.optics import Response, camera_response, make_chain, make_light, spectral_signal
-from isochrome.scene import Camera, Polariscope, Scene, dump_scene, parse_scene
+from isochrome.scene import Camera, Polariscope, parse_scene
 
 REFERENCE = 587.0
 GREY = Response(("grey",))
@@ -129,14 +129,9 @@ def test_a_measured_spectrum_and_response_are_linear_between_their_samples(order
 
 
 REAL = Polariscope(
-    wavelength_nm=REFERENCE,
-    light="white",
-    plate_wavelength_nm=560.0,
-    polariser_error_deg=3.0,
-    input_plate_error_deg=-2.0,
-    output_plate_error_deg=1.0,
-    analyser_error_deg=-1.5,
-)
+    wavelength_nm=REFERENCE, light="white", plate_wavelength_nm=560.0, polariser_error_deg=3.0,
+    input_plate_error_deg=-2.0, output_plate_error_deg=1.0, analyser_error_deg=-1.5,
+)  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -217,11 +212,9 @@ def test_a_response_file_is_read_for_the_cameras_channels(tmp_path):
     found = camera_response(Camera(colour=True, response="sensor.csv"), path)
     assert found.names == ("red", "green", "blue")
     np.testing.assert_allclose(
-        found.at(np.array([390.0, 475.0, 700.0])),
-        [[0, 0.05, 1], [0, 0.5, 0], [0, 0.6, 0]],
-        rtol=0,
+        found.at(np.array([390.0, 475.0, 700.0])), [[0, 0.05, 1], [0, 0.5, 0], [0, 0.6, 0]], rtol=0,
         atol=1e-15,
-    )
+    )  # fmt: skip
     for mark in (b"", b"\xef\xbb\xbf"):  # a spreadsheet's "CSV UTF-8" begins with three bytes
         path.write_bytes(mark + b"wavelength_nm,grey\r\n400,1\r\n700,0.5\r\n")
         grey = camera_response(Camera(response="sensor.csv"), path)
@@ -300,14 +293,6 @@ def test_what_needs_one_wavelength_refuses_several():
             "wavelength_nm = 587.0\nlines = {wavelength_nm = [400, 500, 700], power = [1, 1]}",
             "has 3 numbers and power has 2",
         ),
-        (
-            "wavelength_nm = 587.0\nlines = {wavelength_nm = [700, 400], power = [1, 1]}",
-            "must rise",
-        ),
-        (
-            "wavelength_nm = 587.0\nlines = {wavelength_nm = [400, 700], power = [0, 0]}",
-            "zero at every wavelength",
-        ),
         ('wavelength_nm = 587.0\nlight = "red"', "polariscope.light = 'red'"),
         ("analyser_eror_deg = 1", "did you mean 'analyser_error_deg'"),
         (
@@ -320,24 +305,3 @@ def test_keys_that_do_not_agree_are_refused_by_name(keys, words):
     with pytest.raises(InputError, match=words) as refusal:
         parse_scene(f"[specimen]\nthickness_mm = 4.0\n[polariscope]\n{keys}\n", name="my")
     assert "my" in str(refusal.value) and "\n" not in str(refusal.value)
-
-
-@pytest.mark.parametrize(
-    "scope",
-    [
-        Polariscope(field="plane", axis_deg=12.5, analyser_error_deg=-0.5),
-        REAL,
-        Polariscope(
-            wavelength_nm=546.1,
-            lines={"wavelength_nm": (435.8, 546.1), "power": (1.0, 2.0)},
-            output_plate_error_deg=1.0,
-        ),
-        Polariscope(
-            wavelength_nm=546.1, spectrum={"wavelength_nm": (400.0, 700.0), "power": (1.0, 2.0)}
-        ),
-    ],
-)
-def test_the_light_survives_its_toml(scope):
-    camera = Camera(width_px=4, height_px=3, pixel_mm=0.1, colour=True, response="sensor.csv")
-    scene = Scene(specimen={"thickness_mm": 4.0}, polariscope=scope, camera=camera)
-    assert parse_scene(dump_scene(scene)) == scene

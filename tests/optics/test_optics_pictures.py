@@ -5,28 +5,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from isochrome.errors import InputError
 from isochrome.optics import expose
 from isochrome.reference import disc_centre_difference, disc_stress
 from isochrome.scene import parse_scene
 from isochrome.simulation import make_picture, picture_signal, scene_states, state_difference
 from isochrome.stress import pixel_grid
+from scene_texts import camera_text, disc_text
 
-DISC = """
-[specimen]
-shape = "disc"
-diameter_mm = 20.0
-thickness_mm = 6.0
-fringe_value_n_per_mm = 12.0
-[load]
-normal_n = 240.0
-[polariscope]
-wavelength_nm = 587.0
-[camera]
-width_px = 121
-height_px = 121
-pixel_mm = 0.18
-"""
+DISC = disc_text(240.0, fringe_value=12.0) + "[polariscope]\nwavelength_nm = 587.0\n"
+DISC += camera_text(121, 121, 0.18)
 
 
 @cache
@@ -92,21 +79,6 @@ def test_one_wavelength_in_colour_is_the_grey_frame_three_times():
         np.testing.assert_allclose(colour[..., channel], grey, rtol=0, atol=1e-14)
 
 
-def test_a_response_file_stands_beside_the_scene(tmp_path):
-    (tmp_path / "sensor.csv").write_text("wavelength_nm,grey\n580,1\n590,1\n", "utf-8")
-    text = DISC.replace("[camera]", 'light = "white"\n[camera]\nresponse = "sensor.csv"')
-    scene = parse_scene(text, name="disc", folder=tmp_path)
-    narrow = picture_signal(scene, disc()[1])
-    assert narrow.shape == (121, 121)
-    # 10 nm about 585 nm: a filter; cos 2 pi N washes out by (pi N 10/587)²/6 and its middle is off
-    # by 2/587, 2 pi N 2/587 in phase
-    near = disc()[1].order < 2.0
-    bound = 0.5 * (2 * np.pi * 2.0 * 2 / 587) + (np.pi * 2.0 * 10 / 587) ** 2 / 12
-    assert np.abs(narrow - signal_of())[near & disc()[1].material].max() < 1.2 * bound
-    with pytest.raises(InputError, match=r"sensor\.csv: .*cannot be read"):
-        picture_signal(scene.model_copy(update={"folder": tmp_path / "no"}), disc()[1])
-
-
 def test_the_plane_field_of_a_disc_is_black_along_its_axes():
     """On the load's line and across it the principal axes are upright: isoclinic of 0 and 90."""
     signal = signal_of(polariscope__field="plane")
@@ -116,31 +88,6 @@ def test_the_plane_field_of_a_disc_is_black_along_its_axes():
     turned = signal_of(polariscope__field="plane", polariscope__axis_deg=45.0)
     dark = signal_of()
     np.testing.assert_allclose(turned[60], dark[60], rtol=0, atol=1e-12)
-
-
-def test_an_analysers_error_mixes_the_direction_into_the_dark_field():
-    """I = [1 - V (cos 2e cos δ + sin 2e cos 2θ sin δ)]/2 for an analyser off by e behind ideal
-    plates. Source: Patterson & Wang (1991), Strain 27, 49, with φ = -45, β = e degrees; the sign of
-    δ is that of a retarder whose fast axis is along sigma_1."""
-    error = 4.0
-    signal = signal_of(polariscope__analyser_error_deg=error)
-    scene, picture = disc()
-    pixels = pixel_grid(scene)
-    field = disc_stress(
-        pixels.x_mm[None, :],
-        (pixels.z_mm - 10.0)[:, None],
-        load_n=240.0,
-        diameter_mm=20.0,
-        thickness_mm=6.0,
-    )
-    turn, delta = np.deg2rad(2 * error), 2 * np.pi * picture.mean_order
-    difference = field.sigma_x - field.sigma_z
-    cosine = difference / np.hypot(difference, 2 * field.tau_xz)
-    wave = np.cos(turn) * np.cos(delta) + np.sin(turn) * cosine * np.sin(delta)
-    exact = 0.5 - 0.5 * picture.visibility * wave
-    known = picture.material & (picture.order < 50.0)
-    # angles of up to 2 pi 50 and the closed form's own roundings
-    np.testing.assert_allclose(signal[known], exact[known], rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize(("bits", "kind"), [(8, np.float32), (10, np.float32), (12, np.float64)])

@@ -73,22 +73,7 @@ def test_two_sample_frames_are_read_to_a_hundredth_of_a_fringe(first_and_last, t
     assert "friction.earlier_change = -0.00" in first_and_last.frames[1].warnings[0]
 
 
-@pytest.mark.long
-def test_an_unknown_gamma_is_found_with_the_model(captured, true_order):
-    """Of the frame at rest; the sample camera stores light^(1/1.4)."""
-    scene = sample_scene().with_values({"frames.gamma": "unknown"})
-    at_rest = scene.model_copy(update={"friction": None, "wear": None})
-    (item,) = process(captured[:1], at_rest).frames
-    error = item.reading.order - true_order[0]
-    known = np.isfinite(error)
-    assert known.sum() >= 0.9 * np.isfinite(true_order[0]).sum()
-    assert np.sqrt(np.mean(error[known] ** 2)) <= 0.01 and np.abs(error[known]).max() < 0.25
-    gamma = dict(zip(item.fit.keys, item.fit.values, strict=True))["frames.gamma"]
-    assert gamma == pytest.approx(1.4, abs=0.01)
-
-
 @pytest.mark.study
-@pytest.mark.long
 def test_all_sample_frames_are_read_to_a_hundredth_of_a_fringe_and_their_friction_within_its_spread(
     true_order,
 ):
@@ -125,17 +110,6 @@ def test_uncertainty_and_confidence_are_those_of_the_errors(first_and_last, true
             share = (np.abs(item.reading.order - true_order[state])[unsure] < 0.05).mean()
             assert share == pytest.approx(confidence[unsure].mean(), abs=0.1)
     assert judged  # else nobody asked where it is hard
-
-
-@pytest.mark.long
-def test_a_frame_is_read_alike_alone_and_among_others(first_and_last, captured, tmp_path):
-    write_tiff(tmp_path / "one.tif", captured[5:])
-    scene = sample_scene(distances_m=(233.0,))
-    friction = scene.friction.model_copy(update={"static_state_first": False})
-    (alone,) = process(tmp_path / "one.tif", scene.model_copy(update={"friction": friction})).frames
-    among = first_and_last.frames[1]
-    assert np.array_equal(alone.reading.order, among.reading.order, equal_nan=True)
-    assert np.array_equal(alone.fit.values, among.fit.values) and alone.chi == among.chi
 
 
 @pytest.mark.long
@@ -190,6 +164,26 @@ COARSE = (
 @pytest.fixture(scope="module")
 def coarse():
     return simulate(parse_scene(COARSE)).frames
+
+
+def test_an_unknown_gamma_is_found_with_the_model():
+    scene = parse_scene(STATIC).with_values({"camera.gamma": 1.4})
+    rendered = simulate(scene)
+    (item,) = process(rendered.frames, scene.with_values({"frames.gamma": "unknown"})).frames
+    error = item.reading.order - rendered.orders[0]
+    known = np.isfinite(error)
+    assert known.sum() >= 0.9 * np.isfinite(rendered.orders[0]).sum()
+    assert np.sqrt(np.mean(error[known] ** 2)) <= 0.01 and np.abs(error[known]).max() < 0.25
+    gamma = dict(zip(item.fit.keys, item.fit.values, strict=True))["frames.gamma"]
+    assert gamma == pytest.approx(1.4, abs=0.01)
+
+
+def test_a_frame_is_read_alike_alone_and_among_others(coarse):
+    other = simulate(parse_scene(COARSE).with_values({"camera.seed": 5})).frames
+    both = process(np.concatenate([other, coarse]), parse_scene(COARSE))
+    (alone,), (_, among) = process(coarse, parse_scene(COARSE)).frames, both.frames
+    assert np.array_equal(alone.reading.order, among.reading.order, equal_nan=True)
+    assert np.array_equal(alone.fit.values, among.fit.values) and alone.chi == among.chi
 
 
 def test_the_share_that_was_read_is_of_the_masked_specimen(coarse, tmp_path):

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import tifffile
 import xarray as xr
-from PIL import Image
 
 import isochrome
 from isochrome.errors import InputError
@@ -150,25 +149,6 @@ def test_steps_of_an_array_and_an_array_of_the_unloaded_specimen(empty):
     assert np.array_equal(one.residual.order, other.residual.order, equal_nan=True)
 
 
-BENDING = samples_path() / "bending"
-
-
-def set_of_arrays():
-    """A shipped set with its images as arrays."""
-    given = tomllib.loads((BENDING / "set.toml").read_text("utf-8"))
-    for item in given["image"]:
-        item["file"] = np.asarray(Image.open(BENDING / item["file"]))
-    return given
-
-
-@pytest.mark.study
-@pytest.mark.long
-def test_calibration_of_arrays_is_that_of_their_files():
-    sets = set_of_arrays(), BENDING / "set.toml"
-    one, other = map(isochrome.calibrate_bending, sets)
-    assert numbers_of(one) == numbers_of(other) and one.columns["file"][0] == "image 1"
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -181,7 +161,7 @@ def test_calibration_of_arrays_is_that_of_their_files():
     ],
 )
 def test_a_set_of_wrong_arrays_is_refused_in_one_line(change, words):
-    given = set_of_arrays() | change
+    given = tomllib.loads((samples_path() / "bending" / "set.toml").read_text("utf-8")) | change
     with pytest.raises(InputError) as refusal:
         isochrome.calibrate_bending(given)
     text = str(refusal.value)

@@ -155,27 +155,6 @@ def test_a_figure_shows_the_maps_of_the_frames_that_it_names(followed, remembere
     assert np.isnan(of_frame[1]).all()  # its picture is not kept, and the panel says so
 
 
-@pytest.mark.study
-@pytest.mark.long
-def test_figures_show_frames_that_have_maps_and_refuse_others(followed):
-    _, found, _ = followed
-    figure = isochrome.paper_figure(found)
-    shown = [values for name, values in shown_maps(figure).items() if "order" in name]
-    order = found.dataset.fringe_order.values
-    for own, k in zip(shown, (0, 4, 7), strict=True):
-        np.testing.assert_array_equal(own, order[k])
-    texts = [text.get_text() for axes in figure.axes for text in axes.texts]
-    assert texts.count("its picture\nis not kept") == 2
-    alone = shown_maps(isochrome.paper_figure(found, isochrome.FigureStyle(frames=(3,))))
-    assert len(alone) == 1  # no panel for a picture that nobody has
-    place = followed[0]
-    found = run(place, out=None, maps="key")
-    shown = shown_maps(isochrome.paper_figure(found))
-    assert len(shown) == 4  # of both key frames
-    with pytest.raises(InputError, match=r"has no map of its order; frames that have one: 0, 5$"):
-        isochrome.paper_figure(found, isochrome.FigureStyle(frames=(3,)))
-
-
 def test_the_report_shows_frames_between_the_key_frames(followed):
     place, found, _ = followed
     page = Page(place / "out" / "report.html")
@@ -239,6 +218,7 @@ def test_a_map_is_packed_to_the_same_bytes_in_any_thread():
     assert set(found) == {kind.pack(values)}
 
 
+@pytest.mark.long
 def test_a_video_is_followed_unless_each_frame_is_wanted(tmp_path):
     scene = contact((60, 90), sliding=True)
     (tmp_path / "scene.toml").write_text(dump_scene(scene), "utf-8")
@@ -315,7 +295,6 @@ class _AtOnce(Executor):
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_two_workers_leave_the_same_bytes(followed):
     place = followed[0]
     run(place, out="two", workers=2)

@@ -14,12 +14,10 @@ TEXT = '[specimen]\n[camera]\nbit_depth = 8\n[frames]\ngamma = "unknown"\n'
 
 def table(gammas, uncertainty):
     return {
-        "frame": list(range(len(gammas))),
-        "gamma": list(gammas),
-        UNCERTAINTY: [uncertainty] * len(gammas),
-        "warnings": ["own"] * len(gammas),
+        "frame": list(range(len(gammas))), "gamma": list(gammas),
+        UNCERTAINTY: [uncertainty] * len(gammas), "warnings": ["own"] * len(gammas),
         "messages": [frame_messages(["own"])] * len(gammas),
-    }
+    }  # fmt: skip
 
 
 def test_gammas_that_scatter_beyond_their_uncertainty_are_as_uncertain_as_they_scatter():

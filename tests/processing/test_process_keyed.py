@@ -65,7 +65,6 @@ def test_a_video_whose_loads_are_far_apart_has_its_frames_read_alone_and_says_so
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_workers_and_folders_give_the_same_bytes(tmp_path):
     film = LoadedFilm(4)
     options = {"track": True, "every": 7}  # key frames within chunks, and at none of their ends
@@ -73,7 +72,6 @@ def test_workers_and_folders_give_the_same_bytes(tmp_path):
     assert leaves_the_same_bytes(tmp_path, frames, film.scene(**AXIS), **options)
 
 
-@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize("number", range(len(KEYED)))
 def test_a_followed_film_keeps_what_single_frames_keep(number):

@@ -86,7 +86,6 @@ def test_for_discs_in_light_of_one_wavelength(other):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @needs_real
 def test_the_real_disc_by_its_own_loads(tmp_path):
     """Six loads are within their ±; the largest is not what the six others tell, and is named."""

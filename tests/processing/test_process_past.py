@@ -96,7 +96,6 @@ def one_frame(scene):
 
 
 @pytest.mark.study  # of a change by a twentieth see the sample's last frame in test_process.py
-@pytest.mark.long
 @pytest.mark.parametrize("past", [0.15, 0.0, 0.22, 0.4])
 def test_a_single_frame_whose_friction_was_another_before_is_right_within_its_uncertainty(past):
     """Its truth is a table over distance, which the frame's model has not.
@@ -114,6 +113,7 @@ def test_a_single_frame_whose_friction_was_another_before_is_right_within_its_un
     assert abs(value - (past - 0.25)) < 3.0 * spread + 1e-3  # the last two centimetres
 
 
+@pytest.mark.long
 def test_a_single_frame_of_one_friction_asks_for_no_other_before():
     scene = worn(coefficient=0.25)
     row = process(one_frame(scene), scene).table.iloc[0]
@@ -134,10 +134,8 @@ def test_a_frame_that_is_made_wider_and_has_nothing_to_say_says_nothing():
     ]
     rows = table([0.2, 0.2, 0.2, 0.3], [0, 31, 77, 155]) | {"chi": [1.0] * 4}
     rows |= {
-        "pixel_mm": [None] * 4,
-        "frame": [0, 1, 2, 3],
-        "warnings": ["", "", "", "dark | small"],
-    }
+        "pixel_mm": [None] * 4, "frame": [0, 1, 2, 3], "warnings": ["", "", "", "dark | small"],
+    }  # fmt: skip
     cells = ["", "", "", frame_messages(["dark", "small"])]
     more = {"status": ["done"] * 4, "messages": cells}
     found = collect(SCENE, rows, more, frames, (2, 2)).frames

@@ -84,12 +84,11 @@ def judged(row, true):
 
 
 def test_an_unharmed_frame_shows_its_largest_order_itself():
-    for seed in range(2):
-        contact, _ = drawn(seed)
-        row, result = found(contact.frame(seed), contact.scene())
-        assert row["n_max_from"] == "frame" and not result.warnings
-        assert judged(row, largest(contact)[0])
-        assert abs(row["p_max_mpa"] - contact.pressure_mpa()) <= 3.0 * row["p_max_uncertainty_mpa"]
+    contact, _ = drawn(0)
+    row, result = found(contact.frame(0), contact.scene())
+    assert row["n_max_from"] == "frame" and not result.warnings
+    assert judged(row, largest(contact)[0])
+    assert abs(row["p_max_mpa"] - contact.pressure_mpa()) <= 3.0 * row["p_max_uncertainty_mpa"]
 
 
 def test_a_masked_peak_is_the_models_within_its_uncertainty_or_at_least(tmp_path):
@@ -106,7 +105,8 @@ def test_a_masked_peak_is_the_models_within_its_uncertainty_or_at_least(tmp_path
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("seeds", "models"), [(range(15, 20), 2), pytest.param(range(50), 30, marks=pytest.mark.study)]
+    ("seeds", "models"),  # one of each harm; of a glare see above
+    [((15, 16, 18, 19), 2), pytest.param(range(50), 30, marks=pytest.mark.study)],
 )
 def test_masked_peaks(tmp_path, seeds, models):
     wrong, named, refused = [], [], 0

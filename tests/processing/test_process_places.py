@@ -170,8 +170,8 @@ def check(specimen, kind, seed, folder):
     return np.abs(true).max() / unit, np.abs(maximum).max() / unit, rms
 
 
-DEFAULT = {("contact", "wrong", 0), ("disc", "left out", 0)}
-LONG = {("contact", "cropped", 0)}
+DEFAULT = {("disc", "left out", 0)}
+LONG = {("contact", "cropped", 0), ("contact", "wrong", 0)}
 
 HUNDRED = list(product(SPECIMENS, KINDS, range(10)))
 
@@ -179,7 +179,7 @@ HUNDRED = list(product(SPECIMENS, KINDS, range(10)))
 def marks_of(draw):
     if draw in DEFAULT:
         return ()
-    return pytest.mark.long if draw in LONG else (pytest.mark.long, pytest.mark.study)
+    return pytest.mark.long if draw in LONG else (pytest.mark.study,)
 
 
 @pytest.mark.parametrize(

@@ -81,11 +81,9 @@ def test_the_orders_are_those_of_the_closed_form_times_the_load(orders):
         return np.array(factors), misfits
 
     place = least_squares(
-        lambda place: np.concatenate(factors_and_misfits(place)[1]),
-        begun,
-        bounds=(begun - room, begun + room),
-        x_scale=room,
-    ).x
+        lambda place: np.concatenate(factors_and_misfits(place)[1]), begun,
+        bounds=(begun - room, begun + room), x_scale=room,
+    ).x  # fmt: skip
     factors, misfits = factors_and_misfits(place)
     rms = [np.sqrt(np.mean(misfit**2)) for misfit in misfits]
     # a table of colours reads to some hundredths of a fringe, of 2.5 at the highest

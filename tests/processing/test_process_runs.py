@@ -142,7 +142,6 @@ def test_two_workers_leave_the_same_files(place):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 def test_a_cluster_leaves_the_same_files(place, monkeypatch):
     distributed = pytest.importorskip("distributed")
@@ -156,7 +155,6 @@ def test_a_cluster_leaves_the_same_files(place, monkeypatch):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @needs_sigkill
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, workers):
@@ -167,7 +165,7 @@ def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, wo
 @pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT to another process there")
 def test_ctrl_c_keeps_what_is_finished_and_names_the_command(tmp_path, code):
-    place = make_set(tmp_path, 160)  # eight chunks
+    place = make_set(tmp_path, 80)  # eight chunks
     again = ["isochrome", "process", "film.tif", "--scene", "scene.toml", "--out", "out"]
     run = start(place, code, "-m", *again)
     wait_until(lambda: finished_chunks(place / "out") >= 2, "it finished no chunks", run=run)
@@ -175,8 +173,8 @@ def test_ctrl_c_keeps_what_is_finished_and_names_the_command(tmp_path, code):
     _, said = run.communicate(timeout=60)
     assert run.returncode == 130
     assert said.count("\n") == 1 and said.startswith("isochrome: stopped; ")
-    assert "of 160 are finished and kept in " in said
+    assert "of 80 are finished and kept in " in said
     assert said.rstrip().endswith(f"to resume: isochrome {shlex.join(again[1:])}")
     assert not (place / "out").exists()
     finished(start(place, code, "-m", *again))
-    assert tifffile.imread(place / "out" / "normalised.tif").shape == (160, ROWS, COLS)
+    assert tifffile.imread(place / "out" / "normalised.tif").shape == (80, ROWS, COLS)

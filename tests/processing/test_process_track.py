@@ -123,17 +123,6 @@ def test_a_complete_run_gives_its_table_again_and_its_key_frames_are_compared(tr
 
 
 @pytest.mark.study
-@pytest.mark.long
-def test_other_key_frames_are_another_run(tracked):
-    place, _ = tracked
-    found = [run(place, "other", every=every) for every in (EVERY, 7)]
-    assert not found[0].already and not found[1].already
-    assert [k for k, at in enumerate(found[1].columns["picture"]) if at is not None] == [0, 7]
-    assert tifffile.imread(place / "other" / "normalised.tif").shape == (2, *SHAPE)
-
-
-@pytest.mark.study
-@pytest.mark.long
 @needs_sigkill
 @pytest.mark.parametrize("workers", ["1", "2"])
 @pytest.mark.parametrize("sliding", [False, True])
@@ -187,7 +176,6 @@ def rings():
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_both_commands_that_track_say_the_same(tmp_path):
     """A jump, fringes of something else, and no fringes: one engine decides what is told."""
     frames = film(contact(), {LOAD: [44.0, 44.0, 44.0, 44.0, 70.0, 70.0]}, 2)

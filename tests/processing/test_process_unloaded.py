@@ -157,13 +157,11 @@ def test_what_cannot_be_counted_from_zero_is_refused(frames, specimen, words):
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_workers_and_chunks_give_the_same_bytes(tmp_path):
     film = LoadedFilm(3)
     assert leaves_the_same_bytes(tmp_path, film.frames(range(24)), film.scene())
 
 
-@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize("number", range(len(FILMS)))
 def test_twelve_films_and_gaps_of_whole_size(number):
@@ -179,7 +177,6 @@ def test_twelve_films_and_gaps_of_whole_size(number):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @needs_sigkill
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_a_killed_run_ends_with_the_same_bytes(tmp_path, code, workers):

@@ -68,9 +68,8 @@ FIT = ("--per-frame", LOAD, "--per-frame", "camera.left_mm", "--per-frame", "cam
        "--per-frame", "friction.coefficient")  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("command", "more"), [("process", ()), pytest.param("fit", FIT, marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize(("command", "more"), [("process", ()), ("fit", FIT)])
 def test_a_scene_that_states_no_uncertainty_is_said_to_be_taken_as_exact(sample, command, more):
     said, found, page, _ = run(sample, command, "bare", *more)
     words = WORDS.format("pictures")

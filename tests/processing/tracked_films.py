@@ -24,19 +24,13 @@ def contact(shape=(160, 240), *, sliding=False, wearing=False):
     parts |= {} if wearing else {"wear": None}
     return scene.model_copy(update=parts).with_values(
         {
-            LOAD: 44.0,
-            "camera.width_px": shape[1],
-            "camera.height_px": shape[0],
-            "camera.pixel_mm": round(WIDTH_MM / shape[1], 5),
-            LEFT: -1.9,
-            TOP: 0.0,
-            "camera.vignette": 0.3,
-            "camera.brightness": 0.85,
-            "camera.background": 0.05,
+            LOAD: 44.0, "camera.width_px": shape[1], "camera.height_px": shape[0],
+            "camera.pixel_mm": round(WIDTH_MM / shape[1], 5), LEFT: -1.9, TOP: 0.0,
+            "camera.vignette": 0.3, "camera.brightness": 0.85, "camera.background": 0.05,
             "camera.noise_grey": 3.0,
         }
         | ({FRICTION: 0.2} if sliding or wearing else {})
-    )
+    )  # fmt: skip
 
 
 def light_of(scene, state=None):

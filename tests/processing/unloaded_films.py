@@ -6,29 +6,19 @@ from functools import cached_property, partial
 import numpy as np
 
 KEYED = (
-    ("disc", 6.0, "rim"),
-    ("beam", 6.0, "line"),
-    ("ring", 5.0, "least"),
-    ("two ways", 6.0, "least"),
-)
+    ("disc", 6.0, "rim"), ("beam", 6.0, "line"), ("ring", 5.0, "least"), ("two ways", 6.0, "least"),
+)  # fmt: skip
 """Specimen, its highest order, and which known order of 0 it has in all frames: both ends of the
 free rim, the neutral axis, or where the order is least."""
 WHOLE, SMALL = (494, 659), (124, 165)
 
 FILMS = (
-    ("disc", 4.0, 0.1, "unload"),
-    ("disc", 8.0, 0.2, "pauses"),
-    ("disc", 12.0, 0.2, "up"),
-    ("beam", 4.0, 0.2, "pauses"),
-    ("beam", 8.0, 0.2, "cycle"),
-    ("beam", 12.0, 0.2, "unload"),
-    ("hole", 6.0, 0.2, "cycle"),
-    ("hole", 9.0, 0.2, "pauses"),
-    ("hole", 12.0, 0.15, "unload"),
-    ("force", 5.0, 0.2, "unload"),
-    ("force", 8.0, 0.2, "cycle"),
+    ("disc", 4.0, 0.1, "unload"), ("disc", 8.0, 0.2, "pauses"), ("disc", 12.0, 0.2, "up"),
+    ("beam", 4.0, 0.2, "pauses"), ("beam", 8.0, 0.2, "cycle"), ("beam", 12.0, 0.2, "unload"),
+    ("hole", 6.0, 0.2, "cycle"), ("hole", 9.0, 0.2, "pauses"), ("hole", 12.0, 0.15, "unload"),
+    ("force", 5.0, 0.2, "unload"), ("force", 8.0, 0.2, "cycle"),
     ("force and tension", 10.0, 0.2, "pauses"),
-)
+)  # fmt: skip
 """Specimen, its highest order, the order's largest change from frame to frame, and its course."""
 
 COURSES = {
@@ -97,13 +87,9 @@ def _ring(shape):
 
 
 FIELDS = {
-    "disc": _disc,
-    "beam": _beam,
-    "hole": _hole,
-    "force": _force,
-    "ring": _ring,
+    "disc": _disc, "beam": _beam, "hole": _hole, "force": _force, "ring": _ring,
     "two ways": partial(_hole, across=0.5),
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

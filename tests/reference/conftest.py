@@ -26,14 +26,9 @@ def stress_by_quadrature() -> Callable[..., StressField]:
             for i in np.ndindex(x.shape):
                 values[name][i], _ = quad(
                     lambda t, k=kernel, i=i: -(2.0 / np.pi) * k(x[i] - t, z[i], friction),
-                    -half_width,
-                    half_width,
-                    weight="alg",
-                    wvar=powers,
-                    limit=400,
-                    epsabs=1e-11,
+                    -half_width, half_width, weight="alg", wvar=powers, limit=400, epsabs=1e-11,
                     epsrel=1e-10,
-                )
+                )  # fmt: skip
         return StressField(**values)
 
     return stress

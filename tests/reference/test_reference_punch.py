@@ -133,12 +133,9 @@ def test_wedge_pressure_bends_the_surface_onto_its_faces():
     for x in (-0.7, 0.2, 0.5, 0.9):
         # the tip, t = 0, is a logarithmic singularity for the quadrature to know
         pv = principal_value(
-            lambda t: wedge_pressure(t, **scalars),
-            x,
-            -1.0,
-            1.0,
+            lambda t: wedge_pressure(t, **scalars), x, -1.0, 1.0,
             points=[abs(x)] if abs(x) < 0.5 else None,
-        )
+        )  # fmt: skip
         slope = -2.0 / (np.pi * 300.0) * pv
         # adaptive quadrature through a logarithm: 1e-6 of the slope, with a margin
         assert slope == pytest.approx(-0.05 * np.sign(x), rel=1e-5)

@@ -115,12 +115,9 @@ def test_coupled_contact_touches_only_where_the_gap_closes():
     def slope(x):
         """Of the gap outside, x/R + u'(x): there q = 0 and the kernel is smooth."""
         pull, _ = quad(
-            lambda t: c.scale_mpa * c.half_width_mm**-1.0 / (x - t),
-            left,
-            right,
-            weight="alg",
+            lambda t: c.scale_mpa * c.half_width_mm**-1.0 / (x - t), left, right, weight="alg",
             wvar=(0.5 - c.exponent, 0.5 + c.exponent),
-        )
+        )  # fmt: skip
         return x / RADIUS - 2.0 / (np.pi * MODULUS) * pull
 
     assert slope(right + 0.05 * c.half_width_mm) > 0.0  # the gap opens away from both edges

@@ -26,14 +26,10 @@ ROWS, COLS, PIXEL, LEFT, TOP = 90, 160, 0.02, -1.5, 0.25
 
 HOSTILE = (
     "<script>window.stolen = 1</script>",
-    '"\' onerror="window.stolen = 1" \'><img src=x onerror=window.stolen=1>',
-    "abc\u202egnp.exe",
-    "</script><script>window.stolen = 1</script>",
-    "</bdi></style><svg onload=window.stolen=1>",
-    "{{ 7 * 7 }} {% raw %}",
-    "x" * 300,
-    "<!-- ]]> &lt;b&gt; \u2028 \u0000 end",
-)
+    '"\' onerror="window.stolen = 1" \'><img src=x onerror=window.stolen=1>', "abc\u202egnp.exe",
+    "</script><script>window.stolen = 1</script>", "</bdi></style><svg onload=window.stolen=1>",
+    "{{ 7 * 7 }} {% raw %}", "x" * 300, "<!-- ]]> &lt;b&gt; \u2028 \u0000 end",
+)  # fmt: skip
 """Names of files and labels that a stranger might give."""
 
 
@@ -72,34 +68,25 @@ def made_values(count: int = 30) -> FrameValues:
     load[count // 3] = 60.0
     none = np.zeros(count, dtype=bool)
     return FrameValues(
-        keys=("load.normal_n",),
-        values=load[:, None],
-        standard_uncertainty=np.full((count, 1), 0.5),
-        chi=np.ones(count),
-        distance_m=np.arange(count, dtype=float),
-        searched=none,
-        whole=none,
-    )
+        keys=("load.normal_n",), values=load[:, None],
+        standard_uncertainty=np.full((count, 1), 0.5), chi=np.ones(count),
+        distance_m=np.arange(count, dtype=float), searched=none, whole=none,
+    )  # fmt: skip
 
 
 def made_content(names: tuple[str, ...] = ("static", "31 m")) -> ReportContent:
     """A report in which every name, label and value is one of `names`."""
     some = list(names)
     return ReportContent(
-        command="process",
-        title=" ".join(some),
-        verdict=" ".join(some),
+        command="process", title=" ".join(some), verdict=" ".join(some),
         frames=[made_frame(number, label) for number, label in enumerate(some[:8])],
-        choice="All frames are shown.",
-        curves=curves_of(made_values()),
+        choice="All frames are shown.", curves=curves_of(made_values()),
         budget=ReportTable(some[0], {some[-1]: some}),
-        tables=[ReportTable("by frame", dict.fromkeys(some, some))],
-        causes=some,
+        tables=[ReportTable("by frame", dict.fromkeys(some, some))], causes=some,
         taken_as_exact=some,
         warnings=[message("no_such_file_check", path=name) for name in some] + some,
-        scene="\n".join(some),
-        paper=[(name, name) for name in some],
-    )
+        scene="\n".join(some), paper=[(name, name) for name in some],
+    )  # fmt: skip
 
 
 class Page(HTMLParser):

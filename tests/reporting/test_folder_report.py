@@ -162,15 +162,12 @@ def test_what_is_missing_of_a_run_is_named(runs, tmp_path, name):
 @pytest.mark.parametrize(
     ("run", "name", "text"),
     [
-        ("processed", "provenance.json", "[]"),
-        ("processed", "provenance.json", "{"),
-        ("processed", "frames.csv", "nothing\n"),
-        ("processed", "scene.toml", "load = 1"),
-        ("processed", "scene.toml", "\udcff"),
-        ("fitted", "fit.json", "{}"),
+        ("processed", "provenance.json", "[]"), ("processed", "provenance.json", "{"),
+        ("processed", "frames.csv", "nothing\n"), ("processed", "scene.toml", "load = 1"),
+        ("processed", "scene.toml", "\udcff"), ("fitted", "fit.json", "{}"),
         ("fitted", "fit.json", "null"),
     ],
-)
+)  # fmt: skip
 def test_a_damaged_file_is_one_line_and_leaves_the_page_as_it_was(runs, tmp_path, run, name, text):
     folder = shutil.copytree(runs / run, tmp_path / "run")
     (folder / name).write_text(text, "utf-8", errors="surrogateescape")

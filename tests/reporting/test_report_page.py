@@ -41,8 +41,6 @@ from isochrome.reporting import (
     write_report,
 )
 
-ALLOWED = {"http-equiv", "charset", "name", "content", "lang", "class", "id", "href", "src", "alt"}
-
 
 def test_the_policy_names_the_style_and_the_script_that_are_there(page):
     """And nothing else: no address, no inline style, no script by an attribute."""
@@ -209,6 +207,7 @@ def test_what_grows_with_a_run_is_bounded_and_the_rest_is_named(tmp_path):
         assert words in text, words
 
 
+@pytest.mark.long
 def test_a_large_figure_of_a_run_is_made_smaller_until_it_has_room(monkeypatch):
     from PIL import Image
 

@@ -12,14 +12,10 @@ from isochrome.runs import Job, Layer, Results, RunLayout, parts, rows, write_st
 
 ROWS, COLS = 5, 7
 IDENTITY = {
-    "isochrome": "1",
-    "scene": "a = 1\nb = 2\n",
-    "inputs_sha256": {"film.avi": "00", "dark.tif": "11"},
-    "options": {"rois": False},
-    "seed": 1,
-    "code_sha256": 64 * "0",
-    "libraries": {"python": "3", "numpy": "2"},
-}
+    "isochrome": "1", "scene": "a = 1\nb = 2\n",
+    "inputs_sha256": {"film.avi": "00", "dark.tif": "11"}, "options": {"rois": False}, "seed": 1,
+    "code_sha256": 64 * "0", "libraries": {"python": "3", "numpy": "2"},
+}  # fmt: skip
 
 
 def truth(item):

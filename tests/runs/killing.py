@@ -27,15 +27,10 @@ def listen():
 def start(place, code, *arguments):
     """Start Python in a folder, in a process group of its own, with a copy of the package."""
     return subprocess.Popen(
-        [sys.executable, *arguments],
-        cwd=place,
-        env=os.environ | {"PYTHONPATH": str(code)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
+        [sys.executable, *arguments], cwd=place, env=os.environ | {"PYTHONPATH": str(code)},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
         preexec_fn=None if sys.platform == "win32" else listen,
-    )
+    )  # fmt: skip
 
 
 def finished(run):

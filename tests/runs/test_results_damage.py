@@ -111,10 +111,8 @@ def check_fault(finished, name, kind, seed, *, mend=True):
     for use, read in uses(name).items():
         refused, now = refusal_or_result(read, folder, use)
         assert now == finished.found[name][use] if not refused else name in refused, (
-            what,
-            use,
-            refused,
-        )
+            what, use, refused,
+        )  # fmt: skip
         assert "\n" not in refused, (what, use)
     if mend:
         COMMANDS[name].again()
@@ -148,7 +146,6 @@ def test_faults_of_every_command(finished, name):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @pytest.mark.parametrize("name", COMMANDS)
 @pytest.mark.parametrize("kind", FAULTS)
 def test_a_thousand_faults(finished, name, kind):

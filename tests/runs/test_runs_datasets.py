@@ -160,15 +160,13 @@ def elsewhere(memory, aside):
 @pytest.mark.parametrize(
     "made",
     [
-        lambda one, other: one - other,
-        lambda one, other: one > other,
-        lambda one, other: np.hypot(one, other),
-        lambda one, other: xarray.DataArray(one) - other,
+        lambda one, other: one - other, lambda one, other: one > other,
+        lambda one, other: np.hypot(one, other), lambda one, other: xarray.DataArray(one) - other,
         lambda one, other: one.copy().__isub__(other),
         lambda one, other: abs(np.sqrt(one)) * other[0],
         lambda one, other: one - other.to_dataset(),
     ],
-)
+)  # fmt: skip
 def test_maps_of_other_places_are_refused_in_any_arithmetic(memory, made):
     other = elsewhere(memory, 0.03)
     wanted = r"x_mm from -0\.1\d to 0\.\d+ mm \(3 x 4 pixels\).*simulate\(found\.fitted\).*compare"

@@ -29,12 +29,9 @@ from runs.counting import COLS, ROWS, truth
 
 NAMES = ["erstes Bild ü", "second", "", "fourth"]
 COLUMNS = {
-    "chi": [1.0, 1.5, float("nan"), 2.0],
-    "n_max_row_px": [3, None, 4, 5],
-    "branch": [1, 2, 3, 4],
-    "load.normal_n": [44.0, 45.0, 46.0, 1 / 3],
-    "warnings": ["", "weak; schwach µ", "", ""],
-}
+    "chi": [1.0, 1.5, float("nan"), 2.0], "n_max_row_px": [3, None, 4, 5], "branch": [1, 2, 3, 4],
+    "load.normal_n": [44.0, 45.0, 46.0, 1 / 3], "warnings": ["", "weak; schwach µ", "", ""],
+}  # fmt: skip
 TIMES = [0.0, 0.1, 0.2, 0.3]
 SCENE = "[specimen]\nthickness_mm = 4.0\n"
 

@@ -99,12 +99,10 @@ def used(tmp_path_factory):
 
 
 WRITTEN = [
-    "manifest.json",
-    "finished",
-    *(f"records/{k:08d}.json" for k in range(4)),
+    "manifest.json", "finished", *(f"records/{k:08d}.json" for k in range(4)),
     *(f"records/{k:08d}-lines.txt" for k in range(4)),
     *(f"run.zarr/order/c/{k}/0/0" for k in range(4)),
-]
+]  # fmt: skip
 """What a run of four chunks writes down for the time after a power cut."""
 
 

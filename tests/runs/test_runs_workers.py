@@ -188,12 +188,9 @@ def test_a_cluster_that_loses_a_worker_completes_with_the_same_bytes(notes, tmp_
         n_workers=3, threads_per_worker=1, processes=True, dashboard_address=None
     ) as cluster:
         run_job(
-            job(work, count=60),
-            tmp_path / "cluster",
-            finish,
-            means=RunOptions(cluster=cluster.scheduler_address),
-            progress=kill_one,
-        )
+            job(work, count=60), tmp_path / "cluster", finish,
+            means=RunOptions(cluster=cluster.scheduler_address), progress=kill_one,
+        )  # fmt: skip
     assert killed and killed[0] != os.getpid()
     assert f"{os.getpid()}.txt" not in {p.name for p in notes.iterdir()}  # not computed here
     assert len(list(notes.iterdir())) >= 3
@@ -248,7 +245,6 @@ def test_workers_below_one_are_refused(count, tmp_path):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @needs_proc
 @pytest.mark.parametrize("workers", [1, 2])
 def test_killed_at_random_moments_no_more_than_the_chunks_in_hand_are_lost(

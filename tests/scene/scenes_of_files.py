@@ -25,10 +25,6 @@ def file_scene(
 def write_table(path: Path, **columns: Any) -> None:
     """A plain CSV file of these columns."""
     np.savetxt(
-        path,
-        np.column_stack(list(columns.values())),
-        delimiter=",",
-        header=",".join(columns),
-        comments="",
-        fmt="%.9g",
-    )
+        path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns),
+        comments="", fmt="%.9g",
+    )  # fmt: skip

@@ -53,15 +53,13 @@ def comments_of(text):
 @pytest.mark.parametrize(
     ("key", "written"),
     [
-        ("camera.pixel_mm", "0.00607"),
-        ("camera.bit_depth", "8"),
-        ("camera.left_mm", "-2.0"),
+        ("camera.pixel_mm", "0.00607"), ("camera.bit_depth", "8"), ("camera.left_mm", "-2.0"),
         ("frames.gamma", "1.4"),
         ("frames.roi", "{ top_px = 0, left_px = 0, height_px = 3, width_px = 4 }"),
         ("friction.coefficient", "0.25"),
         ("load.normal_n", "{ value = 44.0, standard_uncertainty = 0.1 }"),
     ],
-)
+)  # fmt: skip
 def test_one_value_changes_and_every_comment_stays(key, written):
     found = with_value(TEXT, key, written)
     wanted = tomllib.loads(TEXT)

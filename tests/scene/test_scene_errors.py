@@ -207,22 +207,6 @@ def test_text_that_is_no_toml_names_the_line_and_is_not_crashed_on():
     assert "not valid TOML" in refused("a = " + "[" * 100_000)
 
 
-def test_files_that_cannot_be_a_scene_are_refused_by_name(tmp_path):
-    binary = tmp_path / "frames.toml"
-    binary.write_bytes(b"\xff\xfe\x00\x80" * 10)
-    with pytest.raises(
-        InputError, match=r"frames\.toml: (is UTF-16 text|not UTF-8 text).*; save it as UTF-8"
-    ):
-        load_scene(binary)
-
-    with pytest.raises(InputError, match="no such scene file; scenes by name: line-contact-wear"):
-        load_scene(tmp_path / "missing.toml")
-    with pytest.raises(InputError, match="is a folder, not a scene file"):
-        load_scene(tmp_path)
-    with pytest.raises(InputError, match="did you mean 'line-contact-wear'"):
-        load_scene("line-contact-waer")
-
-
 @pytest.mark.parametrize(
     ("values", "words"),
     [

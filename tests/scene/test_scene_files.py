@@ -296,13 +296,14 @@ def test_simulate_fit_process_compare_and_sweep_take_files(with_files, tmp_path)
     again = load_scene(frames / "scene.toml")
     assert again.friction == found.friction and again.load == found.load
     place = ("camera.left_mm", "camera.top_mm")
-    result = fit(frames / "frames.tif", found, place, out=tmp_path / "fit")
+    result = fit(frames / "frames.tif", found, place, as_stated=True, out=tmp_path / "fit")
     for key, true in zip(place, (-2.0, 0.0), strict=True):
         value = result.shared[key]
         assert abs(value["value"] - true) < 4.0 * value["standard_uncertainty"]
     fitted = load_scene(tmp_path / "fit" / "scene.toml")
     assert fitted.friction == found.friction and fitted.load == found.load
-    own = fit(frames / "frames.tif", found, place, per_frame=("friction.coefficient",))
+    friction = ("friction.coefficient",)
+    own = fit(frames / "frames.tif", found, place, per_frame=friction, as_stated=True)
     for state, mu in zip(own.frames, (0.2, 0.2419), strict=True):
         # before the first frame it is constant in the fit, and in the file it began at 0.1
         assert state["friction.coefficient"]["value"] == pytest.approx(mu, abs=1e-3)

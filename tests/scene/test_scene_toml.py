@@ -59,12 +59,9 @@ def tables(draw, value=finite):
 
 
 steps = st.builds(PolariscopeStep, polariser_deg=finite, analyser_deg=finite) | st.builds(
-    PolariscopeStep,
-    polariser_deg=finite,
-    input_plate_deg=finite,
-    output_plate_deg=finite,
+    PolariscopeStep, polariser_deg=finite, input_plate_deg=finite, output_plate_deg=finite,
     analyser_deg=finite,
-)
+)  # fmt: skip
 wavelengths = st.floats(200, 3000)
 polariscopes = st.builds(
     Polariscope,
@@ -72,21 +69,18 @@ polariscopes = st.builds(
     field=st.sampled_from(["dark", "bright"]),
     plate_wavelength_nm=maybe(wavelengths),
     step=st.lists(steps, max_size=3),
-)
+) | st.sampled_from([
+    Polariscope(field="plane", axis_deg=12.5, analyser_error_deg=-0.5),
+    Polariscope(wavelength_nm=587.0, light="white", plate_wavelength_nm=560.0),
+    Polariscope(wavelength_nm=546.1, lines={"wavelength_nm": (435.8, 546.1), "power": (1.0, 2.0)}),
+    Polariscope(wavelength_nm=546.1, spectrum={"wavelength_nm": (400, 700), "power": (1.0, 2.0)}),
+])  # fmt: skip
 cameras = some(
-    Camera,
-    width_px=st.integers(1, 100_000),
-    height_px=st.integers(1, 100_000),
-    left_mm=finite,
-    top_mm=finite,
-    pixel_mm=positive,
-    bit_depth=st.integers(1, 16),
-    vignette=st.floats(0, 0.999),
-    gamma=st.floats(0.1, 10),
-    noise_grey=st.floats(0, 65535),
-    full_well_electrons=positive,
+    Camera, width_px=st.integers(1, 100_000), height_px=st.integers(1, 100_000), left_mm=finite,
+    top_mm=finite, pixel_mm=positive, bit_depth=st.integers(1, 16), vignette=st.floats(0, 0.999),
+    gamma=st.floats(0.1, 10), noise_grey=st.floats(0, 65535), full_well_electrons=positive,
     seed=st.integers(0, 2**63 - 1),
-)
+)  # fmt: skip
 frames = some(
     Frames,
     roi=st.builds(Roi, height_px=st.integers(1, 9), width_px=st.integers(1, 9)),
@@ -113,26 +107,17 @@ frames = some(
     ),
 )
 specimens = st.builds(
-    Specimen,
-    young_gpa=positive,
-    poisson=st.floats(-0.99, 0.5),
-    plane=st.sampled_from(["strain", "stress"]),
-    thickness_mm=positive,
+    Specimen, young_gpa=positive, poisson=st.floats(-0.99, 0.5),
+    plane=st.sampled_from(["strain", "stress"]), thickness_mm=positive,
     fringe_value_n_per_mm=positive,
-)
+)  # fmt: skip
 indenters = st.builds(
-    Indenter,
-    radius_mm=positive,
-    profile=maybe(names),
-    young_gpa=positive,
+    Indenter, radius_mm=positive, profile=maybe(names), young_gpa=positive,
     poisson=st.floats(-0.99, 0.5),
 ) | st.builds(
-    Indenter,
-    shape=st.just("flat"),
-    half_width_mm=positive,
-    young_gpa=positive,
+    Indenter, shape=st.just("flat"), half_width_mm=positive, young_gpa=positive,
     poisson=st.floats(-0.99, 0.5),
-)
+)  # fmt: skip
 wears = st.builds(
     Wear,
     coefficient_mm2_per_n=st.floats(0, 1) | tables(st.floats(0, 1)),
@@ -159,14 +144,11 @@ contacts = st.fixed_dictionaries(
         "load": st.builds(Load, normal_n=positive | tables(positive), bulk_mpa=maybe(finite)),
     },
     optional={
-        "friction": frictions,
-        "wear": wears,
-        "polariscope": polariscopes,
-        "camera": cameras,
+        "friction": frictions, "wear": wears, "polariscope": polariscopes, "camera": cameras,
         "frames": frames,
         "numerics": some(Numerics, tolerance=st.floats(1e-10, 0.1), spacing_mm=positive),
     },
-).map(lambda parts: scene_of(parts))
+).map(lambda parts: scene_of(parts))  # fmt: skip
 
 
 @settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -222,12 +204,10 @@ def test_absent_parts_are_absent_and_stand_for_nothing():
 @pytest.mark.parametrize(
     ("text", "model"),
     [
-        ('shape = "disc"\ndiameter_mm = 9.0', "disc"),
-        ('shape = "beam"\nheight_mm = 9.0', "beam"),
-        ('shape = "other"', None),
-        ("", None),
+        ('shape = "disc"\ndiameter_mm = 9.0', "disc"), ('shape = "beam"\nheight_mm = 9.0', "beam"),
+        ('shape = "other"', None), ("", None),
     ],
-)
+)  # fmt: skip
 def test_the_model_follows_from_the_shape(text, model):
     rest = "thickness_mm = 4.0\nfringe_value_n_per_mm = 14.6\n"
     load = "[load]\nnormal_n = 9.0\ninner_span_mm = 1.0\nouter_span_mm = 2.0\n"

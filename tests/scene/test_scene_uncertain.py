@@ -28,12 +28,9 @@ def test_values_are_plain_uncertainties_beside_them_and_written_text_the_same():
     assert scene.specimen.thickness_mm == 6.0 and isinstance(scene.specimen.thickness_mm, float)
     assert scene.get("frames.gamma") == 1.1
     assert scene.uncertainties == {
-        "camera.pixel_mm": 2e-4,
-        "frames.gamma": 0.01,
-        "load.normal_n": 0.0,
-        "specimen.fringe_value_n_per_mm": 0.066,
-        "specimen.thickness_mm": 0.02,
-    }
+        "camera.pixel_mm": 2e-4, "frames.gamma": 0.01, "load.normal_n": 0.0,
+        "specimen.fringe_value_n_per_mm": 0.066, "specimen.thickness_mm": 0.02,
+    }  # fmt: skip
     with pytest.raises(TypeError):
         scene.uncertainties["load.normal_n"] = 1.0
     assert isinstance(hash(scene), int)

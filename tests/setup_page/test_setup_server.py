@@ -124,18 +124,14 @@ def test_a_body_of_a_gigabyte_is_refused_before_it_is_read(server, length, name)
 @pytest.mark.parametrize(
     ("headers", "body", "wanted"),
     [
-        ({"Content-Length": None}, b"", 411),
-        ({"Content-Length": "-5"}, b"", 411),
+        ({"Content-Length": None}, b"", 411), ({"Content-Length": "-5"}, b"", 411),
         ({"Content-Length": "1e3"}, b"", 411),
         ({"Transfer-Encoding": "chunked", "Content-Length": None}, b"0\r\n\r\n", 501),
         ({"Content-Type": "text/plain"}, b"{}", 415),
-        ({"Content-Type": "application/x-www-form-urlencoded"}, b"{}", 415),
-        ({}, b"{", 400),
-        ({}, b"[1]", 400),
-        ({}, b"[" * 100_000, 400),
-        ({}, b"\xff\xfe", 400),
+        ({"Content-Type": "application/x-www-form-urlencoded"}, b"{}", 415), ({}, b"{", 400),
+        ({}, b"[1]", 400), ({}, b"[" * 100_000, 400), ({}, b"\xff\xfe", 400),
     ],
-)
+)  # fmt: skip
 def test_a_body_that_is_no_json_object_is_refused(server, headers, body, wanted):
     assert ask(server, "POST", f"/{server.token}/tool", headers, body)[0] == wanted
 
@@ -143,27 +139,21 @@ def test_a_body_that_is_no_json_object_is_refused(server, headers, body, wanted)
 @pytest.mark.parametrize(
     ("name", "asked", "wanted"),
     [
-        ("tool", {}, 422),
-        ("tool", {"tool": ["save"]}, 422),
+        ("tool", {}, 422), ("tool", {"tool": ["save"]}, 422),
         ("tool", {"tool": "values", "values": 3}, 422),
         ("tool", {"tool": "values", "values": {"load.normal_n": {"a": [1]}}}, 422),
         ("tool", {"tool": "text", "text": "load = ["}, 422),
         ("tool", {"tool": "scale", "points": [[0, 0]], "length_mm": "x"}, 422),
         ("model", {"frame": 0, "values": {"load.normal_n": "rm"}}, 400),
-        ("model", {"frame": 0, "values": {}}, 422),
-        ("model", {"frame": "../0"}, 400),
-        ("fit", {"frame": -1}, 400),
-        ("fit", {"frame": 0}, 422),
-        ("check", {}, 422),
-        ("map", {"frame": 99}, 422),
-        ("preview", {"frame": "x"}, 400),
+        ("model", {"frame": 0, "values": {}}, 422), ("model", {"frame": "../0"}, 400),
+        ("fit", {"frame": -1}, 400), ("fit", {"frame": 0}, 422), ("check", {}, 422),
+        ("map", {"frame": 99}, 422), ("preview", {"frame": "x"}, 400),
         ("preview", {"frame": 0, "at": [1, 2], "points": 3, "lines": []}, 422),
-        ("find", {"frame": "x"}, 400),
-        ("find", {"frame": 0, "values": 3}, 400),
+        ("find", {"frame": "x"}, 400), ("find", {"frame": 0, "values": 3}, 400),
         ("find", {"frame": 0}, 422),
         ("find", {"frame": 0, "kind": "contact", "values": {"load.normal_n": [None]}}, 422),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_done_is_said_in_a_line(server, name, asked, wanted):
     status, _, body = ask(
         server, "POST", f"/{server.token}/{name}", body=json.dumps(asked).encode()
@@ -202,12 +192,9 @@ def test_ctrl_c_ends_the_command_and_says_that_nothing_was_saved(fresh):
     command = [sys.executable, "-m", "isochrome", "setup", str(fresh / "captured.tif"),
                "--no-browser", "--json"]  # fmt: skip
     process = subprocess.Popen(
-        command,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         preexec_fn=None if sys.platform == "win32" else listen,
-    )
+    )  # fmt: skip
     assert "http://127.0.0.1:" in process.stderr.readline()
     time.sleep(0.5)
     process.send_signal(signal.SIGINT)

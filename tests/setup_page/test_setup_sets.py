@@ -268,7 +268,7 @@ def test_a_cause_is_taken_into_the_set_by_its_button(chromium, made, monkeypatch
 
 
 @pytest.mark.browser
-@pytest.mark.parametrize("kind", ["bending", "disc"])
+@pytest.mark.parametrize("kind", ["bending", pytest.param("disc", marks=pytest.mark.study)])
 def test_from_fresh_images_to_a_set_that_gives_f_sigma(chromium, kind, tmp_path):
     """In twelve actions at most; sizes, scale and gamma are in the samples' README."""
     folder = images(kind, tmp_path)

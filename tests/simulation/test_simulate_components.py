@@ -21,15 +21,11 @@ from simulation.test_simulate_scene import BEAM, DISC
 MAPS = ("sigma_1", "sigma_2", "sigma_x", "sigma_z", "tau_xz", "sigma_1_direction")
 SCENE = load_scene("line-contact-wear").with_values(
     {
-        "camera.width_px": 140,
-        "camera.height_px": 80,
-        "camera.left_mm": -1.4,
-        "camera.pixel_mm": 0.02,
-        "numerics.spacing_mm": 0.0025,
-        "numerics.tolerance": 1e-3,
+        "camera.width_px": 140, "camera.height_px": 80, "camera.left_mm": -1.4,
+        "camera.pixel_mm": 0.02, "numerics.spacing_mm": 0.0025, "numerics.tolerance": 1e-3,
         "wear.distances_m": (0.0, 233.0),
     }
-)
+)  # fmt: skip
 MODULUS = contact_modulus(2100.0, 0.4, 210000.0, 0.3)
 HALF_WIDTH = hertz_half_width(11.0, 24.61, MODULUS)
 PEAK = hertz_peak_pressure(11.0, 24.61, MODULUS)

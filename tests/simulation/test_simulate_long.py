@@ -16,7 +16,11 @@ WORK = import_module("isochrome.simulation.rendering")
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("components", [False, True], ids=["fringes", "components"])
+@pytest.mark.parametrize(
+    "components",
+    [False, pytest.param(True, marks=pytest.mark.study)],
+    ids=["fringes", "components"],
+)
 def test_a_state_is_let_go_once_it_is_written(tmp_path, monkeypatch, components):
     """Of 20 states no more live at any time than the six of the figure, and the two at hand."""
     scene = parse_scene(load_benchmarks("case_memory").long_history(20))

@@ -17,17 +17,12 @@ def scene_of(count):
     """A worn contact with noise, small and coarse, at `count` distances."""
     return load_scene("line-contact-wear").with_values(
         {
-            "camera.width_px": 64,
-            "camera.height_px": 48,
-            "camera.pixel_mm": 0.05,
-            "camera.left_mm": -1.6,
-            "camera.noise_grey": 2.0,
-            "numerics.spacing_mm": 0.005,
-            "numerics.tolerance": 1e-3,
-            "friction.static_state_first": False,
+            "camera.width_px": 64, "camera.height_px": 48, "camera.pixel_mm": 0.05,
+            "camera.left_mm": -1.6, "camera.noise_grey": 2.0, "numerics.spacing_mm": 0.005,
+            "numerics.tolerance": 1e-3, "friction.static_state_first": False,
             "wear.distances_m": tuple(233.0 * k / (count - 1) for k in range(count)),
         }
-    )
+    )  # fmt: skip
 
 
 SCENE = scene_of(20)
@@ -49,26 +44,6 @@ def test_what_is_kept_in_memory_is_what_is_written(whole):
     np.testing.assert_array_equal(tifffile.imread(out / "fringe_order.tif"), kept.orders)
     assert {k: np.array(v).tolist() for k, v in kept.history.items()} == found.history
     assert np.unique(read_csv(out / "pressure.csv")["state"]).tolist() == list(range(20))
-
-
-@pytest.mark.long
-def test_a_complete_simulation_is_not_rendered_again(tmp_path, monkeypatch):
-    scene = scene_of(3)
-    first = simulate(scene, tmp_path / "out")
-    before = contents(tmp_path / "out")
-    with monkeypatch.context() as patch:
-        patch.setattr(RenderWork, "__call__", None)
-        again = simulate(scene, tmp_path / "out")
-    assert again.already and not first.already
-    for name, values in first.history.items():
-        if name == "label":
-            assert again.history[name] == values
-        else:  # nine digits in a table
-            np.testing.assert_allclose(again.history[name], values, rtol=1e-8)
-    assert not simulate(scene, tmp_path / "out", restart=True).already
-    assert contents(tmp_path / "out") == before
-    other = simulate(scene.with_values({"camera.seed": 5}), tmp_path / "out")
-    assert not other.already and contents(tmp_path / "out") != before
 
 
 def test_workers_and_clusters_need_a_folder():
@@ -105,7 +80,6 @@ def test_a_stopped_simulation_goes_on_and_ends_with_the_same_bytes(tmp_path, mon
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_two_workers_leave_the_same_files(tmp_path):
     simulate(SCENE, tmp_path / "one", components=True)
     simulate(SCENE, tmp_path / "two", components=True, workers=2)
@@ -113,7 +87,6 @@ def test_two_workers_leave_the_same_files(tmp_path):
 
 
 @pytest.mark.study
-@pytest.mark.long
 @needs_sigkill
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, workers):

@@ -17,7 +17,6 @@ from isochrome.stress import (
     RegularStress,
     Sides,
     corrections,
-    point_force_displacement,
     point_force_stress,
 )
 from scene_texts import PAPER_CONTACT
@@ -38,51 +37,6 @@ def change(series, other, radius):
 
 
 # The point force
-
-
-@pytest.mark.parametrize("force", FORCES, ids=["P", "Q", "P x", "Q x"])
-@pytest.mark.parametrize("poisson", [0.0, 0.4])
-def test_a_point_forces_displacement_strains_as_hooke_says(force, poisson):
-    x, z, h = *PLACES, 1e-5
-    z = z + 0.5
-
-    def slope(along):
-        ahead, behind = (
-            point_force_displacement(x + s * along * h, z + s * (1 - along) * h, force, poisson)
-            for s in (1, -1)
-        )
-        return [(a - b) / (2 * h) for a, b in zip(ahead, behind, strict=True)]
-
-    (xx, zx), (xz, zz) = slope(1), slope(0)
-    stress = point_force_stress(x, z, force)
-    # h² times third derivatives below 1e3, and rounding 1e-16/h
-    for strain, hooke in (
-        (xx, stress.sigma_x - poisson * stress.sigma_z),
-        (zz, stress.sigma_z - poisson * stress.sigma_x),
-        (xz + zx, 2 * (1 + poisson) * stress.tau_xz),
-    ):
-        assert np.abs(strain - hooke).max() < 1e-7
-
-
-@pytest.mark.parametrize(("normal", "tangential"), [(1.0, 0.0), (0.0, 1.0)])
-def test_a_point_force_is_what_it_is_called(normal, tangential):
-    """Tractions on a half circle about it balance it; its dipole is two of them."""
-    angle = np.pi * (np.arange(400) + 0.5) / 400
-    x, z = 2.0 * np.cos(angle), 2.0 * np.sin(angle)
-    stress = point_force_stress(x, z, PointForce(normal, tangential))
-    step = 2.0 * np.pi / 400
-    along = np.sum(stress.sigma_x * np.cos(angle) + stress.tau_xz * np.sin(angle)) * step
-    down = np.sum(stress.tau_xz * np.cos(angle) + stress.sigma_z * np.sin(angle)) * step
-    # midpoint rule of cosines, second order at worst
-    assert (along, down) == pytest.approx((-tangential, -normal), abs=1e-4)
-    h = 1e-4
-    right, left = (
-        point_force_stress(PLACES[0] - t, PLACES[1] + 0.5, PointForce(normal, tangential))
-        for t in (h, -h)
-    )
-    dipole = point_force_stress(PLACES[0], PLACES[1] + 0.5, PointForce(normal, tangential, True))
-    two = (right.difference - left.difference) / (2 * h)
-    assert np.abs(dipole.difference - two).max() < 1e-5  # h² times third derivatives
 
 
 # The correction
@@ -181,13 +135,14 @@ def half_plane_and_block(solid):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("solid", "bar"),
     [
         (Solid(spacing_mm=0.04), 2.5e-3),
-        pytest.param(Solid(friction=0.25, spacing_mm=0.04), 2.5e-3, marks=pytest.mark.long),
-        pytest.param(Solid(support="sliding"), 1e-3, marks=[pytest.mark.long, pytest.mark.study]),
-        pytest.param(Solid(left_mm=-6.0), 1e-3, marks=[pytest.mark.long, pytest.mark.study]),
+        (Solid(friction=0.25, spacing_mm=0.04), 2.5e-3),
+        pytest.param(Solid(support="sliding"), 1e-3, marks=pytest.mark.study),
+        pytest.param(Solid(left_mm=-6.0), 1e-3, marks=pytest.mark.study),
     ],
 )
 def test_a_blocks_stress_is_that_of_finite_elements_of_all_of_it(solid, bar):
@@ -198,7 +153,6 @@ def test_a_blocks_stress_is_that_of_finite_elements_of_all_of_it(solid, bar):
 
 
 @pytest.mark.study
-@pytest.mark.long
 def test_the_truth_converges_to_the_block():
     off = []
     for spacing in (0.04, 0.02, 0.01):

@@ -17,7 +17,6 @@ from isochrome.scene import load_scene
 from isochrome.simulation import scene_states, state_difference
 from isochrome.stress import (
     PixelGrid,
-    StressComponents,
     make_field_grid,
     pixel_grid,
     principal_direction,
@@ -86,17 +85,6 @@ def test_a_spacing_that_nearly_divides_the_pixel_is_refused_too():
         assert grid.fold == 3
 
 
-def test_principal_stresses_are_the_eigenvalues():
-    rng = np.random.default_rng(5)
-    sx, sz, txz = rng.normal(size=(3, 20))
-    field = StressComponents(sx, sz, txz)
-    high, low = field.principal
-    values = np.linalg.eigvalsh(np.array([[sx, txz], [txz, sz]]).transpose(2, 0, 1))
-    np.testing.assert_allclose(low, values[:, 0], rtol=0, atol=1e-14)
-    np.testing.assert_allclose(high, values[:, 1], rtol=0, atol=1e-14)
-    np.testing.assert_allclose(field.largest_shear, 0.5 * (high - low), rtol=0, atol=1e-14)
-
-
 def test_direction_of_sigma1_is_counter_clockwise_as_the_camera_sees_it():
     """In the image z points down, so that a camera's angle theta is the vector (cos, -sin)."""
     rng = np.random.default_rng(6)
@@ -108,10 +96,3 @@ def test_direction_of_sigma1_is_counter_clockwise_as_the_camera_sees_it():
         tensor = np.array([[sx[k], txz[k]], [txz[k], sz[k]]])
         high = np.linalg.eigvalsh(tensor)[1]
         np.testing.assert_allclose(tensor @ along, high * along, rtol=0, atol=1e-13)
-
-
-def test_pure_tension_points_along_its_axis():
-    # along x: 0; along z: 90 degrees; tension up to the right as seen: +45 degrees, txz < 0
-    directions = principal_direction(np.array([1.0 + 0j, -1.0 + 0j, -1j, 1j]))
-    np.testing.assert_allclose(np.abs(directions[1]), np.pi / 2)
-    np.testing.assert_allclose(directions[[0, 2, 3]], [0.0, np.pi / 4, -np.pi / 4])

@@ -81,13 +81,11 @@ def test_a_point_that_physics_refuses_is_left_empty_with_its_reason(tmp_path):
 @pytest.mark.parametrize(
     ("vary", "words"),
     [
-        ([], "a sweep varies something"),
-        (["load.normal_n"], "give KEY=first:last:number"),
+        ([], "a sweep varies something"), (["load.normal_n"], "give KEY=first:last:number"),
         (["load.normal_n=1:2"], "give KEY=first:last:number"),
         (["load.normal_n=1:2:1"], "give KEY=first:last:number"),
         (["load.normal_n=1:nan:3"], "give KEY=first:last:number"),
-        (["load.normal_m=1:2:3"], r"load\.normal_m"),
-        (["load.normal_n=-1:2:3"], r"load\.normal_n"),
+        (["load.normal_m=1:2:3"], r"load\.normal_m"), (["load.normal_n=-1:2:3"], r"load\.normal_n"),
         (["load.normal_n=1,1"], "each once"),
         (["load.normal_n=1:2:3", "load.normal_n=1:2:3"], "is given twice"),
         (["load.normal_n=1:9:400", "specimen.thickness_mm=1:9:400"], "160000 points"),
@@ -95,7 +93,7 @@ def test_a_point_that_physics_refuses_is_left_empty_with_its_reason(tmp_path):
         (["camera.width_px=40,50"], "changes the number of states, pixels or steps"),
         (["specimen.plane=1,2"], r"specimen\.plane"),
     ],
-)
+)  # fmt: skip
 def test_wrong_grids_are_refused_before_anything_is_computed(tmp_path, vary, words):
     with pytest.raises(InputError, match=words):
         sweep(DISC, vary, tmp_path / "out")
