@@ -47,7 +47,9 @@ def test_the_process_has_its_size_and_no_sum(size, length):
     assert np.all(spread < 1.01 * size) and np.median(spread) > 0.5 * size
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("single", 41), ("single", 18)])
+@pytest.mark.parametrize(
+    ("kind", "seed"), [("single", 41), pytest.param("single", 18, marks=pytest.mark.long)]
+)
 def test_what_moves_fringes_by_more_than_half_of_one_is_named_alone(kind, seed):
     """A layer, and a wave that parts the contact: from where the scene is, slopes point elsewhere.
 
