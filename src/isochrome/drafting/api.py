@@ -62,7 +62,6 @@ from isochrome.fitting import (
     GAMMA,
     TOO_FAR,
     FrameFit,
-    Freed,
     Lying,
     PictureStart,
     cause_messages,
@@ -278,17 +277,12 @@ def find_contact(
     if not fit.positive or _is_no_bench(fit) or (fit.chi > POOR_CHI and not clear):
         raise _unexplained(frame, fit.chi if fit.positive else None)
     _refuse_far_load(fit, given, frame)
-    return _with_doubts(frame.index, best.lying, answer)
-
-
-def _with_doubts(index: int, lying: Lying, answer: Freed[Any]) -> ContactFit:
-    """A fit as a contact, with what is said of it, and the keys that other causes explain too."""
     messages = cause_messages(answer, light=light_matters(answer))
     if answer.fit.chi > POOR_CHI:
-        messages += (message("chi_frame_holds_more", chi=answer.fit.chi),)
+        messages += (message("chi_frame_holds_more", chi=fit.chi),)
     rivals = rival_causes(answer)
     unsure = {k: rivals[c.name] for c in answer.causes if c.name in rivals for k in c.keys}
-    return ContactFit(index, lying, answer.data, answer.fit, messages, unsure)
+    return ContactFit(frame.index, best.lying, answer.data, fit, messages, unsure)
 
 
 def _best_start(
@@ -309,14 +303,15 @@ def _best_start(
     if not fits or fits[0][0].chi > _HOPELESS:
         raise _unexplained(frame, fits[0][0].chi if fits else None)
     for (fit, start), (other, second) in pairwise(fits[:2]):
-        if other.chi < ALIKE_CHI * fit.chi and not _same(fit, start, other, second):
+        loads, frictions = ([f.scene.get(key) for f in (fit, other)] for key in (LOAD, FRICTION))
+        near = abs(loads[1] / loads[0] - 1.0) < 0.01 and abs(frictions[1] - frictions[0]) < 0.01
+        is_same = near and start.lying[:3] == second.lying[:3]
+        if other.chi < ALIKE_CHI * fit.chi and not is_same:
+            words, others = _in_words(fit, start), _in_words(other, second)
             raise PhysicsError(
                 "two_scenes_explain_frame_alike",
-                name=frame.name,
-                index=frame.index,
-                in_words=_in_words(fit, start),
-                in_words_2=_in_words(other, second),
-            )
+                name=frame.name, index=frame.index, in_words=words, in_words_2=others,
+            )  # fmt: skip
     return fits[0][1], fits[0][0]
 
 
@@ -331,14 +326,6 @@ def _unexplained(frame: Frame, chi: float | None) -> PhysicsError:
     """What is said where no contact explains a frame."""
     best = "none leads to fringes" if chi is None else f"the best leaves {chi:.1f} times its noise"
     return PhysicsError("no_contact_explains_frame", name=frame.name, index=frame.index, best=best)
-
-
-def _same(fit: FrameFit, start: PictureStart, other: FrameFit, second: PictureStart) -> bool:
-    """Whether two starts have led to one scene."""
-    alike = start.lying[:3] == second.lying[:3]
-    loads, frictions = ([f.scene.get(key) for f in (fit, other)] for key in (LOAD, FRICTION))
-    near = abs(loads[1] / loads[0] - 1.0) < 0.01 and abs(frictions[1] - frictions[0]) < 0.01
-    return alike and near
 
 
 def _in_words(fit: FrameFit, start: PictureStart) -> str:
@@ -367,7 +354,6 @@ _HAS_SIDE = 4.0
 
 def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
     """Draft the scene of a contact; see `draft_scene`."""
-    refuse_unclear(frames, given)
     pixel_mm = given.pixel_mm or frames.pixel_mm
     assert pixel_mm is not None
     scene = start_scene(pixel_mm, frames.shape, given)
@@ -412,12 +398,8 @@ def _first_explained(frames: FrameReader, scene: Scene, given: KnownValues) -> C
             else:
                 refused = refused or error
     if refused is None:
-        first = bare[0]
-        raise PhysicsError(
-            "no_fringes_whose_light",
-            name=first.name,
-            named_frames=named_frames([one.index for one in bare]),
-        )
+        frames_named = named_frames([one.index for one in bare])
+        raise PhysicsError("no_fringes_whose_light", name=bare[0].name, named_frames=frames_named)
     raise refused
 
 
@@ -509,7 +491,6 @@ def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
     Its rim gives place and scale roughly, and its fringes closely, with load, field, gamma, and
     whether it lies on its side.
     """
-    refuse_unclear(frames, given)
     frame = frame_of(frames, frames_to_look_at(frames, given)[0], given)
     tables: dict[str, Any] = {
         "specimen": {"shape": "disc"} | {name: getattr(given, name) for name in _DISC},
@@ -541,7 +522,6 @@ def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
 
 def draft_without_model(frames: FrameReader, given: KnownValues) -> SceneDraft:
     """Draft a scene without a model, whose frames are read from the image alone."""
-    refuse_unclear(frames, given)
     frame = frame_of(frames, frames_to_look_at(frames, given)[0], given)
     values = [DraftValue(key="specimen.shape", value="other", origin="given")]
     values += given_values(given, ("thickness_mm", "fringe_value_n_per_mm"))
@@ -550,16 +530,13 @@ def draft_without_model(frames: FrameReader, given: KnownValues) -> SceneDraft:
         values.append(DraftValue(key=PIXEL, value=frames.pixel_mm, origin="file"))
     values += [*_stated(given), *light_values(given)]
     present = {value.key for value in values}
-    quantities = [
-        QUANTITIES[name] for name in ("thickness_mm", "fringe_value_n_per_mm", "pixel_mm")
-    ]
-    keys = [OpenKey(q.key, q.question) for q in quantities if q.key not in present]
-    open_keys = keys + [OpenKey(key, hint) for key, hint in _STANDARD.items() if key not in present]
+    quantities = (QUANTITIES[k] for k in ("thickness_mm", "fringe_value_n_per_mm", "pixel_mm"))
+    hints = {quantity.key: quantity.question for quantity in quantities} | _STANDARD
+    open_keys = [OpenKey(key, hint) for key, hint in hints.items() if key not in present]
     order = "orders that are known, such as [{ row_px = 480, col_px = 20, order = 0.0 }]"
     open_keys += [*open_of_set(frames, given), OpenKey("frames.known_order", order)]
     sentences = [message("specimen_has_no_model")]
-    picture = as_turned(frame.image, given.rotate_deg or 0, given.flip)
-    draw = partial(frame_figure, picture)
+    draw = partial(frame_figure, as_turned(frame.image, given.rotate_deg or 0, given.flip))
     return written_draft(frames, frame.index, sentences, values, open_keys, draw=draw)
 
 
@@ -585,11 +562,14 @@ def _fitted(data: FrameData, bare: Scene, given: KnownValues) -> tuple[FrameData
         keys = (*free_keys(scene), *(key for key, value in given_values.items() if value is None))
         try:
             fit = fit_frame(turned, scene, keys)
-            lost = _is_lost(turned, fit)
+            # so far off that its values say nothing, as `process` has it
+            if fit.positive:
+                sigma = turned.toned(fit.scene.get(GAMMA)).sigma
+                contrast_noise = evaluate_model(turned, fit.scene).contrast_noise(sigma)
+                if fit.chi * contrast_noise <= TOO_FAR:
+                    fits.append((turned, fit))
         except (InputError, PhysicsError):
             continue  # the fit has left the picture
-        if not lost:
-            fits.append((turned, fit))
     fits.sort(key=lambda pair: pair[1].chi)
     if not fits:
         raise PhysicsError("disc_fringes_not_frame", name=data.name)
@@ -600,14 +580,6 @@ def _fitted(data: FrameData, bare: Scene, given: KnownValues) -> tuple[FrameData
         )
         raise PhysicsError("two_scenes_explain_frame", name=data.name, ways=ways)
     return fits[0]
-
-
-def _is_lost(data: FrameData, fit: FrameFit) -> bool:
-    """Whether a fit is so far off that its values say nothing, as `process` has it."""
-    if not fit.positive:
-        return True
-    sigma = data.toned(fit.scene.get(GAMMA)).sigma
-    return not fit.chi * evaluate_model(data, fit.scene).contrast_noise(sigma) <= TOO_FAR
 
 
 def _disc_values(fit: FrameFit, given: KnownValues) -> list[DraftValue]:
@@ -645,6 +617,7 @@ def draft_scene(
     drafts = {"contact": draft_contact, "disc": draft_disc, "other": draft_without_model}
     taken = {name: getattr(given, name) for name in ("channel", "wavelength_nm", "bit_depth")}
     with open_frames(frames, **taken, leave_out=leave_out) as reader, single_threaded():
+        refuse_unclear(reader, given)
         return drafts[given.shape](reader, given)
 
 

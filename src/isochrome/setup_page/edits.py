@@ -564,14 +564,25 @@ def find_in_frames(
         raise InputError("frame_there_counted_from_2", index=index, count=count)
     still = scene.friction is not None and scene.friction.static_state_first
     known = _known(scene, 1 if still and index == 0 and count > 1 else index, held=held)
-    draft = _drafted(session, scene, known)
+    try:
+        draft = draft_scene(session.frames, known, session.left_out(scene))
+    except IsochromeError as error:
+        raise type(error)(page_words(str(error))) from error
     values, notes = _values(draft, scene, guessed=guessed)
-    _refuse_turn(scene, draft)
+    stated, turn = scene.frames, draft.scene.frames.rotate_deg
+    on_it = stated.roi or stated.polygon_px or stated.orders_known
+    if on_it and (stated.rotate_deg or 0) != (turn or 0):
+        raise InputError("frame_explains_itself_turned", name=scene.name, turn=turn or 0)
+    row, col = seen_at(pixel_grid(draft.scene), 0.0, 0.0)
 
     def edit(now: str) -> str:
         if now != started:
             raise InputError("scene_has_changed_during")
-        return _placed_text(session, set_values(text, values), draft)
+        edited = set_values(text, values)
+        scene = session.scene(edited)
+        region = session.region(scene)
+        place = (row - region.top_px, col - region.left_px)
+        return set_values(edited, values_of_place(session.pixels(scene), place))
 
     session.change(edit)
     shown = [v for v in draft.found if v.key in values or v.key in (LEFT, TOP)]
@@ -629,14 +640,6 @@ def _known(scene: Scene, index: int, *, held: bool) -> KnownValues:
     return known_values({"shape": scene.model, "frame": index, **given})
 
 
-def _drafted(session: SetupSession, scene: Scene, known: KnownValues) -> SceneDraft:
-    """The draft from the frames as they were captured, its refusals in the page's words."""
-    try:
-        return draft_scene(session.frames, known, session.left_out(scene))
-    except IsochromeError as error:
-        raise type(error)(page_words(str(error))) from error
-
-
 def _values(draft: SceneDraft, scene: Scene, *, guessed: bool) -> tuple[dict[str, Any], list[str]]:
     """What goes into the scene, without the place; and what does not, in sentences."""
     values: dict[str, Any] = {v.key: v.value for v in draft.found if v.key not in (LEFT, TOP)}
@@ -658,20 +661,3 @@ def _values(draft: SceneDraft, scene: Scene, *, guessed: bool) -> tuple[dict[str
         if getattr(scene.camera, name, None) is not None:
             values[f"camera.{name}"] = draft.scene.get(f"camera.{name}")
     return values, notes
-
-
-def _refuse_turn(scene: Scene, draft: SceneDraft) -> None:
-    """Refuse to turn a picture under what was set on it."""
-    stated, turn = scene.frames, draft.scene.frames.rotate_deg
-    on_it = stated.roi or stated.polygon_px or stated.orders_known
-    if on_it and (stated.rotate_deg or 0) != (turn or 0):
-        raise InputError("frame_explains_itself_turned", name=scene.name, turn=turn or 0)
-
-
-def _placed_text(session: SetupSession, text: str, draft: SceneDraft) -> str:
-    """The text with the place that was found, counted in the scene's own region."""
-    row, col = seen_at(pixel_grid(draft.scene), 0.0, 0.0)
-    scene = session.scene(text)
-    region = session.region(scene)
-    place = (row - region.top_px, col - region.left_px)
-    return set_values(text, values_of_place(session.pixels(scene), place))
