@@ -62,6 +62,7 @@ from isochrome.fitting import (
     GAMMA,
     TOO_FAR,
     FrameFit,
+    Freed,
     Lying,
     PictureStart,
     cause_messages,
@@ -277,12 +278,17 @@ def find_contact(
     if not fit.positive or _is_no_bench(fit) or (fit.chi > POOR_CHI and not clear):
         raise _unexplained(frame, fit.chi if fit.positive else None)
     _refuse_far_load(fit, given, frame)
+    return _with_doubts(frame.index, best.lying, answer)
+
+
+def _with_doubts(index: int, lying: Lying, answer: Freed[Any]) -> ContactFit:
+    """A fit as a contact, with what is said of it, and the keys that other causes explain too."""
     messages = cause_messages(answer, light=light_matters(answer))
     if answer.fit.chi > POOR_CHI:
-        messages += (message("chi_frame_holds_more", chi=fit.chi),)
+        messages += (message("chi_frame_holds_more", chi=answer.fit.chi),)
     rivals = rival_causes(answer)
     unsure = {k: rivals[c.name] for c in answer.causes if c.name in rivals for k in c.keys}
-    return ContactFit(frame.index, best.lying, answer.data, fit, messages, unsure)
+    return ContactFit(index, lying, answer.data, answer.fit, messages, unsure)
 
 
 def _best_start(
@@ -303,10 +309,7 @@ def _best_start(
     if not fits or fits[0][0].chi > _HOPELESS:
         raise _unexplained(frame, fits[0][0].chi if fits else None)
     for (fit, start), (other, second) in pairwise(fits[:2]):
-        loads, frictions = ([f.scene.get(key) for f in (fit, other)] for key in (LOAD, FRICTION))
-        near = abs(loads[1] / loads[0] - 1.0) < 0.01 and abs(frictions[1] - frictions[0]) < 0.01
-        is_same = near and start.lying[:3] == second.lying[:3]
-        if other.chi < ALIKE_CHI * fit.chi and not is_same:
+        if other.chi < ALIKE_CHI * fit.chi and not _same(fit, start, other, second):
             words, others = _in_words(fit, start), _in_words(other, second)
             raise PhysicsError(
                 "two_scenes_explain_frame_alike",
@@ -328,6 +331,13 @@ def _unexplained(frame: Frame, chi: float | None) -> PhysicsError:
     return PhysicsError("no_contact_explains_frame", name=frame.name, index=frame.index, best=best)
 
 
+def _same(fit: FrameFit, start: PictureStart, other: FrameFit, second: PictureStart) -> bool:
+    """Whether two starts have led to one scene."""
+    loads, frictions = ([f.scene.get(key) for f in (fit, other)] for key in (LOAD, FRICTION))
+    near = abs(loads[1] / loads[0] - 1.0) < 0.01 and abs(frictions[1] - frictions[0]) < 0.01
+    return start.lying[:3] == second.lying[:3] and near
+
+
 def _in_words(fit: FrameFit, start: PictureStart) -> str:
     turn, _, field, _ = start.lying
     load, friction = fit.scene.get(LOAD), fit.scene.get(FRICTION)
@@ -340,12 +350,9 @@ def _refuse_far_load(fit: FrameFit, given: KnownValues, frame: Frame) -> None:
     assert given.load_n is not None
     if not 1.0 / _FARTHEST < load / given.load_n < _FARTHEST:
         raise PhysicsError(
-            "fringes_frame_those_load",
-            name=frame.name,
-            index=frame.index,
-            load=load,
+            "fringes_frame_those_load", name=frame.name, index=frame.index, load=load,
             load_n=given.load_n,
-        )
+        )  # fmt: skip
 
 
 _HAS_SIDE = 4.0

@@ -403,12 +403,9 @@ def frames_to_look_at(reader: FrameReader, given: KnownValues) -> list[int]:
         return sorted({round(k) for k in np.linspace(0, count - 1, min(count, _LOOKED_AT))})
     if given.frame >= count:
         raise InputError(
-            "has_frame_asked_give",
-            name_of=name_of(reader),
-            counted=counted(count, "frame"),
-            frame=given.frame,
-            count=count - 1,
-        )
+            "has_frame_asked_give", name_of=name_of(reader), counted=counted(count, "frame"),
+            frame=given.frame, count=count - 1,
+        )  # fmt: skip
     return [given.frame]
 
 

@@ -646,8 +646,7 @@ class Places:
 
 def by_packets(path: Path, kind: Container) -> Places | None:
     """What the packets tell; None where they may be other than a frame each."""
-    ticks: list[int] = []
-    keys: list[int] = []
+    ticks, keys = list[int](), list[int]()
     with open_container(path) as (container, stream):
         context = stream.codec_context
         unit = length_bytes(context.extradata) if context.name == "h264" else None

@@ -355,13 +355,11 @@ def _check_shape(
     path: Path | ArrayFrames, key: str, reader: FrameReader, full_shape: tuple[int, int] | None
 ) -> None:
     if full_shape is not None and reader.full_shape != full_shape:
+        shape = reader.full_shape
         raise InputError(
-            "frames_pixels_rows_columns",
-            path=path,
-            key=key,
-            full_shape=reader.full_shape,
+            "frames_pixels_rows_columns", path=path, key=key, full_shape=shape,
             full_shape_2=full_shape,
-        )
+        )  # fmt: skip
 
 
 def _average(scene: Scene, key: str, full_shape: tuple[int, int] | None) -> Linear | None:
@@ -387,14 +385,9 @@ def likely_no_load(names: Sequence[str]) -> dict[str, str]:
     """The no-load frames by the names of files: the scene's key to a name, where one alone is
     called so.
     """
-    keys = {}
-    for field in ("dark", "bright"):
-        candidates = [
-            n for n in names if field in n.lower() and is_unloaded(n) and not n.endswith(".csv")
-        ]
-        if len(candidates) == 1:
-            keys[f"frames.no_load_{field}"] = candidates[0]
-    return keys
+    unloaded = [name for name in names if is_unloaded(name) and not name.endswith(".csv")]
+    called = {field: [n for n in unloaded if field in n.lower()] for field in ("dark", "bright")}
+    return {f"frames.no_load_{field}": n[0] for field, n in called.items() if len(n) == 1}
 
 
 def is_unloaded(name: str) -> bool:

@@ -152,8 +152,8 @@ def _stack_layout(
     shape: tuple[int, ...],
     dtype: np.dtype,
     pixel_mm: float | None,
-    photometric: Photometric = "minisblack",
-    metadata: Mapping[str, Any] | None = None,
+    photometric: Photometric,
+    metadata: Mapping[str, Any] | None,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """How a stack lies on disk: up to 4 GB in ImageJ's layout with its scale.
 
@@ -183,17 +183,9 @@ def _stack_layout(
 
 
 MM_PER_UNIT = {
-    "mm": 1.0,
-    "cm": 10.0,
-    "m": 1000.0,
-    "um": 1e-3,
-    "µm": 1e-3,
-    "μm": 1e-3,
-    "\\u00b5m": 1e-3,
-    "micron": 1e-3,
-    "microns": 1e-3,
-    "nm": 1e-6,
-}
+    "mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "\\u00b5m": 1e-3,
+    "micron": 1e-3, "microns": 1e-3, "nm": 1e-6,
+}  # fmt: skip
 
 
 def read_pixel_mm(path: str | Path) -> float | None:
@@ -219,10 +211,8 @@ def pixel_mm_of(tif: tifffile.TiffFile) -> float | None:
     num, den = tags["XResolution"].value
     if num == 0 or den == 0 or tags["YResolution"].value != (num, den):
         return None
-    meta = tif.imagej_metadata or {}
-    unit = str(meta.get("unit", "")).strip().lower()
     if tif.is_imagej:
-        mm = MM_PER_UNIT.get(unit)
+        mm = MM_PER_UNIT.get(str((tif.imagej_metadata or {}).get("unit", "")).strip().lower())
     else:
         mm = 10.0 if "ResolutionUnit" in tags and int(tags["ResolutionUnit"].value) == 3 else None
     return None if mm is None else mm * den / num

@@ -148,9 +148,9 @@ def encode_frames(frames: Sequence[ReportFrame], *, room: int = ROOM_BYTES) -> l
 
     Of each n-th pixel of each n-th row where all would take too much.
     """
-    result: list[tuple[dict[str, Any], int]] = []
+    result: list[dict[str, Any]] = []
     for done, frame in enumerate(frames):
-        share = (room - sum(size for _, size in result)) // (len(frames) - done)
+        share = (room - sum(map(_size, result))) // (len(frames) - done)
         shape = frame.panes[0].values.shape
         stride = max(1, int(np.sqrt(_LEAST_BYTES * np.prod(shape) / share)))
         encoded = _encoded(frame, stride)
@@ -158,9 +158,8 @@ def encode_frames(frames: Sequence[ReportFrame], *, room: int = ROOM_BYTES) -> l
             stride = max(stride + 1, int(stride * np.sqrt(_size(encoded) / share)))
             encoded = _encoded(frame, stride)
         finer = encoded | _orders(frame, stride, FINE_STEP)
-        encoded = finer if _size(finer) <= share and _holds(frame) else encoded
-        result.append((encoded, _size(encoded)))
-    return [encoded for encoded, _ in result]
+        result.append(finer if _size(finer) <= share and _holds(frame) else encoded)
+    return result
 
 
 def _size(encoded: dict[str, Any]) -> int:
@@ -563,16 +562,14 @@ def assemble_page(
     """
     from markupsafe import Markup
 
-    style, script = _part(room, f"{name}.css"), _joined(room, tuple(scripts))
-    return str(
-        _template(room, name).render(
-            # hashes are of the plain letters of base64
-            policy=Markup(content_policy(room, name, scripts=scripts, policy=policy)),
-            style=Markup(style),
-            script=Markup(script),
-            **values,
-        )
+    page: str = _template(room, name).render(
+        # hashes are of the plain letters of base64
+        policy=Markup(content_policy(room, name, scripts=scripts, policy=policy)),
+        style=Markup(_part(room, f"{name}.css")),
+        script=Markup(_joined(room, tuple(scripts))),
+        **values,
     )
+    return page
 
 
 def content_policy(room: str, name: str, *, scripts: Sequence[str], policy: str) -> str:
@@ -674,8 +671,6 @@ def _picture(png: bytes | None) -> str:
     if png is None:
         return ""
     while len(png) * 4 // 3 > _LARGEST_PICTURE:
-        import io
-
         from PIL import Image
 
         file = io.BytesIO()

@@ -251,9 +251,8 @@ def _manifest(root: Path) -> dict[str, Any] | None:
     return manifest if known and inside else None
 
 
-def _described(layout: RunLayout) -> dict[str, Any]:
-    record: dict[str, Any] = json.loads(json.dumps(asdict(layout)))
-    return record
+def _described(layout: RunLayout) -> Any:
+    return json.loads(json.dumps(asdict(layout)))
 
 
 def _new(root: Path, job: Job) -> RunFolder:

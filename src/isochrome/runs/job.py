@@ -116,10 +116,9 @@ def _first_line(old: Any, new: Any) -> str:
     for a, b in zip(before, now, strict=False):
         if a != b:
             return f"'{a}' is now '{b}'"
-    longer = before if len(before) > len(now) else now
-    lines = longer[min(len(before), len(now)) :]
-    what = "no longer there" if longer is before else "new"
-    return f"'{' '.join(lines[:2])}' is {what}"
+    gone = before[len(now) :]
+    lines = " ".join((gone or now[len(before) :])[:2])
+    return f"'{lines}' is {'no longer there' if gone else 'new'}"
 
 
 def _pair(old: Any, new: Any) -> str:
@@ -483,16 +482,12 @@ def check_chunk(run: RunFolder, index: int) -> ChunkRecord | None:
     if record is None:
         return None
     start, stop = run.layout.span(index)
-    try:
-        for name, expected in record["layers"].items():
-            if not is_as_left(run.chunk_file(name, index), expected):
-                return None
-        for name, expected in record["parts"].items():
-            if not is_as_left(run.part_file(name, index), expected):
-                return None
-    except FileNotFoundError:
-        return None
-    return ChunkRecord(stop - start, record["flagged"], record["failed"])
+    files = [(run.chunk_file(name, index), left) for name, left in record["layers"].items()]
+    files += [(run.part_file(name, index), left) for name, left in record["parts"].items()]
+    with suppress(FileNotFoundError):
+        if all(is_as_left(file, expected) for file, expected in files):
+            return ChunkRecord(stop - start, record["flagged"], record["failed"])
+    return None
 
 
 def rows(run: RunFolder) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:

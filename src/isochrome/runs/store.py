@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import operator
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from isochrome.errors import InputError
 from isochrome.messages import message
 from isochrome.output import Floats, numbers
 from isochrome.runs.integrity import PROVENANCE, opened_record, read_record, warn_unverified
-from isochrome.runs.job import MANIFEST, RECORDS, STORE, Compact, Layer, RunLayout, read_checked
+from isochrome.runs.job import MANIFEST, RECORDS, STORE, RunLayout, read_checked
 
 _PICTURE = (("z_mm", "x_mm"), ("row", "col"))
 """The two axes of a picture: in mm, or where no scale is known in pixels."""
@@ -48,6 +48,11 @@ class MapPlot(DataArrayPlotAccessor):
         return drawn
 
 
+def _reflected(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    """An operation of xarray's as the array on the right of it has it."""
+    return lambda self, other: self._binary_op(other, operation, reflexive=True)
+
+
 class _OnePlace:
     """Arithmetic of maps that show one place: others are refused, where xarray gives no pixel."""
 
@@ -69,21 +74,10 @@ class _OnePlace:
         return _of_run(result)
 
     # on the right of an array that is no run's, Python asks these first, for they are not xarray's
-    def __radd__(self, other: Any) -> Any:
-        """As xarray has it."""
-        return self._binary_op(other, operator.add, reflexive=True)
-
-    def __rsub__(self, other: Any) -> Any:
-        """As xarray has it."""
-        return self._binary_op(other, operator.sub, reflexive=True)
-
-    def __rmul__(self, other: Any) -> Any:
-        """As xarray has it."""
-        return self._binary_op(other, operator.mul, reflexive=True)
-
-    def __rtruediv__(self, other: Any) -> Any:
-        """As xarray has it."""
-        return self._binary_op(other, operator.truediv, reflexive=True)
+    __radd__ = _reflected(operator.add)
+    __rsub__ = _reflected(operator.sub)
+    __rmul__ = _reflected(operator.mul)
+    __rtruediv__ = _reflected(operator.truediv)
 
 
 class RunArray(_OnePlace, xarray.DataArray):
@@ -139,33 +133,23 @@ def _refuse_other_places(one: Any, other: Any) -> None:
     wide = [set(each.sizes) for each in (one, other)]
     if any(a & set(_PICTURE[0]) and b & set(_PICTURE[1]) for a, b in (wide, wide[::-1])):
         raise InputError(
-            "over_over_one_has",
-            called=_called(one),
-            dims=", ".join(map(str, one.dims)),
-            called_2=_called(other),
-            dims_2=", ".join(map(str, other.dims)),
-        )
+            "over_over_one_has", called=_called(one), dims=", ".join(map(str, one.dims)),
+            called_2=_called(other), dims_2=", ".join(map(str, other.dims)),
+        )  # fmt: skip
     for axis in set(one.indexes) & set(other.indexes) & set(_PICTURE[0]):
         here, theirs = one.indexes[axis], other.indexes[axis]
         few, many = sorted((here, theirs), key=len)
         if not few.isin(many).all():
             raise InputError(
-                "has_from_from_their",
-                called=_called(one),
-                axis=axis,
-                span=_span(one, axis),
-                called_2=_called(other),
-                span_2=_span(other, axis),
-            )
+                "has_from_from_their", called=_called(one), axis=axis, span=_span(one, axis),
+                called_2=_called(other), span_2=_span(other, axis),
+            )  # fmt: skip
         apart = np.abs(_shift(one, axis) - _shift(other, axis))
         if len(many) > 1 and bool((apart > 0.5 * (many[-1] - many[0]) / (len(many) - 1)).any()):
             raise InputError(
-                "frames_whose_places_lie",
-                called=_called(one),
-                called_2=_called(other),
-                max=float(apart.max()),
-                axis=axis,
-            )
+                "frames_whose_places_lie", called=_called(one), called_2=_called(other),
+                max=float(apart.max()), axis=axis,
+            )  # fmt: skip
 
 
 def _called(one: Any) -> str:
@@ -193,14 +177,13 @@ def make_dataset(
     Parameters: `columns`, the maps and columns, by name; `coordinates`, the coordinates, by name.
     Returns the dataset, with the axes z_mm and x_mm where these are known.
     """
-    data, places = (
-        {
-            name: (column.axes, column.values, described(name, column))
-            for name, column in part.items()
-        }
-        for part in (columns, coordinates)
-    )
+    data, places = map(_variables, (columns, coordinates))
     return as_run(xarray.Dataset(data, places, dict(attributes)))
+
+
+def _variables(columns: Mapping[str, Column]) -> dict[str, Any]:
+    """Columns as xarray takes them."""
+    return {name: (c.axes, c.values, described(name, c)) for name, c in columns.items()}
 
 
 def as_run(dataset: xarray.Dataset) -> RunDataset:
@@ -251,9 +234,8 @@ def open_growing(partial: Path) -> xarray.Dataset:
     ((axis, count),) = layout["axes"].items()
     rows: dict[int, dict[str, Any]] = {}
     for file in sorted((stores[-1].parent.parent / RECORDS).glob("*.json")):
-        record = read_checked(file)
-        if record is not None:
-            rows |= dict(enumerate(record["rows"], int(file.stem) * layout["chunk"]))
+        rows_now = (read_checked(file) or {"rows": ()})["rows"]
+        rows |= dict(enumerate(rows_now, int(file.stem) * layout["chunk"]))
     names = list(dict.fromkeys(name for row in rows.values() for name in row))
     columns = {
         name: column([rows.get(k, {}).get(name) for k in range(count)], axis, name)
@@ -262,8 +244,7 @@ def open_growing(partial: Path) -> xarray.Dataset:
     columns["finished"] = Column((axis,), np.array([k in rows for k in range(count)]), {})
     columns[axis] = Column((axis,), np.arange(count), {})
     stored = read_store(stores[-1].parent, stores[-1].parent)
-    variables = {n: (c.axes, c.values, described(n, c)) for n, c in columns.items()}
-    return stored.assign(variables).set_coords(axis)
+    return stored.assign(_variables(columns)).set_coords(axis)
 
 
 WORKING = ".partial"
@@ -289,39 +270,28 @@ def create_store(path: Path, layout: RunLayout) -> None:
     from zarr.codecs import Crc32cCodec
 
     group = zarr.open_group(path, mode="w", zarr_format=3)
+    shape = tuple(layout.shape.values())
     for layer in layout.layers:
-        if layer.compact is not None:
-            _create_compact(group, layer, layer.compact, layout)
-            continue
+        compact, axes, chunks = layer.compact, layout.picture_axes, layout.chunk_shape
+        about: dict[str, Any] = {"units": layer.units, "long_name": layer.what}
+        form: dict[str, Any] = {
+            "dtype": "float32", "fill_value": np.nan, "compressors": [Crc32cCodec()],
+        }  # fmt: skip
+        if compact is not None:  # whole steps over all items, a file for each chunk of the run
+            axes, chunks = layout.axes, (layout.chunk, *shape)
+            about |= {"scale_factor": compact.step, "_FillValue": compact.unknown}
+            form = {
+                "dtype": compact.dtype.name, "fill_value": compact.unknown, "compressors": None,
+                "serializer": compact.shards(shape),
+            }  # fmt: skip
         group.create_array(
             layer.name,
-            shape=(*layout.picture_axes.values(), *layout.shape.values()),
-            chunks=layout.chunk_shape,
-            dtype="float32",
-            fill_value=np.nan,
-            compressors=[Crc32cCodec()],
-            dimension_names=tuple(map(identifier, (*layout.picture_axes, *layout.shape))),
-            attributes={"units": layer.units, "long_name": layer.what},
+            shape=(*axes.values(), *shape),
+            chunks=chunks,
+            dimension_names=tuple(map(identifier, (*axes, *layout.shape))),
+            attributes=about,
+            **form,
         )
-
-
-def _create_compact(group: Any, layer: Layer, compact: Compact, layout: RunLayout) -> None:
-    """Lay out an array of whole steps over all items, a file for each chunk of the run."""
-    shape = tuple(layout.shape.values())
-    group.create_array(
-        layer.name,
-        shape=(layout.count, *shape),
-        chunks=(layout.chunk, *shape),
-        dtype=compact.dtype.name,
-        fill_value=compact.unknown,
-        serializer=compact.shards(shape),
-        compressors=None,
-        dimension_names=tuple(map(identifier, (*layout.axes, *layout.shape))),
-        attributes={
-            "units": layer.units, "long_name": layer.what,
-            "scale_factor": compact.step, "_FillValue": compact.unknown,
-        },
-    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -531,12 +501,9 @@ def open_store(path: str | Path) -> xarray.Dataset:
     place = Path(path)
     store = place if place.suffix == ".zarr" else place / STORE
     if not (store / "zarr.json").is_file() and read_record(store.parent) is None:
-        unfinished = place.with_name(place.name + WORKING).is_dir()
-        hint = (
-            message("run_not_finished_run_same", name=place.name, working=WORKING)
-            if unfinished
-            else message("name_folder_process_sweep")
-        )
+        hint = message("name_folder_process_sweep")
+        if place.with_name(place.name + WORKING).is_dir():
+            hint = message("run_not_finished_run_same", name=place.name, working=WORKING)
         raise InputError("holds_no", place=place, missing=STORE, hint=hint)
     if store != place and read_record(place) is None:
         raise InputError(

@@ -645,13 +645,9 @@ def _check_shoulders(bins: BinnedTrace, place: ScarShape, name: str) -> None:
     width = high - low
     if lengths.sum() < _SHOULDERS * width or lengths.min() < _SHOULDER * width:
         raise InputError(
-            "beside_scar_from_mm",
-            name=name,
-            low=low,
-            high=high,
-            lengths=lengths[0],
+            "beside_scar_from_mm", name=name, low=low, high=high, lengths=lengths[0],
             lengths_2=lengths[1],
-        )
+        )  # fmt: skip
 
 
 def _shoulders(bins: BinnedTrace, place: ScarShape, name: str) -> Mask:

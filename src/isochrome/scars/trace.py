@@ -144,12 +144,9 @@ def _metres(lines: Sequence[Sequence[str]], column: int, example: str, path: Pat
         if words and words[-1] in METRES:
             return METRES[words[-1]]
     raise InputError(
-        "column_has_no_unit",
-        path=path,
-        lines=lines[0][column],
-        example=example,
+        "column_has_no_unit", path=path, lines=lines[0][column], example=example,
         metres=", ".join(u for u in METRES if u.isascii()),
-    )
+    )  # fmt: skip
 
 
 def _words(cell: str) -> list[str]:
@@ -262,20 +259,14 @@ def _check(x: Array, z: Array, name: str) -> None:
     length = float(x[-1] - x[0])
     if not _SHORTEST_MM <= length <= _LONGEST_MM:
         raise InputError(
-            "mm_long_where_mm",
-            name=name,
-            length=length,
-            shortest_mm=_SHORTEST_MM,
+            "mm_long_where_mm", name=name, length=length, shortest_mm=_SHORTEST_MM,
             longest_mm=_LONGEST_MM,
-        )
+        )  # fmt: skip
     if float(np.ptp(z)) > 1e3 * _STEEPEST * length:
         raise InputError("heights_span_over_mm", name=name, ptp=np.ptp(z), length=length)
     if float(steps.max()) > _WIDEST_GAP * length:
         bad = int(np.argmax(steps))
         raise InputError(
-            "nothing_measured_from_mm",
-            name=name,
-            x=x[bad],
-            x_2=x[bad + 1],
+            "nothing_measured_from_mm", name=name, x=x[bad], x_2=x[bad + 1],
             widest_gap=100 * _WIDEST_GAP,
-        )
+        )  # fmt: skip

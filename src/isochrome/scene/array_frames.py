@@ -147,13 +147,9 @@ class ArrayFrames:
         except Exception as error:  # whatever computes or reads a lazy one
             reason = (str(error).splitlines() or [""])[0].strip()[:160] or type(error).__name__
             raise InputError(
-                "frame_cannot_read",
-                called=self._called,
-                index=index,
-                kind=type(error).__name__,
-                reason=reason,
-                what=message(_WHAT),
-            ) from error
+                "frame_cannot_read", called=self._called, index=index, kind=type(error).__name__,
+                reason=reason, what=message(_WHAT),
+            ) from error  # fmt: skip
 
     def _check_kind(self) -> None:
         """Refuse what np.asarray would make something of, and not what was meant."""

@@ -83,14 +83,9 @@ def with_tables(data: Any, folder: Path | None) -> Any:
         name, speed = part.get(FILE), part.get(SPEED)
         if not isinstance(name, str) or not name:
             raise InputError(
-                "not_allowed_name_csv",
-                part=kind.part,
-                file=FILE,
-                name=name,
-                distance=_DISTANCE,
-                time=_TIME,
-                column=kind.column,
-            )
+                "not_allowed_name_csv", part=kind.part, file=FILE, name=name, distance=_DISTANCE,
+                time=_TIME, column=kind.column,
+            )  # fmt: skip
         if kind.key in part:
             raise InputError("exclude_each_other_remove", part=kind.part, file=FILE, key=kind.key)
         speed = _speed(kind, speed, tables.get("frames"))
@@ -129,15 +124,9 @@ def _columns(given: GivenTable, kind: _Kind, speed: float | None) -> tuple[Float
     place = _DISTANCE if _DISTANCE in given.names else _TIME
     if place not in given.names or kind.column not in given.names:
         raise InputError(
-            "has_columns_needs_name",
-            path=given.path,
-            header=given.header,
-            part=kind.part,
-            file=FILE,
-            distance=_DISTANCE,
-            time=_TIME,
-            column=kind.column,
-        )
+            "has_columns_needs_name", path=given.path, header=given.header, part=kind.part,
+            file=FILE, distance=_DISTANCE, time=_TIME, column=kind.column,
+        )  # fmt: skip
     at, value = given.column(place), given.column(kind.column)
     if len(at) < 2:
         raise InputError("has_rows_numbers_give", path=given.path, at_count=len(at))
@@ -149,23 +138,16 @@ def _columns(given: GivenTable, kind: _Kind, speed: float | None) -> tuple[Float
         if wrong.any():
             row = int(np.argmax(wrong))
             raise InputError(
-                "line_not_allowed_correct",
-                path=given.path,
-                lines=given.lines[row],
-                column=column,
-                values=values[row],
-                allowed=allowed,
-            )
+                "line_not_allowed_correct", path=given.path, lines=given.lines[row], column=column,
+                values=values[row], allowed=allowed,
+            )  # fmt: skip
     if place == _DISTANCE:
         return at, value
     if speed is None:
         raise InputError(
-            "has_times_only_sliding",
-            path=given.path,
-            part=kind.part,
-            speed=SPEED,
+            "has_times_only_sliding", path=given.path, part=kind.part, speed=SPEED,
             distance=_DISTANCE,
-        )
+        )  # fmt: skip
     return 1e-3 * speed * at, value
 
 
@@ -180,16 +162,10 @@ def _refuse_gap(given: GivenTable, kind: _Kind, distance: Floats, value: Floats)
     if len(gap):
         row = int(gap[0])
         raise InputError(
-            "lines_apart_over_times",
-            path=given.path,
-            lines=given.lines[row],
-            lines_2=given.lines[row + 1],
-            step=step[row],
-            gap=_GAP,
-            column=kind.column,
-            value=value[row],
-            value_2=value[row + 1],
-        )
+            "lines_apart_over_times", path=given.path, lines=given.lines[row],
+            lines_2=given.lines[row + 1], step=step[row], gap=_GAP, column=kind.column,
+            value=value[row], value_2=value[row + 1],
+        )  # fmt: skip
 
 
 def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Floats]:
@@ -225,13 +201,9 @@ def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Fl
     residual_rms, size = (float(np.sqrt(np.mean(v**2))) for v in (residual, value))
     if residual_rms > _AVERAGED * size:
         raise InputError(
-            "swings_rms_about_mean",
-            label=label,
-            residual_rms=residual_rms,
-            size=size,
-            few=FEW,
+            "swings_rms_about_mean", label=label, residual_rms=residual_rms, size=size, few=FEW,
             averaged=_AVERAGED,
-        )
+        )  # fmt: skip
     return distance_m[bends], fitted
 
 

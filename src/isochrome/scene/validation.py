@@ -221,13 +221,9 @@ def check_reach(data: Any, label: str, key: str = "") -> None:
             check_reach(value, label, f"{key}[{number}]")
     elif isinstance(data, float) and data and not 1 / LARGEST <= abs(data) <= LARGEST:
         raise InputError(
-            "not_allowed_size_should",
-            label=label,
-            key=key,
-            data=data,
-            largest=1 / LARGEST,
+            "not_allowed_size_should", label=label, key=key, data=data, largest=1 / LARGEST,
             largest_2=LARGEST,
-        )
+        )  # fmt: skip
 
 
 def _sentence(model: type[BaseModel], error: ValidationError) -> str:

@@ -402,16 +402,9 @@ def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
     picture = max(across) * pixel
     if picture > WIDEST * width:
         raise InputError(
-            "camera_pixel_mm_makes_picture",
-            name=scene.name,
-            pixel=pixel,
-            picture=picture,
-            width=picture / width,
-            what=what,
-            width_2=width,
-            by=_by(what),
-            widest=WIDEST,
-        )
+            "camera_pixel_mm_makes_picture", name=scene.name, pixel=pixel, picture=picture,
+            width=picture / width, what=what, width_2=width, by=_by(what), widest=WIDEST,
+        )  # fmt: skip
 
 
 def check_moduli(scene: Scene) -> None:
@@ -424,13 +417,9 @@ def check_moduli(scene: Scene) -> None:
         young = body.young_gpa if body else None
         if young is not None and young > STIFFEST_GPA:
             raise InputError(
-                "over_gpa_which_no",
-                name=scene.name,
-                key=key,
-                young=young,
-                stiffest_gpa=STIFFEST_GPA,
-                young_2=1e-3 * young,
-            )
+                "over_gpa_which_no", name=scene.name, key=key, young=young,
+                stiffest_gpa=STIFFEST_GPA, young_2=1e-3 * young,
+            )  # fmt: skip
 
 
 def _check_sizes(scene: Scene) -> None:
@@ -440,13 +429,9 @@ def _check_sizes(scene: Scene) -> None:
         size = getattr(getattr(scene, part), name, None)
         if size is not None and size > most:
             raise InputError(
-                "over_mm_give_mm",
-                name=scene.name,
-                key=key,
-                size=size,
-                most=most,
+                "over_mm_give_mm", name=scene.name, key=key, size=size, most=most,
                 size_2=1e-3 * size,
-            )
+            )  # fmt: skip
 
 
 def check_width(
@@ -467,13 +452,9 @@ def check_width(
         least = max(least, width / MOST)
     if pixel < least:
         raise InputError(
-            "camera_pixel_mm_too_little",
-            name=name,
-            pixel=pixel,
-            what=what,
-            width=width,
+            "camera_pixel_mm_too_little", name=name, pixel=pixel, what=what, width=width,
             least=least,
-        )
+        )  # fmt: skip
 
 
 def _by(what: str) -> str:

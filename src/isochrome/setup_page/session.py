@@ -602,12 +602,9 @@ class SetSession(SetupSession):
         for table in tables:
             if table not in (*_PICTURED, name, "image", "uncertainty"):
                 raise InputError(
-                    "none_set_tables_image",
-                    label=label,
-                    table=table,
-                    name=name,
+                    "none_set_tables_image", label=label, table=table, name=name,
                     pictured=", ".join(_PICTURED),
-                )
+                )  # fmt: skip
         validate(_BODIES[name], plain_table(tables.get(name, {})), f"{label}: [{name}]")
         pictured = {t: tables[t] for t in _PICTURED if t in tables}
         scene = load_scene({"specimen": {"shape": "other"}, **pictured})
