@@ -191,8 +191,7 @@ def outcome_of(
     except IsochromeError as error:
         return failed(task, error)
     except MemoryError:
-        reason = message("not_enough_memory_use")
-        return failed(task, PhysicsError(reason))
+        return failed(task, PhysicsError(message("not_enough_memory_use")))
     return _read(task, result)
 
 
@@ -377,8 +376,7 @@ def campaign_panels(
 
     `recordings` are the numbers of those that are shown, by default all.
     """
-    every = range(len(outcomes))
-    rows = chosen_frames(recordings, len(outcomes), every, items="recordings")
+    rows = chosen_frames(recordings, len(outcomes), range(len(outcomes)), items="recordings")
     chosen = [outcomes[k] for k in rows]
     keys = [key for key in DRAWN if any(f"{key} mean" in item.row for item in chosen)]
     if not keys:
@@ -476,8 +474,7 @@ def tabulate_campaign(rows: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
     """The columns of summary.csv: what all recordings have, the keys of any, and what is said."""
     columns = columns_of(rows)
     unknown: list[Any] = [None] * len(rows)
-    last = {name: columns.pop(name, unknown) for name in _LAST}
-    return columns | last
+    return columns | {name: columns.pop(name, unknown) for name in _LAST}
 
 
 def summary_of(scene: Scene, outcomes: Sequence[Outcome]) -> dict[str, Any]:

@@ -438,10 +438,9 @@ def frame_pairs(experiment: ComparedFrames, simulation: ComparedFrames) -> list[
     """
     if experiment.signal.shape[1:] != simulation.signal.shape[1:]:
         raise InputError(
-            "frames_shape_experiment_simulation",
-            shape=experiment.signal.shape[1:],
+            "frames_shape_experiment_simulation", shape=experiment.signal.shape[1:],
             shape_2=simulation.signal.shape[1:],
-        )
+        )  # fmt: skip
     scales = experiment.pixel_mm, simulation.pixel_mm
     if None not in scales and abs(scales[0] / scales[1] - 1.0) > _SCALE_TOLERANCE:  # type: ignore[operator]
         raise InputError(

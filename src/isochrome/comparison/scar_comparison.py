@@ -593,8 +593,7 @@ def scars_figure(
     )
     first, second = panels[0]
     second.sharey(first)
-    rows = _rows_at(shown, names, scars, pairs)
-    for (overlay, gap), row in zip(panels[1:], rows, strict=True):
+    for (overlay, gap), row in zip(panels[1:], _rows_at(shown, names, scars, pairs), strict=True):
         _draw_mean(first, row)
         _draw_simulated(second, row)
         _draw_overlay(overlay, row)

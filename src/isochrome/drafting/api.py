@@ -136,8 +136,7 @@ def frame_figure(image: Floats) -> Figure:
     rows, cols = image.shape
     figure = new_figure(_WIDTH_IN, _WIDTH_IN * rows / cols + 0.9)
     low, high = (float(v) for v in np.nanpercentile(image, [0.5, 99.5]))
-    axes = figure.subplots()
-    show_image(axes, image, cmap=FRAME_MAP, vmin=low, vmax=high, title="the frame")
+    show_image(figure.subplots(), image, cmap=FRAME_MAP, vmin=low, vmax=high, title="the frame")
     return figure
 
 
@@ -363,8 +362,7 @@ def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
     """Draft the scene of a contact; see `draft_scene`."""
     pixel_mm = given.pixel_mm or frames.pixel_mm
     assert pixel_mm is not None
-    scene = start_scene(pixel_mm, frames.shape, given)
-    contact = _first_explained(frames, scene, given)
+    contact = _first_explained(frames, start_scene(pixel_mm, frames.shape, given), given)
     turned = contact.lying.rotate_deg in (90, 270)
     values = given_values(given, NEEDED["contact"][:-1])  # the load is found
     values += file_values(frames, given, turned=turned)
@@ -514,14 +512,13 @@ def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
         f"Frame {frame.index} was looked at: the disc's fringes leave {fit.chi:.2f} times "
         "its noise."
     ]
-    notes = [message("chi_disc_fringes_leave", chi=fit.chi)]
     return written_draft(
         frames,
         frame.index,
         sentences,
         values,
         open_of_set(frames, given),
-        warnings=[] if fit.chi <= POOR_CHI else notes,
+        warnings=[] if fit.chi <= POOR_CHI else [message("chi_disc_fringes_leave", chi=fit.chi)],
         chi=fit.chi,
         draw=partial(draft_figure, data, fit.scene, values),
     )
@@ -572,8 +569,7 @@ def _fitted(data: FrameData, bare: Scene, given: KnownValues) -> tuple[FrameData
             # so far off that its values say nothing, as `process` has it
             if fit.positive:
                 sigma = turned.toned(fit.scene.get(GAMMA)).sigma
-                contrast_noise = evaluate_model(turned, fit.scene).contrast_noise(sigma)
-                if fit.chi * contrast_noise <= TOO_FAR:
+                if fit.chi * evaluate_model(turned, fit.scene).contrast_noise(sigma) <= TOO_FAR:
                     fits.append((turned, fit))
         except (InputError, PhysicsError):
             continue  # the fit has left the picture

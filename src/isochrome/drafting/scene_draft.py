@@ -495,5 +495,4 @@ def described_set(reader: FrameReader) -> str:
     count = counted(reader.count(decode=False), "frame")
     rate = frame_rate(reader)
     timed = "" if rate is None else f", {rate:.4g} a second by their times"
-    name = name_of(reader)
-    return f"{Path(name).name}: {count} of {cols} x {rows} pixels, {depth}{timed}."
+    return f"{Path(name_of(reader)).name}: {count} of {cols} x {rows} pixels, {depth}{timed}."

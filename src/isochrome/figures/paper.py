@@ -93,11 +93,9 @@ class FigureStyle:
     def __post_init__(self) -> None:
         if not NARROWEST_MM <= self.width_mm <= WIDEST_MM:
             raise InputError(
-                "width_mm_figure_give",
-                width_mm=self.width_mm,
-                narrowest_mm=NARROWEST_MM,
+                "width_mm_figure_give", width_mm=self.width_mm, narrowest_mm=NARROWEST_MM,
                 widest_mm=WIDEST_MM,
-            )
+            )  # fmt: skip
         if not LEAST_DPI <= self.dpi <= MOST_DPI:
             raise InputError("dpi_give_such", dpi=self.dpi, least_dpi=LEAST_DPI, most_dpi=MOST_DPI)
         wrong = [name for name in self.formats if name not in FORMATS]
@@ -702,8 +700,7 @@ def _settle(figure: Figure) -> None:
         block: Any = part
         block.bbox_relative.set_points(np.round(block.bbox_relative.get_points(), _PLACES))
     for axes in figure.axes:
-        place = axes.get_position(original=True)
-        axes.set_position(np.round(place.bounds, _PLACES).tolist())
+        axes.set_position(np.round(axes.get_position(original=True).bounds, _PLACES).tolist())
 
 
 _EMBEDDED: Any = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "isochrome"}

@@ -434,8 +434,7 @@ def _segment(file: BinaryIO, place: int, stop: int, path: Path) -> None:
     inside_open = False  # a cluster of unknown size ends where the next element of a segment is
     while place < stop:
         name, size, body = _element(file, place, path)
-        known = name in IN_SEGMENT or (inside_open and name in IN_CLUSTER)
-        if not known:
+        if not (name in IN_SEGMENT or (inside_open and name in IN_CLUSTER)):
             raise _damaged(path, place)
         if size == UNKNOWN_SIZE:
             if name != CLUSTER:

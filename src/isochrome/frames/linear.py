@@ -530,8 +530,7 @@ def _middle_of_bytes(levels: np.ndarray) -> float:
     largest = 16 * 255
     counts = cv2.calcHist([sizes], [0], None, [largest + 1], [0, largest + 1]).ravel()
     below, last = np.cumsum(counts), sizes.size - 1
-    ends = np.searchsorted(below, [last // 2, (last + 1) // 2], side="right")
-    return float(ends.mean())
+    return float(np.searchsorted(below, [last // 2, (last + 1) // 2], side="right").mean())
 
 
 @dataclass(frozen=True)

@@ -301,8 +301,7 @@ def _check_lengths(
 
 def _number_reader(values: list[str]) -> Callable[[str], float]:
     """How the cells of a column are numbers: with decimal points, or all with decimal commas."""
-    commas = any("," in cell for cell in values)
-    if commas and not any("." in cell for cell in values):
+    if any("," in cell for cell in values) and not any("." in cell for cell in values):
         return lambda cell: (
             math.nan
             if "," in cell and _DECIMAL_COMMA.fullmatch(cell) is None
@@ -413,8 +412,7 @@ def _write_table(file: TextIO, columns: Mapping[str, Any], *, header: bool = Tru
     writer = csv.writer(file, lineterminator="\n")
     if header:
         writer.writerow(columns)
-    count = max(map(len, columns.values()), default=0)
-    for start in range(0, count, _AT_ONCE):
+    for start in range(0, max(map(len, columns.values()), default=0), _AT_ONCE):
         parts = (_cells(values[start : start + _AT_ONCE]) for values in columns.values())
         writer.writerows(zip(*parts, strict=True))
 

@@ -95,11 +95,9 @@ def read_roi_mask(path: Path, shape: tuple[int, int]) -> Mask:
         for roi in rois:
             if roi.roitype.name not in AREAS or roi.subtype.name in ("TEXT", "ARROW", "IMAGE"):
                 raise InputError(
-                    "roi_type_which_encloses",
-                    path=path,
-                    name=roi.name,
+                    "roi_type_which_encloses", path=path, name=roi.name,
                     name_2=roi.roitype.name.lower(),
-                )
+                )  # fmt: skip
             inside |= _inside(roi, shape)
     except InputError:
         raise

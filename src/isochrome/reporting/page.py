@@ -170,8 +170,7 @@ def _size(encoded: dict[str, Any]) -> int:
 def _encoded(frame: ReportFrame, stride: int) -> dict[str, Any]:
     """A frame as the page takes it: means over `stride` pixels, and orders in their middle."""
     rows, cols = (size // stride for size in frame.panes[0].values.shape)
-    names = ("number", "label", "why", "notes")
-    return {name: getattr(frame, name) for name in names} | {
+    return {name: getattr(frame, name) for name in ("number", "label", "why", "notes")} | {
         "rows": rows,
         "cols": cols,
         "stride": stride,
@@ -193,10 +192,9 @@ def _orders(frame: ReportFrame, stride: int, step: float) -> dict[str, Any]:
     first = stride // 2
     rows, cols = (size // stride for size in frame.panes[0].values.shape)
     part = tuple(slice(first, first + stride * size, stride) for size in (rows, cols))
-    maps = {"order": frame.order, "model_order": frame.model_order}
     return {
         name: None if order is None else vars(order_map(order[part], step))
-        for name, order in maps.items()
+        for name, order in {"order": frame.order, "model_order": frame.model_order}.items()
     }
 
 
@@ -398,8 +396,7 @@ def paper_rows(scene: Scene | None, record: Mapping[str, Any]) -> list[tuple[str
     for name, digest in files[:_MOST_FILES]:
         result.append((f"SHA-256 of {PurePath(*PurePath(name).parts[-2:])}", str(digest)))
     if len(files) > _MOST_FILES:
-        text = f"SHA-256 of {len(files) - _MOST_FILES} files more"
-        result.append((text, "in provenance.json"))
+        result.append((f"SHA-256 of {len(files) - _MOST_FILES} files more", "in provenance.json"))
     return result
 
 

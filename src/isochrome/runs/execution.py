@@ -570,11 +570,9 @@ def _saying(root: Path, job: Job) -> Iterator[_State]:
         ) from None
     except OSError as error:
         raise InputError(
-            "cannot_written_there_make",
-            root=root,
-            strerror=error.strerror or error,
+            "cannot_written_there_make", root=root, strerror=error.strerror or error,
             count_kept=count_kept(),
-        ) from error
+        ) from error  # fmt: skip
     finally:
         if state.fresh and not state.anything:
             with suppress(OSError):

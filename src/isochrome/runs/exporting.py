@@ -229,13 +229,12 @@ def _labels(dataset: xarray.Dataset, array: xarray.DataArray) -> list[str]:
     axes = array.dims[:-2]
     values = [dataset[axis].values if axis in dataset.coords else None for axis in axes]
     names = [dataset[axis].attrs.get("long_name", axis) for axis in axes]
-    places = product(*(range(size) for size in array.shape[:-2]))
     return [
         ", ".join(
             f"{name} = {k if axis_values is None else f'{axis_values[k]:.6g}'}"
             for name, axis_values, k in zip(names, values, place, strict=True)
         )
-        for place in places
+        for place in product(*(range(size) for size in array.shape[:-2]))
     ]
 
 

@@ -534,9 +534,8 @@ def write_stack(
     see `imagej_view`; `pixel_mm`, None = not known. Raises OSError, InputError.
     """
     items = run.layout.paged_items(layer)
-    pictures = (picture(run, layer.name, item) for item in items)
     write_frames(
-        run.results / f"{layer.name}.tif", pictures,
+        run.results / f"{layer.name}.tif", (picture(run, layer.name, item) for item in items),
         (len(items), *list(run.layout.shape.values())[-2:]), np.dtype("<f4"),
         pixel_mm=pixel_mm, metadata=view,
     )  # fmt: skip

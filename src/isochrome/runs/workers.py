@@ -27,7 +27,6 @@ from functools import cache
 from typing import Any, TypeVar
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 from isochrome.runs.job import ChunkRecord, Results, RunFolder, Work, environment, keep
 
 LARGE = 16 << 20
@@ -156,22 +155,16 @@ def worker_pool(
     Parameters: `begin`, called in each before its first work; `arguments`, what it is called with.
     Raises WorkersLost.
     """
-    before = set(multiprocessing.active_children())
-    pool = futures.ProcessPoolExecutor(
-        workers,
-        multiprocessing.get_context("spawn"),
-        initializer=_start_worker,
-        initargs=(begin, arguments),
-    )
-    finished = False
+    before, spawn = set(multiprocessing.active_children()), multiprocessing.get_context("spawn")
+    pool = futures.ProcessPoolExecutor(workers, spawn, _start_worker, (begin, arguments))
     try:
         with _saying_who_is_lost():
             yield pool
-        finished = True
+    except BaseException:  # whoever waits at the keyboard does not wait for a chunk
+        for child in set(multiprocessing.active_children()) - before:
+            child.terminate()
+        raise
     finally:
-        if not finished:  # whoever waits at the keyboard does not wait for a chunk
-            for child in set(multiprocessing.active_children()) - before:
-                child.terminate()
         pool.shutdown(wait=True, cancel_futures=True)
 
 
@@ -181,7 +174,7 @@ def _saying_who_is_lost() -> Iterator[None]:
     try:
         yield
     except futures.process.BrokenProcessPool as error:
-        raise WorkersLost(message("worker_process_killed_system")) from error
+        raise WorkersLost("worker_process_killed_system") from error
 
 
 def by_cluster(
@@ -199,13 +192,12 @@ def by_cluster(
         everywhere = client.scatter(work, broadcast=True)
         ahead = 2 * max(1, sum(client.nthreads().values()))
         expected = environment()
-        sent = in_flight(
-            lambda index: executor.submit(_elsewhere, everywhere, run.layout.span(index), expected),
-            chunks,
-            ahead,
-        )
+
+        def submit(index: int) -> Any:
+            return executor.submit(_elsewhere, everywhere, run.layout.span(index), expected)
+
         try:
-            for index, results in sent:
+            for index, results in in_flight(submit, chunks, ahead):
                 yield index, keep(run, index, results)
         finally:
             executor.shutdown(wait=False)
@@ -283,11 +275,9 @@ def _elsewhere(work: Work, span: tuple[int, int], expected: dict[str, Any]) -> R
     differing = [key for key in expected if here.get(key) != expected[key]]
     if differing:
         raise InputError(
-            "worker_cluster_has_another",
-            differing=differing[0],
-            here=here.get(differing[0]),
+            "worker_cluster_has_another", differing=differing[0], here=here.get(differing[0]),
             expected=expected[differing[0]],
-        )
+        )  # fmt: skip
     with single_threaded():
         return work(*span)
 
@@ -298,16 +288,14 @@ def _client(address: str) -> Iterator[Any]:
     try:
         from distributed import Client
     except ImportError as error:
-        raise NoCluster(message("cluster_needs_package_distributed")) from error
+        raise NoCluster("cluster_needs_package_distributed") from error
     try:
         client = Client(address, timeout="10s", set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
-        raise NoCluster(
-            message("cluster_no_dask_scheduler", address=address, error=error)
-        ) from error
+        raise NoCluster("cluster_no_dask_scheduler", address=address, error=error) from error
     with client:
         if not client.nthreads():
-            raise NoCluster(message("cluster_cluster_has_no", address=address))
+            raise NoCluster("cluster_cluster_has_no", address=address)
         yield client
 
 

@@ -601,8 +601,7 @@ def _find(bins: BinnedTrace, name: str) -> tuple[ScarShape, Roughness, Mask]:
     form = legendre(x, FORM_DEGREES[-1])
 
     def roots(place: ScarShape, before: Roughness | None = None) -> tuple[Roughness, Array]:
-        unworn = _shoulders(bins, place, name)
-        fitted = fit_roughness(z, unworn, form, bins.spacing_mm, before)
+        fitted = fit_roughness(z, _shoulders(bins, place, name), form, bins.spacing_mm, before)
         return fitted, whitening(x, _firm(fitted.covariance(n)))
 
     # at first what second differences show, as if it were white

@@ -66,8 +66,7 @@ def _table(text: str, path: Path) -> tuple[Array, Array]:
             "no_line_numbers_first", path=path, cells_count=len(cells), form=message(_FORM)
         )
     x_column, z_column, x_unit, z_unit = _columns([row for _, row in cells[:first]], path)
-    lines = [line for _, line in rows[first:]]
-    values = split.numbers(lines, (x_column, z_column))
+    values = split.numbers([line for _, line in rows[first:]], (x_column, z_column))
     if values is None or not np.isfinite(values).all():
         _refuse_line(rows[first:], split, (x_column, z_column), path)
     assert values is not None
@@ -234,8 +233,7 @@ def read_trace(path: str | Path) -> Trace:
     cells between commas, semicolons, tabs or blanks; # begins a comment. Or one profile in the
     ASCII form of ISO 25178-71 (SDF).
     """
-    place = Path(path)
-    x_mm, z_um = parse_trace(place)
+    x_mm, z_um = parse_trace(Path(path))
     return Trace(x_mm=x_mm, z_um=z_um, name=str(path))
 
 

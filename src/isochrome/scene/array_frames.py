@@ -167,11 +167,9 @@ class ArrayFrames:
     def _check_count(self) -> None:
         if not 1 <= self.count <= MOST_FRAMES:
             raise InputError(
-                "holds_frames_allowed_give",
-                called=self._called,
-                count=self.count,
+                "holds_frames_allowed_give", called=self._called, count=self.count,
                 most_frames=MOST_FRAMES,
-            )
+            )  # fmt: skip
 
     def _check_form(self) -> None:
         """Refuse frames of other axes, or of axes in another order."""

@@ -108,8 +108,7 @@ def as_text(value: float, standard_uncertainty: float, date: str | None = None) 
     import tomli_w
 
     table = {VALUE: value, SPREAD: standard_uncertainty} | ({DATE: date} if date else {})
-    lines = tomli_w.dumps(table).split("\n")
-    return "{ " + ", ".join(line for line in lines if line) + " }"
+    return "{ " + ", ".join(line for line in tomli_w.dumps(table).split("\n") if line) + " }"
 
 
 def _without_date(data: dict[str, Any]) -> tuple[dict[str, Any], str | None]:

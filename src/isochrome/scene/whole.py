@@ -322,11 +322,9 @@ class Scene(ScenePart):
             raise InputError("scene_has_no_add", key=key, part=part)
         if name not in type(table).model_fields:
             raise InputError(
-                "has_no_such_key",
-                key=key,
-                part=part,
+                "has_no_such_key", key=key, part=part,
                 model_fields=", ".join(type(table).model_fields),
-            )
+            )  # fmt: skip
         return getattr(table, name)
 
     def with_values(self, values: dict[str, Any]) -> Scene:

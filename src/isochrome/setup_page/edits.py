@@ -286,8 +286,7 @@ def _set_values(session: SetupSession, values: Mapping[str, Any]) -> None:
 
 def _make_new(session: SetupSession, request: Request) -> None:
     """A scene from the form, in place of none."""
-    no_load = likely_no_load(session.beside())
-    text = new_scene_text(request["kind"], request["values"], no_load)
+    text = new_scene_text(request["kind"], request["values"], likely_no_load(session.beside()))
     if isinstance(session, SetSession):
         if request["kind"] != session.subject:
             raise InputError("kind_set", kind=request["kind"], subject=session.subject)

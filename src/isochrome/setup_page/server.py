@@ -223,8 +223,7 @@ class ClickPreview:
         if not (-0.5 <= row < rows - 0.5 and -0.5 <= col < cols - 0.5):
             return _nothing(message("outside_region_would_anchor", what=what))
         shift = region.model_dump()
-        points = order_tables(request["points"], shift)
-        text = with_table_list(text, "frames.known_order", points)
+        text = with_table_list(text, "frames.known_order", order_tables(request["points"], shift))
         text = with_table_list(text, "frames.known_line", line_tables(request["lines"], shift))
         then = without_model(session.scene(text), text)
         key = (self._key, now.frames.model_dump_json())

@@ -515,8 +515,7 @@ class SetupSession:
                 span = grey_span(_cut(shown_frame(frame.image), region))
                 self._model = key, model, span
             _, model, span = self._model
-            gamma = scene.frames.first_gamma
-            return shown_grey(model.signal(values), span, gamma), region
+            return shown_grey(model.signal(values), span, scene.frames.first_gamma), region
 
 
 def shown_frame(image: NDArray[Any]) -> NDArray[np.uint8]:
