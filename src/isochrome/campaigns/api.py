@@ -93,12 +93,6 @@ _DEVICE = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECAS
 """Names that Windows keeps for its devices."""
 
 
-def label_of(frames: FramesPath) -> str:
-    """A recording as it was named, in text that every file can hold."""
-    text = str(frames) if isinstance(frames, str | Path) else f"{frames[0]} ..."
-    return text.encode("utf-8", "replace").decode("utf-8")
-
-
 def folder_names(recordings: Sequence[FramesPath]) -> tuple[str, ...]:
     """A folder's name for each recording: its file's without the ending, or its folder's.
 
@@ -109,9 +103,8 @@ def folder_names(recordings: Sequence[FramesPath]) -> tuple[str, ...]:
     firsts = (frames if isinstance(frames, str | Path) else frames[0] for frames in recordings)
     places = [Path(os.path.abspath(first)) for first in firsts]
     plain = [_plain(place.name if place.is_dir() else place.stem) for place in places]
-    count = Counter(_key(name) for name in plain)
-    taken: set[str] = set()
-    result = []
+    count = Counter(map(_key, plain))
+    taken = dict[str, str]()
     for place, name in zip(places, plain, strict=True):
         if count[_key(name)] > 1:
             name = _plain(f"{place.parent.name}-{name}")
@@ -119,9 +112,8 @@ def folder_names(recordings: Sequence[FramesPath]) -> tuple[str, ...]:
         while _key(free) in taken:
             number += 1
             free = f"{name}-{number}"
-        taken.add(_key(free))
-        result.append(free)
-    return tuple(result)
+        taken[_key(free)] = free
+    return tuple(taken.values())
 
 
 def _key(name: str) -> str:
@@ -206,7 +198,10 @@ def failed(task: Task, error: IsochromeError) -> Outcome:
 
 def _row(task: Task, status: str) -> dict[str, Any]:
     """A row's first columns, and the last ones, all of which every recording has."""
-    names = {"recording": label_of(task.frames), "folder": task.name, "status": status}
+    frames = task.frames
+    text = str(frames) if isinstance(frames, str | Path) else f"{frames[0]} ..."
+    label = text.encode("utf-8", "replace").decode("utf-8")  # what every file can hold
+    names = {"recording": label, "folder": task.name, "status": status}
     return names | dict.fromkeys(_VALUES) | {"warnings": "", "error": ""}
 
 
@@ -240,10 +235,8 @@ def _read(task: Task, processed: Processed) -> Outcome:
     if processed.failed:
         row["error"] = message("frames_could_not_processed", failed=processed.failed, count=count)
     record = json.loads((task.folder / PROVENANCE).read_text("utf-8"))
-    curves = {
-        name: numbers(table[name])[:: -(-count // _POINTS)]
-        for name in ("distance_m", "frame", *keys, *(f"{key} {SPREAD}" for key in keys))
-    }
+    drawn = ("distance_m", "frame", *keys, *(f"{key} {SPREAD}" for key in keys))
+    curves = {name: numbers(table[name])[:: -(-count // _POINTS)] for name in drawn}
     code = InputError.exit_code if processed.failed else 0
     return Outcome(row, record["inputs_sha256"], code, processed.already, curves)
 
@@ -260,15 +253,13 @@ def _of_known(measure: Any, values: Array) -> float | None:
 def _hashes(frames: FramesPath) -> dict[str, str]:
     """The files of a recording that can be read, with their SHA-256."""
     named = [frames] if isinstance(frames, str | Path) else frames
-    files = []
+    result = {}
     for place in map(Path, named):
         with suppress(OSError):
-            files += sorted(place.iterdir()) if place.is_dir() else [place]
-    result = {}
-    for file in files:
-        with suppress(InputError, OSError):
-            if file.is_file():
-                result[str(file)] = sha256(file)
+            for file in sorted(place.iterdir()) if place.is_dir() else [place]:
+                with suppress(InputError, OSError):
+                    if file.is_file():
+                        result[str(file)] = sha256(file)
     return result
 
 

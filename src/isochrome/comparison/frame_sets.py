@@ -220,18 +220,18 @@ def compare_signals(
     """
     measured, model, _, known = _paired(experiment, simulation, mask, "images", "signal")
     gain, offset = brightness_line(measured[known], model[known])
-    residual = measured - (gain * model + offset)
-    over_noise = np.nan
+    fitted = gain * model + offset
+    residual, over_noise = (measured - fitted)[known], np.nan
     if noise is not None:
         deviation = np.broadcast_to(np.asarray(noise, dtype=float), measured.shape)[known]
         if not np.all(deviation > 0.0):
             raise InputError("noise_image_comparison_holds")
-        over_noise = _rms(residual[known] / deviation)
+        over_noise = _rms(residual / deviation)
     return SignalMetrics(
         ncc=_correlation(measured[known], model[known]),
-        rmse=_rms(residual[known]),
+        rmse=_rms(residual),
         rmse_over_noise=over_noise,
-        ssim=_ssim(measured, gain * model + offset, known),
+        ssim=_ssim(measured, fitted, known),
         gain=gain,
         offset=offset,
     )

@@ -466,7 +466,12 @@ def compare_scars(
     metrics.csv, scars.csv, provenance.json, scars.png. PhysicsError: no trace shows a scar.
     """
     files, listed = _traces(measured)
-    scene = _simulated_scene(simulation)
+    if not isinstance(simulation, Scene) and Path(simulation).is_dir():  # what `simulate` left
+        simulation = Path(simulation) / "scene.toml"
+        if not simulation.is_file():
+            raise InputError("not_there_name_result", file=simulation)
+        opened_record(simulation.parent, [simulation.name])
+    scene = load_scene(simulation)
     distances = sorted(set(listed))
     by_distance = dict(zip(distances, simulated_scars(scene, distances), strict=True))
     scars = tuple(by_distance[distance] for distance in listed)
@@ -511,17 +516,6 @@ def _traces(
 def _is_wear_set(path: Path) -> bool:
     """Whether a TOML file has traces, as sets of a wear calibration and no scenes have."""
     return path.is_file() and "trace" in parse_toml(read_text(path), str(path))
-
-
-def _simulated_scene(simulation: str | Path | Scene) -> Scene:
-    """A scene, or that of a folder of `simulate`."""
-    if not isinstance(simulation, Scene) and Path(simulation).is_dir():
-        file = Path(simulation) / "scene.toml"
-        if not file.is_file():
-            raise InputError("not_there_name_result", file=file)
-        opened_record(file.parent, [file.name])
-        return load_scene(file)
-    return load_scene(simulation)
 
 
 def _paired(

@@ -700,7 +700,8 @@ def _settle(figure: Figure) -> None:
         block: Any = part
         block.bbox_relative.set_points(np.round(block.bbox_relative.get_points(), _PLACES))
     for axes in figure.axes:
-        axes.set_position(np.round(axes.get_position(original=True).bounds, _PLACES).tolist())
+        place = axes.get_position(original=True)
+        axes.set_position(np.round(place.bounds, _PLACES).tolist())
 
 
 _EMBEDDED: Any = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "isochrome"}

@@ -224,12 +224,6 @@ def check_size(path: str | Path, rows: int, cols: int, pixel_bytes: int = 1) -> 
         )  # fmt: skip
 
 
-def check_aspect(path: str | Path, across: float, down: float) -> None:
-    """Refuse a video whose pixels are `across` to `down`, not square. Raises InputError."""
-    if min(across, down) > 0 and across != down:
-        raise InputError("says_pixels_not_square", path=path, across=across, down=down)
-
-
 def check_dtype(path: str | Path, dtype: np.dtype) -> np.dtype:
     """The pixel type in native byte order; InputError where it is not 8, 16 bit or float."""
     native = dtype.newbyteorder("=")

@@ -158,7 +158,11 @@ def encode_frames(frames: Sequence[ReportFrame], *, room: int = ROOM_BYTES) -> l
             stride = max(stride + 1, int(stride * np.sqrt(_size(encoded) / share)))
             encoded = _encoded(frame, stride)
         finer = encoded | _orders(frame, stride, FINE_STEP)
-        result.append(finer if _size(finer) <= share and _holds(frame) else encoded)
+        # within what whole numbers of the fine step hold
+        maps = (order for order in (frame.order, frame.model_order) if order is not None)
+        known = (order[np.isfinite(order)] for order in maps)
+        holds = all(np.ptp(one) < FINE_STEP * (_LARGEST - 1) for one in known if one.size)
+        result.append(finer if holds and _size(finer) <= share else encoded)
     return result
 
 
@@ -196,13 +200,6 @@ def _orders(frame: ReportFrame, stride: int, step: float) -> dict[str, Any]:
         name: None if order is None else vars(order_map(order[part], step))
         for name, order in {"order": frame.order, "model_order": frame.model_order}.items()
     }
-
-
-def _holds(frame: ReportFrame) -> bool:
-    """Whether a frame's orders are within what whole numbers of the fine step hold."""
-    maps = [order for order in (frame.order, frame.model_order) if order is not None]
-    known = [order[np.isfinite(order)] for order in maps]
-    return all(np.ptp(own) < FINE_STEP * (_LARGEST - 1) for own in known if own.size)
 
 
 def _means(values: Array, stride: int) -> Array:
@@ -266,17 +263,18 @@ class ReportTable:
 
     @property
     def rows(self) -> list[tuple[tuple[str, bool], ...]]:
-        """The first rows: each value as text, and whether it is a number, which is not broken."""
-        return list(zip(*map(self._cells, self.columns), strict=True))
+        """The first rows: each value as text, and whether it is a number, which is not broken.
 
-    def _cells(self, name: str) -> list[tuple[str, bool]]:
-        """The first cells of a column: a ± with two digits, a value to the last of its own."""
-        values = self.columns[name][:_MOST_ROWS]
-        column = _SPREAD if name == "value" else f"{name} {_SPREAD}"
-        spreads = self.columns.get(column, [None] * len(values))
-        digits = 2 if name.endswith(("uncertainty", "bound")) else 5
-        pairs = zip(values, spreads, strict=False)
-        return [(_text(v, spread, digits), isinstance(v, int | float)) for v, spread in pairs]
+        A ± has two digits, a value those to the last of its own.
+        """
+        columns = []
+        for name, values in self.columns.items():
+            column = _SPREAD if name == "value" else f"{name} {_SPREAD}"
+            spreads = self.columns.get(column, [None] * len(values))
+            digits = 2 if name.endswith(("uncertainty", "bound")) else 5
+            pairs = zip(values[:_MOST_ROWS], spreads, strict=False)
+            columns.append([(_text(v, u, digits), isinstance(v, int | float)) for v, u in pairs])
+        return list(zip(*columns, strict=True))
 
     @property
     def left_out(self) -> int:
@@ -557,16 +555,19 @@ def assemble_page(
 
     The scripts are one, in this order; for `policy` see `content_policy`.
     """
+    from jinja2 import Environment, StrictUndefined
     from markupsafe import Markup
 
-    page: str = _template(room, name).render(
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.from_string(_part(room, f"{name}.html.jinja")).render(
         # hashes are of the plain letters of base64
         policy=Markup(content_policy(room, name, scripts=scripts, policy=policy)),
         style=Markup(_part(room, f"{name}.css")),
         script=Markup(_joined(room, tuple(scripts))),
         **values,
     )
-    return page
 
 
 def content_policy(room: str, name: str, *, scripts: Sequence[str], policy: str) -> str:
@@ -596,17 +597,6 @@ def _joined(room: str, scripts: tuple[str, ...]) -> str:
 def _part(room: str, name: str) -> str:
     """A file of a room."""
     return (resources.files(room) / name).read_text("utf-8")
-
-
-@cache
-def _template(room: str, name: str) -> Any:
-    """A page's template, in which every value is escaped."""
-    from jinja2 import Environment, StrictUndefined
-
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    return environment.from_string(_part(room, f"{name}.html.jinja"))
 
 
 MOST_BYTES = 10_000_000

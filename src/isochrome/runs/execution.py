@@ -95,7 +95,11 @@ def locked(folder: Path) -> Iterator[None]:
         lock.acquire()
         (folder / OWNER).write_text(f"process {os.getpid()} on {socket.gethostname()}", "utf-8")
     except Timeout:
-        raise InputError("another_run_work_there", folder=folder, owner=_owner(folder)) from None
+        owner = ""
+        with suppress(OSError):
+            owner = (folder / OWNER).read_text("utf-8")
+        owner = owner or "unknown process"
+        raise InputError("another_run_work_there", folder=folder, owner=owner) from None
     except (OSError, NotImplementedError) as error:
         if lock is not None and lock.is_locked:
             _release(folder, lock)
@@ -126,13 +130,6 @@ def _release(folder: Path, lock: FileLock) -> None:
         with suppress(OSError):
             (folder / LOCK).unlink(missing_ok=True)
             folder.rmdir()
-
-
-def _owner(folder: Path) -> str:
-    try:
-        return (folder / OWNER).read_text("utf-8") or "unknown process"
-    except OSError:
-        return "unknown process"
 
 
 FINISHED = "finished"
@@ -353,8 +350,14 @@ def check_own(target: Path, names: Iterable[str]) -> None:
     outputs = _outputs(_record(target))
     known = {name.partition("/")[0] for name in outputs} | {PROVENANCE}
     known |= {STORE, REPORT} if outputs else set()  # of an earlier version too
-    if not outputs and _has_damaged_record(target):
-        return
+    if not outputs:  # a run may have left its results, and nobody knows any more which these are
+        path, store = target / PROVENANCE, target / STORE / "zarr.json"
+        if is_record(path):
+            damaged = has_own_keys(path)
+        else:
+            damaged = is_record(store) and b'"source": "Isochrome"' in store.read_bytes()
+        if damaged:
+            return
     for name in names:
         place = target / name
         if name not in known and place.exists() and not place.is_symlink():
@@ -374,14 +377,6 @@ def _outputs(record: Mapping[str, Any]) -> list[str]:
     """The files of an earlier run, by its record."""
     outputs = record.get("outputs")
     return list(outputs) if isinstance(outputs, dict) else []
-
-
-def _has_damaged_record(target: Path) -> bool:
-    """Whether a run has left its results, and nobody knows any more which these are."""
-    path, store = target / PROVENANCE, target / STORE / "zarr.json"
-    if is_record(path):
-        return has_own_keys(path)
-    return is_record(store) and b'"source": "Isochrome"' in store.read_bytes()
 
 
 def _clear_old(results: Path, target: Path) -> None:
@@ -489,7 +484,10 @@ def run_job(
             state.fresh = means.restart or not has_run(root)
             run = open_run_folder(root, job, restart=means.restart)
             if faults and progress is not None:
-                progress(Tally(0, job.layout.count, 0, 0, _of_damage(out, faults)))
+                name, fault = next(iter(faults.items()))
+                more = f", and {len(faults) - 1} more" if len(faults) > 1 else ""
+                said = message("made_anew_what_whole", out=out, name=name, fault=fault, more=more)
+                progress(Tally(0, job.layout.count, 0, 0, said))
             if not (means.restart or is_finished(run)):
                 take_back(run, target)
             result: T | None = None
@@ -517,13 +515,6 @@ def _check_workers(job: Job, options: RunOptions) -> None:
         raise InputError("workers_give_more", workers=options.workers)
     if job.in_turn and (options.cluster is not None or (options.workers or 1) > 1):
         raise InputError("workers_cluster_each_frame")
-
-
-def _of_damage(out: str | Path, faults: Mapping[str, str]) -> str:
-    """What is said of damaged results before they are mended."""
-    name, fault = next(iter(faults.items()))
-    more = f", and {len(faults) - 1} more" if len(faults) > 1 else ""
-    return message("made_anew_what_whole", out=out, name=name, fault=fault, more=more)
 
 
 @dataclass

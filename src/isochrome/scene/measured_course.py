@@ -89,8 +89,12 @@ def with_tables(data: Any, folder: Path | None) -> Any:
         if kind.key in part:
             raise InputError("exclude_each_other_remove", part=kind.part, file=FILE, key=kind.key)
         speed = _speed(kind, speed, tables.get("frames"))
-        table = read_course((folder or Path()) / name, kind, speed)
+        given = read_given_table((folder or Path()) / name, f"the {kind.part}")
+        distance, value = _columns(given, kind, speed)
+        _refuse_gap(given, kind, distance, value)
+        distance, value = few_lines(distance, value, str(given.path))
         others = {key: value for key, value in part.items() if key not in (FILE, SPEED)}
+        table = {"distance_m": distance.tolist(), "value": value.tolist()}
         tables[kind.part] = others | {kind.key: table}
         files.append(name)
     return tables | {FILES: tuple(files)} if files else tables
@@ -108,15 +112,6 @@ def _speed(kind: _Kind, stated: Any, frames: Any) -> float | None:
     if not number or not 0.0 < speed < 1e30:
         raise InputError("not_allowed_above_mm", key=key, speed=speed)
     return float(speed)
-
-
-def read_course(path: Path, kind: _Kind, speed_mm_per_s: float | None) -> dict[str, list[float]]:
-    """A file's values over the distance, as a table of a scene, see `few_lines`."""
-    given = read_given_table(path, f"the {kind.part}")
-    distance, value = _columns(given, kind, speed_mm_per_s)
-    _refuse_gap(given, kind, distance, value)
-    distance, value = few_lines(distance, value, str(path))
-    return {"distance_m": distance.tolist(), "value": value.tolist()}
 
 
 def _columns(given: GivenTable, kind: _Kind, speed: float | None) -> tuple[Floats, Floats]:
@@ -211,24 +206,23 @@ def _line_values(s: Floats, value: Floats, bends: Any) -> Floats:
     """Values (m,) at the bends of the lines of least squares, by their tridiagonal equations."""
     from scipy.linalg import solveh_banded
 
-    weight = np.zeros(len(s))
-    step = np.diff(s)
+    weight, step, m = np.zeros(len(s)), np.diff(s), len(bends)
     weight[:-1] += 0.5 * step
     weight[1:] += 0.5 * step
-    m = len(bends)
     cell = np.clip(np.searchsorted(bends, np.arange(len(s)), side="right") - 1, 0, m - 2)
     right = (s - s[bends][cell]) / np.diff(s[bends])[cell]
     weight_before = 1.0 - right
-    sums = [
-        np.bincount(cell, weight * f, minlength=m)
-        for f in (weight_before * weight_before, right * right)
-    ]
+
+    def summed(each: Floats) -> Any:
+        """Its weighted sum over each stretch."""
+        return np.bincount(cell, each, minlength=m)
+
     bands = np.zeros((2, m))
-    bands[1] = sums[0]
-    bands[1, 1:] += sums[1][:-1]
-    bands[0, 1:] = np.bincount(cell, weight * weight_before * right, minlength=m)[:-1]
-    load = np.bincount(cell, weight * weight_before * value, minlength=m)
-    load[1:] += np.bincount(cell, weight * right * value, minlength=m)[:-1]
+    bands[1] = summed(weight * (weight_before * weight_before))
+    bands[1, 1:] += summed(weight * (right * right))[:-1]
+    bands[0, 1:] = summed(weight * weight_before * right)[:-1]
+    load = summed(weight * weight_before * value)
+    load[1:] += summed(weight * right * value)[:-1]
     return np.asarray(solveh_banded(bands, load))
 
 

@@ -365,14 +365,10 @@ STIFFEST_GPA = 1000.0
 """No body is stiffer: a larger modulus has another unit."""
 
 LARGEST_MM = {
-    "specimen.thickness_mm": 1e3,
-    "specimen.diameter_mm": 1e3,
-    "specimen.hole_mm": 1e3,
-    "specimen.height_mm": 1e3,
-    "specimen.width_mm": 1e3,
-    "indenter.half_width_mm": 1e3,
+    "specimen.thickness_mm": 1e3, "specimen.diameter_mm": 1e3, "specimen.hole_mm": 1e3,
+    "specimen.height_mm": 1e3, "specimen.width_mm": 1e3, "indenter.half_width_mm": 1e3,
     "indenter.radius_mm": 1e4,
-}
+}  # fmt: skip
 """Nothing under a polariscope is larger, and no cylinder flatter: a larger size is in µm."""
 
 MOST = 10_000
@@ -387,7 +383,14 @@ def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
     profile's contact is held to this when it is solved. `shape` None: a picture that may show as
     small a part as one likes, whose size is the camera's.
     """
-    _check_sizes(scene)
+    for key, most in LARGEST_MM.items():
+        part, _, name = key.partition(".")
+        size = getattr(getattr(scene, part), name, None)
+        if size is not None and size > most:  # beyond all benches
+            raise InputError(
+                "over_mm_give_mm", name=scene.name, key=key, size=size, most=most,
+                size_2=1e-3 * size,
+            )  # fmt: skip
     camera, shown = scene.camera, _width(scene)
     if camera is None or camera.pixel_mm is None or shown is None:
         return
@@ -417,18 +420,6 @@ def check_moduli(scene: Scene) -> None:
             raise InputError(
                 "over_gpa_which_no", name=scene.name, key=key, young=young,
                 stiffest_gpa=STIFFEST_GPA, young_2=1e-3 * young,
-            )  # fmt: skip
-
-
-def _check_sizes(scene: Scene) -> None:
-    """Refuse sizes that are beyond all benches."""
-    for key, most in LARGEST_MM.items():
-        part, _, name = key.partition(".")
-        size = getattr(getattr(scene, part), name, None)
-        if size is not None and size > most:
-            raise InputError(
-                "over_mm_give_mm", name=scene.name, key=key, size=size, most=most,
-                size_2=1e-3 * size,
             )  # fmt: skip
 
 
