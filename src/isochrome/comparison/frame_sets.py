@@ -642,12 +642,10 @@ def _labels(table: Mapping[str, Sequence[Any]], count: int) -> tuple[str, ...]:
     """Name the frames: by their label, else by sliding distance and named state."""
     if "label" in table:
         return tuple(str(name) for name in table["label"])
-    names = table.get("state", [])
-    distances = table.get("distance_m", [])
+    names, distances = (table.get(n) or [None] * count for n in ("state", "distance_m"))
     labels = []
-    for index in range(count):
-        name = names[index].strip() if names and isinstance(names[index], str) else ""
-        distance = distances[index] if distances else None
+    for index, (state, distance) in enumerate(zip(names, distances, strict=True)):
+        name = state.strip() if isinstance(state, str) else ""
         if isinstance(distance, float) and distance > 0:
             name = f"sliding, {distance:g} m"
         elif isinstance(distance, float) and distance == 0 and not name:

@@ -237,11 +237,6 @@ class ScarPair:
             float(np.hypot(self.trace.worn_area_uncertainty_mm2, measured)),
         )
 
-    @property
-    def measured_width_uncertainty_mm(self) -> float:
-        """Standard uncertainty of the measured width, by its edges, mm."""
-        return float(np.hypot(*self.trace.edge_uncertainty_mm))
-
 
 def pair_scar(trace: LevelledTrace, scar: SimulatedScar) -> ScarPair:
     """Move a trace, whose x begins anywhere, onto a simulated scar, and subtract.
@@ -324,7 +319,7 @@ def scar_columns(name: str, scar: SimulatedScar, pair: ScarPair | None) -> dict[
         "area_difference_mm2": area,
         "area_difference_uncertainty_mm2": spread,
         "measured_width_mm": trace and trace.width_mm,
-        "measured_width_uncertainty_mm": pair and pair.measured_width_uncertainty_mm,
+        "measured_width_uncertainty_mm": trace and float(np.hypot(*trace.edge_uncertainty_mm)),
         "simulated_width_mm": scar.width_mm,
         "simulated_width_uncertainty_mm": float(root_sum_square(scar.moved_width_mm)),
         "simulated_depth_um": float(scar.depth_um.max()),

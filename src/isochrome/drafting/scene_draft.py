@@ -387,10 +387,10 @@ def refuse_unclear(reader: FrameReader, given: KnownValues) -> None:
         raise InputError(
             "not_known_no_frame", key=quantity.key, options=options, question=quantity.question
         )
-    name, asked = name_of(reader), open_questions(reader, given)
-    if "wavelength_nm" in asked:
+    name, unknown = name_of(reader), open_questions(reader, given)
+    if "wavelength_nm" in unknown:
         raise InputError("has_red_green_blue", name=name, usual=QUANTITIES["wavelength_nm"].usual)
-    if "pixel_mm" in asked:
+    if "pixel_mm" in unknown:
         raise InputError("does_not_name_size", name=name, usual=QUANTITIES["pixel_mm"].usual)
     if given.pixel_mm is not None:
         check_scale(reader, Camera(pixel_mm=given.pixel_mm))

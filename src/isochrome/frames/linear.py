@@ -29,6 +29,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -184,14 +185,13 @@ def noise_between_pixels(
         return 1.0
     # orthonormal polynomials of two places in a square: (pixels, terms)
     powers = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, _SQUARE), _DEGREE)
-    terms = [
-        np.outer(powers[:, i], powers[:, j]).ravel()
-        for i in range(_DEGREE + 1)
-        for j in range(_DEGREE + 1 - i)
-    ]
+    degrees = product(range(_DEGREE + 1), repeat=2)
+    terms = [np.outer(powers[:, i], powers[:, j]).ravel() for i, j in degrees if i + j <= _DEGREE]
     fits = np.asarray(np.linalg.qr(np.stack(terms, axis=1))[0])
-    squares = np.lib.stride_tricks.sliding_window_view(image, (_SQUARE, _SQUARE))[::_STEP, ::_STEP]
-    windows = np.lib.stride_tricks.sliding_window_view(valid, (_SQUARE, _SQUARE))[::_STEP, ::_STEP]
+    squares, windows = (
+        np.lib.stride_tricks.sliding_window_view(each, (_SQUARE, _SQUARE))[::_STEP, ::_STEP]
+        for each in (image, valid)
+    )
     light = squares[windows.all(axis=(2, 3))].reshape(-1, _SQUARE**2).astype(float)
     if len(light) < _FEWEST_SQUARES:
         return 1.0
@@ -487,14 +487,13 @@ def find_outliers(image: np.ndarray, finite: Mask | None = None) -> Mask:
     first_max, high = (np.full(centre.shape, least, values.dtype) for _ in range(2))
     first_min, low = (np.full(centre.shape, most, values.dtype) for _ in range(2))
     between = np.empty_like(high)
-    for dr in range(3):
-        for dc in range(3):
-            if (dr, dc) != (1, 1):
-                near = values[dr : dr + rows, dc : dc + cols]
-                cv2.max(high, cv2.min(first_max, near, between), high)
-                cv2.min(low, cv2.max(first_min, near, between), low)
-                cv2.max(first_max, near, first_max)
-                cv2.min(first_min, near, first_min)
+    for dr, dc in product(range(3), range(3)):
+        if (dr, dc) != (1, 1):
+            near = values[dr : dr + rows, dc : dc + cols]
+            cv2.max(high, cv2.min(first_max, near, between), high)
+            cv2.min(low, cv2.max(first_min, near, between), low)
+            cv2.max(first_max, near, first_max)
+            cv2.min(first_min, near, first_min)
     # of whole levels a difference below nought is nought, which is no excess either
     spread = cv2.subtract(high, low)
     excess = cv2.max(cv2.subtract(centre, high), cv2.subtract(low, centre))

@@ -457,22 +457,21 @@ def open_scene_frames(
     False for no-load frames; with `any_scale` a file may name another pixel size than the scene.
     InputError where frames cannot be read, or do not fit the scene.
     """
-    reader = open_frames(
-        path,
-        channel=scene.frames.channel,
-        wavelength_nm=scene.polariscope.wavelength_nm,
-        rotate_deg=scene.frames.rotate_deg,
-        flip=scene.frames.flip,
-        roi=scene.frames.roi,
-        bit_depth=scene.camera.bit_depth if scene.camera else None,
-        leave_out=named_files(scene),
-    )
+    options = reading_options(scene)
+    reader = open_frames(path, **options, roi=scene.frames.roi, leave_out=named_files(scene))
     if not any_scale:
         check_scale(reader, scene.camera)
     if masked:
         mask = load_mask(scene, reader.shape, reader.full_shape)
         reader.mask = None if mask.all() else mask
     return reader
+
+
+def reading_options(scene: Scene) -> dict[str, Any]:
+    """How a scene says that whole frames are read, as options of `open_frames`."""
+    stated = {name: getattr(scene.frames, name) for name in ("rotate_deg", "flip", "channel")}
+    bits = scene.camera.bit_depth if scene.camera else None
+    return stated | {"wavelength_nm": scene.polariscope.wavelength_nm, "bit_depth": bits}
 
 
 def input_files(reader: FrameReader, scene: Scene) -> list[Path | ArrayFrames]:

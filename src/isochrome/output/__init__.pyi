@@ -20,6 +20,19 @@ from .files import (
     write_json,
     write_text,
 )
+from .imagej import (
+    SUFFIXES,
+    Photometric,
+    add_rois,
+    imagej_view,
+    load_roifile,
+    pixel_mm_of,
+    read_pixel_mm,
+    read_roi_mask,
+    roi_entries,
+    write_frames,
+    write_tiff,
+)
 from .result import (
     FIGURE_DPI,
     FrameValues,
@@ -46,15 +59,6 @@ from .result import (
     to_last_digit,
     with_uncertainty,
     write_figure,
-)
-from .roi import SUFFIXES, add_rois, load_roifile, read_roi_mask, roi_entries
-from .tiff_stack import (
-    Photometric,
-    imagej_view,
-    pixel_mm_of,
-    read_pixel_mm,
-    write_frames,
-    write_tiff,
 )
 
 __all__ = [

@@ -486,8 +486,8 @@ def run_job(
             if faults and progress is not None:
                 name, fault = next(iter(faults.items()))
                 more = f", and {len(faults) - 1} more" if len(faults) > 1 else ""
-                said = message("made_anew_what_whole", out=out, name=name, fault=fault, more=more)
-                progress(Tally(0, job.layout.count, 0, 0, said))
+                damage = message("made_anew_what_whole", out=out, name=name, fault=fault, more=more)
+                progress(Tally(0, job.layout.count, 0, 0, damage))
             if not (means.restart or is_finished(run)):
                 take_back(run, target)
             result: T | None = None

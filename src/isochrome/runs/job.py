@@ -482,8 +482,8 @@ def check_chunk(run: RunFolder, index: int) -> ChunkRecord | None:
     if record is None:
         return None
     start, stop = run.layout.span(index)
-    files = [(run.chunk_file(name, index), left) for name, left in record["layers"].items()]
-    files += [(run.part_file(name, index), left) for name, left in record["parts"].items()]
+    files = [(run.chunk_file(name, index), expected) for name, expected in record["layers"].items()]
+    files += [(run.part_file(name, index), expected) for name, expected in record["parts"].items()]
     with suppress(FileNotFoundError):
         if all(is_as_left(file, expected) for file, expected in files):
             return ChunkRecord(stop - start, record["flagged"], record["failed"])

@@ -515,5 +515,5 @@ def _correlated(count: int, keep: float, rng: np.random.Generator) -> Array:
     """Gaussian numbers (count,) of variance 1, of each of which a part is in the next."""
     fresh = rng.standard_normal(count) * np.sqrt(1.0 - keep**2)
     first = rng.standard_normal()
-    course = accumulate(fresh, lambda last, new: keep * last + new, initial=first)
-    return np.array(list(course)[1:])
+    numbers = accumulate(fresh, lambda last, new: keep * last + new, initial=first)
+    return np.array(list(numbers)[1:])

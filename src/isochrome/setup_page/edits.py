@@ -301,9 +301,8 @@ def _set_scale(session: SetupSession, request: Request) -> None:
     values: dict[str, Any] = {_PIXEL: pixel}
     camera = session.scene().camera
     if camera is not None and camera.pixel_mm is not None:
-        for key, edge in ((LEFT, camera.left_mm), (TOP, camera.top_mm)):
-            if edge is not None:
-                values[key] = round(edge * (pixel / camera.pixel_mm), _DIGITS)
+        edges, larger = {LEFT: camera.left_mm, TOP: camera.top_mm}, pixel / camera.pixel_mm
+        values |= {k: round(mm * larger, _DIGITS) for k, mm in edges.items() if mm is not None}
     _set_values(session, values)
 
 
@@ -416,9 +415,8 @@ def _set_region(session: SetupSession, request: Request) -> None:
         row, col = seen_at(pixels, 0.0, 0.0)
         cut = cut_out(pixels, new["height_px"], new["width_px"])
         values |= values_of_place(cut, (row + down, col + right))
-    for key in ("height_px", "width_px"):
-        if camera is not None and getattr(camera, key) is not None:
-            values[f"camera.{key}"] = new[key]
+    sides = [k for k in ("height_px", "width_px") if getattr(camera, k, None) is not None]
+    values |= {f"camera.{key}": new[key] for key in sides}
     if scene.frames.polygon_px is not None:
         values["frames.polygon_px"] = moved(scene.frames.polygon_px, down, right)
     shift = {"top_px": -down, "left_px": -right}

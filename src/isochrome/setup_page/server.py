@@ -438,15 +438,15 @@ class _Handler(BaseHTTPRequestHandler):
         self._answer({}, POSTS)
 
     def _answer(
-        self, own: Mapping[str, Callable[[_Handler], None]], routes: Mapping[str, Route]
+        self, direct: Mapping[str, Callable[[_Handler], None]], routes: Mapping[str, Route]
     ) -> None:
         """Answer by what the connection itself sends, or by a route to plain values."""
         try:
-            name, request = self._asked({*own, *routes})
+            name, request = self._asked({*direct, *routes})
             if self.command == "POST":
                 request = self._body()
-            if name in own:
-                own[name](self)
+            if name in direct:
+                direct[name](self)
                 return
             with self.server.work if name in SLOW else nullcontext():
                 answer = routes[name](self.server, request)

@@ -48,6 +48,7 @@ from isochrome.frames import (
     likely_no_load,
     named_files,
     open_frames,
+    reading_options,
     with_file_scale,
 )
 from isochrome.messages import message
@@ -55,7 +56,6 @@ from isochrome.output import with_uncertainty, write_text
 from isochrome.processing import own_scene
 from isochrome.runs import single_threaded
 from isochrome.scene import (
-    Frames,
     FramesLike,
     Roi,
     Scene,
@@ -450,14 +450,8 @@ class SetupSession:
         return self._sequence(scene).reader
 
     def _sequence(self, scene: Scene | None) -> SequentialFrames:
-        frames = scene.frames if scene is not None else Frames()
-        camera = scene.camera if scene is not None else None
-        options: dict[str, Any] = {
-            **{name: getattr(frames, name) for name in ("rotate_deg", "flip", "channel")},
-            "wavelength_nm": scene.polariscope.wavelength_nm if scene is not None else None,
-            "bit_depth": camera.bit_depth if camera is not None else None,
-            "leave_out": self.left_out(scene),
-        }
+        options = reading_options(scene) if scene is not None else {}
+        options["leave_out"] = self.left_out(scene)
         key = tuple(options.values())
         with self._lock:
             if key not in self._readers:

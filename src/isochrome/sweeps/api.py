@@ -106,9 +106,8 @@ def _parsed(text: str) -> tuple[str, list[float]]:
         if not equals or not key or not np.isfinite(result).all():
             raise ValueError
     except ValueError:
-        comma = (
-            "with points in its numbers, not commas, " if "," in values and ":" in values else ""
-        )
+        has_both = "," in values and ":" in values
+        comma = "with points in its numbers, not commas, " if has_both else ""
         raise InputError("vary_give_key_first", text=text, comma=comma) from None
     return key.strip(), result
 
@@ -290,8 +289,8 @@ def sweep(
     axes = {key: list(values) for key, values in grid.values.items()}
     identity = run_identity(dump_scene(scene), scene.files(of_frames=False), axes, seed)
     job = Job(partial(_simulated, grid, layout), layout, identity)
-    means = RunOptions(workers, cluster, restart)
-    run_job(job, out, partial(_finish, job=job, grid=grid), means=means, progress=progress)
+    options = RunOptions(workers, cluster, restart)
+    run_job(job, out, partial(_finish, job=job, grid=grid), means=options, progress=progress)
     with open_run(out) as dataset:
         reasons = [str(text) for text in dataset.reason.values.ravel() if text]
     return Swept(Path(out), layout.count, len(reasons), grid.values, tuple(dict.fromkeys(reasons)))
@@ -303,11 +302,11 @@ def _layout(grid: SweepGrid) -> RunLayout:
     first = grid.scene_at(0)
     if not first.has_model or first.camera is None:
         raise InputError("sweep_needs_model_camera", name=first.name)
-    forms = set()
-    for index in range(count):
-        scene = grid.scene_at(index)
-        pixels = pixel_grid(scene)
-        forms.add((state_count(scene), pixels.rows, pixels.cols, scene.polariscope.step_numbers))
+    forms = {
+        (state_count(scene), pixels.rows, pixels.cols, scene.polariscope.step_numbers)
+        for scene in map(grid.scene_at, range(count))
+        for pixels in [pixel_grid(scene)]
+    }
     if len(forms) > 1:
         raise InputError("vary_changes_number_states", values=", ".join(grid.values))
     ((states, rows_, cols, steps),) = forms
