@@ -181,8 +181,7 @@ def holds_results(target: Path, identity: Mapping[str, Any]) -> bool:
 def take_back(run: RunFolder, target: Path) -> None:
     """Take chunks that are left of damaged results back to work, of which only the record is known.
 
-    Whether they are whole is looked at as in any run that goes on. Parameters: `run`, in a working
-    folder; `target`, where the results lie. Raises OSError.
+    Whether they are whole is looked at as in any run that goes on. Raises OSError.
     """
     placed = replace(run, results=target)
     for index in range(run.layout.chunks if run.layout.store else 0):
@@ -201,8 +200,7 @@ def take_back(run: RunFolder, target: Path) -> None:
 def open_run_folder(root: Path, job: Job, *, restart: bool) -> RunFolder:
     """The working folder of a run: as an earlier one of the same identity left it, or a new one.
 
-    Parameters: `root`, locked; `job`; `restart`, to throw away what an earlier run left. Returns a
-    RunFolder. Raises InputError where an earlier run was of something else, OSError.
+    The `root` is locked. Raises InputError where an earlier run was of something else, OSError.
     """
     manifest = None if restart else _manifest(root)
     if manifest is not None:
@@ -284,10 +282,7 @@ def clear_up(run: RunFolder) -> None:
 
 
 def check_room(root: Path, layout: RunLayout, items: int) -> None:
-    """Refuse a run whose pictures the disk cannot hold, before hours of work.
-
-    Parameters: `root`, the working folder; `layout`; `items` still to come. Raises InputError.
-    """
+    """Refuse a run whose `items` to come the disk cannot hold, before hours of work."""
     pixels, pictures = math.prod(layout.shape.values()), -(-items // layout.every)
     needed = 0
     for layer in layout.layers:
@@ -320,8 +315,7 @@ def sync_tree(folder: Path) -> None:
 def publish(run: RunFolder, target: Path) -> None:
     """Give finished results their place: by one rename, or file by file into an existing folder.
 
-    Killed in between, the next run goes on with it. Parameters: `run`; `target`, the output
-    folder. Raises OSError.
+    Killed in between, the next run goes on with it. Raises OSError.
     """
     root = run.root
     if not is_finished(run):
@@ -343,10 +337,7 @@ def publish(run: RunFolder, target: Path) -> None:
 
 
 def check_own(target: Path, names: Iterable[str]) -> None:
-    """Refuse to replace files that no run has left, such as a scene that somebody wrote.
-
-    Parameters: `target`, the output folder; `names` of the results. Raises InputError.
-    """
+    """Refuse to replace files that no run has left, such as a scene that somebody wrote."""
     outputs = _outputs(_record(target))
     known = {name.partition("/")[0] for name in outputs} | {PROVENANCE}
     known |= {STORE, REPORT} if outputs else set()  # of an earlier version too
@@ -443,11 +434,7 @@ class RunOptions:
 
 
 def refuse_without_folder(out: str | Path | None, workers: int | None, cluster: str | None) -> None:
-    """Refuse workers or a cluster where no folder is given for results.
-
-    Parameters: `out`, the folder; None where there is none; `workers`, processes on this machine;
-    `cluster`, address of a Dask scheduler. Raises InputError.
-    """
+    """Refuse workers or a cluster where no folder is given for results."""
     if out is None and (cluster is not None or workers != 1):
         raise InputError("workers_cluster_write_folder")
 
@@ -639,10 +626,7 @@ Stamps = Mapping[Path, tuple[int, int]]
 
 
 def stamps_of(identity: Mapping[str, Any]) -> Stamps:
-    """The input files of a run's identity as they are now; those that are not there are left out.
-
-    Parameters: `identity`, as in a Job.
-    """
+    """The input files of a run's identity as they are now, without those that are not there."""
     files = map(Path, identity.get("inputs_sha256") or {})
     return {file: stamp for file in files if (stamp := _stamp(file)) is not None}
 
@@ -657,10 +641,7 @@ def _stamp(file: Path) -> tuple[int, int] | None:
 
 
 def check_apart(stamps: Stamps, target: Path) -> None:
-    """Refuse an output folder in which input files lie: the next run would read results as input.
-
-    Parameters: `stamps` of the input; `target`, the resolved output folder. Raises InputError.
-    """
+    """Refuse an output folder with input files in it: the next run would read results as input."""
     inside = [file for file in stamps if file.resolve().parent == target]
     if inside:
         raise InputError("lies_folder_where_results", inside=inside[0], target=target)
@@ -684,7 +665,6 @@ def one_by_one(job: Job, run: RunFolder) -> Work:
 
     What a chunk leaves goes through JSON whether it is still in memory or read from its record, so
     that a run that goes on computes with the same numbers as one that was never killed.
-    Parameters: `job`; `run`, where finished chunks lie. Returns a Work.
     """
     if not job.in_turn:
         return cast(Work, job.work)

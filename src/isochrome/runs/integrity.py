@@ -214,9 +214,8 @@ def seal(
 ) -> None:
     """Write down what results are of, and all their files: last, when these are there.
 
-    Parameters: `folder`; `record`, what they are of; `known`, checksums by the path of a file;
-    `file`, the record's; `names`, by default of all files in the folder. Raises OSError,
-    InputError.
+    `known`, checksums by the path of a file; `file`, the record's; `names`, by default of all files
+    in the folder. Raises OSError, InputError.
     """
     if names is None:
         paths = (Path(at) / name for at, _, files in os.walk(folder) for name in files)

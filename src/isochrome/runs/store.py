@@ -172,11 +172,7 @@ def _shift(one: Any, axis: str) -> Any:
 def make_dataset(
     columns: Mapping[str, Column], coordinates: Mapping[str, Column], attributes: Mapping[str, Any]
 ) -> RunDataset:
-    """Make a dataset of maps and columns that are in memory, as `open_run` opens one.
-
-    Parameters: `columns`, the maps and columns, by name; `coordinates`, the coordinates, by name.
-    Returns the dataset, with the axes z_mm and x_mm where these are known.
-    """
+    """Make a dataset of maps and columns that are in memory, as `open_run` opens one."""
     data, places = map(_variables, (columns, coordinates))
     return as_run(xarray.Dataset(data, places, dict(attributes)))
 
@@ -187,11 +183,7 @@ def _variables(columns: Mapping[str, Column]) -> dict[str, Any]:
 
 
 def as_run(dataset: xarray.Dataset) -> RunDataset:
-    """Give a run's dataset names that are identifiers, and its pictures axes in mm.
-
-    Parameters: `dataset`, as it is stored, by this version or an earlier one. Returns the same
-    data, not read yet where they were not.
-    """
+    """Give a run's dataset, of any version, names that are identifiers, and pictures axes in mm."""
     named = with_identifiers(dataset)
     axes = {
         pixel: place
@@ -205,10 +197,9 @@ def as_run(dataset: xarray.Dataset) -> RunDataset:
 
 
 def stored_map(array: Any, *, item: int, picture: int) -> NDArray[Any]:
-    """Read one map of a store's array as numbers, however it is kept.
+    """Read an item's map (rows, cols) of a store's array, NaN = not known, however it is kept.
 
-    Parameters: `item`, number of the item; `picture`, number of its picture, where only some items
-    have one. Returns the map, NaN = not known, shape (rows, cols).
+    `picture`, its number among those, where only some items have one.
     """
     step = array.attrs.get("scale_factor")
     if step is None:
@@ -221,8 +212,8 @@ def stored_map(array: Any, *, item: int, picture: int) -> NDArray[Any]:
 def open_growing(partial: Path) -> xarray.Dataset:
     """The dataset of a run that is at work, as far as it is: maps over row and col.
 
-    Parameters: `partial`, its working folder. Maps and columns of frames that are not finished are
-    not known; `finished` says which are. Raises InputError where no run is at work there.
+    Maps and columns of frames that are not finished are not known; `finished` says which are.
+    Raises InputError where no run is at work there.
     """
     stores = sorted(partial.glob(f"results-*/{STORE}/zarr.json"), key=lambda f: f.stat().st_mtime)
     manifest = read_checked(partial / MANIFEST)
@@ -264,7 +255,7 @@ def create_store(path: Path, layout: RunLayout) -> None:
     """Lay out the store: an array for each layer with named axes, no picture in it yet.
 
     Chunks are plain little-endian float32 and a checksum, so that one that was computed elsewhere
-    is put in its place as a file. Parameters: `path`, a folder; `layout`. Raises OSError.
+    is put in its place as a file. Raises OSError.
     """
     import zarr
     from zarr.codecs import Crc32cCodec
@@ -315,8 +306,7 @@ def add_columns(
     """Add columns, coordinates and attributes to a run's store.
 
     As xarray would, which is not asked, for it takes longer to start than all columns to write.
-    Names become identifiers: load.normal_n is load_normal_n. Parameters: `columns`, the columns, by
-    name; `coordinates`, the coordinates, by name. Raises OSError.
+    Names become identifiers: load.normal_n is load_normal_n. Raises OSError.
     """
     import zarr
     from zarr.codecs import Crc32cCodec, ZstdCodec
@@ -351,8 +341,7 @@ _PARTS = {
 def identifier(name: str) -> str:
     """Give the name of a column in a dataset, which may stand in Python and MATLAB code.
 
-    Parameters: `name`, name of a key or column of a table, such as `load.normal_n
-    standard_uncertainty`. Returns the same as an identifier, such as `load_normal_n_u`.
+    Of `load.normal_n standard_uncertainty` it is `load_normal_n_u`.
     """
     for words, ending in _PARTS.items():
         if name.endswith(words):
@@ -375,10 +364,7 @@ def described(name: str, column: Column) -> dict[str, Any]:
 def column(values: Sequence[Any], axis: str, name: str) -> Column:
     """Make a table's column: numbers as float64 or int64, all else as text.
 
-    What is not known is NaN, or empty text.
-
-    Parameters: `values`, the values; None = not known; `axis`, name of the axis that they lie on;
-    `name`, name of the column, in which the unit stands. Returns the column, with its units.
+    What is not known (None) is NaN, or empty text; the unit is that in the column's `name`.
     """
     attributes = named_units(name)
     if isinstance(values, Floats):
@@ -394,20 +380,12 @@ def column(values: Sequence[Any], axis: str, name: str) -> Column:
 
 
 def texts(values: Iterable[Any]) -> NDArray[Any]:
-    """Make a column of texts.
-
-    Parameters: `values`, the values; None = not known. Returns the texts, empty where one is not
-    known, shape (n,).
-    """
+    """Make a column of texts (n,), empty where one is not known (None)."""
     return np.array(["" if v is None else str(v) for v in values], dtype=np.dtypes.StringDType())
 
 
 def named_units(name: str) -> dict[str, Any]:
-    """Give the unit that stands in a name as attributes of its column.
-
-    Parameters: `name`, name of a key or column, such as `load.normal_n`. Returns the attribute
-    'units'; empty where no unit stands in the name.
-    """
+    """Give the unit that stands in a name as attributes of its column; none where none does."""
     units = units_of(name)
     return {} if units is None else {"units": units}
 
@@ -423,11 +401,7 @@ def units_of(name: str) -> str | None:
 
 
 def column_values(variable: xarray.DataArray) -> list[Any]:
-    """Give the values that `column` was given.
-
-    Parameters: `variable`, a column of a dataset. Returns the values; None for what is not known of
-    whole numbers.
-    """
+    """Give the values that `column` was given; None for what is not known of whole numbers."""
     values: list[Any] = variable.values.tolist()
     if variable.attrs.get(WHOLE):
         return [None if np.isnan(v) else int(v) for v in values]
@@ -435,10 +409,7 @@ def column_values(variable: xarray.DataArray) -> list[Any]:
 
 
 def attributes(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """Make attributes of a dataset of a run's identity: numbers and texts, tables as JSON.
-
-    Parameters: `identity`, what the run is a result of, as in a Job.
-    """
+    """Make attributes of a dataset of a run's identity: numbers and texts, tables as JSON."""
     result: dict[str, Any] = {"Conventions": "CF-1.11", "source": "Isochrome"}
     for key, value in identity.items():
         if value is None:
@@ -531,10 +502,7 @@ def checked_store(store: Path) -> Any:
 
 
 def read_store(store: Path, source: Any) -> xarray.Dataset:
-    """A store as a dataset, read as it is used. Raises InputError where it cannot be read.
-
-    Parameters: `store`, for messages; `source`, from which zarr reads it.
-    """
+    """A store as a dataset, read from a `source` as it is used; InputError where it cannot be."""
     try:
         stored = xarray.open_dataset(
             source, engine="zarr", consolidated=False, chunks=None, decode_cf=False

@@ -77,10 +77,7 @@ class NoCluster(InputError):
 
 
 def alone(work: Work, run: RunFolder, chunks: Sequence[int]) -> Generator[Finished]:
-    """Compute chunk after chunk here, while the one before is written to the disk.
-
-    Parameters: `work`; `run`; `chunks`, their indices. Yields each index with what was kept.
-    """
+    """Compute chunks here, while the one before is written; each index with what was kept."""
     with futures.ThreadPoolExecutor(1) as writer, single_threaded():
         writing: tuple[int, futures.Future[ChunkRecord]] | None = None
         for index in chunks:
@@ -113,10 +110,7 @@ class Waiting:
 
 @contextmanager
 def waiting_workers(workers: int, work: Callable[..., Any]) -> Iterator[Waiting]:
-    """Start worker processes that import what `work` needs, while their task is still prepared.
-
-    Parameters: `work`, a function that can be imported. Raises WorkersLost.
-    """
+    """Start worker processes that import what `work` needs, while their task is still prepared."""
     tasks = multiprocessing.get_context("spawn").Queue()
     tasks.cancel_join_thread()  # what nobody has taken keeps nobody here
     with worker_pool(workers, _wait_for_task, (work, tasks)) as pool:
@@ -133,8 +127,7 @@ def by_processes(
     """Compute chunks in worker processes, each of which writes its own to the disk.
 
     They are spawned, not forked, ignore the keyboard, and end when this process does, however it
-    does. Parameters: as `alone`; `workers`, how many, or those that are `waiting`. Yields in the
-    order of completion. Raises WorkersLost where a worker was killed.
+    does. Yields in the order of completion. Raises WorkersLost where a worker was killed.
     """
     with ExitStack() as here, _saying_who_is_lost():
         ready = waiting or here.enter_context(waiting_workers(workers, _nothing))
@@ -150,10 +143,8 @@ def worker_pool(
 ) -> Iterator[futures.ProcessPoolExecutor]:
     """Start worker processes that ignore the keyboard and end when this process does.
 
-    They are spawned. Left by an exception, the block ends them at once, whatever they are at.
-
-    Parameters: `begin`, called in each before its first work; `arguments`, what it is called with.
-    Raises WorkersLost.
+    They are spawned, and each begins with `begin`. Left by an exception, the block ends them at
+    once, whatever they are at. Raises WorkersLost.
     """
     before, spawn = set(multiprocessing.active_children()), multiprocessing.get_context("spawn")
     pool = futures.ProcessPoolExecutor(workers, spawn, _start_worker, (begin, arguments))
@@ -183,9 +174,8 @@ def by_cluster(
     """Compute chunks on an existing Dask cluster; the results come here and are written here.
 
     The workers need the input under the same paths, and the same versions of all that computes; the
-    output they do not see. A chunk whose worker dies is given to another. Parameters: as `alone`;
-    `address` of the scheduler. Yields in the order of completion. Raises InputError where the
-    cluster cannot be reached.
+    output they do not see. A chunk whose worker dies is given to another. Yields in the order of
+    completion. Raises InputError where the cluster cannot be reached.
     """
     with _client(address) as client:
         executor = client.get_executor(pure=False)
@@ -215,9 +205,7 @@ def in_flight(
 ) -> Iterator[tuple[int, T]]:
     """Keep a few items submitted, so that memory does not grow with their number.
 
-    Parameters: `submit`, submits the item of an index and returns its future; `items`, indices of
-    the items; `ahead`, how many are submitted at a time. Yields each index with its result, in the
-    order of completion.
+    `ahead` are submitted at a time. Yields each index with its result, in the order of completion.
     """
     waiting: dict[futures.Future[T], int] = {}
     todo = iter(items)
