@@ -91,13 +91,13 @@ def _columns_have_words():
     sys.path.insert(0, str(Path(__file__).parent / "guide"))
     from file_columns import columns, has_words
 
-    from isochrome.output import tables
+    from isochrome.output import files
 
-    known, write = columns(), tables._write_table
+    known, write = columns(), files._write_table
 
     def checked(file, columns_, *, header=True):
         frame = sys._getframe(1)
-        while frame.f_globals["__name__"] == "isochrome.output.tables":
+        while frame.f_globals["__name__"] == "isochrome.output.files":
             frame = frame.f_back
         room = frame.f_globals["__name__"]
         # benchmarks have tables of their own, an export has the columns that a run has, and the
@@ -111,6 +111,6 @@ def _columns_have_words():
             )
         write(file, columns_, header=header)
 
-    tables._write_table = checked
+    files._write_table = checked
     yield
-    tables._write_table = write
+    files._write_table = write

@@ -14,13 +14,13 @@ from hypothesis.extra import numpy as hnp
 from isochrome.errors import InputError
 from isochrome.output import (
     csv_text,
+    imagej,
     json_pieces,
     output_folder,
     provenance,
     read_csv,
     read_pixel_mm,
     staged,
-    tiff_stack,
     write_csv,
     write_figure,
     write_frames,
@@ -66,7 +66,7 @@ def test_streamed_stack_equals_the_one_written_at_once_and_carries_the_scale(tmp
 
 
 def test_stack_beyond_imagejs_limit_becomes_bigtiff_with_the_same_scale(tmp_path, monkeypatch):
-    monkeypatch.setattr(tiff_stack, "IMAGEJ_LIMIT", 10)
+    monkeypatch.setattr(imagej, "IMAGEJ_LIMIT", 10)
     write_tiff(tmp_path / "b.tif", np.ones((2, 3, 4), np.float32), pixel_mm=0.01)
     with tifffile.TiffFile(tmp_path / "b.tif") as tif:
         assert tif.is_bigtiff and tif.asarray().shape == (2, 3, 4)

@@ -175,8 +175,7 @@ def _follow_film(film: Path, out: Path) -> Processed:
         dims=("frame", "row", "col"),
         coords={"time_s": ("frame", [frame.time_s for frame in frames])},
     )
-    scene = load_scene(film / "scene.toml")
-    return process(images, scene, out, track=True, as_stated=True)
+    return process(images, load_scene(film / "scene.toml"), out, track=True, as_stated=True)
 
 
 def read_truth(samples: Path) -> dict[str, str]:

@@ -114,8 +114,7 @@ def _kind(place: Path) -> tuple[str, str]:
         raise InputError("no_such_folder_name", place=place, named=_NAMED)
     result = next((name for name in _NEEDED if (place / name).is_file()), None)
     if result is None and (place / "summary.csv").is_file():
-        what = message("campaign_name_folder_one")
-        raise InputError(f"{place}: {what}")
+        raise InputError(f"{place}: {message('campaign_name_folder_one')}")
     if result is None or not (place / PROVENANCE).is_file():
         unfinished = Path(f"{place.resolve()}{WORKING}").is_dir()
         hint = (
@@ -144,8 +143,7 @@ def _content(place: Path, file: str, record: Mapping[str, Any]) -> ReportContent
     if file == "history.csv":
         return simulation_report(place, scene, record)
     if file == "fit.json":
-        result = restore_values(place, scene, record.get("options") or {})
-        return fit_report(place, result, record)
+        return fit_report(place, restore_values(place, scene, record.get("options") or {}), record)
     with open_run(place) as dataset:
         rows, cols = dataset["normalised"].shape[-2:]
     processed = restore(scene, place, (rows, cols), None)

@@ -50,7 +50,7 @@ def test_what_is_not_given_is_asked_for_on_a_terminal_alone(monkeypatch, termina
         raise InputError("enough")
 
     monkeypatch.setattr(drafting, "init", take)
-    monkeypatch.setattr("isochrome.cli.commands.sys", FakeSystem(terminal))
+    monkeypatch.setattr("isochrome.cli.sys", FakeSystem(terminal))
     words = ["--shape", "disc", "--diameter-mm", "50", "--fringe-value-n-per-mm", "14.6"]
     result = run(*words, input="6\n560\n")
     assert str(result.exception) == "enough"

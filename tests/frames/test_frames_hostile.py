@@ -21,7 +21,7 @@ import isochrome.frames.containers as decoding
 from isochrome.errors import InputError
 from isochrome.frames import open_frames, open_scene_frames
 from isochrome.output import write_tiff
-from isochrome.output.roi import _filled
+from isochrome.output.imagej import _filled
 from isochrome.scene import parse_scene
 
 FFV1 = MOVING["FFV1 grey"].write

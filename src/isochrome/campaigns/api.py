@@ -1,6 +1,8 @@
 """`process_campaign`: many recordings by one scene, each on its own, and a table of all.
 
 What became of one recording of a campaign: its folder, its row of the summary, its curves.
+
+The picture of a campaign: load and friction of each recording, and how they went in it.
 """
 
 from __future__ import annotations
@@ -15,15 +17,31 @@ from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.campaigns.figure import campaign_panels, summary_figure
 from isochrome.errors import InputError, IsochromeError, PhysicsError
-from isochrome.figures import PaperPanels
+from isochrome.figures import (
+    BAND,
+    FINE_PT,
+    GREY,
+    KEY_LABELS,
+    LINE_COLOURS,
+    LINE_PT,
+    VALUE_MAP,
+    PaperPanels,
+    Plot,
+    chosen_frames,
+    draw_band,
+    new_figure,
+    plain_name,
+    style_axes,
+    write_head,
+)
 from isochrome.frames import FramesPath, recordings_of
 from isochrome.messages import message
 from isochrome.output import (
@@ -62,6 +80,7 @@ from isochrome.runs import (
 from isochrome.scene import Scene, SceneLike, dump_scene, load_scene
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 SUMMARIES = ("summary.csv", "summary.json", "summary.png")
@@ -74,12 +93,6 @@ _DEVICE = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECAS
 """Names that Windows keeps for its devices."""
 
 
-def label_of(frames: FramesPath) -> str:
-    """A recording as it was named, in text that every file can hold."""
-    text = str(frames) if isinstance(frames, str | Path) else f"{frames[0]} ..."
-    return text.encode("utf-8", "replace").decode("utf-8")
-
-
 def folder_names(recordings: Sequence[FramesPath]) -> tuple[str, ...]:
     """A folder's name for each recording: its file's without the ending, or its folder's.
 
@@ -90,9 +103,8 @@ def folder_names(recordings: Sequence[FramesPath]) -> tuple[str, ...]:
     firsts = (frames if isinstance(frames, str | Path) else frames[0] for frames in recordings)
     places = [Path(os.path.abspath(first)) for first in firsts]
     plain = [_plain(place.name if place.is_dir() else place.stem) for place in places]
-    count = Counter(_key(name) for name in plain)
-    taken: set[str] = set()
-    result = []
+    count = Counter(map(_key, plain))
+    taken = dict[str, str]()
     for place, name in zip(places, plain, strict=True):
         if count[_key(name)] > 1:
             name = _plain(f"{place.parent.name}-{name}")
@@ -100,9 +112,8 @@ def folder_names(recordings: Sequence[FramesPath]) -> tuple[str, ...]:
         while _key(free) in taken:
             number += 1
             free = f"{name}-{number}"
-        taken.add(_key(free))
-        result.append(free)
-    return tuple(result)
+        taken[_key(free)] = free
+    return tuple(taken.values())
 
 
 def _key(name: str) -> str:
@@ -172,8 +183,7 @@ def outcome_of(
     except IsochromeError as error:
         return failed(task, error)
     except MemoryError:
-        reason = message("not_enough_memory_use")
-        return failed(task, PhysicsError(reason))
+        return failed(task, PhysicsError(message("not_enough_memory_use")))
     return _read(task, result)
 
 
@@ -188,7 +198,10 @@ def failed(task: Task, error: IsochromeError) -> Outcome:
 
 def _row(task: Task, status: str) -> dict[str, Any]:
     """A row's first columns, and the last ones, all of which every recording has."""
-    names = {"recording": label_of(task.frames), "folder": task.name, "status": status}
+    frames = task.frames
+    text = str(frames) if isinstance(frames, str | Path) else f"{frames[0]} ..."
+    label = text.encode("utf-8", "replace").decode("utf-8")  # what every file can hold
+    names = {"recording": label, "folder": task.name, "status": status}
     return names | dict.fromkeys(_VALUES) | {"warnings": "", "error": ""}
 
 
@@ -199,7 +212,7 @@ def _read(task: Task, processed: Processed) -> Outcome:
     flagged = sum(bool(text) for text in table["warnings"]) - processed.failed
     status = "flagged" if flagged or processed.failed else "ok"
     row = _row(task, "failed" if processed.failed == count else status)
-    chi, selected = _known(table, "chi"), _known(table, "kept_share")
+    chi = _known(table, "chi")
     with open_run(task.folder) as dataset:
         times = dataset.time_s.values
     row |= {
@@ -210,7 +223,7 @@ def _read(task: Task, processed: Processed) -> Outcome:
         "pixel_mm": next((p for p in table["pixel_mm"] if p is not None), None),
         "chi_median": _of_known(np.median, chi),
         "chi_max": _of_known(np.max, chi),
-        "kept_share": _of_known(np.median, selected),
+        "kept_share": _of_known(np.median, _known(table, "kept_share")),
         "warnings": "; ".join(processed.warnings),
     }
     keys = [name for name in table if f"{name} {SPREAD}" in table]
@@ -222,10 +235,8 @@ def _read(task: Task, processed: Processed) -> Outcome:
     if processed.failed:
         row["error"] = message("frames_could_not_processed", failed=processed.failed, count=count)
     record = json.loads((task.folder / PROVENANCE).read_text("utf-8"))
-    curves = {
-        name: numbers(table[name])[:: -(-count // _POINTS)]
-        for name in ("distance_m", "frame", *keys, *(f"{key} {SPREAD}" for key in keys))
-    }
+    drawn = ("distance_m", "frame", *keys, *(f"{key} {SPREAD}" for key in keys))
+    curves = {name: numbers(table[name])[:: -(-count // _POINTS)] for name in drawn}
     code = InputError.exit_code if processed.failed else 0
     return Outcome(row, record["inputs_sha256"], code, processed.already, curves)
 
@@ -242,21 +253,19 @@ def _of_known(measure: Any, values: Array) -> float | None:
 def _hashes(frames: FramesPath) -> dict[str, str]:
     """The files of a recording that can be read, with their SHA-256."""
     named = [frames] if isinstance(frames, str | Path) else frames
-    files = []
+    result = {}
     for place in map(Path, named):
         with suppress(OSError):
-            files += sorted(place.iterdir()) if place.is_dir() else [place]
-    result = {}
-    for file in files:
-        with suppress(InputError, OSError):
-            if file.is_file():
-                result[str(file)] = sha256(file)
+            for file in sorted(place.iterdir()) if place.is_dir() else [place]:
+                with suppress(InputError, OSError):
+                    if file.is_file():
+                        result[str(file)] = sha256(file)
     return result
 
 
 T = TypeVar("T")
 
-_TASK: list[tuple[Scene, dict[str, Any]]] = []
+_TASK: list[Any] = []
 """What a worker process was started for."""
 
 
@@ -299,13 +308,154 @@ def _by_itself(number: int, task: Task, scene: Scene, options: Mapping[str, Any]
     return outcome
 
 
-def _take_task(scene: Scene, options: dict[str, Any]) -> None:
-    _TASK[:] = [(scene, options)]
+def _take_task(*task: Any) -> None:
+    _TASK[:] = task
 
 
 def _in_worker(task: Task) -> Outcome:
-    ((scene, options),) = _TASK
+    scene, options = _TASK
     return outcome_of(task, scene, options | {"workers": 1})
+
+
+DRAWN = ("load.normal_n", "friction.coefficient")
+"""Fitted keys that are drawn."""
+
+_BANDED = 12
+"""Recordings whose bands can be told apart; of more, lines alone are drawn."""
+
+_NAMED = 30
+"""Recordings whose names have room below an axis; more are counted."""
+
+_LETTERS = 22
+"""Of a name that are shown."""
+
+
+def summary_figure(name: str, outcomes: Sequence[Outcome]) -> Figure | None:
+    """Values over recordings, and within each over the distance, or the frames, with bands.
+
+    None where no recording has a fitted load or friction.
+    """
+    keys = [key for key in DRAWN if any(f"{key} mean" in item.row for item in outcomes)]
+    if not keys:
+        return None
+    figure = new_figure(11.0, 3.0 * len(keys) + 1.2)
+    axes: Any = figure.subplots(
+        len(keys), 2, squeeze=False, sharex="col", sharey="row", width_ratios=(3, 4)
+    )
+    colours, (across, label) = _colours(len(outcomes)), _across(outcomes)
+    for (left, right), key in zip(axes, keys, strict=True):
+        _over_recordings(left, key, outcomes, colours)
+        _within(right, key, outcomes, colours, across)
+        left.ticklabel_format(axis="y", useOffset=False)
+        style_axes(left, z_label=KEY_LABELS[key])
+        style_axes(right)
+    style_axes(axes[0, 0], title="mean, and scatter over the frames (standard deviation)")
+    band = f", band ± {BAND:g} standard uncertainties" if len(outcomes) <= _BANDED else ""
+    style_axes(axes[0, 1], title=f"each frame{band}")
+    _name(axes[-1, 0], outcomes)
+    style_axes(axes[-1, 1], x_label=label)
+    failed = sum(item.row["status"] == "failed" for item in outcomes)
+    head = f"{plain_name(name)}: {counted(len(outcomes), 'recording')}"
+    write_head(figure, f"{head}, {failed} of them failed" if failed else head)
+    return figure
+
+
+def campaign_panels(
+    outcomes: Sequence[Outcome], recordings: tuple[int, ...] | None
+) -> PaperPanels | None:
+    """The plots of a campaign for a paper, as in `summary_figure`; None where none has values.
+
+    `recordings` are the numbers of those that are shown, by default all.
+    """
+    rows = chosen_frames(recordings, len(outcomes), range(len(outcomes)), items="recordings")
+    chosen = [outcomes[k] for k in rows]
+    keys = [key for key in DRAWN if any(f"{key} mean" in item.row for item in chosen)]
+    if not keys:
+        return None
+    colours, (across, label) = _colours(len(chosen)), _across(chosen)
+
+    def over(key: str, axes: Axes) -> None:
+        _over_recordings(axes, key, chosen, colours)
+        # below the axis, which rows of the summary the recordings are, from 1
+        places = range(0, len(rows), -(-len(rows) // 8))
+        axes.set_xlim(-0.6, len(rows) - 0.4)
+        axes.set_xticks(places, [str(rows[k] + 1) for k in places])
+        style_axes(axes, x_label="recording", z_label=KEY_LABELS[key])
+
+    def within(key: str, axes: Axes) -> None:
+        _within(axes, key, chosen, colours, across)
+        style_axes(axes, x_label=label, z_label=KEY_LABELS[key])
+
+    draws = (("mean", over), ("each frame", within))
+    plots = [Plot(title=title, draw=partial(draw, key)) for key in keys for title, draw in draws]
+    named = [f"{k + 1} {plain_name(str(outcomes[k].row['folder']), _LETTERS)}" for k in rows]
+    note = "Recordings: " + ("; ".join(named) if len(rows) <= _NAMED else "as in summary.csv")
+    return PaperPanels(plots=plots, plots_across=2, notes=(note,))
+
+
+def _across(outcomes: Sequence[Outcome]) -> tuple[str, str]:
+    """Where frames stand on an axis, and its label: at distances, where a recording has several."""
+    for item in outcomes:
+        known = item.curves.get("distance_m", np.empty(0))
+        known = known[np.isfinite(known)]
+        if known.size and np.ptp(known) > 0.0:
+            return "distance_m", "sliding distance (m)"
+    return "frame", "frame"
+
+
+def _colours(count: int) -> list[Any]:
+    """A colour for each recording: told apart where they are few, else going with their order."""
+    if count <= len(LINE_COLOURS):
+        return list(LINE_COLOURS[:count])
+    from matplotlib import colormaps
+
+    return list(colormaps[VALUE_MAP](np.linspace(0.0, 0.92, count)))
+
+
+def _over_recordings(
+    axes: Axes, key: str, outcomes: Sequence[Outcome], colours: Sequence[Any]
+) -> None:
+    """Means with the scatter over the frames; a cross at the foot where nothing was found."""
+    for place, (item, colour) in enumerate(zip(outcomes, colours, strict=True)):
+        mean = item.row.get(f"{key} mean")
+        if mean is None:
+            foot = axes.get_xaxis_transform()
+            axes.plot(place, 0.03, "x", color=GREY, ms=5, transform=foot, clip_on=False)
+            continue
+        scatter = item.row[f"{key} standard_deviation"] or 0.0
+        axes.errorbar(
+            place, mean, yerr=scatter, fmt="o", color=colour, ms=4.5, capsize=3, lw=LINE_PT
+        )
+
+
+def _within(
+    axes: Axes, key: str, outcomes: Sequence[Outcome], colours: Sequence[Any], across: str
+) -> None:
+    """A key's course in each recording."""
+    few = len(outcomes) <= _BANDED
+    for item, colour in zip(outcomes, colours, strict=True):
+        if key not in item.curves:
+            continue
+        x, y = item.curves[across], item.curves[key]
+        marker = "o" if len(x) < 15 else None
+        if few:
+            spread = item.curves[f"{key} {SPREAD}"]
+            draw_band(axes, x, y, spread, colour=colour, lw=LINE_PT, marker=marker, ms=3)
+        else:
+            axes.plot(x, y, color=colour, lw=FINE_PT, alpha=0.7, marker=marker, ms=3)
+
+
+def _name(axes: Axes, outcomes: Sequence[Outcome]) -> None:
+    """The recordings' names below the axis, or their rows in the summary."""
+    axes.set_xlim(-0.6, len(outcomes) - 0.4)
+    if len(outcomes) > _NAMED:
+        axes.xaxis.set_major_formatter(lambda place, _: f"{place + 1:g}")
+        axes.set_xticks(range(0, len(outcomes), -(-len(outcomes) // 8)))
+        style_axes(axes, x_label="recording, as counted in summary.csv (cross: nothing was found)")
+        return
+    names = [plain_name(str(item.row["folder"]), _LETTERS) for item in outcomes]
+    axes.set_xticks(range(len(names)), names, rotation=90 if len(names) > 4 else 20)
+    style_axes(axes, x_label="recording (cross: nothing was found)")
 
 
 _LAST = ("kept_share", "warnings", "error")
@@ -315,8 +465,7 @@ def tabulate_campaign(rows: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
     """The columns of summary.csv: what all recordings have, the keys of any, and what is said."""
     columns = columns_of(rows)
     unknown: list[Any] = [None] * len(rows)
-    last = {name: columns.pop(name, unknown) for name in _LAST}
-    return columns | last
+    return columns | {name: columns.pop(name, unknown) for name in _LAST}
 
 
 def summary_of(scene: Scene, outcomes: Sequence[Outcome]) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from isochrome.comparison.frame_sets import (
     frame_pairs,
     load_frame_set,
 )
-from isochrome.comparison.scar_comparison import ScarComparison, compare_scars
+from isochrome.comparison.scar_comparison import ScarComparison, compare_scars, evenly_spaced
 from isochrome.errors import InputError
 from isochrome.figures import (
     DIFFERENCE_MAP,
@@ -86,7 +86,7 @@ def side_by_side(
     as the foot says. Simulated dark fringes lie over the experiment.
     """
     pairs = frame_pairs(experiment, simulation)
-    rows = tuple(_evenly_spaced(len(pairs), MOST_ROWS))
+    rows = tuple(evenly_spaced(len(pairs), MOST_ROWS))
     panels = side_by_side_panels(experiment, simulation, metrics, rows)
     known = simulation if simulation.pixel_mm is not None else experiment
     foot = _foot_text(len(rows), len(pairs), known.pixel_mm)
@@ -104,7 +104,7 @@ def side_by_side_panels(
     InputError where there is no pair of the numbers `frames`.
     """
     pairs = frame_pairs(experiment, simulation)
-    shown = chosen_frames(frames, len(pairs), _evenly_spaced(len(pairs), _ROWS_FOR_PAPER))
+    shown = chosen_frames(frames, len(pairs), evenly_spaced(len(pairs), _ROWS_FOR_PAPER))
     chosen = [(*pairs[k], metrics[k]) for k in shown]
     pictures = _pictures_of(experiment, simulation, chosen)
 
@@ -114,14 +114,13 @@ def side_by_side_panels(
             _draw_lines(axes, simulation, chosen[k][1], pictures.place)
         return drawn
 
-    bars = ("", "", pictures.bar)
-    names = ("experiment", "simulation", "difference")
+    bars = {"experiment": "", "simulation": "", "difference": pictures.bar}
     labels = [plain_name(numbers.label, _LABEL_LENGTH) for *_, numbers in chosen]
     notes = [f"{label}: {_caption(row[2])}" for label, row in zip(labels, chosen, strict=True)]
     return PaperPanels(
         kinds=[
             PictureKind(name=name, draw=partial(draw, column=column), bar=bar)
-            for column, (name, bar) in enumerate(zip(names, bars, strict=True))
+            for column, (name, bar) in enumerate(bars.items())
         ],
         labels=labels,
         notes=[*notes, "Orange: dark-fringe centre lines of the simulation."],
@@ -186,25 +185,23 @@ def plot_side_by_side(
     measured, model = (part.only(at) for part, at in zip((here, there), pairs[frame], strict=True))
     (numbers,) = compare_frames(measured, model)
     pictures = _pictures_of(measured, model, [(0, 0, numbers)], of_order)
-    panels = three_axes(measured.signal.shape[1:]) if axes is None else list(axes)
+    panels: Any = axes
+    if axes is None:
+        from matplotlib import pyplot
+
+        _, rows, cols = measured.signal.shape
+        size = 3 * _PANEL_WIDTH_IN + 1.75, np.clip(_PANEL_WIDTH_IN * rows / cols, 0.8, 6.0) + 0.7
+        panels = pyplot.subplots(
+            1, 3, figsize=size, layout="constrained", sharex=True, sharey=True
+        )[1]
     label = plain_name(here.label(pairs[frame][0]), _LABEL_LENGTH)
-    drawn = pictures.show_row(panels, 0, label)
+    titles = (f"experiment: {label}", "simulation", "experiment − simulation")
+    for column, (one, title) in enumerate(zip(panels, titles, strict=True)):
+        drawn = pictures.show(one, 0, column, title)
     if lines:
         _draw_lines(panels[0], model, 0, pictures.place)
     add_colour_bar(drawn, pictures.bar)
     return panels[0], panels[1], panels[2]
-
-
-def three_axes(shape: tuple[int, ...]) -> list[Axes]:
-    """Three Axes beside each other in a new figure of pyplot, for pictures of a shape."""
-    from matplotlib import pyplot
-
-    height = float(np.clip(_PANEL_WIDTH_IN * shape[0] / shape[1], 0.8, 6.0)) + 0.7
-    size = 3 * _PANEL_WIDTH_IN + 1.75, height
-    result: Any = pyplot.subplots(
-        1, 3, figsize=size, layout="constrained", sharex=True, sharey=True
-    )
-    return list(result[1])
 
 
 @dataclass(frozen=True)
@@ -233,12 +230,6 @@ class _Pictures:
         look: Any = {"cmap": FRAME_MAP if column < 2 else DIFFERENCE_MAP, "title": title}
         image = self.images[row][column]
         return show_image(axes, image, vmin=ends[0], vmax=ends[1], **look, **self.place)
-
-    def show_row(self, panels: Sequence[Axes], row: int, label: str) -> AxesImage:
-        """All three of a pair on three Axes. Returns the difference's image."""
-        titles = (f"experiment: {label}", "simulation", "experiment − simulation")
-        places = enumerate(zip(panels, titles, strict=True))
-        return [self.show(axes, row, column, title) for column, (axes, title) in places][-1]
 
 
 def _draw_lines(axes: Axes, simulation: ComparedFrames, index: int, place: Place) -> None:
@@ -284,11 +275,6 @@ def _pictures_of(
     return _Pictures(images, grey, centred_limit(*(gap for *_, gap in images)), of_order, place)
 
 
-def _evenly_spaced(count: int, most: int) -> list[int]:
-    """Pick at most `most` of `count` frames, the first and the last among them."""
-    return [int(index) for index in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
-
-
 def _caption(numbers: FrameMetrics) -> str:
     """Say the numbers of one row in one line."""
     parts = []
@@ -331,10 +317,11 @@ def comparison_report(
     metrics: Sequence[FrameMetrics],
     columns: Mapping[str, Sequence[Any]],
     record: Mapping[str, Any],
-    scene: Scene | None = None,
+    scene: Scene | None,
 ) -> ReportContent:
     """What the report says; `record`, what provenance.json holds; `scene`: None of bare frames."""
-    chosen = choose_frames([m.signals.rmse for m in metrics], [m.signals.rmse for m in metrics])
+    residual = [m.signals.rmse for m in metrics]
+    chosen = choose_frames(residual, residual)
     pairs = frame_pairs(experiment, simulation)
     of_order = any(m.orders is not None for m in metrics)
     rows = [(*pairs[one.number], metrics[one.number]) for one in chosen]
@@ -583,10 +570,7 @@ def _table(metrics: list[FrameMetrics]) -> dict[str, list[Any]]:
         "rmse_over_noise": ("signals", "rmse_over_noise"),
         "ssim": ("signals", "ssim"),
     }
-    table: dict[str, list[Any]] = {
-        "frame": [m.frame for m in metrics],
-        "label": [m.label for m in metrics],
+    return {name: [getattr(m, name) for m in metrics] for name in ("frame", "label")} | {
+        name: [getattr(getattr(m, part), number, None) for m in metrics]
+        for name, (part, number) in columns.items()
     }
-    for name, (part, number) in columns.items():
-        table[name] = [getattr(getattr(m, part), number, None) for m in metrics]
-    return table

@@ -220,18 +220,18 @@ def compare_signals(
     """
     measured, model, _, known = _paired(experiment, simulation, mask, "images", "signal")
     gain, offset = brightness_line(measured[known], model[known])
-    residual = measured - (gain * model + offset)
-    over_noise = np.nan
+    fitted = gain * model + offset
+    residual, over_noise = (measured - fitted)[known], np.nan
     if noise is not None:
         deviation = np.broadcast_to(np.asarray(noise, dtype=float), measured.shape)[known]
         if not np.all(deviation > 0.0):
             raise InputError("noise_image_comparison_holds")
-        over_noise = _rms(residual[known] / deviation)
+        over_noise = _rms(residual / deviation)
     return SignalMetrics(
         ncc=_correlation(measured[known], model[known]),
-        rmse=_rms(residual[known]),
+        rmse=_rms(residual),
         rmse_over_noise=over_noise,
-        ssim=_ssim(measured, gain * model + offset, known),
+        ssim=_ssim(measured, fitted, known),
         gain=gain,
         offset=offset,
     )
@@ -416,15 +416,13 @@ def compare_frames(
             signals = compare_signals(measured, model, mask=mask, noise=experiment.noise_of(i))
         except InputError as error:
             raise InputError(f"frame {index} ({label}): {error}") from error
-        orders = None
+        orders, lines = None, list[list[Skeleton]]()
         if experiment.order is not None and simulation.order is not None:
             maps = _known_in_both(experiment.order[i], simulation.order[j], mask)
             if np.isfinite(maps[0]).any():
                 orders = compare_orders(*maps, mask=mask)
-        if orders is not None:
-            lines = [order_contours(each) for each in maps]
-        else:
-            lines = [skeletons(each) for each in _known_in_both(measured, model, mask)]
+                lines = [order_contours(each) for each in maps]
+        lines = lines or [skeletons(each) for each in _known_in_both(measured, model, mask)]
         skeleton = None
         if any(lines):
             scale = experiment.pixel_mm or simulation.pixel_mm
@@ -440,10 +438,9 @@ def frame_pairs(experiment: ComparedFrames, simulation: ComparedFrames) -> list[
     """
     if experiment.signal.shape[1:] != simulation.signal.shape[1:]:
         raise InputError(
-            "frames_shape_experiment_simulation",
-            shape=experiment.signal.shape[1:],
+            "frames_shape_experiment_simulation", shape=experiment.signal.shape[1:],
             shape_2=simulation.signal.shape[1:],
-        )
+        )  # fmt: skip
     scales = experiment.pixel_mm, simulation.pixel_mm
     if None not in scales and abs(scales[0] / scales[1] - 1.0) > _SCALE_TOLERANCE:  # type: ignore[operator]
         raise InputError(
@@ -503,32 +500,23 @@ def load_frame_set(given: SetToCompare) -> ComparedFrames:
 
 def _of_result(result: Processed | Simulation) -> ComparedFrames:
     """The frames of a result whose maps are in memory, at the place that was found."""
+    if result.frames is None:
+        raise InputError("maps_folder_written_name", title=result.title)
+    simulated = isinstance(result, Simulation)
     if isinstance(result, Simulation):
         stack, order, scene = result.frames, result.orders, result.scene
     else:
-        stack, order = _maps_of(result)
+        stack, order = np.stack([frame.normalised for frame in result.frames]), None
         scene = result.fitted or result.scene
-    if stack is None:
-        raise InputError("maps_folder_written_name", title=result.title)
+        readings = [frame.reading for frame in result.frames]
+        if any(readings):
+            blank = np.full(stack.shape[1:], np.nan, np.float32)
+            order = np.stack([reading.order if reading else blank for reading in readings])
     table = result.columns
     if PICTURE in table:
         table = _of_pictures(table, [at is not None for at in table[PICTURE]])
-    return _compared(
-        stack, order, tomllib.loads(dump_scene(scene)), table, name=result.title,
-        simulated=isinstance(result, Simulation),
-    )  # fmt: skip
-
-
-def _maps_of(result: Processed) -> tuple[NDArray[Any] | None, NDArray[Any] | None]:
-    """Signals and orders (frame, row, col); None for what is not in memory, or was not read."""
-    if result.frames is None:
-        return None, None
-    stack = np.stack([frame.normalised for frame in result.frames])
-    readings = [frame.reading for frame in result.frames]
-    if not any(readings):
-        return stack, None
-    blank = np.full(stack.shape[1:], np.nan, np.float32)
-    return stack, np.stack([reading.order if reading else blank for reading in readings])
+    tables = tomllib.loads(dump_scene(scene))
+    return _compared(stack, order, tables, table, name=result.title, simulated=simulated)
 
 
 def _load_result(folder: Path, signal_name: str, table_name: str) -> ComparedFrames:
@@ -570,12 +558,9 @@ def _compared(
         raise InputError("phase_stepped_set_frames", name=name, steps=steps, order_count=len(order))
     if order is not None and order.shape != signal.shape:
         raise InputError(
-            "has_shape_beside_folder",
-            name=name,
-            shape=signal.shape,
-            order=_ORDER,
+            "has_shape_beside_folder", name=name, shape=signal.shape, order=_ORDER,
             shape_2=order.shape,
-        )
+        )  # fmt: skip
     length = len(next(iter(table.values()), ()))
     if table and length != len(signal):
         raise InputError(
@@ -584,6 +569,8 @@ def _compared(
     if order is not None and simulated:
         signal = np.where(np.isfinite(order), signal, np.float32(np.nan))  # no specimen there
     left, top = _corner(scene, (signal.shape[1], signal.shape[2]))
+    noise = table.get("noise", [])  # of each frame, where the table has it as numbers
+    known = len(noise) and all(isinstance(value, float) for value in noise)
     return ComparedFrames(
         signal=signal,
         order=None if order is None else order.astype(np.float32, copy=False),
@@ -591,7 +578,7 @@ def _compared(
         left_mm=left,
         top_mm=top,
         labels=_labels(table, len(signal)),
-        noise=_noise(table),
+        noise=np.array(noise) if known else None,
     )
 
 
@@ -631,8 +618,7 @@ def _one_channel(stack: NDArray[Any], scene: dict[str, Any]) -> NDArray[Any]:
     channel = scene.get("frames", {}).get("channel")
     channel = channel or channel_for(scene.get("polariscope", {}).get("wavelength_nm"))
     if channel == "mean":
-        result: NDArray[Any] = stack.mean(axis=3, dtype=np.float32)
-        return result
+        return np.asarray(stack.mean(axis=3, dtype=np.float32))
     return stack[..., CHANNELS.index(channel)]
 
 
@@ -656,23 +642,13 @@ def _labels(table: Mapping[str, Sequence[Any]], count: int) -> tuple[str, ...]:
     """Name the frames: by their label, else by sliding distance and named state."""
     if "label" in table:
         return tuple(str(name) for name in table["label"])
-    names = table.get("state", [])
-    distances = table.get("distance_m", [])
+    names, distances = (table.get(n) or [None] * count for n in ("state", "distance_m"))
     labels = []
-    for index in range(count):
-        name = names[index].strip() if names and isinstance(names[index], str) else ""
-        distance = distances[index] if distances else None
+    for index, (state, distance) in enumerate(zip(names, distances, strict=True)):
+        name = state.strip() if isinstance(state, str) else ""
         if isinstance(distance, float) and distance > 0:
             name = f"sliding, {distance:g} m"
         elif isinstance(distance, float) and distance == 0 and not name:
             name = "static" if index == 0 else "initial sliding"
         labels.append(name or f"frame {index}")
     return tuple(labels)
-
-
-def _noise(table: Mapping[str, Sequence[Any]]) -> NDArray[np.floating] | None:
-    """Take the signal's noise of each frame out of a table that has it as numbers."""
-    values = table.get("noise", [])
-    if not len(values) or not all(isinstance(value, float) for value in values):
-        return None
-    return np.array(values)

@@ -86,18 +86,14 @@ class SimulatedScar:
 
     def on_bins(self, x_mm: Array, values: Array) -> Array:
         """Means (m,) of a profile (n,) of this scar over equal bins about places (m,), mm."""
-        step = x_mm[1] - x_mm[0]
-        total = np.concatenate(
-            [[0.0], np.cumsum(0.5 * np.diff(self.x_mm) * (values[1:] + values[:-1]))]
-        )
-        ends = np.append(x_mm - 0.5 * step, x_mm[-1] + 0.5 * step)
-        return np.asarray(np.diff(np.interp(ends, self.x_mm, total)) / step)
+        area = np.cumsum(0.5 * np.diff(self.x_mm) * (values[1:] + values[:-1]))
+        return self.slope(x_mm, np.concatenate([[0.0], area]))
 
-    def slope(self, x_mm: Array) -> Array:
-        """Slope (m,) of the depth over equal bins about places (m,), µm/mm."""
+    def slope(self, x_mm: Array, values: Array) -> Array:
+        """Slope (m,), per mm, of a profile (n,) over equal bins about places (m,), mm."""
         step = x_mm[1] - x_mm[0]
         ends = np.append(x_mm - 0.5 * step, x_mm[-1] + 0.5 * step)
-        return np.asarray(np.diff(np.interp(ends, self.x_mm, self.depth_um)) / step)
+        return np.asarray(np.diff(np.interp(ends, self.x_mm, values)) / step)
 
 
 def root_sum_square(moved: Mapping[str, Any]) -> Any:
@@ -241,11 +237,6 @@ class ScarPair:
             float(np.hypot(self.trace.worn_area_uncertainty_mm2, measured)),
         )
 
-    @property
-    def measured_width_uncertainty_mm(self) -> float:
-        """Standard uncertainty of the measured width, by its edges, mm."""
-        return float(np.hypot(*self.trace.edge_uncertainty_mm))
-
 
 def pair_scar(trace: LevelledTrace, scar: SimulatedScar) -> ScarPair:
     """Move a trace, whose x begins anywhere, onto a simulated scar, and subtract.
@@ -257,7 +248,7 @@ def pair_scar(trace: LevelledTrace, scar: SimulatedScar) -> ScarPair:
     """
     shift, spread = _aligned(trace, scar)
     x = trace.x_mm - shift
-    inside, slope = _both(trace, scar, shift), scar.slope(x)
+    inside, slope = _both(trace, scar, shift), scar.slope(x, scar.depth_um)
     simulated = scar.on_bins(x, scar.depth_um)
     rows = [scar.on_bins(x, moved) for moved in scar.moved_um.values()]
     inputs = np.array(rows).reshape(-1, len(x))
@@ -291,7 +282,7 @@ def _aligned(trace: LevelledTrace, scar: SimulatedScar) -> tuple[float, float]:
     shift = trace.centre_mm - scar.centre_mm
     for _ in range(_STEPS):
         x = trace.x_mm - shift
-        inside, slope = _both(trace, scar, shift), scar.slope(x)
+        inside, slope = _both(trace, scar, shift), scar.slope(x, scar.depth_um)
         d = (trace.depth_um - scar.on_bins(x, scar.depth_um))[inside]
         weighed = np.linalg.solve(
             _firm(trace.depth_covariance_um2[np.ix_(inside, inside)]), slope[inside]
@@ -328,7 +319,7 @@ def scar_columns(name: str, scar: SimulatedScar, pair: ScarPair | None) -> dict[
         "area_difference_mm2": area,
         "area_difference_uncertainty_mm2": spread,
         "measured_width_mm": trace and trace.width_mm,
-        "measured_width_uncertainty_mm": pair and pair.measured_width_uncertainty_mm,
+        "measured_width_uncertainty_mm": trace and float(np.hypot(*trace.edge_uncertainty_mm)),
         "simulated_width_mm": scar.width_mm,
         "simulated_width_uncertainty_mm": float(root_sum_square(scar.moved_width_mm)),
         "simulated_depth_um": float(scar.depth_um.max()),
@@ -440,17 +431,13 @@ class ScarComparison(Result):
 
     def main_values(self) -> Iterator[tuple[str, str]]:
         """Measured and simulated worn area of each trace."""
-        for row in zip(*self.columns.values(), strict=True):
-            one = dict(zip(self.columns, row, strict=True))
-            model = simulated_text(one["simulated_area_mm2"], one["simulated_area_uncertainty_mm2"])
-            values = (
-                "no clear scar"
-                if one["measured_area_mm2"] is None
-                else with_uncertainty(
-                    one["measured_area_mm2"], one["measured_area_uncertainty_mm2"]
-                )
-            )
-            yield f"{one['trace']}, {one['distance_m']:g} m", f"{values} mm², simulated {model} mm²"
+        for name, scar, pair in zip(self.names, self.scars, self.pairs, strict=True):
+            model = simulated_text(scar.worn_area_mm2, float(root_sum_square(scar.moved_area_mm2)))
+            area = "no clear scar"
+            if pair is not None:
+                trace = pair.trace
+                area = with_uncertainty(trace.worn_area_mm2, trace.worn_area_uncertainty_mm2)
+            yield f"{name}, {scar.distance_m:g} m", f"{area} mm², simulated {model} mm²"
 
     def to_json(self) -> dict[str, Any]:
         """The metrics of all traces, and the warnings."""
@@ -474,7 +461,12 @@ def compare_scars(
     metrics.csv, scars.csv, provenance.json, scars.png. PhysicsError: no trace shows a scar.
     """
     files, listed = _traces(measured)
-    scene = _simulated_scene(simulation)
+    if not isinstance(simulation, Scene) and Path(simulation).is_dir():  # what `simulate` left
+        simulation = Path(simulation) / "scene.toml"
+        if not simulation.is_file():
+            raise InputError("not_there_name_result", file=simulation)
+        opened_record(simulation.parent, [simulation.name])
+    scene = load_scene(simulation)
     distances = sorted(set(listed))
     by_distance = dict(zip(distances, simulated_scars(scene, distances), strict=True))
     scars = tuple(by_distance[distance] for distance in listed)
@@ -519,17 +511,6 @@ def _traces(
 def _is_wear_set(path: Path) -> bool:
     """Whether a TOML file has traces, as sets of a wear calibration and no scenes have."""
     return path.is_file() and "trace" in parse_toml(read_text(path), str(path))
-
-
-def _simulated_scene(simulation: str | Path | Scene) -> Scene:
-    """A scene, or that of a folder of `simulate`."""
-    if not isinstance(simulation, Scene) and Path(simulation).is_dir():
-        file = Path(simulation) / "scene.toml"
-        if not file.is_file():
-            raise InputError("not_there_name_result", file=file)
-        opened_record(file.parent, [file.name])
-        return load_scene(file)
-    return load_scene(simulation)
 
 
 def _paired(
@@ -593,15 +574,15 @@ def scars_figure(
     The top row is the paper's Fig. 7 beside its Fig. 9: all measured scars, and all simulated ones
     with the band of the inputs of the scene, whose `name` is given.
     """
-    shown = _spread_distances(sorted({scar.distance_m for scar in scars}), MOST_DISTANCES)
+    distances = sorted({scar.distance_m for scar in scars})
+    shown = [distances[k] for k in evenly_spaced(len(distances), MOST_DISTANCES)]
     figure = new_figure(11.0, 3.1 + 2.5 * len(shown) + 0.6)
     panels: Any = figure.subplots(
         len(shown) + 1, 2, squeeze=False, sharex=True, height_ratios=[1.25] + [1.0] * len(shown)
     )
     first, second = panels[0]
     second.sharey(first)
-    rows = _rows_at(shown, names, scars, pairs)
-    for (overlay, gap), row in zip(panels[1:], rows, strict=True):
+    for (overlay, gap), row in zip(panels[1:], _rows_at(shown, names, scars, pairs), strict=True):
         _draw_mean(first, row)
         _draw_simulated(second, row)
         _draw_overlay(overlay, row)
@@ -625,10 +606,9 @@ def scars_figure(
     return figure
 
 
-def _spread_distances(distances: Sequence[float], most: int) -> list[float]:
-    """Evenly spaced ones of the distances, the first and the last among them."""
-    places = np.linspace(0, len(distances) - 1, min(len(distances), most))
-    return [distances[int(k)] for k in np.unique(places.round())]
+def evenly_spaced(count: int, most: int) -> list[int]:
+    """At most so many numbers below a count, the first and the last among them."""
+    return [int(k) for k in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
 
 
 def scars_panels(
@@ -642,7 +622,7 @@ def scars_panels(
     InputError where there is no distance of the numbers `frames`.
     """
     distances = sorted({scar.distance_m for scar in scars})
-    few = [distances.index(s) for s in _spread_distances(distances, _FOR_PAPER)]
+    few = evenly_spaced(len(distances), _FOR_PAPER)
     shown = [distances[k] for k in chosen_frames(frames, len(distances), few, items="distances")]
     rows = _rows_at(shown, names, scars, pairs)
     half = _BESIDE * 0.5 * max(scar.width_mm for scar in scars)

@@ -136,8 +136,7 @@ def frame_figure(image: Floats) -> Figure:
     rows, cols = image.shape
     figure = new_figure(_WIDTH_IN, _WIDTH_IN * rows / cols + 0.9)
     low, high = (float(v) for v in np.nanpercentile(image, [0.5, 99.5]))
-    axes = figure.subplots()
-    show_image(axes, image, cmap=FRAME_MAP, vmin=low, vmax=high, title="the frame")
+    show_image(figure.subplots(), image, cmap=FRAME_MAP, vmin=low, vmax=high, title="the frame")
     return figure
 
 
@@ -310,13 +309,11 @@ def _best_start(
         raise _unexplained(frame, fits[0][0].chi if fits else None)
     for (fit, start), (other, second) in pairwise(fits[:2]):
         if other.chi < ALIKE_CHI * fit.chi and not _same(fit, start, other, second):
+            words, others = _in_words(fit, start), _in_words(other, second)
             raise PhysicsError(
                 "two_scenes_explain_frame_alike",
-                name=frame.name,
-                index=frame.index,
-                in_words=_in_words(fit, start),
-                in_words_2=_in_words(other, second),
-            )
+                name=frame.name, index=frame.index, in_words=words, in_words_2=others,
+            )  # fmt: skip
     return fits[0][1], fits[0][0]
 
 
@@ -335,10 +332,9 @@ def _unexplained(frame: Frame, chi: float | None) -> PhysicsError:
 
 def _same(fit: FrameFit, start: PictureStart, other: FrameFit, second: PictureStart) -> bool:
     """Whether two starts have led to one scene."""
-    alike = start.lying[:3] == second.lying[:3]
     loads, frictions = ([f.scene.get(key) for f in (fit, other)] for key in (LOAD, FRICTION))
     near = abs(loads[1] / loads[0] - 1.0) < 0.01 and abs(frictions[1] - frictions[0]) < 0.01
-    return alike and near
+    return start.lying[:3] == second.lying[:3] and near
 
 
 def _in_words(fit: FrameFit, start: PictureStart) -> str:
@@ -353,12 +349,9 @@ def _refuse_far_load(fit: FrameFit, given: KnownValues, frame: Frame) -> None:
     assert given.load_n is not None
     if not 1.0 / _FARTHEST < load / given.load_n < _FARTHEST:
         raise PhysicsError(
-            "fringes_frame_those_load",
-            name=frame.name,
-            index=frame.index,
-            load=load,
+            "fringes_frame_those_load", name=frame.name, index=frame.index, load=load,
             load_n=given.load_n,
-        )
+        )  # fmt: skip
 
 
 _HAS_SIDE = 4.0
@@ -367,11 +360,9 @@ _HAS_SIDE = 4.0
 
 def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
     """Draft the scene of a contact; see `draft_scene`."""
-    refuse_unclear(frames, given)
     pixel_mm = given.pixel_mm or frames.pixel_mm
     assert pixel_mm is not None
-    scene = start_scene(pixel_mm, frames.shape, given)
-    contact = _first_explained(frames, scene, given)
+    contact = _first_explained(frames, start_scene(pixel_mm, frames.shape, given), given)
     turned = contact.lying.rotate_deg in (90, 270)
     values = given_values(given, NEEDED["contact"][:-1])  # the load is found
     values += file_values(frames, given, turned=turned)
@@ -412,12 +403,8 @@ def _first_explained(frames: FrameReader, scene: Scene, given: KnownValues) -> C
             else:
                 refused = refused or error
     if refused is None:
-        first = bare[0]
-        raise PhysicsError(
-            "no_fringes_whose_light",
-            name=first.name,
-            named_frames=named_frames([one.index for one in bare]),
-        )
+        frames_named = named_frames([one.index for one in bare])
+        raise PhysicsError("no_fringes_whose_light", name=bare[0].name, named_frames=frames_named)
     raise refused
 
 
@@ -509,7 +496,6 @@ def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
     Its rim gives place and scale roughly, and its fringes closely, with load, field, gamma, and
     whether it lies on its side.
     """
-    refuse_unclear(frames, given)
     frame = frame_of(frames, frames_to_look_at(frames, given)[0], given)
     tables: dict[str, Any] = {
         "specimen": {"shape": "disc"} | {name: getattr(given, name) for name in _DISC},
@@ -526,14 +512,13 @@ def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
         f"Frame {frame.index} was looked at: the disc's fringes leave {fit.chi:.2f} times "
         "its noise."
     ]
-    notes = [message("chi_disc_fringes_leave", chi=fit.chi)]
     return written_draft(
         frames,
         frame.index,
         sentences,
         values,
         open_of_set(frames, given),
-        warnings=[] if fit.chi <= POOR_CHI else notes,
+        warnings=[] if fit.chi <= POOR_CHI else [message("chi_disc_fringes_leave", chi=fit.chi)],
         chi=fit.chi,
         draw=partial(draft_figure, data, fit.scene, values),
     )
@@ -541,7 +526,6 @@ def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
 
 def draft_without_model(frames: FrameReader, given: KnownValues) -> SceneDraft:
     """Draft a scene without a model, whose frames are read from the image alone."""
-    refuse_unclear(frames, given)
     frame = frame_of(frames, frames_to_look_at(frames, given)[0], given)
     values = [DraftValue(key="specimen.shape", value="other", origin="given")]
     values += given_values(given, ("thickness_mm", "fringe_value_n_per_mm"))
@@ -550,16 +534,13 @@ def draft_without_model(frames: FrameReader, given: KnownValues) -> SceneDraft:
         values.append(DraftValue(key=PIXEL, value=frames.pixel_mm, origin="file"))
     values += [*_stated(given), *light_values(given)]
     present = {value.key for value in values}
-    quantities = [
-        QUANTITIES[name] for name in ("thickness_mm", "fringe_value_n_per_mm", "pixel_mm")
-    ]
-    keys = [OpenKey(q.key, q.question) for q in quantities if q.key not in present]
-    open_keys = keys + [OpenKey(key, hint) for key, hint in _STANDARD.items() if key not in present]
+    quantities = (QUANTITIES[k] for k in ("thickness_mm", "fringe_value_n_per_mm", "pixel_mm"))
+    hints = {quantity.key: quantity.question for quantity in quantities} | _STANDARD
+    open_keys = [OpenKey(key, hint) for key, hint in hints.items() if key not in present]
     order = "orders that are known, such as [{ row_px = 480, col_px = 20, order = 0.0 }]"
     open_keys += [*open_of_set(frames, given), OpenKey("frames.known_order", order)]
     sentences = [message("specimen_has_no_model")]
-    picture = as_turned(frame.image, given.rotate_deg or 0, given.flip)
-    draw = partial(frame_figure, picture)
+    draw = partial(frame_figure, as_turned(frame.image, given.rotate_deg or 0, given.flip))
     return written_draft(frames, frame.index, sentences, values, open_keys, draw=draw)
 
 
@@ -585,11 +566,13 @@ def _fitted(data: FrameData, bare: Scene, given: KnownValues) -> tuple[FrameData
         keys = (*free_keys(scene), *(key for key, value in given_values.items() if value is None))
         try:
             fit = fit_frame(turned, scene, keys)
-            lost = _is_lost(turned, fit)
+            # so far off that its values say nothing, as `process` has it
+            if fit.positive:
+                sigma = turned.toned(fit.scene.get(GAMMA)).sigma
+                if fit.chi * evaluate_model(turned, fit.scene).contrast_noise(sigma) <= TOO_FAR:
+                    fits.append((turned, fit))
         except (InputError, PhysicsError):
             continue  # the fit has left the picture
-        if not lost:
-            fits.append((turned, fit))
     fits.sort(key=lambda pair: pair[1].chi)
     if not fits:
         raise PhysicsError("disc_fringes_not_frame", name=data.name)
@@ -600,14 +583,6 @@ def _fitted(data: FrameData, bare: Scene, given: KnownValues) -> tuple[FrameData
         )
         raise PhysicsError("two_scenes_explain_frame", name=data.name, ways=ways)
     return fits[0]
-
-
-def _is_lost(data: FrameData, fit: FrameFit) -> bool:
-    """Whether a fit is so far off that its values say nothing, as `process` has it."""
-    if not fit.positive:
-        return True
-    sigma = data.toned(fit.scene.get(GAMMA)).sigma
-    return not fit.chi * evaluate_model(data, fit.scene).contrast_noise(sigma) <= TOO_FAR
 
 
 def _disc_values(fit: FrameFit, given: KnownValues) -> list[DraftValue]:
@@ -645,6 +620,7 @@ def draft_scene(
     drafts = {"contact": draft_contact, "disc": draft_disc, "other": draft_without_model}
     taken = {name: getattr(given, name) for name in ("channel", "wavelength_nm", "bit_depth")}
     with open_frames(frames, **taken, leave_out=leave_out) as reader, single_threaded():
+        refuse_unclear(reader, given)
         return drafts[given.shape](reader, given)
 
 

@@ -387,13 +387,13 @@ def refuse_unclear(reader: FrameReader, given: KnownValues) -> None:
         raise InputError(
             "not_known_no_frame", key=quantity.key, options=options, question=quantity.question
         )
-    name = name_of(reader)
-    if reader.channel is not None and given.channel is None and given.wavelength_nm is None:
+    name, unknown = name_of(reader), open_questions(reader, given)
+    if "wavelength_nm" in unknown:
         raise InputError("has_red_green_blue", name=name, usual=QUANTITIES["wavelength_nm"].usual)
+    if "pixel_mm" in unknown:
+        raise InputError("does_not_name_size", name=name, usual=QUANTITIES["pixel_mm"].usual)
     if given.pixel_mm is not None:
         check_scale(reader, Camera(pixel_mm=given.pixel_mm))
-    elif reader.pixel_mm is None and given.shape not in WITH_OWN_SCALE:
-        raise InputError("does_not_name_size", name=name, usual=QUANTITIES["pixel_mm"].usual)
 
 
 def frames_to_look_at(reader: FrameReader, given: KnownValues) -> list[int]:
@@ -403,12 +403,9 @@ def frames_to_look_at(reader: FrameReader, given: KnownValues) -> list[int]:
         return sorted({round(k) for k in np.linspace(0, count - 1, min(count, _LOOKED_AT))})
     if given.frame >= count:
         raise InputError(
-            "has_frame_asked_give",
-            name_of=name_of(reader),
-            counted=counted(count, "frame"),
-            frame=given.frame,
-            count=count - 1,
-        )
+            "has_frame_asked_give", name_of=name_of(reader), counted=counted(count, "frame"),
+            frame=given.frame, count=count - 1,
+        )  # fmt: skip
     return [given.frame]
 
 
@@ -420,12 +417,9 @@ def frame_of(reader: FrameReader, index: int, given: KnownValues) -> Frame:
         likely = next(bits for bits in _DEPTHS if largest < 2**bits)
         if likely < (reader.bit_depth or 0):
             raise InputError(
-                "largest_level_bits_file",
-                name=frame.name,
-                largest=largest,
-                likely=likely,
+                "largest_level_bits_file", name=frame.name, largest=largest, likely=likely,
                 bit_depth=reader.bit_depth,
-            )
+            )  # fmt: skip
     if reader.dtype.kind == "f" and given.bit_depth is None and float(np.nanmax(frame.image)) > 1.0:
         raise InputError("holds_fractions_up_full", name=frame.name, nanmax=np.nanmax(frame.image))
     return frame
@@ -501,5 +495,4 @@ def described_set(reader: FrameReader) -> str:
     count = counted(reader.count(decode=False), "frame")
     rate = frame_rate(reader)
     timed = "" if rate is None else f", {rate:.4g} a second by their times"
-    name = name_of(reader)
-    return f"{Path(name).name}: {count} of {cols} x {rows} pixels, {depth}{timed}."
+    return f"{Path(name_of(reader)).name}: {count} of {cols} x {rows} pixels, {depth}{timed}."

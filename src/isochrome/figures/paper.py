@@ -93,11 +93,9 @@ class FigureStyle:
     def __post_init__(self) -> None:
         if not NARROWEST_MM <= self.width_mm <= WIDEST_MM:
             raise InputError(
-                "width_mm_figure_give",
-                width_mm=self.width_mm,
-                narrowest_mm=NARROWEST_MM,
+                "width_mm_figure_give", width_mm=self.width_mm, narrowest_mm=NARROWEST_MM,
                 widest_mm=WIDEST_MM,
-            )
+            )  # fmt: skip
         if not LEAST_DPI <= self.dpi <= MOST_DPI:
             raise InputError("dpi_give_such", dpi=self.dpi, least_dpi=LEAST_DPI, most_dpi=MOST_DPI)
         wrong = [name for name in self.formats if name not in FORMATS]
@@ -187,10 +185,10 @@ def curve_columns(axes: Axes) -> dict[str, Array]:
     across = " ".join(axes.get_xlabel().split()) or "x"
     drawn: list[list[Array]] = []
     for name, up, x, values in _all_curves(axes):
-        own = [x, *values.values()]
-        if any(len(own) == len(old) and all(map(_same, own, old)) for old in drawn):
+        curve = [x, *values.values()]
+        if any(len(curve) == len(old) and all(map(_same, curve, old)) for old in drawn):
             continue  # a line with a band, and its points with bars
-        drawn.append(own)
+        drawn.append(curve)
         if last is None or not _same(last, x):
             place = across if x.dtype.kind == "f" else "input"
             place = f"{name}: {place}" if place in columns and name else place
@@ -589,7 +587,7 @@ def _draw_pictures(
         for axes, (j, k) in zip(row, cells, strict=True):
             kind = panels.kinds[j]
             images.setdefault(j, []).append(kind.draw(axes, k))
-            below[j] = [own for own, cell in zip(row, cells, strict=True) if cell[0] == j]
+            below[j] = [one for one, cell in zip(row, cells, strict=True) if cell[0] == j]
             words = (kind.name if len(panels.kinds) > 1 else "", panels.labels[k])
             marked = any(not line.get_clip_on() for line in axes.lines)  # above the picture too
             title = fold(f"{next(letters)} {', '.join(filter(None, words))}", room)

@@ -26,6 +26,7 @@ from .opening import (
     one_recording,
     open_frames,
     open_scene_frames,
+    reading_options,
     recordings_of,
     with_file_scale,
 )
@@ -79,6 +80,7 @@ __all__ = [
     "open_no_load_steps",
     "open_scene_frames",
     "open_tiff",
+    "reading_options",
     "recordings_of",
     "saturation_level",
     "to_linear",

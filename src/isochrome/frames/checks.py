@@ -378,8 +378,7 @@ def of_depth(reader: FrameReader, light: Survey) -> Iterator[Finding]:
     """Findings on bit depth: 12 bits in a 16-bit file, floats without a full scale."""
     depth, largest = reader.bit_depth, max(light.largest, default=0.0)
     if reader.dtype.kind == "f" and depth is None and largest > 1:
-        text = message("float_frames_reach_set", largest=largest)
-        yield Finding("error", text)
+        yield Finding("error", message("float_frames_reach_set", largest=largest))
     if reader.dtype.kind == "f" and depth is not None and 0 < largest <= 1:
         text = message("float_frames_end_but", largest=largest, depth=depth)
         yield Finding("warning", text + message("remove_camera_bit_depth_if"))
@@ -387,10 +386,8 @@ def of_depth(reader: FrameReader, light: Survey) -> Iterator[Finding]:
         return
     likely = next(b for b in (8, 10, 12, 14, 16) if largest < 2**b)
     if likely < depth:
-        yield Finding(
-            "warning",
-            message("bit_frames_whose_largest", depth=depth, largest=largest, likely=likely),
-        )
+        text = message("bit_frames_whose_largest", depth=depth, largest=largest, likely=likely)
+        yield Finding("warning", text)
     shift = (light.bits & -light.bits).bit_length() - 1
     if shift:
         text = message("all_values_multiples_bit", shift=2**shift, shift_2=depth - shift)
@@ -409,8 +406,7 @@ def of_light(reader: FrameReader, light: Survey) -> Iterator[Finding]:
     worst = message("saturated_up_pixels_which", max=100 * share.max())
     yield from _frames("warning", clear & (share > SATURATED), worst + "the exposure")
     weak = clear & (high - low < LOW_CONTRAST * full) & (share <= SATURATED)
-    text = message("low_contrast_under_full")
-    yield from _frames("warning", weak, text)
+    yield from _frames("warning", weak, message("low_contrast_under_full"))
     change = np.zeros(light.count)
     with np.errstate(divide="ignore", invalid="ignore"):
         change[1:] = np.abs(np.diff(high)) / np.maximum(high[1:], high[:-1])
@@ -421,8 +417,7 @@ def of_light(reader: FrameReader, light: Survey) -> Iterator[Finding]:
         yield from _of_set(high, clear & ~weak & (share <= SATURATED))
     twins = np.zeros(light.count, bool)
     twins[[i for i, _ in light.twins if i < light.count]] = True
-    text = message("same_pixel_pixel_earlier")
-    yield from _frames("warning", twins & clear, text)
+    yield from _frames("warning", twins & clear, message("same_pixel_pixel_earlier"))
     if light.noise:
         unit = "of full scale" if reader.bit_depth is None else "grey levels"
         text = message("camera_noise_about_rounding", noise=np.median(light.noise), unit=unit)
@@ -436,8 +431,7 @@ def _of_set(high: np.ndarray, usable: np.ndarray) -> Iterator[Finding]:
     top = float(high[usable].max())
     dim = usable & (high < (1.0 - JUMP) * top)
     if dim.any():
-        least = float(high[dim].min())
-        text = message("brightest_places_down_those", least=top / least)
+        text = message("brightest_places_down_those", least=top / float(high[dim].min()))
         text += message("fix_exposure_gain_lamp")
         yield from _frames("warning", dim, text)
 
@@ -449,9 +443,8 @@ def _blank(light: Survey, full: float) -> Iterator[Finding]:
     yield from _frames("error", empty, message("no_number_nan_only"))
     yield from _frames("error", flat & (large <= 0), message("all_black_light"))
     yield from _frames("error", flat & (large >= full), message("all_white_lower_exposure"))
-    yield from _frames(
-        "error", flat & (large > 0) & (large < full), message("constant_captured_frame")
-    )
+    within = flat & (large > 0) & (large < full)
+    yield from _frames("error", within, message("constant_captured_frame"))
     holes = (np.array(light.not_finite) > 0) & ~empty
     yield from _frames("note", holes, message("some_pixels_not_finite"))
 
@@ -488,11 +481,10 @@ def of_no_load(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Fin
         if frames.no_load_steps is not None:
             yield from refusals(lambda: open_no_load_steps(scene, reader.full_shape).close())
         return
-    missing = [n for n in ("no_load_dark", "no_load_bright") if getattr(frames, n) is None]
+    keys = ("no_load_dark", "no_load_bright")
+    missing = " and ".join(f"frames.{key}" for key in keys if getattr(frames, key) is None)
     if missing:
-        text = message(
-            "not_given_unloaded_specimen", missing=" and ".join("frames." + n for n in missing)
-        )
+        text = message("not_given_unloaded_specimen", missing=missing)
         yield Finding("warning", text + message("frames_worth_more_any"))
     try:
         dark, bright = load_no_load(scene, full_shape=reader.full_shape)
@@ -573,11 +565,10 @@ class Check(Result):
 
     def to_json(self) -> dict[str, Any]:
         """The verdict, the number of frames and the findings."""
+        texts = messages_data(f.text for f in self.findings)
         rows = [
             {"level": finding.level, "frame": finding.frame, **data}
-            for finding, data in zip(
-                self.findings, messages_data(f.text for f in self.findings), strict=True
-            )
+            for finding, data in zip(self.findings, texts, strict=True)
         ]
         return {"ok": self.ok, "frames": self.count, "findings": rows}
 
@@ -641,12 +632,11 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
         lambda: check_moduli(scene),
     )
     if reader.channel is not None:
-        text = message("colour_frames_channel_used", channel=reader.channel)
-        yield Finding("note", text)
+        yield Finding("note", message("colour_frames_channel_used", channel=reader.channel))
     names = reader.names or (str(reader.path),)
     if reader.mask is not None:
-        text = message("mask_takes_pixels_specimen", mean=100 * reader.mask.mean())
-        yield Finding("note", text)
+        mean = 100 * reader.mask.mean()
+        yield Finding("note", message("mask_takes_pixels_specimen", mean=mean))
     lossy = reader.lossy
     if isinstance(reader.files[0], Path):  # arrays have no first bytes
         kind = signature_of(reader.files[0]).name
@@ -656,12 +646,10 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
             text = message("first_bytes_name_read", names=names[0], kind=kind, claimed=claimed)
             yield Finding("note", text)
     if lossy:
-        text = message("compressed_loss_which_hides", names=names[0])
-        yield Finding("note", text)
+        yield Finding("note", message("compressed_loss_which_hides", names=names[0]))
     ordinary = lossy or reader.kind == "video" or reader.channel is not None
     if scene.frames.gamma == 1 and ordinary:
-        text = message("frames_gamma_says_grey")
-        yield Finding("note", text)
+        yield Finding("note", message("frames_gamma_says_grey"))
 
 
 def _of_count(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Finding]:
@@ -670,9 +658,8 @@ def _of_count(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Find
         yield Finding("error", text + message("needs_remove_key_give"))
     claimed = reader.claimed_count
     if claimed is not None and claimed != light.count:
-        text = message(
-            "video_head_claims_can", counted=counted(claimed, "frame"), count=light.count
-        )
+        claim = counted(claimed, "frame")
+        text = message("video_head_claims_can", counted=claim, count=light.count)
         yield Finding("warning", text + message("whole_some_writers_claim"))
 
 
@@ -685,13 +672,8 @@ def light_figure(light: Survey) -> Figure:
     levels.fill_between(frame, light.low, light.high, color=LINE_COLOURS[0], alpha=0.3, lw=0)
     for name, values in (("98 %", light.high), ("2 %", light.low)):
         levels.plot(frame, values, color=LINE_COLOURS[0], marker="o", ms=3, lw=LINE_PT)
-        levels.annotate(
-            name,
-            (frame[-1], values[-1]),
-            xytext=(5, -3),
-            textcoords="offset points",
-            fontsize=NOTE_PT,
-        )
+        look: Any = {"textcoords": "offset points", "fontsize": NOTE_PT}
+        levels.annotate(name, (frame[-1], values[-1]), xytext=(5, -3), **look)
     style_axes(levels, z_label="grey level", title="98 % and 2 % of the pixels are darker")
     share = 100.0 * np.array(light.saturated)
     saturated.plot(frame, share, color=LINE_COLOURS[1], marker="o", ms=3, lw=LINE_PT)

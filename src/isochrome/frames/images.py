@@ -101,9 +101,9 @@ def _image(head: bytes) -> str | None:
 
 def _seems(head: bytes) -> str:
     """What begins so, in words."""
-    for start, name in _OTHERS.items():
-        if head.startswith(start):
-            return name
+    known = next((name for start, name in _OTHERS.items() if head.startswith(start)), None)
+    if known is not None:
+        return known
     if head[8:12] in _PHOTOGRAPHS:
         return "a HEIF or AVIF photograph"
     if head[128:132] == b"DICM":

@@ -29,6 +29,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -184,14 +185,13 @@ def noise_between_pixels(
         return 1.0
     # orthonormal polynomials of two places in a square: (pixels, terms)
     powers = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, _SQUARE), _DEGREE)
-    terms = [
-        np.outer(powers[:, i], powers[:, j]).ravel()
-        for i in range(_DEGREE + 1)
-        for j in range(_DEGREE + 1 - i)
-    ]
+    degrees = product(range(_DEGREE + 1), repeat=2)
+    terms = [np.outer(powers[:, i], powers[:, j]).ravel() for i, j in degrees if i + j <= _DEGREE]
     fits = np.asarray(np.linalg.qr(np.stack(terms, axis=1))[0])
-    squares = np.lib.stride_tricks.sliding_window_view(image, (_SQUARE, _SQUARE))[::_STEP, ::_STEP]
-    windows = np.lib.stride_tricks.sliding_window_view(valid, (_SQUARE, _SQUARE))[::_STEP, ::_STEP]
+    squares, windows = (
+        np.lib.stride_tricks.sliding_window_view(each, (_SQUARE, _SQUARE))[::_STEP, ::_STEP]
+        for each in (image, valid)
+    )
     light = squares[windows.all(axis=(2, 3))].reshape(-1, _SQUARE**2).astype(float)
     if len(light) < _FEWEST_SQUARES:
         return 1.0
@@ -355,13 +355,11 @@ def _check_shape(
     path: Path | ArrayFrames, key: str, reader: FrameReader, full_shape: tuple[int, int] | None
 ) -> None:
     if full_shape is not None and reader.full_shape != full_shape:
+        shape = reader.full_shape
         raise InputError(
-            "frames_pixels_rows_columns",
-            path=path,
-            key=key,
-            full_shape=reader.full_shape,
+            "frames_pixels_rows_columns", path=path, key=key, full_shape=shape,
             full_shape_2=full_shape,
-        )
+        )  # fmt: skip
 
 
 def _average(scene: Scene, key: str, full_shape: tuple[int, int] | None) -> Linear | None:
@@ -387,14 +385,9 @@ def likely_no_load(names: Sequence[str]) -> dict[str, str]:
     """The no-load frames by the names of files: the scene's key to a name, where one alone is
     called so.
     """
-    keys = {}
-    for field in ("dark", "bright"):
-        candidates = [
-            n for n in names if field in n.lower() and is_unloaded(n) and not n.endswith(".csv")
-        ]
-        if len(candidates) == 1:
-            keys[f"frames.no_load_{field}"] = candidates[0]
-    return keys
+    unloaded = [name for name in names if is_unloaded(name) and not name.endswith(".csv")]
+    called = {field: [n for n in unloaded if field in n.lower()] for field in ("dark", "bright")}
+    return {f"frames.no_load_{field}": n[0] for field, n in called.items() if len(n) == 1}
 
 
 def is_unloaded(name: str) -> bool:
@@ -494,14 +487,13 @@ def find_outliers(image: np.ndarray, finite: Mask | None = None) -> Mask:
     first_max, high = (np.full(centre.shape, least, values.dtype) for _ in range(2))
     first_min, low = (np.full(centre.shape, most, values.dtype) for _ in range(2))
     between = np.empty_like(high)
-    for dr in range(3):
-        for dc in range(3):
-            if (dr, dc) != (1, 1):
-                near = values[dr : dr + rows, dc : dc + cols]
-                cv2.max(high, cv2.min(first_max, near, between), high)
-                cv2.min(low, cv2.max(first_min, near, between), low)
-                cv2.max(first_max, near, first_max)
-                cv2.min(first_min, near, first_min)
+    for dr, dc in product(range(3), range(3)):
+        if (dr, dc) != (1, 1):
+            near = values[dr : dr + rows, dc : dc + cols]
+            cv2.max(high, cv2.min(first_max, near, between), high)
+            cv2.min(low, cv2.max(first_min, near, between), low)
+            cv2.max(first_max, near, first_max)
+            cv2.min(first_min, near, first_min)
     # of whole levels a difference below nought is nought, which is no excess either
     spread = cv2.subtract(high, low)
     excess = cv2.max(cv2.subtract(centre, high), cv2.subtract(low, centre))
@@ -537,8 +529,7 @@ def _middle_of_bytes(levels: np.ndarray) -> float:
     largest = 16 * 255
     counts = cv2.calcHist([sizes], [0], None, [largest + 1], [0, largest + 1]).ravel()
     below, last = np.cumsum(counts), sizes.size - 1
-    ends = np.searchsorted(below, [last // 2, (last + 1) // 2], side="right")
-    return float(ends.mean())
+    return float(np.searchsorted(below, [last // 2, (last + 1) // 2], side="right").mean())
 
 
 @dataclass(frozen=True)

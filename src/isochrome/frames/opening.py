@@ -15,6 +15,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -103,12 +104,9 @@ def _of_file(
     else:
         region = "" if shape == full_shape else f", their region of interest {shape}"
         raise InputError(
-            "frames_mask_pixels_rows",
-            path=path,
-            shape=full.shape,
-            full_shape=full_shape,
+            "frames_mask_pixels_rows", path=path, shape=full.shape, full_shape=full_shape,
             region=region,
-        )
+        )  # fmt: skip
     if not part.any():
         raise InputError("frames_mask_leaves_no", path=path, where=where)
     return part
@@ -147,11 +145,9 @@ def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int], 
     from skimage.draw import polygon2mask
 
     if len(corners) > MOST_CORNERS:
+        count = len(corners)
         raise InputError(
-            "has_corners_allowed_draw",
-            key=key,
-            corners_count=len(corners),
-            most_corners=MOST_CORNERS,
+            "has_corners_allowed_draw", key=key, corners_count=count, most_corners=MOST_CORNERS
         )
     points = np.array(corners)
     ends = np.roll(points, -1, axis=0)
@@ -222,12 +218,9 @@ def _frames(
         image = frames.frame(index)
         if image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
             raise InputError(
-                "frame_has_shape_first",
-                frames=frames,
-                index=index,
-                shape=image.shape,
+                "frame_has_shape_first", frames=frames, index=index, shape=image.shape,
                 form=frames.form,
-            )
+            )  # fmt: skip
         form.check(str(frames), image, f"frame {index}")
         yield RawFrame(image, None if times is None else times[index], frames.label(index))
 
@@ -254,54 +247,41 @@ class Parts:
     def source(self, number: int) -> Source:
         """The source of a part, opened once; InputError where it is unlike the first."""
         if number not in self._sources:
-            path, first = self.files[number], self._first
+            path, name, first = self.files[number], self.files[0].name, self._first
             source = self._opener(path)
-            if source.form != first.form:
-                rows, cols = source.form.shape
+            form, other = source.form, first.form
+            if form != other:
                 raise InputError(
                     "holds_pixels_ones_files",
-                    path=path,
-                    rows=rows,
-                    cols=cols,
-                    pixels=source.form.pixels,
-                    name=self.files[0].name,
-                    shape=first.form.shape[0],
-                    shape_2=first.form.shape[1],
-                    pixels_2=first.form.pixels,
-                )
-            if source.sensor_bits != first.sensor_bits:
+                    path=path, rows=form.shape[0], cols=form.shape[1], pixels=form.pixels,
+                    name=name, shape=other.shape[0], shape_2=other.shape[1], pixels_2=other.pixels,
+                )  # fmt: skip
+            bits = source.sensor_bits, first.sensor_bits
+            if bits[0] != bits[1]:
                 raise InputError(
                     "holds_bits_pixel_files",
-                    path=path,
-                    sensor_bits=source.sensor_bits,
-                    name=self.files[0].name,
-                    sensor_bits_2=first.sensor_bits,
-                )
-            scales = (source.pixel_mm, first.pixel_mm)
+                    path=path, sensor_bits=bits[0], name=name, sensor_bits_2=bits[1],
+                )  # fmt: skip
+            scales = source.pixel_mm, first.pixel_mm
             if scales[0] and scales[1] and abs(scales[0] / scales[1] - 1) > SAME_SCALE:
                 raise InputError(
-                    "names_mm_pixel_files",
-                    path=path,
-                    scales=scales[0],
-                    name=self.files[0].name,
+                    "names_mm_pixel_files", path=path, scales=scales[0], name=name,
                     scales_2=scales[1],
-                )
+                )  # fmt: skip
             self._sources[number] = source
         return self._sources[number]
 
     def listed(self) -> Extent:
         """All parts' frames, by their packets where that can be done."""
-        for number in range(len(self.files)):
-            listed = self.source(number).listed
-            if listed is not None:
-                listed()
+        for source in map(self.source, range(len(self.files))):
+            if source.listed is not None:
+                source.listed()
         return self.extent()
 
     def begins(self, start: int) -> int:
         """The frame that decoding begins with to come to frame `start`, once all are counted."""
         before = 0
-        for number in range(len(self.files)):
-            source = self.source(number)
+        for source in map(self.source, range(len(self.files))):
             count = source.extent().count
             if start < before + count:
                 return before + source.first_decoded(start - before)
@@ -452,25 +432,17 @@ def open_frames(
         after = message("after_turn_frames_rotate_deg") if rotate_deg in (90, 270) else ""
         raise InputError(
             "roi_rows_columns_lies",
-            label=label,
-            top_px=roi.top_px,
-            height_px=roi.top_px + roi.height_px,
-            left_px=roi.left_px,
-            width_px=roi.left_px + roi.width_px,
-            rows=rows,
-            cols=cols,
+            label=label, top_px=roi.top_px, height_px=roi.top_px + roi.height_px,
+            left_px=roi.left_px, width_px=roi.left_px + roi.width_px, rows=rows, cols=cols,
             after=after,
-        )
+        )  # fmt: skip
     container = 8 * dtype.itemsize if dtype.kind == "u" else None
     if bit_depth is None:
         bit_depth = source.sensor_bits or container
     elif not 1 <= bit_depth <= (container or 16):
+        most = container or 16
         raise InputError(
-            "bit_depth_does_not_fit",
-            label=label,
-            bit_depth=bit_depth,
-            dtype=dtype,
-            container=container or 16,
+            "bit_depth_does_not_fit", label=label, bit_depth=bit_depth, dtype=dtype, container=most
         )
     taken = channel or channel_for(wavelength_nm)
     return FrameReader(source, path=path, channel=taken, roi=roi, bit_depth=bit_depth)
@@ -485,22 +457,21 @@ def open_scene_frames(
     False for no-load frames; with `any_scale` a file may name another pixel size than the scene.
     InputError where frames cannot be read, or do not fit the scene.
     """
-    reader = open_frames(
-        path,
-        channel=scene.frames.channel,
-        wavelength_nm=scene.polariscope.wavelength_nm,
-        rotate_deg=scene.frames.rotate_deg,
-        flip=scene.frames.flip,
-        roi=scene.frames.roi,
-        bit_depth=scene.camera.bit_depth if scene.camera else None,
-        leave_out=named_files(scene),
-    )
+    options = reading_options(scene)
+    reader = open_frames(path, **options, roi=scene.frames.roi, leave_out=named_files(scene))
     if not any_scale:
         check_scale(reader, scene.camera)
     if masked:
         mask = load_mask(scene, reader.shape, reader.full_shape)
         reader.mask = None if mask.all() else mask
     return reader
+
+
+def reading_options(scene: Scene) -> dict[str, Any]:
+    """How a scene says that whole frames are read, as options of `open_frames`."""
+    stated = {name: getattr(scene.frames, name) for name in ("rotate_deg", "flip", "channel")}
+    bits = scene.camera.bit_depth if scene.camera else None
+    return stated | {"wavelength_nm": scene.polariscope.wavelength_nm, "bit_depth": bits}
 
 
 def input_files(reader: FrameReader, scene: Scene) -> list[Path | ArrayFrames]:
@@ -513,12 +484,11 @@ def named_files(scene: Scene) -> list[Path]:
 
     Of a glob of no-load steps it is each file.
     """
-    named = [name for name in scene.files(of_frames=True) if isinstance(name, Path)]
-    return [
-        file
-        for name in named
-        for file in ((name,) if os.path.exists(name) else map(Path, glob.glob(os.fspath(name))))
-    ]
+    named = (name for name in scene.files(of_frames=True) if isinstance(name, Path))
+    each = (
+        [name] if os.path.exists(name) else map(Path, glob.glob(os.fspath(name))) for name in named
+    )
+    return list(chain.from_iterable(each))
 
 
 def absolute(frames: FramesLike, scene: Scene) -> tuple[FramesLike, Scene]:
@@ -562,10 +532,9 @@ def _source(path: FramesLike, leave_out: Sequence[str | Path]) -> Source:
     if isinstance(path, ArrayFrames):
         return open_arrays(path)
     if isinstance(path, tuple):
-        files = tuple(Path(p) for p in path)
-        if not files:
+        if not path:
             raise InputError("list_frames_empty_name")
-        return _of_files(files, "list")
+        return _of_files(tuple(map(Path, path)), "list")
     assert isinstance(path, str | Path)
     place = Path(path)
     try:
@@ -615,11 +584,9 @@ def _of_files(files: tuple[Path, ...], kind: Kind) -> Source:
     moving = first_of.pop("video", None)
     if moving and first_of:
         still = next(iter(first_of.values()))
+        alike = moving.with_name("*" + moving.suffix)
         raise InputError(
-            "video_image_frames_either",
-            moving=moving,
-            name=still.name,
-            with_name=moving.with_name("*" + moving.suffix),
+            "video_image_frames_either", moving=moving, name=still.name, with_name=alike
         )
     if moving:
         return open_parts(files, video.open_video)
@@ -642,34 +609,29 @@ def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[F
     """
     if not names:
         raise InputError("no_frames_named_name")
-    if join:
-        return (_joined(names),)
+    if join and len(names) == 1:
+        return (names[0],)
     places = _places(names)
     if len(names) == 1 and len(places) == 1:
         return (names[0],)
-    _refuse_others(places)
-    several = {place: _holds_several(place) for place in places}
-    single = [place for place, holds in several.items() if holds is False]
-    recordings = [place for place, holds in several.items() if holds]
-    if not single:
+    _refuse_others(places, join=join)
+    if join:
+        return (tuple(places),)
+    first = dict[bool | None, Path]()
+    for place in places:
+        first.setdefault(_holds_several(place), place)
+    if False not in first:
         return tuple({os.path.abspath(place): place for place in places}.values())
-    if recordings:
-        raise InputError("single_image_whole_recording", single=single[0], recordings=recordings[0])
+    if True in first:
+        raise InputError(
+            "single_image_whole_recording", single=first[False], recordings=first[True]
+        )
     return (names[0],) if len(names) == 1 else (tuple(places),)
 
 
-def _joined(names: Sequence[str | Path]) -> FramesPath:
-    """The parts of one recording."""
-    if len(names) == 1:
-        return names[0]
-    places = _places(names)
-    for folder in filter(os.path.isdir, places):
+def _refuse_others(places: Sequence[Path], *, join: bool) -> None:
+    for folder in filter(os.path.isdir, places if join else ()):
         raise InputError("folder_which_recording_itself", folder=folder)
-    _refuse_others(places)
-    return tuple(places)
-
-
-def _refuse_others(places: Sequence[Path]) -> None:
     for place in places:
         if place.suffix.lower() not in KNOWN and not os.path.isdir(place):
             raise InputError("frames_cannot_read_from_file", place=place, known=", ".join(KNOWN))
@@ -680,15 +642,13 @@ def one_recording(names: Sequence[str | Path], *, join: bool = False) -> FramesP
     several.
     """
     recordings = recordings_of(names, join=join)
-    if len(recordings) > 1:
+    first, *others = recordings
+    if others:
         raise InputError(
-            "recordings_one_wanted_here",
-            recordings=recordings[0],
-            recordings_2=recordings[1],
-            words=" ..." if len(recordings) > 2 else "",
-            recordings_count=len(recordings),
-        )
-    return recordings[0]
+            "recordings_one_wanted_here", recordings=first, recordings_2=others[0],
+            words=" ..." if len(others) > 1 else "", recordings_count=len(recordings),
+        )  # fmt: skip
+    return first
 
 
 def _places(names: Sequence[str | Path]) -> list[Path]:

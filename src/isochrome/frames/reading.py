@@ -61,22 +61,15 @@ class StoredForm:
         """Refuse a frame unlike the first. Raises InputError that says `what` it is, and how."""
         other = StoredForm.of(image)
         if other.shape != self.shape:
+            (rows, cols), (shape_3, shape_4) = other.shape, self.shape
             raise InputError(
                 "pixels_rows_columns_first",
-                path=path,
-                what=what,
-                shape=other.shape[0],
-                shape_2=other.shape[1],
-                shape_3=self.shape[0],
-                shape_4=self.shape[1],
-            )
+                path=path, what=what, shape=rows, shape_2=cols, shape_3=shape_3, shape_4=shape_4,
+            )  # fmt: skip
         if other != self:
+            kinds = other.pixels, self.pixels
             raise InputError(
-                "holds_pixels_first_ones",
-                path=path,
-                what=what,
-                pixels=other.pixels,
-                pixels_2=self.pixels,
+                "holds_pixels_first_ones", path=path, what=what, pixels=kinds[0], pixels_2=kinds[1]
             )
 
     @property
@@ -226,19 +219,9 @@ def check_size(path: str | Path, rows: int, cols: int, pixel_bytes: int = 1) -> 
         )
     if rows * cols * pixel_bytes > MAX_BYTES:
         raise InputError(
-            "claims_frame_pixels_bytes",
-            path=path,
-            rows=rows,
-            cols=cols,
-            pixel_bytes=pixel_bytes,
+            "claims_frame_pixels_bytes", path=path, rows=rows, cols=cols, pixel_bytes=pixel_bytes,
             max_bytes=MAX_BYTES,
-        )
-
-
-def check_aspect(path: str | Path, across: float, down: float) -> None:
-    """Refuse a video whose pixels are `across` to `down`, not square. Raises InputError."""
-    if min(across, down) > 0 and across != down:
-        raise InputError("says_pixels_not_square", path=path, across=across, down=down)
+        )  # fmt: skip
 
 
 def check_dtype(path: str | Path, dtype: np.dtype) -> np.dtype:
@@ -351,20 +334,14 @@ class FrameReader:
         roi: Roi | None,
         bit_depth: int | None,
     ) -> None:
-        self.path = path
-        self.kind: Kind = source.kind
-        form = source.form
+        form, self.kind = source.form, source.kind
+        self.path, self.roi, self.bit_depth = path, roi, bit_depth
         self.full_shape = form.shape
         self.channel = channel if form.channels == 3 else None
-        self.roi = roi
         self.shape = form.shape if roi is None else (roi.height_px, roi.width_px)
         self.dtype = np.dtype(np.float32) if self.channel == "mean" else form.dtype
-        self.bit_depth = bit_depth
-        self.pixel_mm = source.pixel_mm
-        self.files = source.files
-        self.names = source.names
-        self.claimed_count = source.claimed
-        self.lossy = source.lossy
+        self.pixel_mm, self.files, self.names = source.pixel_mm, source.files, source.names
+        self.claimed_count, self.lossy = source.claimed, source.lossy
         self.mask: Mask | None = None
         self._source = source
         self._running: weakref.WeakSet[Generator[Frame]] = weakref.WeakSet()
@@ -493,10 +470,7 @@ def _check_range(image: np.ndarray, bit_depth: int | None, label: str) -> None:
         return
     top = values.max(initial=0)
     if top > 2**bit_depth - 1:
+        most = 2**bit_depth - 1
         raise InputError(
-            "holds_value_bits_end",
-            label=label,
-            top=top,
-            bit_depth=bit_depth,
-            bit_depth_2=2**bit_depth - 1,
+            "holds_value_bits_end", label=label, top=top, bit_depth=bit_depth, bit_depth_2=most
         )

@@ -103,12 +103,11 @@ def read_ome(text: str, path: Path) -> Ome:
         raise InputError("ome_notes_describe_no", path=path)
     samples = [_count(c, "SamplesPerPixel", path) for c in pixels.iterfind("{*}Channel")]
     size = {axis: _count(pixels, f"Size{axis}", path) for axis in "ZCT"}
-    interval = _number(pixels, "TimeIncrement", OME_SECONDS, "TimeIncrementUnit", "s")
     start, from_first = _times(pixels, size["Z"] * size["T"])
-    if from_first is not None:
-        interval = None
-    elif interval is not None:
-        start = 0.0
+    interval = None
+    if from_first is None:
+        interval = _number(pixels, "TimeIncrement", OME_SECONDS, "TimeIncrementUnit", "s")
+        start = interval and 0.0
     bits = pixels.get("SignificantBits")
     return Ome(
         slices=size["Z"],
@@ -232,12 +231,9 @@ class PageDecoder:
         parts = zip(page.dataoffsets, page.databytecounts, strict=False)
         end = max((offset + size for offset, size in parts), default=0)
         if end > self._tif.filehandle.size:
+            size = self._tif.filehandle.size
             raise InputError(
-                "frame_ends_byte_file",
-                path=self._path,
-                index=index,
-                end=end,
-                size=self._tif.filehandle.size,
+                "frame_ends_byte_file", path=self._path, index=index, end=end, size=size
             )
         self._check_parts(page, index)
         return page
@@ -257,30 +253,20 @@ class PageDecoder:
         present = min(len(page.dataoffsets), sum(size > 0 for size in page.databytecounts))
         if present < wanted or held < needed:
             raise InputError(
-                "frame_has_strips_tiles",
-                path=self._path,
-                index=index,
-                present=present,
-                wanted=wanted,
-                held=held,
-                needed=needed,
-            )
+                "frame_has_strips_tiles", path=self._path, index=index, present=present,
+                wanted=wanted, held=held, needed=needed,
+            )  # fmt: skip
 
     def _decode(self, page: Any, place: int, index: int) -> np.ndarray:
-        path = self._path
-        inverted = page.photometric == MINISWHITE
-        as_stored = inverted and self._inverted_too and self._tif.is_imagej
-        if page.photometric == SEPARATED or (inverted and not as_stored):
-            raise InputError(
-                "frame_stored_not_black", path=path, index=index, name=page.photometric.name
-            )
+        path, form, bits = self._path, page.photometric, page.bitspersample
+        as_stored = self._inverted_too and self._tif.is_imagej
+        if form == SEPARATED or (form == MINISWHITE and not as_stored):
+            raise InputError("frame_stored_not_black", path=path, index=index, name=form.name)
         if page.dtype is None:
-            raise InputError(
-                "frame_has_bits_pixel", path=path, index=index, bitspersample=page.bitspersample
-            )
+            raise InputError("frame_has_bits_pixel", path=path, index=index, bitspersample=bits)
         check_dtype(path, page.dtype)
         raw = self._pixels(page, place, index)
-        if page.photometric == PALETTE and not self._tif.is_imagej and page.colormap is not None:
+        if form == PALETTE and not self._tif.is_imagej and page.colormap is not None:
             raw = (page.colormap >> 8).astype(np.uint8)[:, raw].transpose(1, 2, 0)
         elif page.axes == "SYX":
             raw = np.moveaxis(raw, 0, -1)
@@ -336,17 +322,14 @@ class PageDecoder:
         if int(page.compression) in DEFLATE:
             parts = [zlib.decompress(part) for part in parts]
         width = -(-cols * bits // 8)
-        packed = np.frombuffer(b"".join(parts), np.uint8)
-        if packed.size < rows * width:
+        packed, needed = np.frombuffer(b"".join(parts), np.uint8), rows * width
+        if packed.size < needed:
             raise InputError(
-                "frame_breaks_off_after",
-                path=self._path,
-                index=index,
-                size=packed.size,
-                width=rows * width,
-            )
+                "frame_breaks_off_after", path=self._path, index=index, size=packed.size,
+                width=needed,
+            )  # fmt: skip
         out, places = np.empty((rows, cols), np.uint16), 2 ** np.arange(bits)[::-1]
-        for row, line in enumerate(packed[: rows * width].reshape(rows, width)):
+        for row, line in enumerate(packed[:needed].reshape(rows, width)):
             out[row] = np.unpackbits(line, count=cols * bits).reshape(cols, bits) @ places
         return out
 
@@ -360,13 +343,11 @@ class PageDecoder:
             self._pillow.seek(place)
             raw = np.asarray(self._pillow)
         if raw.dtype.itemsize != page.dtype.itemsize or raw.shape != page.shape:
+            name = page.compression.name
             raise InputError(
-                "frame_compressed_which_not",
-                path=self._path,
-                index=index,
-                name=page.compression.name,
+                "frame_compressed_which_not", path=self._path, index=index, name=name,
                 dtype=page.dtype,
-            )
+            )  # fmt: skip
         return raw
 
 
@@ -454,7 +435,7 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     if not hidden and (claimed > len(pages) or _chain_breaks(tif)):
         raise InputError("breaks_off_after_frames", path=path, pages_count=len(pages))
     meta = (tif.imagej_metadata or {}) if tif.is_imagej else {}
-    _check_axes(path, _whole(meta, "channels"), _whole(meta, "slices"), _whole(meta, "frames"))
+    _check_axes(path, *(_whole(meta, key) for key in ("channels", "slices", "frames")))
     interval = _interval(meta)
     return TiffLayout(
         count=claimed if hidden else len(pages),
@@ -518,12 +499,10 @@ def _check_axes(path: Path, channels: int, slices: int, times: int) -> None:
 def _check_square(tif: tifffile.TiffFile, path: Path) -> None:
     """Refuse a file that says its pixels are not square, as all lengths would be wrong."""
     page: Any = tif.pages[0]
-    if "XResolution" not in page.tags or "YResolution" not in page.tags:
-        return
-    (xn, xd), (yn, yd) = page.tags["XResolution"].value, page.tags["YResolution"].value
-    if 0 in (xn, xd, yn, yd) or abs(xn * yd / (xd * yn) - 1) <= SQUARE:
-        return
-    raise InputError("says_pixels_unit_across", path=path, xd=xn / xd, yd=yn / yd)
+    if "XResolution" in page.tags and "YResolution" in page.tags:
+        (xn, xd), (yn, yd) = page.tags["XResolution"].value, page.tags["YResolution"].value
+        if 0 not in (xn, xd, yn, yd) and abs(xn * yd / (xd * yn) - 1) > SQUARE:
+            raise InputError("says_pixels_unit_across", path=path, xd=xn / xd, yd=yn / yd)
 
 
 def _interval(meta: dict[str, Any]) -> float | None:
@@ -537,13 +516,15 @@ def _of_ome(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     """The frames in the order that the OME notes give them, whatever that of the pages."""
     ome = read_ome(tif.ome_metadata or "", path)
     _check_axes(path, ome.channels, ome.slices, ome.times)
-    if ome.count > len(tif.pages):  # before a list of that length is made
-        raise _incomplete(path, ome.count, len(tif.pages))
+    named, present = ome.count, len(tif.pages)
+    if named > present:  # before a list of that length is made
+        raise InputError("ome_notes_name_frames", path=path, named=named, present=present)
     if len(tif.series) != 1:
         raise InputError("holds_image_series_save", path=path, images_count=len(tif.series))
     pages: list[Any] = list(tif.series[0].pages)
-    if None in pages or len(pages) != ome.count:
-        raise _incomplete(path, ome.count, sum(page is not None for page in pages))
+    if None in pages or len(pages) != named:
+        present = sum(page is not None for page in pages)
+        raise InputError("ome_notes_name_frames", path=path, named=named, present=present)
     if _chain_breaks(tif):
         raise InputError("breaks_off_truncated_copy", path=path)
     return TiffLayout(
@@ -551,10 +532,6 @@ def _of_ome(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
         pages=tuple((page.index, page.offset) for page in pages),
         notes=replace(ome, pixel_mm=ome.pixel_mm or pixel_mm_of(tif)),
     )
-
-
-def _incomplete(path: Path, named: int, present: int) -> InputError:
-    return InputError("ome_notes_name_frames", path=path, named=named, present=present)
 
 
 SUFFIXES = (".tif", ".tiff", ".btf", ".tf8", ".tf2")

@@ -121,12 +121,10 @@ class Video:
             if index >= len(stamps) or item.tick != stamps[index]:
                 raise InputError("frame_not_one_packet", path=self.path, index=index)
             yield item
-        if index + 1 != len(stamps):
+        count = index + 1
+        if count != len(stamps):
             raise InputError(
-                "gives_frames_packets_copy",
-                path=self.path,
-                index=index + 1,
-                stamps_count=len(stamps),
+                "gives_frames_packets_copy", path=self.path, index=count, stamps_count=len(stamps)
             )
 
     def _from_key(self, start: int) -> tuple[int, Iterator[Decoded]] | None:

@@ -1,17 +1,30 @@
-"""Folders, text and JSON on disk: whole, or not at all."""
+"""Folders, text and JSON on disk: whole, or not at all.
 
+CSV tables: written at once or row by row, read as numbers where they are numbers.
+
+Tables of numbers that somebody gives: any usual delimiter, decimal points or commas.
+"""
+
+import csv
 import errno
+import io
 import json
 import math
 import os
+import re
 import secrets
 import shutil
+import stat
 import tempfile
 from array import array
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.messages import message
@@ -19,7 +32,7 @@ from isochrome.messages import message
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 """What the system says of a full, lost or protected disk."""
 _AT_ONCE = 4096
-"""Values of a long list that are text in memory at a time."""
+"""Values of a long list, or rows of a table, that are text in memory at a time."""
 
 
 def output_folder(path: str | Path) -> Path:
@@ -170,3 +183,280 @@ def plain(obj: Any) -> Any:
     if isinstance(obj, str | int | bool) or obj is None:
         return obj
     return str(obj)
+
+
+_DELIMITERS = (";", "\t", ",")
+"""In this order: a comma may be a decimal comma between semicolons, never the other way round."""
+_COMMENT = "#"
+_LONGEST = 80
+"""Letters of a header in a message."""
+_DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
+
+
+@dataclass(frozen=True)
+class GivenTable:
+    """The cells of a table that somebody gives; columns become numbers when they are asked for.
+
+    `names`, names of the columns, from its header; empty where the first line is numbers already;
+    `cells`, the cells, a list a row; `lines`, the rows' lines in the file, from 1.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    cells: list[list[str]] = field(repr=False)
+    lines: list[int] = field(repr=False)
+
+    @property
+    def header(self) -> str:
+        """Its columns' names, as a message may hold them."""
+        text = ", ".join(self.names) or "no names"
+        return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+
+    def column(self, name: str) -> NDArray[np.float64]:
+        """A column (n,) as finite numbers; InputError that names the line and cell on others."""
+        place = self.names.index(name)
+        values = [row[place] for row in self.cells]
+        column = np.array(list(map(_number_reader(values), values)), dtype=float)
+        for row in np.flatnonzero(~np.isfinite(column)).tolist():
+            line, cell = self.lines[row], values[row].strip()
+            raise InputError(
+                "line_not_allowed_finite", path=self.path, lines=line, name=name, values=cell
+            )
+        return column
+
+
+def read_given_text(path: Path, what: str, *, fallback: str | None = None) -> str:
+    """The text of a file that somebody gives, in UTF-8 with a byte-order mark or without one.
+
+    `what` is it to be, such as 'the friction'; `fallback` is the encoding of what is no UTF-8,
+    which is refused without one.
+    """
+    try:
+        check_given_table(path, what)
+        given = path.read_bytes()
+    except OSError as error:
+        why = error.strerror or str(error)
+        raise InputError("cannot_read_check_name_3", path=path, what=what, why=why) from error
+    try:
+        text = given.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        if fallback is None:
+            raise InputError("cannot_read_not_utf", path=path, what=what) from error
+        text = given.decode(fallback)
+    if "\0" in text:
+        raise InputError("no_text_export_csv", path=path, what=what)
+    return text
+
+
+def numbered_lines(text: str) -> list[tuple[int, str]]:
+    """Number the lines of a table from 1, without empty ones and those that begin with #."""
+    return [
+        (number, line)
+        for number, line in enumerate(text.splitlines(), start=1)
+        if line.strip() and not line.lstrip().startswith(_COMMENT)
+    ]
+
+
+def read_given_table(path: Path, what: str) -> GivenTable:
+    """Read a table of numbers: UTF-8 text with one header line of names, then a line a row.
+
+    Columns are parted by semicolons, tabs, commas or spaces; numbers have decimal points, or
+    decimal commas where commas part no columns. Empty lines and those that begin with # are passed
+    over.
+    """
+    lines = numbered_lines(read_given_text(path, what))
+    if not lines:
+        raise InputError("empty_table_give_one", path=path)
+    delimiter = next((d for d in _DELIMITERS if d in lines[0][1]), None)
+    try:
+        cells = [
+            next(csv.reader([line], delimiter=delimiter or " "))
+            if '"' in line
+            else line.split(delimiter)
+            for _, line in lines
+        ]
+    except csv.Error as error:
+        raise InputError("no_table_check_file", path=path, what=what, error=error) from error
+    header = [cell.strip() for cell in cells[0]]
+    has_names = not all(_is_number(cell) for cell in header)
+    names = tuple(header) if has_names else ()
+    rows, places = cells[has_names:], [number for number, _ in lines[has_names:]]
+    _check_lengths("line_has_cells_first", path, header, zip(places, rows, strict=True))
+    double = sorted({name for name in names if names.count(name) > 1})
+    if double:
+        raise InputError("column_stands_there_twice", path=path, double=double[0])
+    return GivenTable(path, names, rows, places)
+
+
+def _check_lengths(
+    code: str, path: str | Path, header: list[str], rows: Iterable[tuple[int, list[str]]]
+) -> None:
+    """Refuse the first of some rows, each with its line, that has not as many cells as the head."""
+    for number, row in rows:
+        if len(row) != len(header):
+            raise InputError(
+                code, path=path, number=number, row_count=len(row), header_count=len(header)
+            )
+
+
+def _number_reader(values: list[str]) -> Callable[[str], float]:
+    """How the cells of a column are numbers: with decimal points, or all with decimal commas."""
+    if any("," in cell for cell in values) and not any("." in cell for cell in values):
+        return lambda cell: (
+            math.nan
+            if "," in cell and _DECIMAL_COMMA.fullmatch(cell) is None
+            else _plain(cell.replace(",", "."))
+        )
+    return _plain
+
+
+def _plain(cell: str) -> float:
+    """A number as it is written everywhere, NaN for all else; Python's own 1_000 is none."""
+    try:
+        return math.nan if "_" in cell else float(cell)
+    except ValueError:
+        return math.nan
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+DIGITS = 9
+"""Significant digits of a number in a table."""
+_EXCEL = "_excel"
+"""What the name of a table for Excel ends in."""
+_NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
+MOST_GIVEN = 10_000_000
+"""Bytes of a table that somebody gives, such as a profile."""
+
+
+class Floats(array):  # type: ignore[type-arg]  # takes none at run time before Python 3.12
+    """A column of numbers, `Floats("d", values)`, NaN where one is not known.
+
+    In eight bytes each, a quarter of what a list of them takes, which it is like in all else.
+    """
+
+    def __eq__(self, other: object) -> bool:
+        """As a list of the same numbers."""
+        return self.tolist() == list(other) if isinstance(other, Sequence) else NotImplemented
+
+    def __repr__(self) -> str:
+        """As a list's."""
+        return repr(self.tolist())
+
+
+def write_csv(path: str | Path, columns: Mapping[str, Sequence[Any]]) -> None:
+    """Write a table, one named column each, units in the names (`wear_depth_um`).
+
+    Floats get 9 significant digits, NaN and None an empty cell.
+    """
+    lengths = {name: len(values) for name, values in columns.items()}
+    if len(set(lengths.values())) > 1:
+        raise InputError("columns_differ_length_give", path=path, lengths=lengths)
+    with replacing(path) as beside, open(beside, "w", newline="", encoding="utf-8") as file:
+        _write_table(file, columns)
+
+
+def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
+    """Rows as the columns of a table, in the order in which the names come up; None where one has
+    none.
+    """
+    names = dict.fromkeys(name for row in rows for name in row)
+    return {name: [row.get(name) for row in rows] for name in names}
+
+
+def csv_text(columns: Mapping[str, Any], *, header: bool = True) -> str:
+    """A table as the text that `write_csv` would write, to be put together with others."""
+    text = io.StringIO(newline="")
+    _write_table(text, columns, header=header)
+    return text.getvalue()
+
+
+def write_excel_copies(folder: str | Path) -> list[Path]:
+    """Write each table of a folder, and of folders in it, as a German or French Excel opens it.
+
+    NAME_excel.csv beside NAME.csv: semicolons between the cells, decimal commas, and a byte-order
+    mark, by which Excel knows UTF-8.
+    """
+    made = []
+    for path in sorted(Path(folder).rglob("*.csv")):
+        if path.stem.endswith(_EXCEL) or any(part.endswith(".zarr") for part in path.parts):
+            continue
+        made.append(path.with_name(f"{path.stem}{_EXCEL}.csv"))
+        _copy_for_excel(path, made[-1])
+    return made
+
+
+def _copy_for_excel(path: Path, copy: Path) -> None:
+    try:
+        with (
+            open(path, newline="", encoding="utf-8-sig") as given,
+            replacing(copy) as beside,
+            open(beside, "w", newline="", encoding="utf-8-sig") as file,
+        ):
+            writer = csv.writer(file, delimiter=";", lineterminator="\r\n")
+            for row in csv.reader(given):
+                # a number gets a decimal comma, all else stays
+                writer.writerow([c.replace(".", ",") if _NUMBER.fullmatch(c) else c for c in row])
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError("not_readable_csv_table", path=path, error=error) from error
+
+
+def _write_table(file: TextIO, columns: Mapping[str, Any], *, header: bool = True) -> None:
+    """Write a table's lines, some rows at a time."""
+    writer = csv.writer(file, lineterminator="\n")
+    if header:
+        writer.writerow(columns)
+    for start in range(0, max(map(len, columns.values()), default=0), _AT_ONCE):
+        parts = (_cells(values[start : start + _AT_ONCE]) for values in columns.values())
+        writer.writerows(zip(*parts, strict=True))
+
+
+def _cells(values: Any) -> list[str]:
+    """Values as the text of their cells; long arrays of floats by the short way."""
+    if isinstance(values, np.ndarray) and values.dtype.kind == "f" and np.isfinite(values).all():
+        return [f"{value:.{DIGITS}g}" for value in values.tolist()]
+    return [
+        "" if v is None else f"{v:.{DIGITS}g}" if isinstance(v, float) else str(v)
+        for v in map(plain, values)
+    ]
+
+
+def read_csv(path: str | Path) -> dict[str, list[Any]]:
+    """Read a table: numbers where all cells of a column are, an empty one NaN; else text."""
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            rows = [row for row in csv.reader(file) if row]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError("not_readable_csv_table", path=path, error=error) from error
+    if not rows:
+        raise InputError("empty_table_give_one", path=path)
+    header, *body = rows
+    _check_lengths("line_has_cells_header", path, header, enumerate(body, start=2))
+    return {name: _numbers([row[i] for row in body]) for i, name in enumerate(header)}
+
+
+def numbers(values: Iterable[float | None]) -> NDArray[np.float64]:
+    """A column of numbers as an array (n,), NaN where None says that one is not known."""
+    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+
+
+def check_given_table(path: Path, what: str) -> None:
+    """Refuse what is no table that somebody gives: no plain file, or one of over 10 MB."""
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):
+        raise InputError("not_file_name_itself", path=path, what=what)
+    if status.st_size > MOST_GIVEN:
+        raise InputError("larger_bytes_name_csv", path=path, most_given=MOST_GIVEN, what=what)
+
+
+def _numbers(cells: list[str]) -> list[Any]:
+    try:
+        return [float(c) if c.strip() else math.nan for c in cells]
+    except ValueError:
+        return list(cells)

@@ -148,9 +148,9 @@ def encode_frames(frames: Sequence[ReportFrame], *, room: int = ROOM_BYTES) -> l
 
     Of each n-th pixel of each n-th row where all would take too much.
     """
-    result: list[tuple[dict[str, Any], int]] = []
+    result: list[dict[str, Any]] = []
     for done, frame in enumerate(frames):
-        share = (room - sum(size for _, size in result)) // (len(frames) - done)
+        share = (room - sum(map(_size, result))) // (len(frames) - done)
         shape = frame.panes[0].values.shape
         stride = max(1, int(np.sqrt(_LEAST_BYTES * np.prod(shape) / share)))
         encoded = _encoded(frame, stride)
@@ -158,9 +158,12 @@ def encode_frames(frames: Sequence[ReportFrame], *, room: int = ROOM_BYTES) -> l
             stride = max(stride + 1, int(stride * np.sqrt(_size(encoded) / share)))
             encoded = _encoded(frame, stride)
         finer = encoded | _orders(frame, stride, FINE_STEP)
-        encoded = finer if _size(finer) <= share and _holds(frame) else encoded
-        result.append((encoded, _size(encoded)))
-    return [encoded for encoded, _ in result]
+        # within what whole numbers of the fine step hold
+        maps = (order for order in (frame.order, frame.model_order) if order is not None)
+        known = (order[np.isfinite(order)] for order in maps)
+        holds = all(np.ptp(one) < FINE_STEP * (_LARGEST - 1) for one in known if one.size)
+        result.append(finer if holds and _size(finer) <= share else encoded)
+    return result
 
 
 def _size(encoded: dict[str, Any]) -> int:
@@ -171,8 +174,7 @@ def _size(encoded: dict[str, Any]) -> int:
 def _encoded(frame: ReportFrame, stride: int) -> dict[str, Any]:
     """A frame as the page takes it: means over `stride` pixels, and orders in their middle."""
     rows, cols = (size // stride for size in frame.panes[0].values.shape)
-    names = ("number", "label", "why", "notes")
-    return {name: getattr(frame, name) for name in names} | {
+    return {name: getattr(frame, name) for name in ("number", "label", "why", "notes")} | {
         "rows": rows,
         "cols": cols,
         "stride": stride,
@@ -194,18 +196,10 @@ def _orders(frame: ReportFrame, stride: int, step: float) -> dict[str, Any]:
     first = stride // 2
     rows, cols = (size // stride for size in frame.panes[0].values.shape)
     part = tuple(slice(first, first + stride * size, stride) for size in (rows, cols))
-    maps = {"order": frame.order, "model_order": frame.model_order}
     return {
         name: None if order is None else vars(order_map(order[part], step))
-        for name, order in maps.items()
+        for name, order in {"order": frame.order, "model_order": frame.model_order}.items()
     }
-
-
-def _holds(frame: ReportFrame) -> bool:
-    """Whether a frame's orders are within what whole numbers of the fine step hold."""
-    maps = [order for order in (frame.order, frame.model_order) if order is not None]
-    known = [order[np.isfinite(order)] for order in maps]
-    return all(np.ptp(own) < FINE_STEP * (_LARGEST - 1) for own in known if own.size)
 
 
 def _means(values: Array, stride: int) -> Array:
@@ -269,17 +263,18 @@ class ReportTable:
 
     @property
     def rows(self) -> list[tuple[tuple[str, bool], ...]]:
-        """The first rows: each value as text, and whether it is a number, which is not broken."""
-        return list(zip(*map(self._cells, self.columns), strict=True))
+        """The first rows: each value as text, and whether it is a number, which is not broken.
 
-    def _cells(self, name: str) -> list[tuple[str, bool]]:
-        """The first cells of a column: a ± with two digits, a value to the last of its own."""
-        values = self.columns[name][:_MOST_ROWS]
-        column = _SPREAD if name == "value" else f"{name} {_SPREAD}"
-        spreads = self.columns.get(column, [None] * len(values))
-        digits = 2 if name.endswith(("uncertainty", "bound")) else 5
-        pairs = zip(values, spreads, strict=False)
-        return [(_text(v, spread, digits), isinstance(v, int | float)) for v, spread in pairs]
+        A ± has two digits, a value those to the last of its own.
+        """
+        columns = []
+        for name, values in self.columns.items():
+            column = _SPREAD if name == "value" else f"{name} {_SPREAD}"
+            spreads = self.columns.get(column, [None] * len(values))
+            digits = 2 if name.endswith(("uncertainty", "bound")) else 5
+            pairs = zip(values[:_MOST_ROWS], spreads, strict=False)
+            columns.append([(_text(v, u, digits), isinstance(v, int | float)) for v, u in pairs])
+        return list(zip(*columns, strict=True))
 
     @property
     def left_out(self) -> int:
@@ -399,8 +394,7 @@ def paper_rows(scene: Scene | None, record: Mapping[str, Any]) -> list[tuple[str
     for name, digest in files[:_MOST_FILES]:
         result.append((f"SHA-256 of {PurePath(*PurePath(name).parts[-2:])}", str(digest)))
     if len(files) > _MOST_FILES:
-        text = f"SHA-256 of {len(files) - _MOST_FILES} files more"
-        result.append((text, "in provenance.json"))
+        result.append((f"SHA-256 of {len(files) - _MOST_FILES} files more", "in provenance.json"))
     return result
 
 
@@ -561,17 +555,18 @@ def assemble_page(
 
     The scripts are one, in this order; for `policy` see `content_policy`.
     """
+    from jinja2 import Environment, StrictUndefined
     from markupsafe import Markup
 
-    style, script = _part(room, f"{name}.css"), _joined(room, tuple(scripts))
-    return str(
-        _template(room, name).render(
-            # hashes are of the plain letters of base64
-            policy=Markup(content_policy(room, name, scripts=scripts, policy=policy)),
-            style=Markup(style),
-            script=Markup(script),
-            **values,
-        )
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.from_string(_part(room, f"{name}.html.jinja")).render(
+        # hashes are of the plain letters of base64
+        policy=Markup(content_policy(room, name, scripts=scripts, policy=policy)),
+        style=Markup(_part(room, f"{name}.css")),
+        script=Markup(_joined(room, tuple(scripts))),
+        **values,
     )
 
 
@@ -602,17 +597,6 @@ def _joined(room: str, scripts: tuple[str, ...]) -> str:
 def _part(room: str, name: str) -> str:
     """A file of a room."""
     return (resources.files(room) / name).read_text("utf-8")
-
-
-@cache
-def _template(room: str, name: str) -> Any:
-    """A page's template, in which every value is escaped."""
-    from jinja2 import Environment, StrictUndefined
-
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    return environment.from_string(_part(room, f"{name}.html.jinja"))
 
 
 MOST_BYTES = 10_000_000
@@ -674,8 +658,6 @@ def _picture(png: bytes | None) -> str:
     if png is None:
         return ""
     while len(png) * 4 // 3 > _LARGEST_PICTURE:
-        import io
-
         from PIL import Image
 
         file = io.BytesIO()

@@ -95,7 +95,11 @@ def locked(folder: Path) -> Iterator[None]:
         lock.acquire()
         (folder / OWNER).write_text(f"process {os.getpid()} on {socket.gethostname()}", "utf-8")
     except Timeout:
-        raise InputError("another_run_work_there", folder=folder, owner=_owner(folder)) from None
+        owner = ""
+        with suppress(OSError):
+            owner = (folder / OWNER).read_text("utf-8")
+        owner = owner or "unknown process"
+        raise InputError("another_run_work_there", folder=folder, owner=owner) from None
     except (OSError, NotImplementedError) as error:
         if lock is not None and lock.is_locked:
             _release(folder, lock)
@@ -126,13 +130,6 @@ def _release(folder: Path, lock: FileLock) -> None:
         with suppress(OSError):
             (folder / LOCK).unlink(missing_ok=True)
             folder.rmdir()
-
-
-def _owner(folder: Path) -> str:
-    try:
-        return (folder / OWNER).read_text("utf-8") or "unknown process"
-    except OSError:
-        return "unknown process"
 
 
 FINISHED = "finished"
@@ -184,8 +181,7 @@ def holds_results(target: Path, identity: Mapping[str, Any]) -> bool:
 def take_back(run: RunFolder, target: Path) -> None:
     """Take chunks that are left of damaged results back to work, of which only the record is known.
 
-    Whether they are whole is looked at as in any run that goes on. Parameters: `run`, in a working
-    folder; `target`, where the results lie. Raises OSError.
+    Whether they are whole is looked at as in any run that goes on. Raises OSError.
     """
     placed = replace(run, results=target)
     for index in range(run.layout.chunks if run.layout.store else 0):
@@ -204,8 +200,7 @@ def take_back(run: RunFolder, target: Path) -> None:
 def open_run_folder(root: Path, job: Job, *, restart: bool) -> RunFolder:
     """The working folder of a run: as an earlier one of the same identity left it, or a new one.
 
-    Parameters: `root`, locked; `job`; `restart`, to throw away what an earlier run left. Returns a
-    RunFolder. Raises InputError where an earlier run was of something else, OSError.
+    The `root` is locked. Raises InputError where an earlier run was of something else, OSError.
     """
     manifest = None if restart else _manifest(root)
     if manifest is not None:
@@ -251,9 +246,8 @@ def _manifest(root: Path) -> dict[str, Any] | None:
     return manifest if known and inside else None
 
 
-def _described(layout: RunLayout) -> dict[str, Any]:
-    record: dict[str, Any] = json.loads(json.dumps(asdict(layout)))
-    return record
+def _described(layout: RunLayout) -> Any:
+    return json.loads(json.dumps(asdict(layout)))
 
 
 def _new(root: Path, job: Job) -> RunFolder:
@@ -288,10 +282,7 @@ def clear_up(run: RunFolder) -> None:
 
 
 def check_room(root: Path, layout: RunLayout, items: int) -> None:
-    """Refuse a run whose pictures the disk cannot hold, before hours of work.
-
-    Parameters: `root`, the working folder; `layout`; `items` still to come. Raises InputError.
-    """
+    """Refuse a run whose `items` to come the disk cannot hold, before hours of work."""
     pixels, pictures = math.prod(layout.shape.values()), -(-items // layout.every)
     needed = 0
     for layer in layout.layers:
@@ -324,8 +315,7 @@ def sync_tree(folder: Path) -> None:
 def publish(run: RunFolder, target: Path) -> None:
     """Give finished results their place: by one rename, or file by file into an existing folder.
 
-    Killed in between, the next run goes on with it. Parameters: `run`; `target`, the output
-    folder. Raises OSError.
+    Killed in between, the next run goes on with it. Raises OSError.
     """
     root = run.root
     if not is_finished(run):
@@ -347,15 +337,18 @@ def publish(run: RunFolder, target: Path) -> None:
 
 
 def check_own(target: Path, names: Iterable[str]) -> None:
-    """Refuse to replace files that no run has left, such as a scene that somebody wrote.
-
-    Parameters: `target`, the output folder; `names` of the results. Raises InputError.
-    """
+    """Refuse to replace files that no run has left, such as a scene that somebody wrote."""
     outputs = _outputs(_record(target))
     known = {name.partition("/")[0] for name in outputs} | {PROVENANCE}
     known |= {STORE, REPORT} if outputs else set()  # of an earlier version too
-    if not outputs and _has_damaged_record(target):
-        return
+    if not outputs:  # a run may have left its results, and nobody knows any more which these are
+        path, store = target / PROVENANCE, target / STORE / "zarr.json"
+        if is_record(path):
+            damaged = has_own_keys(path)
+        else:
+            damaged = is_record(store) and b'"source": "Isochrome"' in store.read_bytes()
+        if damaged:
+            return
     for name in names:
         place = target / name
         if name not in known and place.exists() and not place.is_symlink():
@@ -375,14 +368,6 @@ def _outputs(record: Mapping[str, Any]) -> list[str]:
     """The files of an earlier run, by its record."""
     outputs = record.get("outputs")
     return list(outputs) if isinstance(outputs, dict) else []
-
-
-def _has_damaged_record(target: Path) -> bool:
-    """Whether a run has left its results, and nobody knows any more which these are."""
-    path, store = target / PROVENANCE, target / STORE / "zarr.json"
-    if is_record(path):
-        return has_own_keys(path)
-    return is_record(store) and b'"source": "Isochrome"' in store.read_bytes()
 
 
 def _clear_old(results: Path, target: Path) -> None:
@@ -449,11 +434,7 @@ class RunOptions:
 
 
 def refuse_without_folder(out: str | Path | None, workers: int | None, cluster: str | None) -> None:
-    """Refuse workers or a cluster where no folder is given for results.
-
-    Parameters: `out`, the folder; None where there is none; `workers`, processes on this machine;
-    `cluster`, address of a Dask scheduler. Raises InputError.
-    """
+    """Refuse workers or a cluster where no folder is given for results."""
     if out is None and (cluster is not None or workers != 1):
         raise InputError("workers_cluster_write_folder")
 
@@ -490,7 +471,10 @@ def run_job(
             state.fresh = means.restart or not has_run(root)
             run = open_run_folder(root, job, restart=means.restart)
             if faults and progress is not None:
-                progress(Tally(0, job.layout.count, 0, 0, _of_damage(out, faults)))
+                name, fault = next(iter(faults.items()))
+                more = f", and {len(faults) - 1} more" if len(faults) > 1 else ""
+                damage = message("made_anew_what_whole", out=out, name=name, fault=fault, more=more)
+                progress(Tally(0, job.layout.count, 0, 0, damage))
             if not (means.restart or is_finished(run)):
                 take_back(run, target)
             result: T | None = None
@@ -518,13 +502,6 @@ def _check_workers(job: Job, options: RunOptions) -> None:
         raise InputError("workers_give_more", workers=options.workers)
     if job.in_turn and (options.cluster is not None or (options.workers or 1) > 1):
         raise InputError("workers_cluster_each_frame")
-
-
-def _of_damage(out: str | Path, faults: Mapping[str, str]) -> str:
-    """What is said of damaged results before they are mended."""
-    name, fault = next(iter(faults.items()))
-    more = f", and {len(faults) - 1} more" if len(faults) > 1 else ""
-    return message("made_anew_what_whole", out=out, name=name, fault=fault, more=more)
 
 
 @dataclass
@@ -571,11 +548,9 @@ def _saying(root: Path, job: Job) -> Iterator[_State]:
         ) from None
     except OSError as error:
         raise InputError(
-            "cannot_written_there_make",
-            root=root,
-            strerror=error.strerror or error,
+            "cannot_written_there_make", root=root, strerror=error.strerror or error,
             count_kept=count_kept(),
-        ) from error
+        ) from error  # fmt: skip
     finally:
         if state.fresh and not state.anything:
             with suppress(OSError):
@@ -651,10 +626,7 @@ Stamps = Mapping[Path, tuple[int, int]]
 
 
 def stamps_of(identity: Mapping[str, Any]) -> Stamps:
-    """The input files of a run's identity as they are now; those that are not there are left out.
-
-    Parameters: `identity`, as in a Job.
-    """
+    """The input files of a run's identity as they are now, without those that are not there."""
     files = map(Path, identity.get("inputs_sha256") or {})
     return {file: stamp for file in files if (stamp := _stamp(file)) is not None}
 
@@ -669,10 +641,7 @@ def _stamp(file: Path) -> tuple[int, int] | None:
 
 
 def check_apart(stamps: Stamps, target: Path) -> None:
-    """Refuse an output folder in which input files lie: the next run would read results as input.
-
-    Parameters: `stamps` of the input; `target`, the resolved output folder. Raises InputError.
-    """
+    """Refuse an output folder with input files in it: the next run would read results as input."""
     inside = [file for file in stamps if file.resolve().parent == target]
     if inside:
         raise InputError("lies_folder_where_results", inside=inside[0], target=target)
@@ -696,7 +665,6 @@ def one_by_one(job: Job, run: RunFolder) -> Work:
 
     What a chunk leaves goes through JSON whether it is still in memory or read from its record, so
     that a run that goes on computes with the same numbers as one that was never killed.
-    Parameters: `job`; `run`, where finished chunks lie. Returns a Work.
     """
     if not job.in_turn:
         return cast(Work, job.work)

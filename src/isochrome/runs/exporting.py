@@ -92,18 +92,15 @@ def _write(dataset: xarray.Dataset, to: str, folder: Path) -> list[Path]:
     """The dataset's files of a format."""
     if to == "netcdf":
         return [_to_netcdf(dataset, folder / "run.nc")]
+    if to == "tiff":
+        names = (n for n in sorted(dataset.data_vars, key=str) if _is_picture(dataset[n]))
+        return [_to_tiff(dataset, str(name), folder / "imagej") for name in names]
+    table = _to_csv(dataset, folder / "run.csv")
     if to == "csv":
-        return [_to_csv(dataset, folder / "run.csv")]
-    if to == "excel":
-        table = _to_csv(dataset, folder / "run.csv")
-        copies = write_excel_copies(folder)
-        table.unlink()
-        return copies
-    return [
-        _to_tiff(dataset, str(name), folder / "imagej")
-        for name in sorted(dataset.data_vars, key=str)
-        if _is_picture(dataset[name])
-    ]
+        return [table]
+    copies = write_excel_copies(folder)
+    table.unlink()
+    return copies
 
 
 def _is_picture(variable: xarray.DataArray) -> bool:
@@ -149,12 +146,11 @@ def _to_netcdf(dataset: xarray.Dataset, path: Path) -> Path:
                 made.attrs[str(key)] = value
             # a coordinate beside the axes has to be named by the variables that it belongs to
             if name not in dataset.coords:
-                beside_axes = [
+                made.attrs["coordinates"] = " ".join(
                     str(c)
                     for c in sorted(dataset.coords, key=str)
                     if c not in dataset.sizes and set(dataset[c].dims) <= set(array.dims)
-                ]
-                made.attrs["coordinates"] = " ".join(beside_axes)
+                )
             for place, values in _blocks(array):
                 made[place or ...] = values.astype(object) if text else values
     return path
@@ -169,14 +165,11 @@ def _to_csv(dataset: xarray.Dataset, path: Path) -> Path:
     flat = [name for name in flat if set(dataset[name].dims) <= own_axes]
     shape = tuple(dataset.sizes[axis] for axis in axes)
     columns: dict[str, Any] = {}
-    for name in [*axes, *(name for name in flat if name not in axes)]:
+    for name in dict.fromkeys([*axes, *flat]):
         coordinate = dataset[name]  # an axis without a coordinate counts from 0
-        spread = tuple(
-            size if axis in coordinate.dims else 1 for axis, size in zip(axes, shape, strict=True)
-        )
-        columns[str(name)] = (
-            np.broadcast_to(coordinate.values.reshape(spread), shape).ravel().tolist()
-        )
+        spread = [dataset.sizes[axis] if axis in coordinate.dims else 1 for axis in axes]
+        values = np.broadcast_to(coordinate.values.reshape(spread), shape)
+        columns[str(name)] = values.ravel().tolist()
     write_csv(path, columns)
     return path
 
@@ -186,7 +179,10 @@ def _to_tiff(dataset: xarray.Dataset, name: str, folder: Path) -> Path:
     folder.mkdir(exist_ok=True)
     path = folder / f"{name}.tif"
     shape = (int(np.prod(array.shape[:-2])), *array.shape[-2:])
-    pixel = _scale(dataset)
+    pixel = None  # its side (mm), by the coordinates of the columns
+    if "x_mm" in dataset.coords and dataset.sizes["col"] > 1:
+        x = dataset.x_mm.values
+        pixel = float((x[-1] - x[0]) / (len(x) - 1))
     view = imagej_view(
         name, _span(array), labels=_labels(dataset, array), pixel_mm=pixel,
         left_mm=_edge(dataset, "x_mm", pixel),
@@ -225,14 +221,6 @@ def _edge(dataset: xarray.Dataset, axis: str, pixel_mm: float | None) -> float |
     return float(dataset[axis].values[0]) - 0.5 * pixel_mm
 
 
-def _scale(dataset: xarray.Dataset) -> float | None:
-    """The side of a pixel (mm), by the coordinates of the columns."""
-    if "x_mm" not in dataset.coords or dataset.sizes["col"] < 2:
-        return None
-    x = dataset.x_mm.values
-    return float((x[-1] - x[0]) / (len(x) - 1))
-
-
 def _labels(dataset: xarray.Dataset, array: xarray.DataArray) -> list[str]:
     """What ImageJ shows above each slice."""
     labels = _of_pictures(dataset, "label", array)
@@ -241,13 +229,12 @@ def _labels(dataset: xarray.Dataset, array: xarray.DataArray) -> list[str]:
     axes = array.dims[:-2]
     values = [dataset[axis].values if axis in dataset.coords else None for axis in axes]
     names = [dataset[axis].attrs.get("long_name", axis) for axis in axes]
-    places = product(*(range(size) for size in array.shape[:-2]))
     return [
         ", ".join(
             f"{name} = {k if axis_values is None else f'{axis_values[k]:.6g}'}"
             for name, axis_values, k in zip(names, values, place, strict=True)
         )
-        for place in places
+        for place in product(*(range(size) for size in array.shape[:-2]))
     ]
 
 

@@ -214,20 +214,16 @@ def seal(
 ) -> None:
     """Write down what results are of, and all their files: last, when these are there.
 
-    Parameters: `folder`; `record`, what they are of; `known`, checksums by the path of a file;
-    `file`, the record's; `names`, by default of all files in the folder. Raises OSError,
-    InputError.
+    `known`, checksums by the path of a file; `file`, the record's; `names`, by default of all files
+    in the folder. Raises OSError, InputError.
     """
     if names is None:
         paths = (Path(at) / name for at, _, files in os.walk(folder) for name in files)
         names = sorted(path.relative_to(folder).as_posix() for path in paths)
     files = {name: folder / name for name in names if name != file}
     sizes = {name: path.stat().st_size for name, path in files.items()}
-    sums = dict(known or {})
-    for name, path in files.items():
-        if name not in sums:
-            sums[name] = file_sum(path)
-    texts = {name: f"{sums[name]:08x}" for name in files}
+    sums = known or {}
+    texts = {n: f"{sums[n] if n in sums else file_sum(p):08x}" for n, p in files.items()}
     _write(folder / file, {**record, _SIZES: sizes, _SUMS: texts})
 
 

@@ -73,9 +73,7 @@ def run_identity(
 ) -> dict[str, Any]:
     """Say what a run is a result of, as provenance.json keeps it: scene, files, code and options.
 
-    Parameters: `scene_toml`, text of the resolved scene; `files`, files that are read, and arrays
-    in place of files; `options`, options of the command that change its result; `seed`, seed of the
-    random numbers. Returns the record, for a Job. Raises InputError.
+    `options`, those of the command that change its result. Raises InputError.
     """
     return provenance(scene_toml, files, seed) | environment() | {"options": dict(options)}
 
@@ -92,7 +90,7 @@ def identity_digest(identity: Mapping[str, Any]) -> str:
 def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
     """What differs between two runs' identities, in words; None where they are the same.
 
-    The same files in another folder are the same input. Parameters: `old`, `new`, as in a Job.
+    The same files in another folder are the same input.
     """
     if old.get("scene") != new.get("scene"):
         return f"the scene ({_first_line(old.get('scene'), new.get('scene'))})"
@@ -116,10 +114,9 @@ def _first_line(old: Any, new: Any) -> str:
     for a, b in zip(before, now, strict=False):
         if a != b:
             return f"'{a}' is now '{b}'"
-    longer = before if len(before) > len(now) else now
-    lines = longer[min(len(before), len(now)) :]
-    what = "no longer there" if longer is before else "new"
-    return f"'{' '.join(lines[:2])}' is {what}"
+    gone = before[len(now) :]
+    lines = " ".join((gone or now[len(before) :])[:2])
+    return f"'{lines}' is {'no longer there' if gone else 'new'}"
 
 
 def _pair(old: Any, new: Any) -> str:
@@ -337,8 +334,7 @@ class Job:
 def chunk_size(count: int, item_bytes: int) -> int:
     """Choose a chunk's items, so that memory stays bounded and a few workers have each their share.
 
-    Parameters: `count`, items of the run; `item_bytes`, bytes of one layer of one item. Returns
-    items in a chunk, 1 at least.
+    `item_bytes` are those of one layer of one of `count` items.
     """
     return max(1, min(LARGEST_CHUNK, CHUNK_BYTES // max(item_bytes, 1), -(-count // 8)))
 
@@ -402,7 +398,6 @@ class ChunkRecord:
 def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
     """Put a chunk down: pictures, parts, and last its record, each file whole or not at all.
 
-    Parameters: `run`; `index` of the chunk; `results`, of all its items. Returns what it holds.
     Raises OSError; then the chunk is not finished.
     """
     start, stop = run.layout.span(index)
@@ -441,9 +436,8 @@ def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
 def _shard(maps: list[bytes | None], count: int) -> list[bytes | memoryview]:
     """The pieces of a shard's file: its items' maps, then where each lies and how long it is.
 
-    Behind each, and behind the places, stands its checksum.
-    Parameters: `maps`, None where an item has none; `count` of items in a shard. Source: the zarr
-    format's specification of its sharding and crc32c codecs, the index at the end.
+    Behind each, and behind the places, stands its checksum. Source: the zarr format's specification
+    of its sharding and crc32c codecs, the index at the end.
     """
     index = np.full((count, 2), _NO_MAP, dtype="<u8")
     pieces, at = list[bytes | memoryview](), 0
@@ -475,24 +469,17 @@ def read_record_of(run: RunFolder, index: int) -> dict[str, Any] | None:
 
 
 def check_chunk(run: RunFolder, index: int) -> ChunkRecord | None:
-    """What a chunk holds, after its files were read and compared with their checksums; else None.
-
-    Parameters: `run`; `index`. Raises OSError.
-    """
+    """What a chunk holds, once its files were read and are as their checksums say; else None."""
     record = read_record_of(run, index)
     if record is None:
         return None
     start, stop = run.layout.span(index)
-    try:
-        for name, expected in record["layers"].items():
-            if not is_as_left(run.chunk_file(name, index), expected):
-                return None
-        for name, expected in record["parts"].items():
-            if not is_as_left(run.part_file(name, index), expected):
-                return None
-    except FileNotFoundError:
-        return None
-    return ChunkRecord(stop - start, record["flagged"], record["failed"])
+    files = [(run.chunk_file(name, index), expected) for name, expected in record["layers"].items()]
+    files += [(run.part_file(name, index), expected) for name, expected in record["parts"].items()]
+    with suppress(FileNotFoundError):
+        if all(is_as_left(file, expected) for file, expected in files):
+            return ChunkRecord(stop - start, record["flagged"], record["failed"])
+    return None
 
 
 def rows(run: RunFolder) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
@@ -535,13 +522,11 @@ def write_stack(
 ) -> None:
     """Write a layer's TIFF stack, of its pictures as the store has them.
 
-    Parameters: `run`, all of whose chunks are there; `layer`; `view`, what ImageJ is to know of it,
-    see `imagej_view`; `pixel_mm`, None = not known. Raises OSError, InputError.
+    All chunks are there; `view`, see `imagej_view`. Raises OSError, InputError.
     """
     items = run.layout.paged_items(layer)
-    pictures = (picture(run, layer.name, item) for item in items)
     write_frames(
-        run.results / f"{layer.name}.tif", pictures,
+        run.results / f"{layer.name}.tif", (picture(run, layer.name, item) for item in items),
         (len(items), *list(run.layout.shape.values())[-2:]), np.dtype("<f4"),
         pixel_mm=pixel_mm, metadata=view,
     )  # fmt: skip

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import operator
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from isochrome.errors import InputError
 from isochrome.messages import message
 from isochrome.output import Floats, numbers
 from isochrome.runs.integrity import PROVENANCE, opened_record, read_record, warn_unverified
-from isochrome.runs.job import MANIFEST, RECORDS, STORE, Compact, Layer, RunLayout, read_checked
+from isochrome.runs.job import MANIFEST, RECORDS, STORE, RunLayout, read_checked
 
 _PICTURE = (("z_mm", "x_mm"), ("row", "col"))
 """The two axes of a picture: in mm, or where no scale is known in pixels."""
@@ -48,6 +48,11 @@ class MapPlot(DataArrayPlotAccessor):
         return drawn
 
 
+def _reflected(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    """An operation of xarray's as the array on the right of it has it."""
+    return lambda self, other: self._binary_op(other, operation, reflexive=True)
+
+
 class _OnePlace:
     """Arithmetic of maps that show one place: others are refused, where xarray gives no pixel."""
 
@@ -69,21 +74,10 @@ class _OnePlace:
         return _of_run(result)
 
     # on the right of an array that is no run's, Python asks these first, for they are not xarray's
-    def __radd__(self, other: Any) -> Any:
-        """As xarray has it."""
-        return self._binary_op(other, operator.add, reflexive=True)
-
-    def __rsub__(self, other: Any) -> Any:
-        """As xarray has it."""
-        return self._binary_op(other, operator.sub, reflexive=True)
-
-    def __rmul__(self, other: Any) -> Any:
-        """As xarray has it."""
-        return self._binary_op(other, operator.mul, reflexive=True)
-
-    def __rtruediv__(self, other: Any) -> Any:
-        """As xarray has it."""
-        return self._binary_op(other, operator.truediv, reflexive=True)
+    __radd__ = _reflected(operator.add)
+    __rsub__ = _reflected(operator.sub)
+    __rmul__ = _reflected(operator.mul)
+    __rtruediv__ = _reflected(operator.truediv)
 
 
 class RunArray(_OnePlace, xarray.DataArray):
@@ -139,33 +133,23 @@ def _refuse_other_places(one: Any, other: Any) -> None:
     wide = [set(each.sizes) for each in (one, other)]
     if any(a & set(_PICTURE[0]) and b & set(_PICTURE[1]) for a, b in (wide, wide[::-1])):
         raise InputError(
-            "over_over_one_has",
-            called=_called(one),
-            dims=", ".join(map(str, one.dims)),
-            called_2=_called(other),
-            dims_2=", ".join(map(str, other.dims)),
-        )
+            "over_over_one_has", called=_called(one), dims=", ".join(map(str, one.dims)),
+            called_2=_called(other), dims_2=", ".join(map(str, other.dims)),
+        )  # fmt: skip
     for axis in set(one.indexes) & set(other.indexes) & set(_PICTURE[0]):
         here, theirs = one.indexes[axis], other.indexes[axis]
         few, many = sorted((here, theirs), key=len)
         if not few.isin(many).all():
             raise InputError(
-                "has_from_from_their",
-                called=_called(one),
-                axis=axis,
-                span=_span(one, axis),
-                called_2=_called(other),
-                span_2=_span(other, axis),
-            )
+                "has_from_from_their", called=_called(one), axis=axis, span=_span(one, axis),
+                called_2=_called(other), span_2=_span(other, axis),
+            )  # fmt: skip
         apart = np.abs(_shift(one, axis) - _shift(other, axis))
         if len(many) > 1 and bool((apart > 0.5 * (many[-1] - many[0]) / (len(many) - 1)).any()):
             raise InputError(
-                "frames_whose_places_lie",
-                called=_called(one),
-                called_2=_called(other),
-                max=float(apart.max()),
-                axis=axis,
-            )
+                "frames_whose_places_lie", called=_called(one), called_2=_called(other),
+                max=float(apart.max()), axis=axis,
+            )  # fmt: skip
 
 
 def _called(one: Any) -> str:
@@ -188,27 +172,18 @@ def _shift(one: Any, axis: str) -> Any:
 def make_dataset(
     columns: Mapping[str, Column], coordinates: Mapping[str, Column], attributes: Mapping[str, Any]
 ) -> RunDataset:
-    """Make a dataset of maps and columns that are in memory, as `open_run` opens one.
-
-    Parameters: `columns`, the maps and columns, by name; `coordinates`, the coordinates, by name.
-    Returns the dataset, with the axes z_mm and x_mm where these are known.
-    """
-    data, places = (
-        {
-            name: (column.axes, column.values, described(name, column))
-            for name, column in part.items()
-        }
-        for part in (columns, coordinates)
-    )
+    """Make a dataset of maps and columns that are in memory, as `open_run` opens one."""
+    data, places = map(_variables, (columns, coordinates))
     return as_run(xarray.Dataset(data, places, dict(attributes)))
 
 
-def as_run(dataset: xarray.Dataset) -> RunDataset:
-    """Give a run's dataset names that are identifiers, and its pictures axes in mm.
+def _variables(columns: Mapping[str, Column]) -> dict[str, Any]:
+    """Columns as xarray takes them."""
+    return {name: (c.axes, c.values, described(name, c)) for name, c in columns.items()}
 
-    Parameters: `dataset`, as it is stored, by this version or an earlier one. Returns the same
-    data, not read yet where they were not.
-    """
+
+def as_run(dataset: xarray.Dataset) -> RunDataset:
+    """Give a run's dataset, of any version, names that are identifiers, and pictures axes in mm."""
     named = with_identifiers(dataset)
     axes = {
         pixel: place
@@ -222,10 +197,9 @@ def as_run(dataset: xarray.Dataset) -> RunDataset:
 
 
 def stored_map(array: Any, *, item: int, picture: int) -> NDArray[Any]:
-    """Read one map of a store's array as numbers, however it is kept.
+    """Read an item's map (rows, cols) of a store's array, NaN = not known, however it is kept.
 
-    Parameters: `item`, number of the item; `picture`, number of its picture, where only some items
-    have one. Returns the map, NaN = not known, shape (rows, cols).
+    `picture`, its number among those, where only some items have one.
     """
     step = array.attrs.get("scale_factor")
     if step is None:
@@ -238,8 +212,8 @@ def stored_map(array: Any, *, item: int, picture: int) -> NDArray[Any]:
 def open_growing(partial: Path) -> xarray.Dataset:
     """The dataset of a run that is at work, as far as it is: maps over row and col.
 
-    Parameters: `partial`, its working folder. Maps and columns of frames that are not finished are
-    not known; `finished` says which are. Raises InputError where no run is at work there.
+    Maps and columns of frames that are not finished are not known; `finished` says which are.
+    Raises InputError where no run is at work there.
     """
     stores = sorted(partial.glob(f"results-*/{STORE}/zarr.json"), key=lambda f: f.stat().st_mtime)
     manifest = read_checked(partial / MANIFEST)
@@ -251,9 +225,8 @@ def open_growing(partial: Path) -> xarray.Dataset:
     ((axis, count),) = layout["axes"].items()
     rows: dict[int, dict[str, Any]] = {}
     for file in sorted((stores[-1].parent.parent / RECORDS).glob("*.json")):
-        record = read_checked(file)
-        if record is not None:
-            rows |= dict(enumerate(record["rows"], int(file.stem) * layout["chunk"]))
+        rows_now = (read_checked(file) or {"rows": ()})["rows"]
+        rows |= dict(enumerate(rows_now, int(file.stem) * layout["chunk"]))
     names = list(dict.fromkeys(name for row in rows.values() for name in row))
     columns = {
         name: column([rows.get(k, {}).get(name) for k in range(count)], axis, name)
@@ -262,8 +235,7 @@ def open_growing(partial: Path) -> xarray.Dataset:
     columns["finished"] = Column((axis,), np.array([k in rows for k in range(count)]), {})
     columns[axis] = Column((axis,), np.arange(count), {})
     stored = read_store(stores[-1].parent, stores[-1].parent)
-    variables = {n: (c.axes, c.values, described(n, c)) for n, c in columns.items()}
-    return stored.assign(variables).set_coords(axis)
+    return stored.assign(_variables(columns)).set_coords(axis)
 
 
 WORKING = ".partial"
@@ -283,45 +255,34 @@ def create_store(path: Path, layout: RunLayout) -> None:
     """Lay out the store: an array for each layer with named axes, no picture in it yet.
 
     Chunks are plain little-endian float32 and a checksum, so that one that was computed elsewhere
-    is put in its place as a file. Parameters: `path`, a folder; `layout`. Raises OSError.
+    is put in its place as a file. Raises OSError.
     """
     import zarr
     from zarr.codecs import Crc32cCodec
 
     group = zarr.open_group(path, mode="w", zarr_format=3)
+    shape = tuple(layout.shape.values())
     for layer in layout.layers:
-        if layer.compact is not None:
-            _create_compact(group, layer, layer.compact, layout)
-            continue
+        compact, axes, chunks = layer.compact, layout.picture_axes, layout.chunk_shape
+        about: dict[str, Any] = {"units": layer.units, "long_name": layer.what}
+        form: dict[str, Any] = {
+            "dtype": "float32", "fill_value": np.nan, "compressors": [Crc32cCodec()],
+        }  # fmt: skip
+        if compact is not None:  # whole steps over all items, a file for each chunk of the run
+            axes, chunks = layout.axes, (layout.chunk, *shape)
+            about |= {"scale_factor": compact.step, "_FillValue": compact.unknown}
+            form = {
+                "dtype": compact.dtype.name, "fill_value": compact.unknown, "compressors": None,
+                "serializer": compact.shards(shape),
+            }  # fmt: skip
         group.create_array(
             layer.name,
-            shape=(*layout.picture_axes.values(), *layout.shape.values()),
-            chunks=layout.chunk_shape,
-            dtype="float32",
-            fill_value=np.nan,
-            compressors=[Crc32cCodec()],
-            dimension_names=tuple(map(identifier, (*layout.picture_axes, *layout.shape))),
-            attributes={"units": layer.units, "long_name": layer.what},
+            shape=(*axes.values(), *shape),
+            chunks=chunks,
+            dimension_names=tuple(map(identifier, (*axes, *layout.shape))),
+            attributes=about,
+            **form,
         )
-
-
-def _create_compact(group: Any, layer: Layer, compact: Compact, layout: RunLayout) -> None:
-    """Lay out an array of whole steps over all items, a file for each chunk of the run."""
-    shape = tuple(layout.shape.values())
-    group.create_array(
-        layer.name,
-        shape=(layout.count, *shape),
-        chunks=(layout.chunk, *shape),
-        dtype=compact.dtype.name,
-        fill_value=compact.unknown,
-        serializer=compact.shards(shape),
-        compressors=None,
-        dimension_names=tuple(map(identifier, (*layout.axes, *layout.shape))),
-        attributes={
-            "units": layer.units, "long_name": layer.what,
-            "scale_factor": compact.step, "_FillValue": compact.unknown,
-        },
-    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -345,8 +306,7 @@ def add_columns(
     """Add columns, coordinates and attributes to a run's store.
 
     As xarray would, which is not asked, for it takes longer to start than all columns to write.
-    Names become identifiers: load.normal_n is load_normal_n. Parameters: `columns`, the columns, by
-    name; `coordinates`, the coordinates, by name. Raises OSError.
+    Names become identifiers: load.normal_n is load_normal_n. Raises OSError.
     """
     import zarr
     from zarr.codecs import Crc32cCodec, ZstdCodec
@@ -354,9 +314,8 @@ def add_columns(
     group = zarr.open_group(path, mode="r+", zarr_format=3)
     nothing = {"T": "", "f": np.nan}  # by the kind of value, else 0
     for name, column in {**coordinates, **columns}.items():
-        key = identifier(name)
         group.create_array(
-            key,
+            identifier(name),
             data=column.values,
             chunks=tuple(max(1, size) for size in column.values.shape),
             fill_value=nothing.get(column.values.dtype.kind, 0),
@@ -382,8 +341,7 @@ _PARTS = {
 def identifier(name: str) -> str:
     """Give the name of a column in a dataset, which may stand in Python and MATLAB code.
 
-    Parameters: `name`, name of a key or column of a table, such as `load.normal_n
-    standard_uncertainty`. Returns the same as an identifier, such as `load_normal_n_u`.
+    Of `load.normal_n standard_uncertainty` it is `load_normal_n_u`.
     """
     for words, ending in _PARTS.items():
         if name.endswith(words):
@@ -406,10 +364,7 @@ def described(name: str, column: Column) -> dict[str, Any]:
 def column(values: Sequence[Any], axis: str, name: str) -> Column:
     """Make a table's column: numbers as float64 or int64, all else as text.
 
-    What is not known is NaN, or empty text.
-
-    Parameters: `values`, the values; None = not known; `axis`, name of the axis that they lie on;
-    `name`, name of the column, in which the unit stands. Returns the column, with its units.
+    What is not known (None) is NaN, or empty text; the unit is that in the column's `name`.
     """
     attributes = named_units(name)
     if isinstance(values, Floats):
@@ -425,20 +380,12 @@ def column(values: Sequence[Any], axis: str, name: str) -> Column:
 
 
 def texts(values: Iterable[Any]) -> NDArray[Any]:
-    """Make a column of texts.
-
-    Parameters: `values`, the values; None = not known. Returns the texts, empty where one is not
-    known, shape (n,).
-    """
+    """Make a column of texts (n,), empty where one is not known (None)."""
     return np.array(["" if v is None else str(v) for v in values], dtype=np.dtypes.StringDType())
 
 
 def named_units(name: str) -> dict[str, Any]:
-    """Give the unit that stands in a name as attributes of its column.
-
-    Parameters: `name`, name of a key or column, such as `load.normal_n`. Returns the attribute
-    'units'; empty where no unit stands in the name.
-    """
+    """Give the unit that stands in a name as attributes of its column; none where none does."""
     units = units_of(name)
     return {} if units is None else {"units": units}
 
@@ -454,11 +401,7 @@ def units_of(name: str) -> str | None:
 
 
 def column_values(variable: xarray.DataArray) -> list[Any]:
-    """Give the values that `column` was given.
-
-    Parameters: `variable`, a column of a dataset. Returns the values; None for what is not known of
-    whole numbers.
-    """
+    """Give the values that `column` was given; None for what is not known of whole numbers."""
     values: list[Any] = variable.values.tolist()
     if variable.attrs.get(WHOLE):
         return [None if np.isnan(v) else int(v) for v in values]
@@ -466,10 +409,7 @@ def column_values(variable: xarray.DataArray) -> list[Any]:
 
 
 def attributes(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """Make attributes of a dataset of a run's identity: numbers and texts, tables as JSON.
-
-    Parameters: `identity`, what the run is a result of, as in a Job.
-    """
+    """Make attributes of a dataset of a run's identity: numbers and texts, tables as JSON."""
     result: dict[str, Any] = {"Conventions": "CF-1.11", "source": "Isochrome"}
     for key, value in identity.items():
         if value is None:
@@ -531,12 +471,9 @@ def open_store(path: str | Path) -> xarray.Dataset:
     place = Path(path)
     store = place if place.suffix == ".zarr" else place / STORE
     if not (store / "zarr.json").is_file() and read_record(store.parent) is None:
-        unfinished = place.with_name(place.name + WORKING).is_dir()
-        hint = (
-            message("run_not_finished_run_same", name=place.name, working=WORKING)
-            if unfinished
-            else message("name_folder_process_sweep")
-        )
+        hint = message("name_folder_process_sweep")
+        if place.with_name(place.name + WORKING).is_dir():
+            hint = message("run_not_finished_run_same", name=place.name, working=WORKING)
         raise InputError("holds_no", place=place, missing=STORE, hint=hint)
     if store != place and read_record(place) is None:
         raise InputError(
@@ -565,10 +502,7 @@ def checked_store(store: Path) -> Any:
 
 
 def read_store(store: Path, source: Any) -> xarray.Dataset:
-    """A store as a dataset, read as it is used. Raises InputError where it cannot be read.
-
-    Parameters: `store`, for messages; `source`, from which zarr reads it.
-    """
+    """A store as a dataset, read from a `source` as it is used; InputError where it cannot be."""
     try:
         stored = xarray.open_dataset(
             source, engine="zarr", consolidated=False, chunks=None, decode_cf=False

@@ -27,7 +27,6 @@ from functools import cache
 from typing import Any, TypeVar
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 from isochrome.runs.job import ChunkRecord, Results, RunFolder, Work, environment, keep
 
 LARGE = 16 << 20
@@ -78,10 +77,7 @@ class NoCluster(InputError):
 
 
 def alone(work: Work, run: RunFolder, chunks: Sequence[int]) -> Generator[Finished]:
-    """Compute chunk after chunk here, while the one before is written to the disk.
-
-    Parameters: `work`; `run`; `chunks`, their indices. Yields each index with what was kept.
-    """
+    """Compute chunks here, while the one before is written; each index with what was kept."""
     with futures.ThreadPoolExecutor(1) as writer, single_threaded():
         writing: tuple[int, futures.Future[ChunkRecord]] | None = None
         for index in chunks:
@@ -114,10 +110,7 @@ class Waiting:
 
 @contextmanager
 def waiting_workers(workers: int, work: Callable[..., Any]) -> Iterator[Waiting]:
-    """Start worker processes that import what `work` needs, while their task is still prepared.
-
-    Parameters: `work`, a function that can be imported. Raises WorkersLost.
-    """
+    """Start worker processes that import what `work` needs, while their task is still prepared."""
     tasks = multiprocessing.get_context("spawn").Queue()
     tasks.cancel_join_thread()  # what nobody has taken keeps nobody here
     with worker_pool(workers, _wait_for_task, (work, tasks)) as pool:
@@ -134,8 +127,7 @@ def by_processes(
     """Compute chunks in worker processes, each of which writes its own to the disk.
 
     They are spawned, not forked, ignore the keyboard, and end when this process does, however it
-    does. Parameters: as `alone`; `workers`, how many, or those that are `waiting`. Yields in the
-    order of completion. Raises WorkersLost where a worker was killed.
+    does. Yields in the order of completion. Raises WorkersLost where a worker was killed.
     """
     with ExitStack() as here, _saying_who_is_lost():
         ready = waiting or here.enter_context(waiting_workers(workers, _nothing))
@@ -151,27 +143,19 @@ def worker_pool(
 ) -> Iterator[futures.ProcessPoolExecutor]:
     """Start worker processes that ignore the keyboard and end when this process does.
 
-    They are spawned. Left by an exception, the block ends them at once, whatever they are at.
-
-    Parameters: `begin`, called in each before its first work; `arguments`, what it is called with.
-    Raises WorkersLost.
+    They are spawned, and each begins with `begin`. Left by an exception, the block ends them at
+    once, whatever they are at. Raises WorkersLost.
     """
-    before = set(multiprocessing.active_children())
-    pool = futures.ProcessPoolExecutor(
-        workers,
-        multiprocessing.get_context("spawn"),
-        initializer=_start_worker,
-        initargs=(begin, arguments),
-    )
-    finished = False
+    before, spawn = set(multiprocessing.active_children()), multiprocessing.get_context("spawn")
+    pool = futures.ProcessPoolExecutor(workers, spawn, _start_worker, (begin, arguments))
     try:
         with _saying_who_is_lost():
             yield pool
-        finished = True
+    except BaseException:  # whoever waits at the keyboard does not wait for a chunk
+        for child in set(multiprocessing.active_children()) - before:
+            child.terminate()
+        raise
     finally:
-        if not finished:  # whoever waits at the keyboard does not wait for a chunk
-            for child in set(multiprocessing.active_children()) - before:
-                child.terminate()
         pool.shutdown(wait=True, cancel_futures=True)
 
 
@@ -181,7 +165,7 @@ def _saying_who_is_lost() -> Iterator[None]:
     try:
         yield
     except futures.process.BrokenProcessPool as error:
-        raise WorkersLost(message("worker_process_killed_system")) from error
+        raise WorkersLost("worker_process_killed_system") from error
 
 
 def by_cluster(
@@ -190,22 +174,20 @@ def by_cluster(
     """Compute chunks on an existing Dask cluster; the results come here and are written here.
 
     The workers need the input under the same paths, and the same versions of all that computes; the
-    output they do not see. A chunk whose worker dies is given to another. Parameters: as `alone`;
-    `address` of the scheduler. Yields in the order of completion. Raises InputError where the
-    cluster cannot be reached.
+    output they do not see. A chunk whose worker dies is given to another. Yields in the order of
+    completion. Raises InputError where the cluster cannot be reached.
     """
     with _client(address) as client:
         executor = client.get_executor(pure=False)
         everywhere = client.scatter(work, broadcast=True)
         ahead = 2 * max(1, sum(client.nthreads().values()))
         expected = environment()
-        sent = in_flight(
-            lambda index: executor.submit(_elsewhere, everywhere, run.layout.span(index), expected),
-            chunks,
-            ahead,
-        )
+
+        def submit(index: int) -> Any:
+            return executor.submit(_elsewhere, everywhere, run.layout.span(index), expected)
+
         try:
-            for index, results in sent:
+            for index, results in in_flight(submit, chunks, ahead):
                 yield index, keep(run, index, results)
         finally:
             executor.shutdown(wait=False)
@@ -223,9 +205,7 @@ def in_flight(
 ) -> Iterator[tuple[int, T]]:
     """Keep a few items submitted, so that memory does not grow with their number.
 
-    Parameters: `submit`, submits the item of an index and returns its future; `items`, indices of
-    the items; `ahead`, how many are submitted at a time. Yields each index with its result, in the
-    order of completion.
+    `ahead` are submitted at a time. Yields each index with its result, in the order of completion.
     """
     waiting: dict[futures.Future[T], int] = {}
     todo = iter(items)
@@ -283,11 +263,9 @@ def _elsewhere(work: Work, span: tuple[int, int], expected: dict[str, Any]) -> R
     differing = [key for key in expected if here.get(key) != expected[key]]
     if differing:
         raise InputError(
-            "worker_cluster_has_another",
-            differing=differing[0],
-            here=here.get(differing[0]),
+            "worker_cluster_has_another", differing=differing[0], here=here.get(differing[0]),
             expected=expected[differing[0]],
-        )
+        )  # fmt: skip
     with single_threaded():
         return work(*span)
 
@@ -298,16 +276,14 @@ def _client(address: str) -> Iterator[Any]:
     try:
         from distributed import Client
     except ImportError as error:
-        raise NoCluster(message("cluster_needs_package_distributed")) from error
+        raise NoCluster("cluster_needs_package_distributed") from error
     try:
         client = Client(address, timeout="10s", set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
-        raise NoCluster(
-            message("cluster_no_dask_scheduler", address=address, error=error)
-        ) from error
+        raise NoCluster("cluster_no_dask_scheduler", address=address, error=error) from error
     with client:
         if not client.nthreads():
-            raise NoCluster(message("cluster_cluster_has_no", address=address))
+            raise NoCluster("cluster_cluster_has_no", address=address)
         yield client
 
 

@@ -16,6 +16,7 @@ The sample of a wear test: traces across the scars of the true contact, and its 
 import tomllib
 from dataclasses import dataclass, replace
 from importlib import resources
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -36,14 +37,9 @@ Array = NDArray[np.floating]
 Grey = NDArray[np.uint8]
 
 CAMERA = Camera(
-    bit_depth=8,
-    brightness=0.85,
-    background=0.05,
-    vignette=0.3,
-    gamma=1.4,
-    blur_px=0.4,
+    bit_depth=8, brightness=0.85, background=0.05, vignette=0.3, gamma=1.4, blur_px=0.4,
     noise_grey=3.0,
-)
+)  # fmt: skip
 """The camera of all samples. Background is stray light, a part of full scale before gamma."""
 
 LABEL = "Rendered by Isochrome (python -m isochrome.samples), not captured"
@@ -112,13 +108,9 @@ def write_truth(folder: Path, seed: int, values: dict[str, Any], sensor: Sensor)
 
 def finer(scene: Scene, factor: int) -> Scene:
     """A scene whose camera has factor x factor points in place of every pixel."""
-    return scene.with_values(
-        {
-            "camera.pixel_mm": scene.get("camera.pixel_mm") / factor,
-            "camera.width_px": scene.get("camera.width_px") * factor,
-            "camera.height_px": scene.get("camera.height_px") * factor,
-        }
-    )
+    keys = ("camera.width_px", "camera.height_px")
+    pixel = {"camera.pixel_mm": scene.get("camera.pixel_mm") / factor}
+    return scene.with_values(pixel | {key: scene.get(key) * factor for key in keys})
 
 
 def dark_field(order: Array, factor: int) -> Array:
@@ -158,17 +150,10 @@ def write_small_tiff(path: Path, frames: NDArray[Any], *, pixel_mm: float) -> No
     with tifffile.TiffWriter(path, byteorder="<") as tif:
         for frame in frames:
             tif.write(
-                frame,
-                photometric="minisblack",
-                compression="zlib",
-                compressionargs={"level": 9},
-                rowsperstrip=frame.shape[0],
-                resolution=(per_cm, per_cm),
-                resolutionunit="CENTIMETER",
-                description=LABEL,
-                software="isochrome",
-                metadata=None,
-            )
+                frame, photometric="minisblack", compression="zlib", compressionargs={"level": 9},
+                rowsperstrip=frame.shape[0], resolution=(per_cm, per_cm),
+                resolutionunit="CENTIMETER", description=LABEL, software="isochrome", metadata=None,
+            )  # fmt: skip
 
 
 SCENE = "line-contact-wear"
@@ -262,8 +247,7 @@ def _true_values(truth: Scene, nominal: Scene, states: list[SceneState]) -> dict
     """The true values, by the scene's keys; a list has one value a frame."""
     places = [placed_contact(truth, nominal, i) for i in range(len(states))]
     return {
-        "load.normal_n": truth.get("load.normal_n"),
-        "wear.coefficient_mm2_per_n": truth.get("wear.coefficient_mm2_per_n"),
+        **{key: truth.get(key) for key in ("load.normal_n", "wear.coefficient_mm2_per_n")},
         "frames": [s.label for s in states],
         "distance_m": [s.distance_m for s in states],
         "friction.coefficient": [s.surface.friction for s in states if s.surface],
@@ -530,9 +514,6 @@ def _trace(state: SurfaceState, rng: np.random.Generator) -> tuple[Array, Array,
 def _correlated(count: int, keep: float, rng: np.random.Generator) -> Array:
     """Gaussian numbers (count,) of variance 1, of each of which a part is in the next."""
     fresh = rng.standard_normal(count) * np.sqrt(1.0 - keep**2)
-    numbers = np.empty(count)
-    last = rng.standard_normal()
-    for i, new in enumerate(fresh):
-        last = keep * last + new
-        numbers[i] = last
-    return numbers
+    first = rng.standard_normal()
+    numbers = accumulate(fresh, lambda last, new: keep * last + new, initial=first)
+    return np.array(list(numbers)[1:])

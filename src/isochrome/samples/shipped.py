@@ -6,7 +6,6 @@ Everything in `sample_images/`, from one seed.
 import json
 import tomllib
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from isochrome.errors import InputError
 from isochrome.frames import open_frames
 from isochrome.output import staged, write_text
+from isochrome.scene import LIBRARY
 
 SEED = 2026
 """Seed of the shipped sample images."""
@@ -55,16 +55,13 @@ def render_samples(out: str | Path, *, seed: int = SEED) -> Path:
 
     if seed < 0:
         raise InputError("seed_but_must_above", seed=seed)
-    library = resources.files("isochrome.scene") / "library"
-    scene = (library / f"{SCENE}.toml").read_text("utf-8")
+    scene = (LIBRARY / f"{SCENE}.toml").read_text("utf-8")
+    samples = {
+        SCENE: render_contact, "bending": render_bending, "disc": render_disc, "wear": render_wear,
+        "sliding-film": render_film,
+    }  # fmt: skip
     with staged(out) as folder:
-        for name, draw in (
-            (SCENE, render_contact),
-            ("bending", render_bending),
-            ("disc", render_disc),
-            ("wear", render_wear),
-            ("sliding-film", render_film),
-        ):
+        for name, draw in samples.items():
             (folder / name).mkdir()
             draw(folder / name, seed)
         frames = sample_text("contact-frames.toml")

@@ -601,8 +601,7 @@ def _find(bins: BinnedTrace, name: str) -> tuple[ScarShape, Roughness, Mask]:
     form = legendre(x, FORM_DEGREES[-1])
 
     def roots(place: ScarShape, before: Roughness | None = None) -> tuple[Roughness, Array]:
-        unworn = _shoulders(bins, place, name)
-        fitted = fit_roughness(z, unworn, form, bins.spacing_mm, before)
+        fitted = fit_roughness(z, _shoulders(bins, place, name), form, bins.spacing_mm, before)
         return fitted, whitening(x, _firm(fitted.covariance(n)))
 
     # at first what second differences show, as if it were white
@@ -645,13 +644,9 @@ def _check_shoulders(bins: BinnedTrace, place: ScarShape, name: str) -> None:
     width = high - low
     if lengths.sum() < _SHOULDERS * width or lengths.min() < _SHOULDER * width:
         raise InputError(
-            "beside_scar_from_mm",
-            name=name,
-            low=low,
-            high=high,
-            lengths=lengths[0],
+            "beside_scar_from_mm", name=name, low=low, high=high, lengths=lengths[0],
             lengths_2=lengths[1],
-        )
+        )  # fmt: skip
 
 
 def _shoulders(bins: BinnedTrace, place: ScarShape, name: str) -> Mask:

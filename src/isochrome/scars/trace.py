@@ -66,8 +66,7 @@ def _table(text: str, path: Path) -> tuple[Array, Array]:
             "no_line_numbers_first", path=path, cells_count=len(cells), form=message(_FORM)
         )
     x_column, z_column, x_unit, z_unit = _columns([row for _, row in cells[:first]], path)
-    lines = [line for _, line in rows[first:]]
-    values = split.numbers(lines, (x_column, z_column))
+    values = split.numbers([line for _, line in rows[first:]], (x_column, z_column))
     if values is None or not np.isfinite(values).all():
         _refuse_line(rows[first:], split, (x_column, z_column), path)
     assert values is not None
@@ -144,12 +143,9 @@ def _metres(lines: Sequence[Sequence[str]], column: int, example: str, path: Pat
         if words and words[-1] in METRES:
             return METRES[words[-1]]
     raise InputError(
-        "column_has_no_unit",
-        path=path,
-        lines=lines[0][column],
-        example=example,
+        "column_has_no_unit", path=path, lines=lines[0][column], example=example,
         metres=", ".join(u for u in METRES if u.isascii()),
-    )
+    )  # fmt: skip
 
 
 def _words(cell: str) -> list[str]:
@@ -237,8 +233,7 @@ def read_trace(path: str | Path) -> Trace:
     cells between commas, semicolons, tabs or blanks; # begins a comment. Or one profile in the
     ASCII form of ISO 25178-71 (SDF).
     """
-    place = Path(path)
-    x_mm, z_um = parse_trace(place)
+    x_mm, z_um = parse_trace(Path(path))
     return Trace(x_mm=x_mm, z_um=z_um, name=str(path))
 
 
@@ -262,20 +257,14 @@ def _check(x: Array, z: Array, name: str) -> None:
     length = float(x[-1] - x[0])
     if not _SHORTEST_MM <= length <= _LONGEST_MM:
         raise InputError(
-            "mm_long_where_mm",
-            name=name,
-            length=length,
-            shortest_mm=_SHORTEST_MM,
+            "mm_long_where_mm", name=name, length=length, shortest_mm=_SHORTEST_MM,
             longest_mm=_LONGEST_MM,
-        )
+        )  # fmt: skip
     if float(np.ptp(z)) > 1e3 * _STEEPEST * length:
         raise InputError("heights_span_over_mm", name=name, ptp=np.ptp(z), length=length)
     if float(steps.max()) > _WIDEST_GAP * length:
         bad = int(np.argmax(steps))
         raise InputError(
-            "nothing_measured_from_mm",
-            name=name,
-            x=x[bad],
-            x_2=x[bad + 1],
+            "nothing_measured_from_mm", name=name, x=x[bad], x_2=x[bad + 1],
             widest_gap=100 * _WIDEST_GAP,
-        )
+        )  # fmt: skip

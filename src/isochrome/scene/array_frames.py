@@ -66,7 +66,13 @@ class ArrayFrames:
 
     def __init__(self, given: object, name: str | None = None) -> None:
         self.given, self._name = given, name
-        self._check_kind()
+        # np.asarray would make something of these, and not what was meant
+        if isinstance(given, np.ma.MaskedArray):
+            self._refuse_masked()
+        if isinstance(given, Iterator):
+            raise InputError("can_gone_through_once", called=self._called)
+        if isinstance(given, Mapping | Set | bytes | bytearray):
+            raise InputError("holds_no_frames_order", called=self._called, what=message(_WHAT))
         self._stacked = False
         if hasattr(given, "shape") and hasattr(given, "dtype"):
             shape = tuple(int(size) for size in given.shape)
@@ -147,23 +153,9 @@ class ArrayFrames:
         except Exception as error:  # whatever computes or reads a lazy one
             reason = (str(error).splitlines() or [""])[0].strip()[:160] or type(error).__name__
             raise InputError(
-                "frame_cannot_read",
-                called=self._called,
-                index=index,
-                kind=type(error).__name__,
-                reason=reason,
-                what=message(_WHAT),
-            ) from error
-
-    def _check_kind(self) -> None:
-        """Refuse what np.asarray would make something of, and not what was meant."""
-        given = self.given
-        if isinstance(given, np.ma.MaskedArray):
-            self._refuse_masked()
-        if isinstance(given, Iterator):
-            raise InputError("can_gone_through_once", called=self._called)
-        if isinstance(given, Mapping | Set | bytes | bytearray):
-            raise InputError("holds_no_frames_order", called=self._called, what=message(_WHAT))
+                "frame_cannot_read", called=self._called, index=index, kind=type(error).__name__,
+                reason=reason, what=message(_WHAT),
+            ) from error  # fmt: skip
 
     def _refuse_masked(self) -> None:
         raise InputError("masked_array_whose_mask", called=self._called)
@@ -171,11 +163,9 @@ class ArrayFrames:
     def _check_count(self) -> None:
         if not 1 <= self.count <= MOST_FRAMES:
             raise InputError(
-                "holds_frames_allowed_give",
-                called=self._called,
-                count=self.count,
+                "holds_frames_allowed_give", called=self._called, count=self.count,
                 most_frames=MOST_FRAMES,
-            )
+            )  # fmt: skip
 
     def _check_form(self) -> None:
         """Refuse frames of other axes, or of axes in another order."""

@@ -83,19 +83,18 @@ def with_tables(data: Any, folder: Path | None) -> Any:
         name, speed = part.get(FILE), part.get(SPEED)
         if not isinstance(name, str) or not name:
             raise InputError(
-                "not_allowed_name_csv",
-                part=kind.part,
-                file=FILE,
-                name=name,
-                distance=_DISTANCE,
-                time=_TIME,
-                column=kind.column,
-            )
+                "not_allowed_name_csv", part=kind.part, file=FILE, name=name, distance=_DISTANCE,
+                time=_TIME, column=kind.column,
+            )  # fmt: skip
         if kind.key in part:
             raise InputError("exclude_each_other_remove", part=kind.part, file=FILE, key=kind.key)
         speed = _speed(kind, speed, tables.get("frames"))
-        table = read_course((folder or Path()) / name, kind, speed)
+        given = read_given_table((folder or Path()) / name, f"the {kind.part}")
+        distance, value = _columns(given, kind, speed)
+        _refuse_gap(given, kind, distance, value)
+        distance, value = few_lines(distance, value, str(given.path))
         others = {key: value for key, value in part.items() if key not in (FILE, SPEED)}
+        table = {"distance_m": distance.tolist(), "value": value.tolist()}
         tables[kind.part] = others | {kind.key: table}
         files.append(name)
     return tables | {FILES: tuple(files)} if files else tables
@@ -115,29 +114,14 @@ def _speed(kind: _Kind, stated: Any, frames: Any) -> float | None:
     return float(speed)
 
 
-def read_course(path: Path, kind: _Kind, speed_mm_per_s: float | None) -> dict[str, list[float]]:
-    """A file's values over the distance, as a table of a scene, see `few_lines`."""
-    given = read_given_table(path, f"the {kind.part}")
-    distance, value = _columns(given, kind, speed_mm_per_s)
-    _refuse_gap(given, kind, distance, value)
-    distance, value = few_lines(distance, value, str(path))
-    return {"distance_m": distance.tolist(), "value": value.tolist()}
-
-
 def _columns(given: GivenTable, kind: _Kind, speed: float | None) -> tuple[Floats, Floats]:
     """Distances (m) and values (n,), checked row by row."""
     place = _DISTANCE if _DISTANCE in given.names else _TIME
     if place not in given.names or kind.column not in given.names:
         raise InputError(
-            "has_columns_needs_name",
-            path=given.path,
-            header=given.header,
-            part=kind.part,
-            file=FILE,
-            distance=_DISTANCE,
-            time=_TIME,
-            column=kind.column,
-        )
+            "has_columns_needs_name", path=given.path, header=given.header, part=kind.part,
+            file=FILE, distance=_DISTANCE, time=_TIME, column=kind.column,
+        )  # fmt: skip
     at, value = given.column(place), given.column(kind.column)
     if len(at) < 2:
         raise InputError("has_rows_numbers_give", path=given.path, at_count=len(at))
@@ -149,23 +133,16 @@ def _columns(given: GivenTable, kind: _Kind, speed: float | None) -> tuple[Float
         if wrong.any():
             row = int(np.argmax(wrong))
             raise InputError(
-                "line_not_allowed_correct",
-                path=given.path,
-                lines=given.lines[row],
-                column=column,
-                values=values[row],
-                allowed=allowed,
-            )
+                "line_not_allowed_correct", path=given.path, lines=given.lines[row], column=column,
+                values=values[row], allowed=allowed,
+            )  # fmt: skip
     if place == _DISTANCE:
         return at, value
     if speed is None:
         raise InputError(
-            "has_times_only_sliding",
-            path=given.path,
-            part=kind.part,
-            speed=SPEED,
+            "has_times_only_sliding", path=given.path, part=kind.part, speed=SPEED,
             distance=_DISTANCE,
-        )
+        )  # fmt: skip
     return 1e-3 * speed * at, value
 
 
@@ -180,16 +157,10 @@ def _refuse_gap(given: GivenTable, kind: _Kind, distance: Floats, value: Floats)
     if len(gap):
         row = int(gap[0])
         raise InputError(
-            "lines_apart_over_times",
-            path=given.path,
-            lines=given.lines[row],
-            lines_2=given.lines[row + 1],
-            step=step[row],
-            gap=_GAP,
-            column=kind.column,
-            value=value[row],
-            value_2=value[row + 1],
-        )
+            "lines_apart_over_times", path=given.path, lines=given.lines[row],
+            lines_2=given.lines[row + 1], step=step[row], gap=_GAP, column=kind.column,
+            value=value[row], value_2=value[row + 1],
+        )  # fmt: skip
 
 
 def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Floats]:
@@ -225,13 +196,9 @@ def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Fl
     residual_rms, size = (float(np.sqrt(np.mean(v**2))) for v in (residual, value))
     if residual_rms > _AVERAGED * size:
         raise InputError(
-            "swings_rms_about_mean",
-            label=label,
-            residual_rms=residual_rms,
-            size=size,
-            few=FEW,
+            "swings_rms_about_mean", label=label, residual_rms=residual_rms, size=size, few=FEW,
             averaged=_AVERAGED,
-        )
+        )  # fmt: skip
     return distance_m[bends], fitted
 
 
@@ -239,24 +206,23 @@ def _line_values(s: Floats, value: Floats, bends: Any) -> Floats:
     """Values (m,) at the bends of the lines of least squares, by their tridiagonal equations."""
     from scipy.linalg import solveh_banded
 
-    weight = np.zeros(len(s))
-    step = np.diff(s)
+    weight, step, m = np.zeros(len(s)), np.diff(s), len(bends)
     weight[:-1] += 0.5 * step
     weight[1:] += 0.5 * step
-    m = len(bends)
     cell = np.clip(np.searchsorted(bends, np.arange(len(s)), side="right") - 1, 0, m - 2)
     right = (s - s[bends][cell]) / np.diff(s[bends])[cell]
     weight_before = 1.0 - right
-    sums = [
-        np.bincount(cell, weight * f, minlength=m)
-        for f in (weight_before * weight_before, right * right)
-    ]
+
+    def summed(each: Floats) -> Any:
+        """Its weighted sum over each stretch."""
+        return np.bincount(cell, each, minlength=m)
+
     bands = np.zeros((2, m))
-    bands[1] = sums[0]
-    bands[1, 1:] += sums[1][:-1]
-    bands[0, 1:] = np.bincount(cell, weight * weight_before * right, minlength=m)[:-1]
-    load = np.bincount(cell, weight * weight_before * value, minlength=m)
-    load[1:] += np.bincount(cell, weight * right * value, minlength=m)[:-1]
+    bands[1] = summed(weight * (weight_before * weight_before))
+    bands[1, 1:] += summed(weight * (right * right))[:-1]
+    bands[0, 1:] = summed(weight * weight_before * right)[:-1]
+    load = summed(weight * weight_before * value)
+    load[1:] += summed(weight * right * value)[:-1]
     return np.asarray(solveh_banded(bands, load))
 
 

@@ -30,7 +30,6 @@ DATED, DATE = "specimen.fringe_value_n_per_mm", "date"
 DATE_FIELD = "fringe_value_date"
 """The field that holds that day; no key of a file."""
 
-_MOST = 1e30
 _UNMEASURED = ("numerics",)
 """Tables whose numbers nobody measures."""
 
@@ -98,7 +97,7 @@ def plain_value(key: str, value: Mapping[str, Any]) -> tuple[Any, float]:
     if isinstance(number, dict | list | str):
         raise ValueError(message("value_not_allowed_only", key=key, number=number))
     number_like = isinstance(spread, int | float) and not isinstance(spread, bool)
-    if not number_like or not math.isfinite(spread) or not 0 <= spread <= _MOST:
+    if not number_like or not math.isfinite(spread) or not 0 <= spread <= LARGEST:
         raise ValueError(message("standard_uncertainty_not_allowed_number", key=key, spread=spread))
     return number, float(spread)
 
@@ -108,8 +107,7 @@ def as_text(value: float, standard_uncertainty: float, date: str | None = None) 
     import tomli_w
 
     table = {VALUE: value, SPREAD: standard_uncertainty} | ({DATE: date} if date else {})
-    lines = tomli_w.dumps(table).split("\n")
-    return "{ " + ", ".join(line for line in lines if line) + " }"
+    return "{ " + ", ".join(line for line in tomli_w.dumps(table).split("\n") if line) + " }"
 
 
 def _without_date(data: dict[str, Any]) -> tuple[dict[str, Any], str | None]:
@@ -162,15 +160,10 @@ LARGEST = 1e30
 """In any unit, what is beyond is a slip."""
 
 OTHER_NAMES = {
-    "fsigma": "fringe_value_n_per_mm",
-    "fs": "fringe_value_n_per_mm",
-    "materialfringevalue": "fringe_value_n_per_mm",
-    "fringevalue": "fringe_value_n_per_mm",
-    "mu": "coefficient",
-    "youngsmodulus": "young_gpa",
-    "nu": "poisson",
-    "poissonratio": "poisson",
-}
+    "fsigma": "fringe_value_n_per_mm", "fs": "fringe_value_n_per_mm",
+    "materialfringevalue": "fringe_value_n_per_mm", "fringevalue": "fringe_value_n_per_mm",
+    "mu": "coefficient", "youngsmodulus": "young_gpa", "nu": "poisson", "poissonratio": "poisson",
+}  # fmt: skip
 """What other texts call a key, without underscores."""
 OTHER_NAMES_UNITS = {
     "fringe_value_n_per_mm": "in N/mm per fringe (1 kN/m per fringe is 1 N/mm)",
@@ -221,13 +214,9 @@ def check_reach(data: Any, label: str, key: str = "") -> None:
             check_reach(value, label, f"{key}[{number}]")
     elif isinstance(data, float) and data and not 1 / LARGEST <= abs(data) <= LARGEST:
         raise InputError(
-            "not_allowed_size_should",
-            label=label,
-            key=key,
-            data=data,
-            largest=1 / LARGEST,
+            "not_allowed_size_should", label=label, key=key, data=data, largest=1 / LARGEST,
             largest_2=LARGEST,
-        )
+        )  # fmt: skip
 
 
 def _sentence(model: type[BaseModel], error: ValidationError) -> str:

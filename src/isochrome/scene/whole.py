@@ -333,11 +333,9 @@ class Scene(ScenePart):
             raise InputError("scene_has_no_add", key=key, part=part)
         if name not in type(table).model_fields:
             raise InputError(
-                "has_no_such_key",
-                key=key,
-                part=part,
+                "has_no_such_key", key=key, part=part,
                 model_fields=", ".join(type(table).model_fields),
-            )
+            )  # fmt: skip
         return getattr(table, name)
 
     def with_values(self, values: dict[str, Any]) -> Scene:
@@ -378,14 +376,10 @@ STIFFEST_GPA = 1000.0
 """No body is stiffer: a larger modulus has another unit."""
 
 LARGEST_MM = {
-    "specimen.thickness_mm": 1e3,
-    "specimen.diameter_mm": 1e3,
-    "specimen.hole_mm": 1e3,
-    "specimen.height_mm": 1e3,
-    "specimen.width_mm": 1e3,
-    "indenter.half_width_mm": 1e3,
+    "specimen.thickness_mm": 1e3, "specimen.diameter_mm": 1e3, "specimen.hole_mm": 1e3,
+    "specimen.height_mm": 1e3, "specimen.width_mm": 1e3, "indenter.half_width_mm": 1e3,
     "indenter.radius_mm": 1e4,
-}
+}  # fmt: skip
 """Nothing under a polariscope is larger, and no cylinder flatter: a larger size is in µm."""
 
 MOST = 10_000
@@ -400,7 +394,14 @@ def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
     profile's contact is held to this when it is solved. `shape` None: a picture that may show as
     small a part as one likes, whose size is the camera's.
     """
-    _check_sizes(scene)
+    for key, most in LARGEST_MM.items():
+        part, _, name = key.partition(".")
+        size = getattr(getattr(scene, part), name, None)
+        if size is not None and size > most:  # beyond all benches
+            raise InputError(
+                "over_mm_give_mm", name=scene.name, key=key, size=size, most=most,
+                size_2=1e-3 * size,
+            )  # fmt: skip
     camera, shown = scene.camera, _width(scene)
     if camera is None or camera.pixel_mm is None or shown is None:
         return
@@ -413,16 +414,9 @@ def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
     picture = max(across) * pixel
     if picture > WIDEST * width:
         raise InputError(
-            "camera_pixel_mm_makes_picture",
-            name=scene.name,
-            pixel=pixel,
-            picture=picture,
-            width=picture / width,
-            what=what,
-            width_2=width,
-            by=_by(what),
-            widest=WIDEST,
-        )
+            "camera_pixel_mm_makes_picture", name=scene.name, pixel=pixel, picture=picture,
+            width=picture / width, what=what, width_2=width, by=_by(what), widest=WIDEST,
+        )  # fmt: skip
 
 
 def check_moduli(scene: Scene) -> None:
@@ -435,29 +429,9 @@ def check_moduli(scene: Scene) -> None:
         young = body.young_gpa if body else None
         if young is not None and young > STIFFEST_GPA:
             raise InputError(
-                "over_gpa_which_no",
-                name=scene.name,
-                key=key,
-                young=young,
-                stiffest_gpa=STIFFEST_GPA,
-                young_2=1e-3 * young,
-            )
-
-
-def _check_sizes(scene: Scene) -> None:
-    """Refuse sizes that are beyond all benches."""
-    for key, most in LARGEST_MM.items():
-        part, _, name = key.partition(".")
-        size = getattr(getattr(scene, part), name, None)
-        if size is not None and size > most:
-            raise InputError(
-                "over_mm_give_mm",
-                name=scene.name,
-                key=key,
-                size=size,
-                most=most,
-                size_2=1e-3 * size,
-            )
+                "over_gpa_which_no", name=scene.name, key=key, young=young,
+                stiffest_gpa=STIFFEST_GPA, young_2=1e-3 * young,
+            )  # fmt: skip
 
 
 def check_width(
@@ -478,13 +452,9 @@ def check_width(
         least = max(least, width / MOST)
     if pixel < least:
         raise InputError(
-            "camera_pixel_mm_too_little",
-            name=name,
-            pixel=pixel,
-            what=what,
-            width=width,
+            "camera_pixel_mm_too_little", name=name, pixel=pixel, what=what, width=width,
             least=least,
-        )
+        )  # fmt: skip
 
 
 def _by(what: str) -> str:

@@ -1,6 +1,13 @@
-from .api import open_session, setup
 from .edits import apply_tool, find_in_frames, page_words, session_state, without_model
-from .server import MOST_BYTES, ClickPreview, SetupServer, fit_answer, order_map_of_points
+from .server import (
+    MOST_BYTES,
+    ClickPreview,
+    SetupServer,
+    fit_answer,
+    open_session,
+    order_map_of_points,
+    setup,
+)
 from .session import (
     LiveModel,
     SetupSession,

@@ -286,8 +286,7 @@ def _set_values(session: SetupSession, values: Mapping[str, Any]) -> None:
 
 def _make_new(session: SetupSession, request: Request) -> None:
     """A scene from the form, in place of none."""
-    no_load = likely_no_load(session.beside())
-    text = new_scene_text(request["kind"], request["values"], no_load)
+    text = new_scene_text(request["kind"], request["values"], likely_no_load(session.beside()))
     if isinstance(session, SetSession):
         if request["kind"] != session.subject:
             raise InputError("kind_set", kind=request["kind"], subject=session.subject)
@@ -302,9 +301,8 @@ def _set_scale(session: SetupSession, request: Request) -> None:
     values: dict[str, Any] = {_PIXEL: pixel}
     camera = session.scene().camera
     if camera is not None and camera.pixel_mm is not None:
-        for key, edge in ((LEFT, camera.left_mm), (TOP, camera.top_mm)):
-            if edge is not None:
-                values[key] = round(edge * (pixel / camera.pixel_mm), _DIGITS)
+        edges, larger = {LEFT: camera.left_mm, TOP: camera.top_mm}, pixel / camera.pixel_mm
+        values |= {k: round(mm * larger, _DIGITS) for k, mm in edges.items() if mm is not None}
     _set_values(session, values)
 
 
@@ -417,9 +415,8 @@ def _set_region(session: SetupSession, request: Request) -> None:
         row, col = seen_at(pixels, 0.0, 0.0)
         cut = cut_out(pixels, new["height_px"], new["width_px"])
         values |= values_of_place(cut, (row + down, col + right))
-    for key in ("height_px", "width_px"):
-        if camera is not None and getattr(camera, key) is not None:
-            values[f"camera.{key}"] = new[key]
+    sides = [k for k in ("height_px", "width_px") if getattr(camera, k, None) is not None]
+    values |= {f"camera.{key}": new[key] for key in sides}
     if scene.frames.polygon_px is not None:
         values["frames.polygon_px"] = moved(scene.frames.polygon_px, down, right)
     shift = {"top_px": -down, "left_px": -right}
@@ -564,14 +561,22 @@ def find_in_frames(
         raise InputError("frame_there_counted_from_2", index=index, count=count)
     still = scene.friction is not None and scene.friction.static_state_first
     known = _known(scene, 1 if still and index == 0 and count > 1 else index, held=held)
-    draft = _drafted(session, scene, known)
+    try:
+        draft = draft_scene(session.frames, known, session.left_out(scene))
+    except IsochromeError as error:
+        raise type(error)(page_words(str(error))) from error
     values, notes = _values(draft, scene, guessed=guessed)
     _refuse_turn(scene, draft)
+    row, col = seen_at(pixel_grid(draft.scene), 0.0, 0.0)
 
     def edit(now: str) -> str:
         if now != started:
             raise InputError("scene_has_changed_during")
-        return _placed_text(session, set_values(text, values), draft)
+        edited = set_values(text, values)
+        scene = session.scene(edited)
+        region = session.region(scene)
+        place = (row - region.top_px, col - region.left_px)
+        return set_values(edited, values_of_place(session.pixels(scene), place))
 
     session.change(edit)
     shown = [v for v in draft.found if v.key in values or v.key in (LEFT, TOP)]
@@ -629,12 +634,12 @@ def _known(scene: Scene, index: int, *, held: bool) -> KnownValues:
     return known_values({"shape": scene.model, "frame": index, **given})
 
 
-def _drafted(session: SetupSession, scene: Scene, known: KnownValues) -> SceneDraft:
-    """The draft from the frames as they were captured, its refusals in the page's words."""
-    try:
-        return draft_scene(session.frames, known, session.left_out(scene))
-    except IsochromeError as error:
-        raise type(error)(page_words(str(error))) from error
+def _refuse_turn(scene: Scene, draft: SceneDraft) -> None:
+    """Refuse to turn a picture under what was set on it."""
+    stated, turn = scene.frames, draft.scene.frames.rotate_deg
+    on_it = stated.roi or stated.polygon_px or stated.orders_known
+    if on_it and (stated.rotate_deg or 0) != (turn or 0):
+        raise InputError("frame_explains_itself_turned", name=scene.name, turn=turn or 0)
 
 
 def _values(draft: SceneDraft, scene: Scene, *, guessed: bool) -> tuple[dict[str, Any], list[str]]:
@@ -658,20 +663,3 @@ def _values(draft: SceneDraft, scene: Scene, *, guessed: bool) -> tuple[dict[str
         if getattr(scene.camera, name, None) is not None:
             values[f"camera.{name}"] = draft.scene.get(f"camera.{name}")
     return values, notes
-
-
-def _refuse_turn(scene: Scene, draft: SceneDraft) -> None:
-    """Refuse to turn a picture under what was set on it."""
-    stated, turn = scene.frames, draft.scene.frames.rotate_deg
-    on_it = stated.roi or stated.polygon_px or stated.orders_known
-    if on_it and (stated.rotate_deg or 0) != (turn or 0):
-        raise InputError("frame_explains_itself_turned", name=scene.name, turn=turn or 0)
-
-
-def _placed_text(session: SetupSession, text: str, draft: SceneDraft) -> str:
-    """The text with the place that was found, counted in the scene's own region."""
-    row, col = seen_at(pixel_grid(draft.scene), 0.0, 0.0)
-    scene = session.scene(text)
-    region = session.region(scene)
-    place = (row - region.top_px, col - region.left_px)
-    return set_values(text, values_of_place(session.pixels(scene), place))

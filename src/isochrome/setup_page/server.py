@@ -1,4 +1,6 @@
-"""The page's server: the loopback address alone, a secret in every address, nothing else served.
+"""`setup`: a local page on which a scene is set up on its frames, and its server.
+
+The loopback address alone, a secret in every address, nothing else served.
 
 Other pages of the same browser can send requests here too. They do not know the token, the browser
 names them as the Origin, and an address of theirs that they let point here shows in Host.
@@ -12,10 +14,12 @@ import json
 import secrets
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import asdict
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -36,12 +40,22 @@ from isochrome.processing import (
     process_frame,
 )
 from isochrome.reporting import assemble_page, content_policy
-from isochrome.scene import Roi, Scene, toml_text, with_table_list
+from isochrome.scene import (
+    LIBRARY,
+    Roi,
+    Scene,
+    parse_toml,
+    read_text,
+    scene_names,
+    toml_text,
+    with_table_list,
+)
 from isochrome.setup_page.edits import (
     FIELDS,
     KINDS,
     SEARCHED,
     SET_KINDS,
+    Request,
     apply_tool,
     find_in_frames,
     line_tables,
@@ -51,6 +65,7 @@ from isochrome.setup_page.edits import (
     without_model,
 )
 from isochrome.setup_page.session import (
+    TABLES,
     SetSession,
     SetupSession,
     calibration_answer,
@@ -176,7 +191,7 @@ class ClickPreview:
         self._preview: AnchorPreview | None = None
         self._before: tuple[Any, PatchOrders] | None = None
 
-    def answer(self, index: int, request: Mapping[str, Any]) -> dict[str, Any]:
+    def answer(self, index: int, request: Request) -> dict[str, Any]:
         """What would become of the map of a frame: its `kind`, 'nothing' where no order is read.
 
         Asked: `points`, `lines` as they would stand; `at` (row, col) of the picture, `on_line`:
@@ -194,7 +209,7 @@ class ClickPreview:
             answer = _nothing(str(error))
         return answer | {"revision": revision}
 
-    def _found(self, index: int, request: Mapping[str, Any]) -> dict[str, Any]:
+    def _found(self, index: int, request: Request) -> dict[str, Any]:
         """The answer without the revision."""
         session, text = self._session, self._session.text
         now = without_model(session.scene(text), text)
@@ -208,8 +223,7 @@ class ClickPreview:
         if not (-0.5 <= row < rows - 0.5 and -0.5 <= col < cols - 0.5):
             return _nothing(message("outside_region_would_anchor", what=what))
         shift = region.model_dump()
-        points = order_tables(request["points"], shift)
-        text = with_table_list(text, "frames.known_order", points)
+        text = with_table_list(text, "frames.known_order", order_tables(request["points"], shift))
         text = with_table_list(text, "frames.known_line", line_tables(request["lines"], shift))
         then = without_model(session.scene(text), text)
         key = (self._key, now.frames.model_dump_json())
@@ -234,7 +248,7 @@ class ClickPreview:
         return old
 
 
-def _plainly(request: Mapping[str, Any]) -> dict[str, Any]:
+def _plainly(request: Request) -> dict[str, Any]:
     """What was asked, as numbers. Raises KeyError, TypeError, ValueError where it is none."""
     if request.get("at") is None:
         return {"at": None}
@@ -388,6 +402,13 @@ class SetupServer(ThreadingHTTPServer):
         """Say nothing of connections that a browser breaks off."""
 
 
+Picture = tuple[NDArray[np.uint8], Roi | None, Mapping[str, str]]
+"""Grey levels, their region, and more headers."""
+
+Route = Callable[[SetupServer, Request], Mapping[str, Any] | Picture]
+"""What answers a request: with a JSON object, or a picture."""
+
+
 class _Refused(Exception):
     """A request that is not answered: its status, and why."""
 
@@ -410,17 +431,29 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Give the page, a frame, or signs of life."""
-        self._answer(GETS)
+        self._answer({"": _Handler.send_page, "life": _Handler.send_life}, GETS)
 
     def do_POST(self) -> None:
         """Do what the page asks for."""
-        self._answer(POSTS)
+        self._answer({}, POSTS)
 
-    def _answer(self, routes: Mapping[str, Callable[[_Handler, Any], None]]) -> None:
+    def _answer(
+        self, direct: Mapping[str, Callable[[_Handler], None]], routes: Mapping[str, Route]
+    ) -> None:
+        """Answer by what the connection itself sends, or by a route to plain values."""
         try:
-            route, query = self._route(routes)
-            request = self._body() if self.command == "POST" else query
-            route(self, request)
+            name, request = self._asked({*direct, *routes})
+            if self.command == "POST":
+                request = self._body()
+            if name in direct:
+                direct[name](self)
+                return
+            with self.server.work if name in SLOW else nullcontext():
+                answer = routes[name](self.server, request)
+            if isinstance(answer, tuple):
+                self.send_picture(*answer)
+            else:
+                self.send_json(answer)
         except _Refused as refused:
             self.close_connection = True
             self.send_json({"error": str(refused)}, refused.status)
@@ -429,10 +462,8 @@ class _Handler(BaseHTTPRequestHandler):
         except (BrokenPipeError, ConnectionResetError, TimeoutError):
             self.close_connection = True
 
-    def _route(
-        self, routes: Mapping[str, Callable[[_Handler, Any], None]]
-    ) -> tuple[Callable[[_Handler, Any], None], dict[str, str]]:
-        """What answers a request, and its query. Raises _Refused for all that is not the page's."""
+    def _asked(self, names: Collection[str]) -> tuple[str, dict[str, Any]]:
+        """Which of the names was asked, and the query; _Refused for all that is not the page's."""
         hosts = self.headers.get_all("Host") or []
         if len(hosts) != 1 or hosts[0] not in self.server.hosts:
             raise _Refused(HTTPStatus.FORBIDDEN, message("address_not_page"))
@@ -444,11 +475,9 @@ class _Handler(BaseHTTPRequestHandler):
         token, _, name = parts.path.removeprefix("/").partition("/")
         if not hmac.compare_digest(token.encode(), self.server.token.encode()):
             raise _Refused(HTTPStatus.FORBIDDEN, message("address_token_wrong"))
-        route = routes.get(name)  # names alone: no path is ever made of what is asked for
-        if route is None:
+        if name not in names:  # names alone: no path is ever made of what is asked for
             raise _Refused(HTTPStatus.NOT_FOUND, message("there_nothing_name"))
-        query = {key: values[0] for key, values in parse_qs(parts.query).items()}
-        return route, query
+        return name, {key: values[0] for key, values in parse_qs(parts.query).items()}
 
     def _body(self) -> dict[str, Any]:
         """The JSON object that was sent. Raises _Refused before a byte of one too long is read."""
@@ -477,7 +506,7 @@ class _Handler(BaseHTTPRequestHandler):
         self._send(data, "application/json", status=status)
 
     def send_picture(
-        self, picture: NDArray[np.uint8], region: Roi | None = None, more: Mapping[str, str] = {}
+        self, picture: NDArray[np.uint8], region: Roi | None, more: Mapping[str, str]
     ) -> None:
         """Send grey levels as raw bytes, row by row, with their region and what more is said."""
         head = {"X-Rows": picture.shape[0], "X-Cols": picture.shape[1]}
@@ -534,7 +563,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.server.page_closed()
 
 
-def _index(request: Mapping[str, Any]) -> int:
+def _index(request: Request) -> int:
     """The number of a frame that was asked for. Raises _Refused where it is none."""
     text = str(request.get("frame", ""))
     if not (text.isascii() and text.isdigit() and len(text) < 10):
@@ -542,87 +571,207 @@ def _index(request: Mapping[str, Any]) -> int:
     return int(text)
 
 
-def _model(handler: _Handler, request: Mapping[str, Any]) -> None:
+def _model(server: SetupServer, request: Request) -> Picture:
     given = request.get("values") or {}
     if not isinstance(given, dict) or not all(
         isinstance(v, int | float) and not isinstance(v, bool) for v in given.values()
     ):
         raise _Refused(HTTPStatus.BAD_REQUEST, message("values_no_numbers"))
-    picture, region = handler.server.session.live(_index(request), given)
-    handler.send_picture(picture, region)
+    return *server.session.live(_index(request), given), {}
 
 
-def _set_of(handler: _Handler) -> SetSession:
+def _set_of(server: SetupServer) -> SetSession:
     """The session of a calibration set. Raises _Refused for a scene's."""
-    session = handler.server.session
-    if not isinstance(session, SetSession):
+    if not isinstance(server.session, SetSession):
         raise _Refused(HTTPStatus.BAD_REQUEST, message("page_sets_up_scene"))
-    return session
+    return server.session
 
 
-def _worked_out(
-    answer: Callable[[_Handler, Mapping[str, Any]], Mapping[str, Any]],
-) -> Callable[[_Handler, Mapping[str, Any]], None]:
-    """The route to an answer that takes a while: one fit, check or map at a time."""
-
-    def route(handler: _Handler, request: Mapping[str, Any]) -> None:
-        with handler.server.work:
-            values = answer(handler, request)
-        handler.send_json(values)
-
-    return route
-
-
-def _find(handler: _Handler, request: Mapping[str, Any]) -> None:
+def _find(server: SetupServer, request: Request) -> Mapping[str, Any]:
     """The scene of a frame by a cold search, and the state that it leaves."""
-    session, values = handler.server.session, request.get("values")
+    values = request.get("values")
     if not (values is None or isinstance(values, dict)):
         raise _Refused(HTTPStatus.BAD_REQUEST, message("values_no_form"))
     form = None if values is None else (str(request.get("kind")), values)
     held = request.get("held") is True
-    with handler.server.work:
-        answer = find_in_frames(session, _index(request), form=form, held=held)
-    handler.send_json(answer | {"state": session_state(session)})
+    answer = find_in_frames(server.session, _index(request), form=form, held=held)
+    return answer | {"state": session_state(server.session)}
 
 
-def _map(handler: _Handler, request: Mapping[str, Any]) -> None:
-    session = handler.server.session
-    with handler.server.work:
-        shown, warnings = order_map_of_points(session, _index(request))
+def _map(server: SetupServer, request: Request) -> Picture:
+    session = server.session
+    shown, warnings = order_map_of_points(session, _index(request))
     words = json.dumps(warnings)  # escapes whatever is not ASCII
     headers = {"X-Said": words if len(words) < 2000 else "[]"}
-    handler.send_picture(shown, session.region(session.scene_or_none()), headers)
+    return shown, session.region(session.scene_or_none()), headers
 
 
-def _tool(handler: _Handler, request: Mapping[str, Any]) -> None:
-    apply_tool(handler.server.session, request)
-    handler.send_json(session_state(handler.server.session))
+def _tool(server: SetupServer, request: Request) -> Mapping[str, Any]:
+    apply_tool(server.session, request)
+    return session_state(server.session)
 
 
-GETS: Mapping[str, Callable[[_Handler, Any], None]] = {
-    "": lambda handler, _: handler.send_page(),
-    "life": lambda handler, _: handler.send_life(),
-    "state": lambda handler, _: handler.send_json(session_state(handler.server.session)),
-    "frame": lambda handler, query: handler.send_picture(
-        handler.server.session.picture(_index(query))
-    ),
+GETS: Mapping[str, Route] = {
+    "state": lambda server, _: session_state(server.session),
+    "frame": lambda server, query: (server.session.picture(_index(query)), None, {}),
 }
 
-POSTS: Mapping[str, Callable[[_Handler, Any], None]] = {
+POSTS: Mapping[str, Route] = {
     "model": _model,
     "tool": _tool,
     "find": _find,
-    "fit": _worked_out(
-        lambda handler, request: fit_answer(handler.server.session, _index(request))
-    ),
-    "calibrate": _worked_out(lambda handler, _: calibration_answer(_set_of(handler))),
-    "outlines": lambda handler, request: handler.send_json(
-        {"outlines": _set_of(handler).outlines(_index(request))}
-    ),
-    "check": _worked_out(lambda handler, _: check_answer(handler.server.session)),
+    "fit": lambda server, request: fit_answer(server.session, _index(request)),
+    "calibrate": lambda server, _: calibration_answer(_set_of(server)),
+    "outlines": lambda server, request: {"outlines": _set_of(server).outlines(_index(request))},
+    "check": lambda server, _: check_answer(server.session),
     "map": _map,
-    "preview": lambda handler, request: handler.send_json(
-        handler.server.preview.answer(_index(request), request)
-    ),
+    "preview": lambda server, request: server.preview.answer(_index(request), request),
 }
-"""All that can be asked for, by its name behind the token."""
+"""All that can be asked for, by its name behind the token, beside the page and its life."""
+
+SLOW = ("find", "fit", "calibrate", "check", "map")
+"""What takes a while: one at a time."""
+
+
+_NEW_SCENE, _NEW_SET = "scene.toml", "set.toml"
+"""What a scene, and a calibration set, is called that is made on the page."""
+
+SUBJECTS = {"beam": "bending", "disc": "diametral"}
+"""What may be calibrated, and its kind of set."""
+
+
+def setup(
+    frames: str | Path | Sequence[str | Path],
+    scene: str | Path | None = None,
+    *,
+    calibration: str | None = None,
+    browser: bool = True,
+    port: int = 0,
+    announce: Callable[[str], None] | None = None,
+) -> Path | None:
+    """Open a local page on which a scene is set up on its frames.
+
+    On the picture are set: the scale, the surface, the contact, the region of interest, a mask, and
+    places of known order. The model's fringes lie over it and follow the sliders, a frame can be
+    fitted, and `check` says what it thinks. With `calibration` it is a calibration set that is set
+    up, of images at several loads: their loads, the beam's edges and rollers or the disc's rim, and
+    what `calibrate` finds. The page is served to this machine alone; it reads the
+    frames and the scene, and writes the scene when Save is pressed, comments kept. The call comes
+    back when the page is closed, or on Ctrl-C.
+
+    Parameters
+    ----------
+    frames : str, Path or sequence of them
+        The captured frames, as for `open_frames`.
+    scene : str or Path, optional
+        A scene file, which need not be there yet, or the name of a scene of the package, whose copy
+        becomes scene.toml. By default scene.toml beside the frames, or set.toml. A file that holds
+        a calibration set is set up as one; it may stand alone in place of the frames.
+    calibration : {'beam', 'disc'}, optional
+        What is calibrated, where a calibration set is to be made.
+    browser : bool, default True
+        Whether to open the page in the browser.
+    port : int, default 0
+        Port on the loopback address; 0: a free one.
+    announce : callable, optional
+        Called with the page's address once it can be opened.
+
+    Returns
+    -------
+    Path or None
+        The scene file; None where nothing was saved.
+
+    Raises
+    ------
+    InputError
+        Where the frames or the scene cannot be read, or the port is taken.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> isochrome.setup("captured.tif", browser=False, announce=print)  # doctest: +SKIP
+    http://127.0.0.1:40325/R9dEzNpqYTHa5FgYgbHkcrnLhLxBr6dQ/
+    PosixPath('scene.toml')
+    """
+    session = open_session(frames, scene, calibration=calibration)
+    try:
+        server = SetupServer(session, port)
+    except (OSError, OverflowError) as error:
+        raise InputError("port_cannot_used_machine", port=port, error=error) from error
+    if announce is not None:
+        announce(server.url)
+    if browser:
+        import webbrowser
+
+        webbrowser.open(server.url)
+    with suppress(KeyboardInterrupt):  # the user's way to end it, as good as closing the page
+        server.run()
+    return session.scene_file if session.saves else None
+
+
+def open_session(
+    frames: str | Path | Sequence[str | Path],
+    scene: str | Path | None = None,
+    *,
+    calibration: str | None = None,
+) -> SetupSession:
+    """Open the frames, and the scene or calibration set where there is one, as for `setup`.
+
+    The file of a calibration set is taken for frames too.
+    """
+    if calibration is not None and calibration not in SUBJECTS:
+        raise InputError(
+            "calibration_none_name_one", calibration=calibration, subjects=", ".join(SUBJECTS)
+        )
+    given = frames if isinstance(frames, str | Path) else tuple(frames)
+    if scene is None and isinstance(given, str | Path) and Path(given).suffix.lower() == ".toml":
+        scene, given = given, _images_of(Path(given))
+    first = Path(given if isinstance(given, str | Path) else given[0])
+    folder = first if first.is_dir() else first.parent
+    if scene is not None and str(scene) in scene_names() and not Path(scene).exists():
+        text = (LIBRARY / f"{scene}.toml").read_text("utf-8")
+        return SetupSession(given, folder / _NEW_SCENE, text, saved=False)
+    place = Path(scene) if scene is not None else folder / (_NEW_SET if calibration else _NEW_SCENE)
+    return _session_of(given, place, calibration)
+
+
+def _session_of(
+    given: str | Path | tuple[str | Path, ...], place: Path, calibration: str | None
+) -> SetupSession:
+    """The session on a scene's or set's file, which may not be there yet; its line ends stay."""
+    if place.is_dir() or not place.parent.is_dir():
+        raise InputError("scene_cannot_written_there", place=place)
+    text, saved = "", place.is_file()
+    if saved:
+        read_text(place)  # its refusals: too large, a picture, not UTF-8
+        text = place.read_bytes().decode("utf-8-sig")
+    subject = _subject(text, place, calibration)
+    session = (
+        SetupSession(given, place, text, saved=saved)
+        if subject is None
+        else SetSession(given, place, text, saved=saved, subject=subject)
+    )
+    if saved:
+        session.scene()  # what is wrong with it is said before a page opens
+    return session
+
+
+def _subject(text: str, place: Path, calibration: str | None) -> str | None:
+    """The kind of set that a text is, or is to be; None for a scene."""
+    holds = parse_toml(text, str(place)).keys() if text.strip() else ()
+    (kind,) = [k for k, table in TABLES.items() if table in holds] or (None,)
+    if calibration is None:
+        return kind
+    if holds and kind != SUBJECTS[calibration]:
+        raise InputError("holds_no_so_no", place=place, calibration=calibration)
+    return SUBJECTS[calibration]
+
+
+def _images_of(place: Path) -> tuple[Path, ...]:
+    """The images of a calibration set's file."""
+    images = parse_toml(read_text(place), str(place)).get("image")
+    listed = images if isinstance(images, list) else ()
+    files = [one.get("file") for one in listed if isinstance(one, dict)]
+    if not files or not all(isinstance(file, str) for file in files):
+        raise InputError("names_no_image_so", place=place)
+    return tuple(place.parent / str(file) for file in files)

@@ -48,6 +48,7 @@ from isochrome.frames import (
     likely_no_load,
     named_files,
     open_frames,
+    reading_options,
     with_file_scale,
 )
 from isochrome.messages import message
@@ -55,7 +56,6 @@ from isochrome.output import with_uncertainty, write_text
 from isochrome.processing import own_scene
 from isochrome.runs import single_threaded
 from isochrome.scene import (
-    Frames,
     FramesLike,
     Roi,
     Scene,
@@ -450,14 +450,8 @@ class SetupSession:
         return self._sequence(scene).reader
 
     def _sequence(self, scene: Scene | None) -> SequentialFrames:
-        frames = scene.frames if scene is not None else Frames()
-        camera = scene.camera if scene is not None else None
-        options: dict[str, Any] = {
-            **{name: getattr(frames, name) for name in ("rotate_deg", "flip", "channel")},
-            "wavelength_nm": scene.polariscope.wavelength_nm if scene is not None else None,
-            "bit_depth": camera.bit_depth if camera is not None else None,
-            "leave_out": self.left_out(scene),
-        }
+        options = reading_options(scene) if scene is not None else {}
+        options["leave_out"] = self.left_out(scene)
         key = tuple(options.values())
         with self._lock:
             if key not in self._readers:
@@ -515,8 +509,7 @@ class SetupSession:
                 span = grey_span(_cut(shown_frame(frame.image), region))
                 self._model = key, model, span
             _, model, span = self._model
-            gamma = scene.frames.first_gamma
-            return shown_grey(model.signal(values), span, gamma), region
+            return shown_grey(model.signal(values), span, scene.frames.first_gamma), region
 
 
 def shown_frame(image: NDArray[Any]) -> NDArray[np.uint8]:
@@ -602,12 +595,9 @@ class SetSession(SetupSession):
         for table in tables:
             if table not in (*_PICTURED, name, "image", "uncertainty"):
                 raise InputError(
-                    "none_set_tables_image",
-                    label=label,
-                    table=table,
-                    name=name,
+                    "none_set_tables_image", label=label, table=table, name=name,
                     pictured=", ".join(_PICTURED),
-                )
+                )  # fmt: skip
         validate(_BODIES[name], plain_table(tables.get(name, {})), f"{label}: [{name}]")
         pictured = {t: tables[t] for t in _PICTURED if t in tables}
         scene = load_scene({"specimen": {"shape": "other"}, **pictured})

@@ -106,9 +106,8 @@ def _parsed(text: str) -> tuple[str, list[float]]:
         if not equals or not key or not np.isfinite(result).all():
             raise ValueError
     except ValueError:
-        comma = (
-            "with points in its numbers, not commas, " if "," in values and ":" in values else ""
-        )
+        has_both = "," in values and ":" in values
+        comma = "with points in its numbers, not commas, " if has_both else ""
         raise InputError("vary_give_key_first", text=text, comma=comma) from None
     return key.strip(), result
 
@@ -198,23 +197,19 @@ def _simulated(grid: SweepGrid, layout: RunLayout, start: int, stop: int) -> Res
     shape = tuple(layout.shape.values())
     table, more = [], []
     for index in range(start, stop):
-        history: dict[str, list[Any]] = {}
-        reason = ""
+        history, reason = dict[str, list[Any]](), ""
         try:
             result = simulate(grid.scene_at(index))
             assert result.orders is not None and result.frames is not None
             pictures = {ORDER.name: result.orders, GREY.name: result.frames}
-            history = result.history
+            for name, values in result.history.items():
+                history[name] = [v.item() if isinstance(v, np.generic) else v for v in values]
         except PhysicsError as error:
             reason = str(error)
             pictures = dict.fromkeys(arrays, np.full(shape, np.nan, np.float32))
         for name, selected in arrays.items():
             selected.append(pictures[name].astype(np.float32))
-        plain = {
-            name: [v.item() if isinstance(v, np.generic) else v for v in values]
-            for name, values in history.items()
-        }
-        table.append({"history": plain, "reason": reason})
+        table.append({"history": history, "reason": reason})
         more.append({"status": "failed" if reason else "ok"})
     return Results({name: np.stack(selected) for name, selected in arrays.items()}, table, more)
 
@@ -294,13 +289,8 @@ def sweep(
     axes = {key: list(values) for key, values in grid.values.items()}
     identity = run_identity(dump_scene(scene), scene.files(of_frames=False), axes, seed)
     job = Job(partial(_simulated, grid, layout), layout, identity)
-    run_job(
-        job,
-        out,
-        lambda run_folder: _finish(run_folder, job, grid),
-        means=RunOptions(workers, cluster, restart),
-        progress=progress,
-    )
+    options = RunOptions(workers, cluster, restart)
+    run_job(job, out, partial(_finish, job=job, grid=grid), means=options, progress=progress)
     with open_run(out) as dataset:
         reasons = [str(text) for text in dataset.reason.values.ravel() if text]
     return Swept(Path(out), layout.count, len(reasons), grid.values, tuple(dict.fromkeys(reasons)))
@@ -312,11 +302,11 @@ def _layout(grid: SweepGrid) -> RunLayout:
     first = grid.scene_at(0)
     if not first.has_model or first.camera is None:
         raise InputError("sweep_needs_model_camera", name=first.name)
-    forms = set()
-    for index in range(count):
-        scene = grid.scene_at(index)
-        pixels = pixel_grid(scene)
-        forms.add((state_count(scene), pixels.rows, pixels.cols, scene.polariscope.step_numbers))
+    forms = {
+        (state_count(scene), pixels.rows, pixels.cols, scene.polariscope.step_numbers)
+        for scene in map(grid.scene_at, range(count))
+        for pixels in [pixel_grid(scene)]
+    }
     if len(forms) > 1:
         raise InputError("vary_changes_number_states", values=", ".join(grid.values))
     ((states, rows_, cols, steps),) = forms
@@ -338,14 +328,30 @@ def _finish(run_folder: RunFolder, job: Job, grid: SweepGrid) -> None:
         )
     write_csv(run_folder.results / TABLE, table)
     write_text(run_folder.results / "scene.toml", dump_scene(grid.scene))
-    _add_table(run_folder, job, grid, table)
+    # the columns over the varied keys and state, and the axes' coordinates
+    keys, count = (*grid.values, "state"), run_folder.layout.shape["state"]
+    shape = (*grid.counts.values(), count)
+    columns: dict[str, Column] = {}
+    for name in [name for name in table if name not in keys]:
+        values, axes = table[name], keys
+        text = any(isinstance(value, str) for value in values)
+        data = (texts(values) if text else numbers(values)).reshape(shape)
+        if name in ("status", "reason"):  # of the point, whatever its states
+            data, axes = data[..., 0], axes[:-1]
+        columns[name] = Column(axes, data, named_units(name))
+    places = {**grid.values, "state": range(count)}
+    coordinates = {
+        name: Column((name,), np.array(along), named_units(name)) for name, along in places.items()
+    }
+    if not any(key.startswith("camera.") for key in grid.values):
+        coordinates |= picture_axes(pixel_grid(grid.scene_at(0)))
+    add_columns(run_folder.results / STORE, columns, coordinates, attributes(job.identity))
 
 
 def _table(run_folder: RunFolder, grid: SweepGrid) -> dict[str, list[Any]]:
     """A row for each state of each point: the varied keys, and the columns of history.csv."""
-    names: dict[str, None] = {}
-    for row, _ in rows(run_folder):
-        names |= dict.fromkeys(name for name in row["history"] if name != "state")
+    histories = (row["history"] for row, _ in rows(run_folder))
+    names = dict.fromkeys(name for one in histories for name in one if name != "state")
     keys = (*grid.values, "state", "status", *names, "reason")
     table: dict[str, list[Any]] = {key: [] for key in keys}
     for index, (row, more) in enumerate(rows(run_folder)):
@@ -357,30 +363,6 @@ def _table(run_folder: RunFolder, grid: SweepGrid) -> dict[str, list[Any]]:
                 values = row["history"].get(name)
                 table[name].append(None if values is None else values[state])
     return table
-
-
-def _add_table(
-    run_folder: RunFolder, job: Job, grid: SweepGrid, table: dict[str, list[Any]]
-) -> None:
-    """The table's columns over the varied keys and state, and the axes' coordinates."""
-    shape = (*grid.counts.values(), run_folder.layout.shape["state"])
-    columns: dict[str, Column] = {}
-    for name, values in table.items():
-        if name in (*grid.values, "state"):
-            continue
-        text = any(isinstance(value, str) for value in values)
-        data = (texts(values) if text else numbers(values)).reshape(shape)
-        axes: tuple[str, ...] = (*grid.values, "state")
-        if name in ("status", "reason"):  # of the point, whatever its states
-            data, axes = data[..., 0], axes[:-1]
-        columns[name] = Column(axes, data, named_units(name))
-    places = {**grid.values, "state": range(shape[-1])}
-    coordinates = {
-        name: Column((name,), np.array(along), named_units(name)) for name, along in places.items()
-    }
-    if not any(key.startswith("camera.") for key in grid.values):
-        coordinates |= picture_axes(pixel_grid(grid.scene_at(0)))
-    add_columns(run_folder.results / STORE, columns, coordinates, attributes(job.identity))
 
 
 DRAWN = {"n_max": "largest fringe order", "p_max_mpa": "largest pressure (MPa)"}
