@@ -10,12 +10,13 @@ from isochrome.estimation import evaluate_prepared, prepare
 from isochrome.fitting import placed
 from isochrome.fitting.search.coarse_fields import (
     THETA,
+    SearchPixels,
+    Space,
     field_maker,
     pressure_table,
     search_values,
     theta_of,
 )
-from isochrome.fitting.search.descents import SearchPixels, Space
 from isochrome.reference import (
     coupled_contact,
     coupled_stress,

@@ -6,17 +6,19 @@ import numpy as np
 import pytest
 
 from fitting.pressed import CONTACT, Pressed
-from isochrome.fitting.tractions.binned_pixels import Bins, bin_averaging, make_bins
-from isochrome.fitting.tractions.surface_fit import what_to_say
-from isochrome.fitting.tractions.traction_basis import lattice_px, make_basis
+from isochrome.fitting.tractions.surface_fit import Stage, what_to_say
 from isochrome.fitting.tractions.traction_solver import (
+    Bins,
     Solution,
     TractionProblem,
+    bin_averaging,
     discrepancy_strength,
+    lattice_px,
+    make_basis,
+    make_bins,
     smoothness,
     with_signs,
 )
-from isochrome.fitting.tractions.traction_stage import Stage
 from isochrome.stress import PixelGrid
 from isochrome.stress.half_plane import difference_and_trace
 

@@ -2,7 +2,7 @@ from .beam.api import bending_from_shots, calibrate_bending
 from .camera_scale import calibrate_scale, fit_target
 from .colour import ColourCalibration, calibrate_colour, check_light, read_colour_shots
 from .disc.api import calibrate_disc, disc_from_shots
-from .disc.disc_rim import Circle, find_rim, fit_circle
+from .disc.disc_field import Circle, find_rim, fit_circle
 from .load_reading import LoadReading, LoadSeries, lay_series, read_load
 from .loading import read_shots
 from .order_line import Input, fit_line, uncertainty_budget, widened_to_held_out

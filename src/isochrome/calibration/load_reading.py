@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.calibration.disc.disc_rim import Circle, find_rim
+from isochrome.calibration.disc.disc_field import Circle, find_rim
 from isochrome.calibration.disc.order_slope import (
     FEWEST_LOADS,
     OrdersFit,

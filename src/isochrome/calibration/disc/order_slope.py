@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.calibration.disc.disc_field import ORDERS, DiscPixels, disc_image, disc_order
-from isochrome.calibration.disc.disc_rim import Circle
+from isochrome.calibration.disc.disc_field import ORDERS, Circle, DiscPixels, disc_image, disc_order
 from isochrome.calibration.result import ImageFit, View
 from isochrome.calibration.shot import Shot
 

@@ -28,11 +28,13 @@ from isochrome.fitting.search.coarse_fields import (
     TOP,
     ContactField,
     PressureTable,
+    SearchPixels,
+    Space,
+    descend,
     pressure_table,
     search_values,
     theta_of,
 )
-from isochrome.fitting.search.descents import SearchPixels, Space, descend
 from isochrome.frames import as_turned
 from isochrome.scene import Scene
 from isochrome.stress import PixelGrid

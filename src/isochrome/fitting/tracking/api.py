@@ -10,7 +10,6 @@ from isochrome.fitting.folder import column_name, keep_values, kept_values
 from isochrome.fitting.frame.frame_fit import placed
 from isochrome.fitting.frame.single_state import slid_until, sliding_scene
 from isochrome.fitting.frame_set import refuse_keys, refuse_states
-from isochrome.fitting.tracking.apparatus import Apparatus, find_apparatus
 from isochrome.fitting.tracking.result import (
     TRACK_PARTS,
     Track,
@@ -19,7 +18,7 @@ from isochrome.fitting.tracking.result import (
     restored,
     track_row,
 )
-from isochrome.fitting.tracking.tracker import Tracker
+from isochrome.fitting.tracking.tracker import Apparatus, Tracker, find_apparatus
 from isochrome.frames import (
     FrameReader,
     SequentialFrames,
