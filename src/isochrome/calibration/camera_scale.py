@@ -287,12 +287,9 @@ def fit_target(places: Sequence[Array], shape: tuple[int, int]) -> TargetFit:
     options = {"method": "trf", "jac": "3-point", "x_scale": "jac", "xtol": 1e-12, "ftol": 1e-12}
     best = least_squares(residual, first, **options)
     if np.abs(best.x[1:4]).max() > _LARGEST:
+        x, x_2, x_3 = best.x[1:4]
         raise PhysicsError(
-            "target_seen_keystone_distortion",
-            x=best.x[1],
-            x_2=best.x[2],
-            x_3=best.x[3],
-            largest=_LARGEST,
+            "target_seen_keystone_distortion", x=x, x_2=x_2, x_3=x_3, largest=_LARGEST
         )
     residuals = _residual(best.x, points, grids, shape)
     more = least_squares(residual, np.append(best.x, [0.0, 0.0]), **options)

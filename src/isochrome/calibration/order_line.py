@@ -62,10 +62,15 @@ def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) ->
     noise = float(np.sqrt(_solve(p, n, v)[1][0, 0]))
     slope_u, intercept_u = np.sqrt(np.diag(covariance))
     return OrderLine(
-        slope=float(values[0]), slope_uncertainty=max(float(slope_u), noise), slope_noise=noise,
-        intercept=float(values[1]), intercept_uncertainty=float(intercept_u), scatter=scatter,
-        left_out=_left_out(p, n, wide), weights=tuple(weights[0]),
-    )  # fmt: skip
+        slope=float(values[0]),
+        slope_uncertainty=max(float(slope_u), noise),
+        slope_noise=noise,
+        intercept=float(values[1]),
+        intercept_uncertainty=float(intercept_u),
+        scatter=scatter,
+        left_out=_left_out(p, n, wide),
+        weights=tuple(weights[0]),
+    )
 
 
 def check_order(loads_n: ArrayLike, orders: ArrayLike, names: tuple[str, ...]) -> None:
@@ -154,21 +159,15 @@ def order_messages(
     if line.intercept is None or line.intercept_uncertainty is None:
         return ()
     messages = []
-    r, u = line.intercept, line.intercept_uncertainty
+    r, u, slope = line.intercept, line.intercept_uncertainty, line.intercept / line.slope
     for item in unloaded:
         order = float(np.sqrt(max(item.square, 0.0)))
         spread = np.sqrt(item.uncertainty**2 + (2.0 * r * u) ** 2 + 2.0 * u**4)
         if abs(r**2 - item.square) > CERTAIN * spread and abs(abs(r) - order) > NOTICED:
-            messages.append(
-                message(
-                    "shows_order_no_load",
-                    file=item.file,
-                    order=order,
-                    r=r,
-                    slope=r / line.slope,
-                    load_n=load_n,
-                )
+            text = message(
+                "shows_order_no_load", file=item.file, order=order, r=r, slope=slope, load_n=load_n
             )
+            messages.append(text)
     return tuple(messages)
 
 
@@ -350,15 +349,10 @@ def widened_to_held_out(calibration: Calibration) -> Calibration:
     items = (*calibration.budget, BudgetItem("held-out loads", part / value, "", part, 0.0))
     budget = [replace(i, share=(i.contribution_n_per_mm / total) ** 2) for i in items]
     text = message(
-        "shows_order_where_other",
-        file=image.file,
-        load_n=image.load_n,
-        order=image.order,
-        predicted_order=image.predicted_order,
-        pulls=pulls[worst],
-        standard_uncertainty=calibration.standard_uncertainty,
-        total=total,
-    )
+        "shows_order_where_other", file=image.file, load_n=image.load_n, order=image.order,
+        predicted_order=image.predicted_order, pulls=pulls[worst],
+        standard_uncertainty=calibration.standard_uncertainty, total=total,
+    )  # fmt: skip
     return replace(
         calibration,
         images=_expected(calibration.images, np.hypot(noise, orders * total / value)),

@@ -211,7 +211,7 @@ def _narrowed(nodes: Array, weight: Array) -> tuple[float, float]:
     return max(middle - room, float(nodes[0])), min(middle + room, float(nodes[-1]))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class WornDistance:
     """A distance's own coefficient, k = V/(P s).
 

@@ -161,12 +161,9 @@ def _contact_reach(
     widest = max(hertz, worn)
     reach = widest * ((hertz / widest) ** 3 + (worn / widest) ** 3) ** (1.0 / 3.0)
     if not reach <= STEEPEST * radius:
+        name = scene.name
         raise PhysicsError(
-            "contact_half_width_would",
-            name=scene.name,
-            reach=reach,
-            steepest=STEEPEST,
-            radius=radius,
+            "contact_half_width_would", name=name, reach=reach, steepest=STEEPEST, radius=radius
         )
     if indenter.profile is not None:
         x, _ = read_profile(scene.path(indenter.profile))

@@ -173,14 +173,10 @@ def joint_stage(
     PhysicsError for unknowns that the frames do not tell, or not apart.
     """
     if not any(fit.positive for fit in single_fits):
-        cause = next(
-            iter(messages_of_frames(messages, single=sequence.count == 1)), message(CORRECT)
-        )
+        causes = messages_of_frames(messages, single=sequence.count == 1)
+        cause, count = next(iter(causes), message(CORRECT)), len(single_fits)
         raise PhysicsError(
-            "nothing_could_read_any",
-            name=data.given.name,
-            single_fits_count=len(single_fits),
-            cause=cause,
+            "nothing_could_read_any", name=data.given.name, single_fits_count=count, cause=cause
         )
     data.plain = {i for i, fit in enumerate(single_fits) if fit.plain}
     data.noises = {i: fit.noise_ratio for i, fit in enumerate(single_fits) if fit.noise_ratio > 1.0}

@@ -209,10 +209,9 @@ def _budgets(estimates: dict[str, Any], frame: int | None) -> list[KeyBudget]:
 
 def _whole(table: dict[str, dict[str, Any]]) -> Found:
     """JSON knows no infinity: an uncertainty that is not there is one."""
+    unknown = dict.fromkeys(PARTS, np.inf) | {"value": np.nan}
     return {
-        key: {
-            part: _number(estimate[part], np.nan if part == "value" else np.inf) for part in PARTS
-        }
+        key: {part: _number(estimate[part], nothing) for part, nothing in unknown.items()}
         for key, estimate in table.items()
     }
 

@@ -113,12 +113,9 @@ def _lit(contrast: Array, valid: Mask) -> Mask:
     if not valid.any():
         raise InputError("frame_has_no_pixel")
     used = np.asarray(valid.any(axis=(0, 1)))
-    usual = np.array(
-        [
-            float(np.percentile(contrast[..., c][valid[..., c]], 95)) if used[c] else np.inf
-            for c in range(len(used))
-        ]
-    )
+    usual = np.full(len(used), np.inf)
+    for c in np.flatnonzero(used):
+        usual[c] = np.percentile(contrast[..., c][valid[..., c]], 95)
     if not (usual > 0.0).all():
         raise InputError("frame_has_no_contrast_between")
     share = (contrast / usual).sum(axis=-1) / np.count_nonzero(used)

@@ -124,15 +124,8 @@ def settle_field(
     # nearer to a whole order than to be told from zero, a sign that breaks may do no harm
     known = _solid(known & ~_broken(turns - np.rint(turns), turns, direction))
 
-    settled = partial(
-        settle,
-        turns,
-        direction,
-        known_order=known_order,
-        model=model,
-        residual=residual,
-        compatible=compatible,
-    )
+    settled = partial(settle, turns, direction, known_order=known_order, model=model)
+    settled = partial(settled, residual=residual, compatible=compatible)
     numbers, parts, warnings = settled(known)
     harmful = known & _broken(np.nan_to_num(turns + numbers), turns, direction)
     if harmful.any():
@@ -614,12 +607,8 @@ def read_steps(
     orders that the frames show, residual stress and all. InputError as `read_residual`.
     """
     light = measure_steps(stack, chains, sigma=sigma, valid=valid)
-    settled = settle_field(
-        light,
-        known_order=known_order,
-        model=model,
-        residual=None if residual is None else residual.field,
-    )
+    field = None if residual is None else residual.field
+    settled = settle_field(light, known_order=known_order, model=model, residual=field)
     return _result(light, settled, _of_load(light, settled, residual), residual)
 
 

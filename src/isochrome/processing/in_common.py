@@ -61,10 +61,7 @@ def shift_messages(grid: PixelGrid | None, table: Mapping[str, Sequence[Any]]) -
         for name, shift in far.items()
         if grid and (shift > 0.5 * grid.pixel_mm).any()
     ]
-    if not beyond:
-        return []
-    reach = " and ".join(beyond)
-    return [message("frames_own_places_lie", reach=reach)]
+    return [message("frames_own_places_lie", reach=" and ".join(beyond))] if beyond else []
 
 
 _GAMMA = "gamma"

@@ -580,19 +580,11 @@ def levelled(trace: Trace) -> LevelledTrace:
     unworn = unworn & (np.abs(bins.x_mm - place.centre_mm) > (1.0 + _FLANK) * place.half_mm)
     result = _level(bins, place, roughness, unworn, messages=messages, name=trace.name, ridged=True)
     left_um, right_um = (1e3 * ridge for ridge in result.ridges_mm2)
-    return replace(
-        result,
-        messages=(
-            *messages,
-            message(
-                "ridges_mm_stand_beside",
-                name=trace.name,
-                left_um=left_um,
-                right_um=right_um,
-                worn_area_mm2=1e3 * result.worn_area_mm2,
-            ),
-        ),
+    name, worn = trace.name, 1e3 * result.worn_area_mm2
+    text = message(
+        "ridges_mm_stand_beside", name=name, left_um=left_um, right_um=right_um, worn_area_mm2=worn
     )
+    return replace(result, messages=(*messages, text))
 
 
 def _find(bins: BinnedTrace, name: str) -> tuple[ScarShape, Roughness, Mask]:
@@ -644,13 +636,9 @@ def _check_shoulders(bins: BinnedTrace, place: ScarShape, name: str) -> None:
     lengths = bins.spacing_mm * np.array([side.sum() for side in _beside(bins, place)])
     width = high - low
     if lengths.sum() < _SHOULDERS * width or lengths.min() < _SHOULDER * width:
+        before, after = lengths
         raise InputError(
-            "beside_scar_from_mm",
-            name=name,
-            low=low,
-            high=high,
-            lengths=lengths[0],
-            lengths_2=lengths[1],
+            "beside_scar_from_mm", name=name, low=low, high=high, lengths=before, lengths_2=after
         )
 
 

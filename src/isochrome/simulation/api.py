@@ -186,10 +186,8 @@ def _frames(folder: Path, scene: Scene, history: Mapping[str, Sequence[Any]]) ->
                     Pane("order", "fringe order N", order, span, FRINGES),
                 ),
                 order=order,
-                pixel_mm=pixels.pixel_mm,
-                left_mm=pixels.left_mm,
-                top_mm=pixels.top_mm,
                 notes=tuple(notes),
+                **pixels.scale,
             )
         )
     return frames
@@ -276,10 +274,7 @@ def _view(
         for label in history["label"]
         for step in range(steps)
     ]
-    return imagej_view(
-        name, span, labels=labels, pixel_mm=pixels.pixel_mm, left_mm=pixels.left_mm,
-        top_mm=pixels.top_mm,
-    )  # fmt: skip
+    return imagej_view(name, span, labels=labels, **pixels.scale)
 
 
 def _form(work: RenderWork, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:

@@ -491,11 +491,9 @@ def polariscope_light(scene: Scene, stress: ArrayLike, *, step: int | None = Non
         if getattr(scene.specimen, key) is None:
             raise InputError("specimen_missing_add", name=scene.name, key=key)
     if step is not None and step not in scene.polariscope.step_numbers:
+        count = len(scene.polariscope.step)
         raise InputError(
-            "step_polariscope_has_polariscope",
-            name=scene.name,
-            step=step,
-            step_count=len(scene.polariscope.step),
+            "step_polariscope_has_polariscope", name=scene.name, step=step, step_count=count
         )
     picture = make_picture(scene, values, pixels)
     refuse_too_fine(scene, picture)

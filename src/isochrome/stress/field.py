@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,6 +100,11 @@ class PixelGrid:
         return self.top_mm + self.pixel_mm * (np.arange(self.rows) + 0.5)
 
     @property
+    def scale(self) -> dict[str, Any]:
+        """Its pixel's size and outer edges (mm), as pictures and stacks take them."""
+        return {"pixel_mm": self.pixel_mm, "left_mm": self.left_mm, "top_mm": self.top_mm}
+
+    @property
     def places(self) -> tuple[Floats, Floats]:
         """x and z (mm) that the pixels look at, of shapes that broadcast to (rows, cols)."""
         return (self.x_mm[None, :], self.z_mm[:, None]) if self.lens is None else _looked_at(self)
@@ -168,12 +173,9 @@ def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
             raise InputError("camera_missing_add", name=scene.name, key=key)
     assert rows is not None and cols is not None and camera.pixel_mm is not None
     if rows * cols > MAX_PIXELS:
+        name = scene.name
         raise InputError(
-            "camera_width_px_height_px_over",
-            name=scene.name,
-            cols=cols,
-            rows=rows,
-            max_pixels=MAX_PIXELS,
+            "camera_width_px_height_px_over", name=name, cols=cols, rows=rows, max_pixels=MAX_PIXELS
         )
     left_mm, top = camera.left_mm, camera.top_mm
     if left_mm is None:

@@ -23,7 +23,6 @@ from isochrome.calibration.beam.beam_view import (
     edge_distance,
     find_beam,
 )
-from isochrome.calibration.loading import calibrate_channels
 from isochrome.calibration.order_line import (
     Input,
     ResidualOrder,
@@ -32,7 +31,7 @@ from isochrome.calibration.order_line import (
 )
 from isochrome.calibration.result import Calibration, ImageFit, View
 from isochrome.calibration.settings import Beam, SetLike, Uncertainty, load_set
-from isochrome.calibration.shot import Shot, by_load, unused
+from isochrome.calibration.shot import Shot, by_load, calibrate_channels, unused
 from isochrome.calibration.whole_set.set_fit import fit_set, plain_terms
 from isochrome.calibration.whole_set.set_image import looked_at
 from isochrome.calibration.whole_set.set_model import LENS, Kind, SetFit, SetModel
@@ -174,17 +173,12 @@ def _fit(shot: Shot, view: BeamView, cols: Array, share: float) -> SeveralStarts
     margin = max(4.0, share * view.height_px)
     depth = y - view.tilt * x - view.top
     return smooth_starts(
-        shot.light[:, pick],
-        lambda params: beam_signal(beam_order(params, y, x), shot.bright),
-        view.starts,
-        light=shot.lamp(slice(None), pick),
+        shot.light[:, pick], lambda params: beam_signal(beam_order(params, y, x), shot.bright),
+        view.starts, light=shot.lamp(slice(None), pick),
         mask=shot.valid[:, pick] & (depth > margin) & (depth < view.height_px - margin),
-        sigma=shot.sigma[:, pick],
-        scale=view.scale,
-        lower=[0.0, -np.inf, -0.3],
-        upper=[0.5, np.inf, 0.3],
-        scan_pixels=20_000,
-    )
+        sigma=shot.sigma[:, pick], scale=view.scale, lower=[0.0, -np.inf, -0.3],
+        upper=[0.5, np.inf, 0.3], scan_pixels=20_000,
+    )  # fmt: skip
 
 
 def _check(shot: Shot, found: SeveralStarts, seen_px: float) -> None:
@@ -269,15 +263,11 @@ def beam_kind(fit: BeamFit) -> Kind:
         return np.array([slope, row, tilt])
 
     return Kind(
-        besides=MOMENT,
-        order=order,
+        besides=MOMENT, order=order,
         by_besides=lambda own, _, rows, cols: beam_order(own, rows, cols - middle) * along(cols),
-        sizes=np.full(2, 0.5 * BENT),
-        steps=1e-4 * fit.view.scale,
-        largest=fit.view.scale,
-        idle=idle,
-        idle_steps=np.array([1e-4]),
-    )
+        sizes=np.full(2, 0.5 * BENT), steps=1e-4 * fit.view.scale, largest=fit.view.scale,
+        idle=idle, idle_steps=np.array([1e-4]),
+    )  # fmt: skip
 
 
 def moment_sentence(fit: SetFit) -> tuple[str, ...]:

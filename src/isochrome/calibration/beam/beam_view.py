@@ -240,7 +240,8 @@ def find_beam(shot: Shot, height_px: float) -> BeamView:
     best = _peaks(cost.min(axis=0), 4)
     cost, phase = _scan(rows, values, count, tops, height_px, slopes[best])
     place = int(np.argmin(cost.min(axis=1)))
-    if cost.min() > 0.95 * _smooth_cost(rows, values, count):
+    smooth = np.polynomial.Polynomial.fit(rows, values, 2, w=np.sqrt(count))(rows)
+    if cost.min() > 0.95 * float(np.sum(count * (values - smooth) ** 2)):
         raise PhysicsError("no_fringes_rise_across", name=shot.name)
     middle = tops[place] + 0.5 * height_px
     starts = []
@@ -294,11 +295,8 @@ def _profile(shot: Shot, shear: float) -> tuple[Array, Array, Array]:
     count = np.bincount(index)
     total = np.bincount(index, weights=shot.light[:, cols][keep])
     good = count >= 0.3 * len(cols)
-    return (
-        np.flatnonzero(good).astype(float) + low,
-        total[good] / count[good],
-        count[good].astype(float),
-    )
+    row = np.flatnonzero(good).astype(float) + low
+    return row, total[good] / count[good], count[good].astype(float)
 
 
 def _binned(rows: Array, values: Array, count: Array) -> tuple[Array, Array, Array]:
@@ -357,11 +355,6 @@ def _line_cost(rows: Array, values: Array, count: Array, where: NDArray[np.bool_
     y = y - np.average(y, weights=w)
     slope = np.sum(w * x * y) / np.sum(w * x * x)
     return float(np.sum(w * (y - slope * x) ** 2))
-
-
-def _smooth_cost(rows: Array, values: Array, count: Array) -> float:
-    fit = np.polynomial.Polynomial.fit(rows, values, 2, w=np.sqrt(count))
-    return float(np.sum(count * (values - fit(rows)) ** 2))
 
 
 def _peaks(cost: Array, number: int) -> NDArray[np.intp]:

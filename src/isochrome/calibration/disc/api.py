@@ -42,11 +42,10 @@ from isochrome.calibration.disc.disc_field import (
     thin_grid,
 )
 from isochrome.calibration.disc.order_slope import FEWEST_LOADS, fit_rise, overlay, rise_with_load
-from isochrome.calibration.loading import calibrate_channels
 from isochrome.calibration.order_line import Input, uncertainty_budget, widened_to_held_out
 from isochrome.calibration.result import Calibration, ImageFit
 from isochrome.calibration.settings import Disc, SetLike, Uncertainty, load_set
-from isochrome.calibration.shot import Shot, by_load, unused
+from isochrome.calibration.shot import Shot, by_load, calibrate_channels, unused
 from isochrome.calibration.whole_set.set_fit import fit_set
 from isochrome.calibration.whole_set.set_model import BLUR, Kind, SetFit, SetModel
 from isochrome.calibration.whole_set.set_result import (
@@ -312,17 +311,19 @@ def disc_model(
     grid = thin_grid(images[0].light.shape, circle, pixels)
     within = 1.0 - max(RIM_ZONE, _CLEAR_OF_RIM * blur_px / radius)
     places = [*own, *([own[0]] * (len(images) - len(own)))]
-    masks = np.stack(
-        [
-            shot.valid[grid.pick] & disc_mask(grid, place, within=within)
-            for shot, place in zip(images, places, strict=True)
-        ]
-    )
+    masks = [
+        shot.valid[grid.pick] & disc_mask(grid, place, within=within)
+        for shot, place in zip(images, places, strict=True)
+    ]
     several = len({shot.load_n for shot in images}) >= RESIDUAL_LOADS
     return SetModel(
-        kind=disc_kind(radius, several), shots=images, rows=grid.rows[:, 0].astype(np.intp),
-        cols=grid.cols[0].astype(np.intp), masks=masks, held=held,
-    )  # fmt: skip
+        kind=disc_kind(radius, several),
+        shots=images,
+        rows=grid.rows[:, 0].astype(np.intp),
+        cols=grid.cols[0].astype(np.intp),
+        masks=np.stack(masks),
+        held=held,
+    )
 
 
 def stressed_start(images: Sequence[Shot], own: Array) -> tuple[Array, Array] | None:
@@ -367,15 +368,11 @@ def disc_kind(radius: float, several_loads: bool) -> Kind:
         return disc_order(DiscPixels(rows, cols, 1.0), own)
 
     return Kind(
-        besides=RESIDUAL,
-        order=order,
-        by_besides=by_residual,
-        sizes=SIZES if several_loads else SIZES[:0],
-        steps=STEPS,
+        besides=RESIDUAL, order=order, by_besides=by_residual,
+        sizes=SIZES if several_loads else SIZES[:0], steps=STEPS,
         largest=LARGEST * np.array([1.0, radius, radius, radius, 1.0]),
-        idle=lambda first, _: np.concatenate([[0.0], first[1:]]),
-        idle_steps=np.zeros(0),
-    )
+        idle=lambda first, _: np.concatenate([[0.0], first[1:]]), idle_steps=np.zeros(0),
+    )  # fmt: skip
 
 
 def disc_images(
@@ -406,11 +403,14 @@ def disc_images(
         maps.pop("image")
         images.append(
             disc_image(
-                model.shots[i], [orders[i], *values[1:]], rim,
-                spread=float(np.sqrt(covariance[i, i])), chi=image_chi(fit, i),
+                model.shots[i],
+                [orders[i], *values[1:]],
+                rim,
+                spread=float(np.sqrt(covariance[i, i])),
+                chi=image_chi(fit, i),
                 view=disc_view(model.shots[i], grid, values, diameter_mm, **maps),
             )
-        )  # fmt: skip
+        )
     return images, covariance
 
 
@@ -457,13 +457,9 @@ def check_diameter(
     spread, off = float(np.sqrt(np.sum(np.square(parts)))), abs(seen / stated - 1.0)
     if off > max(CONTRADICTED * spread, SLIGHT):
         raise InputError(
-            "disc_px_wide_disc",
-            with_uncertainty=with_uncertainty(seen, own),
-            diameter_mm=disc.diameter_mm,
-            pixel_mm=pixel_mm,
-            stated=stated,
-            off=off,
-        )
+            "disc_px_wide_disc", with_uncertainty=with_uncertainty(seen, own),
+            diameter_mm=disc.diameter_mm, pixel_mm=pixel_mm, stated=stated, off=off,
+        )  # fmt: skip
 
 
 def calibrate_disc(source: SetLike) -> Calibration:

@@ -148,22 +148,14 @@ def _patch(frame: Observation) -> NDArray[np.bool_]:
     air = np.median([np.median(slope[r, c]) for r in ends for c in ends])
     noise = float(np.median(frame.sigma)) / (2.0 * np.sqrt(2.0 * np.pi) * blur**2)
     limit = max(6.0 * noise, 3.0 * float(air), 0.05 * float(np.percentile(slope, 98)))
-    patch = _closed(slope > limit, max(2, size // 40))
-    labels, count = ndimage.label(patch)
+    steps = max(2, size // 40)  # beyond the border too, which a closing would eat
+    closed = ndimage.binary_closing(np.pad(slope > limit, steps), iterations=steps)
+    labels, count = ndimage.label(closed[steps:-steps, steps:-steps])
     if count == 0:
         raise PhysicsError("nothing_but_even_light", name=frame.name)
     sizes = np.bincount(labels.ravel())
     sizes[0] = 0
     return np.asarray(ndimage.binary_fill_holes(labels == int(np.argmax(sizes))))
-
-
-def _closed(patch: NDArray[np.bool_], steps: int) -> NDArray[np.bool_]:
-    """Binary closing that does not eat the frame's border."""
-    from scipy import ndimage
-
-    wide = np.pad(patch, steps)
-    closed = ndimage.binary_closing(wide, iterations=steps)
-    return np.asarray(closed[steps:-steps, steps:-steps])
 
 
 def _outline(patch: NDArray[np.bool_], centre: Array) -> Array:
@@ -278,9 +270,14 @@ def disc_image(
         "load_angle_deg": float(np.degrees(angle)),
     }
     return ImageFit(
-        file=shot.name, load_n=shot.load_n, order=order, standard_uncertainty=spread, chi=chi,
-        geometry=geometry, view=view,
-    )  # fmt: skip
+        file=shot.name,
+        load_n=shot.load_n,
+        order=order,
+        standard_uncertainty=spread,
+        chi=chi,
+        geometry=geometry,
+        view=view,
+    )
 
 
 def disc_view(
@@ -299,15 +296,11 @@ def disc_view(
     """
     pixel_mm = 0.5 * diameter_mm / float(values[3])
     return View(
-        image=shot.light[grid.pick],
-        model=np.where(np.isfinite(residual), model, np.nan),
-        residual=residual,
-        sigma=float(np.median(shot.sigma)),
-        cut=np.s_[int(np.argmin(np.abs(grid.rows - values[1]))), :],
-        order=order,
-        position_mm=(grid.cols[0] - values[2]) * pixel_mm,
-        pixel_mm=(pixel_mm * grid.step,) * 2,
-    )
+        image=shot.light[grid.pick], model=np.where(np.isfinite(residual), model, np.nan),
+        residual=residual, sigma=float(np.median(shot.sigma)),
+        cut=np.s_[int(np.argmin(np.abs(grid.rows - values[1]))), :], order=order,
+        position_mm=(grid.cols[0] - values[2]) * pixel_mm, pixel_mm=(pixel_mm * grid.step,) * 2,
+    )  # fmt: skip
 
 
 def scan_orders(shot: Shot, geometries: ArrayLike) -> tuple[Array, float]:
@@ -423,10 +416,11 @@ def choose_centre_orders(
     (fringe/N, to 5 %), see `rise_with_load`. Returns the orders (n,).
     """
     loads = np.asarray(loads_n, dtype=float)
-    costs = np.stack([_relative(s) for s in scans])
+    # ln chi above its minimum; a wrong contrast counts as no fringes at all
+    chis = [np.minimum(s.curve, s.smooth_chi) for s in scans]
+    costs = np.stack([np.log(chi / chi.min()) for chi in chis])
     if np.unique(loads).size < 2:
-        result: Array = ORDERS[np.argmin(costs, axis=1)]
-        return result
+        return np.asarray(ORDERS[np.argmin(costs, axis=1)])
     low, high = float(loads.min()), float(loads.max())
     first, last = np.meshgrid(ORDERS, ORDERS, indexing="ij")
     slope = (last - first) / (high - low)
@@ -438,8 +432,7 @@ def choose_centre_orders(
     for cost, load in zip(costs, loads, strict=True):
         total += np.interp(first + slope * (load - low), ORDERS, cost)
     i, j = np.unravel_index(int(np.argmin(total)), total.shape)
-    line = ORDERS[i] + slope[i, j] * (loads - low)
-    return np.asarray(line)
+    return np.asarray(ORDERS[i] + slope[i, j] * (loads - low))
 
 
 def check_scans(scans: Sequence[Scan], shots: Sequence[Shot]) -> None:
@@ -451,10 +444,3 @@ def check_scans(scans: Sequence[Scan], shots: Sequence[Shot]) -> None:
     if all(np.min(s.curve) < CLEAR * s.smooth_chi for s in scans):
         orders = [ORDERS[int(np.argmin(s.curve))] for s in scans]
         check_order([s.load_n for s in shots], orders, tuple(s.name for s in shots))
-
-
-def _relative(scan: Scan) -> Array:
-    """ln chi above its minimum; a wrong contrast counts as no fringes at all."""
-    filled = np.minimum(scan.curve, scan.smooth_chi)
-    result: Array = np.log(filled / filled.min())
-    return result

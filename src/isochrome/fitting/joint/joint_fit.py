@@ -410,11 +410,15 @@ class JointProblem:
             return tolerance**2 * max(1.0, here.cost / here.freedom) + _UNSOUND * beyond
 
         sums = minimise(
-            at, values, normal, damping=Damping(1e-6, least=1e-4), iterations=_ITERATIONS,
+            at,
+            values,
+            normal,
+            damping=Damping(1e-6, least=1e-4),
+            iterations=_ITERATIONS,
             enough=enough,
             better=lambda new, old: new.cost <= old.cost * (1.0 + _ALIKE),
             bounds=self.bounds,
-        )  # fmt: skip
+        )
         end = sums.values + sums.step if sums.converged else sums.values
         return end, sums.point, sums.converged
 
@@ -423,10 +427,14 @@ class JointProblem:
     ) -> NormalEquations | None:
         """The normal equations of frames and measured scars at some values."""
         sums = add_up(
-            (data.every(stride) for data in self.frames), sequence, values,
-            renderer=renderer, progress=self.progress, exact=self.prior.any,
+            (data.every(stride) for data in self.frames),
+            sequence,
+            values,
+            renderer=renderer,
+            progress=self.progress,
+            exact=self.prior.any,
             regions=lambda i: self._region(i, stride),
-        )  # fmt: skip
+        )
         return sums and (sums + scar_equations(sequence, values) if sequence.areas else sums)
 
     def keep_clear(self, values: Array) -> None:
@@ -583,24 +591,15 @@ def fit_of_each(sequence: Sequence, single_fits: list[FrameFit]) -> JointFit:
     cost = sum(fit.chi**2 * fit.freedom for fit in single_fits)
     freedom = sum(fit.freedom for fit in single_fits)
     return JointFit(
-        sequence=wider,
-        values=values,
-        standard_uncertainty=spread,
-        cramer_rao_bound=bound,
-        covariance=None,
-        information=None,
-        chi=float(np.sqrt(cost / freedom)),
-        frame_chi=tuple(fit.chi for fit in single_fits),
-        cost=cost,
-        freedom=freedom,
-        scene=wider.whole(values),
-        scenes=tuple(fit.scene for fit in single_fits),
+        sequence=wider, values=values, standard_uncertainty=spread, cramer_rao_bound=bound,
+        covariance=None, information=None, chi=float(np.sqrt(cost / freedom)),
+        frame_chi=tuple(fit.chi for fit in single_fits), cost=cost, freedom=freedom,
+        scene=wider.whole(values), scenes=tuple(fit.scene for fit in single_fits),
         converged=all(fit.converged for fit in single_fits),
         lost=tuple(i for i, fit in enumerate(single_fits) if not fit.positive),
         noise_uncertainty=noise,
-        budget=tuple(fit.budget_of_key(key) if known else () for fit, key in first),
-        known=known,
-    )
+        budget=tuple(fit.budget_of_key(key) if known else () for fit, key in first), known=known,
+    )  # fmt: skip
 
 
 def _with_own_keys(sequence: Sequence, single_fits: list[FrameFit]) -> Sequence:
@@ -655,20 +654,13 @@ def with_scars(joint: JointFit, single_fit: FrameFit) -> JointFit:
     noise_spread = standard_uncertainty(noise, every)
     freedom = joint.freedom + residual.size
     return replace(
-        joint,
-        values=values,
-        standard_uncertainty=standard_uncertainty(covariance, every),
-        cramer_rao_bound=standard_uncertainty(inverse, every),
-        covariance=covariance,
-        information=information,
-        chi=float(np.sqrt(cost / freedom)),
-        cost=cost,
-        freedom=freedom,
+        joint, values=values, standard_uncertainty=standard_uncertainty(covariance, every),
+        cramer_rao_bound=standard_uncertainty(inverse, every), covariance=covariance,
+        information=information, chi=float(np.sqrt(cost / freedom)), cost=cost, freedom=freedom,
         scene=joint.sequence.whole(values),
         scenes=(single_fit.scene.with_values(dict(zip(keys, values.tolist(), strict=True))),),
-        noise_uncertainty=noise_spread,
-        budget=budgets_of(noise_spread, known.rows, sensitivity),
-    )
+        noise_uncertainty=noise_spread, budget=budgets_of(noise_spread, known.rows, sensitivity),
+    )  # fmt: skip
 
 
 def starting_values(sequence: Sequence, single_fits: list[FrameFit]) -> Array:

@@ -217,13 +217,8 @@ class _TrackWork:
         self._frames.close()
 
     def _tracker(self) -> Tracker:
-        return Tracker(
-            self.apparatus.scene,
-            self.keys,
-            bit_depth=self.reader.bit_depth,
-            no_load=self._no_load,
-            apparatus=self.apparatus,
-        )
+        one, depth = self.apparatus, self.reader.bit_depth
+        return Tracker(one.scene, self.keys, bit_depth=depth, no_load=self._no_load, apparatus=one)
 
 
 def _in_memory(work: _TrackWork, count: int, progress: RunProgress | None) -> Track:

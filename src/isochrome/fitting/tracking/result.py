@@ -201,11 +201,9 @@ class TrackRows:
         values, spread = parts["values"], parts["standard_uncertainty"]
         known = np.isfinite(values) & np.isfinite(spread)
         if not known.any():
+            count, cause = len(self.chi), message(CORRECT)
             raise PhysicsError(
-                "nothing_could_read_any",
-                name=scene.name,
-                single_fits_count=len(self.chi),
-                cause=message(CORRECT),
+                "nothing_could_read_any", name=scene.name, single_fits_count=count, cause=cause
             )
         means = {
             key: float(values[known[:, j], j].mean())

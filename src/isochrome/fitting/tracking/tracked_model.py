@@ -206,12 +206,9 @@ class FieldMaker:
             fixed |= {"window_mm": before.window_mm} if wide_enough else {}
             wide = with_part(wide, "numerics", **fixed)
         self.course.use(wide)
+        stride, hidden_px = self.thinned.stride, HIDDEN_PX - _ROOM_PX
         self._renderer = SceneRenderer(
-            wide,
-            self.shape,
-            stride=self.thinned.stride,
-            solve=self.course.solve,
-            hidden_px=HIDDEN_PX - _ROOM_PX,
+            wide, self.shape, stride=stride, solve=self.course.solve, hidden_px=hidden_px
         )
 
     @property
@@ -287,11 +284,7 @@ class TrackModel:
     """
 
     def __init__(
-        self,
-        course: TrackCourse,
-        shape: tuple[int, int],
-        thinned: Thinned,
-        held: tuple[str, ...] = (),
+        self, course: TrackCourse, shape: tuple[int, int], thinned: Thinned, held: tuple[str, ...]
     ) -> None:
         """`course`; `shape` (rows, cols) of a frame; `thinned`, its pixels.
 

@@ -16,8 +16,10 @@ serve. A frame that this does not bring down to its noise is lost, and is search
 alone.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from math import sqrt
 from typing import Any
 
@@ -127,12 +129,7 @@ class Apparatus:
 
 
 def find_apparatus(
-    reader: FrameReader,
-    scene: Scene,
-    keys: tuple[str, ...],
-    *,
-    count: int,
-    no_load: NoLoad = (None, None),
+    reader: FrameReader, scene: Scene, keys: tuple[str, ...], *, count: int, no_load: NoLoad
 ) -> Apparatus:
     """Ask the first, the middle and the last frame of a video for what belongs to the apparatus.
 
@@ -161,7 +158,10 @@ def find_apparatus(
         return Apparatus(scene=scene)  # each whole frame finds its own
     bare = scene.model_copy(update={"stated_uncertainty": ()})  # a track has no priors
     places = (0,) if scene.wear is not None else tuple(sorted({0, count // 2, count - 1}))
-    frames = list(_frames_at(reader, places))
+    frames, in_order = list[Frame](), SequentialFrames(reader)
+    for place in places:
+        with suppress(InputError):
+            frames.append(in_order.frame(place))
     if not frames:
         return Apparatus(scene=scene)
     one = scene_at(bare, slid_until(bare, frames[0]) or 0.0)
@@ -180,16 +180,6 @@ def find_apparatus(
     except PhysicsError:
         return Apparatus(scene=scene)
     return _held(freed, scene, list(asked))
-
-
-def _frames_at(reader: FrameReader, places: tuple[int, ...]) -> Iterator[Frame]:
-    """The frames at some places that can be read: a video may end before its head says."""
-    frames = SequentialFrames(reader)
-    for place in places:
-        try:
-            yield frames.frame(place)
-        except InputError:
-            continue
 
 
 def _alone(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> FrameFit | None:
@@ -389,8 +379,7 @@ class VainSearch:
             return False
         picture, noise = self._last
         change = float(np.sqrt(np.nanmean(np.square(_thin(frame) - picture))))
-        result: bool = change <= _SAME * np.sqrt(2.0) * noise
-        return result
+        return bool(change <= _SAME * np.sqrt(2.0) * noise)
 
 
 def _thin(frame: Frame) -> Array:
@@ -659,13 +648,8 @@ class Tracker:
                 return result
             self.course, self._whole = TrackCourse(self.scene, self.keys), None
             self.course.start(distance_m)
-        result, self._model = begin_track(
-            self.course,
-            lambda: self._prepare(frame, data),
-            lambda model, values: self._follow(frame, model, values),
-            begun,
-            self._usual_load_n,
-        )
+        prepared, follow = partial(self._prepare, frame, data), partial(self._follow, frame)
+        result, self._model = begin_track(self.course, prepared, follow, begun, self._usual_load_n)
         return result
 
     def _data(self, frame: Frame, noise: NoiseModel | None = None) -> FrameData:
@@ -677,13 +661,9 @@ class Tracker:
     def _prepare(self, frame: Frame, data: FrameData) -> TrackModel:
         """What all frames have in common, from one that is whole."""
         stride = max(2, thinning(data.light.size, _PIXELS))
-        thinned = thin_frame(
-            data,
-            fit_region(self.scene, data.shape, stride, HIDDEN_PX),
-            stride,
-            full=full_scale(self._bit_depth),
-            noise=estimate_noise(frame.image, data.valid, bit_depth=self._bit_depth),
-        )
+        region = fit_region(self.scene, data.shape, stride, HIDDEN_PX)
+        noise = estimate_noise(frame.image, data.valid, bit_depth=self._bit_depth)
+        thinned = thin_frame(data, region, stride, full=full_scale(self._bit_depth), noise=noise)
         self._since_noise = 0
         return TrackModel(self.course, data.shape, thinned, self._apparatus.keys)
 

@@ -336,12 +336,7 @@ class TrackPast:
         self._aside, self._root, self._ahead_of = [], None, None
 
     def wear(
-        self,
-        areas: list[float],
-        now: tuple[float, float, float],
-        *,
-        scale: float,
-        elastic_mm2: float,
+        self, areas: list[float], now: tuple[float, float, float], scale: float, elastic_mm2: float
     ) -> None:
         """Wear scars of some areas (mm², rising), on which `solve` puts its contacts.
 

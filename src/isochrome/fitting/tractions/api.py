@@ -6,7 +6,7 @@ Tractions of every frame of a fit, and what they leave on disk.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,7 +29,7 @@ from isochrome.figures import (
     write_head,
 )
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.figure import picture_place, show_residual
+from isochrome.fitting.figure import show_residual
 from isochrome.fitting.frame.model_frame import fitted_light
 from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.frame_set import PreparedFrames
@@ -114,7 +114,7 @@ def _draw_residual(
     illumination, background, _ = fitted_light(data, signal, mask)
     title = f"residual, chi = {one.chi:.2f}"
     model = illumination * signal + background
-    show_residual(ax, data, model, mask, title=title, **picture_place(pixels))
+    show_residual(ax, data, model, mask, title=title, **pixels.scale)
 
 
 def _draw_principal(axes: Any, one: Tractions, stress: StressComponents) -> None:
@@ -126,7 +126,7 @@ def _draw_principal(axes: Any, one: Tractions, stress: StressComponents) -> None
         show_image(
             ax, shown, cmap=DIFFERENCE_MAP, vmin=-limit, vmax=limit,
             title=f"principal stress {name}", colour_label=f"{name} (MPa), tension positive",
-            **picture_place(pixels),
+            **pixels.scale,
         )  # fmt: skip
 
 
@@ -142,13 +142,8 @@ def asked_for(result: Fit) -> tuple[str, ...]:
     poor = [i for i, chi in enumerate(result.frame_chi) if chi > ASK_CHI]
     if not poor or result.scene.indenter is None:
         return ()
-    return (
-        message(
-            "chi_contact_model_does",
-            frame_chi=max(result.frame_chi),
-            named_frames=named_frames(poor),
-        ),
-    )
+    worst, frames = max(result.frame_chi), named_frames(poor)
+    return (message("chi_contact_model_does", frame_chi=worst, named_frames=frames),)
 
 
 def with_tractions(
@@ -226,13 +221,7 @@ def maps(tractions: Tractions, scene: Scene) -> list[Array]:
 
 
 def _table(found: tuple[Tractions, ...]) -> dict[str, Any]:
-    names = (
-        "x_mm",
-        "pressure_mpa",
-        "pressure_standard_uncertainty_mpa",
-        "shear_mpa",
-        "shear_standard_uncertainty_mpa",
-    )
+    names = [field.name for field in fields(Tractions)[:5]]  # what is known of each node
     frame = [np.full(len(one.x_mm), i) for i, one in enumerate(found)]
     columns = {name: np.concatenate([getattr(one, name) for one in found]) for name in names}
     return {"frame": np.concatenate(frame), **columns}

@@ -173,15 +173,10 @@ def solve_stage(
         basis = basis.with_top(make_basis(some, lower, nodes_px, spacing_px), c)
         c, smooth = np.r_[c, 0.0], np.pad(smooth, (0, 1))
     problem = TractionProblem(some, pixels, setup.optics)
+    hold = (_TOP_STEP_PX / _TOP_PRIOR_PX) ** 2 if free_top else 0.0
+    weak, precise = strength is None, depth_px <= EDGE_PX
     solution = solve_tractions(
-        problem,
-        basis,
-        smooth,
-        c,
-        hold=(_TOP_STEP_PX / _TOP_PRIOR_PX) ** 2 if free_top else 0.0,
-        steps=10,
-        weak=strength is None,
-        precise=depth_px <= EDGE_PX,
+        problem, basis, smooth, c, hold=hold, steps=10, weak=weak, precise=precise
     )
     return Stage(problem, basis, solution, free_top, strength or 0.0)
 
@@ -302,14 +297,10 @@ def _course(setup: Setup, state: State) -> Stage:
             break
         nodes = lattice[::spacing]
         nodes = nodes[support[nodes - lattice[0]]]
+        free_top = setup.free_top and depth <= _MOVES_FROM * unit
         for _ in range(_MOVES):
             stage = solve_stage(
-                setup,
-                state,
-                nodes,
-                depth_px=depth,
-                spacing_px=spacing,
-                free_top=setup.free_top and depth <= _MOVES_FROM * unit,
+                setup, state, nodes, depth_px=depth, spacing_px=spacing, free_top=free_top
             )
             state = stage.state()
             if abs(stage.moved_px) < (_STILL_PX if depth <= EDGE_PX * unit else 10 * _STILL_PX):
@@ -326,16 +317,21 @@ def _regularised(setup: Setup, stage: Stage) -> Stage:
         return stage
     strength = discrepancy_strength(stage.solution, smooth, basis.signed)
     return solve_stage(
-        setup, stage.state(), basis.nodes_px, depth_px=0.0, spacing_px=basis.spacing_px,
-        bins=problem.bins, free_top=stage.moving, strength=strength,
-    )  # fmt: skip
+        setup,
+        stage.state(),
+        basis.nodes_px,
+        depth_px=0.0,
+        spacing_px=basis.spacing_px,
+        bins=problem.bins,
+        free_top=stage.moving,
+        strength=strength,
+    )
 
 
 def _hat_means(values: Array, at: Array, spacing: int) -> Array:
     """Means of values a pixel apart, weighted by hats."""
     hat = 1.0 - np.abs(np.arange(-spacing + 1, spacing)) / spacing
-    result: Array = np.convolve(np.pad(values, spacing), hat / spacing, "same")[at + spacing]
-    return result
+    return np.asarray(np.convolve(np.pad(values, spacing), hat / spacing, "same")[at + spacing])
 
 
 def _supported(stage: Stage) -> Array:
@@ -556,20 +552,14 @@ def _result(stage: Stage, begun: list[Stage], thickness_mm: float) -> Tractions:
         for traction, part in ((pressure, slice(n)), (shear, slice(n, None)))
     )
     return Tractions(
-        x_mm=pixels.left_mm + pixels.pixel_mm * basis.nodes_px,
-        pressure_mpa=pressure,
-        pressure_standard_uncertainty_mpa=spread[:n],
-        shear_mpa=shear,
-        shear_standard_uncertainty_mpa=spread[n:],
-        load_n=load,
-        tangential_n=tangential,
-        regular=basis.regular(solution.unknowns),
-        pixels=pixels,
-        chi=solution.chi,
+        x_mm=pixels.left_mm + pixels.pixel_mm * basis.nodes_px, pressure_mpa=pressure,
+        pressure_standard_uncertainty_mpa=spread[:n], shear_mpa=shear,
+        shear_standard_uncertainty_mpa=spread[n:], load_n=load, tangential_n=tangential,
+        regular=basis.regular(solution.unknowns), pixels=pixels, chi=solution.chi,
         regularisation=stage.strength,
         warnings=what_to_say(stage, begun, (load.value, load.standard_uncertainty)),
         lattice_mpa=(state.pressure, state.shear),
-    )
+    )  # fmt: skip
 
 
 def what_to_say(stage: Stage, begun: list[Stage], load: tuple[float, float]) -> tuple[str, ...]:

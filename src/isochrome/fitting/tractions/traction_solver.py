@@ -131,8 +131,7 @@ def _averaged(data: FrameData, valid: Array, side: Array, b: int) -> Bins:
     rows, cols = side.shape
 
     def mean(image: Array) -> Array:
-        result: Array = _squares(image[..., :rows, :cols], b).mean((-3, -1))
-        return result
+        return np.asarray(_squares(image[..., :rows, :cols], b).mean((-3, -1)))
 
     keep = (side[::b, ::b] == b) & _squares(valid[:rows, :cols], b).all((-3, -1))
     row, col = np.nonzero(keep)
@@ -234,8 +233,7 @@ class Basis:
         """The unknowns of tractions (n,), brought into the cone, and of mode amplitudes."""
         inside = np.clip(shear / self.limit, -np.abs(pressure), np.abs(pressure))
         halves = np.r_[0.5 * (pressure + inside), 0.5 * (pressure - inside)]
-        result: Array = np.r_[np.maximum(0.0, halves), modes]
-        return result
+        return np.asarray(np.r_[np.maximum(0.0, halves), modes])
 
     def regular(self, unknowns: Array) -> RegularStress:
         """The regular stress of the unknowns."""
@@ -415,7 +413,9 @@ def solve_tractions(
     nothing = np.zeros(len(problem.bins.light))
     averaging = Averaging(nothing + 1.0, nothing)
     for done in range(steps + 1):
-        averaging = _averaging(problem, basis, c) if fine else averaging
+        if fine:
+            order = np.abs(pixel_field(problem.pixels, basis, c)) * problem.optics.order_per_mpa
+            averaging = bin_averaging(order, problem.bins, problem.optics.blur_px)
         here = _evaluate(problem, basis, c, averaging)
         gram, slope = linearise_tractions(problem, basis, here, averaging)
         if done == 0:
@@ -483,8 +483,7 @@ def with_signs(matrix: Array, right: Array, signed: int) -> Array:
     root = cholesky(scaled)
     outcome, _ = nnls(root, solve_triangular(root, scale * target, trans="T"), maxiter=30 * signed)
     bound = scale * outcome
-    result: Array = np.r_[bound, back[:, -1] - back[:, :-1] @ bound]
-    return result
+    return np.asarray(np.r_[bound, back[:, -1] - back[:, :-1] @ bound])
 
 
 def linearise_tractions(
@@ -553,11 +552,6 @@ def field_grid(pixels: PixelGrid) -> FieldGrid:
     places = lattice_px(pixels)
     left = pixels.left_mm + float(places[0]) * pixels.pixel_mm
     return make_field_grid(pixels, left_mm=left, spacing_mm=pixels.pixel_mm, nodes=len(places))
-
-
-def _averaging(problem: TractionProblem, basis: Basis, c: Array) -> Averaging:
-    order = np.abs(pixel_field(problem.pixels, basis, c)) * problem.optics.order_per_mpa
-    return bin_averaging(order, problem.bins, problem.optics.blur_px)
 
 
 def smoothness(basis: Basis, pixel_mm: float) -> Array:

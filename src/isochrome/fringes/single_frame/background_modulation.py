@@ -83,9 +83,9 @@ class BackgroundModulation:
 
     dark: Array = field(repr=False)
     bright: Array = field(repr=False)
-    settled: bool
-    tone: float
-    tone_uncertainty: float
+    settled: bool = True
+    tone: float = 1.0
+    tone_uncertainty: float = 0.0
     given: tuple[bool, bool]
     variance: Array = field(repr=False)
     others: tuple[BackgroundModulation, ...] = field(default=(), repr=False)
@@ -114,15 +114,8 @@ class BackgroundModulation:
 
 def exact_ends(dark: Array, bright: Array) -> BackgroundModulation:
     """Take no-load frames for the ends of a frame, without an uncertainty of their own."""
-    return BackgroundModulation(
-        dark=dark,
-        bright=bright,
-        settled=True,
-        tone=1.0,
-        tone_uncertainty=0.0,
-        given=(True, True),
-        variance=np.broadcast_to(0.0, (3, 3, *dark.shape)),
-    )
+    exact = np.broadcast_to(0.0, (3, 3, *dark.shape))
+    return BackgroundModulation(dark=dark, bright=bright, given=(True, True), variance=exact)
 
 
 def fit_background_modulation(
@@ -528,12 +521,5 @@ def _of_sides(
     for i, (end, factor, each) in enumerate(zip((dark, bright), factors, spread, strict=True)):
         noise = factor * 1.4826 * float(np.median(np.abs(end - _smooth(end))))
         variance[i, i] = (each * end) ** 2 + noise**2
-    return BackgroundModulation(
-        dark=factors[0] * dark,
-        bright=factors[1] * bright,
-        settled=True,
-        tone=1.0,
-        tone_uncertainty=0.0,
-        given=(False, False),
-        variance=variance,
-    )
+    dark, bright = factors[0] * dark, factors[1] * bright
+    return BackgroundModulation(dark=dark, bright=bright, given=(False, False), variance=variance)

@@ -394,17 +394,9 @@ def neighbours(
 def moved_patch(terms: Array, dy: Array, dx: Array) -> Array:
     """A quadratic's terms (..., 6) about a place that is (dy, dx) from its middle."""
     n, gx, gy, hxx, hxy, hyy = np.moveaxis(terms, -1, 0)
-    return np.stack(
-        [
-            n + gx * dx + gy * dy + 0.5 * hxx * dx * dx + hxy * dx * dy + 0.5 * hyy * dy * dy,
-            gx + hxx * dx + hxy * dy,
-            gy + hxy * dx + hyy * dy,
-            hxx,
-            hxy,
-            hyy,
-        ],
-        axis=-1,
-    )
+    order = n + gx * dx + gy * dy + 0.5 * hxx * dx * dx + hxy * dx * dy + 0.5 * hyy * dy * dy
+    slopes = gx + hxx * dx + hxy * dy, gy + hxy * dx + hyy * dy
+    return np.stack([order, *slopes, hxx, hxy, hyy], axis=-1)
 
 
 def scale_of(a: Array, b: Array, variance: Array) -> Array:
@@ -455,11 +447,8 @@ def label_patches(patches: Patches) -> Labels:
     """
     shape = patches.chi.shape
     count = patches.chi.size
-    good = (
-        (patches.chi < WORST_CHI)
-        & (patches.filled > _LEAST_FILLED)
-        & (patches.spread[..., 0] < _LEAST_SURE)
-    ).ravel()
+    good = (patches.filled > _LEAST_FILLED) & (patches.spread[..., 0] < _LEAST_SURE)
+    good = (good & (patches.chi < WORST_CHI)).ravel()
     edges = _edges(patches)
     use = good[edges.a] & good[edges.b] & (edges.cost < _WORST_EDGE)
     body = patches.body.ravel()
@@ -526,12 +515,8 @@ def _relation(a: Array, b: Array, variance: Array) -> tuple[Indices, Array, Arra
         costs.append(((difference / scale) ** 2).sum(axis=-1))
         shifts.append(shift)
     same = costs[0] <= costs[1]
-    return (
-        np.where(same, 1, -1),
-        np.where(same, shifts[0], shifts[1]),
-        np.minimum(*costs),
-        np.maximum(*costs),
-    )
+    signs, shift = np.where(same, 1, -1), np.where(same, shifts[0], shifts[1])
+    return signs, shift, np.minimum(*costs), np.maximum(*costs)
 
 
 def _carried(tree: Any, part: Indices, edges: _Edges) -> tuple[NDArray[np.int8], Array]:

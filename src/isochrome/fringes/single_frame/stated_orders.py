@@ -411,8 +411,8 @@ class StatedPlace:
     field: float
     sigma: float
     within: float
-    around: float = 0.0
-    extremum: str | None = None
+    around: float
+    extremum: str | None
 
     def miss(self, j: int) -> float:
         """How far the order is from |f + j|, fringes."""
@@ -549,12 +549,9 @@ def left_out(given: Stated, missed: list[StatedPlace], j: int, votes: int) -> st
             would=would,
         )
     if abs(p.point[2] - _levels(p)[0]) < p.within:
+        plural = "s" * (votes > 1)
         return message(
-            "contradicted_other_which_would",
-            given=given,
-            votes=votes,
-            value="s" * (votes > 1),
-            would=would,
+            "contradicted_other_which_would", given=given, votes=votes, value=plural, would=would
         )
     return fits_nothing(given, p)
 
