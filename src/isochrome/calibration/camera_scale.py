@@ -179,14 +179,9 @@ def target_places(image: Array, target: str, columns: int, rows: int, *, name: s
         what = "inner corners" if target == "chessboard" else "dots"
         other = " (a board of 10 x 7 squares has 9 x 6)" if target == "chessboard" else ""
         raise PhysicsError(
-            "no_found_count_columns",
-            name=name,
-            target=target,
-            columns=columns,
-            rows=rows,
-            what=what,
-            other=other,
-        )
+            "no_found_count_columns", name=name, target=target, columns=columns, rows=rows,
+            what=what, other=other,
+        )  # fmt: skip
     return places.reshape(rows, columns, 2)
 
 
@@ -516,14 +511,9 @@ def _pictures(paths: Sequence[FramesLike]) -> list[tuple[str, Array]]:
     for other, second in pictures[1:]:
         if second.shape != image.shape:
             raise InputError(
-                "has_rows_columns_give",
-                other=other,
-                shape=second.shape[0],
-                shape_2=second.shape[1],
-                name=name,
-                shape_3=image.shape[0],
-                shape_4=image.shape[1],
-            )
+                "has_rows_columns_give", other=other, shape=second.shape[0],
+                shape_2=second.shape[1], name=name, shape_3=image.shape[0], shape_4=image.shape[1],
+            )  # fmt: skip
     for name, image in pictures:
         if not np.isfinite(image).all() or np.ptp(image) == 0.0:
             raise InputError("blank_holds_what_no", name=name)

@@ -479,17 +479,12 @@ def _of_beam(given: ColourSet, shots: ColourShots, depth: int | None) -> ColourC
     noise = np.median(np.abs(away), axis=0) * 1.4826
     residual = np.sqrt(np.maximum(np.mean(away**2, axis=0) - noise**2, 0.0))
     return ColourCalibration(
-        colour_table=ColourTable(table.signal, residual),
-        way="beam",
-        gamma=gamma,
-        wavelength_nm=given.polariscope.wavelength_nm,
-        residual=float(np.sqrt(np.mean(away**2))),
-        strange=float(np.mean(np.mean(away**2, axis=1) > 0.15**2)),
-        highest=table.highest,
-        bit_depth=depth,
-        exposures=tuple(map(float, factors)),
+        colour_table=ColourTable(table.signal, residual), way="beam", gamma=gamma,
+        wavelength_nm=given.polariscope.wavelength_nm, residual=float(np.sqrt(np.mean(away**2))),
+        strange=float(np.mean(np.mean(away**2, axis=1) > 0.15**2)), highest=table.highest,
+        bit_depth=depth, exposures=tuple(map(float, factors)),
         warnings=tuple(exposure_messages(given, factors, "the no-load frames")),
-    )
+    )  # fmt: skip
 
 
 def exposure_messages(given: ColourSet, factors: Array, against: str) -> list[str]:
@@ -539,21 +534,15 @@ def _of_light(
     turn = given.frames.rotate_deg, given.frames.flip
     return ColourCalibration(
         colour_table=ColourTable(scale * light.table.signal, scale * light.table.spread),
-        way="own colours",
-        gamma=light.gamma,
+        way="own colours", gamma=light.gamma,
         gamma_uncertainty=None if given.gamma is not None else light.gamma_uncertainty,
-        wavelength_nm=wavelength,
-        bands_nm=tuple(map(float, middle)),
-        widths_nm=tuple(map(float, middle * bands.width)),
-        residual=light.residual,
-        strange=light.strange,
-        highest=light.highest,
+        wavelength_nm=wavelength, bands_nm=tuple(map(float, middle)),
+        widths_nm=tuple(map(float, middle * bands.width)), residual=light.residual,
+        strange=light.strange, highest=light.highest,
         background=as_captured(light.background, *turn) if ends else None,
         illumination=as_captured(light.illumination / scale, *turn) if ends else None,
-        bit_depth=depth,
-        exposures=tuple(map(float, light.brightness)),
-        warnings=tuple(messages),
-    )
+        bit_depth=depth, exposures=tuple(map(float, light.brightness)), warnings=tuple(messages),
+    )  # fmt: skip
 
 
 _SEEN = "seen in the images"

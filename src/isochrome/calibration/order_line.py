@@ -62,15 +62,10 @@ def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) ->
     noise = float(np.sqrt(_solve(p, n, v)[1][0, 0]))
     slope_u, intercept_u = np.sqrt(np.diag(covariance))
     return OrderLine(
-        slope=float(values[0]),
-        slope_uncertainty=max(float(slope_u), noise),
-        slope_noise=noise,
-        intercept=float(values[1]),
-        intercept_uncertainty=float(intercept_u),
-        scatter=scatter,
-        left_out=_left_out(p, n, wide),
-        weights=tuple(weights[0]),
-    )
+        slope=float(values[0]), slope_uncertainty=max(float(slope_u), noise), slope_noise=noise,
+        intercept=float(values[1]), intercept_uncertainty=float(intercept_u), scatter=scatter,
+        left_out=_left_out(p, n, wide), weights=tuple(weights[0]),
+    )  # fmt: skip
 
 
 def check_order(loads_n: ArrayLike, orders: ArrayLike, names: tuple[str, ...]) -> None:
@@ -80,14 +75,9 @@ def check_order(loads_n: ArrayLike, orders: ArrayLike, names: tuple[str, ...]) -
     for low, high in pairwise(rank):
         if p[high] > p[low] and n[high] < n[low] * (1.0 - 1e-3) - 1e-3:
             raise PhysicsError(
-                "shows_order_less_orders",
-                names=names[high],
-                p=p[high],
-                n=n[high],
-                n_2=n[low],
-                names_2=names[low],
-                p_2=p[low],
-            )
+                "shows_order_less_orders", names=names[high], p=p[high], n=n[high], n_2=n[low],
+                names_2=names[low], p_2=p[low],
+            )  # fmt: skip
 
 
 def _solve(p: Array, n: Array, v: Array) -> tuple[Array, Array, Array]:

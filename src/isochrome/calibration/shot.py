@@ -80,18 +80,11 @@ def as_shots(
         noise = np.broadcast_to(noise, frame.shape)
         shots.append(
             Shot(
-                name=f"image {i + 1}",
-                light=frame,
-                sigma=noise,
-                valid=mask,
-                raw=frame,
-                raw_sigma=noise,
-                gamma=1.0,
-                load_n=float(loads_n[i]),
-                bright=bright,
+                name=f"image {i + 1}", light=frame, sigma=noise, valid=mask, raw=frame,
+                raw_sigma=noise, gamma=1.0, load_n=float(loads_n[i]), bright=bright,
                 no_load_light=lamp,
             )
-        )
+        )  # fmt: skip
     return tuple(shots)
 
 

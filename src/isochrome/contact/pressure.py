@@ -95,16 +95,11 @@ def make_surface(
         moduli = {"contact_modulus_mpa": contact_modulus_mpa, "coupling_per_mpa": coupling_per_mpa}
         coarse = make_surface((n - 1) // COARSER + 1, COARSER * h, **moduli)
     return Surface(
-        nodes=n,
-        spacing_mm=h,
-        modulus_mpa=contact_modulus_mpa,
-        normal=scipy.fft.rfft(_circular(half, length)),
-        coupling=coupling,
+        nodes=n, spacing_mm=h, modulus_mpa=contact_modulus_mpa,
+        normal=scipy.fft.rfft(_circular(half, length)), coupling=coupling,
         lattice_normal=2.0 * h / contact_modulus_mpa * _lattice_symbol(theta),
-        lattice_coupling=lattice_coupling,
-        dense=dense,
-        coarse=coarse,
-    )
+        lattice_coupling=lattice_coupling, dense=dense, coarse=coarse,
+    )  # fmt: skip
 
 
 def displacement(surface: Surface, pressure: Floats, *, friction: float = 0.0) -> Floats:

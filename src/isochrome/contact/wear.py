@@ -235,14 +235,9 @@ def _advance(
         diagonal = size * (1.0 + w) / (1.0 + 2.0 * w)
         forecast = now.contact.pressure + w * (now.contact.pressure - past.pressure)
     contact = solve_pressure(
-        surface,
-        gap + base,
-        load,
-        friction=friction,
-        wear_mm_per_mpa=diagonal,
-        start=np.maximum(forecast, 0.0),
-        tolerance=allowed.residual,
-    )
+        surface, gap + base, load, friction=friction, wear_mm_per_mpa=diagonal,
+        start=np.maximum(forecast, 0.0), tolerance=allowed.residual,
+    )  # fmt: skip
     error = _forecast_error(surface, now.contact.pressure, contact.pressure, forecast, allowed)
     depth = base + diagonal * contact.pressure
     return WornState(now.dose_mm_per_mpa + size, contact, depth), error
@@ -447,15 +442,10 @@ def _state(
 ) -> SurfaceState:
     p = contact.pressure
     return SurfaceState(
-        grid=site.grid,
-        pressure_mpa=p,
-        shear_mpa=stop.friction * p,
-        wear_depth_mm=depth,
-        distance_m=stop.distance_m,
-        friction=stop.friction,
-        sliding=site.scene.friction is not None,
+        grid=site.grid, pressure_mpa=p, shear_mpa=stop.friction * p, wear_depth_mm=depth,
+        distance_m=stop.distance_m, friction=stop.friction, sliding=site.scene.friction is not None,
         residual=contact.residual,
-    )
+    )  # fmt: skip
 
 
 def scar_on_nodes(scar: Scar, x_mm: Floats) -> tuple[Floats, Floats]:
@@ -648,15 +638,10 @@ def _static_state(site: ContactSetup, load: float) -> SurfaceState:
     if held and scene.specimen.thickness_mm:
         shear = _partial_slip(site, contact, load, held / scene.specimen.thickness_mm, mu)
     return SurfaceState(
-        grid=grid,
-        pressure_mpa=contact.pressure,
-        shear_mpa=shear,
-        wear_depth_mm=np.zeros(grid.nodes),
-        distance_m=0.0,
-        friction=mu if held else 0.0,
-        sliding=False,
-        residual=contact.residual,
-    )
+        grid=grid, pressure_mpa=contact.pressure, shear_mpa=shear,
+        wear_depth_mm=np.zeros(grid.nodes), distance_m=0.0, friction=mu if held else 0.0,
+        sliding=False, residual=contact.residual,
+    )  # fmt: skip
 
 
 def _partial_slip(

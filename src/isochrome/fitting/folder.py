@@ -172,17 +172,13 @@ def restore_fit(out: Path, scene: Scene, keys: tuple[str, ...] | None = None) ->
         frames=[_whole({k: v for k, v in row.items() if _is_value(v)}) for row in rows],
         distance_m=[row["distance_m"] for row in rows],
         frame_chi=[_number(row["chi"], np.nan) for row in rows],
-        chi=_number(estimates["chi"], np.nan),
-        scene=fitted,
+        chi=_number(estimates["chi"], np.nan), scene=fitted,
         other_minima=[row["other_minima"] for row in rows],
         wear_laws=_laws(estimates) if "wear_laws" in estimates else None,
-        warnings=read_warnings(estimates),
-        budget=tuple(budget),
-        taken_as_exact=tuple(estimates["taken_as_exact"]),
-        asked=keys,
-        already=True,
+        warnings=read_warnings(estimates), budget=tuple(budget),
+        taken_as_exact=tuple(estimates["taken_as_exact"]), asked=keys, already=True,
         draw=partial(saved_picture, out.absolute() / PICTURE),
-    )
+    )  # fmt: skip
 
 
 def restore_values(out: Path, scene: Scene, options: Mapping[str, Any]) -> Fit | Track:

@@ -185,14 +185,9 @@ class Fit(Result):
         )
         none = np.zeros(len(self.frames), dtype=bool)
         return FrameValues(
-            keys=keys,
-            values=values,
-            standard_uncertainty=spreads,
-            chi=np.array(self.frame_chi),
-            distance_m=numbers(self.distance_m),
-            searched=none,
-            whole=none,
-        )
+            keys=keys, values=values, standard_uncertainty=spreads, chi=np.array(self.frame_chi),
+            distance_m=numbers(self.distance_m), searched=none, whole=none,
+        )  # fmt: skip
 
     @property
     def budget_columns(self) -> dict[str, list[Any]]:

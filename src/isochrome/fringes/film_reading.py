@@ -250,13 +250,9 @@ class KeptState:
         values = np.cumsum(values, axis=2, dtype=np.int32)
         maps = values.astype(np.float32) * np.float32(_STEPS)
         return FilmState(
-            order=maps[0],
-            rate=maps[1],
-            drift=maps[2],
-            untold=maps[3],
-            known=_unpacked(self.known, self.shape),
-            time=self.time,
-        )
+            order=maps[0], rate=maps[1], drift=maps[2], untold=maps[3],
+            known=_unpacked(self.known, self.shape), time=self.time,
+        )  # fmt: skip
 
     def doubt(self) -> Mask:
         """Where the orders of the chunk are doubtful (rows, cols)."""

@@ -251,16 +251,10 @@ def measure_steps(
         misfit * sigma < np.maximum(_LARGEST_MISFIT * contrast, 2.0 * sigma)
     )
     return StepLight(
-        terms=terms,
-        direction=direction,
-        seen=readable,
-        specimen=trusted & fringed(contrast, design, sigma),
-        contrast=contrast,
-        uncertainty=uncertainty,
-        chi=chi,
-        bridges=design.leaks,
-        agrees=agrees,
-    )
+        terms=terms, direction=direction, seen=readable,
+        specimen=trusted & fringed(contrast, design, sigma), contrast=contrast,
+        uncertainty=uncertainty, chi=chi, bridges=design.leaks, agrees=agrees,
+    )  # fmt: skip
 
 
 def fill_gaps(light: Array, good: Mask, design: StepDesign) -> tuple[Array, Array, Array]:
@@ -666,15 +660,12 @@ def _result(
     if reading.kept < 0.5 and all(part.number is not None for part in settled.parts):
         few.append(message("only_specimen_pixels_could_read", kept=100 * reading.kept))
     return SteppedReading(
-        reading=reading,
-        isoclinic=masked(0.5 * np.degrees(np.angle(load.field)), turned),
+        reading=reading, isoclinic=masked(0.5 * np.degrees(np.angle(load.field)), turned),
         isoclinic_uncertainty=masked(np.degrees(load.turn), turned),
-        dark_field=masked(0.5 - 0.5 * cosine, readable),
-        contrast=light.contrast.astype(np.float32),
-        chi=light.chi,
-        parts=settled.parts,
+        dark_field=masked(0.5 - 0.5 * cosine, readable), contrast=light.contrast.astype(np.float32),
+        chi=light.chi, parts=settled.parts,
         warnings=(*settled.warnings, *_of_steps(light, clear), *few),
-    )
+    )  # fmt: skip
 
 
 def _of_steps(light: StepLight, clear: Mask) -> list[str]:

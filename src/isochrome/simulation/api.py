@@ -245,14 +245,10 @@ def _join(run: RunFolder, work: RenderWork, name: str, history: dict[str, list[A
             yield from np.frombuffer(part, dtype).reshape(-1, *shape)
 
     write_frames(
-        run.results / name,
-        frames(),
-        (work.count * steps, *shape),
-        dtype,
-        pixel_mm=work.pixels.pixel_mm,
-        photometric="rgb" if len(shape) == 3 else "minisblack",
+        run.results / name, frames(), (work.count * steps, *shape), dtype,
+        pixel_mm=work.pixels.pixel_mm, photometric="rgb" if len(shape) == 3 else "minisblack",
         metadata=_view(run, work, name, history),
-    )
+    )  # fmt: skip
 
 
 def _view(

@@ -152,13 +152,9 @@ def with_added_tractions(scene: Scene, surface: SurfaceState) -> SurfaceState:
         for values in (added.pressure_mpa, added.shear_mpa)
     )
     return replace(
-        surface,
-        grid=wider,
-        pressure_mpa=pressure + next(more),
-        shear_mpa=shear + next(more),
-        wear_depth_mm=depth,
-        scar_edges_mm=surface.edges_mm,
-    )
+        surface, grid=wider, pressure_mpa=pressure + next(more), shear_mpa=shear + next(more),
+        wear_depth_mm=depth, scar_edges_mm=surface.edges_mm,
+    )  # fmt: skip
 
 
 def state_count(scene: Scene) -> int:

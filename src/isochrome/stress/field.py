@@ -136,14 +136,10 @@ class PixelGrid:
             self.lens, right_mm=self.lens.right_mm + shift, down_mm=self.lens.down_mm + shift
         )
         return replace(
-            self,
-            rows=-(-self.rows // stride),
-            cols=-(-self.cols // stride),
-            left_mm=self.left_mm - shift,
-            top_mm=self.top_mm - shift,
-            pixel_mm=self.pixel_mm * stride,
-            lens=lens,
-        )
+            self, rows=-(-self.rows // stride), cols=-(-self.cols // stride),
+            left_mm=self.left_mm - shift, top_mm=self.top_mm - shift,
+            pixel_mm=self.pixel_mm * stride, lens=lens,
+        )  # fmt: skip
 
 
 @lru_cache(maxsize=2)
@@ -186,14 +182,9 @@ def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
     reach = max(abs(left_mm), abs(top)) + max(rows, cols) * camera.pixel_mm
     if reach > MAX_REACH_MM:
         raise InputError(
-            "picture_reaches_mm_from_contact",
-            name=scene.name,
-            reach=reach,
-            pixel_mm=camera.pixel_mm,
-            left_mm=left_mm,
-            top=top,
-            max_reach_mm=MAX_REACH_MM,
-        )
+            "picture_reaches_mm_from_contact", name=scene.name, reach=reach,
+            pixel_mm=camera.pixel_mm, left_mm=left_mm, top=top, max_reach_mm=MAX_REACH_MM,
+        )  # fmt: skip
     return PixelGrid(rows, cols, left_mm, top, camera.pixel_mm, _lens(camera, rows, cols))
 
 
@@ -204,15 +195,10 @@ def _lens(camera: Camera, rows: int, cols: int) -> Lens | None:
     assert camera.pixel_mm is not None
     width, height = 0.5 * cols * camera.pixel_mm, 0.5 * rows * camera.pixel_mm
     return Lens(
-        right_mm=width,
-        down_mm=height,
-        half_width_mm=width,
-        half_height_mm=height,
-        roll_deg=camera.roll_deg,
-        distortion=camera.distortion,
-        keystone_x=camera.keystone_x,
+        right_mm=width, down_mm=height, half_width_mm=width, half_height_mm=height,
+        roll_deg=camera.roll_deg, distortion=camera.distortion, keystone_x=camera.keystone_x,
         keystone_z=camera.keystone_z,
-    )
+    )  # fmt: skip
 
 
 StressDifference = NDArray[np.complexfloating]

@@ -255,13 +255,9 @@ def _check_size(shot: Shot, height_px: float) -> None:
     seen = shot.light.shape[0]
     if not SMALLEST_PX <= height_px <= LARGEST_FRAMES * seen:
         raise InputError(
-            "beam_height_mm_camera_pixel_mm",
-            name=shot.name,
-            height_px=height_px,
-            seen=seen,
-            smallest_px=SMALLEST_PX,
-            seen_2=LARGEST_FRAMES * seen,
-        )
+            "beam_height_mm_camera_pixel_mm", name=shot.name, height_px=height_px, seen=seen,
+            smallest_px=SMALLEST_PX, seen_2=LARGEST_FRAMES * seen,
+        )  # fmt: skip
     if np.mean(shot.valid) < FEWEST_VALID:
         raise PhysicsError("only_pixels_can_used", name=shot.name, mean=np.mean(shot.valid))
 

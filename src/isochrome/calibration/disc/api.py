@@ -122,17 +122,13 @@ def _fit(shot: Shot, grid: DiscPixels, starts: Array, within: float) -> SeveralS
     radius = first[3]
     reach = np.array([0.5, 0.1 * radius, 0.1 * radius, 0.1 * radius, np.radians(6.0)])
     return smooth_starts(
-        shot.light[pick],
-        lambda p: squared_wave(np.pi * disc_order(grid, p), shot.bright),
-        starts,
-        light=shot.lamp(*pick),
-        mask=shot.valid[pick] & disc_mask(grid, first, within=within),
+        shot.light[pick], lambda p: squared_wave(np.pi * disc_order(grid, p), shot.bright), starts,
+        light=shot.lamp(*pick), mask=shot.valid[pick] & disc_mask(grid, first, within=within),
         sigma=shot.sigma[pick],
         scale=np.array([0.2, 0.02 * radius, 0.02 * radius, 0.02 * radius, 0.05]),
-        lower=starts.min(axis=0) - reach,
-        upper=starts.max(axis=0) + reach,
+        lower=starts.min(axis=0) - reach, upper=starts.max(axis=0) + reach,
         refine=min(3, len(starts)),
-    )
+    )  # fmt: skip
 
 
 Complexes = NDArray[np.complex128]
@@ -317,13 +313,9 @@ def disc_model(
     ]
     several = len({shot.load_n for shot in images}) >= RESIDUAL_LOADS
     return SetModel(
-        kind=disc_kind(radius, several),
-        shots=images,
-        rows=grid.rows[:, 0].astype(np.intp),
-        cols=grid.cols[0].astype(np.intp),
-        masks=np.stack(masks),
-        held=held,
-    )
+        kind=disc_kind(radius, several), shots=images, rows=grid.rows[:, 0].astype(np.intp),
+        cols=grid.cols[0].astype(np.intp), masks=np.stack(masks), held=held,
+    )  # fmt: skip
 
 
 def stressed_start(images: Sequence[Shot], own: Array) -> tuple[Array, Array] | None:
@@ -403,14 +395,11 @@ def disc_images(
         maps.pop("image")
         images.append(
             disc_image(
-                model.shots[i],
-                [orders[i], *values[1:]],
-                rim,
-                spread=float(np.sqrt(covariance[i, i])),
-                chi=image_chi(fit, i),
+                model.shots[i], [orders[i], *values[1:]], rim,
+                spread=float(np.sqrt(covariance[i, i])), chi=image_chi(fit, i),
                 view=disc_view(model.shots[i], grid, values, diameter_mm, **maps),
             )
-        )
+        )  # fmt: skip
     return images, covariance
 
 

@@ -93,14 +93,9 @@ def find_rim(frame: Observation) -> Circle:
     edge = np.concatenate([patch[0], patch[-1], patch[:, 0], patch[:, -1]])
     if not inside or np.count_nonzero(edge) > 0.1 * min(height, width):
         raise PhysicsError(
-            "disc_rim_leaves_frame",
-            name=frame.name,
-            row=circle.row,
-            col=circle.col,
-            radius=circle.radius,
-            height=height,
-            width=width,
-        )
+            "disc_rim_leaves_frame", name=frame.name, row=circle.row, col=circle.col,
+            radius=circle.radius, height=height, width=width,
+        )  # fmt: skip
     if circle.scatter > 0.12 * circle.radius:
         raise PhysicsError(
             "no_round_disc_seen", name=frame.name, radius=circle.scatter / circle.radius
@@ -270,14 +265,9 @@ def disc_image(
         "load_angle_deg": float(np.degrees(angle)),
     }
     return ImageFit(
-        file=shot.name,
-        load_n=shot.load_n,
-        order=order,
-        standard_uncertainty=spread,
-        chi=chi,
-        geometry=geometry,
-        view=view,
-    )
+        file=shot.name, load_n=shot.load_n, order=order, standard_uncertainty=spread, chi=chi,
+        geometry=geometry, view=view,
+    )  # fmt: skip
 
 
 def disc_view(
@@ -397,13 +387,11 @@ class Scan:
 def scan_disc(shot: Shot) -> Scan:
     """Find a disc's rim and scan its centre order; raises PhysicsError where no disc is seen."""
     circle = find_rim(shot)
-    geometries = np.array(
-        [
-            [circle.row, circle.col, circle.radius * factor, np.radians(angle)]
-            for factor in RADII
-            for angle in ANGLES_DEG
-        ]
-    )
+    geometries = np.array([
+        [circle.row, circle.col, circle.radius * factor, np.radians(angle)]
+        for factor in RADII
+        for angle in ANGLES_DEG
+    ])  # fmt: skip
     return Scan(circle, geometries, *scan_orders(shot, geometries))
 
 

@@ -250,15 +250,11 @@ def _view(
     left, image = np.full(order.shape, np.nan), images.stack[index]
     left[images.used] = residual
     return View(
-        image=image,
-        model=image - left,
-        residual=left,
-        sigma=float(np.median(shot.sigma)),
-        cut=np.s_[len(order) // 2, :],
-        order=order,
+        image=image, model=image - left, residual=left, sigma=float(np.median(shot.sigma)),
+        cut=np.s_[len(order) // 2, :], order=order,
         position_mm=0.5 * diameter_mm * images.grid.cols[0],
         pixel_mm=(0.5 * diameter_mm * float(images.grid.step),) * 2,
-    )
+    )  # fmt: skip
 
 
 BEYOND = 1.5
@@ -329,13 +325,10 @@ def read_load(series: LoadSeries, shot: Shot, number: int) -> LoadReading:
     residual = float(np.mean((light - predicted) ** 2))
     low, high = known.loads.min(), known.loads.max()
     return LoadReading(
-        load_n=load,
-        standard_uncertainty=spread,
-        explained=float(1.0 - residual / np.var(light)),
-        chi=float(np.sqrt(residual) / np.median(shot.sigma)),
-        rim=rim,
+        load_n=load, standard_uncertainty=spread, explained=float(1.0 - residual / np.var(light)),
+        chi=float(np.sqrt(residual) / np.median(shot.sigma)), rim=rim,
         beyond=max(0.0, low - load, load - high) / float(high - low),
-    )
+    )  # fmt: skip
 
 
 def _coarse(known: Overlay, frame: Overlay, rise: Rise, name: str) -> float:

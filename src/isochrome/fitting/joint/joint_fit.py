@@ -410,15 +410,11 @@ class JointProblem:
             return tolerance**2 * max(1.0, here.cost / here.freedom) + _UNSOUND * beyond
 
         sums = minimise(
-            at,
-            values,
-            normal,
-            damping=Damping(1e-6, least=1e-4),
-            iterations=_ITERATIONS,
+            at, values, normal, damping=Damping(1e-6, least=1e-4), iterations=_ITERATIONS,
             enough=enough,
             better=lambda new, old: new.cost <= old.cost * (1.0 + _ALIKE),
             bounds=self.bounds,
-        )
+        )  # fmt: skip
         end = sums.values + sums.step if sums.converged else sums.values
         return end, sums.point, sums.converged
 
@@ -427,14 +423,10 @@ class JointProblem:
     ) -> NormalEquations | None:
         """The normal equations of frames and measured scars at some values."""
         sums = add_up(
-            (data.every(stride) for data in self.frames),
-            sequence,
-            values,
-            renderer=renderer,
-            progress=self.progress,
-            exact=self.prior.any,
+            (data.every(stride) for data in self.frames), sequence, values,
+            renderer=renderer, progress=self.progress, exact=self.prior.any,
             regions=lambda i: self._region(i, stride),
-        )
+        )  # fmt: skip
         return sums and (sums + scar_equations(sequence, values) if sequence.areas else sums)
 
     def keep_clear(self, values: Array) -> None:
@@ -472,24 +464,16 @@ class JointProblem:
         freedom = max(1, normal.freedom - values.size)
         cost = normal.cost - normal.prior_cost
         return JointFit(
-            sequence=self.given,
-            values=values,
+            sequence=self.given, values=values,
             standard_uncertainty=standard_uncertainty(covariance, determined),
-            cramer_rao_bound=bound,
-            covariance=covariance,
-            information=information,
-            chi=float(np.sqrt(cost / freedom)),
-            frame_chi=normal.chi,
-            cost=cost,
-            freedom=freedom,
-            scene=self.given.whole(values),
-            scenes=self._scenes(self.given, values),
+            cramer_rao_bound=bound, covariance=covariance, information=information,
+            chi=float(np.sqrt(cost / freedom)), frame_chi=normal.chi, cost=cost, freedom=freedom,
+            scene=self.given.whole(values), scenes=self._scenes(self.given, values),
             converged=converged and bool(np.all(determined)),
             lost=tuple(i for i, good in enumerate(normal.positive) if not good),
             noise_uncertainty=noise_spread,
-            budget=budgets_of(noise_spread, inputs.rows, sensitivity),
-            known=inputs.keys,
-        )
+            budget=budgets_of(noise_spread, inputs.rows, sensitivity), known=inputs.keys,
+        )  # fmt: skip
 
     def _sensitivity(self, values: Array, inverse: Array) -> tuple[StatedInputs, Array]:
         """What is known beforehand (m,), and the values' change with it (p, m).

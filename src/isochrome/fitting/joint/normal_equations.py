@@ -155,13 +155,10 @@ def linearise_frame(
     return NormalEquations(
         normal=(precise @ precise.T).astype(float),
         middle=gradient_covariance(rows, gamma_fit.residual, pixels.keep),
-        gradient=(rows @ gamma_fit.residual).astype(float),
-        squares=squares.astype(float),
-        cost=gamma_fit.cost,
-        freedom=freedom,
-        positive=(gamma_fit.part.positive,),
+        gradient=(rows @ gamma_fit.residual).astype(float), squares=squares.astype(float),
+        cost=gamma_fit.cost, freedom=freedom, positive=(gamma_fit.part.positive,),
         chi=(float(np.sqrt(gamma_fit.cost / max(1, freedom))),),
-    )
+    )  # fmt: skip
 
 
 def solved_along(
@@ -390,15 +387,9 @@ def scar_equations(sequence: Sequence, values: Array) -> NormalEquations:
     rows, residual = scar_rows(sequence, values)
     normal = rows @ rows.T
     return NormalEquations(
-        normal=normal,
-        middle=normal,
-        gradient=rows @ residual,
-        squares=np.diag(normal).copy(),
-        cost=float(residual @ residual),
-        freedom=residual.size,
-        positive=(),
-        chi=(),
-    )
+        normal=normal, middle=normal, gradient=rows @ residual, squares=np.diag(normal).copy(),
+        cost=float(residual @ residual), freedom=residual.size, positive=(), chi=(),
+    )  # fmt: skip
 
 
 def scar_messages(areas: tuple[MeasuredArea, ...], scene: Scene) -> tuple[str, ...]:

@@ -458,14 +458,9 @@ def nothing_found(count: int, chi: float = float("nan")) -> Tracked:
     """
     nan = np.full(count, np.nan)
     return Tracked(
-        values=nan,
-        standard_uncertainty=nan,
-        cramer_rao_bound=nan,
-        chi=chi,
-        searched=False,
-        positive=False,
-        far=bool(np.isfinite(chi)),
-    )
+        values=nan, standard_uncertainty=nan, cramer_rao_bound=nan, chi=chi, searched=False,
+        positive=False, far=bool(np.isfinite(chi)),
+    )  # fmt: skip
 
 
 class Tracker:
@@ -609,13 +604,9 @@ class Tracker:
         factors = self.course.reported()
         values = found.values[: self.course.count] * factors
         return Tracked(
-            values=values,
-            standard_uncertainty=spread * factors,
-            cramer_rao_bound=local.bound * factors,
-            chi=found.chi,
-            searched=searched,
-            positive=True,
-        )
+            values=values, standard_uncertainty=spread * factors,
+            cramer_rao_bound=local.bound * factors, chi=found.chi, searched=searched, positive=True,
+        )  # fmt: skip
 
     def _search(self, frame: Frame, start: Array, distance_m: float | None) -> RefinedFit | None:
         """A frame found as if it were alone; None where the scene's fringes are not in it."""

@@ -210,14 +210,9 @@ def _implicit(
     load, friction = drive.mean(scar.worn_mm2, worn)
     dose = (worn - scar.worn_mm2) / load
     contact = solve_pressure(
-        site.surface,
-        site.gap_mm + scar.depth_mm,
-        load,
-        friction=friction,
-        wear_mm_per_mpa=dose,
-        start=start,
-        tolerance=_EQUATIONS,
-    )
+        site.surface, site.gap_mm + scar.depth_mm, load, friction=friction, wear_mm_per_mpa=dose,
+        start=start, tolerance=_EQUATIONS,
+    )  # fmt: skip
     return WornScar(worn, scar.depth_mm + dose * contact.pressure, contact.pressure)
 
 

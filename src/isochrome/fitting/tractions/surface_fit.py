@@ -317,15 +317,9 @@ def _regularised(setup: Setup, stage: Stage) -> Stage:
         return stage
     strength = discrepancy_strength(stage.solution, smooth, basis.signed)
     return solve_stage(
-        setup,
-        stage.state(),
-        basis.nodes_px,
-        depth_px=0.0,
-        spacing_px=basis.spacing_px,
-        bins=problem.bins,
-        free_top=stage.moving,
-        strength=strength,
-    )
+        setup, stage.state(), basis.nodes_px, depth_px=0.0, spacing_px=basis.spacing_px,
+        bins=problem.bins, free_top=stage.moving, strength=strength,
+    )  # fmt: skip
 
 
 def _hat_means(values: Array, at: Array, spacing: int) -> Array:

@@ -136,14 +136,10 @@ def _averaged(data: FrameData, valid: Array, side: Array, b: int) -> Bins:
     keep = (side[::b, ::b] == b) & _squares(valid[:rows, :cols], b).all((-3, -1))
     row, col = np.nonzero(keep)
     return Bins(
-        side=np.full(len(row), b),
-        row=(row + 0.5) * b - 0.5,
-        col=(col + 0.5) * b - 0.5,
-        light=mean(data.light)[keep],
-        sigma=np.sqrt(mean(np.square(data.sigma))[keep]) / b,
-        illumination=mean(data.illumination)[:, keep],
-        background=mean(data.background)[:, keep],
-    )
+        side=np.full(len(row), b), row=(row + 0.5) * b - 0.5, col=(col + 0.5) * b - 0.5,
+        light=mean(data.light)[keep], sigma=np.sqrt(mean(np.square(data.sigma))[keep]) / b,
+        illumination=mean(data.illumination)[:, keep], background=mean(data.background)[:, keep],
+    )  # fmt: skip
 
 
 def _squares(image: Array, b: int) -> Array:
@@ -430,15 +426,9 @@ def solve_tractions(
         )
         converged = bool(gain < (0.5 if precise else 1e-3 * value))
     return Solution(
-        unknowns=c,
-        misfit=here.misfit,
-        smooth=smooth,
-        gram=gram,
-        slope=slope,
-        residual=here.residual,
-        light=here.light,
-        converged=converged,
-    )
+        unknowns=c, misfit=here.misfit, smooth=smooth, gram=gram, slope=slope,
+        residual=here.residual, light=here.light, converged=converged,
+    )  # fmt: skip
 
 
 def _step(

@@ -248,14 +248,9 @@ def _problem(
         for end, smooth in zip(ends, shapes_of_ends(light.shape, by), strict=True)
     )
     problem = EndProblem(
-        light=small,
-        sigma=noise,
-        valid=trusted,
-        shapes=(dark, bright),
-        tone=tone,
-        scale=float(high - low),
-        by=by,
-    )
+        light=small, sigma=noise, valid=trusted, shapes=(dark, bright), tone=tone,
+        scale=float(high - low), by=by,
+    )  # fmt: skip
     flat = [
         np.eye(len(spread))[0] * (1.0 if known else level)
         for known, level, spread in zip(problem.given, (low, high), problem.spreads, strict=True)
@@ -291,12 +286,9 @@ def _as_images(
     return BackgroundModulation(
         dark=full[0].sum(result.unknowns[:cut]) if dark is None else dark**g,
         bright=full[1].sum(result.unknowns[cut:-1]) if bright is None else bright**g,
-        settled=result.rests,
-        tone=g,
-        tone_uncertainty=float(np.sqrt(result.covariance[-1, -1])),
-        given=given,
-        variance=variance_of_ends(shape, given, cut, result.covariance),
-    )
+        settled=result.rests, tone=g, tone_uncertainty=float(np.sqrt(result.covariance[-1, -1])),
+        given=given, variance=variance_of_ends(shape, given, cut, result.covariance),
+    )  # fmt: skip
 
 
 _WIDTHS, _NARROWEST_PX = (1.0 / 16.0, 1.0 / 32.0, 1.0 / 64.0), 1.5

@@ -274,16 +274,9 @@ def look(data: PatchData, ends: PatchEnds, orders: Array) -> Looked:
     residual = data.light - light
     cost = np.einsum("pk,pk,pk->p", data.weight, residual, residual) + (orders**2) @ _PRIOR
     return Looked(
-        cost=cost,
-        residual=residual,
-        problem=problem,
-        ends=ends,
-        angle=angle,
-        fade=fade,
-        signal=signal,
-        linear=linear,
-        light=light,
-    )
+        cost=cost, residual=residual, problem=problem, ends=ends, angle=angle, fade=fade,
+        signal=signal, linear=linear, light=light,
+    )  # fmt: skip
 
 
 def _fade(orders: Array) -> Array:
@@ -670,16 +663,9 @@ def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Fo
     cost = cost * np.maximum(data.chi, 1.0) ** 2
     prior_cost = data.problem.prior_cost(unknowns)
     return Found(
-        unknowns=unknowns,
-        covariance=covariance,
-        change=change,
-        patch_cost=cost / data.window,
-        prior_cost=prior_cost,
-        price=float(price),
-        beyond_prior=larger,
-        data=data,
-        orders=orders,
-    )
+        unknowns=unknowns, covariance=covariance, change=change, patch_cost=cost / data.window,
+        prior_cost=prior_cost, price=float(price), beyond_prior=larger, data=data, orders=orders,
+    )  # fmt: skip
 
 
 def fresh_patches(
@@ -761,16 +747,10 @@ def _data(
     rows, cols = places[:, :1] + dy, places[:, 1:] + dx
     noise = problem.sigma[rows, cols] * np.maximum(chi, 1.0)[:, None]
     return PatchData(
-        problem=problem,
-        index=index,
-        light=problem.light[rows, cols],
-        weight=window / noise**2,
-        places=places,
-        pixels=rows * problem.light.shape[1] + cols,
-        window=np.maximum(window.sum(axis=1), 1e-9),
-        chi=chi,
-        thinned=thinned,
-    )
+        problem=problem, index=index, light=problem.light[rows, cols], weight=window / noise**2,
+        places=places, pixels=rows * problem.light.shape[1] + cols,
+        window=np.maximum(window.sum(axis=1), 1e-9), chi=chi, thinned=thinned,
+    )  # fmt: skip
 
 
 def overlap(data: PatchData) -> float:

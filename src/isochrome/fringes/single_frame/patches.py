@@ -163,14 +163,11 @@ def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
         trusted &= chosen == body[:, None]
     gradient = [g[at][:, 0] for g in _start_gradient(np.where(valid, wave, 0.0), sigma, valid)]
     return PatchLight(
-        rows=rows,
-        cols=cols,
-        light=np.where(trusted, wave[pick], 0.0).astype(np.float32),
+        rows=rows, cols=cols, light=np.where(trusted, wave[pick], 0.0).astype(np.float32),
         weight=(window * trusted).astype(np.float32),
         noise=np.maximum(sigma[at][:, 0], _FLOOR).astype(np.float32),
-        gradient=np.stack(gradient, axis=-1).astype(np.float32),
-        body=body,
-    )
+        gradient=np.stack(gradient, axis=-1).astype(np.float32), body=body,
+    )  # fmt: skip
 
 
 def bodies_of(valid: Mask) -> tuple[Indices, int]:

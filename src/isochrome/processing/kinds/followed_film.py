@@ -156,15 +156,9 @@ class FilmData:
         """The film as it was followed."""
         spans = tuple((span[0], span[1] if len(span) > 1 else count) for span in path.lost)
         return FollowedFilm(
-            data=self,
-            light=light,
-            guide=light.joined(self.by),
-            wave_noise=path.noise,
-            kept=path.kept,
-            lost=spans,
-            count=count,
-            notes=notes,
-        )
+            data=self, light=light, guide=light.joined(self.by), wave_noise=path.noise,
+            kept=path.kept, lost=spans, count=count, notes=notes,
+        )  # fmt: skip
 
 
 def film_time(frame: Frame, index: int) -> float:

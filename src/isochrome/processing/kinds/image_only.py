@@ -385,12 +385,9 @@ def _by_ends(
     done = normalise(*(Linear(part, valid) for part in (linear, ends.dark, ends.bright)))
     slope = ends.tone * np.maximum(light, sigma) ** (ends.tone - 1.0)
     signal = FrameSignal(
-        signal=done.signal,
-        sigma=slope * sigma / np.where(done.valid, done.contrast, 1.0),
-        valid=done.valid,
-        error=ends.signal_uncertainty(light),
-        ends=ends,
-    )
+        signal=done.signal, sigma=slope * sigma / np.where(done.valid, done.contrast, 1.0),
+        valid=done.valid, error=ends.signal_uncertainty(light), ends=ends,
+    )  # fmt: skip
     return done, signal
 
 

@@ -346,10 +346,6 @@ class KeyFrames:
         rows = [known.get(key, (np.nan,) * 3) for key in self.keys]
         values, spread, bound = np.array(rows).T.copy()
         return Tracked(
-            values=values,
-            standard_uncertainty=spread,
-            cramer_rao_bound=bound,
-            chi=fit.chi,
-            searched=True,
-            positive=True,
-        )
+            values=values, standard_uncertainty=spread, cramer_rao_bound=bound, chi=fit.chi,
+            searched=True, positive=True,
+        )  # fmt: skip
