@@ -228,7 +228,14 @@ def find_beam(shot: Shot, height_px: float) -> BeamView:
     Parameters: `shot`; `height_px`, the beam's height in pixels. Returns a BeamView. Raises
     PhysicsError where no fringes rise across the height, InputError for another size.
     """
-    _check_size(shot, height_px)
+    lines = shot.light.shape[0]
+    if not SMALLEST_PX <= height_px <= LARGEST_FRAMES * lines:
+        raise InputError(
+            "beam_height_mm_camera_pixel_mm", name=shot.name, height_px=height_px, seen=lines,
+            smallest_px=SMALLEST_PX, seen_2=LARGEST_FRAMES * lines,
+        )  # fmt: skip
+    if np.mean(shot.valid) < FEWEST_VALID:
+        raise PhysicsError("only_pixels_can_used", name=shot.name, mean=np.mean(shot.valid))
     tilt = _tilt(shot)
     rows, values, count = _binned(*_profile(shot, tilt))
     tops = _tops(rows, height_px)
@@ -249,17 +256,6 @@ def find_beam(shot: Shot, height_px: float) -> BeamView:
         row = (angle + (0.0 if shot.bright else np.pi)) / (2.0 * np.pi * slope)
         starts.append([slope, row + np.round((middle - row) * slope) / slope, tilt])
     return BeamView(height_px, float(tops[place]), tilt, np.array(starts))
-
-
-def _check_size(shot: Shot, height_px: float) -> None:
-    seen = shot.light.shape[0]
-    if not SMALLEST_PX <= height_px <= LARGEST_FRAMES * seen:
-        raise InputError(
-            "beam_height_mm_camera_pixel_mm", name=shot.name, height_px=height_px, seen=seen,
-            smallest_px=SMALLEST_PX, seen_2=LARGEST_FRAMES * seen,
-        )  # fmt: skip
-    if np.mean(shot.valid) < FEWEST_VALID:
-        raise PhysicsError("only_pixels_can_used", name=shot.name, mean=np.mean(shot.valid))
 
 
 def _tilt(shot: Shot) -> float:

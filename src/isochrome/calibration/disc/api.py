@@ -88,7 +88,13 @@ def fit_disc(shot: Shot, circle: Circle, starts: Array) -> Array:
         _check_explained(shot, result.best)
         start = result.best.values[None, :]
     best = result.best
-    _check(shot, best, ambiguous)
+    order, spread = float(best.values[0]), float(best.standard_uncertainty[0])
+    if order < FEWEST:
+        raise PhysicsError("centre_order_too_low", name=shot.name, order=order)
+    if ambiguous:
+        raise PhysicsError("two_centre_orders_near", name=shot.name, order=order)
+    if not best.converged or not best.positive or spread > 0.2 * order:
+        raise PhysicsError("fringes_could_not_fitted", name=shot.name)
     return best.values
 
 
@@ -104,16 +110,6 @@ def _check_explained(shot: Shot, best: IntensityFit) -> None:
             explained=explained,
             fewest_loads=FEWEST_LOADS,
         )
-
-
-def _check(shot: Shot, best: IntensityFit, ambiguous: bool) -> None:
-    order, spread = float(best.values[0]), float(best.standard_uncertainty[0])
-    if order < FEWEST:
-        raise PhysicsError("centre_order_too_low", name=shot.name, order=order)
-    if ambiguous:
-        raise PhysicsError("two_centre_orders_near", name=shot.name, order=order)
-    if not best.converged or not best.positive or spread > 0.2 * order:
-        raise PhysicsError("fringes_could_not_fitted", name=shot.name)
 
 
 def _fit(shot: Shot, grid: DiscPixels, starts: Array, within: float) -> SeveralStarts:

@@ -578,7 +578,9 @@ class TrackCourse:
             area, own = self._own(WORN, self._now), self._own(LOAD, self._now)
             return area if _table(self.scene, LOAD) else area * self.load_before(values) / own
         ends = ((*self._last, self._slid), (load, friction, self._now))
-        rates = [self._rate(mu, at) * self._line_load(p) for p, mu, at in ends]
+        law = self.scene.wear
+        assert law is not None
+        rates = [1e3 * float(wear_rate(law, mu, at)) * self._line_load(p) for p, mu, at in ends]
         return self._area + max(0.0, self._now - self._slid) * 0.5 * sum(rates)
 
     def grown(self, values: Array, others: Array) -> tuple[float, float]:
@@ -731,10 +733,6 @@ class TrackCourse:
         if axis == FRICTION:
             return float(self.scene.friction_at(s)) if self.scene.friction else 0.0
         return float(self.scene.get(axis))
-
-    def _rate(self, friction: float, s: float) -> float:
-        assert self.scene.wear is not None
-        return 1e3 * float(wear_rate(self.scene.wear, friction, s))
 
 
 def _table(scene: Scene, key: str) -> bool:

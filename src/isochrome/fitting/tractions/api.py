@@ -185,7 +185,11 @@ def write_tractions(folder: Path, frames: PreparedFrames, joint: JointFit, resul
     Parameters: `folder`; `frames`; `joint`, for the model beside; `result`, with tractions.
     """
     outcome = result.tractions
-    write_csv(folder / "tractions.csv", _table(outcome))
+    nodes = [len(one.x_mm) for one in outcome]
+    columns: dict[str, Any] = {"frame": np.repeat(np.arange(len(outcome)), nodes)}
+    for field in fields(Tractions)[:5]:  # what is known of each node
+        columns[field.name] = np.concatenate([getattr(one, field.name) for one in outcome])
+    write_csv(folder / "tractions.csv", columns)
     pixel = outcome[0].pixels.pixel_mm
     stacks = zip(*map(maps, outcome, joint.scenes), strict=True)
     for name, stack in zip(("sigma_1_mpa", "sigma_2_mpa", "fringe_order"), stacks, strict=True):
@@ -218,10 +222,3 @@ def maps(tractions: Tractions, scene: Scene) -> list[Array]:
     material = (pixels.z_mm >= (0.5 - 1e-6) * pixels.pixel_mm)[:, None]
     images = (*stress.principal, order)
     return [np.where(material, image, np.nan).astype(np.float32) for image in images]
-
-
-def _table(found: tuple[Tractions, ...]) -> dict[str, Any]:
-    names = [field.name for field in fields(Tractions)[:5]]  # what is known of each node
-    frame = [np.full(len(one.x_mm), i) for i, one in enumerate(found)]
-    columns = {name: np.concatenate([getattr(one, name) for one in found]) for name in names}
-    return {"frame": np.concatenate(frame), **columns}

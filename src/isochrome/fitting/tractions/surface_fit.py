@@ -384,28 +384,18 @@ def search_resultants(
     )  # fmt: skip
     first = 1.0 if shear.any() else 0.0
     result: list[Minimum] = []
-    for start in _starts(modes, first):
+    for load, bulk, *slopes in product(LOADS, BULK_MPA, *([SLOPES_MPA] * 2)):
+        more = np.zeros(len(modes))
+        more[0] = bulk
+        more[1:3] = slopes[: len(modes) - 1]
+        start = np.r_[load, first * load, modes + more]
         solution = solve_tractions(
             small, few, 1e-9 * np.eye(len(start)), start, steps=_STEPS, fine=False
         )
         result.append(Minimum(solution.unknowns, solution.chi))
     result.sort(key=lambda r: r.chi)
-    return _distinct(result)
-
-
-def _starts(modes: Array, first: float) -> list[Array]:
-    starts = []
-    for load, bulk, *slopes in product(LOADS, BULK_MPA, *([SLOPES_MPA] * 2)):
-        more = np.zeros(len(modes))
-        more[0] = bulk
-        more[1:3] = slopes[: len(modes) - 1]
-        starts.append(np.r_[load, first * load, modes + more])
-    return starts
-
-
-def _distinct(found: list[Minimum]) -> list[Minimum]:
     selected: list[Minimum] = []
-    for one in found:
+    for one in result:
         apart = (np.abs(one.values - other.values) for other in selected)
         far = (change[0] > 0.02 or change[2:].max() > 0.3 for change in apart)
         if all(far):

@@ -264,7 +264,9 @@ def _unknown(part: Array, given: list[Stated], *said: str) -> Anchored:
 
 def _one_part(patches: Patches, part: Array, given: list[Stated], error: Array) -> Anchored:
     """A part's order by what is known in it."""
-    candidates = _shifts_that_fit(given)
+    signed = (1.0, -1.0)  # the part's own orders may have either sign
+    shifts = {round(s * g.order - p.field) for g in given for p in g.places for s in signed}
+    candidates = {j for j in shifts if any(g.fits(j) for g in given)}
     if not candidates:
         return _unknown(part, given, *(fits_nothing(g, g.first) for g in given))
     lines = {j: zero_lines(part[..., 0] + j, _zero_said(j, given)) for j in candidates}
@@ -279,13 +281,6 @@ def _one_part(patches: Patches, part: Array, given: list[Stated], error: Array) 
     if lines[best] and (doubtful or all(g.on_line for g in sure)):
         return _unknown(part, sure, f"{sure[0]}: " + message(_OF_ZERO_LINE))
     return _with_seams(patches, part, given, best, error)
-
-
-def _shifts_that_fit(given: list[Stated]) -> set[int]:
-    """Whole orders that make a part's own orders those of something known, of either sign."""
-    signed = (1.0, -1.0)
-    shifts = {round(s * g.order - p.field) for g in given for p in g.places for s in signed}
-    return {j for j in shifts if any(g.fits(j) for g in given)}
 
 
 def _of_rivals(

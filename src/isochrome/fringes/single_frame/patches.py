@@ -446,7 +446,11 @@ def label_patches(patches: Patches) -> Labels:
     count = patches.chi.size
     good = (patches.filled > _LEAST_FILLED) & (patches.spread[..., 0] < _LEAST_SURE)
     good = (good & (patches.chi < WORST_CHI)).ravel()
-    edges = _edges(patches)
+    parts = [
+        (a, b, *_relation(x, y, variance))
+        for a, b, x, y, variance in neighbours(patches, patches.terms)
+    ]
+    edges = _Edges(*(np.concatenate(column) for column in zip(*parts, strict=True)))
     use = good[edges.a] & good[edges.b] & (edges.cost < _WORST_EDGE)
     body = patches.body.ravel()
     use &= body[edges.a] == body[edges.b]
@@ -461,15 +465,6 @@ def label_patches(patches: Patches) -> Labels:
     part = np.where(good & (sizes[raw] >= _SMALLEST), rank[raw], -1)
     sign, shift = _carried(tree, part, edges)
     return Labels(sign.reshape(shape), shift.reshape(shape), part.reshape(shape))
-
-
-def _edges(patches: Patches) -> _Edges:
-    """The relations of each patch with its neighbours to the right, below, and on the diagonals."""
-    parts = [
-        (a, b, *_relation(x, y, variance))
-        for a, b, x, y, variance in neighbours(patches, patches.terms)
-    ]
-    return _Edges(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 def expected_terms(
