@@ -53,8 +53,12 @@ def with_stated(model: type[BaseModel], data: dict[str, Any]) -> dict[str, Any]:
     spreads = {}
     for key, spread in stated.items():
         if key not in _INPUTS and key not in _SPANS:
-            listed = {"inputs": ", ".join(_INPUTS), "spans": ", ".join(_SPANS), "load": _LOAD}
-            raise ValueError(message("no_input_calibration_budget", key=key, **listed))
+            raise ValueError(
+                message(
+                    "no_input_calibration_budget", key=key, inputs=", ".join(_INPUTS),
+                    spans=", ".join(_SPANS), load=_LOAD,
+                )
+            )  # fmt: skip
         if key in _INPUTS:
             spreads[_INPUTS[key]] = spread
     spans = [stated[key] for key in _SPANS if key in stated]
@@ -131,11 +135,17 @@ class Beam(ScenePart):
     def _spans_in_order(self) -> Beam:
         inner, outer, height = self.inner_span_mm, self.outer_span_mm, self.height_mm
         if inner >= outer:
-            code = "inner_span_mm_must_less_outer_span_mm"
-            raise ValueError(message(code, inner_span_mm=inner, outer_span_mm=outer))
+            raise ValueError(
+                message(
+                    "inner_span_mm_must_less_outer_span_mm",
+                    inner_span_mm=inner,
+                    outer_span_mm=outer,
+                )
+            )
         if height >= outer:
-            code = "height_mm_not_less_outer_span_mm"
-            raise ValueError(message(code, height_mm=height, outer_span_mm=outer))
+            raise ValueError(
+                message("height_mm_not_less_outer_span_mm", height_mm=height, outer_span_mm=outer)
+            )
         return self
 
 

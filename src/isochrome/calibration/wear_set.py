@@ -163,8 +163,10 @@ class WearSet(ImageSet):
             raise ValueError(message("no_volume_above_coefficient"))
         stated = self.uncertainty.volume_mm3
         if stated is not None and len(stated) != len(self.volume):
-            counts = {"volume_count": len(self.volume), "stated_count": len(stated)}
-            raise ValueError(message("volumes_uncertainties_them_state", **counts))
+            count, given = len(self.volume), len(stated)
+            raise ValueError(
+                message("volumes_uncertainties_them_state", volume_count=count, stated_count=given)
+            )
         if self.trace and self.volume and stated is None:
             raise ValueError(message("volume_beside_traces_needs"))
         return self
@@ -181,9 +183,12 @@ def _refuse_falling(kind: str, tests: Sequence[SlidTest]) -> None:
     """ValueError for tests that are not by rising distance."""
     for number, (one, other) in enumerate(pairwise(tests), start=2):
         if other.distance_m < one.distance_m:
-            distances = {"distance_m": other.distance_m, "distance_m_2": one.distance_m}
-            code = "distance_m_comes_after_distances"
-            raise ValueError(message(code, kind=kind, number=number, **distances))
+            raise ValueError(
+                message(
+                    "distance_m_comes_after_distances", kind=kind, number=number,
+                    distance_m=other.distance_m, distance_m_2=one.distance_m,
+                )
+            )  # fmt: skip
 
 
 _COMMON = {"normal_n": "load_percent", "distance_m": "distance_percent"}

@@ -283,8 +283,9 @@ def _of_scene(scene: Scene, residual: ResidualStress | None) -> list[str]:
         warnings += residual.warnings
         if residual.largest > _NOTABLE:
             largest, steps = residual.largest, scene.frames.no_load_steps
-            code = "residual_stress_up_fringe_taken"
-            warnings.append(message(code, largest=largest, no_load_steps=steps))
+            warnings.append(
+                message("residual_stress_up_fringe_taken", largest=largest, no_load_steps=steps)
+            )
     return warnings
 
 

@@ -91,8 +91,9 @@ def _told(read: LoadReading, loads: Sequence[float], number: int) -> list[str]:
     away = abs(read.load_n - stated) / read.standard_uncertainty
     if stated and away > CONTRADICTED:
         value = with_uncertainty(read.load_n, read.standard_uncertainty)
-        code = "load_stated_other_known"
-        notes.append(message(code, stated=stated, with_uncertainty=value, away=away))
+        notes.append(
+            message("load_stated_other_known", stated=stated, with_uncertainty=value, away=away)
+        )
     if read.beyond > FAR:
         notes.append(message("load_lies_far_outside"))
     return notes
