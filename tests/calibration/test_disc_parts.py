@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from isochrome.calibration import Circle, Disc, as_shots
-from isochrome.calibration.disc.disc_field import ORDERS
-from isochrome.calibration.disc.disc_fit import fit_disc
-from isochrome.calibration.disc.disc_starts import Scan, choose_centre_orders
+from isochrome.calibration.disc.api import fit_disc
+from isochrome.calibration.disc.disc_field import ORDERS, Scan, choose_centre_orders
 from isochrome.calibration.disc.order_slope import Rise, fit_rise, overlay
 from isochrome.errors import PhysicsError
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from isochrome.calibration import Disc
-from isochrome.calibration.disc.disc_residual import (
+from isochrome.calibration.disc.api import (
     by_residual,
     load_field,
     residual_basis,

@@ -7,10 +7,8 @@ import pytest
 
 from benchmarks.outside_specimens import Bench, beam_images, disc_images
 from isochrome.calibration import as_shots
-from isochrome.calibration.beam.beam_fit import fit_beam
-from isochrome.calibration.beam.beam_set import beam_kind
-from isochrome.calibration.disc.disc_residual import simple_residual
-from isochrome.calibration.disc.disc_set import disc_model
+from isochrome.calibration.beam.api import beam_kind, fit_beam
+from isochrome.calibration.disc.api import disc_model, simple_residual
 from isochrome.calibration.whole_set.set_model import SHARED, SetModel
 
 from .conftest import BEAM, F_SIGMA, HEIGHT, bending_from_images, bending_load

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from isochrome.errors import PhysicsError
-from isochrome.fitting.search.coarse_fields import field_maker, pressure_table, theta_of
-from isochrome.fitting.search.descents import Space
+from isochrome.fitting.search.coarse_fields import Space, field_maker, pressure_table, theta_of
 from isochrome.reference import disc_stress
 from isochrome.scene import parse_scene
 from isochrome.simulation import scene_states, state_difference

@@ -12,10 +12,9 @@ from fitting.test_fit_track import FRICTION, LOAD, SHAPE, contact
 from fitting.test_fit_track_worn import WEAR, worn_film
 from isochrome.contact import contact_grid, make_site, wear_course
 from isochrome.fitting import Tracker, placed
-from isochrome.fitting.tracking.field_cache import thin_frame
 from isochrome.fitting.tracking.result import TrackRows
-from isochrome.fitting.tracking.scar_steps import Drive, Growth, WornScar, grow
-from isochrome.fitting.tracking.wear_state import elastic_area
+from isochrome.fitting.tracking.tracked_model import thin_frame
+from isochrome.fitting.tracking.wear_state import Drive, Growth, WornScar, elastic_area, grow
 from isochrome.frames import Frame, NoiseModel
 from isochrome.optics import expose
 from isochrome.scene import load_scene

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from isochrome.fitting import Pixels, local_model, solve_with_gamma
-from isochrome.fitting.tracking.past_load import fit_past_load
+from isochrome.fitting.tracking.tracker import fit_past_load
 
 SIZE, NOISE = 4000, 0.01
 PLACE = np.linspace(0.0, 20.0, SIZE)

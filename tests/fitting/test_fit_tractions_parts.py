@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from isochrome.fitting.tractions.binned_pixels import Bins
-from isochrome.fitting.tractions.surface_fit import what_to_say
-from isochrome.fitting.tractions.traction_basis import lattice_px, make_basis
+from isochrome.fitting.tractions.surface_fit import Stage, what_to_say
 from isochrome.fitting.tractions.traction_solver import (
+    Bins,
     Solution,
     TractionProblem,
     discrepancy_strength,
+    lattice_px,
+    make_basis,
     smoothness,
     with_signs,
 )
-from isochrome.fitting.tractions.traction_stage import Stage
 from isochrome.stress import PixelGrid
 
 PIXELS = PixelGrid(rows=200, cols=300, left_mm=-1.5, top_mm=0.0, pixel_mm=0.01)

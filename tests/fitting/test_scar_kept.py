@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from isochrome.fitting.tracking.scar_growth import TrackPast, _with_one_more
-from isochrome.fitting.tracking.scar_steps import Drive, WornScar
+from isochrome.fitting.tracking.wear_state import Drive, TrackPast, WornScar, _with_one_more
 from isochrome.scene import load_scene
 
 

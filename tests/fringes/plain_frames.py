@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isochrome.fringes import read_free
+from isochrome.fringes import known_orders, read_free
 
 SHAPE = (160, 220)
 ROWS, COLS = np.indices(SHAPE)
@@ -26,7 +26,7 @@ def light(order, noise, valid=True):
 
 def read(order, known=(), lines=(), corners=(), *, noise=0.05, valid=True):
     """A reading of an order (rows, cols) with what is known of it."""
-    return read_free(*light(order, noise, valid), known, lines=lines, corners=corners)
+    return read_free(*light(order, noise, valid), known_orders(known, lines, corners))
 
 
 def kept(got, order):

@@ -1,6 +1,7 @@
 """Smooth lights that explain one frame: which are possible, and what they have in common."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -70,9 +71,9 @@ def result(patch_cost, *, prior_cost=0.0, price=0.0, orders=0.2, at=1.0, beyond_
     """A search's result of given residuals over noise, squared."""
     return Found(
         unknowns=np.array([at]), covariance=np.array([[1e-4]]), change=0.0,
-        index=np.arange(PATCHES),
         patch_cost=np.broadcast_to(np.asarray(patch_cost, float), PATCHES).copy(),
-        prior_cost=prior_cost, price=price, beyond_prior=beyond_prior, data=None,
+        prior_cost=prior_cost, price=price, beyond_prior=beyond_prior,
+        data=SimpleNamespace(index=np.arange(PATCHES)),
         orders=np.full((PATCHES, 10), orders),
     )  # fmt: skip
 

@@ -179,14 +179,9 @@ def target_places(image: Array, target: str, columns: int, rows: int, *, name: s
         what = "inner corners" if target == "chessboard" else "dots"
         other = " (a board of 10 x 7 squares has 9 x 6)" if target == "chessboard" else ""
         raise PhysicsError(
-            "no_found_count_columns",
-            name=name,
-            target=target,
-            columns=columns,
-            rows=rows,
-            what=what,
-            other=other,
-        )
+            "no_found_count_columns", name=name, target=target, columns=columns, rows=rows,
+            what=what, other=other,
+        )  # fmt: skip
     return places.reshape(rows, columns, 2)
 
 
@@ -287,12 +282,9 @@ def fit_target(places: Sequence[Array], shape: tuple[int, int]) -> TargetFit:
     options = {"method": "trf", "jac": "3-point", "x_scale": "jac", "xtol": 1e-12, "ftol": 1e-12}
     best = least_squares(residual, first, **options)
     if np.abs(best.x[1:4]).max() > _LARGEST:
+        x, x_2, x_3 = best.x[1:4]
         raise PhysicsError(
-            "target_seen_keystone_distortion",
-            x=best.x[1],
-            x_2=best.x[2],
-            x_3=best.x[3],
-            largest=_LARGEST,
+            "target_seen_keystone_distortion", x=x, x_2=x_2, x_3=x_3, largest=_LARGEST
         )
     residuals = _residual(best.x, points, grids, shape)
     more = least_squares(residual, np.append(best.x, [0.0, 0.0]), **options)
@@ -519,14 +511,9 @@ def _pictures(paths: Sequence[FramesLike]) -> list[tuple[str, Array]]:
     for other, second in pictures[1:]:
         if second.shape != image.shape:
             raise InputError(
-                "has_rows_columns_give",
-                other=other,
-                shape=second.shape[0],
-                shape_2=second.shape[1],
-                name=name,
-                shape_3=image.shape[0],
-                shape_4=image.shape[1],
-            )
+                "has_rows_columns_give", other=other, shape=second.shape[0],
+                shape_2=second.shape[1], name=name, shape_3=image.shape[0], shape_4=image.shape[1],
+            )  # fmt: skip
     for name, image in pictures:
         if not np.isfinite(image).all() or np.ptp(image) == 0.0:
             raise InputError("blank_holds_what_no", name=name)

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from isochrome.calibration.loading import read_one_frame
 from isochrome.calibration.settings import ColourBeam, ColourSet, ColourSetLike, load_colour_set
+from isochrome.calibration.shot import read_one_frame
 from isochrome.errors import InputError, PhysicsError
 from isochrome.figures import (
     BOLD_PT,
@@ -226,13 +226,11 @@ def read_colour_shots(given: ColourSet) -> tuple[ColourShots, int | None]:
         if name is None:
             ends.append(None)
             continue
-        (end, *_), _ = _read(given, given.path(name), masked=False)
-        if end.shape != images[0][0].shape:
+        path, shape = given.path(name), images[0][0].shape
+        (end, *_), _ = _read(given, path, masked=False)
+        if end.shape != shape:
             raise InputError(
-                "rows_columns_channels_images",
-                path=given.path(name),
-                shape=end.shape,
-                shape_2=images[0][0].shape,
+                "rows_columns_channels_images", path=path, shape=end.shape, shape_2=shape
             )
         # its noise must not enter every pixel's model
         ends.append(gaussian_filter(end, (_SMOOTH_ENDS_PX, _SMOOTH_ENDS_PX, 0.0)))
@@ -443,11 +441,9 @@ def calibrate_colour(source: ColourSetLike) -> ColourCalibration:
     shots, depth = read_colour_shots(given)
     if given.beam is not None:
         return _of_beam(given, shots, depth)
+    bright = given.polariscope.field == "bright"
     light = find_light(
-        shots,
-        gamma=given.gamma,
-        bright_field=given.polariscope.field == "bright",
-        highest_order=given.highest_order,
+        shots, gamma=given.gamma, bright_field=bright, highest_order=given.highest_order
     )
     check_light(light, given)
     return _of_light(light, given, shots, depth)
@@ -483,17 +479,12 @@ def _of_beam(given: ColourSet, shots: ColourShots, depth: int | None) -> ColourC
     noise = np.median(np.abs(away), axis=0) * 1.4826
     residual = np.sqrt(np.maximum(np.mean(away**2, axis=0) - noise**2, 0.0))
     return ColourCalibration(
-        colour_table=ColourTable(table.signal, residual),
-        way="beam",
-        gamma=gamma,
-        wavelength_nm=given.polariscope.wavelength_nm,
-        residual=float(np.sqrt(np.mean(away**2))),
-        strange=float(np.mean(np.mean(away**2, axis=1) > 0.15**2)),
-        highest=table.highest,
-        bit_depth=depth,
-        exposures=tuple(map(float, factors)),
+        colour_table=ColourTable(table.signal, residual), way="beam", gamma=gamma,
+        wavelength_nm=given.polariscope.wavelength_nm, residual=float(np.sqrt(np.mean(away**2))),
+        strange=float(np.mean(np.mean(away**2, axis=1) > 0.15**2)), highest=table.highest,
+        bit_depth=depth, exposures=tuple(map(float, factors)),
         warnings=tuple(exposure_messages(given, factors, "the no-load frames")),
-    )
+    )  # fmt: skip
 
 
 def exposure_messages(given: ColourSet, factors: Array, against: str) -> list[str]:
@@ -514,12 +505,9 @@ def check_light(light: OwnLight, given: ColourSet) -> None:
             "images_reach_least_needed", what=what, highest=light.highest, least_order=LEAST_ORDER
         )
     if light.strange > LARGEST_STRANGE or light.torn > LARGEST_TORN:
+        strange, torn = 100 * light.strange, 100 * light.torn
         raise PhysicsError(
-            "pixels_off_table_order",
-            what=what,
-            strange=100 * light.strange,
-            torn=100 * light.torn,
-            advice=advice,
+            "pixels_off_table_order", what=what, strange=strange, torn=torn, advice=advice
         )
     if light.moved > LARGEST_MOVE:
         raise PhysicsError("last_round_still_moved", what=what, moved=light.moved, advice=advice)
@@ -546,21 +534,15 @@ def _of_light(
     turn = given.frames.rotate_deg, given.frames.flip
     return ColourCalibration(
         colour_table=ColourTable(scale * light.table.signal, scale * light.table.spread),
-        way="own colours",
-        gamma=light.gamma,
+        way="own colours", gamma=light.gamma,
         gamma_uncertainty=None if given.gamma is not None else light.gamma_uncertainty,
-        wavelength_nm=wavelength,
-        bands_nm=tuple(map(float, middle)),
-        widths_nm=tuple(map(float, middle * bands.width)),
-        residual=light.residual,
-        strange=light.strange,
-        highest=light.highest,
+        wavelength_nm=wavelength, bands_nm=tuple(map(float, middle)),
+        widths_nm=tuple(map(float, middle * bands.width)), residual=light.residual,
+        strange=light.strange, highest=light.highest,
         background=as_captured(light.background, *turn) if ends else None,
         illumination=as_captured(light.illumination / scale, *turn) if ends else None,
-        bit_depth=depth,
-        exposures=tuple(map(float, light.brightness)),
-        warnings=tuple(messages),
-    )
+        bit_depth=depth, exposures=tuple(map(float, light.brightness)), warnings=tuple(messages),
+    )  # fmt: skip
 
 
 _SEEN = "seen in the images"

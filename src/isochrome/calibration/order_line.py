@@ -75,14 +75,9 @@ def check_order(loads_n: ArrayLike, orders: ArrayLike, names: tuple[str, ...]) -
     for low, high in pairwise(rank):
         if p[high] > p[low] and n[high] < n[low] * (1.0 - 1e-3) - 1e-3:
             raise PhysicsError(
-                "shows_order_less_orders",
-                names=names[high],
-                p=p[high],
-                n=n[high],
-                n_2=n[low],
-                names_2=names[low],
-                p_2=p[low],
-            )
+                "shows_order_less_orders", names=names[high], p=p[high], n=n[high], n_2=n[low],
+                names_2=names[low], p_2=p[low],
+            )  # fmt: skip
 
 
 def _solve(p: Array, n: Array, v: Array) -> tuple[Array, Array, Array]:
@@ -154,21 +149,15 @@ def order_messages(
     if line.intercept is None or line.intercept_uncertainty is None:
         return ()
     messages = []
-    r, u = line.intercept, line.intercept_uncertainty
+    r, u, slope = line.intercept, line.intercept_uncertainty, line.intercept / line.slope
     for item in unloaded:
         order = float(np.sqrt(max(item.square, 0.0)))
         spread = np.sqrt(item.uncertainty**2 + (2.0 * r * u) ** 2 + 2.0 * u**4)
         if abs(r**2 - item.square) > CERTAIN * spread and abs(abs(r) - order) > NOTICED:
-            messages.append(
-                message(
-                    "shows_order_no_load",
-                    file=item.file,
-                    order=order,
-                    r=r,
-                    slope=r / line.slope,
-                    load_n=load_n,
-                )
+            text = message(
+                "shows_order_no_load", file=item.file, order=order, r=r, slope=slope, load_n=load_n
             )
+            messages.append(text)
     return tuple(messages)
 
 
@@ -350,15 +339,10 @@ def widened_to_held_out(calibration: Calibration) -> Calibration:
     items = (*calibration.budget, BudgetItem("held-out loads", part / value, "", part, 0.0))
     budget = [replace(i, share=(i.contribution_n_per_mm / total) ** 2) for i in items]
     text = message(
-        "shows_order_where_other",
-        file=image.file,
-        load_n=image.load_n,
-        order=image.order,
-        predicted_order=image.predicted_order,
-        pulls=pulls[worst],
-        standard_uncertainty=calibration.standard_uncertainty,
-        total=total,
-    )
+        "shows_order_where_other", file=image.file, load_n=image.load_n, order=image.order,
+        predicted_order=image.predicted_order, pulls=pulls[worst],
+        standard_uncertainty=calibration.standard_uncertainty, total=total,
+    )  # fmt: skip
     return replace(
         calibration,
         images=_expected(calibration.images, np.hypot(noise, orders * total / value)),

@@ -275,7 +275,7 @@ class Calibration(Result):
             _line(axes, self)
             axes.margins(y=0.25)  # so that what stands below the line's beginning has room
 
-        names = ("captured", "fitted", "residual")
+        bars = {"captured": "", "fitted": "", "residual": "residual (noise sigmas)"}
         plots = [
             Plot(
                 title=f"{item.load_n:.4g} N, along the cut",
@@ -285,20 +285,17 @@ class Calibration(Result):
             for item in shown
         ]
         parts = {item.name: item.contribution_n_per_mm for item in self.budget}
-        budget = budget_plot("uncertainty budget", parts, unit="N/mm")
         plots += [
             Plot(title="order over load", draw=order_line),
             Plot(title=_misfit_title(self), draw=partial(_misfit, calibration=self), spare=2),
-            budget,
+            budget_plot("uncertainty budget", parts, unit="N/mm"),
         ]
         value, *others = _values(self)
         predicted = any(item.predicted_order is not None for item in images)
         return PaperPanels(
             kinds=[
                 PictureKind(name=name, draw=partial(draw, column=column), bar=bar)
-                for column, (name, bar) in enumerate(
-                    zip(names, ("", "", "residual (noise sigmas)"), strict=True)
-                )
+                for column, (name, bar) in enumerate(bars.items())
             ],
             labels=[f"{item.load_n:.4g} N" for item in shown],
             plots=plots,
@@ -342,11 +339,8 @@ def _values(calibration: Calibration) -> list[str]:
     if order is not None:
         parts.append(f"order at zero load {round(order, 3) + 0.0:+.3f}")
     if calibration.residual is not None:
-        parts.append(
-            message(
-                "residual_stress_up_fringe_2", largest_order=calibration.residual["largest_order"]
-            )
-        )
+        largest = calibration.residual["largest_order"]
+        parts.append(message("residual_stress_up_fringe_2", largest_order=largest))
     return parts
 
 
@@ -364,6 +358,7 @@ def _view_of(item: ImageFit) -> View:
 
 
 def _residual_limit(views: list[View]) -> float:
+    """The size that colours tell apart, in noise sigmas: 4 at the least."""
     sizes = [np.nanpercentile(np.abs(v.residual) / v.sigma, 98) for v in views]
     return float(max([4.0, *sizes]))
 

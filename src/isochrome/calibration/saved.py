@@ -191,13 +191,9 @@ def _check_picture(calibration: ScaleCalibration, scene: Scene, name: str) -> No
         stated not in (None, shown) for stated, shown in zip(size, calibration.shape, strict=True)
     ):
         raise InputError(
-            "camera_has_pixels_target",
-            name=name,
-            size=size[1],
-            size_2=size[0],
-            shape=calibration.shape[1],
-            shape_2=calibration.shape[0],
-        )
+            "camera_has_pixels_target", name=name, size=size[1], size_2=size[0],
+            shape=calibration.shape[1], shape_2=calibration.shape[0],
+        )  # fmt: skip
 
 
 _LISTS = {

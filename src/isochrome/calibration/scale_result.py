@@ -142,12 +142,7 @@ class ScaleCalibration(Result):
     @property
     def columns(self) -> dict[str, list[Any]]:
         """A row a value."""
-        rows = self.values
-        return {
-            "key": list(rows),
-            "value": [row.value for row in rows.values()],
-            "standard_uncertainty": [row.standard_uncertainty for row in rows.values()],
-        }
+        return columns_of([{"key": key, **vars(value)} for key, value in self.values.items()])
 
     @property
     def budget_columns(self) -> dict[str, list[Any]]:

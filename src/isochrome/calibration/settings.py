@@ -55,13 +55,10 @@ def with_stated(model: type[BaseModel], data: dict[str, Any]) -> dict[str, Any]:
         if key not in _INPUTS and key not in _SPANS:
             raise ValueError(
                 message(
-                    "no_input_calibration_budget",
-                    key=key,
-                    inputs=", ".join(_INPUTS),
-                    spans=", ".join(_SPANS),
-                    load=_LOAD,
+                    "no_input_calibration_budget", key=key, inputs=", ".join(_INPUTS),
+                    spans=", ".join(_SPANS), load=_LOAD,
                 )
-            )
+            )  # fmt: skip
         if key in _INPUTS:
             spreads[_INPUTS[key]] = spread
     spans = [stated[key] for key in _SPANS if key in stated]
@@ -136,21 +133,18 @@ class Beam(ScenePart):
 
     @model_validator(mode="after")
     def _spans_in_order(self) -> Beam:
-        if self.inner_span_mm >= self.outer_span_mm:
+        inner, outer, height = self.inner_span_mm, self.outer_span_mm, self.height_mm
+        if inner >= outer:
             raise ValueError(
                 message(
                     "inner_span_mm_must_less_outer_span_mm",
-                    inner_span_mm=self.inner_span_mm,
-                    outer_span_mm=self.outer_span_mm,
+                    inner_span_mm=inner,
+                    outer_span_mm=outer,
                 )
             )
-        if self.height_mm >= self.outer_span_mm:
+        if height >= outer:
             raise ValueError(
-                message(
-                    "height_mm_not_less_outer_span_mm",
-                    height_mm=self.height_mm,
-                    outer_span_mm=self.outer_span_mm,
-                )
+                message("height_mm_not_less_outer_span_mm", height_mm=height, outer_span_mm=outer)
             )
         return self
 
@@ -333,12 +327,9 @@ def load_set(source: SetLike, *, specimen: str | None = None) -> CalibrationSet:
         check_reach(loaded.model_dump(exclude_unset=True), loaded.name)
     if specimen is not None and getattr(loaded, specimen) is None:
         (other,) = CUTS.keys() - {specimen}
+        name, command = loaded.name, CUTS[other].command
         raise InputError(
-            "missing_set_has_add",
-            name=loaded.name,
-            specimen=specimen,
-            other=other,
-            command=CUTS[other].command,
+            "missing_set_has_add", name=name, specimen=specimen, other=other, command=command
         )
     return loaded
 

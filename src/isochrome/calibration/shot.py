@@ -1,16 +1,35 @@
-"""Prepared frames with the load of each."""
+"""Prepared frames with the load of each, from arrays or from a calibration set's files.
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+And a value for each channel of colour images.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import uniform_filter
 
-from isochrome.errors import InputError
-from isochrome.estimation import Observation
-from isochrome.frames import estimate_noise, saturation_level
+from isochrome.calibration.result import Calibration
+from isochrome.calibration.settings import CalibrationSet, LoadedImage
+from isochrome.errors import InputError, PhysicsError
+from isochrome.estimation import POOR_CHI, Observation, observe
+from isochrome.frames import (
+    CHANNELS,
+    FrameReader,
+    channel_for,
+    check_scale,
+    estimate_noise,
+    full_scale,
+    load_mask,
+    load_no_load,
+    open_frames,
+    saturation_level,
+)
+from isochrome.messages import message
+from isochrome.scene import ArrayFrames, Camera, Frames, Scene, Specimen, check_width
 
 Array = NDArray[np.float64]
 
@@ -101,3 +120,154 @@ def noise_of(image: Array, mask: NDArray[np.bool_]) -> Array:
     sigma = estimate_noise(filled, mask).sigma(uniform_filter(filled, 3))
     least = 1e-4 * float(np.ptp(filled)) + 1e-12
     return np.asarray(np.maximum(np.asarray(sigma, dtype=float), least))
+
+
+MOST_SATURATED = 0.3
+"""Share of invalid (saturated) pixels beyond which an image is refused."""
+
+SMOOTHING_PX = 3.0
+"""Blur of the no-load frames, whose own noise must not enter every pixel's model."""
+
+
+def read_shots(given: CalibrationSet) -> tuple[Shot, ...]:
+    """A set's images, the no-load dark frame subtracted where both no-load frames are named.
+
+    InputError names the file where one cannot be read, is saturated or is of another size, or
+    camera.pixel_mm is none in which the specimen can be seen.
+    """
+    dark, light = _no_load(given)
+    shots = tuple(_shot(given, item, dark, light) for item in given.image)
+    shapes = {s.light.shape for s in shots} | ({light.shape} if light is not None else set())
+    if len(shapes) > 1:
+        raise InputError(
+            "images_different_sizes_rows_columns", name=given.name, shapes=sorted(shapes)
+        )
+    body = given.beam.height_mm if given.beam else given.disc.diameter_mm if given.disc else None
+    if given.camera.pixel_mm is not None and body is not None:
+        what = "the beam" if given.beam else "the disc"
+        check_width(given.name, given.camera.pixel_mm, shots[0].light.shape, body, what)
+    return shots
+
+
+def _shot(
+    given: CalibrationSet, item: LoadedImage, dark: Array | None, no_load_light: Array | None
+) -> Shot:
+    path = given.path(item.file)
+    light: dict[str, Any] = {
+        "channel": given.frames.channel,
+        "wavelength_nm": given.polariscope.wavelength_nm,
+    }
+    raw, reader = read_one_frame(path, given.frames, given.camera, **light)
+    depth, inside = reader.bit_depth, load_mask(given, reader.shape, reader.full_shape)
+    observed = observe(raw, name=str(path), bit_depth=depth, gamma=given.gamma, mask=inside)
+    unusable = np.mean(~observed.valid[inside])
+    if unusable > MOST_SATURATED:
+        raise InputError("pixels_saturated_defective_lower", path=path, unusable=unusable)
+    # no model of the light cuts a calibration's pixels near white, as it does a frame's
+    full = full_scale(depth)
+    level = np.inf if depth is None else saturation_level(raw, full=full) / full
+    valid = observed.valid & below_saturation(observed.raw, observed.raw_sigma, level)
+    linear = observed.light.astype(float)
+    return Shot(
+        **(vars(observed) | {"name": str(item.file), "valid": valid}
+           | {"light": linear if dark is None else linear - dark}),
+        load_n=item.load_n, bright=given.polariscope.field == "bright",
+        no_load_light=no_load_light,
+    )  # fmt: skip
+
+
+def read_one_frame(
+    path: Path | ArrayFrames, frames: Frames, camera: Camera, in_colour: bool = False, **light: Any
+) -> tuple[Array, FrameReader]:
+    """The one image of a file as stored, and its reader, closed.
+
+    `in_colour`: whether a grey one is refused; `light`: channel and wavelength_nm as `open_frames`
+    takes them. Raises InputError.
+    """
+    light |= {"rotate_deg": frames.rotate_deg, "flip": frames.flip, "roi": frames.roi}
+    with open_frames(path, bit_depth=camera.bit_depth, **light) as reader:
+        if in_colour and reader.channel is None:
+            raise InputError("grey_give_colour_images", path=path)
+        check_scale(reader, camera)
+        images = [frame.image for _, frame in zip(range(2), reader, strict=False)]
+        if len(images) != 1:
+            raise InputError("holds_more_one_frame", path=path)
+        return images[0], reader
+
+
+def _no_load(given: CalibrationSet) -> tuple[Array | None, Array | None]:
+    from scipy.ndimage import gaussian_filter
+
+    scene = Scene(
+        specimen=Specimen(),
+        camera=given.camera,
+        polariscope=given.polariscope,
+        frames=given.frames.model_copy(update={"gamma": given.gamma}),
+        folder=given.folder,
+    )
+    dark, bright = load_no_load(scene)
+    if dark is None or bright is None:
+        return None, None
+    smooth = [gaussian_filter(np.nan_to_num(f.image).astype(float), SMOOTHING_PX) for f in
+              (dark, bright)]  # fmt: skip
+    return smooth[0], smooth[1] - smooth[0]
+
+
+SUMMARY = ("fringe_value_n_per_mm", "standard_uncertainty", "chi", "order_at_zero_load")
+"""What the result tells of each channel."""
+
+
+def calibrate_channels(
+    given: CalibrationSet, run: Callable[[tuple[Shot, ...]], Calibration]
+) -> Calibration:
+    """Run a calibration, once a channel where the images are in colour and none is named.
+
+    The value is that of the channel that sees polariscope.wavelength_nm best (green where that is
+    not given), with all three in `channels`. Raises what `run` raises for that channel.
+    """
+    scope = given.polariscope
+    one_light = scope.wavelength_nm and scope.lines is None
+    if given.frames.channel is not None or one_light or not _in_colour(given):
+        if given.frames.channel is None and scope.lines is not None:
+            raise InputError(
+                "polariscope_lines_several_wavelengths", name=given.name, file=given.image[0].file
+            )
+        return run(read_shots(given))
+    main = channel_for(scope.wavelength_nm)
+    result = run(_of_channel(given, main))
+    table: dict[str, Any] = {}
+    for channel in CHANNELS:
+        try:
+            one = result if channel == main else run(_of_channel(given, channel))
+        except PhysicsError as error:
+            table[channel] = {"refused": str(error)}
+            continue
+        values = {name: getattr(one, name) for name in SUMMARY}
+        every = scope.lines.wavelength_nm if scope.lines else ()
+        lines = [w for w in every if channel_for(w) == channel]
+        table[channel] = values | {"wavelength_nm": lines[0] if len(lines) == 1 else None}
+    return replace(result, channels=table, warnings=(*_of_channels(table, main), *result.warnings))
+
+
+def _of_channels(table: dict[str, Any], main: str) -> Iterator[str]:
+    """What to say of the channels' values."""
+    yield message("colour_images_value_channel", main=main)
+    poor = [c for c, v in table.items() if "refused" in v or v["chi"] > POOR_CHI]
+    if poor:
+        yield message("one_wavelength_does_not", poor=", ".join(poor))
+
+
+def _of_channel(given: CalibrationSet, channel: str) -> tuple[Shot, ...]:
+    frames = given.frames.model_copy(update={"channel": channel})
+    return read_shots(given.model_copy(update={"frames": frames}))
+
+
+def _in_colour(given: CalibrationSet) -> bool:
+    """Whether the first image has three channels that are not copies of one."""
+    path, views = given.path(given.image[0].file), []
+    for channel in ("red", "blue"):
+        with open_frames(path, channel=channel, bit_depth=given.camera.bit_depth) as reader:
+            if reader.channel is None:
+                return False
+            views.append(next(iter(reader)).image)
+    return not np.array_equal(views[0], views[1])

@@ -98,8 +98,7 @@ def _width(volume: WornVolume) -> tuple[float, float] | None:
 def _of_laws(volumes: Sequence[WornVolume], laws: Sequence[WearLawFit], law: str) -> Iterator[str]:
     archard = archard_of(laws)
     if law != "archard":
-        best = laws[0]
-        more = ""
+        best, more, evidence = laws[0], "", -archard.log_evidence
         if best.first_over_last is not None and best.running_in_distance_m is not None:
             more = message(
                 "which_begins_last_coefficient",
@@ -107,11 +106,7 @@ def _of_laws(volumes: Sequence[WornVolume], laws: Sequence[WearLawFit], law: str
                 running_in_distance_m=best.running_in_distance_m,
             )
         yield message(
-            "volumes_prefer_ln_clear",
-            law=best.law,
-            more=more,
-            log_evidence=-archard.log_evidence,
-            sure=SURE,
+            "volumes_prefer_ln_clear", law=best.law, more=more, log_evidence=evidence, sure=SURE
         )
     if archard.is_unlikely:
         worst = max(
@@ -159,13 +154,10 @@ def _of_scene(
         measured = _width(volume)
         if measured is None:
             continue
-        load = scene.load_at(volume.distance_m)
+        place, load = volume.place, scene.load_at(volume.distance_m)
         if abs(volume.normal_n / load - 1.0) > _ALIKE:
             yield message(
-                "normal_n_scene_load_normal_n",
-                normal_n=volume.normal_n,
-                place=volume.place,
-                load=load,
+                "normal_n_scene_load_normal_n", normal_n=volume.normal_n, place=place, load=load
             )
         worn_scene = scene.with_values({
             "load.normal_n": volume.normal_n,
@@ -176,18 +168,12 @@ def _of_scene(
         try:
             state = list(contact_states(worn_scene))[-1]
         except IsochromeError as error:
-            yield message("scene_own_scar_cannot", place=volume.place, error=error)
+            yield message("scene_own_scar_cannot", place=place, error=error)
             continue
         worn = state.grid.x_mm[state.wear_depth_mm > 0.0]
-        width = float(worn[-1] - worn[0])
-        if abs(measured[0] - width) > _CLEARLY * float(np.hypot(measured[1], _OWN_WIDTH * width)):
-            yield message(
-                "scar_mm_wide_mm",
-                place=volume.place,
-                measured=measured[0],
-                width=width,
-                normal_n=volume.normal_n,
-            )
+        (scar, spread), width, load = measured, float(worn[-1] - worn[0]), volume.normal_n
+        if abs(scar - width) > _CLEARLY * float(np.hypot(spread, _OWN_WIDTH * width)):
+            yield message("scar_mm_wide_mm", place=place, measured=scar, width=width, normal_n=load)
 
 
 _PLAUSIBLE = 1e-15, 1e-1
@@ -249,13 +235,10 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
     laws = fit_laws(volumes, spread)
     archard = archard_of(laws)
     k = archard.coefficient_mm2_per_n
-    if not _PLAUSIBLE[0] <= k <= _PLAUSIBLE[1]:
+    least, most = _PLAUSIBLE
+    if not least <= k <= most:
         raise InputError(
-            "scars_give_mm_where",
-            name=given.name,
-            k=k,
-            plausible=_PLAUSIBLE[0],
-            plausible_2=_PLAUSIBLE[1],
+            "scars_give_mm_where", name=given.name, k=k, plausible=least, plausible_2=most
         )
     inputs = common_inputs(given, volumes, spread, k)
     scattered = _has_scatter_only(volumes)
@@ -420,12 +403,5 @@ def _by_distance(
         of_scale = [u * c for name, _, u, c in shared if name not in ("normal_n", "distance_m")]
         u_volume = float(np.hypot(noise, volume.work_n_mm * _joined(np.array(of_scale))))
         parts = np.array([noise / volume.work_n_mm, *(u * c for _, _, u, c in shared)])
-        rows.append(
-            WornDistance(
-                volume=volume,
-                standard_uncertainty_mm3=u_volume,
-                coefficient_mm2_per_n=k,
-                standard_uncertainty=_joined(parts),
-            )
-        )
+        rows.append(WornDistance(volume, u_volume, k, _joined(parts)))
     return tuple(sorted(rows, key=lambda row: row.volume.distance_m))

@@ -159,13 +159,9 @@ def _line(law: str, work: Array, values: Array, spread: Array) -> WearLawFit:
     """A law of one parameter."""
     k, information, square, log_z = _solve(work, values, spread)
     return WearLawFit(
-        law=law,
-        coefficient_mm2_per_n=float(k),
-        own_uncertainty=float(1.0 / np.sqrt(information)),
-        chi_square=float(square),
-        freedom=len(values) - 1,
-        log_evidence=float(log_z),
-    )
+        law=law, coefficient_mm2_per_n=float(k), own_uncertainty=float(1.0 / np.sqrt(information)),
+        chi_square=float(square), freedom=len(values) - 1, log_evidence=float(log_z),
+    )  # fmt: skip
 
 
 def _running_in(volumes: Sequence[WornVolume], values: Array, spread: Array) -> WearLawFit:
@@ -192,15 +188,12 @@ def _running_in(volumes: Sequence[WornVolume], values: Array, spread: Array) -> 
 
     middle = mean(k)
     return WearLawFit(
-        law="running_in",
-        coefficient_mm2_per_n=middle,
+        law="running_in", coefficient_mm2_per_n=middle,
         own_uncertainty=float(np.sqrt(mean(1.0 / information + (k - middle) ** 2))),
-        chi_square=float(square.min()),
-        freedom=len(values) - 3,
-        log_evidence=float(log_evidence),
+        chi_square=float(square.min()), freedom=len(values) - 3, log_evidence=float(log_evidence),
         first_over_last=float(np.exp(mean(one[:, None]))),
         running_in_distance_m=typical * float(np.exp(mean(two[None, :]))),
-    )
+    )  # fmt: skip
 
 
 def _narrowed(nodes: Array, weight: Array) -> tuple[float, float]:
@@ -211,7 +204,7 @@ def _narrowed(nodes: Array, weight: Array) -> tuple[float, float]:
     return max(middle - room, float(nodes[0])), min(middle + room, float(nodes[-1]))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class WornDistance:
     """A distance's own coefficient, k = V/(P s).
 

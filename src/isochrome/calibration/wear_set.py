@@ -163,12 +163,9 @@ class WearSet(ImageSet):
             raise ValueError(message("no_volume_above_coefficient"))
         stated = self.uncertainty.volume_mm3
         if stated is not None and len(stated) != len(self.volume):
+            count, given = len(self.volume), len(stated)
             raise ValueError(
-                message(
-                    "volumes_uncertainties_them_state",
-                    volume_count=len(self.volume),
-                    stated_count=len(stated),
-                )
+                message("volumes_uncertainties_them_state", volume_count=count, stated_count=given)
             )
         if self.trace and self.volume and stated is None:
             raise ValueError(message("volume_beside_traces_needs"))
@@ -188,13 +185,10 @@ def _refuse_falling(kind: str, tests: Sequence[SlidTest]) -> None:
         if other.distance_m < one.distance_m:
             raise ValueError(
                 message(
-                    "distance_m_comes_after_distances",
-                    kind=kind,
-                    number=number,
-                    distance_m=other.distance_m,
-                    distance_m_2=one.distance_m,
+                    "distance_m_comes_after_distances", kind=kind, number=number,
+                    distance_m=other.distance_m, distance_m_2=one.distance_m,
                 )
-            )
+            )  # fmt: skip
 
 
 _COMMON = {"normal_n": "load_percent", "distance_m": "distance_percent"}
@@ -313,27 +307,25 @@ def worn_volumes(
     A distance of which one trace shows no clear scar is left out: to take the others alone would
     take those that chance made deep.
     """
-    keys = dict.fromkeys(_key(scar.test) for scar in scars)
-    groups = [tuple(scar for scar in scars if _key(scar.test) == key) for key in keys]
+    keys = [tuple(_slid(scar.test).values()) for scar in scars]
+    groups = [
+        tuple(scar for scar, one in zip(scars, keys, strict=True) if one == key)
+        for key in dict.fromkeys(keys)
+    ]
     groups = [group for group in groups if all(scar.levelled for scar in group)]
     scatter = _scatter(groups)
     volumes = [_of_traces(settings, group, scatter) for group in groups]
     spreads = settings.uncertainty.volume_mm3
     for k, test in enumerate(settings.volume):
-        volumes.append(
-            WornVolume(
-                distance_m=test.distance_m,
-                normal_n=test.normal_n,
-                friction=test.friction,
-                volume_mm3=test.value_mm3,
-                own_uncertainty_mm3=spreads[k] if spreads is not None else np.nan,
-            )
-        )
+        spread = spreads[k] if spreads is not None else np.nan
+        volume = WornVolume(**_slid(test), volume_mm3=test.value_mm3, own_uncertainty_mm3=spread)
+        volumes.append(volume)
     return tuple(volumes), scatter
 
 
-def _key(test: SlidTest) -> tuple[float, float, float | None]:
-    return test.distance_m, test.normal_n, test.friction
+def _slid(test: SlidTest) -> dict[str, Any]:
+    """What a scar was worn by."""
+    return {name: getattr(test, name) for name in SlidTest.model_fields}
 
 
 def _areas(group: Sequence[TraceScar]) -> tuple[Array, Array]:
@@ -377,11 +369,8 @@ def _of_traces(
     levels = [t.levelling_uncertainty_mm2**2 / t.student_factor for t in levelled_of(group)]
     total = float(np.mean(variances)) / count
     level = min(float(np.mean(levels)) / count, total)
-    first = group[0].test
     return WornVolume(
-        distance_m=first.distance_m,
-        normal_n=first.normal_n,
-        friction=first.friction,
+        **_slid(group[0].test),
         volume_mm3=width * float(areas.mean()),
         own_uncertainty_mm3=width * float(np.sqrt(scatter.factor * total)),
         scars=group,

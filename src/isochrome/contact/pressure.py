@@ -107,16 +107,11 @@ def make_surface(
             layer_mm_per_mpa=layer_mm_per_mpa,
         )
     return Surface(
-        nodes=n,
-        spacing_mm=h,
-        modulus_mpa=contact_modulus_mpa,
-        normal=scipy.fft.rfft(_circular(half, length)),
-        coupling=coupling,
+        nodes=n, spacing_mm=h, modulus_mpa=contact_modulus_mpa,
+        normal=scipy.fft.rfft(_circular(half, length)), coupling=coupling,
         lattice_normal=2.0 * h / contact_modulus_mpa * _lattice_symbol(theta) + layer_mm_per_mpa,
-        lattice_coupling=lattice_coupling,
-        dense=dense,
-        coarse=coarse,
-    )
+        lattice_coupling=lattice_coupling, dense=dense, coarse=coarse,
+    )  # fmt: skip
 
 
 def displacement(surface: Surface, pressure: Floats, *, friction: float = 0.0) -> Floats:

@@ -459,18 +459,14 @@ def _scar(equations: ScarEquations, stop: OutputState, point: MeshPoint) -> Scar
 
 def _at(points: list[MeshPoint], dose: float) -> MeshPoint:
     """The polynomial through the points, at a dose between or beyond them."""
-    weights = _value_weights(dose, [point.dose for point in points])
+    doses = [point.dose for point in points]
+    weights = [math.prod((dose - s) / (r - s) for s in doses if s != r) for r in doses]
     state = _mix(weights, [point.state for point in points])
     return MeshPoint(dose, state, _mix(weights, [point.pressure for point in points]))
 
 
 def _mix(weights: list[float], rows: list[Floats]) -> Floats:
     return np.asarray(np.array(weights) @ np.array(rows))
-
-
-def _value_weights(t: float, nodes: list[float]) -> list[float]:
-    """Weights of the values at the nodes in their polynomial's value at t (Lagrange)."""
-    return [math.prod((t - s) / (r - s) for s in nodes if s != r) for r in nodes]
 
 
 def _slope_weights(nodes: list[float]) -> list[float]:

@@ -296,13 +296,8 @@ def wear_course(scene: Scene) -> tuple[SlidingHistory, list[OutputState]]:
     below = np.searchsorted(s, wanted, side="right") - 1
     doses = dose[below] + integral(rate, s[below], wanted)
     inside = np.unique(dose[np.isin(s, kinks)])
-    history = SlidingHistory(
-        s,
-        dose,
-        scene.load_at(s) / thickness,
-        friction_before(s),
-        tuple(float(d) for d in inside if 0.0 < d < dose[-1]),
-    )
+    breaks = tuple(float(d) for d in inside if 0.0 < d < dose[-1])
+    history = SlidingHistory(s, dose, scene.load_at(s) / thickness, friction_before(s), breaks)
     loads, friction = scene.load_at(wanted) / thickness, scene.friction_at(wanted)
     columns = (wanted.tolist(), doses.tolist(), loads.tolist(), friction.tolist())
     return history, [OutputState(*row) for row in zip(*columns, strict=True)]

@@ -99,14 +99,10 @@ def contact_grid(
     nodes = 2 * math.ceil(half / spacing) + 1
     if nodes > _MAX_NODES:
         raise PhysicsError(
-            "contact_needs_nodes_mm",
-            name=scene.name,
-            nodes=nodes,
-            spacing=spacing,
-            half=2 * half,
+            "contact_needs_nodes_mm", name=scene.name, nodes=nodes, spacing=spacing, half=2 * half,
             max_nodes=_MAX_NODES,
             words=" (and smooth the profile to fewer rows)" if scene.profile_file else "",
-        )
+        )  # fmt: skip
     if nodes < 16:
         raise PhysicsError(
             "window_mm_has_only", name=scene.name, half=2 * half, nodes=nodes, spacing=spacing
@@ -131,13 +127,9 @@ def _spacing(scene: Scene, smooth: float, half: float) -> float:
         coarsest = row / _FEWEST_IN_ROW_STEP
         if given is not None and given > coarsest * (1.0 + 1e-6):
             raise PhysicsError(
-                "numerics_spacing_mm_does_not",
-                name=scene.name,
-                given=given,
-                profile_file=scene.profile_file,
-                row=row,
-                coarsest=coarsest,
-            )
+                "numerics_spacing_mm_does_not", name=scene.name, given=given,
+                profile_file=scene.profile_file, row=row, coarsest=coarsest,
+            )  # fmt: skip
     return given or min(smooth, row / _SPACINGS_IN_ROW_STEP)
 
 
@@ -163,12 +155,9 @@ def _contact_reach(
     widest = max(hertz, worn)
     reach = widest * ((hertz / widest) ** 3 + (worn / widest) ** 3) ** (1.0 / 3.0)
     if not reach <= STEEPEST * radius:
+        name = scene.name
         raise PhysicsError(
-            "contact_half_width_would",
-            name=scene.name,
-            reach=reach,
-            steepest=STEEPEST,
-            radius=radius,
+            "contact_half_width_would", name=name, reach=reach, steepest=STEEPEST, radius=radius
         )
     if indenter.profile is not None:
         x, _ = read_profile(scene.path(indenter.profile))

@@ -169,8 +169,9 @@ def wear_history(
             after = history.leaving(target)
             if stop.dose_mm_per_mpa > target and not same_drive(after, (load, mu)):
                 past, step = None, first
-                now = replace(now, contact=_settled(surface, gap_mm, now, *after))
-        settled = _settled(surface, gap_mm, now, stop.line_load_n_per_mm, stop.friction)
+                worn, pressure = gap_mm + now.depth_mm, now.contact.pressure
+                now = replace(now, contact=_settled(surface, worn, after, pressure))
+        settled = _settled(surface, gap_mm + now.depth_mm, stop.drive, now.contact.pressure)
         yield replace(now, contact=settled)
 
 
@@ -208,17 +209,11 @@ def _size(
 
 
 def _settled(
-    surface: Surface, gap: Floats, now: WornState, load: float, friction: float
+    surface: Surface, worn_gap: Floats, drive: tuple[float, float], start: Floats | None
 ) -> ContactState:
-    """The contact on the worn surface, solved afresh."""
-    return solve_pressure(
-        surface,
-        gap + now.depth_mm,
-        load,
-        friction=friction,
-        start=now.contact.pressure,
-        tolerance=1e-9,
-    )
+    """The contact on a worn surface under a load and friction, solved afresh."""
+    load, mu = drive
+    return solve_pressure(surface, worn_gap, load, friction=mu, start=start, tolerance=1e-9)
 
 
 def _advance(
@@ -240,14 +235,9 @@ def _advance(
         diagonal = size * (1.0 + w) / (1.0 + 2.0 * w)
         forecast = now.contact.pressure + w * (now.contact.pressure - past.pressure)
     contact = solve_pressure(
-        surface,
-        gap + base,
-        load,
-        friction=friction,
-        wear_mm_per_mpa=diagonal,
-        start=np.maximum(forecast, 0.0),
-        tolerance=allowed.residual,
-    )
+        surface, gap + base, load, friction=friction, wear_mm_per_mpa=diagonal,
+        start=np.maximum(forecast, 0.0), tolerance=allowed.residual,
+    )  # fmt: skip
     error = _forecast_error(surface, now.contact.pressure, contact.pressure, forecast, allowed)
     depth = base + diagonal * contact.pressure
     return WornState(now.dose_mm_per_mpa + size, contact, depth), error
@@ -401,11 +391,9 @@ def _scars(
         yield scar
     if path is not None and held and reached < len(stops):
         # on the grid it would go on with another error in space, and nobody would be told
+        name, distance = site.scene.name, stops[reached].distance_m
         raise PhysicsError(
-            "wear_until_does_not",
-            name=site.scene.name,
-            distance_m=stops[reached].distance_m,
-            tolerance=tolerance,
+            "wear_until_does_not", name=name, distance_m=distance, tolerance=tolerance
         )
 
 
@@ -431,14 +419,7 @@ def elastic_state(
 
     `start` is a pressure near by, MPa. PhysicsError where it does not converge.
     """
-    contact = solve_pressure(
-        site.surface,
-        site.gap_mm + depth_mm,
-        stop.line_load_n_per_mm,
-        friction=stop.friction,
-        start=start,
-        tolerance=1e-9,
-    )
+    contact = _settled(site.surface, site.gap_mm + depth_mm, stop.drive, start)
     return _state(site, stop, contact, depth_mm)
 
 
@@ -465,15 +446,10 @@ def _state(
 ) -> SurfaceState:
     p = contact.pressure
     return SurfaceState(
-        grid=site.grid,
-        pressure_mpa=p,
-        shear_mpa=stop.friction * p,
-        wear_depth_mm=depth,
-        distance_m=stop.distance_m,
-        friction=stop.friction,
-        sliding=site.scene.friction is not None,
+        grid=site.grid, pressure_mpa=p, shear_mpa=stop.friction * p, wear_depth_mm=depth,
+        distance_m=stop.distance_m, friction=stop.friction, sliding=site.scene.friction is not None,
         residual=contact.residual,
-    )
+    )  # fmt: skip
 
 
 def scar_on_nodes(scar: Scar, x_mm: Floats) -> tuple[Floats, Floats]:
@@ -521,52 +497,37 @@ def refuse_unfit(scene: Scene, state: SurfaceState) -> None:
     the parabola's own limit, a <= 0.3 R, where p_mean = pi E* a/(8 R); Johnson (1985), section 4.2.
     PhysicsError says what to change.
     """
-    grid, inside = state.grid, state.pressure_mpa > 0.0
-    count = int(np.count_nonzero(inside))
-    if count < FEWEST_NODES:
+    name, h, inside = scene.name, state.grid.spacing_mm, state.pressure_mpa > 0.0
+    count, fewest = int(np.count_nonzero(inside)), FEWEST_NODES
+    if count < fewest:
         raise PhysicsError(
-            "contact_has_only_nodes",
-            name=scene.name,
-            count=count,
-            spacing_mm=grid.spacing_mm,
-            fewest_nodes=FEWEST_NODES,
+            "contact_has_only_nodes", name=name, count=count, spacing_mm=h, fewest_nodes=fewest
         )
-    _refuse_end_of_profile(scene, grid, inside)
+    _refuse_end_of_profile(scene, state.grid, inside)
     modulus, _ = elastic_constants(scene)
     mean = float(state.pressure_mpa[inside].mean())
     if not mean <= STRONGEST * modulus:
         raise PhysicsError(
-            "mean_pressure_would_mpa",
-            name=scene.name,
-            mean=mean,
-            strongest=STRONGEST,
-            modulus=modulus,
+            "mean_pressure_would_mpa", name=name, mean=mean, strongest=STRONGEST, modulus=modulus
         )
-    half, depth = 0.5 * count * grid.spacing_mm, float(state.wear_depth_mm.max())
+    half, depth, s = 0.5 * count * h, float(state.wear_depth_mm.max()), state.distance_m
     if not depth <= DEEPEST * half:
         raise PhysicsError(
-            "scar_would_mm_deep",
-            name=scene.name,
-            distance_m=state.distance_m,
-            depth=depth,
-            deepest=DEEPEST,
-            half=half,
+            "scar_would_mm_deep", name=name, distance_m=s, depth=depth, deepest=DEEPEST, half=half
         )
 
 
 def _refuse_end_of_profile(scene: Scene, grid: ContactGrid, inside: np.ndarray) -> None:
     """A file's last row is where the measurement ends, not a corner of the body."""
-    if scene.profile_file is None:
+    file = scene.profile_file
+    if file is None:
         return
-    x, _ = read_profile(scene.path(scene.profile_file))
+    x, _ = read_profile(scene.path(file))
     known = np.flatnonzero((grid.x_mm >= x[0]) & (grid.x_mm <= x[-1]))
     ends = [(k, end) for k, end in ((known[0], x[0]), (known[-1], x[-1])) if inside[k]]
     if ends:
         raise PhysicsError(
-            "contact_reaches_end_profile",
-            name=scene.name,
-            profile_file=scene.profile_file,
-            ends=ends[0][1],
+            "contact_reaches_end_profile", name=scene.name, profile_file=file, ends=ends[0][1]
         )
 
 
@@ -682,15 +643,10 @@ def _static_state(site: ContactSetup, load: float) -> SurfaceState:
     if held and scene.specimen.thickness_mm:
         shear = _partial_slip(site, contact, load, held / scene.specimen.thickness_mm, mu)
     return SurfaceState(
-        grid=grid,
-        pressure_mpa=contact.pressure,
-        shear_mpa=shear,
-        wear_depth_mm=np.zeros(grid.nodes),
-        distance_m=0.0,
-        friction=mu if held else 0.0,
-        sliding=False,
-        residual=contact.residual,
-    )
+        grid=grid, pressure_mpa=contact.pressure, shear_mpa=shear,
+        wear_depth_mm=np.zeros(grid.nodes), distance_m=0.0, friction=mu if held else 0.0,
+        sliding=False, residual=contact.residual,
+    )  # fmt: skip
 
 
 def _partial_slip(

@@ -51,17 +51,13 @@ from .joint.frame_sequence import (
     over_distance,
     stepwise,
 )
-from .joint.joint_fit import JointProblem
-from .joint.measured_scars import scar_equations
-from .joint.normal_equations import add_up, linearise_frame, make_renderer
-from .joint.separate_fits import fit_of_each, is_each, refuse_undetermined, with_scars
+from .joint.joint_fit import JointProblem, fit_of_each, is_each, refuse_undetermined, with_scars
+from .joint.normal_equations import add_up, linearise_frame, make_renderer, scar_equations
 from .result import PARTS, TOO_FAR, Fit, KeyBudget, fitted_scene, make_result
 from .search.picture_search import Lying, PictureStart, search_picture
 from .tracking.api import refuse_shared, track
-from .tracking.apparatus import Apparatus, find_apparatus
 from .tracking.result import untracked_inputs
-from .tracking.tracker import Tracked, Tracker, nothing_found
-from .tracking.vain_search import VainSearch
+from .tracking.tracker import Apparatus, Tracked, Tracker, VainSearch, find_apparatus, nothing_found
 from .wear_laws import (
     CLEAR,
     LawFit,

@@ -26,15 +26,17 @@ from isochrome.fitting.frame_set import (
     refuse_keys,
 )
 from isochrome.fitting.joint.frame_sequence import Sequence, alone_scene, make_sequence
-from isochrome.fitting.joint.joint_fit import JointFit, JointSolution, solve_jointly
-from isochrome.fitting.joint.measured_scars import measured_areas, refuse_scars, scar_messages
-from isochrome.fitting.joint.separate_fits import (
+from isochrome.fitting.joint.joint_fit import (
+    JointFit,
+    JointSolution,
     fit_of_each,
     is_each,
     refuse_undetermined,
+    solve_jointly,
     starting_values,
     with_scars,
 )
+from isochrome.fitting.joint.normal_equations import measured_areas, refuse_scars, scar_messages
 from isochrome.fitting.result import Fit, fitted_scene, make_result
 from isochrome.fitting.tractions.api import asked_for, with_tractions
 from isochrome.fitting.tractions.surface_fit import refuse_without_contact
@@ -171,14 +173,10 @@ def joint_stage(
     PhysicsError for unknowns that the frames do not tell, or not apart.
     """
     if not any(fit.positive for fit in single_fits):
-        cause = next(
-            iter(messages_of_frames(messages, single=sequence.count == 1)), message(CORRECT)
-        )
+        causes = messages_of_frames(messages, single=sequence.count == 1)
+        cause, count = next(iter(causes), message(CORRECT)), len(single_fits)
         raise PhysicsError(
-            "nothing_could_read_any",
-            name=data.given.name,
-            single_fits_count=len(single_fits),
-            cause=cause,
+            "nothing_could_read_any", name=data.given.name, single_fits_count=count, cause=cause
         )
     data.plain = {i for i, fit in enumerate(single_fits) if fit.plain}
     data.noises = {i: fit.noise_ratio for i, fit in enumerate(single_fits) if fit.noise_ratio > 1.0}

@@ -30,7 +30,6 @@ from isochrome.fitting.frame.model_frame import evaluate_model
 from isochrome.fitting.frame_set import Lights, PreparedFrames
 from isochrome.fitting.result import Fit
 from isochrome.scene import FramesLike, Scene
-from isochrome.stress import PixelGrid
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,7 +57,7 @@ def fit_figure(name: str, frames: PreparedFrames, scenes: tuple[Scene, ...]) -> 
     for row, k in zip(axes, shown, strict=True):
         data, evaluated = wanted[k], evaluate_model(wanted[k], scenes[k])
         model = evaluated.background + evaluated.illumination * evaluated.signal
-        place = picture_place(evaluated.pixels)
+        place = evaluated.pixels.scale
         top = float(np.percentile(data.light[data.valid], 99.8))
         for axis, image, valid, title in (
             (row[0], data.light, data.valid, f"frame {k}: captured"),
@@ -71,11 +70,6 @@ def fit_figure(name: str, frames: PreparedFrames, scenes: tuple[Scene, ...]) -> 
         )
     write_head(figure, f"{plain_name(name)}: fit to the intensity")
     return figure
-
-
-def picture_place(pixels: PixelGrid) -> dict[str, Any]:
-    """Where `show_image` draws a picture: the scale and the outer edges of its pixels."""
-    return {"pixel_mm": pixels.pixel_mm, "left_mm": pixels.left_mm, "top_mm": pixels.top_mm}
 
 
 def show_residual(axis: Axes, data: FrameData, model: Array, mask: Mask, **options: Any) -> None:

@@ -172,17 +172,13 @@ def restore_fit(out: Path, scene: Scene, keys: tuple[str, ...] | None = None) ->
         frames=[_whole({k: v for k, v in row.items() if _is_value(v)}) for row in rows],
         distance_m=[row["distance_m"] for row in rows],
         frame_chi=[_number(row["chi"], np.nan) for row in rows],
-        chi=_number(estimates["chi"], np.nan),
-        scene=fitted,
+        chi=_number(estimates["chi"], np.nan), scene=fitted,
         other_minima=[row["other_minima"] for row in rows],
         wear_laws=_laws(estimates) if "wear_laws" in estimates else None,
-        warnings=read_warnings(estimates),
-        budget=tuple(budget),
-        taken_as_exact=tuple(estimates["taken_as_exact"]),
-        asked=keys,
-        already=True,
+        warnings=read_warnings(estimates), budget=tuple(budget),
+        taken_as_exact=tuple(estimates["taken_as_exact"]), asked=keys, already=True,
         draw=partial(saved_picture, out.absolute() / PICTURE),
-    )
+    )  # fmt: skip
 
 
 def restore_values(out: Path, scene: Scene, options: Mapping[str, Any]) -> Fit | Track:
@@ -209,10 +205,9 @@ def _budgets(estimates: dict[str, Any], frame: int | None) -> list[KeyBudget]:
 
 def _whole(table: dict[str, dict[str, Any]]) -> Found:
     """JSON knows no infinity: an uncertainty that is not there is one."""
+    unknown = dict.fromkeys(PARTS, np.inf) | {"value": np.nan}
     return {
-        key: {
-            part: _number(estimate[part], np.nan if part == "value" else np.inf) for part in PARTS
-        }
+        key: {part: _number(estimate[part], nothing) for part, nothing in unknown.items()}
         for key, estimate in table.items()
     }
 

@@ -124,12 +124,9 @@ class PreparedFrames(FrameSet):
 
     def _read(self, start: int, stop: int) -> Iterator[FrameData]:
         for i in range(start, stop):
+            frame, depth = self._frames.frame(i), self.reader.bit_depth
             data = prepare_frame(
-                self._frames.frame(i),
-                self.scene,
-                bit_depth=self.reader.bit_depth,
-                no_load=self._no_load,
-                gamma_found=True,
+                frame, self.scene, bit_depth=depth, no_load=self._no_load, gamma_found=True
             )
             if self._count <= _KEPT:
                 self._kept[i] = data
@@ -188,12 +185,8 @@ def refuse_states(path: FramesLike, count: int, scene: Scene) -> None:
     """InputError where a scene has other states than one, or one for each of `count` frames."""
     states = state_count(scene)
     if states not in (1, count):
-        raise InputError(
-            "scene_has_give_one",
-            path=path,
-            counted=counted(count, "frame"),
-            counted_2=counted(states, "state"),
-        )
+        frames, has = counted(count, "frame"), counted(states, "state")
+        raise InputError("scene_has_give_one", path=path, counted=frames, counted_2=has)
 
 
 def refuse_alike(keys: tuple[str, ...], information: Array, known: tuple[str, ...] = ()) -> None:

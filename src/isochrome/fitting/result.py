@@ -179,25 +179,15 @@ class Fit(Result):
     def over_frames(self) -> FrameValues:
         """What each frame has of its own, NaN where a key is not of a frame."""
         keys = keys_of(self.frames)
-        values, spreads, *_ = (
-            np.array(
-                [
-                    [estimates[k][part] if k in estimates else np.nan for k in keys]
-                    for estimates in self.frames
-                ]
-            )
-            for part in PARTS
+        values, spreads = (
+            np.array([[f[k][part] if k in f else np.nan for k in keys] for f in self.frames])
+            for part in PARTS[:2]
         )
         none = np.zeros(len(self.frames), dtype=bool)
         return FrameValues(
-            keys=keys,
-            values=values,
-            standard_uncertainty=spreads,
-            chi=np.array(self.frame_chi),
-            distance_m=numbers(self.distance_m),
-            searched=none,
-            whole=none,
-        )
+            keys=keys, values=values, standard_uncertainty=spreads, chi=np.array(self.frame_chi),
+            distance_m=numbers(self.distance_m), searched=none, whole=none,
+        )  # fmt: skip
 
     @property
     def budget_columns(self) -> dict[str, list[Any]]:
@@ -308,16 +298,10 @@ def _warnings(joint: JointFit, single_fits: list[FrameFit]) -> list[str]:
         for i, fit in enumerate(single_fits)
         if fit.plain and i not in lost
     ]
-    messages += [
-        (
-            i,
-            message(
-                "nearly_same_misfit_give", counted=counted(len(_others(fit)), "other solution")
-            ),
-        )
-        for i, fit in enumerate(single_fits)
-        if _others(fit)
-    ]
+    for i, fit in enumerate(single_fits):
+        if others := _others(fit):
+            count = counted(len(others), "other solution")
+            messages.append((i, message("nearly_same_misfit_give", counted=count)))
     messages_found += messages_of_frames(messages)
     if not joint.converged:
         messages_found.append(message("fit_did_not_converge"))

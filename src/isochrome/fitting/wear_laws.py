@@ -152,13 +152,8 @@ def _running_in(ends: Array, coefficients: Array) -> Law:
         table = {"distance_m": [0.0, distance], "value": [last * ratio, last]}
         return {"wear.law": "archard", WEAR: table}
 
-    return Law(
-        "running_in",
-        (WEAR, "first_over_last", "running_in_distance_m"),
-        start,
-        np.array([np.inf, 1.0, 1.0]),
-        wear,
-    )
+    names = (WEAR, "first_over_last", "running_in_distance_m")
+    return Law("running_in", names, start, np.array([np.inf, 1.0, 1.0]), wear)
 
 
 def _unknowns_of(sequence: Sequence, key: str) -> list[int]:
@@ -347,13 +342,9 @@ class WearLaws:
             if len(_BY_FRICTION & set(names)) > 1:
                 text += message("laws_differ_friction_alone")
         else:
-            margin = -self.laws[1].log_evidence
+            (name,), law, margin = names, self.laws[1].law, -self.laws[1].log_evidence
             text = message(
-                "frames_prefer_margin_ln",
-                names=names[0],
-                margin=margin,
-                law=self.laws[1].law,
-                clear=CLEAR,
+                "frames_prefer_margin_ln", names=name, margin=margin, law=law, clear=CLEAR
             )
         if self.none_fits:
             best = self.laws[0]

@@ -96,14 +96,10 @@ def colour_signal(
             variance += part**2 * _noise(frame, trusted) ** 2
     variance /= np.where(trusted, contrast, 1.0) ** 2
     return ColourSignal(
-        signal=signal,
-        variance=(variance + table.spread**2 + TABLE_ERROR**2).astype(np.float32),
-        lit=lit,
-        order_variance=order_variance,
-        blind=blind,
-        unlit_unknown=bright is None,
+        signal=signal, variance=(variance + table.spread**2 + TABLE_ERROR**2).astype(np.float32),
+        lit=lit, order_variance=order_variance, blind=blind, unlit_unknown=bright is None,
         exposure=exposure,
-    )
+    )  # fmt: skip
 
 
 def _lit(contrast: Array, valid: Mask) -> Mask:
@@ -113,12 +109,9 @@ def _lit(contrast: Array, valid: Mask) -> Mask:
     if not valid.any():
         raise InputError("frame_has_no_pixel")
     used = np.asarray(valid.any(axis=(0, 1)))
-    usual = np.array(
-        [
-            float(np.percentile(contrast[..., c][valid[..., c]], 95)) if used[c] else np.inf
-            for c in range(len(used))
-        ]
-    )
+    usual = np.full(len(used), np.inf)
+    for c in np.flatnonzero(used):
+        usual[c] = np.percentile(contrast[..., c][valid[..., c]], 95)
     if not (usual > 0.0).all():
         raise InputError("frame_has_no_contrast_between")
     share = (contrast / usual).sum(axis=-1) / np.count_nonzero(used)
@@ -202,15 +195,10 @@ def refine_colour(
     gain, taken = _kernel(factor)
     spread = gain * _spread(order, weight, slope, table, width) * np.maximum(misfit, 1.0)
     return ColourValue(
-        order=np.abs(order),
-        uncertainty=np.hypot(spread, step),
-        doubt=doubt,
-        agreed=agreed,
-        misfit=misfit,
-        residual=np.sqrt(gaussian_sum(square.sum(axis=-1), width) / near),
-        chi2=chi2,
+        order=np.abs(order), uncertainty=np.hypot(spread, step), doubt=doubt, agreed=agreed,
+        misfit=misfit, residual=np.sqrt(gaussian_sum(square.sum(axis=-1), width) / near), chi2=chi2,
         degrees=np.maximum(count - taken, 0.0),
-    )
+    )  # fmt: skip
 
 
 def _base(choice: Choice, factor: int, shape: tuple[int, ...]) -> tuple[Array, Mask, Array]:
@@ -432,16 +420,11 @@ def _reading(
     degrees = float(value.degrees[readable].sum(dtype=float))
     body = int(np.count_nonzero(shown.lit if specimen is None else specimen))
     return ColourReading(
-        order=masked(value.order, known),
-        uncertainty=masked(uncertainty, known),
+        order=masked(value.order, known), uncertainty=masked(uncertainty, known),
         confidence=np.where(known, sure, 0.0).astype(np.float32),
-        kept=float(np.count_nonzero(known) / max(body, 1)),
-        signal=shown.signal,
+        kept=float(np.count_nonzero(known) / max(body, 1)), signal=shown.signal,
         chi=float(np.sqrt(value.chi2[readable].sum(dtype=float) / max(degrees, 1.0))),
-        misfit=masked(value.misfit, readable),
-        blind=shown.blind,
+        misfit=masked(value.misfit, readable), blind=shown.blind,
         noise=float(np.sqrt(np.median(shown.variance[trusted]))) if trusted.any() else float("nan"),
-        strange=strange,
-        lost=lost,
-        exposure=shown.exposure,
-    )
+        strange=strange, lost=lost, exposure=shown.exposure,
+    )  # fmt: skip

@@ -26,11 +26,12 @@ import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
+import cv2
 import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.estimation import light_basis, total_degree
-from isochrome.fringes.follower import FilmState, continued, faded_contrast, follow_frame, regained
+from isochrome.fringes.follower import FilmState, continued, faded_fringes, follow_frame, regained
 from isochrome.fringes.on_branch import OrderReading, make_reading, read_order, widened
 from isochrome.fringes.windows import Array, Mask, block_means, nearest_known, valid_means
 
@@ -123,8 +124,6 @@ class BrightestLight:
 
     def add(self, rise: Array) -> None:
         """Take a frame's rise over the unloaded light (rows, cols)."""
-        import cv2
-
         smooth = cv2.GaussianBlur(rise, (0, 0), 1.0)
         if self._top is None or self._lowest is None:
             self._top, self._lowest = np.zeros_like(smooth), smooth
@@ -217,11 +216,8 @@ class CrestLight:
             matrix + 1e-6 * np.trace(matrix) / len(columns) * np.eye(len(columns))
         )
         coefficients = inverse @ self._right[columns]
-        residual = (
-            self._square
-            - 2.0 * coefficients @ self._right[columns]
-            + coefficients @ matrix @ coefficients
-        )
+        residual = self._square - 2.0 * coefficients @ self._right[columns]
+        residual += coefficients @ matrix @ coefficients
         return coefficients, inverse, max(float(residual) / self._count, 1e-12)
 
 
@@ -348,7 +344,7 @@ class FilmPath:
             self._broken = True
             self.lost.append([index])
             return True
-        self.crests.add(rise, state.order, faded_contrast(state.order), state.known)
+        self.crests.add(rise, state.order, faded_fringes(state.order)[0], state.known)
         known = state.order[state.known][::7]
         self.highest = max(self.highest, float(np.percentile(known, 99.5)) if known.size else 0.0)
         return False
@@ -431,8 +427,6 @@ def pixels_together(shape: tuple[int, int]) -> int:
 
 def joined_pixels(values: Array, by: int) -> Array:
     """Means over blocks of pixels, float32; a rim narrower than a block is left out."""
-    import cv2
-
     rows, cols = (n // by for n in values.shape)
     single = np.ascontiguousarray(values[: rows * by, : cols * by], dtype=np.float32)
     if by == 1:
@@ -454,8 +448,6 @@ def read_followed(
     `state` is on blocks of `by` pixels a side, `film_light` of the frame's size; `sigma` is the
     noise.
     """
-    import cv2
-
     order = _spread(state.order, by, light.shape, smooth=True)
     blocks = _spread(state.known.astype(np.float32), by, light.shape, smooth=False)
     beside = valid & (cv2.dilate(blocks, np.ones((2 * by + 1, 2 * by + 1), np.uint8)) > 0.5)
@@ -464,14 +456,9 @@ def read_followed(
     known |= beside & (trusted <= 0.5)  # at a rim, blocks that are cut are not followed
     rise = film_light.rise(light)
     reading = read_order(
-        rise,
-        order,
-        fringe_response,
-        illumination=film_light.illumination,
-        background=np.zeros_like(rise),
-        sigma=sigma,
-        valid=beside,
-    )
+        rise, order, fringe_response, illumination=film_light.illumination,
+        background=np.zeros_like(rise), sigma=sigma, valid=beside,
+    )  # fmt: skip
     reading = widened(reading, film_light.signal_error(light))
     known &= np.isfinite(reading.order)
     return make_reading(reading.order, reading.uncertainty, known, of=valid)
@@ -500,8 +487,6 @@ def joined_reading(reading: OrderReading, by: int, time: float) -> FilmState:
 
 def _spread(values: Array, by: int, shape: tuple[int, ...], *, smooth: bool) -> Array:
     """Values of blocks on the pixels; a rim that is no whole block has its neighbours'."""
-    import cv2
-
     rows, cols = values.shape
     how = cv2.INTER_LINEAR if smooth else cv2.INTER_NEAREST
     large = cv2.resize(values, (cols * by, rows * by), interpolation=how) if by > 1 else values

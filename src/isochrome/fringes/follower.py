@@ -38,6 +38,7 @@ followed back.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import cv2
 import numpy as np
 
 from isochrome.fringes.windows import Array, Mask
@@ -136,8 +137,6 @@ def on_flank(slope: Array) -> Array:
 
 def faded_fringes(order: Array) -> tuple[Array, Array, tuple[Array, Array]]:
     """What a pixel's size leaves of the fringes, and their gradient: squared, and its parts."""
-    import cv2
-
     along, across = (
         cv2.Sobel(order, cv2.CV_32F, dx, 1 - dx, ksize=3, scale=0.125) for dx in (0, 1)
     )
@@ -149,11 +148,6 @@ def faded_fringes(order: Array) -> tuple[Array, Array, tuple[Array, Array]]:
 def is_wide(steep: Array) -> Mask:
     """Where fringes are wide enough to be followed, by their gradient squared (rows, cols)."""
     return np.asarray(steep < STEEPEST**2)
-
-
-def faded_contrast(order: Array) -> Array:
-    """What a pixel's size leaves of the contrast of fringes (rows, cols)."""
-    return faded_fringes(order)[0]
 
 
 def _fields(order: Array, expected: Sequence[Array], gradient: tuple[Array, Array]) -> list[Array]:
@@ -253,8 +247,6 @@ def follow_frame(
 
     `wave` is its cos 2 pi N, float32, `noise` the wave's standard deviation.
     """
-    import cv2
-
     before = state.order
     weight = valid.astype(np.float32)
     apart = time - state.time
@@ -305,8 +297,6 @@ def _lost(state: FilmState, time: float) -> FilmState:
 
 def _at_first(wave: Array, weight: Array) -> tuple[Array, Mask]:
     """Orders below the first crest, and where they are: in each body what no crest cuts off."""
-    import cv2
-
     signal = _window_mean(0.5 - 0.5 * wave, weight, _START_PX)
     order = np.arcsin(np.sqrt(np.clip(signal, 0.0, 1.0))) / np.float32(np.pi)
     inside = weight > 0.0
@@ -323,8 +313,6 @@ def _at_first(wave: Array, weight: Array) -> tuple[Array, Mask]:
 
 
 def _labels(where: Mask) -> Array:
-    import cv2
-
     return np.asarray(cv2.connectedComponents(where.astype(np.uint8))[1])
 
 
@@ -332,8 +320,6 @@ def _corrected(
     order: Array, wave: Array, contrast: Array, weight: Array, noise: float
 ) -> tuple[Array, Array]:
     """The predicted orders as their neighbourhoods' light corrects them, and how far it does."""
-    import cv2
-
     telling = np.ones_like(order)
     for width, proportional in _WINDOWS:
         angle = _TURN * order
@@ -359,8 +345,6 @@ def _corrected(
 
 def _window_sum(values: Array, width_px: float) -> Array:
     """Sum over a Gaussian window whose weight is 1 in the middle."""
-    import cv2
-
     kernel = cv2.getGaussianKernel(2 * int(np.ceil(2.5 * width_px)) + 1, width_px, cv2.CV_32F)
     area = np.float32(2.0 * np.pi * width_px**2)
     summed = cv2.sepFilter2D(values, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_CONSTANT)
@@ -412,8 +396,6 @@ def continued(order: Array, known: Mask) -> Array:
 
 def _moment(values: Array, down: int, across: int) -> Array:
     """Σ w u_1^down u_2^across times values about each pixel (rows, cols)."""
-    import cv2
-
     away = np.arange(-_HALF_PX, _HALF_PX + 1, dtype=np.float32)
     window = np.exp(-0.5 * (away / np.float32(_WIDTH_PX)) ** 2)
     return np.asarray(
@@ -439,8 +421,6 @@ def regained(order: Array, known: Mask, wave: Array, valid: Mask) -> tuple[Array
 
 def _borne_out(order: Array, known: Mask, wave: Array, valid: Mask) -> tuple[Mask, Array]:
     """Which continued orders the light bears out, and how far it moves them (rows, cols)."""
-    import cv2
-
     near = cv2.boxFilter(known.astype(np.float32), -1, (3, 3), normalize=False) > _BESIDE - 0.5
     contrast, steep, _ = faded_fringes(order)
     angle = np.float32(2.0 * np.pi) * order

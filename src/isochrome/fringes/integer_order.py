@@ -31,6 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt, gaussian_filter, label
@@ -341,19 +342,13 @@ def settle(
         for (row, col, order), _ in seeds.pop(0, [])
     ]
     numbers = np.full(turns.shape, np.nan)
+    options: dict[str, Any] = {"residual": residual, "compatible": compatible}
     parts = []
     for index in (np.argsort(-sizes[1:]) + 1).tolist():
         if sizes[index] < _SMALLEST_SHARE * sizes[1:].sum() and index not in seeds:
             continue
         inside = labels == index
-        balanced = balance(
-            turns,
-            direction.twice,
-            inside,
-            spread=direction.spread,
-            residual=residual,
-            compatible=compatible,
-        )
+        balanced = balance(turns, direction.twice, inside, spread=direction.spread, **options)
         balanced_number = balanced.whole if balanced else None
         number, source, notes = _part_number(
             turns, inside, balanced_number, seeds.get(index, []), model

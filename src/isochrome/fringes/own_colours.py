@@ -613,20 +613,14 @@ def _search(known: Unknowns, highest_order: float) -> OwnLight:
     background, illumination = known.ends(theta)
     gamma = float(np.exp(theta[_GAMMA]))
     return OwnLight(
-        table=ColourTable(table.signal, np.sqrt(_OF_THREE * np.mean(away**2, axis=0))),
-        gamma=gamma,
+        table=ColourTable(table.signal, np.sqrt(_OF_THREE * np.mean(away**2, axis=0))), gamma=gamma,
         gamma_uncertainty=gamma * float(np.sqrt(covariance[_GAMMA, _GAMMA])),
-        numbers=theta[:NUMBERS],
-        brightness=np.exp(theta[_FRAMES : _FRAMES + len(looks)]),
-        background=np.asarray(background),
-        illumination=illumination * remaining.relief[..., None],
-        residual=residual,
-        torn=float(np.mean([look.torn for look in looks])),
-        strange=float(np.mean(square > _STRANGE**2)),
-        bent=_root(remaining.bend**2),
-        moved=moved,
+        numbers=theta[:NUMBERS], brightness=np.exp(theta[_FRAMES : _FRAMES + len(looks)]),
+        background=np.asarray(background), illumination=illumination * remaining.relief[..., None],
+        residual=residual, torn=float(np.mean([look.torn for look in looks])),
+        strange=float(np.mean(square > _STRANGE**2)), bent=_root(remaining.bend**2), moved=moved,
         highest=float(np.percentile(orders, 99.0)),
-    )
+    )  # fmt: skip
 
 
 def _improved(

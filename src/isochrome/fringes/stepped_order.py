@@ -124,15 +124,8 @@ def settle_field(
     # nearer to a whole order than to be told from zero, a sign that breaks may do no harm
     known = _solid(known & ~_broken(turns - np.rint(turns), turns, direction))
 
-    settled = partial(
-        settle,
-        turns,
-        direction,
-        known_order=known_order,
-        model=model,
-        residual=residual,
-        compatible=compatible,
-    )
+    settled = partial(settle, turns, direction, known_order=known_order, model=model)
+    settled = partial(settled, residual=residual, compatible=compatible)
     numbers, parts, warnings = settled(known)
     harmful = known & _broken(np.nan_to_num(turns + numbers), turns, direction)
     if harmful.any():
@@ -258,16 +251,10 @@ def measure_steps(
         misfit * sigma < np.maximum(_LARGEST_MISFIT * contrast, 2.0 * sigma)
     )
     return StepLight(
-        terms=terms,
-        direction=direction,
-        seen=readable,
-        specimen=trusted & fringed(contrast, design, sigma),
-        contrast=contrast,
-        uncertainty=uncertainty,
-        chi=chi,
-        bridges=design.leaks,
-        agrees=agrees,
-    )
+        terms=terms, direction=direction, seen=readable,
+        specimen=trusted & fringed(contrast, design, sigma), contrast=contrast,
+        uncertainty=uncertainty, chi=chi, bridges=design.leaks, agrees=agrees,
+    )  # fmt: skip
 
 
 def fill_gaps(light: Array, good: Mask, design: StepDesign) -> tuple[Array, Array, Array]:
@@ -614,12 +601,8 @@ def read_steps(
     orders that the frames show, residual stress and all. InputError as `read_residual`.
     """
     light = measure_steps(stack, chains, sigma=sigma, valid=valid)
-    settled = settle_field(
-        light,
-        known_order=known_order,
-        model=model,
-        residual=None if residual is None else residual.field,
-    )
+    field = None if residual is None else residual.field
+    settled = settle_field(light, known_order=known_order, model=model, residual=field)
     return _result(light, settled, _of_load(light, settled, residual), residual)
 
 
@@ -677,15 +660,12 @@ def _result(
     if reading.kept < 0.5 and all(part.number is not None for part in settled.parts):
         few.append(message("only_specimen_pixels_could_read", kept=100 * reading.kept))
     return SteppedReading(
-        reading=reading,
-        isoclinic=masked(0.5 * np.degrees(np.angle(load.field)), turned),
+        reading=reading, isoclinic=masked(0.5 * np.degrees(np.angle(load.field)), turned),
         isoclinic_uncertainty=masked(np.degrees(load.turn), turned),
-        dark_field=masked(0.5 - 0.5 * cosine, readable),
-        contrast=light.contrast.astype(np.float32),
-        chi=light.chi,
-        parts=settled.parts,
+        dark_field=masked(0.5 - 0.5 * cosine, readable), contrast=light.contrast.astype(np.float32),
+        chi=light.chi, parts=settled.parts,
         warnings=(*settled.warnings, *_of_steps(light, clear), *few),
-    )
+    )  # fmt: skip
 
 
 def _of_steps(light: StepLight, clear: Mask) -> list[str]:

@@ -60,12 +60,8 @@ def read_response(path: Path, names: tuple[str, ...]) -> Response:
     given = read_given_table(path, "the camera's response")
     columns = ("wavelength_nm", *names)
     if not set(columns) <= set(given.names):
-        raise InputError(
-            "camera_response_needs_columns",
-            path=path,
-            columns=", ".join(columns),
-            header=given.header,
-        )
+        listed, header = ", ".join(columns), given.header
+        raise InputError("camera_response_needs_columns", path=path, columns=listed, header=header)
     table = np.stack([given.column(name) for name in columns], axis=1)
     if len(table) < 2 or (np.diff(table[:, 0]) <= 0.0).any():
         raise InputError("camera_response_needs_two", path=path)

@@ -23,7 +23,15 @@ from isochrome.frames import (
 )
 from isochrome.output import counted, load_roifile
 from isochrome.processing.figure import PREVIEW, figure_in_memory
-from isochrome.processing.folder import FILM, more_of, picture_of, process_chunk, set_layout
+from isochrome.processing.folder import (
+    FILM,
+    finish_set_folder,
+    more_of,
+    picture_of,
+    process_chunk,
+    set_dataset,
+    set_layout,
+)
 from isochrome.processing.frame_task import (
     FrameSource,
     FrameTask,
@@ -226,13 +234,7 @@ def _check_options(
 
 
 def _kind_of_set(
-    scene: Scene,
-    reader: FrameReader,
-    *,
-    track: bool,
-    each: bool,
-    every: int | None,
-    maps: str | None,
+    scene: Scene, reader: FrameReader, track: bool, each: bool, every: int | None, maps: str | None
 ) -> FrameKind:
     """How a set is processed: followed where that is asked, or is usual; else state by state."""
     keyed = accepts_keys(scene) and (track or (not each and reader.kind == "video"))
@@ -287,17 +289,14 @@ def _processed(
     task = source.task = replace(task, key=digest)  # opened, it need not be opened again
     job = Job(partial(process_chunk, task), set_layout(source, count // task.steps), identity)
 
-    place = Path(out).absolute()
+    place, residual = Path(out).absolute(), source.capture.residual
 
     def finish(run_folder: RunFolder) -> Processed:
-        from isochrome.processing.folder import finish_set_folder
-
         release_caches()
-        residual = source.capture.residual
         return finish_set_folder(run_folder, place, job, task, reader.shape, residual)
 
     result = run_job(job, out, finish, means=options, progress=progress)
-    return result or restore(task.scene, Path(out), reader.shape, source.capture.residual)
+    return result or restore(task.scene, Path(out), reader.shape, residual)
 
 
 def _is_done(out: Path, identify: Callable[[], Mapping[str, Any]]) -> bool:
@@ -342,8 +341,6 @@ def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) ->
     refuse_unread(task.scene, str(source.reader.path), table, more["kept"])
     shape = source.reader.shape
     result = collect(task.scene, table, more, selected, shape, source.capture.residual)
-    from isochrome.processing.folder import set_dataset
-
     draw = partial(figure_in_memory, task.scene, table, more["status"], selected)
     load = partial(set_dataset, result, more, selected, film, shape)
     return replace(result, draw=draw, load=load)

@@ -251,9 +251,7 @@ def _add_to_store(
     columns, axes = _set_columns(result, more, shape)
     add_columns(run_folder.results / STORE, columns, axes, attributes(job.identity))
     grid = set_grid(result.scene, result.fitted, result.columns, shape)
-    place: dict[str, Any] = {"pixel_mm": None}
-    if grid is not None:
-        place = {"pixel_mm": grid.pixel_mm, "left_mm": grid.left_mm, "top_mm": grid.top_mm}
+    place: dict[str, Any] = {"pixel_mm": None} if grid is None else grid.scale
     _write_stacks(run_folder, result.columns, axes, place)
     if (residual := result.residual) is not None:
         for layer, name in (("fringe_order", "order"), ("isoclinic", "isoclinic")):

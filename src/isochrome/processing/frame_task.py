@@ -31,19 +31,15 @@ def _ahead(items: Iterator[T]) -> Generator[T]:
     """
     thread = ThreadPoolExecutor(1, thread_name_prefix="reading")
     try:
-        coming = thread.submit(_read, items)
+        # a list of one, or of none at the end: a StopIteration cannot pass through a Future
+        coming = thread.submit(lambda: list(islice(items, 1)))
         while result := coming.result():
-            coming = thread.submit(_read, items)
+            coming = thread.submit(lambda: list(islice(items, 1)))
             yield result[0]
     finally:
         thread.shutdown(wait=True, cancel_futures=True)
         if (end := getattr(items, "close", None)) is not None:
             end()
-
-
-def _read(items: Iterator[T]) -> list[T]:
-    """One item, or none at the end: a StopIteration cannot pass through a Future."""
-    return list(islice(items, 1))
 
 
 class Cursor(Generic[T]):
@@ -137,28 +133,24 @@ class FrameSource:
     def processed(self, index: int, frames: list[Frame]) -> ProcessedFrame:
         """What is found in one state's frames. Raises InputError, PhysicsError."""
         first = replace(frames[0], index=index)
+        kind = self.task.kind
         try:
-            result = self._read(first, [first, *frames[1:]])
-            if index == 0 and self.task.kind.note:
-                result = replace(result, warnings=(self.task.kind.note, *result.warnings))
-            return result
+            state = scene = kind.held(self.task.scene)
+            label, distance = first.name, float("nan")
+            if scene.has_model:
+                label, distance = place_of(scene, first)
+                state = own_scene(scene, first)
+            every = [first, *frames[1:]]
+            result = kind.read(every, state, self.capture, as_stated=self.task.as_stated)
+            if label == first.name:
+                label = result.label  # of several frames, from where to where
+            notes = (kind.note,) if index == 0 and kind.note else ()
+            warnings = (*notes, *result.warnings)
+            return replace(result, label=label, distance_m=distance, warnings=warnings)
         except IsochromeError as error:
             if not self.task.keep_going:
                 raise
             return failed_frame(first, str(error))
-
-    def _read(self, first: Frame, frames: list[Frame]) -> ProcessedFrame:
-        """One state, with its label and distance."""
-        kind = self.task.kind
-        scene = kind.held(self.task.scene)
-        state, label, distance = scene, first.name, float("nan")
-        if scene.has_model:
-            label, distance = place_of(scene, first)
-            state = own_scene(scene, first)
-        result = kind.read(frames, state, self.capture, as_stated=self.task.as_stated)
-        if label == first.name:
-            label = result.label  # of several frames, from where to where
-        return replace(result, label=label, distance_m=distance)
 
     def close(self) -> None:
         """Close the files."""

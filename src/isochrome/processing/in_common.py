@@ -61,10 +61,7 @@ def shift_messages(grid: PixelGrid | None, table: Mapping[str, Sequence[Any]]) -
         for name, shift in far.items()
         if grid and (shift > 0.5 * grid.pixel_mm).any()
     ]
-    if not beyond:
-        return []
-    reach = " and ".join(beyond)
-    return [message("frames_own_places_lie", reach=reach)]
+    return [message("frames_own_places_lie", reach=" and ".join(beyond))] if beyond else []
 
 
 _GAMMA = "gamma"
@@ -97,14 +94,11 @@ def frame_values(table: Mapping[str, Sequence[Any]]) -> FrameValues:
     )
     none = [None] * count
     return FrameValues(
-        keys=keys,
-        values=values,
-        standard_uncertainty=spreads,
-        chi=numbers(table["chi"]),
+        keys=keys, values=values, standard_uncertainty=spreads, chi=numbers(table["chi"]),
         distance_m=numbers(table["distance_m"]),
         searched=np.array([result == SEARCHED for result in table.get(FOUND_BY, none)]),
         whole=np.array(whole_frames(table) if PICTURE in table else none, dtype=bool),
-    )
+    )  # fmt: skip
 
 
 def tabulate_set(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
@@ -158,13 +152,9 @@ def with_scatter_of_gamma(table: dict[str, list[Any]]) -> dict[str, list[Any]]:
     scatter = float(np.std(value_known, ddof=1))
     least, largest = (int(known[k]) for k in (np.argmin(value_known), np.argmax(value_known)))
     text = message(
-        "gamma_scatters_between_frames",
-        value=value[least],
-        frame=table["frame"][least],
-        value_2=value[largest],
-        frame_2=table["frame"][largest],
-        scatter=scatter,
-    )
+        "gamma_scatters_between_frames", value=value[least], frame=table["frame"][least],
+        value_2=value[largest], frame_2=table["frame"][largest], scatter=scatter,
+    )  # fmt: skip
     wider, messages = list(table[name]), list(table["messages"])
     for k in known:
         wider[k] = max(wider[k], scatter)

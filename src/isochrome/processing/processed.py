@@ -282,12 +282,9 @@ def _of_scene(scene: Scene, residual: ResidualStress | None) -> list[str]:
     if residual is not None:
         warnings += residual.warnings
         if residual.largest > _NOTABLE:
+            largest, steps = residual.largest, scene.frames.no_load_steps
             warnings.append(
-                message(
-                    "residual_stress_up_fringe_taken",
-                    largest=residual.largest,
-                    no_load_steps=scene.frames.no_load_steps,
-                )
+                message("residual_stress_up_fringe_taken", largest=largest, no_load_steps=steps)
             )
     return warnings
 
@@ -361,8 +358,6 @@ def _fitted(scene: Scene, table: dict[str, list[Any]], shape: tuple[int, int]) -
         for s, values in zip(table["distance_m"], fitted, strict=True)
         if FRICTION in values and np.isfinite(values[FRICTION]["value"])
     }
-    return (
-        result.with_values({EARLIER: 0.0, FRICTION: over_distance(points)})
-        if len(points) > 1
-        else result
-    )
+    if len(points) > 1:
+        result = result.with_values({EARLIER: 0.0, FRICTION: over_distance(points)})
+    return result

@@ -65,21 +65,14 @@ def process_report(store: Any, result: Processed, record: Mapping[str, Any]) -> 
     verdict = replace(result, as_stated=as_stated).summary_text
     frames, choice = _frames(store, scene, table)
     return ReportContent(
-        command="process",
-        title=result.title,
-        verdict=f"{verdict[:1].upper()}{verdict[1:]}. {_goodness(table)}",
-        frames=frames,
-        choice=choice,
-        curves=curves_of(result.over_frames),
+        command="process", title=result.title,
+        verdict=f"{verdict[:1].upper()}{verdict[1:]}. {_goodness(table)}", frames=frames,
+        choice=choice, curves=curves_of(result.over_frames),
         no_budget=(_NO_BUDGET if result.asks_causes else _OF_KNOWN_LOADS) if fitted else _NONE,
-        causes=result.causes if looked and fitted else None,
-        refined=result.refined,
-        tables=_causes(table),
-        taken_as_exact=result.taken_as_exact,
-        warnings=result.warnings,
-        scene=dump_scene(scene),
-        paper=paper_rows(scene, record),
-    )
+        causes=result.causes if looked and fitted else None, refined=result.refined,
+        tables=_causes(table), taken_as_exact=result.taken_as_exact, warnings=result.warnings,
+        scene=dump_scene(scene), paper=paper_rows(scene, record),
+    )  # fmt: skip
 
 
 def _goodness(table: Mapping[str, list[Any]]) -> str:

@@ -61,11 +61,7 @@ def disc_stress(
     unit = 2.0 * load_n / (np.pi * diameter_mm * thickness_mm)
     total = 2.0 * unit * (1.0 - 2.0 * inverse.real)
     difference = 4.0 * unit * rim_distance * np.square(inverse)
-    return StressField(
-        sigma_x=np.asarray(0.5 * (total + difference.real)),
-        sigma_z=np.asarray(0.5 * (total - difference.real)),
-        tau_xz=np.asarray(0.5 * difference.imag),
-    )
+    return StressField.of(total, difference)
 
 
 def disc_principal_difference(

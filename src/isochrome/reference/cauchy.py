@@ -6,6 +6,7 @@ s-plane (the body itself), where numpy's principal branches are the right ones d
 """
 
 from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,6 +35,13 @@ class StressField:
     sigma_x: Floats
     sigma_z: Floats
     tau_xz: Floats
+
+    @classmethod
+    def of(cls, total: Floats, difference: NDArray[Any]) -> Self:
+        """From sx + sz and (sx - sz) + 2i txz, MPa."""
+        sigma_x, sigma_z = 0.5 * (total + difference.real), 0.5 * (total - difference.real)
+        parts = sigma_x, sigma_z, 0.5 * difference.imag
+        return cls(*(np.asarray(part) for part in parts))
 
     @property
     def principal_difference(self) -> Floats:
@@ -119,8 +127,4 @@ def stress_from_transforms(
     """
     conjugate = -(2.0 / np.pi) * (friction * transform - (1.0 - 1j * friction) * slope_z)
     total = -(2.0 / np.pi) * (friction * transform.real - transform.imag)
-    return StressField(
-        sigma_x=np.asarray(0.5 * (total + conjugate.real)),
-        sigma_z=np.asarray(0.5 * (total - conjugate.real)),
-        tau_xz=np.asarray(-0.5 * conjugate.imag),
-    )
+    return StressField.of(total, np.conj(conjugate))

@@ -62,8 +62,4 @@ def hole_stress(
     twice = near * np.square(w)
     total = tension_mpa * (1.0 - 2.0 * near * twice.real)
     difference = tension_mpa * (1.0 - near * twice * (1.0 + (2.0 - 3.0 * near) * twice))
-    return StressField(
-        sigma_x=np.asarray(0.5 * (total + difference.real)),
-        sigma_z=np.asarray(0.5 * (total - difference.real)),
-        tau_xz=np.asarray(0.5 * difference.imag),
-    )
+    return StressField.of(total, difference)

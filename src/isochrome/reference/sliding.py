@@ -171,14 +171,10 @@ def coupled_contact(
     a = float(np.sqrt(a_squared / (1.0 - 4.0 * e**2)))
     scale = float(contact_modulus_mpa * a * np.cos(np.pi * e) / (2.0 * radius_mm))
     return CoupledContact(
-        exponent=e,
-        half_width_mm=a,
-        centre_mm=-2.0 * e * a,
-        peak_mm=-4.0 * e * a,
+        exponent=e, half_width_mm=a, centre_mm=-2.0 * e * a, peak_mm=-4.0 * e * a,
         peak_pressure_mpa=scale * (1.0 - 2.0 * e) ** (0.5 - e) * (1.0 + 2.0 * e) ** (0.5 + e),
-        scale_mpa=scale,
-        friction=float(friction),
-    )
+        scale_mpa=scale, friction=float(friction),
+    )  # fmt: skip
 
 
 def coupled_pressure(x_mm: ArrayLike, contact: CoupledContact) -> Floats:

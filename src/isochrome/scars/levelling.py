@@ -455,25 +455,16 @@ def refine_place(x_mm: Array, z_um: Array, start: ScarShape, white: Array) -> Sc
     values = np.array([start.centre_mm, np.log(start.half_mm), start.exponent])
     values = values + bounds.cut(values, np.zeros(3))
     descent = minimise(
-        heights.at,
-        values,
-        heights.at(values),
-        enough=lambda _: _SETTLED,
-        damping=Damping(_DAMPING),
-        iterations=_STEPS,
-        bounds=bounds,
-        cut=cut,
-    )
+        heights.at, values, heights.at(values), enough=lambda _: _SETTLED,
+        damping=Damping(_DAMPING), iterations=_STEPS, bounds=bounds, cut=cut,
+    )  # fmt: skip
     (centre, _, exponent), half = descent.values.tolist(), float(np.exp(descent.values[1]))
     scale = np.array([1.0, half, 1.0])
     return ScarShape(
-        centre_mm=centre,
-        half_mm=half,
-        exponent=exponent,
-        depth_um=-descent.point.depth,
+        centre_mm=centre, half_mm=half, exponent=exponent, depth_um=-descent.point.depth,
         covariance=np.linalg.inv(descent.point.normal) * np.outer(scale, scale),
         clear=abs(descent.point.depth) * descent.point.size,
-    )
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -580,19 +571,11 @@ def levelled(trace: Trace) -> LevelledTrace:
     unworn = unworn & (np.abs(bins.x_mm - place.centre_mm) > (1.0 + _FLANK) * place.half_mm)
     result = _level(bins, place, roughness, unworn, messages=messages, name=trace.name, ridged=True)
     left_um, right_um = (1e3 * ridge for ridge in result.ridges_mm2)
-    return replace(
-        result,
-        messages=(
-            *messages,
-            message(
-                "ridges_mm_stand_beside",
-                name=trace.name,
-                left_um=left_um,
-                right_um=right_um,
-                worn_area_mm2=1e3 * result.worn_area_mm2,
-            ),
-        ),
+    name, worn = trace.name, 1e3 * result.worn_area_mm2
+    text = message(
+        "ridges_mm_stand_beside", name=name, left_um=left_um, right_um=right_um, worn_area_mm2=worn
     )
+    return replace(result, messages=(*messages, text))
 
 
 def _find(bins: BinnedTrace, name: str) -> tuple[ScarShape, Roughness, Mask]:
@@ -643,10 +626,10 @@ def _check_shoulders(bins: BinnedTrace, place: ScarShape, name: str) -> None:
     lengths = bins.spacing_mm * np.array([side.sum() for side in _beside(bins, place)])
     width = high - low
     if lengths.sum() < _SHOULDERS * width or lengths.min() < _SHOULDER * width:
+        before, after = lengths
         raise InputError(
-            "beside_scar_from_mm", name=name, low=low, high=high, lengths=lengths[0],
-            lengths_2=lengths[1],
-        )  # fmt: skip
+            "beside_scar_from_mm", name=name, low=low, high=high, lengths=before, lengths_2=after
+        )
 
 
 def _shoulders(bins: BinnedTrace, place: ScarShape, name: str) -> Mask:
@@ -695,27 +678,16 @@ def _level(
     ridges, ridge_uncertainty = _ridges(bins, place, level, roughness)
     to_depth = level - np.eye(len(x))
     return LevelledTrace(
-        name=name,
-        x_mm=x,
-        depth_um=to_depth @ z,
-        level_um=level @ z,
-        unworn=unworn,
-        edges_mm=edges,
-        edge_uncertainty_mm=place.edge_uncertainty_mm,
-        window_mm=(low, high),
+        name=name, x_mm=x, depth_um=to_depth @ z, level_um=level @ z, unworn=unworn, edges_mm=edges,
+        edge_uncertainty_mm=place.edge_uncertainty_mm, window_mm=(low, high),
         worn_area_mm2=float(rows @ z),
         worn_area_uncertainty_mm2=float(np.sqrt(wider * (variance + shared))),
         degrees_of_freedom=freedom,
         levelling_uncertainty_mm2=float(np.sqrt(wider * (by_level + shared))),
         depth_covariance_um2=wider * (to_depth @ covariance @ to_depth.T + drawn),
-        roughness=roughness,
-        deepest_um=place.depth_um,
-        clear=place.clear,
-        ridges_mm2=ridges,
-        ridge_uncertainty_mm2=ridge_uncertainty,
-        spikes=bins.spikes,
-        messages=messages,
-    )
+        roughness=roughness, deepest_um=place.depth_um, clear=place.clear, ridges_mm2=ridges,
+        ridge_uncertainty_mm2=ridge_uncertainty, spikes=bins.spikes, messages=messages,
+    )  # fmt: skip
 
 
 def _ridges(

@@ -255,16 +255,15 @@ def _check(x: Array, z: Array, name: str) -> None:
         bad = int(np.argmin(steps > 0.0))
         raise InputError("goes_from_mm_point", name=name, x=x[bad], x_2=x[bad + 1], bad=bad + 2)
     length = float(x[-1] - x[0])
-    if not _SHORTEST_MM <= length <= _LONGEST_MM:
+    least, most = _SHORTEST_MM, _LONGEST_MM
+    if not least <= length <= most:
         raise InputError(
-            "mm_long_where_mm", name=name, length=length, shortest_mm=_SHORTEST_MM,
-            longest_mm=_LONGEST_MM,
-        )  # fmt: skip
+            "mm_long_where_mm", name=name, length=length, shortest_mm=least, longest_mm=most
+        )
     if float(np.ptp(z)) > 1e3 * _STEEPEST * length:
         raise InputError("heights_span_over_mm", name=name, ptp=np.ptp(z), length=length)
     if float(steps.max()) > _WIDEST_GAP * length:
-        bad = int(np.argmax(steps))
+        bad, gap = int(np.argmax(steps)), 100 * _WIDEST_GAP
         raise InputError(
-            "nothing_measured_from_mm", name=name, x=x[bad], x_2=x[bad + 1],
-            widest_gap=100 * _WIDEST_GAP,
-        )  # fmt: skip
+            "nothing_measured_from_mm", name=name, x=x[bad], x_2=x[bad + 1], widest_gap=gap
+        )

@@ -186,10 +186,8 @@ def _frames(folder: Path, scene: Scene, history: Mapping[str, Sequence[Any]]) ->
                     Pane("order", "fringe order N", order, span, FRINGES),
                 ),
                 order=order,
-                pixel_mm=pixels.pixel_mm,
-                left_mm=pixels.left_mm,
-                top_mm=pixels.top_mm,
                 notes=tuple(notes),
+                **pixels.scale,
             )
         )
     return frames
@@ -247,14 +245,10 @@ def _join(run: RunFolder, work: RenderWork, name: str, history: dict[str, list[A
             yield from np.frombuffer(part, dtype).reshape(-1, *shape)
 
     write_frames(
-        run.results / name,
-        frames(),
-        (work.count * steps, *shape),
-        dtype,
-        pixel_mm=work.pixels.pixel_mm,
-        photometric="rgb" if len(shape) == 3 else "minisblack",
+        run.results / name, frames(), (work.count * steps, *shape), dtype,
+        pixel_mm=work.pixels.pixel_mm, photometric="rgb" if len(shape) == 3 else "minisblack",
         metadata=_view(run, work, name, history),
-    )
+    )  # fmt: skip
 
 
 def _view(
@@ -276,10 +270,7 @@ def _view(
         for label in history["label"]
         for step in range(steps)
     ]
-    return imagej_view(
-        name, span, labels=labels, pixel_mm=pixels.pixel_mm, left_mm=pixels.left_mm,
-        top_mm=pixels.top_mm,
-    )  # fmt: skip
+    return imagej_view(name, span, labels=labels, **pixels.scale)
 
 
 def _form(work: RenderWork, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:

@@ -84,16 +84,8 @@ def _draw_stress(
 
     A cross where the shear is largest; carets at the edges of contact, where in view.
     """
-    shown = show_image(
-        axes,
-        image,
-        pixel_mm=pixels.pixel_mm,
-        left_mm=pixels.left_mm,
-        top_mm=pixels.top_mm,
-        cmap=DIFFERENCE_MAP,
-        vmin=-limit,
-        vmax=limit,
-    )
+    look: dict[str, Any] = {"cmap": DIFFERENCE_MAP, "vmin": -limit, "vmax": limit}
+    shown = show_image(axes, image, **look, **pixels.scale)
     assert item.components is not None
     peak, surface = item.components.peak, item.state.surface
     right = pixels.left_mm + pixels.cols * pixels.pixel_mm
@@ -114,24 +106,14 @@ def simulation_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) ->
     return panels_figure(simulation_panels(scene, pixels, frames), head)
 
 
-def _draw_frame(axes: Axes, scene: Scene, pixels: PixelGrid, item: Rendered) -> None:
-    """The first frame of a state, white where the camera is full."""
-    bits = scene.camera.bit_depth if scene.camera is not None else None
-    plot_frame(
-        item.frames[0],
-        axes,
-        full=1.0 if bits is None else 2**bits - 1,
-        pixel_mm=pixels.pixel_mm,
-        left_mm=pixels.left_mm,
-        top_mm=pixels.top_mm,
-    )
-
-
 def simulation_panels(scene: Scene, pixels: PixelGrid, items: Sequence[Rendered]) -> PaperPanels:
     """The same for a paper, with the maps of the principal stresses where they were asked for."""
 
+    bits = scene.camera.bit_depth if scene.camera is not None else None
+    full = 1.0 if bits is None else 2**bits - 1
+
     def frame(axes: Axes, k: int) -> AxesImage:
-        _draw_frame(axes, scene, pixels, items[k])
+        plot_frame(items[k].frames[0], axes, full=full, **pixels.scale)
         return axes.images[0]
 
     kinds = [PictureKind(name="frame", draw=frame), *stress_kinds(pixels, items)]
@@ -225,10 +207,7 @@ def plot_scar(states: States, axes: Axes | None = None) -> Axes:
 
 
 def _along_surface(
-    states: States,
-    axes: Axes | None,
-    label: str,
-    value: Callable[[SurfaceState], NDArray[np.floating]],
+    states: States, axes: Axes | None, label: str, value: Callable[[SurfaceState], NDArray[Any]]
 ) -> Axes:
     """One line a state, over the widest contact and a little beyond."""
     given = [states] if isinstance(states, SceneState) else list(states)

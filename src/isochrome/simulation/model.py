@@ -152,13 +152,9 @@ def with_added_tractions(scene: Scene, surface: SurfaceState) -> SurfaceState:
         for values in (added.pressure_mpa, added.shear_mpa)
     )
     return replace(
-        surface,
-        grid=wider,
-        pressure_mpa=pressure + next(more),
-        shear_mpa=shear + next(more),
-        wear_depth_mm=depth,
-        scar_edges_mm=surface.edges_mm,
-    )
+        surface, grid=wider, pressure_mpa=pressure + next(more), shear_mpa=shear + next(more),
+        wear_depth_mm=depth, scar_edges_mm=surface.edges_mm,
+    )  # fmt: skip
 
 
 def state_count(scene: Scene) -> int:
@@ -261,10 +257,5 @@ def _spectral(scene: Scene, picture: Picture, order: Array, step: int | None) ->
 def refuse_too_fine(scene: Scene, picture: Picture) -> None:
     """Raise PhysicsError where too many fringes are finer than two pixels."""
     if picture.too_fine > _TOO_FINE_SHARE:
-        pixel = scene.camera.pixel_mm if scene.camera else None
-        raise PhysicsError(
-            "fringes_finer_two_pixels",
-            name=scene.name,
-            too_fine=100 * picture.too_fine,
-            pixel=pixel,
-        )
+        share, pixel = 100 * picture.too_fine, scene.camera.pixel_mm if scene.camera else None
+        raise PhysicsError("fringes_finer_two_pixels", name=scene.name, too_fine=share, pixel=pixel)

@@ -480,22 +480,16 @@ def polariscope_light(scene: Scene, stress: ArrayLike, *, step: int | None = Non
     pixels, values = pixel_grid(scene), np.asarray(stress)
     if values.shape != (pixels.rows, pixels.cols) or values.dtype.kind != "c":
         raise InputError(
-            "stress_difference_shape_type",
-            name=scene.name,
-            shape=values.shape,
-            dtype=values.dtype,
-            rows=pixels.rows,
-            cols=pixels.cols,
-        )
+            "stress_difference_shape_type", name=scene.name, shape=values.shape, dtype=values.dtype,
+            rows=pixels.rows, cols=pixels.cols,
+        )  # fmt: skip
     for key in ("thickness_mm", "fringe_value_n_per_mm"):
         if getattr(scene.specimen, key) is None:
             raise InputError("specimen_missing_add", name=scene.name, key=key)
     if step is not None and step not in scene.polariscope.step_numbers:
+        count = len(scene.polariscope.step)
         raise InputError(
-            "step_polariscope_has_polariscope",
-            name=scene.name,
-            step=step,
-            step_count=len(scene.polariscope.step),
+            "step_polariscope_has_polariscope", name=scene.name, step=step, step_count=count
         )
     picture = make_picture(scene, values, pixels)
     refuse_too_fine(scene, picture)

@@ -71,13 +71,10 @@ class BlockModel(HalfPlane):
         """
         sides = block_sides(scene)
         _check_reach(scene, sides, pixels)
-        half_width = float(np.max(np.abs(surface.edges_mm)))
-        if half_width > _WIDEST * sides.clearance:
+        half, clearance = float(np.max(np.abs(surface.edges_mm))), sides.clearance
+        if half > _WIDEST * clearance:
             raise PhysicsError(
-                "contact_reaches_mm_from",
-                name=scene.name,
-                half_width=half_width,
-                clearance=sides.clearance,
+                "contact_reaches_mm_from", name=scene.name, half_width=half, clearance=clearance
             )
         x, dx = surface.grid.x_mm, surface.grid.spacing_mm
         p, q = surface.pressure_mpa, surface.shear_mpa
@@ -100,13 +97,8 @@ def block_sides(scene: Scene) -> Sides:
     assert specimen.width_mm is not None and specimen.height_mm is not None
     assert specimen.poisson is not None
     left_mm = -0.5 * specimen.width_mm if specimen.left_mm is None else specimen.left_mm
-    return Sides(
-        left_mm,
-        left_mm + specimen.width_mm,
-        specimen.height_mm,
-        specimen.poisson,
-        specimen.support == "sliding",
-    )
+    right_mm, sliding = left_mm + specimen.width_mm, specimen.support == "sliding"
+    return Sides(left_mm, right_mm, specimen.height_mm, specimen.poisson, sliding)
 
 
 @lru_cache(maxsize=8)

@@ -81,13 +81,9 @@ class HalfPlane(SpecimenModel):
     ) -> ShearPeak:
         """Largest shear between the pixels' centres too, the surface included."""
         assert surface is not None
-        return largest_shear(
-            surface.grid.x_mm,
-            surface.pressure_mpa,
-            surface.shear_mpa,
-            within=pixels,
-            regular=self.added_stress(scene, surface, pixels),
-        )
+        x, p, q = surface.grid.x_mm, surface.pressure_mpa, surface.shear_mpa
+        added = self.added_stress(scene, surface, pixels)
+        return largest_shear(x, p, q, within=pixels, regular=added)
 
     def added_stress(self, scene: Scene, surface: SurfaceState, pixels: PixelGrid) -> RegularStress:
         """The bulk stress, and what sides add."""
@@ -107,10 +103,5 @@ def surface_field_grid(pixels: PixelGrid, grid: ContactGrid, tolerance: float) -
 
     The last ones are kept: the states of a scene share them. They take as much as ten pictures.
     """
-    return make_field_grid(
-        pixels,
-        left_mm=grid.left_mm,
-        spacing_mm=grid.spacing_mm,
-        nodes=grid.nodes,
-        dtype=field_dtype(tolerance),
-    )
+    left, step, kind = grid.left_mm, grid.spacing_mm, field_dtype(tolerance)
+    return make_field_grid(pixels, left_mm=left, spacing_mm=step, nodes=grid.nodes, dtype=kind)

@@ -42,13 +42,9 @@ def diametral_stress(
     assert load is not None and isinstance(load.normal_n, float)  # only a contact's load varies
     assert specimen.diameter_mm is not None and specimen.thickness_mm is not None
     stress = formula(
-        pixels.places[0],
-        pixels.places[1] - 0.5 * specimen.diameter_mm,
-        load_n=load.normal_n,
-        diameter_mm=specimen.diameter_mm,
-        thickness_mm=specimen.thickness_mm,
-        **sizes,
-    )
+        pixels.places[0], pixels.places[1] - 0.5 * specimen.diameter_mm, load_n=load.normal_n,
+        diameter_mm=specimen.diameter_mm, thickness_mm=specimen.thickness_mm, **sizes,
+    )  # fmt: skip
     return StressComponents(stress.sigma_x, stress.sigma_z, stress.tau_xz)
 
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,6 +100,11 @@ class PixelGrid:
         return self.top_mm + self.pixel_mm * (np.arange(self.rows) + 0.5)
 
     @property
+    def scale(self) -> dict[str, Any]:
+        """Its pixel's size and outer edges (mm), as pictures and stacks take them."""
+        return {"pixel_mm": self.pixel_mm, "left_mm": self.left_mm, "top_mm": self.top_mm}
+
+    @property
     def places(self) -> tuple[Floats, Floats]:
         """x and z (mm) that the pixels look at, of shapes that broadcast to (rows, cols)."""
         return (self.x_mm[None, :], self.z_mm[:, None]) if self.lens is None else _looked_at(self)
@@ -131,14 +136,10 @@ class PixelGrid:
             self.lens, right_mm=self.lens.right_mm + shift, down_mm=self.lens.down_mm + shift
         )
         return replace(
-            self,
-            rows=-(-self.rows // stride),
-            cols=-(-self.cols // stride),
-            left_mm=self.left_mm - shift,
-            top_mm=self.top_mm - shift,
-            pixel_mm=self.pixel_mm * stride,
-            lens=lens,
-        )
+            self, rows=-(-self.rows // stride), cols=-(-self.cols // stride),
+            left_mm=self.left_mm - shift, top_mm=self.top_mm - shift,
+            pixel_mm=self.pixel_mm * stride, lens=lens,
+        )  # fmt: skip
 
 
 @lru_cache(maxsize=2)
@@ -168,12 +169,9 @@ def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
             raise InputError("camera_missing_add", name=scene.name, key=key)
     assert rows is not None and cols is not None and camera.pixel_mm is not None
     if rows * cols > MAX_PIXELS:
+        name = scene.name
         raise InputError(
-            "camera_width_px_height_px_over",
-            name=scene.name,
-            cols=cols,
-            rows=rows,
-            max_pixels=MAX_PIXELS,
+            "camera_width_px_height_px_over", name=name, cols=cols, rows=rows, max_pixels=MAX_PIXELS
         )
     left_mm, top = camera.left_mm, camera.top_mm
     if left_mm is None:
@@ -184,14 +182,9 @@ def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
     reach = max(abs(left_mm), abs(top)) + max(rows, cols) * camera.pixel_mm
     if reach > MAX_REACH_MM:
         raise InputError(
-            "picture_reaches_mm_from_contact",
-            name=scene.name,
-            reach=reach,
-            pixel_mm=camera.pixel_mm,
-            left_mm=left_mm,
-            top=top,
-            max_reach_mm=MAX_REACH_MM,
-        )
+            "picture_reaches_mm_from_contact", name=scene.name, reach=reach,
+            pixel_mm=camera.pixel_mm, left_mm=left_mm, top=top, max_reach_mm=MAX_REACH_MM,
+        )  # fmt: skip
     return PixelGrid(rows, cols, left_mm, top, camera.pixel_mm, _lens(camera, rows, cols))
 
 
@@ -202,15 +195,10 @@ def _lens(camera: Camera, rows: int, cols: int) -> Lens | None:
     assert camera.pixel_mm is not None
     width, height = 0.5 * cols * camera.pixel_mm, 0.5 * rows * camera.pixel_mm
     return Lens(
-        right_mm=width,
-        down_mm=height,
-        half_width_mm=width,
-        half_height_mm=height,
-        roll_deg=camera.roll_deg,
-        distortion=camera.distortion,
-        keystone_x=camera.keystone_x,
+        right_mm=width, down_mm=height, half_width_mm=width, half_height_mm=height,
+        roll_deg=camera.roll_deg, distortion=camera.distortion, keystone_x=camera.keystone_x,
         keystone_z=camera.keystone_z,
-    )
+    )  # fmt: skip
 
 
 StressDifference = NDArray[np.complexfloating]

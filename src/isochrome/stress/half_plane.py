@@ -598,16 +598,10 @@ def _scan(loads: Loads, x: Floats, z: Floats, split: int) -> Floats:
     for start in range(min(split, len(x))):
         cols = x[start::split]
         band = make_band(
-            slice(0, len(z)),
-            z,
-            len(cols),
-            first_mm=float(cols[0] - loads.nodes[0]),
-            spacing_mm=loads.spacing,
-            nodes=len(loads.nodes),
-            fold=1,
-            deep=False,
+            slice(0, len(z)), z, len(cols), first_mm=float(cols[0] - loads.nodes[0]),
+            spacing_mm=loads.spacing, nodes=len(loads.nodes), fold=1, deep=False,
             dtype=np.dtype(np.complex64),
-        )
+        )  # fmt: skip
         field = np.empty((len(z), len(cols)), np.complex64)
         convolve_rows(band, [(band.slope, both), (band.cauchy, loads.shear)], field)
         field += loads.regular.difference(cols[None, :], z[:, None]).astype(np.complex64)

@@ -82,19 +82,11 @@ def make_series_grid(
     pairs, poles = _power_series()
     places = spacing_mm / (length * pitch_mm) * (np.arange(nodes) - 0.5 * (nodes - 1))
     return SeriesGrid(
-        rows=rows,
-        cols=cols,
-        pitch_mm=pitch_mm,
-        nodes=nodes,
-        spacing_mm=spacing_mm,
-        length=length,
+        rows=rows, cols=cols, pitch_mm=pitch_mm, nodes=nodes, spacing_mm=spacing_mm, length=length,
         down=_interpolation(rows, cosines).astype(np.float32),
-        across=_interpolation(cols, cosines).T.astype(np.float32),
-        cosines=cosines,
-        powers=np.vander(places, 2 * _TERMS, increasing=True).T.copy(),
-        pairs=pairs,
-        poles=poles,
-    )
+        across=_interpolation(cols, cosines).T.astype(np.float32), cosines=cosines,
+        powers=np.vander(places, 2 * _TERMS, increasing=True).T.copy(), pairs=pairs, poles=poles,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,17 @@
-"""Material fringe value from a disc under diametral compression.
+"""One image of a loaded disc: the whole field by least squares on its intensities.
+
+Residual stress in a disc, and the order it makes with the load.
+
+Stress adds as a tensor. With D = (sx - sz) + 2i txz in fringes, the loads' part is
+D_P = N (1 - rho^2)/(s^2 + 1)^2, s = x - iz in radii with z along the loads (Frocht 1948; see
+`reference.brazilian_disc`), and the order is |D_P + D_0| with one residual field D_0 for all loads:
+a polynomial, which holds what moulding, cutting and annealing leave, D_0 = (c2 r^2 + c4 r^4)
+e^(2 i phi), and an even part; and a polynomial along the directions of the loads' own field, which
+holds what creeps under them.
+
+All images of a disc in the model of a whole set: see `calibration.whole_set`.
+
+Material fringe value from a disc under diametral compression.
 
 At the centre sigma1 - sigma2 = 8 P/(pi D d), so that N = (8/(pi D f_sigma)) P + N0: the thickness
 d cancels, and an order N0 that stays at zero load (residual stress) does not touch the slope.
@@ -7,32 +20,431 @@ Elsewhere in the disc residual stress adds as a tensor: see `disc_residual`.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.polynomial.polynomial import polyval2d
+from numpy.typing import ArrayLike, NDArray
 
-from isochrome.calibration.disc.disc_fit import fit_disc
-from isochrome.calibration.disc.disc_set import (
-    check_diameter,
-    disc_images,
-    fit_disc_set,
-    residual_of,
+from isochrome.calibration.disc.disc_field import (
+    RIM_ZONE,
+    Circle,
+    DiscPixels,
+    check_scans,
+    choose_centre_orders,
+    disc_image,
+    disc_mask,
+    disc_order,
+    disc_view,
+    scan_disc,
+    squared_wave,
+    thin_grid,
 )
-from isochrome.calibration.disc.disc_starts import check_scans, choose_centre_orders, scan_disc
-from isochrome.calibration.disc.order_slope import fit_rise, overlay, rise_with_load
-from isochrome.calibration.loading import calibrate_channels
+from isochrome.calibration.disc.order_slope import FEWEST_LOADS, fit_rise, overlay, rise_with_load
 from isochrome.calibration.order_line import Input, uncertainty_budget, widened_to_held_out
 from isochrome.calibration.result import Calibration, ImageFit
 from isochrome.calibration.settings import Disc, SetLike, Uncertainty, load_set
-from isochrome.calibration.shot import Shot, by_load, unused
-from isochrome.calibration.whole_set.set_model import SetFit
-from isochrome.calibration.whole_set.set_result import causes, sentences, stated_values
-from isochrome.errors import PhysicsError
+from isochrome.calibration.shot import Shot, by_load, calibrate_channels, unused
+from isochrome.calibration.whole_set.set_fit import fit_set
+from isochrome.calibration.whole_set.set_model import BLUR, Kind, SetFit, SetModel
+from isochrome.calibration.whole_set.set_result import (
+    causes,
+    image_chi,
+    image_maps,
+    sentences,
+    stated_values,
+)
+from isochrome.errors import InputError, PhysicsError
+from isochrome.estimation import ALIKE_CHI, IntensityFit, SeveralStarts, smooth_starts
 from isochrome.messages import message
+from isochrome.output import with_uncertainty
 from isochrome.scene import Camera, Polariscope
 
 Array = NDArray[np.float64]
+
+START_PIXELS = 20_000
+"""Pixels of the square about the disc from which the set starts."""
+
+FEWEST = 0.5
+"""Centre order at the least."""
+
+EXPLAINED = 0.6
+"""Share of an image's variation that the model must explain at least."""
+
+
+def fit_disc(shot: Shot, circle: Circle, starts: Array) -> Array:
+    """Fit one image's whole field: centre order, centre, radius and load direction (5,).
+
+    Parameters: `circle`, the rim as found; `starts` (m, 5), see `disc_order`. Raises PhysicsError
+    for too low an order, one that is ambiguous, or a fit that did not converge.
+    """
+    grid = thin_grid(shot.light.shape, circle, START_PIXELS)
+    start, ambiguous = starts, False
+    for within in (0.75, 0.97):
+        result = _fit(shot, grid, start, within)
+        rivals = [m for m in result.others if abs(m.values[0] - result.best.values[0]) > 0.1]
+        ambiguous |= any(m.chi < ALIKE_CHI * result.best.chi for m in rivals)
+        _check_explained(shot, result.best)
+        start = result.best.values[None, :]
+    best = result.best
+    order, spread = float(best.values[0]), float(best.standard_uncertainty[0])
+    if order < FEWEST:
+        raise PhysicsError("centre_order_too_low", name=shot.name, order=order)
+    if ambiguous:
+        raise PhysicsError("two_centre_orders_near", name=shot.name, order=order)
+    if not best.converged or not best.positive or spread > 0.2 * order:
+        raise PhysicsError("fringes_could_not_fitted", name=shot.name)
+    return best.values
+
+
+def _check_explained(shot: Shot, best: IntensityFit) -> None:
+    """Refuse a fit that leaves most of an image's variation: another basin, or no such disc."""
+    used = np.isfinite(best.residual)
+    image = (best.residual + best.illumination_map * best.signal + best.background_map)[used]
+    explained = 1.0 - float(np.var(best.residual[used]) / np.var(image))
+    if explained < EXPLAINED:
+        raise PhysicsError(
+            "loaded_disc_fringes_explain",
+            name=shot.name,
+            explained=explained,
+            fewest_loads=FEWEST_LOADS,
+        )
+
+
+def _fit(shot: Shot, grid: DiscPixels, starts: Array, within: float) -> SeveralStarts:
+    """One stage of the fit: the mask follows the best start."""
+    pick, first = grid.pick, starts[0]
+    radius = first[3]
+    reach = np.array([0.5, 0.1 * radius, 0.1 * radius, 0.1 * radius, np.radians(6.0)])
+    return smooth_starts(
+        shot.light[pick], lambda p: squared_wave(np.pi * disc_order(grid, p), shot.bright), starts,
+        light=shot.lamp(*pick), mask=shot.valid[pick] & disc_mask(grid, first, within=within),
+        sigma=shot.sigma[pick],
+        scale=np.array([0.2, 0.02 * radius, 0.02 * radius, 0.02 * radius, 0.05]),
+        lower=starts.min(axis=0) - reach, upper=starts.max(axis=0) + reach,
+        refine=min(3, len(starts)),
+    )  # fmt: skip
+
+
+Complexes = NDArray[np.complex128]
+
+DEGREE = 4
+_POWERS = tuple((i, t - i) for t in range(DEGREE + 1) for i in range(t + 1))
+
+_SIZE, _FALLS = 0.2, 0.8
+"""Order of an even residual on usual discs, fringes, and what each degree more leaves of it."""
+
+SIZES = np.tile([_SIZE * _FALLS ** (i + j) for i, j in _POWERS], 3)
+"""Standard deviations (k,) of the members' amplitudes: along the loads, sx - sz, 2 txz."""
+
+
+def residual_basis(x: Array, z: Array, turn: Complexes) -> Complexes:
+    """Members (k, n) of a residual at places `x`, `z` in radii from the centre.
+
+    As the loads' directions see it: `turn` (n,), see `load_field`.
+    """
+    real = _powers(x, z)
+    return np.concatenate([real, turn * real, 1j * turn * real])
+
+
+def _powers(x: Array, z: Array) -> Array:
+    of_x, of_z = (np.vander(v, DEGREE + 1, increasing=True).T for v in (x, z))
+    return np.stack([of_x[i] * of_z[j] for i, j in _POWERS])
+
+
+def simple_residual(even: float, round_: float) -> Array:
+    """Amplitudes (k,) of an even residual and an axisymmetric one, c2 r^2 e^(2 i phi)."""
+    real, imaginary = np.zeros((2, len(_POWERS)))
+    real[_POWERS.index((0, 0))] = even
+    real[_POWERS.index((2, 0))], real[_POWERS.index((0, 2))] = round_, -round_
+    imaginary[_POWERS.index((1, 1))] = 2.0 * round_
+    return np.concatenate([np.zeros(len(_POWERS)), real, imaginary])
+
+
+def load_field(rows: Array, cols: Array, geometry: ArrayLike) -> tuple[Array, Complexes]:
+    """The loads' field over its centre value: its size h and its direction, seen by the residual.
+
+    Parameters: `rows`, `cols` (n,), px; `geometry`, row, column, radius (px) and angle (rad) as in
+    `disc_field.disc_order`. Returns h (n,) and v (n,) such that the order is
+    |N h + v D_0| for a residual D_0 in the image's axes.
+    """
+    row, col, radius, angle = np.asarray(geometry, dtype=float)
+    x, z = (cols - col) / radius, (rows - row) / radius
+    s = (x - 1j * z) * np.exp(-1j * angle)
+    below = s**2 + 1.0
+    size = np.square(np.abs(below)) + 1e-12
+    h = (1.0 - x**2 - z**2) / size
+    return h, below**2 / size * np.exp(2j * angle)
+
+
+def total_order(own: Array, amplitudes: Array, rows: Array, cols: Array) -> Complexes:
+    """The order of loads and residual as a complex number in the loads' directions (n,).
+
+    Parameters: `own` (5,), see `disc_order`; `amplitudes` (k,) of the residual; `rows`, `cols`.
+    """
+    h, turn = load_field(rows, cols, own[1:])
+    along, real, imaginary = np.split(amplitudes, 3)
+    powers = np.zeros((2, DEGREE + 1, DEGREE + 1), complex)
+    powers[(slice(None), *np.transpose(_POWERS))] = along, real + 1j * imaginary
+    x, z = _places(own, rows, cols)
+    of_loads, free = (polyval2d(x, z, p) for p in powers)
+    return np.asarray(own[0] * h + of_loads + turn * free)
+
+
+def by_residual(own: Array, amplitudes: Array, rows: Array, cols: Array) -> Array:
+    """Derivatives (k, n) of the order by the residual's amplitudes; arguments as `total_order`."""
+    _, turn = load_field(rows, cols, own[1:])
+    total = total_order(own, amplitudes, rows, cols)
+    direction = np.conj(total) / np.maximum(np.abs(total), 1e-12)
+    seen, real = turn * direction, _powers(*_places(own, rows, cols))
+    return np.concatenate([direction.real * real, seen.real * real, -seen.imag * real])
+
+
+def _places(own: Array, rows: Array, cols: Array) -> tuple[Array, Array]:
+    _, row, col, radius, _ = own
+    return (cols - col) / radius, (rows - row) / radius
+
+
+def residual_at_centre(own: Array) -> Array:
+    """How each member of the residual counts at the centre along the loads of an image (k,)."""
+    centre = np.zeros(1)
+    return np.asarray(residual_basis(centre, centre, np.exp([2j * own[4]]))[:, 0].real)
+
+
+PIXELS = 40_000
+"""Pixels of the square about the disc that are fitted with the whole set."""
+
+ROUGH_PIXELS = 3_000
+RADII = (0.92, 0.95, 0.98, 1.01)
+ORDERS = (-0.6, -0.3, 0.0, 0.3, 0.6)
+REFINED = 4
+"""Starts with a residual: pixels of the square about the disc, radii over the least one found,
+sizes in fringes, and how many are refined."""
+
+BARELY = 1.05
+"""Chi up to which the closed form is taken to describe the images without another start."""
+
+_CLEAR_OF_RIM = 3.0
+"""Blurs by which pixels stay off the rim: a Gaussian is nothing there."""
+
+RESIDUAL = "residual stress"
+
+RESIDUAL_LOADS = 3
+"""Different loads, zero among them, below which a residual field is not looked for."""
+
+OWN = 5
+"""Unknowns of each image: centre order, row, column, radius, angle of the loads."""
+
+STEPS = np.array([1e-4, 2e-3, 2e-3, 2e-3, 1e-5])
+"""Steps of the differences in an image's own unknowns (fringes, px, rad)."""
+
+LARGEST = np.array([0.3, 0.03, 0.03, 0.03, 0.05])
+"""Largest move of an image's own unknowns in one step (fringes, radii, rad)."""
+
+RIM_PX = 0.5
+"""What a rim itself is uncertain by: a bevel, and how a point load's field fits to the disc's."""
+
+CONTRADICTED, SLIGHT = 3.0, 0.01
+"""Standard uncertainties by which the rim contradicts a diameter, and the least relative one."""
+
+
+def fit_disc_set(
+    shots: Sequence[Shot], idle: Sequence[Shot], own: Array, held: dict[str, float]
+) -> SetFit:
+    """The whole set with what it shows, from a start with residual stress where it asks for one.
+
+    Parameters: `shots` (m,), loaded, `idle` (j,), unloaded; `own` (m, 5), where the loaded ones'
+    unknowns start; `held`, what the set states of the camera, by its keys.
+    """
+    images = [*shots, *idle]
+    fit = _fitted(disc_model(images, own, held), own, np.zeros(0))
+    if not len(fit.model.kind.sizes) or (fit.explained and fit.chi < BARELY):
+        return fit
+    start = stressed_start(images, own)
+    if start is None:
+        return fit
+    places, residual = start
+    model = replace(disc_model(images, places, held), besides=True)
+    stressed = _fitted(model, places, residual)
+    return stressed if stressed.chi < fit.chi else fit
+
+
+def _fitted(model: SetModel, own: Array, residual: Array) -> SetFit:
+    """The whole set from where its unknowns start, kept off the rim by the blur that it shows."""
+    contrast = np.array([np.std(image.light) for image in model.images[: len(own)]])
+    exposures = np.zeros(model.exposures)
+    exposures[: len(own) - 1] = np.log(contrast[1:] / contrast[0])
+    fit = fit_set(model, np.concatenate([own.ravel(), exposures, residual]))
+    blur_px = np.sqrt(fit.shared.get(BLUR, (0.0, 0.0))[0] / 2.0) / np.pi
+    if _CLEAR_OF_RIM * blur_px <= RIM_ZONE * own[:, 3].min():
+        return fit
+    # what a blur carries over the rim is in no model
+    inner = disc_model(model.shots, fit.own, model.held, blur_px=blur_px)
+    wider = replace(inner, besides=fit.model.besides)
+    return fit_set(wider, fit.model.carried(fit.values, wider))
+
+
+def disc_model(
+    images: Sequence[Shot],
+    own: Array,
+    held: dict[str, float],
+    *,
+    blur_px: float = 0.0,
+    pixels: int = PIXELS,
+) -> SetModel:
+    """The model of images of a disc where their unknowns (m, 5) put it, the loaded ones first.
+
+    Parameters: `blur_px`, which keeps off the rim; `pixels` of the square about the disc.
+    """
+    middle, radius = own[:, 1:3].mean(axis=0), float(own[:, 3].max())
+    reach = radius + float(np.abs(own[:, 1:3] - middle).max())
+    circle = Circle(float(middle[0]), float(middle[1]), reach, 0.0)
+    grid = thin_grid(images[0].light.shape, circle, pixels)
+    within = 1.0 - max(RIM_ZONE, _CLEAR_OF_RIM * blur_px / radius)
+    places = [*own, *([own[0]] * (len(images) - len(own)))]
+    masks = [
+        shot.valid[grid.pick] & disc_mask(grid, place, within=within)
+        for shot, place in zip(images, places, strict=True)
+    ]
+    several = len({shot.load_n for shot in images}) >= RESIDUAL_LOADS
+    return SetModel(
+        kind=disc_kind(radius, several), shots=images, rows=grid.rows[:, 0].astype(np.intp),
+        cols=grid.cols[0].astype(np.intp), masks=np.stack(masks), held=held,
+    )  # fmt: skip
+
+
+def stressed_start(images: Sequence[Shot], own: Array) -> tuple[Array, Array] | None:
+    """Where images with residual stress start: their unknowns (m, 5) and its amplitudes (k,); None
+    where no start has the fringes' contrast.
+
+    Axisymmetric residuals and even ones, over radii and sizes, with orders in proportion to the
+    loads: a residual may have moved all single fits by a part of a fringe, but hardly their slope.
+    The best few are fitted on a few pixels, each image with its own light.
+    """
+    loads = np.array([shot.load_n for shot in images[: len(own)]])
+    begun, scored = own.copy(), []
+    if np.unique(loads).size > 1:
+        begun[:, 0] = np.polynomial.polynomial.polyfit(loads, own[:, 0], 1)[1] * loads
+    for factor in RADII:
+        begun[:, 3] = factor * own[:, 3].min()
+        model = replace(
+            disc_model(images, begun, {}, pixels=ROUGH_PIXELS), apart=True, besides=True
+        )
+        for even, round_ in product(ORDERS, ORDERS):
+            values = np.concatenate([begun.ravel(), simple_residual(even, round_)])
+            point = model.at(values)
+            if point is not None and point.positive:
+                scored.append((point.cost / point.pixels, values, model))
+    scored.sort(key=lambda item: item[0])
+    fits = [model.fit(values) for _, values, model in scored[:REFINED]]
+    if not fits:
+        return None
+    best = min(fits, key=lambda fit: fit.chi)
+    return best.own, best.model.split(best.values)[1]
+
+
+def disc_kind(radius: float, several_loads: bool) -> Kind:
+    """A disc's order by centre order, row, column, radius and angle, see `disc_order`.
+
+    Besides, its residual stress, which one load, or two, cannot tell from the loads'.
+    """
+
+    def order(own: Array, besides: Array, rows: Array, cols: Array) -> Array:
+        if besides.any():
+            return np.abs(total_order(own, besides, rows, cols))
+        return disc_order(DiscPixels(rows, cols, 1.0), own)
+
+    return Kind(
+        besides=RESIDUAL, order=order, by_besides=by_residual,
+        sizes=SIZES if several_loads else SIZES[:0], steps=STEPS,
+        largest=LARGEST * np.array([1.0, radius, radius, radius, 1.0]),
+        idle=lambda first, _: np.concatenate([[0.0], first[1:]]), idle_steps=np.zeros(0),
+    )  # fmt: skip
+
+
+def disc_images(
+    fit: SetFit, rims: Sequence[float], diameter_mm: float
+) -> tuple[list[ImageFit], Array]:
+    """The loaded images' results from a whole set's fit, and their orders' covariance (m, m).
+
+    The order at the centre is along the loads' directions, with the residual's part. Parameters:
+    `rims` (m,), their radii as found, px; `diameter_mm`.
+    """
+    model, own = fit.model, fit.own
+    _, amplitudes, _ = model.split(fit.values)
+    linear = np.zeros((len(own), model.size))
+    linear[np.arange(len(own)), OWN * np.arange(len(own))] = 1.0
+    orders = own[:, 0].copy()
+    if model.besides:
+        seen = np.array([residual_at_centre(values) for values in own])
+        linear[:, model.besides_places] = seen
+        orders += seen @ amplitudes
+    covariance = linear @ fit.covariance @ linear.T
+    grid = DiscPixels(
+        model.rows[:, None].astype(float), model.cols[None, :].astype(float),
+        float(model.rows[1] - model.rows[0]),
+    )  # fmt: skip
+    images = []
+    for i, (values, rim) in enumerate(zip(own, rims, strict=True)):
+        maps = image_maps(fit, i)
+        maps.pop("image")
+        images.append(
+            disc_image(
+                model.shots[i], [orders[i], *values[1:]], rim,
+                spread=float(np.sqrt(covariance[i, i])), chi=image_chi(fit, i),
+                view=disc_view(model.shots[i], grid, values, diameter_mm, **maps),
+            )
+        )  # fmt: skip
+    return images, covariance
+
+
+def residual_of(fit: SetFit, diameter_mm: float) -> dict[str, Any] | None:
+    """A fit's residual stress, for a disc of `diameter_mm`, for `calibration.json`; None for none.
+
+    The order at the centre with no load, the largest in the part of the disc that is fitted and
+    where (mm from the centre), fringes.
+    """
+    model = fit.model
+    if not model.besides:
+        return None
+    image, own = model.images[0], fit.own[0]
+    _, row, col, radius, _ = own
+    x, z = (np.append(v, 0.0) for v in ((image.cols - col) / radius, (image.rows - row) / radius))
+    _, turn = load_field(np.append(image.rows, row), np.append(image.cols, col), own[1:])
+    size = np.abs(model.split(fit.values)[1] @ residual_basis(x, z, turn))
+    at = int(np.argmax(size[:-1]))
+    return {
+        "form": f"tensor, and along the loads, degree {DEGREE}",
+        "centre_order": float(size[-1]),
+        "largest_order": float(size[at]),
+        "largest_x_mm": float(0.5 * diameter_mm * x[at]),
+        "largest_z_mm": float(0.5 * diameter_mm * z[at]),
+    }
+
+
+def check_diameter(
+    images: Sequence[ImageFit], disc: Disc, pixel_mm: float, uncertainty: Uncertainty | None
+) -> None:
+    """Refuse a diameter and a pixel size that the rim contradicts beyond their uncertainties.
+
+    Raises InputError with both numbers.
+    """
+    radii = np.array([i.geometry["radius_px"] for i in images])
+    seen, known = 2.0 * float(np.median(radii)), uncertainty or Uncertainty()
+    own = float(np.hypot(2.0 * RIM_PX, 2.0 * np.ptp(radii)))
+    stated = disc.diameter_mm / pixel_mm
+    parts = (
+        own / stated,
+        (known.diameter_mm or 0.0) / disc.diameter_mm,
+        (known.pixel_mm or 0.0) / pixel_mm,
+    )
+    spread, off = float(np.sqrt(np.sum(np.square(parts)))), abs(seen / stated - 1.0)
+    if off > max(CONTRADICTED * spread, SLIGHT):
+        raise InputError(
+            "disc_px_wide_disc", with_uncertainty=with_uncertainty(seen, own),
+            diameter_mm=disc.diameter_mm, pixel_mm=pixel_mm, stated=stated, off=off,
+        )  # fmt: skip
 
 
 def calibrate_disc(source: SetLike) -> Calibration:

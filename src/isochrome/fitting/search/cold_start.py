@@ -28,11 +28,15 @@ from isochrome.fitting.search.coarse_fields import (
     THETA,
     TOP,
     WEAR,
+    Descended,
+    SearchPixels,
+    Space,
+    bulk_hops,
+    descend,
     field_maker,
     search_values,
     theta_of,
 )
-from isochrome.fitting.search.descents import Descended, SearchPixels, Space, bulk_hops, descend
 from isochrome.scene import Scene
 
 FOUND_CHI = 1.1

@@ -28,11 +28,13 @@ from isochrome.fitting.search.coarse_fields import (
     TOP,
     ContactField,
     PressureTable,
+    SearchPixels,
+    Space,
+    descend,
     pressure_table,
     search_values,
     theta_of,
 )
-from isochrome.fitting.search.descents import SearchPixels, Space, descend
 from isochrome.frames import as_turned
 from isochrome.scene import Scene
 from isochrome.stress import PixelGrid
@@ -202,7 +204,10 @@ class _Windows:
             rows=self.rows + self.steps - 1, cols=self.cols + self.shifts - 1,
             left_mm=-last * self.pixel, top_mm=-self.above * self.pixel, pixel_mm=self.pixel,
         )  # fmt: skip
-        self.theta = _grid_rows(theta_of(scene))
+        theta = theta_of(scene)
+        loads, frictions = np.meshgrid(theta[LOAD] + np.log(_LOADS), _FRICTIONS, indexing="ij")
+        self.theta = np.tile(theta, (loads.size, 1))
+        self.theta[:, LOAD], self.theta[:, FRICTION] = loads.ravel(), frictions.ravel()
         field = ContactField(scene, wide, np.ones((wide.rows, wide.cols), dtype=bool), table)
         signal = scene_optics(scene).signal(field.difference(self.theta)).astype(np.float32)
         self.signal = signal.reshape(-1, wide.rows, wide.cols)
@@ -272,14 +277,6 @@ class _WindowLight:
         c = square[:, 2:] - np.sum(uneven**2, axis=1, keepdims=True) + ridge
         u, v = (np.array([c * data - b * fallen, a * fallen - b * data])) / (a * c - b * b)
         return u * data + v * fallen, u + v * self.fall.mean() < 0.0
-
-
-def _grid_rows(theta: Array) -> Array:
-    """Rows θ (m, 7) over load and friction, at the place of the scene."""
-    loads, frictions = np.meshgrid(theta[LOAD] + np.log(_LOADS), _FRICTIONS, indexing="ij")
-    rows = np.tile(theta, (loads.size, 1))
-    rows[:, LOAD], rows[:, FRICTION] = loads.ravel(), frictions.ravel()
-    return rows
 
 
 def _orthonormal(shades: Array) -> Array:

@@ -10,7 +10,6 @@ from isochrome.fitting.folder import column_name, keep_values, kept_values
 from isochrome.fitting.frame.frame_fit import placed
 from isochrome.fitting.frame.single_state import slid_until, sliding_scene
 from isochrome.fitting.frame_set import refuse_keys, refuse_states
-from isochrome.fitting.tracking.apparatus import Apparatus, find_apparatus
 from isochrome.fitting.tracking.result import (
     TRACK_PARTS,
     Track,
@@ -19,7 +18,7 @@ from isochrome.fitting.tracking.result import (
     restored,
     track_row,
 )
-from isochrome.fitting.tracking.tracker import Tracker
+from isochrome.fitting.tracking.tracker import Apparatus, Tracker, find_apparatus
 from isochrome.frames import (
     FrameReader,
     SequentialFrames,
@@ -218,13 +217,8 @@ class _TrackWork:
         self._frames.close()
 
     def _tracker(self) -> Tracker:
-        return Tracker(
-            self.apparatus.scene,
-            self.keys,
-            bit_depth=self.reader.bit_depth,
-            no_load=self._no_load,
-            apparatus=self.apparatus,
-        )
+        one, depth = self.apparatus, self.reader.bit_depth
+        return Tracker(one.scene, self.keys, bit_depth=depth, no_load=self._no_load, apparatus=one)
 
 
 def _in_memory(work: _TrackWork, count: int, progress: RunProgress | None) -> Track:

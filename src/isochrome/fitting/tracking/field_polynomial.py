@@ -59,10 +59,8 @@ class FieldBox:
         lower = self.powers.copy()
         lower[:, axis] = np.maximum(lower[:, axis] - 1, 0)
         weights = self.powers[:, axis] * _terms(t, lower) / self.half[axis]
-        used = np.flatnonzero(weights)
-        return _sum(weights[used], self.field[used]), self.visibility[1 + axis] / np.float32(
-            self.half[axis]
-        )
+        used, half = np.flatnonzero(weights), np.float32(self.half[axis])
+        return _sum(weights[used], self.field[used]), self.visibility[1 + axis] / half
 
 
 def make_field_box(
@@ -123,8 +121,7 @@ def _terms(t: Array, powers: Array) -> Array:
 
 
 def _sum(weights: Any, rows: Array) -> Array:
-    result: Array = _product(np.asarray(weights)[None, :], rows)[0]
-    return result
+    return np.asarray(_product(np.asarray(weights)[None, :], rows)[0])
 
 
 def _product(weights: Array, rows: Array) -> Array:

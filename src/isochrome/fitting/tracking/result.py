@@ -103,14 +103,11 @@ class Track(Result):
     def over_frames(self) -> FrameValues:
         """The values, to be drawn and summed up as those of other commands."""
         return FrameValues(
-            keys=self.keys,
-            values=self.values,
-            standard_uncertainty=self.standard_uncertainty,
-            chi=self.chi,
-            distance_m=self.distance_m,
+            keys=self.keys, values=self.values, standard_uncertainty=self.standard_uncertainty,
+            chi=self.chi, distance_m=self.distance_m,
             searched=np.isin(np.arange(len(self.chi)), self.searched),
             whole=np.zeros(len(self.chi), dtype=bool),
-        )
+        )  # fmt: skip
 
     @property
     def taken_as_exact(self) -> tuple[str, ...]:
@@ -201,11 +198,9 @@ class TrackRows:
         values, spread = parts["values"], parts["standard_uncertainty"]
         known = np.isfinite(values) & np.isfinite(spread)
         if not known.any():
+            count, cause = len(self.chi), message(CORRECT)
             raise PhysicsError(
-                "nothing_could_read_any",
-                name=scene.name,
-                single_fits_count=len(self.chi),
-                cause=message(CORRECT),
+                "nothing_could_read_any", name=scene.name, single_fits_count=count, cause=cause
             )
         means = {
             key: float(values[known[:, j], j].mean())
@@ -213,14 +208,10 @@ class TrackRows:
             if known[:, j].any()
         }
         return Track(
-            keys=self.keys,
-            **parts,
-            chi=np.array(self.chi),
-            distance_m=np.array(self.distance),
-            searched=tuple(self.searched),
-            scene=scene.with_values(means),
+            keys=self.keys, **parts, chi=np.array(self.chi), distance_m=np.array(self.distance),
+            searched=tuple(self.searched), scene=scene.with_values(means),
             warnings=tuple(self._warnings(scene)),
-        )
+        )  # fmt: skip
 
     def _warnings(self, scene: Scene) -> Iterator[str]:
         yield from self._said
@@ -248,15 +239,9 @@ def restored(found: Mapping[str, Any], keys: tuple[str, ...], scene: Scene) -> T
         for part, name in TRACK_PARTS.items()
     }
     return Track(
-        keys=keys,
-        **parts,
-        chi=numbers(found["chi"]),
-        distance_m=numbers(found["distance_m"]),
-        searched=tuple(found["searched"]),
-        scene=scene,
-        warnings=read_warnings(found),
-        already=True,
-    )
+        keys=keys, **parts, chi=numbers(found["chi"]), distance_m=numbers(found["distance_m"]),
+        searched=tuple(found["searched"]), scene=scene, warnings=read_warnings(found), already=True,
+    )  # fmt: skip
 
 
 def _plain(values: Array) -> list[float | None]:

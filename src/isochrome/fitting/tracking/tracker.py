@@ -1,4 +1,14 @@
-"""Follow a contact through a video: each frame from the last one's values, in milliseconds.
+"""What does not change from frame to frame of a video, asked of a few of them before the track.
+
+The first frame of a track, and the load that wore its contact before, as that frame shows it.
+
+A load that swings shows one of its values. The scar's ends are where the larger ones have been, and
+where its own load does not reach, or reaches beyond, the frame tells which one wore it. It tells
+one load: what swung before is taken for a steady one that leaves the least misfit.
+
+A full search that found nothing is not made again in frames that show the same.
+
+Follow a contact through a video: each frame from the last one's values, in milliseconds.
 
 The stress difference is a polynomial of the values about where they are (`field_polynomial`), so
 that a residual costs no mechanics; the derivatives are kept from frame to frame as long as they
@@ -6,29 +16,376 @@ serve. A frame that this does not bring down to its noise is lost, and is search
 alone.
 """
 
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from math import sqrt
 from typing import Any
 
 import numpy as np
 
-from isochrome.errors import PhysicsError
+from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import POOR_CHI, FrameData, prepare_frame, standard_uncertainty
-from isochrome.fitting.arrays import Array
-from isochrome.fitting.frame.frame_fit import fit_frame
-from isochrome.fitting.frame.frame_model import GammaFit, LocalModel, RefinedFit
+from isochrome.fitting.arrays import Array, Mask
+from isochrome.fitting.causes.cause import BAND, PLATES, SMOOTH
+from isochrome.fitting.causes.freeing import Freed, free_causes
+from isochrome.fitting.causes.report import cause_messages
+from isochrome.fitting.causes.score import LightTerms
+from isochrome.fitting.causes.slips import is_lost
+from isochrome.fitting.frame.frame_fit import FrameFit, fit_frame, fit_with_model, placed
+from isochrome.fitting.frame.frame_model import GammaFit, LocalModel, RefinedFit, project
 from isochrome.fitting.frame.model_frame import ModelFrame, evaluate_model
-from isochrome.fitting.frame.unknowns import WEAR, fit_region, inputs_of_rows, thinning
+from isochrome.fitting.frame.single_state import scene_at, slid_until
+from isochrome.fitting.frame.unknowns import (
+    BLUR,
+    GAMMA,
+    LENS,
+    WEAR,
+    fit_region,
+    inputs_of_rows,
+    thinning,
+)
+from isochrome.fitting.frame_set import FrameSet
+from isochrome.fitting.joint.frame_sequence import make_sequence
+from isochrome.fitting.joint.joint_fit import JointSolution, solve_jointly, starting_values
 from isochrome.fitting.result import TOO_FAR
-from isochrome.fitting.tracking.apparatus import Apparatus, NoLoad
-from isochrome.fitting.tracking.field_cache import HIDDEN_PX, WholeField, thin_frame
-from isochrome.fitting.tracking.past_load import begin_track
-from isochrome.fitting.tracking.tracked_model import BEYOND, TrackModel
-from isochrome.fitting.tracking.vain_search import VainSearch
+from isochrome.fitting.tracking.tracked_model import (
+    BEYOND,
+    HIDDEN_PX,
+    TrackModel,
+    WholeField,
+    thin_frame,
+)
 from isochrome.fitting.tracking.wear_state import WORN, TrackCourse
-from isochrome.frames import Frame, NoiseModel, estimate_noise, full_scale
+from isochrome.frames import (
+    Frame,
+    FrameReader,
+    Linear,
+    NoiseModel,
+    SequentialFrames,
+    estimate_noise,
+    full_scale,
+)
 from isochrome.messages import message
+from isochrome.output import named_frames
 from isochrome.scene import Scene
+
+APPARATUS = (*LENS, GAMMA, BLUR, *PLATES, BAND)
+"""Keys of the camera, the light and the polariscope that frames may ask for."""
+
+NoLoad = tuple[Linear | None, Linear | None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Apparatus:
+    """What a video's frames have in common besides what their scene says.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene, with what was found.
+    keys : tuple of str, (m,), optional
+        The keys that were found.
+    covariance : ndarray, (m, m), optional
+        Of their values.
+    terms : tuple of tuple, (2,), optional
+        Polynomial products of illumination and background, where they are richer.
+    outside : ndarray of bool, (rows, cols), optional
+        Pixels that are left out.
+    warnings : tuple of str, optional
+        What is said of it.
+    """
+
+    scene: Scene
+    keys: tuple[str, ...] = ()
+    covariance: Array | None = None
+    terms: LightTerms | None = None
+    outside: Mask | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def stated(self) -> Scene:
+        """The scene, that states the uncertainties of what was found too."""
+        return self.scene.with_values(
+            {key: {"value": v, "standard_uncertainty": u} for key, (v, u) in self.values.items()}
+        )
+
+    @property
+    def values(self) -> dict[str, tuple[float, float]]:
+        """Value and standard uncertainty of what was found, by key."""
+        if self.covariance is None:
+            return {}
+        spread = np.sqrt(np.diag(self.covariance)).tolist()
+        return {key: (self.scene.get(key), u) for key, u in zip(self.keys, spread, strict=True)}
+
+    def seen(self, data: FrameData) -> FrameData:
+        """A frame with the light and the pixels that are taken."""
+        if self.terms is not None:
+            data = replace(data, lamp=data.lamp.of(self.terms))
+        if self.outside is not None:
+            data = replace(data, valid=data.valid & ~self.outside)
+        return data
+
+
+def find_apparatus(
+    reader: FrameReader, scene: Scene, keys: tuple[str, ...], *, count: int, no_load: NoLoad
+) -> Apparatus:
+    """Ask the first, the middle and the last frame of a video for what belongs to the apparatus.
+
+    Of a contact that wears only the first is asked: what has worn the others is not known yet.
+
+    Parameters
+    ----------
+    reader : FrameReader
+        The video.
+    scene : Scene
+        A contact, where its first frame's search starts.
+    keys : tuple of str
+        The keys that are tracked.
+    count : int
+        Number of the video's frames.
+    no_load : tuple of Linear or None, (2,), optional
+        The dark and the bright frame without load.
+
+    Returns
+    -------
+    Apparatus
+        What was found; the scene as it is where the frames ask for nothing, or show nothing.
+    """
+    scene = placed(scene, reader.shape)
+    if isinstance(scene.frames.gamma, str):
+        return Apparatus(scene=scene)  # each whole frame finds its own
+    bare = scene.model_copy(update={"stated_uncertainty": ()})  # a track has no priors
+    places = (0,) if scene.wear is not None else tuple(sorted({0, count // 2, count - 1}))
+    frames, in_order = list[Frame](), SequentialFrames(reader)
+    for place in places:
+        with suppress(InputError):
+            frames.append(in_order.frame(place))
+    if not frames:
+        return Apparatus(scene=scene)
+    one = scene_at(bare, slid_until(bare, frames[0]) or 0.0)
+    own = tuple(key for key in keys if one.wear is not None or not key.startswith("wear."))
+    asked: dict[int, tuple[FrameData, FrameFit]] = {}
+    for frame in frames:
+        try:
+            data = prepare_frame(frame, one, bit_depth=reader.bit_depth, no_load=no_load)
+        except InputError:
+            continue  # a blank frame is refused in its turn, or left out
+        fit = _alone(data, one, own)
+        if fit is not None:
+            asked[frame.index] = data, fit
+    try:
+        freed = _asked(reader.shape, list(asked.values()), one, own)
+    except PhysicsError:
+        return Apparatus(scene=scene)
+    return _held(freed, scene, list(asked))
+
+
+def _alone(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> FrameFit | None:
+    """A frame's own fit, None where the scene's fringes are not in it."""
+    try:
+        fitted = fit_with_model(data, scene, keys, stated=inputs_of_rows(()))
+    except PhysicsError:
+        return None
+    return None if is_lost(fitted) or fitted.fit.plain else fitted.fit
+
+
+def _asked(
+    shape: tuple[int, int],
+    asked: list[tuple[FrameData, FrameFit]],
+    scene: Scene,
+    keys: tuple[str, ...],
+) -> Freed[JointSolution]:
+    """Frames with their own values, asked together. Raises PhysicsError where they show nothing."""
+    if not asked:
+        raise PhysicsError("frames_do_not_show", name=scene.name)
+    data = FrameSet(shape, [frame for frame, _ in asked])
+    sequence = make_sequence(scene, len(asked), (), keys)
+    start = starting_values(sequence, [fit for _, fit in asked])
+    return free_causes(solve_jointly(data, sequence, start, lambda: None))
+
+
+def _held(freed: Freed[JointSolution], scene: Scene, places: list[int]) -> Apparatus:
+    """What was found in some frames of a video, to be held in all of them."""
+    said = cause_messages(freed)
+    if not said:
+        return Apparatus(scene=scene)
+    fit = freed.now.fit
+    at = [k for k, unknown in enumerate(fit.unknowns) if unknown.key in APPARATUS]
+    keys = tuple(fit.unknowns[k].key for k in at)
+    assert fit.covariance is not None
+    asked = named_frames(places)
+    held = "" if freed.is_plain else message("held_all_frames")
+    if SMOOTH in freed.causes:
+        held += message("but_smooth_stress_which")
+    return Apparatus(
+        scene=scene.with_values(dict(zip(keys, fit.values[at].tolist(), strict=True))),
+        keys=keys,
+        covariance=fit.covariance[np.ix_(at, at)],
+        terms=freed.now.terms if freed.light else None,
+        outside=freed.now.data.outside,
+        warnings=tuple(f"asked of {asked}{held}: " + text for text in said),
+    )
+
+
+_TIMES = 4
+_FIRST, _FARTHEST = 0.01, 0.3
+"""First step, and the largest, over the load that it starts from."""
+_RESTS = 0.2
+"""Step below which the search rests, in standard uncertainties of the load before."""
+_TOLD, _PASTS, _AGAIN, _ALIKE = 4.0, 3, 0.03, 3e-3
+"""Misfit, over the noise squared, that another load must take off; how often one is looked for at
+most, and its change, over it, after which one is again: from far off it is not found at once. Below
+the last change a frame's values stay within their uncertainty."""
+
+Follow = Callable[[TrackModel, Array], RefinedFit | None]
+
+
+def begin_track(
+    course: TrackCourse,
+    prepared: Callable[[], TrackModel],
+    follow: Follow,
+    begun: Array,
+    usual_load_n: float,
+) -> tuple[RefinedFit | None, TrackModel]:
+    """The first frame of a track, on what its own load has worn, or another one before it.
+
+    Parameters: `course`, which has passed no frame, and has the load before it afterwards;
+    `prepared`, which makes the frame's pixels anew: slopes of another scar leave the load before it
+    untold; `follow`, from pixels and values (axes,) to where the steps end; `begun` (axes,), the
+    values to start from; `usual_load_n`, about the load (N) that wore the contact. Returns what was
+    found, None where the steps do not end, and the pixels that it was found with.
+    """
+    model = prepared()
+    found = follow(model, begun)
+    if found is None or not course.unsure:
+        return found, model
+
+    def better_than(
+        found: RefinedFit, past_n: float, begin: Array
+    ) -> tuple[RefinedFit, TrackModel] | None:
+        """What is found if another load wore it, where that is better; else all stays."""
+        selected, begin = course.past_load_n, course.with_past(begin, past_n)
+        course.past_load_n = past_n
+        again = prepared()
+        other = follow(again, begin)
+        if (
+            other is not None
+            and other.gamma_fit.cost < found.gamma_fit.cost - _TOLD * found.gamma_fit.noise
+        ):
+            return other, again
+        course.past_load_n = selected
+        return None
+
+    found, model = better_than(found, usual_load_n, begun) or (found, model)
+    for _ in range(_PASTS):
+        start = course.load_before(found.values)
+        past = _past_load(course, model, found, start)
+        if abs(past - start) < _ALIKE * start:
+            break
+        better = better_than(found, past, found.values)
+        if better is None:
+            break
+        found, model = better
+        if abs(past - start) < _AGAIN * start:
+            break
+    return found, model
+
+
+def _past_load(course: TrackCourse, model: TrackModel, found: RefinedFit, start_n: float) -> float:
+    """The load (N) before the first frame by `fit_past_load`; the start's where none is told."""
+    amplitude, still = found.gamma_fit.part.amplitude, np.zeros(course.count)
+    selected = course.past_load_n
+
+    def worn(past_n: float) -> Array:
+        """The signal over the noise (n,) if that load wore the contact."""
+        course.past_load_n = past_n
+        return np.asarray(model.worn_signal(course.moved(found.values, still)) * amplitude)
+
+    try:
+        here = worn(start_n)
+        return fit_past_load(
+            lambda past_n: worn(past_n) - here, found.local, found.gamma_fit.residual, start_n
+        )
+    except PhysicsError:
+        return start_n
+    finally:
+        course.past_load_n = selected
+
+
+def fit_past_load(
+    change: Callable[[float], Array], local: LocalModel, residual: Array, start_n: float
+) -> float:
+    """The load before the first frame that leaves the least residual, by secants.
+
+    Equation: min over P and dv of |r - c(P) - J dv|², with c' by two loads.
+    Parameters: `change`, from a load P (N) to what it adds to the frame over its noise (n,), none
+    at `start_n`; `local`, the model about the frame's values, with its derivatives J; `residual` r
+    (n,) there; `start_n`, the load (N) that has worn it. Returns P, within 30 % of that. Source:
+    the elimination of dv as in `LocalModel.step`.
+    """
+    last, before = start_n, np.zeros_like(residual)
+    past = start_n * (1.0 + _FIRST)
+    for _ in range(_TIMES):
+        added = change(past)
+        slope = (added - before) / np.float32(past - last)
+        project(slope[None], local.gamma_fit.problem, local.gamma_fit.part)
+        alone = slope - local.step(slope).astype(slope.dtype) @ local.rows
+        told = float(alone @ alone)
+        if not told > 0.0:
+            return start_n
+        last, before = past, added
+        step = float(alone @ (residual - added)) / told
+        past = float(np.clip(past + step, (1.0 - _FARTHEST) * start_n, (1.0 + _FARTHEST) * start_n))
+        if abs(past - last) < _RESTS / np.sqrt(told):
+            break
+    return past
+
+
+_SAME = 1.05
+"""Difference of two pictures over what their noise makes of it, up to which they show the same."""
+_STRIDE = 4
+
+
+class VainSearch:
+    """The last frame in which a full search found nothing, if any.
+
+    Frames that show the same are not searched anew.
+
+    Parameters
+    ----------
+    bit_depth : int or None
+        Bit depth of the sensor, None where levels are fractions of full scale.
+    """
+
+    def __init__(self, bit_depth: int | None) -> None:
+        self._bit_depth = bit_depth
+        self._last: tuple[Array, float] | None = None
+
+    def remember(self, frame: Frame) -> None:
+        """Keep a frame that was searched in vain."""
+        thin = _thin(frame)
+        model = estimate_noise(frame.image, frame.mask, bit_depth=self._bit_depth)
+        self._last = thin, float(np.sqrt(np.nanmean(np.square(model.sigma(thin)))))
+
+    def forget(self) -> None:
+        """A frame was found: another search may be worth its time."""
+        self._last = None
+
+    def is_repeated(self, frame: Frame) -> bool:
+        """Whether a frame shows the same as the one that was searched in vain."""
+        if self._last is None:
+            return False
+        picture, noise = self._last
+        change = float(np.sqrt(np.nanmean(np.square(_thin(frame) - picture))))
+        return bool(change <= _SAME * np.sqrt(2.0) * noise)
+
+
+def _thin(frame: Frame) -> Array:
+    """Some of a frame's pixels."""
+    return frame.image[::_STRIDE, ::_STRIDE].astype(np.float32)
+
 
 _PIXELS = 20_000
 _NEAR, _FROZEN, _STEPS, _BOXES, _FAR = 0.05, 0.3, 12, 2, 1.5
@@ -101,14 +458,9 @@ def nothing_found(count: int, chi: float = float("nan")) -> Tracked:
     """
     nan = np.full(count, np.nan)
     return Tracked(
-        values=nan,
-        standard_uncertainty=nan,
-        cramer_rao_bound=nan,
-        chi=chi,
-        searched=False,
-        positive=False,
-        far=bool(np.isfinite(chi)),
-    )
+        values=nan, standard_uncertainty=nan, cramer_rao_bound=nan, chi=chi, searched=False,
+        positive=False, far=bool(np.isfinite(chi)),
+    )  # fmt: skip
 
 
 class Tracker:
@@ -252,13 +604,9 @@ class Tracker:
         factors = self.course.reported()
         values = found.values[: self.course.count] * factors
         return Tracked(
-            values=values,
-            standard_uncertainty=spread * factors,
-            cramer_rao_bound=local.bound * factors,
-            chi=found.chi,
-            searched=searched,
-            positive=True,
-        )
+            values=values, standard_uncertainty=spread * factors,
+            cramer_rao_bound=local.bound * factors, chi=found.chi, searched=searched, positive=True,
+        )  # fmt: skip
 
     def _search(self, frame: Frame, start: Array, distance_m: float | None) -> RefinedFit | None:
         """A frame found as if it were alone; None where the scene's fringes are not in it."""
@@ -291,13 +639,8 @@ class Tracker:
                 return result
             self.course, self._whole = TrackCourse(self.scene, self.keys), None
             self.course.start(distance_m)
-        result, self._model = begin_track(
-            self.course,
-            lambda: self._prepare(frame, data),
-            lambda model, values: self._follow(frame, model, values),
-            begun,
-            self._usual_load_n,
-        )
+        prepared, follow = partial(self._prepare, frame, data), partial(self._follow, frame)
+        result, self._model = begin_track(self.course, prepared, follow, begun, self._usual_load_n)
         return result
 
     def _data(self, frame: Frame, noise: NoiseModel | None = None) -> FrameData:
@@ -309,13 +652,9 @@ class Tracker:
     def _prepare(self, frame: Frame, data: FrameData) -> TrackModel:
         """What all frames have in common, from one that is whole."""
         stride = max(2, thinning(data.light.size, _PIXELS))
-        thinned = thin_frame(
-            data,
-            fit_region(self.scene, data.shape, stride, HIDDEN_PX),
-            stride,
-            full=full_scale(self._bit_depth),
-            noise=estimate_noise(frame.image, data.valid, bit_depth=self._bit_depth),
-        )
+        region = fit_region(self.scene, data.shape, stride, HIDDEN_PX)
+        noise = estimate_noise(frame.image, data.valid, bit_depth=self._bit_depth)
+        thinned = thin_frame(data, region, stride, full=full_scale(self._bit_depth), noise=noise)
         self._since_noise = 0
         return TrackModel(self.course, data.shape, thinned, self._apparatus.keys)
 

@@ -1,23 +1,134 @@
-"""Tractions of every frame of a fit, and what they leave on disk."""
+"""The picture of tractions: what presses and rubs, the residual, the principal stresses apart.
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+Tractions of every frame of a fit, and what they leave on disk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from isochrome.estimation import FrameData
+from isochrome.figures import (
+    BOLD_PT,
+    DIFFERENCE_MAP,
+    FINE_PT,
+    INK,
+    LINE_COLOURS,
+    LINE_PT,
+    add_legend,
+    centred_limit,
+    new_figure,
+    plain_name,
+    show_image,
+    style_axes,
+    write_head,
+)
 from isochrome.fitting.arrays import Array
+from isochrome.fitting.figure import show_residual
+from isochrome.fitting.frame.model_frame import fitted_light
 from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.frame_set import PreparedFrames
 from isochrome.fitting.joint.joint_fit import JointFit
 from isochrome.fitting.result import Fit
-from isochrome.fitting.tractions.figure import tractions_figure
-from isochrome.fitting.tractions.surface_fit import Tractions, invert_tractions
+from isochrome.fitting.tractions.surface_fit import Tractions, invert_tractions, node_runs
 from isochrome.messages import message
+from isochrome.optics import mean_order, pixel_visibility
 from isochrome.output import imagej_view, named_frames, write_csv, write_figure, write_tiff
 from isochrome.scene import Scene
-from isochrome.stress import PixelGrid
+from isochrome.simulation import scene_states
+from isochrome.stress import PixelGrid, StressComponents
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_SHOWN = 4
+_WIDE = 1.96
+
+
+def tractions_figure(
+    name: str, frames: Iterable[FrameData], scenes: tuple[Scene, ...], found: tuple[Tractions, ...]
+) -> Figure:
+    """Tractions with their 95 % bands, residual, and both principal stresses, for four frames.
+
+    Parameters: `name` of the scene; `frames`; `scenes`, one state each, whose model is drawn
+    beside; `found`, their tractions. Returns a Figure.
+    """
+    count = min(_SHOWN, len(found))
+    shown = np.unique(np.linspace(0, len(found) - 1, count).round().astype(int))
+    pixels = found[0].pixels
+    height = 2.0 * (4.6 * min(pixels.rows / pixels.cols, 1.6) + 0.75)
+    figure = new_figure(12.5, height * len(shown) + 0.4)
+    parts: Any = figure.subfigures(len(shown), 1, squeeze=False)
+    wanted = {i: data for i, data in enumerate(frames) if i in shown}
+    for part, i in zip(parts[:, 0], shown, strict=True):
+        axes: Any = part.subplots(2, 2)
+        one, scene = found[i], scenes[i]
+        stress = one.components()
+        _draw_tractions(axes[0, 0], one, scene, f"frame {i}: tractions on the specimen")
+        _draw_residual(axes[0, 1], wanted[i], one, scene, stress)
+        _draw_principal(axes[1], one, stress)
+    write_head(figure, f"{plain_name(name)}: pressure and shear without a contact model")
+    return figure
+
+
+def _draw_tractions(ax: Axes, one: Tractions, scene: Scene, title: str) -> None:
+    pixels = one.pixels
+    surface = scene_states(scene)[-1].surface
+    assert surface is not None
+    for label, values, spread, model, colour in (
+        ("pressure p", one.pressure_mpa, one.pressure_standard_uncertainty_mpa,
+         surface.pressure_mpa, LINE_COLOURS[0]),
+        ("shear q", one.shear_mpa, one.shear_standard_uncertainty_mpa,
+         surface.shear_mpa, LINE_COLOURS[1]),
+    ):  # fmt: skip
+        ax.plot(
+            surface.grid.x_mm, model, color=colour, lw=LINE_PT, ls="--", label=f"{label}, model"
+        )
+        step = np.diff(one.x_mm)
+        for i, j in node_runs(np.ones(len(one.x_mm), bool), step <= 1.5 * step.min(initial=np.inf)):
+            x, p, u = one.x_mm[i:j], values[i:j], _WIDE * spread[i:j]
+            ax.fill_between(x, p - u, p + u, color=colour, alpha=0.25, lw=0)
+            ax.plot(x, p, color=colour, lw=BOLD_PT, label=label if i == 0 else None)
+    ax.axhline(0.0, color=INK, lw=FINE_PT)
+    ax.set_xlim(pixels.left_mm, pixels.left_mm + pixels.cols * pixels.pixel_mm)
+    style_axes(ax, x_label="x (mm)", z_label="traction (MPa)", title=title)
+    add_legend(ax)
+
+
+def _draw_residual(
+    ax: Axes, data: FrameData, one: Tractions, scene: Scene, stress: StressComponents
+) -> None:
+    pixels, optics = one.pixels, scene_optics(scene)
+    if scene.frames.stated_gamma != data.gamma:
+        data = data.toned(scene.frames.stated_gamma)
+    order = optics.order(stress.difference).astype(float)
+    visibility = pixel_visibility(order)[0]
+    signal = optics.signal(stress.difference, order=mean_order(order), visibility=visibility)
+    mask = data.valid & (pixels.z_mm >= 0.5 * pixels.pixel_mm)[:, None]
+    illumination, background, _ = fitted_light(data, signal, mask)
+    title = f"residual, chi = {one.chi:.2f}"
+    model = illumination * signal + background
+    show_residual(ax, data, model, mask, title=title, **pixels.scale)
+
+
+def _draw_principal(axes: Any, one: Tractions, stress: StressComponents) -> None:
+    pixels = one.pixels
+    material = (pixels.z_mm >= 0.5 * pixels.pixel_mm)[:, None]
+    for ax, image, name in zip(axes, stress.principal, ("σ₁", "σ₂"), strict=True):
+        shown = np.where(material, image, np.nan)
+        limit = centred_limit(shown, percentile=99.8)
+        show_image(
+            ax, shown, cmap=DIFFERENCE_MAP, vmin=-limit, vmax=limit,
+            title=f"principal stress {name}", colour_label=f"{name} (MPa), tension positive",
+            **pixels.scale,
+        )  # fmt: skip
+
 
 ASK_CHI = 1.1
 """Residual over noise of a model's fit from which tractions are the better description."""
@@ -31,13 +142,8 @@ def asked_for(result: Fit) -> tuple[str, ...]:
     poor = [i for i, chi in enumerate(result.frame_chi) if chi > ASK_CHI]
     if not poor or result.scene.indenter is None:
         return ()
-    return (
-        message(
-            "chi_contact_model_does",
-            frame_chi=max(result.frame_chi),
-            named_frames=named_frames(poor),
-        ),
-    )
+    worst, frames = max(result.frame_chi), named_frames(poor)
+    return (message("chi_contact_model_does", frame_chi=worst, named_frames=frames),)
 
 
 def with_tractions(
@@ -79,7 +185,11 @@ def write_tractions(folder: Path, frames: PreparedFrames, joint: JointFit, resul
     Parameters: `folder`; `frames`; `joint`, for the model beside; `result`, with tractions.
     """
     outcome = result.tractions
-    write_csv(folder / "tractions.csv", _table(outcome))
+    nodes = [len(one.x_mm) for one in outcome]
+    columns: dict[str, Any] = {"frame": np.repeat(np.arange(len(outcome)), nodes)}
+    for field in fields(Tractions)[:5]:  # what is known of each node
+        columns[field.name] = np.concatenate([getattr(one, field.name) for one in outcome])
+    write_csv(folder / "tractions.csv", columns)
     pixel = outcome[0].pixels.pixel_mm
     stacks = zip(*map(maps, outcome, joint.scenes), strict=True)
     for name, stack in zip(("sigma_1_mpa", "sigma_2_mpa", "fringe_order"), stacks, strict=True):
@@ -112,16 +222,3 @@ def maps(tractions: Tractions, scene: Scene) -> list[Array]:
     material = (pixels.z_mm >= (0.5 - 1e-6) * pixels.pixel_mm)[:, None]
     images = (*stress.principal, order)
     return [np.where(material, image, np.nan).astype(np.float32) for image in images]
-
-
-def _table(found: tuple[Tractions, ...]) -> dict[str, Any]:
-    names = (
-        "x_mm",
-        "pressure_mpa",
-        "pressure_standard_uncertainty_mpa",
-        "shear_mpa",
-        "shear_standard_uncertainty_mpa",
-    )
-    frame = [np.full(len(one.x_mm), i) for i, one in enumerate(found)]
-    columns = {name: np.concatenate([getattr(one, name) for one in found]) for name in names}
-    return {"frame": np.concatenate(frame), **columns}

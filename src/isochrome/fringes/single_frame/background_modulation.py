@@ -83,9 +83,9 @@ class BackgroundModulation:
 
     dark: Array = field(repr=False)
     bright: Array = field(repr=False)
-    settled: bool
-    tone: float
-    tone_uncertainty: float
+    settled: bool = True
+    tone: float = 1.0
+    tone_uncertainty: float = 0.0
     given: tuple[bool, bool]
     variance: Array = field(repr=False)
     others: tuple[BackgroundModulation, ...] = field(default=(), repr=False)
@@ -114,15 +114,8 @@ class BackgroundModulation:
 
 def exact_ends(dark: Array, bright: Array) -> BackgroundModulation:
     """Take no-load frames for the ends of a frame, without an uncertainty of their own."""
-    return BackgroundModulation(
-        dark=dark,
-        bright=bright,
-        settled=True,
-        tone=1.0,
-        tone_uncertainty=0.0,
-        given=(True, True),
-        variance=np.broadcast_to(0.0, (3, 3, *dark.shape)),
-    )
+    exact = np.broadcast_to(0.0, (3, 3, *dark.shape))
+    return BackgroundModulation(dark=dark, bright=bright, given=(True, True), variance=exact)
 
 
 def fit_background_modulation(
@@ -255,14 +248,9 @@ def _problem(
         for end, smooth in zip(ends, shapes_of_ends(light.shape, by), strict=True)
     )
     problem = EndProblem(
-        light=small,
-        sigma=noise,
-        valid=trusted,
-        shapes=(dark, bright),
-        tone=tone,
-        scale=float(high - low),
-        by=by,
-    )
+        light=small, sigma=noise, valid=trusted, shapes=(dark, bright), tone=tone,
+        scale=float(high - low), by=by,
+    )  # fmt: skip
     flat = [
         np.eye(len(spread))[0] * (1.0 if known else level)
         for known, level, spread in zip(problem.given, (low, high), problem.spreads, strict=True)
@@ -298,12 +286,9 @@ def _as_images(
     return BackgroundModulation(
         dark=full[0].sum(result.unknowns[:cut]) if dark is None else dark**g,
         bright=full[1].sum(result.unknowns[cut:-1]) if bright is None else bright**g,
-        settled=result.rests,
-        tone=g,
-        tone_uncertainty=float(np.sqrt(result.covariance[-1, -1])),
-        given=given,
-        variance=variance_of_ends(shape, given, cut, result.covariance),
-    )
+        settled=result.rests, tone=g, tone_uncertainty=float(np.sqrt(result.covariance[-1, -1])),
+        given=given, variance=variance_of_ends(shape, given, cut, result.covariance),
+    )  # fmt: skip
 
 
 _WIDTHS, _NARROWEST_PX = (1.0 / 16.0, 1.0 / 32.0, 1.0 / 64.0), 1.5
@@ -528,12 +513,5 @@ def _of_sides(
     for i, (end, factor, each) in enumerate(zip((dark, bright), factors, spread, strict=True)):
         noise = factor * 1.4826 * float(np.median(np.abs(end - _smooth(end))))
         variance[i, i] = (each * end) ** 2 + noise**2
-    return BackgroundModulation(
-        dark=factors[0] * dark,
-        bright=factors[1] * bright,
-        settled=True,
-        tone=1.0,
-        tone_uncertainty=0.0,
-        given=(False, False),
-        variance=variance,
-    )
+    dark, bright = factors[0] * dark, factors[1] * bright
+    return BackgroundModulation(dark=dark, bright=bright, given=(False, False), variance=variance)

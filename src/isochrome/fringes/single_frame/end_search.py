@@ -274,16 +274,9 @@ def look(data: PatchData, ends: PatchEnds, orders: Array) -> Looked:
     residual = data.light - light
     cost = np.einsum("pk,pk,pk->p", data.weight, residual, residual) + (orders**2) @ _PRIOR
     return Looked(
-        cost=cost,
-        residual=residual,
-        problem=problem,
-        ends=ends,
-        angle=angle,
-        fade=fade,
-        signal=signal,
-        linear=linear,
-        light=light,
-    )
+        cost=cost, residual=residual, problem=problem, ends=ends, angle=angle, fade=fade,
+        signal=signal, linear=linear, light=light,
+    )  # fmt: skip
 
 
 def _fade(orders: Array) -> Array:
@@ -370,13 +363,10 @@ def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
     prior, away = problem.prior(ends.unknowns)
     free = problem.free
     inner = np.tensordot(mixed, solved, axes=((0, 1), (0, 1)))
-    return EndEquations(
-        matrix - inner[:, :-1] + np.diag(prior[free]),
-        slope - inner[:, -1] - (prior * away)[free],
-        solved[..., -1],
-        solved[..., :-1],
-        np.where(regular, np.sqrt(inverse[:, 0, 0]), np.inf),
-    )
+    matrix = matrix - inner[:, :-1] + np.diag(prior[free])
+    slope = slope - inner[:, -1] - (prior * away)[free]
+    spread = np.where(regular, np.sqrt(inverse[:, 0, 0]), np.inf)
+    return EndEquations(matrix, slope, solved[..., -1], solved[..., :-1], spread)
 
 
 def _of_ends(data: PatchData, now: Looked, weight: Array) -> tuple[Array, Array]:
@@ -466,7 +456,7 @@ the residual, looks like one: errors in variables (Fuller (1987), Measurement er
 class Found:
     """The unknowns, their `covariance`, and the last `change` of the order.
 
-    `index` of the patches in use, `patch_cost`, residual over noise squared (p,), and what the
+    `patch_cost` of the patches in use, residual over noise squared (p,), and what the
     unknowns' prior adds; `price`, how much the frame narrows the prior down, ln det(1 + v M), which
     the evidence takes for it; `beyond_prior`, t² of `spots_beyond_prior`; the patches' `data` and
     `orders` at rest.
@@ -475,7 +465,6 @@ class Found:
     unknowns: Array
     covariance: Array
     change: float
-    index: Indices = field(repr=False)
     patch_cost: Array = field(repr=False)
     prior_cost: float
     price: float
@@ -564,7 +553,7 @@ def _differ(one: Found, other: Found) -> bool:
 
 def _of_both(one: Found, other: Found) -> tuple[Indices, Indices]:
     """Numbers of the patches that two results use, in each of them."""
-    _, a, b = np.intersect1d(one.index, other.index, return_indices=True)
+    _, a, b = np.intersect1d(one.data.index, other.data.index, return_indices=True)
     return a, b
 
 
@@ -670,22 +659,13 @@ def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Fo
     covariance[np.ix_(free, free)] = as_spotted(inverse, precision, spots, larger)
     price = -np.linalg.slogdet(inverse)[1] - np.log(prior[prior > 0.0]).sum()
     residual = look(data, ends, orders).residual
-    cost = (
-        np.einsum("pk,pk,pk->p", data.weight, residual, residual) * np.maximum(data.chi, 1.0) ** 2
-    )
+    cost = np.einsum("pk,pk,pk->p", data.weight, residual, residual)
+    cost = cost * np.maximum(data.chi, 1.0) ** 2
     prior_cost = data.problem.prior_cost(unknowns)
     return Found(
-        unknowns=unknowns,
-        covariance=covariance,
-        change=change,
-        index=data.index,
-        patch_cost=cost / data.window,
-        prior_cost=prior_cost,
-        price=float(price),
-        beyond_prior=larger,
-        data=data,
-        orders=orders,
-    )
+        unknowns=unknowns, covariance=covariance, change=change, patch_cost=cost / data.window,
+        prior_cost=prior_cost, price=float(price), beyond_prior=larger, data=data, orders=orders,
+    )  # fmt: skip
 
 
 def fresh_patches(
@@ -767,16 +747,10 @@ def _data(
     rows, cols = places[:, :1] + dy, places[:, 1:] + dx
     noise = problem.sigma[rows, cols] * np.maximum(chi, 1.0)[:, None]
     return PatchData(
-        problem=problem,
-        index=index,
-        light=problem.light[rows, cols],
-        weight=window / noise**2,
-        places=places,
-        pixels=rows * problem.light.shape[1] + cols,
-        window=np.maximum(window.sum(axis=1), 1e-9),
-        chi=chi,
-        thinned=thinned,
-    )
+        problem=problem, index=index, light=problem.light[rows, cols], weight=window / noise**2,
+        places=places, pixels=rows * problem.light.shape[1] + cols,
+        window=np.maximum(window.sum(axis=1), 1e-9), chi=chi, thinned=thinned,
+    )  # fmt: skip
 
 
 def overlap(data: PatchData) -> float:

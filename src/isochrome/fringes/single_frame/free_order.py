@@ -83,7 +83,6 @@ from isochrome.fringes.single_frame.stated_orders import (
 )
 from isochrome.fringes.windows import Array, Mask, innermost
 from isochrome.messages import message
-from isochrome.scene import FreeCorner
 
 FADED = 0.05
 """Contrast that is lost from which it moves the order by more than its uncertainty."""
@@ -265,7 +264,9 @@ def _unknown(part: Array, given: list[Stated], *said: str) -> Anchored:
 
 def _one_part(patches: Patches, part: Array, given: list[Stated], error: Array) -> Anchored:
     """A part's order by what is known in it."""
-    candidates = _shifts_that_fit(given)
+    signed = (1.0, -1.0)  # the part's own orders may have either sign
+    shifts = {round(s * g.order - p.field) for g in given for p in g.places for s in signed}
+    candidates = {j for j in shifts if any(g.fits(j) for g in given)}
     if not candidates:
         return _unknown(part, given, *(fits_nothing(g, g.first) for g in given))
     lines = {j: zero_lines(part[..., 0] + j, _zero_said(j, given)) for j in candidates}
@@ -280,13 +281,6 @@ def _one_part(patches: Patches, part: Array, given: list[Stated], error: Array) 
     if lines[best] and (doubtful or all(g.on_line for g in sure)):
         return _unknown(part, sure, f"{sure[0]}: " + message(_OF_ZERO_LINE))
     return _with_seams(patches, part, given, best, error)
-
-
-def _shifts_that_fit(given: list[Stated]) -> set[int]:
-    """Whole orders that make a part's own orders those of something known, of either sign."""
-    signed = (1.0, -1.0)
-    shifts = {round(s * g.order - p.field) for g in given for p in g.places for s in signed}
-    return {j for j in shifts if any(g.fits(j) for g in given)}
 
 
 def _of_rivals(
@@ -428,22 +422,10 @@ def _unfollowed(known: KnownPlaces, valid: Mask) -> str:
     return f"{known.key} = {known.order:g} at row {row:g}, column {col:g}{others}: {why}"
 
 
-def part_near(
-    patches: Patches, labels: Labels, place: tuple[float, float], *, on_line: bool = False
-) -> int:
-    """The part for which an order at a place speaks, -1 where there is none near.
-
-    Parameters: `patches`, their `labels`; `place` (row, col), px; `on_line`, whether a line's.
-    """
-    kind = KnownPlaces((place,) * (2 if on_line else 1), 0.0)
-    return _part_at(patches, labels, stated_place(patches, labels, patches.terms, kind, place))
-
-
 def _part_at(patches: Patches, labels: Labels, p: StatedPlace) -> int:
     """The part of the patch about a place, -1 where there is none near."""
-    far = max(
-        abs(p.point[0] - patches.rows[p.patch[0]]), abs(p.point[1] - patches.cols[p.patch[1]])
-    )
+    (row, col, _), (i, j) = p.point, p.patch
+    far = max(abs(row - patches.rows[i]), abs(col - patches.cols[j]))
     return -1 if far > HALF + STRIDE else int(labels.part[p.patch])
 
 
@@ -482,10 +464,8 @@ def read_free(
     wave: Array,
     sigma: Array,
     valid: Mask,
-    known: Sequence[KnownPoint | tuple[float, float, float, str]],
+    known: KnownOrders | Sequence[KnownPoint | tuple[float, float, float, str]],
     *,
-    lines: Sequence[KnownPlaces] = (),
-    corners: Sequence[FreeCorner] = (),
     error: Array | None = None,
 ) -> FreeReading:
     """Read the fringe order of a normalised frame `wave`, cos 2 pi N, without a model.
@@ -495,14 +475,10 @@ def read_free(
     cos 2 pi N)/2 by the ends of the light: from 0.003 on in the median a line of N = 0, which
     stands for N = 1 in a wrong light, must be known. InputError: the frame is smaller than a patch.
     """
-    if min(wave.shape) <= 2 * HALF:
-        raise InputError(
-            "frame_pixels_smaller_patch",
-            shape=wave.shape[0],
-            shape_2=wave.shape[1],
-            half=2 * HALF + 1,
-        )
-    orders = known_orders(known, lines, corners)
+    (rows, cols), side = wave.shape, 2 * HALF + 1
+    if min(rows, cols) < side:
+        raise InputError("frame_pixels_smaller_patch", shape=rows, shape_2=cols, half=side)
+    orders = known if isinstance(known, KnownOrders) else known_orders(known)
     followed, fade = follow_fringes(wave, sigma, valid, orders, error=error)
     result = followed.anchored(orders)
     good = max(1, int((followed.labels.part >= 0).sum()))
@@ -512,7 +488,7 @@ def read_free(
     return FreeReading(reading, anchored, fade, result.misses, result.said)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class FollowedFringes:
     """What a frame's fringes say before an order is known.
 
@@ -538,7 +514,10 @@ class FollowedFringes:
 
     def part_at(self, row: float, col: float, *, on_line: bool = False) -> Mask:
         """The patches (m, n) for which an order at a place speaks; none where it has none."""
-        number = part_near(self.patches, self.labels, (row, col), on_line=on_line)
+        patches, labels, place = self.patches, self.labels, (row, col)
+        kind = KnownPlaces((place,) * (2 if on_line else 1), 0.0)
+        near = stated_place(patches, labels, patches.terms, kind, place)
+        number = _part_at(patches, labels, near)
         return np.asarray((self.labels.part == number) & (number >= 0))
 
 
@@ -558,9 +537,7 @@ def follow_fringes(
 
     def followed(patches: Patches, labels: Labels, wave: Array) -> FollowedFringes:
         unlit = np.zeros(patches.chi.shape) if error is None else _at(error, patches)
-        return FollowedFringes(
-            patches=patches, labels=labels, wave=wave, valid=valid, unlit=unlit, faded=faded
-        )
+        return FollowedFringes(faded, patches, labels, wave, valid, unlit)
 
     if faded:
         patches, labels = _coarse_to_fine(wave, sigma, valid, faded=True)

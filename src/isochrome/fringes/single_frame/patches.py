@@ -163,14 +163,11 @@ def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
         trusted &= chosen == body[:, None]
     gradient = [g[at][:, 0] for g in _start_gradient(np.where(valid, wave, 0.0), sigma, valid)]
     return PatchLight(
-        rows=rows,
-        cols=cols,
-        light=np.where(trusted, wave[pick], 0.0).astype(np.float32),
+        rows=rows, cols=cols, light=np.where(trusted, wave[pick], 0.0).astype(np.float32),
         weight=(window * trusted).astype(np.float32),
         noise=np.maximum(sigma[at][:, 0], _FLOOR).astype(np.float32),
-        gradient=np.stack(gradient, axis=-1).astype(np.float32),
-        body=body,
-    )
+        gradient=np.stack(gradient, axis=-1).astype(np.float32), body=body,
+    )  # fmt: skip
 
 
 def bodies_of(valid: Mask) -> tuple[Indices, int]:
@@ -394,17 +391,9 @@ def neighbours(
 def moved_patch(terms: Array, dy: Array, dx: Array) -> Array:
     """A quadratic's terms (..., 6) about a place that is (dy, dx) from its middle."""
     n, gx, gy, hxx, hxy, hyy = np.moveaxis(terms, -1, 0)
-    return np.stack(
-        [
-            n + gx * dx + gy * dy + 0.5 * hxx * dx * dx + hxy * dx * dy + 0.5 * hyy * dy * dy,
-            gx + hxx * dx + hxy * dy,
-            gy + hxy * dx + hyy * dy,
-            hxx,
-            hxy,
-            hyy,
-        ],
-        axis=-1,
-    )
+    order = n + gx * dx + gy * dy + 0.5 * hxx * dx * dx + hxy * dx * dy + 0.5 * hyy * dy * dy
+    slopes = gx + hxx * dx + hxy * dy, gy + hxy * dx + hyy * dy
+    return np.stack([order, *slopes, hxx, hxy, hyy], axis=-1)
 
 
 def scale_of(a: Array, b: Array, variance: Array) -> Array:
@@ -455,12 +444,13 @@ def label_patches(patches: Patches) -> Labels:
     """
     shape = patches.chi.shape
     count = patches.chi.size
-    good = (
-        (patches.chi < WORST_CHI)
-        & (patches.filled > _LEAST_FILLED)
-        & (patches.spread[..., 0] < _LEAST_SURE)
-    ).ravel()
-    edges = _edges(patches)
+    good = (patches.filled > _LEAST_FILLED) & (patches.spread[..., 0] < _LEAST_SURE)
+    good = (good & (patches.chi < WORST_CHI)).ravel()
+    parts = [
+        (a, b, *_relation(x, y, variance))
+        for a, b, x, y, variance in neighbours(patches, patches.terms)
+    ]
+    edges = _Edges(*(np.concatenate(column) for column in zip(*parts, strict=True)))
     use = good[edges.a] & good[edges.b] & (edges.cost < _WORST_EDGE)
     body = patches.body.ravel()
     use &= body[edges.a] == body[edges.b]
@@ -475,15 +465,6 @@ def label_patches(patches: Patches) -> Labels:
     part = np.where(good & (sizes[raw] >= _SMALLEST), rank[raw], -1)
     sign, shift = _carried(tree, part, edges)
     return Labels(sign.reshape(shape), shift.reshape(shape), part.reshape(shape))
-
-
-def _edges(patches: Patches) -> _Edges:
-    """The relations of each patch with its neighbours to the right, below, and on the diagonals."""
-    parts = [
-        (a, b, *_relation(x, y, variance))
-        for a, b, x, y, variance in neighbours(patches, patches.terms)
-    ]
-    return _Edges(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 def expected_terms(
@@ -526,12 +507,8 @@ def _relation(a: Array, b: Array, variance: Array) -> tuple[Indices, Array, Arra
         costs.append(((difference / scale) ** 2).sum(axis=-1))
         shifts.append(shift)
     same = costs[0] <= costs[1]
-    return (
-        np.where(same, 1, -1),
-        np.where(same, shifts[0], shifts[1]),
-        np.minimum(*costs),
-        np.maximum(*costs),
-    )
+    signs, shift = np.where(same, 1, -1), np.where(same, shifts[0], shifts[1])
+    return signs, shift, np.minimum(*costs), np.maximum(*costs)
 
 
 def _carried(tree: Any, part: Indices, edges: _Edges) -> tuple[NDArray[np.int8], Array]:

@@ -411,8 +411,8 @@ class StatedPlace:
     field: float
     sigma: float
     within: float
-    around: float = 0.0
-    extremum: str | None = None
+    around: float
+    extremum: str | None
 
     def miss(self, j: int) -> float:
         """How far the order is from |f + j|, fringes."""
@@ -503,15 +503,9 @@ def stated_place(
         part = np.where(labels.part == labels.part[patch], terms[..., 0], np.nan)
         around = _above(part, patch, order)
     return StatedPlace(
-        point=(row, col, known.order),
-        patch=patch,
-        basis=in_patch,
-        field=order,
-        sigma=sigma,
-        within=within,
-        around=around,
-        extremum=known.extremum,
-    )
+        point=(row, col, known.order), patch=patch, basis=in_patch, field=order, sigma=sigma,
+        within=within, around=around, extremum=known.extremum,
+    )  # fmt: skip
 
 
 def _above(values: Array, patch: tuple[int, int], at: float) -> float:
@@ -538,23 +532,14 @@ def left_out(given: Stated, missed: list[StatedPlace], j: int, votes: int) -> st
     if given.known.is_line and given.fits(j):
         row, col, order = p.point
         return message(
-            "places_contradict_others_one",
-            key=given.known.key,
-            order=order,
-            missed_count=len(missed),
-            places_count=len(given.places),
-            row=row,
-            col=col,
-            miss=p.miss(j),
-            would=would,
-        )
+            "places_contradict_others_one", key=given.known.key, order=order,
+            missed_count=len(missed), places_count=len(given.places), row=row, col=col,
+            miss=p.miss(j), would=would,
+        )  # fmt: skip
     if abs(p.point[2] - _levels(p)[0]) < p.within:
+        plural = "s" * (votes > 1)
         return message(
-            "contradicted_other_which_would",
-            given=given,
-            votes=votes,
-            value="s" * (votes > 1),
-            would=would,
+            "contradicted_other_which_would", given=given, votes=votes, value=plural, would=would
         )
     return fits_nothing(given, p)
 
@@ -573,15 +558,9 @@ def fits_nothing(given: Stated, p: StatedPlace) -> str:
         return message("order_no_there_correct", given=given, extremum=p.extremum)
     near = sorted(_levels(p)[:2])
     return message(
-        "row_column_fits_no",
-        key=given.known.key,
-        order=order,
-        row=row,
-        col=col,
-        near=near[0],
-        near_2=near[1],
-        near_3=min(abs(order - v) for v in near),
-    )
+        "row_column_fits_no", key=given.known.key, order=order, row=row, col=col, near=near[0],
+        near_2=near[1], near_3=min(abs(order - v) for v in near),
+    )  # fmt: skip
 
 
 _REACH_PX = 30.0

@@ -92,15 +92,11 @@ class ColourLight(FrameKind):
         assert capture.table is not None
         for part in (capture.dark, capture.bright):
             valid = valid & part.valid if part else valid
+        low, high = (part.image if part else None for part in (capture.dark, capture.bright))
+        body, table = _specimen(scene, first), capture.table
         try:
             result = read_colour(
-                light,
-                capture.table,
-                sigma=sigma,
-                dark=capture.dark.image if capture.dark else None,
-                bright=capture.bright.image if capture.bright else None,
-                valid=valid,
-                specimen=_specimen(scene, first),
+                light, table, sigma=sigma, dark=low, bright=high, valid=valid, specimen=body
             )
         except InputError as error:
             raise InputError(f"frame {first.index} ({first.name}): {error}") from error

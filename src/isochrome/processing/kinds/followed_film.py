@@ -73,20 +73,15 @@ FEW_FOLLOWED = "only_specimen_pixels_could"
 class FollowedFilm:
     """What the frames of a film have in common, and where each chunk of them begins.
 
-    `light` of the frames' size, `guide` on blocks of `by` pixels a side; `noise` with the factor
-    `between` pixels; `clipped`, the grey level from which pixels are; `kept`, states by the number
-    of their frame; `lost`, from which frame to which, not included, nothing is known.
+    `data`, its light on blocks of pixels, with `wave_noise`; `light` of the frames' size, `guide`
+    on the blocks; `kept`, states by the number of their frame; `lost`, from which frame to
+    which, not included, nothing is known.
     """
 
+    data: FilmData = field(repr=False)
     light: FilmLight = field(repr=False)
     guide: FilmLight = field(repr=False)
-    by: int
-    valid: Mask = field(repr=False)
-    material: Mask = field(repr=False)
-    noise: NoiseModel
-    between: float
     wave_noise: float
-    clipped: float
     kept: dict[int, KeptState] = field(repr=False)
     lost: tuple[tuple[int, int], ...]
     count: int
@@ -126,13 +121,20 @@ class FilmData:
         self.noise, self.between, self._contrast = NoiseModel(0.0, 0.0, 0.0), 1.0, -1.0
 
     def light(self, frame: Frame) -> Array:
-        """Light of a frame (rows, cols), over full scale."""
-        return plain_light(frame, self.full, self.gamma)
+        """Light of a frame (rows, cols) over full scale, float32; 0 where it holds no number."""
+        light = frame.image.astype(np.float32) * np.float32(1.0 / self.full)
+        if frame.image.dtype.kind == "f":
+            light = np.nan_to_num(light)
+        return light if self.gamma == 1.0 else np.maximum(light, 0.0) ** np.float32(self.gamma)
+
+    def unclipped(self, frame: Frame) -> Mask:
+        """Blocks on the specimen in which no pixel is clipped."""
+        clipped = joined_pixels(frame.image >= self.clipped, self.by)
+        return np.asarray(self.material & (clipped < np.float32(0.5 / self.by**2)))
 
     def joined(self, frame: Frame) -> tuple[Array, Mask]:
         """Light on blocks, and where none of a block's pixels is clipped or beside the specimen."""
-        light = joined_pixels(self.light(frame), self.by)
-        return light, self.material & unclipped(frame, self.clipped, self.by)
+        return joined_pixels(self.light(frame), self.by), self.unclipped(frame)
 
     def take_noise(self, frame: Frame) -> None:
         """Take the noise of a frame, if it has more contrast than those before, and its plateau."""
@@ -154,24 +156,9 @@ class FilmData:
         """The film as it was followed."""
         spans = tuple((span[0], span[1] if len(span) > 1 else count) for span in path.lost)
         return FollowedFilm(
-            light=light, guide=light.joined(self.by), by=self.by, valid=self.valid,
-            material=self.material, noise=self.noise, between=self.between,
-            wave_noise=path.noise, clipped=self.clipped, kept=path.kept, lost=spans,
-            count=count, notes=notes,
+            data=self, light=light, guide=light.joined(self.by), wave_noise=path.noise,
+            kept=path.kept, lost=spans, count=count, notes=notes,
         )  # fmt: skip
-
-
-def plain_light(frame: Frame, full: float, gamma: float) -> Array:
-    """Light of a frame (rows, cols) over full scale, float32; 0 where it holds no number."""
-    light = frame.image.astype(np.float32) * np.float32(1.0 / full)
-    if frame.image.dtype.kind == "f":
-        light = np.nan_to_num(light)
-    return light if gamma == 1.0 else np.maximum(light, 0.0) ** np.float32(gamma)
-
-
-def unclipped(frame: Frame, clipped: float, by: int) -> Mask:
-    """Blocks of a frame in which no pixel has reached a grey level."""
-    return np.asarray(joined_pixels(frame.image >= clipped, by) < np.float32(0.5 / by**2))
 
 
 def film_time(frame: Frame, index: int) -> float:
@@ -205,26 +192,25 @@ class Film(ImageOnly):
 
     def states(self, source: FrameSource, start: int, stop: int) -> Iterator[ProcessedFrame]:
         """The frames in time, from the last kept state on."""
-        film, scene, capture = self.film, source.task.scene, source.capture
+        film, scene = self.film, source.task.scene
         assert film is not None
-        full, gamma = full_scale(capture.bit_depth), scene.frames.stated_gamma
+        data = film.data
         state: FilmState | None = None
         for index, (frame, *_) in source.captured(film.begin(start), stop):
-            light, lost = plain_light(frame, full, gamma), film.lost_since(index)
+            light, lost = data.light(frame), film.lost_since(index)
             if index in film.kept:
                 state = film.kept[index].state()
             elif lost is None:
                 assert state is not None
-                rise = film.guide.rise(joined_pixels(light, film.by))
-                wave = light_wave(rise, film.guide.illumination)
-                trusted = film.material & unclipped(frame, film.clipped, film.by)
-                time = film_time(frame, index)
+                rise = film.guide.rise(joined_pixels(light, data.by))
+                wave, time = light_wave(rise, film.guide.illumination), film_time(frame, index)
+                trusted = data.unclipped(frame)
                 state = follow_frame(state, wave, trusted, time, noise=film.wave_noise)
             assert state is not None
             if index >= start:
                 known = state.known & ~film.kept[film.begin(index)].doubt() & (lost is None)
                 numbered = replace(frame, index=index)
-                yield _read(film, replace(state, known=known), numbered, light, scene, capture)
+                yield _read(film, replace(state, known=known), numbered, light, scene)
 
 
 def _reported(
@@ -242,30 +228,27 @@ def _reported(
 
 
 def _read(
-    film: FollowedFilm, state: FilmState, frame: Frame, light: Array, scene: Scene,
-    capture: Capture,
-) -> ProcessedFrame:  # fmt: skip
+    film: FollowedFilm, state: FilmState, frame: Frame, light: Array, scene: Scene
+) -> ProcessedFrame:
     """One frame, read where it was followed."""
-    valid = film.valid & (frame.image < film.clipped)
-    sigma = film.between * film.noise.linear_sigma(
-        frame.image, bit_depth=capture.bit_depth, gamma=scene.frames.stated_gamma
+    data = film.data
+    valid = data.valid & (frame.image < data.clipped)
+    sigma = data.between * data.noise.linear_sigma(
+        frame.image, bit_depth=data.depth, gamma=data.gamma
     )
     sigma = np.maximum(sigma, FLAWS * film.light.illumination).astype(np.float32)
-    reading = read_followed(light, state, film.light, sigma=sigma, valid=valid, by=film.by)
+    reading = read_followed(light, state, film.light, sigma=sigma, valid=valid, by=data.by)
     signal = film.light.rise(light) / film.light.illumination
     relative = sigma / film.light.illumination
     known = np.isfinite(reading.order)
     residual = (signal - fringe_response(np.where(known, reading.order, 0.0))) / relative
     chi = float(np.sqrt(np.mean(np.square(residual[known])))) if known.any() else float("nan")
     return ProcessedFrame(
-        **frame_fields(frame, scene),
-        normalised=np.where(valid, signal, np.nan).astype(np.float32),
-        reading=reading,
-        noise=float(np.median(relative[valid])) if valid.any() else float("nan"),
-        chi=chi,
-        warnings=_warnings(film, frame.index, reading.kept),
+        **frame_fields(frame, scene), normalised=np.where(valid, signal, np.nan).astype(np.float32),
+        reading=reading, noise=float(np.median(relative[valid])) if valid.any() else float("nan"),
+        chi=chi, warnings=_warnings(film, frame.index, reading.kept),
         columns={"kept_share": reading.kept, **order_columns(reading.order, reading.uncertainty)},
-    )
+    )  # fmt: skip
 
 
 def not_followed(start: int) -> str:
@@ -284,7 +267,7 @@ def _warnings(film: FollowedFilm, index: int, known_share: float) -> tuple[str, 
             return (*notes, not_followed(start) + "; " + again)
     begin = film.begin(index)
     if film.kept[begin].doubts:
-        share = 100.0 * film.kept[begin].doubts / max(1, int(np.count_nonzero(film.material)))
+        share = 100.0 * film.kept[begin].doubts / max(1, int(np.count_nonzero(film.data.material)))
         notes.append(message(DIFFERING, share=share, begin=begin, end=film.end(index)))
     if known_share < 0.5 and index > 0:
         notes.append(message(FEW_FOLLOWED, known_share=100.0 * known_share))
@@ -464,14 +447,10 @@ def prepare_keyed(
             yield (*data.joined(frame), film_time(frame, index))
 
     path.follow(frames())
-    breaks = len(path.lost) - (begin > 0)
-    if breaks > _MOST_BREAKS * (count - 1 - begin):
+    name, breaks, steps = scene.name, len(path.lost) - (begin > 0), count - 1 - begin
+    if breaks > _MOST_BREAKS * steps:
         raise PhysicsError(
-            "cannot_followed_in_time",
-            name=scene.name,
-            change=LARGEST_CHANGE,
-            breaks=breaks,
-            steps=count - 1 - begin,
+            "cannot_followed_in_time", name=name, change=LARGEST_CHANGE, breaks=breaks, steps=steps
         )
     notes = (*key_frame.warnings, message(KEY_LIGHT, begin=begin))
     return data.film(path, light, count, notes)
@@ -502,10 +481,7 @@ def _light_of(ends: BackgroundModulation, sign: float) -> FilmLight:
     zero, other = (ends.dark, ends.bright)[:: int(sign)]
     illumination = np.maximum(sign * (other - zero), 1e-3).astype(np.float32)
     zero = zero.astype(np.float32)
+    error, at_zero = (ends.signal_uncertainty(end).astype(np.float32) for end in (other, zero))
     return FilmLight(
-        zero=zero,
-        illumination=illumination,
-        error=ends.signal_uncertainty(other).astype(np.float32),
-        zero_error=ends.signal_uncertainty(zero).astype(np.float32),
-        sign=sign,
+        zero=zero, illumination=illumination, error=error, zero_error=at_zero, sign=sign
     )

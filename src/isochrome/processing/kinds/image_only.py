@@ -167,9 +167,8 @@ def above_background(signal: Array, error: Array, valid: Mask) -> tuple[Mask, tu
     above = np.where(valid, signal - _REACH * error, 0.0)
     above_noise = valid & (gaussian_filter(above, _POOLED_PX) > 0.0)
     share = 1.0 - float(np.mean(above_noise[valid])) if valid.any() else 0.0
-    return above_noise, (
-        message(DARK_UNTOLD, share=100.0 * share),
-    ) if share > _WORTH_SAYING else ()
+    notes = (message(DARK_UNTOLD, share=100.0 * share),) if share > _WORTH_SAYING else ()
+    return above_noise, notes
 
 
 NO_ANCHOR = "no_order_light_alone"
@@ -382,19 +381,13 @@ def _by_ends(
     light: Array, sigma: Array, valid: NDArray[np.bool_], ends: BackgroundModulation
 ) -> tuple[Normalised, FrameSignal]:
     """A frame's light normalised by the ends and the tone curve that its fringes told."""
-    done = normalise(
-        Linear(np.maximum(light, 0.0) ** ends.tone, valid),
-        Linear(ends.dark, valid),
-        Linear(ends.bright, valid),
-    )
+    linear = np.maximum(light, 0.0) ** ends.tone
+    done = normalise(*(Linear(part, valid) for part in (linear, ends.dark, ends.bright)))
     slope = ends.tone * np.maximum(light, sigma) ** (ends.tone - 1.0)
     signal = FrameSignal(
-        signal=done.signal,
-        sigma=slope * sigma / np.where(done.valid, done.contrast, 1.0),
-        valid=done.valid,
-        error=ends.signal_uncertainty(light),
-        ends=ends,
-    )
+        signal=done.signal, sigma=slope * sigma / np.where(done.valid, done.contrast, 1.0),
+        valid=done.valid, error=ends.signal_uncertainty(light), ends=ends,
+    )  # fmt: skip
     return done, signal
 
 
@@ -447,21 +440,16 @@ def _contradicted(
     other = 0.5 + contrast * (other - 0.5)  # of the signal as it is, faded
     error = np.abs(np.where(done.valid, other - done.signal, 0.0))
     best = gamma * result.tone
-    return error, [
-        message(
-            "frames_gamma_does_not",
-            gamma=gamma,
-            with_uncertainty=with_uncertainty(best, gamma * result.tone_uncertainty),
-            best=best,
-        )
-    ]
+    value = with_uncertainty(best, gamma * result.tone_uncertainty)
+    text = message("frames_gamma_does_not", gamma=gamma, with_uncertainty=value, best=best)
+    return error, [text]
 
 
 def _read_signal(signal: FrameSignal, scene: Scene) -> tuple[FreeReading, list[str]]:
     """The order of one signal, and what its gamma is told by."""
-    error, messages, known = signal.error, list[str](), orders_of(scene)
-    light, apart = (*wave_of(signal, scene), signal.valid), known.corners
-    result = read_free(*light, (), lines=known.places, corners=apart, error=error)
+    error, messages = signal.error, list[str]()
+    light = *wave_of(signal, scene), signal.valid
+    result = read_free(*light, orders_of(scene), error=error)
     if signal.gamma_check is not None:
         other, messages = signal.gamma_check(result.contrast)
         error = np.hypot(error, other)

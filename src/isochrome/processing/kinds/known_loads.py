@@ -75,11 +75,8 @@ def process_known_loads(frame: Frame, scene: Scene, capture: Capture) -> Process
     except PhysicsError as error:
         unknown = {LOAD: float("nan"), f"{LOAD} {SPREAD}": float("nan")}
         return _with_orders(frame, scene, capture, None, [str(error)], unknown)
-    columns = {
-        LOAD: read.load_n,
-        f"{LOAD} {SPREAD}": read.standard_uncertainty,
-        EXPLAINED: read.explained,
-    }
+    columns = {LOAD: read.load_n, f"{LOAD} {SPREAD}": read.standard_uncertainty}
+    columns |= {EXPLAINED: read.explained}
     notes = _told(read, scene.frames.known_loads_n, frame.index)
     result = _with_orders(frame, scene, capture, read.rim, notes, columns)
     scale = scene.camera.pixel_mm if scene.camera else None
@@ -93,13 +90,9 @@ def _told(read: LoadReading, loads: Sequence[float], number: int) -> list[str]:
     stated = loads[number] if number < len(loads) else 0.0
     away = abs(read.load_n - stated) / read.standard_uncertainty
     if stated and away > CONTRADICTED:
+        value = with_uncertainty(read.load_n, read.standard_uncertainty)
         notes.append(
-            message(
-                "load_stated_other_known",
-                stated=stated,
-                with_uncertainty=with_uncertainty(read.load_n, read.standard_uncertainty),
-                away=away,
-            )
+            message("load_stated_other_known", stated=stated, with_uncertainty=value, away=away)
         )
     if read.beyond > FAR:
         notes.append(message("load_lies_far_outside"))

@@ -53,14 +53,10 @@ class PhaseStepped(FrameKind):
         light, valid, sigma = _stacked(frames, scene, capture)
         residual = capture.residual
         result = read_steps(
-            light,
-            _chains(scene),
-            sigma=sigma,
-            valid=valid,
+            light, _chains(scene), sigma=sigma, valid=valid,
             known_order=[(k.row_px, k.col_px, k.order) for k in scene.frames.known_order],
-            model=_model(scene, (light.shape[1], light.shape[2]), residual),
-            residual=residual,
-        )
+            model=_model(scene, (light.shape[1], light.shape[2]), residual), residual=residual,
+        )  # fmt: skip
         name = f"{frames[0].name} to {frames[-1].name}"
         contrast = result.contrast[np.isfinite(result.order)]
         return ProcessedFrame(

@@ -16,7 +16,6 @@ from isochrome.fitting import (
     GAMMA,
     SMOOTH_KEYS,
     Apparatus,
-    FrameFit,
     Tracked,
     Tracker,
     VainSearch,
@@ -263,16 +262,22 @@ class KeyFrames:
                 self._vain.remember(frame)
             return
         assert complete.fit is not None
+        # what is not tracked, as an unknown gamma or a smooth stress, stays as the key frame says
+        fit, keys = complete.fit, (GAMMA, *SMOOTH_KEYS)
+        values = {
+            name: float(value)
+            for name, value in zip(fit.keys, fit.values, strict=True)
+            if name in keys or isinstance(self.scene.get(name), int | float)
+        }
         self._tracker = Tracker(
-            _begun(self.scene, complete.fit),
+            self.scene.with_values(values),
             self.keys,
             bit_depth=self.capture.bit_depth,
             no_load=(self.capture.dark, self.capture.bright),
             apparatus=self.kind.apparatus,
             usual_load_n=self.scene.load_at(0.0),
         )
-        fit, distance = complete.fit, slid_until(self.scene, frame)
-        self._tracker.begin(frame, fit.scene, fit.chi, distance)
+        self._tracker.begin(frame, fit.scene, fit.chi, slid_until(self.scene, frame))
 
     def follow(self, frame: Frame) -> FollowedFrame:
         """One frame more. Raises InputError, PhysicsError."""
@@ -341,24 +346,6 @@ class KeyFrames:
         rows = [known.get(key, (np.nan,) * 3) for key in self.keys]
         values, spread, bound = np.array(rows).T.copy()
         return Tracked(
-            values=values,
-            standard_uncertainty=spread,
-            cramer_rao_bound=bound,
-            chi=fit.chi,
-            searched=True,
-            positive=True,
-        )
-
-
-def _begun(scene: Scene, fit: FrameFit) -> Scene:
-    """The scene with the values that were fitted to a key frame, where it has numbers.
-
-    What is not tracked, as an unknown gamma or a smooth stress, stays as the key frame says.
-    """
-    keys = (GAMMA, *SMOOTH_KEYS)
-    values = {
-        name: float(value)
-        for name, value in zip(fit.keys, fit.values, strict=True)
-        if np.isfinite(value) and (name in keys or isinstance(scene.get(name), int | float))
-    }
-    return scene.with_values(values)
+            values=values, standard_uncertainty=spread, cramer_rao_bound=bound, chi=fit.chi,
+            searched=True, positive=True,
+        )  # fmt: skip

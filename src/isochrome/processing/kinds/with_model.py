@@ -100,14 +100,9 @@ def process_with_model(
     notes += [] if slip else _warnings(fit, reading, lost)
     result = ProcessedFrame(
         **frame_fields(frame) | {"pixel_mm": model.pixels.pixel_mm},
-        normalised=signal.astype(np.float32),
-        reading=reading,
-        fit=fit,
-        noise=noise,
-        chi=fit.chi,
-        largest=largest,
-        warnings=(*(apparatus.warnings if apparatus else ()), *notes, *of_largest),
-    )
+        normalised=signal.astype(np.float32), reading=reading, fit=fit, noise=noise, chi=fit.chi,
+        largest=largest, warnings=(*(apparatus.warnings if apparatus else ()), *notes, *of_largest),
+    )  # fmt: skip
     return _without_model(result, frame, scene, capture, data, slip) if lost else result
 
 
@@ -128,14 +123,10 @@ def read_frame(
     """
     noise, lost = _is_lost(data, model, chi=chi, positive=positive)
     reading = read_order(
-        data.light,
-        model.picture.order,
-        model.response,
-        illumination=model.illumination,
-        background=model.background,
-        sigma=data.sigma,
+        data.light, model.picture.order, model.response, illumination=model.illumination,
+        background=model.background, sigma=data.sigma,
         valid=model.mask & (model.illumination > 0.0) & (not lost),
-    )
+    )  # fmt: skip
     if frame.mask is not None:
         specimen = model.picture.material & frame.mask
         selected = float(np.isfinite(reading.order).sum() / max(1, int(specimen.sum())))
