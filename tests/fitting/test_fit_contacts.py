@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from benchmarks import case_contacts
+from fitting.engine_frames import prepared
 from fitting.sliding_bench import bench
+from isochrome import samples
 from isochrome.contact import SurfaceState
 from isochrome.errors import InputError
-from isochrome.fitting import SceneRenderer
+from isochrome.fitting import SceneRenderer, fit_with_causes
 from isochrome.fitting.causes.modes import traction_modes
 from isochrome.scene import dump_scene, load_scene, parse_scene
 from isochrome.simulation import scene_states
@@ -60,6 +62,24 @@ def test_what_moves_fringes_by_more_than_half_of_one_is_named_alone(kind, seed):
     assert row.chi < 1.03
     # four standard uncertainties: one in ten thousand
     assert max(abs(row.load_pull), abs(row.friction_pull)) < 4.0
+
+
+@pytest.mark.long
+def test_pixels_of_a_beam_that_a_lens_moves_off_it_end_no_trial():
+    """A rendered frame whose roll and tone the scene leaves out: both are found."""
+    sample = samples.bending()
+    scene = load_scene({
+        "specimen": {"shape": "beam", "height_mm": 20.0, "thickness_mm": 6.0,
+                     "fringe_value_n_per_mm": 14.6},
+        "load": {"normal_n": 150.0, "inner_span_mm": 40.0, "outer_span_mm": 100.0},
+        "polariscope": {"wavelength_nm": 587.0},
+        "camera": {"width_px": 480, "height_px": 440, "pixel_mm": 0.05, "bit_depth": 8},
+    })  # fmt: skip
+    freed = fit_with_causes(prepared(sample.images[2], scene, bit_depth=8), scene)
+    found = dict(zip(freed.fit.keys, freed.fit.values, strict=True))
+    # their uncertainties are .0006 degree and .0005
+    assert found["camera.roll_deg"] == pytest.approx(sample.truth["tilt_deg"], abs=0.01)
+    assert found["frames.gamma"] == pytest.approx(sample.truth["camera"]["gamma"], abs=0.002)
 
 
 def test_a_layer_needs_an_indenter():

@@ -249,6 +249,7 @@ class TrialModel(FrameModel):
         rows[:number] = self._slopes(self.keys, values, range(number), gamma_fit)
         here = moved_scene(self.scene, self.keys, values[:number])
         field, shown = self.renderer.order_field(here)
+        field = np.nan_to_num(field)  # a lens may move a pixel off the specimen
         if self.renderer.added is not None:
             field = field + self.renderer.added
         optics, slope = scene_optics(here), gamma_fit.part.amplitude / _AMPLITUDE
