@@ -105,12 +105,10 @@ class FrameData(Observation):
         thin: dict[str, Any] = {name: mean(getattr(self, name)) for name in ("light", "raw")}
         for name in ("sigma", "raw_sigma"):
             thin[name] = np.sqrt(mean(getattr(self, name) ** 2)) / np.float32(side)
-        inside = np.pad(self.valid, side // 2)  # at the picture's ends blocks are not whole
-        count = cv2.boxFilter(inside.astype(np.float32), -1, (side, side), normalize=False)[
-            side // 2 :: side, side // 2 :: side
-        ]
-        rows, cols = thin["raw"].shape
-        thin["valid"] = count[:rows, :cols] > side**2 - 0.5
+        # at the picture's ends blocks are not whole
+        valid = self.valid.astype(np.float32)
+        share = cv2.blur(valid, (side, side), borderType=cv2.BORDER_CONSTANT)[::side, ::side]
+        thin["valid"] = share > 1.0 - 0.5 / side**2
         return replace(self, lamp=self.lamp.every(side), **thin)
 
     def every(self, stride: int) -> FrameData:

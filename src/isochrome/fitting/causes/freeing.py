@@ -198,13 +198,14 @@ def free_causes(solution: S) -> Freed[S]:
 def _moved(freed: Freed[S], seen: set[tuple[frozenset[str], int]]) -> Freed[S] | Asked:
     """The fit with a likelier set, or without what is odd; what was asked where there is none.
 
-    Before other sets a shadow goes: light and lens take its fainter rows for their own. Other
-    pixels are left out where no set is likelier: what is odd may be where a cause is felt most.
-    Sets that were `seen` are not fitted again.
+    Near the end tractions come to rest first; from afar other sets are looked at before. Of these a
+    shadow goes first: light and lens take its fainter rows for their own. Other pixels are left out
+    where no set is likelier: what is odd may be where a cause is felt most. Sets that were `seen`
+    are not fitted again.
     """
     asked = freed.asked
     assert asked is not None
-    near = freed.now.chi < _LARGE  # from afar other sets are likelier to be
+    near = freed.now.chi < _LARGE
     nearer = _nearer(freed, asked) if near else None
     if nearer is not None:
         return nearer

@@ -1,4 +1,5 @@
-"""Fits to few pixels that tell which of several sets explains a frame, whatever its slopes say.
+"""Fits to means over blocks that tell which of several sets explains a frame, whatever its slopes
+say: what no noise explains costs them what it does in Student's t.
 
 Their evidence, to second order about where each came to rest (Laplace's method), is
 
@@ -39,12 +40,14 @@ from isochrome.stress import pixel_grid
 TOLERANCE = 0.5
 """Last step, in standard uncertainties."""
 _MEANS = 4_000
+"""Blocks of a frame, about."""
 _COARSE = 0.05
 """Error of a mean over a block, over the light and what fringes lose of their contrast in it."""
 _NEARER_STEPS, FAR, _STALLED = 3, 1.5, 0.8
 """Steps with one weight of the slopes; the residual's variance over the noise's below which none
 is needed, and what must be left of it where they help."""
 _PASSES = 12
+"""Steps of a fit."""
 _DEGREES = 5.0
 """Degrees of freedom of the noise's Student's t."""
 
@@ -91,7 +94,7 @@ class Expected:
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """A fit to few pixels, and where it came to rest.
+    """A fit to a frame's blocks, and where it came to rest.
 
     `cost` and `normal` (p, p), of the pixels alone; `prior` cost, `weight` (p,) and `extra` (p,),
     those that not every set has; `light`, the normal equations (k, k) of its products, and the
@@ -134,7 +137,7 @@ def student_cost(residual: Array) -> float:
 
 
 class TrialModel(FrameModel):
-    """A frame's few pixels, with amplitudes of the tractions' modes behind its unknowns."""
+    """Means over a frame's blocks, with amplitudes of the tractions' modes behind its unknowns."""
 
     def __init__(
         self,
