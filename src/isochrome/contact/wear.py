@@ -472,9 +472,9 @@ def scar_on_nodes(scar: Scar, x_mm: Floats) -> tuple[Floats, Floats]:
     mean = (behind[:-2:2] + 4.0 * behind[1:-1:2] + behind[2::2]) / 6.0
     depth = CubicSpline(phi, scar.depth_mm, bc_type="clamped")(at[2:-2:2])
     distance = np.abs(x_mm - middle) - half
-    pressure = np.where(distance < spacing, np.diff(mean), 0.0)
+    pressure = np.maximum(np.where(distance < spacing, np.diff(mean), 0.0), 0.0)
     pressure *= scar.stop.line_load_n_per_mm / (spacing * pressure.sum())
-    return np.maximum(pressure, 0.0), np.where(distance < 0.0, np.maximum(depth, 0.0), 0.0)
+    return pressure, np.where(distance < 0.0, np.maximum(depth, 0.0), 0.0)
 
 
 FEWEST_NODES = 8

@@ -226,9 +226,6 @@ def _moved(freed: Freed[S], seen: set[tuple[frozenset[str], int]]) -> Freed[S] |
         wider = _with(freed, plan)
         if wider is not None and not (again and wider.now.chi * _SAME_CHI > freed.now.chi):
             return wider
-    nearer = None if near else _nearer(freed, asked)
-    if nearer is not None:
-        return nearer
     if freed.light:
         now = _with_all_light(freed.now)
         if now is not freed.now:
@@ -237,6 +234,8 @@ def _moved(freed: Freed[S], seen: set[tuple[frozenset[str], int]]) -> Freed[S] |
     if odd is not None and beside is not None and _is_shadow(odd, beside):
         odd = odd | beside  # its faint rows are not seen as such
     without = None if odd is None else _left_out(freed, odd)
+    if without is None and not near:
+        without = _nearer(freed, asked)
     return asked if without is None else without
 
 
@@ -312,6 +311,9 @@ def _plans(freed: Freed[S], asked: Asked, *, before: bool) -> tuple[Asked, list[
     logs = {plan.members: log for plan, log in tried if not plan.richer}
     asked = replace(asked, judged=asked.sets.judged(logs)) if logs else asked
     plans = [plan for plan, _ in tried]
+    first = plans[0].trial if plans else None
+    if first is not None and plans[0].names == freed.fitted.names and first.excess < FAR:
+        return asked, []  # what is left lies where blocks do not see it
     # beside what cannot be fitted nothing else is: it would take that for its own
     plans = plans[: next((k for k, plan in enumerate(plans) if plan.suspects), None)]
     own = next((k for k, p in enumerate(plans) if p.names == freed.fitted.names), len(plans))
