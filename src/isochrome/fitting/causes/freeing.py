@@ -166,6 +166,15 @@ class _Plan:
         return names | ({"richer light"} if self.richer else set())
 
     @property
+    def excess(self) -> float:
+        """What its trial leaves: the variance over the noise's."""
+        return self.trial.excess if self.trial else np.inf
+
+    def log_evidence(self, noise: float) -> float:
+        """ln E by its trial, at a variance of the noise."""
+        return self.trial.evidence(noise) + self.log_odds if self.trial else -np.inf
+
+    @property
     def every(self) -> frozenset[str]:
         """All of it by name."""
         suspects = {cause.name for cause in self.suspects}
@@ -311,8 +320,7 @@ def _plans(freed: Freed[S], asked: Asked, *, before: bool) -> tuple[Asked, list[
     logs = {plan.members: log for plan, log in tried if not plan.richer}
     asked = replace(asked, judged=asked.sets.judged(logs)) if logs else asked
     plans = [plan for plan, _ in tried]
-    first = plans[0].trial if plans else None
-    if first is not None and plans[0].names == freed.fitted.names and first.excess < FAR:
+    if plans and plans[0].names == freed.fitted.names and plans[0].excess < FAR:
         return asked, []  # what is left lies where blocks do not see it
     # beside what cannot be fitted nothing else is: it would take that for its own
     plans = plans[: next((k for k, plan in enumerate(plans) if plan.suspects), None)]
@@ -343,31 +351,38 @@ def _sets_from_afar(freed: Freed[S], asked: Asked) -> list[_Plan]:
 
     What is far off looks like two things, and one thing more may be another one.
     """
-    own, members = _best_ways(asked, freed.fitted.names), asked.sets.members[0]
-    fewer = [tuple(k for k in members if k != gone) for gone in members]
-    some = [*asked.sets.members[:_LIKELY], *fewer, *_with_one_more(asked, own)]
-    base, *sets = (_of_members(asked, m) for m in (own, *some))
+    own = _best_ways(asked, freed.fitted.names)
+    base, *more = (_of_members(asked, members) for members in (own, *_with_one_more(asked, own)))
+    likely = [_of_members(asked, members) for members in asked.sets.members[:_LIKELY]]
     richer = [replace(base, richer=True)] if freed.light else []
-    return [*sets[:_LIKELY], base, *richer, *sets]
+    return [*likely, base, *richer, *_with_less(asked, likely[0]), *more]
+
+
+def _with_less(asked: Asked, plan: _Plan) -> list[_Plan]:
+    """A set without each one thing of it."""
+    fewer = (tuple(k for k in plan.members if k != gone) for gone in plan.members)
+    return [_of_members(asked, members) for members in fewer]
 
 
 def _tried(freed: Freed[S], asked: Asked, sets: list[_Plan]) -> list[tuple[_Plan, float]]:
-    """Some sets with their trials and ln E of these, the likeliest first."""
-    plans = {plan.every: plan for plan in sets}
-    expected, trials = _expected(freed, asked), []
-    for plan in list(plans.values())[:_TRIED]:
-        trial = _trial(freed, plan, expected)
+    """Some sets with their trials and ln E of these, the likeliest first.
+
+    Once one explains the frames, those with less are looked at, and no others.
+    """
+    expected, seen = _expected(freed, asked), set[frozenset[str]]()
+    tried: list[tuple[_Plan, float]] = []
+    while sets and len(seen) < _TRIED:
+        plan, *sets = sets
+        trial = None if plan.every in seen else _trial(freed, plan, expected)
+        seen.add(plan.every)
         if trial is None:
             continue
-        trials.append((plan, trial))
-        if len(trials) > _LIKELY and min(made.excess for _, made in trials) < FAR:
-            break
-    noise = min((max(1.0, trial.excess) for _, trial in trials), default=1.0)
-    tried = [
-        (replace(plan, trial=trial, values=trial.tractions), trial.evidence(noise) + plan.log_odds)
-        for plan, trial in trials
-    ]
-    return sorted(tried, key=lambda pair: -pair[1])
+        plans = [replace(plan, trial=trial, values=trial.tractions), *(plan for plan, _ in tried)]
+        noise = max(1.0, min(plan.excess for plan in plans))
+        tried = sorted(((p, p.log_evidence(noise)) for p in plans), key=lambda pair: -pair[1])
+        if len(plans) > _LIKELY and noise < FAR:
+            sets = _with_less(asked, tried[0][0])
+    return tried
 
 
 def _of_members(asked: Asked, members: tuple[int, ...]) -> _Plan:
