@@ -1,10 +1,14 @@
 """Fits to few pixels, by which sets are told apart: their evidence in closed form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.stats import multivariate_normal
 
+from fitting.engine_frames import prepared
+from fitting.sliding_bench import bench
 from isochrome.fitting.causes.trial import Trial
 from isochrome.optics import blur_variance
 
@@ -51,3 +55,19 @@ def test_a_blurs_variance_is_that_of_its_kernel(sigma):
     assert variance == pytest.approx(want, rel=2e-3)
     ahead = blur_variance(1.01 * sigma)[0] - blur_variance(0.99 * sigma)[0]
     assert slope == pytest.approx(ahead / (0.02 * sigma), rel=2e-2)
+
+
+def test_means_over_blocks_are_those_of_whole_blocks():
+    rng = np.random.default_rng(3)
+    data = prepared(rng.integers(20, 230, (20, 26), dtype=np.uint8), bench(20, 26), bit_depth=8)
+    valid = np.ones(data.shape, dtype=bool)
+    valid[10, 13] = False
+    blocks = replace(data, valid=valid).in_blocks(3)
+    want = data.raw[5:8, 8:11]
+    assert blocks.raw[2, 3] == pytest.approx(want.mean(), rel=1e-6)
+    noise = np.sqrt(np.square(data.raw_sigma[5:8, 8:11]).mean() / 9.0)
+    assert blocks.raw_sigma[2, 3] == pytest.approx(noise, rel=1e-6)
+    # about pixels 0, 3, ..: the first reach beyond the picture, one has a pixel that is not valid
+    whole = np.ones((7, 9), dtype=bool)
+    whole[0], whole[:, 0], whole[3, 4] = False, False, False
+    assert (blocks.valid == whole).all()
