@@ -31,15 +31,19 @@ def _ahead(items: Iterator[T]) -> Generator[T]:
     """
     thread = ThreadPoolExecutor(1, thread_name_prefix="reading")
     try:
-        # a list of one, or of none at the end: a StopIteration cannot pass through a Future
-        coming = thread.submit(lambda: list(islice(items, 1)))
+        coming = thread.submit(_read, items)
         while result := coming.result():
-            coming = thread.submit(lambda: list(islice(items, 1)))
+            coming = thread.submit(_read, items)
             yield result[0]
     finally:
         thread.shutdown(wait=True, cancel_futures=True)
         if (end := getattr(items, "close", None)) is not None:
             end()
+
+
+def _read(items: Iterator[T]) -> list[T]:
+    """One item, or none at the end: a StopIteration cannot pass through a Future."""
+    return list(islice(items, 1))
 
 
 class Cursor(Generic[T]):
