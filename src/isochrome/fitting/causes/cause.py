@@ -126,6 +126,8 @@ def _has(scene: Scene, key: str) -> bool:
         return bool(scene.wear and scene.friction and min(scene.wear.distances_m) > 0.0)
     if key in PLATES:
         return polariscope.field != "plane" and not polariscope.step
+    if key == BLUR:  # the effect of all of it is weighed: a stated one would be found again
+        return scene.camera is not None and not scene.camera.blur_px
     if key == BAND:
         return polariscope.wavelength_nm is not None and not polariscope.several_wavelengths
     return True
