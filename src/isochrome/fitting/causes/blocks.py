@@ -11,7 +11,7 @@ import numpy as np
 
 from isochrome.estimation import FrameData, block_correlation, cosines, line_noise
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.causes.cause import BAND, EVEN, FRINGE_VALUE, PLATES, YOUNG, Cause
+from isochrome.fitting.causes.cause import BAND, FRINGE_VALUE, PLATES, YOUNG, Cause
 from isochrome.fitting.causes.modes import TractionModes, traction_modes
 from isochrome.fitting.frame.frame_model import GammaFit, Pixels, gamma_slope, trust_of_slopes
 from isochrome.fitting.frame.renderer import SceneRenderer, scene_optics
@@ -36,6 +36,7 @@ _FRICTION = 0.01
 _MODULUS = 1e-3
 """Share of a modulus by which it is changed: the contact is solved to 1e-6 or so."""
 _LAYER_UM_PER_MPA = 0.001
+"""A layer's change that stands above the contact's own tolerance, and is small beside a bench's."""
 _EVEN_STEPS = {PLATES[0]: 3.0, PLATES[1]: 3.0, BAND: 10.0}
 """Steps of what has no slope at nought: degrees, nm."""
 _OUTLIER = 6.0
@@ -167,7 +168,7 @@ class FrameBlocks:
             return self._held
         if cause.keys[0] == BLUR:
             return np.asarray(self._curved * cause.sizes[0] ** 2)[None]
-        if cause.keys[0] in EVEN:
+        if cause.even:
             changed = {key: _EVEN_STEPS[key] for key in cause.keys}
             step = self._signal(self.scene.with_values(changed)) - self._here
             if cause.keys[0] == BAND:

@@ -41,6 +41,16 @@ class Cause:
     free: bool = True
     stated: bool = False
 
+    @property
+    def even(self) -> bool:
+        """Whether it enters by its square."""
+        return self.keys[0] in EVEN and not self.stated
+
+    @property
+    def positive(self) -> bool:
+        """Whether its amplitude cannot be negative."""
+        return self.even or (self.keys[0] in POSITIVE and not self.stated)
+
 
 TINY = 1e-9
 """A lens that does nothing: its picture is made as that of one that does."""

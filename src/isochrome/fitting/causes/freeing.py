@@ -2,7 +2,7 @@
 
 All that may be there is weighed about the fit (`score.ask`), the fit moves to the likeliest set,
 and all is weighed again there. Where the residual is large its slopes say little: then some sets
-are told apart by their own fits to few pixels (`trial`).
+are told apart by their own fits to blocks of pixels (`trial`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from isochrome.errors import PhysicsError
 from isochrome.estimation import FEW_TERMS, HALF, MOST_TERMS, POOR_CHI, FrameData
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.causes.cause import EVEN, OF_PRESSURE, Cause
+from isochrome.fitting.causes.cause import OF_PRESSURE, Cause
 from isochrome.fitting.causes.score import (
     LIGHT,
     ORDER,
@@ -340,8 +340,7 @@ def _one_for_another(freed: Freed[S]) -> bool:
 def _sets_with_less(freed: Freed[S], asked: Asked) -> list[_Plan]:
     """What is fitted, and that without a modulus or a layer."""
     own = _best_ways(asked, freed.fitted.names)
-    names = [asked.evidence.hypotheses[k].name for k in own]
-    gone = [name for name in names if name in {cause.name for cause in OF_PRESSURE}]
+    gone = [cause.name for cause in freed.causes if cause in OF_PRESSURE]
     less = [_best_ways(asked, freed.fitted.names - {name}) for name in gone]
     return [_of_members(asked, members) for members in (own, *less)]
 
@@ -395,7 +394,7 @@ def _of_members(asked: Asked, members: tuple[int, ...]) -> _Plan:
     values = evidence.values(members)
     starts: dict[str, float] = {}
     for cause in causes:
-        if cause.keys[0] in EVEN and not cause.stated:
+        if cause.even:
             starts |= _even_starts(cause, values[chosen[cause.name].columns])
     return _Plan(
         causes=causes,
@@ -456,7 +455,7 @@ def _expected(freed: Freed[S], asked: Asked) -> Expected:
 
 
 def _trial(freed: Freed[S], plan: _Plan, expected: Expected) -> Trial | None:
-    """A set's fit to few pixels; None where it cannot be made."""
+    """A set's fit to blocks of pixels; None where it cannot be made."""
     asked = freed.asked
     assert asked is not None
     expected = replace(expected, root=plan.root, order=plan.order, modes=asked.modes)

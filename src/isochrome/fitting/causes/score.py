@@ -32,17 +32,7 @@ from isochrome.estimation import (
 )
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.blocks import BLOCK, COSINES, SHADOW_BLOCKS, FrameBlocks
-from isochrome.fitting.causes.cause import (
-    EVEN,
-    OF_SIZE,
-    POSITIVE,
-    RARE,
-    SCALE,
-    STATED,
-    STIFF,
-    Cause,
-    candidates,
-)
+from isochrome.fitting.causes.cause import OF_SIZE, RARE, SCALE, STATED, STIFF, Cause, candidates
 from isochrome.fitting.causes.modes import LENGTHS, SIZES, TractionModes
 from isochrome.fitting.frame.unknowns import BLUR, GAMMA
 from isochrome.optics import blur_variance
@@ -275,7 +265,7 @@ def _has_own_tractions(solution: Askable, stated: Scene) -> bool:
 
 def _open_cause(blocks: FrameBlocks, cause: Cause) -> _Nuisance:
     """A cause that is not fitted: at nought."""
-    if cause.keys[0] in EVEN and not cause.stated:
+    if cause.even:
         roots: tuple[Array, ...] = (np.eye(1),)
         if len(cause.keys) > 1:  # plates turned alike, or one of them
             roots = np.array([[1.0], [0.0]]), np.array([[0.0], [cause.sizes[0]]])
@@ -288,7 +278,7 @@ def _open_cause(blocks: FrameBlocks, cause: Cause) -> _Nuisance:
         columns=lambda blocks: blocks.columns(cause),
         now=now,
         roots=roots,
-        positive=cause.keys[0] in (*EVEN, *POSITIVE) and not cause.stated,
+        positive=cause.positive,
     )
 
 
@@ -305,7 +295,7 @@ def _fitted_cause(solution: Askable, cause: Cause, stated: Scene) -> _Nuisance:
             rows.append(row)
             values.append(float(value) - middle)
     spread = np.array([sizes[solution.unknown_keys[row]] for row in rows])
-    if cause.keys[0] in EVEN and not cause.stated:
+    if cause.even:
         off = np.array(values)
         off = np.copysign(np.maximum(np.abs(off), _LEAST_VALUE * spread), off)
         size, change = float(np.mean((off / spread) ** 2)), 0.5 * off
@@ -327,7 +317,7 @@ def _fitted_cause(solution: Askable, cause: Cause, stated: Scene) -> _Nuisance:
         columns=lambda blocks: blocks.rows[rows],
         now=np.array(values),
         roots=(np.diag(spread),),
-        positive=cause.keys[0] in POSITIVE and not cause.stated,
+        positive=cause.positive,
         rows=tuple(rows),
         of_each=np.eye(len(rows)),
     )

@@ -248,7 +248,7 @@ class FrameSolution:
         return replace(self, data=data, fitted=fitted)
 
     def trial(self, change: Change, expected: Expected) -> Trial | None:
-        """A fit to few pixels with what is expected of it; None where there is none."""
+        """A fit to means over blocks with what is expected of it; None where there is none."""
         data, keys, scene = self._changed(change)
         scene, side = through_a_lens(scene), trial_side(data.shape)
         prior = expected.prior(keys, self.fitted.stated.prior(keys))
