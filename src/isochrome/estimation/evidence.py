@@ -30,6 +30,8 @@ MOST_MEMBERS = 4
 """Nuisances in a set: benches with five defects at once are one in ten thousand."""
 _BEAM = 40
 """Sets of each size that larger ones are made of."""
+_FEW = 4
+"""Amplitudes up to which something is one of many small things in a set."""
 _NEGLIGIBLE = 10.0
 """Logarithm of a chance over the best's below which a set is not made larger."""
 
@@ -165,16 +167,24 @@ class Evidence:
         # for any set: the prior's part is the unit matrix
         corner = np.array([[1.0 + 2.0 * right @ right]])
         self._matrix = np.block([[mine + np.eye(len(mine)), right[:, None]], [right, corner]])
+        few = [k for k, place in enumerate(self.places) if len(place) <= _FEW]
+        ends = np.cumsum([0, *(len(self.places[k]) for k in few)]).tolist()
+        self._few = {k: range(*pair) for k, pair in zip(few, pairwise(ends), strict=True)}
+        self._eliminated: dict[tuple[int, ...], tuple[Array, float]] = {}
 
     def of(self, chosen: Sequence[int]) -> float:
         """ln E of a set over that of the empty one; -inf where it cannot be."""
-        if not chosen:
-            return 0.0
-        at, half, white = self._factor(chosen)
-        log = 0.5 * float(white @ white) - float(np.log(np.diag(half)).sum())
-        positive = self._positive(chosen, at)
+        large = tuple(k for k in chosen if k not in self._few)
+        chosen_few = [k for k in chosen if k in self._few]
+        matrix, log = self._beside_large(large)
+        at = [column for k in chosen_few for column in self._few[k]]
+        every = [*at, len(matrix) - 1]
+        half = np.linalg.cholesky(matrix.take(every, 0).take(every, 1))
+        half, white = half[:-1, :-1], half[-1, :-1]
+        log += 0.5 * float(white @ white) - float(np.log(np.diag(half)).sum())
+        positive = self._positive(chosen_few)
         if positive.any():
-            inverse = solve_triangular(half, np.eye(len(at))[:, positive], lower=True)
+            inverse = np.linalg.solve(half, np.eye(len(at))[:, positive])
             size = np.sqrt(np.square(inverse).sum(axis=0))
             log += float((log_ndtr(inverse.T @ white / size) + np.log(2.0)).sum())
         return log + sum(self.hypotheses[k].log_odds for k in chosen)
@@ -185,7 +195,7 @@ class Evidence:
         """
         at, half, white = self._factor(chosen)
         mean = solve_triangular(half.T, white, lower=False)
-        for j in np.flatnonzero(self._positive(chosen, at)):
+        for j in np.flatnonzero(self._positive(chosen)):
             unit = np.zeros(len(at))
             unit[j] = 1.0
             column = solve_triangular(half.T, solve_triangular(half, unit, lower=True), lower=False)
@@ -194,6 +204,10 @@ class Evidence:
             tail = np.exp(-0.5 * far**2 - 0.5 * np.log(2.0 * np.pi) - log_ndtr(far))
             mean = mean + column * (tail / size)
         return at, mean, half
+
+    def size(self, chosen: Sequence[int]) -> int:
+        """Number of a set's amplitudes."""
+        return sum(len(self.places[k]) for k in chosen)
 
     def fall(self, chosen: Sequence[int], now: Array) -> float:
         """By how much a set's values `now` (k,) leave -2 ln of its posterior above its least."""
@@ -213,9 +227,25 @@ class Evidence:
         half = np.linalg.cholesky(self._matrix[every[:, None], every])
         return at, half[:-1, :-1], half[-1, :-1]
 
-    def _positive(self, chosen: Sequence[int], at: Array) -> NDArray[np.bool_]:
+    def _positive(self, chosen: Sequence[int]) -> NDArray[np.bool_]:
+        """Which amplitudes (r,) of a set cannot be negative."""
         flags = [[self.hypotheses[k].positive] * len(self.places[k]) for k in chosen]
         return np.array([flag for flags_of in flags for flag in flags_of], dtype=bool).reshape(-1)
+
+    def _beside_large(self, large: tuple[int, ...]) -> tuple[Array, float]:
+        """What hypotheses of many amplitudes leave of the matrix of those of few; their own ln E.
+
+        Sets differ by few more often: what is large is eliminated once.
+        """
+        if large not in self._eliminated:
+            at = [column for k in large for column in self.places[k]]
+            rest = [*(c for k in self._few for c in self.places[k]), len(self._matrix) - 1]
+            half = np.linalg.cholesky(self._matrix[np.ix_(at, at)])
+            white = solve_triangular(half, self._matrix[np.ix_(at, rest)], lower=True)
+            log = 0.5 * float(white[:, -1] @ white[:, -1]) - float(np.log(np.diag(half)).sum())
+            left = self._matrix[np.ix_(rest, rest)] - white.T @ white
+            self._eliminated[large] = left, log
+        return self._eliminated[large]
 
 
 def weigh(evidence: Evidence, *, given: Sequence[int] = ()) -> Sets:

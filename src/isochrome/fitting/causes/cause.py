@@ -84,8 +84,8 @@ CAUSES = (
     STIFF,
 )  # fmt: skip
 
-OF_PRESSURE = (MODULUS, SOFT)
-"""Causes that change a contact's pressure, as tractions of its own do."""
+OF_PRESSURE = frozenset((MODULUS.name, SOFT.name))
+"""Causes that make a contact's pressure wider or narrower, as tractions of its own do."""
 
 OF_SIZE = (YOUNG, PIXEL, FRINGE_VALUE)
 """Keys whose causes have a share of the value as their size."""

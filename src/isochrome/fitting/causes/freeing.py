@@ -7,6 +7,7 @@ are told apart by their own fits to blocks of pixels (`trial`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -17,7 +18,7 @@ import numpy as np
 from isochrome.errors import PhysicsError
 from isochrome.estimation import FEW_TERMS, HALF, MOST_TERMS, POOR_CHI, FrameData
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.causes.cause import OF_PRESSURE, Cause
+from isochrome.fitting.causes.cause import OF_PRESSURE, SMOOTH, Cause
 from isochrome.fitting.causes.score import (
     LIGHT,
     ORDER,
@@ -33,7 +34,7 @@ from isochrome.fitting.causes.score import (
 )
 from isochrome.fitting.causes.slips import Slip, explaining_slip, is_lost
 from isochrome.fitting.causes.solution import Askable, Change, FrameSolution
-from isochrome.fitting.causes.trial import FAR, Expected, Trial
+from isochrome.fitting.causes.trial import FAR, TOLERANCE, Expected, Trial
 from isochrome.fitting.frame.frame_fit import fit_with_model, hidden_px
 from isochrome.fitting.frame.unknowns import StatedInputs
 from isochrome.scene import Scene
@@ -41,6 +42,10 @@ from isochrome.scene import Scene
 S = TypeVar("S", bound=Askable)
 
 ADDED = "load.added_tractions"
+
+_Seen = tuple[frozenset[str], int, bool]
+"""A set by its names, how much is left out and the light has, and whether it was held against
+others near the end."""
 
 _ROUNDS = 16
 _LARGE = 1.03
@@ -52,9 +57,8 @@ _LEAST_EVEN = 0.1
 """Least square, of its size's, at which an even cause begins: it has no slope at nought."""
 _SAME_CHI = 1.01
 """Ratio of chi within which a fit with fewer unknowns must stay."""
-_AT_REST, _KEPT = 4.0, 0.25
-"""What the cost may yet fall by, two standard deviations along the way; and how much of what its
-slope has promised a step must bring."""
+_KEPT = 0.25
+"""How much of what its slope has promised a step of tractions must bring."""
 _LIGHTS = 4
 """How often light is made richer in a row: what is asked for changes a little with the fit."""
 
@@ -191,7 +195,7 @@ def free_causes(solution: S) -> Freed[S]:
     if not solution.is_bright:
         return freed
     freed = freed.weighed()
-    seen: set[tuple[frozenset[str], int]] = set()
+    seen: set[_Seen] = set()
     for _ in range(_ROUNDS):
         moved = _moved(freed, seen)
         if isinstance(moved, Asked):
@@ -204,7 +208,7 @@ def free_causes(solution: S) -> Freed[S]:
     return freed.undone() if freed.now.chi > POOR_CHI and not freed.is_plain else freed
 
 
-def _moved(freed: Freed[S], seen: set[tuple[frozenset[str], int]]) -> Freed[S] | Asked:
+def _moved(freed: Freed[S], seen: set[_Seen]) -> Freed[S] | Asked:
     """The fit with a likelier set, or without what is odd; what was asked where there is none.
 
     Near the end tractions come to rest first; from afar other sets are looked at before. Of these a
@@ -218,20 +222,26 @@ def _moved(freed: Freed[S], seen: set[tuple[frozenset[str], int]]) -> Freed[S] |
     nearer = _nearer(freed, asked) if near else None
     if nearer is not None:
         return nearer
+    if freed.tractions and not near and asked.outside is not None:
+        without = _left_out(freed, asked.outside)
+        if without is not None:
+            return without
     if SHADOW in asked.best and asked.beside is not None:
         without = _left_out(freed, asked.beside)
         if without is not None:
             return without
     left = 0 if freed.odd is None else int(freed.odd.sum())
     left += sum(map(len, freed.now.terms))
-    before = (freed.fitted.names, left) in seen
-    seen.add((freed.fitted.names, left))
+    here = freed.fitted.names, left, near
+    before = here in seen
+    seen.add(here)
     asked, plans = _plans(freed, asked, before=before)
     for plan in plans:
         again = plan.names == freed.fitted.names
-        if (plan.names, left) in seen and not plan.names < freed.fitted.names and not again:
+        there = plan.names, left, False
+        if there in seen and not plan.names < freed.fitted.names and not again:
             continue
-        seen.add((plan.names, left))
+        seen.add(there)
         wider = _with(freed, plan)
         if wider is not None and not (again and wider.now.chi * _SAME_CHI > freed.now.chi):
             return wider
@@ -256,8 +266,8 @@ def _nearer(freed: Freed[S], asked: Asked) -> Freed[S] | None:
     if not freed.tractions:
         return None
     own = _best_ways(asked, freed.fitted.names)
-    fall = asked.evidence.fall(own, asked.now)
-    nearer = _with(freed, _of_members(asked, own)) if fall > _AT_REST else None
+    fall, size = asked.evidence.fall(own, asked.now), asked.evidence.size(own)
+    nearer = _with(freed, _of_members(asked, own)) if fall > TOLERANCE**2 * size else None
     if nearer is None:
         return None
     fell = freed.now.pixels * (freed.now.chi**2 - nearer.now.chi**2)
@@ -304,19 +314,22 @@ def _plans(freed: Freed[S], asked: Asked, *, before: bool) -> tuple[Asked, list[
     """Sets that are likelier than what is fitted, the likeliest first, and what is asked by then.
 
     `before`, whether what is fitted was held against others once: not again, where it is likeliest.
-    Where the residual is large its slopes say little, and sets are told apart by their trials.
+    Where the residual is large its slopes say little, and slopes about tractions do not know how
+    these would be without another thing: then sets are told apart by their trials.
     """
     best = _of_members(asked, asked.sets.members[0])
-    far, same = freed.now.chi >= _LARGE, best.names == freed.fitted.names
-    if same and before and not (far and freed.tractions):
-        return asked, []
-    if not far and not (same and _one_for_another(freed)):
-        return asked, [] if best.suspects else [best]
+    same, near = best.names == freed.fitted.names, freed.now.chi < _LARGE
+    if near and not freed.tractions:
+        return asked, [] if same or best.suspects else [best]
+    own = _of_members(asked, _best_ways(asked, freed.fitted.names))
     if same and before:
-        sets = [_of_members(asked, _best_ways(asked, freed.fitted.names))]
+        tried = [] if near or not freed.tractions else _tried(freed, asked, [own])
+    elif near:
+        less = [plan for plan in _with_less(asked, own) if plan.root is not None]
+        less.sort(key=lambda plan: -asked.evidence.of(plan.members))
+        tried = _tried(freed, asked, [best, own, *less[:1]]) if less or not same else []
     else:
-        sets = _sets_from_afar(freed, asked) if far else _sets_with_less(freed, asked)
-    tried = _tried(freed, asked, sets)
+        tried = _tried_from_afar(freed, asked, own)
     logs = {plan.members: log for plan, log in tried if not plan.richer}
     asked = replace(asked, judged=asked.sets.judged(logs)) if logs else asked
     plans = [plan for plan, _ in tried]
@@ -324,37 +337,40 @@ def _plans(freed: Freed[S], asked: Asked, *, before: bool) -> tuple[Asked, list[
         return asked, []  # what is left lies where blocks do not see it
     # beside what cannot be fitted nothing else is: it would take that for its own
     plans = plans[: next((k for k, plan in enumerate(plans) if plan.suspects), None)]
-    own = next((k for k, p in enumerate(plans) if p.names == freed.fitted.names), len(plans))
-    return asked, plans[: own + freed.tractions]  # what is fitted, with tractions that are nearer
+    last = next((k for k, p in enumerate(plans) if p.names == freed.fitted.names), len(plans))
+    return asked, plans[: last + freed.tractions]  # what is fitted, with tractions that are nearer
 
 
-def _one_for_another(freed: Freed[S]) -> bool:
-    """Whether a modulus or a layer stands beside tractions, which may do without it.
+def _tried_from_afar(freed: Freed[S], asked: Asked, own: _Plan) -> list[tuple[_Plan, float]]:
+    """Trials of the likeliest set, of it with one thing less, and of a contact with any pressure;
+    then of what else is likely or fitted, with one thing more, or once one explains, one less.
 
-    Each changes the pressure by much, and slopes about all of them do not know how the others
-    would be alone.
+    What is far off looks like two things, and one thing more may be another one. What tractions
+    hide is told where these are at rest.
     """
-    return freed.tractions and any(cause in OF_PRESSURE for cause in freed.causes)
+    first, *likely = (_of_members(asked, members) for members in asked.sets.members[:_LIKELY])
+    pressed = [] if asked.modes is None or freed.tractions else _any_pressure(asked, first)
+    tried = _tried(freed, asked, [first, *pressed, *_with_less(asked, first)])
+    best = tried[0][0] if tried else own
+    if best.root is not None and not freed.tractions:
+        return tried
+    if best.excess < FAR:
+        return _tried(freed, asked, [*likely, *_with_less(asked, best)], tried)
+    richer = [replace(own, richer=True)] if freed.light else []
+    return _tried(freed, asked, [*likely, own, *richer, *_with_one_more(asked, own)], tried)
 
 
-def _sets_with_less(freed: Freed[S], asked: Asked) -> list[_Plan]:
-    """What is fitted, and that without a modulus or a layer."""
-    own = _best_ways(asked, freed.fitted.names)
-    gone = [cause.name for cause in freed.causes if cause in OF_PRESSURE]
-    less = [_best_ways(asked, freed.fitted.names - {name}) for name in gone]
-    return [_of_members(asked, members) for members in (own, *less)]
-
-
-def _sets_from_afar(freed: Freed[S], asked: Asked) -> list[_Plan]:
-    """The likeliest sets, what is fitted, and each with one thing less or more.
-
-    What is far off looks like two things, and one thing more may be another one.
+def _any_pressure(asked: Asked, first: _Plan) -> list[_Plan]:
+    """Tractions as large as they may be with a smooth stress, near what most contacts have; and a
+    set with a modulus or a layer in place of tractions.
     """
-    own = _best_ways(asked, freed.fitted.names)
-    base, *more = (_of_members(asked, members) for members in (own, *_with_one_more(asked, own)))
-    likely = [_of_members(asked, members) for members in asked.sets.members[:_LIKELY]]
-    richer = [replace(base, richer=True)] if freed.light else []
-    return [*likely, base, *richer, *_with_less(asked, likely[0]), *more]
+    numbers: dict[str, list[int]] = {}
+    for k, hypothesis in enumerate(asked.evidence.hypotheses):
+        numbers.setdefault(hypothesis.name, []).append(k)
+    wider = [numbers[name][0] for name in sorted(OF_PRESSURE & numbers.keys())]
+    others = [k for k in first.members if k not in (*numbers[TRACTIONS], *wider)]
+    large = (*numbers.get(SMOOTH.name, ()), numbers[TRACTIONS][-2])
+    return [_of_members(asked, members) for members in (large, *((*others, k) for k in wider))]
 
 
 def _with_less(asked: Asked, plan: _Plan) -> list[_Plan]:
@@ -363,25 +379,25 @@ def _with_less(asked: Asked, plan: _Plan) -> list[_Plan]:
     return [_of_members(asked, members) for members in fewer]
 
 
-def _tried(freed: Freed[S], asked: Asked, sets: list[_Plan]) -> list[tuple[_Plan, float]]:
-    """Some sets with their trials and ln E of these, the likeliest first.
+def _tried(
+    freed: Freed[S], asked: Asked, sets: list[_Plan], tried: Sequence[tuple[_Plan, float]] = ()
+) -> list[tuple[_Plan, float]]:
+    """Some sets with their trials and ln E of these, the likeliest first, with others `tried`.
 
-    Once one explains the frames, those with less are looked at, and no others.
+    From afar tractions are not looked at where something without them explains the frames.
     """
-    expected, seen = _expected(freed, asked), set[frozenset[str]]()
-    tried: list[tuple[_Plan, float]] = []
-    while sets and len(seen) < _TRIED:
-        plan, *sets = sets
-        trial = None if plan.every in seen else _trial(freed, plan, expected)
-        seen.add(plan.every)
-        if trial is None:
+    expected, plans = _expected(freed, asked), [plan for plan, _ in tried]
+    for plan in sets:
+        plain = [p for p in plans if p.root is None]
+        explained = freed.now.chi >= _LARGE and any(p.excess < FAR for p in plain)
+        seen = any(plan.every == p.every for p in plans)
+        if seen or len(plans) == _TRIED or (explained and plan.root is not None):
             continue
-        plans = [replace(plan, trial=trial, values=trial.tractions), *(plan for plan, _ in tried)]
-        noise = max(1.0, min(plan.excess for plan in plans))
-        tried = sorted(((p, p.log_evidence(noise)) for p in plans), key=lambda pair: -pair[1])
-        if len(plans) > _LIKELY and noise < FAR:
-            sets = _with_less(asked, tried[0][0])
-    return tried
+        trial = _trial(freed, plan, expected)
+        if trial is not None:
+            plans.append(replace(plan, trial=trial, values=trial.tractions))
+    noise = max(1.0, min((plan.excess for plan in plans), default=1.0))
+    return sorted(((p, p.log_evidence(noise)) for p in plans), key=lambda pair: -pair[1])
 
 
 def _of_members(asked: Asked, members: tuple[int, ...]) -> _Plan:
@@ -419,16 +435,17 @@ def _even_starts(cause: Cause, values: Array) -> dict[str, float]:
     return starts
 
 
-def _with_one_more(asked: Asked, own: tuple[int, ...]) -> list[tuple[int, ...]]:
+def _with_one_more(asked: Asked, own: _Plan) -> list[_Plan]:
     """Sets with one thing more than what is fitted, the likeliest first."""
     evidence = asked.evidence
-    there = {evidence.hypotheses[k].name for k in own}
+    there = {evidence.hypotheses[k].name for k in own.members}
     larger: dict[str, tuple[float, tuple[int, ...]]] = {}
     for k, hypothesis in enumerate(evidence.hypotheses):
-        log = evidence.of((*own, k)) if hypothesis.name not in there else -np.inf
+        log = evidence.of((*own.members, k)) if hypothesis.name not in there else -np.inf
         if log > larger.get(hypothesis.name, (-np.inf, ()))[0]:
-            larger[hypothesis.name] = log, (*own, k)
-    return [members for _, members in sorted(larger.values(), key=lambda pair: -pair[0])]
+            larger[hypothesis.name] = log, (*own.members, k)
+    likely = sorted(larger.values(), key=lambda pair: -pair[0])
+    return [_of_members(asked, members) for _, members in likely]
 
 
 def _best_ways(asked: Asked, names: frozenset[str]) -> tuple[int, ...]:
@@ -485,7 +502,7 @@ def _change(freed: Freed[S], plan: _Plan) -> Change:
         held=held,
         begun=begun,
         terms=_changed_light(freed, plan),
-        far=plan.trial is None,
+        far=plan.trial is None and plan.names != freed.fitted.names,
     )
 
 

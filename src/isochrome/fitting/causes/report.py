@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from isochrome.fitting.causes.cause import Cause
+from isochrome.fitting.causes.cause import OF_PRESSURE, Cause
 from isochrome.fitting.causes.freeing import Freed
-from isochrome.fitting.causes.score import ORDER
+from isochrome.fitting.causes.score import ORDER, TRACTIONS
 from isochrome.fitting.causes.slips import lying_otherwise
 from isochrome.fitting.causes.solution import Askable
 from isochrome.fitting.frame.frame_fit import FrameFit
@@ -86,8 +86,11 @@ def rival_causes(freed: Freed[Any]) -> dict[str, tuple[str, ...]]:
     """
     if freed.slip is not None or freed.asked is None:
         return {}
-    sets, result = freed.asked.sets, {}
+    sets, result = freed.asked.sets, dict[str, tuple[str, ...]]()
     for cause in freed.causes:
+        if cause.name in OF_PRESSURE and freed.tractions:
+            result[cause.name] = (TRACTIONS,)
+            continue
         left = 1.0 - freed.chances[cause.name]
         if cause.stated or left <= 1.0 - NAMED:
             continue

@@ -32,7 +32,16 @@ from isochrome.estimation import (
 )
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.blocks import BLOCK, COSINES, SHADOW_BLOCKS, FrameBlocks
-from isochrome.fitting.causes.cause import OF_SIZE, RARE, SCALE, STATED, STIFF, Cause, candidates
+from isochrome.fitting.causes.cause import (
+    OF_PRESSURE,
+    OF_SIZE,
+    RARE,
+    SCALE,
+    STATED,
+    STIFF,
+    Cause,
+    candidates,
+)
 from isochrome.fitting.causes.modes import LENGTHS, SIZES, TractionModes
 from isochrome.fitting.frame.unknowns import BLUR, GAMMA
 from isochrome.optics import blur_variance
@@ -124,8 +133,17 @@ class Asked:
 
     @property
     def chances(self) -> dict[str, float]:
-        """How likely each is there."""
-        return self.sets.chances
+        """How likely each is there.
+
+        A pressure that is wider or narrower as a whole is the tractions' where these are there: no
+        frame tells whether it is a modulus's, a layer's, or of a body that was worn.
+        """
+        result = dict(self.sets.chances)
+        for index, weight in enumerate(self.sets.weights.tolist()):
+            names = {hypothesis.name for hypothesis in self.sets.named(index)}
+            for name in OF_PRESSURE & names if TRACTIONS in names else ():
+                result[name] -= weight
+        return result
 
     def value_of(self, name: str) -> float:
         """The first value of something in the likeliest set that has it."""

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isochrome.estimation import Bounds, FrameData, LinearPart, Prior, cosines
+from isochrome.estimation import STEP, Bounds, FrameData, LinearPart, Prior, cosines
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.causes.blocks import BLOCK, COSINES
 from isochrome.fitting.causes.cause import TINY
@@ -33,7 +33,7 @@ from isochrome.fitting.frame.frame_model import (
     trust_of_slopes,
 )
 from isochrome.fitting.frame.renderer import scene_optics
-from isochrome.fitting.frame.unknowns import LENS, moved_scene, thinning
+from isochrome.fitting.frame.unknowns import BLUR, LENS, moved_scene, scales, thinning
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
 
@@ -164,6 +164,7 @@ class TrialModel(FrameModel):
         weight = 1.0 / np.hypot(1.0 / self.pixels.weight, off)
         self.pixels = replace(self.pixels, weight=weight)
         self._root = np.ones(self.pixels.size, np.float32)
+        self._turns: dict[int, tuple[Array, np.float32]] = {}
         self._fields = np.empty((0, *self.pixels.keep.shape), np.complex64)
         if expected.root is not None:
             assert expected.modes is not None
@@ -244,25 +245,49 @@ class TrialModel(FrameModel):
         """Give each pixel the root of a weight (n,) besides its noise's."""
         own = self.pixels.weight / self._root
         self.pixels, self._root = replace(self.pixels, weight=own * root), root
+        self._turns.clear()
 
     def linearise(self, values: Array, gamma_fit: GammaFit) -> LocalModel:
         """Derivatives at some values, where the linear solution is known."""
         number = len(self.keys)
         rows = np.empty((number + self.count, self.pixels.size), np.float32)
-        rows[:number] = self._slopes(self.keys, values, range(number), gamma_fit)
         here = moved_scene(self.scene, self.keys, values[:number])
         field, shown = self.renderer.order_field(here)
         field = np.nan_to_num(field)  # a lens may move a pixel off the specimen
+        if not self._turns:
+            self._turns = self._turned(values[:number], field)
+        for j in set(range(number)) - set(self._turns):
+            rows[j] = self._slopes(self.keys, values, range(j, j + 1), gamma_fit)[0]
+        turns = {**self._turns, **{number + k: (f, _AMPLITUDE) for k, f in enumerate(self._fields)}}
         if self.renderer.added is not None:
             field = field + self.renderer.added
-        optics, slope = scene_optics(here), gamma_fit.part.amplitude / _AMPLITUDE
-        for row, image in zip(rows[number:], self._fields, strict=True):
-            signal = optics.signal(field + _AMPLITUDE * image, visibility=shown)
-            row[:] = (signal[self.pixels.keep] - gamma_fit.part.signal) * slope
+        optics, signal, gain = scene_optics(here), gamma_fit.part.signal, gamma_fit.part.amplitude
+        for j, (turn, step) in turns.items():
+            moved = optics.signal(field + step * turn, visibility=shown)
+            rows[j] = (moved[self.pixels.keep] - signal) * (gain / step)
         names = (*self.keys, *(f"mode {k}" for k in range(self.count)))
         return local_model(names, values, gamma_fit, rows, self.prior)
 
+    def _turned(self, values: Array, field: Array) -> dict[int, tuple[Array, np.float32]]:
+        """How the field (rows, cols) turns with each unknown that leaves the optics as they are, by
+        its number, and a step of that.
 
+        Fringes are soon others, and their slopes with them; what turns them changes little.
+        """
+        turns: dict[int, tuple[Array, np.float32]] = {}
+        for j, (key, size) in enumerate(zip(self.keys, scales(self.scene, self.keys), strict=True)):
+            if key.startswith(_OPTICAL):
+                continue
+            moved, step = values.copy(), STEP * size
+            moved[j] += step if moved[j] + step <= self.limits.high[j] else -step
+            turned = self.renderer.field_alone(moved_scene(self.scene, self.keys, moved))
+            step = moved[j] - values[j]
+            turns[j] = (np.nan_to_num(turned) - field) / np.float32(step), np.float32(step)
+        return turns
+
+
+_OPTICAL = ("polariscope.", "frames.", "specimen.fringe_value", "specimen.thickness", BLUR)
+"""How keys begin that change more than the field, or something else."""
 _AMPLITUDE = np.float32(0.03)
 """Change of an amplitude, in standard deviations of its prior."""
 
