@@ -1,20 +1,22 @@
-"""Frames of real contacts by `outside_tractions`, with one or two facts that the scene leaves out:
-load and friction in their uncertainties, and what is named."""
+"""Frames of real contacts by `outside_tractions`, with one or two facts that the scene leaves out,
+and by `outside_unlisted`, with one that is in no list: load and friction in their uncertainties,
+and what is named; of what is in no list, whether anything is said."""
 
 from functools import partial
 
 import numpy as np
 
 from isochrome.estimation import prepare_frame
+from isochrome.fitting import cause_messages
 from isochrome.frames import Frame
 from isochrome.scene import load_scene
 
-from . import case_defects
+from . import case_defects, outside_unlisted
 from .outside_camera import Defects
 from .outside_tractions import RealContact
 from .rows import DefectRow
 
-FRAMES = {"clean": 50, "single": 100, "two": 100}
+FRAMES = {"clean": 50, "single": 100, "two": 100, "unlisted": 100}
 
 FACTS = {
     "modulus": lambda rng: {"modulus_change": rng.uniform(-0.2, 0.2)},
@@ -63,13 +65,17 @@ def frames(kind, quick, seeds=None):
 def contact(kind, seed):
     """A contact that slides, the names of its facts, and the numbers that are drawn on."""
     rng = np.random.default_rng([seed, 38, list(FRAMES).index(kind)])
-    names = list(FACTS)
-    chosen = {"clean": [], "single": [names[seed % len(names)]]}.get(kind)
-    if chosen is None:
+    facts, kind_of = (
+        (outside_unlisted.FACTS, outside_unlisted.UnlistedContact)
+        if kind == "unlisted" else (FACTS, RealContact)
+    )  # fmt: skip
+    names = list(facts)
+    chosen = [] if kind == "clean" else [names[seed % len(names)]]
+    if kind == "two":
         chosen = rng.choice(names, 2, replace=False).tolist()
-    values = {key: value for name in chosen for key, value in FACTS[name](rng).items()}
+    values = {key: value for name in chosen for key, value in facts[name](rng).items()}
     shape = 164, 220
-    made = RealContact(
+    made = kind_of(
         load_n=rng.uniform(25.0, 60.0), friction=rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.3),
         shape=shape, pixel_mm=4.0 / shape[1], left_mm=-2.0 + rng.uniform(-0.2, 0.2),
         defects=Defects(noise=rng.uniform(1.0, 3.0), fall_off=rng.uniform(0.0, 0.4)), **values,
@@ -85,14 +91,14 @@ def judged(kind, seed):
     scene = load_scene(tables | {"load": {"normal_n": made.load_n * rng.uniform(0.8, 1.2)}})
     data = prepare_frame(Frame(0, image, None, "contact"), scene, bit_depth=8)
     truth = {"load.normal_n": made.load_n, "friction.coefficient": made.friction}
-    wanted = {NAMES[name] for name in names}
+    wanted = {NAMES[name] for name in names if name in NAMES}
 
     def told(freed):
         there = {name for name, chance in freed.chances.items() if chance >= NAMED} - _TOLD
         others = sorted(name.split(",")[0] for name in there - wanted)
         return {
-            "found": ", ".join([name for name in names if NAMES[name] in there] + others),
-            "named": wanted <= there,
+            "found": ", ".join([name for name in names if NAMES.get(name) in there] + others),
+            "named": wanted <= there if wanted or not names else bool(cause_messages(freed)),
             "first": there <= wanted,
         }
 
