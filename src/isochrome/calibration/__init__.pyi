@@ -9,7 +9,7 @@ from .result import BudgetItem, Calibration, ImageFit
 from .saved import calibration_report, check_scene_file, edited, save_calibration, write_into_scene
 from .scale_result import MeasuredValue, ScaleCalibration, ScalePicture
 from .settings import Beam, CalibrationSet, ColourSet, Disc, LoadedImage, Uncertainty, load_set
-from .shot import Shot, as_shots, read_shots
+from .shot import Shot, read_shots
 from .wear_coefficient import calibrate_wear
 from .wear_result import WearCalibration, WornDistance
 from .wear_set import TraceScar, WearSet, worn_volumes
@@ -38,7 +38,6 @@ __all__ = [
     "WearCalibration",
     "WearSet",
     "WornDistance",
-    "as_shots",
     "bending_from_shots",
     "calibrate_bending",
     "calibrate_colour",

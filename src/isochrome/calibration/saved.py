@@ -264,7 +264,7 @@ def _of_camera(record: Mapping[str, Any]) -> list[tuple[str, str]]:
     rows, pixel = camera_rows(settings), settings.camera.pixel_mm
     if pixel is None:
         return rows
-    spread = None if settings.uncertainty is None else settings.uncertainty.pixel_mm
+    spread = settings.uncertainty.pixel_mm
     text = f"{pixel:g}" if spread is None else with_uncertainty(pixel, spread)
     note = "no uncertainty stated" if spread is None else "standard uncertainty"
     return [*rows, ("pixel", f"{text} mm ({note})")]

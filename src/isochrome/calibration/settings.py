@@ -283,7 +283,7 @@ class CalibrationSet(ImageSet):
     polariscope: Polariscope = Polariscope()
     frames: Frames = Frames()
     image: Annotated[tuple[LoadedImage, ...], Field(min_length=1)]
-    uncertainty: Uncertainty | None = None
+    uncertainty: Uncertainty = Uncertainty()
 
     @model_validator(mode="before")
     @classmethod

@@ -1,6 +1,8 @@
 """One image of a beam in bending: the whole span by least squares on its intensities.
 
-All images of a beam in the model of a whole set: see `calibration.whole_set`.
+All images of a beam in the model of a whole set: see `calibration.whole_set`. The fringes alone
+cannot tell a wrong pixel scale: the slope of the order over pixels stays as it is. Where both edges
+are in view, their distance can.
 
 Material fringe value from four-point bending.
 
@@ -15,14 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isochrome.calibration.beam.beam_view import (
-    FEWEST,
-    BeamPicture,
-    BeamView,
-    check_beam_scale,
-    edge_distance,
-    find_beam,
-)
+from isochrome.calibration.beam.beam_view import FEWEST, BeamView, find_beam
 from isochrome.calibration.order_line import (
     Input,
     ResidualOrder,
@@ -30,22 +25,23 @@ from isochrome.calibration.order_line import (
     widened_to_held_out,
 )
 from isochrome.calibration.result import Calibration, ImageFit, View
-from isochrome.calibration.settings import Beam, SetLike, Uncertainty, load_set
-from isochrome.calibration.shot import Shot, by_load, calibrate_channels, unused
+from isochrome.calibration.settings import CalibrationSet, SetLike, load_set
+from isochrome.calibration.shot import Shot, calibrate_channels, unused
 from isochrome.calibration.whole_set.set_fit import fit_set, plain_terms
 from isochrome.calibration.whole_set.set_image import looked_at
 from isochrome.calibration.whole_set.set_model import LENS, Kind, SetFit, SetModel
 from isochrome.calibration.whole_set.set_result import (
     causes,
+    contradiction,
     image_chi,
     image_maps,
     sentences,
     stated_values,
 )
-from isochrome.errors import PhysicsError
+from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import ALIKE_CHI, IntensityFit, SeveralStarts, smooth_starts
 from isochrome.messages import message
-from isochrome.scene import Camera, Polariscope
+from isochrome.output import with_uncertainty
 
 Array = NDArray[np.float64]
 
@@ -89,11 +85,11 @@ class BeamFit:
         """The fitted pixels (rows, m)."""
         return np.isfinite(self.best.residual)
 
-    @property
-    def places(self) -> tuple[Array, Array]:
-        """Rows (rows, 1), and columns from the frame's middle (1, m)."""
-        rows, width = self.shot.light.shape
-        return np.arange(rows, dtype=float)[:, None], (self.cols - 0.5 * (width - 1))[None, :]
+
+def _places(shot: Shot, cols: Array) -> tuple[Array, Array]:
+    """Rows (rows, 1) of a shot, and columns from the frame's middle (1, m)."""
+    rows, width = shot.light.shape
+    return np.arange(rows, dtype=float)[:, None], (cols - 0.5 * (width - 1))[None, :]
 
 
 def beam_order(params: ArrayLike, y: Array, x: Array) -> Array:
@@ -106,26 +102,19 @@ def beam_order(params: ArrayLike, y: Array, x: Array) -> Array:
     return np.asarray(slope * (y - row - tilt * x))
 
 
-def beam_signal(order: Array, bright: bool) -> Array:
-    """Ideal circular polariscope, 0..1: sin^2(pi N) in a dark field, cos^2(pi N) in a bright."""
-    wave = np.cos(2.0 * np.pi * order)
-    return 0.5 + 0.5 * wave if bright else 0.5 - 0.5 * wave
-
-
-def fit_beam(shot: Shot, beam: Beam, pixel_mm: float) -> BeamFit:
+def fit_beam(shot: Shot, height_px: float) -> BeamFit:
     """Fit one image's whole span: slope across the height, neutral axis, tilt, illumination.
 
-    Parameters: as in `bending_from_shots`. Returns the BeamFit. Raises PhysicsError for too few
-    fringes, an ambiguous slope or a fit that did not converge.
+    Raises PhysicsError for too few fringes, an ambiguous slope or a fit that did not converge.
     """
-    view = find_beam(shot, beam.height_mm / pixel_mm)
+    view = find_beam(shot, height_px)
     stride = max(1, int(np.ceil(shot.light.size / START_PIXELS)))
     cols = np.arange(stride // 2, shot.light.shape[1], stride, dtype=float)
     for margin in MARGINS:
         try:
             result = _fit(shot, view, cols, margin)
         except PhysicsError as error:  # every start turned the light negative
-            raise _not_fitted(shot) from error
+            raise PhysicsError("fringes_not_those_pure", name=shot.name) from error
         fit = BeamFit(shot, view, cols, result.best)
         top = _refined_top(fit)
         if margin == MARGINS[-1] and abs(top - view.top) <= CLOSE_PX:
@@ -141,15 +130,13 @@ def _refined_top(fit: BeamFit) -> float:
     The first guess has the fringes' slope roughly only, and an edge of order 1 is as dark as what
     lies beyond it: a few rows of that would pull the fit.
     """
-    (y, x), height_px = fit.places, fit.view.height_px
+    (y, x), height_px = _places(fit.shot, fit.cols), fit.view.height_px
     row = np.rint(y - fit.view.tilt * x).astype(np.intp)
     low = int(row.min())
     depth = row - fit.view.top
-    away = fit.shot.valid[:, fit.pick] & (
-        (depth < -EDGE_REACH * height_px) | (depth > (1.0 + EDGE_REACH) * height_px)
-    )
-    valid = fit.shot.valid[:, fit.pick]
-    image, sigma = fit.shot.light[:, fit.pick], fit.shot.sigma[:, fit.pick]
+    image, sigma, valid = (m[:, fit.pick] for m in (fit.shot.light, fit.shot.sigma, fit.shot.valid))
+    away = (depth < -EDGE_REACH * height_px) | (depth > (1.0 + EDGE_REACH) * height_px)
+    away &= valid
     outer = valid & ((depth < 0.0) | (depth > height_px))
     if np.count_nonzero(outer) < 0.01 * outer.size:
         return fit.view.top  # the beam fills the frame, and nothing lies beyond its edges
@@ -167,14 +154,16 @@ def _refined_top(fit: BeamFit) -> float:
 
 def _fit(shot: Shot, view: BeamView, cols: Array, share: float) -> SeveralStarts:
     """Fit the fringes inside the beam, less a `share` of it at each edge, on the columns `cols`."""
-    pick = cols.astype(int)
-    y = np.arange(shot.light.shape[0], dtype=float)[:, None]
-    x = (cols - 0.5 * (shot.light.shape[1] - 1))[None, :]
+    pick, (y, x) = cols.astype(int), _places(shot, cols)
     margin = max(4.0, share * view.height_px)
     depth = y - view.tilt * x - view.top
+
+    def signal(params: Array) -> Array:
+        wave = 0.5 * np.cos(2.0 * np.pi * beam_order(params, y, x))
+        return 0.5 + wave if shot.bright else 0.5 - wave
+
     return smooth_starts(
-        shot.light[:, pick], lambda params: beam_signal(beam_order(params, y, x), shot.bright),
-        view.starts, light=shot.lamp(slice(None), pick),
+        shot.light[:, pick], signal, view.starts, light=shot.lamp(slice(None), pick),
         mask=shot.valid[:, pick] & (depth > margin) & (depth < view.height_px - margin),
         sigma=shot.sigma[:, pick], scale=view.scale, lower=[0.0, -np.inf, -0.3],
         upper=[0.5, np.inf, 0.3], scan_pixels=20_000,
@@ -197,11 +186,7 @@ def _check(shot: Shot, found: SeveralStarts, seen_px: float) -> None:
             "two_fringe_slopes_explain", name=shot.name, chi=best.chi, chi_2=rivals[0].chi
         )
     if not (best.converged and best.positive):
-        raise _not_fitted(shot)
-
-
-def _not_fitted(shot: Shot) -> PhysicsError:
-    return PhysicsError("fringes_not_those_pure", name=shot.name)
+        raise PhysicsError("fringes_not_those_pure", name=shot.name)
 
 
 PIXELS = 40_000
@@ -363,10 +348,32 @@ def _view(fit: SetFit, index: int, pixel_mm: float) -> View:
     )
 
 
-def set_pictures(fit: SetFit, fits: Sequence[BeamFit]) -> list[BeamPicture]:
-    """The loaded images with their models beyond the beam as well, for the edges.
+BIN_PX = 0.5
+"""Height of a bin of the profile across the beam."""
 
-    With light of the first products: of many the sum goes anywhere where none was fitted.
+REACH = 0.25
+"""How far an edge is looked for from where the sizes put it, in heights."""
+
+FEWEST_BINS = 8
+"""Bins beyond an edge, and within it, at the least."""
+
+BEVEL_PX = 0.5
+"""What an edge itself is uncertain by: a bevel, and the light that it scatters."""
+
+UNSURE = 0.02
+"""Relative uncertainty of the distance from which it says nothing."""
+
+_MAD = 1.4826
+"""Standard deviation over the median of the sizes, of a normal distribution."""
+
+
+def edge_distance(fit: SetFit, fits: Sequence[BeamFit]) -> tuple[float, float] | None:
+    """The distance of the edges over all images and its standard uncertainty, px; None where they
+    are not both seen.
+
+    The median of the images' own; its uncertainty is by theirs, or their scatter where that is
+    more, and an edge's own. With light of the first products: of many the sum goes anywhere where
+    none was fitted, beyond the beam.
     """
     plain = replace(fit.model, terms=plain_terms(fit.model), weights=None)
     inside = plain.at(fit.values)
@@ -375,27 +382,84 @@ def set_pictures(fit: SetFit, fits: Sequence[BeamFit]) -> list[BeamPicture]:
     assert inside is not None and point is not None
     gamma, point = point.gamma, replace(point, gamma=1.0)
     shared = model.split(fit.values)[2]
-    pick, middle, result = np.ix_(model.rows, model.cols), 0.5 * (model.shape[1] - 1), []
+    pick, centre, distances = np.ix_(model.rows, model.cols), 0.5 * (model.shape[1] - 1), []
     for i, (own, f) in enumerate(zip(fit.own, fits, strict=True)):
         rows, cols = model.places(i, shared)
-        shape = model.masks[i].shape
-        depth = (rows - own[2] * (cols - middle)) / np.hypot(1.0, own[2])
         light = inside.linear[0][model.coefficients_of(i)]
         seen = light @ point.columns(i) * model.images[i].sigma
         full = float(fit.model.images[i].level.max())
         seen = full * np.maximum(seen / full, 0.0) ** (1.0 / gamma)  # as the camera stored it
-        result.append(
-            BeamPicture(
-                depth=depth.reshape(shape),
-                light=f.shot.light[pick],
-                model=seen.reshape(shape),
-                valid=f.shot.valid[pick],
-                sigma=float(np.median(f.shot.sigma)),
-                middle=f.view.top / np.hypot(1.0, f.view.tilt) + 0.5 * f.view.height_px,
-                height_px=f.view.height_px,
-            )
-        )
-    return result
+        depth = (rows - own[2] * (cols - centre)) / np.hypot(1.0, own[2])
+        valid, height = f.shot.valid[pick], f.view.height_px
+        maps = (m.reshape(valid.shape)[valid] for m in (depth, f.shot.light[pick], seen))
+        depth, image, seen, count = _depth_profile(*maps)
+        middle = f.view.top / np.hypot(1.0, f.view.tilt) + 0.5 * height
+        edges = []
+        for side in (-1.0, 1.0):
+            away = side * (depth - middle) - 0.5 * height  # outwards
+            near = np.abs(away) < REACH * height
+            noise = float(np.median(f.shot.sigma)) / np.sqrt(count[near])
+            edge = _edge(away[near], image[near], seen[near], noise)
+            edges += [edge] if edge else []
+        if len(edges) == 2:
+            (first, one), (last, other) = edges
+            distances.append((height + first + last, float(np.hypot(one, other))))
+    if not distances:
+        return None
+    values, spreads = np.array(distances).T
+    median = float(np.median(values))
+    scatter = _MAD * float(np.median(np.abs(values - median)))
+    images = max(scatter, float(np.median(spreads))) / np.sqrt(len(distances))
+    spread = float(np.hypot(images, np.sqrt(2.0) * BEVEL_PX))
+    return (median, spread) if spread < UNSURE * median else None
+
+
+def _depth_profile(depth: Array, *maps: Array) -> tuple[Array, ...]:
+    """Means of maps (n,) over the span by depth (px), that first, and last the number of pixels."""
+    index = np.floor(depth / BIN_PX).astype(np.intp)
+    index -= int(index.min())
+    count = np.bincount(index)
+    enough = count >= max(4, 0.2 * np.median(count[count > 0]))
+    means = (np.bincount(index, weights=m)[enough] / count[enough] for m in (depth, *maps))
+    return (*means, count[enough].astype(float))
+
+
+def _edge(away: Array, image: Array, model: Array, noise: Array) -> tuple[float, float] | None:
+    """Place of the edge along `away` and its standard uncertainty; None where none is seen.
+
+    Within it are the fringes, beyond it a straight line, and a Gaussian's integral between.
+    """
+    from scipy.optimize import least_squares
+    from scipy.special import ndtr
+
+    order = np.argsort(away)
+    away, image, model, noise = (v[order] for v in (away, image, model, noise))
+    costs = np.full(away.size, np.inf)
+    inside = np.cumsum(((image - model) / noise) ** 2)
+    for i in range(FEWEST_BINS, away.size - FEWEST_BINS):
+        line = np.polyfit(away[i:], image[i:], 1, w=1.0 / noise[i:])
+        costs[i] = inside[i - 1] + np.sum(((image - np.polyval(line, away)) / noise)[i:] ** 2)
+    best = int(np.argmin(costs)) if away.size > 2 * FEWEST_BINS else 0
+    if not FEWEST_BINS < best < away.size - FEWEST_BINS - 1:
+        return None
+    line = np.polyfit(away[best + 2 :], image[best + 2 :], 1)
+
+    def left(values: Array) -> Array:
+        place, width, level, slope = values
+        part = ndtr((place - away) / width)
+        outside = level + slope * (away - away[best])
+        return np.asarray((image - part * model - (1.0 - part) * outside) / noise)
+
+    start = [float(away[best]), 0.7, float(np.polyval(line, away[best])), float(line[0])]
+    low, high = np.array([-np.inf, 0.2, -np.inf, -np.inf]), np.array([np.inf, 6.0, np.inf, np.inf])
+    result = least_squares(left, start, bounds=(low, high), x_scale="jac")
+    chi2 = max(1.0, 2.0 * result.cost / max(1, away.size - 4))
+    try:
+        variance = float(np.linalg.inv(result.jac.T @ result.jac)[0, 0]) * chi2
+    except np.linalg.LinAlgError:
+        return None
+    # a singular matrix whose rounding passes for an inverse has a negative one
+    return (float(result.x[0]), float(np.sqrt(variance))) if variance > 0.0 else None
 
 
 def calibrate_bending(source: SetLike) -> Calibration:
@@ -443,43 +507,18 @@ def calibrate_bending(source: SetLike) -> Calibration:
       order_at_zero_load     0.04997 ± 0.00013
       1 warning: see .warnings
     """
-    given = load_set(source, specimen="beam")
-    beam, pixel_mm = given.beam, given.camera.pixel_mm
-    assert beam is not None and pixel_mm is not None
-    return calibrate_channels(
-        given,
-        lambda shots: bending_from_shots(
-            shots, beam, pixel_mm, uncertainty=given.uncertainty, camera=given.camera,
-            polariscope=given.polariscope,
-        ),
-    )  # fmt: skip
+    return calibrate_channels(load_set(source, specimen="beam"), bending_from_shots)
 
 
-def bending_from_shots(
-    shots: Sequence[Shot],
-    beam: Beam,
-    pixel_mm: float,
-    *,
-    uncertainty: Uncertainty | None = None,
-    camera: Camera | None = None,
-    polariscope: Polariscope | None = None,
-) -> Calibration:
-    """`calibrate_bending` on shots, see `as_shots`.
+def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration:
+    """`calibrate_bending` on a set's images, each with its load.
 
     Parameters
     ----------
     shots : sequence of Shot
-        Prepared frames with their loads; one at least is loaded.
-    beam : Beam
-        The beam's sizes, mm.
-    pixel_mm : float
-        Size of a pixel, mm.
-    uncertainty : Uncertainty, optional
-        Standard uncertainties of the inputs.
-    camera : Camera, optional
-        What is known of the lens and the blur.
-    polariscope : Polariscope, optional
-        What is known of the light's wavelength and band.
+        The prepared images; one at least is loaded.
+    given : CalibrationSet
+        The beam, its uncertainties, and what is known of the camera and the light.
 
     Returns
     -------
@@ -489,26 +528,31 @@ def bending_from_shots(
     Raises
     ------
     InputError
-        Where no shot has a load, or the beam's edges contradict its height and the pixel's size.
+        Where the beam's edges contradict its height and the pixel's size.
     PhysicsError
         Where the images do not determine the value.
     """
-    loaded, idle = by_load(shots)
-    scope = polariscope or Polariscope()
-    fits = [fit_beam(shot, beam, pixel_mm) for shot in loaded]
-    whole = fit_beam_set(fits, idle, stated_values(camera or Camera(), scope))
+    beam, pixel_mm, known = given.beam, given.camera.pixel_mm, given.uncertainty
+    assert beam is not None and pixel_mm is not None
+    idle = [shot for shot in shots if not shot.load_n]
+    fits = [fit_beam(shot, beam.height_mm / pixel_mm) for shot in shots if shot.load_n]
+    whole = fit_beam_set(fits, idle, stated_values(given))
     check_span(whole)
     images, covariance, rest = beam_images(whole, fits, pixel_mm)
-    outcome = causes(whole, scope.wavelength_nm)
+    outcome = causes(whole, given.polariscope.wavelength_nm)
     messages = (*sentences(whole, outcome), *moment_sentence(whole))
     if not rest:
         messages = (*messages, *unused(idle, message("because_light_not_loaded")))
-    distance = edge_distance(set_pictures(whole, fits))
-    if distance is not None:
-        check_beam_scale(distance, beam, pixel_mm, uncertainty)
+    distance = edge_distance(whole, fits)
+    wrong = distance and contradiction(*distance, "height_mm", beam.height_mm, given)
+    if distance and wrong:
+        pixel = beam.height_mm / distance[0]
+        spread = pixel * (distance[1] / distance[0])
+        raise InputError(
+            "beam_edges_px_apart", **wrong, with_uncertainty_2=with_uncertainty(pixel, spread)
+        )
     arm = beam.outer_span_mm - beam.inner_span_mm
     factor = 1.5 * arm / beam.height_mm**2
-    known = uncertainty or Uncertainty()
     inputs = (
         Input("load", known.load_percent, "%", 0.01),
         Input("height", known.height_mm, "mm", 3.0 / beam.height_mm),

@@ -44,12 +44,13 @@ from isochrome.calibration.disc.disc_field import (
 from isochrome.calibration.disc.order_slope import FEWEST_LOADS, fit_rise, overlay, rise_with_load
 from isochrome.calibration.order_line import Input, uncertainty_budget, widened_to_held_out
 from isochrome.calibration.result import Calibration, ImageFit
-from isochrome.calibration.settings import Disc, SetLike, Uncertainty, load_set
-from isochrome.calibration.shot import Shot, by_load, calibrate_channels, unused
+from isochrome.calibration.settings import CalibrationSet, Disc, SetLike, load_set
+from isochrome.calibration.shot import Shot, calibrate_channels, unused
 from isochrome.calibration.whole_set.set_fit import fit_set
 from isochrome.calibration.whole_set.set_model import BLUR, Kind, SetFit, SetModel
 from isochrome.calibration.whole_set.set_result import (
     causes,
+    contradiction,
     image_chi,
     image_maps,
     sentences,
@@ -58,8 +59,6 @@ from isochrome.calibration.whole_set.set_result import (
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import ALIKE_CHI, IntensityFit, SeveralStarts, smooth_starts
 from isochrome.messages import message
-from isochrome.output import with_uncertainty
-from isochrome.scene import Camera, Polariscope
 
 Array = NDArray[np.float64]
 
@@ -245,9 +244,6 @@ LARGEST = np.array([0.3, 0.03, 0.03, 0.03, 0.05])
 RIM_PX = 0.5
 """What a rim itself is uncertain by: a bevel, and how a point load's field fits to the disc's."""
 
-CONTRADICTED, SLIGHT = 3.0, 0.01
-"""Standard uncertainties by which the rim contradicts a diameter, and the least relative one."""
-
 
 def fit_disc_set(
     shots: Sequence[Shot], idle: Sequence[Shot], own: Array, held: dict[str, float]
@@ -423,28 +419,16 @@ def residual_of(fit: SetFit, diameter_mm: float) -> dict[str, Any] | None:
     }
 
 
-def check_diameter(
-    images: Sequence[ImageFit], disc: Disc, pixel_mm: float, uncertainty: Uncertainty | None
-) -> None:
+def check_diameter(images: Sequence[ImageFit], disc: Disc, given: CalibrationSet) -> None:
     """Refuse a diameter and a pixel size that the rim contradicts beyond their uncertainties.
 
     Raises InputError with both numbers.
     """
     radii = np.array([i.geometry["radius_px"] for i in images])
-    seen, known = 2.0 * float(np.median(radii)), uncertainty or Uncertainty()
-    own = float(np.hypot(2.0 * RIM_PX, 2.0 * np.ptp(radii)))
-    stated = disc.diameter_mm / pixel_mm
-    parts = (
-        own / stated,
-        (known.diameter_mm or 0.0) / disc.diameter_mm,
-        (known.pixel_mm or 0.0) / pixel_mm,
-    )
-    spread, off = float(np.sqrt(np.sum(np.square(parts)))), abs(seen / stated - 1.0)
-    if off > max(CONTRADICTED * spread, SLIGHT):
-        raise InputError(
-            "disc_px_wide_disc", with_uncertainty=with_uncertainty(seen, own),
-            diameter_mm=disc.diameter_mm, pixel_mm=pixel_mm, stated=stated, off=off,
-        )  # fmt: skip
+    seen, own = 2.0 * np.median(radii), np.hypot(2.0 * RIM_PX, 2.0 * np.ptp(radii))
+    wrong = contradiction(float(seen), float(own), "diameter_mm", disc.diameter_mm, given)
+    if wrong:
+        raise InputError("disc_px_wide_disc", **wrong)
 
 
 def calibrate_disc(source: SetLike) -> Calibration:
@@ -491,40 +475,19 @@ def calibrate_disc(source: SetLike) -> Calibration:
       order_at_zero_load     -0.000086 ± 0.000055
       1 warning: see .warnings
     """
-    given = load_set(source, specimen="disc")
-    disc = given.disc
-    assert disc is not None
-    return calibrate_channels(
-        given,
-        lambda shots: disc_from_shots(
-            shots, disc, uncertainty=given.uncertainty, camera=given.camera,
-            polariscope=given.polariscope,
-        ),
-    )  # fmt: skip
+    return calibrate_channels(load_set(source, specimen="disc"), disc_from_shots)
 
 
-def disc_from_shots(
-    shots: Sequence[Shot],
-    disc: Disc,
-    *,
-    uncertainty: Uncertainty | None = None,
-    camera: Camera | None = None,
-    polariscope: Polariscope | None = None,
-) -> Calibration:
-    """`calibrate_disc` on shots, see `as_shots`.
+def disc_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration:
+    """`calibrate_disc` on a set's images, each with its load.
 
     Parameters
     ----------
     shots : sequence of Shot
-        Prepared frames with their loads; one at least is loaded.
-    disc : Disc
-        The disc's sizes, mm.
-    uncertainty : Uncertainty, optional
-        Standard uncertainties of the inputs.
-    camera : Camera, optional
-        What is known of the lens and the blur, and a pixel's size, which the rim is held against.
-    polariscope : Polariscope, optional
-        What is known of the light's wavelength and band.
+        The prepared images; one at least is loaded.
+    given : CalibrationSet
+        The disc, its uncertainties, and what is known of the camera and the light; the rim is held
+        against a pixel's size where that is stated.
 
     Returns
     -------
@@ -534,13 +497,14 @@ def disc_from_shots(
     Raises
     ------
     InputError
-        Where no shot has a load, or the rim contradicts the diameter and the pixel's size.
+        Where the rim contradicts the diameter and the pixel's size.
     PhysicsError
         Where the images do not determine the value.
     """
-    loaded, idle = by_load(shots)
-    camera, scope = camera or Camera(), polariscope or Polariscope()
-    outcome = _find(loaded, idle, disc, stated_values(camera, scope))
+    disc, known = given.disc, given.uncertainty
+    assert disc is not None
+    idle = [shot for shot in shots if not shot.load_n]
+    outcome = _find([s for s in shots if s.load_n], idle, disc, stated_values(given))
     freed: tuple[dict[str, Any], ...] = ()
     if outcome.whole is None:
         messages = (
@@ -548,14 +512,13 @@ def disc_from_shots(
             *unused(idle, message("order_zero_load_from")),
         )
     else:
-        if camera.pixel_mm is not None:
-            check_diameter(outcome.images, disc, camera.pixel_mm, uncertainty)
-        freed = causes(outcome.whole, scope.wavelength_nm)
+        if given.camera.pixel_mm is not None:
+            check_diameter(outcome.images, disc, given)
+        freed = causes(outcome.whole, given.polariscope.wavelength_nm)
         messages = sentences(outcome.whole, freed)
     if outcome.residual is not None:
         size, form = outcome.residual["largest_order"], outcome.residual["form"]
         messages = (*messages, message("residual_stress_up_fringe", size=size, form=form))
-    known = uncertainty or Uncertainty()
     inputs = (
         Input("load", known.load_percent, "%", 0.01),
         Input("diameter", known.diameter_mm, "mm", 1.0 / disc.diameter_mm),

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.calibration.settings import CalibrationSet
 from isochrome.calibration.whole_set.set_fit import fitted_names, unexplained_order
 from isochrome.calibration.whole_set.set_model import (
     BAND,
@@ -13,6 +14,7 @@ from isochrome.calibration.whole_set.set_model import (
     EVEN,
     FULL_WIDTH,
     GAMMA,
+    LENS,
     SetFit,
     band_share,
 )
@@ -21,6 +23,12 @@ from isochrome.messages import message
 from isochrome.output import per_cent, with_uncertainty
 
 Array = NDArray[np.float64]
+
+CONTRADICTED = 3.0
+"""Standard uncertainties by which a size must be off, and the least of them."""
+
+SLIGHT = 0.01
+"""Relative difference below which a scale that is taken as exact is not refused."""
 
 NAMES = {
     "camera.distortion": "the lens's distortion",
@@ -115,14 +123,36 @@ def sentences(fit: SetFit, found: tuple[dict[str, Any], ...]) -> tuple[str, ...]
     return tuple(messages)
 
 
-def stated_values(camera: Any, polariscope: Any) -> dict[str, float]:
+def stated_values(given: CalibrationSet) -> dict[str, float]:
     """What a set states of its camera and its light, as the model holds it."""
-    held = {
-        f"camera.{name}": float(getattr(camera, name))
-        for name in ("distortion", "keystone_x", "keystone_z")
-    }
-    wavelength, band = polariscope.wavelength_nm, polariscope.bandwidth_nm
+    held = {key: float(getattr(given.camera, key.partition(".")[2])) for key in LENS}
+    wavelength, band = given.polariscope.wavelength_nm, given.polariscope.bandwidth_nm
     if wavelength and band:
         held[BAND] = band_share(band, wavelength)
-    held[BLUR] = 2.0 * (np.pi * camera.blur_px) ** 2
+    held[BLUR] = 2.0 * (np.pi * given.camera.blur_px) ** 2
     return {key: value for key, value in held.items() if value}
+
+
+def contradiction(
+    size_px: float, spread_px: float, name: str, size_mm: float, given: CalibrationSet
+) -> dict[str, Any] | None:
+    """What the images say against a size and a pixel's, beyond all their uncertainties.
+
+    Parameters: the size as seen, with its standard uncertainty; the `name` of its key and its value
+    in the set `given`. Returns the values of a message, None where they agree.
+    """
+    known, pixel_mm = given.uncertainty, given.camera.pixel_mm
+    assert pixel_mm is not None
+    stated = size_mm / pixel_mm
+    size, pixel = getattr(known, name) or 0.0, known.pixel_mm or 0.0
+    off, parts = abs(size_px / stated - 1.0), (spread_px / stated, size / size_mm, pixel / pixel_mm)
+    if off <= max(CONTRADICTED * float(np.linalg.norm(parts)), SLIGHT):
+        return None
+    seen = with_uncertainty(size_px, spread_px)
+    return {
+        "with_uncertainty": seen,
+        name: size_mm,
+        "pixel_mm": pixel_mm,
+        "stated": stated,
+        "off": off,
+    }
