@@ -13,7 +13,7 @@ from .shot import Shot, read_shots
 from .wear_coefficient import calibrate_wear
 from .wear_result import WearCalibration, WornDistance
 from .wear_set import TraceScar, WearSet, worn_volumes
-from .whole_set.set_result import cause_sentence
+from .whole_set.set_fit import cause_sentence
 
 __all__ = [
     "Beam",

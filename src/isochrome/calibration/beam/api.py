@@ -27,17 +27,17 @@ from isochrome.calibration.order_line import (
 from isochrome.calibration.result import Calibration, ImageFit, View
 from isochrome.calibration.settings import CalibrationSet, SetLike, load_set
 from isochrome.calibration.shot import Shot, calibrate_channels, unused
-from isochrome.calibration.whole_set.set_fit import fit_set, plain_terms
-from isochrome.calibration.whole_set.set_image import looked_at
-from isochrome.calibration.whole_set.set_model import LENS, Kind, SetFit, SetModel
-from isochrome.calibration.whole_set.set_result import (
+from isochrome.calibration.whole_set.set_fit import (
     causes,
     contradiction,
+    fit_set,
     image_chi,
     image_maps,
+    plain_terms,
     sentences,
     stated_values,
 )
+from isochrome.calibration.whole_set.set_model import Kind, SetFit, SetModel, looked_at
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import ALIKE_CHI, IntensityFit, SeveralStarts, smooth_starts
 from isochrome.messages import message
@@ -291,8 +291,7 @@ def _change_along(model: SetModel, values: Array) -> Array:
     height, width = model.shape
     cols = np.tile(np.array([0.0, 0.5, 1.0]) * (width - 1), 2)
     rows = np.repeat(np.array([0.4, 0.6]) * (height - 1), 3)
-    lens = {key: shared[key] for key in LENS}
-    orders = model.kind.order(own, besides, *looked_at(rows, cols, model.shape, lens))
+    orders = model.kind.order(own, besides, *looked_at(rows, cols, model.shape, shared))
     slopes = orders[3:] - orders[:3]
     return np.asarray(slopes[[0, 2]] / slopes[1] - 1.0)
 

@@ -46,16 +46,16 @@ from isochrome.calibration.order_line import Input, uncertainty_budget, widened_
 from isochrome.calibration.result import Calibration, ImageFit
 from isochrome.calibration.settings import CalibrationSet, Disc, SetLike, load_set
 from isochrome.calibration.shot import Shot, calibrate_channels, unused
-from isochrome.calibration.whole_set.set_fit import fit_set
-from isochrome.calibration.whole_set.set_model import BLUR, Kind, SetFit, SetModel
-from isochrome.calibration.whole_set.set_result import (
+from isochrome.calibration.whole_set.set_fit import (
     causes,
     contradiction,
+    fit_set,
     image_chi,
     image_maps,
     sentences,
     stated_values,
 )
+from isochrome.calibration.whole_set.set_model import BLUR, Kind, SetFit, SetModel
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import ALIKE_CHI, IntensityFit, SeveralStarts, smooth_starts
 from isochrome.messages import message
