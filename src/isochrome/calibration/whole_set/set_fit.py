@@ -35,16 +35,16 @@ from isochrome.estimation import (
     FEW_TERMS,
     FIRST_DEGREES,
     Evidence,
-    Hypothesis,
+    Nuisance,
     ScoreProducts,
     Sets,
     cosine_rms,
     cosine_spread,
     cosines,
     evidence_gain,
+    hypotheses_of,
     missing_terms,
     positive_part,
-    ways,
     weigh,
     with_chosen_terms,
 )
@@ -257,19 +257,12 @@ def _without_outliers(fit: SetFit) -> SetFit:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Nuisance:
-    """Something that may be there: its `columns` (k, n) at an image, their values `now` (k,), the
-    `roots` of its priors, ways that exclude one another, and whether its amplitude is `positive`.
-
-    `unknowns`, those of the fit that hold it, `weights`, 1/u² (k,) of the first columns, those that
-    the fit has free, about nought.
+class _Nuisance(Nuisance):
+    """With its `columns` (k, n) at an image; `unknowns`, those of the fit that hold it, `weights`,
+    1/u² (k,) of the first columns, those that the fit has free, about nought.
     """
 
-    name: str
     columns: Callable[[int], Array]
-    now: Array
-    roots: tuple[Array, ...]
-    positive: bool = False
     unknowns: tuple[int, ...] = ()
     weights: Array = field(default_factory=lambda: np.zeros(0))
 
@@ -289,22 +282,14 @@ def weighed(fit: SetFit) -> tuple[Sets, Array]:
     now = np.concatenate([n.now for n in nuisances])
     along = np.zeros((model.size, len(now)))
     along[kept] = -products.taken_up[: len(kept)]
-    hypotheses: list[Hypothesis] = []
-    given: list[int] = []
+    hypotheses, given = hypotheses_of(nuisances, fitted_names(model), RARE)
     counted: list[int] = []
-    weights: list[float] = []
-    first = 0
-    for nuisance in nuisances:
-        place = np.arange(first, first + len(nuisance.now))
-        first += len(place)
-        if nuisance.name in fitted_names(model):
-            given.append(len(hypotheses) + len(nuisance.roots) // 2)
+    for nuisance, end in zip(nuisances, np.cumsum([len(n.now) for n in nuisances]), strict=True):
+        place = np.arange(end - len(nuisance.now), end)
         if nuisance.unknowns:
             along[list(nuisance.unknowns), place] = 1.0
         counted += place[: len(nuisance.weights)].tolist()
-        weights += nuisance.weights.tolist()
-        own = slice(place[0], first)
-        hypotheses += ways(nuisance.name, own, nuisance.roots, RARE, positive=nuisance.positive)
+    weights = np.concatenate([n.weights for n in nuisances])
     right = products.right / noise + matrix @ now
     sets = weigh(Evidence(matrix, right, hypotheses), given=given)
     normal = matrix[np.ix_(counted, counted)] + np.diag(weights) / noise
