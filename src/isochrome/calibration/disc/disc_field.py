@@ -15,7 +15,8 @@ line, N = k P + N0, and the line with the least sum of relative misfits picks ev
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -234,9 +235,7 @@ def squared_wave(phase: Array, bright: bool) -> Array:
     return np.asarray(1.0 - wave if bright else wave)
 
 
-def disc_mask(
-    grid: DiscPixels, params: ArrayLike, *, within: float = 1.0 - RIM_ZONE
-) -> NDArray[np.bool_]:
+def disc_mask(grid: DiscPixels, params: ArrayLike, *, within: float) -> NDArray[np.bool_]:
     """Pixels where the point-load field holds and the camera resolves it, True = valid.
 
     Left out: the rim (beyond `within` radii), a zone about each load point, and fringes finer
@@ -268,57 +267,6 @@ def disc_image(
         file=shot.name, load_n=shot.load_n, order=order, standard_uncertainty=spread, chi=chi,
         geometry=geometry, view=view,
     )  # fmt: skip
-
-
-def disc_view(
-    shot: Shot,
-    grid: DiscPixels,
-    values: Array,
-    diameter_mm: float,
-    *,
-    model: Array,
-    residual: Array,
-    order: Array,
-) -> View:
-    """The view of one image, cut along its disc's horizontal diameter.
-
-    Parameters: `values` (5,), see `disc_order`; `model`, `residual`, `order` on the `grid`.
-    """
-    pixel_mm = 0.5 * diameter_mm / float(values[3])
-    return View(
-        image=shot.light[grid.pick], model=np.where(np.isfinite(residual), model, np.nan),
-        residual=residual, sigma=float(np.median(shot.sigma)),
-        cut=np.s_[int(np.argmin(np.abs(grid.rows - values[1]))), :], order=order,
-        position_mm=(grid.cols[0] - values[2]) * pixel_mm, pixel_mm=(pixel_mm * grid.step,) * 2,
-    )  # fmt: skip
-
-
-def scan_orders(shot: Shot, geometries: ArrayLike) -> tuple[Array, float]:
-    """chi of each centre order in ORDERS (columns) for each geometry (rows), inf = wrong contrast.
-
-    The second value is the chi of a smooth image without fringes.
-
-    The middle of the disc serves, where the order depends least on centre, radius and angle; the
-    background takes all that is smooth, so that only fringes count.
-    Parameters: `shot`; `geometries` (g, 4): row, column, radius, angle.
-    """
-    table = np.atleast_2d(np.asarray(geometries, dtype=float))
-    first = table[0]
-    circle = Circle(first[0], first[1], MIDDLE * first[2] / 1.08, 0.0)
-    grid = thin_grid(shot.light.shape, circle, 3000)
-    near = np.hypot(grid.rows - first[0], grid.cols - first[1]) < MIDDLE * first[2]
-    problem = prepare(
-        shot.light[grid.pick],
-        mask=shot.valid[grid.pick] & near,
-        sigma=shot.sigma[grid.pick],
-        **smooth_light(near.shape, (1, 2)).bases,
-    )
-    chi = [
-        _scanned(problem, np.pi * disc_order(grid, [1.0, *geometry])[problem.keep], shot.bright)
-        for geometry in table
-    ]
-    smooth = solve_linear(problem, np.zeros(problem.size))
-    return np.array(chi), float(np.sqrt(smooth.cost / problem.size))
 
 
 def _scanned(problem: SeparableProblem, unit: Array, bright: bool) -> Array:
@@ -363,7 +311,10 @@ SLOPE_SLACK = 0.05
 
 @dataclass(frozen=True)
 class Scan:
-    """One image's scan: the rim, its `geometries` (g, 4), `chi` (g, orders) and `smooth_chi`."""
+    """One image's scan: the rim, `geometries` (g, 4), row, column, radius and angle, and the `chi`
+    of each and of each centre order in ORDERS (g, orders), inf = wrong contrast; `smooth_chi`, that
+    of a smooth image without fringes.
+    """
 
     circle: Circle
     geometries: Array
@@ -375,24 +326,36 @@ class Scan:
         """The least chi of each centre order in ORDERS."""
         return np.asarray(self.chi.min(axis=0))
 
-    def starts(self, order: float, *, reach: float = 0.35, count: int = 4) -> Array:
-        """The best `count` starts (count, 5) with a centre order within `reach` of `order`."""
-        near = np.flatnonzero(np.abs(ORDERS - order) <= reach)
+    def starts(self, order: float) -> Array:
+        """The best four starts (4, 5) with a centre order near `order`."""
+        near = np.flatnonzero(np.abs(ORDERS - order) <= 0.35)
         flat = self.chi[:, near]
-        best = np.argsort(flat, axis=None, kind="stable")[:count]
+        best = np.argsort(flat, axis=None, kind="stable")[:4]
         places, columns = np.unravel_index(best, flat.shape)
         return np.column_stack([ORDERS[near[columns]], self.geometries[places]])
 
 
 def scan_disc(shot: Shot) -> Scan:
-    """Find a disc's rim and scan its centre order; raises PhysicsError where no disc is seen."""
+    """Find a disc's rim and scan its centre order; raises PhysicsError where no disc is seen.
+
+    The middle of the disc serves, where the order depends least on centre, radius and angle; the
+    background takes all that is smooth, so that only fringes count.
+    """
     circle = find_rim(shot)
-    geometries = np.array([
-        [circle.row, circle.col, circle.radius * factor, np.radians(angle)]
-        for factor in RADII
-        for angle in ANGLES_DEG
-    ])  # fmt: skip
-    return Scan(circle, geometries, *scan_orders(shot, geometries))
+    sizes = product(circle.radius * np.array(RADII), np.radians(ANGLES_DEG))
+    geometries = np.array([[circle.row, circle.col, *size] for size in sizes])
+    middle = MIDDLE * float(geometries[0, 2])
+    grid = thin_grid(shot.light.shape, replace(circle, radius=middle / 1.08), 3000)
+    near = np.hypot(grid.rows - circle.row, grid.cols - circle.col) < middle
+    light, sigma, valid = (m[grid.pick] for m in (shot.light, shot.sigma, shot.valid))
+    bases = smooth_light(near.shape, (1, 2)).bases
+    problem = prepare(light, mask=valid & near, sigma=sigma, **bases)
+    chi = [
+        _scanned(problem, np.pi * disc_order(grid, [1.0, *geometry])[problem.keep], shot.bright)
+        for geometry in geometries
+    ]
+    smooth = solve_linear(problem, np.zeros(problem.size))
+    return Scan(circle, geometries, np.array(chi), float(np.sqrt(smooth.cost / problem.size)))
 
 
 def choose_centre_orders(

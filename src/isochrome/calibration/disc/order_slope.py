@@ -18,8 +18,9 @@ the load, and one more frame has one unknown, its load.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,11 +91,17 @@ class Rise:
 
 def overlay(shots: Sequence[Shot], rims: Sequence[Circle]) -> Overlay:
     """Lay the images over each other on their rims; `shots` (n,), `rims` (n,)."""
+    from scipy.ndimage import gaussian_filter, map_coordinates
+
     unit = np.linspace(-WITHIN, WITHIN, SIDE)
     z, x = np.meshgrid(unit, unit, indexing="ij")
-    stack = np.stack([_on_unit_disc(s, c, z, x) for s, c in zip(shots, rims, strict=True)])
+    stack = []
+    for shot, rim in zip(shots, rims, strict=True):
+        smooth = gaussian_filter(shot.light, max(1.0, rim.radius / 200.0))
+        places = [rim.row + z * rim.radius, rim.col + x * rim.radius]
+        stack.append(map_coordinates(smooth, places, order=1, mode="nearest"))
     grid = DiscPixels(z[:, :1], x[:1], unit[1] - unit[0])
-    return Overlay(stack, grid, np.array([s.load_n for s in shots]))
+    return Overlay(np.stack(stack), grid, np.array([s.load_n for s in shots]))
 
 
 def rise_with_load(images: Overlay) -> Rise | None:
@@ -109,14 +116,6 @@ def rise_with_load(images: Overlay) -> Rise | None:
     far = np.abs(slopes - slopes[best]) * np.ptp(loads) > 1.0
     runner = float(shares[:, far].max()) if far.any() else 0.0
     return Rise(float(slopes[best]), float(angles[i]), float(shares[i, best]), runner)
-
-
-def _on_unit_disc(shot: Shot, circle: Circle, z: Array, x: Array) -> Array:
-    from scipy.ndimage import gaussian_filter, map_coordinates
-
-    smooth = gaussian_filter(shot.light, max(1.0, circle.radius / 200.0))
-    places = [circle.row + z * circle.radius, circle.col + x * circle.radius]
-    return np.asarray(map_coordinates(smooth, places, order=1, mode="nearest"))
 
 
 def _shares(images: Overlay, angle: float, slopes: Array) -> Array:
@@ -167,7 +166,8 @@ def fit_rise(
     """
     fitted = fit_orders(images, rise.slope * images.loads, rise.angle)
     orders, place = fitted.orders, fitted.place
-    variance = np.diag(np.linalg.pinv(fitted.normal))[: len(orders) - 1]
+    flat = fitted.jacobian.reshape(-1, fitted.jacobian.shape[-1])
+    variance = np.diag(np.linalg.pinv(flat.T @ flat))[: len(orders) - 1]
     angle, scale, z, x = place
     field, used = images.field(*place), images.used
     residual, waves = pixel_waves(images.stack[:, used], orders, field[used])
@@ -179,16 +179,17 @@ def fit_rise(
     fits = []
     for i, (shot, circle) in enumerate(zip(shots, rims, strict=True)):
         row, col = circle.row + z * circle.radius, circle.col + x * circle.radius
-        fits.append(
-            disc_image(
-                shot,
-                [orders[i], row, col, scale * circle.radius, angle],
-                circle.radius,
-                spread=float(errors[i]),
-                chi=float(spread[i] / np.median(shot.sigma)),
-                view=_view(shot, images, i, residual[i], orders[i] * field, diameter_mm),
-            )
-        )
+        left, sigma = np.full(field.shape, np.nan), float(np.median(shot.sigma))
+        left[used] = residual[i]
+        view = View(
+            image=images.stack[i], model=images.stack[i] - left, residual=left, sigma=sigma,
+            cut=np.s_[len(field) // 2, :], order=orders[i] * field,
+            position_mm=0.5 * diameter_mm * images.grid.cols[0],
+            pixel_mm=(0.5 * diameter_mm * float(images.grid.step),) * 2,
+        )  # fmt: skip
+        place, chi = [orders[i], row, col, scale * circle.radius, angle], float(spread[i] / sigma)
+        error = float(errors[i])
+        fits.append(disc_image(shot, place, circle.radius, spread=error, chi=chi, view=view))
     return tuple(fits)
 
 
@@ -203,12 +204,6 @@ class OrdersFit:
     place: Array
     rest: Array
     jacobian: Array
-
-    @property
-    def normal(self) -> Array:
-        """The normal equations (n + 3, n + 3)."""
-        flat = self.jacobian.reshape(-1, self.jacobian.shape[-1])
-        return np.asarray(flat.T @ flat)
 
 
 def fit_orders(images: Overlay, first: Array, angle: float) -> OrdersFit:
@@ -242,19 +237,6 @@ def _centre_order(images: Overlay, waves: Array, bright: bool) -> float:
     near = np.hypot(images.grid.cols, images.grid.rows)[images.used] < 0.1
     a, b = waves[:, near].sum(axis=1) * (-1.0 if bright else 1.0)
     return float(np.arctan2(b, -a) / (2.0 * np.pi))
-
-
-def _view(
-    shot: Shot, images: Overlay, index: int, residual: Array, order: Array, diameter_mm: float
-) -> View:
-    left, image = np.full(order.shape, np.nan), images.stack[index]
-    left[images.used] = residual
-    return View(
-        image=image, model=image - left, residual=left, sigma=float(np.median(shot.sigma)),
-        cut=np.s_[len(order) // 2, :], order=order,
-        position_mm=0.5 * diameter_mm * images.grid.cols[0],
-        pixel_mm=(0.5 * diameter_mm * float(images.grid.step),) * 2,
-    )  # fmt: skip
 
 
 BEYOND = 1.5
@@ -321,7 +303,7 @@ def read_load(series: LoadSeries, shot: Shot, number: int) -> LoadReading:
     fit = fit_orders(both, np.append(rise.slope * known.loads, start), rise.angle)
     load, spread = _on_line(known.loads, fit, _without_blocks(both, fit))
     light = frame.stack[0][frame.used]
-    predicted = _Prediction.of(known, fit.orders[:-1], fit.place).light(float(fit.orders[-1]))
+    predicted = _prediction(known, fit.orders[:-1], fit.place)(float(fit.orders[-1]))
     residual = float(np.mean((light - predicted) ** 2))
     low, high = known.loads.min(), known.loads.max()
     return LoadReading(
@@ -333,10 +315,10 @@ def read_load(series: LoadSeries, shot: Shot, number: int) -> LoadReading:
 
 def _coarse(known: Overlay, frame: Overlay, rise: Rise, name: str) -> float:
     """The centre order with which the known frames predict this one best (fringes)."""
-    predict = _Prediction.of(known, rise.slope * known.loads, np.array([rise.angle, 1.0, 0.0, 0.0]))
+    predict = _prediction(known, rise.slope * known.loads, np.array([rise.angle, 1.0, 0.0, 0.0]))
     light = frame.stack[0][frame.used]
     tried = np.arange(STEP, BEYOND * rise.slope * known.loads.max(), STEP)
-    residual = np.array([np.mean((light - predict.light(order)) ** 2) for order in tried])
+    residual = np.array([np.mean((light - predict(order)) ** 2) for order in tried])
     best = int(np.argmin(residual))
     away = np.abs(tried - tried[best]) > APART
     lowest = (residual < np.roll(residual, 1)) & (residual < np.roll(residual, -1)) & away
@@ -348,29 +330,20 @@ def _coarse(known: Overlay, frame: Overlay, rise: Rise, name: str) -> float:
     return float(tried[best])
 
 
-@dataclass(frozen=True)
-class _Prediction:
-    """What frames of known loads make of another: the constant c, and a, b, and h of each pixel."""
+def _prediction(known: Overlay, orders: Array, place: Array) -> Callable[[float], Array]:
+    """The light (m,) that frames of known loads make of another, by its order at the centre.
 
-    constant: Array
-    waves: Array
-    field: Array
+    Parameters: `known` (n,); their `orders` (n,); `place`, see `fit_orders`.
+    """
+    used, field = known.used, known.field(*place)[known.used]
+    data = known.stack[:, used]
+    cosine, sine = pixel_waves(data, orders, field)[1]
 
-    @classmethod
-    def of(cls, known: Overlay, orders: Array, place: Array) -> _Prediction:
-        """Parameters: `known` (n,); their `orders` (n,); `place`, see `fit_orders`."""
-        used, field = known.used, known.field(*place)[known.used]
-        data = known.stack[:, used]
-        waves = pixel_waves(data, orders, field)[1]
-        bare = cls(np.zeros_like(field), waves, field)
-        return replace(bare, constant=np.mean(data - [bare.light(n) for n in orders], axis=0))
+    def light(order: float, constant: Array | float = 0.0) -> Array:
+        phase = 2.0 * np.pi * order * field
+        return np.asarray(constant + cosine * np.cos(phase) + sine * np.sin(phase))
 
-    def light(self, order: float) -> Array:
-        """The light (m,) of a frame whose order at the centre is `order`."""
-        phase = 2.0 * np.pi * order * self.field
-        return np.asarray(
-            self.constant + self.waves[0] * np.cos(phase) + self.waves[1] * np.sin(phase)
-        )
+    return partial(light, constant=np.mean(data - [light(n) for n in orders], axis=0))
 
 
 def _without_blocks(images: Overlay, fit: OrdersFit) -> Array:
