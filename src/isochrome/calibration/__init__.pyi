@@ -2,8 +2,15 @@ from .beam.api import bending_from_shots, calibrate_bending
 from .camera_scale import calibrate_scale, fit_target
 from .colour import ColourCalibration, calibrate_colour, check_light, read_colour_shots
 from .disc.api import calibrate_disc, disc_from_shots
-from .disc.disc_field import Circle, find_rim, fit_circle
-from .disc.order_slope import LoadReading, LoadSeries, lay_series, read_load
+from .disc.disc_field import (
+    Circle,
+    LoadReading,
+    LoadSeries,
+    find_rim,
+    fit_circle,
+    lay_series,
+    read_load,
+)
 from .order_line import Input, fit_line, uncertainty_budget, widened_to_held_out
 from .result import BudgetItem, Calibration, ImageFit
 from .saved import calibration_report, check_scene_file, edited, save_calibration, write_into_scene

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from isochrome.calibration.settings import ColourBeam, ColourSet, ColourSetLike, load_colour_set
+from isochrome.calibration.settings import ColourBeam, ColourSet, ColourSetLike
 from isochrome.calibration.shot import read_one_frame
 from isochrome.errors import InputError, PhysicsError
 from isochrome.figures import (
@@ -437,7 +437,7 @@ def calibrate_colour(source: ColourSetLike) -> ColourCalibration:
     >>> found = isochrome.calibrate_colour("colours/set.toml")  # doctest: +SKIP
     >>> found.table  # doctest: +SKIP
     """
-    given = load_colour_set(source)
+    given = ColourSet.read(source)
     shots, depth = read_colour_shots(given)
     if given.beam is not None:
         return _of_beam(given, shots, depth)

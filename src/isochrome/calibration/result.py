@@ -264,7 +264,10 @@ class Calibration(Result):
         default = [images.index(item) for item in usual]
         shown = [images[k] for k in chosen_frames(frames, len(images), default, items="images")]
         views = [_view_of(item) for item in shown]
-        limit, where = _residual_limit(views), CUTS[self.specimen]
+        # the size of a residual that colours tell apart, in noise sigmas: 4 at the least
+        sizes = [np.nanpercentile(np.abs(v.residual) / v.sigma, 98) for v in views]
+        limit, where = float(max([4.0, *sizes])), CUTS[self.specimen]
+        known = all(i.predicted_order is not None for i in images)
 
         def draw(axes: Axes, k: int, column: int) -> AxesImage:
             image, options = _maps(shown[k], limit)[column]
@@ -287,7 +290,11 @@ class Calibration(Result):
         parts = {item.name: item.contribution_n_per_mm for item in self.budget}
         plots += [
             Plot(title="order over load", draw=order_line),
-            Plot(title=_misfit_title(self), draw=partial(_misfit, calibration=self), spare=2),
+            Plot(
+                title=f"measured minus {'predicted' if known else 'line'}",
+                draw=partial(_misfit, calibration=self),
+                spare=2,
+            ),
             budget_plot("uncertainty budget", parts, unit="N/mm"),
         ]
         value, *others = _values(self)
@@ -355,12 +362,6 @@ def _view_of(item: ImageFit) -> View:
     if item.view is None:
         raise InputError("left_out_calibration_not", file=item.file)
     return item.view
-
-
-def _residual_limit(views: list[View]) -> float:
-    """The size that colours tell apart, in noise sigmas: 4 at the least."""
-    sizes = [np.nanpercentile(np.abs(v.residual) / v.sigma, 98) for v in views]
-    return float(max([4.0, *sizes]))
 
 
 def _maps(item: ImageFit, limit: float) -> tuple[tuple[Array, dict[str, Any]], ...]:
@@ -433,11 +434,6 @@ def _line(axes: Any, calibration: Calibration) -> None:
     axes.axhline(0.0, color=PALE, lw=FINE_PT, zorder=0)
     where = CUTS[calibration.specimen].place
     style_axes(axes, x_label="load (N)", z_label=f"order at the {where}")
-
-
-def _misfit_title(calibration: Calibration) -> str:
-    known = all(i.predicted_order is not None for i in calibration.images)
-    return f"measured minus {'predicted' if known else 'line'}"
 
 
 def _misfit(axes: Any, calibration: Calibration) -> None:

@@ -230,11 +230,13 @@ class ImageSet(ScenePart):
         return file if isinstance(file, ArrayFrames) else (self.folder or Path()) / file
 
     @classmethod
-    def read(cls, source: str | Path | Mapping[str, Any]) -> Self:
-        """The set of a TOML file, or of its tables.
+    def read(cls, source: str | Path | Mapping[str, Any] | Self) -> Self:
+        """The set of a TOML file, or of its tables, whose images may be arrays, or itself.
 
         Raises InputError that names the file, key, value and fix.
         """
+        if isinstance(source, cls):
+            return source
         if isinstance(source, Mapping):
             return validate(cls, as_tables(source), "set", reserved=("folder", "name"))
         path = Path(source)
@@ -320,10 +322,8 @@ def load_set(source: SetLike, *, specimen: str | None = None) -> CalibrationSet:
     `specimen`: 'beam' or 'disc' where only one will do. InputError names the file, key, value and
     fix.
     """
-    if isinstance(source, CalibrationSet):
-        loaded = source
-    else:
-        loaded = CalibrationSet.read(source)
+    loaded = CalibrationSet.read(source)
+    if loaded is not source:
         check_reach(loaded.model_dump(exclude_unset=True), loaded.name)
     if specimen is not None and getattr(loaded, specimen) is None:
         (other,) = CUTS.keys() - {specimen}
@@ -417,8 +417,3 @@ class ColourSet(ImageSet):
 
 ColourSetLike = str | Path | ColourSet | Mapping[str, Any]
 """A colour calibration's set as a caller may give it: a file, a ColourSet, or its tables."""
-
-
-def load_colour_set(source: ColourSetLike) -> ColourSet:
-    """The set of a colour calibration from its file, its tables or itself; InputError."""
-    return source if isinstance(source, ColourSet) else ColourSet.read(source)

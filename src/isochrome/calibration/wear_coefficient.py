@@ -218,10 +218,8 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
     >>> round(found.coefficient_mm2_per_n / 1e-9, 6)
     2.0
     """
-    if isinstance(settings, WearSet):
-        given = settings
-    else:
-        given = WearSet.read(settings)
+    given = WearSet.read(settings)
+    if given is not settings:
         check_reach(given.model_dump(exclude_unset=True), given.name)
     scars = trace_scars(given)
     volumes, scatter = worn_volumes(given, scars)

@@ -28,6 +28,7 @@ from numpy.polynomial.polynomial import polyval2d
 from numpy.typing import NDArray
 
 from isochrome.calibration.disc.disc_field import (
+    FEWEST_LOADS,
     RIM_ZONE,
     Circle,
     DiscPixels,
@@ -36,11 +37,13 @@ from isochrome.calibration.disc.disc_field import (
     disc_image,
     disc_mask,
     disc_order,
+    fit_rise,
+    overlay,
+    rise_with_load,
     scan_disc,
     squared_wave,
     thin_grid,
 )
-from isochrome.calibration.disc.order_slope import FEWEST_LOADS, fit_rise, overlay, rise_with_load
 from isochrome.calibration.order_line import Input, uncertainty_budget, widened_to_held_out
 from isochrome.calibration.result import Calibration, ImageFit, View
 from isochrome.calibration.settings import CalibrationSet, Disc, SetLike, load_set
