@@ -13,7 +13,7 @@ from .disc.disc_field import (
 )
 from .order_line import Input, fit_line, uncertainty_budget, widened_to_held_out
 from .result import BudgetItem, Calibration, ImageFit
-from .saved import calibration_report, check_scene_file, edited, save_calibration, write_into_scene
+from .saved import calibration_report, check_scene_file, save_calibration, write_into_scene
 from .scale_result import MeasuredValue, ScaleCalibration, ScalePicture
 from .settings import Beam, CalibrationSet, ColourSet, Disc, LoadedImage, Uncertainty, load_set
 from .shot import Shot, read_shots
@@ -56,7 +56,6 @@ __all__ = [
     "check_light",
     "check_scene_file",
     "disc_from_shots",
-    "edited",
     "find_rim",
     "fit_circle",
     "fit_line",

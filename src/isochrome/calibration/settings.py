@@ -50,8 +50,7 @@ def with_stated(model: type[BaseModel], data: dict[str, Any]) -> dict[str, Any]:
     """
     plain, stated = split_uncertainties(model, data)
     images, of_images = plain_rows(plain.get("image"), "image", ("load_n",))
-    spreads = {}
-    for key, spread in stated.items():
+    for key in stated:
         if key not in _INPUTS and key not in _SPANS:
             raise ValueError(
                 message(
@@ -59,8 +58,7 @@ def with_stated(model: type[BaseModel], data: dict[str, Any]) -> dict[str, Any]:
                     spans=", ".join(_SPANS), load=_LOAD,
                 )
             )  # fmt: skip
-        if key in _INPUTS:
-            spreads[_INPUTS[key]] = spread
+    spreads = {_INPUTS[key]: spread for key, spread in stated.items() if key in _INPUTS}
     spans = [stated[key] for key in _SPANS if key in stated]
     if spans:
         # of each span, such that both together are as uncertain as stated
@@ -235,10 +233,10 @@ class ImageSet(ScenePart):
 
         Raises InputError that names the file, key, value and fix.
         """
-        if isinstance(source, cls):
-            return source
         if isinstance(source, Mapping):
             return validate(cls, as_tables(source), "set", reserved=("folder", "name"))
+        if not isinstance(source, str | Path):
+            return source
         path = Path(source)
         data = parse_toml(read_text(path), str(path))
         loaded = validate(cls, data, str(path), reserved=("folder", "name"))

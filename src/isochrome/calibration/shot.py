@@ -3,7 +3,7 @@
 And a value for each channel of colour images.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -186,15 +186,11 @@ def calibrate_channels(
         every = scope.lines.wavelength_nm if scope.lines else ()
         lines = [w for w in every if channel_for(w) == channel]
         table[channel] = values | {"wavelength_nm": lines[0] if len(lines) == 1 else None}
-    return replace(result, channels=table, warnings=(*_of_channels(table, main), *result.warnings))
-
-
-def _of_channels(table: dict[str, Any], main: str) -> Iterator[str]:
-    """What to say of the channels' values."""
-    yield message("colour_images_value_channel", main=main)
+    messages = [message("colour_images_value_channel", main=main)]
     poor = [c for c, v in table.items() if "refused" in v or v["chi"] > POOR_CHI]
     if poor:
-        yield message("one_wavelength_does_not", poor=", ".join(poor))
+        messages.append(message("one_wavelength_does_not", poor=", ".join(poor)))
+    return replace(result, channels=table, warnings=(*messages, *result.warnings))
 
 
 def _of_channel(given: CalibrationSet, channel: str) -> tuple[Shot, ...]:

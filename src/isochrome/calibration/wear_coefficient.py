@@ -224,11 +224,8 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
     scars = trace_scars(given)
     volumes, scatter = worn_volumes(given, scars)
     if not volumes:
-        raise PhysicsError(
-            "no_distance_has_traces",
-            name=given.name,
-            scars=next(scar.why_not for scar in scars if scar.why_not),
-        )
+        why = next(scar.why_not for scar in scars if scar.why_not)
+        raise PhysicsError("no_distance_has_traces", name=given.name, scars=why)
     spread = _own_spread(volumes)
     laws = fit_laws(volumes, spread)
     archard = archard_of(laws)
@@ -248,9 +245,7 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
     budget, total = budget_items(rows), _joined(np.array([u * c for _, _, u, c in rows]))
     freedom = _freedom(volumes, scatter, archard, spread, total)
     reach = _reach(freedom, total, scattered=scattered)
-    law = laws[0].law
-    if law != "archard" and archard.log_evidence > -SURE:
-        law = "archard"
+    law = "archard" if archard.log_evidence > -SURE else laws[0].law
     return WearCalibration(
         coefficient_mm2_per_n=k,
         standard_uncertainty=total,

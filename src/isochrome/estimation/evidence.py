@@ -18,6 +18,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +59,7 @@ class Nuisance:
 
     name: str
     now: Array
-    roots: tuple[Array, ...]
+    roots: tuple[NDArray[Any], ...]
     positive: bool = False
 
 

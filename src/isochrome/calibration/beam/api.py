@@ -247,13 +247,8 @@ class BeamFit:
 
     shot: Shot
     view: BeamView
-    cols: Array
+    cols: NDArray[np.intp]
     best: IntensityFit
-
-    @property
-    def pick(self) -> NDArray[np.intp]:
-        """The fitted columns as indices."""
-        return self.cols.astype(np.intp)
 
     @property
     def mask(self) -> NDArray[np.bool_]:
@@ -261,7 +256,7 @@ class BeamFit:
         return np.isfinite(self.best.residual)
 
 
-def _places(shot: Shot, cols: Array) -> tuple[Array, Array]:
+def _places(shot: Shot, cols: NDArray[np.intp]) -> tuple[Array, Array]:
     """Rows (rows, 1) of a shot, and columns from the frame's middle (1, m)."""
     rows, width = shot.light.shape
     return np.arange(rows, dtype=float)[:, None], (cols - 0.5 * (width - 1))[None, :]
@@ -284,7 +279,7 @@ def fit_beam(shot: Shot, height_px: float) -> BeamFit:
     """
     view = find_beam(shot, height_px)
     stride = max(1, int(np.ceil(shot.light.size / START_PIXELS)))
-    cols = np.arange(stride // 2, shot.light.shape[1], stride, dtype=float)
+    cols = np.arange(stride // 2, shot.light.shape[1], stride, dtype=np.intp)
     for margin in MARGINS:
         try:
             result = _fit(shot, view, cols, margin)
@@ -309,7 +304,7 @@ def _refined_top(fit: BeamFit) -> float:
     row = np.rint(y - fit.view.tilt * x).astype(np.intp)
     low = int(row.min())
     depth = row - fit.view.top
-    image, sigma, valid = (m[:, fit.pick] for m in (fit.shot.light, fit.shot.sigma, fit.shot.valid))
+    image, sigma, valid = (m[:, fit.cols] for m in (fit.shot.light, fit.shot.sigma, fit.shot.valid))
     away = (depth < -EDGE_REACH * height_px) | (depth > (1.0 + EDGE_REACH) * height_px)
     away &= valid
     outer = valid & ((depth < 0.0) | (depth > height_px))
@@ -327,9 +322,9 @@ def _refined_top(fit: BeamFit) -> float:
     return float(near[int(np.argmax(total[last] - total[first]))])
 
 
-def _fit(shot: Shot, view: BeamView, cols: Array, share: float) -> SeveralStarts:
+def _fit(shot: Shot, view: BeamView, cols: NDArray[np.intp], share: float) -> SeveralStarts:
     """Fit the fringes inside the beam, less a `share` of it at each edge, on the columns `cols`."""
-    pick, (y, x) = cols.astype(int), _places(shot, cols)
+    y, x = _places(shot, cols)
     margin = max(4.0, share * view.height_px)
     depth = y - view.tilt * x - view.top
 
@@ -338,9 +333,9 @@ def _fit(shot: Shot, view: BeamView, cols: Array, share: float) -> SeveralStarts
         return 0.5 + wave if shot.bright else 0.5 - wave
 
     return smooth_starts(
-        shot.light[:, pick], signal, view.starts, light=shot.lamp(slice(None), pick),
-        mask=shot.valid[:, pick] & (depth > margin) & (depth < view.height_px - margin),
-        sigma=shot.sigma[:, pick], scale=view.scale, lower=[0.0, -np.inf, -0.3],
+        shot.light[:, cols], signal, view.starts, light=shot.lamp(slice(None), cols),
+        mask=shot.valid[:, cols] & (depth > margin) & (depth < view.height_px - margin),
+        sigma=shot.sigma[:, cols], scale=view.scale, lower=[0.0, -np.inf, -0.3],
         upper=[0.5, np.inf, 0.3], scan_pixels=20_000,
     )  # fmt: skip
 
@@ -384,7 +379,7 @@ def fit_beam_set(fits: Sequence[BeamFit], idle: Sequence[Shot], held: dict[str, 
     """
     first = fits[0]
     step = max(1, int(np.count_nonzero(first.mask) / PIXELS))
-    cols = first.pick[::step]
+    cols = first.cols[::step]
     masks = [f.mask[:, ::step] for f in fits]
     common = np.logical_and.reduce(masks)
     masks += [common & shot.valid[:, cols] for shot in idle]
@@ -428,15 +423,6 @@ def beam_kind(fit: BeamFit) -> Kind:
         sizes=np.full(2, 0.5 * BENT), steps=1e-4 * fit.view.scale, largest=fit.view.scale,
         idle=idle, idle_steps=np.array([1e-4]),
     )  # fmt: skip
-
-
-def moment_sentence(fit: SetFit) -> tuple[str, ...]:
-    """Say that the moment changes along the beam, where that was fitted."""
-    if not fit.model.besides:
-        return ()
-    linear, square = fit.values[fit.model.besides_places]
-    change = 100.0 * max(abs(linear + square), abs(linear - square))
-    return (message("moment_changes_along_beam", change=change),)
 
 
 def check_span(fit: SetFit) -> None:
@@ -485,6 +471,8 @@ def beam_images(
     orders = own[:, 0] * factor
     slopes = len(fit.model.kind.steps) * np.arange(count)
     covariance = fit.covariance[np.ix_(slopes, slopes)] * np.outer(factor, factor)
+    rows, cols = fit.model.rows, fit.model.cols
+    stride = float(cols[1] - cols[0]) if len(cols) > 1 else 1.0
     images = [
         ImageFit(
             file=f.shot.name, load_n=f.shot.load_n, order=float(orders[i]),
@@ -495,7 +483,11 @@ def beam_images(
                 "top_edge_row_px": f.view.top,
                 "fringes_per_mm": float(orders[i] / half / pixel_mm),
             },
-            view=_view(fit, i, pixel_mm),
+            view=View(
+                **image_maps(fit, i), sigma=float(np.median(f.shot.sigma)),
+                cut=np.s_[:, len(cols) // 2], position_mm=(rows - own[i, 1]) * pixel_mm,
+                pixel_mm=(pixel_mm, pixel_mm * stride),
+            ),
         )
         for i, f in enumerate(fits)
     ]  # fmt: skip
@@ -507,19 +499,6 @@ def beam_images(
         name = fit.model.shots[index].name
         rest.append(ResidualOrder(name, float(fit.values[place]), spread))
     return images, covariance, tuple(rest)
-
-
-def _view(fit: SetFit, index: int, pixel_mm: float) -> View:
-    model = fit.model
-    maps = image_maps(fit, index)
-    stride = float(model.cols[1] - model.cols[0]) if len(model.cols) > 1 else 1.0
-    return View(
-        **maps,
-        sigma=float(np.median(model.shots[index].sigma)),
-        cut=np.s_[:, len(model.cols) // 2],
-        position_mm=(model.rows - fit.own[index, 1]) * pixel_mm,
-        pixel_mm=(pixel_mm, pixel_mm * stride),
-    )
 
 
 BIN_PX = 0.5
@@ -714,7 +693,11 @@ def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibrat
     check_span(whole)
     images, covariance, rest = beam_images(whole, fits, pixel_mm)
     outcome = causes(whole, given.polariscope.wavelength_nm)
-    messages = (*sentences(whole, outcome), *moment_sentence(whole))
+    messages = sentences(whole, outcome)
+    if whole.model.besides:
+        linear, square = whole.values[whole.model.besides_places]
+        change = 100.0 * max(abs(linear + square), abs(linear - square))
+        messages = (*messages, message("moment_changes_along_beam", change=change))
     if not rest:
         messages = (*messages, *unused(idle, message("because_light_not_loaded")))
     distance = edge_distance(whole, fits)

@@ -163,9 +163,7 @@ def simple_residual(even: float, round_: float) -> Array:
     return np.concatenate([np.zeros(len(_POWERS)), real, imaginary])
 
 
-def load_field(
-    rows: Array, cols: Array, geometry: Sequence[float] | Array
-) -> tuple[Array, Complexes]:
+def load_field(rows: Array, cols: Array, geometry: Array) -> tuple[Array, Complexes]:
     """The loads' field over its centre value: its size h and its direction, seen by the residual.
 
     Parameters: `rows`, `cols` (n,), px; `geometry`, row, column, radius (px) and angle (rad) as in
@@ -502,7 +500,7 @@ def disc_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration
     idle = [shot for shot in shots if not shot.load_n]
     loaded, freed = [shot for shot in shots if shot.load_n], tuple[dict[str, Any], ...]()
     images, covariance, whole = _found(loaded, idle, disc.diameter_mm, stated_values(given))
-    residual = whole and residual_of(whole, disc.diameter_mm)
+    residual = residual_of(whole, disc.diameter_mm) if whole else None
     if whole is None:
         messages = (
             message("closed_form_disc_does"),

@@ -549,7 +549,10 @@ def fit_rise(
     residual, waves = pixel_waves(images.stack[:, used], orders, field[used])
     spread = np.sqrt(np.mean(residual**2, axis=1) * len(orders) / (len(orders) - 3))
     errors = MEMORY_PX * np.sqrt(np.concatenate([[variance.mean()], variance])) * spread.mean()
-    offset = _centre_order(images, waves, shots[0].bright)
+    # its order at the centre beside N_i: I ~ -cos 2 pi (h N_i + n) in a dark field
+    near = np.hypot(images.grid.cols, images.grid.rows)[used] < 0.1
+    a, b = waves[:, near].sum(axis=1) * (-1.0 if shots[0].bright else 1.0)
+    offset = float(np.arctan2(b, -a) / (2.0 * np.pi))
     rest = np.polynomial.polynomial.polyfit(images.loads, orders + offset, 1)[0]
     orders = orders + offset - np.round(rest)
     fits = []
@@ -563,9 +566,9 @@ def fit_rise(
             position_mm=0.5 * diameter_mm * images.grid.cols[0],
             pixel_mm=(0.5 * diameter_mm * float(images.grid.step),) * 2,
         )  # fmt: skip
-        place, chi = [orders[i], row, col, scale * circle.radius, angle], float(spread[i] / sigma)
+        values, chi = [orders[i], row, col, scale * circle.radius, angle], float(spread[i] / sigma)
         error = float(errors[i])
-        fits.append(disc_image(shot, place, circle.radius, spread=error, chi=chi, view=view))
+        fits.append(disc_image(shot, values, circle.radius, spread=error, chi=chi, view=view))
     return tuple(fits)
 
 
@@ -606,13 +609,6 @@ def fit_orders(images: Overlay, first: Array, angle: float) -> OrdersFit:
     orders = np.concatenate([first[:1], result.x[: count - 1]])
     residual, jacobian = result.fun.reshape(count, -1), result.jac.reshape(count, -1, start.size)
     return OrdersFit(orders, result.x[count - 1 :], residual, jacobian)
-
-
-def _centre_order(images: Overlay, waves: Array, bright: bool) -> float:
-    """Order at the centre beside N_i, from the phase: I ~ -cos 2 pi (h N_i + n) in a dark field."""
-    near = np.hypot(images.grid.cols, images.grid.rows)[images.used] < 0.1
-    a, b = waves[:, near].sum(axis=1) * (-1.0 if bright else 1.0)
-    return float(np.arctan2(b, -a) / (2.0 * np.pi))
 
 
 BEYOND = 1.5
@@ -728,10 +724,12 @@ def _without_blocks(images: Overlay, fit: OrdersFit) -> Array:
     To first order in what is left out; the first image's order is held.
     """
     used = images.used
-    x, z = (
-        np.broadcast_to(places, used.shape)[used] for places in (images.grid.cols, images.grid.rows)
-    )
-    block = _strip(x, STRIPS_ACROSS) * STRIPS_ALONG + _strip(z, STRIPS_ALONG)
+    strips = []  # of equal width, in which each place lies
+    for places, number in ((images.grid.cols, STRIPS_ACROSS), (images.grid.rows, STRIPS_ALONG)):
+        place = np.broadcast_to(places, used.shape)[used]
+        edges = np.linspace(place.min(), place.max(), number + 1)[1:-1]
+        strips.append(np.searchsorted(edges, place))
+    block = strips[0] * STRIPS_ALONG + strips[1]
     grams, pulls = [], []
     for b in np.unique(block):
         rows = fit.jacobian[:, block == b].reshape(-1, fit.jacobian.shape[-1])
@@ -743,12 +741,6 @@ def _without_blocks(images: Overlay, fit: OrdersFit) -> Array:
     for i, (gram, one) in enumerate(zip(grams, pulls, strict=True)):
         moved[i, 1:] = -np.linalg.solve(total - gram, pull - one)[: count - 1]
     return moved
-
-
-def _strip(place: Array, count: int) -> NDArray[np.intp]:
-    """The number of the strip of equal width in which each place (m,) lies."""
-    edges = np.linspace(place.min(), place.max(), count + 1)[1:-1]
-    return np.searchsorted(edges, place)
 
 
 def _on_line(loads: Array, fit: OrdersFit, moved: Array) -> tuple[float, float]:

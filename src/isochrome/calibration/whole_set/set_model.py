@@ -121,8 +121,7 @@ class SetImage:
         """What light over noise of one exponent is multiplied by for another's (n,)."""
         if gamma == 1.0:
             return 1.0
-        scale: Array = (self.level / self.level.max()) ** (1.0 - gamma) / gamma
-        return scale
+        return np.asarray((self.level / self.level.max()) ** (1.0 - gamma) / gamma)
 
 
 def looked_at(
