@@ -539,7 +539,7 @@ def _from_target(
         inputs.append(("seen aslant", fit.shortening, 0.5 * fit.shortening, pixel))
     noise = pixel * spread["spacing_px"] / values["spacing_px"]
     measured, budget = _combined(pixel, noise, inputs)
-    lens = {name: MeasuredValue(values[name], spread[name]) for name in LENS}
+    lens: dict[str, Any] = {n: MeasuredValue(values[n], spread[n]) for n in LENS}
     rolls = [MeasuredValue(*roll) for roll in fit.rolls_deg]
     parts = zip(pictures, places, fit.residual_px, rolls, strict=True)
     return ScaleCalibration(
