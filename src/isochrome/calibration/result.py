@@ -271,7 +271,7 @@ class Calibration(Result):
         # the size of a residual that colours tell apart, in noise sigmas: 4 at the least
         sizes = [np.nanpercentile(np.abs(v.residual) / v.sigma, 98) for v in views]
         limit, where = float(max([4.0, *sizes])), CUTS[self.specimen]
-        known = all(i.predicted_order is not None for i in images)
+        other = "predicted" if all(i.predicted_order is not None for i in images) else "line"
 
         def draw(axes: Axes, k: int, column: int) -> AxesImage:
             view, look = views[k], (FRAME_MAP, FRAME_MAP, DIFFERENCE_MAP)[column]
@@ -297,11 +297,7 @@ class Calibration(Result):
         parts = {item.name: item.contribution_n_per_mm for item in self.budget}
         plots += [
             Plot(title="order over load", draw=order_line),
-            Plot(
-                title=f"measured minus {'predicted' if known else 'line'}",
-                draw=partial(_misfit, calibration=self),
-                spare=2,
-            ),
+            Plot(title=f"measured minus {other}", draw=partial(_misfit, calibration=self), spare=2),
             budget_plot("uncertainty budget", parts, unit="N/mm"),
         ]
         value, *others = _values(self)

@@ -133,13 +133,10 @@ class Beam(ScenePart):
     def _spans_in_order(self) -> Beam:
         inner, outer, height = self.inner_span_mm, self.outer_span_mm, self.height_mm
         if inner >= outer:
-            raise ValueError(
-                message(
-                    "inner_span_mm_must_less_outer_span_mm",
-                    inner_span_mm=inner,
-                    outer_span_mm=outer,
-                )
+            text = message(
+                "inner_span_mm_must_less_outer_span_mm", inner_span_mm=inner, outer_span_mm=outer
             )
+            raise ValueError(text)
         if height >= outer:
             raise ValueError(
                 message("height_mm_not_less_outer_span_mm", height_mm=height, outer_span_mm=outer)

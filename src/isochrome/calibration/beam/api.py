@@ -703,10 +703,16 @@ def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibrat
     distance = edge_distance(whole, fits)
     wrong = distance and contradiction(*distance, "height_mm", beam.height_mm, given)
     if distance and wrong:
-        pixel = beam.height_mm / distance[0]
-        spread = pixel * (distance[1] / distance[0])
+        pixel, (seen, stated, off) = beam.height_mm / distance[0], wrong
+        fitting = with_uncertainty(pixel, pixel * (distance[1] / distance[0]))
         raise InputError(
-            "beam_edges_px_apart", **wrong, with_uncertainty_2=with_uncertainty(pixel, spread)
+            "beam_edges_px_apart",
+            with_uncertainty=seen,
+            height_mm=beam.height_mm,
+            pixel_mm=pixel_mm,
+            stated=stated,
+            off=off,
+            with_uncertainty_2=fitting,
         )
     arm = beam.outer_span_mm - beam.inner_span_mm
     factor = 1.5 * arm / beam.height_mm**2

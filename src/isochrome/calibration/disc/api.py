@@ -422,7 +422,11 @@ def check_diameter(images: Sequence[ImageFit], disc: Disc, given: CalibrationSet
     seen, own = 2.0 * np.median(radii), np.hypot(2.0 * RIM_PX, 2.0 * np.ptp(radii))
     wrong = contradiction(float(seen), float(own), "diameter_mm", disc.diameter_mm, given)
     if wrong:
-        raise InputError("disc_px_wide_disc", **wrong)
+        outline, stated, off = wrong
+        raise InputError(
+            "disc_px_wide_disc", with_uncertainty=outline, diameter_mm=disc.diameter_mm,
+            pixel_mm=given.camera.pixel_mm, stated=stated, off=off,
+        )  # fmt: skip
 
 
 def calibrate_disc(source: SetLike) -> Calibration:

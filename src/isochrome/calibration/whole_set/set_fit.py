@@ -522,11 +522,12 @@ def stated_values(given: CalibrationSet) -> dict[str, float]:
 
 def contradiction(
     size_px: float, spread_px: float, name: str, size_mm: float, given: CalibrationSet
-) -> dict[str, Any] | None:
+) -> tuple[str, float, float] | None:
     """What the images say against a size and a pixel's, beyond all their uncertainties.
 
     Parameters: the size as seen, with its standard uncertainty; the `name` of its key and its value
-    in the set `given`. Returns the values of a message, None where they agree.
+    in the set `given`. Returns what is seen, what is stated (px) and how far it is off; None where
+    they agree.
     """
     known, pixel_mm = given.uncertainty, given.camera.pixel_mm
     assert pixel_mm is not None
@@ -535,11 +536,4 @@ def contradiction(
     off, parts = abs(size_px / stated - 1.0), (spread_px / stated, size / size_mm, pixel / pixel_mm)
     if off <= max(CONTRADICTED * float(np.linalg.norm(parts)), SLIGHT):
         return None
-    seen = with_uncertainty(size_px, spread_px)
-    return {
-        "with_uncertainty": seen,
-        name: size_mm,
-        "pixel_mm": pixel_mm,
-        "stated": stated,
-        "off": off,
-    }
+    return with_uncertainty(size_px, spread_px), stated, off

@@ -370,7 +370,8 @@ class SetModel:
             cut=cut, enough=lambda at: _ENOUGH * max(1.0, at.cost / at.pixels),
             better=lambda new, old: new.cost < old.cost and (new.positive or not old.positive),
         )  # fmt: skip
-        return SetFit(self, result.values, result.point, result.converged)
+        values, point = result.values, result.point
+        return SetFit(model=self, values=values, point=point, converged=result.converged)
 
     def carried(self, values: Array, wider: SetModel) -> Array:
         """Where another model's unknowns start that has more of them, or fewer."""
@@ -546,7 +547,7 @@ class SetPoint:
         return self.equations[1]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SetFit:
     """A fitted set: its `model`, unknowns, the `point` there, whether it `converged`, the part of
     the pixels that was `left_out`; `sets` of what else may be there, and `undecided` (p, p), what
