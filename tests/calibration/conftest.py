@@ -5,8 +5,19 @@ Pixels have an area.
 
 import numpy as np
 import pytest
+from scipy.ndimage import uniform_filter
 
-from isochrome.calibration import Beam, as_shots, bending_from_shots, disc_from_shots
+from isochrome.calibration import (
+    Beam,
+    CalibrationSet,
+    LoadedImage,
+    Shot,
+    bending_from_shots,
+    disc_from_shots,
+)
+from isochrome.calibration.shot import below_saturation
+from isochrome.frames import estimate_noise, saturation_level
+from isochrome.scene import Camera
 
 F_SIGMA = 14.6
 DIAMETER = 30.0
@@ -82,16 +93,49 @@ def disc_frame():
     return render
 
 
+def as_shots(images, loads, *, sigma=None, bright=False):
+    """Shots of arrays of linear light, of integer types saturated on a plateau at the top.
+
+    `sigma`: one number, or a number or map an image; by default the noise is estimated.
+    """
+    shots = []
+    for i, (image, load) in enumerate(zip(images, loads, strict=True)):
+        light, kind = np.asarray(image, dtype=float), np.asarray(image).dtype
+        valid = np.isfinite(light)
+        noise = sigma if sigma is None or isinstance(sigma, int | float) else sigma[i]
+        if noise is None:
+            filled = np.where(valid, light, np.median(light[valid]))
+            noise = estimate_noise(filled, valid).sigma(uniform_filter(filled, 3))
+            noise = np.maximum(noise, 1e-4 * np.ptp(filled) + 1e-12)
+        noise = np.broadcast_to(np.asarray(noise, dtype=float), light.shape)
+        if kind.kind in "ui":
+            level = saturation_level(np.asarray(image), full=float(np.iinfo(kind).max))
+            valid &= below_saturation(light, noise, level)
+        shots.append(
+            Shot(
+                name=f"image {i + 1}", light=light, sigma=noise, valid=valid, raw=light,
+                raw_sigma=noise, gamma=1.0, load_n=float(load), bright=bright,
+            )
+        )  # fmt: skip
+    return tuple(shots)
+
+
+def set_of(**tables):
+    """What a set states besides its images, which are given as shots."""
+    stated = {name: table for name, table in tables.items() if table is not None}
+    return CalibrationSet(image=[LoadedImage(file="none", load_n=1.0)], **stated)
+
+
 def bending_from_images(images, loads, beam, pixel, *, uncertainty=None, **options):
     """A beam's calibration from arrays."""
-    return bending_from_shots(
-        as_shots(images, loads, **options), beam, pixel, uncertainty=uncertainty
-    )
+    given = set_of(beam=beam, camera=Camera(pixel_mm=pixel), uncertainty=uncertainty)
+    return bending_from_shots(as_shots(images, loads, **options), given)
 
 
 def disc_from_images(images, loads, disc, *, uncertainty=None, **options):
     """A disc's calibration from arrays."""
-    return disc_from_shots(as_shots(images, loads, **options), disc, uncertainty=uncertainty)
+    given = set_of(disc=disc, uncertainty=uncertainty)
+    return disc_from_shots(as_shots(images, loads, **options), given)
 
 
 def bending_load(edge_order):

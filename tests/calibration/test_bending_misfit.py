@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from isochrome.calibration import CalibrationSet, as_shots
+from isochrome.calibration import CalibrationSet
 from isochrome.errors import PhysicsError
 
-from .conftest import BEAM, F_SIGMA, bending_from_images, bending_load
+from .conftest import BEAM, F_SIGMA, as_shots, bending_from_images, bending_load
 
 PIXEL = 0.23
 SMALL = {"shape": (100, 120), "pixel": PIXEL}

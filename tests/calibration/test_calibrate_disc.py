@@ -8,7 +8,6 @@ from isochrome.calibration import (
     Circle,
     Disc,
     Uncertainty,
-    as_shots,
     calibrate_bending,
     calibrate_disc,
     find_rim,
@@ -18,7 +17,7 @@ from isochrome.errors import InputError, PhysicsError
 from isochrome.reference import disc_principal_difference
 from real_frames import REAL, needs_real
 
-from .conftest import DIAMETER, F_SIGMA, disc_from_images, disc_load
+from .conftest import DIAMETER, F_SIGMA, as_shots, disc_from_images, disc_load
 from .conftest import SMALL_DISC as SMALL
 from .conftest import TINY_DISC as TINY
 

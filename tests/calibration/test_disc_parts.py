@@ -3,13 +3,19 @@
 import numpy as np
 import pytest
 
-from isochrome.calibration import Circle, Disc, as_shots
+from isochrome.calibration import Circle, Disc
 from isochrome.calibration.disc.api import fit_disc
-from isochrome.calibration.disc.disc_field import ORDERS, Scan, choose_centre_orders
-from isochrome.calibration.disc.order_slope import Rise, fit_rise, overlay
+from isochrome.calibration.disc.disc_field import (
+    ORDERS,
+    Rise,
+    Scan,
+    choose_centre_orders,
+    fit_rise,
+    overlay,
+)
 from isochrome.errors import PhysicsError
 
-from .conftest import DIAMETER, disc_from_images, disc_load
+from .conftest import DIAMETER, as_shots, disc_from_images, disc_load
 from .conftest import TINY_DISC as SMALL
 
 CIRCLE = Circle(51.0, 53.0, 42.0, 0.0)

@@ -5,9 +5,9 @@ import tomllib
 
 import pytest
 
-from isochrome.calibration import Calibration, edited, saved, write_into_scene
+from isochrome.calibration import Calibration, saved, write_into_scene
 from isochrome.errors import InputError
-from isochrome.scene import load_scene
+from isochrome.scene import load_scene, with_value
 
 FOUND = Calibration(
     specimen="disc", fringe_value_n_per_mm=14.61234, standard_uncertainty=0.0131, chi=1.02,
@@ -34,6 +34,13 @@ LAYOUTS = {
     "no specimen": "[load]\nnormal_n = 44.0",
     "empty": "",
 }
+
+
+def edited(text, value, spread, comment):
+    """A scene's text with another fringe value."""
+    written = f"{{ value = {value}, standard_uncertainty = {spread} }}"
+    key = "specimen.fringe_value_n_per_mm"
+    return with_value(text, key, written, comment=comment, mark=saved.MARK)
 
 
 @pytest.mark.parametrize("name", LAYOUTS)

@@ -7,8 +7,10 @@ import pytest
 
 from benchmarks.outside_camera import NONE
 from benchmarks.outside_specimens import Bench, disc_images
-from isochrome.calibration import LoadReading, as_shots, lay_series, read_load
+from isochrome.calibration import LoadReading, lay_series, read_load
 from isochrome.errors import PhysicsError
+
+from .conftest import as_shots
 
 RISE = 4e-3
 """Fringes at the centre for each N."""

@@ -8,18 +8,21 @@ import pytest
 
 from benchmarks.outside_camera import NONE
 from benchmarks.outside_specimens import Bench, beam_images, disc_images
-from isochrome.calibration import (
-    Beam,
-    Disc,
-    Uncertainty,
-    as_shots,
-    bending_from_shots,
-    disc_from_shots,
-)
+from isochrome.calibration import Beam, Disc, Uncertainty, bending_from_shots, disc_from_shots
 from isochrome.errors import InputError
 from isochrome.scene import Camera, Polariscope
 
-from .conftest import DIAMETER, F_SIGMA, HEIGHT, INNER, OUTER, bending_load, disc_load
+from .conftest import (
+    DIAMETER,
+    F_SIGMA,
+    HEIGHT,
+    INNER,
+    OUTER,
+    as_shots,
+    bending_load,
+    disc_load,
+    set_of,
+)
 
 SMALL = {"shape": (110, 130), "size_px": 80.0}
 ORDERS = (3.0, 2.2, 1.6)
@@ -30,17 +33,19 @@ SET_3 = (1.0, 0.6, 1.0 / 2.6)
 """Exposures of 1 : 2.6 that nothing states."""
 
 
-def beam(bench, orders=ORDERS, *, scale=1.0, seed=1, **options):
+def beam(bench, orders=ORDERS, *, scale=1.0, seed=1, camera=None, **options):
     """A beam's calibration, its pixel size off by a factor."""
     shots = as_shots(beam_images(orders, bench, seed), [bending_load(o) for o in orders])
     sizes = Beam(height_mm=HEIGHT, inner_span_mm=INNER, outer_span_mm=OUTER)
-    return bending_from_shots(shots, sizes, scale * HEIGHT / bench.size_px, **options)
+    pixel = {"pixel_mm": scale * HEIGHT / bench.size_px}
+    camera = (camera or Camera()).model_copy(update=pixel)
+    return bending_from_shots(shots, set_of(beam=sizes, camera=camera, **options))
 
 
 def disc(bench, orders=ORDERS, *, seed=1, **options):
     """A disc's calibration."""
     shots = as_shots(disc_images(orders, bench, seed), [disc_load(o) for o in orders])
-    return disc_from_shots(shots, Disc(diameter_mm=DIAMETER), **options)
+    return disc_from_shots(shots, set_of(disc=Disc(diameter_mm=DIAMETER), **options))
 
 
 def bench(exposures=(), **defects):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from isochrome.calibration import CalibrationSet
+from isochrome.calibration import CalibrationSet, Uncertainty
 from isochrome.errors import InputError
 from isochrome.scene import validate
 
@@ -48,7 +48,7 @@ def test_a_set_without_uncertainties_is_as_before():
     plain = {key: value["value"] for key, value in BEAM.items() if isinstance(value, dict)}
     images = [IMAGES[0], {"file": "1.tif", "load_n": 100.0}]
     found = made(beam=BEAM | plain, camera={"pixel_mm": 0.05}, image=images)
-    assert found.uncertainty is None
+    assert found.uncertainty == Uncertainty()
 
 
 @pytest.mark.parametrize(

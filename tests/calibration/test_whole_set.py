@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from benchmarks.outside_specimens import Bench, beam_images, disc_images
-from isochrome.calibration import as_shots
 from isochrome.calibration.beam.api import beam_kind, fit_beam
 from isochrome.calibration.disc.api import disc_model, simple_residual
 from isochrome.calibration.whole_set.set_model import SHARED, SetModel
 
-from .conftest import BEAM, F_SIGMA, HEIGHT, bending_from_images, bending_load
+from .conftest import BEAM, F_SIGMA, HEIGHT, as_shots, bending_from_images, bending_load
 
 BENCH = Bench(shape=(60, 76), size_px=44.0, angle_deg=1.0)
 ORDERS = (1.2, 2.0)
@@ -19,7 +18,7 @@ ORDERS = (1.2, 2.0)
 
 def beam_model(**options):
     shots = as_shots([*beam_images(ORDERS, BENCH)], [1.0, 2.0], sigma=2.0)
-    fits = [fit_beam(shot, BEAM, HEIGHT / BENCH.size_px) for shot in shots]
+    fits = [fit_beam(shot, BENCH.size_px) for shot in shots]
     rows, cols = (np.arange(n) for n in BENCH.shape)
     model = SetModel(
         kind=beam_kind(fits[0]), shots=shots, rows=rows, cols=cols,

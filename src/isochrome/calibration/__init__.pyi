@@ -2,18 +2,25 @@ from .beam.api import bending_from_shots, calibrate_bending
 from .camera_scale import calibrate_scale, fit_target
 from .colour import ColourCalibration, calibrate_colour, check_light, read_colour_shots
 from .disc.api import calibrate_disc, disc_from_shots
-from .disc.disc_field import Circle, find_rim, fit_circle
-from .disc.order_slope import LoadReading, LoadSeries, lay_series, read_load
+from .disc.disc_field import (
+    Circle,
+    LoadReading,
+    LoadSeries,
+    find_rim,
+    fit_circle,
+    lay_series,
+    read_load,
+)
 from .order_line import Input, fit_line, uncertainty_budget, widened_to_held_out
 from .result import BudgetItem, Calibration, ImageFit
-from .saved import calibration_report, check_scene_file, edited, save_calibration, write_into_scene
+from .saved import calibration_report, check_scene_file, save_calibration, write_into_scene
 from .scale_result import MeasuredValue, ScaleCalibration, ScalePicture
 from .settings import Beam, CalibrationSet, ColourSet, Disc, LoadedImage, Uncertainty, load_set
-from .shot import Shot, as_shots, read_shots
+from .shot import Shot, read_shots
 from .wear_coefficient import calibrate_wear
 from .wear_result import WearCalibration, WornDistance
 from .wear_set import TraceScar, WearSet, worn_volumes
-from .whole_set.set_result import cause_sentence
+from .whole_set.set_fit import cause_sentence
 
 __all__ = [
     "Beam",
@@ -38,7 +45,6 @@ __all__ = [
     "WearCalibration",
     "WearSet",
     "WornDistance",
-    "as_shots",
     "bending_from_shots",
     "calibrate_bending",
     "calibrate_colour",
@@ -50,7 +56,6 @@ __all__ = [
     "check_light",
     "check_scene_file",
     "disc_from_shots",
-    "edited",
     "find_rim",
     "fit_circle",
     "fit_line",

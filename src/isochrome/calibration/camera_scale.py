@@ -63,14 +63,36 @@ class EdgePair:
 def find_edge_pair(image: Array, *, name: str) -> EdgePair:
     """Find the two edges, upright or lying, whichever more rows or columns show.
 
+    Both lines have one direction, and their points' scatter makes the distance uncertain.
     PhysicsError where there are not two straight ones.
     """
     tries = [(_along(picture), turned) for picture, turned in ((image, False), (image.T, True))]
     (lines, turned) = max(tries, key=lambda pair: 0 if pair[0] is None else len(pair[0][0]))
     if lines is None:
         raise PhysicsError("no_two_straight_edges", name=name)
-    across, first, second = lines
-    return _pair(across, (first, second), turned)
+    across, *edges = lines
+    x = across - across.mean()
+    slopes = [float(x @ edge / (x @ x)) for edge in edges]
+    slope, middles = float(np.mean(slopes)), [float(edge.mean()) for edge in edges]
+    long = float(np.hypot(1.0, slope))
+    residual = [(e - m - slope * x) / long for e, m in zip(edges, middles, strict=True)]
+    distance = abs(middles[1] - middles[0]) / long
+    scatter = [float(np.sqrt(r @ r / (r.size - 2))) for r in residual]
+    noise = math.hypot(*scatter) / np.sqrt(x.size)
+    tilt = math.hypot(*scatter) / (2.0 * float(np.sqrt(x @ x)))
+    turn = distance * slope / long**2 * tilt  # what the direction's noise does to the distance
+    apart = abs(slopes[1] - slopes[0])
+    clear = apart > _CLEAR_OF_NOISE * 2.0 * tilt
+    order = 1 if turned else -1
+    points = [np.stack([across, edge][::order], axis=-1) for edge in edges]
+    normal = np.array([-slope, 1.0][::order]) / long
+    return EdgePair(
+        points=(points[0], points[1]),
+        residual_px=(residual[0][:, None] * normal, residual[1][:, None] * normal),
+        distance_px=distance,
+        standard_uncertainty=float(np.sqrt(noise**2 + turn**2 + 2.0 * FINDER_PX**2)),
+        spreading=apart * float(np.ptp(x)) / distance if clear else 0.0,
+    )
 
 
 def _along(image: Array) -> tuple[Array, Array, Array] | None:
@@ -115,32 +137,6 @@ def _robust(row: Array, edge: Array, good: NDArray[np.bool_]) -> Array:
     half = x.size // 2
     slope = float(np.median((y[half : 2 * half] - y[:half]) / (x[half : 2 * half] - x[:half])))
     return np.asarray(slope * row + np.median(y - slope * x))
-
-
-def _pair(across: Array, edges: tuple[Array, Array], turned: bool) -> EdgePair:
-    """The two lines with one direction, and what their points' scatter makes of the distance."""
-    x = across - across.mean()
-    slopes = [float(x @ edge / (x @ x)) for edge in edges]
-    slope, middles = float(np.mean(slopes)), [float(edge.mean()) for edge in edges]
-    long = float(np.hypot(1.0, slope))
-    residual = [(e - m - slope * x) / long for e, m in zip(edges, middles, strict=True)]
-    distance = abs(middles[1] - middles[0]) / long
-    scatter = [float(np.sqrt(r @ r / (r.size - 2))) for r in residual]
-    noise = math.hypot(*scatter) / np.sqrt(x.size)
-    tilt = math.hypot(*scatter) / (2.0 * float(np.sqrt(x @ x)))
-    turn = distance * slope / long**2 * tilt  # what the direction's noise does to the distance
-    apart = abs(slopes[1] - slopes[0])
-    clear = apart > _CLEAR_OF_NOISE * 2.0 * tilt
-    order = 1 if turned else -1
-    points = [np.stack([across, edge][::order], axis=-1) for edge in edges]
-    normal = np.array([-slope, 1.0][::order]) / long
-    return EdgePair(
-        points=(points[0], points[1]),
-        residual_px=(residual[0][:, None] * normal, residual[1][:, None] * normal),
-        distance_px=distance,
-        standard_uncertainty=float(np.sqrt(noise**2 + turn**2 + 2.0 * FINDER_PX**2)),
-        spreading=apart * float(np.ptp(x)) / distance if clear else 0.0,
-    )
 
 
 _WINDOW = 0.35
@@ -543,13 +539,12 @@ def _from_target(
         inputs.append(("seen aslant", fit.shortening, 0.5 * fit.shortening, pixel))
     noise = pixel * spread["spacing_px"] / values["spacing_px"]
     measured, budget = _combined(pixel, noise, inputs)
-    lens = {name: MeasuredValue(values[name], spread[name]) for name in LENS}
+    lens: dict[str, Any] = {n: MeasuredValue(values[n], spread[n]) for n in LENS}
     rolls = [MeasuredValue(*roll) for roll in fit.rolls_deg]
     parts = zip(pictures, places, fit.residual_px, rolls, strict=True)
     return ScaleCalibration(
         target=target, shape=(pictures[0][1].shape[0], pictures[0][1].shape[1]),
-        pixel_mm=measured, distortion=lens["distortion"], keystone_x=lens["keystone_x"],
-        keystone_z=lens["keystone_z"], roll_deg=rolls[0], residual_px=fit.rms_px,
+        pixel_mm=measured, **lens, roll_deg=rolls[0], residual_px=fit.rms_px,
         corners=sum(place[..., 0].size for place in places),
         images=tuple(
             ScalePicture(file=name, image=image, places=place.reshape(-1, 2),
@@ -611,8 +606,7 @@ def _from_edges(
     for (name, image), pair in zip(pictures, pairs, strict=True):
         places, residual = np.concatenate(pair.points), np.concatenate(pair.residual_px)
         shown.append(ScalePicture(file=name, image=image, places=places, residual_px=residual))
-    residuals = np.concatenate([residual for pair in pairs for residual in pair.residual_px])
-    off = np.hypot(*residuals.T)
+    off = np.hypot(*np.concatenate([picture.residual_px for picture in shown]).T)
     return ScaleCalibration(
         target="edges", shape=(pictures[0][1].shape[0], pictures[0][1].shape[1]),
         pixel_mm=measured, distortion=None, keystone_x=None, keystone_z=None, roll_deg=None,

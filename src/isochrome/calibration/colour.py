@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from isochrome.calibration.settings import ColourBeam, ColourSet, ColourSetLike, load_colour_set
+from isochrome.calibration.settings import ColourBeam, ColourSet, ColourSetLike
 from isochrome.calibration.shot import read_one_frame
 from isochrome.errors import InputError, PhysicsError
 from isochrome.figures import (
@@ -221,10 +221,9 @@ def read_colour_shots(given: ColourSet) -> tuple[ColourShots, int | None]:
     shapes = {image[0].shape for image in images}
     if len(shapes) > 1:
         raise InputError("images_different_sizes_rows", name=given.name, shapes=sorted(shapes))
-    ends: list[Array | None] = []
-    for name in (given.frames.no_load_dark, given.frames.no_load_bright):
+    ends: list[Array | None] = [None, None]
+    for k, name in enumerate((given.frames.no_load_dark, given.frames.no_load_bright)):
         if name is None:
-            ends.append(None)
             continue
         path, shape = given.path(name), images[0][0].shape
         (end, *_), _ = _read(given, path, masked=False)
@@ -233,7 +232,7 @@ def read_colour_shots(given: ColourSet) -> tuple[ColourShots, int | None]:
                 "rows_columns_channels_images", path=path, shape=end.shape, shape_2=shape
             )
         # its noise must not enter every pixel's model
-        ends.append(gaussian_filter(end, (_SMOOTH_ENDS_PX, _SMOOTH_ENDS_PX, 0.0)))
+        ends[k] = gaussian_filter(end, (_SMOOTH_ENDS_PX, _SMOOTH_ENDS_PX, 0.0))
     raw, noise, valid = (np.stack(part) for part in zip(*images, strict=True))
     return ColourShots(raw, noise, valid, *ends), depth
 
@@ -244,24 +243,19 @@ def _read(
     """Grey levels of one image, 1 = full scale, with noise and trusted pixels."""
     channels, depth = [], None
     for name in CHANNELS:
-        levels, noise, valid, depth = _channel(given, path, name, masked=masked)
-        channels.append((levels, noise, valid))
-    stacked = [np.stack(part, axis=-1) for part in zip(*channels, strict=True)]
-    return (stacked[0], stacked[1], stacked[2]), depth
-
-
-def _channel(
-    given: ColourSet, path: Path | ArrayFrames, name: Any, *, masked: bool
-) -> tuple[Array, Array, Array, int | None]:
-    frame, reader = read_one_frame(path, given.frames, given.camera, in_colour=True, channel=name)
-    depth = reader.bit_depth
-    mask = load_mask(given, reader.shape, reader.full_shape) if masked else None
-    linear = to_linear(
-        frame, bit_depth=depth, name=f"{path}, {name}", allow_blank=not masked, mask=mask
-    )
-    noise = estimate_noise(frame, linear.valid, bit_depth=depth)
-    level = gaussian_filter(np.nan_to_num(frame.astype(np.float32)), _SMOOTH_PX)
-    return linear.image, noise.linear_sigma(level, bit_depth=depth), linear.valid, depth
+        light: dict[str, Any] = {"in_colour": True, "channel": name}
+        frame, reader = read_one_frame(path, given.frames, given.camera, **light)
+        depth = reader.bit_depth
+        mask = load_mask(given, reader.shape, reader.full_shape) if masked else None
+        linear = to_linear(
+            frame, bit_depth=depth, name=f"{path}, {name}", allow_blank=not masked, mask=mask
+        )
+        noise = estimate_noise(frame, linear.valid, bit_depth=depth)
+        level = gaussian_filter(np.nan_to_num(frame.astype(np.float32)), _SMOOTH_PX)
+        sigma = noise.linear_sigma(level, bit_depth=depth)
+        channels.append((linear.image, sigma, linear.valid))
+    levels, sigma, valid = (np.stack(part, axis=-1) for part in zip(*channels, strict=True))
+    return (levels, sigma, valid), depth
 
 
 LARGEST_STRANGE = 0.03
@@ -437,7 +431,7 @@ def calibrate_colour(source: ColourSetLike) -> ColourCalibration:
     >>> found = isochrome.calibrate_colour("colours/set.toml")  # doctest: +SKIP
     >>> found.table  # doctest: +SKIP
     """
-    given = load_colour_set(source)
+    given = ColourSet.read(source)
     shots, depth = read_colour_shots(given)
     if given.beam is not None:
         return _of_beam(given, shots, depth)

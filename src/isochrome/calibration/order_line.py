@@ -326,12 +326,11 @@ def widened_to_held_out(calibration: Calibration) -> Calibration:
     orders = np.array([i.order for i in calibration.images])
     value = calibration.fringe_value_n_per_mm
     stated = calibration.standard_uncertainty / value
-    pulls = np.abs(away) / np.hypot(noise, orders * stated)
+    expected = np.hypot(noise, orders * stated)
+    pulls = np.abs(away) / expected
     worst = int(np.argmax(pulls))
     if pulls[worst] <= CONTRADICTED:
-        return replace(
-            calibration, images=_expected(calibration.images, np.hypot(noise, orders * stated))
-        )
+        return replace(calibration, images=_expected(calibration.images, expected))
     needed = np.sqrt(np.maximum((away / CONTRADICTED) ** 2 - noise**2, 0.0)) / orders
     total = value * float(max(needed.max(), stated))
     part = float(np.sqrt(max(total**2 - calibration.standard_uncertainty**2, 0.0)))

@@ -263,13 +263,23 @@ class Calibration(Result):
         usual = _spread([i for i in images if i.view is not None])[::-1][:_FOR_PAPER][::-1]
         default = [images.index(item) for item in usual]
         shown = [images[k] for k in chosen_frames(frames, len(images), default, items="images")]
-        views = [_view_of(item) for item in shown]
-        limit, where = _residual_limit(views), CUTS[self.specimen]
+        views = []
+        for item in shown:
+            if item.view is None:
+                raise InputError("left_out_calibration_not", file=item.file)
+            views.append(item.view)
+        # the size of a residual that colours tell apart, in noise sigmas: 4 at the least
+        sizes = [np.nanpercentile(np.abs(v.residual) / v.sigma, 98) for v in views]
+        limit, where = float(max([4.0, *sizes])), CUTS[self.specimen]
+        other = "predicted" if all(i.predicted_order is not None for i in images) else "line"
 
         def draw(axes: Axes, k: int, column: int) -> AxesImage:
-            image, options = _maps(shown[k], limit)[column]
-            small, pixel = _square(image, views[k].pixel_mm)
-            return show_image(axes, small, pixel_mm=pixel, **options)
+            view, look = views[k], (FRAME_MAP, FRAME_MAP, DIFFERENCE_MAP)[column]
+            low, high = np.nanpercentile(view.image, [0.5, 99.8]).tolist()
+            low, high = (-limit, limit) if look == DIFFERENCE_MAP else (low, high)
+            image = (view.image, view.model, view.residual / view.sigma)[column]
+            small, pixel = _square(image, view.pixel_mm)
+            return show_image(axes, small, pixel_mm=pixel, cmap=look, vmin=low, vmax=high)
 
         def order_line(axes: Axes) -> None:
             _line(axes, self)
@@ -279,15 +289,15 @@ class Calibration(Result):
         plots = [
             Plot(
                 title=f"{item.load_n:.4g} N, along the cut",
-                draw=partial(_cut, item=item, where=where),
+                draw=partial(_cut, view=view, where=where),
                 spare=1 if item is shown[-1] else 3,  # one cut tells how well the model fits
             )
-            for item in shown
+            for item, view in zip(shown, views, strict=True)
         ]
         parts = {item.name: item.contribution_n_per_mm for item in self.budget}
         plots += [
             Plot(title="order over load", draw=order_line),
-            Plot(title=_misfit_title(self), draw=partial(_misfit, calibration=self), spare=2),
+            Plot(title=f"measured minus {other}", draw=partial(_misfit, calibration=self), spare=2),
             budget_plot("uncertainty budget", parts, unit="N/mm"),
         ]
         value, *others = _values(self)
@@ -350,31 +360,6 @@ def _spread(images: list[ImageFit]) -> list[ImageFit]:
     return [ranked[round(k)] for k in np.linspace(0, count - 1, min(count, MOST_ROWS))]
 
 
-def _view_of(item: ImageFit) -> View:
-    """What is drawn of an image; InputError for one that was left out."""
-    if item.view is None:
-        raise InputError("left_out_calibration_not", file=item.file)
-    return item.view
-
-
-def _residual_limit(views: list[View]) -> float:
-    """The size that colours tell apart, in noise sigmas: 4 at the least."""
-    sizes = [np.nanpercentile(np.abs(v.residual) / v.sigma, 98) for v in views]
-    return float(max([4.0, *sizes]))
-
-
-def _maps(item: ImageFit, limit: float) -> tuple[tuple[Array, dict[str, Any]], ...]:
-    """What is drawn of an image: each map with its colours."""
-    view = _view_of(item)
-    low, high = (float(v) for v in np.nanpercentile(view.image, [0.5, 99.8]))
-    grey: dict[str, Any] = {"cmap": FRAME_MAP, "vmin": low, "vmax": high}
-    return (
-        (view.image, grey),
-        (view.model, grey),
-        (view.residual / view.sigma, {"cmap": DIFFERENCE_MAP, "vmin": -limit, "vmax": limit}),
-    )
-
-
 def _order_text(item: ImageFit) -> str:
     """The order to two digits of its uncertainty."""
     spread = item.standard_uncertainty
@@ -382,9 +367,8 @@ def _order_text(item: ImageFit) -> str:
     return f"{item.order:.{min(5, digits)}f}"
 
 
-def _cut(cut: Axes, item: ImageFit, where: Cut) -> None:
+def _cut(cut: Axes, view: View, where: Cut) -> None:
     """Intensity and order along the cut."""
-    view = _view_of(item)
     place, light, model, orders = (
         view.along_cut(v) for v in (view.position_mm, view.image, view.model, view.order)
     )
@@ -433,11 +417,6 @@ def _line(axes: Any, calibration: Calibration) -> None:
     axes.axhline(0.0, color=PALE, lw=FINE_PT, zorder=0)
     where = CUTS[calibration.specimen].place
     style_axes(axes, x_label="load (N)", z_label=f"order at the {where}")
-
-
-def _misfit_title(calibration: Calibration) -> str:
-    known = all(i.predicted_order is not None for i in calibration.images)
-    return f"measured minus {'predicted' if known else 'line'}"
 
 
 def _misfit(axes: Any, calibration: Calibration) -> None:

@@ -134,32 +134,14 @@ def write_into_scene(
         if not entries or abs(value) > CLEAR * spread or entry in stated.get(table, {}):
             entries.append((key, rounded_texts(value, spread)))
     for key, texts in reversed(entries):  # each is put on top of its table
-        date = calibration_day() if key == FRINGE_VALUE else None
-        text = edited(text, *texts, comment, name=str(scene), key=key, date=date)
+        dated = f', date = "{calibration_day()}"' if key == FRINGE_VALUE else ""
+        written = "{{ value = {}, standard_uncertainty = {}{} }}".format(*texts, dated)
+        text = with_value(text, key, written, comment=comment, mark=MARK, name=str(scene))
     target = Path(scene).resolve()  # a link stays a link
     with replacing(target) as beside:
         beside.write_bytes((mark + text).encode("utf-8"))
         shutil.copymode(target, beside)
     return float(entries[0][1][0])
-
-
-def edited(
-    text: str,
-    value: str,
-    spread: str,
-    comment: str,
-    *,
-    name: str = "scene",
-    key: str = FRINGE_VALUE,
-    date: str | None = None,
-) -> str:
-    """A scene's TOML text with another value of a key; InputError where no edit does only that.
-
-    `value` and `spread` are TOML numbers, `comment` stands without #.
-    """
-    dated = "" if date is None else f', date = "{date}"'
-    written = f"{{ value = {value}, standard_uncertainty = {spread}{dated} }}"
-    return with_value(text, key, written, comment=comment, mark=MARK, name=name)
 
 
 def _by_scene_law(calibration: WearCalibration, text: str, name: str) -> WearCalibration:
@@ -227,7 +209,7 @@ def calibration_report(folder: Path, name: str, record: Mapping[str, Any]) -> Re
     values = list(_values(content))
     verdict = "; ".join(f"{label} = {text}" for label, text in values)
     verdict = verdict if verdict.startswith("f_") else f"{verdict[:1].upper()}{verdict[1:]}"
-    budget = _table(f"Shares of the ± ({file})", content.get("budget") or [])
+    budget = _table(f"Shares of the ± ({file})", content.get("budget"))
     causes = content.get("causes")
     no_causes = _NO_CAUSES if causes is None else _NONE_FOUND
     rows = [*values, ("date of the calibration", str(record.get("date") or "not recorded"))]
@@ -264,7 +246,7 @@ def _of_camera(record: Mapping[str, Any]) -> list[tuple[str, str]]:
     rows, pixel = camera_rows(settings), settings.camera.pixel_mm
     if pixel is None:
         return rows
-    spread = None if settings.uncertainty is None else settings.uncertainty.pixel_mm
+    spread = settings.uncertainty.pixel_mm
     text = f"{pixel:g}" if spread is None else with_uncertainty(pixel, spread)
     note = "no uncertainty stated" if spread is None else "standard uncertainty"
     return [*rows, ("pixel", f"{text} mm ({note})")]
@@ -320,10 +302,8 @@ def _of_scale(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 def _of_colours(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     gamma, spread = content["gamma"], content["gamma_standard_uncertainty"]
     yield "gamma", f"{gamma:g} (as given)" if spread is None else with_uncertainty(gamma, spread)
-    yield (
-        "orders",
-        f"up to {content['highest_order_of_table']:.2f} at {content['wavelength_nm']:g} nm",
-    )
+    highest, wavelength = content["highest_order_of_table"], content["wavelength_nm"]
+    yield "orders", f"up to {highest:.2f} at {wavelength:g} nm"
     yield "residual", f"{content['residual']:.4f} of the full light (RMS)"
     yield "pixels off by over 0.15", f"{100.0 * content['strange_share']:.2g} %"
     yield "found by", str(content["way"])
@@ -331,27 +311,23 @@ def _of_colours(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 def _report_tables(content: Mapping[str, Any], file: str) -> Iterator[ReportTable]:
     for key, caption in _LISTS.items():
-        table = _table(f"{caption} ({file})", content.get(key) or [])
+        table = _table(f"{caption} ({file})", content.get(key))
         if table is not None:
             yield table
     channels = content.get("channels")
     if channels:
-        yield ReportTable(
-            f"By channel ({file})",
-            {"of": list(channels), "value": [_cell(value) for value in channels.values()]},
-        )
+        columns = {"of": list(channels), "value": list(map(_cell, channels.values()))}
+        yield ReportTable(f"By channel ({file})", columns)
     exposures = content.get("exposures")
     if exposures:
         columns = {"image": list(range(len(exposures))), "exposure": exposures}
         yield ReportTable(f"By image ({file})", columns)
 
 
-def _table(caption: str, rows: Sequence[Mapping[str, Any]]) -> ReportTable | None:
+def _table(caption: str, rows: Sequence[Mapping[str, Any]] | None) -> ReportTable | None:
     """Rows as a table; None where there are none. What a row does not have is not known."""
-    if not rows:
-        return None
-    shown = {name: [_cell(value) for value in column] for name, column in columns_of(rows).items()}
-    return ReportTable(caption, shown)
+    columns = columns_of(rows or []).items()
+    return ReportTable(caption, {n: list(map(_cell, c)) for n, c in columns}) if rows else None
 
 
 def _cell(value: Any) -> Any:
@@ -402,7 +378,7 @@ def _tables(calibration: SceneCalibration) -> dict[str, dict[str, list[Any]]]:
         tables = {"scale.csv": calibration.columns}
     else:
         tables = {"distances.csv": calibration.columns}
-        records = [trace_json(scar) for scar in calibration.traces]
+        records = map(trace_json, calibration.traces)
         traces = [row | {"is_clear": int(row["is_clear"])} for row in records]
         if traces:  # a set may state worn volumes alone
             tables["traces.csv"] = columns_of(traces)

@@ -217,13 +217,12 @@ class ScaleCalibration(Result):
         `pixel_mm`, `distortion`, `keystone_x`, `keystone_z` and `roll_deg` are each {value,
         standard_uncertainty}, or None where the edges do not tell them.
         """
-        values = self.values
-        names = ("pixel_mm", *LENS, "roll_deg")
+        names = dict.fromkeys(("pixel_mm", *LENS, "roll_deg"))
         return {
             "target": self.target,
             "width_px": self.shape[1],
             "height_px": self.shape[0],
-            **{name: vars(values[name]) if name in values else None for name in names},
+            **names | {name: vars(measured) for name, measured in self.values.items()},
             "residual_px": self.residual_px,
             "corners": self.corners,
             "images": [image.to_json() for image in self.images],

@@ -50,8 +50,7 @@ def with_stated(model: type[BaseModel], data: dict[str, Any]) -> dict[str, Any]:
     """
     plain, stated = split_uncertainties(model, data)
     images, of_images = plain_rows(plain.get("image"), "image", ("load_n",))
-    spreads = {}
-    for key, spread in stated.items():
+    for key in stated:
         if key not in _INPUTS and key not in _SPANS:
             raise ValueError(
                 message(
@@ -59,8 +58,7 @@ def with_stated(model: type[BaseModel], data: dict[str, Any]) -> dict[str, Any]:
                     spans=", ".join(_SPANS), load=_LOAD,
                 )
             )  # fmt: skip
-        if key in _INPUTS:
-            spreads[_INPUTS[key]] = spread
+    spreads = {_INPUTS[key]: spread for key, spread in stated.items() if key in _INPUTS}
     spans = [stated[key] for key in _SPANS if key in stated]
     if spans:
         # of each span, such that both together are as uncertain as stated
@@ -135,13 +133,10 @@ class Beam(ScenePart):
     def _spans_in_order(self) -> Beam:
         inner, outer, height = self.inner_span_mm, self.outer_span_mm, self.height_mm
         if inner >= outer:
-            raise ValueError(
-                message(
-                    "inner_span_mm_must_less_outer_span_mm",
-                    inner_span_mm=inner,
-                    outer_span_mm=outer,
-                )
+            text = message(
+                "inner_span_mm_must_less_outer_span_mm", inner_span_mm=inner, outer_span_mm=outer
             )
+            raise ValueError(text)
         if height >= outer:
             raise ValueError(
                 message("height_mm_not_less_outer_span_mm", height_mm=height, outer_span_mm=outer)
@@ -230,13 +225,15 @@ class ImageSet(ScenePart):
         return file if isinstance(file, ArrayFrames) else (self.folder or Path()) / file
 
     @classmethod
-    def read(cls, source: str | Path | Mapping[str, Any]) -> Self:
-        """The set of a TOML file, or of its tables.
+    def read(cls, source: str | Path | Mapping[str, Any] | Self) -> Self:
+        """The set of a TOML file, or of its tables, whose images may be arrays, or itself.
 
         Raises InputError that names the file, key, value and fix.
         """
         if isinstance(source, Mapping):
             return validate(cls, as_tables(source), "set", reserved=("folder", "name"))
+        if not isinstance(source, str | Path):
+            return source
         path = Path(source)
         data = parse_toml(read_text(path), str(path))
         loaded = validate(cls, data, str(path), reserved=("folder", "name"))
@@ -283,7 +280,7 @@ class CalibrationSet(ImageSet):
     polariscope: Polariscope = Polariscope()
     frames: Frames = Frames()
     image: Annotated[tuple[LoadedImage, ...], Field(min_length=1)]
-    uncertainty: Uncertainty | None = None
+    uncertainty: Uncertainty = Uncertainty()
 
     @model_validator(mode="before")
     @classmethod
@@ -320,10 +317,8 @@ def load_set(source: SetLike, *, specimen: str | None = None) -> CalibrationSet:
     `specimen`: 'beam' or 'disc' where only one will do. InputError names the file, key, value and
     fix.
     """
-    if isinstance(source, CalibrationSet):
-        loaded = source
-    else:
-        loaded = CalibrationSet.read(source)
+    loaded = CalibrationSet.read(source)
+    if loaded is not source:
         check_reach(loaded.model_dump(exclude_unset=True), loaded.name)
     if specimen is not None and getattr(loaded, specimen) is None:
         (other,) = CUTS.keys() - {specimen}
@@ -417,8 +412,3 @@ class ColourSet(ImageSet):
 
 ColourSetLike = str | Path | ColourSet | Mapping[str, Any]
 """A colour calibration's set as a caller may give it: a file, a ColourSet, or its tables."""
-
-
-def load_colour_set(source: ColourSetLike) -> ColourSet:
-    """The set of a colour calibration from its file, its tables or itself; InputError."""
-    return source if isinstance(source, ColourSet) else ColourSet.read(source)

@@ -1,15 +1,15 @@
-"""Prepared frames with the load of each, from arrays or from a calibration set's files.
+"""Prepared frames with the load of each, from a calibration set's files.
 
 And a value for each channel of colour images.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from isochrome.calibration.result import Calibration
@@ -21,7 +21,6 @@ from isochrome.frames import (
     FrameReader,
     channel_for,
     check_scale,
-    estimate_noise,
     full_scale,
     load_mask,
     load_no_load,
@@ -47,61 +46,12 @@ class Shot(Observation):
         return None if self.no_load_light is None else self.no_load_light[pick]
 
 
-def as_shots(
-    images: Sequence[ArrayLike],
-    loads_n: Sequence[float],
-    *,
-    sigma: float | Sequence[ArrayLike] | None = None,
-    bright: bool = False,
-    no_load_light: ArrayLike | None = None,
-) -> tuple[Shot, ...]:
-    """Shots of arrays of linear intensity, of integer types saturated on a plateau at the top.
-
-    `sigma`: one number, or a number or map an image; by default the noise is estimated.
-    `no_load_light`: bright less dark frame. InputError for counts or shapes that do not agree.
-    """
-    if len(images) != len(loads_n) or not images:
-        raise InputError(
-            "images_loads_give_many", images_count=len(images), loads_n_count=len(loads_n)
-        )
-    lamp = None if no_load_light is None else np.asarray(no_load_light, dtype=float)
-    shots = []
-    for i, image in enumerate(images):
-        frame = np.asarray(image, dtype=float)
-        if frame.ndim != 2 or min(frame.shape) < 16:
-            raise InputError("image_has_shape_give", i=i + 1, shape=frame.shape)
-        mask = np.isfinite(frame)
-        given = sigma if sigma is None or isinstance(sigma, (int, float)) else sigma[i]
-        noise = np.asarray(noise_of(frame, mask) if given is None else given, dtype=float)
-        kind = np.asarray(image).dtype
-        if kind.kind in "ui":
-            level = saturation_level(np.asarray(image), full=float(np.iinfo(kind).max))
-            mask = mask & below_saturation(frame, noise, level)
-        noise = np.broadcast_to(noise, frame.shape)
-        shots.append(
-            Shot(
-                name=f"image {i + 1}", light=frame, sigma=noise, valid=mask, raw=frame,
-                raw_sigma=noise, gamma=1.0, load_n=float(loads_n[i]), bright=bright,
-                no_load_light=lamp,
-            )
-        )  # fmt: skip
-    return tuple(shots)
-
-
-def by_load(shots: Sequence[Shot]) -> tuple[list[Shot], list[Shot]]:
-    """The shots with a load and those without. Raises InputError where none has a load."""
-    loaded = [s for s in shots if s.load_n > 0]
-    if not loaded:
-        raise InputError("no_image_has_load")
-    return loaded, [s for s in shots if s.load_n == 0]
-
-
 def unused(idle: Sequence[Shot], why: str) -> tuple[str, ...]:
     """A sentence on the shots without a load, where there are some."""
     return (f"{', '.join(s.name for s in idle)}: no load, not used{why}",) if idle else ()
 
 
-def below_saturation(image: Array, sigma: ArrayLike, level: float) -> NDArray[np.bool_]:
+def below_saturation(image: Array, sigma: Array, level: float) -> NDArray[np.bool_]:
     """Pixels (rows, cols) whose neighbourhood's mean lies three sigmas below saturation's `level`.
 
     Leaving out the saturated pixels alone would keep the darker half of those beside them, whose
@@ -109,17 +59,7 @@ def below_saturation(image: Array, sigma: ArrayLike, level: float) -> NDArray[np
     """
     if float(np.max(image)) < level:
         return np.ones(image.shape, dtype=bool)
-    return np.asarray(
-        (image < level) & (uniform_filter(image, 3) + 3.0 * np.asarray(sigma) < level)
-    )
-
-
-def noise_of(image: Array, mask: NDArray[np.bool_]) -> Array:
-    """Noise of a linear image at its local level, (rows, cols); see `isochrome.frames`."""
-    filled = np.where(mask, image, np.median(image[mask]))
-    sigma = estimate_noise(filled, mask).sigma(uniform_filter(filled, 3))
-    least = 1e-4 * float(np.ptp(filled)) + 1e-12
-    return np.asarray(np.maximum(np.asarray(sigma, dtype=float), least))
+    return np.asarray((image < level) & (uniform_filter(image, 3) + 3.0 * sigma < level))
 
 
 MOST_SATURATED = 0.3
@@ -218,7 +158,7 @@ SUMMARY = ("fringe_value_n_per_mm", "standard_uncertainty", "chi", "order_at_zer
 
 
 def calibrate_channels(
-    given: CalibrationSet, run: Callable[[tuple[Shot, ...]], Calibration]
+    given: CalibrationSet, run: Callable[[tuple[Shot, ...], CalibrationSet], Calibration]
 ) -> Calibration:
     """Run a calibration, once a channel where the images are in colour and none is named.
 
@@ -232,13 +172,13 @@ def calibrate_channels(
             raise InputError(
                 "polariscope_lines_several_wavelengths", name=given.name, file=given.image[0].file
             )
-        return run(read_shots(given))
+        return run(read_shots(given), given)
     main = channel_for(scope.wavelength_nm)
-    result = run(_of_channel(given, main))
+    result = run(_of_channel(given, main), given)
     table: dict[str, Any] = {}
     for channel in CHANNELS:
         try:
-            one = result if channel == main else run(_of_channel(given, channel))
+            one = result if channel == main else run(_of_channel(given, channel), given)
         except PhysicsError as error:
             table[channel] = {"refused": str(error)}
             continue
@@ -246,15 +186,11 @@ def calibrate_channels(
         every = scope.lines.wavelength_nm if scope.lines else ()
         lines = [w for w in every if channel_for(w) == channel]
         table[channel] = values | {"wavelength_nm": lines[0] if len(lines) == 1 else None}
-    return replace(result, channels=table, warnings=(*_of_channels(table, main), *result.warnings))
-
-
-def _of_channels(table: dict[str, Any], main: str) -> Iterator[str]:
-    """What to say of the channels' values."""
-    yield message("colour_images_value_channel", main=main)
+    messages = [message("colour_images_value_channel", main=main)]
     poor = [c for c, v in table.items() if "refused" in v or v["chi"] > POOR_CHI]
     if poor:
-        yield message("one_wavelength_does_not", poor=", ".join(poor))
+        messages.append(message("one_wavelength_does_not", poor=", ".join(poor)))
+    return replace(result, channels=table, warnings=(*messages, *result.warnings))
 
 
 def _of_channel(given: CalibrationSet, channel: str) -> tuple[Shot, ...]:

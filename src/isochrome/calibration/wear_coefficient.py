@@ -218,19 +218,14 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
     >>> round(found.coefficient_mm2_per_n / 1e-9, 6)
     2.0
     """
-    if isinstance(settings, WearSet):
-        given = settings
-    else:
-        given = WearSet.read(settings)
+    given = WearSet.read(settings)
+    if given is not settings:
         check_reach(given.model_dump(exclude_unset=True), given.name)
     scars = trace_scars(given)
     volumes, scatter = worn_volumes(given, scars)
     if not volumes:
-        raise PhysicsError(
-            "no_distance_has_traces",
-            name=given.name,
-            scars=next(scar.why_not for scar in scars if scar.why_not),
-        )
+        why = next(scar.why_not for scar in scars if scar.why_not)
+        raise PhysicsError("no_distance_has_traces", name=given.name, scars=why)
     spread = _own_spread(volumes)
     laws = fit_laws(volumes, spread)
     archard = archard_of(laws)
@@ -250,9 +245,7 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
     budget, total = budget_items(rows), _joined(np.array([u * c for _, _, u, c in rows]))
     freedom = _freedom(volumes, scatter, archard, spread, total)
     reach = _reach(freedom, total, scattered=scattered)
-    law = laws[0].law
-    if law != "archard" and archard.log_evidence > -SURE:
-        law = "archard"
+    law = "archard" if archard.log_evidence > -SURE else laws[0].law
     return WearCalibration(
         coefficient_mm2_per_n=k,
         standard_uncertainty=total,

@@ -505,12 +505,8 @@ def _draw_coefficients(axes: Any, calibration: WearCalibration) -> None:
     look: dict[str, Any] = {"fmt": "o", "color": LINE_COLOURS[1], "lw": LINE_PT, "capsize": 3}
     axes.errorbar(s, k, yerr=BAND * u, label=data_name("each distance"), **look)
     axes.set_xlim(*ends)
-    style_axes(
-        axes,
-        x_label="sliding distance (m)",
-        z_label="k (1e-9 mm²/N)",
-        title="V/(P s) at each distance, ± 2 u, and of all",
-    )
+    title = "V/(P s) at each distance, ± 2 u, and of all"
+    style_axes(axes, x_label="sliding distance (m)", z_label="k (1e-9 mm²/N)", title=title)
 
 
 def _colours(count: int) -> list[Any]:

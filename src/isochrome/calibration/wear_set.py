@@ -210,11 +210,9 @@ def _with_stated(model: type[WearSet], data: dict[str, Any]) -> dict[str, Any]:
             plain = plain | {kind: tests}
         for name, values in spreads.items():
             relative.setdefault(name, []).extend(values)
-    of_volumes = relative.pop("value_mm3", None)
-    if of_volumes:
-        uncertainties["volume_mm3"] = of_volumes
-    for name, values in relative.items():
-        uncertainties[_COMMON[name]] = common_percent(values)
+    if "value_mm3" in relative:
+        uncertainties["volume_mm3"] = relative.pop("value_mm3")
+    uncertainties |= {_COMMON[name]: common_percent(values) for name, values in relative.items()}
     return under_uncertainty(plain, uncertainties)
 
 

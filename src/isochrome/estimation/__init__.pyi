@@ -11,7 +11,17 @@ from .covariance import (
     standard_uncertainty,
     white_covariance,
 )
-from .evidence import Evidence, Hypothesis, Sets, cosine_rms, cosine_spread, cosines, ways, weigh
+from .evidence import (
+    Evidence,
+    Hypothesis,
+    Nuisance,
+    Sets,
+    cosine_rms,
+    cosine_spread,
+    cosines,
+    hypotheses_of,
+    weigh,
+)
 from .intensity import (
     STEP,
     IntensityFit,
@@ -108,6 +118,7 @@ __all__ = [
     "IntensityFit",
     "LinearPart",
     "Minimum",
+    "Nuisance",
     "Observation",
     "Prior",
     "ScoreProducts",
@@ -133,6 +144,7 @@ __all__ = [
     "fit_intensity",
     "frame_light",
     "gradient_covariance",
+    "hypotheses_of",
     "is_determined",
     "is_explained",
     "jackknife_variance",
@@ -166,7 +178,6 @@ __all__ = [
     "stride_mask",
     "total_degree",
     "variance_shares",
-    "ways",
     "weigh",
     "white_covariance",
     "with_chosen_terms",

@@ -14,10 +14,11 @@ normal prior: its evidence is twice the posterior's part above nought. Sources: 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,18 +53,36 @@ class Hypothesis:
     positive: bool = False
 
 
-def ways(
-    name: str, columns: slice, roots: Sequence[Array], chance: float, *, positive: bool = False
-) -> list[Hypothesis]:
-    """Something that is there by a chance, in ways that exclude one another, by their `roots`.
-
-    `positive`, whether the amplitude of the first is.
+@dataclass(frozen=True, kw_only=True)
+class Nuisance:
+    """Something that may be there: the values `now` (k,) of its columns, and the `roots` of its
+    priors, ways that exclude one another; `positive`, whether the amplitude of the first is.
     """
-    odds = float(np.log(chance / (1.0 - chance) / len(roots)))
-    return [
-        Hypothesis(name, columns, root, odds, positive and way == 0)
-        for way, root in enumerate(roots)
-    ]
+
+    name: str
+    now: Array
+    roots: tuple[NDArray[Any], ...]
+    positive: bool = False
+
+
+def hypotheses_of(
+    nuisances: Sequence[Nuisance], fitted: Collection[str], chance: float
+) -> tuple[list[Hypothesis], list[int]]:
+    """The ways in which nuisances are there, each by a chance, their columns one after the other;
+    and which of them are those that are `fitted`, by name: the middle one of each.
+    """
+    hypotheses: list[Hypothesis] = []
+    given, first = [], 0
+    for nuisance in nuisances:
+        columns = slice(first, first + len(nuisance.now))
+        first = columns.stop
+        if nuisance.name in fitted:
+            given.append(len(hypotheses) + len(nuisance.roots) // 2)
+        odds = float(np.log(chance / (1.0 - chance) / len(nuisance.roots)))
+        for way, root in enumerate(nuisance.roots):
+            positive = nuisance.positive and way == 0
+            hypotheses.append(Hypothesis(nuisance.name, columns, root, odds, positive))
+    return hypotheses, given
 
 
 def cosines(shape: tuple[int, ...], count: int) -> NDArray[np.float32]:

@@ -1,6 +1,13 @@
 """One image of a beam in bending: the whole span by least squares on its intensities.
 
-All images of a beam in the model of a whole set: see `calibration.whole_set`.
+All images of a beam in the model of a whole set: see `calibration.whole_set`. The fringes alone
+cannot tell a wrong pixel scale: the slope of the order over pixels stays as it is. Where both edges
+are in view, their distance can.
+
+Where the beam lies in a frame, and a first guess of its fringes, is told from a profile over its
+height: in pure bending N rises linearly across it, so that the intensity along it is a sinusoid
+with one frequency, the slope |dN/dy|; outside the beam there is none. A spectral scan with a window
+of the beam's known height finds both together, with no knowledge of f_sigma.
 
 Material fringe value from four-point bending.
 
@@ -15,14 +22,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isochrome.calibration.beam.beam_view import (
-    FEWEST,
-    BeamPicture,
-    BeamView,
-    check_beam_scale,
-    edge_distance,
-    find_beam,
-)
 from isochrome.calibration.order_line import (
     Input,
     ResidualOrder,
@@ -30,24 +29,196 @@ from isochrome.calibration.order_line import (
     widened_to_held_out,
 )
 from isochrome.calibration.result import Calibration, ImageFit, View
-from isochrome.calibration.settings import Beam, SetLike, Uncertainty, load_set
-from isochrome.calibration.shot import Shot, by_load, calibrate_channels, unused
-from isochrome.calibration.whole_set.set_fit import fit_set, plain_terms
-from isochrome.calibration.whole_set.set_image import looked_at
-from isochrome.calibration.whole_set.set_model import LENS, Kind, SetFit, SetModel
-from isochrome.calibration.whole_set.set_result import (
+from isochrome.calibration.settings import CalibrationSet, SetLike, load_set
+from isochrome.calibration.shot import Shot, calibrate_channels, unused
+from isochrome.calibration.whole_set.set_fit import (
     causes,
+    contradiction,
+    fit_set,
     image_chi,
     image_maps,
+    plain_terms,
     sentences,
     stated_values,
 )
-from isochrome.errors import PhysicsError
+from isochrome.calibration.whole_set.set_model import Kind, SetFit, SetModel, looked_at
+from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import ALIKE_CHI, IntensityFit, SeveralStarts, smooth_starts
 from isochrome.messages import message
-from isochrome.scene import Camera, Polariscope
+from isochrome.output import with_uncertainty
 
 Array = NDArray[np.float64]
+
+LARGEST_TILT = 8.0
+"""Degrees; a beam tilted by more is asked to be turned."""
+
+FINEST_PX = 4.0
+"""Samples of the profile a fringe at the least."""
+
+SAMPLES = 512
+"""Samples of the profile that is scanned, at most about."""
+
+SMALLEST_PX = 16.0
+LARGEST_FRAMES = 20.0
+"""A beam's height in pixels, and in heights of the frame, at the least and at the most."""
+
+FEWEST_VALID = 0.3
+"""Part of the pixels that must be usable."""
+
+FEWEST = 0.5
+"""Fringes in view at the least."""
+
+
+@dataclass(frozen=True)
+class BeamView:
+    """The beam's `height_px`, its `top` row at the middle column (float, may be outside), its
+    `tilt` (rows a column) and `starts` (m, 3): slope (fringe/px across the rows), row of N = 0,
+    tilt.
+    """
+
+    height_px: float
+    top: float
+    tilt: float
+    starts: Array
+
+    @property
+    def scale(self) -> Array:
+        """Natural changes (3,) of slope, row and tilt."""
+        return np.array([0.1 / self.height_px, 0.1 * self.height_px, 0.01])
+
+
+def find_beam(shot: Shot, height_px: float) -> BeamView:
+    """Find a beam's tilt, top edge and candidate fringe slopes.
+
+    Parameters: `shot`; `height_px`, the beam's height in pixels. Returns a BeamView. Raises
+    PhysicsError where no fringes rise across the height, InputError for another size.
+    """
+    lines = shot.light.shape[0]
+    if not SMALLEST_PX <= height_px <= LARGEST_FRAMES * lines:
+        raise InputError(
+            "beam_height_mm_camera_pixel_mm", name=shot.name, height_px=height_px, seen=lines,
+            smallest_px=SMALLEST_PX, seen_2=LARGEST_FRAMES * lines,
+        )  # fmt: skip
+    if np.mean(shot.valid) < FEWEST_VALID:
+        raise PhysicsError("only_pixels_can_used", name=shot.name, mean=np.mean(shot.valid))
+    tilt = _tilt(shot)
+    rows, values, count = _binned(*_profile(shot, tilt))
+    tops = _tops(rows, height_px)
+    seen = min(height_px, float(rows[-1] - rows[0] + 1))
+    finest = 1.0 / (FINEST_PX * float(rows[1] - rows[0]))
+    slopes = np.arange(FEWEST / seen, finest, 0.2 / seen)
+    coarse = tops[:: max(1, len(tops) // 12)]
+    cost, _ = _scan(rows, values, count, coarse, height_px, slopes)
+    best = _peaks(cost.min(axis=0), 4)
+    cost, phase = _scan(rows, values, count, tops, height_px, slopes[best])
+    place = int(np.argmin(cost.min(axis=1)))
+    smooth = np.polynomial.Polynomial.fit(rows, values, 2, w=np.sqrt(count))(rows)
+    if cost.min() > 0.95 * float(np.sum(count * (values - smooth) ** 2)):
+        raise PhysicsError("no_fringes_rise_across", name=shot.name)
+    middle = tops[place] + 0.5 * height_px
+    starts = []
+    for slope, angle in zip(slopes[best], phase[place], strict=True):
+        row = (angle + (0.0 if shot.bright else np.pi)) / (2.0 * np.pi * slope)
+        starts.append([slope, row + np.round((middle - row) * slope) / slope, tilt])
+    return BeamView(height_px, float(tops[place]), tilt, np.array(starts))
+
+
+def _tilt(shot: Shot) -> float:
+    """Shear (rows a column) under which the profile over the rows has the most contrast."""
+    limit = np.tan(np.radians(LARGEST_TILT))
+    centre, half = 0.0, limit
+    for step in (0.25, 0.05):
+        shears = centre + np.arange(-half, half + 1e-9, np.tan(np.radians(step)))
+        sharp = []
+        for shear in shears:
+            _, values, count = _profile(shot, shear)
+            weight = count / count.sum()
+            sharp.append(np.sum(weight * (values - np.sum(weight * values)) ** 2))
+        centre, half = float(shears[int(np.argmax(sharp))]), np.tan(np.radians(step))
+    return centre
+
+
+def _profile(shot: Shot, shear: float) -> tuple[Array, Array, Array]:
+    """Mean intensity over sheared rows: row at the middle column, mean, number of pixels."""
+    height, width = shot.light.shape
+    stride = max(1, width // 160)
+    cols = np.arange(stride // 2, width, stride)
+    drop = shear * (cols - 0.5 * (width - 1))
+    place = np.rint(np.arange(height)[:, None] - drop[None, :]).astype(int)
+    low = int(place.min())
+    keep = shot.valid[:, cols]
+    index = (place - low)[keep]
+    count = np.bincount(index)
+    total = np.bincount(index, weights=shot.light[:, cols][keep])
+    good = count >= 0.3 * len(cols)
+    row = np.flatnonzero(good).astype(float) + low
+    return row, total[good] / count[good], count[good].astype(float)
+
+
+def _binned(rows: Array, values: Array, count: Array) -> tuple[Array, Array, Array]:
+    """A profile's means over so many rows that about SAMPLES remain."""
+    step = -(-rows.size // SAMPLES)
+    if step == 1:
+        return rows, values, count
+    selected = rows.size - rows.size % step
+    pixels, place, light = (
+        v[:selected].reshape(-1, step).sum(axis=1) for v in (count, rows * count, values * count)
+    )
+    return place / pixels, light / pixels, pixels
+
+
+def _tops(rows: Array, height_px: float) -> Array:
+    """Candidate rows of the top edge: at least 60 % of the smaller of beam and frame in view."""
+    seen = float(rows[-1] - rows[0] + 1)
+    room = 0.4 * min(height_px, seen)
+    low, high = sorted((rows[0] - room, rows[-1] + 1 - height_px + room))
+    if height_px > seen:
+        low, high = rows[-1] + 1 - height_px - room, rows[0] + room
+    step = max(1.0, 0.01 * min(height_px, seen))
+    return np.arange(low, high + step, step)
+
+
+def _scan(
+    rows: Array, values: Array, count: Array, tops: Array, height_px: float, slopes: Array
+) -> tuple[Array, Array]:
+    """Residual (tops, slopes) of a sinusoid inside and a line outside; phase of the maximum."""
+    cost, phase = np.empty((2, len(tops), len(slopes)))
+    angle = 2.0 * np.pi * slopes[:, None] * rows
+    waves = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    place = (rows - rows.mean()) / max(1.0, float(np.ptp(rows)))
+    smooth = np.broadcast_to(
+        np.stack([np.ones_like(place), place, place**2]), (len(slopes), 3, rows.size)
+    )
+    design = np.concatenate([waves, smooth], axis=1)
+    for i, top in enumerate(tops):
+        inside = (rows >= top) & (rows < top + height_px)
+        d, w, y = design[:, :, inside], count[inside], values[inside]
+        gram = (d * w) @ d.transpose(0, 2, 1) + 1e-9 * w.sum() * np.eye(5)
+        right = (d * w) @ y
+        result = np.linalg.solve(gram, right[..., None])[..., 0]
+        outside = _line_cost(rows, values, count, rows < top)
+        outside += _line_cost(rows, values, count, rows >= top + height_px)
+        cost[i] = np.sum(w * (y - np.einsum("sk,skn->sn", result, d)) ** 2, axis=1) + outside
+        phase[i] = np.arctan2(result[:, 1], result[:, 0])
+    return cost, phase
+
+
+def _line_cost(rows: Array, values: Array, count: Array, where: NDArray[np.bool_]) -> float:
+    x, y, w = rows[where], values[where], count[where]
+    if x.size < 3:
+        return 0.0
+    x = x - np.average(x, weights=w)
+    y = y - np.average(y, weights=w)
+    slope = np.sum(w * x * y) / np.sum(w * x * x)
+    return float(np.sum(w * (y - slope * x) ** 2))
+
+
+def _peaks(cost: Array, number: int) -> NDArray[np.intp]:
+    """Indices of the deepest local minima."""
+    padded = np.concatenate([[np.inf], cost, [np.inf]])
+    local = np.flatnonzero((cost <= padded[:-2]) & (cost <= padded[2:]))
+    return local[np.argsort(cost[local], kind="stable")][:number]
+
 
 START_PIXELS = 20_000
 """Pixels of an image from which the set starts."""
@@ -76,24 +247,19 @@ class BeamFit:
 
     shot: Shot
     view: BeamView
-    cols: Array
+    cols: NDArray[np.intp]
     best: IntensityFit
-
-    @property
-    def pick(self) -> NDArray[np.intp]:
-        """The fitted columns as indices."""
-        return self.cols.astype(np.intp)
 
     @property
     def mask(self) -> NDArray[np.bool_]:
         """The fitted pixels (rows, m)."""
         return np.isfinite(self.best.residual)
 
-    @property
-    def places(self) -> tuple[Array, Array]:
-        """Rows (rows, 1), and columns from the frame's middle (1, m)."""
-        rows, width = self.shot.light.shape
-        return np.arange(rows, dtype=float)[:, None], (self.cols - 0.5 * (width - 1))[None, :]
+
+def _places(shot: Shot, cols: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Rows (rows, 1) of a shot, and columns from the frame's middle (1, m)."""
+    rows, width = shot.light.shape
+    return np.arange(rows, dtype=float)[:, None], (cols - 0.5 * (width - 1))[None, :]
 
 
 def beam_order(params: ArrayLike, y: Array, x: Array) -> Array:
@@ -106,26 +272,19 @@ def beam_order(params: ArrayLike, y: Array, x: Array) -> Array:
     return np.asarray(slope * (y - row - tilt * x))
 
 
-def beam_signal(order: Array, bright: bool) -> Array:
-    """Ideal circular polariscope, 0..1: sin^2(pi N) in a dark field, cos^2(pi N) in a bright."""
-    wave = np.cos(2.0 * np.pi * order)
-    return 0.5 + 0.5 * wave if bright else 0.5 - 0.5 * wave
-
-
-def fit_beam(shot: Shot, beam: Beam, pixel_mm: float) -> BeamFit:
+def fit_beam(shot: Shot, height_px: float) -> BeamFit:
     """Fit one image's whole span: slope across the height, neutral axis, tilt, illumination.
 
-    Parameters: as in `bending_from_shots`. Returns the BeamFit. Raises PhysicsError for too few
-    fringes, an ambiguous slope or a fit that did not converge.
+    Raises PhysicsError for too few fringes, an ambiguous slope or a fit that did not converge.
     """
-    view = find_beam(shot, beam.height_mm / pixel_mm)
+    view = find_beam(shot, height_px)
     stride = max(1, int(np.ceil(shot.light.size / START_PIXELS)))
-    cols = np.arange(stride // 2, shot.light.shape[1], stride, dtype=float)
+    cols = np.arange(stride // 2, shot.light.shape[1], stride, dtype=np.intp)
     for margin in MARGINS:
         try:
             result = _fit(shot, view, cols, margin)
         except PhysicsError as error:  # every start turned the light negative
-            raise _not_fitted(shot) from error
+            raise PhysicsError("fringes_not_those_pure", name=shot.name) from error
         fit = BeamFit(shot, view, cols, result.best)
         top = _refined_top(fit)
         if margin == MARGINS[-1] and abs(top - view.top) <= CLOSE_PX:
@@ -141,15 +300,13 @@ def _refined_top(fit: BeamFit) -> float:
     The first guess has the fringes' slope roughly only, and an edge of order 1 is as dark as what
     lies beyond it: a few rows of that would pull the fit.
     """
-    (y, x), height_px = fit.places, fit.view.height_px
+    (y, x), height_px = _places(fit.shot, fit.cols), fit.view.height_px
     row = np.rint(y - fit.view.tilt * x).astype(np.intp)
     low = int(row.min())
     depth = row - fit.view.top
-    away = fit.shot.valid[:, fit.pick] & (
-        (depth < -EDGE_REACH * height_px) | (depth > (1.0 + EDGE_REACH) * height_px)
-    )
-    valid = fit.shot.valid[:, fit.pick]
-    image, sigma = fit.shot.light[:, fit.pick], fit.shot.sigma[:, fit.pick]
+    image, sigma, valid = (m[:, fit.cols] for m in (fit.shot.light, fit.shot.sigma, fit.shot.valid))
+    away = (depth < -EDGE_REACH * height_px) | (depth > (1.0 + EDGE_REACH) * height_px)
+    away &= valid
     outer = valid & ((depth < 0.0) | (depth > height_px))
     if np.count_nonzero(outer) < 0.01 * outer.size:
         return fit.view.top  # the beam fills the frame, and nothing lies beyond its edges
@@ -165,18 +322,20 @@ def _refined_top(fit: BeamFit) -> float:
     return float(near[int(np.argmax(total[last] - total[first]))])
 
 
-def _fit(shot: Shot, view: BeamView, cols: Array, share: float) -> SeveralStarts:
+def _fit(shot: Shot, view: BeamView, cols: NDArray[np.intp], share: float) -> SeveralStarts:
     """Fit the fringes inside the beam, less a `share` of it at each edge, on the columns `cols`."""
-    pick = cols.astype(int)
-    y = np.arange(shot.light.shape[0], dtype=float)[:, None]
-    x = (cols - 0.5 * (shot.light.shape[1] - 1))[None, :]
+    y, x = _places(shot, cols)
     margin = max(4.0, share * view.height_px)
     depth = y - view.tilt * x - view.top
+
+    def signal(params: Array) -> Array:
+        wave = 0.5 * np.cos(2.0 * np.pi * beam_order(params, y, x))
+        return 0.5 + wave if shot.bright else 0.5 - wave
+
     return smooth_starts(
-        shot.light[:, pick], lambda params: beam_signal(beam_order(params, y, x), shot.bright),
-        view.starts, light=shot.lamp(slice(None), pick),
-        mask=shot.valid[:, pick] & (depth > margin) & (depth < view.height_px - margin),
-        sigma=shot.sigma[:, pick], scale=view.scale, lower=[0.0, -np.inf, -0.3],
+        shot.light[:, cols], signal, view.starts, light=shot.lamp(slice(None), cols),
+        mask=shot.valid[:, cols] & (depth > margin) & (depth < view.height_px - margin),
+        sigma=shot.sigma[:, cols], scale=view.scale, lower=[0.0, -np.inf, -0.3],
         upper=[0.5, np.inf, 0.3], scan_pixels=20_000,
     )  # fmt: skip
 
@@ -197,11 +356,7 @@ def _check(shot: Shot, found: SeveralStarts, seen_px: float) -> None:
             "two_fringe_slopes_explain", name=shot.name, chi=best.chi, chi_2=rivals[0].chi
         )
     if not (best.converged and best.positive):
-        raise _not_fitted(shot)
-
-
-def _not_fitted(shot: Shot) -> PhysicsError:
-    return PhysicsError("fringes_not_those_pure", name=shot.name)
+        raise PhysicsError("fringes_not_those_pure", name=shot.name)
 
 
 PIXELS = 40_000
@@ -224,7 +379,7 @@ def fit_beam_set(fits: Sequence[BeamFit], idle: Sequence[Shot], held: dict[str, 
     """
     first = fits[0]
     step = max(1, int(np.count_nonzero(first.mask) / PIXELS))
-    cols = first.pick[::step]
+    cols = first.cols[::step]
     masks = [f.mask[:, ::step] for f in fits]
     common = np.logical_and.reduce(masks)
     masks += [common & shot.valid[:, cols] for shot in idle]
@@ -270,15 +425,6 @@ def beam_kind(fit: BeamFit) -> Kind:
     )  # fmt: skip
 
 
-def moment_sentence(fit: SetFit) -> tuple[str, ...]:
-    """Say that the moment changes along the beam, where that was fitted."""
-    if not fit.model.besides:
-        return ()
-    linear, square = fit.values[fit.model.besides_places]
-    change = 100.0 * max(abs(linear + square), abs(linear - square))
-    return (message("moment_changes_along_beam", change=change),)
-
-
 def check_span(fit: SetFit) -> None:
     """Refuse a slope that changes along the span: there is shear, and no pure bending.
 
@@ -306,8 +452,7 @@ def _change_along(model: SetModel, values: Array) -> Array:
     height, width = model.shape
     cols = np.tile(np.array([0.0, 0.5, 1.0]) * (width - 1), 2)
     rows = np.repeat(np.array([0.4, 0.6]) * (height - 1), 3)
-    lens = {key: shared[key] for key in LENS}
-    orders = model.kind.order(own, besides, *looked_at(rows, cols, model.shape, lens))
+    orders = model.kind.order(own, besides, *looked_at(rows, cols, model.shape, shared))
     slopes = orders[3:] - orders[:3]
     return np.asarray(slopes[[0, 2]] / slopes[1] - 1.0)
 
@@ -326,6 +471,8 @@ def beam_images(
     orders = own[:, 0] * factor
     slopes = len(fit.model.kind.steps) * np.arange(count)
     covariance = fit.covariance[np.ix_(slopes, slopes)] * np.outer(factor, factor)
+    rows, cols = fit.model.rows, fit.model.cols
+    stride = float(cols[1] - cols[0]) if len(cols) > 1 else 1.0
     images = [
         ImageFit(
             file=f.shot.name, load_n=f.shot.load_n, order=float(orders[i]),
@@ -336,7 +483,11 @@ def beam_images(
                 "top_edge_row_px": f.view.top,
                 "fringes_per_mm": float(orders[i] / half / pixel_mm),
             },
-            view=_view(fit, i, pixel_mm),
+            view=View(
+                **image_maps(fit, i), sigma=float(np.median(f.shot.sigma)),
+                cut=np.s_[:, len(cols) // 2], position_mm=(rows - own[i, 1]) * pixel_mm,
+                pixel_mm=(pixel_mm, pixel_mm * stride),
+            ),
         )
         for i, f in enumerate(fits)
     ]  # fmt: skip
@@ -350,23 +501,32 @@ def beam_images(
     return images, covariance, tuple(rest)
 
 
-def _view(fit: SetFit, index: int, pixel_mm: float) -> View:
-    model = fit.model
-    maps = image_maps(fit, index)
-    stride = float(model.cols[1] - model.cols[0]) if len(model.cols) > 1 else 1.0
-    return View(
-        **maps,
-        sigma=float(np.median(model.shots[index].sigma)),
-        cut=np.s_[:, len(model.cols) // 2],
-        position_mm=(model.rows - fit.own[index, 1]) * pixel_mm,
-        pixel_mm=(pixel_mm, pixel_mm * stride),
-    )
+BIN_PX = 0.5
+"""Height of a bin of the profile across the beam."""
+
+REACH = 0.25
+"""How far an edge is looked for from where the sizes put it, in heights."""
+
+FEWEST_BINS = 8
+"""Bins beyond an edge, and within it, at the least."""
+
+BEVEL_PX = 0.5
+"""What an edge itself is uncertain by: a bevel, and the light that it scatters."""
+
+UNSURE = 0.02
+"""Relative uncertainty of the distance from which it says nothing."""
+
+_MAD = 1.4826
+"""Standard deviation over the median of the sizes, of a normal distribution."""
 
 
-def set_pictures(fit: SetFit, fits: Sequence[BeamFit]) -> list[BeamPicture]:
-    """The loaded images with their models beyond the beam as well, for the edges.
+def edge_distance(fit: SetFit, fits: Sequence[BeamFit]) -> tuple[float, float] | None:
+    """The distance of the edges over all images and its standard uncertainty, px; None where they
+    are not both seen.
 
-    With light of the first products: of many the sum goes anywhere where none was fitted.
+    The median of the images' own; its uncertainty is by theirs, or their scatter where that is
+    more, and an edge's own. With light of the first products: of many the sum goes anywhere where
+    none was fitted, beyond the beam.
     """
     plain = replace(fit.model, terms=plain_terms(fit.model), weights=None)
     inside = plain.at(fit.values)
@@ -375,27 +535,84 @@ def set_pictures(fit: SetFit, fits: Sequence[BeamFit]) -> list[BeamPicture]:
     assert inside is not None and point is not None
     gamma, point = point.gamma, replace(point, gamma=1.0)
     shared = model.split(fit.values)[2]
-    pick, middle, result = np.ix_(model.rows, model.cols), 0.5 * (model.shape[1] - 1), []
+    pick, centre, distances = np.ix_(model.rows, model.cols), 0.5 * (model.shape[1] - 1), []
     for i, (own, f) in enumerate(zip(fit.own, fits, strict=True)):
         rows, cols = model.places(i, shared)
-        shape = model.masks[i].shape
-        depth = (rows - own[2] * (cols - middle)) / np.hypot(1.0, own[2])
         light = inside.linear[0][model.coefficients_of(i)]
         seen = light @ point.columns(i) * model.images[i].sigma
         full = float(fit.model.images[i].level.max())
         seen = full * np.maximum(seen / full, 0.0) ** (1.0 / gamma)  # as the camera stored it
-        result.append(
-            BeamPicture(
-                depth=depth.reshape(shape),
-                light=f.shot.light[pick],
-                model=seen.reshape(shape),
-                valid=f.shot.valid[pick],
-                sigma=float(np.median(f.shot.sigma)),
-                middle=f.view.top / np.hypot(1.0, f.view.tilt) + 0.5 * f.view.height_px,
-                height_px=f.view.height_px,
-            )
-        )
-    return result
+        depth = (rows - own[2] * (cols - centre)) / np.hypot(1.0, own[2])
+        valid, height = f.shot.valid[pick], f.view.height_px
+        maps = (m.reshape(valid.shape)[valid] for m in (depth, f.shot.light[pick], seen))
+        depth, image, seen, count = _depth_profile(*maps)
+        middle = f.view.top / np.hypot(1.0, f.view.tilt) + 0.5 * height
+        edges = []
+        for side in (-1.0, 1.0):
+            away = side * (depth - middle) - 0.5 * height  # outwards
+            near = np.abs(away) < REACH * height
+            noise = float(np.median(f.shot.sigma)) / np.sqrt(count[near])
+            edge = _edge(away[near], image[near], seen[near], noise)
+            edges += [edge] if edge else []
+        if len(edges) == 2:
+            (first, one), (last, other) = edges
+            distances.append((height + first + last, float(np.hypot(one, other))))
+    if not distances:
+        return None
+    values, spreads = np.array(distances).T
+    median = float(np.median(values))
+    scatter = _MAD * float(np.median(np.abs(values - median)))
+    images = max(scatter, float(np.median(spreads))) / np.sqrt(len(distances))
+    spread = float(np.hypot(images, np.sqrt(2.0) * BEVEL_PX))
+    return (median, spread) if spread < UNSURE * median else None
+
+
+def _depth_profile(depth: Array, *maps: Array) -> tuple[Array, ...]:
+    """Means of maps (n,) over the span by depth (px), that first, and last the number of pixels."""
+    index = np.floor(depth / BIN_PX).astype(np.intp)
+    index -= int(index.min())
+    count = np.bincount(index)
+    enough = count >= max(4, 0.2 * np.median(count[count > 0]))
+    means = (np.bincount(index, weights=m)[enough] / count[enough] for m in (depth, *maps))
+    return (*means, count[enough].astype(float))
+
+
+def _edge(away: Array, image: Array, model: Array, noise: Array) -> tuple[float, float] | None:
+    """Place of the edge along `away` and its standard uncertainty; None where none is seen.
+
+    Within it are the fringes, beyond it a straight line, and a Gaussian's integral between.
+    """
+    from scipy.optimize import least_squares
+    from scipy.special import ndtr
+
+    order = np.argsort(away)
+    away, image, model, noise = (v[order] for v in (away, image, model, noise))
+    costs = np.full(away.size, np.inf)
+    inside = np.cumsum(((image - model) / noise) ** 2)
+    for i in range(FEWEST_BINS, away.size - FEWEST_BINS):
+        line = np.polyfit(away[i:], image[i:], 1, w=1.0 / noise[i:])
+        costs[i] = inside[i - 1] + np.sum(((image - np.polyval(line, away)) / noise)[i:] ** 2)
+    best = int(np.argmin(costs)) if away.size > 2 * FEWEST_BINS else 0
+    if not FEWEST_BINS < best < away.size - FEWEST_BINS - 1:
+        return None
+    line = np.polyfit(away[best + 2 :], image[best + 2 :], 1)
+
+    def left(values: Array) -> Array:
+        place, width, level, slope = values
+        part = ndtr((place - away) / width)
+        outside = level + slope * (away - away[best])
+        return np.asarray((image - part * model - (1.0 - part) * outside) / noise)
+
+    start = [float(away[best]), 0.7, float(np.polyval(line, away[best])), float(line[0])]
+    low, high = np.array([-np.inf, 0.2, -np.inf, -np.inf]), np.array([np.inf, 6.0, np.inf, np.inf])
+    result = least_squares(left, start, bounds=(low, high), x_scale="jac")
+    chi2 = max(1.0, 2.0 * result.cost / max(1, away.size - 4))
+    try:
+        variance = float(np.linalg.inv(result.jac.T @ result.jac)[0, 0]) * chi2
+    except np.linalg.LinAlgError:
+        return None
+    # a singular matrix whose rounding passes for an inverse has a negative one
+    return (float(result.x[0]), float(np.sqrt(variance))) if variance > 0.0 else None
 
 
 def calibrate_bending(source: SetLike) -> Calibration:
@@ -443,43 +660,18 @@ def calibrate_bending(source: SetLike) -> Calibration:
       order_at_zero_load     0.04997 ± 0.00013
       1 warning: see .warnings
     """
-    given = load_set(source, specimen="beam")
-    beam, pixel_mm = given.beam, given.camera.pixel_mm
-    assert beam is not None and pixel_mm is not None
-    return calibrate_channels(
-        given,
-        lambda shots: bending_from_shots(
-            shots, beam, pixel_mm, uncertainty=given.uncertainty, camera=given.camera,
-            polariscope=given.polariscope,
-        ),
-    )  # fmt: skip
+    return calibrate_channels(load_set(source, specimen="beam"), bending_from_shots)
 
 
-def bending_from_shots(
-    shots: Sequence[Shot],
-    beam: Beam,
-    pixel_mm: float,
-    *,
-    uncertainty: Uncertainty | None = None,
-    camera: Camera | None = None,
-    polariscope: Polariscope | None = None,
-) -> Calibration:
-    """`calibrate_bending` on shots, see `as_shots`.
+def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration:
+    """`calibrate_bending` on a set's images, each with its load.
 
     Parameters
     ----------
     shots : sequence of Shot
-        Prepared frames with their loads; one at least is loaded.
-    beam : Beam
-        The beam's sizes, mm.
-    pixel_mm : float
-        Size of a pixel, mm.
-    uncertainty : Uncertainty, optional
-        Standard uncertainties of the inputs.
-    camera : Camera, optional
-        What is known of the lens and the blur.
-    polariscope : Polariscope, optional
-        What is known of the light's wavelength and band.
+        The prepared images; one at least is loaded.
+    given : CalibrationSet
+        The beam, its uncertainties, and what is known of the camera and the light.
 
     Returns
     -------
@@ -489,26 +681,41 @@ def bending_from_shots(
     Raises
     ------
     InputError
-        Where no shot has a load, or the beam's edges contradict its height and the pixel's size.
+        Where the beam's edges contradict its height and the pixel's size.
     PhysicsError
         Where the images do not determine the value.
     """
-    loaded, idle = by_load(shots)
-    scope = polariscope or Polariscope()
-    fits = [fit_beam(shot, beam, pixel_mm) for shot in loaded]
-    whole = fit_beam_set(fits, idle, stated_values(camera or Camera(), scope))
+    beam, pixel_mm, known = given.beam, given.camera.pixel_mm, given.uncertainty
+    assert beam is not None and pixel_mm is not None
+    idle = [shot for shot in shots if not shot.load_n]
+    fits = [fit_beam(shot, beam.height_mm / pixel_mm) for shot in shots if shot.load_n]
+    whole = fit_beam_set(fits, idle, stated_values(given))
     check_span(whole)
     images, covariance, rest = beam_images(whole, fits, pixel_mm)
-    outcome = causes(whole, scope.wavelength_nm)
-    messages = (*sentences(whole, outcome), *moment_sentence(whole))
+    outcome = causes(whole, given.polariscope.wavelength_nm)
+    messages = sentences(whole, outcome)
+    if whole.model.besides:
+        linear, square = whole.values[whole.model.besides_places]
+        change = 100.0 * max(abs(linear + square), abs(linear - square))
+        messages = (*messages, message("moment_changes_along_beam", change=change))
     if not rest:
         messages = (*messages, *unused(idle, message("because_light_not_loaded")))
-    distance = edge_distance(set_pictures(whole, fits))
-    if distance is not None:
-        check_beam_scale(distance, beam, pixel_mm, uncertainty)
+    distance = edge_distance(whole, fits)
+    wrong = distance and contradiction(*distance, "height_mm", beam.height_mm, given)
+    if distance and wrong:
+        pixel, (seen, stated, off) = beam.height_mm / distance[0], wrong
+        fitting = with_uncertainty(pixel, pixel * (distance[1] / distance[0]))
+        raise InputError(
+            "beam_edges_px_apart",
+            with_uncertainty=seen,
+            height_mm=beam.height_mm,
+            pixel_mm=pixel_mm,
+            stated=stated,
+            off=off,
+            with_uncertainty_2=fitting,
+        )
     arm = beam.outer_span_mm - beam.inner_span_mm
     factor = 1.5 * arm / beam.height_mm**2
-    known = uncertainty or Uncertainty()
     inputs = (
         Input("load", known.load_percent, "%", 0.01),
         Input("height", known.height_mm, "mm", 3.0 / beam.height_mm),

@@ -19,15 +19,16 @@ Elsewhere in the disc residual stress adds as a tensor: see `disc_residual`.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.polynomial.polynomial import polyval2d
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from isochrome.calibration.disc.disc_field import (
+    FEWEST_LOADS,
     RIM_ZONE,
     Circle,
     DiscPixels,
@@ -36,30 +37,30 @@ from isochrome.calibration.disc.disc_field import (
     disc_image,
     disc_mask,
     disc_order,
-    disc_view,
+    fit_rise,
+    overlay,
+    rise_with_load,
     scan_disc,
     squared_wave,
     thin_grid,
 )
-from isochrome.calibration.disc.order_slope import FEWEST_LOADS, fit_rise, overlay, rise_with_load
 from isochrome.calibration.order_line import Input, uncertainty_budget, widened_to_held_out
-from isochrome.calibration.result import Calibration, ImageFit
-from isochrome.calibration.settings import Disc, SetLike, Uncertainty, load_set
-from isochrome.calibration.shot import Shot, by_load, calibrate_channels, unused
-from isochrome.calibration.whole_set.set_fit import fit_set
-from isochrome.calibration.whole_set.set_model import BLUR, Kind, SetFit, SetModel
-from isochrome.calibration.whole_set.set_result import (
+from isochrome.calibration.result import Calibration, ImageFit, View
+from isochrome.calibration.settings import CalibrationSet, Disc, SetLike, load_set
+from isochrome.calibration.shot import Shot, calibrate_channels, unused
+from isochrome.calibration.whole_set.set_fit import (
     causes,
+    contradiction,
+    fit_set,
     image_chi,
     image_maps,
     sentences,
     stated_values,
 )
+from isochrome.calibration.whole_set.set_model import BLUR, Kind, SetFit, SetModel
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import ALIKE_CHI, IntensityFit, SeveralStarts, smooth_starts
 from isochrome.messages import message
-from isochrome.output import with_uncertainty
-from isochrome.scene import Camera, Polariscope
 
 Array = NDArray[np.float64]
 
@@ -162,15 +163,14 @@ def simple_residual(even: float, round_: float) -> Array:
     return np.concatenate([np.zeros(len(_POWERS)), real, imaginary])
 
 
-def load_field(rows: Array, cols: Array, geometry: ArrayLike) -> tuple[Array, Complexes]:
+def load_field(rows: Array, cols: Array, geometry: Array) -> tuple[Array, Complexes]:
     """The loads' field over its centre value: its size h and its direction, seen by the residual.
 
     Parameters: `rows`, `cols` (n,), px; `geometry`, row, column, radius (px) and angle (rad) as in
     `disc_field.disc_order`. Returns h (n,) and v (n,) such that the order is
     |N h + v D_0| for a residual D_0 in the image's axes.
     """
-    row, col, radius, angle = np.asarray(geometry, dtype=float)
-    x, z = (cols - col) / radius, (rows - row) / radius
+    angle, (x, z) = geometry[3], _places(geometry, rows, cols)
     s = (x - 1j * z) * np.exp(-1j * angle)
     below = s**2 + 1.0
     size = np.square(np.abs(below)) + 1e-12
@@ -187,7 +187,7 @@ def total_order(own: Array, amplitudes: Array, rows: Array, cols: Array) -> Comp
     along, real, imaginary = np.split(amplitudes, 3)
     powers = np.zeros((2, DEGREE + 1, DEGREE + 1), complex)
     powers[(slice(None), *np.transpose(_POWERS))] = along, real + 1j * imaginary
-    x, z = _places(own, rows, cols)
+    x, z = _places(own[1:], rows, cols)
     of_loads, free = (polyval2d(x, z, p) for p in powers)
     return np.asarray(own[0] * h + of_loads + turn * free)
 
@@ -197,19 +197,13 @@ def by_residual(own: Array, amplitudes: Array, rows: Array, cols: Array) -> Arra
     _, turn = load_field(rows, cols, own[1:])
     total = total_order(own, amplitudes, rows, cols)
     direction = np.conj(total) / np.maximum(np.abs(total), 1e-12)
-    seen, real = turn * direction, _powers(*_places(own, rows, cols))
+    seen, real = turn * direction, _powers(*_places(own[1:], rows, cols))
     return np.concatenate([direction.real * real, seen.real * real, -seen.imag * real])
 
 
-def _places(own: Array, rows: Array, cols: Array) -> tuple[Array, Array]:
-    _, row, col, radius, _ = own
+def _places(geometry: Array, rows: Array, cols: Array) -> tuple[Array, Array]:
+    row, col, radius, _ = geometry
     return (cols - col) / radius, (rows - row) / radius
-
-
-def residual_at_centre(own: Array) -> Array:
-    """How each member of the residual counts at the centre along the loads of an image (k,)."""
-    centre = np.zeros(1)
-    return np.asarray(residual_basis(centre, centre, np.exp([2j * own[4]]))[:, 0].real)
 
 
 PIXELS = 40_000
@@ -244,9 +238,6 @@ LARGEST = np.array([0.3, 0.03, 0.03, 0.03, 0.05])
 
 RIM_PX = 0.5
 """What a rim itself is uncertain by: a bevel, and how a point load's field fits to the disc's."""
-
-CONTRADICTED, SLIGHT = 3.0, 0.01
-"""Standard uncertainties by which the rim contradicts a diameter, and the least relative one."""
 
 
 def fit_disc_set(
@@ -377,25 +368,24 @@ def disc_images(
     linear[np.arange(len(own)), OWN * np.arange(len(own))] = 1.0
     orders = own[:, 0].copy()
     if model.besides:
-        seen = np.array([residual_at_centre(values) for values in own])
+        # how each member of the residual counts at the centre, along the loads of each image
+        centre = np.zeros(len(own))
+        seen = residual_basis(centre, centre, np.exp(2j * own[:, 4])).real.T
         linear[:, model.besides_places] = seen
         orders += seen @ amplitudes
     covariance = linear @ fit.covariance @ linear.T
-    grid = DiscPixels(
-        model.rows[:, None].astype(float), model.cols[None, :].astype(float),
-        float(model.rows[1] - model.rows[0]),
-    )  # fmt: skip
     images = []
     for i, (values, rim) in enumerate(zip(own, rims, strict=True)):
-        maps = image_maps(fit, i)
-        maps.pop("image")
-        images.append(
-            disc_image(
-                model.shots[i], [orders[i], *values[1:]], rim,
-                spread=float(np.sqrt(covariance[i, i])), chi=image_chi(fit, i),
-                view=disc_view(model.shots[i], grid, values, diameter_mm, **maps),
-            )
+        pixel_mm = 0.5 * diameter_mm / float(values[3])
+        view = View(
+            **image_maps(fit, i), sigma=float(np.median(model.shots[i].sigma)),
+            cut=np.s_[int(np.argmin(np.abs(model.rows - values[1]))), :],
+            position_mm=(model.cols - values[2]) * pixel_mm,
+            pixel_mm=(pixel_mm * float(model.rows[1] - model.rows[0]),) * 2,
         )  # fmt: skip
+        spread, place = float(np.sqrt(covariance[i, i])), [orders[i], *values[1:]]
+        chi = image_chi(fit, i)
+        images.append(disc_image(model.shots[i], place, rim, spread=spread, chi=chi, view=view))
     return images, covariance
 
 
@@ -423,27 +413,19 @@ def residual_of(fit: SetFit, diameter_mm: float) -> dict[str, Any] | None:
     }
 
 
-def check_diameter(
-    images: Sequence[ImageFit], disc: Disc, pixel_mm: float, uncertainty: Uncertainty | None
-) -> None:
+def check_diameter(images: Sequence[ImageFit], disc: Disc, given: CalibrationSet) -> None:
     """Refuse a diameter and a pixel size that the rim contradicts beyond their uncertainties.
 
     Raises InputError with both numbers.
     """
     radii = np.array([i.geometry["radius_px"] for i in images])
-    seen, known = 2.0 * float(np.median(radii)), uncertainty or Uncertainty()
-    own = float(np.hypot(2.0 * RIM_PX, 2.0 * np.ptp(radii)))
-    stated = disc.diameter_mm / pixel_mm
-    parts = (
-        own / stated,
-        (known.diameter_mm or 0.0) / disc.diameter_mm,
-        (known.pixel_mm or 0.0) / pixel_mm,
-    )
-    spread, off = float(np.sqrt(np.sum(np.square(parts)))), abs(seen / stated - 1.0)
-    if off > max(CONTRADICTED * spread, SLIGHT):
+    seen, own = 2.0 * np.median(radii), np.hypot(2.0 * RIM_PX, 2.0 * np.ptp(radii))
+    wrong = contradiction(float(seen), float(own), "diameter_mm", disc.diameter_mm, given)
+    if wrong:
+        outline, stated, off = wrong
         raise InputError(
-            "disc_px_wide_disc", with_uncertainty=with_uncertainty(seen, own),
-            diameter_mm=disc.diameter_mm, pixel_mm=pixel_mm, stated=stated, off=off,
+            "disc_px_wide_disc", with_uncertainty=outline, diameter_mm=disc.diameter_mm,
+            pixel_mm=given.camera.pixel_mm, stated=stated, off=off,
         )  # fmt: skip
 
 
@@ -491,40 +473,19 @@ def calibrate_disc(source: SetLike) -> Calibration:
       order_at_zero_load     -0.000086 ± 0.000055
       1 warning: see .warnings
     """
-    given = load_set(source, specimen="disc")
-    disc = given.disc
-    assert disc is not None
-    return calibrate_channels(
-        given,
-        lambda shots: disc_from_shots(
-            shots, disc, uncertainty=given.uncertainty, camera=given.camera,
-            polariscope=given.polariscope,
-        ),
-    )  # fmt: skip
+    return calibrate_channels(load_set(source, specimen="disc"), disc_from_shots)
 
 
-def disc_from_shots(
-    shots: Sequence[Shot],
-    disc: Disc,
-    *,
-    uncertainty: Uncertainty | None = None,
-    camera: Camera | None = None,
-    polariscope: Polariscope | None = None,
-) -> Calibration:
-    """`calibrate_disc` on shots, see `as_shots`.
+def disc_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration:
+    """`calibrate_disc` on a set's images, each with its load.
 
     Parameters
     ----------
     shots : sequence of Shot
-        Prepared frames with their loads; one at least is loaded.
-    disc : Disc
-        The disc's sizes, mm.
-    uncertainty : Uncertainty, optional
-        Standard uncertainties of the inputs.
-    camera : Camera, optional
-        What is known of the lens and the blur, and a pixel's size, which the rim is held against.
-    polariscope : Polariscope, optional
-        What is known of the light's wavelength and band.
+        The prepared images; one at least is loaded.
+    given : CalibrationSet
+        The disc, its uncertainties, and what is known of the camera and the light; the rim is held
+        against a pixel's size where that is stated.
 
     Returns
     -------
@@ -534,28 +495,29 @@ def disc_from_shots(
     Raises
     ------
     InputError
-        Where no shot has a load, or the rim contradicts the diameter and the pixel's size.
+        Where the rim contradicts the diameter and the pixel's size.
     PhysicsError
         Where the images do not determine the value.
     """
-    loaded, idle = by_load(shots)
-    camera, scope = camera or Camera(), polariscope or Polariscope()
-    outcome = _find(loaded, idle, disc, stated_values(camera, scope))
-    freed: tuple[dict[str, Any], ...] = ()
-    if outcome.whole is None:
+    disc, known = given.disc, given.uncertainty
+    assert disc is not None
+    idle = [shot for shot in shots if not shot.load_n]
+    loaded, freed = [shot for shot in shots if shot.load_n], tuple[dict[str, Any], ...]()
+    images, covariance, whole = _found(loaded, idle, disc.diameter_mm, stated_values(given))
+    residual = residual_of(whole, disc.diameter_mm) if whole else None
+    if whole is None:
         messages = (
             message("closed_form_disc_does"),
             *unused(idle, message("order_zero_load_from")),
         )
     else:
-        if camera.pixel_mm is not None:
-            check_diameter(outcome.images, disc, camera.pixel_mm, uncertainty)
-        freed = causes(outcome.whole, scope.wavelength_nm)
-        messages = sentences(outcome.whole, freed)
-    if outcome.residual is not None:
-        size, form = outcome.residual["largest_order"], outcome.residual["form"]
+        if given.camera.pixel_mm is not None:
+            check_diameter(images, disc, given)
+        freed = causes(whole, given.polariscope.wavelength_nm)
+        messages = sentences(whole, freed)
+    if residual is not None:
+        size, form = residual["largest_order"], residual["form"]
         messages = (*messages, message("residual_stress_up_fringe", size=size, form=form))
-    known = uncertainty or Uncertainty()
     inputs = (
         Input("load", known.load_percent, "%", 0.01),
         Input("diameter", known.diameter_mm, "mm", 1.0 / disc.diameter_mm),
@@ -563,27 +525,17 @@ def disc_from_shots(
     )
     factor = 8.0 / (np.pi * disc.diameter_mm)
     result = uncertainty_budget(
-        "disc", outcome.images, factor, inputs, covariance=outcome.covariance, messages=messages
+        "disc", images, factor, inputs, covariance=covariance, messages=messages
     )
-    return widened_to_held_out(replace(result, residual=outcome.residual, causes=freed))
+    return widened_to_held_out(replace(result, residual=residual, causes=freed))
 
 
-@dataclass(frozen=True)
-class _Found:
-    """The images' fits, their orders' `covariance`, the residual, and the `whole` set's fit they
-    are of; None where the orders are from their rise, see `fit_rise`.
+def _found(
+    loaded: Sequence[Shot], idle: Sequence[Shot], diameter_mm: float, held: dict[str, float]
+) -> tuple[Sequence[ImageFit], Array | None, SetFit | None]:
+    """The loaded images' orders, their covariance and the whole set's fit; neither of these where
+    the orders are from their rise with the load, see `fit_rise`.
     """
-
-    images: Sequence[ImageFit]
-    covariance: Array | None = None
-    residual: dict[str, Any] | None = None
-    whole: SetFit | None = None
-
-
-def _find(
-    loaded: Sequence[Shot], idle: Sequence[Shot], disc: Disc, held: dict[str, float]
-) -> _Found:
-    """The loaded images' orders, all together, or from their rise with the load."""
     scans = [scan_disc(shot) for shot in loaded]
     circles = [s.circle for s in scans]
     overlaid = overlay(loaded, circles)
@@ -603,6 +555,5 @@ def _find(
         if clear is None:
             check_scans(scans, loaded)
             raise refused
-        return _Found(fit_rise(loaded, circles, overlaid, clear, disc.diameter_mm))
-    images, covariance = disc_images(whole, [c.radius for c in circles], disc.diameter_mm)
-    return _Found(images, covariance, residual_of(whole, disc.diameter_mm), whole)
+        return fit_rise(loaded, circles, overlaid, clear, diameter_mm), None, None
+    return *disc_images(whole, [c.radius for c in circles], diameter_mm), whole

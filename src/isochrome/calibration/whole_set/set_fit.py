@@ -2,22 +2,26 @@
 
 About a fit the columns of all that may be there are taken once: lens, tone, blur and band, uneven
 light, light of each image's own, what the kind of specimen has besides, and a smooth order that no
-cause explains. The likeliest set of them is fitted, and asked again.
+cause explains. The likeliest set of them is fitted, and asked again. Last, its misfit, its images'
+maps, and what it found, in words.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.calibration.settings import CalibrationSet
 from isochrome.calibration.whole_set.set_model import (
     BAND,
     BLUR,
     EVEN,
+    FULL_WIDTH,
     GAMMA,
     LENS,
     SHARED,
@@ -25,27 +29,28 @@ from isochrome.calibration.whole_set.set_model import (
     SetFit,
     SetModel,
     SetPoint,
-    Weighed,
     band_share,
 )
 from isochrome.estimation import (
     FEW_TERMS,
     FIRST_DEGREES,
     Evidence,
-    Hypothesis,
+    Nuisance,
     ScoreProducts,
     Sets,
     cosine_rms,
     cosine_spread,
     cosines,
     evidence_gain,
+    hypotheses_of,
     missing_terms,
     positive_part,
-    ways,
     weigh,
     with_chosen_terms,
 )
-from isochrome.fitting import CAUSES, LIGHT, LIGHT_FALLS, ORDER, RARE, light_sizes
+from isochrome.fitting import CAUSES, LIGHT, LIGHT_FALLS, NAMED, ORDER, RARE, SUSPECTED, light_sizes
+from isochrome.messages import message
+from isochrome.output import per_cent, with_uncertainty
 
 Array = NDArray[np.float64]
 
@@ -84,19 +89,19 @@ def fit_set(model: SetModel, start: Array) -> SetFit:
         return fit
     pixels = model.masks.sum()
     fit = _exposed(_without_outliers(fit))
-    evidence, nothing = weighed(fit), frozenset({ORDER})
+    (sets, undecided), nothing = weighed(fit), frozenset({ORDER})
     for _ in range(_ROUNDS):
         fitted = fitted_names(fit.model)
-        wanted = frozenset(h.name for h in evidence.sets.best) - nothing | fitted & {APART}
+        wanted = frozenset(h.name for h in sets.best) - nothing | fitted & {APART}
         if wanted == fitted:
             break
         fit = _exposed(_without_outliers(_with(fit, wanted).levelled()))
         # what comes out at its bound, or as no better light, is not there, whatever slopes say
         nothing |= {key for key in EVEN if fit.shared.get(key, (1.0, 0.0))[0] == 0.0}
         nothing |= wanted - fitted_names(fit.model)
-        evidence = weighed(fit)
+        sets, undecided = weighed(fit)
     left_out = 1.0 - fit.model.masks.sum() / pixels
-    return replace(fit, left_out=float(left_out), weighed=evidence)
+    return replace(fit, left_out=float(left_out), sets=sets, undecided=undecided)
 
 
 def _exposed(fit: SetFit) -> SetFit:
@@ -169,7 +174,9 @@ def _with(fit: SetFit, names: frozenset[str]) -> SetFit:
         result = again.model.fit(again.values)
     for _ in range(_LIGHTS if LIGHT in names else 0):
         more = missing_terms(result.model.terms, _RICHEST)
-        chosen = _products(result, more).one_by_one(FEW_TERMS)
+        bases = result.model.weighted(more)
+        columns = map(result.point.columns, range(len(bases)), bases)
+        chosen = _score(result, columns).one_by_one(FEW_TERMS)
         if not chosen:
             break
         terms = with_chosen_terms(result.model.terms, more, chosen)
@@ -212,27 +219,23 @@ def unevenness(fit: SetFit) -> float:
     return max(1.0, float(np.sqrt(np.mean((np.array(own) / sizes)[:, usual] ** 2))))
 
 
-def _products(fit: SetFit, more: Light) -> ScoreProducts:
-    """Products of more light with what is fitted and the residual."""
-    bases = fit.model.weighted(more)
+def _score(
+    fit: SetFit, columns: Iterable[Array], pick: slice | NDArray[np.intp] = np.s_[:]
+) -> ScoreProducts:
+    """Products of each image's `columns` (k, n) with the residual and what is fitted: all unknowns
+    and all the light's coefficients, or what `pick` takes of these.
+    """
+    point, model = fit.point, fit.model
 
     def parts() -> Iterator[tuple[Array, Array, Array, Array]]:
-        for i, left in enumerate(fit.point.linear[2]):
-            fitted = _fitted_rows(fit, i)
-            yield fitted[:0], fitted, fit.point.columns(i, bases[i]), left
+        for i, (left, more) in enumerate(zip(point.linear[2], columns, strict=True)):
+            rows, place = point.rows(i)
+            every = np.zeros((model.size + model.coefficients, left.size))
+            every[place] = rows
+            every[model.size + model.coefficients_of(i)] = point.columns(i)
+            yield every[:0], every[pick], more, left
 
     return ScoreProducts(parts())
-
-
-def _fitted_rows(fit: SetFit, index: int) -> Array:
-    """One image's derivatives by all unknowns and all the light's coefficients (p + k, n)."""
-    point, model = fit.point, fit.model
-    rows, place = point.rows(index)
-    columns = point.columns(index)
-    result = np.zeros((model.size + model.coefficients, rows.shape[1]))
-    result[place] = rows
-    result[model.size + model.coefficients_of(index)] = columns
-    return result
 
 
 def _without_outliers(fit: SetFit) -> SetFit:
@@ -254,65 +257,45 @@ def _without_outliers(fit: SetFit) -> SetFit:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Nuisance:
-    """Something that may be there: its `columns` (k, n) at an image, their values `now` (k,), the
-    `roots` of its priors, ways that exclude one another, and whether its amplitude is `positive`.
-
-    `unknowns`, those of the fit that hold it, `weights`, 1/u² (k,) of the first columns, those that
-    the fit has free, about nought.
+class _Nuisance(Nuisance):
+    """With its `columns` (k, n) at an image; `unknowns`, those of the fit that hold it, `weights`,
+    1/u² (k,) of the first columns, those that the fit has free, about nought.
     """
 
-    name: str
     columns: Callable[[int], Array]
-    now: Array
-    roots: tuple[Array, ...]
-    positive: bool = False
     unknowns: tuple[int, ...] = ()
     weights: Array = field(default_factory=lambda: np.zeros(0))
 
 
-def weighed(fit: SetFit) -> Weighed:
-    """Weigh all that a set of images may show about a fit."""
-    model, point = fit.model, fit.point
+def weighed(fit: SetFit) -> tuple[Sets, Array]:
+    """Weigh all that a set of images may show about a fit: sets of it, and what the covariance of
+    the unknowns lacks for it (p, p).
+    """
+    model = fit.model
     nuisances = list(_nuisances(fit))
     freed = [u for n in nuisances for u in n.unknowns]
     kept, stays = np.setdiff1d(np.arange(model.size), freed), _of_light(model)[1]
-
-    def parts() -> Iterator[tuple[Array, Array, Array, Array]]:
-        for i, left in enumerate(point.linear[2]):
-            rows = _fitted_rows(fit, i)
-            fitted = np.concatenate((rows[kept], rows[model.size + stays]))
-            columns = np.concatenate([n.columns(i) for n in nuisances])
-            yield fitted[:0], fitted, columns, left
-
-    products = ScoreProducts(parts())
+    columns = (np.concatenate([n.columns(i) for n in nuisances]) for i in range(len(model.shots)))
+    products = _score(fit, columns, np.r_[kept, model.size + stays])
     noise = fit.local_noise
     matrix = positive_part(products.matrix, np.sqrt(products.size), _TAKEN) / noise
     now = np.concatenate([n.now for n in nuisances])
     along = np.zeros((model.size, len(now)))
     along[kept] = -products.taken_up[: len(kept)]
-    hypotheses: list[Hypothesis] = []
-    given: list[int] = []
+    hypotheses, given = hypotheses_of(nuisances, fitted_names(model), RARE)
     counted: list[int] = []
-    weights: list[float] = []
-    first = 0
-    for nuisance in nuisances:
-        place = np.arange(first, first + len(nuisance.now))
-        first += len(place)
-        if nuisance.name in fitted_names(model):
-            given.append(len(hypotheses) + len(nuisance.roots) // 2)
+    for nuisance, end in zip(nuisances, np.cumsum([len(n.now) for n in nuisances]), strict=True):
+        place = np.arange(end - len(nuisance.now), end)
         if nuisance.unknowns:
             along[list(nuisance.unknowns), place] = 1.0
         counted += place[: len(nuisance.weights)].tolist()
-        weights += nuisance.weights.tolist()
-        columns = slice(place[0], first)
-        hypotheses += ways(nuisance.name, columns, nuisance.roots, RARE, positive=nuisance.positive)
+    weights = np.concatenate([n.weights for n in nuisances])
     right = products.right / noise + matrix @ now
     sets = weigh(Evidence(matrix, right, hypotheses), given=given)
     normal = matrix[np.ix_(counted, counted)] + np.diag(weights) / noise
-    own = np.linalg.pinv(normal, 1e-12, hermitian=True)
-    lacking = sets.moments(along, now) - along[:, counted] @ own @ along[:, counted].T
-    return Weighed(sets, positive_part(lacking, np.sqrt(np.maximum(np.diag(lacking), 0.0))))
+    inverse = np.linalg.pinv(normal, 1e-12, hermitian=True)
+    lacking = sets.moments(along, now) - along[:, counted] @ inverse @ along[:, counted].T
+    return sets, positive_part(lacking, np.sqrt(np.maximum(np.diag(lacking), 0.0)))
 
 
 def _nuisances(fit: SetFit) -> Iterator[_Nuisance]:
@@ -324,8 +307,8 @@ def _nuisances(fit: SetFit) -> Iterator[_Nuisance]:
             continue  # the no-load frames would need it too
         yield _Nuisance(
             name=key,
-            columns=partial(_key_rows, point, key),
-            now=np.array([shared[key] - stated_value(model, key)]),
+            columns=partial(point.key_rows, keys=(key,)),
+            now=np.array([shared[key] - model.held.get(key, float(key == GAMMA))]),
             roots=(np.array([[_SIZES[key]]]),),
             positive=key in EVEN and key not in model.held,
             unknowns=(model.key_place(key),) if key in model.free else (),
@@ -347,17 +330,9 @@ def _nuisances(fit: SetFit) -> Iterator[_Nuisance]:
         name=ORDER,
         columns=partial(_order_columns, fit),
         now=np.zeros(_COSINES**2 - 1),
-        roots=tuple(_order_root(size, width) for size in _ORDERS for width in _WIDTHS),
+        # Gaussian processes on their cosines; the even one left out is the fringe value itself
+        roots=tuple(s * np.diag(cosine_spread(_COSINES, w)[1:]) for s in _ORDERS for w in _WIDTHS),
     )
-
-
-def _key_rows(point: SetPoint, key: str, index: int) -> Array:
-    return point.key_rows(index, (key,))
-
-
-def stated_value(model: SetModel, key: str) -> float:
-    """What a set states of a key, or what does nothing."""
-    return model.held.get(key, 1.0 if key == GAMMA else 0.0)
 
 
 def _of_light(model: SetModel) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -374,7 +349,6 @@ def _light(fit: SetFit) -> _Nuisance:
     model, point = fit.model, fit.point
     rich, missing = _of_light(model)[0], missing_terms(model.terms, FIRST_DEGREES)
     bases, bright = model.weighted(missing), _brightness(point)
-    count = sum(len(t) - len(p) for t, p in zip(model.terms, plain_terms(model), strict=True))
     of_image = rich // max(1, model.coefficients // len(model.shots)) if model.apart else rich * 0
 
     def columns(index: int) -> Array:
@@ -384,7 +358,7 @@ def _light(fit: SetFit) -> _Nuisance:
         return np.asarray(bright[index] * stacked)
 
     light, dark = (t[len(p) :] for t, p in zip(model.terms, plain_terms(model), strict=True))
-    repeats, scale = len(rich) // count if count else 1, unevenness(fit)
+    repeats, scale = len(rich) // max(1, len(light) + len(dark)), unevenness(fit)
     return _Nuisance(
         name=LIGHT,
         columns=columns,
@@ -437,15 +411,129 @@ def _order_columns(fit: SetFit, index: int) -> Array:
     return np.asarray(waves * (slope * order * fit.point.gain(index)))
 
 
-def _order_root(size: float, width: float) -> Array:
-    """L (k, r) of a Gaussian process over the picture, on its cosines, the even one left out: that
-    is the fringe value itself.
-    """
-    return np.asarray(size * np.diag(cosine_spread(_COSINES, width)[1:]))
+CONTRADICTED = 3.0
+"""Standard uncertainties by which a size must be off, and the least of them."""
+
+SLIGHT = 0.01
+"""Relative difference below which a scale that is taken as exact is not refused."""
+
+NAMES = {
+    "camera.distortion": "the lens's distortion",
+    "camera.keystone_x": "a camera that looks from the side",
+    "camera.keystone_z": "a camera that looks from above or below",
+    BAND: "the light's band of wavelengths",
+    BLUR: "blur",
+    GAMMA: "the camera's tone curve",
+}
 
 
-def unexplained_order(sets: Sets) -> float:
-    """Root mean square of the order that no cause explains, as a share of the orders, in its
-    likeliest set.
+def image_maps(fit: SetFit, index: int) -> dict[str, Any]:
+    """An image's `image`, `model`, `residual` and `order` maps on the fit's pixels, NaN outside."""
+    model, point = fit.model, fit.point
+    own, image = model.images[index], model.shots[index].light[np.ix_(model.rows, model.cols)]
+    residual, order = np.full((2, *own.mask.shape), np.nan)
+    residual[own.mask] = point.linear[2][index] * own.sigma
+    order[own.mask] = np.abs(model.by_order(index, fit.values)[0])
+    return {"image": image, "model": image - residual, "residual": residual, "order": order}
+
+
+def image_chi(fit: SetFit, index: int) -> float:
+    """Residual over noise of one image."""
+    left = fit.point.linear[2][index]
+    share = fit.unknowns / len(fit.model.shots)
+    return float(np.sqrt(left @ left / max(1.0, left.size - share)))
+
+
+def causes(fit: SetFit, wavelength_nm: float | None) -> tuple[dict[str, Any], ...]:
+    """What was freed: key, value and standard uncertainty as a scene states them.
+
+    A band's width needs the `wavelength_nm`; without, it is a share of it, and has no key.
     """
-    return cosine_rms(np.r_[0.0, sets.values_of(ORDER)])
+    result = []
+    for key, (value, spread) in fit.shared.items():
+        name: str | None = key
+        if key in EVEN:
+            value, spread = float(np.sqrt(value)), 0.5 * spread / float(np.sqrt(value))
+            factor = 1.0 / float(np.sqrt(2.0) * np.pi)
+            if key == BAND:
+                factor *= FULL_WIDTH * (wavelength_nm or 1.0)
+                name = key if wavelength_nm else None
+            value, spread = factor * value, factor * spread
+        result.append(
+            {"key": name, "cause": NAMES[key], "value": value, "standard_uncertainty": spread}
+        )
+    return tuple(result)
+
+
+def cause_sentence(cause: Mapping[str, Any]) -> str:
+    """Say of a cause that a calibration found and used what it is, and where a set states it.
+
+    Parameters
+    ----------
+    cause : mapping
+        One of `Calibration.causes`.
+
+    Returns
+    -------
+    str
+        As it stands in the calibration's warnings.
+    """
+    value = with_uncertainty(cause["value"], cause["standard_uncertainty"])
+    if cause["key"] == GAMMA:
+        return message("grey_levels_not_linear", with_uncertainty=value)
+    if cause["key"]:
+        return message(
+            "describes_fringes_used_set", cause=cause["cause"], key=cause["key"], value=value
+        )
+    return message("wavelength_full_width_half", cause=cause["cause"], value=value)
+
+
+def sentences(fit: SetFit, found: tuple[dict[str, Any], ...]) -> tuple[str, ...]:
+    """What was found and used, a sentence each."""
+    messages = [cause_sentence(item) for item in found]
+    count = sum(len(t) for t in fit.model.terms)
+    plain = 9 if fit.model.shots[0].no_load_light is None else 6
+    if count > plain:
+        messages.append(message("light_more_uneven_quadratic", plain=count - plain))
+    if fit.left_out > 0:
+        messages.append(message("pixels_fit_nothing_dust", per_cent=per_cent(fit.left_out)))
+    if fit.sets is None:
+        return tuple(messages)
+    fitted = fitted_names(fit.model)
+    chances = {n: c for n, c in fit.sets.chances.items() if n not in fitted}
+    if chances.pop(ORDER, 0.0) > NAMED:
+        size = 100.0 * cosine_rms(np.r_[0.0, fit.sets.values_of(ORDER)])  # a share of the orders
+        messages.append(message("orders_differ_unexplained", size=size))
+    likely = [f"{NAMES.get(n, n)} ({per_cent(c)})" for n, c in chances.items() if c > SUSPECTED]
+    if likely:
+        messages.append(message("frames_may_show", who="the images", parts=" or ".join(likely)))
+    return tuple(messages)
+
+
+def stated_values(given: CalibrationSet) -> dict[str, float]:
+    """What a set states of its camera and its light, as the model holds it."""
+    held = {key: float(getattr(given.camera, key.partition(".")[2])) for key in LENS}
+    wavelength, band = given.polariscope.wavelength_nm, given.polariscope.bandwidth_nm
+    if wavelength and band:
+        held[BAND] = band_share(band, wavelength)
+    held[BLUR] = 2.0 * (np.pi * given.camera.blur_px) ** 2
+    return {key: value for key, value in held.items() if value}
+
+
+def contradiction(
+    size_px: float, spread_px: float, name: str, size_mm: float, given: CalibrationSet
+) -> tuple[str, float, float] | None:
+    """What the images say against a size and a pixel's, beyond all their uncertainties.
+
+    Parameters: the size as seen, with its standard uncertainty; the `name` of its key and its value
+    in the set `given`. Returns what is seen, what is stated (px) and how far it is off; None where
+    they agree.
+    """
+    known, pixel_mm = given.uncertainty, given.camera.pixel_mm
+    assert pixel_mm is not None
+    stated = size_mm / pixel_mm
+    size, pixel = getattr(known, name) or 0.0, known.pixel_mm or 0.0
+    off, parts = abs(size_px / stated - 1.0), (spread_px / stated, size / size_mm, pixel / pixel_mm)
+    if off <= max(CONTRADICTED * float(np.linalg.norm(parts)), SLIGHT):
+        return None
+    return with_uncertainty(size_px, spread_px), stated, off

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.calibration.shot import Shot
-from isochrome.calibration.whole_set.set_image import SetImage, looked_at
 from isochrome.estimation import (
     MOSTLY,
     Bounds,
@@ -34,6 +33,7 @@ from isochrome.estimation import (
     scaled_inverse,
     total_degree,
 )
+from isochrome.stress import Lens
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -74,6 +74,72 @@ EXPLAINED = 0.6
 
 _LARGEST_EXPONENT = 5.0
 """Of a squared order below nought, where noise may drive it: the wave stays finite."""
+
+
+_LEVEL_PX = 1.5
+"""Gaussian mean by which the light about a pixel is told where no model tells it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetImage:
+    """An image's fitted pixels (n,): places, light, noise, and the `level` of light without noise.
+
+    The curve of a tone is taken along its tangent at the level: noise on a curve is no light.
+    """
+
+    mask: Mask
+    rows: Array
+    cols: Array
+    light: Array
+    sigma: Array
+    level: Array
+
+    @classmethod
+    def of(
+        cls, shot: Shot, pick: tuple[NDArray[np.intp], ...], mask: Mask, level: Array | None
+    ) -> SetImage:
+        """The pixels of a shot at an index, where a mask says.
+
+        `level` (R, C) is the light without noise; by default a mean of the pixels near.
+        """
+        from scipy.ndimage import gaussian_filter
+
+        rows, cols = (np.broadcast_to(p, mask.shape)[mask].astype(float) for p in pick)
+        light, sigma = (m[pick][mask].astype(float) for m in (shot.light, shot.sigma))
+        if level is None:
+            level = gaussian_filter(shot.light, _LEVEL_PX)[pick]
+        near = np.maximum(level[mask].astype(float), sigma)
+        return cls(mask=mask, rows=rows, cols=cols, light=light, sigma=sigma, level=near)
+
+    def toned(self, gamma: float) -> Array:
+        """Light over noise with another exponent g, (L^g + g L^(g-1) (I - L))/(g L^(g-1) σ)."""
+        if gamma == 1.0:
+            return self.light / self.sigma
+        return np.asarray((self.light + (1.0 / gamma - 1.0) * self.level) / self.sigma)
+
+    def scale(self, gamma: float) -> Array | float:
+        """What light over noise of one exponent is multiplied by for another's (n,)."""
+        if gamma == 1.0:
+            return 1.0
+        return np.asarray((self.level / self.level.max()) ** (1.0 - gamma) / gamma)
+
+
+def looked_at(
+    rows: Array, cols: Array, shape: tuple[int, int], shared: dict[str, float]
+) -> tuple[Array, Array]:
+    """Rows and columns (n,), px, of the places that a picture's pixels look at through a lens.
+
+    Parameters: `shape` of the picture; `shared`, by the camera's keys.
+    """
+    height, width = shape
+    down, right = 0.5 * (height - 1), 0.5 * (width - 1)
+    given = {key.partition(".")[2]: shared[key] for key in LENS}
+    through = Lens(
+        right_mm=right, down_mm=down, half_width_mm=0.5 * width, half_height_mm=0.5 * height,
+        **given,
+    )  # fmt: skip
+    x, z = through.looked_at(cols - right, rows - down)
+    return np.asarray(z + down, dtype=np.float64), np.asarray(x + right, dtype=np.float64)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,14 +210,13 @@ class SetModel:
     @cached_property
     def bases(self) -> tuple[tuple[Array, Array], ...]:
         """The light's images over each image's noise, (ka, n) and (kc, n), with its stray light."""
-        result = []
-        for i, ((light, dark), image) in enumerate(
-            zip(self.weighted(self.terms), self.images, strict=True)
-        ):
-            if i and self.exposures:
-                dark = np.concatenate((dark, (1.0 / image.sigma)[None]))
-            result.append((light, dark))
-        return tuple(result)
+        first, *others = self.weighted(self.terms)
+        if self.exposures:
+            others = [
+                (light, np.concatenate((dark, 1.0 / image.sigma[None])))
+                for (light, dark), image in zip(others, self.images[1:], strict=True)
+            ]
+        return (first, *others)
 
     def coefficients_of(self, index: int) -> NDArray[np.intp]:
         """Which of all the light's coefficients are those of an image."""
@@ -164,8 +229,7 @@ class SetModel:
     @property
     def coefficients(self) -> int:
         """Number of the light's coefficients."""
-        shared = sum(map(len, self.terms))
-        return shared * len(self.shots) if self.apart else shared + self.exposures
+        return sum(map(len, self.terms)) * (len(self.shots) if self.apart else 1) + self.exposures
 
     @cached_property
     def light_weights(self) -> Array:
@@ -183,10 +247,7 @@ class SetModel:
         light, dark = (light_products(axes, chosen, np.float64) for chosen in terms)
         lamp = self.shots[0].lamp(*np.ix_(self.rows, self.cols))
         light = light if lamp is None else light * lamp
-        result: list[tuple[Array, Array]] = [
-            (light[:, i.mask] / i.sigma, dark[:, i.mask] / i.sigma) for i in self.images
-        ]
-        return tuple(result)
+        return tuple((light[:, i.mask] / i.sigma, dark[:, i.mask] / i.sigma) for i in self.images)
 
     @property
     def exposures(self) -> int:
@@ -236,8 +297,7 @@ class SetModel:
         image = self.images[index]
         if not any(shared[key] for key in LENS):
             return image.rows, image.cols
-        lens = {key: shared[key] for key in LENS}
-        return looked_at(image.rows, image.cols, self.shape, lens)
+        return looked_at(image.rows, image.cols, self.shape, shared)
 
     def own_steps(self, index: int) -> Array:
         """Steps of the derivatives by an image's own unknowns."""
@@ -249,12 +309,6 @@ class SetModel:
         if index < self.loaded:
             return own, False
         return self.kind.idle(values[self.own_places(0)], own), bool(len(own) and own[0] < 0.0)
-
-    def order(self, index: int, values: Array) -> Array:
-        """An image's order (n,), with a sign or none."""
-        own, _ = self.unknowns_of(index, values)
-        _, besides, shared = self.split(values)
-        return self.kind.order(own, besides, *self.places(index, shared))
 
     def _orders(self, index: int, values: Array, shared: dict[str, float]) -> tuple[Array, ...]:
         """An image's order (n,), and its differences to the pixels below, above, right and left."""
@@ -316,7 +370,8 @@ class SetModel:
             cut=cut, enough=lambda at: _ENOUGH * max(1.0, at.cost / at.pixels),
             better=lambda new, old: new.cost < old.cost and (new.positive or not old.positive),
         )  # fmt: skip
-        return SetFit(self, result.values, result.point, result.converged)
+        values, point = result.values, result.point
+        return SetFit(model=self, values=values, point=point, converged=result.converged)
 
     def carried(self, values: Array, wider: SetModel) -> Array:
         """Where another model's unknowns start that has more of them, or fewer."""
@@ -420,11 +475,15 @@ class SetPoint:
         shared = model.split(self.values)[2]
         rows = np.empty((len(keys), gain.size))
         for row, key in zip(rows, keys, strict=True):
-            if key == GAMMA:
-                row[:] = self._tone_row(index)
-                continue
-            moved = model.signal(index, self.values, {key: shared[key] + _STEPS[key]})
-            row[:] = (moved - self.signals[index]) * gain / _STEPS[key]
+            step = _STEPS[key]
+            if key == GAMMA:  # how the residual changes with the exponent, the other way round
+                later, image = replace(self, gamma=self.gamma + step), model.images[index]
+                own = self.linear[0][model.coefficients_of(index)]
+                light = (own @ (later.columns(index) - self.columns(index))) / step
+                row[:] = light - (image.toned(later.gamma) - image.toned(self.gamma)) / step
+            else:
+                moved = model.signal(index, self.values, {key: shared[key] + step})
+                row[:] = (moved - self.signals[index]) * gain / step
         return rows
 
     def besides_rows(self, index: int) -> Array:
@@ -434,16 +493,6 @@ class SetPoint:
         _, besides, shared = model.split(self.values)
         slope = model.by_order(index, self.values)[1] * self.gain(index)
         return np.asarray(slope * model.kind.by_besides(own, besides, *model.places(index, shared)))
-
-    def _tone_row(self, index: int) -> Array:
-        """How an image's residual changes with the exponent, the other way round."""
-        image = self.model.images[index]
-        step = _STEPS[GAMMA]
-        later = replace(self, gamma=self.gamma + step)
-        own = self.linear[0][self.model.coefficients_of(index)]
-        model = (own @ (later.columns(index) - self.columns(index))) / step
-        data = (image.toned(self.gamma + step) - image.toned(self.gamma)) / step
-        return np.asarray(model - data)
 
     def rows(self, index: int) -> tuple[Array, NDArray[np.intp]]:
         """Weighted derivatives (k, n) of one image by the unknowns that it depends on, and which
@@ -498,20 +547,11 @@ class SetPoint:
         return self.equations[1]
 
 
-@dataclass(frozen=True)
-class Weighed:
-    """What a set shows besides what is fitted: `sets` of what may be there, and what the noise's
-    covariance of the unknowns lacks for it, `undecided` (p, p).
-    """
-
-    sets: Sets
-    undecided: Array
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SetFit:
     """A fitted set: its `model`, unknowns, the `point` there, whether it `converged`, the part of
-    the pixels that was `left_out`, and what else may be there, `weighed`.
+    the pixels that was `left_out`; `sets` of what else may be there, and `undecided` (p, p), what
+    the noise's covariance of the unknowns lacks for it.
     """
 
     model: SetModel
@@ -519,7 +559,8 @@ class SetFit:
     point: SetPoint
     converged: bool
     left_out: float = 0.0
-    weighed: Weighed | None = None
+    sets: Sets | None = None
+    undecided: Array | float = 0.0
 
     @property
     def unknowns(self) -> int:
@@ -563,7 +604,7 @@ class SetFit:
     @cached_property
     def covariance(self) -> Array:
         """Of the unknowns (p, p), by the noise and by what else the images leave open."""
-        return self._of_noise + self.weighed.undecided if self.weighed else self._of_noise
+        return self._of_noise + self.undecided
 
     @cached_property
     def _of_noise(self) -> Array:

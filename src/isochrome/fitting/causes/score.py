@@ -17,16 +17,16 @@ from isochrome.estimation import (
     FIRST_DEGREES,
     RICHEST,
     Evidence,
-    Hypothesis,
+    Nuisance,
     ScoreProducts,
     Sets,
     Terms,
     cosine_rms,
     cosine_spread,
+    hypotheses_of,
     light_products,
     missing_terms,
     positive_part,
-    ways,
     weigh,
     with_chosen_terms,
 )
@@ -156,19 +156,12 @@ class Asked:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Nuisance:
-    """Something that may be there: its `columns` at a frame's blocks, their values `now` (k,).
-
-    `roots` of its priors, ways that exclude one another; `positive`, whether the first one's
-    amplitude is; `rows`, of the unknowns that hold it where it is fitted, `of_each` (k, rows),
-    their change with it.
+class _Nuisance(Nuisance):
+    """With its `columns` at a frame's blocks; `rows`, of the unknowns that hold it where it is
+    fitted, `of_each` (k, rows), their change with it.
     """
 
-    name: str
     columns: Callable[[FrameBlocks], Array]
-    now: Array
-    roots: tuple[Array, ...]
-    positive: bool = False
     rows: tuple[int, ...] = ()
     of_each: Array = field(default_factory=lambda: np.empty((0, 0)))
 
@@ -208,15 +201,7 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
     matrix = positive_part(products.matrix, np.sqrt(products.size), _TAKEN) / noise
     now = np.concatenate([n.now for n in nuisances])
     right = products.right / noise + matrix @ now
-    hypotheses: list[Hypothesis] = []
-    given: list[int] = []
-    first = 0
-    for nuisance in nuisances:
-        columns = slice(first, first + len(nuisance.now))
-        first = columns.stop
-        if nuisance.name in fitted.names:
-            given.append(len(hypotheses) + len(nuisance.roots) // 2)
-        hypotheses += ways(nuisance.name, columns, nuisance.roots, RARE, positive=nuisance.positive)
+    hypotheses, given = hypotheses_of(nuisances, fitted.names, RARE)
     lit = sum(map(len, more_than(solution.terms, stated.terms)))
     along, counted = _told(products, nuisances, shared, matrix, lit)
     return Asked(
