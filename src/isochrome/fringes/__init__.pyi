@@ -47,14 +47,7 @@ from .single_frame.free_order import (
     follow_fringes,
     read_free,
 )
-from .single_frame.stated_orders import (
-    CLEAR,
-    MOST_COST,
-    STATED_SPREAD,
-    KnownOrders,
-    KnownPlaces,
-    known_orders,
-)
+from .single_frame.stated_orders import CLEAR, MOST_COST, STATED_SPREAD, KnownOrders, KnownPlaces
 from .skeleton import Skeleton, number_lines, order_contours, skeleton_table, skeletons
 from .step_equations import (
     COSINE,
@@ -120,7 +113,6 @@ __all__ = [
     "gamma_misfit",
     "joined_pixels",
     "joined_reading",
-    "known_orders",
     "least_field",
     "light_wave",
     "make_design",
