@@ -88,14 +88,16 @@ def with_model(seen, noise):
 
 def one_frame(seen, noise, *, ends):
     """The reading without a model, with both no-load frames or with none."""
-    from isochrome.fringes import read_free, widened
+    from isochrome.fringes import KnownOrders, KnownPlaces, read_free, widened
 
     shot = specimens().shoot(seen, noise=noise, seed=SEED)
-    known = [specimens().known_point(seen)]
+    row, col, order = specimens().known_point(seen)
+    known = KnownOrders((KnownPlaces(((row, col),), order),))
 
     def read():
         light = specimens().light_of(shot, ends=ends)
-        found = read_free(light.wave, light.wave_sigma, light.valid, known).reading
+        none = np.zeros(light.wave.shape)
+        found = read_free(light.wave, light.wave_sigma, light.valid, known, error=none).reading
         found = widened(found, light.error)
         return found.order, found.confidence
 

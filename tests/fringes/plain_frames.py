@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from isochrome.fringes import known_orders, read_free
+from isochrome import fringes
+from isochrome.fringes import KnownOrders, KnownPlaces
 
 SHAPE = (160, 220)
 ROWS, COLS = np.indices(SHAPE)
@@ -24,9 +25,19 @@ def light(order, noise, valid=True):
     return np.where(body, wave, 0.0), np.full(order.shape, noise), body
 
 
+def read_free(wave, sigma, valid, known, lines=(), corners=()):
+    """A reading in light that is known, with points (row, col, order), or with an extremum."""
+    points = [
+        KnownPlaces(((row, col),), order, extremum=turn[0] if turn else None)
+        for row, col, order, *turn in known
+    ]
+    orders = KnownOrders((*points, *lines), tuple(corners))
+    return fringes.read_free(wave, sigma, valid, orders, error=np.zeros(wave.shape))
+
+
 def read(order, known=(), lines=(), corners=(), *, noise=0.05, valid=True):
     """A reading of an order (rows, cols) with what is known of it."""
-    return read_free(*light(order, noise, valid), known_orders(known, lines, corners))
+    return read_free(*light(order, noise, valid), known, lines, corners)
 
 
 def kept(got, order):

@@ -4,10 +4,10 @@ import re
 
 import numpy as np
 import pytest
+from plain_frames import read_free
 from scipy.ndimage import label
 
 from isochrome.benchmarks import load_benchmarks
-from isochrome.fringes import read_free
 
 FIELDS = load_benchmarks("outside_fields")
 NOISE = 0.04

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from closed_forms import dark_field, disc, grey
+from plain_frames import read_free
 
-from isochrome.fringes import SURE, read_free, read_order
+from isochrome.fringes import SURE, read_order
 
 SHAPE = (160, 200)
 ROWS, COLS = np.indices(SHAPE, dtype=float)

@@ -7,7 +7,7 @@ import pytest
 
 from isochrome.fringes.single_frame import end_search
 from isochrome.fringes.single_frame.background_modulation import _problem
-from isochrome.fringes.single_frame.end_search import TERMS, eliminated, ends_at, look
+from isochrome.fringes.single_frame.end_search import TERMS, PatchModel, eliminated, ends_at
 from isochrome.fringes.single_frame.patches import fit_patches, gather_patches
 
 ROW, COL = np.mgrid[:110, :130].astype(float)
@@ -46,14 +46,18 @@ def test_with_every_patch_following_they_are_those_of_differences(tone):
     def by_ends(step):
         new = unknowns.copy()
         new[free] += step
-        return look(data, ends_at(data, new), orders).residual
+        return PatchModel(data, ends_at(data, new), orders).residual
 
     def by_orders(step):
-        return look(data, here, orders + step).residual
+        return PatchModel(data, here, orders + step).residual
 
     ends, own = differences(by_ends, len(free)), differences(by_orders, TERMS)
     root = np.sqrt(data.weight)[..., None]
-    ends, own, left = root * ends, root * own, root[..., 0] * look(data, here, orders).residual
+    ends, own, left = (
+        root * ends,
+        root * own,
+        root[..., 0] * PatchModel(data, here, orders).residual,
+    )
     inner = np.einsum("pka,pkb->pab", own, own)
     inner += np.diag(end_search._PRIOR + end_search._PIVOT)
     mixed = np.einsum("pka,pkb->pab", own, ends)

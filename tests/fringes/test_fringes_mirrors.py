@@ -2,20 +2,14 @@
 
 import numpy as np
 import pytest
-from plain_frames import COLS, ROWS, SHAPE, light
+from plain_frames import COLS, ROWS, SHAPE, light, read_free
 
-from isochrome.fringes import read_free
 from isochrome.fringes.single_frame.patches import Labels, Patches, fit_patches, gather_patches
-from isochrome.fringes.single_frame.stated_orders import (
-    AnchorPatch,
-    mend_mirrored,
-    open_seams,
-    zero_lines,
-)
+from isochrome.fringes.single_frame.stated_orders import mend_mirrored, open_seams, zero_lines
 
 VALUE, SLOPE = 0.01, 0.003
 """What noise leaves of a patch's order, fringes, and of its slope, fringes a pixel."""
-START = AnchorPatch((0, 0), np.eye(6)[0])
+START = ((0, 0), None)
 """The patch in which the order is taken as known."""
 
 

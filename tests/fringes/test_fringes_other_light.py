@@ -20,7 +20,7 @@ def reading(order, misses=()):
     ones = np.ones(SHAPE)
     known = np.isfinite(order)
     own = make_reading(order, 1e-3 * ones, known, of=np.ones(SHAPE, bool))
-    return FreeReading(own, 1.0, ones, misses, ("as it was",))
+    return FreeReading(own, ones, misses, ("as it was",))
 
 
 def ramp():

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from plain_frames import read_free
 from scipy.ndimage import gaussian_filter
 
-from isochrome.fringes import read_free
 from isochrome.fringes.single_frame import free_order
 
 NOISE = 0.03

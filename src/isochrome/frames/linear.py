@@ -543,35 +543,18 @@ class Normalised:
     contrast: np.ndarray
 
 
-def normalise(
-    image: Linear | np.ndarray, dark: Linear | np.ndarray, bright: Linear | np.ndarray
-) -> Normalised:
+def normalise(image: Linear, dark: Linear, bright: Linear) -> Normalised:
     """Take background and illumination out of a frame: s = (I - D) / (B - D), all linear light.
 
     D is the unloaded specimen in the dark field, or what stands for it, B the same in the bright
-    field. InputError where the sizes differ or nothing has contrast.
+    field. InputError where nothing has contrast.
     """
-    light, valid = _parts(image)
-    low, low_valid = _parts(dark)
-    high, high_valid = _parts(bright)
-    for name, part in (("no-load dark", low), ("no-load bright", high)):
-        if part.shape != light.shape:
-            raise InputError(
-                "frame_pixels_rows_columns", name=name, shape=part.shape, shape_2=light.shape
-            )
-    valid = valid & low_valid & high_valid
-    contrast = high - low
+    valid = image.valid & dark.valid & bright.valid
+    low, contrast = dark.image, bright.image - dark.image
     usual = float(np.median(contrast[valid])) if valid.any() else 0.0
     if not usual > 0:
         raise InputError("frame_has_no_contrast", usual=usual)
     valid = valid & (contrast > MIN_CONTRAST * usual)
-    signal = np.full(light.shape, np.nan, np.float32)
-    np.divide(light - low, contrast, out=signal, where=valid)
+    signal = np.full(low.shape, np.nan, np.float32)
+    np.divide(image.image - low, contrast, out=signal, where=valid)
     return Normalised(signal, valid, low.astype(np.float32), contrast.astype(np.float32))
-
-
-def _parts(image: Linear | np.ndarray) -> tuple[np.ndarray, Mask]:
-    if isinstance(image, Linear):
-        return image.image, image.valid
-    plain = np.asarray(image)
-    return plain, np.isfinite(plain)

@@ -21,7 +21,7 @@ from .film_reading import (
     smooth_zero,
 )
 from .follower import LARGEST_CHANGE, FilmState, follow_frame, unloaded_state
-from .integer_order import Balance, Direction, balance, settle, unwrap
+from .integer_order import Balance, balance, settle
 from .on_branch import (
     BRANCH,
     LARGEST_UNCERTAINTY,
@@ -47,24 +47,21 @@ from .single_frame.free_order import (
     follow_fringes,
     read_free,
 )
-from .single_frame.stated_orders import (
-    CLEAR,
-    MOST_COST,
-    STATED_SPREAD,
-    KnownOrders,
-    KnownPlaces,
-    known_orders,
-)
+from .single_frame.stated_orders import CLEAR, MOST_COST, STATED_SPREAD, KnownOrders, KnownPlaces
 from .skeleton import Skeleton, number_lines, order_contours, skeleton_table, skeletons
-from .step_equations import COSINE, CROSS, SINE, SINE_SINE, StepTerms, make_design, solve_steps
-from .stepped_order import (
-    ResidualStress,
-    SteppedReading,
+from .step_equations import (
+    COSINE,
+    CROSS,
+    SINE,
+    SINE_SINE,
+    Direction,
+    StepTerms,
     fill_gaps,
-    least_field,
-    read_residual,
-    read_steps,
+    make_design,
+    solve_steps,
+    unwrap,
 )
+from .stepped_order import ResidualStress, SteppedReading, least_field, read_residual, read_steps
 
 __all__ = [
     "BRANCH",
@@ -116,7 +113,6 @@ __all__ = [
     "gamma_misfit",
     "joined_pixels",
     "joined_reading",
-    "known_orders",
     "least_field",
     "light_wave",
     "make_design",

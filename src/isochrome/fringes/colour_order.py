@@ -49,8 +49,6 @@ class ColourSignal:
     lit: Mask  # (rows, cols): where there is light at all
     order_variance: Array  # (rows, cols), fringes², from the uncertainty of the ends
     blind: bool  # an end was found from the frame itself
-    # only the frame says where light is: a black place may be no specimen at all
-    unlit_unknown: bool
     exposure: FrameExposure  # over that of the no-load frames
 
 
@@ -66,11 +64,8 @@ def colour_signal(
     """Take background and illumination out of a colour frame: s = (I - D)/(B - D).
 
     The variance is that of the frame, of the no-load frames and of the table's spread. InputError
-    where sizes differ or nothing has contrast.
+    where nothing has contrast.
     """
-    for name, frame in (("dark", dark), ("bright", bright)):
-        if frame is not None and frame.shape != light.shape:
-            raise InputError("no_load_frame_row", name=name, shape=frame.shape, shape_2=light.shape)
     blind = dark is None or bright is None
     noise = np.broadcast_to(np.asarray(sigma, dtype=float), light.shape)
     exposure = FrameExposure()
@@ -97,15 +92,12 @@ def colour_signal(
     variance /= np.where(trusted, contrast, 1.0) ** 2
     return ColourSignal(
         signal=signal, variance=(variance + table.spread**2 + TABLE_ERROR**2).astype(np.float32),
-        lit=lit, order_variance=order_variance, blind=blind, unlit_unknown=bright is None,
-        exposure=exposure,
+        lit=lit, order_variance=order_variance, blind=blind, exposure=exposure,
     )  # fmt: skip
 
 
 def _lit(contrast: Array, valid: Mask) -> Mask:
     """Where there is light; the contrast of a no-load pair is noise where there is none."""
-    from scipy.ndimage import gaussian_filter
-
     if not valid.any():
         raise InputError("frame_has_no_pixel")
     used = np.asarray(valid.any(axis=(0, 1)))
@@ -115,7 +107,7 @@ def _lit(contrast: Array, valid: Mask) -> Mask:
     if not (usual > 0.0).all():
         raise InputError("frame_has_no_contrast_between")
     share = (contrast / usual).sum(axis=-1) / np.count_nonzero(used)
-    smooth = gaussian_filter(share.astype(np.float32), 1.0, mode="nearest")
+    smooth = ndimage.gaussian_filter(share.astype(np.float32), 1.0, mode="nearest")
     return np.asarray((smooth > LEAST_CONTRAST) & (share > 0.5 * LEAST_CONTRAST))
 
 
@@ -235,9 +227,8 @@ def _look_up(order: Array, table: ColourTable) -> tuple[Array, Array]:
     signal, slope = table.signal.astype(np.float32), table.slope.astype(np.float32)
     s = signal[below] + share * (signal[1:] - signal[:-1])[below]
     j = slope[below] + share * (slope[1:] - slope[:-1])[below]
-    return s + _mixture(order, table), j * np.where(order < 0.0, np.float32(-1.0), np.float32(1.0))[
-        ..., None
-    ]
+    side = np.where(order < 0.0, np.float32(-1.0), np.float32(1.0))[..., None]
+    return s + _mixture(order, table), j * side
 
 
 def _mixture(order: Array, table: ColourTable) -> Array:
@@ -247,10 +238,8 @@ def _mixture(order: Array, table: ColourTable) -> Array:
     """
     steepness = sum(step**2 for step in np.gradient(order))
     steepness = np.minimum(ndimage.gaussian_filter(steepness, _WINDOWS_PX[-1]), _STEEPEST**2)
-    bend = np.gradient(table.slope, STEP, axis=0).astype(np.float32)
-    return np.asarray(
-        steepness[..., None].astype(np.float32) / 24.0 * bend[table.place(np.abs(order))]
-    )
+    bend = np.gradient(table.slope, STEP, axis=0).astype(np.float32)[table.place(np.abs(order))]
+    return np.asarray(steepness[..., None].astype(np.float32) / 24.0 * bend)
 
 
 def _spread(order: Array, weight: Array, slope: Array, table: ColourTable, width: float) -> Array:
@@ -320,7 +309,6 @@ class ColourReading(OrderReading):
 
     signal: Array  # without background and illumination, 1 = full light; NaN = not trusted
     chi: float  # residual over noise where it can be read, 1 where table and frame agree
-    misfit: Array  # the same about each pixel
     blind: bool  # illumination or background is from the frame itself
     noise: float  # of the signal, the median
     strange: float  # share of the pixels whose colours are not the table's
@@ -343,56 +331,15 @@ def read_colour(
     Not known: fewer than two channels trusted; a branch in doubt by over 2 %; over 0.03 fringe of
     noise; light and table apart by over twice the noise and 0.05 of the table; fringes finer than 4
     pixels, or fading to white; beside a jump; without `bright` and `specimen` wide black places,
-    maybe no specimen. Missing no-load frames are found from it. InputError: shapes, no contrast.
+    maybe no specimen. Missing no-load frames are found from it. InputError: no contrast.
     """
-    _check(light, table, valid, specimen)
     trusted = np.isfinite(light) if valid is None else valid & np.isfinite(light)
     if specimen is not None:
         trusted = trusted & specimen[..., None]
     shown = colour_signal(light, table, sigma=sigma, dark=dark, bright=bright, valid=trusted)
     factor = 2 if trusted[..., 0].size >= BINNED_FROM else 1
     choice = choose_orders(*_blocks(shown, factor), table)
-    return _reading(shown, refine_colour(shown, choice, factor, table), table, specimen)
-
-
-def _check(light: Array, table: ColourTable, valid: Mask | None, specimen: Mask | None) -> None:
-    channels = table.signal.shape[1]
-    if light.ndim != 3 or light.shape[2] != channels:
-        raise InputError("colour_frame_row_col", channels=channels, shape=light.shape)
-    for name, mask, shape in (
-        ("valid", valid, light.shape),
-        ("specimen", specimen, light.shape[:2]),
-    ):
-        if mask is not None and mask.shape != shape:
-            raise InputError("mask_must_reshape", name=name, shape=mask.shape, shape_2=shape)
-
-
-def _blocks(shown: ColourSignal, factor: int) -> tuple[Array, Array]:
-    """Means of the signal over blocks of pixels, and their variance."""
-    if factor == 1:
-        return shown.signal, shown.variance
-    trusted = np.isfinite(shown.signal)
-    count = _sums(trusted.astype(np.float32), factor)
-    signal = _sums(np.nan_to_num(shown.signal), factor)
-    variance = _sums(np.where(trusted, shown.variance, 0.0), factor)
-    some = np.maximum(count, 1.0)
-    return np.where(count > 0.0, signal / some, np.nan), np.where(
-        count > 0.0, variance / some**2 + _BLOCK_ERROR**2, 1.0
-    )
-
-
-def _sums(values: Array, factor: int) -> Array:
-    """Sums (rows, cols, channels) over blocks of pixels, which at the rim hold fewer of them."""
-    values = np.pad(values, [*((0, -n % factor) for n in values.shape[:2]), (0, 0)])
-    rows, cols, channels = values.shape
-    blocks = values.reshape(rows // factor, factor, cols // factor, factor, channels)
-    return np.asarray(blocks.sum(axis=(1, 3)))
-
-
-def _reading(
-    shown: ColourSignal, value: ColourValue, table: ColourTable, specimen: Mask | None
-) -> ColourReading:
-    """What is known of the refined orders, and how well."""
+    value = refine_colour(shown, choice, factor, table)
     trusted = np.isfinite(shown.signal)
     variance = shown.order_variance + (_FOUND_ENDS * shown.blind) ** 2
     variance = variance + shown.exposure.order_variance(shown.signal, table, value.order)
@@ -406,7 +353,8 @@ def _reading(
     highest = table.highest_of(_LEAST_CONTRAST[shown.blind]) - _BELOW_WHITE
     known = readable & described & value.agreed & (value.order < highest) & (not lost)
     known &= (value.doubt < _LARGEST_DOUBT) & (uncertainty < _LARGEST_UNCERTAINTY)
-    if shown.unlit_unknown and specimen is None:  # black places might be no specimen at all
+    # only the frame says where light is: black places might be no specimen at all
+    if bright is None and specimen is None:
         core = ndimage.distance_transform_edt(value.order < _UNLIT_ORDER) > _UNLIT_PX
         if core.any():
             known &= ndimage.distance_transform_edt(~core) > _UNLIT_PX + 4
@@ -424,7 +372,28 @@ def _reading(
         confidence=np.where(known, sure, 0.0).astype(np.float32),
         kept=float(np.count_nonzero(known) / max(body, 1)), signal=shown.signal,
         chi=float(np.sqrt(value.chi2[readable].sum(dtype=float) / max(degrees, 1.0))),
-        misfit=masked(value.misfit, readable), blind=shown.blind,
+        blind=shown.blind,
         noise=float(np.sqrt(np.median(shown.variance[trusted]))) if trusted.any() else float("nan"),
         strange=strange, lost=lost, exposure=shown.exposure,
     )  # fmt: skip
+
+
+def _blocks(shown: ColourSignal, factor: int) -> tuple[Array, Array]:
+    """Means of the signal over blocks of pixels, and their variance."""
+    if factor == 1:
+        return shown.signal, shown.variance
+    trusted = np.isfinite(shown.signal)
+    count = _sums(trusted.astype(np.float32), factor)
+    signal = _sums(np.nan_to_num(shown.signal), factor)
+    variance = _sums(np.where(trusted, shown.variance, 0.0), factor)
+    some = np.maximum(count, 1.0)
+    variance = np.where(count > 0.0, variance / some**2 + _BLOCK_ERROR**2, 1.0)
+    return np.where(count > 0.0, signal / some, np.nan), variance
+
+
+def _sums(values: Array, factor: int) -> Array:
+    """Sums (rows, cols, channels) over blocks of pixels, which at the rim hold fewer of them."""
+    values = np.pad(values, [*((0, -n % factor) for n in values.shape[:2]), (0, 0)])
+    rows, cols, channels = values.shape
+    blocks = values.reshape(rows // factor, factor, cols // factor, factor, channels)
+    return np.asarray(blocks.sum(axis=(1, 3)))

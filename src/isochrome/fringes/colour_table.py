@@ -100,24 +100,19 @@ def spectral_table(polariscope: Polariscope, response: Response) -> ColourTable:
 
     s_c(N) = Σ_s w_cs I(N l0/l_s), see `isochrome.optics.spectral_signal`; the mean over directions
     of sigma_1 where real plates show them, `spread` its deviation. It ends where the last contrast
-    is 2 % of full light, at N = 12 at the latest. InputError where the field is plane or a channel
-    is blind. Source: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29.
+    is 2 % of full light, at N = 12 at the latest. InputError where a channel is blind.
+    Source: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29.
     """
-    if polariscope.field == "plane" or not polariscope.several_wavelengths:
-        raise InputError("polariscope_colour_table_needs")
     order = STEP * np.arange(int(np.ceil(LARGEST_ORDER / STEP)) + 1)
     light = make_light(polariscope, response, highest_order=LARGEST_ORDER)
     chains = [make_chain(polariscope, wavelength_nm=float(w)) for w in light.wavelength_nm]
     ideal = all(chain.ideal for chain in chains)
     turn = np.zeros(1) if ideal else np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     orders, turns = np.broadcast_arrays(order[None, :], turn[:, None])
-    assert polariscope.wavelength_nm is not None
+    reference, turned = polariscope.wavelength_nm, None if ideal else turns
+    assert reference is not None
     signals = spectral_signal(
-        orders.copy(),
-        light,
-        chains,
-        reference_nm=polariscope.wavelength_nm,
-        direction=None if ideal else turns,
+        orders.copy(), light, chains, reference_nm=reference, direction=turned
     )
     table, spread = signals.mean(axis=0), np.sqrt(signals.var(axis=0).mean(axis=0))
     return ColourTable(table[: end_of_contrast(table)], spread)
@@ -152,17 +147,7 @@ def measured_table(signal: Array, order: Array) -> ColourTable:
         for w in (np.ones_like(n), offset, *s.T, *(s * offset[:, None]).T)
     ]
     number, offsets = sums[:2]
-    plain, turned = np.split(np.array(sums[2:]), 2)
-    return ColourTable(_local_lines(number, offsets, plain, turned), np.zeros(s.shape[1]))
-
-
-def _local_lines(number: Array, offsets: Array, plain: Array, turned: Array) -> Array:
-    """Values (orders, channels) of lines fitted about each order of the table.
-
-    Parameters: sums over the pixels of each cell: their `number` and their `offsets` from the
-    cell's order (orders,), the signals, `plain`, and these times the offsets, `turned` (channels,
-    orders).
-    """
+    plain, turned = np.split(np.array(sums[2:]), 2)  # the signals, and these times the offsets
     half = int(np.ceil(4.0 * _WIDTH / STEP))
     away = STEP * np.arange(-half, half + 1)
     bell = np.exp(-0.5 * (away / _WIDTH) ** 2)
@@ -176,7 +161,8 @@ def _local_lines(number: Array, offsets: Array, plain: Array, turned: Array) -> 
         raise InputError("colour_table_needs_pixels_every", where=where)
     t0 = summed(plain, bell)
     t1 = summed(plain, bell * away) + summed(turned, bell)
-    return np.asarray(((m2 * t0 - m1 * t1) / np.maximum(m0 * m2 - m1**2, 1e-30)).T)
+    lines = ((m2 * t0 - m1 * t1) / np.maximum(m0 * m2 - m1**2, 1e-30)).T
+    return ColourTable(np.asarray(lines), np.zeros(s.shape[1]))
 
 
 SPREADS = tuple(f"{name}_spread" for name in CHANNELS)
@@ -326,9 +312,9 @@ def choose_orders(signal: Array, variance: Array, table: ColourTable) -> Choice:
     trusted = np.isfinite(signal)
     weight = np.where(trusted, 1.0 / variance, 0.0).reshape(-1, channels)
     known = trusted.sum(axis=-1) >= 2
-    order, cost = candidate_orders(np.nan_to_num(signal).reshape(-1, channels), weight, table)
-    order = order.reshape(rows, cols, CANDIDATES)
-    cost = cost.reshape(rows, cols, CANDIDATES)
+    pixels = np.nan_to_num(signal).reshape(-1, channels)
+    candidates = candidate_orders(pixels, weight, table)
+    order, cost = (part.reshape(rows, cols, CANDIDATES) for part in candidates)
     cost[~known] = 0.0  # says nothing, and passes nothing on
     penalty = np.minimum(cost - cost[..., :1], FARTHEST)
     penalty[np.isinf(cost)] = np.float32(1e6)

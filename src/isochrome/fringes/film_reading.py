@@ -25,6 +25,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -68,11 +69,9 @@ class FilmLight:
 
     def joined(self, by: int) -> FilmLight:
         """The same on blocks of pixels."""
-        zero, level = joined_pixels(self.zero, by), joined_pixels(self.illumination, by)
-        error, zero_error = joined_pixels(self.error, by), joined_pixels(self.zero_error, by)
-        return FilmLight(
-            zero=zero, illumination=level, error=error, zero_error=zero_error, sign=self.sign
-        )
+        names = ("zero", "illumination", "error", "zero_error")
+        maps: dict[str, Any] = {name: joined_pixels(getattr(self, name), by) for name in names}
+        return replace(self, **maps)
 
     def rise(self, light: Array) -> Array:
         """What fringes add to or take off the unloaded light, A sin² pi N (rows, cols)."""
@@ -104,31 +103,25 @@ def smooth_zero(light: Array, valid: Mask) -> tuple[Array, bool]:
 class BrightestLight:
     """The highest light that each pixel of a film goes over, gathered frame by frame."""
 
+    lowest: Array  # rise of each pixel (rows, cols)
+    _top: Array
+    _highest: Array
+
     def __init__(self) -> None:
         self._before: list[Array] = []
-        self._top: Array | None = None
-        self._lowest: Array | None = None
-        self._highest: Array | None = None
-
-    @property
-    def lowest(self) -> Array:
-        """The lowest rise of each pixel (rows, cols)."""
-        assert self._lowest is not None
-        return self._lowest
 
     def contrast(self, valid: Mask) -> float:
         """The range of the light over most of the valid pixels (rows, cols)."""
-        assert self._highest is not None
         reach = (self._highest - self.lowest)[valid]
         return float(np.percentile(reach, _MOSTLY)) if reach.size else 0.0
 
     def add(self, rise: Array) -> None:
         """Take a frame's rise over the unloaded light (rows, cols)."""
         smooth = cv2.GaussianBlur(rise, (0, 0), 1.0)
-        if self._top is None or self._lowest is None:
-            self._top, self._lowest = np.zeros_like(smooth), smooth
-        self._lowest = np.minimum(self._lowest, smooth)
-        self._highest = smooth if self._highest is None else np.maximum(self._highest, smooth)
+        if not self._before:
+            self._top, self.lowest, self._highest = np.zeros_like(smooth), smooth, smooth
+        self.lowest = np.minimum(self.lowest, smooth)
+        self._highest = np.maximum(self._highest, smooth)
         if len(self._before) == 2:
             earlier, middle = self._before
             passed = (middle >= earlier) & (middle >= smooth)
@@ -137,8 +130,6 @@ class BrightestLight:
 
     def surface(self, valid: Mask) -> Array:
         """The illumination that the crests lie on (rows, cols). Raises InputError without any."""
-        if self._top is None:
-            raise InputError(NO_CREST)
         basis = light_basis(self._top.shape, total_degree(_DEGREES[0]))
         thin = slice(None, None, _STRIDE)
         use = valid[thin, thin]
@@ -193,17 +184,14 @@ class CrestLight:
         """The illumination, and its standard uncertainty over it, on pixels of any size (rows,
         cols).
         """
-        if not self.told:
-            raise InputError(NO_CREST)
         fits = [self._fit(degree) for degree in _DEGREES]
         chosen = int(fits[1][2] < _ASKED_FOR * fits[0][2])
         coefficients, inverse, variance = fits[chosen]
         basis = light_basis(shape, total_degree(_DEGREES[chosen]))
         level = np.tensordot(coefficients.astype(np.float32), basis, 1)
         root = np.linalg.cholesky(inverse * variance * _POOLED / _STRIDE**2)
-        spread = np.sqrt(
-            sum(np.tensordot(part.astype(np.float32), basis, 1) ** 2 for part in root.T)
-        )
+        squares = (np.tensordot(part.astype(np.float32), basis, 1) ** 2 for part in root.T)
+        spread = np.sqrt(sum(squares))
         level = np.maximum(level, 1e-3)
         return level, np.asarray(np.hypot(spread / level, _SYSTEMATIC))
 
@@ -212,9 +200,8 @@ class CrestLight:
         terms = total_degree(_DEGREES[1])
         columns = [terms.index(term) for term in total_degree(degree)]
         matrix = self._matrix[np.ix_(columns, columns)]
-        inverse = np.linalg.inv(
-            matrix + 1e-6 * np.trace(matrix) / len(columns) * np.eye(len(columns))
-        )
+        ridge = 1e-6 * np.trace(matrix) / len(columns) * np.eye(len(columns))
+        inverse = np.linalg.inv(matrix + ridge)
         coefficients = inverse @ self._right[columns]
         residual = self._square - 2.0 * coefficients @ self._right[columns]
         residual += coefficients @ matrix @ coefficients
@@ -237,12 +224,10 @@ class KeptState:
     doubtful: bytes = field(repr=False)
     shape: tuple[int, int]
     time: float  # of its frame
-    doubts: int = 0  # blocks of pixels that are doubtful
 
     def doubting(self, where: Mask) -> KeptState:
         """The same with more doubt (rows, cols)."""
-        doubt = self.doubt() | where
-        return replace(self, doubtful=_packed(doubt), doubts=int(doubt.sum()))
+        return replace(self, doubtful=_packed(self.doubt() | where))
 
     def state(self) -> FilmState:
         """The state of the chunk's first frame."""
@@ -278,13 +263,8 @@ def _unpacked(packed: bytes, shape: tuple[int, int]) -> Mask:
     return bits[: shape[0] * shape[1]].reshape(shape).astype(bool)
 
 
-@dataclass(frozen=True)
-class _Passed:
-    """A frame that was passed: its wave, where it is trusted, and what was followed to there."""
-
-    wave: Array
-    valid: Mask
-    state: FilmState
+_Passed = tuple[Array, Mask, FilmState]
+"""A frame that was passed: its wave, where it is trusted, and what was followed to there."""
 
 
 class FilmPath:
@@ -323,7 +303,7 @@ class FilmPath:
             breaks = index > self._begin and self._take(rise, wave, valid, time, index)
             if index == self._begin:
                 self._state, self._passed = self._start, []
-            self._passed.append(_Passed(wave, valid, self._state))
+            self._passed.append((wave, valid, self._state))
             due = index > self._begin and (breaks or index % self._every == 0)
             begins = index in (0, self._begin)
             if begins or index % self.chunk == 0 or (due and self._key is not None):
@@ -331,7 +311,7 @@ class FilmPath:
                 if due and self._key is not None:
                     self._settle(index)
                 self.kept[index] = keep_state(self._state)
-                self._passed = [_Passed(wave, valid, self._state)]
+                self._passed = [(wave, valid, self._state)]
         self._agree()
 
     def _take(self, rise: Array, wave: Array, valid: Mask, time: float, index: int) -> bool:
@@ -376,11 +356,12 @@ class FilmPath:
         What is regained beside what was known is known from here on, if all of them bear it out.
         """
         passed, self._passed = self._passed, []
-        if self._broken or len(passed) < 2 or not passed[-1].state.known.any():
+        if self._broken or len(passed) < 2 or not passed[-1][-1].known.any():
             return
-        state = before = passed[-1].state
+        wave, valid, before = passed[-1]
+        state = before
         if self._key is not None:  # the next key frame is to find what is not right
-            order, known = regained(before.order, before.known, passed[-1].wave, passed[-1].valid)
+            order, known = regained(before.order, before.known, wave, valid)
             untold = np.where(before.known, before.untold, np.float32(0.0))
             state = replace(before, order=order, known=known, untold=untold)
         doubt, first = _followed_back(passed, state, self.noise)
@@ -398,14 +379,14 @@ def _followed_back(passed: list[_Passed], state: FilmState, noise: float) -> tup
 
     Returns where they have other orders then, and what of the state is known down to the first.
     """
-    known = state.known & passed[-1].state.known
+    known = state.known & passed[-1][-1].known
     doubt = np.zeros_like(known)
-    for frame in reversed(passed[:-1]):
-        state = follow_frame(state, frame.wave, frame.valid, frame.state.time, noise=noise)
+    for wave, valid, before in reversed(passed[:-1]):
+        state = follow_frame(state, wave, valid, before.time, noise=noise)
         if state.broken:
             return known, np.zeros_like(known)
-        both = state.known & frame.state.known
-        doubt |= both & (np.abs(state.order - frame.state.order) > _AGREE)
+        both = state.known & before.known
+        doubt |= both & (np.abs(state.order - before.order) > _AGREE)
     return doubt & known, state.known
 
 

@@ -75,29 +75,25 @@ force the order changes faster than it can be followed, and there it is lost alo
 _FEWEST = 50
 
 
-@dataclass(frozen=True)
-class OrderChange:
-    """A change of the order."""
-
-    change: Array  # fringes
-    misfit: float  # mean square of what it leaves of the wave
-    largest: float  # of any field in it, and of all together, fringes
-
-
 def fit_order_change(
     order: Array, expected: Sequence[Array], wave: Array, contrast: Array,
     gradient: tuple[Array, Array], known: Mask,
-) -> OrderChange | None:  # fmt: skip
+) -> tuple[Array, float, float] | None:  # fmt: skip
     """Fit the change of a picture's order to the wave cos 2 pi N of the next frame.
 
     `expected`, the change that went before, and the drift, over the time to the new frame;
-    `gradient` of the order along rows and columns. None where too few orders are known.
+    `gradient` of the order along rows and columns. Returns the change, fringes, the mean square of
+    what it leaves of the wave, and the largest of any field in it, and of all together, fringes;
+    None where too few orders are known.
     """
     thin = slice(_STRIDE // 2, None, _STRIDE)
     use = known[thin, thin]
     if np.count_nonzero(use) < _FEWEST:
         return None
-    fields = _fields(order, expected, gradient)
+    y, x = (np.linspace(-1.0, 1.0, n, dtype=np.float32) for n in order.shape)
+    moved, one = np.float32(_MOVED), np.ones((1, 1), dtype=np.float32)
+    (along, across), (rate, drift) = gradient, expected
+    fields = [order, order * x, order * y[:, None], rate, moved * across, moved * along, one, drift]
     basis = np.stack([np.broadcast_to(f, order.shape)[thin, thin][use] for f in fields])
     shown, faded = wave[thin, thin][use], contrast[thin, thin][use]
     start = _searched(basis, shown, faded, max(float(np.percentile(basis[0], _TOP)), 1e-3))
@@ -108,9 +104,8 @@ def fit_order_change(
         turned = basis * slope
         weighted = turned * on_flank(slope) / (1.0 + (residual / np.float32(_OUTLIER)) ** 2)
         matrix = (weighted @ turned.T).astype(float) + np.diag(ridge)
-        solution = solution + np.linalg.solve(
-            matrix, weighted @ residual - ridge * (solution - start)
-        )
+        pull = weighted @ residual - ridge * (solution - start)
+        solution = solution + np.linalg.solve(matrix, pull)
     single = solution.astype(np.float32)
     change = single @ basis
     residual, _ = _residual(basis[0], change, shown, faded)
@@ -121,7 +116,7 @@ def fit_order_change(
     full_change = np.zeros_like(order)
     for share, shape in zip(single, fields, strict=True):
         full_change += share * shape
-    return OrderChange(full_change, _mean_misfit(residual), largest)
+    return full_change, _mean_misfit(residual), largest
 
 
 def on_flank(slope: Array) -> Array:
@@ -145,25 +140,11 @@ def faded_fringes(order: Array) -> tuple[Array, Array, tuple[Array, Array]]:
     return contrast, square, (along, across)
 
 
-def is_wide(steep: Array) -> Mask:
-    """Where fringes are wide enough to be followed, by their gradient squared (rows, cols)."""
-    return np.asarray(steep < STEEPEST**2)
-
-
-def _fields(order: Array, expected: Sequence[Array], gradient: tuple[Array, Array]) -> list[Array]:
-    """The fields whose sum the change is: N first, the fourth the change before, the drift last."""
-    rows, cols = order.shape
-    y = np.linspace(-1.0, 1.0, rows, dtype=np.float32)[:, None]
-    x = np.linspace(-1.0, 1.0, cols, dtype=np.float32)[None]
-    moved = np.float32(_MOVED)
-    along, across = gradient
-    one = np.ones((1, 1), dtype=np.float32)
-    rate, drift = expected
-    return [order, order * x, order * y, rate, moved * across, moved * along, one, drift]
-
-
 def _searched(basis: Array, shown: Array, faded: Array, top: float) -> Array:
-    """Coefficients to start from: the best factor alone, after the change before, or the drift."""
+    """Coefficients to start from: the best factor alone, after the change before, or the drift.
+
+    The fields of `basis`: N first, the fourth the change before, the drift last.
+    """
     best, solution, order = np.inf, np.zeros(len(_RIDGE)), basis[0]
     reach = LARGEST_CHANGE / top
     for starts in _STARTS:
@@ -254,14 +235,14 @@ def follow_frame(
     highest = state.order[state.known][::7]
     if not highest.size or np.percentile(highest, 99.8) < _AT_FIRST:
         order, plain = _at_first(wave, weight)
-        known, broken, determined = state.known & plain, False, np.ones_like(order)
+        known, determined = state.known & plain, np.ones_like(order)
     else:
         expected = [v * np.float32(apart) for v in (state.rate, state.drift)]
         fitted = fit_order_change(before, expected, wave, contrast, gradient, state.known & valid)
-        limit = _LOST_AT_ONCE + _NOISE_LOST * noise**2
-        if fitted is None or fitted.misfit > limit or fitted.largest > 1.1 * LARGEST_CHANGE:
+        change, square, largest = fitted or (before, np.inf, np.inf)
+        if square > _LOST_AT_ONCE + _NOISE_LOST * noise**2 or largest > 1.1 * LARGEST_CHANGE:
             return _lost(state, time)
-        order, known, broken = np.abs(before + fitted.change), state.known, False
+        order, known = np.abs(before + change), state.known
         telling = weight * known * (steep < 1.2 * STEEPEST**2)
         order, determined = _corrected(order, wave, contrast, telling, noise)
     trust = weight * known
@@ -270,7 +251,7 @@ def follow_frame(
     known = (
         known
         & (misfit < _LARGEST_MISFIT**2 + (_NOISY * noise) ** 2)
-        & is_wide(steep)
+        & (steep < STEEPEST**2)  # fringes are wide enough
         & (np.abs(order - before) < LARGEST_CHANGE)
     )
     if np.count_nonzero(known) < _ALL_BUT * np.count_nonzero(state.known):
@@ -285,9 +266,7 @@ def follow_frame(
     untold = state.untold + np.abs(drift * np.float32(apart))
     untold = np.where(determined < _TOLD, untold, np.float32(0.0))
     known &= untold < _LEFT_OPEN
-    return FilmState(
-        order=order, rate=rate, drift=drift, untold=untold, known=known, time=time, broken=broken
-    )
+    return FilmState(order=order, rate=rate, drift=drift, untold=untold, known=known, time=time)
 
 
 def _lost(state: FilmState, time: float) -> FilmState:
@@ -300,9 +279,11 @@ def _at_first(wave: Array, weight: Array) -> tuple[Array, Mask]:
     signal = _window_mean(0.5 - 0.5 * wave, weight, _START_PX)
     order = np.arcsin(np.sqrt(np.clip(signal, 0.0, 1.0))) / np.float32(np.pi)
     inside = weight > 0.0
-    body = _labels(inside)
     plain = np.zeros(inside.shape, dtype=bool)
-    parts = _labels(inside & (order < _NEAR_CREST))
+    body, parts = (
+        cv2.connectedComponents(where.astype(np.uint8))[1]
+        for where in (inside, inside & (order < _NEAR_CREST))
+    )
     for part in range(1, int(body.max()) + 1):
         sizes = np.bincount(parts[body == part], minlength=2)
         sizes[0] = 0
@@ -310,10 +291,6 @@ def _at_first(wave: Array, weight: Array) -> tuple[Array, Mask]:
             plain |= parts == int(sizes.argmax())
     beyond = (inside & ~plain).astype(np.uint8)
     return order, plain & (cv2.dilate(beyond, np.ones((3, 3), np.uint8)) == 0)
-
-
-def _labels(where: Mask) -> Array:
-    return np.asarray(cv2.connectedComponents(where.astype(np.uint8))[1])
 
 
 def _corrected(
@@ -334,9 +311,8 @@ def _corrected(
         weight_of_slope = slope * flank
         if width == _TOLD_PX:
             telling = _window_mean(flank * weight, weight, width)
-        step = _window_sum(weight_of_slope * residual, width) / (
-            _window_sum(weight_of_slope * slope, width) + least
-        )
+        informed = _window_sum(weight_of_slope * slope, width) + least
+        step = _window_sum(weight_of_slope * residual, width) / informed
         step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
         order = np.abs(order + (step * order if proportional else step))
     fine = np.float32(_SMOOTHED) * (cv2.GaussianBlur(order, (0, 0), _SMOOTH_PX) - order)
@@ -398,12 +374,8 @@ def _moment(values: Array, down: int, across: int) -> Array:
     """Σ w u_1^down u_2^across times values about each pixel (rows, cols)."""
     away = np.arange(-_HALF_PX, _HALF_PX + 1, dtype=np.float32)
     window = np.exp(-0.5 * (away / np.float32(_WIDTH_PX)) ** 2)
-    return np.asarray(
-        cv2.sepFilter2D(
-            values, cv2.CV_32F, window * away**across, window * away**down,
-            borderType=cv2.BORDER_CONSTANT,
-        )
-    )  # fmt: skip
+    x, y = window * away**across, window * away**down
+    return np.asarray(cv2.sepFilter2D(values, cv2.CV_32F, x, y, borderType=cv2.BORDER_CONSTANT))
 
 
 def regained(order: Array, known: Mask, wave: Array, valid: Mask) -> tuple[Array, Mask]:
@@ -428,4 +400,4 @@ def _borne_out(order: Array, known: Mask, wave: Array, valid: Mask) -> tuple[Mas
     slope = np.float32(-2.0 * np.pi) * contrast * np.where(np.abs(sine) > _FLANK, sine, np.inf)
     move = (wave - contrast * np.cos(angle)) / slope
     determined = (np.abs(sine) > _FLANK) & (np.abs(move) < _NEAR)
-    return near & ~known & valid & is_wide(steep) & determined, move
+    return near & ~known & valid & (steep < STEEPEST**2) & determined, move

@@ -70,8 +70,6 @@ class FrameExposure:
         """Variance that it leaves the order (...,), fringes²: (u Σ s s'/Σ s'²)² with the table's
         slope s'.
         """
-        if not self.uncertainty:
-            return np.zeros(order.shape)
         known = np.isfinite(signal) & np.isfinite(order)[..., None]
         slope = np.where(known, table.slope[table.place(np.nan_to_num(order))], 0.0)
         size = np.sum(slope**2, axis=-1)
@@ -125,11 +123,9 @@ def find_exposure(
     if best.misfit > _FITS * count:  # no order gives these colours: it began too far away
         starts = _starts(small, table)
         best = min((best, *(_rested(small, table, s) for s in starts)), key=lambda end: end.cost)
-    spread = best.spread
     as_well = alike.cost - best.cost < _AS_WELL * count
-    if as_well:
-        # low orders look like higher ones of a shorter exposure, and these seem to tell it
-        spread = max(spread, alike.spread)
+    # low orders look like higher ones of a shorter exposure, and these seem to tell it
+    spread = max(best.spread, alike.spread) if as_well else best.spread
     spread = float((spread**-2 + EXPECTED**-2) ** -0.5)
     away = abs(np.log(best.factor))
     same = away < _LEAST or (as_well and away < _SURE * spread)
@@ -177,10 +173,8 @@ def _at(small: _Blocks, table: ColourTable, factor: float) -> tuple[_End, float]
     signal, variance = small.signal(factor), small.variance(factor, table)
     choice = choose_orders(signal.astype(np.float32), variance.astype(np.float32), table)
     step, spread = _step(signal, variance, choice.order, choice.misfit, table)
-    rough = sum(
-        float(np.nansum(np.minimum(np.abs(np.diff(choice.order, axis=axis)), 1.0)))
-        for axis in (0, 1)
-    )
+    changes = (np.abs(np.diff(choice.order, axis=axis)) for axis in (0, 1))
+    rough = sum(float(np.nansum(np.minimum(change, 1.0))) for change in changes)
     misfit = float(np.nansum(np.minimum(choice.misfit, _FARTHEST)))
     # of the two equations a block: else a shorter exposure, with more noise, would fit better
     complete = variance[np.isfinite(variance).all(axis=-1)]
@@ -215,9 +209,8 @@ def _step(
     information = float(np.sum(weight * column**2)) + EXPECTED**-2
     shared = np.hypot(_ERROR, 0.5 * float(table.spread.max()))
     by_table = shared * float(np.sum(weight * np.abs(column) * root)) / information
-    return float(np.sum(weight * column * residual)) / information, float(
-        np.hypot(information**-0.5, by_table)
-    )
+    step = float(np.sum(weight * column * residual)) / information
+    return step, float(np.hypot(information**-0.5, by_table))
 
 
 BLOCKS = 12_000
@@ -298,7 +291,12 @@ def find_ends(
     uncertainty gives to the order. `sigma` is the light's noise; `dark`, `bright` the no-load
     frames that there are. InputError where nothing has contrast, or no colour is the table's.
     """
-    small = _small(light, sigma, dark, bright, valid)
+    factor = max(1, int(np.sqrt(valid[..., 0].size / BLOCKS)))
+    mean = partial(valid_means, valid=valid, by=factor)
+    low, full = (None if frame is None else mean(frame) for frame in (dark, bright))
+    enough = block_means(valid.astype(float), factor) > 0.5
+    surface = channel_light(*enough.shape[:2])
+    small = _Small(mean(light), mean(sigma) / factor, low, full, enough, surface)
     first = _first_guess(small, table)
     theta, hold = first, _prior(first, small)
     colourful = table.highest_of(COLOURFUL)
@@ -330,22 +328,9 @@ def find_ends(
     )
     known = np.full(inside.shape, np.nan)
     known[inside] = spread
-    grid = np.ix_(
-        *((np.arange(n) * m // n for n, m in zip(light.shape[:2], inside.shape, strict=True)))
-    )
+    sizes = zip(light.shape[:2], inside.shape, strict=True)
+    grid = np.ix_(*(np.arange(n) * m // n for n, m in sizes))
     return *averaged.ends(theta), nearest_known(known, inside)[grid]
-
-
-def _small(
-    light: Array, sigma: Array, dark: Array | None, bright: Array | None, valid: Mask
-) -> _Small:
-    """The frame and its no-load frames in blocks of pixels."""
-    factor = max(1, int(np.sqrt(valid[..., 0].size / BLOCKS)))
-    count = block_means(valid.astype(float), factor)
-    mean = partial(valid_means, valid=valid, by=factor)
-    low, full = (None if frame is None else mean(frame) for frame in (dark, bright))
-    noise = mean(sigma) / factor
-    return _Small(mean(light), noise, low, full, count > 0.5, channel_light(*count.shape[:2]))
 
 
 def _first_guess(small: _Small, table: ColourTable) -> Array:
@@ -360,10 +345,8 @@ def _first_guess(small: _Small, table: ColourTable) -> Array:
         raise InputError("frame_shows_no_fringes_normalise")
     shape = np.zeros((len(gain), len(small.surface)))
     shape[:, 0] = 0.9 * gain
-    parts = ([shape.ravel()] if small.full is None else []) + (
-        [lowest] if small.low is None else []
-    )
-    return np.concatenate(parts)
+    parts = ((small.full, shape.ravel()), (small.low, lowest))
+    return np.concatenate([part for given, part in parts if given is None])
 
 
 def _prior(first: Array, small: _Small) -> Array:

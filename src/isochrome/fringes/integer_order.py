@@ -3,14 +3,6 @@
 In this order: orders that the user knows; equilibrium and compatibility (see `balance`); a model.
 Where the first two disagree, or nothing tells, that is said.
 
-The direction of sigma_1 from the maps of a phase-stepped set, pooled and made continuous.
-
-sin δ exp 2iθ, squared, and (1 - cos δ) exp 4iθ both point along exp 4iθ. The first is nothing at
-whole and half orders, the second at whole ones; weighted with their information they are summed
-over a small window, which no wrap of θ disturbs, and which fringes do not interrupt. The root,
-exp 2iθ, keeps a sign that continuity settles: about an isotropic point 2θ turns whole, so that
-a continuous choice exists all round it.
-
 From wrapped to absolute fringe order: unwrapping, and the whole number that phase leaves open.
 
 Phase stepping gives δ and the direction of sigma_1 up to the joint change (δ, θ) ~ (-δ, θ + 90°),
@@ -30,21 +22,14 @@ the stresses' form; the use made of it here was derived from it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt, gaussian_filter, label
 
-from isochrome.fringes.step_equations import (
-    CROSS,
-    CROSS_SINE,
-    SINE,
-    SINE_SINE,
-    StepDesign,
-    StepTerms,
-)
-from isochrome.fringes.windows import Array, Mask, block_means, pooled, valid_means
+from isochrome.fringes.step_equations import Direction
+from isochrome.fringes.windows import Array, Mask, block_means, valid_means
 from isochrome.messages import message
 
 _BLOCK = 4
@@ -76,22 +61,6 @@ class Balance:
         """The whole number, None where the equations do not single it out."""
         near = abs(self.number - round(self.number)) + 2.0 * self.standard_uncertainty
         return round(self.number) if near < _NEAR else None
-
-
-def unwrap(phase: Array, mask: Mask) -> Array:
-    """Phase (rad) made continuous over the masked-in pixels, fringe quality first; NaN elsewhere.
-
-    A NaN hangs scikit-image's unwrap_phase, so that only finite pixels are passed to it. Parts that
-    do not touch have whole turns of their own. Source: Herraez, Burton, Lalor & Gdeisat (2002),
-    Applied Optics 41, 7437.
-    """
-    from skimage.restoration import unwrap_phase
-
-    good = mask & np.isfinite(phase)
-    if np.count_nonzero(good) < 2 or min(phase.shape) < 2:
-        return np.where(good, phase, np.nan)
-    hidden = np.ma.array(np.where(good, phase, 0.0), mask=~good)
-    return np.where(good, np.asarray(unwrap_phase(hidden).filled(0.0)), np.nan)
 
 
 def balance(
@@ -160,136 +129,6 @@ def _solve(bent: Array, turned: Array, turns: Array, noise: Array, places: float
     return Balance(number, float(np.sqrt(spread)) / information)
 
 
-_WINDOW_PX = 1.6
-_WIDE_PX = 6.0
-_WIDE_SPREAD = 0.2
-"""What the wide window's 4θ is trusted to (rad), where the narrow one has nothing: whole orders."""
-
-_SLOPE_PX = 2.0
-_TURNED = 0.8
-"""Error of θ (rad) for a coherence of nought: seen about isotropic points."""
-
-_OFF = 0.007
-"""Light, of the amplitude, that elements 0.2 degree off add: 0.0035 rad, twice in 2θ."""
-
-_STRIDE = 2
-
-_BENT_PX = 3.0
-"""Window over which the misfit of a bent direction is pooled."""
-
-_ONE_SIDED = 1.0 / (np.sqrt(2.0) - 1.0)
-_MOST = 0.95
-"""Share of a window that must be seen; beside an edge the error grows as its width instead."""
-
-_OF_NOISE = 1.0 / 6.0
-"""Variance, in the narrow window's, that noise gives the difference to a window √2 as wide."""
-
-
-@dataclass(frozen=True)
-class Direction:
-    """The direction of sigma_1, up to 90°, as maps (rows, cols)."""
-
-    twice: Array  # exp 2iθ, continuous
-    scatter: Array  # standard, of θ (rad), from the noise
-    uncertainty: Array  # with what is added where the direction bends or turns within the window
-    coherence: Array  # 0..1, low at an isotropic point
-    # scatter (rad) in a wide window, which spans a thin line of no information, from noise and
-    # from elements a little off: where it is large, exp 2iθ may change sign across the line
-    bridge: Array
-
-    @property
-    def spread(self) -> Array:
-        """The same noise of 2θ if it were independent from pixel to pixel (rad)."""
-        return np.asarray(2.0 * np.minimum(self.scatter, 0.5) * np.sqrt(4.0 * np.pi) * _WINDOW_PX)
-
-    def noisier(self, times: Array) -> Direction:
-        """The same where the light's noise is some times what was stated (rows, cols)."""
-        more = np.square(self.scatter) * (np.square(times) - 1.0)
-        uncertainty = np.sqrt(np.square(self.uncertainty) + more)
-        return replace(self, scatter=self.scatter * times, uncertainty=uncertainty)
-
-
-def four_theta(terms: StepTerms, design: StepDesign, sigma: Array | float) -> tuple[Array, Array]:
-    """Each pixel's information on 4θ, as a complex number along exp 4iθ, and its size, both times
-    sigma².
-
-    E = S²/(4 vS) + Q (A - c)/vQ, with S = A sin δ exp 2iθ, Q = A (1 - cos δ) exp 4iθ, c = A cos δ,
-    and vS, vQ their variances for unit noise; the squares' means of noise are taken off.
-    """
-    first, second = design.variance(SINE), design.variance(SINE_SINE)
-    spread = 0.5 * (first + second)
-    asymmetry = first - second + 2j * design.variance(SINE, SINE_SINE)
-    noise = np.square(sigma)
-    along = (terms.sine**2 - asymmetry * noise) / (4.0 * spread)
-    size = np.maximum(np.abs(terms.sine) ** 2 - 2.0 * spread * noise, 0.0) / (4.0 * spread)
-    if terms.cross is not None:
-        spread = 0.5 * (design.variance(CROSS) + design.variance(CROSS_SINE))
-        lift = np.maximum(pooled(terms.amplitude, 2.0 * _WINDOW_PX) - terms.cosine, 0.0)
-        along = along + terms.cross * lift / spread
-        size = size + lift**2 / spread
-    return along, size
-
-
-def find_direction(
-    terms: StepTerms, design: StepDesign, *, sigma: Array | float, valid: Mask
-) -> Direction:
-    """The continuous direction of a set of steps, up to 90° over each connected part."""
-    along, size = (np.where(valid, part, 0.0) for part in four_theta(terms, design, sigma))
-    narrow, information = _centred(along, size, _WINDOW_PX)
-    wide = pooled(along, _WIDE_PX)
-    area = 4.0 * np.pi * _WINDOW_PX**2
-    noise = np.square(sigma)
-    wide = wide / np.maximum(np.abs(wide), 1e-30) * noise / (area * _WIDE_SPREAD**2)
-    angle = np.angle(narrow + wide)
-    steps = slice(None, None, _STRIDE)
-    rough = np.exp(0.5j * np.nan_to_num(unwrap(angle[steps, steps], valid[steps, steps])))
-    coarse = rough.repeat(_STRIDE, axis=0).repeat(_STRIDE, axis=1)
-    coarse = coarse[: angle.shape[0], : angle.shape[1]]
-    twice = np.exp(0.5j * angle)
-    twice = np.where((twice * np.conj(coarse)).real < 0.0, -twice, twice)
-    scatter = 0.25 * np.sqrt(noise / np.maximum(information * area, 1e-30))
-    # elements a little off do not average out, nor does what was taken out along the direction
-    off = max(_OFF, design.leak) * terms.amplitude
-    doubt = noise / (4.0 * np.pi * _WIDE_PX**2) + np.square(off)
-    bridge = 0.25 * np.sqrt(doubt / np.maximum(pooled(size, _WIDE_PX), 1e-30))
-    coherence = np.minimum(np.abs(narrow) / np.maximum(information, 1e-30), 1.0)
-    turned = np.hypot(_TURNED * (1.0 - coherence) ** 2, _bent(along, size, narrow, scatter, valid))
-    return Direction(twice, scatter, np.hypot(scatter, turned), coherence, bridge)
-
-
-def _bent(along: Array, size: Array, narrow: Array, scatter: Array, valid: Mask) -> Array:
-    """Error of θ (rad) where the direction bends within the window.
-
-    It grows as the window's area, so that the difference to one of twice the area is the error
-    itself, and noise, whose share is taken off.
-    """
-    double = np.sqrt(2.0) * _WINDOW_PX
-    other, _ = _centred(along, size, double)
-    away = 0.25 * np.angle(other * np.conj(narrow))
-    share = gaussian_filter(valid.astype(np.float32), double, mode="constant")
-    away *= np.where(share > _MOST, 1.0, _ONE_SIDED)
-    trust = 1.0 / np.square(scatter)
-    square = pooled(trust * np.square(away) - _OF_NOISE, _BENT_PX)
-    return np.asarray(np.sqrt(np.maximum(square, 0.0) / pooled(trust, _BENT_PX)))
-
-
-def _centred(along: Array, size: Array, window_px: float) -> tuple[Array, Array]:
-    """Pooled exp 4iθ, turned from where its information lies to the window's middle, and that.
-
-    Fringes put the information's centre of mass beside the middle, by w² ∇J/J for a Gaussian
-    window of width w, where 4θ is another by its gradient: ψ(0) = ψ - ∇ψ w² ∇J/J.
-    """
-    narrow, information = pooled(along, window_px), pooled(size, window_px)
-    rough = pooled(narrow, _SLOPE_PX)
-    square = np.maximum(np.square(np.abs(rough)), 1e-30)
-    turn = np.zeros(information.shape)
-    for axis in (0, 1):
-        slope = (np.conj(rough) * np.gradient(rough, axis=axis)).imag / square
-        turn += slope * np.gradient(information, axis=axis)
-    turn *= window_px**2 / np.maximum(information, 1e-30)
-    return narrow * np.exp(-1j * np.clip(turn, -1.0, 1.0)), information
-
-
 KnownOrder = tuple[int, int, float]
 """Row, column (pixels), and the fringe order there."""
 
@@ -348,37 +187,24 @@ def settle(
         if sizes[index] < _SMALLEST_SHARE * sizes[1:].sum() and index not in seeds:
             continue
         inside = labels == index
-        balanced = balance(turns, direction.twice, inside, spread=direction.spread, **options)
-        balanced_number = balanced.whole if balanced else None
-        number, source, notes = _part_number(
-            turns, inside, balanced_number, seeds.get(index, []), model
-        )
+        equilibrium = balance(turns, direction.twice, inside, spread=direction.spread, **options)
+        balanced = equilibrium.whole if equilibrium else None
+        if index in seeds:
+            number, notes = _from_seeds(turns, seeds[index], balanced)
+            source = "none" if number is None else "known order"
+        elif balanced is not None:
+            number, source, notes = balanced, "equilibrium", []
+        else:
+            number = _from_model(turns, inside, model()) if model else None
+            source, notes = "model", [message("whole_number_order_taken")]
+            if number is None:
+                count_in = np.count_nonzero(inside)
+                source, notes = "none", [message("part_pixels_has_no", count_nonzero=count_in)]
         warnings += notes
         parts.append(FieldPart(number, source))
         if number is not None:
             numbers[inside] = number
     return numbers, tuple(parts), tuple(warnings)
-
-
-def _part_number(
-    turns: Array,
-    inside: Mask,
-    balanced: int | None,
-    seeds: list[_Seed],
-    model: Callable[[], Array] | None,
-) -> tuple[int | None, str, list[str]]:
-    """The number of a part, what it is from, and what to say of it; `balanced`, by equilibrium."""
-    if seeds:
-        number, notes = _from_seeds(turns, seeds, balanced)
-        return number, "none" if number is None else "known order", notes
-    if balanced is not None:
-        return balanced, "equilibrium", []
-    number = _from_model(turns, inside, model()) if model else None
-    if number is not None:
-        note = message("whole_number_order_taken")
-        return number, "model", [note]
-    note = message("part_pixels_has_no", count_nonzero=np.count_nonzero(inside))
-    return None, "none", [note]
 
 
 def _seeds_of_parts(labels: Array, known_order: Sequence[KnownOrder]) -> dict[int, list[_Seed]]:

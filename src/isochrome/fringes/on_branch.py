@@ -87,8 +87,9 @@ def stray_error(
         "slope": square, "slope even": cross, "even": even * even,
         "slope light": answer, "even light": light,
     }  # fmt: skip
-    pairs = _Blocks(2, {name: halved(product) for name, product in products.items()})
-    blocks = {2: pairs, 4: pairs.halved()}
+    means = {name: halved(product) for name, product in products.items()}
+    pairs = _Blocks(2, means)
+    blocks = {2: pairs, 4: _Blocks(4, {name: halved(mean) for name, mean in means.items()})}
     for follow, steady, side in _WINDOWS_PX:
         clear, variance = blocks[side].told(follow, steady)
         np.maximum(size, expanded(clear, size.shape, side // 2), out=size)
@@ -128,12 +129,7 @@ class _Blocks:
         """`side` of a block, pixels; `means` (rows, cols) of each product, by its name."""
         self._side, self._means = side, means
         self._windows = {name: Windows(mean, side) for name, mean in means.items()}
-        self._shifts: dict[tuple[str, float], Array] = {}
         self._information: dict[float, Array] = {}
-
-    def halved(self) -> _Blocks:
-        """Blocks of twice the side."""
-        return _Blocks(2 * self._side, {name: halved(mean) for name, mean in self._means.items()})
 
     def told(self, follow: float, steady: float) -> tuple[Array, Array]:
         """See `_told`: over which the order follows, and over which the light is even, pixels."""
@@ -161,16 +157,12 @@ class _Blocks:
 
     def _answer(self, light: str, width_px: float) -> Array:
         """The shift, over a wide window twice, less that of √2 its width: the order may bend."""
-        return np.asarray(
-            2.0 * self._shift(light, width_px) - self._shift(light, np.sqrt(2.0) * width_px)
-        )
+        wider = self._shift(light, np.sqrt(2.0) * width_px)
+        return np.asarray(2.0 * self._shift(light, width_px) - wider)
 
     def _shift(self, light: str, width_px: float) -> Array:
         """The shift of the order (rows, cols) that answers to a light over a window, fringes."""
-        if (light, width_px) not in self._shifts:
-            total = self._windows[f"slope {light}"].sum(width_px)
-            self._shifts[light, width_px] = total / self._informed(width_px)
-        return self._shifts[light, width_px]
+        return self._windows[f"slope {light}"].sum(width_px) / self._informed(width_px)
 
     def _informed(self, width_px: float) -> Array:
         """Inverse variance of such a shift."""
@@ -257,17 +249,14 @@ def read_order(
     spread /= np.maximum(information * information, 1e-24)
     uncertainty = np.sqrt(spread * np.maximum(misfit, 1.0) + stray * stray)
     largest = np.maximum(_LARGEST_MISFIT * amplitude, 2.0 * noise)
-    down, across = np.gradient(model)
-    down *= down
-    across *= across
-    down += across
+    steep = sum(np.square(slope) for slope in np.gradient(model))
     known = (
         (weight > 0.0)
         & (count > 0.5 * (2.0 * np.pi * _WINDOW_PX**2))
         & (uncertainty < LARGEST_UNCERTAINTY)
         & (misfit * (noise * noise) < largest * largest)
         & (np.abs(shift) < BRANCH)
-        & (down < np.float32(_STEEPEST**2))  # not finer than four pixels, nor beside no specimen
+        & (steep < np.float32(_STEEPEST**2))  # not finer than four pixels, nor beside no specimen
     )
     shift += without(model, material)
     return make_reading(np.abs(shift, out=shift), uncertainty, known, of=material)
@@ -293,10 +282,6 @@ class _Wave:
         self._rest = light - gain * middle + self._cosine
         self.shape = order.shape
 
-    def on_branch(self) -> tuple[Array, Array]:
-        """What is left of the light on the branches themselves (rows, cols), and its slope."""
-        return self._rest - self._cosine, np.float32(2.0 * np.pi) * self._sine
-
     def light(self, shift: Array) -> Array:
         """What is left of the light at a shift d (rows, cols) from the branches."""
         turn = np.float32(2.0 * np.pi) * shift
@@ -308,7 +293,7 @@ class _Wave:
         return np.asarray(np.subtract(self._rest, product, out=product))
 
     def light_and_slope(self, shift: Array) -> tuple[Array, Array]:
-        """The same, and its slope."""
+        """What is left of the light there, and its slope."""
         turn = np.float32(2.0 * np.pi) * shift
         cosine, sine = np.cos(turn), np.sin(turn, out=turn)
         residual = self._rest - self._cosine * cosine
@@ -332,8 +317,8 @@ def _moved_by_wide_windows(wave: _Wave) -> Array:
     Such a move is smooth: it is found on blocks of two pixels a side.
     """
     shift = np.zeros(wave.shape, dtype=np.float32)
-    for k in range(_WIDE_MOVES):
-        residual, slope = wave.light_and_slope(shift) if k else wave.on_branch()
+    for _ in range(_WIDE_MOVES):
+        residual, slope = wave.light_and_slope(shift)
         residual *= slope
         slope *= slope
         information = Windows(halved(slope), 2).sum(_WIDE_PX)
@@ -363,12 +348,9 @@ def probability(uncertainty: Array) -> Array:
 
 def make_reading(order: Array, uncertainty: Array, known: Mask, *, of: Mask) -> OrderReading:
     """An OrderReading of known pixels, and which share they are of some."""
-    return OrderReading(
-        masked(order, known),
-        masked(uncertainty, known),
-        without(probability(uncertainty), known),
-        float(np.count_nonzero(known) / max(1, int(np.count_nonzero(of)))),
-    )
+    kept = float(np.count_nonzero(known) / max(1, int(np.count_nonzero(of))))
+    sure = without(probability(uncertainty), known)
+    return OrderReading(masked(order, known), masked(uncertainty, known), sure, kept)
 
 
 def less_sure(reading: OrderReading, error: Array, largest: float) -> OrderReading:

@@ -107,10 +107,9 @@ class BandLight:
 
     def bands(self, order: Array, *, bright: bool = False) -> Array:
         """Light s (n, 3) of the bands at orders N (n,); `bright`, in the bright field."""
-        waves = []
-        for ratio, width in zip(self.ratio, self.width, strict=True):
-            turns = ratio / np.maximum(1.0 + width * _PLACES, 0.3)
-            waves.append(np.cos(2.0 * np.pi * np.outer(order, turns)) @ _WEIGHTS)
+        centres = zip(self.ratio, self.width, strict=True)
+        turns = (ratio / np.maximum(1.0 + width * _PLACES, 0.3) for ratio, width in centres)
+        waves = [np.cos(2.0 * np.pi * np.outer(order, each)) @ _WEIGHTS for each in turns]
         return np.asarray(0.5 + (0.5 if bright else -0.5) * np.stack(waves, axis=1))
 
 
@@ -204,19 +203,6 @@ class ColourShots:
 
 
 @dataclass(frozen=True)
-class Seen:
-    """One frame by the unknowns as they are: `light`, its `noise`, `background`, `contrast` and
-    where it is `usable`, (rows, cols, 3) each.
-    """
-
-    light: Array
-    noise: Array
-    background: Array
-    contrast: Array
-    usable: Mask
-
-
-@dataclass(frozen=True)
 class Unknowns:
     """`shots`; the `surface` terms (6, rows, cols); what is `expected` of the unknowns, the
     normal equations `hold` of that but for the frames' brightness, and where to `start`.
@@ -258,8 +244,12 @@ class Unknowns:
             return background, bright**gamma - background
         return background, spread_out(theta[start:].reshape(3, len(self.surface)), self.surface)
 
-    def seen(self, theta: Array, frame: int, relief: Array) -> Seen:
-        """One frame's light, with the contrast that it would have at full signal."""
+    def seen(self, theta: Array, frame: int, relief: Array) -> tuple[Array, Array, Array, Array]:
+        """One frame by the unknowns as they are.
+
+        Its signal, NaN where it is not usable, the noise of that, the background and the contrast
+        that the light would have at full signal, (rows, cols, 3) each.
+        """
         gamma = float(np.exp(theta[_GAMMA]))
         background, illumination = self.ends(theta)
         exposure = np.exp(theta[_FRAMES + frame])
@@ -269,46 +259,42 @@ class Unknowns:
         usable = valid & (contrast > 0.0)
         light = np.where(usable, np.maximum(raw, 0.0), 0.0)
         noise = gamma * np.maximum(light, _DIMMEST) ** (gamma - 1.0) * self.shots.noise[frame]
-        return Seen(light**gamma, noise, background, np.where(usable, contrast, 1.0), usable)
+        contrast = np.where(usable, contrast, 1.0)
+        signal = np.where(usable, (light**gamma - background) / contrast, np.nan)
+        return signal, noise / contrast, background, contrast
 
     def design(
-        self, theta: Array, frame: int, pixels: Array, shown: Seen, ideal: Array, change: Array
+        self, theta: Array, frame: int, at: Array, ends: list[Array], ideal: Array, change: Array
     ) -> Array:
         """Derivatives (pixels, 3, unknowns) of the model's light, less those of the frame's.
 
-        Of `ideal` signals (pixels, 3), and their `change` by the light's numbers (pixels, 3, 11).
+        `at` some pixels, of `ideal` signals (pixels, 3), and their `change` by the light's numbers
+        (pixels, 3, 11), with the `ends`, the frame's background and contrast there (pixels, 3).
         """
         gamma, shots = float(np.exp(theta[_GAMMA])), self.shots
-        contrast = shown.contrast.reshape(-1, 3)[pixels]
-        design = np.zeros((len(pixels), 3, len(theta)))
+        background, contrast = ends
+        design = np.zeros((len(at), 3, len(theta)))
         design[..., :NUMBERS] = contrast[..., None] * change
         exposure = np.exp(theta[_FRAMES + frame])
         share = exposure * (np.ones_like(ideal) if shots.bright is None else 1.0 - ideal)
-        design[..., _GAMMA] = -_by_gamma(shots.raw[frame].reshape(-1, 3)[pixels], gamma)
+        design[..., _GAMMA] = -_by_gamma(shots.raw[frame].reshape(-1, 3)[at], gamma)
         for end, part in ((shots.dark, share), (shots.bright, exposure * ideal)):
             if end is not None:
-                design[..., _GAMMA] += part * _by_gamma(end.reshape(-1, 3)[pixels], gamma)
-        design[..., _FRAMES + frame] = shown.background.reshape(-1, 3)[pixels] + contrast * ideal
+                design[..., _GAMMA] += part * _by_gamma(end.reshape(-1, 3)[at], gamma)
+        design[..., _FRAMES + frame] = background + contrast * ideal
         start = self.ends_from
         if shots.dark is None:
             design[:, np.arange(3), start + np.arange(3)] = share
             start += 3
         if shots.bright is None:
-            terms = self.surface.reshape(len(self.surface), -1)[:, pixels].T
+            terms = self.surface.reshape(len(self.surface), -1)[:, at].T
             _, plain = self.ends(theta)
-            gain = contrast / plain.reshape(-1, 3)[pixels]
+            gain = contrast / plain.reshape(-1, 3)[at]
             count = len(self.surface)
             for c in range(3):
                 here = slice(start + c * count, start + (c + 1) * count)
                 design[:, c, here] = (gain * ideal)[:, c, None] * terms
         return design
-
-    def bounded(self, theta: Array) -> Array:
-        """The unknowns, no background of them below no light."""
-        if self.shots.dark is None:
-            here = slice(self.ends_from, self.ends_from + 3)
-            theta[here] = np.maximum(theta[here], 0.0)
-        return theta
 
 
 def _by_gamma(raw: Array, gamma: float) -> Array:
@@ -352,13 +338,12 @@ def unknowns(
     light = light / np.exp(brightness)[:, None, None, None]
     parts = [numbers, np.array([np.log(gamma)]), np.zeros(frames)]
     off = [LIKELY, np.array([_FIXED if fixed else GAMMA_OFF]), np.full(frames, np.inf)]
-    if shots.bright is None:
-        off[-1][standard] = _FIXED  # whose light is the illumination
     if shots.dark is None:
         parts.append(low)
         off.append(np.full(3, BACKGROUND_OFF))
     surface = channel_light(*light.shape[1:3])
     if shots.bright is None:
+        off[2][standard] = _FIXED  # the frame whose light is the illumination
         ideal = band_table(numbers, bright=bright_field, highest_order=3.0)[0].signal
         shape = _envelope(light, surface) / ideal.max(axis=0)[:, None]
         parts.append(shape.ravel())
@@ -428,21 +413,6 @@ RELIEF_WIDTH = 0.03
 _GAIN = 0.7
 _LARGEST = 0.15
 _LEAST_SLOPE = 0.3
-
-
-@dataclass(frozen=True)
-class RemainingLight:
-    """`bend` (orders, 3), added to the bands' table; `relief` (rows, cols), a factor of the
-    illumination.
-    """
-
-    bend: Array
-    relief: Array
-
-    def bent(self, table: ColourTable) -> ColourTable:
-        """The bands' table with the bend; below no light there is none."""
-        bend = self.bend[: len(table.signal)]
-        return ColourTable(np.maximum(table.signal + bend, 0.0), table.spread)
 
 
 def added_bend(place: Indices, away: Array, table: ColourTable, length: int) -> Array:
@@ -559,11 +529,8 @@ def find_light(
         looks.append(_search(known, highest_order))
     best = min(looks, key=lambda light: light.cost)
     size = shots.raw.shape[1:3]
-    return replace(
-        best,
-        background=_enlarged(best.background, size),
-        illumination=_enlarged(best.illumination, size),
-    )
+    background, illumination = (_enlarged(v, size) for v in (best.background, best.illumination))
+    return replace(best, background=background, illumination=illumination)
 
 
 def _enlarged(blocks: Array, size: tuple[int, ...]) -> Array:
@@ -577,20 +544,20 @@ def _enlarged(blocks: Array, size: tuple[int, ...]) -> Array:
 
 def _search(known: Unknowns, highest_order: float) -> OwnLight:
     """Look orders up and correct the unknowns, in turn."""
-    theta, residual, looks = known.start, 0.1, []
-    remaining = RemainingLight(
-        np.zeros((int(highest_order / STEP) + 2, 3)), np.ones(known.shots.raw.shape[1:3])
-    )
-    table = previous = ColourTable(np.zeros((1, 3)), np.zeros(3))
-    covariance = np.zeros((len(theta), len(theta)))
+    theta, residual, start = known.start, 0.1, known.ends_from
+    backgrounds = slice(start, start + 3 * (known.shots.dark is None))
+    bend = np.zeros((int(highest_order / STEP) + 2, 3))  # added to the bands' table
+    relief = np.ones(known.shots.raw.shape[1:3])  # a factor of the illumination
+    table = ColourTable(np.zeros((1, 3)), np.zeros(3))
     for turn, trials in enumerate(TRIALS):
         bands, change = band_table(
             theta[:NUMBERS], bright=known.bright_field, highest_order=highest_order
         )
-        previous, table = table, remaining.bent(bands)
+        signal = np.maximum(bands.signal + bend[: len(bands.signal)], 0.0)
+        previous, table = table, ColourTable(signal, bands.spread)
         doubt = min(max(2.0 * residual, _DOUBT[0]), _DOUBT[1])
         looks = [
-            _look(known, theta, f, table, change, remaining.relief, doubt)
+            _look(known, theta, f, table, change, relief, doubt)
             for f in range(len(known.shots.raw))
         ]
         design, left, along = (
@@ -601,14 +568,20 @@ def _search(known: Unknowns, highest_order: float) -> OwnLight:
         hold = known.hold_at(theta) * (len(left) / trials)
         step, covariance = correction(design, left, along, hold, known.expected - theta)
         covariance = covariance * (len(left) / trials)
-        residual = _root(np.minimum(np.concatenate([look.square for look in looks]), 0.04))
+        place, away, square = (
+            np.concatenate([getattr(look, name) for look in looks])
+            for name in ("place", "away", "square")
+        )
+        residual = _root(np.minimum(square, 0.04))
         if turn + 1 < len(TRIALS):
-            theta = known.bounded(theta + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP))
-            remaining = _improved(remaining, looks, table, turn)
+            theta = theta + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
+            theta[backgrounds] = np.maximum(theta[backgrounds], 0.0)  # not below no light
+            if turn >= BEND_FROM:
+                bend = bend + added_bend(place, away, table, len(bend))
+            if turn >= RELIEF_FROM:
+                relief = relief * (1.0 + added_relief(np.sum([k.relief for k in looks], axis=0)))
     both = min(len(table.signal), len(previous.signal))
     moved = float(np.abs(table.signal[:both] - previous.signal[:both]).max())
-    square = np.concatenate([look.square for look in looks])
-    away = np.concatenate([look.away for look in looks])
     orders = np.concatenate([look.order[np.isfinite(look.order)] for look in looks])
     background, illumination = known.ends(theta)
     gamma = float(np.exp(theta[_GAMMA]))
@@ -616,24 +589,11 @@ def _search(known: Unknowns, highest_order: float) -> OwnLight:
         table=ColourTable(table.signal, np.sqrt(_OF_THREE * np.mean(away**2, axis=0))), gamma=gamma,
         gamma_uncertainty=gamma * float(np.sqrt(covariance[_GAMMA, _GAMMA])),
         numbers=theta[:NUMBERS], brightness=np.exp(theta[_FRAMES : _FRAMES + len(looks)]),
-        background=np.asarray(background), illumination=illumination * remaining.relief[..., None],
+        background=np.asarray(background), illumination=illumination * relief[..., None],
         residual=residual, torn=float(np.mean([look.torn for look in looks])),
-        strange=float(np.mean(square > _STRANGE**2)), bent=_root(remaining.bend**2), moved=moved,
+        strange=float(np.mean(square > _STRANGE**2)), bent=_root(bend**2), moved=moved,
         highest=float(np.percentile(orders, 99.0)),
     )  # fmt: skip
-
-
-def _improved(
-    remaining: RemainingLight, looks: list[_Look], table: ColourTable, turn: int
-) -> RemainingLight:
-    """The rest with what this round's looks add to it."""
-    bend, relief = remaining.bend, remaining.relief
-    if turn >= BEND_FROM:
-        place, away = (np.concatenate([getattr(k, n) for k in looks]) for n in ("place", "away"))
-        bend = bend + added_bend(place, away, table, len(bend))
-    if turn >= RELIEF_FROM:
-        relief = relief * (1.0 + added_relief(np.sum([look.relief for look in looks], axis=0)))
-    return RemainingLight(bend, relief)
 
 
 def _look(
@@ -646,12 +606,11 @@ def _look(
     doubt: float,
 ) -> _Look:
     """Look one frame's orders up, and make equations of a sample of its pixels."""
-    shown = known.seen(theta, frame, relief)
-    variance = (shown.noise / shown.contrast) ** 2 + doubt**2
-    signal = np.where(shown.usable, (shown.light - shown.background) / shown.contrast, np.nan)
+    signal, noise, *ends = known.seen(theta, frame, relief)
+    variance = noise**2 + doubt**2
     choice = choose_orders(signal.astype(np.float32), variance.astype(np.float32), table)
     tears = beside_jumps(choice.order, JUMP)
-    inside = ~tears & shown.usable.all(axis=-1) & (choice.misfit < _FARTHEST)
+    inside = ~tears & np.isfinite(signal).all(axis=-1) & (choice.misfit < _FARTHEST)
     inside &= table.coloured(signal, _COLOURFUL)
     place = table.place(choice.order[inside])
     ideal, slope = table.signal[place], table.slope[place]
@@ -665,21 +624,17 @@ def _look(
     if len(selected) > wanted:
         picked = np.random.default_rng(frame).choice(len(selected), wanted, replace=False)
     weight = 1.0 / np.sqrt(variance[inside][picked])
-    contrast = shown.contrast[inside][picked]
-    design = known.design(
-        theta, frame, selected[picked], shown, ideal[picked], change[place[picked]]
-    )
+    ends = [part[inside][picked] for part in ends]
+    pixels = selected[picked]
+    design = known.design(theta, frame, pixels, ends, ideal[picked], change[place[picked]])
+    equations = (weight / ends[1])[..., None] * design, weight * away[picked]
     unit = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 0.3)
     across = ideal - unit * np.sum(unit * ideal, axis=1, keepdims=True)
     relief_sums = np.zeros((2, *inside.shape))
     relief_sums[0][inside] = np.sum(np.clip(away, -_STRANGE, _STRANGE) * across, axis=1)
     relief_sums[1][inside] = np.sum(across**2, axis=1)
     return _Look(
-        equations=(
-            (weight / contrast)[..., None] * design,
-            weight * away[picked],
-            weight * slope[picked],
-        ),
+        equations=(*equations, weight * slope[picked]),
         place=place[picked],
         away=away[picked],
         square=square,

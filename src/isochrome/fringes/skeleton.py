@@ -40,15 +40,6 @@ _RUN = 2.0  # a fringe centre is level along its run; the flank of a round fring
 _REACH_PX = 1.5  # neighbours: side by side or corner to corner
 
 
-def _surrounded(known: Mask, sigma_px: float) -> Mask:
-    """Mark the pixels whose neighbourhood is known, and not a continuation past the border."""
-    share = ndimage.gaussian_filter(known.astype(float), sigma_px, mode="reflect")
-    rim = int(np.ceil(sigma_px))
-    complete = np.zeros_like(known)
-    complete[rim:-rim, rim:-rim] = True
-    return np.asarray(complete & known & (share >= _WHOLE_SHARE))
-
-
 def ridge_noise(image: Floats) -> float:
     """Estimate the noise's deviation from second differences (Immerkær 1996, with a median)."""
     kernel = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
@@ -97,7 +88,11 @@ def line_points(image: Floats, sigma_px: float) -> tuple[Floats, Floats, Floats,
         off_r, off_c = step * n_r, step * n_c  # NaN beside a level of one value: no line there
     level_run = np.abs(g_c * n_r - g_r * n_c) <= _RUN * sigma_px * np.abs(bent)
     on_line = level_run & (np.abs(off_r) <= 0.6) & (np.abs(off_c) <= 0.6)
-    on_line &= _surrounded(known, sigma_px)
+    # the neighbourhood is to be known, and not a continuation past the border
+    share = ndimage.gaussian_filter(known.astype(float), sigma_px, mode="reflect")
+    complete, rim = np.zeros_like(known), int(np.ceil(sigma_px))
+    complete[rim:-rim, rim:-rim] = True
+    on_line &= complete & known & (share >= _WHOLE_SHARE)
     rows, cols = np.indices(image.shape, dtype=float)
     strength = np.where(on_line, sigma_px**2 * bent, 0.0)
     return strength, rows + np.where(on_line, off_r, 0), cols + np.where(on_line, off_c, 0), level
@@ -162,7 +157,7 @@ def _paths(points: NDArray[Any], min_length: float) -> Iterator[NDArray[Any]]:
 
 Kind = Literal["dark", "bright"]
 
-_PASSES = ((1.0, 10.0), (3.0, 6.0))  # smoothing in sigma_px, least strength in noise deviations
+_PASSES = ((2.0, 10.0), (6.0, 6.0))  # smoothing sigma, px, least strength in noise deviations
 _FLOOR = 4e-4  # least strength of all: rounding of a noise-free image
 _SHORTEST_PX = 12
 
@@ -177,32 +172,38 @@ class Skeleton:
     order: float | None = None  # None: not known
 
 
-def skeletons(signal: ArrayLike, *, sigma_px: float = 2.0) -> list[Skeleton]:
+def skeletons(signal: ArrayLike) -> list[Skeleton]:
     """Centre lines of dark and bright fringes in a normalised dark field, longest first.
 
-    For the method see the module; fringes closer than about 4 sigma_px are lost, NaN is not known.
+    For the method see the module; fringes closer than about 8 px are lost, NaN is not known.
     Where the order turns back between n and n + 1/2 the image has a crest that is no order line; it
-    is returned too, as no image alone can tell. InputError where it is not 2-D or too small.
+    is returned too, as no image alone can tell. InputError where it is too small.
     """
     image = np.asarray(signal, dtype=np.float64)
-    if not sigma_px >= 0.7:
-        raise InputError("sigma_px_skeletons_give_more", sigma_px=sigma_px)
-    if image.ndim != 2 or min(image.shape) < 4 * sigma_px:
-        raise InputError(
-            "signal_shape_skeletons_give", shape=image.shape, ceil=int(np.ceil(4 * sigma_px))
-        )
+    least = int(4 * _PASSES[0][0])
+    if min(image.shape) < least:
+        raise InputError("signal_shape_skeletons_give", shape=image.shape, ceil=least)
     if np.isfinite(image).sum() < _SHORTEST_PX:
         return []
     noise = ridge_noise(image)
     middle = 0.5 * float(np.sum(np.nanpercentile(image, (2.0, 98.0))))
     lines: list[Skeleton] = []
-    for factor, deviations in _PASSES:
-        scale = factor * sigma_px
+    for scale, deviations in _PASSES:
         if min(image.shape) < 4 * scale:
             break
         limit = max(deviations * noise * noise_gain(scale), _FLOOR)
         taken = beside(image.shape, [(f.rows, f.cols) for f in lines], 2 * scale)
-        lines += _one_pass(image, scale, limit, max(_SHORTEST_PX, 3 * scale), middle, taken)
+        strength, rows, cols, level = line_points(image, scale)
+        strength[taken] = 0.0
+        kinds: tuple[tuple[Kind, Floats], ...] = (
+            ("dark", np.where(level < middle, strength, 0.0)),
+            ("bright", np.where(level > middle, -strength, 0.0)),
+        )
+        lines += [
+            Skeleton(kind, rows[line], cols[line])
+            for kind, weight in kinds
+            for line in linked(weight, limit, max(_SHORTEST_PX, 3 * scale))
+        ]
     return sorted(lines, key=lambda each: -each.rows.size)
 
 
@@ -212,14 +213,13 @@ def order_contours(
     """Lines of a known order map (NaN: not known) at whole (dark) and half (bright) orders.
 
     N is linear between pixel centres, which puts a line within N''/(8 N') px of its place (N', N''
-    along the row or column that it crosses). `levels` are multiples of 1/2 (else InputError), by
-    default all from 1/2: N = 0 is touched, not crossed, so it has no line. By level, with their
-    order.
+    along the row or column that it crosses). `levels` are multiples of 1/2, by
+    default all: N = 0 is touched, not crossed, so it has no line. By level, with their order.
     """
     from skimage.measure import find_contours
 
     field = np.asarray(order, dtype=np.float64)
-    if field.ndim != 2 or min(field.shape) < 2:
+    if min(field.shape) < 2:
         raise InputError("fringe_order_map_shape", shape=field.shape)
     known = np.isfinite(field)
     if levels is None:
@@ -227,10 +227,7 @@ def order_contours(
         levels = np.arange(0.5, highest + 1e-12, 0.5).tolist()
     lines: list[Skeleton] = []
     for level in levels:
-        twice = round(2.0 * level)
-        if abs(2.0 * level - twice) > 1e-9:
-            raise InputError("level_fringe_order_give", level=level)
-        kind: Kind = "bright" if twice % 2 else "dark"
+        kind: Kind = "bright" if round(2.0 * level) % 2 else "dark"
         for line in find_contours(np.where(known, field, 0.0), float(level), mask=known):
             if np.hypot(*np.diff(line, axis=0).T).sum() >= min_length_px:
                 lines.append(Skeleton(kind, line[:, 0], line[:, 1], float(level)))
@@ -263,23 +260,6 @@ def skeleton_table(
         "x_mm": left_mm + (cols + 0.5) * scale,
         "z_mm": top_mm + (rows + 0.5) * scale,
     }
-
-
-def _one_pass(
-    image: Floats, scale: float, limit: float, min_length: float, middle: float, taken: Mask
-) -> list[Skeleton]:
-    """Find the lines at one smoothing, away from the pixels `taken` by an earlier pass."""
-    strength, rows, cols, level = line_points(image, scale)
-    strength[taken] = 0.0
-    kinds: tuple[tuple[Kind, Floats], ...] = (
-        ("dark", np.where(level < middle, strength, 0.0)),
-        ("bright", np.where(level > middle, -strength, 0.0)),
-    )
-    return [
-        Skeleton(kind, rows[line], cols[line])
-        for kind, weight in kinds
-        for line in linked(weight, limit, min_length)
-    ]
 
 
 _APART = 0.15

@@ -4,16 +4,35 @@ The light of a step is I = C + A [|α|² cos²(δ/2) + |w|² sin²(δ/2) - Im(α
 w = β cos 2θ + γ sin 2θ, and α, β, γ of its elements alone. Written out, it is linear in C, A,
 A cos δ, A (1 - cos δ) (cos 4θ, sin 4θ) and A sin δ (cos 2θ, sin 2θ), so that one small matrix takes
 the images of all steps to these seven maps, exactly, with unmatched plates as with ideal ones.
+
+The direction of sigma_1 from the maps of a phase-stepped set, pooled and made continuous.
+
+sin δ exp 2iθ, squared, and (1 - cos δ) exp 4iθ both point along exp 4iθ. The first is nothing at
+whole and half orders, the second at whole ones; weighted with their information they are summed
+over a small window, which no wrap of θ disturbs, and which fringes do not interrupt. The root,
+exp 2iθ, keeps a sign that continuity settles: about an isotropic point 2θ turns whole, so that
+a continuous choice exists all round it.
+
+What the light of a phase-stepped set says in each pixel, before any whole number is settled.
+
+Least squares over the steps gives the maps, these the direction of sigma_1 and, with contrast and
+misfit, how far each pixel is to be trusted. A frame that cannot be trusted in a pixel, saturated
+there or faulty, is left out of that pixel alone, where the other frames still tell.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, maximum_filter
 
 from isochrome.errors import InputError
-from isochrome.fringes.windows import Array
+from isochrome.estimation import POOR_CHI
+from isochrome.fringes.on_branch import LARGEST_UNCERTAINTY
+from isochrome.fringes.windows import Array, Mask, pooled
 from isochrome.optics import Chain
 
 BACKGROUND, AMPLITUDE, COSINE, CROSS, CROSS_SINE, SINE, SINE_SINE = range(7)
@@ -178,3 +197,354 @@ def _terms(maps: Array, design: StepDesign) -> StepTerms:
     cross = solved[CROSS] + 1j * solved[CROSS_SINE] if CROSS in solved else None
     amplitude = solved.get(AMPLITUDE, np.sqrt(solved[COSINE] ** 2 + np.abs(sine) ** 2))
     return StepTerms(amplitude, solved[COSINE], sine, cross)
+
+
+_WINDOW_PX = 1.6
+_WIDE_PX = 6.0
+_WIDE_SPREAD = 0.2
+"""What the wide window's 4θ is trusted to (rad), where the narrow one has nothing: whole orders."""
+
+_SLOPE_PX = 2.0
+_TURNED = 0.8
+"""Error of θ (rad) for a coherence of nought: seen about isotropic points."""
+
+_OFF = 0.007
+"""Light, of the amplitude, that elements 0.2 degree off add: 0.0035 rad, twice in 2θ."""
+
+_STRIDE = 2
+
+_BENT_PX = 3.0
+"""Window over which the misfit of a bent direction is pooled."""
+
+_ONE_SIDED = 1.0 / (np.sqrt(2.0) - 1.0)
+_MOST = 0.95
+"""Share of a window that must be seen; beside an edge the error grows as its width instead."""
+
+_OF_NOISE = 1.0 / 6.0
+"""Variance, in the narrow window's, that noise gives the difference to a window √2 as wide."""
+
+
+@dataclass(frozen=True)
+class Direction:
+    """The direction of sigma_1, up to 90°, as maps (rows, cols)."""
+
+    twice: Array  # exp 2iθ, continuous
+    scatter: Array  # standard, of θ (rad), from the noise
+    uncertainty: Array  # with what is added where the direction bends or turns within the window
+    coherence: Array  # 0..1, low at an isotropic point
+    # scatter (rad) in a wide window, which spans a thin line of no information, from noise and
+    # from elements a little off: where it is large, exp 2iθ may change sign across the line
+    bridge: Array
+
+    @property
+    def spread(self) -> Array:
+        """The same noise of 2θ if it were independent from pixel to pixel (rad)."""
+        return np.asarray(2.0 * np.minimum(self.scatter, 0.5) * np.sqrt(4.0 * np.pi) * _WINDOW_PX)
+
+    def noisier(self, times: Array) -> Direction:
+        """The same where the light's noise is some times what was stated (rows, cols)."""
+        more = np.square(self.scatter) * (np.square(times) - 1.0)
+        uncertainty = np.sqrt(np.square(self.uncertainty) + more)
+        return replace(self, scatter=self.scatter * times, uncertainty=uncertainty)
+
+
+def four_theta(terms: StepTerms, design: StepDesign, sigma: Array | float) -> tuple[Array, Array]:
+    """Each pixel's information on 4θ, as a complex number along exp 4iθ, and its size, both times
+    sigma².
+
+    E = S²/(4 vS) + Q (A - c)/vQ, with S = A sin δ exp 2iθ, Q = A (1 - cos δ) exp 4iθ, c = A cos δ,
+    and vS, vQ their variances for unit noise; the squares' means of noise are taken off.
+    """
+    first, second = design.variance(SINE), design.variance(SINE_SINE)
+    spread = 0.5 * (first + second)
+    asymmetry = first - second + 2j * design.variance(SINE, SINE_SINE)
+    noise = np.square(sigma)
+    along = (terms.sine**2 - asymmetry * noise) / (4.0 * spread)
+    size = np.maximum(np.abs(terms.sine) ** 2 - 2.0 * spread * noise, 0.0) / (4.0 * spread)
+    if terms.cross is not None:
+        spread = 0.5 * (design.variance(CROSS) + design.variance(CROSS_SINE))
+        lift = np.maximum(pooled(terms.amplitude, 2.0 * _WINDOW_PX) - terms.cosine, 0.0)
+        along = along + terms.cross * lift / spread
+        size = size + lift**2 / spread
+    return along, size
+
+
+def find_direction(
+    terms: StepTerms, design: StepDesign, *, sigma: Array | float, valid: Mask
+) -> Direction:
+    """The continuous direction of a set of steps, up to 90° over each connected part."""
+    along, size = (np.where(valid, part, 0.0) for part in four_theta(terms, design, sigma))
+    narrow, information = _centred(along, size, _WINDOW_PX)
+    wide = pooled(along, _WIDE_PX)
+    area = 4.0 * np.pi * _WINDOW_PX**2
+    noise = np.square(sigma)
+    wide = wide / np.maximum(np.abs(wide), 1e-30) * noise / (area * _WIDE_SPREAD**2)
+    angle = np.angle(narrow + wide)
+    steps = slice(None, None, _STRIDE)
+    rough = np.exp(0.5j * np.nan_to_num(unwrap(angle[steps, steps], valid[steps, steps])))
+    coarse = rough.repeat(_STRIDE, axis=0).repeat(_STRIDE, axis=1)
+    coarse = coarse[: angle.shape[0], : angle.shape[1]]
+    twice = np.exp(0.5j * angle)
+    twice = np.where((twice * np.conj(coarse)).real < 0.0, -twice, twice)
+    scatter = 0.25 * np.sqrt(noise / np.maximum(information * area, 1e-30))
+    # elements a little off do not average out, nor does what was taken out along the direction
+    off = max(_OFF, design.leak) * terms.amplitude
+    doubt = noise / (4.0 * np.pi * _WIDE_PX**2) + np.square(off)
+    bridge = 0.25 * np.sqrt(doubt / np.maximum(pooled(size, _WIDE_PX), 1e-30))
+    coherence = np.minimum(np.abs(narrow) / np.maximum(information, 1e-30), 1.0)
+    turned = np.hypot(_TURNED * (1.0 - coherence) ** 2, _bent(along, size, narrow, scatter, valid))
+    return Direction(twice, scatter, np.hypot(scatter, turned), coherence, bridge)
+
+
+def _bent(along: Array, size: Array, narrow: Array, scatter: Array, valid: Mask) -> Array:
+    """Error of θ (rad) where the direction bends within the window.
+
+    It grows as the window's area, so that the difference to one of twice the area is the error
+    itself, and noise, whose share is taken off.
+    """
+    double = np.sqrt(2.0) * _WINDOW_PX
+    other, _ = _centred(along, size, double)
+    away = 0.25 * np.angle(other * np.conj(narrow))
+    share = gaussian_filter(valid.astype(np.float32), double, mode="constant")
+    away *= np.where(share > _MOST, 1.0, _ONE_SIDED)
+    trust = 1.0 / np.square(scatter)
+    square = pooled(trust * np.square(away) - _OF_NOISE, _BENT_PX)
+    return np.asarray(np.sqrt(np.maximum(square, 0.0) / pooled(trust, _BENT_PX)))
+
+
+def _centred(along: Array, size: Array, window_px: float) -> tuple[Array, Array]:
+    """Pooled exp 4iθ, turned from where its information lies to the window's middle, and that.
+
+    Fringes put the information's centre of mass beside the middle, by w² ∇J/J for a Gaussian
+    window of width w, where 4θ is another by its gradient: ψ(0) = ψ - ∇ψ w² ∇J/J.
+    """
+    narrow, information = pooled(along, window_px), pooled(size, window_px)
+    rough = pooled(narrow, _SLOPE_PX)
+    square = np.maximum(np.square(np.abs(rough)), 1e-30)
+    turn = np.zeros(information.shape)
+    for axis in (0, 1):
+        slope = (np.conj(rough) * np.gradient(rough, axis=axis)).imag / square
+        turn += slope * np.gradient(information, axis=axis)
+    turn *= window_px**2 / np.maximum(information, 1e-30)
+    return narrow * np.exp(-1j * np.clip(turn, -1.0, 1.0)), information
+
+
+def unwrap(phase: Array, mask: Mask) -> Array:
+    """Phase (rad) made continuous over the masked-in pixels, fringe quality first; NaN elsewhere.
+
+    A NaN hangs scikit-image's unwrap_phase, so that only finite pixels are passed to it. Parts that
+    do not touch have whole turns of their own. Source: Herraez, Burton, Lalor & Gdeisat (2002),
+    Applied Optics 41, 7437.
+    """
+    from skimage.restoration import unwrap_phase
+
+    good = mask & np.isfinite(phase)
+    if np.count_nonzero(good) < 2 or min(phase.shape) < 2:
+        return np.where(good, phase, np.nan)
+    hidden = np.ma.array(np.where(good, phase, 0.0), mask=~good)
+    return np.where(good, np.asarray(unwrap_phase(hidden).filled(0.0)), np.nan)
+
+
+_SOLUTIONS = 3
+"""Solutions where the steps leave something out, each with the direction of the one before."""
+
+_LOCAL = 0.05
+"""Share of the pixels that dust or glare may spoil, before it is the steps that do not fit."""
+
+_COMPARED = 0.5
+"""Share of the window that must be seen for its misfit to tell."""
+
+_LARGEST_MISFIT = 0.1
+_MOST_NOISE = 3.0
+"""Times the noise of the whole set that a pixel may have for want of some of its frames."""
+
+_LEAST_CONTRAST = 0.7
+"""Of the contrast around: a pixel's area takes that much of it at 0.45 fringe a pixel."""
+
+_DIMMEST = 0.1
+_BLOCK = 16
+_MISFIT_PX = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepLight:
+    """What a set's light says; maps (rows, cols)."""
+
+    terms: StepTerms
+    direction: Direction
+    seen: Mask  # the fringes can be read
+    specimen: Mask  # light comes through at all
+    contrast: Array  # A V, in the light's unit
+    uncertainty: Array  # of φ/2π, fringes
+    chi: float  # residual of the light over its noise
+    # the steps tell no direction about half orders, or leave out what changes it there
+    bridges: bool
+    agrees: Mask  # the light fits the steps, whose angles the direction follows
+
+
+def measure_steps(
+    stack: Array, chains: Sequence[Chain], *, sigma: Array | float, valid: Mask | None = None
+) -> StepLight:
+    """Read δ, the direction of sigma_1 and their noise from the images of a set's steps.
+
+    `valid`, True = trusted, (rows, cols) or frame by frame, (steps, rows, cols). InputError where
+    the steps cannot tell the order.
+    """
+    design = make_design(chains)
+    light = np.asarray(stack, dtype=np.promote_types(stack.dtype, np.float32))
+    good = np.isfinite(light) & (True if valid is None else valid)
+    light, gain, turn_gain = fill_gaps(np.where(good, light, 0.0), good, design)
+    trusted, complete, swing = np.isfinite(gain), good.all(axis=0), sigma
+    if (gain > 1.0).any():
+        swing, sigma = sigma * np.fmax(turn_gain, 1.0), sigma * np.fmax(gain, 1.0)
+    twice = None
+    for _ in range(_SOLUTIONS if design.leaks else 1):
+        terms = solve_steps(light, design, twice)
+        direction = find_direction(terms, design, sigma=swing, valid=trusted)
+        twice = direction.twice
+    contrast = np.hypot(terms.cosine, np.abs(terms.sine))
+    readable = trusted & bright_enough(contrast, trusted)
+    misfit, chi = step_misfit(light, design, sigma, readable & complete)
+    agrees = steps_agree(misfit, readable & complete)
+    direction = direction.noisier(np.maximum(misfit, 1.0))
+    uncertainty = phase_uncertainty(terms, design, direction, sigma) * np.maximum(misfit, 1.0)
+    readable &= (uncertainty < LARGEST_UNCERTAINTY) & (
+        misfit * sigma < np.maximum(_LARGEST_MISFIT * contrast, 2.0 * sigma)
+    )
+    return StepLight(
+        terms=terms, direction=direction, seen=readable,
+        specimen=trusted & fringed(contrast, design, sigma), contrast=contrast,
+        uncertainty=uncertainty, chi=chi, bridges=design.leaks, agrees=agrees,
+    )  # fmt: skip
+
+
+def fill_gaps(light: Array, good: Mask, design: StepDesign) -> tuple[Array, Array, Array]:
+    """Give frames that cannot be trusted in a pixel (nought there) the light that the others ask.
+
+    I = M x there, x the least squares of the others, which is that of all together then. Also how
+    many times the noise is a whole pixel's, at most of any unknown, and of those that tell the
+    direction (rows, cols): 1 where all are there, NaN where the rest cannot tell the order. Source:
+    Yates (1933), Empire J. Exp. Agric. 1, 129 (missing observations in least squares).
+    """
+    gains = np.where(good.all(axis=0), 1.0, np.nan)[None].repeat(2, axis=0).astype(np.float32)
+    wanting = np.isnan(gains[0]) & good.any(axis=0)
+    if design.leaks or not wanting.any():
+        return light, gains[0], gains[1]
+    code = np.int64(1) << np.arange(len(light), dtype=np.int64)
+    kinds = np.tensordot(code, good[:, wanting].astype(np.int64), axes=1)
+    values, noise = light[:, wanting], np.full((2, kinds.size), np.nan, dtype=np.float32)
+    for kind in np.unique(kinds):
+        present, here = (kind & code) > 0, kinds == kind
+        inverse, *more = _part_inverse(design, present)
+        if more[0] <= _MOST_NOISE:
+            missing = design.matrix[~present][:, design.solved] @ inverse
+            chosen = values[np.ix_(present, here)]
+            values[np.ix_(~present, here)] = missing.astype(light.dtype) @ chosen
+            noise[:, here] = np.reshape(more, (2, 1))
+    filled = light.copy()
+    filled[:, wanting] = values
+    gains[:, wanting] = noise
+    return filled, gains[0], gains[1]
+
+
+def _part_inverse(design: StepDesign, present: Mask) -> tuple[Array, float, float]:
+    """Least squares over some of the frames, and the growth of the unknowns' noise by it.
+
+    The largest, and the mean of those that tell the direction; the background is not used, and
+    counts for nothing.
+    """
+    part = design.matrix[present][:, design.solved]
+    inverse = np.linalg.pinv(part)
+    if np.linalg.matrix_rank(part, tol=1e-6) < len(design.solved):
+        return inverse, float("inf"), float("inf")
+    growth = np.square(inverse).sum(axis=1) / np.diag(design.covariance)
+    unknowns = np.array(design.solved)
+    largest = growth[unknowns != BACKGROUND].max()
+    turning = growth[np.isin(unknowns, (CROSS, CROSS_SINE, SINE, SINE_SINE))].mean()
+    return inverse, float(np.sqrt(largest)), float(np.sqrt(turning))
+
+
+def bright_enough(contrast: Array, trusted: Mask) -> Mask:
+    """Where the fringes' contrast A V is near that of the surroundings: elsewhere they are too
+    fine.
+
+    A pixel's area leaves sinc(g_x) sinc(g_y) of it, g the gradient in fringes a pixel; beyond half
+    a fringe a pixel phase turns back on itself, and only the contrast tells.
+    """
+    import cv2
+
+    brightest = float(np.percentile(contrast[trusted], 90)) if trusted.any() else 0.0
+    rows, cols = (n // _BLOCK for n in contrast.shape)
+    floor = contrast > _DIMMEST * brightest
+    if min(rows, cols) < 1:
+        return np.asarray(floor)
+    cut = np.where(trusted, contrast, 0.0)[: rows * _BLOCK, : cols * _BLOCK]
+    blocks = cut.reshape(rows, _BLOCK, cols, _BLOCK).swapaxes(1, 2).reshape(rows, cols, -1)
+    usual = maximum_filter(np.percentile(blocks, 80, axis=2), 3).astype(np.float32)
+    around = cv2.resize(usual, contrast.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    return np.asarray(floor & (contrast > _LEAST_CONTRAST * around))
+
+
+def fringed(contrast: Array, design: StepDesign, sigma: Array | float) -> Mask:
+    """Where light comes through at all, coarse fringes or fine: the specimen, not a dark
+    surround.
+    """
+    noise = sum(design.variance(j) for j in (COSINE, SINE, SINE_SINE)) * np.square(sigma)
+    power = pooled(contrast**2 - noise, _MISFIT_PX)
+    return np.asarray(power > (2.0 * _DIMMEST) ** 2 * np.percentile(power, 90))
+
+
+def step_misfit(
+    light: Array, design: StepDesign, sigma: Array | float, readable: Mask
+) -> tuple[Array, float]:
+    """Residual of the light over its noise, pooled about each pixel, and over all of them.
+
+    What no choice of the seven unknowns can explain: moved or dirty elements, a wrong gamma. 1
+    where the steps leave nothing to compare, and chi, NaN then.
+    """
+    directions, values, _ = np.linalg.svd(design.matrix)
+    rank = int((values > 1e-6).sum())
+    free = len(light) - rank
+    if free == 0:
+        return np.ones(light.shape[1:]), float("nan")
+    over = np.tensordot(directions[:, rank:].T.astype(light.dtype), light, axes=1)
+    square = (over**2).sum(axis=0) / (free * np.square(sigma))
+    weight = np.maximum(pooled(readable, _MISFIT_PX), 1e-6)
+    misfit = np.sqrt(np.maximum(pooled(np.where(readable, square, 0.0), _MISFIT_PX), 0.0) / weight)
+    return misfit, float(np.sqrt(np.mean(square[readable]))) if readable.any() else float("nan")
+
+
+def steps_agree(misfit: Array, readable: Mask) -> Mask:
+    """Where the light fits the steps as they are stated, so that its direction may be believed.
+
+    An element that is off turns the direction everywhere, also where the light hardly shows it:
+    where most of the picture does not fit, nothing of it is believed; where a part does not, that
+    part.
+    """
+    least = np.sort(misfit[readable])[: int((1.0 - _LOCAL) * np.count_nonzero(readable))]
+    usual = float(np.sqrt(np.mean(np.square(least)))) if least.size else 1.0
+    if usual > POOR_CHI:
+        return np.zeros(misfit.shape, dtype=bool)
+    isolated = pooled(readable, _MISFIT_PX) < _COMPARED  # too few about it to compare with
+    return np.asarray(isolated | (misfit <= POOR_CHI * max(usual, 1.0)))
+
+
+def phase_uncertainty(
+    terms: StepTerms, design: StepDesign, direction: Direction, sigma: Array | float
+) -> Array:
+    """Standard uncertainty of φ/2π from the noise, φ = atan2(A sin δ, A cos δ) along the direction.
+
+    var φ = σ² gᵀ Σ g with g = (-sin φ, cos φ cos 2θ, cos φ sin 2θ)/(A V). Source: propagation of
+    uncertainty, first order (JCGM 100:2008, 5.1.2).
+    """
+    along = (terms.sine * np.conj(direction.twice)).real
+    contrast = np.hypot(terms.cosine, along) + 1e-30
+    cosine = terms.cosine / contrast
+    slopes = (-along / contrast, cosine * direction.twice.real, cosine * direction.twice.imag)
+    total = np.zeros(cosine.shape, dtype=cosine.dtype)
+    for i, first in enumerate((COSINE, SINE, SINE_SINE)):
+        total += design.variance(first) * slopes[i] ** 2
+        for j, second in enumerate((COSINE, SINE, SINE_SINE)[:i]):
+            if abs(design.variance(first, second)) > 1e-12:
+                total += 2.0 * design.variance(first, second) * slopes[i] * slopes[j]
+    return np.asarray(sigma * np.sqrt(total) / contrast / (2.0 * np.pi))

@@ -1,8 +1,8 @@
 """Absolute fringe order and isoclinic angle from a phase-stepped set.
 
 The steps' light gives cos δ, sin δ exp 2iθ and (1 - cos δ) exp 4iθ in every pixel
-(`step_equations`), these the continuous direction up to 90° (`isoclinic`), along which δ is signed
-and unwraps without the ambiguity (δ, θ) ~ (-δ, θ + 90°): n = (φ/2π + m) exp 2iθ does not change
+(`step_equations`), these the continuous direction up to 90°, along which δ is signed and
+unwraps without the ambiguity (δ, θ) ~ (-δ, θ + 90°): n = (φ/2π + m) exp 2iθ does not change
 with it. The whole number m of each connected part comes from the user's known orders, from
 equilibrium and compatibility, or from a model (`integer_order`); a part that has none is
 left unknown. A residual stress is taken off n (`read_residual`). Then N = |n| and θ = arg(n)/2.
@@ -23,13 +23,6 @@ order. What cannot be followed, and might be beyond, is left unknown.
 Source: Frocht (1941), Photoelasticity, vol. 1, for stresses that add up in one plane; Aben &
 Guillemet (1993), Photoelasticity of Glass, for those that vary along the light.
 
-What the light of a phase-stepped set says in each pixel, before any whole number is settled.
-
-Least squares over the steps gives the maps of `step_equations`, these the direction of sigma_1
-(`isoclinic`) and, with contrast and misfit, how far each pixel is to be trusted. A frame that
-cannot be trusted in a pixel, saturated there or faulty, is left out of that pixel alone, where the
-other frames still tell.
-
 From what a stepped set's light says to the field n: unwrapped, settled, and smoothed.
 """
 
@@ -46,32 +39,13 @@ from scipy.ndimage import (
     distance_transform_edt,
     gaussian_filter,
     label,
-    maximum_filter,
 )
 
 from isochrome.estimation import POOR_CHI
-from isochrome.fringes.integer_order import (
-    Direction,
-    FieldPart,
-    KnownOrder,
-    find_direction,
-    settle,
-    unwrap,
-)
-from isochrome.fringes.on_branch import SURE, OrderReading, make_reading
-from isochrome.fringes.step_equations import (
-    BACKGROUND,
-    COSINE,
-    CROSS,
-    CROSS_SINE,
-    SINE,
-    SINE_SINE,
-    StepDesign,
-    StepTerms,
-    make_design,
-    solve_steps,
-)
-from isochrome.fringes.windows import Array, Mask, masked, pooled
+from isochrome.fringes.integer_order import FieldPart, KnownOrder, settle
+from isochrome.fringes.on_branch import LARGEST_UNCERTAINTY, SURE, OrderReading, make_reading
+from isochrome.fringes.step_equations import Direction, StepLight, StepTerms, measure_steps, unwrap
+from isochrome.fringes.windows import Array, Mask, masked
 from isochrome.messages import message
 from isochrome.optics import Chain
 
@@ -90,19 +64,6 @@ _SMOOTH = 0.18
 """Fringes over a window of one standard deviation, beyond which smoothing would bend n."""
 
 
-@dataclass(frozen=True)
-class SettledField:
-    """n = N exp 2iθ (rows, cols), complex, fringes, of `known` pixels, NaN elsewhere.
-
-    `parts`, the connected parts and what settled their whole numbers; `warnings` in plain words.
-    """
-
-    field: Array
-    known: Mask
-    parts: tuple[FieldPart, ...]
-    warnings: tuple[str, ...]
-
-
 def settle_field(
     light: StepLight,
     *,
@@ -110,8 +71,12 @@ def settle_field(
     model: Callable[[], Array] | None = None,
     residual: Array | None = None,
     compatible: bool = True,
-) -> SettledField:
-    """The field n of a set, with the whole numbers that phase leaves open, see `settle`."""
+) -> tuple[Array, tuple[FieldPart, ...], tuple[str, ...]]:
+    """The field n of a set, with the whole numbers that phase leaves open, see `settle`.
+
+    It is N exp 2iθ (rows, cols), complex, fringes, NaN = not known; then the connected parts and
+    what settled their whole numbers, and warnings.
+    """
     direction = light.direction
     terms = light.terms  # φ/2π unwrapped along the direction
     phase = np.arctan2((terms.sine * np.conj(direction.twice)).real, terms.cosine)
@@ -132,8 +97,7 @@ def settle_field(
         known = _solid(known & ~harmful)
         numbers, parts, warnings = settled(known)
     known &= np.isfinite(numbers)
-    field = np.where(known, (turns + numbers) * direction.twice, np.nan)
-    return SettledField(field, known, parts, warnings)
+    return np.where(known, (turns + numbers) * direction.twice, np.nan), parts, warnings
 
 
 def _broken(order: Array, turns: Array, direction: Direction) -> Mask:
@@ -178,215 +142,6 @@ def smoothed(
     use = known & (depth > 4.5 * window_px) & (np.hypot(rows, cols) * window_px < _SMOOTH)
     gain = np.sqrt(0.458 / np.pi) / window_px
     return np.where(use, smooth, field), np.where(use, gain * uncertainty, uncertainty)
-
-
-LARGEST_UNCERTAINTY = 0.03
-"""Fringes: a pixel whose noise is more is not known."""
-
-_PASSES = 3
-"""Solutions where the steps leave something out, each with the direction of the one before."""
-
-_LOCAL = 0.05
-"""Share of the pixels that dust or glare may spoil, before it is the steps that do not fit."""
-
-_COMPARED = 0.5
-"""Share of the window that must be seen for its misfit to tell."""
-
-_LARGEST_MISFIT = 0.1
-_MOST_NOISE = 3.0
-"""Times the noise of the whole set that a pixel may have for want of some of its frames."""
-
-_LEAST_CONTRAST = 0.7
-"""Of the contrast around: a pixel's area takes that much of it at 0.45 fringe a pixel."""
-
-_DIMMEST = 0.1
-_BLOCK = 16
-_WINDOW_PX = 2.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class StepLight:
-    """What a set's light says; maps (rows, cols)."""
-
-    terms: StepTerms
-    direction: Direction
-    seen: Mask  # the fringes can be read
-    specimen: Mask  # light comes through at all
-    contrast: Array  # A V, in the light's unit
-    uncertainty: Array  # of φ/2π, fringes
-    chi: float  # residual of the light over its noise
-    # the steps tell no direction about half orders, or leave out what changes it there
-    bridges: bool
-    agrees: Mask  # the light fits the steps, whose angles the direction follows
-
-
-def measure_steps(
-    stack: Array, chains: Sequence[Chain], *, sigma: Array | float, valid: Mask | None = None
-) -> StepLight:
-    """Read δ, the direction of sigma_1 and their noise from the images of a set's steps.
-
-    `valid`, True = trusted, (rows, cols) or frame by frame, (steps, rows, cols). InputError where
-    the steps cannot tell the order.
-    """
-    design = make_design(chains)
-    light = np.asarray(stack, dtype=np.promote_types(stack.dtype, np.float32))
-    good = np.isfinite(light)
-    good = good if valid is None else good & valid
-    light, gain, turn_gain = fill_gaps(np.where(good, light, 0.0), good, design)
-    trusted, complete, swing = np.isfinite(gain), good.all(axis=0), sigma
-    if (gain > 1.0).any():
-        swing, sigma = sigma * np.fmax(turn_gain, 1.0), sigma * np.fmax(gain, 1.0)
-    twice = None
-    for _ in range(_PASSES if design.leaks else 1):
-        terms = solve_steps(light, design, twice)
-        direction = find_direction(terms, design, sigma=swing, valid=trusted)
-        twice = direction.twice
-    contrast = np.hypot(terms.cosine, np.abs(terms.sine))
-    readable = trusted & bright_enough(contrast, trusted)
-    misfit, chi = step_misfit(light, design, sigma, readable & complete)
-    agrees = steps_agree(misfit, readable & complete)
-    direction = direction.noisier(np.maximum(misfit, 1.0))
-    uncertainty = phase_uncertainty(terms, design, direction, sigma) * np.maximum(misfit, 1.0)
-    readable &= (uncertainty < LARGEST_UNCERTAINTY) & (
-        misfit * sigma < np.maximum(_LARGEST_MISFIT * contrast, 2.0 * sigma)
-    )
-    return StepLight(
-        terms=terms, direction=direction, seen=readable,
-        specimen=trusted & fringed(contrast, design, sigma), contrast=contrast,
-        uncertainty=uncertainty, chi=chi, bridges=design.leaks, agrees=agrees,
-    )  # fmt: skip
-
-
-def fill_gaps(light: Array, good: Mask, design: StepDesign) -> tuple[Array, Array, Array]:
-    """Give frames that cannot be trusted in a pixel (nought there) the light that the others ask.
-
-    I = M x there, x the least squares of the others, which is that of all together then. Also how
-    many times the noise is a whole pixel's, at most of any unknown, and of those that tell the
-    direction (rows, cols): 1 where all are there, NaN where the rest cannot tell the order. Source:
-    Yates (1933), Empire J. Exp. Agric. 1, 129 (missing observations in least squares).
-    """
-    gains = np.where(good.all(axis=0), 1.0, np.nan)[None].repeat(2, axis=0).astype(np.float32)
-    wanting = np.isnan(gains[0]) & good.any(axis=0)
-    if design.leaks or not wanting.any():
-        return light, gains[0], gains[1]
-    code = np.int64(1) << np.arange(len(light), dtype=np.int64)
-    kinds = np.tensordot(code, good[:, wanting].astype(np.int64), axes=1)
-    values, noise = light[:, wanting], np.full((2, kinds.size), np.nan, dtype=np.float32)
-    for kind in np.unique(kinds):
-        present, here = (kind & code) > 0, kinds == kind
-        inverse, *more = _part_inverse(design, present)
-        if more[0] <= _MOST_NOISE:
-            missing = design.matrix[~present][:, design.solved] @ inverse
-            chosen = values[np.ix_(present, here)]
-            values[np.ix_(~present, here)] = missing.astype(light.dtype) @ chosen
-            noise[:, here] = np.reshape(more, (2, 1))
-    filled = light.copy()
-    filled[:, wanting] = values
-    gains[:, wanting] = noise
-    return filled, gains[0], gains[1]
-
-
-def _part_inverse(design: StepDesign, present: Mask) -> tuple[Array, float, float]:
-    """Least squares over some of the frames, and the growth of the unknowns' noise by it.
-
-    The largest, and the mean of those that tell the direction; the background is not used, and
-    counts for nothing.
-    """
-    part = design.matrix[present][:, design.solved]
-    inverse = np.linalg.pinv(part)
-    if np.linalg.matrix_rank(part, tol=1e-6) < len(design.solved):
-        return inverse, float("inf"), float("inf")
-    growth = np.square(inverse).sum(axis=1) / np.diag(design.covariance)
-    unknowns = np.array(design.solved)
-    largest = growth[unknowns != BACKGROUND].max()
-    turning = growth[np.isin(unknowns, (CROSS, CROSS_SINE, SINE, SINE_SINE))].mean()
-    return inverse, float(np.sqrt(largest)), float(np.sqrt(turning))
-
-
-def bright_enough(contrast: Array, trusted: Mask) -> Mask:
-    """Where the fringes' contrast A V is near that of the surroundings: elsewhere they are too
-    fine.
-
-    A pixel's area leaves sinc(g_x) sinc(g_y) of it, g the gradient in fringes a pixel; beyond half
-    a fringe a pixel phase turns back on itself, and only the contrast tells.
-    """
-    import cv2
-
-    brightest = float(np.percentile(contrast[trusted], 90)) if trusted.any() else 0.0
-    rows, cols = (n // _BLOCK for n in contrast.shape)
-    floor = contrast > _DIMMEST * brightest
-    if min(rows, cols) < 1:
-        return np.asarray(floor)
-    cut = np.where(trusted, contrast, 0.0)[: rows * _BLOCK, : cols * _BLOCK]
-    blocks = cut.reshape(rows, _BLOCK, cols, _BLOCK).swapaxes(1, 2).reshape(rows, cols, -1)
-    usual = maximum_filter(np.percentile(blocks, 80, axis=2), 3).astype(np.float32)
-    around = cv2.resize(usual, contrast.shape[::-1], interpolation=cv2.INTER_LINEAR)
-    return np.asarray(floor & (contrast > _LEAST_CONTRAST * around))
-
-
-def fringed(contrast: Array, design: StepDesign, sigma: Array | float) -> Mask:
-    """Where light comes through at all, coarse fringes or fine: the specimen, not a dark
-    surround.
-    """
-    noise = sum(design.variance(j) for j in (COSINE, SINE, SINE_SINE)) * np.square(sigma)
-    power = pooled(contrast**2 - noise, _WINDOW_PX)
-    return np.asarray(power > (2.0 * _DIMMEST) ** 2 * np.percentile(power, 90))
-
-
-def step_misfit(
-    light: Array, design: StepDesign, sigma: Array | float, readable: Mask
-) -> tuple[Array, float]:
-    """Residual of the light over its noise, pooled about each pixel, and over all of them.
-
-    What no choice of the seven unknowns can explain: moved or dirty elements, a wrong gamma. 1
-    where the steps leave nothing to compare, and chi, NaN then.
-    """
-    directions, values, _ = np.linalg.svd(design.matrix)
-    rank = int((values > 1e-6).sum())
-    free = len(light) - rank
-    if free == 0:
-        return np.ones(light.shape[1:]), float("nan")
-    over = np.tensordot(directions[:, rank:].T.astype(light.dtype), light, axes=1)
-    square = (over**2).sum(axis=0) / (free * np.square(sigma))
-    weight = np.maximum(pooled(readable, _WINDOW_PX), 1e-6)
-    misfit = np.sqrt(np.maximum(pooled(np.where(readable, square, 0.0), _WINDOW_PX), 0.0) / weight)
-    return misfit, float(np.sqrt(np.mean(square[readable]))) if readable.any() else float("nan")
-
-
-def steps_agree(misfit: Array, readable: Mask) -> Mask:
-    """Where the light fits the steps as they are stated, so that its direction may be believed.
-
-    An element that is off turns the direction everywhere, also where the light hardly shows it:
-    where most of the picture does not fit, nothing of it is believed; where a part does not, that
-    part.
-    """
-    least = np.sort(misfit[readable])[: int((1.0 - _LOCAL) * np.count_nonzero(readable))]
-    usual = float(np.sqrt(np.mean(np.square(least)))) if least.size else 1.0
-    if usual > POOR_CHI:
-        return np.zeros(misfit.shape, dtype=bool)
-    isolated = pooled(readable, _WINDOW_PX) < _COMPARED  # too few about it to compare with
-    return np.asarray(isolated | (misfit <= POOR_CHI * max(usual, 1.0)))
-
-
-def phase_uncertainty(
-    terms: StepTerms, design: StepDesign, direction: Direction, sigma: Array | float
-) -> Array:
-    """Standard uncertainty of φ/2π from the noise, φ = atan2(A sin δ, A cos δ) along the direction.
-
-    var φ = σ² gᵀ Σ g with g = (-sin φ, cos φ cos 2θ, cos φ sin 2θ)/(A V). Source: propagation of
-    uncertainty, first order (JCGM 100:2008, 5.1.2).
-    """
-    along = (terms.sine * np.conj(direction.twice)).real
-    contrast = np.hypot(terms.cosine, along) + 1e-30
-    cosine = terms.cosine / contrast
-    slopes = (-along / contrast, cosine * direction.twice.real, cosine * direction.twice.imag)
-    total = np.zeros(cosine.shape, dtype=cosine.dtype)
-    for i, first in enumerate((COSINE, SINE, SINE_SINE)):
-        total += design.variance(first) * slopes[i] ** 2
-        for j, second in enumerate((COSINE, SINE, SINE_SINE)[:i]):
-            if abs(design.variance(first, second)) > 1e-12:
-                total += 2.0 * design.variance(first, second) * slopes[i] * slopes[j]
-    return np.asarray(sigma * np.sqrt(total) / contrast / (2.0 * np.pi))
 
 
 _WINDOWS_PX = (WINDOW_PX, 2.0, 4.0)
@@ -449,32 +204,31 @@ def read_residual(
     field, along = least_field(light.terms), light.uncertainty
     lit = light.specimen | light.seen
     main, free = _main_parts(lit, light.seen & (np.abs(field) < _NEAR_HALF))
-    followed = settle_field(
+    followed, *_ = settle_field(
         light, model=lambda: np.where(main, np.abs(field), np.nan), compatible=False
     )
-    clear = followed.known & direction_known(light)
-    beyond, least = _believed(main, free, clear, np.abs(followed.field - field) > _APART)
-    sharp = np.hypot(along, 2.0 * np.abs(followed.field) * light.direction.uncertainty)
+    clear = np.isfinite(followed) & direction_known(light)
+    beyond, least = _believed(main, free, clear, np.abs(followed - field) > _APART)
+    sharp = np.hypot(along, 2.0 * np.abs(followed) * light.direction.uncertainty)
     across = least_spread(field, along)
     least &= ~(beyond & (sharp < across))
     spread = np.where(least, across, sharp)
     known = (least | beyond) & (spread < LARGEST_UNCERTAINTY)
-    field = np.where(known, np.where(least, field, followed.field), np.nan)
+    field = np.where(known, np.where(least, field, followed), np.nan)
     pooled, less = field, spread
     for window in _WINDOWS_PX:  # the widest that it allows: a residual stress varies little
         smooth, smooth_spread = smoothed(field, spread, known, window_px=window)
         wider = smooth_spread < less
         pooled, less = np.where(wider, smooth, pooled), np.where(wider, smooth_spread, less)
-    field, spread = pooled, less
     known_share = float(known.sum() / max(1, np.count_nonzero(known | light.specimen)))
-    spread = np.where(known, spread, np.nan)
+    spread = np.where(known, less, np.nan)
     remarks = []
     if light.chi > POOR_CHI:
         lost = "" if light.agrees.any() else message("no_isoclinic_given_load")
         remarks.append(message("no_load_steps_chi", chi=light.chi, lost=lost))
     if known_share < _FEW:
         remarks.append(message("no_load_steps_only", known_share=100 * known_share))
-    return ResidualStress(field, spread, known_share, tuple(remarks), light.agrees)
+    return ResidualStress(pooled, spread, known_share, tuple(remarks), light.agrees)
 
 
 def least_field(terms: StepTerms) -> Array:
@@ -500,10 +254,8 @@ def direction_known(light: StepLight) -> Mask:
 
     There sin δ, which alone tells, is of the size of what is left out.
     """
-    sine, cosine = np.abs(light.terms.sine), light.terms.cosine
-    if not light.bridges:
-        return np.ones(sine.shape, dtype=bool)
-    return np.asarray((cosine > 0.0) | (sine > _LEAST_SINE * light.contrast))
+    told = np.abs(light.terms.sine) > _LEAST_SINE * light.contrast
+    return np.asarray((not light.bridges) | (light.terms.cosine > 0.0) | told)
 
 
 def _main_parts(lit: Mask, near: Mask) -> tuple[Mask, Mask]:
@@ -573,16 +325,6 @@ class SteppedReading:
         return self.reading.order
 
 
-@dataclass(frozen=True)
-class _Parts:
-    """n, the noise of |n| and of arg(n)/2 (fringes, rad), and where n is known (rows, cols)."""
-
-    field: Array
-    uncertainty: Array
-    turn: Array
-    known: Mask
-
-
 def read_steps(
     stack: Array,
     chains: Sequence[Chain],
@@ -601,19 +343,43 @@ def read_steps(
     orders that the frames show, residual stress and all. InputError as `read_residual`.
     """
     light = measure_steps(stack, chains, sigma=sigma, valid=valid)
-    field = None if residual is None else residual.field
-    settled = settle_field(light, known_order=known_order, model=model, residual=field)
-    return _result(light, settled, _of_load(light, settled, residual), residual)
+    unloaded = None if residual is None else residual.field
+    shown, parts, warnings = settle_field(
+        light, known_order=known_order, model=model, residual=unloaded
+    )
+    field, uncertainty, turn, known = _of_load(light, shown, residual)
+    # nearer to zero its sign is noise
+    clear = known & (turn < LARGEST_TURN) & (np.abs(field) > _LEAST_ORDER * uncertainty)
+    turned = clear & light.agrees & (True if residual is None else residual.agrees)
+
+    specimen = known | light.specimen
+    reading = make_reading(np.abs(field), uncertainty, known, of=specimen)
+    if residual is not None:
+        cosine, readable = np.cos(2.0 * np.pi * reading.order), known
+    else:
+        cosine, readable = light.terms.cosine / np.maximum(light.contrast, 1e-30), specimen
+    few = []
+    if reading.kept < 0.5 and all(part.number is not None for part in parts):
+        few.append(message("only_specimen_pixels_could_read", kept=100 * reading.kept))
+    return SteppedReading(
+        reading=reading, isoclinic=masked(0.5 * np.degrees(np.angle(field)), turned),
+        isoclinic_uncertainty=masked(np.degrees(turn), turned),
+        dark_field=masked(0.5 - 0.5 * cosine, readable), contrast=light.contrast.astype(np.float32),
+        chi=light.chi, parts=parts, warnings=(*warnings, *_of_steps(light, clear), *few),
+    )  # fmt: skip
 
 
-def _of_load(light: StepLight, settled: SettledField, residual: ResidualStress | None) -> _Parts:
+def _of_load(
+    light: StepLight, shown: Array, residual: ResidualStress | None
+) -> tuple[Array, Array, Array, Mask]:
     """n of the load alone, smoothed, with its noise along and across it.
 
     The noise of N and θ lies along and across the n that the frames show; the angle between that
-    and the load's own turns it.
+    and the load's own turns it. Returns n, the noise of |n| and of arg(n)/2 (fringes, rad), and
+    where n is known.
     """
-    known = settled.known
-    shown = np.where(known, settled.field, 0.0)
+    known = np.isfinite(shown)
+    shown = np.where(known, shown, 0.0)
     across = 2.0 * np.abs(shown) * light.direction.uncertainty
     if residual is not None:
         across = np.hypot(across, np.where(direction_known(light), 0.0, _BRIDGED * np.abs(shown)))
@@ -631,41 +397,14 @@ def _of_load(light: StepLight, settled: SettledField, residual: ResidualStress |
         direction = light.direction
         less = np.where(gain < 1.0, 1.0 - _SMOOTHED**2, 0.0) * np.square(direction.scatter)
         turn = np.sqrt(np.square(direction.uncertainty) - less)
-        return _Parts(field, along, np.where(small, gain * across / (2.0 * size), turn), known)
+        return field, along, np.where(small, gain * across / (2.0 * size), turn), known
     unit = (shown / np.maximum(np.abs(shown), _TINY)) * np.conj(field / size)
     uncertainty, swing = (
         np.sqrt(np.square(a * unit.real) + np.square(b * unit.imag) + residual.uncertainty**2)
         for a, b in ((along, across), (across, along))
     )
     known = known & (uncertainty < LARGEST_UNCERTAINTY)
-    return _Parts(field, uncertainty, swing / (2.0 * size), known)
-
-
-def _result(
-    light: StepLight, settled: SettledField, load: _Parts, residual: ResidualStress | None
-) -> SteppedReading:
-    """The maps, NaN where they are not known; `residual`, what was taken out."""
-    known, uncertainty = load.known, load.uncertainty
-    # nearer to zero its sign is noise
-    clear = known & (load.turn < LARGEST_TURN) & (np.abs(load.field) > _LEAST_ORDER * uncertainty)
-    turned = clear & light.agrees & (True if residual is None else residual.agrees)
-
-    specimen = known | light.specimen
-    reading = make_reading(np.abs(load.field), uncertainty, known, of=specimen)
-    if residual is not None:
-        cosine, readable = np.cos(2.0 * np.pi * reading.order), known
-    else:
-        cosine, readable = light.terms.cosine / np.maximum(light.contrast, 1e-30), specimen
-    few = []
-    if reading.kept < 0.5 and all(part.number is not None for part in settled.parts):
-        few.append(message("only_specimen_pixels_could_read", kept=100 * reading.kept))
-    return SteppedReading(
-        reading=reading, isoclinic=masked(0.5 * np.degrees(np.angle(load.field)), turned),
-        isoclinic_uncertainty=masked(np.degrees(load.turn), turned),
-        dark_field=masked(0.5 - 0.5 * cosine, readable), contrast=light.contrast.astype(np.float32),
-        chi=light.chi, parts=settled.parts,
-        warnings=(*settled.warnings, *_of_steps(light, clear), *few),
-    )  # fmt: skip
+    return field, uncertainty, swing / (2.0 * size), known
 
 
 def _of_steps(light: StepLight, clear: Mask) -> list[str]:

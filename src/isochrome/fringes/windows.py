@@ -1,6 +1,5 @@
 """Means and sums over blocks and windows of pixels, and the types of maps and masks."""
 
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -30,14 +29,6 @@ def valid_means(values: Array, valid: Mask, by: int) -> Array:
     return block_means(np.where(valid, values, 0.0), by) / np.maximum(share, 1e-9)
 
 
-@lru_cache(maxsize=32)
-def _window(width_px: float, reach: float) -> Array:
-    """Weights of a Gaussian window whose sum is 1, as far as `reach` standard deviations."""
-    half = int(reach * width_px + 0.5)
-    weights = np.exp(-0.5 * (np.arange(-half, half + 1) / width_px) ** 2)
-    return np.asarray(weights / weights.sum(), dtype=np.float32)
-
-
 def gaussian_sum(values: Array, width_px: float, *, reach: float = 4.0) -> Array:
     """Sum over a Gaussian window whose weight is 1 in the middle, of values that are nought where
     masked.
@@ -47,7 +38,9 @@ def gaussian_sum(values: Array, width_px: float, *, reach: float = 4.0) -> Array
     """
     import cv2
 
-    weights = _window(width_px, reach)
+    half = int(reach * width_px + 0.5)
+    bell = np.exp(-0.5 * (np.arange(-half, half + 1) / width_px) ** 2)
+    weights = (bell / bell.sum()).astype(np.float32)
     single = np.ascontiguousarray(values, dtype=np.float32)
     # nothing lies beyond the picture
     sums: Array = cv2.sepFilter2D(single, -1, weights, weights, borderType=cv2.BORDER_CONSTANT)
@@ -86,8 +79,7 @@ def halved(values: Array) -> Array:
     import cv2
 
     rows, cols = values.shape
-    if rows % 2 or cols % 2:
-        values = cv2.copyMakeBorder(values, 0, rows % 2, 0, cols % 2, cv2.BORDER_CONSTANT, value=0)
+    values = cv2.copyMakeBorder(values, 0, rows % 2, 0, cols % 2, cv2.BORDER_CONSTANT, value=0)
     half = (values.shape[1] // 2, values.shape[0] // 2)
     return np.asarray(cv2.resize(values, half, interpolation=cv2.INTER_AREA))
 
@@ -96,8 +88,6 @@ def expanded(values: Array, shape: tuple[int, int], by: int) -> Array:
     """An image of `shape` (rows, cols), linear between the middles of blocks of `by` pixels."""
     import cv2
 
-    if by == 1:
-        return values
     size = (by * values.shape[1], by * values.shape[0])
     larger = cv2.resize(values, size, interpolation=cv2.INTER_LINEAR)
     return np.asarray(larger[: shape[0], : shape[1]])

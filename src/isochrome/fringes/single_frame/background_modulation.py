@@ -131,11 +131,8 @@ def fit_background_modulation(
 
     `light`, linear but for an exponent where `tone` asks for it; `dark`, `bright`: ends that
     no-load frames give, of the same linearity. InputError where the frame has no contrast, or no
-    fringe that can be followed, where its fringes leave ends or exponent open, or where nothing is
-    unknown.
+    fringe that can be followed, or where its fringes leave ends or exponent open.
     """
-    if dark is not None and bright is not None and not tone:
-        raise InputError("both_ends_light_given")
     problem, starts = _problem(light, sigma, valid, (dark, bright), tone)
     results = _searched(problem, starts)
     if not tone:
@@ -362,7 +359,14 @@ def find_no_load_exposure(
     moved = max(abs(b - 1.0) - _SURE * by_crest, share * (abs(d - 1.0) - _SURE * by_trough))
     if moved < _LEAST:
         return NoLoadExposure(told=True)
-    ends = _of_sides(dark, bright, (d, b), (by_trough, by_crest))
+    variance = np.zeros((3, 3, *dark.shape))
+    sides = (dark, d, by_trough), (bright, b, by_crest)
+    for i, (end, factor, spread) in enumerate(sides):
+        noise = factor * 1.4826 * float(np.median(np.abs(end - _smooth(end))))
+        variance[i, i] = (spread * end) ** 2 + noise**2
+    ends = BackgroundModulation(
+        dark=d * dark, bright=b * bright, given=(False, False), variance=variance
+    )
     crest_sure = trough is not None or _has_trough(light, sigma, b * high, lit, share)
     return NoLoadExposure(d, b, True, ends, black or trough is not None, crest_sure)
 
@@ -503,15 +507,3 @@ def _lines(image: Array, width: float) -> tuple[Array, Array, Array, Array]:
     cos, sin = -np.sin(angle), np.cos(angle)
     slope = gx * cos + gy * sin
     return smooth, -slope / np.minimum(bend, -1e-12), bend, mean + size
-
-
-def _of_sides(
-    dark: Array, bright: Array, factors: tuple[float, float], spread: tuple[float, float]
-) -> BackgroundModulation:
-    """The frame's own ends, and how well they are known."""
-    variance = np.zeros((3, 3, *dark.shape))
-    for i, (end, factor, each) in enumerate(zip((dark, bright), factors, spread, strict=True)):
-        noise = factor * 1.4826 * float(np.median(np.abs(end - _smooth(end))))
-        variance[i, i] = (each * end) ** 2 + noise**2
-    dark, bright = factors[0] * dark, factors[1] * bright
-    return BackgroundModulation(dark=dark, bright=bright, given=(False, False), variance=variance)

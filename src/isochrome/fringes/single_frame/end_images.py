@@ -89,8 +89,8 @@ def binned_light(
     spread = [np.inf, *[uneven] * (len(pairs) - 1)]
     waves = _waves() if spots else []
     total = np.sqrt(sum(size**2 for _, _, size in waves))
-    for i, j, size in waves:
-        pairs.append((_factor_of_wave(i), _factor_of_wave(j)))
+    for i, j, size in waves:  # the cosines stand behind the powers, the first of which is 1
+        pairs.append((_DEGREE + i if i else 0, _DEGREE + j if j else 0))
         spread.append(spots * size / total)
     most = max((max(i, j) for i, j, _ in waves), default=0)
     down, across = (
@@ -100,24 +100,17 @@ def binned_light(
     return SmoothImages(down, across, np.array(pairs), np.array(spread))
 
 
-def _factor_of_wave(i: int) -> int:
-    """The number of a cosine of `i` half-waves behind the powers, the first of which is 1."""
-    return _DEGREE + i if i else 0
-
-
 def _cosine(i: int, place: Array) -> Array:
     return np.asarray(np.sqrt(2.0) * np.cos(0.5 * np.pi * i * (place / _BEYOND + 1.0)))
 
 
 def _waves() -> list[tuple[int, int, float]]:
     """Half-waves down and across, and the root of the process' spectral density at each."""
-    unit, most = 0.5 * np.pi / _BEYOND, 32
-    result = []
-    for i in range(most):
-        for j in range(most):
-            size = float(np.exp(-0.25 * unit**2 * (i * i + j * j) * _SPOT_SIZE**2))
-            if size > _FAINTEST and i + j:
-                result.append((i, j, size))
+    unit, result = 0.5 * np.pi / _BEYOND, []
+    for i, j in np.ndindex(32, 32):
+        size = float(np.exp(-0.25 * unit**2 * (i * i + j * j) * _SPOT_SIZE**2))
+        if size > _FAINTEST and i + j:
+            result.append((i, j, size))
     return result
 
 

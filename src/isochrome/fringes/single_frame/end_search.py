@@ -20,8 +20,9 @@ what a bin of some pixels leaves of a fringe. The cubic terms are nuisances: wit
 quadratic cannot follow would be taken for light, with a certainty that it does not have.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 
@@ -87,10 +88,9 @@ class EndProblem:
     by: int
 
     @property
-    def given(self) -> tuple[bool, bool]:
+    def given(self) -> tuple[bool, ...]:
         """Whether the dark and the bright end are given."""
-        dark, bright = (not isinstance(shape, SmoothImages) for shape in self.shapes)
-        return dark, bright
+        return tuple(not isinstance(shape, SmoothImages) for shape in self.shapes)
 
     @property
     def spreads(self) -> list[Array]:
@@ -105,13 +105,6 @@ class EndProblem:
         """Which of the unknowns' vector are to be found (terms,)."""
         counts = [len(spread) for spread in self.spreads]
         return np.repeat([*(not known for known in self.given), self.tone], [*counts, 1])
-
-    @property
-    def spots(self) -> Mask:
-        """Which of the unknowns' vector are spots and bars of the bright end (terms,)."""
-        cut, count = (len(spread) for spread in self.spreads)
-        smooth = min(QUADRATICS, count)
-        return np.repeat([False, True, False], [cut + smooth, count - smooth, 1])
 
     @cached_property
     def found(self) -> list[SmoothImages]:
@@ -185,8 +178,7 @@ class PatchData:
 
 def _by_powers(factors: Array) -> Array:
     """Factors (p, k, a) times the powers of the place in a patch (p, k, 4 a)."""
-    patches, side, count = factors.shape
-    return (_POWERS[:, :, None] * factors[:, :, None, :]).reshape(patches, side, 4 * count)
+    return (_POWERS[:, :, None] * factors[:, :, None, :]).reshape(*factors.shape[:2], -1)
 
 
 @dataclass(frozen=True)
@@ -203,80 +195,54 @@ def ends_at(data: PatchData, unknowns: Array) -> PatchEnds:
 
     Parameters: `data`; `unknowns` (terms,). Returns the PatchEnds.
     """
-    dark, bright = (end.ravel()[data.pixels] for end in data.problem.ends(unknowns))
-    return PatchEnds(unknowns, dark, bright)
+    return PatchEnds(unknowns, *(end.ravel()[data.pixels] for end in data.problem.ends(unknowns)))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Looked:
+class PatchModel:
     """The model at some ends and orders: `cost` of each patch, `residual` (p, k).
 
-    Slopes (p, k) are worked out when they are asked for: `slope` by the order; `columns`, by the
-    dark end, the bright end, and g if that is unknown.
+    Slopes (p, k) are worked out when they are asked for: `slope` by the order; `columns`, by what
+    is to be found; `gain`, dI/dM, 1 where that is none.
     """
 
-    cost: Array
-    residual: Array
-    problem: EndProblem = field(repr=False)
-    ends: PatchEnds = field(repr=False)
-    angle: Array = field(repr=False)
-    fade: Array | float = field(repr=False)
-    signal: Array = field(repr=False)
-    linear: Array = field(repr=False)
-    light: Array = field(repr=False)
-
-    @cached_property
-    def gain(self) -> Array | float:
-        """dI/dM (p, k)."""
-        if not _is_curved(self.problem, self.ends.unknowns):
-            return 1.0
-        return np.asarray(self.light / (self.ends.unknowns[-1] * self.linear))
+    def __init__(self, data: PatchData, ends: PatchEnds, orders: Array) -> None:
+        """Take the patches' terms `orders` (p, 10); the phase is in the precision of the light."""
+        problem, g, precision = data.problem, ends.unknowns[-1], data.light.dtype
+        self.problem, self.ends = problem, ends
+        self._angle = (TURN * (orders @ BASIS.T)).astype(precision)
+        self._fade = _fade(orders.astype(precision)) if problem.by > 1 else 1.0
+        self._signal = 0.5 - 0.5 * self._fade * np.cos(self._angle)
+        self._light = self._linear = ends.dark + (ends.bright - ends.dark) * self._signal
+        self.gain: Array | float = 1.0
+        if problem.tone or g != 1.0:
+            self._linear = np.maximum(self._linear, _FLOOR * problem.scale)
+            self._light = self._linear ** (1.0 / g)
+            self.gain = self._light / (g * self._linear)
+        self.residual = data.light - self._light
+        square = np.einsum("pk,pk,pk->p", data.weight, self.residual, self.residual)
+        self.cost = square + (orders**2) @ _PRIOR
 
     @cached_property
     def slope(self) -> Array:
         """dI/dN."""
         contrast = self.gain * (self.ends.bright - self.ends.dark)
-        return np.asarray(np.pi * contrast * self.fade * np.sin(self.angle))
+        return np.asarray(np.pi * contrast * self._fade * np.sin(self._angle))
 
     @cached_property
-    def columns(self) -> tuple[Array, ...]:
-        """dI/dD, dI/dB, and dI/dg if g is unknown."""
-        problem, g = self.problem, self.ends.unknowns[-1]
-        by_ends = self.gain * (1.0 - self.signal), self.gain * self.signal
-        if not problem.tone:
-            return by_ends
-        by_tone = -np.log(self.linear) * self.light / g**2
-        each = zip((self.ends.dark, self.ends.bright), by_ends, problem.given, strict=True)
-        for end, column, known in each:
+    def columns(self) -> list[Array]:
+        """Slopes by what is to be found, in the order of `EndProblem.found`."""
+        given, g = self.problem.given, self.ends.unknowns[-1]
+        by_ends = self.gain * (1.0 - self._signal), self.gain * self._signal
+        columns = [column for column, known in zip(by_ends, given, strict=True) if not known]
+        if not self.problem.tone:
+            return columns
+        by_tone = -np.log(self._linear) * self._light / g**2
+        for end, column, known in zip(
+            (self.ends.dark, self.ends.bright), by_ends, given, strict=True
+        ):
             if known:
                 by_tone = by_tone + column * end * np.log(np.maximum(end, 1e-6)) / g
-        return *by_ends, by_tone
-
-
-def _is_curved(problem: EndProblem, unknowns: Array) -> bool:
-    return problem.tone or unknowns[-1] != 1.0
-
-
-def look(data: PatchData, ends: PatchEnds, orders: Array) -> Looked:
-    """The residuals, and what their slopes are made of.
-
-    The phase is taken in the precision of the light.
-    Parameters: `data`; `ends`; `orders`, the patches' terms (p, 10). Returns a Looked.
-    """
-    problem, g = data.problem, ends.unknowns[-1]
-    angle = (TURN * (orders @ BASIS.T)).astype(data.light.dtype)
-    fade = _fade(orders.astype(data.light.dtype)) if problem.by > 1 else 1.0
-    signal = 0.5 - 0.5 * fade * np.cos(angle)
-    light = linear = ends.dark + (ends.bright - ends.dark) * signal
-    if _is_curved(problem, ends.unknowns):
-        linear = np.maximum(linear, _FLOOR * problem.scale)
-        light = linear ** (1.0 / g)
-    residual = data.light - light
-    cost = np.einsum("pk,pk,pk->p", data.weight, residual, residual) + (orders**2) @ _PRIOR
-    return Looked(
-        cost=cost, residual=residual, problem=problem, ends=ends, angle=angle, fade=fade,
-        signal=signal, linear=linear, light=light,
-    )  # fmt: skip
+        return [*columns, by_tone]
 
 
 def _fade(orders: Array) -> Array:
@@ -310,17 +276,17 @@ def refine_ends(
 ) -> tuple[Array, Array, Array]:
     """Damped steps of the patches alone, each taken where it lowers the patch's cost.
 
-    Parameters as in `look`; `damping` (p,). Returns the orders, the patches' costs, the damping.
+    Of `orders`, the patches' terms (p, 10), by their `damping` (p,). Returns the orders, the
+    patches' costs, the damping.
     """
 
     def at(orders: Array) -> State:
-        now = look(data, ends, orders)
+        now = PatchModel(data, ends, orders)
         return now.cost, now.residual, now.slope
 
     def equations(orders: Array, now: State) -> tuple[Array, Array]:
         _, residual, slope = now
-        matrix, pull, _ = _information(data, residual, slope, orders)
-        return matrix, pull
+        return _information(data, residual, slope, orders)[:2]
 
     orders, now, damping = minimise_all(
         at, equations, orders, damping, steps=steps, limits=(1e-6, 1e4)
@@ -347,9 +313,8 @@ def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
     """Normal equations with the patches' own terms eliminated.
 
     A patch whose own equations are singular is left out.
-    Parameters as in `look`. Returns the EndEquations.
     """
-    problem, now = data.problem, look(data, ends, orders)
+    problem, now = data.problem, PatchModel(data, ends, orders)
     information, pull, weighted = _information(data, now.residual, now.slope, orders)
     inverse = solve_all(information, np.broadcast_to(np.eye(TERMS), information.shape))
     finite = np.isfinite(inverse).all(axis=(1, 2))
@@ -369,7 +334,7 @@ def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
     return EndEquations(matrix, slope, solved[..., -1], solved[..., :-1], spread)
 
 
-def _of_ends(data: PatchData, now: Looked, weight: Array) -> tuple[Array, Array]:
+def _of_ends(data: PatchData, now: PatchModel, weight: Array) -> tuple[Array, Array]:
     """Normal equations (terms, terms), (terms,) of the free unknowns, the orders held.
 
     Patches overlap: what they have at a pixel of the frame is summed up first.
@@ -380,7 +345,7 @@ def _of_ends(data: PatchData, now: Looked, weight: Array) -> tuple[Array, Array]
         flat = np.bincount(data.pixels.ravel(), weights=values.ravel(), minlength=light.size)
         return flat.reshape(light.shape)
 
-    parts = list(zip(data.problem.found, _columns(data.problem, now), strict=True))
+    parts = list(zip(data.problem.found, now.columns, strict=True))
     matrix = [
         [one.products(other, summed(weight * u * v)) for other, v in parts] for one, u in parts
     ]
@@ -389,13 +354,13 @@ def _of_ends(data: PatchData, now: Looked, weight: Array) -> tuple[Array, Array]
     return np.block(matrix), np.concatenate(slope)
 
 
-def _with_orders(data: PatchData, now: Looked, weighted: Array) -> Array:
+def _with_orders(data: PatchData, now: PatchModel, weighted: Array) -> Array:
     """Mixed terms of the patches' orders and the free unknowns (p, 10, terms).
 
     A term's power and an image's factor are taken down and across the patch together.
     """
     mixed = []
-    parts = zip(data.problem.found, data.factors, _columns(data.problem, now), strict=True)
+    parts = zip(data.problem.found, data.factors, now.columns, strict=True)
     for image, (down, across), column in parts:
         light = (weighted * column).reshape(-1, len(_POWERS), len(_POWERS))
         table = np.swapaxes(down, 1, 2) @ (light @ across)
@@ -404,17 +369,6 @@ def _with_orders(data: PatchData, now: Looked, weighted: Array) -> Array:
         which = (_DY[:, None] * a + row) * 4 * b + _DX[:, None] * b + col
         mixed.append(np.take(table.reshape(len(table), -1), which, axis=1))
     return np.concatenate(mixed, axis=-1)
-
-
-def _columns(problem: EndProblem, now: Looked) -> list[Array]:
-    """Slopes (p, k) by what is to be found, in the order of `EndProblem.found`."""
-    by_ends = [c for c, known in zip(now.columns, problem.given, strict=False) if not known]
-    return [*by_ends, *now.columns[2:]]
-
-
-def total(data: PatchData, cost: Array, unknowns: Array) -> float:
-    """The patches' costs and the unknowns' own."""
-    return float(cost.sum() + data.problem.prior_cost(unknowns))
 
 
 _ROUNDS, _EVERY = 24, 4
@@ -484,7 +438,12 @@ def search_all(problem: EndProblem, starts: list[Array]) -> list[Found]:
     Parameters: `problem`; `starts`, vectors of its unknowns. Raises InputError where no fringe can
     be followed, or where the fringes leave the unknowns open.
     """
-    outcome = [result for start in starts if (result := _tried(problem, start)) is not None]
+    outcome = []
+    for start in starts:
+        with suppress(np.linalg.LinAlgError):  # it leads to what the fringes leave open
+            result = _search(problem, start)
+            if np.isfinite(result.unknowns).all() and np.isfinite(result.covariance).all():
+                outcome.append(result)
     if not outcome:
         raise InputError(NOT_TOLD)
     return outcome
@@ -503,30 +462,12 @@ def possible(*models: list[Found]) -> list[Found]:
     for k in np.argsort(cost, kind="stable"):
         if cost[k] >= min(cost) + _DOUBT:
             break
-        best = cheapest(models[k])
+        best = reduce(lambda a, b: b if _dearer(a, b) > 0.0 else a, models[k])
         for result in (best, *models[k]):
             near = _dearer(result, best) < _DOUBT * best.beyond_prior
             if near and all(_differ(result, other) for other in listed):
                 listed.append(result)
     return listed
-
-
-def cheapest(results: list[Found]) -> Found:
-    """The one of some results that costs least."""
-    best = results[0]
-    for other in results[1:]:
-        best = other if _dearer(best, other) > 0.0 else best
-    return best
-
-
-def _tried(problem: EndProblem, start: Array) -> Found | None:
-    """What a start leads to, None where it leads to unknowns that the fringes leave open."""
-    try:
-        result = _search(problem, start)
-    except np.linalg.LinAlgError:
-        return None
-    finite = np.isfinite(result.unknowns).all() and np.isfinite(result.covariance).all()
-    return result if finite else None
 
 
 def _dearer(one: Found, other: Found) -> float:
@@ -571,7 +512,7 @@ def _search(problem: EndProblem, unknowns: Array) -> Found:
         normal = eliminated(data, ends_at(data, unknowns), orders)
         while True:
             step = _damped(normal, damping)
-            tried = _followed(data, unknowns, orders, dampings, normal, step)
+            tried = _followed(data, (unknowns, orders, dampings), normal, step)
             if tried[0] < cost or damping > _HEAVIEST:
                 break
             damping *= 8.0
@@ -597,7 +538,8 @@ def search_on(result: Found, problem: EndProblem) -> Found:
     dampings, cost = _start(data, unknowns, orders)
     for _ in range(_MORE):
         normal = eliminated(data, ends_at(data, unknowns), orders)
-        tried = _followed(data, unknowns, orders, dampings, normal, _damped(normal, 0.0))
+        place = unknowns, orders, dampings
+        tried = _followed(data, place, normal, _damped(normal, 0.0))
         if not tried[0] < cost:
             break
         cost, unknowns, orders, dampings = tried
@@ -606,8 +548,8 @@ def search_on(result: Found, problem: EndProblem) -> Found:
 
 def _start(data: PatchData, unknowns: Array, orders: Array) -> tuple[Array, float]:
     """The patches' own damping, and the cost."""
-    cost = look(data, ends_at(data, unknowns), orders).cost
-    return np.full(len(orders), 1e-2), total(data, cost, unknowns)
+    cost = PatchModel(data, ends_at(data, unknowns), orders).cost
+    return np.full(len(orders), 1e-2), float(cost.sum() + data.problem.prior_cost(unknowns))
 
 
 def _damped(normal: EndEquations, damping: float) -> Array:
@@ -615,24 +557,23 @@ def _damped(normal: EndEquations, damping: float) -> Array:
 
 
 def _followed(
-    data: PatchData,
-    unknowns: Array,
-    orders: Array,
-    dampings: Array,
-    normal: EndEquations,
-    step: Array,
+    data: PatchData, place: tuple[Array, Array, Array], normal: EndEquations, step: Array
 ) -> tuple[float, Array, Array, Array]:
-    """Cost and place after a step, every patch going along where that is good for it."""
+    """Cost and place after a step, every patch going along where that is good for it.
+
+    The place: the unknowns, the patches' orders, and their damping.
+    """
+    unknowns, orders, dampings = place
     new = unknowns.copy()
     new[data.problem.free] += step
     if not TONES[0] < new[-1] < TONES[1]:
-        return np.inf, unknowns, orders, dampings
+        return np.inf, *place
     along = orders + normal.pull - normal.drag @ step
     ends = ends_at(data, new)
-    stay, go = (look(data, ends, tried).cost for tried in (orders, along))
+    stay, go = (PatchModel(data, ends, tried).cost for tried in (orders, along))
     nearer = np.where((go < stay)[:, None], along, orders)
     gone, cost, dampings = refine_ends(data, ends, nearer, dampings, 2)
-    return total(data, cost, new), new, gone, dampings
+    return float(cost.sum() + data.problem.prior_cost(new)), new, gone, dampings
 
 
 def _change(normal: EndEquations, step: Array) -> float:
@@ -647,7 +588,11 @@ def _change(normal: EndEquations, step: Array) -> float:
 def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Found:
     ends = ends_at(data, unknowns)
     normal = eliminated(data, ends, orders)
-    free, spots = data.problem.free, data.problem.spots[data.problem.free]
+    free = data.problem.free
+    # which of the unknowns that are found are spots and bars of the bright end
+    cut, count = (len(spread) for spread in data.problem.spreads)
+    smooth = min(QUADRATICS, count)
+    spots = np.repeat([False, True, False], [cut + smooth, count - smooth, 1])[free]
     covariance = np.zeros((len(unknowns), len(unknowns)))
     inverse = np.linalg.inv(normal.matrix) * overlap(data)
     if not change < _REST:
@@ -658,9 +603,10 @@ def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Fo
     larger = spots_beyond_prior(inverse, unknowns[free], precision, spots)
     covariance[np.ix_(free, free)] = as_spotted(inverse, precision, spots, larger)
     price = -np.linalg.slogdet(inverse)[1] - np.log(prior[prior > 0.0]).sum()
-    residual = look(data, ends, orders).residual
-    cost = np.einsum("pk,pk,pk->p", data.weight, residual, residual)
-    cost = cost * np.maximum(data.chi, 1.0) ** 2
+    residual = PatchModel(data, ends, orders).residual
+    cost = (
+        np.einsum("pk,pk,pk->p", data.weight, residual, residual) * np.maximum(data.chi, 1.0) ** 2
+    )
     prior_cost = data.problem.prior_cost(unknowns)
     return Found(
         unknowns=unknowns, covariance=covariance, change=change, patch_cost=cost / data.window,
@@ -688,10 +634,10 @@ def fresh_patches(
         was = np.full(len(index), np.inf)
         _, latter, former = np.intersect1d(index, before[0].index, return_indices=True)
         old[latter] = before[1][former]
-        was[latter] = look(data, ends, old).cost[latter]
+        was[latter] = PatchModel(data, ends, old).cost[latter]
         orders = np.asarray(np.where((was <= cost)[:, None], old, orders))
         stale = float(np.mean(cost < _BETTER * was - 0.02 * data.window))
-    misfit = look(data, ends, orders).residual
+    misfit = PatchModel(data, ends, orders).residual
     chi = np.sqrt(np.einsum("pk,pk,pk->p", data.weight, misfit, misfit) / data.window)
     good = (chi < _WORST_CHI) & (np.abs(orders[:, 1:3]).max(axis=1) < _STEEPEST)
     if problem.tone and any(problem.given):
@@ -708,8 +654,15 @@ def _check_number(patches: int) -> None:
 
 
 def _fitted(problem: EndProblem, unknowns: Array) -> tuple[Indices, Indices, Array, Array, bool]:
-    """Patches as `patches` fits them: index, middles, weights, terms; whether thinned."""
-    light = gather_patches(*_normalised(problem, unknowns))
+    """The normalised frame's patches: index, middles, weights, terms; whether thinned."""
+    dark, bright = problem.ends(unknowns)
+    g, contrast = unknowns[-1], bright - dark
+    lit = problem.valid & (contrast > _FAINT * problem.scale**g)
+    safe = np.where(lit, contrast, 1.0)
+    level = np.maximum(problem.light, problem.sigma)
+    linear = problem.light if g == 1.0 else level**g
+    sigma = 2.0 * g * level ** (g - 1.0) * problem.sigma / safe
+    light = gather_patches(1.0 - 2.0 * (linear - dark) / safe, sigma, lit)  # cos 2 pi N
     use = light.filled > _LEAST_FILLED
     thinned = bool(np.count_nonzero(use) > _MANY)
     if thinned:
@@ -724,19 +677,6 @@ def _fitted(problem: EndProblem, unknowns: Array) -> tuple[Indices, Indices, Arr
     terms[:, :6] = fitted.terms[0, good]
     places = np.stack(np.meshgrid(light.rows, light.cols, indexing="ij"), axis=-1).reshape(-1, 2)
     return index, places[index], light.weight[index].astype(float), terms, thinned
-
-
-def _normalised(problem: EndProblem, unknowns: Array) -> tuple[Array, Array, Mask]:
-    """The frame's c = cos 2 pi N, its noise, and where it is trusted."""
-    dark, bright = problem.ends(unknowns)
-    g = unknowns[-1]
-    contrast = bright - dark
-    lit = problem.valid & (contrast > _FAINT * problem.scale**g)
-    safe = np.where(lit, contrast, 1.0)
-    level = np.maximum(problem.light, problem.sigma)
-    linear = problem.light if g == 1.0 else level**g
-    sigma = 2.0 * g * level ** (g - 1.0) * problem.sigma / safe
-    return 1.0 - 2.0 * (linear - dark) / safe, sigma, lit
 
 
 def _data(

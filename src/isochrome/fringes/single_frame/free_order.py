@@ -36,6 +36,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.ndimage import label
 
 from isochrome.errors import InputError
 from isochrome.fringes.on_branch import (
@@ -54,7 +55,6 @@ from isochrome.fringes.single_frame.patches import (
     Patches,
     basis,
     binned,
-    bodies_of,
     expected_terms,
     fit_patches,
     gather_patches,
@@ -73,7 +73,6 @@ from isochrome.fringes.single_frame.stated_orders import (
     ZeroPlace,
     corner_orders,
     fits_nothing,
-    known_orders,
     left_out,
     mend_mirrored,
     open_seams,
@@ -81,7 +80,7 @@ from isochrome.fringes.single_frame.stated_orders import (
     turned_to,
     zero_lines,
 )
-from isochrome.fringes.windows import Array, Mask, innermost
+from isochrome.fringes.windows import Array, Mask, innermost, nearest_known
 from isochrome.messages import message
 
 FADED = 0.05
@@ -131,39 +130,24 @@ def with_told(patches: Patches, by: int, wider: Array | None) -> Patches:
 def everywhere(contrast: Array) -> Array:
     """The contrast (m, n) of the nearest patch that tells one; 1 where none does."""
     known = np.isfinite(contrast)
-    return contrast[_nearest(known)] if known.any() else np.ones_like(contrast)
-
-
-def _nearest(known: Mask) -> tuple[Array, ...]:
-    from scipy.ndimage import distance_transform_edt
-
-    return tuple(distance_transform_edt(~known, return_distances=False, return_indices=True))
-
-
-def is_faded(patches: Patches) -> bool:
-    """Whether a frame's fringes have lost so much that it must be reckoned with."""
-    contrast = patches.contrast[(patches.filled > _FILLED) & np.isfinite(patches.contrast)]
-    return bool(len(contrast) >= _FEWEST and np.mean(contrast < 1.0 - FADED) > _SOME)
+    return nearest_known(contrast, known) if known.any() else np.ones_like(contrast)
 
 
 def fit_contrast(patches: Patches, terms: Array) -> Contrast:
     """Find what fringes lose from patches whose order is known.
 
+    Least squares of both variances, neither negative, patches off the law counting for less.
     Parameters: `patches`; `terms` (m, n, 6) of their signed order, NaN = not known. Returns the
     Contrast, of no loss where too few patches tell.
     """
     use = np.isfinite(terms[..., 0]) & (patches.contrast > _FAINTEST)
     if np.count_nonzero(use) < _FEWEST:
         return Contrast()
-    known = terms[use]
-    lost = -2.0 * np.log(patches.contrast[use]) / TURN**2
-    return _law(np.stack([known[:, 1] ** 2 + known[:, 2] ** 2, known[:, 0] ** 2], axis=-1), lost)
-
-
-def _law(causes: Array, lost: Array) -> Contrast:
-    """Least squares of both variances, neither negative, patches off the law counting for less."""
     from scipy.optimize import nnls
 
+    known = terms[use]
+    lost = -2.0 * np.log(patches.contrast[use]) / TURN**2
+    causes = np.stack([known[:, 1] ** 2 + known[:, 2] ** 2, known[:, 0] ** 2], axis=-1)
     weight = np.ones(len(lost))
     for _ in range(_ROUNDS):
         result, _ = nnls(causes * weight[:, None], lost * weight)
@@ -178,7 +162,7 @@ def contrast_map(patches: Patches, terms: Array, law: Contrast, shape: tuple[int
 
     Parameters: `patches`; `terms` (m, n, 6), NaN = not known; `law`; `shape` of the frame.
     """
-    near = terms[_nearest(np.isfinite(terms[..., 0]))]
+    near = nearest_known(terms, np.isfinite(terms[..., 0]))
     contrast = law.left(near[..., 0], np.hypot(near[..., 1], near[..., 2]))
     down, across = (
         np.stack([np.interp(np.arange(n), at, unit) for unit in np.eye(len(at))], axis=-1)
@@ -218,44 +202,6 @@ class Anchored:
     said: tuple[str, ...]
 
 
-def anchor_parts(
-    patches: Patches, labels: Labels, known: Sequence[KnownPlaces], valid: Mask, error: Array
-) -> Anchored:
-    """Choose the whole number of each part where an order is known, and the side of open seams.
-
-    Parameters: `patches`; their `labels`; what is `known`; `valid`, True = trusted pixel (rows,
-    cols); `error` (m, n), the signal's uncertainty by the ends of the light. Returns an Anchored.
-    """
-    terms = np.full_like(patches.terms, np.nan)
-    field_terms = labels.sign[..., None] * patches.terms
-    field_terms[..., 0] += labels.shift
-    notes: list[str] = []
-    misses: list[KnownPoint] = []
-    by_part: dict[int, list[Stated]] = {}
-    for each in known:
-        places = [stated_place(patches, labels, field_terms, each, p) for p in each.places]
-        parts = [_part_at(patches, labels, p) for p in places]
-        misses += [p.point for p, part in zip(places, parts, strict=True) if part < 0]
-        if max(parts) < 0:
-            notes.append(_unfollowed(each, valid))
-        for part in sorted({part for part in parts if part >= 0}):
-            within = tuple(p for p, at in zip(places, parts, strict=True) if at == part)
-            by_part.setdefault(part, []).append(Stated(each, within))
-    for part, given in sorted(by_part.items()):
-        inside = labels.part == part
-        result = _one_part(patches, np.where(inside[..., None], field_terms, np.nan), given, error)
-        misses += result.misses
-        notes += result.said
-        terms[inside] = result.terms[inside]
-    unanchored = (labels.part >= 0) & ~np.isin(labels.part, list(by_part))
-    share = float(unanchored.sum() / max(1, int((labels.part >= 0).sum())))
-    if share > _ALONE:
-        numbers, counts = np.unique(labels.part[unanchored], return_counts=True)
-        row, col, _ = _place(patches, labels.part == numbers[counts.argmax()])
-        notes.append(message("what_could_followed_hangs", share=100.0 * share, row=row, col=col))
-    return Anchored(terms, tuple(misses), tuple(notes))
-
-
 def _unknown(part: Array, given: list[Stated], *said: str) -> Anchored:
     """A part of which nothing is known, and why."""
     points = tuple(p.point for g in given for p in g.places)
@@ -265,10 +211,10 @@ def _unknown(part: Array, given: list[Stated], *said: str) -> Anchored:
 def _one_part(patches: Patches, part: Array, given: list[Stated], error: Array) -> Anchored:
     """A part's order by what is known in it."""
     signed = (1.0, -1.0)  # the part's own orders may have either sign
-    shifts = {round(s * g.order - p.field) for g in given for p in g.places for s in signed}
+    shifts = {round(s * g.known.order - p.field) for g in given for p in g.places for s in signed}
     candidates = {j for j in shifts if any(g.fits(j) for g in given)}
     if not candidates:
-        return _unknown(part, given, *(fits_nothing(g, g.first) for g in given))
+        return _unknown(part, given, *(fits_nothing(g, g.places[0]) for g in given))
     lines = {j: zero_lines(part[..., 0] + j, _zero_said(j, given)) for j in candidates}
     cost = {j: sum(g.cost(j) for g in given) for j in candidates}
     # a line of N = 0 is unlikely, and no proof: it says what is tried first, and settles nothing
@@ -286,13 +232,30 @@ def _one_part(patches: Patches, part: Array, given: list[Stated], error: Array) 
 def _of_rivals(
     patches: Patches, part: Array, given: list[Stated], rivals: Sequence[int], error: Array
 ) -> Anchored:
-    """The first of some equally likely shifts that seams make fit all that is known; else none."""
+    """The first of some equally likely shifts that seams make fit all that is known.
+
+    Else nothing is known, and why.
+    """
     for j in rivals:
         if not all(p.fits(j) for g in given for p in g.places):
             result = _with_seams(patches, part, given, j, error)
             if not result.misses:
                 return result
-    return _open(patches, part, given, *rivals[:2])
+    best, rival = rivals[:2]
+    listed = "; ".join(map(str, given))
+    if all(any(not g.fits(j) for g in given) for j in (best, rival)):
+        note = message("contradict_each_other_no", listed=listed)
+    else:
+        orders = [np.abs(part[..., 0] + j) for j in (best, rival)]
+        row, col, at = _place(patches, clearly_apart(np.abs(orders[0] - orders[1])))
+        first, second = sorted(o[at] for o in orders)
+        note = message(
+            "fringe_line_light_cannot", listed=listed, row=row, col=col, first=first, second=second
+        )
+        turning = next((g for g in given if not g.known.is_line and g.places[0].around), None)
+        if turning is not None:
+            note += message("extremum_maximum_minimum", turning=turning)
+    return _unknown(part, given, note)
 
 
 def _with_seams(
@@ -308,7 +271,7 @@ def _with_seams(
     for g in given:
         missed = []
         for p in (p for p in g.places if p.cost(j) >= CLEAR):
-            turned = _turned(patches, terms, used, zero_said, g, p)
+            turned = turned_to(patches, terms, used, zero_said, g, p)
             if turned is None:
                 missed.append(p)
             else:
@@ -325,53 +288,13 @@ def _with_seams(
     return Anchored(terms, tuple(misses), tuple(notes))
 
 
-def _turned(
-    patches: Patches,
-    terms: Array,
-    used: list[tuple[Stated, StatedPlace]],
-    zero_said: list[ZeroPlace],
-    given: Stated,
-    p: StatedPlace,
-) -> Array | None:
-    """The terms (m, n, 6) with an open seam closed as a place beyond it says.
-
-    As they are where the place fits, since another place of its line has closed it, or roughly, and
-    better beyond no seam; None where it fits neither way.
-    """
-    beyond = given.source(p, terms)
-    miss = abs(abs(float(beyond.basis @ terms[p.patch])) - given.order)
-    if (miss / p.sigma) ** 2 < CLEAR:
-        return terms
-    sources = [g.source(q, terms) for g, q in used]
-    turned = turned_to(patches, terms, sources, zero_said, beyond, given.order, p.within)
-    return terms if turned is None and miss < p.within else turned
-
-
 def _zero_said(j: int, given: list[Stated]) -> list[ZeroPlace]:
     """Where it is known that N = 0 along a line: a place on it, or two on its two sides."""
     on_zero = [(g, p) for g in given if g.known.says_zero_line for p in g.places if p.fits(j)]
-    on: list[ZeroPlace] = [(p.patch,) for g, p in on_zero if g.order < _BELOW]
-    off = [p for g, p in on_zero if g.order > _BELOW and not g.on_line]
+    on: list[ZeroPlace] = [(p.patch,) for g, p in on_zero if g.known.order < _BELOW]
+    off = [p for g, p in on_zero if g.known.order > _BELOW and not g.on_line]
     above, below = ([p for p in off if sign * (p.field + j) > 0.0] for sign in (1.0, -1.0))
     return on + [(p.patch, q.patch) for p in above for q in below]
-
-
-def _open(patches: Patches, part: Array, given: list[Stated], best: int, rival: int) -> Anchored:
-    """A part for which two whole numbers are as good: nothing is known, and why."""
-    listed = "; ".join(map(str, given))
-    if all(any(not g.fits(j) for g in given) for j in (best, rival)):
-        note = message("contradict_each_other_no", listed=listed)
-    else:
-        orders = [np.abs(part[..., 0] + j) for j in (best, rival)]
-        row, col, at = _place(patches, clearly_apart(np.abs(orders[0] - orders[1])))
-        first, second = sorted(o[at] for o in orders)
-        note = message(
-            "fringe_line_light_cannot", listed=listed, row=row, col=col, first=first, second=second
-        )
-        turning = next((g for g in given if not g.known.is_line and g.first.around), None)
-        if turning is not None:
-            note += message("extremum_maximum_minimum", turning=turning)
-    return _unknown(part, given, note)
 
 
 def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int, error: Array) -> str:
@@ -448,44 +371,35 @@ _WORTH_SAYING = 0.01
 class FreeReading:
     """What a frame says without a model: the order, and how well it is known.
 
-    `anchored`: share of what could be followed that hangs together with a known point; `contrast`,
-    what the fringes have left, 1 where nothing is lost to speak of; `misses`: known points that
-    were not used; `said`: why, what the frame leaves open, and what point would settle it.
+    `contrast`, what the fringes have left, 1 where nothing is lost to speak of; `misses`: known
+    points that were not used; `said`: why, what the frame leaves open, and what point would settle
+    it.
     """
 
     reading: OrderReading
-    anchored: float
     contrast: Array = field(repr=False)
     misses: tuple[KnownPoint, ...]
     said: tuple[str, ...] = ()
 
 
 def read_free(
-    wave: Array,
-    sigma: Array,
-    valid: Mask,
-    known: KnownOrders | Sequence[KnownPoint | tuple[float, float, float, str]],
-    *,
-    error: Array | None = None,
+    wave: Array, sigma: Array, valid: Mask, known: KnownOrders, *, error: Array
 ) -> FreeReading:
     """Read the fringe order of a normalised frame `wave`, cos 2 pi N, without a model.
 
-    `known`: points (row, col, order), or with "maximum" or "minimum" of their surroundings; each
-    part that is wanted needs a point, a line or a corner. `error`: uncertainty of the signal (1 -
-    cos 2 pi N)/2 by the ends of the light: from 0.003 on in the median a line of N = 0, which
-    stands for N = 1 in a wrong light, must be known. InputError: the frame is smaller than a patch.
+    Each part that is wanted needs a point, a line or a corner that is `known`. `error`: uncertainty
+    of the signal (1 - cos 2 pi N)/2 by the ends of the light: from 0.003 on in the median a line of
+    N = 0, which stands for N = 1 in a wrong light, must be known. InputError: the frame is smaller
+    than a patch.
     """
     (rows, cols), side = wave.shape, 2 * HALF + 1
     if min(rows, cols) < side:
         raise InputError("frame_pixels_smaller_patch", shape=rows, shape_2=cols, half=side)
-    orders = known if isinstance(known, KnownOrders) else known_orders(known)
-    followed, fade = follow_fringes(wave, sigma, valid, orders, error=error)
-    result = followed.anchored(orders)
-    good = max(1, int((followed.labels.part >= 0).sum()))
-    anchored = float(np.isfinite(result.terms[..., 0]).sum() / good)
+    followed, fade = follow_fringes(wave, sigma, valid, known, error=error)
+    result = followed.anchored(known)
     dense = _dense(followed.patches, result.terms, valid)
     reading = _beside_stray(dense, followed.wave, sigma / fade)
-    return FreeReading(reading, anchored, fade, result.misses, result.said)
+    return FreeReading(reading, fade, result.misses, result.said)
 
 
 @dataclass(frozen=True)
@@ -505,12 +419,41 @@ class FollowedFringes:
     unlit: Array = field(repr=False)
 
     def anchored(self, known: KnownOrders) -> Anchored:
-        """The signed orders of the patches by what is `known`, and what is to be said."""
-        patches, labels, valid = self.patches, self.labels, self.valid
-        at_corners, unlit = corner_orders(known.corners, patches, labels, self.wave, valid)
-        places = [*known.places, *at_corners]
-        result = anchor_parts(patches, labels, places, valid, self.unlit)
-        return replace(result, said=(*unlit, *result.said))
+        """The signed orders of the patches by what is `known`, and what is to be said.
+
+        The whole number of each part where an order is known is chosen, and the side of open seams.
+        """
+        patches, labels = self.patches, self.labels
+        at_corners, notes = corner_orders(known.corners, patches, labels, self.wave, self.valid)
+        terms = np.full_like(patches.terms, np.nan)
+        field_terms = labels.sign[..., None] * patches.terms
+        field_terms[..., 0] += labels.shift
+        misses: list[KnownPoint] = []
+        by_part: dict[int, list[Stated]] = {}
+        for each in (*known.places, *at_corners):
+            places = [stated_place(patches, labels, field_terms, each, p) for p in each.places]
+            parts = [_part_at(patches, labels, p) for p in places]
+            misses += [p.point for p, part in zip(places, parts, strict=True) if part < 0]
+            if max(parts) < 0:
+                notes.append(_unfollowed(each, self.valid))
+            for part in sorted({part for part in parts if part >= 0}):
+                within = tuple(p for p, at in zip(places, parts, strict=True) if at == part)
+                by_part.setdefault(part, []).append(Stated(each, within))
+        for part, given in sorted(by_part.items()):
+            inside = labels.part == part
+            own_terms = np.where(inside[..., None], field_terms, np.nan)
+            result = _one_part(patches, own_terms, given, self.unlit)
+            misses += result.misses
+            notes += result.said
+            terms[inside] = result.terms[inside]
+        unanchored = (labels.part >= 0) & ~np.isin(labels.part, list(by_part))
+        share = float(unanchored.sum() / max(1, int((labels.part >= 0).sum())))
+        if share > _ALONE:
+            numbers, counts = np.unique(labels.part[unanchored], return_counts=True)
+            row, col, _ = _place(patches, labels.part == numbers[counts.argmax()])
+            percent = 100.0 * share
+            notes.append(message("what_could_followed_hangs", share=percent, row=row, col=col))
+        return Anchored(terms, tuple(misses), tuple(notes))
 
     def part_at(self, row: float, col: float, *, on_line: bool = False) -> Mask:
         """The patches (m, n) for which an order at a place speaks; none where it has none."""
@@ -522,7 +465,7 @@ class FollowedFringes:
 
 
 def follow_fringes(
-    wave: Array, sigma: Array, valid: Mask, known: KnownOrders, *, error: Array | None = None
+    wave: Array, sigma: Array, valid: Mask, known: KnownOrders, *, error: Array
 ) -> tuple[FollowedFringes, Array]:
     """Follow the fringes of a normalised frame as far as they can be without a known order.
 
@@ -533,11 +476,12 @@ def follow_fringes(
 
     fade = np.ones(wave.shape)
     patches, labels = _coarse_to_fine(wave, sigma, valid)
-    faded = is_faded(patches)
+    contrast = patches.contrast[(patches.filled > _FILLED) & np.isfinite(patches.contrast)]
+    # so much is lost that it must be reckoned with
+    faded = bool(len(contrast) >= _FEWEST and np.mean(contrast < 1.0 - FADED) > _SOME)
 
     def followed(patches: Patches, labels: Labels, wave: Array) -> FollowedFringes:
-        unlit = np.zeros(patches.chi.shape) if error is None else _at(error, patches)
-        return FollowedFringes(faded, patches, labels, wave, valid, unlit)
+        return FollowedFringes(faded, patches, labels, wave, valid, _at(error, patches))
 
     if faded:
         patches, labels = _coarse_to_fine(wave, sigma, valid, faded=True)
@@ -612,7 +556,7 @@ def _dense(patches: Patches, terms: Array, valid: Mask) -> OrderReading:
     dy, dx, window = offsets()
     orders = np.abs(terms.reshape(-1, 6) @ basis(dy.astype(float), dx.astype(float)).T)
     sums = np.zeros((4, *valid.shape))
-    bodies, count = bodies_of(valid)
+    bodies, count = label(valid)
     for k, (y, x, w) in enumerate(zip(dy, dx, window, strict=True)):
         order = orders[:, k].reshape(trust.shape)
         at = np.ix_(patches.rows + y, patches.cols + x)

@@ -24,13 +24,12 @@ crease, so that the order is its absolute value.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, label
 from scipy.sparse import block_array, coo_matrix, csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 
@@ -154,7 +153,7 @@ def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
     at = tuple(v.ravel()[:, None] for v in np.meshgrid(rows, cols, indexing="ij"))
     pick = at[0] + dy, at[1] + dx
     trusted = np.asarray(valid[pick])
-    bodies, count = bodies_of(valid)
+    bodies, count = label(valid)  # what masked pixels keep apart, corner to corner too
     body = np.ones(len(trusted), dtype=int)
     if count > 1:  # a patch is that of the body nearest to its middle
         nearest = np.where(trusted, dx**2 + dy**2, np.inf).argmin(axis=1)
@@ -168,17 +167,6 @@ def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
         noise=np.maximum(sigma[at][:, 0], _FLOOR).astype(np.float32),
         gradient=np.stack(gradient, axis=-1).astype(np.float32), body=body,
     )  # fmt: skip
-
-
-def bodies_of(valid: Mask) -> tuple[Indices, int]:
-    """The number of the body of each pixel, 0 for none, and how many there are.
-
-    Bodies are what masked pixels keep apart, corner to corner too.
-    """
-    from scipy.ndimage import label
-
-    numbers, count = label(valid)
-    return np.asarray(numbers), int(count)
 
 
 def fit_patches(
@@ -196,27 +184,22 @@ def fit_patches(
     contrast is fitted with that. Returns Patches.
     """
     if contrast is None:
-        fitted = _fit_given(patches, expected)
-        scale = np.ones(fitted.chi.size, dtype=np.float32)
-    else:
-        scale = contrast.ravel().astype(np.float32)
-        fitted = _fit_given(patches.over(scale), expected)
-        fitted = replace(fitted, contrast=fitted.contrast * contrast)
-    if not deviation:
-        return fitted
+        contrast = np.ones((len(patches.rows), len(patches.cols)))
+    scale = contrast.ravel().astype(np.float32)
+    fitted = _fit_given(patches.over(scale), expected)
+    fitted = replace(fitted, contrast=fitted.contrast * contrast)
     measured = fitted.contrast.ravel()
     least, most = _OWN_CONTRAST
     off = np.flatnonzero(
         (np.abs(measured - scale) > _FADED * scale) & (measured > least) & (measured < most)
     )
-    if not len(off):
-        return fitted
-    scale = measured[off].astype(np.float32)
-    start = fitted.terms.reshape(-1, 6)[off].astype(np.float32)
-    prior = np.tile(patch_prior(), (len(off), 1))
-    again = _refine(patches.only(off).over(scale), start, np.zeros_like(start), prior)
-    again = replace(again, contrast=again.contrast * scale)
-    _take(fitted, off, again, again.chi.ravel() < fitted.chi.ravel()[off])
+    if deviation and len(off):
+        scale = measured[off].astype(np.float32)
+        start = fitted.terms.reshape(-1, 6)[off].astype(np.float32)
+        prior = np.tile(patch_prior(), (len(off), 1))
+        again = _refine(patches.only(off).over(scale), start, np.zeros_like(start), prior)
+        again = replace(again, contrast=again.contrast * scale)
+        _take(fitted, off, again, again.chi.ravel() < fitted.chi.ravel()[off])
     return fitted
 
 
@@ -231,11 +214,10 @@ def _fit_given(patches: PatchLight, expected: tuple[Array, Array] | None) -> Pat
     mean[known], prior[known] = terms[known], spread[known] ** -2
     guided = _refine(patches, np.where(known[:, None], mean, start), mean, prior)
     bad = np.flatnonzero(known & (guided.chi.ravel() > WORST_CHI))
-    if not len(bad):
-        return guided
-    alone = np.tile(patch_prior(), (len(bad), 1))
-    free = _refine(patches.only(bad), start[bad], np.zeros_like(start[bad]), alone)
-    _take(guided, bad, free, free.chi.ravel() < guided.chi.ravel()[bad])
+    if len(bad):
+        alone = np.tile(patch_prior(), (len(bad), 1))
+        free = _refine(patches.only(bad), start[bad], np.zeros_like(start[bad]), alone)
+        _take(guided, bad, free, free.chi.ravel() < guided.chi.ravel()[bad])
     return guided
 
 
@@ -254,24 +236,24 @@ def middles(length: int) -> Indices:
 
 def _start_gradient(wave: Array, sigma: Array, valid: Mask) -> tuple[Array, Array]:
     """The order's gradient (x, y), up to its sign, fringes a pixel."""
-    scale = 1.0
-    dx = gaussian_filter(wave, scale, order=(0, 1))
-    dy = gaussian_filter(wave, scale, order=(1, 0))
+    dx, dy, xx, yy = (
+        gaussian_filter(wave, 1.0, order=order) for order in ((0, 1), (1, 0), (0, 2), (2, 0))
+    )
+    bend = xx + yy
     smooth = np.clip(gaussian_filter(wave, 0.7), -1.0, 1.0)
 
     def pooled(values: Array) -> Array:
         return np.asarray(gaussian_filter(np.where(valid, values, 0.0), _FREQUENCY_WINDOW))
 
     speed = np.maximum(pooled(1.0 - smooth**2), 0.05)
-    noise = pooled(sigma**2) / (8.0 * np.pi * scale**4)  # what noise adds to a derivative's square
+    noise = pooled(sigma**2) / (8.0 * np.pi)  # what noise adds to a derivative's square
     xx, yy = (pooled(dx * dx) - noise) / speed, (pooled(dy * dy) - noise) / speed
     xy = pooled(dx * dy) / speed
     largest = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
     size = np.minimum(np.sqrt(np.maximum(largest, 0.0)) / TURN, _STEEPEST)
     # fine fringes fade in the derivative itself, but alike in the second one
-    bend = gaussian_filter(wave, scale, order=(0, 2)) + gaussian_filter(wave, scale, order=(2, 0))
     first = np.maximum((xx + yy) * speed, 1e-9)
-    second = pooled(bend * bend) - 4.0 * noise / scale**2
+    second = pooled(bend * bend) - 4.0 * noise
     frequency = np.sqrt(np.maximum(second, 0.0) / first)
     fine = (frequency > _FINE) & (first > _CLEAR * noise)
     size = np.where(fine, np.minimum(frequency / TURN, _STEEPEST), size)
@@ -365,19 +347,17 @@ def _contrast(weight: Array, light: Array, cosine: Array) -> Array:
     return np.where(tells, along / on_crests, np.nan).astype(float)
 
 
-def neighbours(
-    patches: Patches, terms: Array
-) -> Iterator[tuple[Indices, Indices, Array, Array, Array]]:
+def neighbours(patches: Patches, terms: Array) -> list[Array]:
     """Patches and their neighbours a step on, and what both say of the order half-way.
 
-    Parameters: `patches`; `terms` (m, n, 6), theirs or their labelled ones. Yields for each step
+    Parameters: `patches`; `terms` (m, n, 6), theirs or their labelled ones. Returns of all steps
     the patches' numbers (k,), their neighbours', both's terms half-way (k, 6), and the variance of
     the difference of these (k, 6).
     """
+    pairs = []
     m, n = patches.chi.shape
     number = np.arange(m * n).reshape(m, n)
-    rows = patches.rows[:, None] + 0 * patches.cols
-    cols = patches.cols[None, :] + 0 * patches.rows[:, None]
+    rows, cols = np.meshgrid(patches.rows, patches.cols, indexing="ij")
     for down, right in _STEPS:
         here = np.s_[: m - down, max(0, -right) : n - max(right, 0)]
         beside = np.s_[down:, max(0, right) : n + min(right, 0)]
@@ -385,7 +365,8 @@ def neighbours(
         a, b = moved_patch(terms[here], dy, dx), moved_patch(terms[beside], -dy, -dx)
         variance = patches.spread[here] ** 2 + patches.spread[beside] ** 2
         numbers = number[here].ravel(), number[beside].ravel()
-        yield *numbers, a.reshape(-1, 6), b.reshape(-1, 6), variance.reshape(-1, 6)
+        pairs.append((*numbers, *(v.reshape(-1, 6) for v in (a, b, variance))))
+    return [np.concatenate(part) for part in zip(*pairs, strict=True)]
 
 
 def moved_patch(terms: Array, dy: Array, dx: Array) -> Array:
@@ -425,45 +406,28 @@ class Labels:
     part: Indices
 
 
-@dataclass(frozen=True)
-class _Edges:
-    """Pairs of patches: n_a = sign n_b + shift; `cost` of that, `other` of the other sign."""
-
-    a: Indices
-    b: Indices
-    sign: Indices
-    shift: Array
-    cost: Array
-    other: Array
-
-
 def label_patches(patches: Patches) -> Labels:
     """Settle signs and whole numbers over a frame.
 
     Parameters: `patches`. Returns Labels; parts are numbered from the largest, 0.
     """
-    shape = patches.chi.shape
-    count = patches.chi.size
+    shape, count = patches.chi.shape, patches.chi.size
     good = (patches.filled > _LEAST_FILLED) & (patches.spread[..., 0] < _LEAST_SURE)
     good = (good & (patches.chi < WORST_CHI)).ravel()
-    parts = [
-        (a, b, *_relation(x, y, variance))
-        for a, b, x, y, variance in neighbours(patches, patches.terms)
-    ]
-    edges = _Edges(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-    use = good[edges.a] & good[edges.b] & (edges.cost < _WORST_EDGE)
+    a, b, *half_way = neighbours(patches, patches.terms)
+    signs, shifts, cost, other = _relation(*half_way)
+    use = good[a] & good[b] & (cost < _WORST_EDGE)
     body = patches.body.ravel()
-    use &= body[edges.a] == body[edges.b]
-    sure = np.minimum(edges.other - edges.cost, SURE_ENOUGH)
-    length = 5.0 * edges.cost / (1e-3 + sure) + 0.1 * edges.cost + 1e-3
-    graph = coo_matrix((length[use], (edges.a[use], edges.b[use])), shape=(count, count))
+    use &= body[a] == body[b]
+    length = 5.0 * cost / (1e-3 + np.minimum(other - cost, SURE_ENOUGH)) + 0.1 * cost + 1e-3
+    graph = coo_matrix((length[use], (a[use], b[use])), shape=(count, count))
     tree = minimum_spanning_tree(graph.tocsr())
     tree = tree + tree.T
     _, raw = connected_components(tree, directed=False)
     sizes = np.bincount(raw)
     rank = np.argsort(np.argsort(-sizes, kind="stable"))
     part = np.where(good & (sizes[raw] >= _SMALLEST), rank[raw], -1)
-    sign, shift = _carried(tree, part, edges)
+    sign, shift = _carried(tree, part, a.astype(np.int64) * count + b, signs, shifts)
     return Labels(sign.reshape(shape), shift.reshape(shape), part.reshape(shape))
 
 
@@ -511,36 +475,34 @@ def _relation(a: Array, b: Array, variance: Array) -> tuple[Indices, Array, Arra
     return signs, shift, np.minimum(*costs), np.maximum(*costs)
 
 
-def _carried(tree: Any, part: Indices, edges: _Edges) -> tuple[NDArray[np.int8], Array]:
-    """Carry sign and shift from one patch of each part along the tree to the others."""
-    before = _before(tree, part)
-    count = len(part)
-    key = edges.a.astype(np.int64) * count + edges.b
-    by_key = np.argsort(key)
-    inner = np.flatnonzero(before != np.arange(count))
-    first, last = np.minimum(before[inner], inner), np.maximum(before[inner], inner)
-    place = by_key[np.searchsorted(key[by_key], first * np.int64(count) + last)]
-    # n_before = s n + k, or n = s n_before + k: what is carried is field = sign n + shift
-    sign, shift = np.ones(count, dtype=np.int8), np.zeros(count)
-    sign[inner] = edges.sign[place]
-    forward = before[inner] < inner
-    shift[inner] = np.where(forward, 1, -edges.sign[place]) * edges.shift[place]
-    # each patch leaps to where its leap led before, until all stand at their part's root
-    while (before != before[before]).any():
-        shift = shift[before] + sign[before] * shift
-        sign = sign[before] * sign
-        before = before[before]
-    return sign, shift
+def _carried(
+    tree: Any, part: Indices, key: Indices, signs: Indices, shifts: Array
+) -> tuple[NDArray[np.int8], Array]:
+    """Carry sign and shift from one patch of each part along the tree to the others.
 
-
-def _before(tree: Any, part: Indices) -> Indices:
-    """The patch before each on the way from its part's root along the tree; itself at a root."""
+    Those of a patch a against its neighbour b by their `key`, a times the patches' count and b.
+    """
     count = len(part)
     numbers, roots = np.unique(part, return_index=True)
     roots = roots[numbers >= 0]
     # one patch more, joined to a patch of each part: one walk then reaches all
     joint = csr_array((np.ones(len(roots)), (np.zeros_like(roots), roots)), shape=(1, count))
     system = block_array([[tree, None], [joint, csr_array((1, 1))]], format="csr")
-    _, result = breadth_first_order(system, count, directed=True)
-    number = np.arange(count)
-    return np.where((result[:count] < 0) | (result[:count] == count), number, result[:count])
+    _, walk = breadth_first_order(system, count, directed=True)
+    # the patch before each on the way from its part's root; itself at a root
+    before = np.where((walk[:count] < 0) | (walk[:count] == count), np.arange(count), walk[:count])
+    by_key = np.argsort(key)
+    inner = np.flatnonzero(before != np.arange(count))
+    first, last = np.minimum(before[inner], inner), np.maximum(before[inner], inner)
+    place = by_key[np.searchsorted(key[by_key], first * np.int64(count) + last)]
+    # n_before = s n + k, or n = s n_before + k: what is carried is field = sign n + shift
+    sign, shift = np.ones(count, dtype=np.int8), np.zeros(count)
+    sign[inner] = signs[place]
+    forward = before[inner] < inner
+    shift[inner] = np.where(forward, 1, -signs[place]) * shifts[place]
+    # each patch leaps to where its leap led before, until all stand at their part's root
+    while (before != before[before]).any():
+        shift = shift[before] + sign[before] * shift
+        sign = sign[before] * sign
+        before = before[before]
+    return sign, shift

@@ -26,7 +26,7 @@ Source: Boykov, Veksler & Zabih (2001), IEEE TPAMI 23, 1222, for cuts as moves t
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from itertools import product
 
 import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates
@@ -72,18 +72,9 @@ _PER_UNIT, _ENDLESS = 100.0, 2**30
 
 ZeroPlace = tuple[tuple[int, int], ...]
 """A patch (row, col) on a line of N = 0, or two on its two sides."""
-
-
-@dataclass(frozen=True)
-class AnchorPatch:
-    """Where the order is known: the `patch` (row, col), and the quadratic's `basis` (6,) there.
-
-    `crest`, the crest (half fringes) that it lies on: of that one it does not say the side.
-    """
-
-    patch: tuple[int, int]
-    basis: Array = field(repr=False)
-    crest: int | None = None
+AnchorPatch = tuple[tuple[int, int], int | None]
+"""A patch (row, col) where the order is known, and the crest (half fringes) that it lies on, if
+any: of that one it does not say the side."""
 
 
 @dataclass(frozen=True)
@@ -101,29 +92,6 @@ class _Seam:
     def is_open(self, settled: float = _SETTLED) -> bool:
         """Whether the light does not settle on which side the field lies beyond it."""
         return self.worse <= settled * self.size
-
-    def takes_zero_line(self, order: Array, known: Sequence[ZeroPlace], lines: int) -> bool:
-        """Whether turning over takes one of the signed order's `lines` of N = 0, not `known`."""
-        turned = np.where(self.beyond, self.crest - order, order)
-        return zero_lines(turned, known) < lines
-
-
-@dataclass(frozen=True)
-class _Joints:
-    """Neighbouring patches a, b: their terms half-way, those's variance, and their cost as is."""
-
-    a: Indices
-    b: Indices
-    x: Array
-    y: Array
-    variance: Array
-    cost: Array
-
-    def mirrored(self, which: Mask, crest: int) -> Array:
-        """By how much worse some of them would agree with b mirrored."""
-        y = -self.y[which]
-        y[:, 0] += crest
-        return _cost(self.x[which], y, self.variance[which]) - self.cost[which]
 
 
 def mend_mirrored(patches: Patches, labels: Labels) -> Labels:
@@ -204,41 +172,12 @@ def _not_settled(
     order = terms[..., 0]
     seams = [s for s in _seams(patches, terms, points) if s.crest and s.is_open(_SETTLED_ZERO)]
     lines = 0 if all(seam.is_open() for seam in seams) else zero_lines(order, known)
+    turned = (np.where(seam.beyond, seam.crest - order, order) for seam in seams)
     return [
         seam
-        for seam in seams
-        if seam.is_open() or (lines and seam.takes_zero_line(order, known, lines))
+        for seam, after in zip(seams, turned, strict=True)
+        if seam.is_open() or (lines and zero_lines(after, known) < lines)
     ]
-
-
-def turned_to(
-    patches: Patches,
-    terms: Array,
-    points: Sequence[AnchorPatch],
-    known: Sequence[ZeroPlace],
-    beyond: AnchorPatch,
-    order: float,
-    within: float,
-) -> Array | None:
-    """The terms with what lies beyond an open seam turned over so that a place has a known order.
-
-    Parameters as in `open_seams`; `beyond`, the place; `order`, what is known of it, to `within`.
-    Returns terms (m, n, 6), None where no open seam makes it so.
-    """
-    now = float(beyond.basis @ terms[beyond.patch])
-    within = min(within, abs(abs(now) - order))  # nearer than it is
-    seams = [
-        seam
-        for seam in _not_settled(patches, terms, points, known)
-        if seam.beyond[beyond.patch] and abs(abs(seam.crest - now) - order) < within
-    ]
-    if not seams:
-        return None
-    seam = min(seams, key=lambda s: s.worse)
-    turned = terms.copy()
-    turned[seam.beyond] *= -1.0
-    turned[seam.beyond, 0] += seam.crest
-    return turned
 
 
 def _seams(
@@ -248,58 +187,45 @@ def _seams(
 
     Without points that say a side of the crest, from the largest region.
     """
-    order = terms[..., 0].ravel()
+    shape, order = terms.shape[:2], terms[..., 0].ravel()
     known = np.isfinite(order)
     if not known.any():
         return
-    joints = _joints(patches, terms)
+    pairs = neighbours(patches, terms)
+    both_known = known[pairs[0]] & known[pairs[1]]
+    a, b, *half_way = (part[both_known] for part in pairs)
+    x, y, variance = half_way
+    cost = _cost(x, y, variance)
     low, high = np.percentile(order[known], [0.1, 99.9])
-    for crest in range(int(np.floor(2.0 * low)), int(np.ceil(2.0 * high)) + 1):
-        for band in _BANDS:
-            yield from _about(joints, terms, crest, band, points)
-
-
-def _about(
-    joints: _Joints, terms: Array, crest: int, band: float, points: Sequence[AnchorPatch] | None
-) -> Iterator[_Seam]:
-    """The seams about one crest, which keep to the patches in a band of orders about it."""
-    shape = terms.shape[:2]
-    known = np.isfinite(terms[..., 0]).ravel()
-    from_crest = terms[..., 0].ravel() - 0.5 * crest
-    far = known & (np.abs(from_crest) >= band)
-    if not 0 < np.count_nonzero(far) < np.count_nonzero(known):
-        return
-    same = far[joints.a] & far[joints.b]
-    if points is not None:  # where doubt is enough; what is turned back must be one whole region
-        same &= joints.cost < _AGREE
-    same &= (from_crest[joints.a] > 0.0) == (from_crest[joints.b] > 0.0)
-    graph = _graph(joints.a[same], joints.b[same], np.ones(np.count_nonzero(same)), known.size)
-    region = connected_components(graph, directed=False)[1]
-    sizes = np.bincount(region[far], minlength=region.max() + 1)
-    sides = [p.patch for p in points or () if p.crest != crest]
-    here = np.unique([region[np.ravel_multi_index(p, shape)] for p in sides])
-    if not sides:
-        here = np.array([sizes.argmax()])
-    others = np.setdiff1d(np.flatnonzero(sizes >= _SMALLEST), here)
-    ends = region[joints.a[~same]], region[joints.b[~same]]
-    worse = joints.mirrored(~same, crest)
-    for cut in _cuts(ends, worse, here, others, len(sizes)):
-        across = cut[ends[0]] != cut[ends[1]]
-        if across.any():
-            beyond = (cut[region] & known).reshape(shape)
-            size = float(np.abs(worse[across]).sum())
-            yield _Seam(crest, beyond, float(worse[across].sum()), size)
-
-
-def _joints(patches: Patches, terms: Array) -> _Joints:
-    """The pairs of neighbours of which both are known."""
-    known = np.isfinite(terms[..., 0]).ravel()
-    parts = []
-    for a, b, x, y, variance in neighbours(patches, terms):
-        use = known[a] & known[b]
-        relation = x[use], y[use], variance[use]
-        parts.append((a[use], b[use], *relation, _cost(*relation)))
-    return _Joints(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    crests = range(int(np.floor(2.0 * low)), int(np.ceil(2.0 * high)) + 1)
+    for crest, band in product(crests, _BANDS):  # seams keep to the patches in a band about it
+        from_crest = order - 0.5 * crest
+        far = known & (np.abs(from_crest) >= band)
+        if not 0 < np.count_nonzero(far) < np.count_nonzero(known):
+            continue
+        same = far[a] & far[b]
+        if points is not None:  # where doubt is enough; what is turned back must be a whole region
+            same &= cost < _AGREE
+        same &= (from_crest[a] > 0.0) == (from_crest[b] > 0.0)
+        edges = np.ones(np.count_nonzero(same)), (a[same], b[same])
+        graph = coo_matrix(edges, shape=(known.size, known.size)).tocsr()
+        region = connected_components(graph, directed=False)[1]
+        sizes = np.bincount(region[far], minlength=region.max() + 1)
+        sides = [patch for patch, on_crest in points or () if on_crest != crest]
+        here = np.unique([region[np.ravel_multi_index(p, shape)] for p in sides])
+        if not sides:
+            here = np.array([sizes.argmax()])
+        others = np.setdiff1d(np.flatnonzero(sizes >= _SMALLEST), here)
+        ends = region[a[~same]], region[b[~same]]
+        mirrored = -y[~same]
+        mirrored[:, 0] += crest
+        worse = _cost(x[~same], mirrored, variance[~same]) - cost[~same]
+        for cut in _cuts(ends, worse, here, others, len(sizes)):
+            across = cut[ends[0]] != cut[ends[1]]
+            if across.any():
+                beyond = (cut[region] & known).reshape(shape)
+                size = float(np.abs(worse[across]).sum())
+                yield _Seam(crest, beyond, float(worse[across].sum()), size)
 
 
 def _cost(x: Array, y: Array, variance: Array) -> Array:
@@ -316,12 +242,10 @@ def _cuts(
     a, b, sources, sinks = np.split(at, np.cumsum([len(ends[0]), len(ends[1]), len(here)]))
     root = len(numbers)  # one node more, from which all sources are fed
     room = np.rint(_PER_UNIT * np.maximum(worse, 0.0)).astype(np.int32)
-    graph = _graph(
-        np.concatenate([a, b, np.full(len(sources), root)]),
-        np.concatenate([b, a, sources]),
-        np.concatenate([room, room, np.full(len(sources), _ENDLESS, dtype=np.int32)]),
-        root + 1,
-    )
+    begin = np.concatenate([a, b, np.full(len(sources), root)])
+    end = np.concatenate([b, a, sources])
+    room = np.concatenate([room, room, np.full(len(sources), _ENDLESS, dtype=np.int32)])
+    graph = coo_matrix((room, (begin, end)), shape=(root + 1, root + 1)).tocsr()
     for sink in sinks:
         capacity = graph - maximum_flow(graph, root, int(sink)).flow
         capacity.eliminate_zeros()
@@ -329,11 +253,6 @@ def _cuts(
         beyond = np.zeros(count, dtype=bool)
         beyond[numbers[np.setdiff1d(np.arange(root), reached)]] = True
         yield beyond
-
-
-def _graph(a: Indices, b: Indices, weight: Array, count: int) -> Any:
-    """A square sparse matrix of the edges' weights, those of one pair added up."""
-    return coo_matrix((weight, (a, b)), shape=(count, count)).tocsr()
 
 
 KnownPoint = tuple[float, float, float]
@@ -383,19 +302,6 @@ class KnownOrders:
     corners: tuple[FreeCorner, ...] = ()
 
 
-def known_orders(
-    known: Sequence[KnownPoint | tuple[float, float, float, str]],
-    lines: Sequence[KnownPlaces] = (),
-    corners: Sequence[FreeCorner] = (),
-) -> KnownOrders:
-    """Gather what is known of a frame's orders, given as for `read_free`."""
-    points = [
-        KnownPlaces(((row, col),), order, extremum=turn[0] if turn else None)
-        for row, col, order, *turn in known
-    ]
-    return KnownOrders((*points, *lines), tuple(corners))
-
-
 @dataclass(frozen=True, kw_only=True)
 class StatedPlace:
     """A place of known order: its quadratic's `basis` (6,) in the `patch` about it, its part's f.
@@ -441,16 +347,6 @@ class Stated:
     known: KnownPlaces
     places: tuple[StatedPlace, ...]
 
-    @property
-    def order(self) -> float:
-        """The known order."""
-        return self.known.order
-
-    @property
-    def first(self) -> StatedPlace:
-        """The point, or a line's first place."""
-        return self.places[0]
-
     def cost(self, j: int) -> float:
         """What it costs with j, chi²: a line has one voice."""
         return sum(p.cost(j) for p in self.places) / len(self.places)
@@ -462,18 +358,52 @@ class Stated:
     @property
     def on_line(self) -> bool:
         """Whether the light beside it says the order, and not on which side it is higher."""
-        from_line = abs(2.0 * self.first.field - round(2.0 * self.first.field))
-        near = from_line**2 < CLEAR * STATED_SPREAD**2
+        twice = 2.0 * self.places[0].field
+        near = (twice - round(twice)) ** 2 < CLEAR * STATED_SPREAD**2
         return self.known.is_line or (self.known.says_zero_line and bool(near))
 
     def source(self, p: StatedPlace, terms: Array) -> AnchorPatch:
         """One of its places to look at seams from, by the order's terms (m, n, 6)."""
         crest = round(2.0 * float(p.basis @ terms[p.patch])) if self.on_line else None
-        return AnchorPatch(p.patch, p.basis, crest)
+        return p.patch, crest
 
     def __str__(self) -> str:
-        row, col, order = self.first.point
+        row, col, order = self.places[0].point
         return f"{self.known.key} = {order:g} at row {row:g}, column {col:g}"
+
+
+def turned_to(
+    patches: Patches,
+    terms: Array,
+    used: Sequence[tuple[Stated, StatedPlace]],
+    known: Sequence[ZeroPlace],
+    given: Stated,
+    p: StatedPlace,
+) -> Array | None:
+    """The terms (m, n, 6) with an open seam closed as a place beyond it says.
+
+    As they are where the place fits, since another place of its line has closed it, or roughly, and
+    better beyond no seam; None where it fits neither way. `used`, what they are known by, `known`
+    as in `open_seams`.
+    """
+    now, order = float(p.basis @ terms[p.patch]), given.known.order
+    miss = abs(abs(now) - order)
+    if (miss / p.sigma) ** 2 < CLEAR:
+        return terms
+    within = min(p.within, miss)  # nearer than it is
+    points = [g.source(q, terms) for g, q in used]
+    seams = [
+        seam
+        for seam in _not_settled(patches, terms, points, known)
+        if seam.beyond[p.patch] and abs(abs(seam.crest - now) - order) < within
+    ]
+    if not seams:
+        return terms if miss < p.within else None
+    seam = min(seams, key=lambda s: s.worse)
+    turned = terms.copy()
+    turned[seam.beyond] *= -1.0
+    turned[seam.beyond, 0] += seam.crest
+    return turned
 
 
 def stated_place(

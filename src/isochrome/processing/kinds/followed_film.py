@@ -266,8 +266,9 @@ def _warnings(film: FollowedFilm, index: int, known_share: float) -> tuple[str, 
             again = message(NOT_KNOWN) if stop >= film.count else message(READ_ANEW, stop=stop)
             return (*notes, not_followed(start) + "; " + again)
     begin = film.begin(index)
-    if film.kept[begin].doubts:
-        share = 100.0 * film.kept[begin].doubts / max(1, int(np.count_nonzero(film.data.material)))
+    doubts = np.count_nonzero(film.kept[begin].doubt())
+    if doubts:
+        share = 100.0 * doubts / max(1, int(np.count_nonzero(film.data.material)))
         notes.append(message(DIFFERING, share=share, begin=begin, end=film.end(index)))
     if known_share < 0.5 and index > 0:
         notes.append(message(FEW_FOLLOWED, known_share=100.0 * known_share))

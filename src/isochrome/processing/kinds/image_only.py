@@ -43,7 +43,6 @@ from isochrome.fringes import (
     find_no_load_exposure,
     fit_background_modulation,
     gamma_misfit,
-    known_orders,
     read_free,
     skeletons,
     widened,
@@ -459,15 +458,16 @@ def _read_signal(signal: FrameSignal, scene: Scene) -> tuple[FreeReading, list[s
 def orders_of(scene: Scene) -> KnownOrders:
     """What a `scene` says of the orders in its frames."""
     stated = scene.frames
-    points: list[tuple[float, float, float] | tuple[float, float, float, str]] = [
-        (k.row_px, k.col_px, k.order, k.extremum) if k.extremum else (k.row_px, k.col_px, k.order)
+    points = [
+        KnownPlaces(((k.row_px, k.col_px),), k.order, extremum=k.extremum)
         for k in stated.known_order
     ]
     lines = [
         KnownPlaces(line.places, line.order, f"frames.known_line[{i}]")
         for i, line in enumerate(stated.known_line, start=1)
     ]
-    return known_orders(points, lines, [c for edge in stated.free_boundary for c in edge.corners])
+    corners = tuple(c for edge in stated.free_boundary for c in edge.corners)
+    return KnownOrders((*points, *lines), corners)
 
 
 def wave_of(signal: FrameSignal, scene: Scene) -> tuple[Array, Array]:
