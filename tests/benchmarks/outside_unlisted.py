@@ -35,8 +35,8 @@ class UnlistedContact(Contact):
     """A contact with one fact that no cause describes.
 
     Solid: `tilt` (see `Contact`); stress along a machined surface, `edge_mpa`, that falls over
-    0.3 mm; fringes that are a share `warm` more at the surface, over 0.5 mm; a `second` touch by a
-    share of the load at `second_mm`. Light path: a stressed `window`, fringes and direction as a
+    0.3 mm; fringes that are a share `warm` more at the surface, over 0.5 mm; a `second` touch, a
+    clamp's, by a share of the load at `second_mm`. Light path: a stressed `window`, fringes and direction as a
     complex number; a load that moves by ± `swing` in the exposure; a `ghost` of the picture, a
     share of its light, `ghost_px` away. Camera: rows that shake by `shutter_px` with a period of
     `shutter_rows`; a blur that grows to `blurred_px` at the right edge; a share `smear` of each
@@ -60,8 +60,8 @@ class UnlistedContact(Contact):
         """Fringe order N at places (mm) under a load."""
         share = (np.arange(9) + 0.5) / 9.0 * 2.0 - 1.0
         loads = load_n * (1.0 + self.tilt * share) if self.tilt else np.array([load_n])
-        total = sum(self._difference(x, z, (1.0 - self.second) * part) for part in loads)
-        total = total / len(loads) + self.edge_mpa * np.exp(-z / 0.3)
+        total = sum(self._difference(x, z, part) for part in loads) / len(loads)
+        total = total + self.edge_mpa * np.exp(-z / 0.3)
         if self.second:
             half = 0.02
             press, drag = _strip(x - self.second_mm, np.maximum(z, 1e-9), half)
