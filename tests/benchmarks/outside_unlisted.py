@@ -36,11 +36,11 @@ class UnlistedContact(Contact):
 
     Solid: `tilt` (see `Contact`); stress along a machined surface, `edge_mpa`, that falls over
     0.3 mm; fringes that are a share `warm` more at the surface, over 0.5 mm; a `second` touch, a
-    clamp's, by a share of the load at `second_mm`. Light path: a stressed `window`, fringes and direction as a
-    complex number; a load that moves by ± `swing` in the exposure; a `ghost` of the picture, a
-    share of its light, `ghost_px` away. Camera: rows that shake by `shutter_px` with a period of
-    `shutter_rows`; a blur that grows to `blurred_px` at the right edge; a share `smear` of each
-    pixel's light that goes to the next one.
+    clamp's, by a share of the load at `second_mm`. Light path: a stressed `window`, fringes and
+    direction as a complex number; a load that moves by ± `swing` in the exposure; a `ghost` of the
+    picture, a share of its light, `ghost_px` away. Camera: rows that shake by `shutter_px` with a
+    period of `shutter_rows`; a blur that grows to `blurred_px` at the right edge; a share `smear`
+    of each pixel's light that goes to the next one.
     """
 
     edge_mpa: float = 0.0
