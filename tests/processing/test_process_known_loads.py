@@ -27,7 +27,7 @@ SCENE = {
 @pytest.fixture(scope="module")
 def frames():
     bench = Bench(
-        shape=(150, 158), size_px=120.0, zero_order=0.3, defects=replace(NONE, noise=1.0),
+        shape=(200, 210), size_px=160.0, zero_order=0.3, defects=replace(NONE, noise=1.0),
         residual=lambda x, z: 0.3 * x + 0.2j * z,
     )  # fmt: skip
     images = disc_images(4e-3 * np.array(LOADS), bench, 5)

@@ -99,7 +99,7 @@ class FrameTask:
     @property
     def steps(self) -> int:
         """Frames that make one state."""
-        return len(self.scene.polariscope.step_numbers)
+        return self.kind.frames_a_state(self.scene)
 
 
 _OPENING = 20
