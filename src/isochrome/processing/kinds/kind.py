@@ -109,10 +109,6 @@ class FrameKind:
         """The kind for `count` frames of a `shape`, and what to say of it. Raises InputError."""
         return self, ""
 
-    def frames_a_state(self, scene: Scene) -> int:
-        """Frames that make one state."""
-        return len(scene.polariscope.step_numbers)
-
     def shared(self, source: FrameSource, count: int, progress: RunProgress | None) -> FrameKind:
         """The kind with what the frames of an opened set have in common. Raises PhysicsError."""
         return self
