@@ -357,7 +357,7 @@ _ONE_PLACE = 0.01
 """Over the picture's size: pictures that are no further apart have their numbers once."""
 _PLOT = "plot-"
 """In front of a plot's letter, in the name by which its Axes (and an SVG's group) are known."""
-_PASSES = 2
+_PASSES = 4
 """Times that the height is mended by what the pictures need."""
 _PLACES = 6
 """Decimals of places (over the figure) and heights (mm): the layout's last digits are those of
