@@ -487,7 +487,7 @@ class Curve:
     def svg(self) -> str:
         """The drawing as base64: a picture of its own, as the page's policy forbids its styles."""
         from matplotlib import rc_context
-        from matplotlib.backends.backend_svg import FigureCanvasSVG
+        from matplotlib.backends.backend_svg import FigureCanvasSVG  # `savefig` lays out twice
 
         content = io.BytesIO()
         with rc_context(_SVG):
@@ -499,8 +499,8 @@ class Curve:
             axes.grid(color=PALE, alpha=0.5, lw=FINE_PT)
             axes.set_axisbelow(True)
             style_axes(axes, x_label=self.across)
-            # `savefig` would draw and lay out all twice
-            FigureCanvasSVG(figure).print_svg(content, metadata=_UNDATED)
+            canvas: Any = FigureCanvasSVG(figure)
+            canvas.print_svg(content, metadata=_UNDATED)
         return base64.b64encode(content.getvalue()).decode()
 
 
