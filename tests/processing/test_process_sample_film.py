@@ -39,12 +39,11 @@ def test_load_and_order_of_every_frame_are_the_true_ones(sample, found):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "key", ["load.normal_n", "friction.coefficient", "wear.coefficient_mm2_per_n", "camera.left_mm"]
-)
-def test_values_lie_about_what_was_put_in_as_they_say(sample, found, key):
+def test_values_lie_about_what_was_put_in_as_they_say(sample, found):
     """200 pulls of mean square 1 scatter by a tenth; no jump anywhere in the film.
     Under the swinging load the wear coefficient once jumped by 30 of its uncertainties."""
-    error = found.table[key] - np.array(sample.truth[key])
-    pulls = (error / found.table[f"{key} standard_uncertainty"]).dropna()
-    assert 0.8 < np.sqrt(np.mean(pulls**2)) < 1.3 and np.abs(pulls).max() < 4.5
+    keys = "load.normal_n", "friction.coefficient", "wear.coefficient_mm2_per_n", "camera.left_mm"
+    for key in keys:  # in one process, with the film that is followed once
+        error = found.table[key] - np.array(sample.truth[key])
+        pulls = (error / found.table[f"{key} standard_uncertainty"]).dropna()
+        assert 0.8 < np.sqrt(np.mean(pulls**2)) < 1.3 and np.abs(pulls).max() < 4.5, key
