@@ -23,7 +23,7 @@ from isochrome.simulation import simulate
 Progress = Callable[[str], None]
 
 _SWING = 45
-"""Frames of the sample film that the demo follows: its load has swung once by then."""
+"""Frames of the sample film, every other of which the demo follows: its load swings once."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -70,11 +70,11 @@ class Demo(Result):
 def demo(out: str | Path = "isochrome-demo", *, progress: Progress | None = None) -> Demo:
     """Run the main job on the paper's case and the shipped sample images.
 
-    Simulates `line-contact-wear`; checks and processes the six sample frames (rendered, with a
-    camera's faults); simulates what was found in them; compares the two side by side; follows the
-    sample film (rendered too) for one swing of its load, with load, friction and wear over the
-    distance and the order of every frame; calibrates the fringe value from the sample bending and
-    disc images.
+    Solves the contact of `line-contact-wear`; checks and processes the six sample frames (rendered,
+    with a camera's faults); simulates what was found in them; compares the two side by side;
+    follows the sample film (rendered too) for one swing of its load in every other frame, with
+    load, friction and wear over the distance, and the order; calibrates the fringe value from the
+    sample bending and disc images.
 
     Parameters
     ----------
@@ -114,8 +114,8 @@ def _run(out: str | Path, say: Progress) -> Demo:
     """
     folder, samples = output_folder(out), samples_path()
     contact = samples / "line-contact-wear"
-    say("simulating the paper's case")
-    paper = simulate("line-contact-wear", folder / "paper-simulated")
+    say("pressing and wearing the paper's contact")
+    paper = simulate("line-contact-wear")  # whose frames are drawn below, as they were found
     say("checking the sample frames")
     scene = load_scene(contact / "scene.toml")
     checked = look_through(contact / "captured.tif", scene)
@@ -165,11 +165,11 @@ def _run(out: str | Path, say: Progress) -> Demo:
 
 
 def _follow_film(film: Path, out: Path) -> Processed:
-    """The first swing of the film's load, frame by frame."""
+    """The first swing of the film's load, in every other frame."""
     import xarray
 
     with open_frames(film / "film.avi") as reader:
-        frames = list(islice(reader, _SWING))
+        frames = list(islice(reader, 0, _SWING, 2))
     images = xarray.DataArray(
         np.stack([frame.image for frame in frames]),
         dims=("frame", "row", "col"),

@@ -160,7 +160,7 @@ def test_demo_runs_from_anywhere(isochrome, place):
     assert done.code == 0
     summary = done.json()
     assert max(summary["metrics"]["order_rms_fringe"]) < 0.01
-    assert len(summary["film"]["load.normal_n"]) == 45
+    assert len(summary["film"]["load.normal_n"]) == 23
     said = {text for part in ("frames", "film") for text in summary[part]["warnings"] if text}
     assert said and all(any(text in whole for whole in summary["warnings"]) for text in said)
     assert (place / "Vorführung" / "comparison" / "comparison.png").is_file()

@@ -99,7 +99,7 @@ def test_a_camera_light_and_plates_that_are_not_ideal_are_found_and_named(key, d
     ),
 )  # fmt: skip
 def test_uneven_light_is_described_and_said(defects):
-    freed, _, said = fitted(Defects(**defects))
+    freed, _, said = fitted(Defects(**defects), scene=bench(165, 220), true=bench(165, 220))
     assert freed.light and not freed.causes and freed.fit.chi < 1.03
     assert max(map(abs, pulls(freed.fit))) < 4.0
     assert "the light is more uneven than a quadratic" in said[0]

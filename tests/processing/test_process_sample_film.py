@@ -26,10 +26,10 @@ def found(sample, tmp_path_factory):
 def test_load_and_order_of_every_frame_are_the_true_ones(sample, found):
     truth = np.array(sample.truth["load.normal_n"])
     assert np.abs(found.table["load.normal_n"] / truth - 1.0).max() < 5e-4
-    # every fiftieth frame: below .005 fringe RMS, and on the right branch
+    # two frames: below .005 fringe RMS, and on the right branch
     truth = true_film(isochrome.load_scene(sample.scene))
     order = found.dataset.fringe_order
-    for index, state in list(enumerate(scene_states(truth)))[::50]:
+    for index, state in list(enumerate(scene_states(truth)))[50::100]:
         fine = fine_order(truth, state, POINTS)
         true = fine[POINTS // 2 :: POINTS, POINTS // 2 :: POINTS]
         own = order.sel(frame=index).to_numpy()
@@ -39,12 +39,11 @@ def test_load_and_order_of_every_frame_are_the_true_ones(sample, found):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "key", ["load.normal_n", "friction.coefficient", "wear.coefficient_mm2_per_n", "camera.left_mm"]
-)
-def test_values_lie_about_what_was_put_in_as_they_say(sample, found, key):
+def test_values_lie_about_what_was_put_in_as_they_say(sample, found):
     """200 pulls of mean square 1 scatter by a tenth; no jump anywhere in the film.
     Under the swinging load the wear coefficient once jumped by 30 of its uncertainties."""
-    error = found.table[key] - np.array(sample.truth[key])
-    pulls = (error / found.table[f"{key} standard_uncertainty"]).dropna()
-    assert 0.8 < np.sqrt(np.mean(pulls**2)) < 1.3 and np.abs(pulls).max() < 4.5
+    keys = "load.normal_n", "friction.coefficient", "wear.coefficient_mm2_per_n", "camera.left_mm"
+    for key in keys:  # in one process, with the film that is followed once
+        error = found.table[key] - np.array(sample.truth[key])
+        pulls = (error / found.table[f"{key} standard_uncertainty"]).dropna()
+        assert 0.8 < np.sqrt(np.mean(pulls**2)) < 1.3 and np.abs(pulls).max() < 4.5, key

@@ -36,11 +36,11 @@ def sample(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sample")
     source = samples_path() / "line-contact-wear"
     for name in ("no-load-dark", "no-load-bright", "captured"):
-        frames = np.atleast_3d(tifffile.imread(source / f"{name}.tif").T).T[:2, :247, 165:495]
+        frames = np.atleast_3d(tifffile.imread(source / f"{name}.tif").T).T[:2, :180, 210:450]
         tifffile.imwrite(folder / f"{name}.tif", np.ascontiguousarray(frames))
     scene = load_scene(source / "scene.toml").with_values({
-        "wear.distances_m": [0.0], "camera.width_px": 330, "camera.height_px": 247,
-        "camera.left_mm": -1.0, "camera.blur_px": 0.4,
+        "wear.distances_m": [0.0], "camera.width_px": 240, "camera.height_px": 180,
+        "camera.left_mm": -0.73, "camera.blur_px": 0.4,
     })  # fmt: skip
     honest = scene.with_values({
         key: {"value": scene.get(key) * (1.0 + off * share),

@@ -555,17 +555,19 @@ def _lay_out(
     head_mm: float,
 ) -> None:  # fmt: skip
     """Make the figure as high as its pictures are at their width."""
+    engine: Any = figure.get_layout_engine()
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"Glyph .* missing from font")
         for _ in range(_PASSES):
-            figure.draw_without_rendering()
+            engine.execute(figure)  # which draws nothing: the pictures need not be resampled
             missing = sum(_missing_mm(row) for row in pictures)
             if abs(missing) < 0.1:
                 break
             blocks["pictures"] = round(max(blocks["pictures"] + missing, 10.0), _PLACES)
             grid.set_height_ratios(list(blocks.values()))
             figure.set_figheight((head_mm + sum(blocks.values())) / MM_PER_INCH)
-        figure.draw_without_rendering()
+        else:
+            engine.execute(figure)
     figure.set_layout_engine("none")  # what is saved is what was laid out, at any resolution
 
 
@@ -687,6 +689,7 @@ def _missing_mm(row: Sequence[Axes]) -> float:
     """What the pictures of a row lack in height, or have too much, to be as wide as their place."""
     needed = []
     for axes in row:
+        axes.apply_aspect()
         place, shown = axes.get_window_extent(), axes.get_position(original=True)
         part: Any = axes.figure
         box = shown.width * part.bbox.width, shown.height * part.bbox.height  # in dots

@@ -309,7 +309,7 @@ def misfits(reader: FrameReader, scene: Scene, count: int | None) -> Iterator[tu
     sentence.
     """
     rows, cols = reader.shape
-    wear, steps = scene.wear, len(scene.polariscope.step_numbers)
+    wear, steps = scene.wear, scene.polariscope.frames_a_state
     each = count is not None and count % steps == 0
     if count is not None and not each:
         text = message("frames_not_multiple_polariscope", count=count, steps=steps)

@@ -99,7 +99,7 @@ class FrameTask:
     @property
     def steps(self) -> int:
         """Frames that make one state."""
-        return len(self.scene.polariscope.step_numbers)
+        return self.scene.polariscope.frames_a_state
 
 
 _OPENING = 20

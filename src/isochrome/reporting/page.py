@@ -153,16 +153,17 @@ def encode_frames(frames: Sequence[ReportFrame], *, room: int = ROOM_BYTES) -> l
         share = (room - sum(map(_size, result))) // (len(frames) - done)
         shape = frame.panes[0].values.shape
         stride = max(1, int(np.sqrt(_LEAST_BYTES * np.prod(shape) / share)))
-        encoded = _encoded(frame, stride)
-        while _size(encoded) > share and min(shape) > stride:
-            stride = max(stride + 1, int(stride * np.sqrt(_size(encoded) / share)))
-            encoded = _encoded(frame, stride)
-        finer = encoded | _orders(frame, stride, FINE_STEP)
         # within what whole numbers of the fine step hold
         maps = (order for order in (frame.order, frame.model_order) if order is not None)
         known = (order[np.isfinite(order)] for order in maps)
         holds = all(np.ptp(one) < FINE_STEP * (_LARGEST - 1) for one in known if one.size)
-        result.append(finer if holds and _size(finer) <= share else encoded)
+        encoded = _encoded(frame, stride, FINE_STEP if holds else STEP)
+        if holds and _size(encoded) > share:
+            encoded |= _orders(frame, stride, STEP)
+        while _size(encoded) > share and min(shape) > stride:
+            stride = max(stride + 1, int(stride * np.sqrt(_size(encoded) / share)))
+            encoded = _encoded(frame, stride, STEP)
+        result.append(encoded)
     return result
 
 
@@ -171,7 +172,7 @@ def _size(encoded: dict[str, Any]) -> int:
     return sum(len(p["png"]) for p in encoded["panes"]) + sum(len(m["data"]) for m in maps)
 
 
-def _encoded(frame: ReportFrame, stride: int) -> dict[str, Any]:
+def _encoded(frame: ReportFrame, stride: int, step: float) -> dict[str, Any]:
     """A frame as the page takes it: means over `stride` pixels, and orders in their middle."""
     rows, cols = (size // stride for size in frame.panes[0].values.shape)
     return {name: getattr(frame, name) for name in ("number", "label", "why", "notes")} | {
@@ -188,7 +189,7 @@ def _encoded(frame: ReportFrame, stride: int) -> dict[str, Any]:
              "bar": _png(p, np.linspace(*p.span, _GREYS)[None])}  # from end to end of its span
             for p in frame.panes
         ],
-    } | _orders(frame, stride, STEP)  # fmt: skip
+    } | _orders(frame, stride, step)  # fmt: skip
 
 
 def _orders(frame: ReportFrame, stride: int, step: float) -> dict[str, Any]:
@@ -486,6 +487,7 @@ class Curve:
     def svg(self) -> str:
         """The drawing as base64: a picture of its own, as the page's policy forbids its styles."""
         from matplotlib import rc_context
+        from matplotlib.backends.backend_svg import FigureCanvasSVG  # `savefig` lays out twice
 
         content = io.BytesIO()
         with rc_context(_SVG):
@@ -497,7 +499,8 @@ class Curve:
             axes.grid(color=PALE, alpha=0.5, lw=FINE_PT)
             axes.set_axisbelow(True)
             style_axes(axes, x_label=self.across)
-            figure.savefig(content, format="svg", metadata=_UNDATED)
+            canvas: Any = FigureCanvasSVG(figure)
+            canvas.print_svg(content, metadata=_UNDATED)
         return base64.b64encode(content.getvalue()).decode()
 
 

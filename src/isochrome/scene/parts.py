@@ -412,6 +412,11 @@ class Polariscope(ScenePart):
         """The phase step of each of a state's frames; (None,), one frame, without steps."""
         return tuple(range(len(self.step))) or (None,)
 
+    @property
+    def frames_a_state(self) -> int:
+        """Captured frames that make one state."""
+        return len(self.step_numbers)
+
     @model_validator(mode="after")
     def _light_agrees(self) -> Polariscope:
         given = [k for k in ("light", "spectrum", "lines") if getattr(self, k) is not None]

@@ -231,8 +231,9 @@ def disc_order(grid: DiscPixels, params: ArrayLike) -> Array:
     Parameters: `params`, (centre order, row, column, radius in px, angle of the loads from the
     column direction, rad). Returns (rows, cols).
     """
-    order, *geometry = np.asarray(params, dtype=float)
-    square, along, _ = disc_places(grid.rows, grid.cols, geometry)
+    order, row, col, radius, angle = np.asarray(params, dtype=float)
+    x, z = (grid.cols - col) / radius, (grid.rows - row) / radius
+    square, along = x**2 + z**2, z * np.cos(angle) + x * np.sin(angle)
     below = (1.0 + square) ** 2 - 4.0 * along**2
     return np.asarray(order * np.clip(1.0 - square, 0.0, None) / np.maximum(below, 1e-6))
 
