@@ -53,7 +53,6 @@ _TOLD = {"an order that no cause explains"}
 
 
 def cases():
-    """A case for each kind of frame."""
     return {kind: partial(of_seeds, judged, kind, range(n)) for kind, n in FRAMES.items()}
 
 
@@ -79,7 +78,6 @@ def contact(kind, seed):
 
 
 def judged(kind, seed):
-    """The row of one frame."""
     made, names, rng = contact(kind, seed)
     image = made.frame(int(rng.integers(2**31)))
     tables = made.scene()

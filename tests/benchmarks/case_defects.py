@@ -46,12 +46,10 @@ KEYS = {
 
 
 def cases():
-    """A case for each kind of frame."""
     return {kind: partial(of_seeds, judged, kind, range(n)) for kind, n in FRAMES.items()}
 
 
 def judged(kind, seed):
-    """The row of one frame."""
     rng = np.random.default_rng([seed, list(FRAMES).index(kind)])
     scene = contact(rng)
     names = drawn(kind, seed, rng)

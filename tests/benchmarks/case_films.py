@@ -39,7 +39,6 @@ def films():
 
 
 def cases():
-    """A case for each film."""
     able = find_spec("skfem") is not None  # the ring's truth is by finite elements
     return {name: partial(run_case, name) for name in FILMS if able or "ring" not in name}
 

@@ -77,7 +77,6 @@ def stated_scene(true, rng):
 
 
 def judged(kind, seed):
-    """The row of one frame."""
     true = true_scene(seed)
     rng = np.random.default_rng([seed, 16])
     image = frame(true, Defects(), int(rng.integers(2**31)))

@@ -122,7 +122,6 @@ def there_and_back(length, count):
 
 
 def run_case(name, *, quick):
-    """Rows of one kind of film."""
     from isochrome.processing import process
 
     kind = FILMS[name]
