@@ -22,7 +22,6 @@ def skip_without_browser() -> None:
 
 @contextmanager
 def open_chromium() -> Iterator[Any]:
-    """A browser."""
     from playwright import sync_api
 
     with warnings.catch_warnings(), sync_api.sync_playwright() as driver:

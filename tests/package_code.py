@@ -11,7 +11,6 @@ HOUSE = Path(isochrome.__file__).parent
 
 @cache
 def modules() -> list[Path]:
-    """Every module of the package."""
     return sorted(HOUSE.rglob("*.py"))
 
 

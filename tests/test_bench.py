@@ -243,7 +243,7 @@ def test_an_unknown_suite_is_refused_with_the_known_ones():
 def test_defects_suite_names_a_defect_and_keeps_to_its_uncertainty(tmp_path):
     """The first single one: a roll. Its row, the table and the picture."""
     case = load_benchmarks("case_defects")
-    (row,) = case.frames("single", quick=True)
+    row = case.judged("single", 0)
     assert row.defects == row.found == "roll" and row.named and row.first and not row.refused
     assert 1.0 <= row.over_bound < 1.5
     assert max(abs(row.load_pull), abs(row.friction_pull)) < 4.0 and row.chi < 1.05
@@ -281,7 +281,7 @@ def test_contacts_suite_is_within_the_uncertainty_of_real_contacts(seed):
 @pytest.mark.long
 def test_inputs_suite_covers_the_truth_by_the_whole_uncertainty(tmp_path):
     case = load_benchmarks("case_inputs")
-    rows = [row for kind in case.cases() for row in case.frames(kind, quick=True)]
+    rows = [row for kind in case.cases() for row in case.cases()[kind](quick=True)]
     assert [row.kind for row in rows] == ["held", "asked"]
     # what is held is hardly the noise's, and a frame that is asked says more
     assert all(row.noise_percent < 0.2 * row.combined_percent for row in rows)

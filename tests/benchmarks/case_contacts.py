@@ -14,6 +14,7 @@ from isochrome.scene import load_scene
 from . import case_defects, outside_unlisted
 from .outside_camera import Defects
 from .outside_tractions import RealContact
+from .report import of_seeds
 from .rows import DefectRow
 
 FRAMES = {"clean": 50, "single": 100, "two": 100, "unlisted": 100}
@@ -52,14 +53,7 @@ _TOLD = {"an order that no cause explains"}
 
 
 def cases():
-    """A case for each kind of frame."""
-    return {kind: partial(frames, kind) for kind in FRAMES}
-
-
-def frames(kind, quick, seeds=None):
-    """A row for each frame of a kind, or with `quick` for the first."""
-    seeds = range(FRAMES[kind]) if seeds is None else seeds
-    return [judged(kind, seed) for seed in (seeds[:1] if quick else seeds)]
+    return {kind: partial(of_seeds, judged, kind, range(n)) for kind, n in FRAMES.items()}
 
 
 def contact(kind, seed):
@@ -84,7 +78,6 @@ def contact(kind, seed):
 
 
 def judged(kind, seed):
-    """The row of one frame."""
     made, names, rng = contact(kind, seed)
     image = made.frame(int(rng.integers(2**31)))
     tables = made.scene()

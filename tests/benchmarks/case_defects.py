@@ -14,7 +14,7 @@ from isochrome.frames import Frame
 from isochrome.scene import load_scene
 
 from .outside_camera import Defects, frame
-from .report import lines_of, machine, share_figure
+from .report import lines_of, machine, of_seeds, share_figure
 from .rows import DefectRow
 
 FRAMES = {"clean": 60, "single": 150, "three": 90}
@@ -46,18 +46,10 @@ KEYS = {
 
 
 def cases():
-    """A case for each kind of frame."""
-    return {kind: partial(frames, kind) for kind in FRAMES}
-
-
-def frames(kind, quick, seeds=None):
-    """A row for each frame of a kind, or with `quick` for the first."""
-    seeds = range(FRAMES[kind]) if seeds is None else seeds
-    return [judged(kind, seed) for seed in (seeds[:1] if quick else seeds)]
+    return {kind: partial(of_seeds, judged, kind, range(n)) for kind, n in FRAMES.items()}
 
 
 def judged(kind, seed):
-    """The row of one frame."""
     rng = np.random.default_rng([seed, list(FRAMES).index(kind)])
     scene = contact(rng)
     names = drawn(kind, seed, rng)

@@ -39,7 +39,6 @@ def films():
 
 
 def cases():
-    """A case for each film."""
     able = find_spec("skfem") is not None  # the ring's truth is by finite elements
     return {name: partial(run_case, name) for name in FILMS if able or "ring" not in name}
 
@@ -56,17 +55,17 @@ def run_case(name, *, quick):
         numbers, scene = range(6 if quick else COUNT), film.scene(**film.known())
     with TemporaryDirectory() as place:
         path = Path(place) / "film.tif"
-        _write(path, film, numbers)
+        write_stack(path, map(film.image, numbers))
         many = (1,) if quick else (1, 2)
         return [_row(name, path, film, numbers, scene, workers) for workers in many]
 
 
-def _write(path, film, numbers):
+def write_stack(path, frames):
     import tifffile
 
     with tifffile.TiffWriter(path) as tif:
-        for k in numbers:
-            tif.write(film.image(k), photometric="minisblack", contiguous=True)
+        for frame in frames:
+            tif.write(frame, photometric="minisblack", contiguous=True)
 
 
 def _row(name, path, film, numbers, scene, workers):

@@ -86,7 +86,6 @@ class Rows:
 
 
 def rms(values):
-    """Root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 

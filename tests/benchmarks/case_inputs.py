@@ -13,7 +13,7 @@ from isochrome.frames import Frame
 from isochrome.scene import parse_scene
 
 from .outside_camera import Defects, frame
-from .report import lines_of, machine, share_figure
+from .report import lines_of, machine, of_seeds, share_figure
 from .rows import InputRow
 
 FRAMES = 1000
@@ -56,13 +56,7 @@ bit_depth = 8
 
 def cases():
     """All that is stated held, with its budget; and fitted with its priors where a frame asks."""
-    return {name: partial(frames, name) for name in ("held", "asked")}
-
-
-def frames(kind, quick, seeds=None):
-    """A row for each frame, or with `quick` for the first."""
-    seeds = range(FRAMES) if seeds is None else seeds
-    return [judged(kind, seed) for seed in (seeds[:1] if quick else seeds)]
+    return {kind: partial(of_seeds, judged, kind, range(FRAMES)) for kind in ("held", "asked")}
 
 
 def true_scene(seed):
@@ -83,7 +77,6 @@ def stated_scene(true, rng):
 
 
 def judged(kind, seed):
-    """The row of one frame."""
     true = true_scene(seed)
     rng = np.random.default_rng([seed, 16])
     image = frame(true, Defects(), int(rng.integers(2**31)))

@@ -133,7 +133,6 @@ def judged(seed):
 
 
 def judged_case(case):
-    """The row of one frame."""
     start = time.process_time()
     found = read(case)
     seconds = time.process_time() - start

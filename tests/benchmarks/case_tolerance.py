@@ -18,7 +18,6 @@ TOLERANCES = (1e-3, 1e-4, 1e-5)
 
 
 def cases():
-    """A case for each tolerance."""
     return {f"tolerance {t:g}": partial(courses, t) for t in TOLERANCES}
 
 

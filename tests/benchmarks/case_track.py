@@ -122,7 +122,6 @@ def there_and_back(length, count):
 
 
 def run_case(name, *, quick):
-    """Rows of one kind of film."""
     from isochrome.processing import process
 
     kind = FILMS[name]
@@ -141,7 +140,7 @@ def run_case(name, *, quick):
         if kind.codec:
             films().write_video(film, frames, kind.codec, kind.pixels, kind.options)
         else:
-            _write_stack(film, frames)
+            case_films.write_stack(film, frames)
         if kind.pixels.startswith("yuv"):  # an even number of columns
             width = shape[1] // 2 * 2
             scene = scene.with_values({"camera.width_px": width})
@@ -174,14 +173,6 @@ def _apart(film, scene, kind):
         for run in started:
             run.result()
         return time.perf_counter() - start
-
-
-def _write_stack(path, frames):
-    import tifffile
-
-    with tifffile.TiffWriter(path) as tif:
-        for frame in frames:
-            tif.write(frame, photometric="minisblack", contiguous=True)
 
 
 def _row(name, workers, found, loads, wall, cpu, spent):

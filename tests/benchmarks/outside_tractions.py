@@ -83,7 +83,6 @@ class RealContact(Contact):
         return gap - self.grain_mm * np.maximum(1.0 - away**2, 0.0)
 
     def pressure_mpa(self):
-        """The largest pressure."""
         return float(self.tractions[1].max())
 
     def order(self, x, z):

@@ -33,6 +33,11 @@ def lines_of(head: tuple[str, ...], cells: Sequence[tuple[str, ...]], *, texts: 
     return lines
 
 
+def of_seeds(judged, kind, seeds, quick):
+    """A row for each seed's frame of a kind, or with `quick` for the first."""
+    return [judged(kind, seed) for seed in (seeds[:1] if quick else seeds)]
+
+
 _FOOT = """\
 ratio: time of the fastest setting of the paper's procedure at the same or smaller error over ours,
 on the same grid; in brackets where none is as accurate: to the most accurate one.

@@ -138,6 +138,12 @@ def disc_from_images(images, loads, disc, *, uncertainty=None, **options):
     return disc_from_shots(as_shots(images, loads, **options), given)
 
 
+def assert_agrees(found, bar=1.0, *, times=4.0):
+    """See that a fringe value is within `bar` of the truth, and so many of its uncertainties."""
+    error = abs(found.fringe_value_n_per_mm - F_SIGMA)
+    assert error < bar * F_SIGMA and error < times * found.standard_uncertainty
+
+
 def bending_load(edge_order):
     """P of an edge order: N = 6 M/(h^2 f), M = P (Lo - Li)/4."""
     return edge_order * F_SIGMA * HEIGHT**2 * 4.0 / (6.0 * (OUTER - INNER))

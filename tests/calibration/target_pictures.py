@@ -7,6 +7,8 @@ from functools import cache
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from benchmarks.outside_camera import seen_places
+
 SAMPLES = 3
 """Samples along a pixel's side; an edge is a ramp of one sample's width, not a staircase."""
 
@@ -36,17 +38,6 @@ class Shown:
     spacing_mm: float = 0.62
     blur_px: float = 0.7
     noise: float = 2.0
-
-
-def seen_places(x, z, half, shown):
-    """Where the picture shows places of the target (px): roll, then keystone, then distortion."""
-    phi = np.radians(shown.roll_deg)
-    # z is down: counter-clockwise takes what lies to the right upwards
-    x, z = np.cos(phi) * x + np.sin(phi) * z, -np.sin(phi) * x + np.cos(phi) * z
-    w = 1.0 - shown.keystone_x * x / half[0] - shown.keystone_z * z / half[1]
-    x, z = x / w, z / w
-    stretch = 1.0 + shown.distortion * (x**2 + z**2) / (half[0] ** 2 + half[1] ** 2)
-    return x * stretch, z * stretch
 
 
 def picture(paint, shown, seed=0):

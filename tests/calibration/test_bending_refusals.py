@@ -1,13 +1,12 @@
 """Hostile bending sets through the command: an exit code, one sentence with the cause, no file."""
 
 import re
-import sys
 
 import numpy as np
 import pytest
 import tifffile
 
-from isochrome.cli import main
+from commands import exit_code
 
 from .conftest import HEIGHT, bending_load
 
@@ -30,16 +29,14 @@ def refused(tmp_path, monkeypatch, capsys):
                 tifffile.imwrite(tmp_path / f"b{i}.tif", image)
             text += f'[[image]]\nfile = "b{i}.tif"\nload_n = {load}\n'
         (tmp_path / "set.toml").write_text(text, "utf-8")
-        words = ["isochrome", "calibrate", "bending", str(tmp_path / "set.toml")]
-        monkeypatch.setattr(sys, "argv", [*words, "--out", str(tmp_path / "out")])
-        with pytest.raises(SystemExit) as ended:
-            main()
+        words = ["calibrate", "bending", tmp_path / "set.toml", "--out", tmp_path / "out"]
+        code = exit_code(monkeypatch, *words)
         said = capsys.readouterr()
         assert said.out == ""
         assert not (tmp_path / "out").exists()
         (line,) = [v for v in said.err.splitlines() if v.startswith("isochrome: ")]
         assert "Traceback" not in said.err
-        return ended.value.code, line
+        return code, line
 
     return run
 

@@ -11,7 +11,7 @@ from isochrome.calibration import Uncertainty, calibrate_bending, load_set
 from isochrome.errors import InputError, PhysicsError
 from scene_texts import BENDING_BEAM
 
-from .conftest import BEAM, F_SIGMA, HEIGHT, INNER, OUTER, PIXEL, bending_from_images, bending_load
+from .conftest import BEAM, F_SIGMA, PIXEL, assert_agrees, bending_from_images, bending_load
 
 SMALL = {"shape": (110, 147), "pixel": 0.21}
 """The same beam at a third of the resolution: 95 pixels high, 8 fringes at most in the defaults."""
@@ -29,9 +29,7 @@ def calibrated(frame, edges, seed=0, uncertainty=None, **options):
 
 
 def assert_right(found, bar):
-    error = found.fringe_value_n_per_mm - F_SIGMA
-    assert abs(error) < bar * F_SIGMA
-    assert abs(error) < 4 * found.standard_uncertainty
+    assert_agrees(found, bar)
     assert 0.9 < found.chi < 1.1
     assert abs(found.order_at_zero_load) < 4 * found.order_at_zero_load_uncertainty
 
@@ -92,8 +90,10 @@ def test_the_budget_adds_up(beam_frame):
     found = calibrated(beam_frame, (2.0, 4.0), uncertainty=known, **SMALL)
     parts = {b.name: b.contribution_n_per_mm / F_SIGMA for b in found.budget}
     assert parts["load"] == pytest.approx(0.005, rel=1e-3)
-    assert parts["height"] == pytest.approx(3 * 0.02 / HEIGHT, rel=1e-3)
-    assert parts["spans"] == pytest.approx(math.sqrt(2) * 0.1 / (OUTER - INNER), rel=1e-3)
+    assert parts["height"] == pytest.approx(3 * 0.02 / BEAM.height_mm, rel=1e-3)
+    assert parts["spans"] == pytest.approx(
+        math.sqrt(2) * 0.1 / (BEAM.outer_span_mm - BEAM.inner_span_mm), rel=1e-3
+    )
     assert parts["pixel scale"] == pytest.approx(1e-4 / SMALL["pixel"], rel=1e-3)
     total = math.sqrt(sum(b.contribution_n_per_mm**2 for b in found.budget))
     assert found.standard_uncertainty == pytest.approx(total)
@@ -109,9 +109,7 @@ def test_blurred_and_clipped_images_are_exact_within_what_is_stated(beam_frame, 
     frame = beam_frame(4.0, np.random.default_rng(0), **HALF, **options)
     assert "blur" in options or 0.05 < np.mean(frame == 255) < 0.15
     found = calibrated(beam_frame, (2.5, 4.0), **HALF, **options)
-    error = found.fringe_value_n_per_mm - F_SIGMA
-    assert abs(error) < 1e-3 * F_SIGMA
-    assert abs(error) < 4 * found.standard_uncertainty
+    assert_agrees(found, 1e-3)
 
 
 @pytest.mark.study
@@ -137,9 +135,7 @@ def test_low_orders_are_exact_where_the_images_share_their_light(beam_frame):
     """The bar at one fringe is 0.1 %, from several loads with the residual order free."""
     for edges in ((0.5, 0.75, 1.0), (0.0, 0.6, 1.0)):
         found = calibrated(beam_frame, edges, **HALF)
-        error = found.fringe_value_n_per_mm - F_SIGMA
-        assert abs(error) < 1e-3 * F_SIGMA
-        assert abs(error) < 4 * found.standard_uncertainty
+        assert_agrees(found, 1e-3)
 
 
 @pytest.mark.long

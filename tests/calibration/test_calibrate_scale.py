@@ -11,12 +11,13 @@ from scipy.ndimage import gaussian_filter
 from typer.testing import CliRunner
 
 import isochrome
+from benchmarks.outside_camera import seen_places
 from isochrome.calibration import calibrate_scale, fit_target
 from isochrome.cli import app
 from isochrome.errors import InputError, PhysicsError
 from isochrome.scene import load_scene
 
-from .target_pictures import Shown, bar, chessboard, dots, drawn, seen_places
+from .target_pictures import Shown, bar, chessboard, dots, drawn
 
 BOARD = {"target": "chessboard", "columns": 11, "rows": 8, "spacing_mm": 0.62}
 DOTS = {**BOARD, "target": "dots"}

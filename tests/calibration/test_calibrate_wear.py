@@ -9,8 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 import isochrome
+from commands import exit_code
 from isochrome.calibration import TraceScar, WearSet, calibrate_wear, worn_volumes, write_into_scene
-from isochrome.cli import app, main
+from isochrome.cli import app
 from isochrome.errors import InputError, PhysicsError
 from isochrome.samples import samples_path
 from isochrome.scene import load_scene
@@ -326,10 +327,7 @@ def test_the_command_prints_the_coefficient_and_sets_it_in_a_scene(tmp_path, mon
     assert "value set in scene.toml" in done.stdout
     assert load_scene(tmp_path / "scene.toml").wear.coefficient_mm2_per_n == pytest.approx(K)
     shipped = ["calibrate", "wear", "set.toml", "--into", "line-contact-wear", "--out", "other"]
-    monkeypatch.setattr("sys.argv", ["isochrome", *shipped])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert stop.value.code == 2 and not (tmp_path / "other").exists()
+    assert exit_code(monkeypatch, *shipped) == 2 and not (tmp_path / "other").exists()
 
 
 HEAD = "[scar]\nwidth_mm = 4.0\n"
@@ -380,11 +378,8 @@ def test_a_wrong_set_is_refused_in_a_line_and_leaves_nothing(tmp_path, name, mon
     if trace is not None:
         (tmp_path / "a.csv").write_text(trace, "utf-8")
     before = sorted(p.name for p in tmp_path.iterdir())
-    monkeypatch.setattr("sys.argv", ["isochrome", "calibrate", "wear", "set.toml"])
-    with pytest.raises(SystemExit) as stop:
-        main()
+    assert exit_code(monkeypatch, "calibrate", "wear", "set.toml") == 2
     said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("isochrome: ")]
-    assert stop.value.code == 2
     assert len(said) == 1 and what in said[0]
     assert sorted(p.name for p in tmp_path.iterdir()) == before
 

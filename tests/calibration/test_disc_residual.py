@@ -14,7 +14,7 @@ from isochrome.calibration.disc.api import (
 from isochrome.errors import PhysicsError
 from isochrome.reference import disc_stress
 
-from .conftest import DIAMETER, F_SIGMA, SMALL_DISC, disc_from_images, disc_load
+from .conftest import DIAMETER, F_SIGMA, SMALL_DISC, assert_agrees, disc_from_images, disc_load
 
 CENTRES = (1.5, 2.5, 4.0)
 DISC = Disc(diameter_mm=DIAMETER)
@@ -88,9 +88,7 @@ def test_residual_of_a_third_of_a_fringe_along_the_loads(disc_frame):
         return 0.3 * (1.0 - (x**2 + z**2))
 
     found = calibrated([disc_frame(c, rng, residual=residual, **SMALL_DISC) for c in CENTRES])
-    error = found.fringe_value_n_per_mm - F_SIGMA
-    assert abs(error) < 5e-4 * F_SIGMA  # the bar is 2e-3
-    assert abs(error) < 4 * found.standard_uncertainty
+    assert_agrees(found, 5e-4)  # the bar is 2e-3
     assert found.order_at_zero_load == pytest.approx(0.3, abs=2e-3)  # the bar is 0.02
     assert found.residual["centre_order"] == pytest.approx(0.3, abs=2e-3)
     # the noise that is estimated beside fine fringes is up to a sixth too large
@@ -106,9 +104,7 @@ def test_residual_tensor(round_, uniform):
         return round_ * (x + 1j * z) ** 2 + uniform
 
     found = calibrated([tensor_disc(c, residual, rng) for c in CENTRES])
-    error = found.fringe_value_n_per_mm - F_SIGMA
-    assert abs(error) < 5e-4 * F_SIGMA
-    assert abs(error) < 4 * found.standard_uncertainty
+    assert_agrees(found, 5e-4)
     # as the loads' own directions see it, which lie 2 degrees off the columns
     along = (uniform * np.exp(2j * np.radians(2.0))).real
     assert found.order_at_zero_load == pytest.approx(along, abs=2e-3)
@@ -147,9 +143,7 @@ def test_a_misfit_that_is_no_residual_is_within_what_is_stated(disc_frame, optio
     for centres in ((3.0,), (1.8, 5.0)):
         rng = np.random.default_rng(1)
         found = calibrated([disc_frame(c, rng, **options) for c in centres], centres)
-        error = abs(found.fringe_value_n_per_mm - F_SIGMA)
-        assert error < 1e-3 * F_SIGMA
-        assert error < 2.5 * found.standard_uncertainty
+        assert_agrees(found, 1e-3, times=2.5)
         assert found.residual is None
         if "gamma" in options:
             (cause,) = found.causes

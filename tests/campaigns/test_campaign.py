@@ -16,10 +16,10 @@ import pytest
 
 import isochrome
 from campaigns.conftest import COLS, ROWS, film
+from commands import exit_code
 from isochrome.campaigns import Campaign, Outcome, process_campaign, summary_figure
 from isochrome.campaigns import api as campaign_module
 from isochrome.campaigns import api as run_module
-from isochrome.cli import main
 from isochrome.errors import InputError
 from isochrome.output import write_tiff
 from isochrome.processing import process
@@ -39,14 +39,8 @@ def command(monkeypatch, capfd):
     """Run the command line in this process: exit code, output, errors."""
 
     def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["isochrome", *map(str, arguments)])
         capfd.readouterr()
-        code = 0
-        try:
-            main()
-        except SystemExit as end:
-            code = end.code
-        return code, *capfd.readouterr()
+        return exit_code(monkeypatch, *arguments), *capfd.readouterr()
 
     return run
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from commands import exit_code
 from scene_texts import SMALL_CAMERA, WORN_CONTACT
 
 SMALL_SCENE = WORN_CONTACT + SMALL_CAMERA + "noise_grey = 2.0\nseed = 3\n"
@@ -92,15 +93,7 @@ def quick_isochrome(request, place, monkeypatch, capfd):
     monkeypatch.chdir(place)
 
     def run(*arguments):
-        from isochrome.cli import main
-
-        monkeypatch.setattr(sys, "argv", ["isochrome", *arguments])
         capfd.readouterr()
-        code = 0
-        try:
-            main()
-        except SystemExit as end:
-            code = end.code
-        return Run(code, *capfd.readouterr())
+        return Run(exit_code(monkeypatch, *arguments), *capfd.readouterr())
 
     return run

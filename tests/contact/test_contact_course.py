@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import quad
 
 import isochrome.contact.wear as worn_module
-from hard.hard_cases import constant_course
+from hard.hard_cases import constant_course, table
 from isochrome.contact import (
     contact_states,
     iter_contact_states,
@@ -26,10 +26,6 @@ from isochrome.scene import load_scene
 
 COARSE = {"numerics.spacing_mm": 0.0121, "numerics.tolerance": 1e-3}
 THICKNESS = 4.0
-
-
-def table(*points):
-    return {"distance_m": [p[0] for p in points], "value": [p[1] for p in points]}
 
 
 def scene(**values):

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from hard.hard_cases import COUPLING, HALF_WIDTH, LOAD, MODULUS, PEAK, RADIUS, influence
+from hard.hard_cases import COUPLING, HALF_WIDTH, LOAD, MODULUS, PEAK, RADIUS, influence, parabola
 from isochrome.contact import displacement, make_surface, solve_pressure
 from isochrome.errors import PhysicsError
 from isochrome.reference import hertz_pressure, wedge_half_width, wedge_pressure
@@ -22,10 +22,6 @@ def solved(gap, n, *, half=0.8, load=LOAD, coupling=0.0, modulus=MODULUS, layer=
         n, h, contact_modulus_mpa=modulus, coupling_per_mpa=coupling, layer_mm_per_mpa=layer
     )
     return x, h, solve_pressure(surface, gap(x), load, **options)
-
-
-def parabola(x):
-    return x**2 / (2 * RADIUS)
 
 
 def assert_contact_conditions(state, h, load, wear=0.0):

@@ -3,16 +3,12 @@
 import numpy as np
 import pytest
 
-from hard.hard_cases import RADIUS, eliminated, influence
+from hard.hard_cases import RADIUS, eliminated, influence, table
 from isochrome.benchmarks import load_benchmarks
 from isochrome.contact import contact_states
 from isochrome.scene import load_scene
 
 THICKNESS = 4.0
-
-
-def table(*points):
-    return {"distance_m": [p[0] for p in points], "value": [p[1] for p in points]}
 
 
 def overrun(spacing, tolerance, **values):

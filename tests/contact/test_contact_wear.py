@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from hard.hard_cases import COUPLING, LOAD, MODULUS, RADIUS, constant_course
+from hard.hard_cases import COUPLING, LOAD, MODULUS, constant_course, parabola
 from isochrome.contact import make_surface, wear_history
 
 PER_METRE = 2e-9 * 1e3  # dose per metre of sliding, mm/MPa: k of the paper times 1000 mm
@@ -17,10 +17,6 @@ def history(n, doses, *, half=0.8, friction=0.25, coupling=COUPLING, tolerance=1
     gap = (gap or parabola)(x)
     course, stops = constant_course(LOAD, doses, dose_per_m=1.0, friction=friction)
     return x, surface, list(wear_history(surface, gap, course, stops, tolerance=tolerance))
-
-
-def parabola(x):
-    return x**2 / (2 * RADIUS)
 
 
 @pytest.mark.parametrize(

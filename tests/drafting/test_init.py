@@ -25,7 +25,6 @@ def case():
 
 @pytest.fixture(scope="module")
 def draft(case):
-    """Its scene."""
     return isochrome.init(case.captured, known_of(case))
 
 

@@ -15,10 +15,10 @@ from PIL import Image
 
 import isochrome
 from calibration.target_pictures import Shown, dots
+from commands import exit_code
 from figures.drawn_texts import drawn_texts, outside, overlaps
 from isochrome.calibration import ColourCalibration
 from isochrome.campaigns import Campaign, Outcome
-from isochrome.cli import main
 from isochrome.cli.options import save_paper_figure
 from isochrome.demonstration import Demo
 from isochrome.errors import InputError
@@ -100,7 +100,6 @@ def a_colour_table(worn: dict) -> object:
 
 
 def at(worn: dict, distances: list[float]) -> isochrome.Scene:
-    """The scene with other distances."""
     scene = isochrome.load_scene(worn["home"] / "scene.toml")
     return scene.with_values({"wear.distances_m": distances})
 
@@ -511,12 +510,9 @@ def test_a_campaigns_figure_is_of_its_recordings_or_refused():
 
 def run(monkeypatch, capsys, *arguments) -> tuple[object, dict]:
     """The command line in this process: exit code, and the JSON that it printed."""
-    monkeypatch.setattr("sys.argv", ["isochrome", *map(str, arguments), "--json"])
     capsys.readouterr()
-    with pytest.raises(SystemExit) as end:
-        main()
-    text = capsys.readouterr().out
-    return end.value.code, json.loads(text or "{}")
+    code = exit_code(monkeypatch, *arguments, "--json")
+    return code, json.loads(capsys.readouterr().out or "{}")
 
 
 @pytest.mark.long

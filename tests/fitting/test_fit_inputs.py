@@ -269,7 +269,7 @@ def test_only_what_fringes_follow_is_an_input():
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["held", pytest.param("asked", marks=pytest.mark.study)])
 def test_the_whole_uncertainty_covers_inputs_that_are_off_by_chance(kind):
-    rows = case_inputs.frames(kind, quick=False, seeds=range(6))
+    rows = [case_inputs.judged(kind, seed) for seed in range(6)]
     pulls = np.array([(row.load_pull, row.friction_pull) for row in rows])
     # of 6 draws of 95 % at least 4 in 99.8 of 100 cases (binomial)
     assert np.all((abs(pulls) < case_inputs.COVERED).sum(axis=0) >= 4)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import tifffile
 
+from commands import exit_code
 from fitting.engine_frames import prepared
 from fitting.sliding_bench import FRICTION, LOAD, bench
 from fitting.test_fit_causes import Defects, frame
-from isochrome.cli import main
 from isochrome.errors import PhysicsError
 from isochrome.fitting import cause_messages, fit, fit_with_causes, opposite_shear
 from isochrome.fitting.causes import slips
@@ -89,12 +89,9 @@ HELD = "(chi = 1."
 )
 def test_process_names_the_slip_and_ends_with_3(tmp_path, monkeypatch, capsys, image, slip):
     place = files(tmp_path, *slip(image))
-    arguments = ["process", *place, "--out", str(tmp_path / "out")]
-    monkeypatch.setattr("sys.argv", ["isochrome", *arguments])
-    with pytest.raises(SystemExit) as ended:
-        main()
+    code = exit_code(monkeypatch, "process", *place, "--out", tmp_path / "out")
     said = capsys.readouterr().err.strip().splitlines()[-1]
-    assert ended.value.code == 3 and "nothing could be read in any of its 1 frame " in said
+    assert code == 3 and "nothing could be read in any of its 1 frame " in said
     assert SLIPS[slip] in said and HELD in said
 
 

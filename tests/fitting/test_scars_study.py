@@ -58,7 +58,6 @@ def drawn(folder, number):
 
 
 def judged(folder, number):
-    """A case's figures."""
     folder.mkdir()
     truth, text, listed = drawn(folder, number)
     found = []

@@ -22,7 +22,6 @@ def sample():
 
 
 def without_no_load(scene):
-    """The scene without its no-load frames."""
     none = {"no_load_dark": None, "no_load_bright": None}
     return scene.model_copy(update={"frames": scene.frames.model_copy(update=none)})
 

@@ -5,6 +5,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from closed_forms import disc, grey, point_load, step_light, valley
+from test_fringes_branch import rms
 
 from isochrome.fringes import ResidualStress, read_steps
 from stepped_sets import CIRCULAR, TEN, chains_at
@@ -50,10 +51,6 @@ def pulls(order, turn, uncertainty):
     whole = np.abs(order - np.rint(order)) < 0.05
     places = np.isfinite(order), whole & (order > 0.5), order < 0.1, EDGE & (order > 0.1)
     return [(turn / uncertainty)[place & np.isfinite(turn)] for place in places]
-
-
-def rms(values):
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,6 @@ NO_OUTPUT = {
 
 @cache
 def words() -> dict[str, Any]:
-    """What files.toml holds."""
     return tomllib.loads(WORDS.read_text("utf-8"))
 
 
@@ -51,7 +50,6 @@ def columns() -> set[str]:
 
 
 def page() -> str:
-    """The page as Markdown."""
     from scene_keys import unit
 
     lines = [HEAD, "## Files\n\n"]

@@ -41,7 +41,6 @@ beyond. Paths are relative to the file; write them with / or in single quotes.
 
 
 def page() -> str:
-    """The page as Markdown."""
     parts = [HEAD]
     for title, (model, use) in SETS.items():
         parts.append(f"## {title}\n\nIt is {use}.\n\n")

@@ -21,7 +21,6 @@ COMMAND = "python tests/guide/write_pages.py"
 
 
 def main() -> None:
-    """Write all of them."""
     for topic, page in PAGES.items():
         (GUIDE / f"{topic}.md").write_text(page(), "utf-8")
 

@@ -91,7 +91,6 @@ def worn(distances, *, k=WEAR, friction=None, spacing=None, window=None, toleran
 
 
 def numerics(*, spacing=None, window=None, tolerance=None):
-    """The text of [numerics]."""
     given = {"spacing_mm": spacing, "window_mm": window, "tolerance": tolerance}
     lines = [f"{key} = {value}" for key, value in given.items() if value is not None]
     return "\n".join(["[numerics]", *lines])
@@ -169,6 +168,15 @@ def patches(pressure):
     """Count of separate stretches of contact."""
     inside = np.r_[False, pressure > 0.0]
     return int(np.count_nonzero(np.diff(inside.astype(int)) == 1))
+
+
+def parabola(x):
+    return x**2 / (2 * RADIUS)
+
+
+def table(*points):
+    """What goes with the distance, for a scene."""
+    return {"distance_m": [p[0] for p in points], "value": [p[1] for p in points]}
 
 
 def constant_course(load, distances_m, *, dose_per_m, friction=0.0):

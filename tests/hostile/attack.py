@@ -48,7 +48,6 @@ class Case:
 
     @property
     def name(self) -> str:
-        """The case in words."""
         return self.label or self.make.__name__.replace("_", " ")
 
 

@@ -47,28 +47,22 @@ case(PIXELS, "frame of one pixel",
      "check")  # fmt: skip
 
 
-@hostile(PIXELS, "frame 1", "20 x 64", "remove or crop the odd one", slow=True)
-def pages_of_two_sizes(place: Path) -> list[str]:
+def pages(place: Path, odd: np.ndarray) -> list[str]:
+    """A stack of two pages, the last another one."""
     with tifffile.TiffWriter(place / "f.tif") as tif:
-        for rows in (48, 20):
-            tif.write(picture(rows=rows), metadata=None)
+        for page in (picture(), odd):
+            kind = "rgb" if page.ndim == 3 else "minisblack"
+            tif.write(page, photometric=kind, metadata=None)
     return process("f.tif")
 
 
-@hostile(PIXELS, "frame 1", "colour", "save all frames alike", slow=True)
-def colour_page_among_grey_ones(place: Path) -> list[str]:
-    with tifffile.TiffWriter(place / "f.tif") as tif:
-        tif.write(picture(), metadata=None)
-        tif.write(np.dstack([picture()] * 3), photometric="rgb", metadata=None)
-    return process("f.tif")
-
-
-@hostile(PIXELS, "frame 1", "uint16", "save all frames alike", slow=True)
-def deep_page_among_shallow_ones(place: Path) -> list[str]:
-    with tifffile.TiffWriter(place / "f.tif") as tif:
-        tif.write(picture(), metadata=None)
-        tif.write(picture().astype(np.uint16) * 257, metadata=None)
-    return process("f.tif")
+case(PIXELS, "pages of two sizes", lambda p: pages(p, picture(rows=20)), "frame 1", "20 x 64",
+     "remove or crop the odd one", slow=True)  # fmt: skip
+case(PIXELS, "colour page among grey ones", lambda p: pages(p, np.dstack([picture()] * 3)),
+     "frame 1", "colour", "save all frames alike", slow=True)  # fmt: skip
+case(PIXELS, "deep page among shallow ones",
+     lambda p: pages(p, picture().astype(np.uint16) * 257), "frame 1", "uint16",
+     "save all frames alike", slow=True)  # fmt: skip
 
 
 def folder(place: Path, odd: np.ndarray, suffix: str = ".png") -> list[str]:

@@ -109,27 +109,21 @@ def shrink() -> None:
     meanwhile(lambda: os.truncate("f.tif", 500))
 
 
+def write_on(at: int, data: bytes) -> None:
+    """Write into the recording, `at` bytes from its end."""
+    for name in filter(os.path.exists, ("f.tif", "f.mkv")):
+        with open(name, "r+b") as file:
+            file.seek(at, os.SEEK_END)
+            file.write(data)
+
+
 def change() -> None:
     """Another recording of the same size, written over it."""
-
-    def write() -> None:
-        for name in ("f.tif", "f.mkv"):
-            if os.path.exists(name):
-                with open(name, "r+b") as file:
-                    file.seek(-9, os.SEEK_END)
-                    file.write(b"something")
-
-    meanwhile(write)
+    meanwhile(lambda: write_on(-9, b"something"))
 
 
 def grow() -> None:
-    def write() -> None:
-        for name in ("f.tif", "f.mkv"):
-            if os.path.exists(name):
-                with open(name, "ab") as file:
-                    file.write(b"more")
-
-    meanwhile(write)
+    meanwhile(lambda: write_on(0, b"more"))
 
 
 def of_video(place: Path) -> list[str]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from fitting import sliding_bench
 from isochrome import check, process
 from isochrome.benchmarks import load_benchmarks
 from isochrome.cli import app
@@ -20,13 +21,7 @@ ROWS, COLS = 124, 165
 
 def bench():
     """A static contact of 4 mm x 3 mm in view."""
-    scene = load_scene("line-contact-wear").with_values(
-        {
-            "load.normal_n": 47.3, "polariscope.wavelength_nm": 587.0, "camera.width_px": COLS,
-            "camera.height_px": ROWS, "camera.pixel_mm": 4.0 / COLS,
-        }
-    )  # fmt: skip
-    return scene.model_copy(update={"wear": None, "friction": None})
+    return sliding_bench.bench(ROWS, COLS).model_copy(update={"friction": None})
 
 
 def dark(count):

@@ -120,7 +120,6 @@ class LoadedFilm:
 
     @property
     def count(self):
-        """Frames."""
         return len(self.course)
 
     @cached_property
@@ -165,7 +164,6 @@ class LoadedFilm:
         )
 
     def __str__(self):
-        """What it is."""
         name, top, rate, course = FILMS[self.number]
         return f"{self.number:2d} {name:17s} to {top:4.1f} at {rate:.2f}, {course:6s}"
 
@@ -215,7 +213,6 @@ class KnownFilm(LoadedFilm):
         return {"known_order": [{"row_px": int(row), "col_px": int(col), "order": 0.0}]}
 
     def __str__(self):
-        """What it is."""
         return f"{self.number:2d} {KEYED[self.number][0]:5s} to {self.course.max():4.1f}"
 
 

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from isochrome.reference import StressField
-
 KERNELS = {  # of w = x - t and z, for p = 1 and q = mu: sx, sz, txz
     "sigma_x": lambda w, z, mu: (z * w**2 + mu * w**3) / (w**2 + z**2) ** 2,
     "sigma_z": lambda w, z, mu: (z**3 + mu * z**2 * w) / (w**2 + z**2) ** 2,
@@ -16,22 +14,24 @@ KERNELS = {  # of w = x - t and z, for p = 1 and q = mu: sx, sz, txz
 
 
 @pytest.fixture(scope="session")
-def stress_by_quadrature() -> Callable[..., StressField]:
-    """Stress at points x, z > 0 under p = (a + t)^α (a - t)^β and q = mu p, from the integrals."""
+def assert_quadrature() -> Callable[..., None]:
+    """Check a field at points x, z > 0 against `scale` times the integrals' stress under
+    p = (a + t)^α (a - t)^β and q = mu p."""
 
-    def stress(x, z, *, half_width, powers, friction=0.0):
+    def check(field, x, z, *, half_width, powers, atol, friction=0.0, scale=1.0):
         x, z = np.broadcast_arrays(x, z)
-        values = {name: np.zeros(x.shape) for name in KERNELS}
         for name, kernel in KERNELS.items():
+            truth = np.zeros(x.shape)
             for i in np.ndindex(x.shape):
-                values[name][i], _ = quad(
+                truth[i], _ = quad(
                     lambda t, k=kernel, i=i: -(2.0 / np.pi) * k(x[i] - t, z[i], friction),
                     -half_width, half_width, weight="alg", wvar=powers, limit=400, epsabs=1e-11,
                     epsrel=1e-10,
                 )  # fmt: skip
-        return StressField(**values)
+            # the quadrature was asked for 1e-10 relative or 1e-11 absolute
+            np.testing.assert_allclose(getattr(field, name), scale * truth, rtol=1e-9, atol=atol)
 
-    return stress
+    return check
 
 
 @pytest.fixture(scope="session")

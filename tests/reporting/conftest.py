@@ -8,7 +8,6 @@ from isochrome.reporting import write_report
 
 @pytest.fixture(scope="session")
 def report_file(tmp_path_factory):
-    """A report of two frames."""
     return write_report(tmp_path_factory.mktemp("report") / "report.html", made_content())
 
 
@@ -20,5 +19,4 @@ def hostile_file(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def page(report_file):
-    """Its elements."""
     return Page(report_file)

@@ -129,7 +129,6 @@ def decoded(map_, rows, cols):
 
 
 def data_of(page):
-    """What the script is given."""
     return json.loads(page.inside["script"][0])
 
 

@@ -57,7 +57,6 @@ class Opened:
 
 @pytest.fixture
 def opened(chromium, report_file):
-    """The report of two frames."""
     with Opened(chromium, report_file) as own:
         yield own
 

@@ -64,7 +64,6 @@ class Count:
 
 
 def job(work, count=10, chunk=3, identity=IDENTITY):
-    """A job of `count` items."""
     layers = (Layer("order", "1", "fringe order"),)
     shape = {"row": ROWS, "col": COLS}
     layout = RunLayout(

@@ -28,15 +28,15 @@ def undisturbed(tmp_path_factory):
     return contents(place / "out")
 
 
-def stopped(tmp_path, count, at=7, **keys):
+def stopped(tmp_path, count, at=7, chunk=3, kept=6):
     """A run that is stopped at the keyboard while it computes an item."""
     switch = tmp_path / "switch"
     switch.touch()
     work = replace(count, fail_at=at, switch=switch)
-    with pytest.raises(Stopped, match=r"stopped; . of 10 are finished and kept in .*out\.partial"):
-        run_job(job(work), tmp_path / "out", finish, **keys)
+    words = rf"stopped; {kept} of 10 are finished and kept in .*out\.partial"
+    with pytest.raises(Stopped, match=words):
+        run_job(job(work, 10, chunk), tmp_path / "out", finish)
     switch.unlink()
-    return work
 
 
 def test_results_are_those_of_the_items_in_order(count, tmp_path):
@@ -74,12 +74,7 @@ def test_pictures_of_some_items_have_an_axis_of_their_own(notes, tmp_path, count
 def test_pictures_of_some_items_are_looked_at_when_a_run_goes_on(notes, tmp_path):
     whole = job(Count(notes, every=2), 10, 4)
     run_job(whole, tmp_path / "whole", finish)
-    switch = tmp_path / "switch"
-    switch.touch()
-    work = Count(notes, every=2, fail_at=9, switch=switch)
-    with pytest.raises(Stopped, match="8 of 10"):
-        run_job(job(work, 10, 4), tmp_path / "out", finish)
-    switch.unlink()
+    stopped(tmp_path, Count(notes, every=2), at=9, chunk=4, kept=8)
     (store,) = (tmp_path / "out.partial").glob("results-*/run.zarr/order/c/1/0/0")
     data = bytearray(store.read_bytes())
     at = data.find(truth(6).tobytes())  # the second picture of the second chunk

@@ -21,7 +21,6 @@ def bench(made):
 
 
 def asked(points=(), lines=(), at=(420, 100), **more):
-    """What the page asks."""
     return {"points": list(points), "lines": list(lines), "at": list(at), **more}
 
 

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 import tifffile
 
+from benchmarks.case_memory import long_history
 from isochrome.errors import InputError
 from isochrome.output import read_csv
 from isochrome.runs import Stopped
-from isochrome.scene import dump_scene, load_scene
+from isochrome.scene import dump_scene, parse_scene
 from isochrome.simulation import RenderWork, simulate
 from runs.counting import contents
 from runs.killing import killed_command_ends_the_same, needs_sigkill
@@ -15,14 +16,7 @@ from runs.killing import killed_command_ends_the_same, needs_sigkill
 
 def scene_of(count):
     """A worn contact with noise, small and coarse, at `count` distances."""
-    return load_scene("line-contact-wear").with_values(
-        {
-            "camera.width_px": 64, "camera.height_px": 48, "camera.pixel_mm": 0.05,
-            "camera.left_mm": -1.6, "camera.noise_grey": 2.0, "numerics.spacing_mm": 0.005,
-            "numerics.tolerance": 1e-3, "friction.static_state_first": False,
-            "wear.distances_m": tuple(233.0 * k / (count - 1) for k in range(count)),
-        }
-    )  # fmt: skip
+    return parse_scene(long_history(count)).with_values({"camera.noise_grey": 2.0})
 
 
 SCENE = scene_of(20)
