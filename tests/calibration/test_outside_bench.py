@@ -116,16 +116,12 @@ def test_a_lens_is_found_and_its_value_kept(specimen, key, value):
 
 
 @pytest.mark.long
-def test_a_roll_is_the_specimens_own_angle():
-    found = beam(bench(roll_deg=1.5))
-    assert not found.causes
-    assert_within(found, 0.05)
-
-
-@pytest.mark.long
-def test_a_stated_lens_is_taken():
-    value = 0.01
-    found = beam(bench(distortion=value), camera=Camera(distortion=value))
+@pytest.mark.parametrize(
+    ("drawn", "stated"),
+    [({"roll_deg": 1.5}, {}), ({"distortion": 0.01}, {"camera": Camera(distortion=0.01)})],
+)
+def test_a_roll_is_the_specimens_own_angle_and_a_stated_lens_is_taken(drawn, stated):
+    found = beam(bench(**drawn), **stated)
     assert not found.causes
     assert_within(found, 0.05)
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import tifffile
 
+from commands import exit_code
 from runs.counting import contents
 from scene_texts import BENDING_BEAM
 
@@ -228,16 +229,12 @@ def test_frames_that_were_left_out_are_counted_and_end_with_2(place, quick_isoch
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device here is always full")
 def test_an_output_that_is_full_ends_with_2(place, monkeypatch, capfd):
-    from isochrome.cli import main
-
     monkeypatch.chdir(place)
-    monkeypatch.setattr(sys, "argv", ["isochrome", "check", "gone.tif", "--scene", "small.toml"])
     with contextlib.suppress(OSError), open("/dev/full", "w") as full:  # its end is refused too
         monkeypatch.setattr(sys, "stdout", full)
-        with pytest.raises(SystemExit) as end:
-            main()
+        code = exit_code(monkeypatch, "check", "gone.tif", "--scene", "small.toml")
     monkeypatch.undo()
-    assert end.value.code == 2
+    assert code == 2
     assert "cannot be read or written (No space left on device)" in capfd.readouterr().err
 
 

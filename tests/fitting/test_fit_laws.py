@@ -183,9 +183,6 @@ def test_the_nearest_point_of_a_circle():
     assert place.cost == place.distance == pytest.approx(1.0, abs=2e-3)
 
 
-# In words
-
-
 def law(name, log_evidence, misfit=2.0):
     return LawFit(
         law=name, parameters={}, between=(), misfit=misfit, freedom=3, chi=1.0,
@@ -226,9 +223,6 @@ def test_no_law_fits_where_chance_alone_would_not_leave_its_misfit(chance, said)
     assert WearLaws((best, law("sarkar", -9.0)), (), 1.0).none_fits is said
     # a law with as many parameters as there are stretches fits by itself
     assert not WearLaws((replace(best, freedom=0), law("sarkar", -9.0)), (), 1.0).none_fits
-
-
-# From frames
 
 
 def fitted(folder, truth, **start):

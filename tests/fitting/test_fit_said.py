@@ -57,9 +57,6 @@ def result_of(*fits):
     return make_result(fit_of_each(sequence, fits), list(fits))
 
 
-# What is said
-
-
 def test_a_fit_with_nothing_to_say_says_nothing(alone):
     assert result_of(alone, alone).warnings == ()
 
@@ -123,9 +120,6 @@ def test_an_uncertainty_that_a_file_does_not_hold_is_infinite(tmp_path, alone):
     assert again.frames[1][LEFT]["standard_uncertainty"] == np.inf
     assert again.frames[1][LEFT]["cramer_rao_bound"] == np.inf
     assert again.frames[1][LEFT]["value"] == result.frames[1][LEFT]["value"]
-
-
-# What is refused
 
 
 @pytest.mark.parametrize(("correlation", "refused"), [(0.9994, False), (-0.9996, True)])

@@ -14,9 +14,6 @@ SLIDING = STATIC + "\n[friction]\ncoefficient = 0.25\n"
 WORN = SLIDING + "\n[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [77.0, 155.0]\n"
 
 
-# Fits
-
-
 def test_a_frame_is_fitted_that_stands_on_a_whole_pixel_of_the_fits_grid(tmp_path):
     """Where the fit starts: it is no trap."""
     scene = parse_scene(SLIDING)

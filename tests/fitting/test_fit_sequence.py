@@ -121,9 +121,6 @@ def test_uncertainties_are_those_of_differences_through_the_whole_run():
     assert found[:2] == pytest.approx(exact[:2], rel=0.01)
 
 
-# Fits
-
-
 @pytest.mark.long
 def test_load_friction_and_wear_each_over_distance(tmp_path):
     load = {"distance_m": (0.0, 77.0), "value": (42.0, 45.0)}

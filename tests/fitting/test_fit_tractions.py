@@ -127,9 +127,6 @@ def test_a_scene_without_a_contact_is_refused_before_its_frames_are_read():
         fit("frames-that-are-not-there.tif", disc, ["load.normal_n"], tractions=True)
 
 
-# Slower
-
-
 @pytest.mark.long
 def test_an_unloaded_frame_shows_no_pressure():
     view = Pressed((Patch(0.0, 0.37, 1e-6, 0.0),), **SMALL)

@@ -22,9 +22,6 @@ from isochrome.reference import hertz_peak_pressure
 CYLINDER = f"radius_mm = {RADIUS}"
 
 
-# --- loads --------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("factor", "rest"),
     [
@@ -38,9 +35,6 @@ def test_million_times_the_load_is_refused_for_its_width(factor, rest):
         contact_scene(rest, load=44.0 * factor),
         r"half-width would be .* of the radius .* lower load\.normal_n",
     )
-
-
-# --- windows and scars --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("window", [0.9, 1.0, 1.2])
@@ -65,9 +59,6 @@ def test_window_grows_with_the_scar_when_it_is_free(distance):
     assert not state.pressure_mpa[[0, -1]].any() and not state.wear_depth_mm[[0, -1]].any()
 
 
-# --- grids --------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("rest", "words"),
     [
@@ -82,9 +73,6 @@ def test_window_grows_with_the_scar_when_it_is_free(distance):
 def test_grid_of_too_many_or_too_few_nodes_is_refused(rest, words):
     """Goes wrong: a spacing typed in the wrong unit fills the memory, or leaves no contact."""
     refused(contact_scene(rest), words)
-
-
-# --- profiles -----------------------------------------------------------------------------------
 
 
 @pytest.mark.long
@@ -114,9 +102,6 @@ def test_hill_too_steep_for_small_strains_is_refused(tmp_path):
         contact_scene(indenter=f"{CYLINDER}\n{ridge}", folder=tmp_path),
         r"linear elasticity .* flatten its profile",
     )
-
-
-# --- numbers that are none ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("where", [3, 50])

@@ -21,8 +21,6 @@ from hard.hard_cases import (
 from isochrome.contact import contact_states, solve_pressure
 from isochrome.reference import coupled_contact, coupled_pressure, punch_pressure
 
-# --- corners ------------------------------------------------------------------------------------
-
 
 def flat_error(spacing):
     """Largest relative error of a flat's pressure inside 0.9 a, and of the load left of each x."""
@@ -67,8 +65,6 @@ def test_flats_pressure_is_the_load_times_one_shape(factor):
         other.pressure_mpa / factor, one.pressure_mpa, rtol=0, atol=1e-7 * one.p_max_mpa
     )
 
-
-# --- coupling -----------------------------------------------------------------------------------
 
 COUPLED = {  # Young's moduli (GPa) and Poisson's ratios of block and cylinder, and mu beta
     "nearly incompressible block": ((2.1, 0.4999, 210.0, 0.3), 1.0),
@@ -183,9 +179,6 @@ def test_reversed_friction_mirrors_any_profiles_mirrored_pressure(tmp_path):
     assert np.ptp(one.pressure_mpa - one.pressure_mpa[::-1]) > 0.1 * one.p_max_mpa
 
 
-# --- roughness and ledges -----------------------------------------------------------------------
-
-
 ROUGH = {
     "on the cylinder": (f"radius_mm = {RADIUS}\n", 0.0, 5e-4),
     "on the cylinder, sliding": (f"radius_mm = {RADIUS}\n", 1.0, 5e-4),
@@ -237,9 +230,6 @@ def test_ledge_in_the_profile_makes_a_jump_of_pressure_and_no_nonsense(tmp_path,
     # a ledge higher than the whole indentation is a corner: all the load is left of it
     if height == 5e-3:
         assert not p[x > 0.05].any() and patches(p) == 1
-
-
-# --- any size and count -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("n", [509, 1024])

@@ -24,8 +24,6 @@ from hard.hard_cases import (
 )
 from isochrome.contact import contact_states
 
-# --- corners ------------------------------------------------------------------------------------
-
 
 def flat_history(distances, **options):
     text = worn(distances, spacing=0.01, **options)
@@ -94,9 +92,6 @@ def test_flat_wears_to_uniform_pressure_and_its_corners_only_ever_ease():
     assert last.max() == pytest.approx(LOAD / 1.0, rel=0.011)
 
 
-# --- roughness ----------------------------------------------------------------------------------
-
-
 def write_rough(folder, *, rows, shortest=0.015):
     """Roughness on the cylinder: its table, and the line that names it."""
     table = np.linspace(-0.9, 0.9, rows)
@@ -154,8 +149,6 @@ def test_rough_wear_is_that_of_brute_force(tmp_path):
     assert np.abs(state.wear_depth_mm - depth).max() < 3e-3 * depth.max()
     assert state.p_max_mpa == pytest.approx(p.max(), rel=3e-3)
 
-
-# --- friction that turns round ------------------------------------------------------------------
 
 FORTH = "{ distance_m = [0.0, 120.0, 233.0], value = [0.25, 0.25, -0.25] }"
 CORK = (2.1, 0.0, 210.0, 0.5)
@@ -244,9 +237,6 @@ def test_friction_of_five_wears_without_hanging_and_holds_its_conditions():
         gap = x**2 / (2.0 * RADIUS) + state.wear_depth_mm
         found = violation(x, p, gap, LOAD, modulus=modulus, coupling=coupling, friction=5.0)
         assert found < 1e-7
-
-
-# --- distances ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("distances", [[0.0], [0.0, 0.0], [1e-9], [1e-9, 1e-9, 0.0]])

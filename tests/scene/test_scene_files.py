@@ -166,8 +166,6 @@ def test_a_scene_is_written_with_the_table_and_needs_the_file_no_more(tmp_path):
     assert again.friction == scene.friction and again.table_files == ()
 
 
-# --- long files --------------------------------------------------------------------------------
-
 FEW, FOLLOWED = 200, 2e-4
 """Points of which each is used as it stands, and the share of the largest that lines may miss."""
 ROW_COUNT = 20_000

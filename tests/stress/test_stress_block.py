@@ -36,12 +36,6 @@ def change(series, other, radius):
     return np.abs(fields[0] - fields[1]).max() / np.abs(fields[1]).max()
 
 
-# The point force
-
-
-# The correction
-
-
 def test_a_centred_blocks_corrections_are_even_under_a_normal_force_and_odd_under_a_shear():
     """Mirrored at x = 0, sigma_x under P is the same and under Q its negative; dipoles swap."""
     for force, series in zip(FORCES, block_series(PAPER).unit, strict=True):
