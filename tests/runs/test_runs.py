@@ -28,15 +28,16 @@ def undisturbed(tmp_path_factory):
     return contents(place / "out")
 
 
-def stopped(tmp_path, count, at=7, chunk=3, kept=6):
+def stopped(tmp_path, count, at=7, chunk=3, kept=6, **keys):
     """A run that is stopped at the keyboard while it computes an item."""
     switch = tmp_path / "switch"
     switch.touch()
     work = replace(count, fail_at=at, switch=switch)
     words = rf"stopped; {kept} of 10 are finished and kept in .*out\.partial"
     with pytest.raises(Stopped, match=words):
-        run_job(job(work, 10, chunk), tmp_path / "out", finish)
+        run_job(job(work, 10, chunk), tmp_path / "out", finish, **keys)
     switch.unlink()
+    return work
 
 
 def test_results_are_those_of_the_items_in_order(count, tmp_path):
