@@ -9,8 +9,11 @@ from fitting.sliding_bench import bench
 from isochrome import samples
 from isochrome.contact import SurfaceState
 from isochrome.errors import InputError
+from isochrome.estimation import Evidence, Hypothesis, Sets
 from isochrome.fitting import SceneRenderer, fit_with_causes
+from isochrome.fitting.causes.cause import MODULUS
 from isochrome.fitting.causes.modes import traction_modes
+from isochrome.fitting.causes.score import TRACTIONS, Asked
 from isochrome.scene import dump_scene, load_scene, parse_scene
 from isochrome.simulation import scene_states
 from isochrome.stress import pixel_grid
@@ -63,8 +66,8 @@ LATER = pytest.mark.long
 )
 def test_what_moves_fringes_by_more_than_half_of_one_is_named_alone(kind, seed):
     """A layer, and a wave that parts the contact: from where the scene is, slopes point elsewhere.
-    A worn flat, beside which a modulus is fitted and not named, and shear that is uneven, beside
-    which a roll looks likely until tractions are fitted without it; with a smooth stress both.
+    A worn flat, which a modulus looks like, and shear that is uneven, beside which a roll looks
+    likely until tractions are fitted without it; with a smooth stress both.
 
     Frames by strips of even traction; chi is 3 to 12 as the scene states it.
     """
@@ -73,6 +76,20 @@ def test_what_moves_fringes_by_more_than_half_of_one_is_named_alone(kind, seed):
     assert row.chi < 1.03
     # four standard uncertainties: one in ten thousand
     assert max(abs(row.load_pull), abs(row.friction_pull)) < 4.0
+
+
+def test_a_pressure_that_is_wider_as_a_whole_is_the_tractions():
+    """Of sets with a modulus only those count for it that have no tractions besides."""
+    names = MODULUS.name, TRACTIONS
+    hypotheses = [Hypothesis(n, slice(k, k + 1), np.eye(1), 0.0) for k, n in enumerate(names)]
+    evidence = Evidence(np.eye(2), np.zeros(2), hypotheses)
+    sets = Sets(evidence, ((0,), (0, 1)), np.array([0.3, 0.7]))
+    none = np.zeros((0, 0))
+    asked = Asked(
+        evidence=evidence, given=(), now=np.zeros(2), causes=(), along=none, counted=none,
+        judged=sets,
+    )  # fmt: skip
+    assert asked.chances == pytest.approx({MODULUS.name: 0.3, TRACTIONS: 0.7})
 
 
 @pytest.mark.long

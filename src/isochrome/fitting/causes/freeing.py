@@ -336,7 +336,7 @@ def _plans(freed: Freed[S], asked: Asked, *, before: bool) -> tuple[Asked, list[
     if plans and plans[0].names == freed.fitted.names and plans[0].excess < FAR:
         return asked, []  # what is left lies where blocks do not see it
     # beside what cannot be fitted nothing else is: it would take that for its own
-    plans = plans[: next((k for k, p in enumerate(plans) if p.every != p.names), None)]
+    plans = plans[: next((k for k, p in enumerate(plans) if p.suspects), None)]
     last = next((k for k, p in enumerate(plans) if p.names == freed.fitted.names), len(plans))
     return asked, plans[: last + freed.tractions]  # what is fitted, with tractions that are nearer
 
