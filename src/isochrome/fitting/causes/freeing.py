@@ -51,8 +51,7 @@ _ROUNDS = 16
 _LARGE = 1.03
 """Residual over noise from which sets are told apart by their own fits."""
 _LIKELY, _TRIED = 3, 9
-"""The likeliest sets, and all that are tried: these, the first without one thing, what is fitted
-and that with one more."""
+"""The likeliest sets, and all that are tried of those and what is beside them."""
 _LEAST_EVEN = 0.1
 """Least square, of its size's, at which an even cause begins: it has no slope at nought."""
 _SAME_CHI = 1.01
@@ -211,10 +210,10 @@ def free_causes(solution: S) -> Freed[S]:
 def _moved(freed: Freed[S], seen: set[_Seen]) -> Freed[S] | Asked:
     """The fit with a likelier set, or without what is odd; what was asked where there is none.
 
-    Near the end tractions come to rest first; from afar other sets are looked at before. Of these a
-    shadow goes first: light and lens take its fainter rows for their own. Other pixels are left out
-    where no set is likelier: what is odd may be where a cause is felt most. Sets that were `seen`
-    are not fitted again.
+    Near the end tractions come to rest first; from afar what is odd beside them goes, as their
+    modes are too wide for the surface, and so does a shadow: light and lens take its fainter rows
+    for their own. Other pixels are left out where no set is likelier: what is odd may be where a
+    cause is felt most. Sets that were `seen` are not fitted again.
     """
     asked = freed.asked
     assert asked is not None
@@ -222,14 +221,10 @@ def _moved(freed: Freed[S], seen: set[_Seen]) -> Freed[S] | Asked:
     nearer = _nearer(freed, asked) if near else None
     if nearer is not None:
         return nearer
-    if freed.tractions and not near and asked.outside is not None:
-        without = _left_out(freed, asked.outside)
-        if without is not None:
-            return without
-    if SHADOW in asked.best and asked.beside is not None:
-        without = _left_out(freed, asked.beside)
-        if without is not None:
-            return without
+    if freed.tractions and not near and (without := _left_out(freed, asked.outside)):
+        return without
+    if SHADOW in asked.best and (without := _left_out(freed, asked.beside)):
+        return without
     left = 0 if freed.odd is None else int(freed.odd.sum())
     left += sum(map(len, freed.now.terms))
     here = freed.fitted.names, left, near
@@ -252,7 +247,7 @@ def _moved(freed: Freed[S], seen: set[_Seen]) -> Freed[S] | Asked:
     odd, beside = asked.outside, asked.beside
     if odd is not None and beside is not None and _is_shadow(odd, beside):
         odd = odd | beside  # its faint rows are not seen as such
-    without = None if odd is None else _left_out(freed, odd)
+    without = _left_out(freed, odd)
     if without is None and not near:
         without = _nearer(freed, asked)
     return asked if without is None else without
@@ -274,8 +269,10 @@ def _nearer(freed: Freed[S], asked: Asked) -> Freed[S] | None:
     return nearer if fell > _KEPT * fall else None
 
 
-def _left_out(freed: Freed[S], odd: Mask) -> Freed[S] | None:
+def _left_out(freed: Freed[S], odd: Mask | None) -> Freed[S] | None:
     """The fit without some blocks more; None where there are none, or it cannot be made."""
+    if odd is None:
+        return None
     if freed.odd is not None:
         odd = odd | freed.odd
         if (odd == freed.odd).all():
