@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -129,6 +130,34 @@ def solve_linear(problem: SeparableProblem, signal: Array) -> LinearPart:
         cost=float(np.sum(np.square(residual), dtype=float)),
         negative_share=np.count_nonzero(amplitude <= 0.0) / amplitude.size,
     )
+
+
+def linear_costs(light: Array, dark: Array, data: Array, signals: Array) -> tuple[Array, Array]:
+    """What the best light of each of m signals (m, n) leaves of k pictures, and its mean, (m, k).
+
+    Of weighted pixels: bases `light` (ka, n) and `dark` (kc, n), pictures `data` (k, n). The cost
+    is dᵀd - bᵀ G⁻¹ b, with G and b = (a columns, c columns)ᵀ d the normal equations of each signal.
+    """
+    ka, kc, single = len(light), len(dark), signals.dtype
+    pairs = list(combinations_with_replacement(range(ka), 2))
+    products = np.array([light[i] * light[j] for i, j in pairs], single).T
+    others = np.concatenate((dark, data))
+    cross = (light[:, None] * others).reshape(-1, light.shape[1]).astype(single).T
+    square, crossed = (signals * signals) @ products, signals @ cross
+    crossed = crossed.reshape(len(signals), ka, len(others))
+    gram = np.empty((len(signals), ka + kc, ka + kc))
+    for column, (i, j) in enumerate(pairs):
+        gram[:, i, j] = gram[:, j, i] = square[:, column]
+    gram[:, :ka, ka:] = crossed[..., :kc]
+    gram[:, ka:, :ka] = crossed[..., :kc].swapaxes(1, 2)
+    gram[:, ka:, ka:] = dark @ dark.T
+    diagonal = np.arange(ka + kc)
+    gram[:, diagonal, diagonal] *= 1.0 + _CUTOFF[single.itemsize]
+    right = np.empty((len(signals), ka + kc, len(data)))
+    right[:, :ka], right[:, ka:] = crossed[..., kc:], dark @ data.T
+    found = solve_all(gram, right)
+    explained = np.einsum("mkd,mkd->md", found, right)
+    return np.sum(data**2, axis=1) - explained, light.mean(axis=1) @ found[:, :ka]
 
 
 def evaluate_prepared(problem: SeparableProblem, signal: Array) -> Evaluation:

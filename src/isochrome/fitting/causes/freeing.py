@@ -34,7 +34,8 @@ from isochrome.fitting.causes.score import (
 )
 from isochrome.fitting.causes.slips import Slip, explaining_slip, is_lost
 from isochrome.fitting.causes.solution import Askable, Change, FrameSolution
-from isochrome.fitting.causes.trial import FAR, TOLERANCE, Expected, Trial
+from isochrome.fitting.causes.trial import Expected, Trial
+from isochrome.fitting.frame.far_model import FAR, TOLERANCE
 from isochrome.fitting.frame.frame_fit import fit_with_model, hidden_px
 from isochrome.fitting.frame.unknowns import StatedInputs
 from isochrome.scene import Scene

@@ -1,7 +1,7 @@
 """A frame that its scene does not explain: what small slip in the scene would make it do so.
 
-Each slip is tried by a search on some hundred pixels and a short fit to some thousand. What
-explains the frame is named, and never applied: such a scene is wrong.
+Each slip is tried by a search. What explains the frame is named, and never applied: such a scene is
+wrong.
 """
 
 from collections.abc import Iterator
@@ -14,21 +14,8 @@ import numpy as np
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import FrameData, is_explained
-from isochrome.fitting.frame.frame_fit import Fitted, hidden_px, placed
-from isochrome.fitting.frame.frame_model import FrameModel, RefinedFit, refine_fit
-from isochrome.fitting.frame.single_state import with_numerics
-from isochrome.fitting.frame.unknowns import (
-    BLUR,
-    GAMMA,
-    LEFT,
-    LENS,
-    TOP,
-    fit_region,
-    free_keys,
-    moved_scene,
-    thinning,
-    values_of,
-)
+from isochrome.fitting.frame.frame_fit import Fitted, placed
+from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LEFT, LENS, TOP, free_keys
 from isochrome.fitting.result import TOO_FAR
 from isochrome.fitting.search.cold_start import search_frame
 from isochrome.frames import as_turned
@@ -41,8 +28,6 @@ _LEFT = 1.0 / 16.0
 """Part of what chi² is too large by that a slip may leave, for its small causes."""
 _ALIKE = 0.8
 """Ratio of chi below which a later trial is the better one: mirrored pictures often look alike."""
-_PIXELS = 9_000
-_STEPS = 12
 _ACROSS = (-0.15, 0.15, -0.3, 0.3, -0.45, 0.45)
 _DOWN = (-0.25, 0.25)
 """Places of the contact that are tried, in widths and heights of the picture."""
@@ -82,12 +67,8 @@ class _Candidate:
 
 def is_lost(fitted: Fitted) -> bool:
     """Whether a fit is so far off that its values say nothing."""
-    return not fitted.fit.positive or fitted.fit.chi > _lost_chi(fitted.final)
-
-
-def _lost_chi(found: RefinedFit) -> float:
-    """Residual over noise at which a frame's residual is too much of its fringes' amplitude."""
-    return TOO_FAR * float(np.mean(found.gamma_fit.part.amplitude))
+    fit, light = fitted.fit, fitted.final.gamma_fit.part.amplitude
+    return not fit.positive or fit.chi > TOO_FAR * float(np.mean(light))
 
 
 def explaining_slip(
@@ -231,18 +212,8 @@ def _places(data: FrameData, scene: Scene) -> Iterator[_Candidate]:
 
 def _tried(slip: _Candidate, keys: tuple[str, ...]) -> tuple[float, Scene] | None:
     """Residual over noise of a quick fit, and where it ended; None where it explains nothing."""
-    data, scene = slip.data, slip.scene
     try:
-        minimum = search_frame(data, scene, keys).minima[0]
-        start = with_numerics(moved_scene(scene, keys, minimum.values))
-        stride = thinning(data.light.size, _PIXELS)
-        region = fit_region(start, data.shape, stride, hidden_px(start))
-        model = FrameModel(data, start, keys, region, stride=stride)
-        result = refine_fit(model, values_of(start, keys), tolerance=0.5, iterations=_STEPS)
+        best = search_frame(slip.data, slip.scene, keys)[0]
     except (InputError, PhysicsError):
         return None
-    if result is None or not result.positive:
-        return None
-    if result.chi > _lost_chi(result):
-        return None
-    return result.chi, moved_scene(start, keys, result.values)
+    return None if best.chi > TOO_FAR * best.gain else (best.chi, best.scene)

@@ -18,10 +18,10 @@ from isochrome.fitting.causes.trial import (
     Trial,
     TrialModel,
     light_weights,
-    student_cost,
     through_a_lens,
     trial_side,
 )
+from isochrome.fitting.frame.far_model import student_cost
 from isochrome.fitting.frame.frame_fit import Fitted, FrameFit, fit_with_model, hidden_px
 from isochrome.fitting.frame.frame_model import FrameModel, stored
 from isochrome.fitting.frame.single_state import with_numerics

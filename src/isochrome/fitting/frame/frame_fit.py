@@ -10,7 +10,6 @@ import numpy as np
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import (
-    RIVAL_CHI,
     STEP,
     BudgetInput,
     FrameData,
@@ -28,7 +27,6 @@ from isochrome.fitting.frame.single_state import with_numerics
 from isochrome.fitting.frame.unknowns import (
     BLUR,
     GAMMA,
-    LENS,
     StatedInputs,
     fit_region,
     free_keys,
@@ -36,10 +34,9 @@ from isochrome.fitting.frame.unknowns import (
     moved_scene,
     scales,
     stated_inputs,
-    thinning,
     values_of,
 )
-from isochrome.fitting.search.cold_start import CLEAR, search_frame
+from isochrome.fitting.search.cold_start import CLOSE_CHI, search_frame
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
 
@@ -88,25 +85,14 @@ class FrameFit:
         )
 
 
-_NEAR_PIXELS = 9_000
-_HIDDEN_PX, _ROOM_PX = 14.0, 10.0
 EDGE_PX = 0.75
 """Depth above which no pixel is fitted: there the surface's place decides what is seen."""
 _HALO = 2.5
 """Standard deviations of a blur by which that depth grows (measured at 1.5 px: friction errs by 16
 of its uncertainties without, by less than one with)."""
 
-_CLOSE_CHI = 1.15
-"""Residual over noise of the coarse model, on few pixels, below which a start was the right one."""
-
-_SENSOR = (GAMMA, BLUR, *LENS)
-"""Unknowns that no start is scanned in: they hardly move a fringe, or far from the middle only."""
-
 _LEAST_BLUR_PX = 0.3
 """Where a free blur starts at least: from none it has no slope."""
-
-_RIVALS = 3
-"""Minima of the search that are looked at more closely where its quick model cannot tell them."""
 
 _CHANCE = 100.0
 """Wald's statistic of an illumination that noise alone does not reach: it leaves up to 21 where
@@ -201,7 +187,7 @@ def _fit_toned(
         fit = made.fit
         if best is None or (fit.positive, -fit.chi) > (best.fit.positive, -best.fit.chi):
             best = made
-        if best.fit.positive and best.fit.chi <= _CLOSE_CHI:
+        if best.fit.positive and best.fit.chi <= CLOSE_CHI:
             break
     assert best is not None
     return best
@@ -214,13 +200,10 @@ def _fit_begun(
     others: tuple[Minimum, ...] = ()
     prior = stated.prior(keys)
     scene = _with_some_blur(scene, keys)
-    near = None if start is _Start.RESTED else _coarse(data, scene, keys, prior)
-    if start is _Start.RESTED:
-        best = scene
-    elif near and (start is _Start.NEAR or (near.chi <= _CLOSE_CHI and near.clear)):
-        best = near.scene
-    else:
-        best, others = _searched(data, scene, keys, prior)
+    best = scene
+    if start is not _Start.RESTED:
+        near, *rivals = search_frame(data, scene, keys, prior, cold=start is _Start.COLD)
+        best, others = near.scene, tuple(one.minimum for one in rivals)
     best = _with_some_blur(best, keys)  # few pixels do not show a little one
     fine = with_numerics(best.model_copy(update={"numerics": scene.numerics}))
     model, final = _final(data, fine, keys, prior)
@@ -280,58 +263,6 @@ def _is_seen(gamma_fit: GammaFit) -> bool:
     # fringes of something else are no noise, though neighbours share them
     near = block_correlation(gamma_fit.problem.keep, gamma_fit.residual, most_px=4)
     return gain > _CHANCE * gamma_fit.noise * near
-
-
-@dataclass(frozen=True)
-class _Coarse:
-    """Where a coarse fit led: `scene`, `values` (p,), `chi`; `clear`, light well above noise."""
-
-    scene: Scene
-    values: Array
-    chi: float
-    clear: bool
-
-
-def _coarse(data: FrameData, scene: Scene, keys: tuple[str, ...], prior: Prior) -> _Coarse | None:
-    """The fit from a scene's own values to few pixels; None where the light comes out negative."""
-    stride = thinning(data.light.size, _NEAR_PIXELS)
-    region = fit_region(scene, data.shape, stride, _HIDDEN_PX)
-    coarse = with_numerics(scene, nodes_per_pixel=1, tolerance=1e-2, room=1.4)
-    assert scene.camera is not None
-    sharp = scene.camera.blur_px == 0.0 and BLUR not in keys
-    model = FrameModel(
-        data, coarse, keys, region, stride=stride, hidden_px=_HIDDEN_PX - _ROOM_PX, rough=sharp,
-        prior=prior,
-    )  # fmt: skip
-    solution = refine_fit(model, values_of(scene, keys), tolerance=0.5, iterations=12)
-    if solution is None or not solution.positive:
-        return None
-    return _Coarse(
-        moved_scene(scene, keys, solution.values),
-        solution.values,
-        float(np.sqrt(solution.gamma_fit.cost / model.pixels.size)),
-        bool(np.mean(solution.gamma_fit.part.amplitude) >= CLEAR),
-    )
-
-
-def _searched(
-    data: FrameData, scene: Scene, keys: tuple[str, ...], prior: Prior
-) -> tuple[Scene, tuple[Minimum, ...]]:
-    """The scene that a search leads to, and the other minima by rising chi."""
-    scanned = tuple(key for key in keys if key not in _SENSOR)
-    places = search_frame(data, scene, scanned).minima
-    scenes = [moved_scene(scene, scanned, place.values) for place in places]
-    minima = [Minimum(values_of(s, keys), m.chi) for s, m in zip(scenes, places, strict=True)]
-    limit = RIVAL_CHI * minima[0].chi
-    rivals = [m for m in minima if m.chi <= limit][:_RIVALS]
-    if len(rivals) == 1 and not set(keys) & set(LENS):
-        return scenes[0], tuple(minima[1:])
-    refined = [_coarse(data, moved_scene(scene, keys, m.values), keys, prior) for m in rivals]
-    solutions = sorted(filter(None, refined), key=lambda r: r.chi)
-    if not solutions:
-        return scenes[0], tuple(minima[1:])
-    others = [Minimum(r.values, r.chi) for r in solutions[1:]]
-    return solutions[0].scene, (*others, *(m for m in minima if m.chi > limit))
 
 
 def _final(

@@ -200,7 +200,7 @@ def trust_of_slopes(gamma_fit: GammaFit, stride: int = 1) -> Array:
     there[keep] = 1.0
     size = max(3, _ABOUT_PX // stride)
     mean = uniform_filter(image, size)[keep] / np.maximum(uniform_filter(there, size)[keep], 1e-6)
-    return np.asarray(1.0 / np.sqrt(1.0 + 2.0 * np.square(mean * gain)), np.float32)
+    return np.asarray(1.0 / np.hypot(1.0, sqrt(2.0) * mean * gain), np.float32)
 
 
 def _problem(pixels: Pixels, data: Array, weight: Array) -> SeparableProblem:

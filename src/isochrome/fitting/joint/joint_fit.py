@@ -30,7 +30,8 @@ from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.blocks import FrameBlocks, SolvedFrame
 from isochrome.fitting.causes.score import LightTerms
 from isochrome.fitting.causes.solution import Change, whole_picture
-from isochrome.fitting.causes.trial import TOLERANCE, Expected, Trial, through_a_lens, trial_side
+from isochrome.fitting.causes.trial import Expected, Trial, through_a_lens, trial_side
+from isochrome.fitting.frame.far_model import TOLERANCE
 from isochrome.fitting.frame.frame_fit import FrameFit, hidden_px, placed
 from isochrome.fitting.frame.renderer import SceneRenderer
 from isochrome.fitting.frame.single_state import with_numerics

@@ -1,229 +1,317 @@
-"""A cold start: from a frame and a scene whose values are far off to the basin of the truth.
+"""A cold start: from a frame and a scene whose values are far off to the truth.
 
-The basin of an intensity fit is only 0.8 to 1.1 of the load. Here a quick model of the same scene
-(`search.coarse_fields`) is held against some hundred pixels at thousands of values, over all that a
-cold scene may be wrong by; the best few descend side by side, and their rivals a fringe of bulk
-stress away are tried as well. A scene whose own values lead to the noise is taken at its word, and
-nothing else is tried.
+What a fit of few pixels comes to rest in (`FarModel.settled`) from a scene's own values, or else
+from the best values of a scan (`search.scan`), each in turn until one leaves the noise alone. In
+clear light nothing else can look as good, and the rest is not tried.
 """
 
-from collections.abc import Callable, Iterator
+from __future__ import annotations
+
+from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import product
+from itertools import islice
 
 import numpy as np
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import FrameData, Minimum
-from isochrome.fitting.arrays import Array
+from isochrome.estimation import FrameData, Minimum, Prior, linear_costs, no_prior, prepare
+from isochrome.fitting.arrays import Array, Mask
+from isochrome.fitting.frame.far_model import FarModel
 from isochrome.fitting.frame.renderer import scene_optics
-from isochrome.fitting.frame.single_state import is_held
-from isochrome.fitting.frame.unknowns import fit_region, thinning, values_of
-from isochrome.fitting.search.coarse_fields import (
-    BULK,
+from isochrome.fitting.frame.single_state import is_held, with_numerics
+from isochrome.fitting.frame.unknowns import (
     FRICTION,
     LEFT,
     LOAD,
-    SHEAR,
-    THETA,
-    TOP,
+    SMOOTH_KEYS,
+    TANGENTIAL,
     WEAR,
-    Descended,
-    SearchPixels,
-    Space,
-    bulk_hops,
-    descend,
-    field_maker,
-    search_values,
-    theta_of,
+    fit_region,
+    moved_scene,
+    thinning,
+    values_of,
 )
+from isochrome.fitting.search.scan import LOAD_STEP, SHEAR_STEP, Rung, ladder, rungs, shears_to
 from isochrome.scene import Scene
-
-FOUND_CHI = 1.1
-"""Residual over noise at which a search has arrived."""
+from isochrome.stress import PixelGrid, pixel_grid
 
 CLEAR = 25.0
 """Light over noise above which a wrong solution cannot look as good as that (a hop leaves 0.02 of
 the light): in a frame that is noisier the scan is never left out."""
+CLOSE_CHI = 1.15
+"""Residual over noise of the coarse model, on few pixels, below which a start was the right one."""
 
-_SCAN_PIXELS, _FINE_PIXELS = 520, 1200
+_SCAN_PIXELS, _PIXELS = 520, 4_000
 _NOISIEST = 8.0
+"""Times more pixels that a noisy frame is fitted on."""
+_HIDDEN_PX, _ROOM_PX = 14.0, 10.0
 _HIDDEN = 1.0 / 13.0
 """Share of the picture's height below the surface where the contact decides what is seen."""
 
-_STARTS, _LEFT, _KEPT, _HOPPED = 48, 16, 6, 2
-"""How many minima go on: from the scan, after a first descent, to the fine pixels, to hop from."""
-
-_STEPS = 4
-_APART = np.array([0.02, 0.03, 0.03, 0.1, 0.1, 0.005, 0.005])
-"""Distance of two minima: ln P, Q/P, mu, ln k, fringes of bulk stress, widths of the picture."""
-
-WIDEST_LOAD = 4.2
-"""Factor in load, either way, that is tried."""
-
-_CONTACT_LOADS, _BODY_LOADS = 24, 96
-"""Loads tried: in a contact the far pixels, of low order, keep a basin of 10 %; a disc has none."""
-
-_SHEAR_STEP = 0.2
+_STARTS = 6
+"""Starts of a scan that are tried (of 60 contacts, the first leads to the truth in 56)."""
+WIDEST_LOAD, _WIDEST_DOSE = 4.2, 2.5
+"""Factors in load and in the worn dose, either way, that are scanned."""
+_DOSE_STEP = 1.0
 _MOST_SHEAR = 0.5
-"""Largest Q/P that is tried where friction itself is unknown."""
-
-_WEAR = np.geomspace(0.3, 3.3, 5)
-_PLACES = np.linspace(-0.075, 0.075, 5)
-"""Places tried across, in widths of the picture."""
-
+"""Largest Q/P that is scanned where friction itself is unknown."""
+SLIPPING = 0.98
+"""Largest tangential force of a held contact that is tried, over what friction can hold."""
+_PLACES = 2
+"""Places across that are scanned, either way, a few hundredths of the picture apart."""
+BULK = SMOOTH_KEYS[0]
 _BULK_FRINGES = np.arange(-12, 13) / 3.0
-_ROWS = 40
 
 
 @dataclass(frozen=True)
-class Search:
-    """What a search found: `minima`, by rising chi, their values in the order of its keys.
+class Settled:
+    """Where a start came to rest: `scene`, `values` (p,), `chi`; `gain`, light over noise."""
 
-    `scanned`, False where the scene's own values led to the noise and nothing else was tried.
+    scene: Scene
+    values: Array
+    chi: float
+    gain: float
+
+    @property
+    def found(self) -> bool:
+        """Whether it leaves the noise alone, and light is so clear that nothing else does."""
+        return self.chi <= CLOSE_CHI and self.gain >= CLEAR
+
+    @property
+    def minimum(self) -> Minimum:
+        """Its values and chi."""
+        return Minimum(self.values, self.chi)
+
+
+def settle(
+    data: FrameData,
+    scene: Scene,
+    keys: tuple[str, ...],
+    prior: Prior | None = None,
+    *,
+    pixels: float = _PIXELS,
+) -> Settled | None:
+    """Where few pixels lead from a scene's values; None where that is to no light."""
+    stride = thinning(data.light.size, pixels)
+    region = fit_region(scene, data.shape, stride, _HIDDEN_PX)
+    try:
+        coarse = with_numerics(scene, nodes_per_pixel=1, tolerance=1e-2, room=1.4)
+        model = FarModel(
+            data, coarse, keys, region, stride=stride, hidden_px=_HIDDEN_PX - _ROOM_PX,
+            prior=prior or no_prior(len(keys)),
+        )  # fmt: skip
+        result = model.settled(values_of(scene, keys))
+    except PhysicsError:
+        return None
+    if result is None or not result.positive:
+        return None
+    chi = float(np.sqrt(np.mean(np.square(model.residual(result)))))
+    gain = float(np.mean(model.amplitude(result)))
+    return Settled(moved_scene(scene, keys, result.values), result.values, chi, gain)
+
+
+def search_frame(
+    data: FrameData,
+    scene: Scene,
+    keys: tuple[str, ...],
+    prior: Prior | None = None,
+    *,
+    cold: bool = True,
+) -> tuple[Settled, ...]:
+    """What a frame's fringes may have come from, by rising chi; one where that needs no scan.
+
+    Parameters: `data`; `scene`, one state with its place written out; `keys`, the unknowns, with a
+    `prior`; `cold`, whether load, wear, friction and bulk stress may be far off, so that what the
+    scene's own values lead to may be wrong. Raises InputError for a key that is no number in the
+    scene, PhysicsError where no values give fringes of the right contrast.
     """
-
-    minima: tuple[Minimum, ...]
-    scanned: bool
-
-
-def search_frame(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> Search:
-    """Find the values that a frame's fringes may have come from.
-
-    Parameters: `data`; `scene`, one state with its place written out: load, wear and friction may
-    be far off; `keys`, the unknowns (those that are not in `coarse_fields.THETA` stay as they are).
-    Returns a Search. Raises InputError for a key that is no number in the scene, PhysicsError
-    where no values give fringes of the right contrast.
-    """
-    space = _space(scene, keys, data.shape[1])
-    own = theta_of(scene)
-    pixels = _thinning(data, scene)
-    fine = pixels(_FINE_PIXELS)
-    near = _with_hops(fine, descend(fine, own[None], space, steps=12), space)
-    noisy = (CLEAR / max(float(near.gain[0]), 1e-3)) ** 2
-    if near.sound[0] and near.chi[0] <= FOUND_CHI and noisy <= 1.0:
-        return Search(_minima(near, scene, keys), scanned=False)
-    coarse = pixels(_SCAN_PIXELS)
-    rows = starting_rows(own, space, contact=scene.indenter is not None)
-    starts = best_of_scan(coarse, rows, space, _STARTS)
-    if len(starts):
-        first = _distinct(descend(coarse, starts, space, steps=_STEPS), space, _LEFT)
-        led = _distinct(descend(coarse, first.theta, space, steps=_STEPS), space, _KEPT)
-        if noisy > 1.0:
-            fine = pixels(round(_FINE_PIXELS * min(noisy, _NOISIEST)))
-            near = descend(fine, near.theta, space, steps=_STEPS)
-        result = descend(fine, led.theta, space, steps=_STEPS)
-        near = _with_hops(fine, _distinct(near.joined(result), space, _KEPT), space)
-    if not np.isfinite(near.chi[0]):
-        raise PhysicsError("no_start_gives_positive")
-    return Search(_minima(near, scene, keys), scanned=True)
-
-
-def _space(scene: Scene, keys: tuple[str, ...], width_px: int) -> Space:
-    """What of θ is free."""
-    values_of(scene, keys)  # numbers, or refused
-    free = [i for i, key in enumerate(THETA) if key in keys]
-    wear = scene.wear
-    if wear is None or not scene.wear_coefficient_at(0.0) or not max(wear.distances_m):
-        free = [i for i in free if i != WEAR]
-    optics = scene_optics(scene)
-    assert scene.camera is not None and scene.camera.pixel_mm is not None
-    size = np.ones(len(THETA))
-    size[BULK] = optics.fringe_value_n_per_mm / optics.thickness_mm
-    size[[LEFT, TOP]] = width_px * scene.camera.pixel_mm
-    return Space(np.array(free, dtype=np.intp), size, is_held(scene))
-
-
-def _thinning(data: FrameData, scene: Scene) -> Callable[[int], SearchPixels]:
-    """A function that takes about so many pixels, away from where the model decides the picture."""
-    usable = data.valid & fit_region(scene, data.shape, 1, _HIDDEN * data.shape[0])
-    if not usable.any():
-        raise InputError("no_valid_pixel_below", name=data.name)
-    make_field = field_maker(scene)
-
-    def pixels(count: int) -> SearchPixels:
-        stride = thinning(int(np.count_nonzero(usable)), count)
-        return SearchPixels(data, scene, make_field, usable, stride)
-
-    return pixels
-
-
-def _with_hops(pixels: SearchPixels, found: Descended, space: Space) -> Descended:
-    """Minima and what lies a fringe of bulk stress beside the best of them, by rising chi."""
-    hops = bulk_hops(found.theta[:_HOPPED], space)
-    if len(hops):
-        found = found.joined(descend(pixels, hops, space, steps=_STEPS))
-    return _distinct(found, space, len(found.chi))
-
-
-def _distinct(found: Descended, space: Space, count: int) -> Descended:
-    """The best `count` minima that are not next to each other, sound ones first; one at least."""
-    apart = (_APART * space.size)[space.free]
-    selected: list[int] = []
-    for i in found.order:
-        if selected and (len(selected) == count or not np.isfinite(found.chi[i])):
+    near = settle(data, scene, keys, prior)
+    if near is not None and (not cold or near.found):
+        return (near,)
+    noisy = min(max(1.0, (CLEAR / near.gain) ** 2), _NOISIEST) if near else 1.0
+    pixels = noisy * _PIXELS
+    if near is not None and noisy > 1.0:
+        near = settle(data, near.scene, keys, prior, pixels=pixels)
+    lattice = _Lattice.of(data, scene, keys)
+    found = [near] if near else []
+    for start in islice(_scanned(data, scene, lattice), _STARTS):
+        found = _with(found, settle(data, start, keys, prior, pixels=pixels), lattice)
+        if found and found[0].found:
             break
-        far = np.abs(found.theta[selected] - found.theta[i])[:, space.free] / apart
-        if not selected or (far.size and far.max(axis=1).min() > 1.0):
-            selected.append(int(i))
-    return found.rows(selected)
+    if not found:
+        raise PhysicsError("no_start_gives_positive")
+    for rival in lattice.rivals(found[0].scene):
+        found = _with(found, settle(data, rival, keys, prior, pixels=pixels), lattice)
+    return tuple(found)
 
 
-def _minima(found: Descended, scene: Scene, keys: tuple[str, ...]) -> tuple[Minimum, ...]:
-    """The minima as values of the keys."""
-    minima: list[Minimum] = []
-    for i in found.order:
-        if np.isfinite(found.chi[i]) and (not minima or found.sound[i]):
-            values = dict(zip(keys, values_of(scene, keys).tolist(), strict=True))
-            values |= search_values(found.theta[i], keys)
-            minima.append(Minimum(np.array([*values.values()]), float(found.chi[i])))
-    return tuple(minima)
+def _with(found: list[Settled], one: Settled | None, lattice: _Lattice) -> list[Settled]:
+    """What was found with one more, by rising chi; of two that are alike, the better."""
+    result: list[Settled] = []
+    for each in sorted([*found, *([one] if one else [])], key=lambda s: s.chi):
+        if not any(lattice.alike(each.scene, other.scene) for other in result):
+            result.append(each)
+    return result
 
 
-def starting_rows(theta: Array, space: Space, *, contact: bool) -> Array:
-    """Rows θ (m, 7) over load, shear or friction, wear and place about a scene's; bulk stays."""
-    choices = [np.array([value]) for value in theta]
-    free = set(space.free.tolist())
-    if LOAD in free:
-        count = _CONTACT_LOADS if contact else _BODY_LOADS
-        choices[LOAD] = theta[LOAD] + np.log(WIDEST_LOAD) * np.linspace(-1.0, 1.0, count)
-    if SHEAR in free:
-        limit = 0.9 * abs(theta[FRICTION])
-        if FRICTION in free:
-            limit = max(limit, _MOST_SHEAR)
-        choices[SHEAR] = _middles(limit)
-    elif FRICTION in free and not space.held:
-        choices[FRICTION] = _middles(max(0.6, 1.5 * abs(theta[FRICTION])))
-    if WEAR in free:
-        choices[WEAR] = theta[WEAR] + np.log(_WEAR)
-    if LEFT in free and contact:
-        choices[LEFT] = theta[LEFT] + space.size[LEFT] * _PLACES
-    return space.allowed(np.array(list(product(*choices))))
+@dataclass(frozen=True)
+class _Lattice:
+    """The values of some `keys` that are scanned about a `scene`'s, on every `stride`-th pixel."""
+
+    scene: Scene
+    keys: tuple[str, ...]
+    stride: int
+
+    @classmethod
+    def of(cls, data: FrameData, scene: Scene, keys: tuple[str, ...]) -> _Lattice:
+        """That of a frame."""
+        usable = _usable(data, scene)
+        if not usable.any():
+            raise InputError("no_valid_pixel_below", name=data.name)
+        return cls(scene, keys, thinning(int(np.count_nonzero(usable)), _SCAN_PIXELS))
+
+    @property
+    def held(self) -> bool:
+        """Whether a tangential force holds the contact."""
+        return is_held(self.scene)
+
+    @property
+    def loads(self) -> Array:
+        """Loads, N."""
+        load = self.scene.load_at(0.0)
+        return load * ladder(WIDEST_LOAD, LOAD_STEP) if LOAD in self.keys else np.array([load])
+
+    @property
+    def doses(self) -> Array:
+        """Worn depths over the scene's."""
+        wear = self.scene.wear
+        worn = wear is not None and self.scene.wear_coefficient_at(0.0) > 0.0
+        if WEAR in self.keys and wear is not None and worn and max(wear.distances_m) > 0.0:
+            return ladder(_WIDEST_DOSE, _DOSE_STEP)
+        return np.ones(1)
+
+    @property
+    def shears(self) -> Array:
+        """Frictions, or Q/P."""
+        friction = self.scene.friction_at(0.0) if self.scene.friction else 0.0
+        if self.held and TANGENTIAL in self.keys:
+            limit = 0.9 * abs(friction)
+            return shears_to(max(limit, _MOST_SHEAR) if FRICTION in self.keys else limit)
+        if FRICTION in self.keys and not self.held:
+            return shears_to(max(0.6, 1.5 * abs(friction)))
+        return np.array([_shear(self.scene)])
+
+    @property
+    def places(self) -> int:
+        """How many of the strided pixels the contact may lie aside, either way."""
+        return _PLACES if LEFT in self.keys and self.scene.is_contact else 0
+
+    @property
+    def fringe_mpa(self) -> float:
+        """The bulk stress of a fringe."""
+        return 1.0 / scene_optics(self.scene).order_per_mpa
+
+    @property
+    def bulks(self) -> Array:
+        """Bulk stresses besides the scene's, MPa."""
+        return _BULK_FRINGES * self.fringe_mpa if BULK in self.keys else np.zeros(1)
+
+    def moved(self, load: float, dose: float, aside: int, shear: float, bulk: float) -> Scene:
+        """The scene of one of its places."""
+        values: dict[str, float] = {LOAD: load}
+        if WEAR in self.keys and self.scene.wear is not None:
+            values[WEAR] = dose * self.scene.get(WEAR)
+        if LEFT in self.keys:
+            values[LEFT] = self.scene.get(LEFT) + aside * self._aside_mm
+        if self.held:
+            values[TANGENTIAL] = shear * load
+            if FRICTION in self.keys:
+                values[FRICTION] = max(abs(self.scene.get(FRICTION)), abs(shear) / SLIPPING)
+        elif self.scene.friction is not None:
+            values[FRICTION] = shear
+        if BULK in self.keys:
+            values[BULK] = self.scene.get(BULK) + bulk
+        return self.scene.with_values(values)
+
+    def rivals(self, scene: Scene) -> list[Scene]:
+        """A fringe pattern's nearest rivals, a fringe of bulk stress away: far from the contact
+        that adds a constant.
+        """
+        if BULK not in self.keys:
+            return []
+        return [
+            scene.with_values({BULK: scene.get(BULK) + hop * self.fringe_mpa}) for hop in (-1, 1)
+        ]
+
+    def alike(self, scene: Scene, other: Scene) -> bool:
+        """Whether two scenes are within a step of each other in all that is scanned."""
+        return bool(np.abs(self._steps(scene) - self._steps(other)).max() <= 1.0 + 1e-6)
+
+    def _steps(self, scene: Scene) -> Array:
+        """A scene's values in steps."""
+        load, wear = scene.load_at(0.0), scene.wear_coefficient_at(0.0)
+        assert scene.load is not None
+        return np.array([
+            np.log(load) / LOAD_STEP,
+            np.log(max(wear, 1e-300)) / _DOSE_STEP,
+            _shear(scene) / SHEAR_STEP,
+            scene.get(LEFT) / self._aside_mm,
+            (scene.load.bulk_mpa or 0.0) / self.fringe_mpa * 3.0,
+        ])  # fmt: skip
+
+    @property
+    def _aside_mm(self) -> float:
+        assert self.scene.camera is not None and self.scene.camera.pixel_mm is not None
+        return self.stride * self.scene.camera.pixel_mm
 
 
-def best_of_scan(pixels: SearchPixels, rows: Array, space: Space, count: int) -> Array:
-    """The best `count` starts (count, 7) among rows θ (m, 7), each with many bulk stresses."""
-    bulks = _BULK_FRINGES * space.size[BULK] if BULK in space.free else np.zeros(1)
-    chi = np.concatenate(list(_scanned(pixels, rows, bulks)))
-    order = np.argsort(chi, axis=None, kind="stable")[:count]
-    order = order[np.isfinite(chi.ravel()[order])]
-    row, bulk = np.unravel_index(order, chi.shape)
-    starts = rows[row].copy()
-    starts[:, BULK] += bulks[bulk]
-    return starts
+def _shear(scene: Scene) -> float:
+    """A scene's friction, or Q/P where it is held."""
+    if is_held(scene):
+        assert scene.load is not None and scene.load.tangential_n is not None
+        return scene.load.tangential_n / scene.load_at(0.0)
+    return float(scene.friction_at(0.0)) if scene.friction else 0.0
 
 
-def _scanned(pixels: SearchPixels, rows: Array, bulks: Array) -> Iterator[Array]:
-    """chi (some, bulks) of the rows, some at a time: bulk stress only adds to their fields."""
-    for first in range(0, len(rows), _ROWS):
-        field = pixels.field.difference(rows[first : first + _ROWS])
-        chi = np.empty((len(field), len(bulks)))
-        for i, bulk in enumerate(bulks):
-            chi[:, i] = pixels.misfit(pixels.optics.signal(field + bulk if bulk else field)).chi
-        yield chi
+def _usable(data: FrameData, scene: Scene) -> Mask:
+    """Pixels (rows, cols) away from where the model decides the picture."""
+    return data.valid & fit_region(scene, data.shape, 1, _HIDDEN * data.shape[0])
 
 
-def _middles(limit: float) -> Array:
-    """Values about zero, to `limit` either way, at the middles of equal steps."""
-    count = 2 * max(1, int(np.ceil(limit / _SHEAR_STEP)))
-    return limit * (2.0 * np.arange(count) + 1.0 - count) / count
+def _scanned(data: FrameData, scene: Scene, lattice: _Lattice) -> Iterator[Scene]:
+    """The scenes of a lattice that leave least, best first, none within a step of another."""
+    thin = data.every(lattice.stride)
+    keep = _usable(data, scene)[:: lattice.stride, :: lattice.stride]
+    problem = prepare(
+        thin.light, mask=keep, sigma=thin.sigma, illumination=thin.illumination,
+        background=thin.background,
+    )  # fmt: skip
+    grid, aside = pixel_grid(scene, data.shape).every(lattice.stride), lattice.places
+    wide = grid if not aside else PixelGrid(
+        rows=grid.rows, cols=grid.cols + 2 * aside, left_mm=grid.left_mm - aside * grid.pixel_mm,
+        top_mm=grid.top_mm, pixel_mm=grid.pixel_mm,
+    )  # fmt: skip
+    optics, shears, bulks = scene_optics(scene), lattice.shears, lattice.bulks
+    solved: list[Rung] = []
+    costs: list[Array] = []
+    for rung in rungs(scene, wide, lattice.loads.tolist(), lattice.doses.tolist()):
+        fields = rung.fields(shears)
+        windows = [fields[:, :, k : k + grid.cols][:, keep] for k in range(2 * aside + 1)]
+        every = np.array(windows)[:, :, None] + bulks[:, None].astype(np.float32)
+        signals = optics.signal(every.reshape(-1, problem.size)).astype(np.float32)
+        cost, light = linear_costs(problem.light, problem.dark, problem.data[None], signals)
+        costs.append(np.where(light > 0.0, cost, np.inf).reshape(every.shape[:3]))
+        solved.append(rung)
+    every = np.array(costs)
+    chosen: list[Scene] = []
+    for flat in np.argsort(every, axis=None, kind="stable"):
+        k, place, shear, bulk = np.unravel_index(flat, every.shape)
+        if not np.isfinite(every[k, place, shear, bulk]):
+            return
+        rung = solved[k]
+        one = lattice.moved(
+            rung.load, rung.dose, int(place) - aside, float(shears[shear]), float(bulks[bulk])
+        )
+        if not any(lattice.alike(one, other) for other in chosen):
+            chosen.append(one)
+            yield one

@@ -1,0 +1,158 @@
+"""A frame's model that comes to rest from far: by what its slopes are right in, then as in
+Student's t, with images of the field's changes that are kept while it moves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from isochrome.estimation import STEP
+from isochrome.fitting.arrays import Array
+from isochrome.fitting.frame.frame_model import (
+    FrameModel,
+    GammaFit,
+    LocalModel,
+    RefinedFit,
+    local_model,
+    refine_fit,
+    trust_of_slopes,
+)
+from isochrome.fitting.frame.renderer import scene_optics
+from isochrome.fitting.frame.unknowns import BLUR, moved_scene, scales
+
+TOLERANCE = 0.5
+"""Last step, in standard uncertainties."""
+_NEARER_STEPS, FAR, _STALLED = 3, 1.5, 0.8
+"""Steps with one weight of the slopes; the residual's variance over the noise's below which none
+is needed, and what must be left of it where they help."""
+_PASSES = 12
+"""Steps of a fit."""
+_DEGREES = 5.0
+"""Degrees of freedom of the noise's Student's t."""
+_OPTICAL = ("polariscope.", "frames.", "specimen.fringe_value", "specimen.thickness", BLUR)
+"""How keys begin that change more than the field, or something else."""
+_AMPLITUDE = np.float32(0.03)
+"""Change of an amplitude, in standard deviations of its prior."""
+
+
+def student_root(residual: Array) -> Array:
+    """Root of the weights (n,) that residuals have in Student's t."""
+    return np.asarray(np.sqrt((_DEGREES + 1.0) / (_DEGREES + np.square(residual))), np.float32)
+
+
+def student_cost(residual: Array) -> float:
+    """-2 ln of Student's t of the residuals, up to a constant."""
+    return float(np.sum((_DEGREES + 1.0) * np.log1p(np.square(residual) / _DEGREES), dtype=float))
+
+
+class FarModel(FrameModel):
+    """A `FrameModel` on every few pixels or blocks, with amplitudes of fields behind its unknowns.
+
+    `fields` (k, rows, cols), MPa; by default none.
+    """
+
+    fields: Array
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.fields = np.empty((0, *self.pixels.keep.shape), np.complex64)
+        self._root = np.ones(self.pixels.size, np.float32)
+        self._turns: dict[int, tuple[Array, np.float32]] = {}
+
+    @property
+    def count(self) -> int:
+        """Number of amplitudes."""
+        return len(self.fields)
+
+    def signal(
+        self, values: Array, *, visibility: Array | None = None, keys: tuple[str, ...] | None = None
+    ) -> Array | None:
+        """The signal at the pixels (n,), as of a `FrameModel`."""
+        number = len(values) - self.count
+        if self.count:
+            amplitudes = np.asarray(values[number:], np.float32)
+            self.renderer.added = np.tensordot(amplitudes, self.fields, 1)
+        return super().signal(values[:number], visibility=visibility, keys=keys)
+
+    def settled(self, values: Array) -> RefinedFit | None:
+        """Where it comes to rest from `values` (p,); None where it makes no scene.
+
+        First by what its slopes are right in, the more the nearer it comes: so a start that is
+        fringes off near the contact leads to no other minimum. What no noise explains then counts
+        as in Student's t: dust decides nothing.
+        """
+        every, cost = np.ones_like(self._root), np.inf
+        while True:
+            self._weigh(every)
+            here = self.at(values)
+            if here is None:
+                return None
+            if here.cost < FAR * every.size or here.cost > _STALLED * cost:
+                break
+            cost, trust = here.cost, trust_of_slopes(here, self.renderer.stride)
+            self._weigh(trust)
+            nearer = refine_fit(self, values, tolerance=1.0, iterations=_NEARER_STEPS)
+            if nearer is None:
+                return None
+            values = nearer.values
+        self._weigh(student_root(here.residual))
+        result = refine_fit(self, values, tolerance=TOLERANCE, iterations=_PASSES)
+        if result is not None:
+            self._weigh(student_root(self.residual(result)))
+            result = refine_fit(self, result.values, tolerance=TOLERANCE, iterations=_PASSES)
+        return result
+
+    def residual(self, result: RefinedFit) -> Array:
+        """What a fit has left (n,), over the pixels' noise."""
+        return np.asarray(result.gamma_fit.residual / self._root)
+
+    def amplitude(self, result: RefinedFit) -> Array:
+        """A fit's light (n,), over the pixels' noise."""
+        return np.asarray(result.gamma_fit.part.amplitude / self._root)
+
+    def _weigh(self, root: Array) -> None:
+        """Give each pixel the root of a weight (n,) besides its noise's."""
+        own = self.pixels.weight / self._root
+        self.pixels, self._root = replace(self.pixels, weight=own * root), root
+        self._turns.clear()
+
+    def linearise(self, values: Array, gamma_fit: GammaFit) -> LocalModel:
+        """Derivatives at some values, where the linear solution is known."""
+        number = len(self.keys)
+        rows = np.empty((number + self.count, self.pixels.size), np.float32)
+        here = moved_scene(self.scene, self.keys, values[:number])
+        field, shown = self.renderer.order_field(here)
+        field = np.nan_to_num(field)  # a lens may move a pixel off the specimen
+        if not self._turns:
+            self._turns = self._turned(values[:number], field)
+        for j in set(range(number)) - set(self._turns):
+            rows[j] = self._slopes(self.keys, values, range(j, j + 1), gamma_fit)[0]
+        turns = {**self._turns, **{number + k: (f, _AMPLITUDE) for k, f in enumerate(self.fields)}}
+        if self.renderer.added is not None:
+            field = field + self.renderer.added
+        optics, signal, gain = scene_optics(here), gamma_fit.part.signal, gamma_fit.part.amplitude
+        for j, (turn, step) in turns.items():
+            moved = optics.signal(field + step * turn, visibility=shown)
+            rows[j] = (moved[self.pixels.keep] - signal) * (gain / step)
+        names = (*self.keys, *(f"mode {k}" for k in range(self.count)))
+        return local_model(names, values, gamma_fit, rows, self.prior)
+
+    def _turned(self, values: Array, field: Array) -> dict[int, tuple[Array, np.float32]]:
+        """How the field (rows, cols) turns with each unknown that leaves the optics as they are, by
+        its number, and a step of that.
+
+        Fringes are soon others, and their slopes with them; what turns them changes little.
+        """
+        turns: dict[int, tuple[Array, np.float32]] = {}
+        for j, (key, size) in enumerate(zip(self.keys, scales(self.scene, self.keys), strict=True)):
+            if key.startswith(_OPTICAL):
+                continue
+            moved, step = values.copy(), STEP * size
+            moved[j] += step if moved[j] + step <= self.limits.high[j] else -step
+            turned = self.renderer.field_alone(moved_scene(self.scene, self.keys, moved))
+            step = moved[j] - values[j]
+            turns[j] = (np.nan_to_num(turned) - field) / np.float32(step), np.float32(step)
+        return turns
