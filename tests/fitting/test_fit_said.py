@@ -214,7 +214,7 @@ def test_a_scene_is_taken_at_its_word_where_the_light_is_25_times_the_noise(nois
     data = prepared(simulate(seen).frames[0], seen)
     found = search_frame(data, seen, (LOAD, LEFT, "load.bulk_mpa"))
     assert found.scanned is scanned
-    assert found.minima[0].chi < 1.1
+    assert found.found[0].chi < 1.1
 
 
 # Frames without fringes

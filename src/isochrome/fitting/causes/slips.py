@@ -213,7 +213,8 @@ def _places(data: FrameData, scene: Scene) -> Iterator[_Candidate]:
 def _tried(slip: _Candidate, keys: tuple[str, ...]) -> tuple[float, Scene] | None:
     """Residual over noise of a quick fit, and where it ended; None where it explains nothing."""
     try:
-        best = search_frame(slip.data, slip.scene, keys)[0]
+        best = search_frame(slip.data, slip.scene, keys).found[0]
     except (InputError, PhysicsError):
         return None
-    return None if best.chi > TOO_FAR * best.gain else (best.chi, best.scene)
+    lost = not best.positive or best.chi > TOO_FAR * best.gain
+    return None if lost else (best.chi, best.scene)

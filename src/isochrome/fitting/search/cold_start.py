@@ -65,22 +65,37 @@ _BULK_FRINGES = np.arange(-12, 13) / 3.0
 
 @dataclass(frozen=True)
 class Settled:
-    """Where a start came to rest: `scene`, `values` (p,), `chi`; `gain`, light over noise."""
+    """Where a start came to rest: `scene`, `values` (p,), `chi`; `gain`, light over noise.
+
+    Not `positive`: the light is none.
+    """
 
     scene: Scene
     values: Array
     chi: float
     gain: float
+    positive: bool
 
     @property
     def found(self) -> bool:
         """Whether it leaves the noise alone, and light is so clear that nothing else does."""
-        return self.chi <= CLOSE_CHI and self.gain >= CLEAR
+        return self.positive and self.chi <= CLOSE_CHI and self.gain >= CLEAR
 
     @property
     def minimum(self) -> Minimum:
         """Its values and chi."""
         return Minimum(self.values, self.chi)
+
+
+@dataclass(frozen=True)
+class Search:
+    """What a search found, those with light first, by rising chi.
+
+    `scanned`, False where the scene's own values led to the noise and nothing else was tried.
+    """
+
+    found: tuple[Settled, ...]
+    scanned: bool
 
 
 def settle(
@@ -91,7 +106,7 @@ def settle(
     *,
     pixels: float = _PIXELS,
 ) -> Settled | None:
-    """Where few pixels lead from a scene's values; None where that is to no light."""
+    """Where few pixels lead from a scene's values; None where those make no scene."""
     stride = thinning(data.light.size, pixels)
     region = fit_region(scene, data.shape, stride, _HIDDEN_PX)
     try:
@@ -103,11 +118,13 @@ def settle(
         result = model.settled(values_of(scene, keys))
     except PhysicsError:
         return None
-    if result is None or not result.positive:
+    if result is None:
         return None
     chi = float(np.sqrt(np.mean(np.square(model.residual(result)))))
     gain = float(np.mean(model.amplitude(result)))
-    return Settled(moved_scene(scene, keys, result.values), result.values, chi, gain)
+    return Settled(
+        moved_scene(scene, keys, result.values), result.values, chi, gain, result.positive
+    )
 
 
 def search_frame(
@@ -117,18 +134,21 @@ def search_frame(
     prior: Prior | None = None,
     *,
     cold: bool = True,
-) -> tuple[Settled, ...]:
-    """What a frame's fringes may have come from, by rising chi; one where that needs no scan.
+) -> Search:
+    """Find the values that a frame's fringes may have come from.
 
     Parameters: `data`; `scene`, one state with its place written out; `keys`, the unknowns, with a
     `prior`; `cold`, whether load, wear, friction and bulk stress may be far off, so that what the
     scene's own values lead to may be wrong. Raises InputError for a key that is no number in the
     scene, PhysicsError where no values give fringes of the right contrast.
     """
+    values_of(scene, keys)  # numbers, or refused
     near = settle(data, scene, keys, prior)
-    if near is not None and (not cold or near.found):
-        return (near,)
-    noisy = min(max(1.0, (CLEAR / near.gain) ** 2), _NOISIEST) if near else 1.0
+    if near is not None and (near.found or (near.positive and not cold)):
+        return Search((near,), scanned=False)
+    noisy = 1.0
+    if near is not None and near.positive:
+        noisy = min(max(1.0, (CLEAR / near.gain) ** 2), _NOISIEST)
     pixels = noisy * _PIXELS
     if near is not None and noisy > 1.0:
         near = settle(data, near.scene, keys, prior, pixels=pixels)
@@ -142,13 +162,13 @@ def search_frame(
         raise PhysicsError("no_start_gives_positive")
     for rival in lattice.rivals(found[0].scene):
         found = _with(found, settle(data, rival, keys, prior, pixels=pixels), lattice)
-    return tuple(found)
+    return Search(tuple(found), scanned=True)
 
 
 def _with(found: list[Settled], one: Settled | None, lattice: _Lattice) -> list[Settled]:
     """What was found with one more, by rising chi; of two that are alike, the better."""
     result: list[Settled] = []
-    for each in sorted([*found, *([one] if one else [])], key=lambda s: s.chi):
+    for each in sorted([*found, *([one] if one else [])], key=lambda s: (not s.positive, s.chi)):
         if not any(lattice.alike(each.scene, other.scene) for other in result):
             result.append(each)
     return result
