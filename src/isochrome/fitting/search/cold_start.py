@@ -31,7 +31,15 @@ from isochrome.fitting.frame.unknowns import (
     thinning,
     values_of,
 )
-from isochrome.fitting.search.scan import LOAD_STEP, SHEAR_STEP, Rung, ladder, rungs, shears_to
+from isochrome.fitting.search.scan import (
+    HIDDEN,
+    LOAD_STEP,
+    SHEAR_STEP,
+    Rung,
+    ladder,
+    rungs,
+    shears_to,
+)
 from isochrome.scene import Scene
 from isochrome.stress import PixelGrid, pixel_grid
 
@@ -45,8 +53,6 @@ _SCAN_PIXELS, _PIXELS = 520, 4_000
 _NOISIEST = 8.0
 """Times more pixels that a noisy frame is fitted on."""
 _HIDDEN_PX, _ROOM_PX = 14.0, 10.0
-_HIDDEN = 1.0 / 13.0
-"""Share of the picture's height below the surface where the contact decides what is seen."""
 
 _STARTS = 6
 """Starts of a scan that are tried (of 60 contacts, the first leads to the truth in 56)."""
@@ -295,7 +301,7 @@ def _shear(scene: Scene) -> float:
 
 def _usable(data: FrameData, scene: Scene) -> Mask:
     """Pixels (rows, cols) away from where the model decides the picture."""
-    return data.valid & fit_region(scene, data.shape, 1, _HIDDEN * data.shape[0])
+    return data.valid & fit_region(scene, data.shape, 1, HIDDEN * data.shape[0])
 
 
 def _scanned(data: FrameData, scene: Scene, lattice: _Lattice) -> Iterator[Scene]:

@@ -22,6 +22,8 @@ from isochrome.stress import PixelGrid
 LOAD_STEP, SHEAR_STEP = 0.19, 0.2
 """Steps of ln P and of the friction, or Q/P, within which a start leads to the next minimum."""
 
+HIDDEN = 1.0 / 13.0
+"""Share of the picture's height below the surface where the contact decides what is seen."""
 _FRICTION = 0.2
 """What a contact slides with whose own friction says nothing of the shear."""
 
