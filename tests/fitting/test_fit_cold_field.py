@@ -1,10 +1,12 @@
-"""The search's quick fields against closed forms and solved contacts; its light's elimination."""
+"""A scan's fields against closed forms and solved contacts; what is scanned, and its light."""
 
 import numpy as np
 import pytest
 
 from isochrome.errors import PhysicsError
-from isochrome.fitting.search.coarse_fields import Space, field_maker, pressure_table, theta_of
+from isochrome.estimation import evaluate_prepared, linear_costs, polynomial_basis, prepare
+from isochrome.fitting.search.cold_start import BULK, _Lattice
+from isochrome.fitting.search.scan import ladder, rungs, shears_to
 from isochrome.reference import disc_stress
 from isochrome.scene import parse_scene
 from isochrome.simulation import scene_states, state_difference
@@ -43,54 +45,55 @@ top_mm = -0.5
 """
 
 
-def quick(text, **changes):
-    """The scene with `changes`, and the quick field made from the unchanged one; also the places.
-    Returns the changed scene, its field (n,), and x, z (n,) of the pixels 0.25 mm below and
-    deeper."""
-    scene = parse_scene(text)
-    moved = scene.with_values({key.replace("__", "."): v for key, v in changes.items()})
+def scanned(scene, load, shear, dose=1.0):
+    """The scan's field (rows, cols) of a scene at a load, a shear and a dose, on every third pixel,
+    and which pixels lie 0.25 mm below the surface and deeper."""
     grid = pixel_grid(scene).every(3)
-    keep = np.repeat((grid.z_mm > 0.25)[:, None], grid.cols, axis=1)
-    field = field_maker(scene)(grid, keep).difference(theta_of(moved)[None])[0]
-    there = pixel_grid(moved).every(3)
-    x, z = np.meshgrid(there.x_mm, there.z_mm)
-    return moved, field, x[keep], z[keep]
+    doses = (1.0,) if dose == 1.0 else (1.0, dose)
+    *_, rung = rungs(scene, grid, (load,), doses)
+    assert (rung.load, rung.dose) == (load, dose)
+    return rung.fields(np.array([shear]))[0], grid.z_mm > 0.25
 
 
-def of_stress(stress):
-    return stress.sigma_x - stress.sigma_z + 2j * stress.tau_xz
+def solved(scene):
+    grid = pixel_grid(scene).every(3)
+    return state_difference(scene, scene_states(scene)[-1], grid)
 
 
 @pytest.mark.parametrize(
-    ("text", "changes", "bar"),
+    ("text", "load", "shear", "dose", "changes", "bar"),
     [
-        # a flat's pressure is infinite at its corners, and a short series' is not
-        (FLAT, {"load__normal_n": 70.0, "load__tangential_n": -9.0}, 0.02),
-        # worn at 5 loads and 6 doses, and straight lines between their logarithms
-        (WORN, {"load__normal_n": 70.0, "wear__coefficient_mm2_per_n": 1.2e-9}, 0.02),
+        (SLIDING, 90.0, 0.15, 1.0, {"friction.coefficient": 0.15}, 0.05),
+        # where it sticks moves with the force, and is no straight line in it; a step of the scan's
+        # load alone is 19 % of the stress
+        (HELD, 90.0, -0.2, 1.0, {"load.tangential_n": -18.0}, 0.05),
+        (FLAT, 70.0, -0.13, 1.0, {"load.tangential_n": -9.1}, 0.05),
+        (WORN, 70.0, 0.3, 0.6, {"wear.coefficient_mm2_per_n": 1.2e-9}, 0.02),
     ],
 )
-def test_other_contacts_are_near_the_solved_ones(text, changes, bar):
-    scene, field, *_ = quick(text, **changes)
-    grid = pixel_grid(scene).every(3)
-    keep = np.repeat((pixel_grid(parse_scene(text)).every(3).z_mm > 0.25)[:, None], grid.cols, 1)
-    true = state_difference(scene, scene_states(scene)[-1], grid)[keep]
-    assert np.abs(field - true).max() < bar * np.abs(true).max()
+def test_a_scans_fields_are_near_the_solved_ones(text, load, shear, dose, changes, bar):
+    scene = parse_scene(text)
+    field, below = scanned(scene, load, shear, dose)
+    true = solved(scene.with_values({"load.normal_n": load} | changes))
+    assert np.abs(field - true)[below].max() < bar * np.abs(true[below]).max()
 
 
-def test_a_bulk_stress_that_changes_along_and_below_the_surface_is_in_the_quick_field():
+def test_a_bulk_stress_that_changes_along_and_below_the_surface_is_in_the_scan():
     slopes = "\nbulk_along_x_mpa_per_mm = 0.4\nbulk_along_z_mpa_per_mm = -0.7\n"
-    _, field, x, z = quick(HELD.replace("bulk_mpa = 2.0\n", "bulk_mpa = 2.0" + slopes))
-    _, even, *_ = quick(HELD)
+    scene = parse_scene(HELD.replace("bulk_mpa = 2.0\n", "bulk_mpa = 2.0" + slopes))
+    field, below = scanned(scene, 44.0, 0.1)
+    even, _ = scanned(parse_scene(HELD), 44.0, 0.1)
     # a series of analytic functions, c (x - i z): sigma_x falls with x where it grows with -tau
     series = RegularStress((0j, complex(0.4, -0.7)))
     assert np.real(series.difference(np.array(1.0), np.array(0.0))) == pytest.approx(0.4)
     assert np.real(series.difference(np.array(0.0), np.array(1.0))) == pytest.approx(-0.7)
+    grid = pixel_grid(scene).every(3)
+    added = series.difference(grid.x_mm[None, :], grid.z_mm[:, None])
     # single precision of some ten MPa
-    np.testing.assert_allclose(field - even, series.difference(x, z), atol=1e-4)
+    np.testing.assert_allclose((field - even)[below], added[below], atol=1e-4)
 
 
-def test_a_lopsided_indenters_contact_does_not_move_with_friction_as_an_even_ones(tmp_path):
+def test_a_lopsided_indenters_contact_does_not_move_with_the_friction(tmp_path):
     """Where the profile itself leans, no share of the friction says how far the contact stands."""
     x = np.linspace(-2.0, 2.0, 401)
     gap = 1e3 * np.where(x < 0.0, x**2 / 50.0, x**2 / 150.0)
@@ -98,40 +101,75 @@ def test_a_lopsided_indenters_contact_does_not_move_with_friction_as_an_even_one
     (tmp_path / "leaning.csv").write_text("x_mm,gap_um\n" + rows + "\n", "utf-8")
     text = SLIDING.replace("radius_mm = 24.61", 'profile = "leaning.csv"')
     scene = parse_scene(text, folder=tmp_path)
-    moved = scene.with_values({"friction.coefficient": 0.05})
-    (state,) = scene_states(moved)[-1:]
-    left, right = state.surface.edges_mm
-    half, centre, _ = pressure_table(scene).at(np.log([44.0]), np.zeros(1), np.array([0.05]))
+    field, below = scanned(scene, 44.0, 0.1)
+    true = solved(scene.with_values({"friction.coefficient": 0.1}))
     # the friction's own part is a twentieth of the half-width; the profile's, a third
-    assert half[0] == pytest.approx(0.5 * (right - left), rel=0.03)
-    assert centre[0] == pytest.approx(0.5 * (right + left), abs=0.05 * half[0])
+    assert np.abs(field - true)[below].max() < 0.05 * np.abs(true[below]).max()
 
 
-def test_what_friction_cannot_hold_is_not_searched():
-    free = np.array([0, 1], dtype=np.intp)
-    rows = np.array([[0.0, 0.29, 0.3, 0.0, 0.0, 0.0, 0.0], [0.0, -0.4, 0.3, 0.0, 0.0, 0.0, 0.0]])
-    held = Space(free, np.ones(7), held=True).allowed(rows.copy())
-    assert held[:, 1] == pytest.approx([0.29, -0.294])  # 98 % of what friction holds
-    assert held[:, 2] == pytest.approx([0.3, 0.3])
-    # friction that is searched for too grows with what it must hold
-    both = Space(np.array([0, 1, 2], dtype=np.intp), np.ones(7), held=True).allowed(rows.copy())
-    assert both[:, 1] == pytest.approx([0.29, -0.4])
-    assert both[1, 2] == pytest.approx(0.4 / 0.98)
-
-
-def test_a_disc_is_its_closed_form_at_any_load_and_place():
+def test_a_disc_is_its_closed_form_at_any_load():
     scene = parse_scene(DISC)
-    moved = scene.with_values({"load.normal_n": 900.0, "camera.left_mm": -5.8})
     grid = pixel_grid(scene)
     keep = np.hypot(grid.x_mm[None, :], grid.z_mm[:, None] - 5.0) < 4.0
-    field = field_maker(scene)(grid, keep).difference(theta_of(moved)[None])[0]
-    x, z = np.meshgrid(grid.x_mm + 0.2, grid.z_mm - 5.0)
+    (rung,) = rungs(scene, grid, (900.0,))
+    x, z = np.meshgrid(grid.x_mm, grid.z_mm - 5.0)
     true = disc_stress(x[keep], z[keep], load_n=900.0, diameter_mm=10.0, thickness_mm=6.0)
-    np.testing.assert_allclose(field, of_stress(true), rtol=1e-6, atol=1e-6)
+    expected = true.sigma_x - true.sigma_z + 2j * true.tau_xz
+    np.testing.assert_allclose(rung.fields(np.zeros(1))[0][keep], expected, rtol=1e-6, atol=1e-6)
 
 
 def test_a_scene_that_no_load_can_solve_is_refused():
     # a tenth of the radius is the loads' own half-width: no half-plane at any of them
     text = PAPER_PAIR.replace("24.61", "0.01") + "\n[load]\nnormal_n = 5e4\n" + CAMERA
+    scene = parse_scene(text)
     with pytest.raises(PhysicsError, match="cannot be solved at any load"):
-        field_maker(parse_scene(text))
+        list(rungs(scene, pixel_grid(scene), 5e4 * ladder(4.0, 0.5)))
+
+
+def test_steps_are_no_wider_than_asked_and_reach_both_ends():
+    factors = ladder(4.0, 0.19)
+    assert factors[[0, -1]] == pytest.approx([0.25, 4.0])
+    assert np.diff(np.log(factors)) == pytest.approx(np.log(4.0) / 7.5)  # 2 ln 4 / 15
+    assert shears_to(0.3) == pytest.approx([-0.225, -0.075, 0.075, 0.225])
+
+
+def test_what_friction_cannot_hold_is_not_searched():
+    scene = parse_scene(HELD)
+    held = _Lattice(scene, ("load.normal_n", "load.tangential_n"), 5)
+    assert np.abs(held.shears).max() < 0.9 * 0.3
+    # friction that is searched for too grows with what it must hold
+    both = _Lattice(scene, (*held.keys, "friction.coefficient"), 5)
+    assert np.abs(both.shears).max() > 0.4
+    moved = both.moved(100.0, 1.0, 0, -0.4, 0.0)
+    assert moved.load.tangential_n == pytest.approx(-40.0)
+    assert moved.friction.coefficient == pytest.approx(0.4 / 0.98)
+    assert both.moved(100.0, 1.0, 0, 0.1, 0.0).friction.coefficient == 0.3
+
+
+def test_scenes_within_a_step_in_all_that_is_scanned_are_alike():
+    scene = parse_scene(HELD)
+    lattice = _Lattice(scene, ("load.normal_n", "load.tangential_n", BULK, "camera.left_mm"), 5)
+    at = (50.0, 1.0, 1, 0.1, 0.0)
+    here = lattice.moved(*at)
+    assert lattice.alike(here, lattice.moved(58.0, 1.0, 2, 0.25, lattice.fringe_mpa / 3.0))
+    for j, far in enumerate((75.0, None, 3, -0.15, lattice.fringe_mpa)):
+        if far is not None:
+            assert not lattice.alike(here, lattice.moved(*at[:j], far, *at[j + 1 :]))
+    away = [rival.load.bulk_mpa - here.load.bulk_mpa for rival in lattice.rivals(here)]
+    assert away == pytest.approx([-14.6 / 4.0, 14.6 / 4.0])
+
+
+def test_what_the_best_light_leaves_of_signals_is_that_of_each_alone():
+    rng = np.random.default_rng(5)
+    shape, basis = (20, 30), polynomial_basis((20, 30), 1)
+    signals = rng.uniform(0.0, 1.0, (4, *shape))
+    image = 0.1 + (0.5 + 0.2 * basis[1]) * signals[2] + 0.01 * rng.standard_normal(shape)
+    problem = prepare(image, mask=None, sigma=0.01, illumination=basis, background=basis[:1])
+    pictures = np.array([problem.data, -problem.data])
+    costs, light = linear_costs(problem.light, problem.dark, pictures, signals.reshape(4, -1))
+    for signal, cost, mean in zip(signals, costs, light, strict=True):
+        alone = evaluate_prepared(problem, signal)
+        expected = alone.chi**2 * (problem.size - 4) if alone.positive else cost[0]
+        assert cost == pytest.approx([expected, expected], rel=1e-6)
+        assert mean[0] == pytest.approx(-mean[1])
+    assert np.argmin(costs[:, 0]) == 2 and light[2, 0] > 0.0

@@ -10,7 +10,6 @@ import tifffile
 from finite_ring import finite_ring_difference
 from isochrome.errors import InputError
 from isochrome.fitting import fit
-from isochrome.fitting.search.coarse_fields import field_maker
 from isochrome.processing import process
 from isochrome.scene import parse_scene
 from isochrome.simulation import make_picture, scene_states, simulate, state_difference
@@ -197,9 +196,3 @@ def test_a_ring_without_its_hole_is_read_from_the_image_alone():
     bare = parse_scene('[specimen]\nshape = "ring"\n')
     assert bare.model is None
     assert bare.no_model_reason == "a ring has no model without specimen.hole_mm"
-
-
-def test_a_specimen_without_a_quick_field_is_not_searched_as_another(scene, monkeypatch):
-    monkeypatch.setattr(type(specimen_model(scene)), "is_proportional", False)
-    with pytest.raises(InputError, match="the stress of a ring does not go with its load"):
-        field_maker(scene)

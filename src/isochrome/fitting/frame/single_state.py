@@ -119,6 +119,10 @@ def _wear_at(scene: Scene, wear: Wear, distance_m: float) -> Wear:
     return wear_there
 
 
+_COARSEST = 32
+"""A coarse contact's spacing over the scene's own, at most: a dozen nodes in its half-width."""
+
+
 def with_numerics(
     scene: Scene,
     *,
@@ -135,7 +139,9 @@ def with_numerics(
         return scene
     history, _ = wear_course(scene)
     grid = contact_grid(scene, largest_dose_mm_per_mpa=float(history.dose_mm_per_mpa[-1]))
-    spacing = scene.camera.pixel_mm / nodes_per_pixel if nodes_per_pixel else grid.spacing_mm
+    spacing = grid.spacing_mm
+    if nodes_per_pixel and scene.profile_file is None:  # no row of a measured profile is passed over
+        spacing = min(scene.camera.pixel_mm / nodes_per_pixel, _COARSEST * spacing)
     return with_part(
         scene,
         "numerics",
