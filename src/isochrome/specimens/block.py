@@ -83,10 +83,6 @@ class BlockModel(HalfPlane):
         parts = (s.times(dx * float(m)) for s, m in zip(unit, moments, strict=True))
         return sum(parts, NO_STRESS)
 
-    def side_stress_of_forces(self, scene: Scene) -> tuple[RegularStress, ...]:
-        """What they add under a unit normal and a unit tangential force."""
-        return block_series(block_sides(scene)).unit[:2]
-
 
 MODEL = BlockModel()
 

@@ -30,8 +30,6 @@ _SPLINE_PX = 2.0
 class HalfPlane(SpecimenModel):
     """A half-plane: its stress is that of the contact's tractions, and of a bulk stress."""
 
-    is_proportional = False
-
     def components(
         self, scene: Scene, surface: SurfaceState | None, pixels: PixelGrid
     ) -> StressComponents:

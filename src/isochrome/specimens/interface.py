@@ -30,9 +30,6 @@ class SpecimenModel(ABC):
     unknowns: tuple[str, ...] = ("load.normal_n", "camera.left_mm", "camera.top_mm")
     """What a frame can tell of any such scene; what its other parts add is not here."""
 
-    is_proportional: bool = True
-    """Whether its stress goes with load.normal_n: one coarse field serves a search for the load."""
-
     @abstractmethod
     def components(
         self, scene: Scene, surface: SurfaceState | None, pixels: PixelGrid
@@ -80,10 +77,6 @@ class SpecimenModel(ABC):
     ) -> RegularStress | None:
         """What the sides add to a half-plane's stress under the same contact; None: no sides."""
         return None
-
-    def side_stress_of_forces(self, scene: Scene) -> tuple[RegularStress, ...]:
-        """The same under a unit normal and a unit tangential force; empty: no sides."""
-        return ()
 
 
 def specimen_model(scene: Scene) -> SpecimenModel:

@@ -77,12 +77,12 @@ class FarModel(FrameModel):
             self.renderer.added = np.tensordot(amplitudes, self.fields, 1)
         return super().signal(values[:number], visibility=visibility, keys=keys)
 
-    def settled(self, values: Array) -> RefinedFit | None:
+    def settled(self, values: Array, *, robust: bool = True) -> RefinedFit | None:
         """Where it comes to rest from `values` (p,); None where it makes no scene.
 
         First by what its slopes are right in, the more the nearer it comes: so a start that is
-        fringes off near the contact leads to no other minimum. What no noise explains then counts
-        as in Student's t: dust decides nothing.
+        fringes off near the contact leads to no other minimum. What no noise explains then counts,
+        if `robust`, as in Student's t: dust decides nothing.
         """
         every, cost = np.ones_like(self._root), np.inf
         while True:
@@ -98,9 +98,10 @@ class FarModel(FrameModel):
             if nearer is None:
                 return None
             values = nearer.values
-        self._weigh(student_root(here.residual))
+        if robust:
+            self._weigh(student_root(here.residual))
         result = refine_fit(self, values, tolerance=TOLERANCE, iterations=_PASSES)
-        if result is not None:
+        if robust and result is not None:
             self._weigh(student_root(self.residual(result)))
             result = refine_fit(self, result.values, tolerance=TOLERANCE, iterations=_PASSES)
         return result
@@ -108,10 +109,6 @@ class FarModel(FrameModel):
     def residual(self, result: RefinedFit) -> Array:
         """What a fit has left (n,), over the pixels' noise."""
         return np.asarray(result.gamma_fit.residual / self._root)
-
-    def amplitude(self, result: RefinedFit) -> Array:
-        """A fit's light (n,), over the pixels' noise."""
-        return np.asarray(result.gamma_fit.part.amplitude / self._root)
 
     def _weigh(self, root: Array) -> None:
         """Give each pixel the root of a weight (n,) besides its noise's."""

@@ -140,7 +140,7 @@ def with_numerics(
     history, _ = wear_course(scene)
     grid = contact_grid(scene, largest_dose_mm_per_mpa=float(history.dose_mm_per_mpa[-1]))
     spacing = grid.spacing_mm
-    if nodes_per_pixel and scene.profile_file is None:  # no row of a measured profile is passed over
+    if nodes_per_pixel and scene.profile_file is None:  # a measured profile keeps its rows
         spacing = min(scene.camera.pixel_mm / nodes_per_pixel, _COARSEST * spacing)
     return with_part(
         scene,

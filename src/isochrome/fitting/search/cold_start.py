@@ -121,15 +121,14 @@ def settle(
             data, coarse, keys, region, stride=stride, hidden_px=_HIDDEN_PX - _ROOM_PX,
             prior=prior or no_prior(len(keys)),
         )  # fmt: skip
-        result = model.settled(values_of(scene, keys))
+        result = model.settled(values_of(scene, keys), robust=False)
     except PhysicsError:
         return None
     if result is None:
         return None
-    chi = float(np.sqrt(np.mean(np.square(model.residual(result)))))
-    gain = float(np.mean(model.amplitude(result)))
+    gain = float(np.mean(result.gamma_fit.part.amplitude))
     return Settled(
-        moved_scene(scene, keys, result.values), result.values, chi, gain, result.positive
+        moved_scene(scene, keys, result.values), result.values, result.chi, gain, result.positive
     )
 
 
