@@ -110,7 +110,7 @@ def settle(
     keys: tuple[str, ...],
     prior: Prior | None = None,
     *,
-    pixels: float = _PIXELS,
+    pixels: int = _PIXELS,
 ) -> Settled | None:
     """Where few pixels lead from a scene's values; None where those make no scene."""
     stride = thinning(data.light.size, pixels)
@@ -154,7 +154,7 @@ def search_frame(
     noisy = 1.0
     if near is not None and near.positive:
         noisy = min(max(1.0, (CLEAR / near.gain) ** 2), _NOISIEST)
-    pixels = noisy * _PIXELS
+    pixels = round(noisy * _PIXELS)
     if near is not None and noisy > 1.0:
         near = settle(data, near.scene, keys, prior, pixels=pixels)
     lattice = _Lattice.of(data, scene, keys)
