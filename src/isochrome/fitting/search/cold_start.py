@@ -104,7 +104,7 @@ class Search:
     scanned: bool
 
 
-def settle(
+def settle_frame(
     data: FrameData,
     scene: Scene,
     keys: tuple[str, ...],
@@ -148,7 +148,7 @@ def search_frame(
     scene, PhysicsError where no values give fringes of the right contrast.
     """
     values_of(scene, keys)  # numbers, or refused
-    near = settle(data, scene, keys, prior)
+    near = settle_frame(data, scene, keys, prior)
     if near is not None and (near.found or (near.positive and not cold)):
         return Search((near,), scanned=False)
     noisy = 1.0
@@ -156,17 +156,17 @@ def search_frame(
         noisy = min(max(1.0, (CLEAR / near.gain) ** 2), _NOISIEST)
     pixels = round(noisy * _PIXELS)
     if near is not None and noisy > 1.0:
-        near = settle(data, near.scene, keys, prior, pixels=pixels)
+        near = settle_frame(data, near.scene, keys, prior, pixels=pixels)
     lattice = _Lattice.of(data, scene, keys)
     found = [near] if near else []
     for start in islice(_scanned(data, scene, lattice), _STARTS):
-        found = _with(found, settle(data, start, keys, prior, pixels=pixels), lattice)
+        found = _with(found, settle_frame(data, start, keys, prior, pixels=pixels), lattice)
         if found and found[0].found:
             break
     if not found:
         raise PhysicsError("no_start_gives_positive")
     for rival in lattice.rivals(found[0].scene):
-        found = _with(found, settle(data, rival, keys, prior, pixels=pixels), lattice)
+        found = _with(found, settle_frame(data, rival, keys, prior, pixels=pixels), lattice)
     return Search(tuple(found), scanned=True)
 
 

@@ -22,7 +22,7 @@ from isochrome.errors import PhysicsError
 from isochrome.estimation import FrameData, linear_costs
 from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.frame.unknowns import FRICTION, GAMMA, LEFT, LOAD, TOP, thinning
-from isochrome.fitting.search.cold_start import settle
+from isochrome.fitting.search.cold_start import settle_frame
 from isochrome.fitting.search.scan import HIDDEN, LOAD_STEP, ladder, rungs, shears_to
 from isochrome.frames import as_turned
 from isochrome.scene import Scene
@@ -246,7 +246,7 @@ def _start(
         "polariscope.field": lying.field,
         GAMMA: lying.gamma,
     }
-    led = settle(turned, scene.with_values(seen | window.values), keys)
+    led = settle_frame(turned, scene.with_values(seen | window.values), keys)
     if led is None or not led.positive:
         return None, False
     gamma = led.scene.frames.stated_gamma
