@@ -1,8 +1,8 @@
 """A cold start: from a frame and a scene whose values are far off to the truth.
 
-What a fit of few pixels comes to rest in (`FarModel.settled`) from a scene's own values, or else
-from the best values of a scan (`search.scan`), each in turn until one leaves the noise alone. In
-clear light nothing else can look as good, and the rest is not tried.
+What a fit of few pixels comes to rest in (`FarModel.settled`) from a scene's own values, if that is
+the noise alone in clear light; or else from the best values of a scan (`search.scan`), one after
+the other until one leaves the noise alone, and from that one's nearest rivals.
 """
 
 from __future__ import annotations
@@ -14,7 +14,15 @@ from itertools import islice
 import numpy as np
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import FrameData, Minimum, Prior, linear_costs, no_prior, prepare
+from isochrome.estimation import (
+    RIVAL_CHI,
+    FrameData,
+    Minimum,
+    Prior,
+    linear_costs,
+    no_prior,
+    prepare,
+)
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.far_model import FarModel
 from isochrome.fitting.frame.renderer import scene_optics
@@ -50,7 +58,7 @@ CLOSE_CHI = 1.15
 """Residual over noise of the coarse model, on few pixels, below which a start was the right one."""
 
 _SCAN_PIXELS, _PIXELS = 520, 4_000
-_NOISIEST = 8.0
+_NOISIEST = 3.0
 """Times more pixels that a noisy frame is fitted on."""
 _HIDDEN_PX, _ROOM_PX = 14.0, 10.0
 
@@ -83,9 +91,14 @@ class Settled:
     positive: bool
 
     @property
+    def close(self) -> bool:
+        """Whether it leaves the noise alone."""
+        return self.positive and self.chi <= CLOSE_CHI
+
+    @property
     def found(self) -> bool:
-        """Whether it leaves the noise alone, and light is so clear that nothing else does."""
-        return self.positive and self.chi <= CLOSE_CHI and self.gain >= CLEAR
+        """The same in light so clear that nothing else does."""
+        return self.close and self.gain >= CLEAR
 
     @property
     def minimum(self) -> Minimum:
@@ -151,22 +164,23 @@ def search_frame(
     near = settle_frame(data, scene, keys, prior)
     if near is not None and (near.found or (near.positive and not cold)):
         return Search((near,), scanned=False)
-    noisy = 1.0
-    if near is not None and near.positive:
-        noisy = min(max(1.0, (CLEAR / near.gain) ** 2), _NOISIEST)
-    pixels = round(noisy * _PIXELS)
-    if near is not None and noisy > 1.0:
-        near = settle_frame(data, near.scene, keys, prior, pixels=pixels)
     lattice = _Lattice.of(data, scene, keys)
     found = [near] if near else []
     for start in islice(_scanned(data, scene, lattice), _STARTS):
-        found = _with(found, settle_frame(data, start, keys, prior, pixels=pixels), lattice)
-        if found and found[0].found:
+        found = _with(found, settle_frame(data, start, keys, prior), lattice)
+        if found and found[0].close:
             break
     if not found:
         raise PhysicsError("no_start_gives_positive")
     for rival in lattice.rivals(found[0].scene):
-        found = _with(found, settle_frame(data, rival, keys, prior, pixels=pixels), lattice)
+        found = _with(found, settle_frame(data, rival, keys, prior), lattice)
+    noisy = min((CLEAR / max(found[0].gain, 1.0)) ** 2, _NOISIEST)
+    if noisy > 1.0:  # few pixels do not decide there
+        limit, pixels = RIVAL_CHI * found[0].chi, round(noisy * _PIXELS)
+        for one in [one for one in found if one.chi <= limit]:
+            found.remove(one)
+            finer = settle_frame(data, one.scene, keys, prior, pixels=pixels)
+            found = _with(found, finer or one, lattice)
     return Search(tuple(found), scanned=True)
 
 
