@@ -176,10 +176,11 @@ def search_frame(
         found = _with(found, settle_frame(data, rival, keys, prior), lattice)
     noisy = min((CLEAR / max(found[0].gain, 1.0)) ** 2, _NOISIEST)
     if noisy > 1.0:  # few pixels do not decide there
-        limit, pixels = RIVAL_CHI * found[0].chi, round(noisy * _PIXELS)
-        for one in [one for one in found if one.chi <= limit]:
-            found.remove(one)
-            finer = settle_frame(data, one.scene, keys, prior, pixels=pixels)
+        rough, found = found, []
+        for one in rough:
+            finer = None
+            if one.chi <= RIVAL_CHI * rough[0].chi:
+                finer = settle_frame(data, one.scene, keys, prior, pixels=round(noisy * _PIXELS))
             found = _with(found, finer or one, lattice)
     return Search(tuple(found), scanned=True)
 
