@@ -394,15 +394,20 @@ class FrameModel:
 
 
 def turned_row(
-    optics: FringeOptics, field: Array, shown: Array, turn: Array, step: np.float32
+    optics: FringeOptics,
+    field: Array,
+    shown: Array,
+    turn: Array,
+    step: np.float32,
+    gamma_fit: GammaFit,
 ) -> Array:
-    """The signal's derivative by what turns a field (...,) by `turn` (...,), over a step of it.
+    """The weighted derivative (n,) by what turns a field (n,) by `turn` (n,), over a step of it.
 
-    `shown`, the field's visibility. Fringes are soon others, and their slopes with them; what turns
-    them changes little: it is kept.
+    `shown`, the field's visibility; `gamma_fit`, the solution there. Fringes are soon others, and
+    their slopes with them; what turns them changes little: it is kept.
     """
-    ahead, here = (optics.signal(one, visibility=shown) for one in (field + step * turn, field))
-    return np.asarray((ahead - here) / step)
+    ahead = optics.signal(field + step * turn, visibility=shown)
+    return np.asarray((ahead - gamma_fit.part.signal) * (gamma_fit.part.amplitude / step))
 
 
 @dataclass(frozen=True)

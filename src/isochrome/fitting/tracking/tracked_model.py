@@ -69,7 +69,7 @@ class TrackedModel(FrameModel):
                 low[j], high[j] = ends.low[0], ends.high[0]
         self.limits, weight = Bounds(low, high), np.zeros(len(self.keys))
         weight[count:] = (_SWING * usual_load_n) ** -2.0
-        self.prior = Prior(np.where(weight > 0.0, usual_load_n, 0.0), weight)
+        self.prior, self._usual = Prior(np.full(len(weight), usual_load_n), weight), usual_load_n
         self.place, self.bend = np.zeros(0), 1.0
         self._turns: Array | None = None
         self._by_held: Array | None = None
@@ -146,13 +146,15 @@ class TrackedModel(FrameModel):
     def linearise(self, values: Array, gamma_fit: GammaFit) -> LocalModel:
         """Derivatives at some values, where the linear solution is known."""
         assert self._turns is not None
+        rows = [self._row(turn, values, gamma_fit) for turn in self._turns]
+        return local_model(self.keys, values, gamma_fit, np.stack(rows), self.prior)
+
+    def _row(self, turn: Array, values: Array, gamma_fit: GammaFit) -> Array:
+        """The derivative (n,) of the pixels in use by what turns the field (n,) of all."""
+        turn = turn[self._clear]
         field, shown = (part[self._clear] for part in self._turned(values))
-        rows = np.empty((len(self.keys), field.size), np.float32)
-        for j, turn in enumerate(self._turns):
-            largest = np.float32(_TURN / max(float(np.abs(turn).max()), 1e-30))
-            row = turned_row(self._optics, field, shown, turn[self._clear], largest)
-            rows[j] = row * gamma_fit.part.amplitude
-        return local_model(self.keys, values, gamma_fit, rows, self.prior)
+        step = np.float32(_TURN / max(float(np.abs(turn).max()), 1e-30))
+        return turned_row(self._optics, field, shown, turn, step, gamma_fit)
 
     def distance(self, found: RefinedFit) -> float:
         """How far a fit is from where the contact was solved, in its standard uncertainties."""
@@ -166,11 +168,7 @@ class TrackedModel(FrameModel):
             gamma_fit, values = found.gamma_fit, found.values
             rows = self.input_rows(values, gamma_fit, self._held)
             if self._course.past is not None:
-                turn = self._turned_by_wear(PAST)[self._clear]
-                largest = np.float32(_TURN / max(float(np.abs(turn).max()), 1e-30))
-                field, shown = (part[self._clear] for part in self._turned(values))
-                row = turned_row(self._optics, field, shown, turn, largest)
-                row = (row * gamma_fit.part.amplitude).astype(np.float32)[None]
+                row = self._row(self._turned_by_wear(PAST), values, gamma_fit)[None]
                 project(row, gamma_fit.problem, gamma_fit.part)
                 rows = np.concatenate((rows, row))
             self._by_held = found.local.sensitivity((), rows)
@@ -182,6 +180,22 @@ class TrackedModel(FrameModel):
         middle, shown, fading = self._shown
         field = self._field + (values - self.place).astype(np.float32) @ self._turns
         return field, shown + (values - middle).astype(np.float32) @ fading
+
+    def tells_past(self, found: RefinedFit) -> bool:
+        """Whether a first frame tells that another load than the usual one wore its contact.
+
+        By the evidence for one, at even odds: what is known of that load before the frame and after
+        it, both at the usual one. Source: Dickey (1971), Ann. Math. Stat. 42, 204.
+        """
+        variance = float(found.local.inverse[-1, -1]) * found.gamma_fit.noise
+        away, before = found.values[-1] - self._usual, (_SWING * self._usual) ** 2
+        return bool(away**2 / variance > np.log(before / variance))
+
+    def hold_past(self) -> None:
+        """Hold the load before a first frame at the usual one."""
+        weight = self.prior.weight.copy()
+        weight[-1] = (STEP * self._usual) ** -2.0
+        self.prior = Prior(self.prior.values, weight)
 
     def go_on(self) -> None:
         """Leave the first frame: what wore the contact before it is no unknown of the next."""
