@@ -186,6 +186,11 @@ class WornCourse:
                 self._by_past = (there.depth_mm - scar.depth_mm) / step
             assert self._by_past is not None
             self._scar = replace(scar, depth_mm=scar.depth_mm + step * self._by_past)
+        elif self._last is None and law > 0.0:
+            more = values.copy()
+            more[self.tracked.index(WEAR)] *= 1.0 + _STEP
+            step = _STEP * self._value(WEAR, values)
+            self._scar = self._worn_before(more)
         elif law > 0.0:
             line, mu = self._drive(values)
             dose = _STEP * (worn + self._elastic_mm2(values)) / line
