@@ -16,11 +16,12 @@ from .evidence import (
     Hypothesis,
     Nuisance,
     Sets,
+    Weighed,
     cosine_rms,
     cosine_spread,
     cosines,
-    hypotheses_of,
     weigh,
+    weighed,
 )
 from .intensity import (
     STEP,
@@ -127,6 +128,7 @@ __all__ = [
     "SeveralStarts",
     "State",
     "Terms",
+    "Weighed",
     "block_correlation",
     "budget_items",
     "budget_of",
@@ -144,7 +146,6 @@ __all__ = [
     "fit_intensity",
     "frame_light",
     "gradient_covariance",
-    "hypotheses_of",
     "is_determined",
     "is_explained",
     "jackknife_variance",
@@ -179,6 +180,7 @@ __all__ = [
     "total_degree",
     "variance_shares",
     "weigh",
+    "weighed",
     "white_covariance",
     "with_chosen_terms",
 ]

@@ -15,7 +15,7 @@ normal prior: its evidence is twice the posterior's part above nought. Sources: 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -25,6 +25,9 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import log_ndtr
 
+from isochrome.estimation.covariance import positive_part
+from isochrome.estimation.light import ScoreProducts
+
 Array = NDArray[np.float64]
 
 MOST_MEMBERS = 4
@@ -33,6 +36,8 @@ _BEAM = 40
 """Sets of each size that larger ones are made of."""
 _FEW = 4
 """Amplitudes up to which something is one of many small things in a set."""
+_TAKEN = 1e-6
+"""Part of a column's square that must be left by what is fitted."""
 _NEGLIGIBLE = 10.0
 """Logarithm of a chance over the best's below which a set is not made larger."""
 
@@ -57,32 +62,20 @@ class Hypothesis:
 class Nuisance:
     """Something that may be there: the values `now` (k,) of its columns, and the `roots` of its
     priors, ways that exclude one another; `positive`, whether the amplitude of the first is.
+
+    `unknowns`, those of the fit that hold it where it is fitted, and `of_each` (k, unknowns), their
+    change with it, by default one each; `weights`, 1/u^2 (c,) of its first columns, which the fit's
+    own covariance has already; `exact`, whether no covariance is to hold it.
     """
 
     name: str
     now: Array
     roots: tuple[NDArray[Any], ...]
     positive: bool = False
-
-
-def hypotheses_of(
-    nuisances: Sequence[Nuisance], fitted: Collection[str], chance: float
-) -> tuple[list[Hypothesis], list[int]]:
-    """The ways in which nuisances are there, each by a chance, their columns one after the other;
-    and which of them are those that are `fitted`, by name: the middle one of each.
-    """
-    hypotheses: list[Hypothesis] = []
-    given, first = [], 0
-    for nuisance in nuisances:
-        columns = slice(first, first + len(nuisance.now))
-        first = columns.stop
-        if nuisance.name in fitted:
-            given.append(len(hypotheses) + len(nuisance.roots) // 2)
-        odds = float(np.log(chance / (1.0 - chance) / len(nuisance.roots)))
-        for way, root in enumerate(nuisance.roots):
-            positive = nuisance.positive and way == 0
-            hypotheses.append(Hypothesis(nuisance.name, columns, root, odds, positive))
-    return hypotheses, given
+    unknowns: tuple[int, ...] = ()
+    of_each: Array | None = None
+    weights: Array = field(default_factory=lambda: np.zeros(0))
+    exact: bool = False
 
 
 def cosines(shape: tuple[int, ...], count: int) -> NDArray[np.float32]:
@@ -169,6 +162,89 @@ class Sets:
             off = seen[:, at] @ mean - here
             total += weight * (spread.T @ spread + np.outer(off, off))
         return total
+
+
+@dataclass(frozen=True, kw_only=True)
+class Weighed:
+    """What may be there, weighed about a fit: the `evidence`, what is `given` of it by number, with
+    the values `now` (k,) of all columns.
+
+    `along` (p, k), what a change of these changes the unknowns by, and `counted` (p, p), what the
+    fit's covariance has of them already; `judged`, the sets where something else tells them apart.
+    """
+
+    evidence: Evidence
+    given: tuple[int, ...]
+    now: Array
+    along: Array
+    counted: Array
+    judged: Sets | None = None
+
+    @cached_property
+    def sets(self) -> Sets:
+        """The likely sets: a fit that is not at rest moves on without them."""
+        return self.judged or weigh(self.evidence, given=self.given)
+
+    @cached_property
+    def undecided(self) -> Array:
+        """What the covariance (p, p) of all unknowns lacks for what is neither shown nor excluded.
+
+        The second moments over the sets about what is fitted, less what is counted.
+        """
+        total = self.sets.moments(self.along, self.now) - self.counted
+        return positive_part(total, np.sqrt(np.maximum(np.diag(total), 0.0)))
+
+
+def weighed(
+    nuisances: Sequence[Nuisance],
+    products: ScoreProducts,
+    *,
+    noise: float,
+    fitted: Collection[str],
+    chance: float,
+    unknowns: NDArray[np.intp],
+    size: int,
+) -> Weighed:
+    """Nuisances by the products of their columns, one after the other, with what is fitted to all.
+
+    `noise`, its variance over what the products have; `fitted`, what is by name; `chance` of each
+    to be there; `unknowns`, those that the first fitted columns of the products are of, of `size`
+    in all.
+    """
+    matrix = positive_part(products.matrix, np.sqrt(products.size), _TAKEN) / noise
+    now = np.concatenate([n.now for n in nuisances])
+    along = np.zeros((size, len(now)))
+    along[unknowns] = -products.taken_up[: len(unknowns)]
+    hypotheses: list[Hypothesis] = []
+    given: list[int] = []
+    places: list[int] = []
+    first = 0
+    for nuisance in nuisances:
+        columns = range(first, first + len(nuisance.now))
+        first = columns.stop
+        if nuisance.exact:
+            along[:, columns] = 0.0
+        elif nuisance.unknowns:
+            each = np.eye(len(columns)) if nuisance.of_each is None else nuisance.of_each
+            along[np.ix_(nuisance.unknowns, columns)] = each.T
+        places += columns[: len(nuisance.weights)]
+        if nuisance.name in fitted:  # in the middle one of its ways
+            given.append(len(hypotheses) + len(nuisance.roots) // 2)
+        odds = float(np.log(chance / (1.0 - chance) / len(nuisance.roots)))
+        for way, root in enumerate(nuisance.roots):
+            positive, own = nuisance.positive and way == 0, slice(columns.start, columns.stop)
+            hypotheses.append(Hypothesis(nuisance.name, own, root, odds, positive))
+    counted = np.array(places, int)
+    normal = matrix[np.ix_(counted, counted)]
+    normal = normal + np.diag(np.concatenate([n.weights for n in nuisances])) / noise
+    inverse = np.linalg.pinv(normal, 1e-12, hermitian=True)
+    return Weighed(
+        evidence=Evidence(matrix, products.right / noise + matrix @ now, hypotheses),
+        given=tuple(given),
+        now=now,
+        along=along,
+        counted=along[:, counted] @ inverse @ along[:, counted].T,
+    )
 
 
 class Evidence:

@@ -9,7 +9,7 @@ maps, and what it found, in words.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -34,18 +34,15 @@ from isochrome.calibration.whole_set.set_model import (
 from isochrome.estimation import (
     FEW_TERMS,
     FIRST_DEGREES,
-    Evidence,
     Nuisance,
     ScoreProducts,
-    Sets,
+    Weighed,
     cosine_rms,
     cosine_spread,
     cosines,
     evidence_gain,
-    hypotheses_of,
     missing_terms,
-    positive_part,
-    weigh,
+    weighed,
     with_chosen_terms,
 )
 from isochrome.fitting import CAUSES, LIGHT, LIGHT_FALLS, NAMED, ORDER, RARE, SUSPECTED, light_sizes
@@ -70,9 +67,6 @@ _ODD = 6.0
 _MOST_ODD = 0.1
 """Share of the pixels that no dust covers."""
 
-_TAKEN = 1e-6
-"""Part of a column's square that must be left by what is fitted."""
-
 _COSINES, _ORDERS, _WIDTHS = 5, (0.001, 0.003, 0.01, 0.03), (0.12, 0.3)
 """Cosines along each side of the picture; standard deviations of an unknown part of the orders, and
 its lengths, of the picture's size."""
@@ -89,19 +83,19 @@ def fit_set(model: SetModel, start: Array) -> SetFit:
         return fit
     pixels = model.masks.sum()
     fit = _exposed(_without_outliers(fit))
-    (sets, undecided), nothing = weighed(fit), frozenset({ORDER})
+    asked, nothing = ask(fit), frozenset({ORDER})
     for _ in range(_ROUNDS):
         fitted = fitted_names(fit.model)
-        wanted = frozenset(h.name for h in sets.best) - nothing | fitted & {APART}
+        wanted = frozenset(h.name for h in asked.sets.best) - nothing | fitted & {APART}
         if wanted == fitted:
             break
         fit = _exposed(_without_outliers(_with(fit, wanted).levelled()))
         # what comes out at its bound, or as no better light, is not there, whatever slopes say
         nothing |= {key for key in EVEN if fit.shared.get(key, (1.0, 0.0))[0] == 0.0}
         nothing |= wanted - fitted_names(fit.model)
-        sets, undecided = weighed(fit)
+        asked = ask(fit)
     left_out = 1.0 - fit.model.masks.sum() / pixels
-    return replace(fit, left_out=float(left_out), sets=sets, undecided=undecided)
+    return replace(fit, left_out=float(left_out), asked=asked)
 
 
 def _exposed(fit: SetFit) -> SetFit:
@@ -258,44 +252,27 @@ def _without_outliers(fit: SetFit) -> SetFit:
 
 @dataclass(frozen=True, kw_only=True)
 class _Nuisance(Nuisance):
-    """With its `columns` (k, n) at an image; `unknowns`, those of the fit that hold it, `weights`,
-    1/u² (k,) of the first columns, those that the fit has free, about nought.
-    """
+    """With its `columns` (k, n) at an image."""
 
     columns: Callable[[int], Array]
-    unknowns: tuple[int, ...] = ()
-    weights: Array = field(default_factory=lambda: np.zeros(0))
 
 
-def weighed(fit: SetFit) -> tuple[Sets, Array]:
-    """Weigh all that a set of images may show about a fit: sets of it, and what the covariance of
-    the unknowns lacks for it (p, p).
-    """
+def ask(fit: SetFit) -> Weighed:
+    """Weigh all that a set of images may show about a fit."""
     model = fit.model
     nuisances = list(_nuisances(fit))
     freed = [u for n in nuisances for u in n.unknowns]
     kept, stays = np.setdiff1d(np.arange(model.size), freed), _of_light(model)[1]
     columns = (np.concatenate([n.columns(i) for n in nuisances]) for i in range(len(model.shots)))
-    products = _score(fit, columns, np.r_[kept, model.size + stays])
-    noise = fit.local_noise
-    matrix = positive_part(products.matrix, np.sqrt(products.size), _TAKEN) / noise
-    now = np.concatenate([n.now for n in nuisances])
-    along = np.zeros((model.size, len(now)))
-    along[kept] = -products.taken_up[: len(kept)]
-    hypotheses, given = hypotheses_of(nuisances, fitted_names(model), RARE)
-    counted: list[int] = []
-    for nuisance, end in zip(nuisances, np.cumsum([len(n.now) for n in nuisances]), strict=True):
-        place = np.arange(end - len(nuisance.now), end)
-        if nuisance.unknowns:
-            along[list(nuisance.unknowns), place] = 1.0
-        counted += place[: len(nuisance.weights)].tolist()
-    weights = np.concatenate([n.weights for n in nuisances])
-    right = products.right / noise + matrix @ now
-    sets = weigh(Evidence(matrix, right, hypotheses), given=given)
-    normal = matrix[np.ix_(counted, counted)] + np.diag(weights) / noise
-    inverse = np.linalg.pinv(normal, 1e-12, hermitian=True)
-    lacking = sets.moments(along, now) - along[:, counted] @ inverse @ along[:, counted].T
-    return sets, positive_part(lacking, np.sqrt(np.maximum(np.diag(lacking), 0.0)))
+    return weighed(
+        nuisances,
+        _score(fit, columns, np.r_[kept, model.size + stays]),
+        noise=fit.local_noise,
+        fitted=fitted_names(model),
+        chance=RARE,
+        unknowns=kept,
+        size=model.size,
+    )
 
 
 def _nuisances(fit: SetFit) -> Iterator[_Nuisance]:
@@ -497,12 +474,14 @@ def sentences(fit: SetFit, found: tuple[dict[str, Any], ...]) -> tuple[str, ...]
         messages.append(message("light_more_uneven_quadratic", plain=count - plain))
     if fit.left_out > 0:
         messages.append(message("pixels_fit_nothing_dust", per_cent=per_cent(fit.left_out)))
-    if fit.sets is None:
+    if fit.asked is None:
         return tuple(messages)
     fitted = fitted_names(fit.model)
-    chances = {n: c for n, c in fit.sets.chances.items() if n not in fitted}
+    chances = {n: c for n, c in fit.asked.sets.chances.items() if n not in fitted}
     if chances.pop(ORDER, 0.0) > NAMED:
-        size = 100.0 * cosine_rms(np.r_[0.0, fit.sets.values_of(ORDER)])  # a share of the orders
+        size = 100.0 * cosine_rms(
+            np.r_[0.0, fit.asked.sets.values_of(ORDER)]
+        )  # a share of the orders
         messages.append(message("orders_differ_unexplained", size=size))
     likely = [f"{NAMES.get(n, n)} ({per_cent(c)})" for n, c in chances.items() if c > SUSPECTED]
     if likely:

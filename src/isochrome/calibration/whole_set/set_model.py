@@ -22,8 +22,8 @@ from isochrome.estimation import (
     MOSTLY,
     Bounds,
     Damping,
-    Sets,
     Terms,
+    Weighed,
     block_correlation,
     light_products,
     line_correlation,
@@ -550,8 +550,7 @@ class SetPoint:
 @dataclass(frozen=True, kw_only=True)
 class SetFit:
     """A fitted set: its `model`, unknowns, the `point` there, whether it `converged`, the part of
-    the pixels that was `left_out`; `sets` of what else may be there, and `undecided` (p, p), what
-    the noise's covariance of the unknowns lacks for it.
+    the pixels that was `left_out`; `asked`, what else may be there.
     """
 
     model: SetModel
@@ -559,8 +558,7 @@ class SetFit:
     point: SetPoint
     converged: bool
     left_out: float = 0.0
-    sets: Sets | None = None
-    undecided: Array | float = 0.0
+    asked: Weighed | None = None
 
     @property
     def unknowns(self) -> int:
@@ -604,7 +602,7 @@ class SetFit:
     @cached_property
     def covariance(self) -> Array:
         """Of the unknowns (p, p), by the noise and by what else the images leave open."""
-        return self._of_noise + self.undecided
+        return self._of_noise + (self.asked.undecided if self.asked else 0.0)
 
     @cached_property
     def _of_noise(self) -> Array:

@@ -7,8 +7,8 @@ About a fit the columns of all that may be there are taken at the frame's blocks
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,18 +16,15 @@ import numpy as np
 from isochrome.estimation import (
     FIRST_DEGREES,
     RICHEST,
-    Evidence,
     Nuisance,
     ScoreProducts,
-    Sets,
     Terms,
+    Weighed,
     cosine_rms,
     cosine_spread,
-    hypotheses_of,
     light_products,
     missing_terms,
-    positive_part,
-    weigh,
+    weighed,
     with_chosen_terms,
 )
 from isochrome.fitting.arrays import Array, Mask
@@ -57,7 +54,8 @@ LIGHT, TRACTIONS = "more uneven light", "tractions that are not the model's"
 ORDER, SHADOW = "an order that no cause explains", "a shadow on the surface"
 
 _NOT_COUNTED = (STATED, SCALE.name, STIFF.name)
-"""What no ± holds as something that may be there."""
+"""What no ± holds as something that may be there: what is stated counts by the sensitivity to it,
+and what is taken as exact is said to be."""
 _LIGHT_SIZE, LIGHT_FALLS = 0.05, (0.5, 0.7, 0.9)
 """Standard deviation of the light's first degree, of its brightness, and what each degree more
 leaves of it: a lamp's, one that is near, one with an edge."""
@@ -65,8 +63,6 @@ _SHADOW_SIZE, _SHADOW_LENGTH = 0.2, 2.0
 """Standard deviation of the light that a shadow takes, and over how many blocks it is alike."""
 _ORDERS, _WIDTHS = (0.003, 0.01, 0.03, 0.1), (0.12, 0.3)
 """Standard deviations of an unknown order, fringes, and its lengths, of the picture's size."""
-_TAKEN = 1e-6
-"""Part of a column's square that must be left by what is fitted."""
 _LEAST_VALUE = 0.1
 """Of its size, the least value at which an even cause that is fitted is taken to stand."""
 _LEAST_BLUR_PX = 0.25
@@ -91,40 +87,18 @@ class FittedNuisances:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked:
+class Asked(Weighed):
     """What frames show besides what is fitted.
 
-    `evidence` of what may be there, what is `given` of it by number, with the values `now` (k,) of
-    all columns; `judged`, its sets where trials tell them apart; `causes` that may be there;
-    `along` (p, k), what a change of these changes the unknowns by, and `counted` (p, p), what the
-    fit's covariance has already of what it has freed; `outside`, the blocks (rows, cols) that no
-    noise explains, and `beside`, those at the surface; `modes` of a contact's tractions.
+    `causes` that may be there; `outside`, the blocks (rows, cols) that no noise explains, and
+    `beside`, those at the surface; `modes` of a contact's tractions. Its sets are `judged` where
+    trials tell them apart.
     """
 
-    evidence: Evidence
-    given: tuple[int, ...]
-    now: Array
     causes: tuple[Cause, ...]
-    along: Array
-    counted: Array
     outside: Mask | None = None
     beside: Mask | None = None
     modes: TractionModes | None = None
-    judged: Sets | None = None
-
-    @cached_property
-    def sets(self) -> Sets:
-        """The likely sets: a fit that is not at rest moves on without them."""
-        return self.judged or weigh(self.evidence, given=self.given)
-
-    @cached_property
-    def undecided(self) -> Array:
-        """What the covariance (p, p) of all unknowns lacks for what is neither shown nor excluded.
-
-        The second moments over the sets about what is fitted, less what is counted.
-        """
-        total = self.sets.moments(self.along, self.now) - self.counted
-        return positive_part(total, np.sqrt(np.maximum(np.diag(total), 0.0)))
 
     @property
     def best(self) -> frozenset[str]:
@@ -157,13 +131,9 @@ class Asked:
 
 @dataclass(frozen=True, kw_only=True)
 class _Nuisance(Nuisance):
-    """With its `columns` at a frame's blocks; `rows`, of the unknowns that hold it where it is
-    fitted, `of_each` (k, rows), their change with it.
-    """
+    """With its `columns` at a frame's blocks."""
 
     columns: Callable[[FrameBlocks], Array]
-    rows: tuple[int, ...] = ()
-    of_each: Array = field(default_factory=lambda: np.empty((0, 0)))
 
 
 def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
@@ -174,7 +144,7 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
     causes = candidates(stated.scene, stated.keys, stated.held, past=stated.past)
     nuisances: list[_Nuisance] = []
     modes: TractionModes | None = None
-    found: list[tuple[Mask, Mask | None]] = []
+    odd: list[tuple[Mask, Mask | None]] = []
     excess: list[float] = []
     unknowns = solution.unknown_keys
     shared = np.array([not _is_fitted(key, fitted) for key in unknowns], dtype=bool)
@@ -186,7 +156,7 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
             if not nuisances:
                 modes = blocks.modes if _has_own_tractions(solution, stated.scene) else None
                 nuisances.extend(_nuisances(solution, blocks, causes, fitted, stated))
-            found.append((blocks.outliers, blocks.beside))
+            odd.append((blocks.outliers, blocks.beside))
             excess.append(blocks.excess)
             columns = np.concatenate([n.columns(blocks) for n in nuisances])
             light, rows, every, residual = blocks.part(columns)
@@ -197,22 +167,20 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
         yield np.empty((0, len(weight))), fixed, np.zeros((size, len(weight))), misfit
 
     products = ScoreProducts(parts())
-    noise = max(products.noise, float(np.mean(excess)))
-    matrix = positive_part(products.matrix, np.sqrt(products.size), _TAKEN) / noise
-    now = np.concatenate([n.now for n in nuisances])
-    right = products.right / noise + matrix @ now
-    hypotheses, given = hypotheses_of(nuisances, fitted.names, RARE)
-    lit = sum(map(len, more_than(solution.terms, stated.terms)))
-    along, counted = _told(products, nuisances, shared, matrix, lit)
+    found = weighed(
+        nuisances,
+        products,
+        noise=max(products.noise, float(np.mean(excess))),
+        fitted=fitted.names,
+        chance=RARE,
+        unknowns=np.flatnonzero(shared),
+        size=len(shared),
+    )
     return Asked(
-        evidence=Evidence(matrix, right, hypotheses),
-        given=tuple(given),
-        now=now,
+        **vars(found),
         causes=causes,
-        along=along,
-        counted=counted,
-        outside=_outside_of_all([outside for outside, _ in found]),
-        beside=found[0][1],
+        outside=_outside_of_all([outside for outside, _ in odd]),
+        beside=odd[0][1],
         modes=modes,
     )
 
@@ -282,6 +250,7 @@ def _open_cause(blocks: FrameBlocks, cause: Cause) -> _Nuisance:
         now=now,
         roots=roots,
         positive=cause.positive,
+        exact=cause.name in _NOT_COUNTED,
     )
 
 
@@ -312,8 +281,9 @@ def _fitted_cause(solution: Askable, cause: Cause, stated: Scene) -> _Nuisance:
             now=np.array([size]),
             roots=(np.eye(1),),
             positive=True,
-            rows=tuple(rows),
+            unknowns=tuple(rows),
             of_each=change[None, :] / size,
+            weights=np.zeros(1),
         )
     return _Nuisance(
         name=cause.name,
@@ -321,8 +291,9 @@ def _fitted_cause(solution: Askable, cause: Cause, stated: Scene) -> _Nuisance:
         now=np.array(values),
         roots=(np.diag(spread),),
         positive=cause.positive,
-        rows=tuple(rows),
-        of_each=np.eye(len(rows)),
+        unknowns=tuple(rows),
+        weights=np.zeros(0 if cause.name in _NOT_COUNTED else len(rows)),
+        exact=cause.name in _NOT_COUNTED,
     )
 
 
@@ -343,6 +314,7 @@ def _light(solution: Askable, blocks: FrameBlocks, own: LightTerms) -> _Nuisance
         roots=tuple(
             np.diag([*light_sizes(more, fall), *light_sizes(missing, fall)]) for fall in LIGHT_FALLS
         ),
+        weights=np.zeros(len(chosen)),
     )
 
 
@@ -375,33 +347,6 @@ def _order_root(size: float, width: float) -> Array:
     spread = cosine_spread(COSINES, width)
     chosen = spread > 0.01 * spread.max()
     return np.asarray(size * np.diag(spread)[:, chosen])
-
-
-def _told(
-    products: ScoreProducts, nuisances: list[_Nuisance], shared: Mask, matrix: Array, lit: int
-) -> tuple[Array, Array]:
-    """What a change of all columns changes the unknowns by (p, k), and what of its variance (p, p)
-    the fit has already for the noise of what it has freed, `lit` of the light's products.
-    """
-    along = np.zeros((len(shared), len(matrix)))
-    along[shared] = -products.taken_up
-    first = 0
-    own: list[int] = []
-    for nuisance in nuisances:
-        columns = range(first, first + len(nuisance.now))
-        first += len(nuisance.now)
-        # what is stated counts by the sensitivity to it, and what is taken as exact is said to be
-        if nuisance.name in _NOT_COUNTED:
-            along[:, list(columns)] = 0.0
-        elif nuisance.name == LIGHT:
-            own += columns[:lit]
-        elif nuisance.rows:
-            own += columns
-            along[np.ix_(nuisance.rows, columns)] = nuisance.of_each.T
-    if not own:
-        return along, np.zeros((len(shared), len(shared)))
-    flat = np.linalg.pinv(matrix[np.ix_(own, own)], 1e-12, hermitian=True)
-    return along, along[:, own] @ flat @ along[:, own].T
 
 
 def _outside_of_all(found: list[Mask]) -> Mask | None:
