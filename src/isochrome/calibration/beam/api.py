@@ -388,10 +388,10 @@ def fit_beam_set(fits: Sequence[BeamFit], idle: Sequence[Shot], held: dict[str, 
         rows=np.arange(len(first.shot.light)), cols=cols, masks=np.stack(masks), held=held,
     )  # fmt: skip
     levels = np.array([np.median((f.best.illumination_map)[f.mask]) for f in fits])
-    own = np.concatenate([f.best.values for f in fits])
+    unknowns = np.concatenate([f.best.values for f in fits])
     exposures = np.log(levels[1:] / levels[0])
     return fit_set(
-        model, np.concatenate([own, np.zeros(len(idle)), exposures, np.zeros(len(idle))])
+        model, np.concatenate([unknowns, np.zeros(len(idle)), exposures, np.zeros(len(idle))])
     )
 
 
