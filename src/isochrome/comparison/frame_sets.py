@@ -400,7 +400,7 @@ def compare_frames(experiment: ComparedFrames, simulation: ComparedFrames) -> li
         try:
             signals = compare_signals(measured, model, noise=experiment.noise_of(i))
         except InputError as error:
-            raise InputError(f"frame {index} ({label}): {error}") from error
+            raise InputError(f"frame {index} ({label}): " + error.message) from error
         orders, lines = None, list[list[Skeleton]]()
         if experiment.order is not None and simulation.order is not None:
             maps = _known_in_both(experiment.order[i], simulation.order[j])

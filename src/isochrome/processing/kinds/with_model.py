@@ -179,7 +179,7 @@ def _fitted(
         notes += [*cause_messages(extended), *(() if has_slip else _opposite(scene, fit))]
         return extended.data, fit, scene, notes, has_slip
     except PhysicsError as error:
-        raise PhysicsError(f"frame {frame.index} ({frame.name}): {error}") from error
+        raise PhysicsError(f"frame {frame.index} ({frame.name}): " + error.message) from error
 
 
 def placed_disc(scene: Scene, data: FrameData) -> tuple[Scene, list[str]]:
