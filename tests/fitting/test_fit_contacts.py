@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks import case_contacts
+from benchmarks.outside_unlisted import UnlistedContact
 from fitting.engine_frames import prepared
 from fitting.sliding_bench import bench
 from isochrome import samples
@@ -13,7 +14,7 @@ from isochrome.estimation import Evidence, Hypothesis, Sets
 from isochrome.fitting import SceneRenderer, fit_with_causes
 from isochrome.fitting.causes.cause import MODULUS
 from isochrome.fitting.causes.modes import traction_modes
-from isochrome.fitting.causes.score import TRACTIONS, Asked
+from isochrome.fitting.causes.score import ORDER, TRACTIONS, Asked
 from isochrome.scene import dump_scene, load_scene, parse_scene
 from isochrome.simulation import scene_states
 from isochrome.stress import pixel_grid
@@ -86,7 +87,7 @@ def test_a_pressure_that_is_wider_as_a_whole_is_the_tractions():
     sets = Sets(evidence, ((0,), (0, 1)), np.array([0.3, 0.7]))
     none = np.zeros((0, 0))
     asked = Asked(
-        evidence=evidence, given=(), now=np.zeros(2), causes=(), along=none, counted=none,
+        evidence=evidence, given=(), now=np.zeros(2), order_power=np.empty((0, 0)), causes=(), along=none, counted=none,
         judged=sets,
     )  # fmt: skip
     assert asked.chances == pytest.approx({MODULUS.name: 0.3, TRACTIONS: 0.7})
@@ -135,3 +136,29 @@ def test_tractions_that_reach_beyond_the_contacts_window_widen_it():
     wide = {"x_mm": [0.0, end - 0.1, end], "pressure_mpa": [0.0, 1.0, 0.0], "shear_mpa": [0.0] * 3}
     surface = scene_states(plain.with_values({"load.added_tractions": wide}))[-1].surface
     assert surface.grid.x_mm[-1] >= end and surface.pressure_mpa.max() > 1.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("fact", [{"warm": 0.02}, {"edge_mpa": 0.2}], ids=str)
+def test_an_order_that_no_cause_explains_is_said_with_its_size_and_counted(fact):
+    """A share of the fringes, and a stress along the edge, which is there without a fringe too."""
+    rows, cols = 164, 220
+    made, plain = (
+        UnlistedContact(
+            load_n=44.0, friction=0.2, shape=(rows, cols), pixel_mm=4.0 / cols, left_mm=-2.0,
+            top_mm=0.0, **values,
+        )
+        for values in (fact, {})
+    )  # fmt: skip
+    scene = load_scene(made.scene() | {"load": {"normal_n": 46.0}})
+    freed = fit_with_causes(prepared(made.frame(1), scene), scene)
+    z = 4.0 / cols * (np.arange(2, rows) + 0.5)[:, None]
+    x = 4.0 / cols * (np.arange(cols) + 0.5)[None, :] - 2.0
+    size = np.sqrt(np.mean((made.orders(x, z, 44.0) - plain.orders(x, z, 44.0)) ** 2))
+    assert freed.chances[ORDER] > 0.9
+    # what is fitted besides takes a part of it
+    assert 0.2 * size < freed.asked.order_size < 1.2 * size
+    for key, true in (("load.normal_n", 44.0), ("friction.coefficient", 0.2)):
+        k = freed.fit.keys.index(key)
+        # three standard uncertainties: one in 400
+        assert abs(freed.fit.values[k] - true) < 3.0 * freed.fit.standard_uncertainty[k]

@@ -243,14 +243,23 @@ class FrameBlocks:
             column[:] = (moved - self._here) * (self._gain / step)
         return columns
 
+    @cached_property
+    def order_waves(self) -> Array:
+        """Orders that no cause may explain, fringes (k, n): products of cosines over the picture,
+        and as much again for each fringe that is there. A plate that is warm or uneven changes a
+        share of these, a clamp or a window what is none.
+        """
+        rows, cols = self._chosen.shape
+        own = 1.0 + scene_optics(self.scene).order(self._fields[0])
+        return np.asarray(self.pick(cosines((rows, cols), COSINES)) * own)
+
     def order_columns(self) -> Array:
-        """By an order that no cause explains, as products of cosines over the picture (k, n)."""
+        """By an order that no cause explains, as of `order_waves` (k, n)."""
         optics, (field, visibility) = scene_optics(self.scene), self._fields
         order = optics.order(field) + np.float32(_ORDER)
         moved = optics.signal(field, order=order, visibility=visibility)
         slope = (moved - self._here) * (self._gain / np.float32(_ORDER))
-        rows, cols = self._chosen.shape
-        return np.asarray(self.pick(cosines((rows, cols), COSINES)) * slope)
+        return np.asarray(self.order_waves * slope)
 
     def shadow_columns(self) -> Array:
         """By the light that is missing at each depth of blocks beside the surface (k, n)."""

@@ -20,7 +20,6 @@ from isochrome.estimation import (
     ScoreProducts,
     Terms,
     Weighed,
-    cosine_rms,
     cosine_spread,
     light_products,
     missing_terms,
@@ -91,11 +90,12 @@ class Asked(Weighed):
     """What frames show besides what is fitted.
 
     `causes` that may be there; `outside`, the blocks (rows, cols) that no noise explains, and
-    `beside`, those at the surface; `modes` of a contact's tractions. Its sets are `judged` where
-    trials tell them apart.
+    `beside`, those at the surface; `modes` of a contact's tractions; `order_power` (k, k), the mean
+    products of an unknown order's waves. Its sets are `judged` where trials tell them apart.
     """
 
     causes: tuple[Cause, ...]
+    order_power: Array
     outside: Mask | None = None
     beside: Mask | None = None
     modes: TractionModes | None = None
@@ -126,7 +126,8 @@ class Asked(Weighed):
     @property
     def order_size(self) -> float:
         """Root mean square of the order that no cause explains, fringes, in its likeliest set."""
-        return cosine_rms(self.sets.values_of(ORDER))
+        values = self.sets.values_of(ORDER)
+        return float(np.sqrt(values @ self.order_power @ values))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,6 +145,7 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
     causes = candidates(stated.scene, stated.keys, stated.held, past=stated.past)
     nuisances: list[_Nuisance] = []
     modes: TractionModes | None = None
+    power = np.empty((0, 0))
     odd: list[tuple[Mask, Mask | None]] = []
     excess: list[float] = []
     unknowns = solution.unknown_keys
@@ -151,11 +153,12 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
     weight, misfit = solution.stated_misfit
 
     def parts() -> Iterator[tuple[Array, Array, Array, Array]]:
-        nonlocal modes
+        nonlocal modes, power
         for blocks in solution.blocks():
             if not nuisances:
                 modes = blocks.modes if _has_own_tractions(solution, stated.scene) else None
                 nuisances.extend(_nuisances(solution, blocks, causes, fitted, stated))
+                power = blocks.order_waves @ blocks.order_waves.T / len(blocks.residual)
             odd.append((blocks.outliers, blocks.beside))
             excess.append(blocks.excess)
             columns = np.concatenate([n.columns(blocks) for n in nuisances])
@@ -179,6 +182,7 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
     return Asked(
         **vars(found),
         causes=causes,
+        order_power=power,
         outside=_outside_of_all([outside for outside, _ in odd]),
         beside=odd[0][1],
         modes=modes,

@@ -189,10 +189,13 @@ class TrialModel(FrameModel):
         return rows, cols
 
     def _per_order(self, scene: Scene) -> Array:
-        """The stress difference (rows, cols) that adds a fringe where the scene's own lies."""
+        """The stress difference (rows, cols) that adds a fringe to none, and to more the more: see
+        `FrameBlocks.order_waves`."""
         field = np.nan_to_num(self.renderer.order_field(scene)[0])
         size = np.maximum(np.abs(field), np.float32(1e-6))
-        return np.asarray(field / (size * np.float32(scene_optics(scene).order_per_mpa)))
+        return np.asarray(
+            field * (1.0 + np.float32(1.0 / scene_optics(scene).order_per_mpa) / size)
+        )
 
     @property
     def count(self) -> int:
