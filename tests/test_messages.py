@@ -59,6 +59,13 @@ def test_a_refusal_that_names_its_frame_has_its_message_still(bands):
     assert refused.value.message.code == "no_pixel_has_known"
 
 
+def test_a_frame_without_fringes_says_so_in_a_message(bands):
+    noise = np.random.default_rng(1).integers(88, 93, bands[0].shape).astype(np.uint8)
+    found = isochrome.process([bands[0], noise], isochrome.parse_scene(SCENE))
+    (blank,) = (text for text in found.warnings if "not normalised: " in text)
+    assert blank.code
+
+
 def test_a_runs_messages_are_the_same_in_memory_in_json_and_when_it_is_complete(tmp_path, bands):
     scene = isochrome.parse_scene(SCENE)
     in_memory = isochrome.process(bands, scene)

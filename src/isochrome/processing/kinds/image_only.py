@@ -257,7 +257,7 @@ def read_alone(
     try:
         signal = frame_signal(frame, linear, scene, capture)
     except InputError as error:
-        return replace(blank, warnings=(f"not normalised: {error}",)), None
+        return replace(blank, warnings=("not normalised: " + error.message,)), None
     lines = skeletons(np.clip(signal.signal, 0.0, 1.0))
     point_known = bool(scene.frames.known_order)
     refusal = refused_beforehand(frame, signal, len(lines), capture, point_known, inside)
