@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import isochrome
+from isochrome.comparison import ComparedFrames, compare_frames
 from isochrome.messages import Message, message, messages_data, read_messages, read_warnings
 from isochrome.reporting import warnings_with_remedies
 
@@ -48,6 +49,21 @@ def test_a_refusal_has_its_message():
     with pytest.raises(isochrome.InputError) as refused:
         isochrome.load_scene("rign")
     assert refused.value.message.code and str(refused.value) == refused.value.message
+
+
+def test_a_refusal_that_names_its_frame_has_its_message_still(bands):
+    blank = np.full_like(bands, np.nan, dtype=float)
+    with pytest.raises(isochrome.InputError) as refused:
+        compare_frames(ComparedFrames(signal=blank), ComparedFrames(signal=blank))
+    assert str(refused.value).startswith("frame 0 (")
+    assert refused.value.message.code == "no_pixel_has_known"
+
+
+def test_a_frame_without_fringes_says_so_in_a_message(bands):
+    noise = np.random.default_rng(1).integers(88, 93, bands[0].shape).astype(np.uint8)
+    found = isochrome.process([bands[0], noise], isochrome.parse_scene(SCENE))
+    (blank,) = (text for text in found.warnings if "not normalised: " in text)
+    assert blank.code
 
 
 def test_a_runs_messages_are_the_same_in_memory_in_json_and_when_it_is_complete(tmp_path, bands):

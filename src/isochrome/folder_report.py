@@ -114,7 +114,7 @@ def _kind(place: Path) -> tuple[str, str]:
         raise InputError("no_such_folder_name", place=place, named=_NAMED)
     result = next((name for name in _NEEDED if (place / name).is_file()), None)
     if result is None and (place / "summary.csv").is_file():
-        raise InputError(f"{place}: {message('campaign_name_folder_one')}")
+        raise InputError(f"{place}: " + message("campaign_name_folder_one"))
     if result is None or not (place / PROVENANCE).is_file():
         unfinished = Path(f"{place.resolve()}{WORKING}").is_dir()
         hint = (

@@ -65,7 +65,7 @@ def test_p95_leaves_out_the_worst_twentieth():
     assert found.rms_right_branch == pytest.approx(np.sqrt(np.mean((np.arange(26) / 100) ** 2)))
 
 
-def test_unknown_and_masked_orders_do_not_count():
+def test_unknown_orders_do_not_count():
     model = np.full((20, 20), 0.2)
     measured = model + 0.01
     measured[:5] = 1.0 - model[:5]
@@ -75,23 +75,16 @@ def test_unknown_and_masked_orders_do_not_count():
     model = np.zeros((10, 10))
     measured = np.full((10, 10), 0.1)
     measured[0] = np.nan
-    measured[1] = 9.0
-    mask = np.ones((10, 10), bool)
-    mask[1] = False
-    found = compare_orders(measured, model, mask=mask)
-    assert found.rms == pytest.approx(0.1) and found.compared_share == pytest.approx(80 / 90)
+    found = compare_orders(measured, model)
+    assert found.rms == pytest.approx(0.1) and found.compared_share == pytest.approx(90 / 100)
 
 
 @pytest.mark.parametrize("compare", [compare_orders, compare_signals])
 def test_refusals_say_shapes_and_what_to_do(compare):
     with pytest.raises(InputError, match=r"\(3, 4\).*\(4, 3\).*simulate"):
         compare(np.zeros((3, 4)), np.zeros((4, 3)))
-    with pytest.raises(InputError, match="mask of shape"):
-        compare(np.zeros((3, 4)), np.zeros((3, 4)), mask=np.ones((4, 3), bool))
     with pytest.raises(InputError, match="nothing to compare"):
         compare(np.full((8, 8), np.nan), np.zeros((8, 8)))
-    with pytest.raises(InputError, match="nothing to compare"):
-        compare(np.zeros((8, 8)), np.zeros((8, 8)), mask=np.zeros((8, 8), bool))
 
 
 def test_identical_signals_score_one_by_any_noise_and_what_is_unknown_does_not_count(signal):
@@ -228,7 +221,7 @@ def frame_set(order, **more):
 def test_frames_are_paired_one_to_one_or_one_to_all(order):
     small = order[:120, 200:400]
     experiment = frame_set(np.stack([small, 1.02 * small]), labels=("static", "sliding, 31 m"))
-    found = compare_frames(experiment, frame_set(small[None], pixel_mm=PIXEL_MM), mask=small > 0.3)
+    found = compare_frames(experiment, frame_set(small[None], pixel_mm=PIXEL_MM))
     assert [(each.frame, each.label) for each in found] == [(0, "static"), (1, "sliding, 31 m")]
     assert found[0].orders.rms == 0.0 and found[1].orders.bias > 0.005
     assert found[1].skeleton.mean_mm > 0

@@ -87,8 +87,8 @@ def test_a_pressure_that_is_wider_as_a_whole_is_the_tractions():
     sets = Sets(evidence, ((0,), (0, 1)), np.array([0.3, 0.7]))
     none = np.zeros((0, 0))
     asked = Asked(
-        evidence=evidence, given=(), now=np.zeros(2), order_power=np.empty((0, 0)), causes=(), along=none, counted=none,
-        judged=sets,
+        evidence=evidence, given=(), now=np.zeros(2), order_power=np.empty((0, 0)), causes=(),
+        along=none, counted=none, judged=sets,
     )  # fmt: skip
     assert asked.chances == pytest.approx({MODULUS.name: 0.3, TRACTIONS: 0.7})
 

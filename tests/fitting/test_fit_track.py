@@ -6,9 +6,9 @@ import tifffile
 
 from fitting.engine_frames import light_of
 from isochrome.errors import InputError
-from isochrome.fitting import track
-from isochrome.fitting.tracking.field_polynomial import make_field_box
+from isochrome.fitting import Tracker, placed, track
 from isochrome.fitting.tracking.tracker import NO_FRINGES
+from isochrome.frames import Frame
 from isochrome.messages import message
 from isochrome.optics import expose
 from isochrome.output import read_csv
@@ -117,20 +117,20 @@ def test_a_frame_without_fringes_has_no_values_and_the_next_are_found(tmp_path):
     assert np.all(np.abs(result.values[[0, 2], 0] / 44.0 - 1.0) < 2e-3)
 
 
-def test_a_field_box_is_exact_for_the_terms_that_it_has():
-    def render(v, _seen):
-        x, y = v
-        smooth = np.array([1 + x + x**4 + 2 * x * y, x**2 * y**2 - 3 * y**2 + 1j * y], complex)
-        return smooth, np.array([1.0 - 0.1 * x, 1.0 + 0.2 * y])
-
-    box = make_field_box(render, np.array([-1.0, 0.5]), np.array([1.0, 1.5]), (4, 2))
-    at = np.array([0.3, 1.2])
-    field, seen = box.at(at)
-    truth, clear = render(at, True)
-    assert field == pytest.approx(truth, abs=3e-6)  # single precision
-    assert seen == pytest.approx(clear, abs=3e-6)
-    ahead, behind = render(at + np.array([0, 1e-6]), False), render(at - np.array([0, 1e-6]), False)
-    assert box.slope(at, 1)[0] == pytest.approx((ahead[0] - behind[0]) / 2e-6, abs=1e-4)
+def test_between_two_solved_contacts_a_frame_is_what_the_mechanics_make_of_it():
+    """Values of ten standard uncertainties beside: by what turns the field, and by a contact."""
+    scene = placed(contact(), SHAPE)
+    image = frame_of(scene, scene_states(scene)[-1], np.random.default_rng(1))
+    keys = (LOAD, FRICTION, LEFT)
+    tracker = Tracker(scene, keys, bit_depth=8)
+    found = tracker.track(Frame(0, image, None, "0"), None)
+    model = tracker._model
+    values = found.values + 10.0 * found.standard_uncertainty * [1.0, -1.0, 1.0]
+    by_turns = model.at(values).residual
+    start = model.at(found.values).residual
+    model.stand(values)
+    solved = model.at(values).residual
+    assert np.linalg.norm(solved - by_turns) < 0.02 * np.linalg.norm(solved - start)
 
 
 @pytest.mark.parametrize(

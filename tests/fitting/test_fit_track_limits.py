@@ -10,11 +10,11 @@ from scipy.ndimage import gaussian_filter
 from fitting.engine_frames import light_of, prepared
 from fitting.test_fit_track import FRICTION, LOAD, SHAPE, contact
 from fitting.test_fit_track_worn import WEAR, worn_film
-from isochrome.contact import contact_grid, make_site, wear_course
+from isochrome.contact import GrowingScar, contact_grid, make_site, wear_course, worn_states
 from isochrome.fitting import Tracker, placed
 from isochrome.fitting.tracking.result import TrackRows
-from isochrome.fitting.tracking.tracked_model import thin_frame
-from isochrome.fitting.tracking.wear_state import Drive, Growth, WornScar, elastic_area, grow
+from isochrome.fitting.tracking.tracked_model import TrackedModel
+from isochrome.fitting.tracking.worn_course import GROWTH, WornCourse
 from isochrome.frames import Frame, NoiseModel
 from isochrome.optics import expose
 from isochrome.scene import load_scene
@@ -149,79 +149,78 @@ def test_the_mean_that_the_scene_gets_is_of_the_frames_that_tell_a_key():
 
 
 def test_pixels_near_black_and_white_are_not_looked_at(clean):
-    data = prepared(stored(clean), contact())
-    noise = NoiseModel(NOISE**2, 0.0, 0.0)
-    thinned = thin_frame(data, np.ones((100, 150), bool), 2, full=255.0, noise=noise)
-    model = np.linspace(-0.02, 1.02, thinned.pixels.keep.sum()).astype(np.float32)
+    scene = placed(contact(), SHAPE)
+    model = TrackedModel(
+        WornCourse(scene, (LOAD,)), prepared(stored(clean), scene), full=255.0, held=(),
+        noise=NoiseModel(NOISE**2, 0.0, 0.0), usual_load_n=44.0,
+    )  # fmt: skip
+    every = model.pixels.size
+    light = np.linspace(-0.02, 1.02, every).astype(np.float32)
+    model.look(light)
     # 3.5 standard deviations: there one of 4000 is cut
     room = 3.5 * NOISE / 255.0
-    np.testing.assert_array_equal(thinned.look(model).clear, abs(model - 0.5) < 0.5 - room)
+    assert 0.8 * every < model.pixels.size < every
+    clear = np.count_nonzero(abs(light - 0.5) < 0.5 - room)
+    assert abs(model.pixels.size - clear) <= 2  # by rounding
 
 
-LINE, RATE = 44.0 / 4.0, 1e3 * 2e-9 * 44.0 / 4.0
-"""Load (N/mm), and worn area (mm²) per metre."""
+LINE = 44.0 / 4.0
+"""Load, N/mm."""
 
 
-def worn_scene(**numerics):
-    """A contact that has slid 44 m under a constant load, on nodes of 5 um."""
-    given = {"wear.distances_m": [44.0], FRICTION: 0.2, "friction.static_state_first": False}
-    finer = {f"numerics.{key}": value for key, value in numerics.items()}
-    return load_scene("line-contact-wear").with_values(
-        given | {LOAD: 44.0, "numerics.spacing_mm": 0.005} | finer
+def worn(*distances):
+    """Scars of a contact that has slid some distances (m), their doses, and its grid of 5 um."""
+    given = {"wear.distances_m": [*distances], FRICTION: 0.2, "friction.static_state_first": False}
+    scene = load_scene("line-contact-wear").with_values(
+        given | {LOAD: 44.0, "numerics.spacing_mm": 0.005, "numerics.tolerance": 1e-5}
     )
-
-
-def steady(scene, largest_dose):
-    """Its site, its unworn scar, and the area that elasticity takes."""
-    site = make_site(scene, contact_grid(scene, largest_dose_mm_per_mpa=largest_dose))
-    return site, WornScar(0.0, np.zeros(site.grid.nodes)), elastic_area(scene, LINE)
+    history, stops = wear_course(scene)
+    largest = 2.0 * float(history.dose_mm_per_mpa[-1])
+    site = make_site(scene, contact_grid(scene, largest_dose_mm_per_mpa=largest))
+    scars = [
+        GrowingScar(state.wear_depth_mm, (LINE, 0.2), state.pressure_mpa)
+        for state in worn_states(site, history, stops)
+    ]
+    return site, scars, [stop.dose_mm_per_mpa for stop in stops]
 
 
 def test_a_scar_that_is_stepped_on_is_the_one_worn_in_one_go():
-    scene = worn_scene(tolerance=1e-5)
-    site, unworn, elastic = steady(scene, float(wear_course(scene)[0].dose_mm_per_mpa[-1]))
-    drive = Drive(np.array([0.0, 1.0]), np.full(2, LINE), np.full(2, 0.2))
-    areas = [RATE * distance for distance in (40.0, 44.0)]
-    first, whole = grow(site, unworn, drive, areas, elastic)
-    (stepped,) = grow(site, first, drive, areas[1:], elastic)
+    """From frame to frame, each a step of a hundredth."""
+    site, (scar, whole), (begun, end) = worn(40.0, 44.0)
+    first, count = scar, 10
+    for _ in range(count):
+        scar = scar.grown(site, (end - begun) / count, (LINE, 0.2), tolerance=GROWTH)
     grown = (whole.depth_mm - first.depth_mm).max()
-    error = np.sqrt(np.mean((stepped.depth_mm - whole.depth_mm) ** 2)) / grown
-    # of the second order in the step of area: 2.2e-4; steps of the first order leave 1.1e-3
+    error = np.sqrt(np.mean((scar.depth_mm - whole.depth_mm) ** 2)) / grown
+    # mesh and grid differ by 2e-4; steps of the first order leave 1e-3
     assert error < 5e-4
 
 
-def test_a_scar_near_the_end_of_a_growth_is_not_worn_again():
-    """Where a frame was looked for and what it then shows lie next to each other."""
-    line, area = LINE, RATE * 44.0
-    site, unworn, elastic = steady(worn_scene(), area / line)
-    drive = Drive(np.array([0.0, area]), np.full(2, line), np.full(2, 0.2))
-    step = 0.006 * (area + elastic)
-    first, near, last = grow(site, unworn, drive, [area - step, area - 0.1 * step, area], elastic)
-    grown = Growth(first, last, (line, 0.2))
-    found = grown.towards(first, near.worn_mm2, (line * 1.0002, 0.2))
-    whole = (last.depth_mm - first.depth_mm).max()
-    error = np.sqrt(np.mean((found.depth_mm - near.depth_mm) ** 2)) / whole
-    # as much as the steps themselves may err by, above; only where the edge has just come by is
-    # the depth not linear in the area; the end of the growth in its place would leave some .05
-    assert error < 5e-4
-    assert found.worn_mm2 == near.worn_mm2
-    assert grown.towards(first, area + 0.01 * step, (line, 0.2)) is last
-    for start, wanted, load in (
-        (first, area - 0.5 * step, line),  # in the middle of the way
-        (first, near.worn_mm2, 1.01 * line),  # under another load
-        (unworn, near.worn_mm2, line),  # from elsewhere
-    ):
-        assert grown.towards(start, wanted, (load, 0.2)) is start
+def test_a_scar_goes_on_from_its_plain_numbers_as_it_would_have():
+    site, (scar, _), _ = worn(40.0, 44.0)
+    scar = scar.grown(site, 1e-6, (1.01 * LINE, 0.2), tolerance=GROWTH)
+    again = GrowingScar.from_json(json.loads(json.dumps(scar.to_json())))
+    one, other = (s.grown(site, 1e-6, (LINE, 0.2), tolerance=GROWTH) for s in (scar, again))
+    np.testing.assert_array_equal(one.depth_mm, other.depth_mm)
 
 
-def test_a_scar_grows_under_the_load_that_is_tracked_and_not_the_scenes():
-    """The scene names a constant 44 N. Goes wrong: the scar is that of the scene's course."""
-    area = RATE * 44.0
-    site, unworn, elastic = steady(worn_scene(), 2.0 * area / LINE)
-    drive = Drive(np.array([0.0, area]), LINE * np.array([0.5, 1.0]), np.full(2, 0.2))
-    (scar,) = grow(site, unworn, drive, [area], elastic)
-    # the dose times the load is the worn area, whatever was between; 1e-4 is the tolerance
-    assert scar.depth_mm.sum() * site.grid.spacing_mm == pytest.approx(area, rel=5e-4)
+def test_a_scar_grows_under_the_loads_on_its_way():
+    """From half of the load to all of it: the worn area is their mean times the dose."""
+    site, _, (dose,) = worn(44.0)
+    unworn = GrowingScar(np.zeros(site.grid.nodes), (0.5 * LINE, 0.2))
+    scar = unworn.grown(site, dose, (LINE, 0.2), tolerance=1e-4)
+    area = scar.depth_mm.sum() * site.grid.spacing_mm
+    assert area == pytest.approx(0.75 * LINE * dose, rel=5e-4)
+
+
+def test_a_scar_grows_on_where_the_load_in_hand_touches_it():
+    """11 N/mm wore it, 6 N/mm are on it: the half-width of a contact goes with the root of these.
+    Worn on by loads of long ago, what a frame says of its wear was wrong by half."""
+    site, (scar,), (dose,) = worn(0.1)
+    on = scar.grown(site, 0.01 * dose, (6.0, 0.2), tolerance=GROWTH)
+    more = on.grown(site, 0.5 * dose, (6.0, 0.2), tolerance=GROWTH).depth_mm - on.depth_mm
+    wide = [np.count_nonzero(depth > 0.05 * depth.max()) for depth in (scar.depth_mm, more)]
+    assert wide[1] / wide[0] == pytest.approx(np.sqrt(6.0 / 11.0), rel=0.03)
 
 
 # Each key in its own unit

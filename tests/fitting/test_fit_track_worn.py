@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from fitting.test_fit_track import FRICTION, LEFT, LOAD, contact, frame_of, pulls, save
-from isochrome.fitting import track
-from isochrome.fitting.tracking.wear_state import TrackCourse
+from isochrome.fitting import Tracker, placed, track
+from isochrome.fitting.tracking.worn_course import WornCourse
+from isochrome.frames import Frame
 from isochrome.scene import load_scene
 from isochrome.simulation import scene_states
 
@@ -32,13 +33,38 @@ def worn_film(distance, load, friction, rng):
 def test_after_an_unworn_frame_the_wear_starts_from_the_scenes_law():
     """An unworn start has no coefficient that could be carried on: the next scar is k P s / t."""
     scene = contact().model_copy(update={"wear": load_scene("line-contact-wear").wear})
-    course = TrackCourse(scene, (LOAD, FRICTION, WEAR))
-    start = course.start(0.0)
-    assert start[2] == 0.0
-    course.passed(start, 0.0)
-    line = start[0] / scene.specimen.thickness_mm
+    course = WornCourse(scene, (LOAD, FRICTION, WEAR))
+    values = course.own_values()
+    course.take(values)
+    assert course.worn_mm2 == 0.0
+    course.passed(values)
+    course.at(40.0)
+    course.take(values)
+    line = values[0] / scene.specimen.thickness_mm
     k = scene.wear_coefficient_at(40.0)
-    assert course.carried(start, 40.0)[2] == pytest.approx(k * line * 40e3, rel=1e-6)
+    assert course.worn_mm2 == pytest.approx(k * line * 40e3, rel=1e-6)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_load_before_is_told_with_its_uncertainty_and_is_in_that_of_the_wear(seed):
+    """Worn under 47 N, seen under 43 N: how far it wore goes with the load that wore it."""
+    load = np.array([47.0, 43.0, 43.1, 43.2])
+    distance = np.array([77.0, 77.05, 77.1, 77.15])
+    frames, start = worn_film(distance, load, np.full(4, 0.2), np.random.default_rng(seed))
+    seen = start.with_values({"wear.distances_m": distance[1:].tolist()})
+    tracker = Tracker(placed(seen, frames[0].shape), (LOAD, FRICTION, WEAR), bit_depth=8)
+    found = [
+        tracker.track(Frame(i, image, None, str(i)), s)
+        for i, (image, s) in enumerate(zip(frames[1:], distance[1:], strict=True))
+    ]
+    past, spread = tracker.course.past
+    assert abs(past - 47.0) < 4.0 * spread < 2.0
+    for one, true in zip(found, load[1:], strict=True):
+        pull = (one.values - [true, 0.2, 2e-9]) / one.standard_uncertainty
+        assert np.abs(pull).max() < 4.0
+    for one in found[1:]:  # the noise alone would tell k better
+        assert one.standard_uncertainty[2] > 1.3 * one.cramer_rao_bound[2]
 
 
 @pytest.mark.long

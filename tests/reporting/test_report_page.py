@@ -222,6 +222,21 @@ def test_a_large_figure_of_a_run_is_made_smaller_until_it_has_room(monkeypatch):
     assert bare + 0.2 * room < len(own) < bare + 1.1 * room
 
 
+def test_a_figure_that_has_room_when_it_is_packed_tighter_is_whole(monkeypatch):
+    from PIL import Image
+
+    stripes = np.random.default_rng(3).integers(0, 256, (1, 500, 3), np.uint8)
+    whole, (loose, tight) = np.tile(stripes, (400, 1, 1)), (io.BytesIO(), io.BytesIO())
+    Image.fromarray(whole).save(loose, "PNG", compress_level=1)
+    Image.fromarray(whole).save(tight, "PNG")
+    room = (len(loose.getvalue()) + len(tight.getvalue())) * 2 // 3  # between the two, as base64
+    monkeypatch.setattr("isochrome.reporting.page._LARGEST_PICTURE", room)
+    page = report_html(replace(made_content(), picture=loose.getvalue()))
+    pictures = re.findall('data:image/png;base64,([^"]+)', page)
+    shown = [Image.open(io.BytesIO(base64.b64decode(each))) for each in pictures]
+    assert any(np.array_equal(np.asarray(one), whole) for one in shown)
+
+
 def test_a_report_is_the_same_each_time(report_file):
     """No date, no random name: a run that is computed again leaves the same bytes."""
     assert report_html(made_content()).encode() == report_file.read_bytes()

@@ -108,7 +108,7 @@ def test_a_complete_run_is_not_computed_again(undisturbed, count, tmp_path):
     (out / "rows.json").write_text("[]", "utf-8")  # no longer what the run left
     assert run_job(job(count), out, finish) is not None
     assert calls(count.notes) == [0, 3, 6, 9]  # it is made of the chunks, which are whole
-    assert run_job(job(count), out, finish, means=RunOptions(restart=True)) is not None
+    assert run_job(job(count), out, finish, options=RunOptions(restart=True)) is not None
     assert calls(count.notes) == sorted(2 * [0, 3, 6, 9])
     assert contents(out) == undisturbed
 
@@ -250,7 +250,7 @@ def test_an_unfinished_run_of_something_else_is_refused(count, tmp_path, change,
     with pytest.raises(InputError, match=f"out.partial: .*{words}.*--restart"):
         run_job(other, tmp_path / "out", finish)
     assert contents(tmp_path / "out.partial") == before
-    run_job(other, tmp_path / "out", finish, means=RunOptions(restart=True))
+    run_job(other, tmp_path / "out", finish, options=RunOptions(restart=True))
     assert calls(count.notes) == sorted([0, 3, 6, 0, 3, 6, 9])
 
 

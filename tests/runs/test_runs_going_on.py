@@ -25,8 +25,8 @@ def test_failed_items_are_kept_for_those_alone_who_ask_to_keep_going(
     notes, tmp_path, keep_going, again
 ):
     """To the others the failure is to be said, as it is in a run that was not stopped."""
-    work = stopped(tmp_path, Count(notes, failed=1), means=RunOptions(keep_going=True))
-    run_job(job(work), tmp_path / "out", finish, means=RunOptions(keep_going=keep_going))
+    work = stopped(tmp_path, Count(notes, failed=1), options=RunOptions(keep_going=True))
+    run_job(job(work), tmp_path / "out", finish, options=RunOptions(keep_going=keep_going))
     assert calls(notes) == sorted([0, 3, 6, *again])
 
 
@@ -105,7 +105,7 @@ def test_another_run_may_replace_what_one_that_was_killed_had_placed(count, tmp_
             run_job(job(count), out, finish)
     assert (out / "rows.json").exists()
     other = job(count, identity=IDENTITY | {"seed": 2})
-    run_job(other, out, finish, means=RunOptions(restart=True))
+    run_job(other, out, finish, options=RunOptions(restart=True))
     run_job(other, tmp_path / "alone", finish)
     assert contents(out) == contents(tmp_path / "alone")
 

@@ -77,5 +77,5 @@ def test_chunks_in_turn_go_on_with_what_was_left(tmp_path, store):
 @pytest.mark.parametrize("means", [RunOptions(workers=2), RunOptions(cluster="tcp://nowhere:1")])
 def test_chunks_in_turn_are_one_processs_work(tmp_path, means):
     with pytest.raises(InputError, match="which only one process can do; leave them out"):
-        run_job(job(Sums(tmp_path), store=False), tmp_path / "out", finish, means=means)
+        run_job(job(Sums(tmp_path), store=False), tmp_path / "out", finish, options=means)
     assert not any(tmp_path.iterdir())

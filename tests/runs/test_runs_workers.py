@@ -46,7 +46,7 @@ def test_two_workers_leave_what_one_process_leaves_and_do_not_hear_the_keyboard(
                 os.kill(int(path.stem), signal.SIGINT)
 
     try:
-        run_job(job(count), tmp_path / "two", finish, means=RunOptions(workers=2), progress=tell)
+        run_job(job(count), tmp_path / "two", finish, options=RunOptions(workers=2), progress=tell)
     except KeyboardInterrupt as stop:
         pytest.fail(f"a worker heard the keyboard: {stop}")
     assert contents(tmp_path / "two") == contents(tmp_path / "one")
@@ -63,9 +63,9 @@ def test_a_killed_worker_is_said_and_the_same_call_goes_on(notes, tmp_path):
     switch.touch()
     work = Count(notes, fail_at=7, failure=SystemExit, switch=switch)
     with pytest.raises(WorkersLost, match=r"a worker process was killed.*the same command again"):
-        run_job(job(work), tmp_path / "out", finish, means=RunOptions(workers=2))
+        run_job(job(work), tmp_path / "out", finish, options=RunOptions(workers=2))
     switch.unlink()
-    run_job(job(work), tmp_path / "out", finish, means=RunOptions(workers=2))
+    run_job(job(work), tmp_path / "out", finish, options=RunOptions(workers=2))
     np.testing.assert_array_equal(
         tifffile.imread(tmp_path / "out" / "order.tif"), np.stack([truth(i) for i in range(10)])
     )
@@ -76,7 +76,7 @@ def test_a_refusal_by_a_worker_is_the_same_sentence(notes, tmp_path):
     (tmp_path / "switch").touch()
     work = Count(notes, fail_at=7, failure=InputError, switch=tmp_path / "switch")
     with pytest.raises(InputError, match=r"^item 7 is bad$"):
-        run_job(job(work), tmp_path / "out", finish, means=RunOptions(workers=2))
+        run_job(job(work), tmp_path / "out", finish, options=RunOptions(workers=2))
     assert {p.name for p in tmp_path.iterdir()} == {"notes", "switch"}
 
 
@@ -89,7 +89,7 @@ if __name__ == "__main__":
     from runs.counting import Count, finish, job
     work = Count(Path(sys.argv[2]), seconds=0.2)
     try:
-        run_job(job(work, count=60), sys.argv[1], finish, means=RunOptions(workers=2))
+        run_job(job(work, count=60), sys.argv[1], finish, options=RunOptions(workers=2))
     except Stopped as stop:
         print(stop)
 """
@@ -189,7 +189,7 @@ def test_a_cluster_that_loses_a_worker_completes_with_the_same_bytes(notes, tmp_
     ) as cluster:
         run_job(
             job(work, count=60), tmp_path / "cluster", finish,
-            means=RunOptions(cluster=cluster.scheduler_address), progress=kill_one,
+            options=RunOptions(cluster=cluster.scheduler_address), progress=kill_one,
         )  # fmt: skip
     assert killed and killed[0] != os.getpid()
     assert f"{os.getpid()}.txt" not in {p.name for p in notes.iterdir()}  # not computed here
@@ -213,7 +213,7 @@ if __name__ == "__main__":
     with LocalCluster(n_workers=1, processes=True, dashboard_address=None) as cluster:
         means = RunOptions(cluster=cluster.scheduler_address)
         try:
-            run_job(job(Count(Path(sys.argv[2]))), sys.argv[1], finish, means=means)
+            run_job(job(Count(Path(sys.argv[2]))), sys.argv[1], finish, options=means)
         except InputError as error:
             print(error)
 """
@@ -235,13 +235,15 @@ def test_a_clusters_worker_with_other_code_is_refused(notes, tmp_path, code):
 @pytest.mark.long
 def test_no_cluster_is_said(count, tmp_path):
     with pytest.raises(InputError, match=r"--cluster tcp://127\.0\.0\.1:9: no Dask scheduler"):
-        run_job(job(count), tmp_path / "out", finish, means=RunOptions(cluster="tcp://127.0.0.1:9"))
+        run_job(
+            job(count), tmp_path / "out", finish, options=RunOptions(cluster="tcp://127.0.0.1:9")
+        )
     assert not (tmp_path / "out.partial").exists()
 
 
 def test_workers_below_one_are_refused(count, tmp_path):
     with pytest.raises(InputError, match="--workers 0: give 1 or more"):
-        run_job(job(count), tmp_path / "out", finish, means=RunOptions(workers=0))
+        run_job(job(count), tmp_path / "out", finish, options=RunOptions(workers=0))
 
 
 @pytest.mark.study
@@ -278,7 +280,7 @@ def test_waiting_workers_compute_what_one_process_does_and_end(notes, tmp_path):
     with waiting_workers(2, truth) as waiting:
         means = RunOptions(workers=2, waiting=waiting)
         ours = {child.pid for child in multiprocessing.active_children()}
-        run_job(job(Count(notes)), tmp_path / "two", finish, means=means)
+        run_job(job(Count(notes)), tmp_path / "two", finish, options=means)
     assert contents(tmp_path / "two") == contents(tmp_path / "one")
     assert calls(notes) == sorted(2 * [0, 3, 6, 9])
     others = {int(path.stem) for path in notes.iterdir()} - {os.getpid()}
@@ -305,6 +307,6 @@ def test_a_waiting_worker_that_is_killed_is_said(notes, tmp_path):
     with said, waiting_workers(2, truth) as waiting:
         multiprocessing.active_children()[0].kill()
         means = RunOptions(workers=2, waiting=waiting)
-        run_job(job(Count(notes)), tmp_path / "out", finish, means=means)
+        run_job(job(Count(notes)), tmp_path / "out", finish, options=means)
     assert not multiprocessing.active_children()
     run_job(job(Count(notes)), tmp_path / "out", finish)  # nothing is in the way

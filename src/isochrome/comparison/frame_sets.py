@@ -135,7 +135,7 @@ class OrderMetrics:
     bias : float
         Mean of experiment - simulation, fringes.
     compared_share : float
-        Compared pixels over those of the mask, 0 to 1.
+        Compared pixels over all, 0 to 1.
     rms_right_branch : float
         Root mean square over the pixels on the right branch, fringes; NaN where there are none.
     """
@@ -178,9 +178,7 @@ class SignalMetrics:
     offset: float
 
 
-def compare_orders(
-    experiment: ArrayLike, simulation: ArrayLike, *, mask: ArrayLike | None = None
-) -> OrderMetrics:
+def compare_orders(experiment: ArrayLike, simulation: ArrayLike) -> OrderMetrics:
     """Compare two maps (row, col) of the fringe order N, NaN = not known, where both are known.
 
     d = N_experiment - N_simulation; rms = sqrt(mean d²); wrong branch: |d| > 0.25. The dark field,
@@ -188,9 +186,7 @@ def compare_orders(
     half of it, beyond it another is nearer. A pixel mirrored beside a branch's edge is not counted:
     the share is a lower bound. InputError where the shapes differ or nothing is known in both.
     """
-    measured, model, valid, known = _paired(
-        experiment, simulation, mask, "fringe-order maps", "fringe order"
-    )
+    measured, model, known = _paired(experiment, simulation, "fringe-order maps", "fringe order")
     difference = measured[known] - model[known]
     size = np.abs(difference)
     right = size <= WRONG_BRANCH_FRINGES
@@ -199,17 +195,13 @@ def compare_orders(
         p95=float(np.percentile(size, 95.0)),
         wrong_branch_share=float(1.0 - right.mean()),
         bias=float(difference.mean()),
-        compared_share=float(known.sum() / valid.sum()),
+        compared_share=float(known.sum() / known.size),
         rms_right_branch=_rms(difference[right]),
     )
 
 
 def compare_signals(
-    experiment: ArrayLike,
-    simulation: ArrayLike,
-    *,
-    mask: ArrayLike | None = None,
-    noise: ArrayLike | None = None,
+    experiment: ArrayLike, simulation: ArrayLike, *, noise: ArrayLike | None = None
 ) -> SignalMetrics:
     """Compare two images of the same fringes, whatever their brightness and contrast.
 
@@ -218,7 +210,7 @@ def compare_signals(
     gain S + offset, windows wholly known, of a span of 1) is given as others report it: a
     perfect model scores .893 on one noisy frame, one 1 % off in load .890. NaN: cannot be said.
     """
-    measured, model, _, known = _paired(experiment, simulation, mask, "images", "signal")
+    measured, model, known = _paired(experiment, simulation, "images", "signal")
     gain, offset = brightness_line(measured[known], model[known])
     fitted = gain * model + offset
     residual, over_noise = (measured - fitted)[known], np.nan
@@ -248,24 +240,19 @@ def brightness_line(measured: Floats, model: Floats) -> tuple[float, float]:
 
 
 def _paired(
-    experiment: ArrayLike, simulation: ArrayLike, mask: ArrayLike | None, what: str, quantity: str
-) -> tuple[Floats, Floats, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Both sides in one shape, the mask, and the pixels of it that both know, one at least."""
+    experiment: ArrayLike, simulation: ArrayLike, what: str, quantity: str
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Both sides in one shape, and the pixels that both know, one at least."""
     measured = np.asarray(experiment, dtype=np.float64)
     model = np.asarray(simulation, dtype=np.float64)
     if measured.shape != model.shape or measured.ndim != 2:
         raise InputError(
             "shape_experiment_simulation_give", what=what, shape=measured.shape, shape_2=model.shape
         )
-    valid = np.ones(measured.shape, bool) if mask is None else np.asarray(mask, dtype=bool)
-    if valid.shape != measured.shape:
-        raise InputError(
-            "mask_shape_shape_give", shape=valid.shape, what=what, shape_2=measured.shape
-        )
-    known = valid & np.isfinite(measured) & np.isfinite(model)
+    known = np.isfinite(measured) & np.isfinite(model)
     if not known.any():
         raise InputError("no_pixel_has_known", quantity=quantity)
-    return measured, model, valid, known
+    return measured, model, known
 
 
 def _rms(values: Floats) -> float:
@@ -399,9 +386,7 @@ class FrameMetrics:
     skeleton: SkeletonDistance | None
 
 
-def compare_frames(
-    experiment: ComparedFrames, simulation: ComparedFrames, *, mask: ArrayLike | None = None
-) -> list[FrameMetrics]:
+def compare_frames(experiment: ComparedFrames, simulation: ComparedFrames) -> list[FrameMetrics]:
     """Compare two sets frame by frame, an entry a pair; one frame is compared with every other one.
 
     Lines for the skeleton distance come from the order maps where both sides have them, else from
@@ -413,16 +398,16 @@ def compare_frames(
         label = (experiment if len(experiment) >= len(simulation) else simulation).label(index)
         measured, model = experiment.signal[i], simulation.signal[j]
         try:
-            signals = compare_signals(measured, model, mask=mask, noise=experiment.noise_of(i))
+            signals = compare_signals(measured, model, noise=experiment.noise_of(i))
         except InputError as error:
-            raise InputError(f"frame {index} ({label}): {error}") from error
+            raise InputError(f"frame {index} ({label}): " + error.message) from error
         orders, lines = None, list[list[Skeleton]]()
         if experiment.order is not None and simulation.order is not None:
-            maps = _known_in_both(experiment.order[i], simulation.order[j], mask)
+            maps = _known_in_both(experiment.order[i], simulation.order[j])
             if np.isfinite(maps[0]).any():
-                orders = compare_orders(*maps, mask=mask)
+                orders = compare_orders(*maps)
                 lines = [order_contours(each) for each in maps]
-        lines = lines or [skeletons(each) for each in _known_in_both(measured, model, mask)]
+        lines = lines or [skeletons(each) for each in _known_in_both(measured, model)]
         skeleton = None
         if any(lines):
             scale = experiment.pixel_mm or simulation.pixel_mm
@@ -454,12 +439,10 @@ def frame_pairs(experiment: ComparedFrames, simulation: ComparedFrames) -> list[
 
 
 def _known_in_both(
-    measured: NDArray[Any], model: NDArray[Any], mask: ArrayLike | None
+    measured: NDArray[Any], model: NDArray[Any]
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Blank either image where the other, or the mask, has nothing to say."""
+    """Blank either image where the other has nothing to say."""
     known = np.isfinite(measured) & np.isfinite(model)
-    if mask is not None:
-        known &= np.asarray(mask, dtype=bool)
     return np.where(known, measured, np.nan), np.where(known, model, np.nan)
 
 

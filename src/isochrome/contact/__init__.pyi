@@ -4,6 +4,7 @@ from .sliding_history import OutputState, SlidingHistory, mean_wear_rate, wear_c
 from .state import ContactGrid, SurfaceState, contact_grid, elastic_constants, line_load
 from .wear import (
     ContactSetup,
+    GrowingScar,
     WornStart,
     WornState,
     contact_states,
@@ -19,6 +20,7 @@ __all__ = [
     "ContactGrid",
     "ContactSetup",
     "ContactState",
+    "GrowingScar",
     "OutputState",
     "Scar",
     "SlidingHistory",

@@ -16,10 +16,13 @@ section III.5.
 A scene's contact states: static, first sliding, and worn, each held to the theory's limits.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice, takewhile
+from typing import Any
 
 import numpy as np
 
@@ -114,6 +117,15 @@ class _Allowed:
     peak: float
 
 
+def _allowed(tolerance: float, share: float) -> _Allowed:
+    """What a tolerance of the pressure allows, and a share of it in the displacement."""
+    return _Allowed(
+        residual=_ACCURACY * tolerance,
+        displacement=share * min(_FORECAST * tolerance, _LARGEST_FORECAST),
+        peak=min(_PEAK_FORECAST * tolerance, _LARGEST_PEAK_FORECAST),
+    )
+
+
 @dataclass(frozen=True)
 class _Past:
     """What the formula remembers: the last depth and pressure, and the step that led from them."""
@@ -143,12 +155,7 @@ def wear_history(
     contact = solve_pressure(surface, gap_mm + start.depth_mm, load, friction=mu, tolerance=1e-10)
     now = WornState(start.dose_mm_per_mpa, contact, start.depth_mm)
     past: _Past | None = None
-    share = 1.0 if history.steady else _CHANGING
-    allowed = _Allowed(
-        residual=_ACCURACY * tolerance,
-        displacement=share * min(_FORECAST * tolerance, _LARGEST_FORECAST),
-        peak=min(_PEAK_FORECAST * tolerance, _LARGEST_PEAK_FORECAST),
-    )
+    allowed = _allowed(tolerance, 1.0 if history.steady else _CHANGING)
     scale = (gap_mm[contact.pressure > 0.0].max() - gap_mm.min()) / contact.pressure.max()
     relaxing, careful = float(surface.lattice_normal[-1]), _CAREFUL * tolerance**0.5
     near = _Near(relaxing, careful, paused_doses(history, stops))
@@ -160,7 +167,7 @@ def wear_history(
             load, mu = history.at(target)
             new, error = _advance(surface, gap_mm, load, now, past, size, mu, allowed)
             factor = _SAFETY / max(error, 1e-300) ** 0.5
-            if error > 1.0 and size > 1e-12 * stop.dose_mm_per_mpa:
+            if error > 1.0 and size > _SAME * stop.dose_mm_per_mpa:
                 step = size * max(_SHRINK, factor)
                 continue
             past = _Past(now.depth_mm, now.contact.pressure, size)
@@ -301,6 +308,81 @@ def make_site(scene: Scene, grid: ContactGrid) -> ContactSetup:
         layer_mm_per_mpa=scene.layer_mm_per_mpa,
     )
     return ContactSetup(scene, grid, surface, undeformed_gap(scene, grid.x_mm))
+
+
+@dataclass(frozen=True)
+class GrowingScar:
+    """A scar (n,) on a grid where a stretch of wear has ended, which goes on from there.
+
+    `drive`, line load (N/mm) and friction at the end; `pressure_mpa` (n,), under which it was worn
+    last; `before`, what the formula remembers. None of both where a run begins.
+    """
+
+    depth_mm: Floats
+    drive: tuple[float, float]
+    pressure_mpa: Floats | None = None
+    before: _Past | None = None
+
+    def grown(
+        self, site: ContactSetup, dose_mm_per_mpa: float, drive: tuple[float, float], *,
+        tolerance: float,
+    ) -> GrowingScar:  # fmt: skip
+        """The scar after a dose more, over which load and friction go to another drive, linearly.
+
+        Steps are chosen as in `wear_history`. PhysicsError where a contact does not converge.
+        """
+        allowed = _allowed(tolerance, 1.0)
+        pressure, past, depth = self.pressure_mpa, self.before, self.depth_mm
+        if pressure is None:
+            pressure = _settled(site.surface, site.gap_mm + depth, self.drive, None).pressure
+        now = WornState(0.0, ContactState(pressure, site.gap_mm, 0.0, 0.0, 1, 1), depth)
+        step, whole = dose_mm_per_mpa, dose_mm_per_mpa * (1.0 - _SAME)
+        while now.dose_mm_per_mpa < whole:
+            step = min(step, dose_mm_per_mpa - now.dose_mm_per_mpa)
+            step = step if past is None else min(step, _GROW * past.step)
+            share = (now.dose_mm_per_mpa + step) / dose_mm_per_mpa
+            load, mu = (a + share * (b - a) for a, b in zip(self.drive, drive, strict=True))
+            new, error = _advance(site.surface, site.gap_mm, load, now, past, step, mu, allowed)
+            factor = max(_SHRINK, _SAFETY / max(error, 1e-300) ** 0.5)
+            if error > 1.0 and step > _SAME * dose_mm_per_mpa:
+                step *= factor
+                continue
+            past = _Past(now.depth_mm, now.contact.pressure, step)
+            # nothing heals where the edge has just come by
+            now = replace(new, depth_mm=np.maximum(new.depth_mm, now.depth_mm))
+            step *= min(_GROW, factor)
+        return GrowingScar(now.depth_mm, drive, now.contact.pressure, past)
+
+    def on(self, nodes: int) -> GrowingScar:
+        """The same on a grid of more nodes about the same middle."""
+        room = (nodes - len(self.depth_mm)) // 2
+        before = self.before
+        return GrowingScar(
+            np.pad(self.depth_mm, room), self.drive,
+            None if self.pressure_mpa is None else np.pad(self.pressure_mpa, room),
+            before and _Past(
+                np.pad(before.depth, room), np.pad(before.pressure, room), before.step
+            ),
+        )  # fmt: skip
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers for `from_json`."""
+        pressure, before = self.pressure_mpa, self.before
+        return {
+            "depth_mm": self.depth_mm.tolist(), "drive": self.drive,
+            "pressure_mpa": None if pressure is None else pressure.tolist(),
+            "before": before and (before.depth.tolist(), before.pressure.tolist(), before.step),
+        }  # fmt: skip
+
+    @classmethod
+    def from_json(cls, plain: dict[str, Any]) -> GrowingScar:
+        """The scar of some plain numbers."""
+        (load, mu), pressure, before = plain["drive"], plain["pressure_mpa"], plain["before"]
+        return cls(
+            np.array(plain["depth_mm"]), (load, mu),
+            None if pressure is None else np.array(pressure),
+            before and _Past(np.array(before[0]), np.array(before[1]), before[2]),
+        )  # fmt: skip
 
 
 def worn_states(

@@ -442,9 +442,9 @@ class _Task:
             return result
 
         run = partial(run_job, job, out, finish, progress=self.steps.run)
-        results = run(means=options)
+        results = run(options=options)
         if results is None and self.tractions:  # a folder does not hold all of them
-            results = run(means=replace(options, restart=True))
+            results = run(options=replace(options, restart=True))
         return results or restore_fit(out, self.data.given, self.asked)
 
     def _concluded(self, results: list[Row]) -> tuple[Fit, JointFit]:

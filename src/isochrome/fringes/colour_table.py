@@ -205,7 +205,7 @@ def read_table(path: Path) -> ColourTable:
     except ValueError as error:
         raise InputError("frames_colour_table_holds_more", path=path, fix=fix) from error
     for fault in _faults(order, signal, spread):
-        raise InputError(f"{path}: frames.colour_table{fault}; {fix}")
+        raise InputError(f"{path}: frames.colour_table" + fault + f"; {fix}")
     places = STEP * np.arange(int(np.floor(order[-1] / STEP + 1e-6)) + 1)
     values = [np.interp(places, order, signal[:, c]) for c in range(len(CHANNELS))]
     return ColourTable(np.stack(values, axis=1), spread)

@@ -282,6 +282,10 @@ class _Wave:
         self._rest = light - gain * middle + self._cosine
         self.shape = order.shape
 
+    def on_branch(self) -> tuple[Array, Array]:
+        """What is left of the light on the branches themselves (rows, cols), and its slope."""
+        return self._rest - self._cosine, np.float32(2.0 * np.pi) * self._sine
+
     def light(self, shift: Array) -> Array:
         """What is left of the light at a shift d (rows, cols) from the branches."""
         turn = np.float32(2.0 * np.pi) * shift
@@ -293,7 +297,7 @@ class _Wave:
         return np.asarray(np.subtract(self._rest, product, out=product))
 
     def light_and_slope(self, shift: Array) -> tuple[Array, Array]:
-        """What is left of the light there, and its slope."""
+        """The same, and its slope."""
         turn = np.float32(2.0 * np.pi) * shift
         cosine, sine = np.cos(turn), np.sin(turn, out=turn)
         residual = self._rest - self._cosine * cosine
@@ -317,8 +321,8 @@ def _moved_by_wide_windows(wave: _Wave) -> Array:
     Such a move is smooth: it is found on blocks of two pixels a side.
     """
     shift = np.zeros(wave.shape, dtype=np.float32)
-    for _ in range(_WIDE_MOVES):
-        residual, slope = wave.light_and_slope(shift)
+    for k in range(_WIDE_MOVES):
+        residual, slope = wave.light_and_slope(shift) if k else wave.on_branch()
         residual *= slope
         slope *= slope
         information = Windows(halved(slope), 2).sum(_WIDE_PX)

@@ -295,7 +295,7 @@ def _processed(
         release_caches()
         return finish_set_folder(run_folder, place, job, task, reader.shape, residual)
 
-    result = run_job(job, out, finish, means=options, progress=progress)
+    result = run_job(job, out, finish, options=options, progress=progress)
     return result or restore(task.scene, Path(out), reader.shape, residual)
 
 

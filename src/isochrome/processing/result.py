@@ -172,11 +172,12 @@ class ProcessedFrame(SetFrame):
 
     def corner_mm(self, scene: Scene) -> tuple[float, float]:
         """Outer edges (mm) of the first column and row, in the scene's axes; 0 without any."""
-        own = scene if self.fit is None else self.fit.scene
-        if own.has_model and own.camera is not None and own.camera.pixel_mm is not None:
-            grid = pixel_grid(own, (self.normalised.shape[0], self.normalised.shape[1]))
+        placed = scene if self.fit is None else self.fit.scene
+        camera = placed.camera
+        if placed.has_model and camera is not None and camera.pixel_mm is not None:
+            grid = pixel_grid(placed, (self.normalised.shape[0], self.normalised.shape[1]))
             return grid.left_mm, grid.top_mm
-        return (own.camera.left_mm or 0.0, own.camera.top_mm or 0.0) if own.camera else (0.0, 0.0)
+        return (camera.left_mm or 0.0, camera.top_mm or 0.0) if camera else (0.0, 0.0)
 
     def maps(self) -> dict[str, Array]:
         """The maps that are written to disk, by the name of their file."""

@@ -444,7 +444,7 @@ def run_job(
     out: str | Path,
     finish: Callable[[RunFolder], T],
     *,
-    means: RunOptions | None = None,
+    options: RunOptions | None = None,
     progress: RunProgress | None = None,
 ) -> T | None:
     """Compute a job and leave its results in a folder, all of them or none.
@@ -454,34 +454,34 @@ def run_job(
     chunks are there. Returns what it returns, None where the folder holds all results already.
     Raises InputError, and whatever the job raises.
     """
-    means = means or RunOptions()
+    options = options or RunOptions()
     keep_steady()
-    _check_workers(job, means)
+    _check_workers(job, options)
     root = working_folder(Path(out))
     target, stamps = Path(out).resolve(), stamps_of(job.identity)
     check_apart(stamps, target)
     with locked(root):
-        faults = None if means.restart else faults_of(target, job.identity)
+        faults = None if options.restart else faults_of(target, job.identity)
         if faults == {}:
             wipe(root)
             return None
         if not has_run(root):
             check_own(target, (STORE, *(f"{layer.name}.tif" for layer in job.layout.layers)))
         with _saying(root, job) as state:
-            state.fresh = means.restart or not has_run(root)
-            run = open_run_folder(root, job, restart=means.restart)
+            state.fresh = options.restart or not has_run(root)
+            run = open_run_folder(root, job, restart=options.restart)
             if faults and progress is not None:
                 name, fault = next(iter(faults.items()))
                 more = f", and {len(faults) - 1} more" if len(faults) > 1 else ""
                 damage = message("made_anew_what_whole", out=out, name=name, fault=fault, more=more)
                 progress(Tally(0, job.layout.count, 0, 0, damage))
-            if not (means.restart or is_finished(run)):
+            if not (options.restart or is_finished(run)):
                 take_back(run, target)
             result: T | None = None
             if is_finished(run):  # and killed before all had its place
                 state.finished = True
             else:
-                _compute(job, run, state.chunks, means, progress)
+                _compute(job, run, state.chunks, options, progress)
                 try:
                     result = finish(run)
                 except PhysicsError:  # as these frames and this scene would end again

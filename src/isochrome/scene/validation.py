@@ -199,7 +199,7 @@ def validate(
     try:
         return model.model_validate(data, context=folder)
     except ValidationError as error:
-        raise InputError(f"{label}: {_sentence(model, error)}") from error
+        raise InputError(f"{label}: " + _sentence(model, error)) from error
 
 
 def check_reach(data: Any, label: str, key: str = "") -> None:

@@ -167,7 +167,7 @@ def order_map_of_points(session: SetupSession, index: int) -> tuple[NDArray[np.u
     reading = result.frame.reading
     if reading is None:
         reason = result.frame.warnings[0] if result.frame.warnings else "no order was read"
-        raise PhysicsError(f"frame {index}: {reason}")
+        raise PhysicsError(f"frame {index}: " + reason)
     return shown_orders(reading.order), list(result.frame.warnings)
 
 

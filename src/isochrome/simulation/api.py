@@ -460,7 +460,7 @@ def simulate(
             job = Job(work, run_layout(work), identity)
             finish = partial(finish_simulation_folder, work=work, record=identity)
             options = RunOptions(workers, cluster, restart)
-            columns = run_job(job, Path(out), finish, means=options, progress=progress)
+            columns = run_job(job, Path(out), finish, options=options, progress=progress)
         already = columns is None
         draw = partial(_draw, work, Path(out).absolute() / PICTURE, already)
         return Simulation(

@@ -290,7 +290,7 @@ def sweep(
     identity = run_identity(dump_scene(scene), scene.files(of_frames=False), axes, seed)
     job = Job(partial(_simulated, grid, layout), layout, identity)
     options = RunOptions(workers, cluster, restart)
-    run_job(job, out, partial(_finish, job=job, grid=grid), means=options, progress=progress)
+    run_job(job, out, partial(_finish, job=job, grid=grid), options=options, progress=progress)
     with open_run(out) as dataset:
         reasons = [str(text) for text in dataset.reason.values.ravel() if text]
     return Swept(Path(out), layout.count, len(reasons), grid.values, tuple(dict.fromkeys(reasons)))

@@ -104,9 +104,9 @@ def find_beam(shot: Shot, height_px: float) -> BeamView:
     tilt = _tilt(shot)
     rows, values, count = _binned(*_profile(shot, tilt))
     tops = _tops(rows, height_px)
-    seen = min(height_px, float(rows[-1] - rows[0] + 1))
+    in_view = min(height_px, float(rows[-1] - rows[0] + 1))
     finest = 1.0 / (FINEST_PX * float(rows[1] - rows[0]))
-    slopes = np.arange(FEWEST / seen, finest, 0.2 / seen)
+    slopes = np.arange(FEWEST / in_view, finest, 0.2 / in_view)
     coarse = tops[:: max(1, len(tops) // 12)]
     cost, _ = _scan(rows, values, count, coarse, height_px, slopes)
     best = _peaks(cost.min(axis=0), 4)
@@ -169,12 +169,12 @@ def _binned(rows: Array, values: Array, count: Array) -> tuple[Array, Array, Arr
 
 def _tops(rows: Array, height_px: float) -> Array:
     """Candidate rows of the top edge: at least 60 % of the smaller of beam and frame in view."""
-    seen = float(rows[-1] - rows[0] + 1)
-    room = 0.4 * min(height_px, seen)
+    in_view = float(rows[-1] - rows[0] + 1)
+    room = 0.4 * min(height_px, in_view)
     low, high = sorted((rows[0] - room, rows[-1] + 1 - height_px + room))
-    if height_px > seen:
+    if height_px > in_view:
         low, high = rows[-1] + 1 - height_px - room, rows[0] + room
-    step = max(1.0, 0.01 * min(height_px, seen))
+    step = max(1.0, 0.01 * min(height_px, in_view))
     return np.arange(low, high + step, step)
 
 
@@ -340,8 +340,8 @@ def _fit(shot: Shot, view: BeamView, cols: NDArray[np.intp], share: float) -> Se
     )  # fmt: skip
 
 
-def _check(shot: Shot, found: SeveralStarts, seen_px: float) -> None:
-    best = found.best
+def _check(shot: Shot, fits: SeveralStarts, seen_px: float) -> None:
+    best = fits.best
     slope = float(best.values[0])
     used = np.isfinite(best.residual)
     contrast = float(np.std((best.illumination_map * best.signal)[used]))
@@ -349,7 +349,7 @@ def _check(shot: Shot, found: SeveralStarts, seen_px: float) -> None:
         raise PhysicsError("too_few_fringes_too", name=shot.name)
     if slope * seen_px < FEWEST or best.standard_uncertainty[0] > 0.2 * slope:
         raise PhysicsError("fringes_view_too_few", name=shot.name, seen_px=slope * seen_px)
-    alike = [m for m in found.others if m.chi < ALIKE_CHI * best.chi]
+    alike = [m for m in fits.others if m.chi < ALIKE_CHI * best.chi]
     rivals = [m for m in alike if abs(m.values[0] / slope - 1) > 0.02]
     if rivals:
         raise PhysicsError(
@@ -388,10 +388,10 @@ def fit_beam_set(fits: Sequence[BeamFit], idle: Sequence[Shot], held: dict[str, 
         rows=np.arange(len(first.shot.light)), cols=cols, masks=np.stack(masks), held=held,
     )  # fmt: skip
     levels = np.array([np.median((f.best.illumination_map)[f.mask]) for f in fits])
-    own = np.concatenate([f.best.values for f in fits])
+    unknowns = np.concatenate([f.best.values for f in fits])
     exposures = np.log(levels[1:] / levels[0])
     return fit_set(
-        model, np.concatenate([own, np.zeros(len(idle)), exposures, np.zeros(len(idle))])
+        model, np.concatenate([unknowns, np.zeros(len(idle)), exposures, np.zeros(len(idle))])
     )
 
 
@@ -408,8 +408,8 @@ def beam_kind(fit: BeamFit) -> Kind:
         t = (cols - middle) / (0.5 * width)
         return np.stack([t, t * t - 1.0 / 3.0])
 
-    def order(own: Array, besides: Array, rows: Array, cols: Array) -> Array:
-        pure = beam_order(own, rows, cols - middle)
+    def order(unknowns: Array, besides: Array, rows: Array, cols: Array) -> Array:
+        pure = beam_order(unknowns, rows, cols - middle)
         return pure * (1.0 + besides @ along(cols)) if besides.any() else pure
 
     def idle(first: Array, square: Array) -> Array:
@@ -419,7 +419,7 @@ def beam_kind(fit: BeamFit) -> Kind:
 
     return Kind(
         besides=MOMENT, order=order,
-        by_besides=lambda own, _, rows, cols: beam_order(own, rows, cols - middle) * along(cols),
+        by_besides=lambda u, _, rows, cols: beam_order(u, rows, cols - middle) * along(cols),
         sizes=np.full(2, 0.5 * BENT), steps=1e-4 * fit.view.scale, largest=fit.view.scale,
         idle=idle, idle_steps=np.array([1e-4]),
     )  # fmt: skip
@@ -447,12 +447,12 @@ def _change_along(model: SetModel, values: Array) -> Array:
     """By how much the first image's slope at the picture's left and right is above that at its
     middle (2,), as seen through the lens.
     """
-    own, _ = model.unknowns_of(0, values)
+    unknowns, _ = model.unknowns_of(0, values)
     _, besides, shared = model.split(values)
     height, width = model.shape
     cols = np.tile(np.array([0.0, 0.5, 1.0]) * (width - 1), 2)
     rows = np.repeat(np.array([0.4, 0.6]) * (height - 1), 3)
-    orders = model.kind.order(own, besides, *looked_at(rows, cols, model.shape, shared))
+    orders = model.kind.order(unknowns, besides, *looked_at(rows, cols, model.shape, shared))
     slopes = orders[3:] - orders[:3]
     return np.asarray(slopes[[0, 2]] / slopes[1] - 1.0)
 
@@ -465,10 +465,10 @@ def beam_images(
 
     Parameters: `fits`, the images' own; `pixel_mm`.
     """
-    own, count = fit.own, len(fits)
+    unknowns, count = fit.own, len(fits)
     half = 0.5 * fits[0].view.height_px
-    factor = np.hypot(1.0, own[:, 2]) * half
-    orders = own[:, 0] * factor
+    factor = np.hypot(1.0, unknowns[:, 2]) * half
+    orders = unknowns[:, 0] * factor
     slopes = len(fit.model.kind.steps) * np.arange(count)
     covariance = fit.covariance[np.ix_(slopes, slopes)] * np.outer(factor, factor)
     rows, cols = fit.model.rows, fit.model.cols
@@ -478,27 +478,27 @@ def beam_images(
             file=f.shot.name, load_n=f.shot.load_n, order=float(orders[i]),
             standard_uncertainty=float(np.sqrt(covariance[i, i])), chi=image_chi(fit, i),
             geometry={
-                "tilt_deg": float(np.degrees(np.arctan(-own[i, 2]))),
-                "neutral_axis_row_px": float(own[i, 1]),
+                "tilt_deg": float(np.degrees(np.arctan(-unknowns[i, 2]))),
+                "neutral_axis_row_px": float(unknowns[i, 1]),
                 "top_edge_row_px": f.view.top,
                 "fringes_per_mm": float(orders[i] / half / pixel_mm),
             },
             view=View(
                 **image_maps(fit, i), sigma=float(np.median(f.shot.sigma)),
-                cut=np.s_[:, len(cols) // 2], position_mm=(rows - own[i, 1]) * pixel_mm,
+                cut=np.s_[:, len(cols) // 2], position_mm=(rows - unknowns[i, 1]) * pixel_mm,
                 pixel_mm=(pixel_mm, pixel_mm * stride),
             ),
         )
         for i, f in enumerate(fits)
     ]  # fmt: skip
-    rest = []
+    unloaded = []
     same = not (fit.model.exposures or fit.model.apart)
     for index in range(count, len(fit.model.shots) if same else 0):
         (place,) = fit.model.own_places(index)
         spread = float(np.sqrt(fit.covariance[place, place]))
         name = fit.model.shots[index].name
-        rest.append(ResidualOrder(name, float(fit.values[place]), spread))
-    return images, covariance, tuple(rest)
+        unloaded.append(ResidualOrder(name, float(fit.values[place]), spread))
+    return images, covariance, tuple(unloaded)
 
 
 BIN_PX = 0.5
@@ -536,23 +536,24 @@ def edge_distance(fit: SetFit, fits: Sequence[BeamFit]) -> tuple[float, float] |
     gamma, point = point.gamma, replace(point, gamma=1.0)
     shared = model.split(fit.values)[2]
     pick, centre, distances = np.ix_(model.rows, model.cols), 0.5 * (model.shape[1] - 1), []
-    for i, (own, f) in enumerate(zip(fit.own, fits, strict=True)):
+    for i, (unknowns, f) in enumerate(zip(fit.own, fits, strict=True)):
         rows, cols = model.places(i, shared)
         light = inside.linear[0][model.coefficients_of(i)]
-        seen = light @ point.columns(i) * model.images[i].sigma
+        modelled = light @ point.columns(i) * model.images[i].sigma
         full = float(fit.model.images[i].level.max())
-        seen = full * np.maximum(seen / full, 0.0) ** (1.0 / gamma)  # as the camera stored it
-        depth = (rows - own[2] * (cols - centre)) / np.hypot(1.0, own[2])
+        # as the camera stored it
+        modelled = full * np.maximum(modelled / full, 0.0) ** (1.0 / gamma)
+        depth = (rows - unknowns[2] * (cols - centre)) / np.hypot(1.0, unknowns[2])
         valid, height = f.shot.valid[pick], f.view.height_px
-        maps = (m.reshape(valid.shape)[valid] for m in (depth, f.shot.light[pick], seen))
-        depth, image, seen, count = _depth_profile(*maps)
+        maps = (m.reshape(valid.shape)[valid] for m in (depth, f.shot.light[pick], modelled))
+        depth, image, modelled, count = _depth_profile(*maps)
         middle = f.view.top / np.hypot(1.0, f.view.tilt) + 0.5 * height
         edges = []
         for side in (-1.0, 1.0):
             away = side * (depth - middle) - 0.5 * height  # outwards
             near = np.abs(away) < REACH * height
             noise = float(np.median(f.shot.sigma)) / np.sqrt(count[near])
-            edge = _edge(away[near], image[near], seen[near], noise)
+            edge = _edge(away[near], image[near], modelled[near], noise)
             edges += [edge] if edge else []
         if len(edges) == 2:
             (first, one), (last, other) = edges
@@ -573,8 +574,8 @@ def _depth_profile(depth: Array, *maps: Array) -> tuple[Array, ...]:
     index -= int(index.min())
     count = np.bincount(index)
     enough = count >= max(4, 0.2 * np.median(count[count > 0]))
-    means = (np.bincount(index, weights=m)[enough] / count[enough] for m in (depth, *maps))
-    return (*means, count[enough].astype(float))
+    profiles = (np.bincount(index, weights=m)[enough] / count[enough] for m in (depth, *maps))
+    return (*profiles, count[enough].astype(float))
 
 
 def _edge(away: Array, image: Array, model: Array, noise: Array) -> tuple[float, float] | None:
@@ -689,25 +690,25 @@ def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibrat
     assert beam is not None and pixel_mm is not None
     idle = [shot for shot in shots if not shot.load_n]
     fits = [fit_beam(shot, beam.height_mm / pixel_mm) for shot in shots if shot.load_n]
-    whole = fit_beam_set(fits, idle, stated_values(given))
-    check_span(whole)
-    images, covariance, rest = beam_images(whole, fits, pixel_mm)
-    outcome = causes(whole, given.polariscope.wavelength_nm)
-    messages = sentences(whole, outcome)
-    if whole.model.besides:
-        linear, square = whole.values[whole.model.besides_places]
+    set_fit = fit_beam_set(fits, idle, stated_values(given))
+    check_span(set_fit)
+    images, covariance, unloaded = beam_images(set_fit, fits, pixel_mm)
+    outcome = causes(set_fit, given.polariscope.wavelength_nm)
+    messages = sentences(set_fit, outcome)
+    if set_fit.model.besides:
+        linear, square = set_fit.values[set_fit.model.besides_places]
         change = 100.0 * max(abs(linear + square), abs(linear - square))
         messages = (*messages, message("moment_changes_along_beam", change=change))
-    if not rest:
+    if not unloaded:
         messages = (*messages, *unused(idle, message("because_light_not_loaded")))
-    distance = edge_distance(whole, fits)
+    distance = edge_distance(set_fit, fits)
     wrong = distance and contradiction(*distance, "height_mm", beam.height_mm, given)
     if distance and wrong:
-        pixel, (seen, stated, off) = beam.height_mm / distance[0], wrong
+        pixel, (apart, stated, off) = beam.height_mm / distance[0], wrong
         fitting = with_uncertainty(pixel, pixel * (distance[1] / distance[0]))
         raise InputError(
             "beam_edges_px_apart",
-            with_uncertainty=seen,
+            with_uncertainty=apart,
             height_mm=beam.height_mm,
             pixel_mm=pixel_mm,
             stated=stated,
@@ -724,6 +725,6 @@ def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibrat
         Input("thickness", known.thickness_mm, "mm", 0.0),
     )
     result = uncertainty_budget(
-        "beam", images, factor, inputs, covariance=covariance, unloaded=rest, messages=messages
+        "beam", images, factor, inputs, covariance=covariance, unloaded=unloaded, messages=messages
     )
     return widened_to_held_out(replace(result, causes=outcome))

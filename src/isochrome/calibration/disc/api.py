@@ -178,27 +178,27 @@ def load_field(rows: Array, cols: Array, geometry: Array) -> tuple[Array, Comple
     return h, below**2 / size * np.exp(2j * angle)
 
 
-def total_order(own: Array, amplitudes: Array, rows: Array, cols: Array) -> Complexes:
+def total_order(unknowns: Array, amplitudes: Array, rows: Array, cols: Array) -> Complexes:
     """The order of loads and residual as a complex number in the loads' directions (n,).
 
-    Parameters: `own` (5,), see `disc_order`; `amplitudes` (k,) of the residual; `rows`, `cols`.
+    Parameters: `unknowns` (5,), see `disc_order`; the residual's `amplitudes` (k,); `rows`, `cols`.
     """
-    h, turn = load_field(rows, cols, own[1:])
+    h, turn = load_field(rows, cols, unknowns[1:])
     along, real, imaginary = np.split(amplitudes, 3)
     powers = np.zeros((2, DEGREE + 1, DEGREE + 1), complex)
     powers[(slice(None), *np.transpose(_POWERS))] = along, real + 1j * imaginary
-    x, z = _places(own[1:], rows, cols)
+    x, z = _places(unknowns[1:], rows, cols)
     of_loads, free = (polyval2d(x, z, p) for p in powers)
-    return np.asarray(own[0] * h + of_loads + turn * free)
+    return np.asarray(unknowns[0] * h + of_loads + turn * free)
 
 
-def by_residual(own: Array, amplitudes: Array, rows: Array, cols: Array) -> Array:
+def by_residual(unknowns: Array, amplitudes: Array, rows: Array, cols: Array) -> Array:
     """Derivatives (k, n) of the order by the residual's amplitudes; arguments as `total_order`."""
-    _, turn = load_field(rows, cols, own[1:])
-    total = total_order(own, amplitudes, rows, cols)
+    _, turn = load_field(rows, cols, unknowns[1:])
+    total = total_order(unknowns, amplitudes, rows, cols)
     direction = np.conj(total) / np.maximum(np.abs(total), 1e-12)
-    seen, real = turn * direction, _powers(*_places(own[1:], rows, cols))
-    return np.concatenate([direction.real * real, seen.real * real, -seen.imag * real])
+    turned, real = turn * direction, _powers(*_places(unknowns[1:], rows, cols))
+    return np.concatenate([direction.real * real, turned.real * real, -turned.imag * real])
 
 
 def _places(geometry: Array, rows: Array, cols: Array) -> tuple[Array, Array]:
@@ -241,18 +241,18 @@ RIM_PX = 0.5
 
 
 def fit_disc_set(
-    shots: Sequence[Shot], idle: Sequence[Shot], own: Array, held: dict[str, float]
+    shots: Sequence[Shot], idle: Sequence[Shot], unknowns: Array, held: dict[str, float]
 ) -> SetFit:
     """The whole set with what it shows, from a start with residual stress where it asks for one.
 
-    Parameters: `shots` (m,), loaded, `idle` (j,), unloaded; `own` (m, 5), where the loaded ones'
-    unknowns start; `held`, what the set states of the camera, by its keys.
+    Parameters: `shots` (m,), loaded, `idle` (j,), unloaded; `unknowns` (m, 5), where those of the
+    loaded ones start; `held`, what the set states of the camera, by its keys.
     """
     images = [*shots, *idle]
-    fit = _fitted(disc_model(images, own, held), own, np.zeros(0))
+    fit = _fitted(disc_model(images, unknowns, held), unknowns, np.zeros(0))
     if not len(fit.model.kind.sizes) or (fit.explained and fit.chi < BARELY):
         return fit
-    start = stressed_start(images, own)
+    start = stressed_start(images, unknowns)
     if start is None:
         return fit
     places, residual = start
@@ -261,14 +261,14 @@ def fit_disc_set(
     return stressed if stressed.chi < fit.chi else fit
 
 
-def _fitted(model: SetModel, own: Array, residual: Array) -> SetFit:
+def _fitted(model: SetModel, unknowns: Array, residual: Array) -> SetFit:
     """The whole set from where its unknowns start, kept off the rim by the blur that it shows."""
-    contrast = np.array([np.std(image.light) for image in model.images[: len(own)]])
+    contrast = np.array([np.std(image.light) for image in model.images[: len(unknowns)]])
     exposures = np.zeros(model.exposures)
-    exposures[: len(own) - 1] = np.log(contrast[1:] / contrast[0])
-    fit = fit_set(model, np.concatenate([own.ravel(), exposures, residual]))
+    exposures[: len(unknowns) - 1] = np.log(contrast[1:] / contrast[0])
+    fit = fit_set(model, np.concatenate([unknowns.ravel(), exposures, residual]))
     blur_px = np.sqrt(fit.shared.get(BLUR, (0.0, 0.0))[0] / 2.0) / np.pi
-    if _CLEAR_OF_RIM * blur_px <= RIM_ZONE * own[:, 3].min():
+    if _CLEAR_OF_RIM * blur_px <= RIM_ZONE * unknowns[:, 3].min():
         return fit
     # what a blur carries over the rim is in no model
     inner = disc_model(model.shots, fit.own, model.held, blur_px=blur_px)
@@ -278,7 +278,7 @@ def _fitted(model: SetModel, own: Array, residual: Array) -> SetFit:
 
 def disc_model(
     images: Sequence[Shot],
-    own: Array,
+    unknowns: Array,
     held: dict[str, float],
     *,
     blur_px: float = 0.0,
@@ -288,12 +288,12 @@ def disc_model(
 
     Parameters: `blur_px`, which keeps off the rim; `pixels` of the square about the disc.
     """
-    middle, radius = own[:, 1:3].mean(axis=0), float(own[:, 3].max())
-    reach = radius + float(np.abs(own[:, 1:3] - middle).max())
+    middle, radius = unknowns[:, 1:3].mean(axis=0), float(unknowns[:, 3].max())
+    reach = radius + float(np.abs(unknowns[:, 1:3] - middle).max())
     circle = Circle(float(middle[0]), float(middle[1]), reach, 0.0)
     grid = thin_grid(images[0].light.shape, circle, pixels)
     within = 1.0 - max(RIM_ZONE, _CLEAR_OF_RIM * blur_px / radius)
-    places = [*own, *([own[0]] * (len(images) - len(own)))]
+    places = [*unknowns, *([unknowns[0]] * (len(images) - len(unknowns)))]
     masks = [
         shot.valid[grid.pick] & disc_mask(grid, place, within=within)
         for shot, place in zip(images, places, strict=True)
@@ -305,7 +305,7 @@ def disc_model(
     )  # fmt: skip
 
 
-def stressed_start(images: Sequence[Shot], own: Array) -> tuple[Array, Array] | None:
+def stressed_start(images: Sequence[Shot], unknowns: Array) -> tuple[Array, Array] | None:
     """Where images with residual stress start: their unknowns (m, 5) and its amplitudes (k,); None
     where no start has the fringes' contrast.
 
@@ -313,12 +313,12 @@ def stressed_start(images: Sequence[Shot], own: Array) -> tuple[Array, Array] | 
     loads: a residual may have moved all single fits by a part of a fringe, but hardly their slope.
     The best few are fitted on a few pixels, each image with its own light.
     """
-    loads = np.array([shot.load_n for shot in images[: len(own)]])
-    begun, scored = own.copy(), []
+    loads = np.array([shot.load_n for shot in images[: len(unknowns)]])
+    begun, scored = unknowns.copy(), []
     if np.unique(loads).size > 1:
-        begun[:, 0] = np.polynomial.polynomial.polyfit(loads, own[:, 0], 1)[1] * loads
+        begun[:, 0] = np.polynomial.polynomial.polyfit(loads, unknowns[:, 0], 1)[1] * loads
     for factor in RADII:
-        begun[:, 3] = factor * own[:, 3].min()
+        begun[:, 3] = factor * unknowns[:, 3].min()
         model = replace(
             disc_model(images, begun, {}, pixels=ROUGH_PIXELS), apart=True, besides=True
         )
@@ -341,10 +341,10 @@ def disc_kind(radius: float, several_loads: bool) -> Kind:
     Besides, its residual stress, which one load, or two, cannot tell from the loads'.
     """
 
-    def order(own: Array, besides: Array, rows: Array, cols: Array) -> Array:
+    def order(unknowns: Array, besides: Array, rows: Array, cols: Array) -> Array:
         if besides.any():
-            return np.abs(total_order(own, besides, rows, cols))
-        return disc_order(DiscPixels(rows, cols, 1.0), own)
+            return np.abs(total_order(unknowns, besides, rows, cols))
+        return disc_order(DiscPixels(rows, cols, 1.0), unknowns)
 
     return Kind(
         besides=RESIDUAL, order=order, by_besides=by_residual,
@@ -362,20 +362,20 @@ def disc_images(
     The order at the centre is along the loads' directions, with the residual's part. Parameters:
     `rims` (m,), their radii as found, px; `diameter_mm`.
     """
-    model, own = fit.model, fit.own
+    model, unknowns = fit.model, fit.own
     _, amplitudes, _ = model.split(fit.values)
-    linear = np.zeros((len(own), model.size))
-    linear[np.arange(len(own)), OWN * np.arange(len(own))] = 1.0
-    orders = own[:, 0].copy()
+    linear = np.zeros((len(unknowns), model.size))
+    linear[np.arange(len(unknowns)), OWN * np.arange(len(unknowns))] = 1.0
+    orders = unknowns[:, 0].copy()
     if model.besides:
         # how each member of the residual counts at the centre, along the loads of each image
-        centre = np.zeros(len(own))
-        seen = residual_basis(centre, centre, np.exp(2j * own[:, 4])).real.T
-        linear[:, model.besides_places] = seen
-        orders += seen @ amplitudes
+        centre = np.zeros(len(unknowns))
+        along_loads = residual_basis(centre, centre, np.exp(2j * unknowns[:, 4])).real.T
+        linear[:, model.besides_places] = along_loads
+        orders += along_loads @ amplitudes
     covariance = linear @ fit.covariance @ linear.T
     images = []
-    for i, (values, rim) in enumerate(zip(own, rims, strict=True)):
+    for i, (values, rim) in enumerate(zip(unknowns, rims, strict=True)):
         pixel_mm = 0.5 * diameter_mm / float(values[3])
         view = View(
             **image_maps(fit, i), sigma=float(np.median(model.shots[i].sigma)),
@@ -398,10 +398,10 @@ def residual_of(fit: SetFit, diameter_mm: float) -> dict[str, Any] | None:
     model = fit.model
     if not model.besides:
         return None
-    image, own = model.images[0], fit.own[0]
-    _, row, col, radius, _ = own
+    image, unknowns = model.images[0], fit.own[0]
+    _, row, col, radius, _ = unknowns
     x, z = (np.append(v, 0.0) for v in ((image.cols - col) / radius, (image.rows - row) / radius))
-    _, turn = load_field(np.append(image.rows, row), np.append(image.cols, col), own[1:])
+    _, turn = load_field(np.append(image.rows, row), np.append(image.cols, col), unknowns[1:])
     size = np.abs(model.split(fit.values)[1] @ residual_basis(x, z, turn))
     at = int(np.argmax(size[:-1]))
     return {
@@ -419,8 +419,10 @@ def check_diameter(images: Sequence[ImageFit], disc: Disc, given: CalibrationSet
     Raises InputError with both numbers.
     """
     radii = np.array([i.geometry["radius_px"] for i in images])
-    seen, own = 2.0 * np.median(radii), np.hypot(2.0 * RIM_PX, 2.0 * np.ptp(radii))
-    wrong = contradiction(float(seen), float(own), "diameter_mm", disc.diameter_mm, given)
+    diameter_px, spread_px = 2.0 * np.median(radii), np.hypot(2.0 * RIM_PX, 2.0 * np.ptp(radii))
+    wrong = contradiction(
+        float(diameter_px), float(spread_px), "diameter_mm", disc.diameter_mm, given
+    )
     if wrong:
         outline, stated, off = wrong
         raise InputError(
@@ -502,10 +504,10 @@ def disc_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration
     disc, known = given.disc, given.uncertainty
     assert disc is not None
     idle = [shot for shot in shots if not shot.load_n]
-    loaded, freed = [shot for shot in shots if shot.load_n], tuple[dict[str, Any], ...]()
-    images, covariance, whole = _found(loaded, idle, disc.diameter_mm, stated_values(given))
-    residual = residual_of(whole, disc.diameter_mm) if whole else None
-    if whole is None:
+    loaded, outcome = [shot for shot in shots if shot.load_n], tuple[dict[str, Any], ...]()
+    images, covariance, set_fit = _found(loaded, idle, disc.diameter_mm, stated_values(given))
+    residual = residual_of(set_fit, disc.diameter_mm) if set_fit else None
+    if set_fit is None:
         messages = (
             message("closed_form_disc_does"),
             *unused(idle, message("order_zero_load_from")),
@@ -513,8 +515,8 @@ def disc_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration
     else:
         if given.camera.pixel_mm is not None:
             check_diameter(images, disc, given)
-        freed = causes(whole, given.polariscope.wavelength_nm)
-        messages = sentences(whole, freed)
+        outcome = causes(set_fit, given.polariscope.wavelength_nm)
+        messages = sentences(set_fit, outcome)
     if residual is not None:
         size, form = residual["largest_order"], residual["form"]
         messages = (*messages, message("residual_stress_up_fringe", size=size, form=form))
@@ -527,7 +529,7 @@ def disc_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration
     result = uncertainty_budget(
         "disc", images, factor, inputs, covariance=covariance, messages=messages
     )
-    return widened_to_held_out(replace(result, residual=residual, causes=freed))
+    return widened_to_held_out(replace(result, residual=residual, causes=outcome))
 
 
 def _found(
@@ -547,13 +549,13 @@ def _found(
     starts = [scan.starts(order) for scan, order in zip(scans, orders, strict=True)]
     refused: PhysicsError | None = None
     try:
-        own = [fit_disc(*each) for each in zip(loaded, circles, starts, strict=True)]
+        unknowns = [fit_disc(*each) for each in zip(loaded, circles, starts, strict=True)]
     except PhysicsError as error:  # which residual stress may explain
-        own, refused = [start[0] for start in starts], error
-    whole = fit_disc_set(loaded, idle, np.array(own), held)
-    if refused is not None and not (whole.model.besides and whole.explained):
+        unknowns, refused = [start[0] for start in starts], error
+    set_fit = fit_disc_set(loaded, idle, np.array(unknowns), held)
+    if refused is not None and not (set_fit.model.besides and set_fit.explained):
         if clear is None:
             check_scans(scans, loaded)
             raise refused
         return fit_rise(loaded, circles, overlaid, clear, diameter_mm), None, None
-    return *disc_images(whole, [c.radius for c in circles], diameter_mm), whole
+    return *disc_images(set_fit, [c.radius for c in circles], diameter_mm), set_fit

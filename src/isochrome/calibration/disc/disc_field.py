@@ -395,9 +395,9 @@ def choose_centre_orders(
     low, high = float(loads.min()), float(loads.max())
     first, last = np.meshgrid(ORDERS, ORDERS, indexing="ij")
     slope = (last - first) / (high - low)
-    rest = first - slope * low
+    at_no_load = first - slope * low
     limit = np.minimum(LARGEST_RESIDUAL, MOST_AT_REST * last)
-    total = np.where((slope > 0) & (np.abs(rest) <= limit), 0.0, np.inf)
+    total = np.where((slope > 0) & (np.abs(at_no_load) <= limit), 0.0, np.inf)
     if rise_per_n is not None:
         total[np.abs(slope / rise_per_n - 1.0) > SLOPE_SLACK] = np.inf
     for cost, load in zip(costs, loads, strict=True):
@@ -500,11 +500,11 @@ def _shares(images: Overlay, angle: float, slopes: Array) -> Array:
     field, used = images.field(angle)[:, ::THIN], images.used[:, ::THIN]
     data = images.stack[:, :, ::THIN][:, used]
     total = float(np.sum((data - data.mean(axis=0)) ** 2))
-    left = [
+    unexplained = [
         float(np.sum(pixel_waves(data, slope * images.loads, field[used])[0] ** 2))
         for slope in slopes
     ]
-    return 1.0 - np.array(left) / total
+    return 1.0 - np.array(unexplained) / total
 
 
 def pixel_waves(data: Array, orders: Array, field: Array) -> tuple[Array, Array]:
@@ -516,13 +516,13 @@ def pixel_waves(data: Array, orders: Array, field: Array) -> tuple[Array, Array]
     phase = 2.0 * np.pi * orders[:, None] * field
     wave = np.stack([np.cos(phase), np.sin(phase)])
     wave -= wave.mean(axis=1, keepdims=True)
-    rest = data - data.mean(axis=0)
+    varying = data - data.mean(axis=0)
     cc, ss = np.einsum("kln,kln->kn", wave, wave)
     cs = np.einsum("ln,ln->n", wave[0], wave[1])
-    cy, sy = np.einsum("kln,ln->kn", wave, rest)
+    cy, sy = np.einsum("kln,ln->kn", wave, varying)
     below = np.maximum(cc * ss - cs**2, 1e-3)
     coefficients = np.stack([(cy * ss - sy * cs) / below, (sy * cc - cy * cs) / below])
-    return rest - np.einsum("kln,kn->ln", wave, coefficients), coefficients
+    return varying - np.einsum("kln,kn->ln", wave, coefficients), coefficients
 
 
 ENOUGH = 1e-6
@@ -554,15 +554,15 @@ def fit_rise(
     near = np.hypot(images.grid.cols, images.grid.rows)[used] < 0.1
     a, b = waves[:, near].sum(axis=1) * (-1.0 if shots[0].bright else 1.0)
     offset = float(np.arctan2(b, -a) / (2.0 * np.pi))
-    rest = np.polynomial.polynomial.polyfit(images.loads, orders + offset, 1)[0]
-    orders = orders + offset - np.round(rest)
+    at_no_load = np.polynomial.polynomial.polyfit(images.loads, orders + offset, 1)[0]
+    orders = orders + offset - np.round(at_no_load)
     fits = []
     for i, (shot, circle) in enumerate(zip(shots, rims, strict=True)):
         row, col = circle.row + z * circle.radius, circle.col + x * circle.radius
-        left, sigma = np.full(field.shape, np.nan), float(np.median(shot.sigma))
-        left[used] = residual[i]
+        beside, sigma = np.full(field.shape, np.nan), float(np.median(shot.sigma))
+        beside[used] = residual[i]
         view = View(
-            image=images.stack[i], model=images.stack[i] - left, residual=left, sigma=sigma,
+            image=images.stack[i], model=images.stack[i] - beside, residual=beside, sigma=sigma,
             cut=np.s_[len(field) // 2, :], order=orders[i] * field,
             position_mm=0.5 * diameter_mm * images.grid.cols[0],
             pixel_mm=(0.5 * diameter_mm * float(images.grid.step),) * 2,
@@ -576,13 +576,13 @@ def fit_rise(
 @dataclass(frozen=True)
 class OrdersFit:
     """Every image's centre order (n,), the first's as it was given; `place`: the loads' angle, the
-    disc's scale, z and x (4,); `rest` (n, m) and its `jacobian` (n, m, n + 3) by the orders but the
-    first, then the place.
+    disc's scale, z and x (4,); `residual` (n, m) and its `jacobian` (n, m, n + 3) by the orders but
+    the first, then the place.
     """
 
     orders: Array
     place: Array
-    rest: Array
+    residual: Array
     jacobian: Array
 
 
@@ -735,7 +735,7 @@ def _without_blocks(images: Overlay, fit: OrdersFit) -> Array:
     for b in np.unique(block):
         rows = fit.jacobian[:, block == b].reshape(-1, fit.jacobian.shape[-1])
         grams.append(rows.T @ rows)
-        pulls.append(rows.T @ fit.rest[:, block == b].ravel())
+        pulls.append(rows.T @ fit.residual[:, block == b].ravel())
     total, pull = np.sum(grams, axis=0), np.sum(pulls, axis=0)
     count = len(fit.orders)
     moved = np.zeros((len(grams), count))

@@ -83,7 +83,7 @@ def fit_set(model: SetModel, start: Array) -> SetFit:
         return fit
     pixels = model.masks.sum()
     fit = _exposed(_without_outliers(fit))
-    asked, nothing = ask(fit), frozenset({ORDER})
+    asked, nothing = ask_set(fit), frozenset({ORDER})
     for _ in range(_ROUNDS):
         fitted = fitted_names(fit.model)
         wanted = frozenset(h.name for h in asked.sets.best) - nothing | fitted & {APART}
@@ -93,7 +93,7 @@ def fit_set(model: SetModel, start: Array) -> SetFit:
         # what comes out at its bound, or as no better light, is not there, whatever slopes say
         nothing |= {key for key in EVEN if fit.shared.get(key, (1.0, 0.0))[0] == 0.0}
         nothing |= wanted - fitted_names(fit.model)
-        asked = ask(fit)
+        asked = ask_set(fit)
     left_out = 1.0 - fit.model.masks.sum() / pixels
     return replace(fit, left_out=float(left_out), asked=asked)
 
@@ -257,7 +257,7 @@ class _Nuisance(Nuisance):
     columns: Callable[[int], Array]
 
 
-def ask(fit: SetFit) -> Weighed:
+def ask_set(fit: SetFit) -> Weighed:
     """Weigh all that a set of images may show about a fit."""
     model = fit.model
     nuisances = list(_nuisances(fit))

@@ -223,8 +223,8 @@ class SetModel:
         shared = sum(map(len, self.terms))
         if self.apart:
             return np.arange(index * shared, (index + 1) * shared, dtype=np.intp)
-        own = [shared + index - 1] if index and self.exposures else []
-        return np.asarray([*range(shared), *own], dtype=np.intp)
+        exposure = [shared + index - 1] if index and self.exposures else []
+        return np.asarray([*range(shared), *exposure], dtype=np.intp)
 
     @property
     def coefficients(self) -> int:
@@ -258,9 +258,9 @@ class SetModel:
     def _ends(self) -> tuple[int, ...]:
         """Where the images' own unknowns, exposures, what they have besides and keys end."""
         idle = (len(self.shots) - self.loaded) * len(self.kind.idle_steps)
-        own = self.loaded * len(self.kind.steps) + idle
+        of_images = self.loaded * len(self.kind.steps) + idle
         besides = len(self.kind.sizes) if self.besides else 0
-        return tuple(np.cumsum([own, self.exposures, besides, len(self.free)]).tolist())
+        return tuple(np.cumsum([of_images, self.exposures, besides, len(self.free)]).tolist())
 
     @property
     def size(self) -> int:
@@ -284,10 +284,10 @@ class SetModel:
 
     def split(self, values: Array) -> tuple[Array, Array, dict[str, float]]:
         """Of some unknowns: exposures (m,), the amplitudes (k,) besides, and what is shared."""
-        own, exposures, besides, _ = self._ends
+        of_images, exposures, besides, _ = self._ends
         scale = np.ones(len(self.shots))
         if self.exposures:
-            scale[1:] = np.exp(values[own:exposures])
+            scale[1:] = np.exp(values[of_images:exposures])
         amplitudes = values[exposures:besides] if self.besides else np.zeros(len(self.kind.sizes))
         shared = dict.fromkeys(SHARED, 0.0) | {GAMMA: 1.0} | self.held
         return scale, amplitudes, shared | dict(zip(self.free, values[besides:], strict=True))
@@ -305,18 +305,19 @@ class SetModel:
 
     def unknowns_of(self, index: int, values: Array) -> tuple[Array, bool]:
         """An image's unknowns as a loaded one's (p,), and whether its order is imaginary."""
-        own = values[self.own_places(index)]
+        unknowns = values[self.own_places(index)]
         if index < self.loaded:
-            return own, False
-        return self.kind.idle(values[self.own_places(0)], own), bool(len(own) and own[0] < 0.0)
+            return unknowns, False
+        imaginary = bool(len(unknowns) and unknowns[0] < 0.0)
+        return self.kind.idle(values[self.own_places(0)], unknowns), imaginary
 
     def _orders(self, index: int, values: Array, shared: dict[str, float]) -> tuple[Array, ...]:
         """An image's order (n,), and its differences to the pixels below, above, right and left."""
-        own, _ = self.unknowns_of(index, values)
+        unknowns, _ = self.unknowns_of(index, values)
         besides = self.split(values)[1]
         rows, cols = self.places(index, shared)
-        here = self.kind.order(own, besides, rows, cols)
-        beside = (self.kind.order(own, besides, rows + d, cols + c) - here for d, c in _BESIDE)
+        here = self.kind.order(unknowns, besides, rows, cols)
+        beside = (self.kind.order(unknowns, besides, rows + d, cols + c) - here for d, c in _BESIDE)
         return (here, *beside)
 
     def signal(self, index: int, values: Array, moved: dict[str, float] | None = None) -> Array:
@@ -375,12 +376,12 @@ class SetModel:
 
     def carried(self, values: Array, wider: SetModel) -> Array:
         """Where another model's unknowns start that has more of them, or fewer."""
-        own, exposures, _, _ = self._ends
+        of_images, exposures, _, _ = self._ends
         _, besides, shared = self.split(values)
-        begun = values[own:exposures] if self.exposures else np.zeros(wider.exposures)
+        begun = values[of_images:exposures] if self.exposures else np.zeros(wider.exposures)
         return np.concatenate(
             [
-                values[:own],
+                values[:of_images],
                 begun[: wider.exposures],
                 besides if wider.besides else [],
                 [shared[key] for key in wider.free],
@@ -478,8 +479,8 @@ class SetPoint:
             step = _STEPS[key]
             if key == GAMMA:  # how the residual changes with the exponent, the other way round
                 later, image = replace(self, gamma=self.gamma + step), model.images[index]
-                own = self.linear[0][model.coefficients_of(index)]
-                light = (own @ (later.columns(index) - self.columns(index))) / step
+                coefficients = self.linear[0][model.coefficients_of(index)]
+                light = (coefficients @ (later.columns(index) - self.columns(index))) / step
                 row[:] = light - (image.toned(later.gamma) - image.toned(self.gamma)) / step
             else:
                 moved = model.signal(index, self.values, {key: shared[key] + step})
@@ -489,10 +490,11 @@ class SetPoint:
     def besides_rows(self, index: int) -> Array:
         """Weighted derivatives of one image by what its kind has besides (k, n)."""
         model = self.model
-        own, _ = model.unknowns_of(index, self.values)
+        unknowns, _ = model.unknowns_of(index, self.values)
         _, besides, shared = model.split(self.values)
         slope = model.by_order(index, self.values)[1] * self.gain(index)
-        return np.asarray(slope * model.kind.by_besides(own, besides, *model.places(index, shared)))
+        by_amplitudes = model.kind.by_besides(unknowns, besides, *model.places(index, shared))
+        return np.asarray(slope * by_amplitudes)
 
     def rows(self, index: int) -> tuple[Array, NDArray[np.intp]]:
         """Weighted derivatives (k, n) of one image by the unknowns that it depends on, and which
@@ -503,12 +505,12 @@ class SetPoint:
         if index >= model.loaded:  # it lies where the first one does
             place = np.concatenate((model.own_places(0), place))
             steps = np.concatenate((model.kind.steps, steps))
-        own = np.empty((len(place), gain.size))
-        for row, at, step in zip(own, place, steps, strict=True):
+        derivatives = np.empty((len(place), gain.size))
+        for row, at, step in zip(derivatives, place, steps, strict=True):
             moved = self.values.copy()
             moved[at] += step
             row[:] = (model.signal(index, moved) - self.signals[index]) * gain / step
-        parts, places = [own, self.key_rows(index, model.free)], [place]
+        parts, places = [derivatives, self.key_rows(index, model.free)], [place]
         if index and model.exposures:
             coefficients = self.linear[0][model.coefficients_of(index)]
             parts.insert(1, (coefficients @ self.columns(index))[None])
@@ -522,13 +524,13 @@ class SetPoint:
     @cached_property
     def equations(self) -> tuple[Array, Array]:
         """Normal equations with the light eliminated, and their right side."""
-        model, (_, inverse, residual) = self.model, self.linear
+        model, (_, inverse, residuals) = self.model, self.linear
         normal, gradient = np.zeros((model.size, model.size)), np.zeros(model.size)
         cross = np.zeros((model.size, len(inverse)))
-        for i, left in enumerate(residual):
+        for i, residual in enumerate(residuals):
             rows, place = self.rows(i)
             normal[np.ix_(place, place)] += rows @ rows.T
-            gradient[place] += rows @ left
+            gradient[place] += rows @ residual
             cross[np.ix_(place, model.coefficients_of(i))] += rows @ self.columns(i).T
         if model.besides:  # what is left undecided keeps the size that benches have
             places, weight = model.besides_places, 1.0 / model.kind.sizes**2
@@ -578,9 +580,9 @@ class SetFit:
         in many cameras, and a beam's fringes lie along them.
         """
         ratios = []
-        for image, left in zip(self.model.images, self.point.linear[2], strict=True):
-            rows = line_correlation(image.mask, left, 1)
-            ratios.append((rows, block_correlation(image.mask, left)))
+        for image, residual in zip(self.model.images, self.point.linear[2], strict=True):
+            rows = line_correlation(image.mask, residual, 1)
+            ratios.append((rows, block_correlation(image.mask, residual)))
         ratio = float(np.mean(ratios, axis=0).max())
         return ratio if ratio > _CORRELATED else 1.0
 
@@ -593,9 +595,9 @@ class SetFit:
     def local_noise(self) -> float:
         """The same of the noise alone, whatever the model misses: that is smooth."""
         ratios = [
-            local_noise(image.mask, left, image.light / image.sigma) ** 2
-            * line_noise(image.mask, left, 1)
-            for image, left in zip(self.model.images, self.point.linear[2], strict=True)
+            local_noise(image.mask, residual, image.light / image.sigma) ** 2
+            * line_noise(image.mask, residual, 1)
+            for image, residual in zip(self.model.images, self.point.linear[2], strict=True)
         ]
         return max(1.0, float(np.mean(ratios)))
 
@@ -612,14 +614,15 @@ class SetFit:
     def explained(self) -> bool:
         """Whether the model explains most of each loaded image's variation."""
         pairs = zip(self.model.images[: self.model.loaded], self.point.linear[2], strict=False)
-        left = [np.var(r) / np.var(image.light / image.sigma) for image, r in pairs]
-        return bool(self.point.positive and max(left) < 1.0 - EXPLAINED)
+        unexplained = [np.var(r) / np.var(image.light / image.sigma) for image, r in pairs]
+        return bool(self.point.positive and max(unexplained) < 1.0 - EXPLAINED)
 
     def levelled(self) -> SetFit:
         """The same fit, with its own model as the light without noise of each image."""
         levels = np.ones(self.model.masks.shape)
-        for level, image, left in zip(levels, self.model.images, self.point.linear[2], strict=True):
-            level[image.mask] = image.light - image.sigma * left
+        residuals = self.point.linear[2]
+        for level, image, residual in zip(levels, self.model.images, residuals, strict=True):
+            level[image.mask] = image.light - image.sigma * residual
         model = replace(self.model, levels=levels)
         point = model.at(self.values)
         assert point is not None

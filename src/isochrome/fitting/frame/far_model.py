@@ -19,6 +19,7 @@ from isochrome.fitting.frame.frame_model import (
     local_model,
     refine_fit,
     trust_of_slopes,
+    turned_row,
 )
 from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.frame.unknowns import BLUR, moved_scene, scales
@@ -130,10 +131,10 @@ class FarModel(FrameModel):
         turns = {**self._turns, **{number + k: (f, _AMPLITUDE) for k, f in enumerate(self.fields)}}
         if self.renderer.added is not None:
             field = field + self.renderer.added
-        optics, signal, gain = scene_optics(here), gamma_fit.part.signal, gamma_fit.part.amplitude
+        optics, keep = scene_optics(here), self.pixels.keep
+        field, shown = field[keep], np.broadcast_to(shown, keep.shape)[keep]
         for j, (turn, step) in turns.items():
-            moved = optics.signal(field + step * turn, visibility=shown)
-            rows[j] = (moved[self.pixels.keep] - signal) * (gain / step)
+            rows[j] = turned_row(optics, field, shown, turn[keep], step, gamma_fit)
         names = (*self.keys, *(f"mode {k}" for k in range(self.count)))
         return local_model(names, values, gamma_fit, rows, self.prior)
 

@@ -36,7 +36,7 @@ from isochrome.estimation import (
     white_covariance,
 )
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.frame.renderer import SceneRenderer
+from isochrome.fitting.frame.renderer import FringeOptics, SceneRenderer, Solve
 from isochrome.fitting.frame.unknowns import BLUR, GAMMA, limits, moved_scene, scales
 from isochrome.scene import Scene
 
@@ -245,19 +245,21 @@ class FrameModel:
         rough: bool = False,
         prior: Prior | None = None,
         in_blocks: bool = False,
+        solve: Solve | None = None,
     ) -> None:
         """`data`, whole; `scene`, one state, numbers at `keys`; `region` (rows, cols), strided.
 
         `hidden_px`, depth above which the region shows nothing; `rough`, whether the pixels' area
         may be left out; `prior` of the unknowns; `in_blocks`, whether to fit the means over blocks
-        as wide as the stride, and not one pixel of each.
+        as wide as the stride, and not one pixel of each; `solve` gives a scene's state, by default
+        on its own.
         """
         self.scene, self.keys = scene, keys
         self.prior = prior or no_prior(len(keys))
         self._precise = self.prior.any
         self.renderer = SceneRenderer(
             scene, data.shape, stride=stride, hidden_px=hidden_px, rough=rough,
-            side=stride if in_blocks else 1,
+            side=stride if in_blocks else 1, solve=solve,
         )  # fmt: skip
         thin = data.in_blocks(stride) if in_blocks else data.every(stride) if stride > 1 else data
         self.pixels: Pixels = trusted_pixels(thin, region)
@@ -296,6 +298,10 @@ class FrameModel:
         """The exponent of the tone curve at some values."""
         return float(values[self.keys.index(GAMMA)]) if GAMMA in self.keys else self.pixels.gamma
 
+    def moved(self, keys: tuple[str, ...], values: Array) -> Scene:
+        """The scene with some values (p,) at its keys."""
+        return moved_scene(self.scene, keys, values)
+
     def signal(
         self, values: Array, *, visibility: Array | None = None, keys: tuple[str, ...] | None = None
     ) -> Array | None:
@@ -305,7 +311,7 @@ class FrameModel:
         are not the unknowns.
         """
         try:
-            scene = moved_scene(self.scene, self.keys if keys is None else keys, values)
+            scene = self.moved(self.keys if keys is None else keys, values)
             image = self.renderer.signal(scene, visibility=visibility)
         except (InputError, PhysicsError):
             return None
@@ -355,7 +361,7 @@ class FrameModel:
         """
         rows = np.empty((len(chosen), self.pixels.size), np.float32)
         # what the pixels' area takes changes little: it is not rendered for every derivative
-        where = moved_scene(self.scene, keys, values[: len(keys)])
+        where = self.moved(keys, values[: len(keys)])
         _, shown = self.renderer.order_field(where)
         picked = tuple(keys[j] for j in chosen)
         steps, high = STEP * scales(self.scene, picked), limits(self.scene, picked).high
@@ -385,6 +391,23 @@ class FrameModel:
         moved = np.array(values, dtype=float)
         moved[j] += step
         return self.signal(moved, visibility=visibility, keys=keys)
+
+
+def turned_row(
+    optics: FringeOptics,
+    field: Array,
+    shown: Array,
+    turn: Array,
+    step: np.float32,
+    gamma_fit: GammaFit,
+) -> Array:
+    """The weighted derivative (n,) by what turns a field (n,) by `turn` (n,), over a step of it.
+
+    `shown`, the field's visibility; `gamma_fit`, the solution there. Fringes are soon others, and
+    their slopes with them; what turns them changes little: it is kept.
+    """
+    ahead = optics.signal(field + step * turn, visibility=shown)
+    return np.asarray((ahead - gamma_fit.part.signal) * (gamma_fit.part.amplitude / step))
 
 
 @dataclass(frozen=True)

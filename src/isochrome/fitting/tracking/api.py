@@ -174,7 +174,7 @@ def track(
             job = Job(work, layout, identity, in_turn=True)
             result = run_job(
                 job, out, lambda run_folder: _finish(run_folder, job, work),
-                means=RunOptions(workers, cluster, restart), progress=progress,
+                options=RunOptions(workers, cluster, restart), progress=progress,
             )  # fmt: skip
     if result is not None:
         return result

@@ -1,29 +1,18 @@
 """What does not change from frame to frame of a video, asked of a few of them before the track.
 
-The first frame of a track, and the load that wore its contact before, as that frame shows it.
-
-A load that swings shows one of its values. The scar's ends are where the larger ones have been, and
-where its own load does not reach, or reaches beyond, the frame tells which one wore it. It tells
-one load: what swung before is taken for a steady one that leaves the least misfit.
-
 A full search that found nothing is not made again in frames that show the same.
 
-Follow a contact through a video: each frame from the last one's values, in milliseconds.
-
-The stress difference is a polynomial of the values about where they are (`field_polynomial`), so
-that a residual costs no mechanics; the derivatives are kept from frame to frame as long as they
-serve. A frame that this does not bring down to its noise is lost, and is searched for as if it were
-alone.
+Follow a contact through a video: each frame is fitted from the last one's values, in milliseconds
+(`tracked_model`). A frame that this does not bring down to its noise is lost, and is searched for
+as if it were alone.
 """
 
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
-from math import sqrt
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import POOR_CHI, FrameData, prepare_frame, standard_uncertainty
@@ -34,30 +23,17 @@ from isochrome.fitting.causes.report import cause_messages
 from isochrome.fitting.causes.score import LightTerms
 from isochrome.fitting.causes.slips import is_lost
 from isochrome.fitting.frame.frame_fit import FrameFit, fit_frame, fit_with_model, placed
-from isochrome.fitting.frame.frame_model import GammaFit, LocalModel, RefinedFit, project
+from isochrome.fitting.frame.frame_model import RefinedFit, refine_fit
 from isochrome.fitting.frame.model_frame import ModelFrame, evaluate_model
+from isochrome.fitting.frame.renderer import SceneRenderer
 from isochrome.fitting.frame.single_state import scene_at, slid_until
-from isochrome.fitting.frame.unknowns import (
-    BLUR,
-    GAMMA,
-    LENS,
-    WEAR,
-    fit_region,
-    inputs_of_rows,
-    thinning,
-)
+from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS, LOAD, WEAR, inputs_of_rows
 from isochrome.fitting.frame_set import FrameSet
 from isochrome.fitting.joint.frame_sequence import make_sequence
 from isochrome.fitting.joint.joint_fit import JointSolution, solve_jointly, starting_values
 from isochrome.fitting.result import TOO_FAR
-from isochrome.fitting.tracking.tracked_model import (
-    BEYOND,
-    HIDDEN_PX,
-    TrackModel,
-    WholeField,
-    thin_frame,
-)
-from isochrome.fitting.tracking.wear_state import WORN, TrackCourse
+from isochrome.fitting.tracking.tracked_model import TrackedModel
+from isochrome.fitting.tracking.worn_course import PAST, WornCourse
 from isochrome.frames import (
     Frame,
     FrameReader,
@@ -229,120 +205,6 @@ def _held(freed: Freed[JointSolution], scene: Scene, places: list[int]) -> Appar
     )
 
 
-_TIMES = 4
-_FIRST, _FARTHEST = 0.01, 0.3
-"""First step, and the largest, over the load that it starts from."""
-_RESTS = 0.2
-"""Step below which the search rests, in standard uncertainties of the load before."""
-_TOLD, _PASTS, _AGAIN, _ALIKE = 4.0, 3, 0.03, 3e-3
-"""Misfit, over the noise squared, that another load must take off; how often one is looked for at
-most, and its change, over it, after which one is again: from far off it is not found at once. Below
-the last change a frame's values stay within their uncertainty."""
-
-Follow = Callable[[TrackModel, Array], RefinedFit | None]
-
-
-def begin_track(
-    course: TrackCourse,
-    prepared: Callable[[], TrackModel],
-    follow: Follow,
-    begun: Array,
-    usual_load_n: float,
-) -> tuple[RefinedFit | None, TrackModel]:
-    """The first frame of a track, on what its own load has worn, or another one before it.
-
-    Parameters: `course`, which has passed no frame, and has the load before it afterwards;
-    `prepared`, which makes the frame's pixels anew: slopes of another scar leave the load before it
-    untold; `follow`, from pixels and values (axes,) to where the steps end; `begun` (axes,), the
-    values to start from; `usual_load_n`, about the load (N) that wore the contact. Returns what was
-    found, None where the steps do not end, and the pixels that it was found with.
-    """
-    model = prepared()
-    found = follow(model, begun)
-    if found is None or not course.unsure:
-        return found, model
-
-    def better_than(
-        found: RefinedFit, past_n: float, begin: Array
-    ) -> tuple[RefinedFit, TrackModel] | None:
-        """What is found if another load wore it, where that is better; else all stays."""
-        selected, begin = course.past_load_n, course.with_past(begin, past_n)
-        course.past_load_n = past_n
-        again = prepared()
-        other = follow(again, begin)
-        if (
-            other is not None
-            and other.gamma_fit.cost < found.gamma_fit.cost - _TOLD * found.gamma_fit.noise
-        ):
-            return other, again
-        course.past_load_n = selected
-        return None
-
-    found, model = better_than(found, usual_load_n, begun) or (found, model)
-    for _ in range(_PASTS):
-        start = course.load_before(found.values)
-        past = _past_load(course, model, found, start)
-        if abs(past - start) < _ALIKE * start:
-            break
-        better = better_than(found, past, found.values)
-        if better is None:
-            break
-        found, model = better
-        if abs(past - start) < _AGAIN * start:
-            break
-    return found, model
-
-
-def _past_load(course: TrackCourse, model: TrackModel, found: RefinedFit, start_n: float) -> float:
-    """The load (N) before the first frame by `fit_past_load`; the start's where none is told."""
-    amplitude, still = found.gamma_fit.part.amplitude, np.zeros(course.count)
-    selected = course.past_load_n
-
-    def worn(past_n: float) -> Array:
-        """The signal over the noise (n,) if that load wore the contact."""
-        course.past_load_n = past_n
-        return np.asarray(model.worn_signal(course.moved(found.values, still)) * amplitude)
-
-    try:
-        here = worn(start_n)
-        return fit_past_load(
-            lambda past_n: worn(past_n) - here, found.local, found.gamma_fit.residual, start_n
-        )
-    except PhysicsError:
-        return start_n
-    finally:
-        course.past_load_n = selected
-
-
-def fit_past_load(
-    change: Callable[[float], Array], local: LocalModel, residual: Array, start_n: float
-) -> float:
-    """The load before the first frame that leaves the least residual, by secants.
-
-    Equation: min over P and dv of |r - c(P) - J dv|², with c' by two loads.
-    Parameters: `change`, from a load P (N) to what it adds to the frame over its noise (n,), none
-    at `start_n`; `local`, the model about the frame's values, with its derivatives J; `residual` r
-    (n,) there; `start_n`, the load (N) that has worn it. Returns P, within 30 % of that. Source:
-    the elimination of dv as in `LocalModel.step`.
-    """
-    last, before = start_n, np.zeros_like(residual)
-    past = start_n * (1.0 + _FIRST)
-    for _ in range(_TIMES):
-        added = change(past)
-        slope = (added - before) / np.float32(past - last)
-        project(slope[None], local.gamma_fit.problem, local.gamma_fit.part)
-        alone = slope - local.step(slope).astype(slope.dtype) @ local.rows
-        told = float(alone @ alone)
-        if not told > 0.0:
-            return start_n
-        last, before = past, added
-        step = float(alone @ (residual - added)) / told
-        past = float(np.clip(past + step, (1.0 - _FARTHEST) * start_n, (1.0 + _FARTHEST) * start_n))
-        if abs(past - last) < _RESTS / np.sqrt(told):
-            break
-    return past
-
-
 _SAME = 1.05
 """Difference of two pictures over what their noise makes of it, up to which they show the same."""
 _STRIDE = 4
@@ -387,11 +249,10 @@ def _thin(frame: Frame) -> Array:
     return frame.image[::_STRIDE, ::_STRIDE].astype(np.float32)
 
 
-_PIXELS = 20_000
-_NEAR, _FROZEN, _STEPS, _BOXES, _FAR = 0.05, 0.3, 12, 2, 1.5
-"""Last step in standard uncertainties; share of the last step below which the derivatives are
-kept; exact residuals, and polynomials, of one frame at most; how far beyond its polynomial, in
-half-widths, a step is believed."""
+_NEAR, _FROZEN, _STEPS, _AGED = 0.05, 0.1, 12, 1.1
+"""What the slopes may err by in the end, in standard uncertainties; share of a step by which they
+may before they are made anew; contacts solved for one frame at most; and by how much a frame more
+lets that share grow, until it is looked at again."""
 _LOST = 1.1
 """Chi, over that of the last frame that was searched for, beyond which a frame is lost."""
 _NOISE_EVERY = 250
@@ -500,13 +361,13 @@ class Tracker:
         self.scene, self.keys = scene, keys
         self._usual_load_n = usual_load_n or scene.load_at(0.0)
         self._apparatus = apparatus or Apparatus(scene=scene)
-        self.course = TrackCourse(scene, keys)
+        self.course = WornCourse(scene, keys)
         self._bit_depth, self._no_load = bit_depth, no_load
         self._vain = VainSearch(bit_depth)
         self._values: Array | None = None
         self._pace = np.zeros(len(keys))
-        self._model: TrackModel | None = None
-        self._whole: WholeField | None = None
+        self._model: TrackedModel | None = None
+        self._whole: SceneRenderer | None = None
         self._reference, self._since_noise = 1.0, 0
 
     def state(self) -> dict[str, Any]:
@@ -519,7 +380,7 @@ class Tracker:
         }
 
     def resume(self, state: dict[str, Any]) -> None:
-        """Go on from a `state`, with polynomials and pixels made anew from the next frame."""
+        """Go on from a `state`, with turns and pixels made anew from the next frame."""
         values = state["values"]
         self._values = None if values is None else np.array(values)
         self._pace, self._reference = np.array(state["pace"]), float(state["reference"])
@@ -531,12 +392,11 @@ class Tracker:
 
         `distance_m`, slid until then, None where nothing wears. Raises InputError on a blank frame.
         """
-        start = self.course.start(distance_m)
-        begun = self.course.from_scene(fitted, start, distance_m)
-        result = self._begin_at(frame, self._data(frame), begun, chi, distance_m)
+        self.course.at(distance_m)
+        result = self._begin_at(frame, self._data(frame), fitted, chi, distance_m, distance_m)
         if result is None or result.chi > _LOST * max(1.0, chi):
-            result = self._search(frame, start, distance_m)
-        self._take(result, frame, distance_m, lost=True)
+            result = self._search(frame, distance_m)
+        self._take(result, frame, lost=True)
 
     def track(self, frame: Frame, distance_m: float | None) -> Tracked:
         """The tracked values of the next frame. Raises InputError on a blank frame.
@@ -545,39 +405,36 @@ class Tracker:
         """
         if self._vain.is_repeated(frame):
             return nothing_found(len(self.keys))
-        if self._values is None:
-            start = self.course.start(distance_m)
-        else:
-            last = self.course.moved(self._values, self._pace)
-            start = self.course.carried(last, distance_m)
+        self.course.at(distance_m)
+        result = None
+        if self._values is not None and self.course.begun:
             if self._model is None:
                 self._model = self._prepare(frame, self._data(frame))
-        result = None
-        if self._model is not None:
-            self._check_noise(frame, self._model)
-            result = self._follow(frame, self._model, start)
+            result = self._follow(frame, self._model, self._values + self._pace)
         lost = result is None or not (result.positive and result.chi <= _LOST * self._reference)
         if lost:
-            result = self._search(frame, start, distance_m)
-        return self._take(result, frame, distance_m, lost=lost)
+            result = self._search(frame, distance_m)
+        return self._take(result, frame, lost=lost)
 
-    def _take(
-        self, found: RefinedFit | None, frame: Frame, distance_m: float | None, *, lost: bool
-    ) -> Tracked:
+    def _take(self, found: RefinedFit | None, frame: Frame, *, lost: bool) -> Tracked:
         """Go on from what was found in a frame, by a search where it was `lost`."""
-        self._pace = np.zeros(len(self.keys))
+        before, count = self._values, len(self.keys)
+        self._pace = np.zeros(count)
         if found is None or not found.positive or _off(found) > TOO_FAR:
             self._vain.remember(frame)
-            return nothing_found(len(self.keys), found.chi if found and found.positive else np.nan)
+            return nothing_found(count, found.chi if found and found.positive else np.nan)
         self._vain.forget()
         if lost:
             self._reference = max(1.0, found.chi)
-        if self._values is not None and not lost:
+        self._values = found.values[:count]
+        if before is not None and not lost:
             # as it went, so it goes on: a step less for a value that swings
-            self._pace = (found.values - self._values)[: len(self.keys)]
-        self._values = found.values
-        self.course.passed(found.values, distance_m)
-        return self._in_own_units(found, searched=lost)
+            self._pace = self._values - before
+        result = self._said(found, searched=lost)
+        self.course.passed(found.values)
+        assert self._model is not None
+        self._model.go_on()
+        return result
 
     def model_frame(self, frame: Frame) -> tuple[FrameData, ModelFrame, Scene]:
         """The frame that was tracked last, with every pixel, its model, and the scene of that.
@@ -586,36 +443,43 @@ class Tracker:
         contact cannot be solved.
         """
         assert self._values is not None and self._model is not None
+        shown = self.course.moved(self.keys, self._values)
+        state = self._model.renderer.state(shown)
         if self._whole is None:
-            self._whole = WholeField(self.course, (frame.image.shape[0], frame.image.shape[1]))
-        scene, difference = self._whole.at(self._values)
-        data = self._data(frame, self._model.thinned.noise)
+            self._whole = SceneRenderer(shown, (frame.image.shape[0], frame.image.shape[1]))
+        difference = self._whole.difference(shown, state)
+        data, scene = self._data(frame, self._model.noise), self.course.even_scene(self._values)
         return data, evaluate_model(data, scene, difference=difference), scene
 
-    def _in_own_units(self, found: RefinedFit, *, searched: bool) -> Tracked:
-        """What a frame says in its keys' own units."""
-        local = found.local
+    def _said(self, found: RefinedFit, *, searched: bool) -> Tracked:
+        """What a frame says of the tracked keys, and what is held leaves open of it."""
+        assert self._model is not None
+        local, count = found.local, len(self.keys)
         covariance = local.covariance(found.gamma_fit)
-        if self._apparatus.covariance is not None:
-            assert self._model is not None
-            by_held = local.sensitivity((), self._model.held_rows)
-            covariance = covariance + by_held @ self._apparatus.covariance @ by_held.T
-        spread = standard_uncertainty(covariance, local.determined)
-        factors = self.course.reported()
-        values = found.values[: self.course.count] * factors
+        held = self._apparatus.covariance
+        spread = np.zeros((0, 0)) if held is None else held
+        if self.course.past is not None:
+            spread = block_diag(spread, [[self.course.past[1] ** 2]])
+        if spread.size:
+            by_held = self._model.by_held(found)
+            covariance = covariance + by_held @ spread @ by_held.T
+        sure = standard_uncertainty(covariance, local.determined)
+        if PAST in local.keys:
+            self.course.past = float(found.values[count]), float(sure[count])
         return Tracked(
-            values=values, standard_uncertainty=spread * factors,
-            cramer_rao_bound=local.bound * factors, chi=found.chi, searched=searched, positive=True,
+            values=found.values[:count], standard_uncertainty=sure[:count],
+            cramer_rao_bound=local.bound[:count], chi=found.chi, searched=searched, positive=True,
         )  # fmt: skip
 
-    def _search(self, frame: Frame, start: Array, distance_m: float | None) -> RefinedFit | None:
+    def _search(self, frame: Frame, distance_m: float | None) -> RefinedFit | None:
         """A frame found as if it were alone; None where the scene's fringes are not in it."""
         data = self._data(frame)
-        free = tuple(
-            WEAR if axis == WORN else axis for axis in self.course.axes[: self.course.count]
-        )
-        even = self.course.field_scene(start)
-        keys = free if even.wear is not None else tuple(k for k in free if "wear." not in k)
+        course = self.course
+        start = course.own_values() if self._values is None else self._values
+        if course.keys != self.keys:
+            start = np.append(start, start[self.keys.index(LOAD)])
+        even = course.even_scene(start)
+        keys = self.keys if even.wear is not None else tuple(k for k in self.keys if k != WEAR)
         try:
             # a tracked value has the frame's uncertainty alone, and no prior
             fit = fit_frame(data, even, keys, stated=inputs_of_rows(()))
@@ -623,25 +487,30 @@ class Tracker:
             return None
         if not fit.positive:
             return None
-        # the scene of one frame's field has worn over one metre
-        begun = self.course.from_scene(fit.scene, start, 1.0)
-        return self._begin_at(frame, data, begun, fit.chi, distance_m)
+        # the scene of one frame has worn over one metre
+        return self._begin_at(frame, data, fit.scene, fit.chi, 1.0, distance_m)
 
     def _begin_at(
-        self, frame: Frame, data: FrameData, begun: Array, chi: float, distance_m: float | None
-    ) -> RefinedFit | None:
-        """A frame from values (axes,) that were found in it alone, with their `chi`."""
-        if not self.course.unsure:
-            self._model = self._prepare(frame, data)
-            result = self._follow(frame, self._model, begun)
-            # what the frame shows alone, but not on the scar so far: that scar is not the block's
-            if self.scene.wear is None or (result and result.chi <= _LOST * max(1.0, chi)):
-                return result
-            self.course, self._whole = TrackCourse(self.scene, self.keys), None
-            self.course.start(distance_m)
-        prepared, follow = partial(self._prepare, frame, data), partial(self._follow, frame)
-        result, self._model = begin_track(self.course, prepared, follow, begun, self._usual_load_n)
-        return result
+        self, frame: Frame, data: FrameData, fitted: Scene, chi: float, worn_m: float | None,
+        distance_m: float | None,
+    ) -> RefinedFit | None:  # fmt: skip
+        """A frame from the scene that was `fitted` to it alone, with its `chi`.
+
+        `worn_m`, the distance by which that counts its wear; `distance_m`, slid until the frame.
+        """
+        begun = self.course.fitted(fitted, worn_m or 0.0, self._usual_load_n)
+        self._model = self._prepare(frame, data)
+        result = self._follow(frame, self._model, begun)
+        if PAST in self._model.keys and (result is None or not self._model.tells_past(result)):
+            self._model.hold_past()
+            result = self._follow(frame, self._model, begun if result is None else result.values)
+        shown = result is not None and result.chi <= _LOST * max(1.0, chi)
+        if shown or self.scene.wear is None or not self.course.begun:
+            return result
+        # what the frame shows alone, but not on the scar so far: that scar is not the block's
+        self.course = WornCourse(self.scene, self.keys)
+        self.course.at(distance_m)
+        return self._begin_at(frame, data, fitted, chi, worn_m, distance_m)
 
     def _data(self, frame: Frame, noise: NoiseModel | None = None) -> FrameData:
         depth, no_load = self._bit_depth, self._no_load
@@ -649,57 +518,42 @@ class Tracker:
             prepare_frame(frame, self.scene, bit_depth=depth, no_load=no_load, noise=noise)
         )
 
-    def _prepare(self, frame: Frame, data: FrameData) -> TrackModel:
+    def _prepare(self, frame: Frame, data: FrameData) -> TrackedModel:
         """What all frames have in common, from one that is whole."""
-        stride = max(2, thinning(data.light.size, _PIXELS))
-        region = fit_region(self.scene, data.shape, stride, HIDDEN_PX)
         noise = estimate_noise(frame.image, data.valid, bit_depth=self._bit_depth)
-        thinned = thin_frame(data, region, stride, full=full_scale(self._bit_depth), noise=noise)
         self._since_noise = 0
-        return TrackModel(self.course, data.shape, thinned, self._apparatus.keys)
+        return TrackedModel(
+            self.course, data, noise=noise, full=full_scale(self._bit_depth),
+            held=self._apparatus.keys, usual_load_n=self._usual_load_n,
+        )  # fmt: skip
 
-    def _check_noise(self, frame: Frame, model: TrackModel) -> None:
-        """Tell the camera's noise again now and then."""
-        self._since_noise += 1
+    def _follow(self, frame: Frame, model: TrackedModel, start: Array) -> RefinedFit | None:
+        """The fit of a frame from some values (keys,); None where its steps do not end."""
+        self._since_noise, noise = self._since_noise + 1, None
         if self._since_noise >= _NOISE_EVERY:
             noise = estimate_noise(frame.image, frame.mask, bit_depth=self._bit_depth)
-            model.see(replace(model.thinned, noise=noise))
             self._since_noise = 0
-
-    def _follow(self, frame: Frame, model: TrackModel, start: Array) -> RefinedFit | None:
-        """Newton's steps from some values (axes,); None where they do not end."""
-        levels = model.thinned.levels(frame.image)
-        values, last, boxes = start.copy(), np.inf, 0
+        model.see(frame.image, noise)
+        values, last = start, np.inf
         for _ in range(_STEPS):
-            if model.reach(values) > BEYOND:
-                far = np.isfinite(last) and model.reach(values) > _FAR
-                if far or boxes == _BOXES or not model.move(values, levels):
-                    return None
-                boxes, last = boxes + 1, np.inf
-            if model.stale(values) and not model.refresh(values, levels):
+            try:
+                model.stand(values)
+                found = refine_fit(model, values)
+            except PhysicsError:
                 return None
-            gamma_fit = model.at(values, levels)
-            if gamma_fit is None:
+            if found is None or not found.converged:
                 return None
-            local = model.local
-            if local is None or self._turned(local, gamma_fit, values, last):
-                gamma_fit, last = model.linearise(values, levels, gamma_fit), np.inf
-                local = model.local
-            assert local is not None
-            moved = self.course.moved(values, local.step(gamma_fit.residual))
-            step = (moved - values)[: len(self.keys)]  # less what would heal a scar
-            size, values = local.size(step) / sqrt(gamma_fit.noise), moved
-            if size < _NEAR and not model.stale(values):
-                return RefinedFit(values, local, gamma_fit)
-            last = size
+            size = model.distance(found)
+            if np.isfinite(last):
+                model.bend = size / last
+            if size * model.bend < _NEAR:
+                model.bend *= _AGED
+                return found
+            if np.isfinite(last) and model.bend > _FROZEN:
+                model.turn()
+                size = np.inf
+            values, last = found.values, size
         return None
-
-    def _turned(self, local: LocalModel, gamma_fit: GammaFit, values: Array, last: float) -> bool:
-        """Whether steps with the kept derivatives do not shrink fast enough."""
-        size = local.size(local.step(gamma_fit.residual)) / sqrt(gamma_fit.noise)
-        return size > _FROZEN * last and not np.array_equal(
-            local.values, values[: len(local.values)]
-        )
 
 
 def _off(found: RefinedFit) -> float:

@@ -551,8 +551,8 @@ def _dense(patches: Patches, terms: Array, valid: Mask) -> OrderReading:
     use = np.isfinite(terms[..., 0])
     terms = np.where(use[..., None], terms, 0.0)
     usual = np.median(patches.chi[use]) if use.any() else 1.0
-    own = patches.spread[..., 0] * np.clip(patches.chi, min(usual, 1.0), 1.0)
-    trust = np.where(use, 1.0 / (own**2 + _GROUND**2), 0.0)
+    of_patch = patches.spread[..., 0] * np.clip(patches.chi, min(usual, 1.0), 1.0)
+    trust = np.where(use, 1.0 / (of_patch**2 + _GROUND**2), 0.0)
     dy, dx, window = offsets()
     orders = np.abs(terms.reshape(-1, 6) @ basis(dy.astype(float), dx.astype(float)).T)
     sums = np.zeros((4, *valid.shape))

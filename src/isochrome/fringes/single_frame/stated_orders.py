@@ -121,9 +121,9 @@ def zero_lines(order: Array, known: Sequence[ZeroPlace] = ()) -> int:
     """
     labels = np.zeros(order.shape, dtype=int)
     for side in (order > _BELOW, order < -_BELOW):
-        own = label(side, connectivity=1)
-        large = np.bincount(own.ravel()) >= _FEWEST_PATCHES
-        labels = np.where(side & large[own], own + labels.max(), labels)
+        regions_of = label(side, connectivity=1)
+        large = np.bincount(regions_of.ravel()) >= _FEWEST_PATCHES
+        labels = np.where(side & large[regions_of], regions_of + labels.max(), labels)
     regions = np.where(np.isfinite(order), expand_labels(labels, distance=max(order.shape)), 0)
     positive = np.zeros(int(regions.max()) + 1, dtype=bool)
     positive[labels[order > _BELOW]] = True

@@ -99,7 +99,7 @@ class ColourLight(FrameKind):
                 light, table, sigma=sigma, dark=low, bright=high, valid=valid, specimen=body
             )
         except InputError as error:
-            raise InputError(f"frame {first.index} ({first.name}): {error}") from error
+            raise InputError(f"frame {first.index} ({first.name}): " + error.message) from error
         trusted = np.isfinite(result.signal)
         count = np.maximum(trusted.sum(axis=-1), 1)
         mean = np.where(trusted, result.signal, 0.0).sum(axis=-1) / count

@@ -108,11 +108,11 @@ def no_load_light(
         return NoLoadLight(result.ends, notes, dark_told=result.dark_told)
     if result.bright < 1.0:
         exposed = result.dark * dark, result.bright * bright
-        own, other = (
+        unexposed, other = (
             sum(place.cost for place in _places(light, valid, ends, frames))
             for ends in (no_load, exposed)
         )
-        if own + CLEAR < other:  # known orders are clearly those of the no-load frames' own light
+        if unexposed + CLEAR < other:  # known orders are clearly those of the no-load frames
             return alike
     return NoLoadLight(result.ends, refusal=message(CREST_OR_RIDGE, bright=result.bright))
 
@@ -257,7 +257,7 @@ def read_alone(
     try:
         signal = frame_signal(frame, linear, scene, capture)
     except InputError as error:
-        return replace(blank, warnings=(f"not normalised: {error}",)), None
+        return replace(blank, warnings=("not normalised: " + error.message,)), None
     lines = skeletons(np.clip(signal.signal, 0.0, 1.0))
     point_known = bool(scene.frames.known_order)
     refusal = refused_beforehand(frame, signal, len(lines), capture, point_known, inside)

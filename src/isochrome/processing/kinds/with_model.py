@@ -88,7 +88,7 @@ def process_with_model(
     data = _prepared(frame, scene, capture)
     if apparatus is not None:
         data = apparatus.seen(data)
-    data, fit, scene, notes, slip = _fitted(
+    data, fit, scene, notes, has_slip = _fitted(
         data, scene, frame, as_stated, followed=apparatus is not None
     )
     data, model = _held(data, fit)
@@ -97,13 +97,13 @@ def process_with_model(
     gain = np.where(model.illumination > 0.0, model.illumination, np.nan)
     signal = np.where(inside, (data.light - model.background) / gain, np.nan)
     largest, of_largest = largest_with_model(reading, model, fit.scene, fit)
-    notes += [] if slip else _warnings(fit, reading, lost)
+    notes += [] if has_slip else _warnings(fit, reading, lost)
     result = ProcessedFrame(
         **frame_fields(frame) | {"pixel_mm": model.pixels.pixel_mm},
         normalised=signal.astype(np.float32), reading=reading, fit=fit, noise=noise, chi=fit.chi,
         largest=largest, warnings=(*(apparatus.warnings if apparatus else ()), *notes, *of_largest),
     )  # fmt: skip
-    return _without_model(result, frame, scene, capture, data, slip) if lost else result
+    return _without_model(result, frame, scene, capture, data, has_slip) if lost else result
 
 
 def _prepared(frame: Frame, scene: Scene, capture: Capture) -> FrameData:
@@ -175,11 +175,11 @@ def _fitted(
             fit = fit_frame(data, scene)
             return data, fit, scene, [*notes, *_opposite(scene, fit)], False
         extended = fit_with_causes(data, scene, past=not followed)
-        fit, slip = extended.fit, extended.slip is not None
-        notes += [*cause_messages(extended), *(() if slip else _opposite(scene, fit))]
-        return extended.data, fit, scene, notes, slip
+        fit, has_slip = extended.fit, extended.slip is not None
+        notes += [*cause_messages(extended), *(() if has_slip else _opposite(scene, fit))]
+        return extended.data, fit, scene, notes, has_slip
     except PhysicsError as error:
-        raise PhysicsError(f"frame {frame.index} ({frame.name}): {error}") from error
+        raise PhysicsError(f"frame {frame.index} ({frame.name}): " + error.message) from error
 
 
 def placed_disc(scene: Scene, data: FrameData) -> tuple[Scene, list[str]]:
@@ -271,8 +271,8 @@ def frame_causes(
     PhysicsError where no values give fringes of the right contrast.
     """
     data = _prepared(frame, scene, capture)
-    data, fit, _, notes, slip = _fitted(data, scene, frame, as_stated=False)
-    if slip:
+    data, fit, _, notes, has_slip = _fitted(data, scene, frame, as_stated=False)
+    if has_slip:
         return notes, "with a slip"
     if not (fit.positive or notes):
         return None

@@ -1,0 +1,330 @@
+"""What a contact's frames stand on, one after the other: a grid, and the scar that was worn so far.
+
+A frame shows its own load and friction on what was worn before. The scar goes on from the last
+frame's by the dose of the scene's law, dK = ∫ kappa ds, while load and friction go over to the
+frame's. What wore the contact before the first frame are the scene's tables, or one load for all
+the time, which that frame tells.
+
+The worn area is W = ∫ P' dK. By the scene's own coefficient it would be A: a wear coefficient that
+is tracked is W/A times that.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from isochrome.contact import (
+    ContactSetup,
+    GrowingScar,
+    OutputState,
+    contact_grid,
+    elastic_constants,
+    elastic_state,
+    make_site,
+    wear_course,
+    wear_rate,
+    worn_states,
+)
+from isochrome.errors import PhysicsError
+from isochrome.fitting.arrays import Array
+from isochrome.fitting.frame.single_state import is_held, with_numerics, with_part
+from isochrome.fitting.frame.unknowns import FRICTION, LEFT, LOAD, TOP, WEAR
+from isochrome.fitting.frame_set import refuse_untracked
+from isochrome.fitting.joint.frame_sequence import local_values
+from isochrome.scene import DistanceTable, Scene
+from isochrome.simulation import SceneState, scene_states
+
+PAST = "load before the first frame (N)"
+"""The load that wore a contact before its first frame: an unknown of that frame."""
+
+TRACKED = (LOAD, "load.tangential_n", "load.bulk_mpa", FRICTION, WEAR, LEFT, TOP)
+"""Keys that can be tracked: what the mechanics follow smoothly, and the place."""
+
+TOLERANCE, GROWTH = 1e-5, 1e-3
+"""Of the wear until the first frame: at 1e-4 a scar's own error is a load's uncertainty; and of
+that from a frame to the next, as small a growth that it is one step."""
+
+_STEP = 1e-3
+"""Of a load, or of a dose and what the elasticity makes up for: shows what more of it does."""
+
+_RIM, _WIDER, _WIDENED = 0.04, 1.3, 5
+"""Share of the grid that a contact leaves free at either end, or is solved on one so much wider, at
+most so often."""
+
+
+class WornCourse:
+    """One-state scenes of a contact along a run, by the values of `keys`.
+
+    `tracked`, the keys that are reported; `now`, the scene of the frame in hand without its wear;
+    `past`, the load (N) before the first frame and its standard uncertainty, once that told it.
+    """
+
+    def __init__(self, scene: Scene, tracked: tuple[str, ...]) -> None:
+        """`scene`, placed in its picture. Raises InputError for what cannot be tracked."""
+        refuse_untracked(scene, tracked, TRACKED)
+        self.scene, self.tracked = scene, tracked
+        self.past: tuple[float, float] | None = None
+        self._by_past: Array | None = None  # worn depth (n,) by that load
+        self._site: ContactSetup | None = None
+        self._pressure: Array | None = None
+        self._last: GrowingScar | None = None  # that the frame before has left
+        self._scar: GrowingScar | None = None  # that the frame in hand stands on
+        # distance (m), worn area by the law and as it is (mm²): of the last frame, and in hand
+        self._until = self._after = (0.0, 0.0, 0.0)
+        self._share = 1.0  # of the law, by which the contact wears on
+        self.at(None)
+
+    def state(self) -> dict[str, Any]:
+        """What is left of the frames so far, as plain numbers for `resume`."""
+        last, site, by_past = self._last, self._site, self._by_past
+        return {
+            "last": last and last.to_json(), "until": self._until, "share": self._share,
+            "grid": site and site.scene.numerics.model_dump(), "past": self.past,
+            "by_past": None if by_past is None else by_past.tolist(),
+        }  # fmt: skip
+
+    def resume(self, state: dict[str, Any]) -> None:
+        """Go on from a `state`."""
+        last, past, by_past = state["last"], state["past"], state["by_past"]
+        s, law, worn = state["until"]
+        self._until, self._share = (s, law, worn), state["share"]
+        self.past = past and (past[0], past[1])
+        self._by_past = None if by_past is None else np.array(by_past)
+        if state["grid"] is not None:
+            self._use(with_part(self.now, "numerics", **state["grid"]))
+        self._last = last and GrowingScar.from_json(last)
+
+    def at(self, distance_m: float | None) -> None:
+        """Go on to a frame, at a distance (m), None where nothing wears."""
+        self._s = s = distance_m or 0.0
+        now = with_part(self.scene, "load", normal_n=self.scene.load_at(s))
+        if now.friction is not None:
+            now = with_part(now, "friction", coefficient=float(self.scene.friction_at(s)))
+        self.now = now.model_copy(update={"wear": None})
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The unknowns of the frame in hand."""
+        worn = self.scene.wear is not None and self._last is None and self._s > 0.0
+        unsure = worn and LOAD in self.tracked and not self._is_table(LOAD)
+        return (*self.tracked, PAST) if unsure else self.tracked
+
+    def own_values(self) -> Array:
+        """The scene's own values (tracked,) at the frame in hand."""
+        return np.array(
+            [self._own_wear if key == WEAR else self.now.get(key) for key in self.tracked], float
+        )
+
+    def fitted(self, scene: Scene, distance_m: float, usual_load_n: float) -> Array:
+        """The frame's values (keys,) by a fitted scene of its own, worn until a distance (m) there.
+
+        `usual_load_n`, about the load that wore the contact before its first frame.
+        """
+        values = self.own_values()
+        for j, key in enumerate(self.tracked):
+            values[j] = values[j] if key == WEAR else scene.get(key)
+        values = np.append(values, usual_load_n) if PAST in self.keys else values
+        if WEAR in self.tracked and scene.wear is not None:
+            law = self._areas(values)[1]
+            if law > 0.0:
+                shown = float(local_values(scene, (distance_m,))[0, 2])
+                values[self.tracked.index(WEAR)] = self._own_wear * shown / law
+        return values
+
+    def moved(self, keys: tuple[str, ...], values: Array) -> Scene:
+        """The frame's scene with some values at its keys, on the scar that it stands on."""
+        scene = self.now
+        for key, value in zip(keys, np.asarray(values, float).tolist(), strict=False):
+            part, _, name = key.partition(".")
+            if key not in (WEAR, PAST):  # unchecked: it is asked for many times a frame
+                scene = with_part(scene, part, **{name: value})
+        return scene
+
+    def take(self, values: Array) -> Array:
+        """Wear the contact until the frame in hand, by some values of its `keys`.
+
+        Returns the values that the scar stands for: of a wear coefficient, what has worn until now.
+        Raises PhysicsError where a contact does not converge.
+        """
+        self._after, drive = self._areas(values), self._drive(values)
+        if self._site is None:
+            self._use(with_numerics(self.even_scene(values)))
+        if self._last is None:
+            self._scar = self._worn_before(values)
+        else:
+            dose = self._share * self._dose(drive[1])
+            self._scar = self._last
+            if dose > 0.0:
+                self._scar = self._last.grown(self.site, dose, drive, tolerance=GROWTH)
+        place, (_, law, worn) = np.array(values, float), self._after
+        if WEAR in self.tracked and law > 0.0:
+            place[self.tracked.index(WEAR)] = self._own_wear * worn / law
+        return place
+
+    def passed(self, values: Array) -> None:
+        """Leave the frame in hand with its values (keys,): the next goes on from its scar."""
+        assert self._scar is not None
+        if WEAR in self.tracked and self._after[1] > 0.0:
+            self._share = max(0.0, values[self.tracked.index(WEAR)] / self._own_wear)
+        self._last, self._until = replace(self._scar, drive=self._drive(values)), self._after
+
+    @contextmanager
+    def beside(self, key: str, values: Array) -> Iterator[float]:
+        """Stand, within this, on what a step of a key more has worn; gives the step, nought: none.
+
+        `values` (keys,), for which the frame's own scar was taken.
+        """
+        scar, step, (_, law, worn) = self._scar, 0.0, self._after
+        assert scar is not None
+        if key == PAST:
+            step = _STEP * (values[-1] if self.past is None else self.past[0])
+            if self.past is None:
+                there = self._worn_before(np.append(values[:-1], values[-1] + step))
+                self._by_past = (there.depth_mm - scar.depth_mm) / step
+            assert self._by_past is not None
+            self._scar = replace(scar, depth_mm=scar.depth_mm + step * self._by_past)
+        elif self._last is None and law > 0.0:
+            more = values.copy()
+            more[self.tracked.index(WEAR)] *= 1.0 + _STEP
+            step = _STEP * self._value(WEAR, values)
+            self._scar = self._worn_before(more)
+        elif law > 0.0:
+            line, mu = self._drive(values)
+            dose = _STEP * (worn + self._elastic_mm2(values)) / line
+            self._scar = scar.grown(self.site, dose, (line, mu), tolerance=GROWTH)
+            step = self._own_wear * dose * line / law
+        try:
+            yield step
+        finally:
+            self._scar = scar
+
+    def solve(self, scene: Scene) -> SceneState:
+        """The contact of a scene of the frame in hand, under its own load on the frame's scar."""
+        if is_held(scene):
+            return scene_states(scene.model_copy(update={"numerics": self.site.scene.numerics}))[-1]
+        assert scene.load is not None and scene.specimen.thickness_mm is not None
+        line = scene.load_at(0.0) / scene.specimen.thickness_mm
+        mu = float(scene.friction_at(0.0)) if scene.friction else 0.0
+        stop = OutputState(self._s, 0.0, line, mu)
+        for _ in range(_WIDENED):
+            assert self._scar is not None
+            surface = elastic_state(self.site, self._scar.depth_mm, stop, start=self._pressure)
+            rim, self._pressure = int(_RIM * self.site.grid.nodes), surface.pressure_mpa
+            if not (self._pressure[:rim].any() or self._pressure[-rim:].any()):
+                return SceneState("", self._s, surface)
+            width = _WIDER * surface.grid.spacing_mm * surface.grid.nodes
+            self._use(with_part(self.site.scene, "numerics", window_mm=width))
+        raise PhysicsError("scar_reaches_edge_grid", name=scene.name)
+
+    def even_scene(self, values: Array) -> Scene:
+        """The frame's scene, worn as much as it is, as if under its own load over one metre."""
+        scene, worn = self.moved(self.tracked, values), self._areas(values)[2]
+        if self.scene.wear is None or not worn > 0.0:
+            return scene
+        coefficient = 1e-3 * worn / self._drive(values)[0]
+        even = {WEAR: coefficient, "wear.law": "archard", "wear.distances_m": [1.0]}
+        return scene.model_copy(update={"wear": self.scene.wear}).with_values(even)
+
+    @property
+    def begun(self) -> bool:
+        """Whether a frame has passed."""
+        return self._last is not None
+
+    def grown(self, since_mm2: float, values: Array) -> float:
+        """Growth of the worn area since another, over it and what the elasticity takes up."""
+        return (self.worn_mm2 - since_mm2) / (since_mm2 + self._elastic_mm2(values))
+
+    @property
+    def worn_mm2(self) -> float:
+        """Worn area at the frame in hand."""
+        return self._after[2]
+
+    def _elastic_mm2(self, values: Array) -> float:
+        """Area that the indenter would cut off were it not for the elasticity, P' a / E*.
+
+        Half of the contact is a. Source: Johnson (1985), Contact Mechanics, section 4.2.
+        """
+        assert self._pressure is not None
+        half = 0.5 * self.site.grid.spacing_mm * np.count_nonzero(self._pressure)
+        return self._drive(values)[0] * half / elastic_constants(self.now)[0]
+
+    @property
+    def site(self) -> ContactSetup:
+        """The contact's grid."""
+        assert self._site is not None
+        return self._site
+
+    def _use(self, scene: Scene) -> None:
+        """Solve on the grid of a scene's own numerics, on whose nodes the scars lie."""
+        grid = contact_grid(scene, largest_dose_mm_per_mpa=0.0)
+        self._site, self._pressure = make_site(scene.model_copy(update={"wear": None}), grid), None
+        self._last, self._scar = (scar and scar.on(grid.nodes) for scar in (self._last, self._scar))
+
+    def _worn_before(self, values: Array) -> GrowingScar:
+        """The scar that a contact has at its first frame."""
+        s, drive = self._s, self._drive(values)
+        if self.scene.wear is None or not s > 0.0:
+            return GrowingScar(np.zeros(self.site.grid.nodes), drive)
+        before = self._before(values)
+        history, (stop,) = wear_course(before)
+        numerics = self.site.scene.numerics.model_copy(update={"tolerance": TOLERANCE})
+        site = replace(self.site, scene=before.model_copy(update={"numerics": numerics}))
+        # under the load that the frame shows: the scar's edge must be as sharp as that asks for
+        stop = replace(stop, line_load_n_per_mm=drive[0], friction=drive[1])
+        (state,) = worn_states(site, history, [stop])
+        return GrowingScar(state.wear_depth_mm, drive, state.pressure_mpa)
+
+    def _before(self, values: Array) -> Scene:
+        """The scene until the first frame: its tables, or what that frame says for all the time."""
+        known = dict(zip(self.keys, values.tolist(), strict=True))
+        known = {key: known[key] for key in (FRICTION, WEAR) if key in known} | {
+            LOAD: known.get(PAST, self.now.load_at(0.0))
+        }
+        fixed = {key: value for key, value in known.items() if not self._is_table(key)}
+        return with_part(self.scene.with_values(fixed), "wear", distances_m=(self._s,))
+
+    def _areas(self, values: Array) -> tuple[float, float, float]:
+        """Distance (m) and worn areas (mm²), by the law and as it is, at the frame in hand."""
+        if self.scene.wear is None:
+            return 0.0, 0.0, 0.0
+        if self._last is None:
+            if not self._s > 0.0:
+                return 0.0, 0.0, 0.0
+            worn = float(local_values(self._before(values), (self._s,))[0, 2])
+            share = self._value(WEAR, values) / self._own_wear if WEAR in self.tracked else 1.0
+            return self._s, worn / share, worn
+        line, mu = self._drive(values)
+        _, law, worn = self._until
+        more = 0.5 * (self._last.drive[0] + line) * self._dose(mu)
+        return self._s, law + more, worn + self._share * more
+
+    def _dose(self, friction: float) -> float:
+        """The law's dose (mm/MPa) since the last frame."""
+        law, (slid, _, _) = self.scene.wear, self._until
+        if law is None or self._last is None:
+            return 0.0
+        ends = (self._last.drive[1], slid), (friction, self._s)
+        return max(0.0, self._s - slid) * 0.5e3 * sum(float(wear_rate(law, *end)) for end in ends)
+
+    def _drive(self, values: Array) -> tuple[float, float]:
+        """The frame's line load (N/mm) and friction by some values."""
+        assert self.scene.specimen.thickness_mm is not None
+        mu = self._value(FRICTION, values) if self.scene.friction else 0.0
+        return self._value(LOAD, values) / self.scene.specimen.thickness_mm, mu
+
+    def _value(self, key: str, values: Array) -> float:
+        if key in self.tracked:
+            return float(values[self.tracked.index(key)])
+        return float(self.now.get(key))
+
+    @property
+    def _own_wear(self) -> float:
+        """The scene's own wear coefficient (mm²/N) at the frame in hand."""
+        return float(self.scene.wear_coefficient_at(self._s))
+
+    def _is_table(self, key: str) -> bool:
+        there = key != FRICTION or self.scene.friction is not None
+        return there and isinstance(self.scene.get(key), DistanceTable)
