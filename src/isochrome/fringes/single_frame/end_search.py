@@ -36,6 +36,7 @@ from isochrome.fringes.single_frame.end_images import (
 )
 from isochrome.fringes.single_frame.patches import (
     HALF,
+    STEEPEST,
     STRIDE,
     TURN,
     WORST_CHI,
@@ -399,7 +400,7 @@ _BETTER = 0.97
 _MANY = 400
 """Patches from which every second is left out: they overlap, and tell the same twice."""
 _LEAST_PATCHES = 12
-_WORST_CHI, _LEAST_FILLED, _STEEPEST, _FAINT = 30.0, 0.5, 0.35, 0.1
+_WORST_CHI, _LEAST_FILLED, _FAINT = 30.0, 0.5, 0.1
 _SPAN = 0.4 / (2 * HALF + 1)
 """Slope of a patch that tells the tone exponent, fringes a pixel: it spans 0.4 of a fringe. A
 flatter one follows any exponent, and the noise of no-load frames, which stands in the slope and in
@@ -639,7 +640,7 @@ def fresh_patches(
         stale = float(np.mean(cost < _BETTER * was - 0.02 * data.window))
     misfit = PatchModel(data, ends, orders).residual
     chi = np.sqrt(np.einsum("pk,pk,pk->p", data.weight, misfit, misfit) / data.window)
-    good = (chi < _WORST_CHI) & (np.abs(orders[:, 1:3]).max(axis=1) < _STEEPEST)
+    good = (chi < _WORST_CHI) & (np.abs(orders[:, 1:3]).max(axis=1) < STEEPEST)
     if problem.tone and any(problem.given):
         good &= np.hypot(orders[:, 1], orders[:, 2]) > _SPAN
     _check_number(int(np.count_nonzero(good)))

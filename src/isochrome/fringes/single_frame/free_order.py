@@ -48,7 +48,9 @@ from isochrome.fringes.on_branch import (
     stray_error,
 )
 from isochrome.fringes.single_frame.patches import (
+    FADED,
     HALF,
+    LEAST_FILLED,
     STRIDE,
     TURN,
     Labels,
@@ -65,6 +67,7 @@ from isochrome.fringes.single_frame.patches import (
 )
 from isochrome.fringes.single_frame.stated_orders import (
     CLEAR,
+    NOUGHT,
     KnownOrders,
     KnownPlaces,
     KnownPoint,
@@ -83,11 +86,9 @@ from isochrome.fringes.single_frame.stated_orders import (
 from isochrome.fringes.windows import Array, Mask, innermost, nearest_known
 from isochrome.messages import message
 
-FADED = 0.05
-"""Contrast that is lost from which it moves the order by more than its uncertainty."""
 _SOME = 0.05
 """Share of the patches that have lost as much."""
-_FILLED, _FAINTEST, _FEWEST = 0.6, 0.1, 30
+_FAINTEST, _FEWEST = 0.1, 30
 _FINEST = 0.2
 """Fringes a bin beyond which a bin says nothing of the light's contrast."""
 _ROUNDS = 6
@@ -171,8 +172,6 @@ def contrast_map(patches: Patches, terms: Array, law: Contrast, shape: tuple[int
     return np.asarray(down @ contrast @ across.T)
 
 
-_BELOW = 0.1
-"""Order below which a known point says a line of N = 0, fringes."""
 _FEWEST_PATCHES = 6
 """Patches beyond an open seam from which it is said."""
 _ALONE = 0.1
@@ -291,8 +290,8 @@ def _with_seams(
 def _zero_said(j: int, given: list[Stated]) -> list[ZeroPlace]:
     """Where it is known that N = 0 along a line: a place on it, or two on its two sides."""
     on_zero = [(g, p) for g in given if g.known.says_zero_line for p in g.places if p.fits(j)]
-    on: list[ZeroPlace] = [(p.patch,) for g, p in on_zero if g.known.order < _BELOW]
-    off = [p for g, p in on_zero if g.known.order > _BELOW and not g.on_line]
+    on: list[ZeroPlace] = [(p.patch,) for g, p in on_zero if g.known.order < NOUGHT]
+    off = [p for g, p in on_zero if g.known.order > NOUGHT and not g.on_line]
     above, below = ([p for p in off if sign * (p.field + j) > 0.0] for sign in (1.0, -1.0))
     return on + [(p.patch, q.patch) for p in above for q in below]
 
@@ -360,7 +359,6 @@ _LEAST_COVER = 0.15
 _CONTRAST_ROUNDS, _MOSTLY = 4, 98.0
 """Readings at most with a contrast found from the last, and per cent of the frame that must rest.
 """
-_LARGEST_SPREAD = 0.03
 _GROUND = 1e-3
 """Standard deviation of what a quadratic cannot follow, added to a patch's own, fringes."""
 _WORTH_SAYING = 0.01
@@ -476,7 +474,7 @@ def follow_fringes(
 
     fade = np.ones(wave.shape)
     patches, labels = _coarse_to_fine(wave, sigma, valid)
-    contrast = patches.contrast[(patches.filled > _FILLED) & np.isfinite(patches.contrast)]
+    contrast = patches.contrast[(patches.filled > LEAST_FILLED) & np.isfinite(patches.contrast)]
     # so much is lost that it must be reckoned with
     faded = bool(len(contrast) >= _FEWEST and np.mean(contrast < 1.0 - FADED) > _SOME)
 
@@ -570,7 +568,7 @@ def _dense(patches: Patches, terms: Array, valid: Mask) -> OrderReading:
     mean = first / safe
     spread = np.sqrt(np.maximum(second / safe - mean**2, 0.0))
     uncertainty = np.maximum(np.sqrt(np.where(covered, cover, 1.0) / safe), spread)
-    known = covered & (spread < _LARGEST_SPREAD) & (uncertainty < LARGEST_UNCERTAINTY)
+    known = covered & (uncertainty < LARGEST_UNCERTAINTY)
     return make_reading(mean, uncertainty, known, of=valid)
 
 

@@ -43,7 +43,7 @@ _WINDOW = 3.0
 _FREQUENCY_WINDOW = 2.5
 _GRADIENT, _CURVATURE = 0.7, 0.02
 """Prior standard deviations, fringes/px and fringes/px²; what bends more is no quadratic."""
-_STEEPEST = 0.35
+STEEPEST = 0.35
 _FINE, _CLEAR = 1.0, 8.0
 """Radians a pixel from which fringes are fine, and how far they must stand above noise."""
 _ROUNDS = 8
@@ -56,8 +56,9 @@ _BALANCE = 0.3
 """Share of a patch's light on crests, and on flanks, from which it tells contrast from order."""
 _LIKE = 0.8
 """Share of a patch's light, squared, that must be its cosine."""
-_FADED, _OWN_CONTRAST = 0.05, (0.15, 1.3)
-"""How far a contrast must be from 1 to be its own, and what is still one."""
+FADED, _OWN_CONTRAST = 0.05, (0.15, 1.3)
+"""Contrast that is lost from which it moves the order by more than its uncertainty, and what a
+patch's own may be."""
 TURN = 2.0 * np.pi
 BEND = np.array([0.004, 0.001, 0.001, 4e-4, 4e-4, 4e-4])
 """What two quadratics differ by half-way without noise: fringes, fringes/px, fringes/px²; and"""
@@ -191,7 +192,7 @@ def fit_patches(
     measured = fitted.contrast.ravel()
     least, most = _OWN_CONTRAST
     off = np.flatnonzero(
-        (np.abs(measured - scale) > _FADED * scale) & (measured > least) & (measured < most)
+        (np.abs(measured - scale) > FADED * scale) & (measured > least) & (measured < most)
     )
     if deviation and len(off):
         scale = measured[off].astype(np.float32)
@@ -250,13 +251,13 @@ def _start_gradient(wave: Array, sigma: Array, valid: Mask) -> tuple[Array, Arra
     xx, yy = (pooled(dx * dx) - noise) / speed, (pooled(dy * dy) - noise) / speed
     xy = pooled(dx * dy) / speed
     largest = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
-    size = np.minimum(np.sqrt(np.maximum(largest, 0.0)) / TURN, _STEEPEST)
+    size = np.minimum(np.sqrt(np.maximum(largest, 0.0)) / TURN, STEEPEST)
     # fine fringes fade in the derivative itself, but alike in the second one
     first = np.maximum((xx + yy) * speed, 1e-9)
     second = pooled(bend * bend) - 4.0 * noise
     frequency = np.sqrt(np.maximum(second, 0.0) / first)
     fine = (frequency > _FINE) & (first > _CLEAR * noise)
-    size = np.where(fine, np.minimum(frequency / TURN, _STEEPEST), size)
+    size = np.where(fine, np.minimum(frequency / TURN, STEEPEST), size)
     angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
     return size * np.cos(angle), size * np.sin(angle)
 
@@ -384,12 +385,12 @@ def scale_of(a: Array, b: Array, variance: Array) -> Array:
     return np.asarray(np.sqrt(variance + BEND**2 + (_STEEP_BEND * size) ** 2))
 
 
-_LEAST_FILLED, _LEAST_SURE = 0.6, 0.05
+LEAST_FILLED, _LEAST_SURE = 0.6, 0.05
 _GUIDE = 3.0
 """Width of what a binned frame lets the finer one do, in its own uncertainties."""
 _WORST_EDGE = 12.0
-_SMALLEST = 12
-"""Patches of the smallest part that is followed."""
+SMALLEST = 12
+"""Patches of the smallest part that is followed, and of the smallest region to be mirrored."""
 SURE_ENOUGH = 50.0
 """chi² of an edge beyond which nothing more is learnt from it."""
 
@@ -412,7 +413,7 @@ def label_patches(patches: Patches) -> Labels:
     Parameters: `patches`. Returns Labels; parts are numbered from the largest, 0.
     """
     shape, count = patches.chi.shape, patches.chi.size
-    good = (patches.filled > _LEAST_FILLED) & (patches.spread[..., 0] < _LEAST_SURE)
+    good = (patches.filled > LEAST_FILLED) & (patches.spread[..., 0] < _LEAST_SURE)
     good = (good & (patches.chi < WORST_CHI)).ravel()
     a, b, *half_way = neighbours(patches, patches.terms)
     signs, shifts, cost, other = _relation(*half_way)
@@ -426,7 +427,7 @@ def label_patches(patches: Patches) -> Labels:
     _, raw = connected_components(tree, directed=False)
     sizes = np.bincount(raw)
     rank = np.argsort(np.argsort(-sizes, kind="stable"))
-    part = np.where(good & (sizes[raw] >= _SMALLEST), rank[raw], -1)
+    part = np.where(good & (sizes[raw] >= SMALLEST), rank[raw], -1)
     sign, shift = _carried(tree, part, a.astype(np.int64) * count + b, signs, shifts)
     return Labels(sign.reshape(shape), shift.reshape(shape), part.reshape(shape))
 

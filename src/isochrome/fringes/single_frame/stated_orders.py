@@ -37,6 +37,7 @@ from skimage.segmentation import expand_labels
 
 from isochrome.fringes.single_frame.patches import (
     HALF,
+    SMALLEST,
     SURE_ENOUGH,
     Labels,
     Patches,
@@ -51,15 +52,13 @@ from isochrome.scene import FreeCorner
 _BANDS = (0.1, 0.03)
 """Half-widths, in fringes, of what counts as near a crest. The wide one leaves a seam its way round
 patches that noise has thrown off; the narrow one sees corners that lie just beyond the crest."""
-_SMALLEST = 12
-"""Patches of the smallest region that is looked at."""
 _SETTLED = 0.5
 """Share of what all edges of a seam say that they must be worth together: edges that agree give
 1, contradicting ones 0. In rendered frames settled seams gave 0.59 at least, open ones 0."""
 _SETTLED_ZERO = 0.95
 """The same where turning over takes a line of N = 0 away, which a loaded body hardly has: every
 edge must then speak against it."""
-_BELOW, _FEWEST_PATCHES = 0.1, 6
+NOUGHT, _FEWEST_PATCHES = 0.1, 6
 """Fringes beyond nought, and patches, on either side of a line of N = 0."""
 _NEAR = 3
 """Patches about a known point in which it says such a line."""
@@ -120,13 +119,13 @@ def zero_lines(order: Array, known: Sequence[ZeroPlace] = ()) -> int:
     such a line, or two on its two sides.
     """
     labels = np.zeros(order.shape, dtype=int)
-    for side in (order > _BELOW, order < -_BELOW):
+    for side in (order > NOUGHT, order < -NOUGHT):
         regions_of = label(side, connectivity=1)
         large = np.bincount(regions_of.ravel()) >= _FEWEST_PATCHES
         labels = np.where(side & large[regions_of], regions_of + labels.max(), labels)
     regions = np.where(np.isfinite(order), expand_labels(labels, distance=max(order.shape)), 0)
     positive = np.zeros(int(regions.max()) + 1, dtype=bool)
-    positive[labels[order > _BELOW]] = True
+    positive[labels[order > NOUGHT]] = True
     positive[0] = False
     lines = set()
     for a, b in ((regions[1:], regions[:-1]), (regions[:, 1:], regions[:, :-1])):
@@ -215,7 +214,7 @@ def _seams(
         here = np.unique([region[np.ravel_multi_index(p, shape)] for p in sides])
         if not sides:
             here = np.array([sizes.argmax()])
-        others = np.setdiff1d(np.flatnonzero(sizes >= _SMALLEST), here)
+        others = np.setdiff1d(np.flatnonzero(sizes >= SMALLEST), here)
         ends = region[a[~same]], region[b[~same]]
         mirrored = -y[~same]
         mirrored[:, 0] += crest
