@@ -164,8 +164,8 @@ def solve_with_gamma(
         model = pixels.raw - part.residual / pixels.weight
         return GammaFit(pixels.as_stored, part, model, pixels.weight, part.residual)
     model = np.maximum(pixels.raw, 0.0) ** np.float32(gamma) if near is None else near
-    # light of one standard deviation above black: there the tone's slope ends
-    least = pixels.weight ** np.float32(-gamma)
+    # light of one standard deviation above black, or of white: there the tone's slope ends
+    least = np.maximum(pixels.weight, np.float32(1.0)) ** np.float32(-gamma)
     for _ in range(_PASSES):
         model = np.maximum(model, least)
         level = stored(model, gamma)
