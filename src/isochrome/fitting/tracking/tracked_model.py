@@ -95,8 +95,7 @@ class TrackedModel(FrameModel):
         self.renderer.forget()
         scene = self.moved(self.keys, values)
         self._field, self.place = self.renderer.field_alone(scene)[self._every.keep], place
-        told = WEAR in self.keys and self._turns is not None
-        if self._turns is None or (told and self._course.grown(self._worn, values) > _GROWN):
+        if self._turns is None or (WEAR in self.keys and self._has_grown(values)):
             self.turn()
         if not self._looked:
             raw = np.maximum(self._every.raw, 0.0) ** np.float32(self._every.gamma)
@@ -105,6 +104,11 @@ class TrackedModel(FrameModel):
             if gamma_fit is not None:
                 self.look(self._light(gamma_fit, self._signal(values)))
             self._looked = True
+
+    def _has_grown(self, values: Array) -> bool:
+        """Whether the scar is another one than it was when the turns were made."""
+        begun = self._worn == 0.0 < self._course.worn_mm2
+        return begun or self._course.grown(self._worn, values) > _GROWN
 
     def turn(self) -> None:
         """Make anew how the field turns with each value."""
