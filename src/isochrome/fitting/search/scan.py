@@ -60,21 +60,26 @@ def shears_to(limit: float) -> Array:
 def rungs(
     scene: Scene, pixels: PixelGrid, loads: Sequence[float], doses: Sequence[float] = (1.0,)
 ) -> Iterator[Rung]:
-    """The rungs of a one-state scene on some pixels; PhysicsError where none can be solved."""
-    solved = False
+    """The rungs of a one-state scene on some pixels; PhysicsError where none can be solved, with
+    the last one's reason.
+    """
+    solved, reason = False, PhysicsError("contact_cannot_solved_any", name=scene.name)
     for load in loads:
         shear = _shear(scene)
         try:
             one = _loaded(scene, float(load), shear, doses)
             states = scene_states(one)[-len(doses) :]
             parts = [_parts(one, state, pixels) for state in states]
-        except (InputError, PhysicsError):  # also where a block is not known so far out
+        except InputError:  # a block is not known so far out
+            continue
+        except PhysicsError as error:
+            reason = error
             continue
         solved = True
         for dose, (even, odd) in zip(doses, parts, strict=True):
             yield Rung(float(load), dose, even, odd / np.float32(shear or 1.0))
     if not solved:
-        raise PhysicsError("contact_cannot_solved_any", name=scene.name)
+        raise reason
 
 
 def _shear(scene: Scene) -> float:
