@@ -125,9 +125,7 @@ def settle_frame(
     *,
     pixels: int = _PIXELS,
 ) -> Settled | None:
-    """Where few pixels lead from a scene's values; None where those make no scene, or none in the
-    picture.
-    """
+    """Where few pixels lead from a scene's values; None where those make no scene."""
     stride = thinning(data.light.size, pixels)
     region = fit_region(scene, data.shape, stride, _HIDDEN_PX)
     try:
@@ -141,10 +139,10 @@ def settle_frame(
         return None
     if result is None:
         return None
-    led, gain = moved_scene(scene, keys, result.values), result.gamma_fit.part.amplitude
-    if not (fit_region(led, data.shape, stride, _HIDDEN_PX) & data.every(stride).valid).any():
-        return None  # off the picture
-    return Settled(led, result.values, result.chi, float(np.mean(gain)), result.positive)
+    gain = float(np.mean(result.gamma_fit.part.amplitude))
+    return Settled(
+        moved_scene(scene, keys, result.values), result.values, result.chi, gain, result.positive
+    )
 
 
 def search_frame(
