@@ -9,7 +9,8 @@ from fitting.engine_frames import fit_jointly, prepared
 from isochrome.errors import PhysicsError
 from isochrome.estimation import fit_intensity
 from isochrome.fitting import cramer_rao_bound, fit_frame, make_sequence, segments
-from isochrome.scene import parse_scene
+from isochrome.fitting.frame.unknowns import limits
+from isochrome.scene import load_scene, parse_scene
 from isochrome.simulation import simulate
 from scene_texts import PAPER_CONTACT, SMALL_CAMERA
 
@@ -170,3 +171,16 @@ def test_few_pixels_are_less_than_their_number_by_what_was_fitted_to_them():
         chis.append(found.chi)
     # 25 pixels, two parameters, four of the light: 19 are left. chi² of 100 scatters by 3 %
     assert np.mean(np.square(chis)) == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_place_moves_by_half_a_picture_at_most():
+    """A frame that a disc does not explain led it off the picture, and no pixel was left of it."""
+    scene = load_scene("ring").with_values({"camera.left_mm": -1.0, "camera.top_mm": 0.5})
+    rows, cols = 40, 60
+    ends = limits(scene, ("camera.left_mm", "load.normal_n", "camera.top_mm"), (rows, cols))
+    start = np.array([scene.camera.left_mm, 0.0, scene.camera.top_mm])
+    half = 0.5 * scene.camera.pixel_mm * np.array([cols, 0, rows])
+    place = [0, 2]
+    assert ends.low[place] == pytest.approx((start - half)[place])
+    assert ends.high[place] == pytest.approx((start + half)[place])
+    assert ends.low[1] > 0.0

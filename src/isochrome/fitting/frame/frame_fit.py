@@ -159,7 +159,7 @@ def fit_with_model(
         made.final.gamma_fit.residual,
         made.model.pixels.raw * made.model.pixels.weight,
     )
-    if ratio == 1.0:
+    if ratio == 1.0 or not made.fit.positive:  # what has no light may be anywhere
         return made
     again = _fit_toned(data.with_noise(ratio), made.fit.scene, keys, _Start.RESTED, stated)
     return replace(again, fit=replace(again.fit, others=made.fit.others))

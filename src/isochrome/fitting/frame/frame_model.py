@@ -263,7 +263,7 @@ class FrameModel:
         )  # fmt: skip
         thin = data.in_blocks(stride) if in_blocks else data.every(stride) if stride > 1 else data
         self.pixels: Pixels = trusted_pixels(thin, region)
-        self.limits = limits(scene, keys)
+        self.limits = limits(scene, keys, data.shape)
         self._light_slopes: tuple[Array, Array] | None = None
 
     def keep_clear(self, values: Array) -> GammaFit | None:

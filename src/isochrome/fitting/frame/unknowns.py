@@ -102,12 +102,18 @@ def _scale(scene: Scene, key: str) -> float:
     return 10.0 * value if value else 1.0
 
 
-def limits(scene: Scene, keys: tuple[str, ...]) -> Bounds:
-    """Where the search may go: not below zero, not far from the start.
+def limits(scene: Scene, keys: tuple[str, ...], shape: tuple[int, int] | None = None) -> Bounds:
+    """Where the search may go: not below zero, not far from the start; in a picture of a `shape`
+    (rows, cols) the place moves by half of that at most, lest the specimen leaves it.
 
     A contact may have stood still until a frame: nothing is worn then, and no start says so.
     """
     ends = np.array([_limit(scene, key) for key in keys]).reshape(-1, 2)
+    for key, pixels in zip((TOP, LEFT), shape or (), strict=False):
+        if key in keys:
+            assert scene.camera is not None and scene.camera.pixel_mm is not None
+            half = 0.5 * pixels * scene.camera.pixel_mm
+            ends[keys.index(key)] = float(scene.get(key)) + np.array([-half, half])
     return Bounds(ends[:, 0], ends[:, 1])
 
 
