@@ -143,13 +143,13 @@ def _asked(
             yield from findings
             return
         lost = lost or findings
+    code = _OF_LOST.get(scene.model or "")
+    more = message(code) if code else ""
     if lost:
         *before, last = lost
         yield from before
-        code = _OF_LOST.get(scene.model or "")
-        more = message(code) if code else ""
         yield replace(last, level="error", text=last.text + more)
     if bare:
-        text = refused or message("scene_fringes_not_there")
+        text = refused or message("scene_fringes_not_there") + more
         grave: Level = "error" if len(bare) == count else "warning"
         yield Finding(grave, f"{named_frames(bare)}: " + text)
