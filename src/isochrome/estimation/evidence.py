@@ -26,7 +26,7 @@ from scipy.linalg import solve_triangular
 from scipy.special import log_ndtr
 
 from isochrome.estimation.covariance import positive_part
-from isochrome.estimation.light import ScoreProducts
+from isochrome.estimation.light import TAKEN, ScoreProducts
 
 Array = NDArray[np.float64]
 
@@ -36,8 +36,6 @@ _BEAM = 40
 """Sets of each size that larger ones are made of."""
 _FEW = 4
 """Amplitudes up to which something is one of many small things in a set."""
-_TAKEN = 1e-6
-"""Part of a column's square that must be left by what is fitted."""
 _NEGLIGIBLE = 10.0
 """Logarithm of a chance over the best's below which a set is not made larger."""
 
@@ -211,7 +209,7 @@ def weighed(
     to be there; `unknowns`, those that the first fitted columns of the products are of, of `size`
     in all.
     """
-    matrix = positive_part(products.matrix, np.sqrt(products.size), _TAKEN) / noise
+    matrix = positive_part(products.matrix, np.sqrt(products.size), TAKEN) / noise
     now = np.concatenate([n.now for n in nuisances])
     along = np.zeros((size, len(now)))
     along[unknowns] = -products.taken_up[: len(unknowns)]
@@ -220,8 +218,8 @@ def weighed(
     places: list[int] = []
     first = 0
     for nuisance in nuisances:
-        columns = range(first, first + len(nuisance.now))
-        first = columns.stop
+        own = slice(first, first + len(nuisance.now))
+        first, columns = own.stop, range(own.start, own.stop)
         if nuisance.exact:
             along[:, columns] = 0.0
         elif nuisance.unknowns:
@@ -232,7 +230,7 @@ def weighed(
             given.append(len(hypotheses) + len(nuisance.roots) // 2)
         odds = float(np.log(chance / (1.0 - chance) / len(nuisance.roots)))
         for way, root in enumerate(nuisance.roots):
-            positive, own = nuisance.positive and way == 0, slice(columns.start, columns.stop)
+            positive = nuisance.positive and way == 0
             hypotheses.append(Hypothesis(nuisance.name, own, root, odds, positive))
     counted = np.array(places, int)
     normal = matrix[np.ix_(counted, counted)]

@@ -256,7 +256,7 @@ FEW_TERMS, MOST_TERMS = 12, 120
 """Products by which light is made richer: beside other causes, since a hundred take up what a roll
 does, and once some have explained much."""
 
-_TAKEN = 1e-6
+TAKEN = 1e-6
 """Part of a column's square that must be left by what is fitted."""
 
 
@@ -289,7 +289,7 @@ class ScoreProducts:
         what is fitted, and the values (k,) that they would come out at, to first order.
         """
         right, matrix = self.right[chosen], self.matrix[chosen][:, chosen]
-        determined = np.diag(matrix) > _TAKEN * self.size[chosen]
+        determined = np.diag(matrix) > TAKEN * self.size[chosen]
         if not determined.any():
             return 0.0, len(right), np.zeros(len(right))
         scale = np.where(determined, 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300)), 0.0)
@@ -306,7 +306,7 @@ class ScoreProducts:
         chosen: list[int] = []
         while len(chosen) < most:
             size = np.diag(self.matrix)
-            free = size > _TAKEN * self.size
+            free = size > TAKEN * self.size
             gains = np.where(free, self.right**2 / np.where(free, size, 1.0), 0.0) / self.noise
             best = int(gains.argmax())
             if gains[best] < least:

@@ -16,6 +16,7 @@ from isochrome.fitting.frame.frame_model import (
     GammaFit,
     LocalModel,
     RefinedFit,
+    inward,
     local_model,
     refine_fit,
     trust_of_slopes,
@@ -149,7 +150,7 @@ class FarModel(FrameModel):
             if key.startswith(_OPTICAL):
                 continue
             moved, step = values.copy(), STEP * size
-            moved[j] += step if moved[j] + step <= self.limits.high[j] else -step
+            moved[j] += inward(moved[j], step, self.limits.high[j])
             turned = self.renderer.field_alone(moved_scene(self.scene, self.keys, moved))
             step = moved[j] - values[j]
             turns[j] = (np.nan_to_num(turned) - field) / np.float32(step), np.float32(step)

@@ -215,6 +215,11 @@ def _problem(pixels: Pixels, data: Array, weight: Array) -> SeparableProblem:
     )
 
 
+def inward(value: float, step: float, most: float) -> float:
+    """The step of an unknown to the side on which it does not pass its most."""
+    return step if value + step <= most else -step
+
+
 _ABOUT_PX = 15
 """Side of the square about a pixel that tells how far off its fringes are: some fringes."""
 _SMOOTH_PX, _DIMMEST = 5.0, 0.05
@@ -369,7 +374,7 @@ class FrameModel:
             if key == GAMMA:
                 row[:] = gamma_slope(gamma_fit, self.gamma(values))
                 continue
-            first = step if values[j] + step <= most else -step
+            first = inward(values[j], step, most)
             visibility = None if key == BLUR or self._precise else shown
             signal = self._beside(keys, values, j, first, visibility)
             second = None

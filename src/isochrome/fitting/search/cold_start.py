@@ -64,12 +64,12 @@ _HIDDEN_PX, _ROOM_PX = 14.0, 10.0
 
 _STARTS = 6
 """Starts of a scan that are tried (of 60 contacts, the first leads to the truth in 56)."""
-WIDEST_LOAD, _WIDEST_DOSE = 4.2, 2.5
+_WIDEST_LOAD, _WIDEST_DOSE = 4.2, 2.5
 """Factors in load and in the worn dose, either way, that are scanned."""
 _DOSE_STEP = 1.0
 _MOST_SHEAR = 0.5
 """Largest Q/P that is scanned where friction itself is unknown."""
-SLIPPING = 0.98
+_SLIPPING = 0.98
 """Largest tangential force of a held contact that is tried, over what friction can hold."""
 _PLACES = 2
 """Places across that are scanned, either way, a few hundredths of the picture apart."""
@@ -219,7 +219,7 @@ class _Lattice:
     def loads(self) -> Array:
         """Loads, N."""
         load = self.scene.load_at(0.0)
-        return load * ladder(WIDEST_LOAD, LOAD_STEP) if LOAD in self.keys else np.array([load])
+        return load * ladder(_WIDEST_LOAD, LOAD_STEP) if LOAD in self.keys else np.array([load])
 
     @property
     def doses(self) -> Array:
@@ -266,7 +266,7 @@ class _Lattice:
         if self.held:
             values[TANGENTIAL] = shear * load
             if FRICTION in self.keys:
-                values[FRICTION] = max(abs(self.scene.get(FRICTION)), abs(shear) / SLIPPING)
+                values[FRICTION] = max(abs(self.scene.get(FRICTION)), abs(shear) / _SLIPPING)
         elif self.scene.friction is not None:
             values[FRICTION] = shear
         if BULK in self.keys:

@@ -64,8 +64,8 @@ def rungs(
     the last one's reason.
     """
     solved, reason = False, PhysicsError("contact_cannot_solved_any", name=scene.name)
+    shear = _shear(scene)
     for load in loads:
-        shear = _shear(scene)
         try:
             one = _loaded(scene, float(load), shear, doses)
             states = scene_states(one)[-len(doses) :]

@@ -19,6 +19,7 @@ from isochrome.fitting.frame.frame_model import (
     GammaFit,
     LocalModel,
     RefinedFit,
+    inward,
     local_model,
     project,
     some_pixels,
@@ -121,7 +122,7 @@ class TrackedModel(FrameModel):
                 continue
             step = STEP * float(scales(self.scene, (key,))[0])
             beside = self.place.copy()
-            beside[j] += step if beside[j] + step <= self.limits.high[j] else -step
+            beside[j] += inward(beside[j], step, self.limits.high[j])
             move = np.float32(beside[j] - self.place[j])
             there = self.renderer.field_alone(self.moved(self.keys, beside))[self._every.keep]
             turns[j] = (there - self._field) / move
