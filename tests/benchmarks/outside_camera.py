@@ -62,15 +62,17 @@ def frame(scene: Scene, defects: Defects = NONE, seed: int = 0, state: int = -1)
     rng = np.random.default_rng(seed)
     order, turn = _sampled(scene, defects, state)
     signal = _band(order, turn, defects)
-    pixels = lit(signal, defects)
-    if defects.blur_px:
-        pixels = gaussian_filter(pixels, defects.blur_px, mode="nearest")
-    return _stored(_things(pixels, defects, rng, scene), defects, rng)
+    return _stored(_things(lit(signal, defects), defects, rng, scene), defects, rng)
 
 
 def lit(signal, defects, samples=SAMPLES):
-    """The pixels' light (rows, cols): lamp and stray light on a signal at their samples."""
+    """The pixels' light (rows, cols): lamp and stray light on a signal at their samples.
+
+    An objective blurs the light itself, before pixels take the mean of it over their area.
+    """
     light = _lamp(signal.shape, defects) * signal + _stray(signal.shape, defects)
+    if defects.blur_px:
+        light = gaussian_filter(light, defects.blur_px * samples, mode="nearest")
     return light.reshape(light.shape[0] // samples, samples, -1, samples).mean(axis=(1, 3))
 
 

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 from .outside_camera import NONE, Defects, _band, _places, _stored, _things, lit
 
@@ -47,11 +46,8 @@ def _image(field, order, bench, seed):
     x, z = _places(*bench.shape, defects)
     values, direction, body = field(order, x - bench.right_px, z - bench.down_px, bench)
     signal = np.where(body, _band(values, direction, defects), 0.0)
-    pixels = lit(signal, defects)
-    if defects.blur_px:
-        pixels = gaussian_filter(pixels, defects.blur_px, mode="nearest")
     # dust lies where it lies, in all images alike
-    pixels = _things(pixels, defects, np.random.default_rng(seed[:1]), None)
+    pixels = _things(lit(signal, defects), defects, np.random.default_rng(seed[:1]), None)
     exposure = bench.exposures[seed[1]] if seed[1] < len(bench.exposures) else 1.0
     return _stored(exposure * pixels, defects, rng)
 

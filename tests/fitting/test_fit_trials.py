@@ -4,13 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter
 from scipy.stats import multivariate_normal
 
 from fitting.engine_frames import prepared
 from fitting.sliding_bench import bench
 from isochrome.fitting.causes.trial import Trial
-from isochrome.optics import blur_variance
 
 
 def trial_of(columns, residual, weight, extra):
@@ -42,19 +40,6 @@ def test_the_difference_of_two_trials_is_that_of_their_marginal_likelihoods(nois
     both = trial_of(columns, residual, weight, np.array([False, True, True]))
     one = trial_of(columns[:1], residual, weight[:1], np.array([False]))
     assert both.evidence(1.0) - one.evidence(1.0) == pytest.approx(want, abs=1e-5)
-
-
-@pytest.mark.parametrize("sigma", [0.3, 0.45, 0.7, 1.5])
-def test_a_blurs_variance_is_that_of_its_kernel(sigma):
-    impulse = np.zeros(61)
-    impulse[30] = 1.0
-    kernel = gaussian_filter(impulse, sigma)
-    want = np.average((np.arange(61) - 30.0) ** 2, weights=kernel)
-    variance, slope = blur_variance(sigma)
-    # the filter is cut at four standard deviations
-    assert variance == pytest.approx(want, rel=2e-3)
-    ahead = blur_variance(1.01 * sigma)[0] - blur_variance(0.99 * sigma)[0]
-    assert slope == pytest.approx(ahead / (0.02 * sigma), rel=2e-2)
 
 
 def test_means_over_blocks_are_those_of_whole_blocks():

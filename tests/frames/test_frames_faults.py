@@ -72,8 +72,9 @@ def test_all_faulty_pixels_of_the_sample_frames_are_masked_and_hardly_another():
         assert masked[tuple(wanted.T)].all()
         masked[tuple(wanted.T)] = False
         rows, cols = np.nonzero(masked)
-        # outside the glare, which is saturated, one pixel in 100 000 may be a chance of noise
-        assert np.count_nonzero(np.hypot(rows - row, cols - col) > radius + 1) <= 3
+        # outside the glare, which is saturated and whose edge the blur carries on for two pixels,
+        # one pixel in 100 000 may be a chance of noise
+        assert np.count_nonzero(np.hypot(rows - row, cols - col) > radius + 2) <= 3
 
 
 @pytest.mark.parametrize("sigma", [0.5, 3.0, 10.0])

@@ -1,4 +1,4 @@
-from .camera import Response, blur_variance, camera_response, expose, stored_type
+from .camera import Response, blurred, camera_response, expose, stored_type
 from .polariscope import (
     Chain,
     Light,
@@ -17,7 +17,7 @@ __all__ = [
     "Chain",
     "Light",
     "Response",
-    "blur_variance",
+    "blurred",
     "camera_response",
     "expose",
     "fringe_order",

@@ -15,13 +15,24 @@ from isochrome.fitting.causes.cause import BAND, FRINGE_VALUE, PLATES, YOUNG, Ca
 from isochrome.fitting.causes.modes import TractionModes, traction_modes
 from isochrome.fitting.frame.frame_model import GammaFit, Pixels, gamma_slope, trust_of_slopes
 from isochrome.fitting.frame.renderer import SceneRenderer, scene_optics
-from isochrome.fitting.frame.unknowns import BLUR, EARLIER, GAMMA, LAYER, LENS, PIXEL, SMOOTH_KEYS
-from isochrome.optics import blur_variance
+from isochrome.fitting.frame.unknowns import (
+    BLUR,
+    EARLIER,
+    GAMMA,
+    LAYER,
+    LENS,
+    PIXEL,
+    SMOOTH_KEYS,
+    thinning,
+)
 from isochrome.scene import Scene
 from isochrome.stress import PixelGrid, pixel_grid, regular_modes
 
 BLOCK = 3
-"""Pixels of a block's side: a fringe is seldom finer than three blocks."""
+"""Pixels of the side of what is left out as an outlier, and of the least block: a fringe is seldom
+finer than three of these."""
+_BLOCKS = 4_000
+"""Blocks of a frame, about."""
 
 _FILLED = 0.5
 """Least share of a block's pixels that were fitted."""
@@ -85,17 +96,15 @@ class FrameBlocks:
         keep = pixels.keep
         place = np.full(keep.shape, -1)
         place[keep] = np.arange(pixels.size)
-        count = block_sums(keep.astype(np.float32))
-        centre = np.zeros_like(keep)
-        centre[1:-1, 1:-1] = _inner(keep)
-        chosen = centre[::BLOCK, ::BLOCK] & (count > _FILLED * BLOCK**2)
-        at = place[::BLOCK, ::BLOCK][chosen]
+        self._side = side = block_side(keep.shape)
+        chosen, count = _filled(keep, side)
+        at = place[::side, ::side][chosen]
         self._chosen = chosen
         root = np.sqrt(count[chosen])
         image = np.zeros(keep.shape, np.float32)
         image[keep] = gamma_fit.residual
-        self.residual = block_sums(image)[chosen] / root
-        self.outliers = outliers(image, chosen)
+        self.residual = block_sums(image, side)[chosen] / root
+        self.outliers = outliers(image, _filled(keep, BLOCK)[0])
         image[keep] = gamma_fit.part.signal
         self._signal_image = image
         self.signal = gamma_fit.part.signal[at]
@@ -115,9 +124,9 @@ class FrameBlocks:
         lines = (line_noise(keep, gamma_fit.residual, axis) for axis in (0, 1))
         self._own = [1.0 - max(1.0, variance) ** -0.5 for variance in lines]
         self.excess = _excess(keep, trust * gamma_fit.residual, self._own)
-        first = np.argmax(keep, axis=0)
-        self._depth = (np.arange(len(keep))[:, None] - first)[::BLOCK, ::BLOCK] // BLOCK
-        self.beside = self._depth < SHADOW_BLOCKS if self.scene.is_contact else None
+        self._depth = np.arange(len(keep))[:, None] - np.argmax(keep, axis=0)
+        beside = self._depth[::BLOCK, ::BLOCK] < SHADOW_BLOCKS * side
+        self.beside = beside if self.scene.is_contact else None
         self._renderer = solved.renderer
         self._fields = self._thin_fields(solved.renderer)
 
@@ -146,10 +155,10 @@ class FrameBlocks:
 
     def thin(self, image: Array) -> Array:
         """An image (rows, cols) at the blocks (n,)."""
-        return self.pick(image[::BLOCK, ::BLOCK])
+        return self.pick(image[:: self._side, :: self._side])
 
     def pick(self, thinned: Array) -> Array:
-        """Images of every third pixel (..., rows/3, cols/3) at the blocks (..., n)."""
+        """Images of the blocks' middles (..., rows/side, cols/side) at those used (..., n)."""
         return np.asarray(thinned[..., self._chosen])
 
     def light_columns(self, illumination: Array, background: Array) -> Array:
@@ -184,8 +193,7 @@ class FrameBlocks:
     def effect(self, cause: Cause) -> Array:
         """What an even cause that is there does to the picture, weighted (1, n)."""
         if cause.keys[0] == BLUR:
-            variance, _ = blur_variance(float(self.scene.get(BLUR)))
-            return np.asarray(variance * self._curved)[None]
+            return np.asarray(float(self.scene.get(BLUR)) ** 2 * self._curved)[None]
         without = self._signal(self.scene.with_values(dict.fromkeys(cause.keys, 0.0)))
         return np.asarray((self._here - without) * self._gain)[None]
 
@@ -263,14 +271,14 @@ class FrameBlocks:
 
     def shadow_columns(self) -> Array:
         """By the light that is missing at each depth of blocks beside the surface (k, n)."""
-        depth = self._depth[self._chosen]
+        depth = self.thin(self._depth) // self._side
         lit = self._model * self._light
         return np.array([np.where(depth == d, lit, 0.0) for d in range(SHADOW_BLOCKS)], np.float32)
 
     @property
     def _grid(self) -> PixelGrid:
         # every third pixel's own centre, not that of the three
-        return pixel_grid(self.scene, self.data.shape).every(BLOCK)
+        return pixel_grid(self.scene, self.data.shape).every(self._side)
 
     def _smooth(self, key: str) -> Array:
         """The stress of one of the smooth ones at 1 MPa, or MPa/mm, at the blocks."""
@@ -279,7 +287,7 @@ class FrameBlocks:
         return mode.difference(x, np.maximum(z, 0.0)).astype(np.complex64)
 
     def _places(self, scene: Scene) -> tuple[Array, Array]:
-        grid = pixel_grid(scene, self.data.shape).every(BLOCK)
+        grid = pixel_grid(scene, self.data.shape).every(self._side)
         x, z = (np.broadcast_to(v, self._chosen.shape)[self._chosen] for v in grid.places)
         return x, z
 
@@ -342,8 +350,9 @@ def outliers(image: Array, chosen: Mask) -> Mask:
     """The `chosen` blocks (rows/3, cols/3) of a residual (rows, cols) that no noise explains."""
     from scipy.ndimage import binary_dilation, binary_propagation
 
-    count = block_sums((image != 0.0).astype(np.float32))
-    blocks = np.where(chosen, np.abs(block_sums(image)) / np.sqrt(np.maximum(count, 1.0)), 0.0)
+    count = block_sums((image != 0.0).astype(np.float32), BLOCK)
+    sums = np.abs(block_sums(image, BLOCK))
+    blocks = np.where(chosen, sums / np.sqrt(np.maximum(count, 1.0)), 0.0)
     noise = max(1.0, _MAD * float(np.median(blocks[chosen])))
     size = blocks / noise
     near = np.ones((3, 3), dtype=bool)
@@ -359,9 +368,23 @@ def _largest_near(image: Array) -> Array:
     return np.asarray(maximum_filter(np.abs(image), BLOCK)[::BLOCK, ::BLOCK])
 
 
-def block_sums(image: Array) -> Array:
-    """Sums over 3 x 3 pixels about every third one."""
+def _filled(keep: Mask, side: int) -> tuple[Mask, Array]:
+    """The blocks of which enough was fitted, their middles' neighbours too; pixels of each."""
+    count = block_sums(keep.astype(np.float32), side)
+    centre = np.zeros_like(keep)
+    centre[1:-1, 1:-1] = _inner(keep)
+    return centre[::side, ::side] & (count > _FILLED * side**2), count
+
+
+def block_side(shape: tuple[int, ...]) -> int:
+    """Side in pixels of a frame's blocks, an odd number of those of outliers."""
+    wide = thinning(shape[0] * shape[1], _BLOCKS) / BLOCK
+    return BLOCK * (2 * round(0.5 * (wide - 1.0)) + 1) if wide > 1.0 else BLOCK
+
+
+def block_sums(image: Array, side: int) -> Array:
+    """Sums over `side` x `side` pixels, an odd number, about every `side`-th one."""
     from scipy.ndimage import uniform_filter
 
-    mean = uniform_filter(image, BLOCK, mode="constant")
-    return np.asarray(mean[::BLOCK, ::BLOCK] * BLOCK**2)
+    mean = uniform_filter(image, side, mode="constant")
+    return np.asarray(mean[::side, ::side] * side**2)

@@ -285,16 +285,19 @@ def _left_out(freed: Freed[S], odd: Mask | None) -> Freed[S] | None:
     return replace(freed, now=now, odd=left) if now.is_sound else None
 
 
-def _again(freed: Freed[S], change: Change, odd: Mask | None) -> tuple[S, Mask | None]:
+def _again(
+    freed: Freed[S], change: Change, odd: Mask | None, *, same: bool = False
+) -> tuple[S, Mask | None]:
     """The fit with a change and without `odd` blocks, and those that are out.
 
-    What is explained once it is made without them is taken in again.
+    What is explained once it is made without them is taken in again, but with the `same` set: it
+    explains no more than before.
     """
     if odd is None:
         return freed.now.again(change), None
     now = freed.now.again(replace(change, outside=odd))
     assert freed.asked is not None
-    if _is_shadow(odd, freed.asked.beside):
+    if same or _is_shadow(odd, freed.asked.beside):
         return now, odd
     left = now.still_odd(freed.stated, odd)
     if left.sum() == odd.sum():
@@ -515,7 +518,8 @@ def _with(freed: Freed[S], plan: _Plan) -> Freed[S] | None:
     """The fit with a set, None where it is not sound, or no better with more unknowns."""
     before = freed.now
     try:
-        now, odd = _again(freed, _change(freed, plan), freed.odd)
+        same = plan.names == freed.fitted.names
+        now, odd = _again(freed, _change(freed, plan), freed.odd, same=same)
     except PhysicsError:
         return None
     fewer = not (plan.names - freed.fitted.names)

@@ -27,7 +27,7 @@ from isochrome.estimation import (
     with_chosen_terms,
 )
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.causes.blocks import BLOCK, COSINES, SHADOW_BLOCKS, FrameBlocks
+from isochrome.fitting.causes.blocks import COSINES, SHADOW_BLOCKS, FrameBlocks, block_side
 from isochrome.fitting.causes.cause import (
     OF_PRESSURE,
     OF_SIZE,
@@ -39,8 +39,7 @@ from isochrome.fitting.causes.cause import (
     candidates,
 )
 from isochrome.fitting.causes.modes import LENGTHS, SIZES, TractionModes
-from isochrome.fitting.frame.unknowns import BLUR, GAMMA
-from isochrome.optics import blur_variance
+from isochrome.fitting.frame.unknowns import GAMMA
 from isochrome.scene import Scene
 
 if TYPE_CHECKING:
@@ -64,8 +63,6 @@ _ORDERS, _WIDTHS = (0.003, 0.01, 0.03, 0.1), (0.12, 0.3)
 """Standard deviations of an unknown order, fringes, and its lengths, of the picture's size."""
 _LEAST_VALUE = 0.1
 """Of its size, the least value at which an even cause that is fitted is taken to stand."""
-_LEAST_BLUR_PX = 0.25
-"""Blur below which a kernel on whole pixels does nothing."""
 _MOST_OUT = 0.15
 """Largest share of the blocks that may be left out as outliers."""
 
@@ -275,10 +272,6 @@ def _fitted_cause(solution: Askable, cause: Cause, stated: Scene) -> _Nuisance:
         off = np.array(values)
         off = np.copysign(np.maximum(np.abs(off), _LEAST_VALUE * spread), off)
         size, change = float(np.mean((off / spread) ** 2)), 0.5 * off
-        if cause.keys[0] == BLUR:  # what a kernel on whole pixels does is not the square
-            width = max(float(off[0]), _LEAST_BLUR_PX)
-            size, slope = (v / spread[0] ** 2 for v in blur_variance(width))
-            change = np.array([size / slope])
         return _Nuisance(
             name=cause.name,
             columns=lambda blocks: blocks.effect(cause) / np.float32(size),
@@ -376,8 +369,8 @@ def light_bases(blocks: FrameBlocks, terms: LightTerms) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=4)
 def _thin_basis(shape: tuple[int, int], terms: Terms) -> Array:
-    """A frame's polynomial products at every third pixel."""
-    down, across = (np.linspace(-1.0, 1.0, n)[::BLOCK] for n in shape)
+    """A frame's polynomial products at its blocks."""
+    down, across = (np.linspace(-1.0, 1.0, n)[:: block_side(shape)] for n in shape)
     return light_products((down, across), terms)
 
 

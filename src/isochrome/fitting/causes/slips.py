@@ -85,6 +85,7 @@ def explaining_slip(
     scene = placed(scene, data.shape)
     keys = free_keys(scene) if keys is None else keys
     keys = tuple(k for k in keys if k not in (GAMMA, BLUR, *LENS))
+    found = LEFT in keys and TOP in keys
     if scene.indenter is not None:
         keys = tuple(dict.fromkeys((*keys, LEFT, TOP)))
     best: Slip | None = None
@@ -93,6 +94,8 @@ def explaining_slip(
         if result is None:
             continue
         chi, end = result
+        if found and not slip.line and _is_there(end, scene, data.shape):
+            continue  # another minimum of the scene itself
         if is_explained(before, chi, _LEFT) and (best is None or chi < _ALIKE * best.chi):
             line = slip.line or f"{LEFT} = {end.get(LEFT):.3g} and {TOP} = {end.get(TOP):.3g}"
             best = Slip(slip.what, line, chi, before)
@@ -208,6 +211,13 @@ def _places(data: FrameData, scene: Scene) -> Iterator[_Candidate]:
     for across, down in shifts:
         place = {LEFT: camera.left_mm + across * width, TOP: camera.top_mm + down * height}
         yield _Candidate(message("contact_elsewhere_picture"), "", data, scene.with_values(place))
+
+
+def _is_there(end: Scene, scene: Scene, shape: tuple[int, int]) -> bool:
+    """Whether a contact lies where its scene says, nearer than halfway to the next place tried."""
+    height, width = (n * scene.get("camera.pixel_mm") for n in shape)
+    across, down = abs(end.get(LEFT) - scene.get(LEFT)), abs(end.get(TOP) - scene.get(TOP))
+    return bool(across < -0.5 * _ACROSS[0] * width and down < -0.5 * _DOWN[0] * height)
 
 
 def _tried(slip: _Candidate, keys: tuple[str, ...]) -> tuple[float, Scene] | None:

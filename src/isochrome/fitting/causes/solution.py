@@ -11,7 +11,7 @@ import numpy as np
 from isochrome.errors import PhysicsError
 from isochrome.estimation import FrameData, block_correlation
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.causes.blocks import BLOCK, FrameBlocks, SolvedFrame, outliers
+from isochrome.fitting.causes.blocks import BLOCK, FrameBlocks, SolvedFrame, block_side, outliers
 from isochrome.fitting.causes.score import LightTerms
 from isochrome.fitting.causes.trial import (
     Expected,
@@ -19,7 +19,6 @@ from isochrome.fitting.causes.trial import (
     TrialModel,
     light_weights,
     through_a_lens,
-    trial_side,
 )
 from isochrome.fitting.frame.far_model import student_cost
 from isochrome.fitting.frame.frame_fit import Fitted, FrameFit, fit_with_model, hidden_px
@@ -250,7 +249,7 @@ class FrameSolution:
     def trial(self, change: Change, expected: Expected) -> Trial | None:
         """A fit to means over blocks with what is expected of it; None where there is none."""
         data, keys, scene = self._changed(change)
-        scene, side = through_a_lens(scene), trial_side(data.shape)
+        scene, side = through_a_lens(scene), block_side(data.shape)
         prior = expected.prior(keys, self.fitted.stated.prior(keys))
         try:
             region = fit_region(scene, data.shape, 1, expected.hidden_px)

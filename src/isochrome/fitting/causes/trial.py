@@ -19,26 +19,18 @@ import numpy as np
 
 from isochrome.estimation import Bounds, FrameData, LinearPart, Prior, cosines
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.causes.blocks import BLOCK, COSINES
+from isochrome.fitting.causes.blocks import COSINES
 from isochrome.fitting.causes.cause import TINY
 from isochrome.fitting.causes.modes import TractionModes
 from isochrome.fitting.causes.score import LightTerms, light_sizes, more_than, of_more_light
 from isochrome.fitting.frame.far_model import FarModel
 from isochrome.fitting.frame.renderer import scene_optics
-from isochrome.fitting.frame.unknowns import LENS, thinning
+from isochrome.fitting.frame.unknowns import LENS
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
 
-_MEANS = 4_000
-"""Blocks of a frame, about."""
 _COARSE = 0.05
 """Error of a mean over a block, over the light and what fringes lose of their contrast in it."""
-
-
-def trial_side(shape: tuple[int, int]) -> int:
-    """Side in pixels of the blocks whose means are fitted, an odd number of those of causes."""
-    wide = thinning(shape[0] * shape[1], _MEANS) / BLOCK
-    return BLOCK * (2 * round(0.5 * (wide - 1.0)) + 1) if wide > 1.0 else BLOCK
 
 
 def through_a_lens(scene: Scene) -> Scene:

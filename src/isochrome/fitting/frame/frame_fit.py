@@ -181,7 +181,9 @@ def _fit_toned(
     if GAMMA not in keys:
         return _fit_begun(data, scene, keys, start, stated)
     best: Fitted | None = None
-    for gamma in dict.fromkeys((*([] if isinstance(known, str) else [known]), *_GAMMAS)):
+    stated_gammas = () if isinstance(known, str) else (known,)
+    others = () if start is _Start.RESTED and stated_gammas else _GAMMAS
+    for gamma in dict.fromkeys((*stated_gammas, *others)):
         begun = scene.with_values({GAMMA: gamma})
         made = _fit_begun(data.toned(gamma), begun, keys, start, stated)
         fit = made.fit

@@ -10,6 +10,7 @@ from isochrome.estimation import MOSTLY, FrameData, SeparableProblem, solve_line
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.frame.unknowns import thinning
+from isochrome.optics import blurred
 from isochrome.scene import Scene
 from isochrome.simulation import Picture, make_picture, scene_states, state_difference
 from isochrome.stress import PixelGrid, pixel_grid
@@ -72,9 +73,7 @@ def evaluate_model(data: FrameData, scene: Scene, *, difference: Array | None = 
     signal = response(order)
     assert scene.camera is not None
     if scene.camera.blur_px > 0.0:
-        from scipy.ndimage import gaussian_filter
-
-        signal = gaussian_filter(np.where(picture.material, signal, 0.0), scene.camera.blur_px)
+        signal = blurred(np.where(picture.material, signal, 0.0), scene.camera.blur_px)
     mask = data.valid & picture.material & (picture.visibility > 0.5)
     illumination, background, chi = fitted_light(data, signal, mask)
     return ModelFrame(

@@ -16,7 +16,7 @@ from isochrome.errors import PhysicsError
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.optics import (
     Chain,
-    blur_variance,
+    blurred,
     fringe_order,
     make_chain,
     mean_order,
@@ -163,12 +163,10 @@ class SceneRenderer:
         camera = scene.camera
         assert camera is not None
         if camera.blur_px > 0.0 and self.stride == 1:
-            from scipy.ndimage import gaussian_filter
-
             # pixels that see more than a contact's specimen
             outside = ~specimen_model(scene).inside(self._pixels(scene))
             signal[np.broadcast_to(outside, signal.shape)] = 0.0
-            signal = gaussian_filter(signal, camera.blur_px, mode="nearest")
+            signal = blurred(signal, camera.blur_px)
         return signal
 
     def forget(self) -> None:
@@ -195,7 +193,7 @@ class SceneRenderer:
     def _blurred(self, scene: Scene) -> float:
         """Variance (px²) of a blur that the field stands for: with a stride nothing is filtered."""
         assert scene.camera is not None
-        return blur_variance(scene.camera.blur_px)[0] if self.stride > 1 else 0.0
+        return scene.camera.blur_px**2 if self.stride > 1 else 0.0
 
     def _pixels(self, scene: Scene) -> PixelGrid:
         return pixel_grid(scene, self.shape).every(self.stride)

@@ -27,10 +27,10 @@ from isochrome.estimation import (
     standard_uncertainty,
 )
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.causes.blocks import FrameBlocks, SolvedFrame
+from isochrome.fitting.causes.blocks import FrameBlocks, SolvedFrame, block_side
 from isochrome.fitting.causes.score import LightTerms
 from isochrome.fitting.causes.solution import Change, whole_picture
-from isochrome.fitting.causes.trial import Expected, Trial, through_a_lens, trial_side
+from isochrome.fitting.causes.trial import Expected, Trial, through_a_lens
 from isochrome.fitting.frame.far_model import TOLERANCE
 from isochrome.fitting.frame.frame_fit import FrameFit, hidden_px, placed
 from isochrome.fitting.frame.renderer import SceneRenderer
@@ -184,7 +184,7 @@ class JointSolution:
     def trial(self, change: Change, expected: Expected) -> Trial | None:
         """A fit to few pixels with what is expected of it; None where there is none."""
         data, sequence, start = self._changed(change)
-        stride = trial_side(data.shape)
+        stride = block_side(data.shape)
         sequence = replace(sequence, scene=through_a_lens(sequence.scene))
         keys = tuple(unknown.key for unknown in sequence.unknowns)
         try:

@@ -167,8 +167,10 @@ def search_frame(
     lattice = _Lattice.of(data, scene, keys)
     found = [near] if near else []
     for start in islice(_scanned(data, scene, lattice), _STARTS):
-        found = _with(found, settle_frame(data, start, keys, prior), lattice)
-        if found and found[0].close:
+        one, before = settle_frame(data, start, keys, prior), found
+        found = _with(found, one, lattice)
+        again = one is not None and bool(before) and lattice.alike(one.scene, before[0].scene)
+        if found and (found[0].close or again):
             break
     if not found:
         raise PhysicsError("no_start_gives_positive")
