@@ -533,14 +533,14 @@ def demo_command(
     print_figures(figures)
 
 
+COMPONENTS: Options = {"components": (bool, "Also the principal stresses, apart, in MPa.")}
+
+
 @app.command("simulate", epilog=examples_of("simulate"))
-@with_options(RUN | FIGURE | TABLES)
+@with_options(COMPONENTS | RUN | FIGURE | TABLES)
 def simulate_command(
     scene: SceneArgument,
     out: Out = Path("isochrome-simulate"),
-    components: Annotated[
-        bool, typer.Option("--components", help="Also the principal stresses, apart, in MPa.")
-    ] = False,
     *,
     as_json: Json = False,
     **options: Any,
@@ -550,15 +550,12 @@ def simulate_command(
 
     write_extras = take_extras(options)
     with run_bar("simulating", "states") as progress:
-        result = run(scene, out, components=components, progress=progress, **options)
+        result = run(scene, out, progress=progress, **options)
     figures = write_extras(result, out)
     names = ["label", "p_max_mpa", "contact_width_mm", "wear_depth_um", "n_max", "n_max_x_mm",
              "n_max_z_mm"]  # fmt: skip
-    names += ["shear_max_mpa", "shear_max_x_mm", "shear_max_z_mm"] if components else []
-    print_result(
-        result, out, as_json, lambda found: print_columns(found.history, names),
-        figures,
-    )  # fmt: skip
+    names += ["shear_max_mpa", "shear_max_x_mm", "shear_max_z_mm"] * options["components"]
+    print_result(result, out, as_json, lambda one: print_columns(one.history, names), figures)
 
 
 @app.command("compare", epilog=examples_of("compare"))
@@ -589,31 +586,23 @@ def compare_command(
     )
 
 
+FIT: Options = {
+    "free": (list[str] | None, "Key that all frames share; repeatable."),
+    "per_frame": (list[str] | None, "Key of each frame; repeatable."),
+    "follow": (bool, "Look for each frame where the last one was."),
+    "track": (bool, "Follow the --per-frame keys through a video, frame by frame."),
+    "tractions": (bool, "Also the pressure and shear on the surface, model-free."),
+}
+"""What is fitted, and how frames are gone through."""
+
+
 @app.command("fit", epilog=examples_of("fit"))
 @with_options(RUN | TABLES | {"as_stated": AS_STATED})
+@with_options(FIT, before="out")
 def fit_command(
     frames: FramesArgument,
     scene: SceneOption,
     join: Join = False,
-    free: Annotated[
-        list[str] | None, typer.Option("--free", help="Key that all frames share; repeatable.")
-    ] = None,
-    per_frame: Annotated[
-        list[str] | None, typer.Option("--per-frame", help="Key of each frame; repeatable.")
-    ] = None,
-    follow: Annotated[
-        bool, typer.Option("--follow", help="Look for each frame where the last one was.")
-    ] = False,
-    track: Annotated[
-        bool,
-        typer.Option(
-            "--track", help="Follow the --per-frame keys through a video, frame by frame."
-        ),
-    ] = False,
-    tractions: Annotated[
-        bool,
-        typer.Option("--tractions", help="Also the pressure and shear on the surface, model-free."),
-    ] = False,
     out: Out = Path("isochrome-fit"),
     *,
     as_json: Json = False,
@@ -625,19 +614,18 @@ def fit_command(
     from isochrome.fitting import track as follow_keys
     from isochrome.frames import one_recording
 
-    recording, keys = one_recording(frames, join=join), tuple(per_frame or ())
-    write_extras = take_extras(options)
+    recording, write_extras = one_recording(frames, join=join), take_extras(options)
+    free, keys, *flags = (options.pop(name) for name in FIT)
+    follow, track, tractions = flags
     result: Any
-    if track:
-        refuse_shared(tuple(free or ()))
-        with run_bar("tracking") as progress:
-            result = follow_keys(recording, scene, keys, out=out, progress=progress, **options)
-    else:
-        with run_bar("fitting") as progress:
-            result = run(
-                recording, scene, free or [], per_frame=keys, follow=follow, tractions=tractions,
-                out=out, progress=progress, **options,
-            )  # fmt: skip
+    with run_bar("tracking" if track else "fitting") as progress:
+        options |= {"out": out, "progress": progress}
+        if track:
+            refuse_shared(tuple(free or ()))
+            result = follow_keys(recording, scene, tuple(keys or ()), **options)
+        else:
+            options |= {"per_frame": tuple(keys or ()), "follow": follow, "tractions": tractions}
+            result = run(recording, scene, free or [], **options)
     write_extras(result, out)
     print_result(result, out, as_json, print_summary if track else print_fit)
 
@@ -675,23 +663,20 @@ def check_command(
         raise typer.Exit(2)
 
 
+SETUP: Options = {
+    "scene": (
+        str | None,
+        "Scene or set, there or not yet; by default scene.toml, or set.toml, beside the frames.",
+    ),
+    "calibration": (str | None, "beam (in bending) or disc: a calibration set of it is made."),
+}
+"""What is set up."""
+
+
 @app.command("setup", epilog=examples_of("setup"))
+@with_options(SETUP, before="join")
 def setup_command(
     frames: FramesArgument,
-    scene: Annotated[
-        str | None,
-        typer.Option(
-            "--scene",
-            help="Scene or set, there or not yet; by default scene.toml, or set.toml, beside the "
-            "frames.",
-        ),
-    ] = None,
-    calibration: Annotated[
-        str | None,
-        typer.Option(
-            "--calibration", help="beam (in bending) or disc: a calibration set of it is made."
-        ),
-    ] = None,
     join: Join = False,
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")
@@ -700,6 +685,7 @@ def setup_command(
         int, typer.Option("--port", min=0, max=65535, help="Port; by default a free one.")
     ] = 0,
     as_json: Json = False,
+    **options: Any,
 ) -> None:
     """Set up a scene or a calibration set on a page in the browser of this machine alone.
 
@@ -713,9 +699,7 @@ def setup_command(
 
     is_set = len(frames) == 1 and frames[0].lower().endswith(".toml")
     recording = frames[0] if is_set else one_recording(frames, join=join)
-    saved = run(
-        recording, scene, calibration=calibration, browser=browser, port=port, announce=announce
-    )
+    saved = run(recording, browser=browser, port=port, announce=announce, **options)
     if as_json:
         print_json({"scene": None if saved is None else str(saved)})
     else:
