@@ -92,12 +92,11 @@ def read_shots(given: CalibrationSet) -> tuple[Shot, ...]:
 def _shot(
     given: CalibrationSet, item: LoadedImage, dark: Array | None, no_load_light: Array | None
 ) -> Shot:
-    path = given.path(item.file)
-    light: dict[str, Any] = {
-        "channel": given.frames.channel,
-        "wavelength_nm": given.polariscope.wavelength_nm,
-    }
-    raw, reader = read_one_frame(path, given.frames, given.camera, **light)
+    path, frames = given.path(item.file), given.frames
+    raw, reader = read_one_frame(
+        path, frames, given.camera, channel=frames.channel,
+        wavelength_nm=given.polariscope.wavelength_nm,
+    )  # fmt: skip
     depth, inside = reader.bit_depth, load_mask(given, reader.shape, reader.full_shape)
     observed = observe(raw, name=str(path), bit_depth=depth, gamma=given.gamma, mask=inside)
     unusable = np.mean(~observed.valid[inside])

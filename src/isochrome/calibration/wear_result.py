@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -135,9 +136,17 @@ def fit_laws(volumes: Sequence[WornVolume], spread: Array) -> tuple[WearLawFit, 
     laws = ["archard"]
     if all(volume.friction for volume in volumes):
         laws += ["sarkar", "dissipated_energy"]
-    fits = [
-        _line(law, np.array([work_of(v, law) for v in volumes]), values, spread) for law in laws
-    ]
+    fits = []
+    for law in laws:
+        work = np.array([work_of(volume, law) for volume in volumes])
+        k, information, square, log_z = (float(part) for part in _solve(work, values, spread))
+        own = float(1.0 / np.sqrt(information))
+        fits.append(
+            WearLawFit(
+                law=law, coefficient_mm2_per_n=k, own_uncertainty=own, chi_square=square,
+                freedom=len(values) - 1, log_evidence=log_z,
+            )
+        )  # fmt: skip
     if len({volume.distance_m for volume in volumes}) > 2:
         fits.append(_running_in(volumes, values, spread))
     best = max(fit.log_evidence for fit in fits)
@@ -153,15 +162,6 @@ def _solve(work: Array, values: Array, spread: Array) -> tuple[Array, Array, Arr
     # where k is no larger than its uncertainty, ln k has no narrower place than a factor of e
     narrow = np.log(np.maximum(k * np.sqrt(information), 1.0))
     return k, information, square, -0.5 * square - narrow
-
-
-def _line(law: str, work: Array, values: Array, spread: Array) -> WearLawFit:
-    """A law of one parameter."""
-    k, information, square, log_z = _solve(work, values, spread)
-    return WearLawFit(
-        law=law, coefficient_mm2_per_n=float(k), own_uncertainty=float(1.0 / np.sqrt(information)),
-        chi_square=float(square), freedom=len(values) - 1, log_evidence=float(log_z),
-    )  # fmt: skip
 
 
 def _running_in(volumes: Sequence[WornVolume], values: Array, spread: Array) -> WearLawFit:
@@ -453,7 +453,7 @@ def _values(calibration: WearCalibration) -> tuple[str, str, str]:
 
 
 def _draw_raw(axes: Any, scars: list[TraceScar], title: str) -> None:
-    for scar, colour in zip(scars, _colours(len(scars)), strict=True):
+    for scar, colour in zip(scars, cycle(LINE_COLOURS), strict=False):
         one = scar.levelled
         if one is None:
             continue
@@ -470,7 +470,7 @@ def _draw_levelled(axes: Any, scars: list[TraceScar]) -> None:
     """Depths from the scars' middles, downward, with the worn areas and the edges."""
     traces = levelled_of(scars)
     names = [plain_name(scar.test.file, 24) for scar in scars if scar.levelled is not None]
-    for one, name, colour in zip(traces, names, _colours(len(traces)), strict=True):
+    for one, name, colour in zip(traces, names, cycle(LINE_COLOURS), strict=False):
         x = one.x_mm - one.centre_mm
         axes.plot(x, -one.depth_um, color=colour, lw=LINE_PT, label=name)
         for edge, u in zip(one.edges_mm, one.edge_uncertainty_mm, strict=True):
@@ -507,7 +507,3 @@ def _draw_coefficients(axes: Any, calibration: WearCalibration) -> None:
     axes.set_xlim(*ends)
     title = "V/(P s) at each distance, ± 2 u, and of all"
     style_axes(axes, x_label="sliding distance (m)", z_label="k (1e-9 mm²/N)", title=title)
-
-
-def _colours(count: int) -> list[Any]:
-    return [LINE_COLOURS[k % len(LINE_COLOURS)] for k in range(count)]

@@ -732,14 +732,9 @@ def _all(
                 result[number] = outcome
                 tell()
     except KeyboardInterrupt:
-        raise Stopped(
-            message(
-                "stopped_finished_kept_run",
-                result_count=len(result),
-                counted=counted(len(tasks), "recording"),
-                parent=tasks[0].folder.parent,
-            )
-        ) from None
+        done, many = len(result), counted(len(tasks), "recording")
+        place = {"counted": many, "parent": tasks[0].folder.parent}
+        raise Stopped(message("stopped_finished_kept_run", result_count=done, **place)) from None
     return [result[number] for number in range(len(tasks))]
 
 

@@ -237,10 +237,9 @@ calibrate_app = typer.Typer(
     add_completion=False,
 )
 
-Into = Annotated[Path | None, typer.Option("--into", help="Scene file (TOML) to set the value in.")]
+INTO: Options = {"into": (Path | None, "Scene file (TOML) to set the value in.")}
 
-
-SCALE: Options = {
+SCALE: Options = INTO | {
     "target": (str | None, "What the images show: chessboard or dots."),
     "columns": (int | None, "Inner corners (or dots) in a row of the target."),
     "rows": (int | None, "The same in a column."),
@@ -252,46 +251,21 @@ SCALE: Options = {
 """What a scale is taken from: type and option of each, by the name that the function takes."""
 
 
-def _add_calibration(what: str, text: str, show: Callable[[Any], None]) -> None:
-    """Add the command that calibrates by a set and can leave the value in a scene; its help."""
+def _add_calibration(what: str, text: str, show: Callable[[Any], None], given: Options) -> None:
+    """Add the command that calibrates by a set: its help, and the options that it has of its
+    own.
+    """
 
     @calibrate_app.command(what, help=text, epilog=examples_of(f"calibrate {what}"))
-    @with_options(FIGURE | TABLES)
+    @with_options(given | FIGURE | TABLES)
     def command(
         settings: SetArgument,
         out: Out = Path("isochrome-calibrate"),
-        into: Into = None,
         *,
         as_json: Json = False,
         **options: Any,
     ) -> None:
-        from isochrome import calibration
-
-        run = getattr(calibration, f"calibrate_{what}")
-        _calibrate(run, settings, out, into, as_json, options, show)
-
-
-_add_calibration(
-    "bending", "Calibrate from images of a beam in four-point bending.", print_calibration
-)
-_add_calibration(
-    "disc", "Calibrate from images of a disc under diametral compression.", print_calibration
-)
-
-
-@calibrate_app.command("colour", epilog=examples_of("calibrate colour"))
-@with_options(FIGURE | TABLES)
-def colour_command(
-    settings: SetArgument,
-    out: Out = Path("isochrome-calibrate"),
-    *,
-    as_json: Json = False,
-    **options: Any,
-) -> None:
-    """Calibrate a colour table, from a beam's images or from any images' own colours."""
-    from isochrome.calibration import calibrate_colour as run
-
-    _calibrate(run, settings, out, None, as_json, options, _print_colours)
+        _calibrate(what, settings, out, as_json, options, show)
 
 
 def _print_colours(result: Any) -> None:
@@ -299,6 +273,18 @@ def _print_colours(result: Any) -> None:
     typer.echo(f"colour table to N = {result.colour_table.highest:.2f} from {result.way}")
     typer.echo(f"gamma = {result.gamma:.3f}: set frames.gamma to it where the table is used")
     typer.echo(f"residual = {result.residual:.3f} of full light")
+
+
+_add_calibration(
+    "bending", "Calibrate from images of a beam in four-point bending.", print_calibration, INTO
+)
+_add_calibration(
+    "disc", "Calibrate from images of a disc under diametral compression.", print_calibration, INTO
+)
+_add_calibration(
+    "colour", "Calibrate a colour table, from a beam's images or from any images' own colours.",
+    _print_colours, {},
+)  # fmt: skip
 
 
 @calibrate_app.command("scale", epilog=examples_of("calibrate scale"))
@@ -309,15 +295,12 @@ def scale_command(
         typer.Argument(metavar="IMAGE...", help="Pictures of a target or two edges, of one size."),
     ],
     out: Out = Path("isochrome-calibrate"),
-    into: Into = None,
     *,
     as_json: Json = False,
     **options: Any,
 ) -> None:
     """Find mm a pixel and the lens, from a chessboard, dots or two edges a known distance apart."""
-    from isochrome.calibration import calibrate_scale as run
-
-    _calibrate(run, images, out, into, as_json, options, _print_values, what="values")
+    _calibrate("scale", images, out, as_json, options, _print_values)
 
 
 def _print_values(result: Any) -> None:
@@ -332,38 +315,37 @@ _add_calibration(
     "wear",
     "Calibrate the wear coefficient from traces over worn scars, or from worn volumes.",
     _print_values,
+    INTO,
 )
 
 
 def _calibrate(
-    run: Callable[..., Any],
+    what: str,
     source: str | list[str],
     out: Path,
-    into: Path | None,
     as_json: bool,
     options: dict[str, Any],
     show: Callable[[Any], None],
-    *,
-    what: str = "value",
 ) -> None:
-    """Calibrate from a `source`, leave the result in `out` and `what` in a scene, and tell it.
+    """Calibrate from a `source`, leave the result in `out` and its values in a scene, and tell it.
 
-    `options` of the figure and the tables are taken out; `run` gets the others.
+    The options that are not of a calibration itself are taken out.
     """
     from isochrome import calibration
 
-    write_extras = take_extras(options)
+    write_extras, into = take_extras(options), options.pop("into", None)
     with steps(quiet=True) as say:
         say("calibrating")
         if into is not None:
             calibration.check_scene_file(into)  # before the work, not after it
-        result = run(source, **options)
+        result = getattr(calibration, f"calibrate_{what}")(source, **options)
         calibration.save_calibration(result, out, source=source)
         if into is not None:
             first = source[0] if isinstance(source, list) else source
             calibration.write_into_scene(result, into, source=first)
         files = write_extras(result, out)
-    print_result(result, out, as_json, show, files, into=into, what=what)
+    values = "values" if what == "scale" else "value"
+    print_result(result, out, as_json, show, files, into=into, what=values)
 
 
 @with_options(RUN)

@@ -36,6 +36,7 @@ from isochrome.messages import message, warnings_json
 from isochrome.output import (
     Result,
     counted,
+    evenly_spaced,
     provenance,
     staged,
     with_uncertainty,
@@ -140,24 +141,23 @@ def _scar(
     state: SurfaceState, moved: dict[str, tuple[SurfaceState, SurfaceState]]
 ) -> SimulatedScar:
     x = state.grid.x_mm
-    profiles = {
-        key: tuple(np.interp(x, s.grid.x_mm, _depth(s), left=0.0, right=0.0) for s in pair)
-        for key, pair in moved.items()
-    }
-    edges = {key: tuple(_edges(s) for s in pair) for key, pair in moved.items()}
+
+    def moves(measure: Callable[[SurfaceState], Any]) -> dict[str, Any]:
+        """What each input moves of something that is measured in a state."""
+        return {key: 0.5 * (measure(more) - measure(less)) for key, (more, less) in moved.items()}
+
+    def profile(one: SurfaceState) -> Array:
+        return np.interp(x, one.grid.x_mm, _depth(one), left=0.0, right=0.0)
+
     return SimulatedScar(
         distance_m=state.distance_m,
         x_mm=x,
         depth_um=_depth(state),
         edges_mm=_edges(state),
-        moved_um={key: 0.5 * (a - b) for key, (a, b) in profiles.items()},
-        moved_area_mm2={
-            key: 0.5 * (a.worn_area_mm2 - b.worn_area_mm2) for key, (a, b) in moved.items()
-        },
-        moved_width_mm={
-            key: 0.5 * ((a[1] - a[0]) - (b[1] - b[0])) for key, (a, b) in edges.items()
-        },
-        moved_depth_um={key: 0.5 * float(a.max() - b.max()) for key, (a, b) in profiles.items()},
+        moved_um=moves(profile),
+        moved_area_mm2=moves(lambda one: one.worn_area_mm2),
+        moved_width_mm=moves(lambda one: float(np.diff(_edges(one))[0])),
+        moved_depth_um=moves(lambda one: float(profile(one).max())),
     )
 
 
@@ -411,15 +411,10 @@ class ScarComparison(Result):
                 continue
             gap, spread = pair.area_difference_mm2
             if abs(gap) > _APART * spread:
-                result.append(
-                    message(
-                        "worn_area_mm_differs",
-                        name=name,
-                        worn_area_mm2=pair.trace.worn_area_mm2,
-                        worn_area_mm2_2=pair.scar.worn_area_mm2,
-                        spread=abs(gap) / spread,
-                    )
-                )
+                measured, model = pair.trace.worn_area_mm2, pair.scar.worn_area_mm2
+                areas = {"worn_area_mm2": measured, "worn_area_mm2_2": model}
+                away = abs(gap) / spread
+                result.append(message("worn_area_mm_differs", name=name, **areas, spread=away))
         if not self.scars[0].moved_um:
             result.append(message("states_no_uncertainty_so", name=self.scene.name))
         return tuple(result)
@@ -575,7 +570,7 @@ def scars_figure(
     with the band of the inputs of the scene, whose `name` is given.
     """
     distances = sorted({scar.distance_m for scar in scars})
-    shown = [distances[k] for k in evenly_spaced(len(distances), MOST_DISTANCES)]
+    shown = evenly_spaced(distances, MOST_DISTANCES)
     figure = new_figure(11.0, 3.1 + 2.5 * len(shown) + 0.6)
     panels: Any = figure.subplots(
         len(shown) + 1, 2, squeeze=False, sharex=True, height_ratios=[1.25] + [1.0] * len(shown)
@@ -606,11 +601,6 @@ def scars_figure(
     return figure
 
 
-def evenly_spaced(count: int, most: int) -> list[int]:
-    """At most so many numbers below a count, the first and the last among them."""
-    return [int(k) for k in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
-
-
 def scars_panels(
     names: Sequence[str],
     scars: Sequence[SimulatedScar],
@@ -622,7 +612,7 @@ def scars_panels(
     InputError where there is no distance of the numbers `frames`.
     """
     distances = sorted({scar.distance_m for scar in scars})
-    few = evenly_spaced(len(distances), _FOR_PAPER)
+    few = evenly_spaced(range(len(distances)), _FOR_PAPER)
     shown = [distances[k] for k in chosen_frames(frames, len(distances), few, items="distances")]
     rows = _rows_at(shown, names, scars, pairs)
     half = _BESIDE * 0.5 * max(scar.width_mm for scar in scars)

@@ -39,13 +39,12 @@ from isochrome.frames.reading import (
     next_time,
     refusing,
 )
-from isochrome.output import pixel_mm_of
+from isochrome.output import MM_PER_UNIT, pixel_mm_of
 
 if TYPE_CHECKING:
     import tifffile
 
-MM = {"m": 1e3, "cm": 10.0, "mm": 1.0, "µm": 1e-3, "μm": 1e-3, "um": 1e-3, "nm": 1e-6,
-      "in": 25.4}  # fmt: skip
+MM = {"in": 25.4} | {n: MM_PER_UNIT[n] for n in ("m", "cm", "mm", "µm", "μm", "um", "nm")}
 """Millimetres of the schema's units of length that a camera's picture can have."""
 
 OME_SECONDS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "μs": 1e-6, "us": 1e-6, "ns": 1e-9, "min": 60.0,
@@ -429,7 +428,9 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     _check_square(tif, path)
     if tif.is_ome:
         return _of_ome(tif, path)
-    pages = _frame_pages(tif)
+    # not the thumbnails and reduced copies that some programs add
+    every: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
+    pages = tuple((i, page.offset) for i, page in every if i == 0 or not page.is_reduced)
     claimed = _claimed(tif, len(pages))
     hidden = len(pages) == 1 < claimed and _fit_behind(tif, claimed)
     if not hidden and (claimed > len(pages) or _chain_breaks(tif)):
@@ -447,12 +448,6 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
             pixel_mm=pixel_mm_of(tif),
         ),
     )
-
-
-def _frame_pages(tif: tifffile.TiffFile) -> tuple[tuple[int, int], ...]:
-    """Pages that are frames: not the thumbnails and reduced copies that some programs add."""
-    numbered: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
-    return tuple((i, page.offset) for i, page in numbered if i == 0 or not page.is_reduced)
 
 
 def _claimed(tif: tifffile.TiffFile, counted: int) -> int:

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 from isochrome.contact import SurfaceState
 from isochrome.errors import InputError, PhysicsError
 from isochrome.optics import expose, fringe_order
-from isochrome.output import csv_text
+from isochrome.output import csv_text, evenly_spaced
 from isochrome.runs import Column, Results, RunArray, RunDataset, attributes, column, make_dataset
 from isochrome.scene import Scene, dump_scene
 from isochrome.simulation.model import (
@@ -278,7 +278,7 @@ _SHOWN = 6
 
 def shown_states(count: int) -> list[int]:
     """Which of a number of states the figure shows."""
-    return [round(end) for end in np.linspace(0, count - 1, min(_SHOWN, count))]
+    return evenly_spaced(range(count), _SHOWN)
 
 
 class RenderWork:
