@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -242,7 +241,9 @@ def _read(
     """Grey levels of one image, 1 = full scale, with noise and trusted pixels."""
     channels, depth = [], None
     for name in CHANNELS:
-        frame, reader = read_one_frame(path, given.frames, given.camera, True, channel=name)
+        frame, reader = read_one_frame(
+            path, given.frames, given.camera, in_colour=True, channel=name
+        )
         depth = reader.bit_depth
         mask = load_mask(given, reader.shape, reader.full_shape) if masked else None
         linear = to_linear(
@@ -356,11 +357,19 @@ class ColourCalibration(Result):
         if frames is not None:
             raise InputError("frames_figure_colour_table")
 
+        table, label = self.colour_table, f"fringe order N at {self.wavelength_nm:g} nm (fringes)"
+
         def channels(axes: Axes) -> None:
             _draw_channels(axes, self)
-            axes.set_xlabel(_order_label(self))
+            axes.set_xlabel(label)
 
-        strip = partial(_draw_strip, calibration=self)
+        def strip(axes: Axes) -> None:
+            """The colours over the order."""
+            colours = np.clip(table.signal / table.signal.max(), 0.0, 1.0) ** (1.0 / 2.2)
+            axes.imshow(colours[None], aspect="auto", extent=(0.0, table.highest, 0.0, 1.0))
+            axes.set_yticks([])
+            style_axes(axes, x_label=label)
+
         return PaperPanels(
             plots=[
                 Plot(title="channels", draw=channels, height_mm=45.0),
@@ -572,10 +581,6 @@ def _values(calibration: ColourCalibration) -> str:
     )
 
 
-def _order_label(calibration: ColourCalibration) -> str:
-    return f"fringe order N at {calibration.wavelength_nm:g} nm (fringes)"
-
-
 def _draw_channels(curves: Axes, calibration: ColourCalibration) -> None:
     """The channels' signals over the order with their scatter."""
     table = calibration.colour_table
@@ -587,12 +592,3 @@ def _draw_channels(curves: Axes, calibration: ColourCalibration) -> None:
         )
     curves.axvline(calibration.highest, color=GREY, ls="--", lw=LINE_PT, label=_SEEN)
     style_axes(curves, z_label="signal (1 = full light)")
-
-
-def _draw_strip(strip: Axes, calibration: ColourCalibration) -> None:
-    """The colours over the order."""
-    table = calibration.colour_table
-    shown = np.clip(table.signal / table.signal.max(), 0.0, 1.0) ** (1.0 / 2.2)
-    strip.imshow(shown[None], aspect="auto", extent=(0.0, table.highest, 0.0, 1.0))
-    strip.set_yticks([])
-    style_axes(strip, x_label=_order_label(calibration))

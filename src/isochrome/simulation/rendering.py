@@ -236,11 +236,9 @@ def render(
     for index, state in enumerate(states, first):
         width = pixels.cols * pixels.pixel_mm
         if state.surface is not None and state.surface.contact_width_mm > width:
+            wide = state.surface.contact_width_mm
             raise PhysicsError(
-                "contact_mm_wide_wider",
-                name=scene.name,
-                contact_width_mm=state.surface.contact_width_mm,
-                width=width,
+                "contact_mm_wide_wider", name=scene.name, contact_width_mm=wide, width=width
             )
         picture = make_picture(scene, state_difference(scene, state, pixels), pixels)
         refuse_too_fine(scene, picture)
