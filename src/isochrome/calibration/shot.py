@@ -62,6 +62,13 @@ def below_saturation(image: Array, sigma: Array, level: float) -> NDArray[np.boo
     return np.asarray((image < level) & (uniform_filter(image, 3) + 3.0 * sigma < level))
 
 
+START_PIXELS, PIXELS = 20_000, 40_000
+"""Pixels of an image, or of the square about a disc, from which a set starts, and that are fitted
+with the whole set."""
+
+EXPLAINED = 0.6
+"""Share of an image's variation that a model must explain at the least."""
+
 MOST_SATURATED = 0.3
 """Share of invalid (saturated) pixels beyond which an image is refused."""
 

@@ -386,10 +386,11 @@ OTHERS = ("stk", "lsm", "fluoview", "nih", "scanimage")
 MOST_CHANNELS = 7
 """ImageJ's colours end there; writers that know no axes put all frames down as channels."""
 
-SECONDS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3,
-           "millisecond": 1e-3, "milliseconds": 1e-3, "us": 1e-6, "µs": 1e-6, "usec": 1e-6,
-           "microsecond": 1e-6, "microseconds": 1e-6, "min": 60.0, "minute": 60.0,
-           "minutes": 60.0, "h": 3600.0, "hour": 3600.0, "hours": 3600.0}  # fmt: skip
+_TIMES = ("s sec second seconds", "ms msec millisecond milliseconds",
+          "us µs usec microsecond microseconds", "min minute minutes", "h hour hours")  # fmt: skip
+
+SECONDS = {word: OME_SECONDS[words.split()[0]] for words in _TIMES for word in words.split()}
+"""Units of time by each of the words that ImageJ's notes have for them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -437,7 +438,9 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
         raise InputError("breaks_off_after_frames", path=path, pages_count=len(pages))
     meta = (tif.imagej_metadata or {}) if tif.is_imagej else {}
     _check_axes(path, *(_whole(meta, key) for key in ("channels", "slices", "frames")))
-    interval = _interval(meta)
+    step, unit = meta.get("finterval", 0), SECONDS.get(str(meta.get("tunit", "s")).lower())
+    known = unit and isinstance(step, int | float) and 0 < step < float("inf")
+    interval = float(step) * unit if known and unit else None
     return TiffLayout(
         count=claimed if hidden else len(pages),
         pages=pages,
@@ -498,13 +501,6 @@ def _check_square(tif: tifffile.TiffFile, path: Path) -> None:
         (xn, xd), (yn, yd) = page.tags["XResolution"].value, page.tags["YResolution"].value
         if 0 not in (xn, xd, yn, yd) and abs(xn * yd / (xd * yn) - 1) > SQUARE:
             raise InputError("says_pixels_unit_across", path=path, xd=xn / xd, yd=yn / yd)
-
-
-def _interval(meta: dict[str, Any]) -> float | None:
-    """Seconds between the frames of an ImageJ stack."""
-    step, unit = meta.get("finterval", 0), SECONDS.get(str(meta.get("tunit", "s")).lower())
-    known = unit and isinstance(step, int | float) and 0 < step < float("inf")
-    return float(step) * unit if known and unit else None
 
 
 def _of_ome(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
