@@ -429,18 +429,14 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     _check_square(tif, path)
     if tif.is_ome:
         return _of_ome(tif, path)
-    # not the thumbnails and reduced copies that some programs add
-    every: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
-    pages = tuple((i, page.offset) for i, page in every if i == 0 or not page.is_reduced)
+    pages = _frame_pages(tif)
     claimed = _claimed(tif, len(pages))
     hidden = len(pages) == 1 < claimed and _fit_behind(tif, claimed)
     if not hidden and (claimed > len(pages) or _chain_breaks(tif)):
         raise InputError("breaks_off_after_frames", path=path, pages_count=len(pages))
     meta = (tif.imagej_metadata or {}) if tif.is_imagej else {}
     _check_axes(path, *(_whole(meta, key) for key in ("channels", "slices", "frames")))
-    step, unit = meta.get("finterval", 0), SECONDS.get(str(meta.get("tunit", "s")).lower())
-    known = unit and isinstance(step, int | float) and 0 < step < float("inf")
-    interval = float(step) * unit if known and unit else None
+    interval = _interval(meta)
     return TiffLayout(
         count=claimed if hidden else len(pages),
         pages=pages,
@@ -451,6 +447,12 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
             pixel_mm=pixel_mm_of(tif),
         ),
     )
+
+
+def _frame_pages(tif: tifffile.TiffFile) -> tuple[tuple[int, int], ...]:
+    """Pages that are frames: not the thumbnails and reduced copies that some programs add."""
+    numbered: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
+    return tuple((i, page.offset) for i, page in numbered if i == 0 or not page.is_reduced)
 
 
 def _claimed(tif: tifffile.TiffFile, counted: int) -> int:
@@ -501,6 +503,13 @@ def _check_square(tif: tifffile.TiffFile, path: Path) -> None:
         (xn, xd), (yn, yd) = page.tags["XResolution"].value, page.tags["YResolution"].value
         if 0 not in (xn, xd, yn, yd) and abs(xn * yd / (xd * yn) - 1) > SQUARE:
             raise InputError("says_pixels_unit_across", path=path, xd=xn / xd, yd=yn / yd)
+
+
+def _interval(meta: dict[str, Any]) -> float | None:
+    """Seconds between the frames of an ImageJ stack."""
+    step, unit = meta.get("finterval", 0), SECONDS.get(str(meta.get("tunit", "s")).lower())
+    known = unit and isinstance(step, int | float) and 0 < step < float("inf")
+    return float(step) * unit if known and unit else None
 
 
 def _of_ome(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
