@@ -244,10 +244,13 @@ def collect(
     given = table | {"messages": more["messages"]}
     wider = with_past_loads(with_past_friction(with_scatter_of_gamma(given), scene), scene)
     messages = wider["messages"]
-    of_frames = list(map(read_frame_messages, messages))
     if frames is not None and wider is not given:
         frames = [
-            replace(one, columns={n: wider[n][k] for n in one.columns}, warnings=of_frames[k])
+            replace(
+                one,
+                columns={n: wider[n][k] for n in one.columns},
+                warnings=read_frame_messages(messages[k]),
+            )
             for k, one in enumerate(frames)
         ]
     table = {name: values for name, values in wider.items() if name != "messages"}
@@ -256,8 +259,10 @@ def collect(
         from isochrome.fitting import untracked_inputs
 
         warnings += untracked_inputs(scene)
-    numbered = zip(table["frame"], of_frames, strict=True)
-    warnings += messages_of_frames((number, text) for number, texts in numbered for text in texts)
+    of_frames = zip(table["frame"], messages, strict=True)
+    warnings += messages_of_frames(
+        (number, text) for number, cell in of_frames for text in read_frame_messages(cell)
+    )
     by_model = scene.model and not scene.polariscope.tells_orders
     fitted = _fitted(scene, table, shape) if by_model else None
     warnings += shift_messages(set_grid(scene, fitted, table, shape), table)
