@@ -329,15 +329,15 @@ class WearCalibration(Result):
 
     def main_values(self) -> Iterator[tuple[str, str]]:
         """The coefficient, its interval, chi, the law, and each distance's own."""
-        pair = self.coefficient_mm2_per_n / _UNIT, self.standard_uncertainty / _UNIT
+        pair = self.coefficient_mm2_per_n / WEAR_UNIT, self.standard_uncertainty / WEAR_UNIT
         yield "coefficient_mm2_per_n", f"{with_uncertainty(*pair)} e-9"
-        low, high = (f"{edge / _UNIT:.4g}" for edge in self.interval_95)
+        low, high = (f"{edge / WEAR_UNIT:.4g}" for edge in self.interval_95)
         yield "interval_95", f"{low} to {high} e-9"
         if self.chi is not None:
             yield "chi", f"{self.chi:.2f}"
         yield "law", self.law
         for row in self.by_distance:
-            pair = row.coefficient_mm2_per_n / _UNIT, row.standard_uncertainty / _UNIT
+            pair = row.coefficient_mm2_per_n / WEAR_UNIT, row.standard_uncertainty / WEAR_UNIT
             yield row.volume.place, f"{with_uncertainty(*pair)} e-9"
 
     @property
@@ -379,7 +379,7 @@ class WearCalibration(Result):
         for axes in panels[len(distances) - 1, :] if distances else ():
             axes.set_xlabel("x (mm)")
         _draw_coefficients(panels[-1, 0], self)
-        parts = {item.input: item.contribution / _UNIT for item in self.budget}
+        parts = {item.input: item.contribution / WEAR_UNIT for item in self.budget}
         label = "contribution to u (1e-9 mm²/N)"
         draw_budget(panels[-1, 1], parts, x_label=label, title="uncertainty budget")
         write_head(figure, "    ".join(_values(self)))
@@ -408,7 +408,7 @@ class WearCalibration(Result):
             )
             for k, place in enumerate(shown)
         ]
-        parts = {item.input: item.contribution / _UNIT for item in self.budget}
+        parts = {item.input: item.contribution / WEAR_UNIT for item in self.budget}
         plots += [
             Plot(title="V/(P s)", draw=partial(_draw_coefficients, calibration=self)),
             budget_plot("uncertainty budget", parts, unit="1e-9 mm²/N"),
@@ -440,14 +440,15 @@ MOST_ROWS = 6
 _FOR_PAPER = 4
 """Those of a figure for a paper where nobody names them."""
 
-_UNIT = 1e-9
-"""Coefficients are drawn in 1e-9 mm²/N."""
+WEAR_UNIT = 1e-9
+"""mm²/N: wear coefficients of dry contacts are some of these, and are drawn and told in it."""
 
 
 def _values(calibration: WearCalibration) -> tuple[str, str, str]:
     """The coefficient, its interval and its law, in words."""
-    k, u = calibration.coefficient_mm2_per_n / _UNIT, calibration.standard_uncertainty / _UNIT
-    low, high = (edge / _UNIT for edge in calibration.interval_95)
+    pair = calibration.coefficient_mm2_per_n, calibration.standard_uncertainty
+    k, u = (number / WEAR_UNIT for number in pair)
+    low, high = (edge / WEAR_UNIT for edge in calibration.interval_95)
     value = f"k = {with_uncertainty(k, u)} e-9 mm²/N by Archard's law"
     return value, f"95 %: {low:.4g} to {high:.4g}", f"law by evidence: {calibration.law}"
 
@@ -496,12 +497,14 @@ def _draw_coefficients(axes: Any, calibration: WearCalibration) -> None:
     """Each distance's k with two standard uncertainties, and the band of all together."""
     rows = calibration.by_distance
     s = np.array([row.volume.distance_m for row in rows])
-    k = np.array([row.coefficient_mm2_per_n for row in rows]) / _UNIT
-    u = np.array([row.standard_uncertainty for row in rows]) / _UNIT
+    k = np.array([row.coefficient_mm2_per_n for row in rows]) / WEAR_UNIT
+    u = np.array([row.standard_uncertainty for row in rows]) / WEAR_UNIT
     ends = np.array([0.0, 1.08 * s.max()])
     value, spread = calibration.coefficient_mm2_per_n, calibration.standard_uncertainty
     together = data_name("all distances")
-    draw_band(axes, ends, np.full(2, value / _UNIT), np.full(2, spread / _UNIT), label=together)
+    draw_band(
+        axes, ends, np.full(2, value / WEAR_UNIT), np.full(2, spread / WEAR_UNIT), label=together
+    )
     look: dict[str, Any] = {"fmt": "o", "color": LINE_COLOURS[1], "lw": LINE_PT, "capsize": 3}
     axes.errorbar(s, k, yerr=BAND * u, label=data_name("each distance"), **look)
     axes.set_xlim(*ends)
