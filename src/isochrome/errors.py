@@ -23,6 +23,11 @@ class IsochromeError(Exception):
         super().__init__(self.message)
 
 
+def reason_of(error: Exception) -> str:
+    """What a library says of an error, its first line; its kind where it says nothing."""
+    return (str(error).splitlines() or [""])[0].strip()[:160] or type(error).__name__
+
+
 class InputError(IsochromeError, ValueError):
     """The input or the scene is wrong (exit code 2).
 

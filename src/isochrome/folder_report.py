@@ -6,7 +6,7 @@ from typing import Any
 
 from isochrome.calibration import calibration_report
 from isochrome.comparison import compared_again
-from isochrome.errors import InputError
+from isochrome.errors import InputError, reason_of
 from isochrome.fitting import fit_report, restore_values
 from isochrome.messages import message
 from isochrome.output import output_folder
@@ -89,9 +89,8 @@ def report(folder: str | Path, out: str | Path | None = None) -> Path:
         raise
     except (OSError, KeyError, ValueError, TypeError, IndexError, AttributeError) as error:
         name_damage(place)
-        reason = (str(error).splitlines() or [""])[0][:160] or type(error).__name__
         raise InputError(
-            "cannot_read", place=place, reason=reason, again=_again(command)
+            "cannot_read", place=place, reason=reason_of(error), again=_again(command)
         ) from error
     target = place if out is None else output_folder(out)
     written = write_report(target / REPORT, content)

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -142,7 +141,6 @@ ALIKE = 0.02
 SAME = 0.05
 """The same against the no-load frames: a light's bands do not tell the factor of all to better."""
 
-_ORDER_CELL = 0.02
 _LEAST_PIXELS = 5
 
 
@@ -154,7 +152,7 @@ def image_exposures(
     Lights, `dark` and `contrast` (rows, cols, 3), orders (rows, cols), NaN = not trusted or off the
     beam. PhysicsError where the images have no order in common.
     """
-    cells = int(max(np.nanmax(order) for order in orders) / _ORDER_CELL) + 1
+    cells = int(max(np.nanmax(order) for order in orders) / _CELL) + 1
     sums = [_sums(*pair, dark, contrast, cells) for pair in zip(light, orders, strict=True)]
     count, lit, low = np.moveaxis(np.stack(sums), 1, 0)
     lit, low = lit / np.maximum(count, 1.0), low / np.maximum(count, 1.0)
@@ -164,7 +162,7 @@ def image_exposures(
     weight = np.maximum(count.sum(axis=0), 1.0)
     table = ((factors[:, None, None] * lit - low) * count).sum(axis=0) / weight
     covered = (count.sum(axis=0) >= _LEAST_PIXELS).all(axis=1)
-    places = _ORDER_CELL * (np.flatnonzero(covered) + 0.5)
+    places = _CELL * (np.flatnonzero(covered) + 0.5)
     away = np.log(band_scale(places, table[covered], bright=bright) / factors)
     nearest = away[np.argmin(np.abs(away))]
     if abs(nearest) < SAME:
@@ -177,7 +175,7 @@ def _sums(light: Array, order: Array, dark: Array, contrast: Array, cells: int) 
     sums = np.zeros((3, cells, light.shape[-1]))
     for c in range(light.shape[-1]):
         known = np.isfinite(order) & np.isfinite(light[..., c])
-        cell = (order[known] / _ORDER_CELL).astype(int)
+        cell = (order[known] / _CELL).astype(int)
         size = contrast[..., c][known]
         parts = (np.ones(len(cell)), light[..., c][known] / size, dark[..., c][known] / size)
         sums[:, :, c] = [np.bincount(cell, weights=part, minlength=cells) for part in parts]
@@ -243,8 +241,9 @@ def _read(
     """Grey levels of one image, 1 = full scale, with noise and trusted pixels."""
     channels, depth = [], None
     for name in CHANNELS:
-        light: dict[str, Any] = {"in_colour": True, "channel": name}
-        frame, reader = read_one_frame(path, given.frames, given.camera, **light)
+        frame, reader = read_one_frame(
+            path, given.frames, given.camera, in_colour=True, channel=name
+        )
         depth = reader.bit_depth
         mask = load_mask(given, reader.shape, reader.full_shape) if masked else None
         linear = to_linear(
@@ -358,11 +357,19 @@ class ColourCalibration(Result):
         if frames is not None:
             raise InputError("frames_figure_colour_table")
 
+        table, label = self.colour_table, f"fringe order N at {self.wavelength_nm:g} nm (fringes)"
+
         def channels(axes: Axes) -> None:
             _draw_channels(axes, self)
-            axes.set_xlabel(_order_label(self))
+            axes.set_xlabel(label)
 
-        strip = partial(_draw_strip, calibration=self)
+        def strip(axes: Axes) -> None:
+            """The colours over the order."""
+            colours = np.clip(table.signal / table.signal.max(), 0.0, 1.0) ** (1.0 / 2.2)
+            axes.imshow(colours[None], aspect="auto", extent=(0.0, table.highest, 0.0, 1.0))
+            axes.set_yticks([])
+            style_axes(axes, x_label=label)
+
         return PaperPanels(
             plots=[
                 Plot(title="channels", draw=channels, height_mm=45.0),
@@ -574,10 +581,6 @@ def _values(calibration: ColourCalibration) -> str:
     )
 
 
-def _order_label(calibration: ColourCalibration) -> str:
-    return f"fringe order N at {calibration.wavelength_nm:g} nm (fringes)"
-
-
 def _draw_channels(curves: Axes, calibration: ColourCalibration) -> None:
     """The channels' signals over the order with their scatter."""
     table = calibration.colour_table
@@ -589,12 +592,3 @@ def _draw_channels(curves: Axes, calibration: ColourCalibration) -> None:
         )
     curves.axvline(calibration.highest, color=GREY, ls="--", lw=LINE_PT, label=_SEEN)
     style_axes(curves, z_label="signal (1 = full light)")
-
-
-def _draw_strip(strip: Axes, calibration: ColourCalibration) -> None:
-    """The colours over the order."""
-    table = calibration.colour_table
-    shown = np.clip(table.signal / table.signal.max(), 0.0, 1.0) ** (1.0 / 2.2)
-    strip.imshow(shown[None], aspect="auto", extent=(0.0, table.highest, 0.0, 1.0))
-    strip.set_yticks([])
-    style_axes(strip, x_label=_order_label(calibration))

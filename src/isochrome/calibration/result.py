@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -34,7 +34,7 @@ from isochrome.figures import (
     style_axes,
 )
 from isochrome.messages import message, warnings_json
-from isochrome.output import Result, columns_of, counted, with_uncertainty
+from isochrome.output import Result, columns_of, counted, evenly_spaced, with_uncertainty
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -249,8 +249,7 @@ class Calibration(Result):
         value, *others = _values(self)
         head = [f"f$_\\sigma$ = {value}", f"$\\chi$ = {self.chi:.2f}", *others]
         head.append(f"{self.slope_per_n:.6g} fringes per N")
-        shown = _spread([i for i in self.images if i.view is not None])
-        panels = self.panels(tuple(self.images.index(item) for item in shown))
+        panels = self.panels(tuple(self.images.index(item) for item in _spread(self.images)))
         panels = replace(panels, notes=panels.notes[1:])
         return panels_figure(panels, "    ".join(head), picture_mm=43.0)
 
@@ -260,8 +259,7 @@ class Calibration(Result):
         `frames`: numbers of the images that are shown. Raises InputError where one is not there.
         """
         images = self.images
-        usual = _spread([i for i in images if i.view is not None])[::-1][:_FOR_PAPER][::-1]
-        default = [images.index(item) for item in usual]
+        default = [images.index(item) for item in _spread(images)[-_FOR_PAPER:]]
         shown = [images[k] for k in chosen_frames(frames, len(images), default, items="images")]
         views = []
         for item in shown:
@@ -354,10 +352,10 @@ def _values(calibration: Calibration) -> list[str]:
     return parts
 
 
-def _spread(images: list[ImageFit]) -> list[ImageFit]:
-    ranked = sorted(images, key=lambda i: i.load_n)
-    count = len(ranked)
-    return [ranked[round(k)] for k in np.linspace(0, count - 1, min(count, MOST_ROWS))]
+def _spread(images: Sequence[ImageFit]) -> list[ImageFit]:
+    """Those with a view that are shown, by their loads."""
+    drawable = [image for image in images if image.view is not None]
+    return evenly_spaced(sorted(drawable, key=lambda i: i.load_n), MOST_ROWS)
 
 
 def _order_text(item: ImageFit) -> str:

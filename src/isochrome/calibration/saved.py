@@ -13,7 +13,7 @@ from isochrome.calibration.colour import ColourCalibration, write_colours
 from isochrome.calibration.result import CUTS, Calibration
 from isochrome.calibration.scale_result import LENS, ScaleCalibration
 from isochrome.calibration.settings import load_set
-from isochrome.calibration.wear_result import WearCalibration, trace_json
+from isochrome.calibration.wear_result import WEAR_UNIT, WearCalibration, trace_json
 from isochrome.errors import InputError
 from isochrome.messages import read_warnings
 from isochrome.output import (
@@ -28,7 +28,14 @@ from isochrome.output import (
     write_figure,
     write_json,
 )
-from isochrome.reporting import ReportContent, ReportTable, camera_rows, paper_rows, write_report
+from isochrome.reporting import (
+    ReportContent,
+    ReportTable,
+    camera_rows,
+    paper_rows,
+    stated_text,
+    write_report,
+)
 from isochrome.runs import REPORT, environment, seal
 from isochrome.scene import Scene, parse_scene, parse_toml, read_text, scene_names, with_value
 
@@ -186,9 +193,6 @@ _LISTS = {
 }
 """Lists of a calibration's JSON that are shown as tables, and their captions."""
 
-_WEAR_UNIT = 1e-9
-"""mm²/N: wear coefficients of dry contacts are some of these."""
-
 _NO_BUDGET = "The calibration's file holds none; what is known of its goodness stands above."
 _NO_CAUSES = "Causes are looked for in images of a beam or a disc alone."
 _NONE_FOUND = "None: the images ask for nothing besides the settings."
@@ -246,10 +250,7 @@ def _of_camera(record: Mapping[str, Any]) -> list[tuple[str, str]]:
     rows, pixel = camera_rows(settings), settings.camera.pixel_mm
     if pixel is None:
         return rows
-    spread = settings.uncertainty.pixel_mm
-    text = f"{pixel:g}" if spread is None else with_uncertainty(pixel, spread)
-    note = "no uncertainty stated" if spread is None else "standard uncertainty"
-    return [*rows, ("pixel", f"{text} mm ({note})")]
+    return [*rows, ("pixel", stated_text(pixel, settings.uncertainty.pixel_mm, "mm"))]
 
 
 def _values(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -281,9 +282,9 @@ def _of_fringe_value(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 def _of_wear(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     pair = content["coefficient_mm2_per_n"], content["standard_uncertainty"]
-    value = with_uncertainty(*(number / _WEAR_UNIT for number in pair))
+    value = with_uncertainty(*(number / WEAR_UNIT for number in pair))
     yield "wear coefficient k", f"({value})e-9 mm²/N (standard uncertainty)"
-    low, high = (number / _WEAR_UNIT for number in content["interval_95"])
+    low, high = (number / WEAR_UNIT for number in content["interval_95"])
     yield "95 % interval", f"{low:.4g}e-9 to {high:.4g}e-9 mm²/N"
     yield "law", str(content["law"])
 

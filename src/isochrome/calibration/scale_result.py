@@ -76,13 +76,17 @@ class ScalePicture:
     residual_px: Array
     roll: MeasuredValue | None = None
 
+    @property
+    def rms_px(self) -> float:
+        """Root mean square of the residual of a coordinate, px."""
+        return float(np.sqrt(np.mean(self.residual_px**2)))
+
     def to_json(self) -> dict[str, Any]:
         """Its file, how many points it shows, their residual and the target's roll."""
-        rms = float(np.sqrt(np.mean(self.residual_px**2)))
         return {
             "file": self.file,
             "corners": len(self.places),
-            "residual_px": rms,
+            "residual_px": self.rms_px,
             "roll_deg": None if self.roll is None else vars(self.roll),
         }
 
@@ -186,12 +190,13 @@ class ScaleCalibration(Result):
             return _draw_points(axes, shown[k], factor)
 
         parts = {item.input: item.contribution for item in self.budget}
-        values = "; ".join(_texts(self))
+        drawn = f"px, drawn {factor:g} times as long."
+        notes = [f"{plain_name(one.file)}: residual {one.rms_px:.3f} {drawn}" for one in shown]
         return PaperPanels(
             kinds=[PictureKind(name="points", draw=draw)],
             labels=[plain_name(picture.file, 24) for picture in shown],
             plots=[budget_plot("budget of pixel_mm", parts, unit="mm")],
-            notes=[f"{values}.", *(f"{_title(picture, factor)}." for picture in shown)],
+            notes=["; ".join(_texts(self)) + ".", *notes],
         )
 
     @property
@@ -260,11 +265,6 @@ def _texts(calibration: ScaleCalibration) -> list[str]:
         f"{name} = {with_uncertainty(measured.value, measured.standard_uncertainty)}"
         for name, measured in calibration.values.items()
     ]
-
-
-def _title(picture: ScalePicture, factor: float) -> str:
-    rms = float(np.sqrt(np.mean(picture.residual_px**2)))
-    return f"{plain_name(picture.file)}: residual {rms:.3f} px, drawn {factor:g} times as long"
 
 
 def _draw_points(axes: Axes, picture: ScalePicture, factor: float) -> AxesImage:

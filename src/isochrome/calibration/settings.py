@@ -210,7 +210,13 @@ class ImageSet(ScenePart):
         items = data.get("image") if isinstance(data, dict) else None
         if not isinstance(items, list | tuple):
             return data
-        return data | {"image": [_named(item, number) for number, item in enumerate(items, 1)]}
+        named = []
+        for number, item in enumerate(items, start=1):
+            file = item.get("file") if isinstance(item, Mapping) else None
+            if file is not None and not isinstance(file, str | Path | ArrayFrames):
+                item = {**item, "file": ArrayFrames(file, f"image {number}")}
+            named.append(item)
+        return data | {"image": named}
 
     @overload
     def path(self, file: str) -> Path:
@@ -238,14 +244,6 @@ class ImageSet(ScenePart):
         data = parse_toml(read_text(path), str(path))
         loaded = validate(cls, data, str(path), reserved=("folder", "name"))
         return loaded.model_copy(update={"folder": path.parent, "name": str(path)})
-
-
-def _named(item: Any, number: int) -> Any:
-    """An [[image]] whose array, if it has one, knows its number."""
-    file = item.get("file") if isinstance(item, Mapping) else None
-    if file is None or isinstance(file, str | Path | ArrayFrames):
-        return item
-    return {**item, "file": ArrayFrames(file, f"image {number}")}
 
 
 class CalibrationSet(ImageSet):

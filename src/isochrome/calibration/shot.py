@@ -62,6 +62,13 @@ def below_saturation(image: Array, sigma: Array, level: float) -> NDArray[np.boo
     return np.asarray((image < level) & (uniform_filter(image, 3) + 3.0 * sigma < level))
 
 
+START_PIXELS, PIXELS = 20_000, 40_000
+"""Pixels of an image, or of the square about a disc, from which a set starts, and that are fitted
+with the whole set."""
+
+EXPLAINED = 0.6
+"""Share of an image's variation that a model must explain at the least."""
+
 MOST_SATURATED = 0.3
 """Share of invalid (saturated) pixels beyond which an image is refused."""
 
@@ -92,12 +99,11 @@ def read_shots(given: CalibrationSet) -> tuple[Shot, ...]:
 def _shot(
     given: CalibrationSet, item: LoadedImage, dark: Array | None, no_load_light: Array | None
 ) -> Shot:
-    path = given.path(item.file)
-    light: dict[str, Any] = {
-        "channel": given.frames.channel,
-        "wavelength_nm": given.polariscope.wavelength_nm,
-    }
-    raw, reader = read_one_frame(path, given.frames, given.camera, **light)
+    path, frames = given.path(item.file), given.frames
+    raw, reader = read_one_frame(
+        path, frames, given.camera, channel=frames.channel,
+        wavelength_nm=given.polariscope.wavelength_nm,
+    )  # fmt: skip
     depth, inside = reader.bit_depth, load_mask(given, reader.shape, reader.full_shape)
     observed = observe(raw, name=str(path), bit_depth=depth, gamma=given.gamma, mask=inside)
     unusable = np.mean(~observed.valid[inside])

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -135,9 +136,17 @@ def fit_laws(volumes: Sequence[WornVolume], spread: Array) -> tuple[WearLawFit, 
     laws = ["archard"]
     if all(volume.friction for volume in volumes):
         laws += ["sarkar", "dissipated_energy"]
-    fits = [
-        _line(law, np.array([work_of(v, law) for v in volumes]), values, spread) for law in laws
-    ]
+    fits = []
+    for law in laws:
+        work = np.array([work_of(volume, law) for volume in volumes])
+        k, information, square, log_z = (float(part) for part in _solve(work, values, spread))
+        own = float(1.0 / np.sqrt(information))
+        fits.append(
+            WearLawFit(
+                law=law, coefficient_mm2_per_n=k, own_uncertainty=own, chi_square=square,
+                freedom=len(values) - 1, log_evidence=log_z,
+            )
+        )  # fmt: skip
     if len({volume.distance_m for volume in volumes}) > 2:
         fits.append(_running_in(volumes, values, spread))
     best = max(fit.log_evidence for fit in fits)
@@ -153,15 +162,6 @@ def _solve(work: Array, values: Array, spread: Array) -> tuple[Array, Array, Arr
     # where k is no larger than its uncertainty, ln k has no narrower place than a factor of e
     narrow = np.log(np.maximum(k * np.sqrt(information), 1.0))
     return k, information, square, -0.5 * square - narrow
-
-
-def _line(law: str, work: Array, values: Array, spread: Array) -> WearLawFit:
-    """A law of one parameter."""
-    k, information, square, log_z = _solve(work, values, spread)
-    return WearLawFit(
-        law=law, coefficient_mm2_per_n=float(k), own_uncertainty=float(1.0 / np.sqrt(information)),
-        chi_square=float(square), freedom=len(values) - 1, log_evidence=float(log_z),
-    )  # fmt: skip
 
 
 def _running_in(volumes: Sequence[WornVolume], values: Array, spread: Array) -> WearLawFit:
@@ -329,15 +329,15 @@ class WearCalibration(Result):
 
     def main_values(self) -> Iterator[tuple[str, str]]:
         """The coefficient, its interval, chi, the law, and each distance's own."""
-        pair = self.coefficient_mm2_per_n / _UNIT, self.standard_uncertainty / _UNIT
+        pair = self.coefficient_mm2_per_n / WEAR_UNIT, self.standard_uncertainty / WEAR_UNIT
         yield "coefficient_mm2_per_n", f"{with_uncertainty(*pair)} e-9"
-        low, high = (f"{edge / _UNIT:.4g}" for edge in self.interval_95)
+        low, high = (f"{edge / WEAR_UNIT:.4g}" for edge in self.interval_95)
         yield "interval_95", f"{low} to {high} e-9"
         if self.chi is not None:
             yield "chi", f"{self.chi:.2f}"
         yield "law", self.law
         for row in self.by_distance:
-            pair = row.coefficient_mm2_per_n / _UNIT, row.standard_uncertainty / _UNIT
+            pair = row.coefficient_mm2_per_n / WEAR_UNIT, row.standard_uncertainty / WEAR_UNIT
             yield row.volume.place, f"{with_uncertainty(*pair)} e-9"
 
     @property
@@ -379,7 +379,7 @@ class WearCalibration(Result):
         for axes in panels[len(distances) - 1, :] if distances else ():
             axes.set_xlabel("x (mm)")
         _draw_coefficients(panels[-1, 0], self)
-        parts = {item.input: item.contribution / _UNIT for item in self.budget}
+        parts = {item.input: item.contribution / WEAR_UNIT for item in self.budget}
         label = "contribution to u (1e-9 mm²/N)"
         draw_budget(panels[-1, 1], parts, x_label=label, title="uncertainty budget")
         write_head(figure, "    ".join(_values(self)))
@@ -408,7 +408,7 @@ class WearCalibration(Result):
             )
             for k, place in enumerate(shown)
         ]
-        parts = {item.input: item.contribution / _UNIT for item in self.budget}
+        parts = {item.input: item.contribution / WEAR_UNIT for item in self.budget}
         plots += [
             Plot(title="V/(P s)", draw=partial(_draw_coefficients, calibration=self)),
             budget_plot("uncertainty budget", parts, unit="1e-9 mm²/N"),
@@ -440,20 +440,21 @@ MOST_ROWS = 6
 _FOR_PAPER = 4
 """Those of a figure for a paper where nobody names them."""
 
-_UNIT = 1e-9
-"""Coefficients are drawn in 1e-9 mm²/N."""
+WEAR_UNIT = 1e-9
+"""mm²/N: wear coefficients of dry contacts are some of these, and are drawn and told in it."""
 
 
 def _values(calibration: WearCalibration) -> tuple[str, str, str]:
     """The coefficient, its interval and its law, in words."""
-    k, u = calibration.coefficient_mm2_per_n / _UNIT, calibration.standard_uncertainty / _UNIT
-    low, high = (edge / _UNIT for edge in calibration.interval_95)
+    pair = calibration.coefficient_mm2_per_n, calibration.standard_uncertainty
+    k, u = (number / WEAR_UNIT for number in pair)
+    low, high = (edge / WEAR_UNIT for edge in calibration.interval_95)
     value = f"k = {with_uncertainty(k, u)} e-9 mm²/N by Archard's law"
     return value, f"95 %: {low:.4g} to {high:.4g}", f"law by evidence: {calibration.law}"
 
 
 def _draw_raw(axes: Any, scars: list[TraceScar], title: str) -> None:
-    for scar, colour in zip(scars, _colours(len(scars)), strict=True):
+    for scar, colour in zip(scars, cycle(LINE_COLOURS), strict=False):
         one = scar.levelled
         if one is None:
             continue
@@ -470,7 +471,7 @@ def _draw_levelled(axes: Any, scars: list[TraceScar]) -> None:
     """Depths from the scars' middles, downward, with the worn areas and the edges."""
     traces = levelled_of(scars)
     names = [plain_name(scar.test.file, 24) for scar in scars if scar.levelled is not None]
-    for one, name, colour in zip(traces, names, _colours(len(traces)), strict=True):
+    for one, name, colour in zip(traces, names, cycle(LINE_COLOURS), strict=False):
         x = one.x_mm - one.centre_mm
         axes.plot(x, -one.depth_um, color=colour, lw=LINE_PT, label=name)
         for edge, u in zip(one.edges_mm, one.edge_uncertainty_mm, strict=True):
@@ -496,18 +497,16 @@ def _draw_coefficients(axes: Any, calibration: WearCalibration) -> None:
     """Each distance's k with two standard uncertainties, and the band of all together."""
     rows = calibration.by_distance
     s = np.array([row.volume.distance_m for row in rows])
-    k = np.array([row.coefficient_mm2_per_n for row in rows]) / _UNIT
-    u = np.array([row.standard_uncertainty for row in rows]) / _UNIT
+    k = np.array([row.coefficient_mm2_per_n for row in rows]) / WEAR_UNIT
+    u = np.array([row.standard_uncertainty for row in rows]) / WEAR_UNIT
     ends = np.array([0.0, 1.08 * s.max()])
     value, spread = calibration.coefficient_mm2_per_n, calibration.standard_uncertainty
     together = data_name("all distances")
-    draw_band(axes, ends, np.full(2, value / _UNIT), np.full(2, spread / _UNIT), label=together)
+    draw_band(
+        axes, ends, np.full(2, value / WEAR_UNIT), np.full(2, spread / WEAR_UNIT), label=together
+    )
     look: dict[str, Any] = {"fmt": "o", "color": LINE_COLOURS[1], "lw": LINE_PT, "capsize": 3}
     axes.errorbar(s, k, yerr=BAND * u, label=data_name("each distance"), **look)
     axes.set_xlim(*ends)
     title = "V/(P s) at each distance, ± 2 u, and of all"
     style_axes(axes, x_label="sliding distance (m)", z_label="k (1e-9 mm²/N)", title=title)
-
-
-def _colours(count: int) -> list[Any]:
-    return [LINE_COLOURS[k % len(LINE_COLOURS)] for k in range(count)]

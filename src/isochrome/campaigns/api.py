@@ -725,9 +725,21 @@ def _all(
             flagged = sum(item.row["status"] != "ok" for item in result.values())
             progress(Tally(len(result), len(tasks), before, flagged), frames)
 
+    def outcomes_of() -> Generator[tuple[int, Outcome]]:
+        """One recording after the other, until it pays to compute whole ones side by side."""
+        most = 1 if options.get("cluster") else workers or processors()
+        began = time.perf_counter()
+        for number, task in enumerate(tasks):
+            each_s = (time.perf_counter() - began) / number if number else None
+            if _pays(each_s, len(tasks) - number, most, requested=workers is not None):
+                remaining = dict(enumerate(tasks[number:], number))
+                yield from run_side_by_side(remaining, scene, options, most)
+                return
+            yield number, outcome_of(task, scene, {**options, "workers": workers}, tell)
+
     tell()
     try:
-        with closing(_outcomes(tasks, scene, options, workers, tell)) as outcomes:
+        with closing(outcomes_of()) as outcomes:
             for number, outcome in outcomes:
                 result[number] = outcome
                 tell()
@@ -741,25 +753,6 @@ def _all(
             )
         ) from None
     return [result[number] for number in range(len(tasks))]
-
-
-def _outcomes(
-    tasks: Sequence[Task],
-    scene: Scene,
-    options: Mapping[str, Any],
-    workers: int | None,
-    tell: RunProgress,
-) -> Generator[tuple[int, Outcome]]:
-    """One recording after the other, until it pays to compute whole ones side by side."""
-    most = 1 if options.get("cluster") else workers or processors()
-    began = time.perf_counter()
-    for number, task in enumerate(tasks):
-        each_s = (time.perf_counter() - began) / number if number else None
-        if _pays(each_s, len(tasks) - number, most, requested=workers is not None):
-            remaining = dict(enumerate(tasks[number:], number))
-            yield from run_side_by_side(remaining, scene, options, most)
-            return
-        yield number, outcome_of(task, scene, {**options, "workers": workers}, tell)
 
 
 def _pays(each_s: float | None, remaining: int, workers: int, *, requested: bool) -> bool:

@@ -237,10 +237,9 @@ calibrate_app = typer.Typer(
     add_completion=False,
 )
 
-Into = Annotated[Path | None, typer.Option("--into", help="Scene file (TOML) to set the value in.")]
+INTO: Options = {"into": (Path | None, "Scene file (TOML) to set the value in.")}
 
-
-SCALE: Options = {
+SCALE: Options = INTO | {
     "target": (str | None, "What the images show: chessboard or dots."),
     "columns": (int | None, "Inner corners (or dots) in a row of the target."),
     "rows": (int | None, "The same in a column."),
@@ -252,46 +251,21 @@ SCALE: Options = {
 """What a scale is taken from: type and option of each, by the name that the function takes."""
 
 
-def _add_calibration(what: str, text: str, show: Callable[[Any], None]) -> None:
-    """Add the command that calibrates by a set and can leave the value in a scene; its help."""
+def _add_calibration(what: str, text: str, show: Callable[[Any], None], given: Options) -> None:
+    """Add the command that calibrates by a set: its help, and the options that it has of its
+    own.
+    """
 
     @calibrate_app.command(what, help=text, epilog=examples_of(f"calibrate {what}"))
-    @with_options(FIGURE | TABLES)
+    @with_options(given | FIGURE | TABLES)
     def command(
         settings: SetArgument,
         out: Out = Path("isochrome-calibrate"),
-        into: Into = None,
         *,
         as_json: Json = False,
         **options: Any,
     ) -> None:
-        from isochrome import calibration
-
-        run = getattr(calibration, f"calibrate_{what}")
-        _calibrate(run, settings, out, into, as_json, options, show)
-
-
-_add_calibration(
-    "bending", "Calibrate from images of a beam in four-point bending.", print_calibration
-)
-_add_calibration(
-    "disc", "Calibrate from images of a disc under diametral compression.", print_calibration
-)
-
-
-@calibrate_app.command("colour", epilog=examples_of("calibrate colour"))
-@with_options(FIGURE | TABLES)
-def colour_command(
-    settings: SetArgument,
-    out: Out = Path("isochrome-calibrate"),
-    *,
-    as_json: Json = False,
-    **options: Any,
-) -> None:
-    """Calibrate a colour table, from a beam's images or from any images' own colours."""
-    from isochrome.calibration import calibrate_colour as run
-
-    _calibrate(run, settings, out, None, as_json, options, _print_colours)
+        _calibrate(what, settings, out, as_json, options, show)
 
 
 def _print_colours(result: Any) -> None:
@@ -299,6 +273,18 @@ def _print_colours(result: Any) -> None:
     typer.echo(f"colour table to N = {result.colour_table.highest:.2f} from {result.way}")
     typer.echo(f"gamma = {result.gamma:.3f}: set frames.gamma to it where the table is used")
     typer.echo(f"residual = {result.residual:.3f} of full light")
+
+
+_add_calibration(
+    "bending", "Calibrate from images of a beam in four-point bending.", print_calibration, INTO
+)
+_add_calibration(
+    "disc", "Calibrate from images of a disc under diametral compression.", print_calibration, INTO
+)
+_add_calibration(
+    "colour", "Calibrate a colour table, from a beam's images or from any images' own colours.",
+    _print_colours, {},
+)  # fmt: skip
 
 
 @calibrate_app.command("scale", epilog=examples_of("calibrate scale"))
@@ -309,15 +295,12 @@ def scale_command(
         typer.Argument(metavar="IMAGE...", help="Pictures of a target or two edges, of one size."),
     ],
     out: Out = Path("isochrome-calibrate"),
-    into: Into = None,
     *,
     as_json: Json = False,
     **options: Any,
 ) -> None:
     """Find mm a pixel and the lens, from a chessboard, dots or two edges a known distance apart."""
-    from isochrome.calibration import calibrate_scale as run
-
-    _calibrate(run, images, out, into, as_json, options, _print_values, what="values")
+    _calibrate("scale", images, out, as_json, options, _print_values)
 
 
 def _print_values(result: Any) -> None:
@@ -332,38 +315,37 @@ _add_calibration(
     "wear",
     "Calibrate the wear coefficient from traces over worn scars, or from worn volumes.",
     _print_values,
+    INTO,
 )
 
 
 def _calibrate(
-    run: Callable[..., Any],
+    what: str,
     source: str | list[str],
     out: Path,
-    into: Path | None,
     as_json: bool,
     options: dict[str, Any],
     show: Callable[[Any], None],
-    *,
-    what: str = "value",
 ) -> None:
-    """Calibrate from a `source`, leave the result in `out` and `what` in a scene, and tell it.
+    """Calibrate from a `source`, leave the result in `out` and its values in a scene, and tell it.
 
-    `options` of the figure and the tables are taken out; `run` gets the others.
+    The options that are not of a calibration itself are taken out.
     """
     from isochrome import calibration
 
-    write_extras = take_extras(options)
+    write_extras, into = take_extras(options), options.pop("into", None)
     with steps(quiet=True) as say:
         say("calibrating")
         if into is not None:
             calibration.check_scene_file(into)  # before the work, not after it
-        result = run(source, **options)
+        result = getattr(calibration, f"calibrate_{what}")(source, **options)
         calibration.save_calibration(result, out, source=source)
         if into is not None:
             first = source[0] if isinstance(source, list) else source
             calibration.write_into_scene(result, into, source=first)
         files = write_extras(result, out)
-    print_result(result, out, as_json, show, files, into=into, what=what)
+    values = "values" if what == "scale" else "value"
+    print_result(result, out, as_json, show, files, into=into, what=values)
 
 
 @with_options(RUN)
@@ -533,14 +515,14 @@ def demo_command(
     print_figures(figures)
 
 
+COMPONENTS: Options = {"components": (bool, "Also the principal stresses, apart, in MPa.")}
+
+
 @app.command("simulate", epilog=examples_of("simulate"))
-@with_options(RUN | FIGURE | TABLES)
+@with_options(COMPONENTS | RUN | FIGURE | TABLES)
 def simulate_command(
     scene: SceneArgument,
     out: Out = Path("isochrome-simulate"),
-    components: Annotated[
-        bool, typer.Option("--components", help="Also the principal stresses, apart, in MPa.")
-    ] = False,
     *,
     as_json: Json = False,
     **options: Any,
@@ -550,15 +532,12 @@ def simulate_command(
 
     write_extras = take_extras(options)
     with run_bar("simulating", "states") as progress:
-        result = run(scene, out, components=components, progress=progress, **options)
+        result = run(scene, out, progress=progress, **options)
     figures = write_extras(result, out)
     names = ["label", "p_max_mpa", "contact_width_mm", "wear_depth_um", "n_max", "n_max_x_mm",
              "n_max_z_mm"]  # fmt: skip
-    names += ["shear_max_mpa", "shear_max_x_mm", "shear_max_z_mm"] if components else []
-    print_result(
-        result, out, as_json, lambda found: print_columns(found.history, names),
-        figures,
-    )  # fmt: skip
+    names += ["shear_max_mpa", "shear_max_x_mm", "shear_max_z_mm"] * options["components"]
+    print_result(result, out, as_json, lambda one: print_columns(one.history, names), figures)
 
 
 @app.command("compare", epilog=examples_of("compare"))
@@ -589,31 +568,23 @@ def compare_command(
     )
 
 
+FIT: Options = {
+    "free": (list[str] | None, "Key that all frames share; repeatable."),
+    "per_frame": (list[str] | None, "Key of each frame; repeatable."),
+    "follow": (bool, "Look for each frame where the last one was."),
+    "track": (bool, "Follow the --per-frame keys through a video, frame by frame."),
+    "tractions": (bool, "Also the pressure and shear on the surface, model-free."),
+}
+"""What is fitted, and how frames are gone through."""
+
+
 @app.command("fit", epilog=examples_of("fit"))
 @with_options(RUN | TABLES | {"as_stated": AS_STATED})
+@with_options(FIT, before="out")
 def fit_command(
     frames: FramesArgument,
     scene: SceneOption,
     join: Join = False,
-    free: Annotated[
-        list[str] | None, typer.Option("--free", help="Key that all frames share; repeatable.")
-    ] = None,
-    per_frame: Annotated[
-        list[str] | None, typer.Option("--per-frame", help="Key of each frame; repeatable.")
-    ] = None,
-    follow: Annotated[
-        bool, typer.Option("--follow", help="Look for each frame where the last one was.")
-    ] = False,
-    track: Annotated[
-        bool,
-        typer.Option(
-            "--track", help="Follow the --per-frame keys through a video, frame by frame."
-        ),
-    ] = False,
-    tractions: Annotated[
-        bool,
-        typer.Option("--tractions", help="Also the pressure and shear on the surface, model-free."),
-    ] = False,
     out: Out = Path("isochrome-fit"),
     *,
     as_json: Json = False,
@@ -625,19 +596,18 @@ def fit_command(
     from isochrome.fitting import track as follow_keys
     from isochrome.frames import one_recording
 
-    recording, keys = one_recording(frames, join=join), tuple(per_frame or ())
-    write_extras = take_extras(options)
+    recording, write_extras = one_recording(frames, join=join), take_extras(options)
+    free, keys, *flags = (options.pop(name) for name in FIT)
+    follow, track, tractions = flags
     result: Any
-    if track:
-        refuse_shared(tuple(free or ()))
-        with run_bar("tracking") as progress:
-            result = follow_keys(recording, scene, keys, out=out, progress=progress, **options)
-    else:
-        with run_bar("fitting") as progress:
-            result = run(
-                recording, scene, free or [], per_frame=keys, follow=follow, tractions=tractions,
-                out=out, progress=progress, **options,
-            )  # fmt: skip
+    with run_bar("tracking" if track else "fitting") as progress:
+        options |= {"out": out, "progress": progress}
+        if track:
+            refuse_shared(tuple(free or ()))
+            result = follow_keys(recording, scene, tuple(keys or ()), **options)
+        else:
+            options |= {"per_frame": tuple(keys or ()), "follow": follow, "tractions": tractions}
+            result = run(recording, scene, free or [], **options)
     write_extras(result, out)
     print_result(result, out, as_json, print_summary if track else print_fit)
 
@@ -675,23 +645,20 @@ def check_command(
         raise typer.Exit(2)
 
 
+SETUP: Options = {
+    "scene": (
+        str | None,
+        "Scene or set, there or not yet; by default scene.toml, or set.toml, beside the frames.",
+    ),
+    "calibration": (str | None, "beam (in bending) or disc: a calibration set of it is made."),
+}
+"""What is set up."""
+
+
 @app.command("setup", epilog=examples_of("setup"))
+@with_options(SETUP, before="join")
 def setup_command(
     frames: FramesArgument,
-    scene: Annotated[
-        str | None,
-        typer.Option(
-            "--scene",
-            help="Scene or set, there or not yet; by default scene.toml, or set.toml, beside the "
-            "frames.",
-        ),
-    ] = None,
-    calibration: Annotated[
-        str | None,
-        typer.Option(
-            "--calibration", help="beam (in bending) or disc: a calibration set of it is made."
-        ),
-    ] = None,
     join: Join = False,
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")
@@ -700,6 +667,7 @@ def setup_command(
         int, typer.Option("--port", min=0, max=65535, help="Port; by default a free one.")
     ] = 0,
     as_json: Json = False,
+    **options: Any,
 ) -> None:
     """Set up a scene or a calibration set on a page in the browser of this machine alone.
 
@@ -713,9 +681,7 @@ def setup_command(
 
     is_set = len(frames) == 1 and frames[0].lower().endswith(".toml")
     recording = frames[0] if is_set else one_recording(frames, join=join)
-    saved = run(
-        recording, scene, calibration=calibration, browser=browser, port=port, announce=announce
-    )
+    saved = run(recording, browser=browser, port=port, announce=announce, **options)
     if as_json:
         print_json({"scene": None if saved is None else str(saved)})
     else:

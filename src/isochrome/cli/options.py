@@ -207,8 +207,9 @@ PROCESS: Options = {
 """What `process` takes besides its frames and scene, in the order of its help."""
 
 
-def with_options(options: Options) -> Callable[[Command], Command]:
-    """Give a command the options of a table, in front of --json: its `**options` takes them.
+def with_options(options: Options, *, before: str = "as_json") -> Callable[[Command], Command]:
+    """Give a command the options of a table, in front of one of its own: its `**options` takes
+    them.
 
     A flag is off and all else is None where it is not given.
     """
@@ -216,10 +217,11 @@ def with_options(options: Options) -> Callable[[Command], Command]:
     def declare(command: Command) -> Command:
         given = inspect.signature(command, eval_str=True)
         declared = [p for p in given.parameters.values() if p.kind is not p.VAR_KEYWORD]
+        place = [p.name for p in declared].index(before)
         shared = [
             inspect.Parameter(
                 name,
-                inspect.Parameter.KEYWORD_ONLY,
+                declared[place].kind,
                 default=False if kind is bool else None,
                 annotation=Annotated[
                     kind, typer.Option(*(spelt or [f"--{name.replace('_', '-')}"]), help=text)
@@ -227,8 +229,8 @@ def with_options(options: Options) -> Callable[[Command], Command]:
             )
             for name, (kind, text, *spelt) in options.items()
         ]
-        parameters = [*declared[:-1], *shared, declared[-1]]
-        command.__signature__ = given.replace(parameters=parameters)  # type: ignore[attr-defined]
+        declared[place:place] = shared
+        command.__signature__ = given.replace(parameters=declared)  # type: ignore[attr-defined]
         return command
 
     return declare

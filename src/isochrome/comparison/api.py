@@ -20,7 +20,7 @@ from isochrome.comparison.frame_sets import (
     frame_pairs,
     load_frame_set,
 )
-from isochrome.comparison.scar_comparison import ScarComparison, compare_scars, evenly_spaced
+from isochrome.comparison.scar_comparison import ScarComparison, compare_scars
 from isochrome.errors import InputError
 from isochrome.figures import (
     DIFFERENCE_MAP,
@@ -42,6 +42,7 @@ from isochrome.fringes import order_contours, skeletons
 from isochrome.output import (
     Result,
     counted,
+    evenly_spaced,
     over_items,
     provenance,
     staged,
@@ -86,7 +87,7 @@ def side_by_side(
     as the foot says. Simulated dark fringes lie over the experiment.
     """
     pairs = frame_pairs(experiment, simulation)
-    rows = tuple(evenly_spaced(len(pairs), MOST_ROWS))
+    rows = tuple(evenly_spaced(range(len(pairs)), MOST_ROWS))
     panels = side_by_side_panels(experiment, simulation, metrics, rows)
     known = simulation if simulation.pixel_mm is not None else experiment
     foot = _foot_text(len(rows), len(pairs), known.pixel_mm)
@@ -104,7 +105,8 @@ def side_by_side_panels(
     InputError where there is no pair of the numbers `frames`.
     """
     pairs = frame_pairs(experiment, simulation)
-    shown = chosen_frames(frames, len(pairs), evenly_spaced(len(pairs), _ROWS_FOR_PAPER))
+    few = evenly_spaced(range(len(pairs)), _ROWS_FOR_PAPER)
+    shown = chosen_frames(frames, len(pairs), few)
     chosen = [(*pairs[k], metrics[k]) for k in shown]
     pictures = _pictures_of(experiment, simulation, chosen)
 

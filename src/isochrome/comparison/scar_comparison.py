@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +36,9 @@ from isochrome.figures import (
 from isochrome.messages import message, warnings_json
 from isochrome.output import (
     Result,
+    columns_of,
     counted,
+    evenly_spaced,
     provenance,
     staged,
     with_uncertainty,
@@ -140,24 +143,23 @@ def _scar(
     state: SurfaceState, moved: dict[str, tuple[SurfaceState, SurfaceState]]
 ) -> SimulatedScar:
     x = state.grid.x_mm
-    profiles = {
-        key: tuple(np.interp(x, s.grid.x_mm, _depth(s), left=0.0, right=0.0) for s in pair)
-        for key, pair in moved.items()
-    }
-    edges = {key: tuple(_edges(s) for s in pair) for key, pair in moved.items()}
+
+    def moves(measure: Callable[[SurfaceState], Any]) -> dict[str, Any]:
+        """What each input moves of something that is measured in a state."""
+        return {key: 0.5 * (measure(more) - measure(less)) for key, (more, less) in moved.items()}
+
+    def profile(one: SurfaceState) -> Array:
+        return np.interp(x, one.grid.x_mm, _depth(one), left=0.0, right=0.0)
+
     return SimulatedScar(
         distance_m=state.distance_m,
         x_mm=x,
         depth_um=_depth(state),
         edges_mm=_edges(state),
-        moved_um={key: 0.5 * (a - b) for key, (a, b) in profiles.items()},
-        moved_area_mm2={
-            key: 0.5 * (a.worn_area_mm2 - b.worn_area_mm2) for key, (a, b) in moved.items()
-        },
-        moved_width_mm={
-            key: 0.5 * ((a[1] - a[0]) - (b[1] - b[0])) for key, (a, b) in edges.items()
-        },
-        moved_depth_um={key: 0.5 * float(a.max() - b.max()) for key, (a, b) in profiles.items()},
+        moved_um=moves(profile),
+        moved_area_mm2=moves(lambda one: one.worn_area_mm2),
+        moved_width_mm=moves(lambda one: float(np.diff(_edges(one))[0])),
+        moved_depth_um=moves(lambda one: float(profile(one).max())),
     )
 
 
@@ -362,7 +364,7 @@ class ScarComparison(Result):
     Parameters
     ----------
     draw : callable, optional
-        Makes the figure.
+        Makes the figure, of results that need more for it than they hold; not of this one.
     scene : Scene
         The scene whose wear made the simulated scars.
     names : tuple of str
@@ -382,19 +384,19 @@ class ScarComparison(Result):
     messages: tuple[str, ...] = ()
 
     @property
+    def traces(self) -> list[tuple[str, SimulatedScar, ScarPair | None]]:
+        """Each trace's name, its simulated scar, and itself on that."""
+        return list(zip(self.names, self.scars, self.pairs, strict=True))
+
+    @property
     def columns(self) -> dict[str, list[Any]]:
         """Those of metrics.csv, a row a trace."""
-        rows = [scar_columns(*row) for row in zip(self.names, self.scars, self.pairs, strict=True)]
-        return {name: [row[name] for row in rows] for name in rows[0]}
+        return columns_of([scar_columns(*trace) for trace in self.traces])
 
     @property
     def profiles(self) -> dict[str, Any]:
         """Columns of scars.csv: depths over x of each trace that shows a scar."""
-        rows = [
-            profile_columns(name, pair)
-            for name, pair in zip(self.names, self.pairs, strict=True)
-            if pair is not None
-        ]
+        rows = [profile_columns(name, pair) for name, _, pair in self.traces if pair is not None]
         return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
 
     @property
@@ -406,7 +408,7 @@ class ScarComparison(Result):
     def warnings(self) -> tuple[str, ...]:
         """What traces show besides a scar, areas that differ, and inputs taken as exact."""
         result = list(self.messages)
-        for name, pair in zip(self.names, self.pairs, strict=True):
+        for name, scar, pair in self.traces:
             if pair is None:
                 continue
             gap, spread = pair.area_difference_mm2
@@ -416,7 +418,7 @@ class ScarComparison(Result):
                         "worn_area_mm_differs",
                         name=name,
                         worn_area_mm2=pair.trace.worn_area_mm2,
-                        worn_area_mm2_2=pair.scar.worn_area_mm2,
+                        worn_area_mm2_2=scar.worn_area_mm2,
                         spread=abs(gap) / spread,
                     )
                 )
@@ -431,7 +433,7 @@ class ScarComparison(Result):
 
     def main_values(self) -> Iterator[tuple[str, str]]:
         """Measured and simulated worn area of each trace."""
-        for name, scar, pair in zip(self.names, self.scars, self.pairs, strict=True):
+        for name, scar, pair in self.traces:
             model = simulated_text(scar.worn_area_mm2, float(root_sum_square(scar.moved_area_mm2)))
             area = "no clear scar"
             if pair is not None:
@@ -445,7 +447,11 @@ class ScarComparison(Result):
 
     def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
         """Give the scars for a paper, at the distances of these numbers; see `paper_figure`."""
-        return scars_panels(self.names, self.scars, self.pairs, frames)
+        return scars_panels(self, frames)
+
+    def figure(self) -> Figure:
+        """All scars, and each distance's overlay and difference, see `scars_figure`."""
+        return scars_figure(self)
 
 
 def compare_scars(
@@ -472,10 +478,7 @@ def compare_scars(
     scars = tuple(by_distance[distance] for distance in listed)
     pairs, messages = _paired(files, scars)
     names = tuple(file.name for file in files)
-    draw = partial(scars_figure, scene.name, names, scars, pairs)
-    result = ScarComparison(
-        scene=scene, names=names, scars=scars, pairs=pairs, messages=messages, draw=draw
-    )
+    result = ScarComparison(scene=scene, names=names, scars=scars, pairs=pairs, messages=messages)
     if out is not None:
         with staged(out) as folder:
             write_csv(folder / "metrics.csv", result.columns)
@@ -549,47 +552,37 @@ _Row = tuple[SimulatedScar, list[tuple[str, ScarPair]], Any]
 """Of a distance its simulated scar, its named traces, and their colour."""
 
 
-def _rows_at(
-    distances: Sequence[float],
-    names: Sequence[str],
-    scars: Sequence[SimulatedScar],
-    pairs: Sequence[ScarPair | None],
-) -> list[_Row]:
+def _rows_at(distances: Sequence[float], result: ScarComparison) -> list[_Row]:
     rows: list[_Row] = []
-    for k, distance in enumerate(distances):
-        members = [i for i, scar in enumerate(scars) if scar.distance_m == distance]
-        traces = [(names[i], pair) for i in members if (pair := pairs[i]) is not None]
-        rows.append((scars[members[0]], traces, LINE_COLOURS[k % len(LINE_COLOURS)]))
+    for distance, colour in zip(distances, cycle(LINE_COLOURS), strict=False):
+        members = [trace for trace in result.traces if trace[1].distance_m == distance]
+        traces = [(name, pair) for name, _, pair in members if pair is not None]
+        rows.append((members[0][1], traces, colour))
     return rows
 
 
-def scars_figure(
-    name: str,
-    names: Sequence[str],
-    scars: Sequence[SimulatedScar],
-    pairs: Sequence[ScarPair | None],
-) -> Figure:
+def scars_figure(result: ScarComparison) -> Figure:
     """Draw measured scars beside simulated ones, and below each distance's overlay and difference.
 
     The top row is the paper's Fig. 7 beside its Fig. 9: all measured scars, and all simulated ones
-    with the band of the inputs of the scene, whose `name` is given.
+    with the band of the inputs of the scene.
     """
-    distances = sorted({scar.distance_m for scar in scars})
-    shown = [distances[k] for k in evenly_spaced(len(distances), MOST_DISTANCES)]
+    distances = sorted({scar.distance_m for scar in result.scars})
+    shown = evenly_spaced(distances, MOST_DISTANCES)
     figure = new_figure(11.0, 3.1 + 2.5 * len(shown) + 0.6)
     panels: Any = figure.subplots(
         len(shown) + 1, 2, squeeze=False, sharex=True, height_ratios=[1.25] + [1.0] * len(shown)
     )
     first, second = panels[0]
     second.sharey(first)
-    for (overlay, gap), row in zip(panels[1:], _rows_at(shown, names, scars, pairs), strict=True):
+    for (overlay, gap), row in zip(panels[1:], _rows_at(shown, result), strict=True):
         _draw_mean(first, row)
         _draw_simulated(second, row)
         _draw_overlay(overlay, row)
         _draw_gap(gap, row)
         style_axes(overlay, title=_area_text(row))
         style_axes(gap, title=_difference_text(row))
-    half = _BESIDE * 0.5 * max(scar.width_mm for scar in scars)
+    half = _BESIDE * 0.5 * max(scar.width_mm for scar in result.scars)
     first.set_xlim(-half, half)
     first.invert_yaxis()
     style_axes(first, z_label="depth (µm)", title="measured, levelled and aligned")
@@ -600,32 +593,22 @@ def scars_figure(
         style_axes(axes, x_label="x (mm)")
     write_head(
         figure,
-        f"{plain_name(name)}: measured scars beside simulated ones, bands ± {BAND:g} standard "
-        "uncertainties",
+        f"{plain_name(result.scene.name)}: measured scars beside simulated ones, bands ± {BAND:g} "
+        "standard uncertainties",
     )
     return figure
 
 
-def evenly_spaced(count: int, most: int) -> list[int]:
-    """At most so many numbers below a count, the first and the last among them."""
-    return [int(k) for k in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
-
-
-def scars_panels(
-    names: Sequence[str],
-    scars: Sequence[SimulatedScar],
-    pairs: Sequence[ScarPair | None],
-    frames: tuple[int, ...] | None,
-) -> PaperPanels:
+def scars_panels(result: ScarComparison, frames: tuple[int, ...] | None) -> PaperPanels:
     """The same for a paper: all measured and all simulated scars, and each distance's.
 
     InputError where there is no distance of the numbers `frames`.
     """
-    distances = sorted({scar.distance_m for scar in scars})
-    few = evenly_spaced(len(distances), _FOR_PAPER)
+    distances = sorted({scar.distance_m for scar in result.scars})
+    few = evenly_spaced(range(len(distances)), _FOR_PAPER)
     shown = [distances[k] for k in chosen_frames(frames, len(distances), few, items="distances")]
-    rows = _rows_at(shown, names, scars, pairs)
-    half = _BESIDE * 0.5 * max(scar.width_mm for scar in scars)
+    rows = _rows_at(shown, result)
+    half = _BESIDE * 0.5 * max(scar.width_mm for scar in result.scars)
 
     def plot(title: str, draw: Callable[[Axes], None], *, down: bool = True) -> Plot:
         def within(axes: Axes) -> None:

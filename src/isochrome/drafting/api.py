@@ -51,7 +51,6 @@ from isochrome.figures import (
     FRAME_MAP,
     LINE_PT,
     OVERLAY_COLOUR,
-    Place,
     add_legend,
     new_figure,
     show_image,
@@ -101,11 +100,7 @@ def draft_figure(data: FrameData, scene: Scene, values: Sequence[DraftValue]) ->
     model = np.where(model_frame.picture.material, stored, np.nan)
     rows, cols = data.shape
     figure = new_figure(2.0 * _WIDTH_IN, _WIDTH_IN * rows / cols + 0.9)
-    place: Place = {
-        "pixel_mm": model_frame.pixels.pixel_mm,
-        "left_mm": model_frame.pixels.left_mm,
-        "top_mm": model_frame.pixels.top_mm,
-    }
+    place = model_frame.pixels.scale
     low, high = (float(v) for v in np.percentile(data.raw, [0.5, 99.5]))
     panels: Any = figure.subplots(1, 2)
     for axes, image, title in zip(
@@ -199,6 +194,7 @@ def _smooth_residual(light: Array, sigma: Array, valid: NDArray[np.bool_]) -> Ar
 
 
 LOAD, LEFT, TOP = "load.normal_n", "camera.left_mm", "camera.top_mm"
+FIELD, TURN, PIXEL = "polariscope.field", "frames.rotate_deg", "camera.pixel_mm"
 
 FOUND = (LOAD, FRICTION, LEFT, TOP)
 
@@ -367,7 +363,7 @@ def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
     values = given_values(given, NEEDED["contact"][:-1])  # the load is found
     values += file_values(frames, given, turned=turned)
     origin: Origin = "file" if given.pixel_mm is None else "given"
-    values.append(DraftValue(key="camera.pixel_mm", value=pixel_mm, origin=origin))
+    values.append(DraftValue("camera.pixel_mm", pixel_mm, origin))
     values += [*_found_values(contact, given), *light_values(given)]
     sentences = [
         f"Frame {contact.frame} was looked at: the contact's fringes leave {contact.fit.chi:.2f} "
@@ -426,28 +422,19 @@ def _found_values(contact: ContactFit, given: KnownValues) -> list[DraftValue]:
     for key, names in contact.unsure.items():
         others = " or ".join(names)
         notes[key] = f"the frame asks for it, or for {others}, and cannot tell which"
-    values = [
-        DraftValue(
-            key=key,
-            # a friction that is not seen would state a side
-            value=float(fit.scene.get(key)) if key != FRICTION or _is_seen(contact) else 0.0,
-            origin="found",
-            standard_uncertainty=spread[key],
-            note=notes.get(key, "the frame asks for it"),
-        )
-        for key in dict.fromkeys((*FOUND, GAMMA, *fit.keys))
-        if key in fit.keys
-    ]
+    values = []
+    for key in (key for key in dict.fromkeys((*FOUND, GAMMA, *fit.keys)) if key in fit.keys):
+        # a friction that is not seen would state a side
+        value = float(fit.scene.get(key)) if key != FRICTION or _is_seen(contact) else 0.0
+        note = notes.get(key, "the frame asks for it")
+        values.append(DraftValue(key, value, "found", spread[key], note))
     if given.gamma is not None:
-        values.append(DraftValue(key=GAMMA, value=given.gamma, origin="given"))
-    origin: Origin = "found" if given.field is None else "given"
-    values.append(DraftValue(key="polariscope.field", value=lying.field, origin=origin))
+        values.append(DraftValue(GAMMA, given.gamma, "given"))
+    values.append(DraftValue(FIELD, lying.field, "found" if given.field is None else "given"))
     if lying.rotate_deg:
-        origin = "found" if given.rotate_deg is None else "given"
+        origin: Origin = "found" if given.rotate_deg is None else "given"
         note = "quarter turns, counter-clockwise, after which the load comes from above"
-        values.append(
-            DraftValue(key="frames.rotate_deg", value=lying.rotate_deg, origin=origin, note=note)
-        )
+        values.append(DraftValue(TURN, lying.rotate_deg, origin, note=note))
     return values
 
 
@@ -470,8 +457,6 @@ def _side(contact: ContactFit) -> str:
         f"on the bench, a mirror was between: run init again {again}"
     )
 
-
-FIELD, TURN, PIXEL = "polariscope.field", "frames.rotate_deg", "camera.pixel_mm"
 
 _DISC = ("diameter_mm", "thickness_mm", "fringe_value_n_per_mm")
 
@@ -505,7 +490,7 @@ def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
     bare = load_scene(tables | light_tables(given))
     data, fit = _fitted(prepare_frame(frame, bare, bit_depth=frames.bit_depth), bare, given)
     turned = fit.scene.frames.rotate_deg in (90, 270)
-    values = [DraftValue(key="specimen.shape", value="disc", origin="given")]
+    values = [DraftValue("specimen.shape", "disc", "given")]
     values += [*given_values(given, _DISC), *file_values(frames, given, turned=turned)]
     values += [*_disc_values(fit, given), *light_values(given)]
     sentences = [
@@ -527,11 +512,11 @@ def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
 def draft_without_model(frames: FrameReader, given: KnownValues) -> SceneDraft:
     """Draft a scene without a model, whose frames are read from the image alone."""
     frame = frame_of(frames, frames_to_look_at(frames, given)[0], given)
-    values = [DraftValue(key="specimen.shape", value="other", origin="given")]
+    values = [DraftValue("specimen.shape", "other", "given")]
     values += given_values(given, ("thickness_mm", "fringe_value_n_per_mm"))
     values += file_values(frames, given, turned=given.rotate_deg in (90, 270))
     if given.pixel_mm is None and frames.pixel_mm is not None:
-        values.append(DraftValue(key=PIXEL, value=frames.pixel_mm, origin="file"))
+        values.append(DraftValue(PIXEL, frames.pixel_mm, "file"))
     values += [*_stated(given), *light_values(given)]
     present = {value.key for value in values}
     quantities = (QUANTITIES[k] for k in ("thickness_mm", "fringe_value_n_per_mm", "pixel_mm"))
@@ -547,7 +532,7 @@ def draft_without_model(frames: FrameReader, given: KnownValues) -> SceneDraft:
 def _stated(given: KnownValues) -> list[DraftValue]:
     """What was given of scale, field, gamma and turn."""
     stated = {PIXEL: given.pixel_mm, FIELD: given.field, GAMMA: given.gamma, TURN: given.rotate_deg}
-    return [DraftValue(key=k, value=v, origin="given") for k, v in stated.items() if v]
+    return [DraftValue(key, value, "given") for key, value in stated.items() if value]
 
 
 def _fitted(data: FrameData, bare: Scene, given: KnownValues) -> tuple[FrameData, FrameFit]:
@@ -588,20 +573,14 @@ def _fitted(data: FrameData, bare: Scene, given: KnownValues) -> tuple[FrameData
 def _disc_values(fit: FrameFit, given: KnownValues) -> list[DraftValue]:
     """Place, scale, load and gamma by the fringes; turn and field."""
     values = [
-        DraftValue(
-            key=key,
-            value=float(fit.scene.get(key)),
-            origin="found",
-            standard_uncertainty=float(spread),
-            note=_NOTES.get(key, ""),
-        )
+        DraftValue(key, float(fit.scene.get(key)), "found", float(spread), _NOTES.get(key, ""))
         for key, spread in zip(fit.keys, fit.standard_uncertainty, strict=True)
     ]
     if given.field is None:
-        values.append(DraftValue(key=FIELD, value=fit.scene.polariscope.field, origin="found"))
+        values.append(DraftValue(FIELD, fit.scene.polariscope.field, "found"))
     turn = fit.scene.frames.rotate_deg
     if given.rotate_deg is None and turn:
-        values.append(DraftValue(key=TURN, value=turn, origin="found"))
+        values.append(DraftValue(TURN, turn, "found"))
     return values + _stated(given)
 
 

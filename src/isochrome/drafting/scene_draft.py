@@ -16,7 +16,7 @@ import tomli_w
 from isochrome.errors import InputError
 from isochrome.frames import Channel, Frame, FrameReader, check_scale, likely_no_load, named_files
 from isochrome.messages import warnings_json
-from isochrome.output import Result, counted, rounded_texts, with_uncertainty
+from isochrome.output import Result, counted, evenly_spaced, rounded_texts, with_uncertainty
 from isochrome.scene import Camera, FramesLike, Scene, load_scene, parse_scene
 
 if TYPE_CHECKING:
@@ -222,7 +222,7 @@ def _comment(text: str) -> list[str]:
 Origin = Literal["file", "given", "found"]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class DraftValue:
     """One value of a drafted scene.
 
@@ -400,7 +400,7 @@ def frames_to_look_at(reader: FrameReader, given: KnownValues) -> list[int]:
     """Numbers of the frames in which the specimen is looked for, in order."""
     count = reader.count(decode=False)
     if given.frame is None:
-        return sorted({round(k) for k in np.linspace(0, count - 1, min(count, _LOOKED_AT))})
+        return evenly_spaced(range(count), _LOOKED_AT)
     if given.frame >= count:
         raise InputError(
             "has_frame_asked_give", name_of=name_of(reader), counted=counted(count, "frame"),
@@ -430,12 +430,12 @@ def file_values(reader: FrameReader, given: KnownValues, *, turned: bool) -> lis
     rows, cols = reader.shape[::-1] if turned else reader.shape
     turn = "after the turn by frames.rotate_deg" if turned else ""
     values = [
-        DraftValue(key="camera.width_px", value=cols, origin="file", note=turn),
-        DraftValue(key="camera.height_px", value=rows, origin="file"),
+        DraftValue("camera.width_px", cols, "file", note=turn),
+        DraftValue("camera.height_px", rows, "file"),
     ]
     if reader.bit_depth is not None:
         origin: Origin = "file" if given.bit_depth is None else "given"
-        values.append(DraftValue(key="camera.bit_depth", value=reader.bit_depth, origin=origin))
+        values.append(DraftValue("camera.bit_depth", reader.bit_depth, origin))
     return values
 
 
@@ -450,7 +450,7 @@ def light_tables(given: KnownValues) -> dict[str, dict[str, Any]]:
 def given_values(given: KnownValues, names: Sequence[str]) -> list[DraftValue]:
     """What was given of some quantities."""
     return [
-        DraftValue(key=quantity.key, value=value, origin="given", note=quantity.unit)
+        DraftValue(quantity.key, value, "given", note=quantity.unit)
         for quantity, value in ((QUANTITIES[name], getattr(given, name)) for name in names)
         if value is not None
     ]
@@ -460,7 +460,7 @@ def light_values(given: KnownValues) -> list[DraftValue]:
     """What is known of the light and of the colours that are read."""
     keys = ("polariscope.wavelength_nm", "frames.channel", "frames.flip")
     values = ((key, getattr(given, key.partition(".")[2])) for key in keys)
-    return [DraftValue(key=k, value=v, origin="given") for k, v in values if v is not None]
+    return [DraftValue(key, value, "given") for key, value in values if value is not None]
 
 
 def open_of_set(reader: FrameReader, given: KnownValues) -> list[OpenKey]:

@@ -20,7 +20,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.errors import InputError
+from isochrome.errors import InputError, reason_of
 from isochrome.scene import ArrayFrames, FramesLike, Roi
 
 MAX_PIXELS = 200_000_000
@@ -207,8 +207,9 @@ def refusing(path: str | Path, what: str = "cannot be read") -> Iterator[None]:
     except InputError:
         raise
     except Exception as error:  # decoders raise nearly everything on a damaged file
-        reason = (str(error).splitlines() or [""])[0].strip()[:160] or type(error).__name__
-        raise InputError("check_file_save_again", path=path, what=what, reason=reason) from error
+        raise InputError(
+            "check_file_save_again", path=path, what=what, reason=reason_of(error)
+        ) from error
 
 
 def check_size(path: str | Path, rows: int, cols: int, pixel_bytes: int = 1) -> None:

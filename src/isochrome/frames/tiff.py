@@ -39,13 +39,12 @@ from isochrome.frames.reading import (
     next_time,
     refusing,
 )
-from isochrome.output import pixel_mm_of
+from isochrome.output import MM_PER_UNIT, pixel_mm_of
 
 if TYPE_CHECKING:
     import tifffile
 
-MM = {"m": 1e3, "cm": 10.0, "mm": 1.0, "µm": 1e-3, "μm": 1e-3, "um": 1e-3, "nm": 1e-6,
-      "in": 25.4}  # fmt: skip
+MM = {"in": 25.4} | {n: MM_PER_UNIT[n] for n in ("m", "cm", "mm", "µm", "μm", "um", "nm")}
 """Millimetres of the schema's units of length that a camera's picture can have."""
 
 OME_SECONDS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "μs": 1e-6, "us": 1e-6, "ns": 1e-9, "min": 60.0,
@@ -387,10 +386,11 @@ OTHERS = ("stk", "lsm", "fluoview", "nih", "scanimage")
 MOST_CHANNELS = 7
 """ImageJ's colours end there; writers that know no axes put all frames down as channels."""
 
-SECONDS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3,
-           "millisecond": 1e-3, "milliseconds": 1e-3, "us": 1e-6, "µs": 1e-6, "usec": 1e-6,
-           "microsecond": 1e-6, "microseconds": 1e-6, "min": 60.0, "minute": 60.0,
-           "minutes": 60.0, "h": 3600.0, "hour": 3600.0, "hours": 3600.0}  # fmt: skip
+_TIMES = ("s sec second seconds", "ms msec millisecond milliseconds",
+          "us µs usec microsecond microseconds", "min minute minutes", "h hour hours")  # fmt: skip
+
+SECONDS = {word: OME_SECONDS[words.split()[0]] for words in _TIMES for word in words.split()}
+"""Units of time by each of the words that ImageJ's notes have for them."""
 
 
 @dataclass(frozen=True, kw_only=True)

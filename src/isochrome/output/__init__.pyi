@@ -21,6 +21,7 @@ from .files import (
     write_text,
 )
 from .imagej import (
+    MM_PER_UNIT,
     SUFFIXES,
     Photometric,
     add_rois,
@@ -43,6 +44,7 @@ from .result import (
     basis_of_uncertainty,
     counted,
     counted_frames,
+    evenly_spaced,
     messages_of_frames,
     named_frames,
     over_items,
@@ -63,6 +65,7 @@ from .result import (
 
 __all__ = [
     "FIGURE_DPI",
+    "MM_PER_UNIT",
     "SUFFIXES",
     "Floats",
     "FrameValues",
@@ -80,6 +83,7 @@ __all__ = [
     "counted",
     "counted_frames",
     "csv_text",
+    "evenly_spaced",
     "imagej_view",
     "json_pieces",
     "load_roifile",

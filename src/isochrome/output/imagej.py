@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.typing import NDArray
 
-from isochrome.errors import InputError
+from isochrome.errors import InputError, reason_of
 from isochrome.output.files import replacing
 
 if TYPE_CHECKING:
@@ -313,8 +313,7 @@ def read_roi_mask(path: Path, shape: tuple[int, int]) -> Mask:
     except InputError:
         raise
     except Exception as error:  # a damaged file raises nearly everything
-        reason = (str(error).splitlines() or [""])[0][:160] or type(error).__name__
-        raise InputError("not_readable_imagej_roi", path=path, reason=reason) from error
+        raise InputError("not_readable_imagej_roi", path=path, reason=reason_of(error)) from error
     if not rois:
         raise InputError("holds_no_roi_add", path=path)
     return inside

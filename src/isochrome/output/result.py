@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import fmean, median
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,8 @@ from isochrome.output.files import numbers, replacing
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
+
+T = TypeVar("T")
 
 FIGURE_DPI = 150.0
 """Dots per inch of the pictures on disk."""
@@ -169,6 +171,12 @@ def saved_picture(path: Path) -> Figure:
     FigureCanvasAgg(figure)
     figure.figimage(picture)
     return figure
+
+
+def evenly_spaced(items: Sequence[T], most: int) -> list[T]:
+    """At most so many of some items, the first and the last among them."""
+    places = np.linspace(0, len(items) - 1, min(len(items), most))
+    return [items[round(place)] for place in places.tolist()]
 
 
 def counted(count: int, item: str) -> str:

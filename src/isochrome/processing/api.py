@@ -41,7 +41,7 @@ from isochrome.processing.frame_task import (
     release_caches,
 )
 from isochrome.processing.in_common import add_frame_row, tabulate_set
-from isochrome.processing.kinds.kind import FrameKind, accepts_keys, kind_of
+from isochrome.processing.kinds.kind import KEY_EVERY, FrameKind, accepts_keys, kind_of
 from isochrome.processing.processed import Processed, collect, refuse_unread, restore
 from isochrome.processing.result import ProcessedFrame
 from isochrome.progress import RunProgress, Tally
@@ -239,15 +239,15 @@ def _kind_of_set(
     """How a set is processed: followed where that is asked, or is usual; else state by state."""
     keyed = accepts_keys(scene) and (track or (not each and reader.kind == "video"))
     if not keyed and (track or (not each and is_followed(scene, reader))):
-        from isochrome.processing.kinds.tracked import EVERY, TrackedFilm
+        from isochrome.processing.kinds.tracked import TrackedFilm
 
-        return TrackedFilm(every=every or EVERY, wanted=maps)
+        return TrackedFilm(every=every or KEY_EVERY, wanted=maps)
     for name, value in (("every", None if keyed else every), ("maps", maps)):
         if value is not None:
             raise InputError("video_followed_add_track", name=name, value=value)
     if not keyed:
         return kind_of(scene)
-    from isochrome.processing.kinds.followed_film import KEY_EVERY, KeyedFilm
+    from isochrome.processing.kinds.followed_film import KeyedFilm
 
     return KeyedFilm(key_every=every or KEY_EVERY, by_default=not track)
 
@@ -256,10 +256,10 @@ def is_followed(scene: Scene, reader: FrameReader) -> bool:
     """Whether a set is a video of a contact whose frames can be followed."""
     if reader.kind != "video":
         return False
-    from isochrome.processing.kinds.tracked import EVERY, check_tracked
+    from isochrome.processing.kinds.tracked import check_tracked
 
     try:
-        check_tracked(scene, reader.shape, EVERY)
+        check_tracked(scene, reader.shape, KEY_EVERY)
     except InputError:
         return False
     return True

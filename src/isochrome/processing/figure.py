@@ -49,7 +49,7 @@ from isochrome.figures import (
     write_head,
 )
 from isochrome.fringes import Skeleton, order_contours, skeletons
-from isochrome.output import counted, replacing
+from isochrome.output import counted, evenly_spaced, replacing
 from isochrome.processing.in_common import frame_values
 from isochrome.processing.kinds.kind import ISOCLINIC, NORMALISED, ORDER
 from isochrome.processing.kinds.largest_order import AT_LEAST, ORDER_FROM
@@ -274,8 +274,7 @@ def shown_frames(table: Mapping[str, list[Any]], status: list[str]) -> list[int]
         return [k for k, state in enumerate(status) if state != "failed"][:_SHOWN] or [0]
     keys = [k for k, at in enumerate(table[PICTURE]) if at is not None]
     good = [k for k in keys if status[k] != "failed"] or keys[:1]
-    places = np.linspace(0, len(good) - 1, min(KEY_FRAMES, len(good)))
-    return [good[round(place)] for place in places]
+    return evenly_spaced(good, KEY_FRAMES)
 
 
 def place_of_row(table: Mapping[str, list[Any]], k: int, left: float, top: float) -> Place:
@@ -379,9 +378,7 @@ def _usual_frames(table: dict[str, list[Any]], dataset: RunDataset) -> list[int]
     followed = PICTURE in table and ORDER.name in dataset and _over_frames(dataset[ORDER.name])
     if not followed or len(usual) == KEY_FRAMES:
         return usual
-    good = [k for k, state in enumerate(status) if state != "failed"]
-    places = np.linspace(0, len(good) - 1, min(KEY_FRAMES, len(good)))
-    return [good[round(place)] for place in places]
+    return evenly_spaced([k for k, state in enumerate(status) if state != "failed"], KEY_FRAMES)
 
 
 def _over_frames(values: Any) -> bool:

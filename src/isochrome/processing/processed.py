@@ -303,12 +303,9 @@ def refuse_unread(
     if followed or any(read) or (normalised and not of_orders):
         return
     count = counted(len(table["frame"]), "frame")
+    first, words = table["warnings"][0], message(CORRECT if of_orders else _LOOK)
     raise PhysicsError(
-        "nothing_could_read_any_first",
-        name=name,
-        count=count,
-        warnings=table["warnings"][0],
-        words=message(CORRECT) if of_orders else message(_LOOK),
+        "nothing_could_read_any_first", name=name, count=count, warnings=first, words=words
     )
 
 

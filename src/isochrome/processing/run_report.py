@@ -63,7 +63,7 @@ def process_report(store: Any, result: Processed, record: Mapping[str, Any]) -> 
     fitted = scene.has_model and bool(fitted_keys(table))
     looked = result.asks_causes and not as_stated
     verdict = replace(result, as_stated=as_stated).summary_text
-    frames, choice = _frames(store, scene, table)
+    frames, choice = _frames(store, result)
     return ReportContent(
         command="process", title=result.title,
         verdict=f"{verdict[:1].upper()}{verdict[1:]}. {_goodness(table)}", frames=frames,
@@ -107,13 +107,12 @@ def _causes(table: Mapping[str, list[Any]]) -> list[ReportTable]:
     return result
 
 
-def _frames(
-    store: Any, scene: Scene, table: Mapping[str, list[Any]]
-) -> tuple[list[ReportFrame], str]:
+def _frames(store: Any, result: Processed) -> tuple[list[ReportFrame], str]:
     """The frames that are shown, and which of how many they are."""
     import zarr
 
     group: Any = zarr.open_group(store, mode="r")
+    table = result.columns
     stored = numbers(table[PICTURE] if PICTURE in table else table["frame"])
     arrays = {name: group[name] for name in (NORMALISED.name, ORDER.name) if name in group}
     # else of key frames alone
@@ -140,7 +139,7 @@ def _frames(
     if len(chosen) < len(having):
         what = "key " * (not of_all) + "frames"
         text += f", chosen among {len(having)} {what} for the reason that stands beside each"
-    return _report_frames(scene, table, shown), f"{text}."
+    return _report_frames(result, shown), f"{text}."
 
 
 _LIGHT = (0.0, 1.0)
@@ -166,11 +165,10 @@ class _Shown:
     top_mm: float
 
 
-def _report_frames(
-    scene: Scene, table: Mapping[str, list[Any]], shown: Sequence[_Shown]
-) -> list[ReportFrame]:
+def _report_frames(result: Processed, shown: Sequence[_Shown]) -> list[ReportFrame]:
     """Frames with their pictures: one range of orders and of differences for all of them."""
-    models = [_model(scene, table, one) for one in shown]
+    table = result.columns
+    models = [_model(result, one) for one in shown]
     orders = [one.order[np.isfinite(one.order)] for one in shown if one.order is not None]
     largest = max((float(known.max()) for known in orders if known.size), default=1.0)
     gaps = [
@@ -210,21 +208,19 @@ def _panes(
     return (*experiment, *simulated, *order) if experiment else (*order, *simulated)
 
 
-def _model(
-    scene: Scene, table: Mapping[str, list[Any]], shown: _Shown
-) -> tuple[_Model | None, str]:
+def _model(result: Processed, shown: _Shown) -> tuple[_Model | None, str]:
     """The simulation of a frame with what was fitted to it; else None, and the reason."""
-    keys = fitted_keys(table)
-    if not scene.has_model or not keys:
+    keys = fitted_keys(result.columns)
+    if not result.scene.has_model or not keys:
         return None, ""
-    if scene.frames.has_known_loads:
+    if result.scene.frames.has_known_loads:
         return None, "the stress that the disc holds without load is in no simulation"
-    result = own_values(table, keys, shown.number)  # NaN for what its state does not have
-    values = {key: value for key, value in result.items() if np.isfinite(value)}
+    own = own_values(result.columns, keys, shown.number)  # NaN for what its state does not have
+    values = {key: value for key, value in own.items() if np.isfinite(value)}
     if not values:
         return None, "nothing was fitted to it, so there is no simulation"
     try:
-        fitted = _own_scene(scene, table, shown, values)
+        fitted = _own_scene(result, shown, values)
         *_, state = iter_scene_states(fitted)
         pixels = pixel_grid(fitted)
         picture = make_picture(fitted, state_difference(fitted, state, pixels), pixels)
@@ -235,21 +231,20 @@ def _model(
     return (signal, order), ""
 
 
-def _own_scene(
-    scene: Scene, table: Mapping[str, list[Any]], shown: _Shown, values: Mapping[str, float]
-) -> Scene:
+def _own_scene(result: Processed, shown: _Shown, values: Mapping[str, float]) -> Scene:
     """The scene of a frame alone, as `own_scene` has it, with what was fitted."""
     image = shown.order if shown.signal is None else shown.signal
     assert image is not None
-    bare = sliding_scene(scene)
-    if scene.frames.sliding_speed_mm_per_s is None:
+    row = {name: result.columns[name][shown.number] for name in ("distance_m", "pixel_mm")}
+    bare = sliding_scene(result.scene)
+    if bare.frames.sliding_speed_mm_per_s is None:
         bare = frame_scene(bare, shown.number)
     else:
-        bare = scene_at(bare, float(table["distance_m"][shown.number]))
+        bare = scene_at(bare, float(row["distance_m"]))
     camera: dict[str, Any] = {
         "camera.height_px": image.shape[0],
         "camera.width_px": image.shape[1],
-        "camera.pixel_mm": float(table["pixel_mm"][shown.number]),
+        "camera.pixel_mm": float(row["pixel_mm"]),
         "camera.left_mm": shown.left_mm,
         "camera.top_mm": shown.top_mm,
         "camera.colour": False,  # the frames are of one channel

@@ -20,6 +20,7 @@ from .page import (
     order_map,
     paper_rows,
     report_html,
+    stated_text,
     warnings_with_remedies,
     write_report,
 )
@@ -46,6 +47,7 @@ __all__ = [
     "order_map",
     "paper_rows",
     "report_html",
+    "stated_text",
     "warnings_with_remedies",
     "write_report",
 ]

@@ -425,6 +425,13 @@ def _light(scene: WithCamera) -> Iterator[tuple[str, str]]:
         yield "light", f"{light.wavelength_nm:g} nm{band}, {field}"
 
 
+def stated_text(value: float, spread: float | None, unit: str) -> str:
+    """A measured number as a scene or set states it, with its unit and what its ± is."""
+    text = f"{value:g}" if spread is None else with_uncertainty(value, spread)
+    basis = "no uncertainty stated" if spread is None else "standard uncertainty"
+    return f"{text} {unit}".strip() + f" ({basis})"
+
+
 def _numbers(scene: Scene) -> Iterator[tuple[str, str]]:
     stated = dict(scene.stated_uncertainty)
     for name, key, unit in _MEASURED:
@@ -432,10 +439,7 @@ def _numbers(scene: Scene) -> Iterator[tuple[str, str]]:
         value = getattr(getattr(scene, table), field, None)
         if value is None:
             continue
-        spread = stated.get(key)
-        text = f"{value:g}" if spread is None else with_uncertainty(value, spread)
-        basis = "no uncertainty stated" if spread is None else "standard uncertainty"
-        yield name, f"{text} {unit}".strip() + f" ({basis})"
+        yield name, stated_text(value, stated.get(key), unit)
         if name.startswith("fringe value"):
             yield "date of f_sigma", scene.fringe_value_date or NO_DATE
 

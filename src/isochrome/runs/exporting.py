@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isochrome.errors import InputError
+from isochrome.errors import InputError, reason_of
 from isochrome.output import (
+    evenly_spaced,
     imagej_view,
     replacing,
     staged,
@@ -81,9 +82,8 @@ def export(run: str | Path, to: str, out: str | Path | None = None) -> list[Path
             if isinstance(error, InputError):
                 raise
             name_damage(place)
-            reason = (str(error).splitlines() or [""])[0][:160] or type(error).__name__
             raise InputError(
-                "cannot_read_run_command", store=place / STORE, reason=reason
+                "cannot_read_run_command", store=place / STORE, reason=reason_of(error)
             ) from error
         return [target / file.relative_to(folder) for file in files]
 
@@ -200,9 +200,9 @@ def _span(array: xarray.DataArray) -> tuple[float, float]:
     Those are evenly spaced.
     """
     together = _kept_together(array)
-    wanted = np.linspace(0, len(array) - 1, min(len(array), _LOOKED_AT)).round().astype(int)
+    wanted = evenly_spaced(range(len(array)), _LOOKED_AT)
     ends = list[float]()
-    for start in sorted({together * (k // together) for k in wanted.tolist()}):
+    for start in sorted({together * (k // together) for k in wanted}):
         values = np.asarray(array[start : start + together].values)
         known = values[np.isfinite(values)]
         ends += [float(known.min()), float(known.max())] if known.size else []

@@ -224,10 +224,18 @@ def true_contact(nominal: Scene) -> Scene:
 
 def placed_contact(scene: Scene, nominal: Scene, index: int) -> Scene:
     """A scene with its camera at the true place of frame `index`."""
-    pixel = nominal.get("camera.pixel_mm")
-    left_mm = nominal.get("camera.left_mm") + LEFT_PX[index] * pixel
-    top = nominal.get("camera.top_mm") + TOP_PX[index] * pixel
-    return scene.with_values({"camera.left_mm": round(left_mm, 9), "camera.top_mm": round(top, 9)})
+    return scene.with_values(_moved(nominal, LEFT_PX[index], TOP_PX[index]))
+
+
+def _moved(nominal: Scene, right_px: float, down_px: float) -> dict[str, float]:
+    """The place of a picture that lies so many pixels from its nominal one."""
+    pixel, moves = nominal.get("camera.pixel_mm"), {"left": right_px, "top": down_px}
+    keys = {f"camera.{edge}_mm": move for edge, move in moves.items()}
+    return {key: round(nominal.get(key) + move * pixel, 9) for key, move in keys.items()}
+
+
+def _values_of(truth: Scene, *keys: str) -> dict[str, Any]:
+    return {key: truth.get(key) for key in keys}
 
 
 def fine_order(scene: Scene, state: SceneState, points: int) -> Array:
@@ -247,7 +255,7 @@ def _true_values(truth: Scene, nominal: Scene, states: list[SceneState]) -> dict
     """The true values, by the scene's keys; a list has one value a frame."""
     places = [placed_contact(truth, nominal, i) for i in range(len(states))]
     return {
-        **{key: truth.get(key) for key in ("load.normal_n", "wear.coefficient_mm2_per_n")},
+        **_values_of(truth, "load.normal_n", "wear.coefficient_mm2_per_n"),
         "frames": [s.label for s in states],
         "distance_m": [s.distance_m for s in states],
         "friction.coefficient": [s.surface.friction for s in states if s.surface],
@@ -314,8 +322,7 @@ def true_film(nominal: Scene) -> Scene:
             "friction.coefficient": {"distance_m": distance, "value": friction.round(6)},
             "wear.coefficient_mm2_per_n": WEAR_MM2_PER_N,
             "wear.distances_m": distance,
-            "camera.left_mm": round(nominal.get("camera.left_mm") + FILM_LEFT_PX * pixel, 9),
-            "camera.top_mm": round(nominal.get("camera.top_mm") + FILM_TOP_PX * pixel, 9),
+            **_moved(nominal, FILM_LEFT_PX, FILM_TOP_PX),
         }
     ).model_copy(update={"numerics": numerics})
 
@@ -327,9 +334,7 @@ def _film_values(truth: Scene) -> dict[str, Any]:
         "distance_m": list(load.distance_m),
         "load.normal_n": list(load.value),
         "friction.coefficient": list(friction.value),
-        "wear.coefficient_mm2_per_n": truth.get("wear.coefficient_mm2_per_n"),
-        "camera.left_mm": truth.get("camera.left_mm"),
-        "camera.top_mm": truth.get("camera.top_mm"),
+        **_values_of(truth, "wear.coefficient_mm2_per_n", "camera.left_mm", "camera.top_mm"),
         "camera": FILM_CAMERA.model_dump(exclude_unset=True),
     }
 
@@ -418,8 +423,7 @@ def render_disc(folder: Path, seed: int) -> None:
     truth = {
         "fringe_value_n_per_mm": scene.get("specimen.fringe_value_n_per_mm"),
         "order_at_zero_load": 0.0,
-        "camera.left_mm": scene.get("camera.left_mm"),
-        "camera.top_mm": scene.get("camera.top_mm"),
+        **_values_of(scene, "camera.left_mm", "camera.top_mm"),
         "centre_row_px": 0.5 * (rows - 1) + OFF_PX[0],
         "centre_col_px": 0.5 * (cols - 1) + OFF_PX[1],
         "camera": CAMERA.model_dump(exclude_unset=True),
@@ -482,8 +486,7 @@ def render_wear(folder: Path, seed: int) -> None:
     values: dict[str, Any] = {
         "rendered": "by Isochrome: every value below was put in, none was measured",
         "seed": seed,
-        "load.normal_n": truth.get("load.normal_n"),
-        "wear.coefficient_mm2_per_n": truth.get("wear.coefficient_mm2_per_n"),
+        **_values_of(truth, "load.normal_n", "wear.coefficient_mm2_per_n"),
         "worn_area_mm2_by_distance_m": areas,
         "scar_middle_mm": places,
         "friction_distance_m": list(truth.get("friction.coefficient").distance_m),

@@ -552,13 +552,11 @@ def levelled(trace: Trace) -> LevelledTrace:
         bins, place = bin_trace(turned), replace(place, depth_um=-place.depth_um)
     if place.clear < STANDS_OUT:
         raise UnclearScarError(
-            message(
-                "no_scar_stands_out_roughness",
-                name=trace.name,
-                depth_um=place.depth_um,
-                clear=place.clear,
-                stands_out=STANDS_OUT,
-            )
+            "no_scar_stands_out_roughness",
+            name=trace.name,
+            depth_um=place.depth_um,
+            clear=place.clear,
+            stands_out=STANDS_OUT,
         )
     _check_shoulders(bins, place, trace.name)
     if place.depth_um < _SHALLOWEST * 2e3 * place.half_mm:

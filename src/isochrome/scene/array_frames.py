@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import PlainSerializer, PlainValidator
 from pydantic_core import PydanticCustomError
 
-from isochrome.errors import InputError
+from isochrome.errors import InputError, reason_of
 from isochrome.messages import message
 
 MOST_FRAMES = 1_000_000
@@ -151,10 +151,9 @@ class ArrayFrames:
         except InputError:
             raise
         except Exception as error:  # whatever computes or reads a lazy one
-            reason = (str(error).splitlines() or [""])[0].strip()[:160] or type(error).__name__
             raise InputError(
                 "frame_cannot_read", called=self._called, index=index, kind=type(error).__name__,
-                reason=reason, what=message(_WHAT),
+                reason=reason_of(error), what=message(_WHAT),
             ) from error  # fmt: skip
 
     def _refuse_masked(self) -> None:

@@ -556,9 +556,7 @@ def find_in_frames(
     started = session.text
     text, guessed = _start_text(session, form)
     scene = session.scene(text)
-    count = session.count(scene)
-    if not 0 <= index < count:
-        raise InputError("frame_there_counted_from_2", index=index, count=count)
+    count = session.count_with(index, scene)
     still = scene.friction is not None and scene.friction.static_state_first
     known = _known(scene, 1 if still and index == 0 and count > 1 else index, held=held)
     try:

@@ -78,9 +78,6 @@ _WRONG_CHI = 3.0
 _ORDER_STEP = 0.02
 """Fringes from level to level of a map as the page shows it."""
 
-_UNKNOWN = 0
-"""Level of a pixel whose order is not known."""
-
 _WORTH_SAYING = 0.01
 """Share of the frame that is lost elsewhere from which it is said."""
 
@@ -175,7 +172,7 @@ def shown_orders(order: NDArray[np.floating]) -> NDArray[np.uint8]:
     """Orders, NaN = not known, as levels of the page, see `order_map_of_points`."""
     known = np.isfinite(order)
     level = np.rint(np.where(known, order, 0.0) / _ORDER_STEP) + 1.0
-    return np.where(known, np.clip(level, 1, 255), _UNKNOWN).astype(np.uint8)
+    return np.where(known, np.clip(level, 1, 255), 0).astype(np.uint8)
 
 
 class ClickPreview:

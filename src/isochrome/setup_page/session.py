@@ -468,11 +468,16 @@ class SetupSession:
         except InputError:
             return None
 
-    def frame(self, index: int, scene: Scene | None) -> Frame:
-        """A whole frame."""
+    def count_with(self, index: int, scene: Scene | None) -> int:
+        """How many frames there are; InputError where frame `index` is none of them."""
         count = self.count(scene)
         if not 0 <= index < count:
             raise InputError("frame_there_counted_from_2", index=index, count=count)
+        return count
+
+    def frame(self, index: int, scene: Scene | None) -> Frame:
+        """A whole frame."""
+        self.count_with(index, scene)
         return self._sequence(scene).frame(index)
 
     def picture(self, index: int) -> NDArray[np.uint8]:

@@ -462,7 +462,8 @@ def simulate(
             options = RunOptions(workers, cluster, restart)
             columns = run_job(job, Path(out), finish, options=options, progress=progress)
         already = columns is None
-        draw = partial(_draw, work, Path(out).absolute() / PICTURE, already)
+        picture = partial(saved_picture, Path(out).absolute() / PICTURE)
+        draw = picture if already else partial(_drawn, work)
         return Simulation(
             scene=scene, pixels=pixels, history=columns or read_csv(Path(out) / HISTORY),
             already=already, draw=draw, components=components,
@@ -490,8 +491,6 @@ def simulate(
     )  # fmt: skip
 
 
-def _draw(work: RenderWork, file: Path, already: bool) -> Figure:
+def _drawn(work: RenderWork) -> Figure:
     """The picture of a simulation in a folder."""
-    if already:
-        return saved_picture(file)
     return simulation_figure(work.scene, work.pixels, work.rendered_states(work.shown))

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 from isochrome.contact import SurfaceState
 from isochrome.errors import InputError, PhysicsError
 from isochrome.optics import expose, fringe_order
-from isochrome.output import csv_text
+from isochrome.output import csv_text, evenly_spaced
 from isochrome.runs import Column, Results, RunArray, RunDataset, attributes, column, make_dataset
 from isochrome.scene import Scene, dump_scene
 from isochrome.simulation.model import (
@@ -236,11 +236,9 @@ def render(
     for index, state in enumerate(states, first):
         width = pixels.cols * pixels.pixel_mm
         if state.surface is not None and state.surface.contact_width_mm > width:
+            wide = state.surface.contact_width_mm
             raise PhysicsError(
-                "contact_mm_wide_wider",
-                name=scene.name,
-                contact_width_mm=state.surface.contact_width_mm,
-                width=width,
+                "contact_mm_wide_wider", name=scene.name, contact_width_mm=wide, width=width
             )
         picture = make_picture(scene, state_difference(scene, state, pixels), pixels)
         refuse_too_fine(scene, picture)
@@ -278,7 +276,7 @@ _SHOWN = 6
 
 def shown_states(count: int) -> list[int]:
     """Which of a number of states the figure shows."""
-    return [round(end) for end in np.linspace(0, count - 1, min(_SHOWN, count))]
+    return evenly_spaced(range(count), _SHOWN)
 
 
 class RenderWork:

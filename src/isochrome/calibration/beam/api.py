@@ -30,7 +30,7 @@ from isochrome.calibration.order_line import (
 )
 from isochrome.calibration.result import Calibration, ImageFit, View
 from isochrome.calibration.settings import CalibrationSet, SetLike, load_set
-from isochrome.calibration.shot import Shot, calibrate_channels, unused
+from isochrome.calibration.shot import PIXELS, START_PIXELS, Shot, calibrate_channels, unused
 from isochrome.calibration.whole_set.set_fit import (
     causes,
     contradiction,
@@ -220,9 +220,6 @@ def _peaks(cost: Array, number: int) -> NDArray[np.intp]:
     return local[np.argsort(cost[local], kind="stable")][:number]
 
 
-START_PIXELS = 20_000
-"""Pixels of an image from which the set starts."""
-
 MARGINS = (0.1, 0.03, 0.03, 0.03)
 """Part of the height left out at each edge, where chamfers and blur are, in each round of the fit:
 more at first, while the edges are known roughly."""
@@ -358,9 +355,6 @@ def _check(shot: Shot, fits: SeveralStarts, seen_px: float) -> None:
     if not (best.converged and best.positive):
         raise PhysicsError("fringes_not_those_pure", name=shot.name)
 
-
-PIXELS = 40_000
-"""Pixels of an image that are fitted with the whole set."""
 
 MOMENT = "a moment that changes along the beam"
 

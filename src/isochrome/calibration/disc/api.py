@@ -47,7 +47,14 @@ from isochrome.calibration.disc.disc_field import (
 from isochrome.calibration.order_line import Input, uncertainty_budget, widened_to_held_out
 from isochrome.calibration.result import Calibration, ImageFit, View
 from isochrome.calibration.settings import CalibrationSet, Disc, SetLike, load_set
-from isochrome.calibration.shot import Shot, calibrate_channels, unused
+from isochrome.calibration.shot import (
+    EXPLAINED,
+    PIXELS,
+    START_PIXELS,
+    Shot,
+    calibrate_channels,
+    unused,
+)
 from isochrome.calibration.whole_set.set_fit import (
     causes,
     contradiction,
@@ -64,14 +71,8 @@ from isochrome.messages import message
 
 Array = NDArray[np.float64]
 
-START_PIXELS = 20_000
-"""Pixels of the square about the disc from which the set starts."""
-
 FEWEST = 0.5
 """Centre order at the least."""
-
-EXPLAINED = 0.6
-"""Share of an image's variation that the model must explain at least."""
 
 
 def fit_disc(shot: Shot, circle: Circle, starts: Array) -> Array:
@@ -205,9 +206,6 @@ def _places(geometry: Array, rows: Array, cols: Array) -> tuple[Array, Array]:
     row, col, radius, _ = geometry
     return (cols - col) / radius, (rows - row) / radius
 
-
-PIXELS = 40_000
-"""Pixels of the square about the disc that are fitted with the whole set."""
 
 ROUGH_PIXELS = 3_000
 RADII = (0.92, 0.95, 0.98, 1.01)

@@ -6,8 +6,6 @@ cause explains. The likeliest set of them is fitted, and asked again. Last, its 
 maps, and what it found, in words.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial

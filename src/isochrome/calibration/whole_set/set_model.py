@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.calibration.shot import Shot
+from isochrome.calibration.shot import EXPLAINED, Shot
 from isochrome.estimation import (
     MOSTLY,
     Bounds,
@@ -68,9 +68,6 @@ _CORRELATED = 1.2
 _MOST_STEPS = 40
 _ENOUGH = 1e-3
 """Fall of chi-square, in units of the noise that is left, below which a step is the last."""
-
-EXPLAINED = 0.6
-"""Share of each loaded image's variation that a fit must explain at the least."""
 
 _LARGEST_EXPONENT = 5.0
 """Of a squared order below nought, where noise may drive it: the wave stays finite."""

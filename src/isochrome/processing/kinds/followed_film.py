@@ -46,7 +46,7 @@ from isochrome.fringes import (
 )
 from isochrome.messages import message
 from isochrome.processing.kinds.image_only import FLAWS, LEAST_ORDER, ImageOnly, read_alone
-from isochrome.processing.kinds.kind import FrameKind
+from isochrome.processing.kinds.kind import KEY_EVERY, FrameKind
 from isochrome.processing.kinds.largest_order import order_columns
 from isochrome.processing.result import SEPARATOR, Capture, ProcessedFrame, frame_fields
 from isochrome.progress import STAGE_EVERY_S, RunProgress, Tally
@@ -213,11 +213,7 @@ class Film(ImageOnly):
                 yield _read(film, replace(state, known=known), numbered, light, scene)
 
 
-def _reported(
-    captured: Callable[[], Iterator[tuple[int, list[Frame]]]],
-    count: int,
-    progress: RunProgress | None,
-) -> Iterator[tuple[int, list[Frame]]]:
+def _reported(captured: Callable[[], Frames], count: int, progress: RunProgress | None) -> Frames:
     """Frames of a pass over a film, which is told of where it takes some seconds."""
     last = monotonic()
     for index, frames in captured():
@@ -371,8 +367,6 @@ def _final_light(
     return light, notes
 
 
-KEY_EVERY = 200
-"""Frames from one key frame to the next: one is read in as long as some fifty are followed."""
 KEY_LIGHT = "light_first_key_frame"
 _ALONE = "each_frame_read_itself"
 _OR_ALONE = "leave_track_out_each"

@@ -38,6 +38,12 @@ ACCEPTS: Mapping[str, Callable[[Scene], bool]] = {
 """The kinds, as module and class: a scene is of the first that accepts it."""
 
 
+KEY_EVERY = 200
+"""Frames from one key frame to the next where none is named. One costs as much as some 200 that a
+contact's model is followed through, or some fifty without a model; and what is done between two is
+lost when a run is killed."""
+
+
 def kind_of(scene: Scene) -> FrameKind:
     """The kind of a scene's frames, each state read by itself."""
     module, name = next(k for k, accepts in ACCEPTS.items() if accepts(scene)).split(".")

@@ -30,7 +30,7 @@ from isochrome.fitting import (
 from isochrome.frames import Frame
 from isochrome.output import counted
 from isochrome.processing.frame_task import FrameSource, place_of
-from isochrome.processing.kinds.kind import CONFIDENCE, ORDER, FrameKind
+from isochrome.processing.kinds.kind import CONFIDENCE, KEY_EVERY, ORDER, FrameKind
 from isochrome.processing.kinds.largest_order import largest_with_model
 from isochrome.processing.kinds.with_model import (
     WithModel,
@@ -57,11 +57,6 @@ from isochrome.scene import Scene
 from isochrome.simulation import make_picture, scene_states, state_difference
 from isochrome.specimens import surface_field_grid
 from isochrome.stress import pixel_grid
-
-EVERY = 200
-"""Frames from one key frame to the next: a key frame costs as much as some 200 that are followed,
-and what is done between two is lost when a run is killed."""
-
 
 MOST_ON_DISK, MOST_KEPT = 20e9, 8e9
 """Bytes up to which maps of all frames are written, or kept in memory, without being asked for."""
@@ -95,7 +90,7 @@ class TrackedFilm(WithModel):
     and `pages`, whether the TIFF stacks have a page for each of them.
     """
 
-    every: int = EVERY
+    every: int = KEY_EVERY
     wanted: str | None = None
     maps: str = "key"
     order_step: float = 1e-4

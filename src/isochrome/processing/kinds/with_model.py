@@ -143,18 +143,15 @@ def _without_model(
     # the place that the lost fit ended at says nothing: the specimen is where it began
     inside = evaluate_model(data, scene.with_values({GAMMA: data.gamma})).picture.material
     image = read_alone(frame, scene, capture, inside=inside)[0]
+    # only the place it began with is left of it, and its chi
+    values, unknown = np.array(place, dtype=float), np.full(len(place), np.nan)
+    fit = replace(lost.fit, scene=scene, values=values, standard_uncertainty=unknown)
     return replace(
         lost,
         normalised=image.normalised,
         lines=image.lines,
         noise=image.noise,
-        # only the place it began with is left of it, and its chi
-        fit=replace(
-            lost.fit,
-            scene=scene,
-            values=np.array(place, dtype=float),
-            standard_uncertainty=np.full(len(place), np.nan),
-        ),
+        fit=fit,
         warnings=(*lost.warnings, *(() if slip else image.warnings)),
     )
 
