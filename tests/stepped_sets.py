@@ -35,7 +35,7 @@ brightness = 0.85
 background = 0.05
 vignette = 0.3
 noise_grey = 3.0
-blur_px = 0.28
+blur_px = 0.25
 """
 DISC = '[specimen]\nshape = "disc"\ndiameter_mm = 30.0\nthickness_mm = 6.0\n' + (
     "fringe_value_n_per_mm = 7.0\n[load]\nnormal_n = 450.0\n" + OPTICS + CAMERA
