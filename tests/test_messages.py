@@ -8,7 +8,14 @@ import pytest
 
 import isochrome
 from isochrome.comparison import ComparedFrames, compare_frames
-from isochrome.messages import Message, message, messages_data, read_messages, read_warnings
+from isochrome.messages import (
+    Message,
+    message,
+    messages_data,
+    read_messages,
+    read_warnings,
+    warnings_json,
+)
 from isochrome.reporting import warnings_with_remedies
 
 SCENE = "[specimen]\nthickness_mm = 4.0\n\n[camera]\nbit_depth = 8\npixel_mm = 0.05\n"
@@ -42,7 +49,8 @@ def test_json_has_code_values_and_text_and_gives_the_message_back():
     back = read_messages(data)
     assert back == tuple(texts) and [isinstance(text, Message) for text in back] == [True, False]
     assert read_warnings({"warnings": ["older"]}) == ("older",)
-    assert read_warnings({"warnings": texts, "messages": data})[0].code == "no_such_file_check"
+    stored = json.loads(json.dumps(warnings_json(texts)))
+    assert read_warnings(stored)[0].code == "no_such_file_check"
 
 
 def test_a_refusal_has_its_message():

@@ -73,7 +73,7 @@ def test_noise_as_expected_is_left_and_no_full_block_tells_nothing():
 
 
 @pytest.mark.parametrize("axis", [0, 1])
-def test_lines_with_a_noise_of_their_own_are_told(axis):
+def test_lines_with_a_noise_of_their_own_are_told_and_widen_what_is_fitted(axis):
     own = np.random.default_rng(4).normal(0.0, 0.2, SHAPE[1 - axis])
     residual = noise(5) + (own[:, None] if axis else own)
     length, lines = SHAPE[axis], SHAPE[1 - axis]
@@ -83,6 +83,11 @@ def test_lines_with_a_noise_of_their_own_are_told(axis):
     for told_by, spread in ((line_noise, 1.3 * scatter), (line_correlation, scatter)):
         assert told_by(KEEP, residual.ravel(), axis) == pytest.approx(expected, rel=spread)
         assert told_by(KEEP, residual.ravel(), 1 - axis) < 1.4
+    # of Σ r j with one j a line: the same many times the squares' sum, which lines weigh unevenly
+    slopes = np.sin((ROWS if axis else COLS) / 40.0).ravel()
+    ((variance,),) = gradient_covariance(slopes[None], residual.ravel(), KEEP)
+    whole = (1.0 + length * 0.04) * np.sum(slopes**2)
+    assert variance == pytest.approx(whole, rel=1.3 * scatter)
 
 
 def test_what_changes_slowly_from_line_to_line_is_no_noise_of_theirs():

@@ -1,5 +1,7 @@
 """Tractions besides a contact's model: their stress, their prior, and their key in a scene."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,7 @@ from isochrome.fitting import SceneRenderer, fit_with_causes
 from isochrome.fitting.causes.cause import MODULUS
 from isochrome.fitting.causes.modes import traction_modes
 from isochrome.fitting.causes.score import ORDER, TRACTIONS, Asked
+from isochrome.fitting.frame.frame_model import trust_of_slopes
 from isochrome.scene import dump_scene, load_scene, parse_scene
 from isochrome.simulation import scene_states
 from isochrome.stress import pixel_grid
@@ -51,6 +54,23 @@ def test_the_process_has_its_size_and_no_sum(size, length):
     spread = np.sqrt(np.square(root[:count]).sum(axis=1)) / modes.largest_mpa
     # what the sum of nought takes: the longer the process is alike, the more
     assert np.all(spread < 1.01 * size) and np.median(spread) > 0.5 * size
+
+
+def test_pixels_whose_fringes_are_off_count_by_what_their_slopes_do_not_know():
+    """On the left the phase is off by 0.8, and the signal by more than its slope times that."""
+    rows, cols = np.indices((60, 120))
+    phase, off, gain = 2.0 * np.pi * cols / 12.0 + rows / 9.0, 0.8 * (cols < 60), 40.0
+    missed = 0.5 * (np.cos(phase) - np.cos(phase + off))
+    noise = np.random.default_rng(0).normal(size=phase.shape)
+    seen = SimpleNamespace(
+        problem=SimpleNamespace(keep=cols >= 0), part=SimpleNamespace(amplitude=gain),
+        residual=(gain * missed + noise).ravel(),
+    )  # fmt: skip
+    trust = trust_of_slopes(seen).reshape(phase.shape)
+    beyond = gain * np.std((missed - 0.5 * off * np.sin(phase))[:, :60])
+    # of the third order the estimate has nothing: 4 %; a window holds fringes and a quarter
+    assert np.median(trust[:, :50]) == pytest.approx(1.0 / np.hypot(1.0, beyond), rel=0.1)
+    assert trust[:, 70:].min() > 0.99
 
 
 LATER = pytest.mark.long

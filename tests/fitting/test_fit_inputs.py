@@ -136,9 +136,9 @@ def test_a_prior_far_sharper_than_the_frame_is_the_value():
 def test_a_prior_as_sharp_as_the_frame_meets_it_half_way():
     plain = plain_fit()
     spread = plain.cramer_rao_bound[0]
-    found = with_load(plain.values[0] + 4.0 * spread, spread)
-    # a twentieth of the distance for derivatives by both sides with a prior, by one without
-    assert found.values[0] - plain.values[0] == pytest.approx(2.0 * spread, abs=0.2 * spread)
+    found = with_load(plain.values[0] + 10.0 * spread, spread)
+    # both ends are some fiftieths of it from their least; without its pull a search stops 0.5 short
+    assert found.values[0] - plain.values[0] == pytest.approx(5.0 * spread, abs=0.1 * spread)
     assert found.cramer_rao_bound[0] == pytest.approx(spread / np.sqrt(2.0), rel=0.05)
 
 

@@ -10,7 +10,9 @@ from fitting.engine_frames import prepared
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import HALF, Minimum, is_explained
 from isochrome.fitting import (
+    FrameWork,
     Pixels,
+    PreparedFrames,
     clear_of_ends,
     fit,
     fit_frame,
@@ -242,10 +244,13 @@ def test_fringes_of_a_third_of_the_noise_are_found():
 
 def test_a_frame_after_one_without_fringes_is_looked_for_from_the_scene(tmp_path, image):
     frames = np.stack([image, noise_alone(image.shape, 1), image])
-    write_tiff(tmp_path / "film.tif", frames, pixel_mm=0.025)
+    write_tiff(film := tmp_path / "film.tif", frames, pixel_mm=0.025)
     begun = scene(load__normal_n=46.0)
-    found = fit(tmp_path / "film.tif", begun, (), per_frame=(LOAD,), follow=True)
+    found = fit(film, begun, (), per_frame=(LOAD,), follow=True)
     assert any("frame 1: the scene's fringes are not in it" in text for text in found.warnings)
+    sequence = make_sequence(begun, 3, (), (LOAD,))
+    work = FrameWork(PreparedFrames(film, begun), sequence, follow=True)
+    assert work(1, 2, {LOAD: 44.0}).left is None  # noise's own values would be a start's like any
     first, _, last = (own[LOAD] for own in found.frames)
     # two fits of the same pixels, each ended a fiftieth of a standard uncertainty from its least
     assert last["value"] == pytest.approx(first["value"], abs=0.1 * first["standard_uncertainty"])

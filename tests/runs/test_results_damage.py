@@ -17,7 +17,8 @@ import isochrome
 import isochrome.processing.api
 from isochrome.cli import app
 from isochrome.errors import InputError
-from isochrome.runs import checked_store
+from isochrome.runs import checked_store, seal
+from isochrome.runs.integrity import read_record
 from runs.counting import contents
 from runs.damage import FAULTS, commands, damage, uses, write_input
 
@@ -125,6 +126,15 @@ def check_fault(finished, name, kind, seed, *, mend=True):
 @pytest.mark.parametrize("kind", ["byte", "other", "pipe"])
 def test_a_fault_is_named_gives_nothing_wrong_and_is_mended(finished, kind):
     check_fault(finished, "process", kind, 1)
+
+
+def test_a_pipe_in_the_place_of_an_empty_file_is_not_opened(tmp_path):
+    """It has the size that was left, and reading it would never end."""
+    (file := tmp_path / "empty").touch()
+    seal(tmp_path, {})
+    file.unlink()
+    os.mkfifo(file)
+    assert read_record(tmp_path).size_fault("empty") == "is no file"
 
 
 @pytest.fixture(autouse=True)

@@ -157,15 +157,16 @@ def test_a_run_killed_before_its_manifest_begins_anew(undisturbed, count, tmp_pa
     assert contents(tmp_path / "out") == undisturbed
 
 
-def test_a_flipped_byte_in_the_manifest_is_noticed_when_a_run_goes_on(count, tmp_path):
-    """One bit makes it the manifest of a run of another scene, whose chunks these are not."""
+@pytest.mark.parametrize("scene", ["a = 1\nb = 2\n", "a = 1\nb = 3\n"])
+def test_a_flipped_byte_in_the_manifest_is_noticed_when_a_run_goes_on(count, tmp_path, scene):
+    """One bit makes it the manifest of a run of another scene, whose chunks these are not; and the
+    run's own scene would be refused, as one that has changed."""
     stopped(tmp_path, count)
     manifest = tmp_path / "out.partial" / "manifest.json"
     flipped = manifest.read_bytes().replace(b"b = 2", b"b = 3")
     assert flipped != manifest.read_bytes()
     manifest.write_bytes(flipped)
-    other = job(count, identity=IDENTITY | {"scene": "a = 1\nb = 3\n"})
-    run_job(other, tmp_path / "out", finish)
+    run_job(job(count, identity=IDENTITY | {"scene": scene}), tmp_path / "out", finish)
     assert calls(count.notes) == sorted([0, 3, 6, 0, 3, 6, 9])
 
 
@@ -459,3 +460,17 @@ def test_a_flipped_byte_in_what_describes_the_results_is_noticed_on_opening(
     file.write_bytes(text)
     with pytest.raises(InputError, match=rf"run\.zarr/{of}: is damaged: .* run the command"):
         open_run(tmp_path / "out")
+
+
+@pytest.mark.filterwarnings("ignore::zarr.errors.ZarrUserWarning")  # of a file that is no array
+def test_pictures_are_missed_whose_description_is_damaged_in_a_store_without_its_results(
+    undisturbed, tmp_path
+):
+    """No checksum tells it there, and zarr leaves out what it cannot read."""
+    put(tmp_path / "out", undisturbed)
+    (tmp_path / "out" / "provenance.json").unlink()
+    file = tmp_path / "out" / "run.zarr" / "order" / "zarr.json"
+    file.write_bytes(file.read_bytes().replace(b"data_type", b"eata_type"))
+    said = pytest.raises(InputError, match=r"run\.zarr: order cannot be read; run the command")
+    with pytest.warns(UserWarning, match="cannot be verified"), said:
+        open_run(tmp_path / "out" / "run.zarr")

@@ -45,10 +45,14 @@ def test_two_workers_leave_what_one_process_leaves_and_do_not_hear_the_keyboard(
             if int(path.stem) != os.getpid() and sys.platform != "win32":
                 os.kill(int(path.stem), signal.SIGINT)
 
+    # who started the tests in the background ignores the keyboard, and so would all workers
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         run_job(job(count), tmp_path / "two", finish, options=RunOptions(workers=2), progress=tell)
     except KeyboardInterrupt as stop:
         pytest.fail(f"a worker heard the keyboard: {stop}")
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert contents(tmp_path / "two") == contents(tmp_path / "one")
     assert calls(count.notes) == sorted(2 * [0, 3, 6, 9])
     assert f"{os.getpid()}.txt" in {p.name for p in count.notes.iterdir()}
