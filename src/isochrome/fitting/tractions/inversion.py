@@ -69,6 +69,8 @@ _HALF_WIDTH = 30.0
 """Finest hats in half of the contact's width: narrower ones than a pixel are none."""
 _SPACINGS = (8, 4, 2, 1, 1)
 """Hats of the stages, in finest ones; the shallowest pixels lie twice as deep as these are wide."""
+_DEEPEST = 0.5
+"""The same at most, of the depth in view."""
 _EDGE_PX = 2.0
 """Rows nearer to the surface than this are not used: the camera's edge, and what a rim reflects."""
 _SIDES, _DEEP, _FLAT = (3, 9), 8.0, 0.1
@@ -166,6 +168,11 @@ class Smoothness(Prior):
     """The prior of all unknowns (m,) with the weights `matrix` (m, m)."""
 
     matrix: Array
+
+    @property
+    def any(self) -> bool:
+        """Always: what it alone tells apart is less than single precision resolves."""
+        return True
 
     @property
     def normal(self) -> Array:
@@ -513,7 +520,8 @@ def stage_model(
     nodes = lattice_px(state.pixels, state.finest)[::wide]
     if support is not None:
         nodes = nodes[np.isin(nodes, support)]
-    depth = 2.0 * wide if spacing > 1 else _EDGE_PX
+    deepest = state.pixels.z_mm[-1] / state.pixels.pixel_mm
+    depth = min(2.0 * wide, _DEEPEST * deepest) if spacing > 1 else _EDGE_PX
     return TractionModel(data, scene, state, nodes, wide, depth_px=depth, free_top=free_top)
 
 
@@ -577,8 +585,7 @@ def course(data: FrameData, scene: Scene, stage: Stage, *, free_top: bool) -> St
             stage = settle(model, state)
             if abs(stage.moved_px) < (_STILL_PX if spacing == 1 else 10.0 * _STILL_PX):
                 break
-        if 2 * spacing <= _SPACINGS[1]:
-            support = stage.supported()
+        support = stage.supported()
     bright = stage.fit.gamma_fit.part.amplitude > stage.model.side
     if float(np.mean(bright)) < _MOSTLY:
         raise PhysicsError("frame_shows_no_fringes")
