@@ -525,7 +525,7 @@ def stage_model(
     return TractionModel(data, scene, state, nodes, wide, depth_px=depth, free_top=free_top)
 
 
-def settle(model: TractionModel, state: State) -> Stage:
+def settle_stage(model: TractionModel, state: State) -> Stage:
     """Where a model comes to rest from a state, its tractions hardly smoothed."""
     start = model.begun(state)
     here = model.at(start)
@@ -567,8 +567,8 @@ def beginnings(data: FrameData, scene: Scene, start: State) -> list[Stage]:
         replace(start, pressure=load * start.pressure, shear=load * start.shear, modes=modes[k])
         for k, load in zip(chosen, places[chosen, 0], strict=True)
     ]
-    stages = [settle(model, start)]
-    stages += [settle(stage_model(data, scene, one, _SPACINGS[0]), one) for one in others]
+    stages = [settle_stage(model, start)]
+    stages += [settle_stage(stage_model(data, scene, one, _SPACINGS[0]), one) for one in others]
     return sorted(stages, key=lambda stage: stage.chi)
 
 
@@ -582,7 +582,7 @@ def course(data: FrameData, scene: Scene, stage: Stage, *, free_top: bool) -> St
         for _ in range(_MOVES):
             state = stage.state
             model = stage_model(data, scene, state, spacing, support=support, free_top=free_top)
-            stage = settle(model, state)
+            stage = settle_stage(model, state)
             if abs(stage.moved_px) < (_STILL_PX if spacing == 1 else 10.0 * _STILL_PX):
                 break
         support = stage.supported()
