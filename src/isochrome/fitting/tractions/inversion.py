@@ -67,7 +67,7 @@ _DEGREE = 2
 """Degree of the regular stress: uniform, its slopes, and the next terms of far sides."""
 _HALF_WIDTH = 30.0
 """Finest hats in half of the contact's width: narrower ones than a pixel are none."""
-_SPACINGS = (8, 4, 2, 1, 1)
+_SPACINGS = (16, 8, 4, 2, 1, 1)
 """Hats of the stages, in finest ones; the shallowest pixels lie twice as deep as these are wide."""
 _DEEPEST = 0.5
 """The same at most, of the depth in view."""
