@@ -579,9 +579,10 @@ def course(data: FrameData, scene: Scene, stage: Stage, *, free_top: bool) -> St
     """
     support: Array | None = None
     for spacing in _SPACINGS[1:]:
+        near = free_top and spacing < _SPACINGS[1]  # from afar it is told from bending by little
         for _ in range(_MOVES):
             state = stage.state
-            model = stage_model(data, scene, state, spacing, support=support, free_top=free_top)
+            model = stage_model(data, scene, state, spacing, support=support, free_top=near)
             stage = settle_stage(model, state)
             if abs(stage.moved_px) < (_STILL_PX if spacing == 1 else 10.0 * _STILL_PX):
                 break
