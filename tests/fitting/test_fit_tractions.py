@@ -10,7 +10,7 @@ from fitting.pressed import CONTACT, LOBE, ORDER_PER_MPA, THICKNESS, Patch, Pres
 from imagej_heads import has_whole_head, heads_of
 from isochrome.errors import InputError, PhysicsError
 from isochrome.fitting import fit
-from isochrome.fitting.tractions.surface_fit import invert_tractions
+from isochrome.fitting.tractions.inversion import invert_tractions
 from isochrome.output import read_csv, write_tiff
 from isochrome.reference import sliding_hertz_stress
 from isochrome.scene import parse_scene
@@ -35,14 +35,14 @@ def lobe():
 
 def test_a_lobe_beside_the_contact_is_found_with_load_and_friction(lobe):
     view, found = lobe
-    # the bar of a frame nine times larger: over seven seeds the load errs by 0.4 to 5e-4, the
-    # tangential force by up to 5e-4; chi is 0.995 to 1.018: noise alone is left
+    # the bar of a frame nine times larger: over seven seeds the load errs by up to 2.2e-4, the
+    # tangential force by up to 6.2e-4; chi is 1.004 to 1.020: noise alone is left
     assert found.load_n.value == pytest.approx(view.load, rel=5e-4)
     assert found.tangential_n.value == pytest.approx(view.tangential, rel=1.2e-3)
     assert found.chi == pytest.approx(1.0, abs=0.03) and found.warnings == ()
     # two rows at the surface are not looked at: there the steep edges of a patch are guessed;
-    # 6.4e-4 to 7.6e-4
-    assert order_rms(found, view, skip=2) < 1.8e-3
+    # 3.6e-4 to 4.5e-4
+    assert order_rms(found, view, skip=2) < 9e-4
 
 
 def test_the_place_and_size_of_the_lobe_are_found(lobe):
@@ -73,8 +73,10 @@ def test_pressure_is_the_true_one_within_its_uncertainty_inside_the_patches(lobe
     error = found.pressure_mpa - view.pressure(found.x_mm)
     pulls = error[inside] / found.pressure_standard_uncertainty_mpa[inside]
     # smooth tractions: neighbouring errors go together, and there are some ten of them; over seven
-    # seeds 0.64 to 1.14
+    # seeds 0.45 to 0.60: a patch is smoother inside than at its edges, and the process is not
     assert 0.35 < np.sqrt(np.mean(pulls**2)) < 2.0
+    # 0.10 to 0.14; with hardly any smoothness 0.3 to 0.5
+    assert np.sqrt(np.mean(error[inside] ** 2)) < 0.2
 
 
 def test_recovered_stress_is_in_equilibrium_and_carries_the_load(lobe):

@@ -39,7 +39,7 @@ from isochrome.fitting.joint.joint_fit import (
 from isochrome.fitting.joint.normal_equations import measured_areas, refuse_scars, scar_messages
 from isochrome.fitting.result import Fit, fitted_scene, make_result
 from isochrome.fitting.tractions.api import asked_for, with_tractions
-from isochrome.fitting.tractions.surface_fit import refuse_without_contact
+from isochrome.fitting.tractions.inversion import refuse_without_contact
 from isochrome.fitting.wear_laws import (
     WearLaws,
     compare_laws,

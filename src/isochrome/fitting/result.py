@@ -13,7 +13,7 @@ from isochrome.fitting.frame.unknowns import EARLIER, FRICTION, taken_as_exact
 from isochrome.fitting.frame_set import CORRECT
 from isochrome.fitting.joint.frame_sequence import over_distance
 from isochrome.fitting.joint.joint_fit import JointFit
-from isochrome.fitting.tractions.surface_fit import Tractions
+from isochrome.fitting.tractions.inversion import Tractions
 from isochrome.fitting.wear_laws import WearLaws
 from isochrome.messages import message, warnings_json
 from isochrome.output import (

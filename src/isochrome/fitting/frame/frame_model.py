@@ -337,6 +337,12 @@ class FrameModel:
         """The linear solution for a signal (n,)."""
         return solve_with_gamma(self.pixels, signal, self.gamma(values), near=near)
 
+    def step(self, local: LocalModel, values: Array, pull: Array, damping: float) -> Array:
+        """The damped step (p,) from some values that `pull`, the right side, asks for."""
+        free = self.limits.free(values, pull) & local.determined
+        step = damped_step(local.normal, pull, damping, free, cutoff=_CUTOFF)
+        return self.limits.cut(values, step)
+
     def linearise(self, values: Array, gamma_fit: GammaFit) -> LocalModel:
         """Derivatives at some values, where the linear solution is known.
 
@@ -563,9 +569,7 @@ def refine_fit(
     damping, last = Damping(0.0, least=1e-2), np.inf
     for _ in range(iterations):
         pull = (local.rows @ gamma_fit.residual).astype(float) + model.prior.gradient(values)
-        free = model.limits.free(values, pull) & local.determined
-        step = damped_step(local.normal, pull, damping.value, free, cutoff=_CUTOFF)
-        step = model.limits.cut(values, step)
+        step = model.step(local, values, pull, damping.value)
         size = local.size(step) / sqrt(gamma_fit.noise)
         if size < tolerance:
             return RefinedFit(values + step, local, gamma_fit)

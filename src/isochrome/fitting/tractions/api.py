@@ -35,7 +35,7 @@ from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.frame_set import PreparedFrames
 from isochrome.fitting.joint.joint_fit import JointFit
 from isochrome.fitting.result import Fit
-from isochrome.fitting.tractions.surface_fit import Tractions, invert_tractions, node_runs
+from isochrome.fitting.tractions.inversion import Tractions, invert_tractions, node_runs
 from isochrome.messages import message
 from isochrome.optics import mean_order, pixel_visibility
 from isochrome.output import imagej_view, named_frames, write_csv, write_figure, write_tiff
