@@ -198,8 +198,8 @@ class WornCourse:
             step = self._own_wear * dose * line / law
         try:
             yield step
-        finally:
-            self._scar = scar
+        finally:  # a wider grid may have been asked for meanwhile
+            self._scar = scar.on(self.site.grid.nodes)
 
     def solve(self, scene: Scene) -> SceneState:
         """The contact of a scene of the frame in hand, under its own load on the frame's scar."""
@@ -262,6 +262,8 @@ class WornCourse:
         grid = contact_grid(scene, largest_dose_mm_per_mpa=0.0)
         self._site, self._pressure = make_site(scene.model_copy(update={"wear": None}), grid), None
         self._last, self._scar = (scar and scar.on(grid.nodes) for scar in (self._last, self._scar))
+        if self._by_past is not None:
+            self._by_past = np.pad(self._by_past, (grid.nodes - len(self._by_past)) // 2)
 
     def _worn_before(self, values: Array) -> GrowingScar:
         """The scar that a contact has at its first frame."""
