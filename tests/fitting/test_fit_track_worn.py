@@ -5,7 +5,7 @@ import pytest
 
 from fitting.test_fit_track import FRICTION, LEFT, LOAD, contact, frame_of, pulls, save
 from isochrome.fitting import Tracker, placed, track
-from isochrome.fitting.tracking.worn_course import WornCourse
+from isochrome.fitting.tracking.worn_course import PAST, WornCourse
 from isochrome.frames import Frame
 from isochrome.scene import load_scene
 from isochrome.simulation import scene_states
@@ -43,6 +43,23 @@ def test_after_an_unworn_frame_the_wear_starts_from_the_scenes_law():
     line = values[0] / scene.specimen.thickness_mm
     k = scene.wear_coefficient_at(40.0)
     assert course.worn_mm2 == pytest.approx(k * line * 40e3, rel=1e-6)
+
+
+@pytest.mark.parametrize("key", [WEAR, PAST])
+def test_a_contact_that_grows_beside_a_step_leaves_the_scar_on_the_wider_grid(key):
+    """Four times the load asks for a wider grid: the scar, and its change by the past, go on."""
+    scene = contact().model_copy(update={"wear": load_scene("line-contact-wear").wear})
+    course = WornCourse(scene, (LOAD, FRICTION, WEAR))
+    course.at(40.0)
+    values = np.append(course.own_values(), 44.0)
+    course.take(values)
+    nodes = course.site.grid.nodes
+    with course.beside(key, values):
+        course.solve(course.moved(course.tracked, np.r_[4.0 * values[0], values[1:3]]))
+    assert course.site.grid.nodes > nodes
+    with course.beside(key, values) as step:
+        state = course.solve(course.moved(course.tracked, values[:3]))
+    assert step > 0.0 and len(state.surface.wear_depth_mm) == course.site.grid.nodes
 
 
 @pytest.mark.long

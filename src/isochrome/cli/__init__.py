@@ -536,7 +536,8 @@ def simulate_command(
     figures = write_extras(result, out)
     names = ["label", "p_max_mpa", "contact_width_mm", "wear_depth_um", "n_max", "n_max_x_mm",
              "n_max_z_mm"]  # fmt: skip
-    names += ["shear_max_mpa", "shear_max_x_mm", "shear_max_z_mm"] * options["components"]
+    if options["components"]:
+        names += ["shear_max_mpa", "shear_max_x_mm", "shear_max_z_mm"]
     print_result(result, out, as_json, lambda one: print_columns(one.history, names), figures)
 
 
@@ -597,8 +598,7 @@ def fit_command(
     from isochrome.frames import one_recording
 
     recording, write_extras = one_recording(frames, join=join), take_extras(options)
-    free, keys, *flags = (options.pop(name) for name in FIT)
-    follow, track, tractions = flags
+    free, keys, follow, track, tractions = (options.pop(name) for name in FIT)
     result: Any
     with run_bar("tracking" if track else "fitting") as progress:
         options |= {"out": out, "progress": progress}

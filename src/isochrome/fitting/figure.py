@@ -29,6 +29,7 @@ from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.model_frame import evaluate_model
 from isochrome.fitting.frame_set import Lights, PreparedFrames
 from isochrome.fitting.result import Fit
+from isochrome.output import evenly_spaced
 from isochrome.scene import FramesLike, Scene
 
 if TYPE_CHECKING:
@@ -49,8 +50,8 @@ def figure_of_frames(
 
 def fit_figure(name: str, frames: PreparedFrames, scenes: tuple[Scene, ...]) -> Figure:
     """Captured light, fitted light, and their difference over the noise, for up to six frames."""
-    shown = np.unique(np.linspace(0, len(scenes) - 1, min(_SHOWN, len(scenes))).round().astype(int))
-    wanted = {i: frames[i] for i in shown.tolist()}
+    shown = evenly_spaced(range(len(scenes)), _SHOWN)
+    wanted = {i: frames[i] for i in shown}
     rows, cols = wanted[0].light.shape
     figure = new_figure(13.0, (3.9 * min(rows / cols, 1.6) + 0.75) * len(shown) + 0.5)
     axes: Any = figure.subplots(len(shown), 3, squeeze=False)

@@ -132,7 +132,10 @@ def _light(signal: Array, camera: Camera) -> Array:
 
 
 _TERMS = 6
+"""Of a kernel's series: with them a wave of four pixels keeps what it should to 0.13 % at a blur of
+a pixel, and to 0.02 % at 0.4."""
 _LEAST_WEIGHT = 1e-6
+"""Where a kernel ends: below what single precision holds of the light."""
 
 
 def blurred(image: Array, sigma_px: float) -> Array:
@@ -147,17 +150,17 @@ def blurred(image: Array, sigma_px: float) -> Array:
     import cv2
 
     kernel = _blur_kernel(float(sigma_px))
-    single = np.ascontiguousarray(image)
-    return np.asarray(cv2.sepFilter2D(single, -1, kernel, kernel, borderType=cv2.BORDER_REPLICATE))
+    light = np.ascontiguousarray(image)
+    return np.asarray(cv2.sepFilter2D(light, -1, kernel, kernel, borderType=cv2.BORDER_REPLICATE))
 
 
 @lru_cache(maxsize=8)
 def _blur_kernel(sigma_px: float) -> Array:
     """Weights (2 r + 1,) at whole pixels, whose sum is 1 and whose variance is s².
 
-    From what each wave keeps, with w² = 2 Σ (2 c)^n / (n² C(2 n, n)) in c = 1 - cos w, cut off
-    so that the kernel is short: by less than 0.1 % of what a wave of four pixels keeps. Source:
-    Gradshteyn & Ryzhik (2007), Table of Integrals, Series, and Products, 1.645.2.
+    From what each wave keeps, with w² = 2 Σ (2 c)^n / (n² C(2 n, n)) in c = 1 - cos w, whose
+    first terms make a short kernel. Source: Gradshteyn & Ryzhik (2007), Table of Integrals, Series,
+    and Products, 1.645.2.
     """
     size = 1 << int(np.ceil(np.log2(16.0 * sigma_px + 64.0)))
     bend = 1.0 - np.cos(2.0 * np.pi * np.arange(size // 2 + 1) / size)

@@ -235,16 +235,15 @@ def _own_scene(result: Processed, shown: _Shown, values: Mapping[str, float]) ->
     """The scene of a frame alone, as `own_scene` has it, with what was fitted."""
     image = shown.order if shown.signal is None else shown.signal
     assert image is not None
-    row = {name: result.columns[name][shown.number] for name in ("distance_m", "pixel_mm")}
-    bare = sliding_scene(result.scene)
-    if bare.frames.sliding_speed_mm_per_s is None:
+    bare, table = sliding_scene(result.scene), result.columns
+    if result.scene.frames.sliding_speed_mm_per_s is None:
         bare = frame_scene(bare, shown.number)
     else:
-        bare = scene_at(bare, float(row["distance_m"]))
+        bare = scene_at(bare, float(table["distance_m"][shown.number]))
     camera: dict[str, Any] = {
         "camera.height_px": image.shape[0],
         "camera.width_px": image.shape[1],
-        "camera.pixel_mm": float(row["pixel_mm"]),
+        "camera.pixel_mm": float(table["pixel_mm"][shown.number]),
         "camera.left_mm": shown.left_mm,
         "camera.top_mm": shown.top_mm,
         "camera.colour": False,  # the frames are of one channel

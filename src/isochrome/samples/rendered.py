@@ -229,9 +229,9 @@ def placed_contact(scene: Scene, nominal: Scene, index: int) -> Scene:
 
 def _moved(nominal: Scene, right_px: float, down_px: float) -> dict[str, float]:
     """The place of a picture that lies so many pixels from its nominal one."""
-    pixel, moves = nominal.get("camera.pixel_mm"), {"left": right_px, "top": down_px}
-    keys = {f"camera.{edge}_mm": move for edge, move in moves.items()}
-    return {key: round(nominal.get(key) + move * pixel, 9) for key, move in keys.items()}
+    moves = {"camera.left_mm": right_px, "camera.top_mm": down_px}
+    pixel = nominal.get("camera.pixel_mm")
+    return {key: round(nominal.get(key) + move * pixel, 9) for key, move in moves.items()}
 
 
 def _values_of(truth: Scene, *keys: str) -> dict[str, Any]:

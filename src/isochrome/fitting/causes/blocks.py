@@ -104,7 +104,7 @@ class FrameBlocks:
         image = np.zeros(keep.shape, np.float32)
         image[keep] = gamma_fit.residual
         self.residual = block_sums(image, side)[chosen] / root
-        self.outliers = outliers(image, _filled(keep, BLOCK)[0])
+        self.outliers = outliers(image, chosen if side == BLOCK else _filled(keep, BLOCK)[0])
         image[keep] = gamma_fit.part.signal
         self._signal_image = image
         self.signal = gamma_fit.part.signal[at]
@@ -277,7 +277,7 @@ class FrameBlocks:
 
     @property
     def _grid(self) -> PixelGrid:
-        # every third pixel's own centre, not that of the three
+        # the middle pixel's own centre, in which derivatives are taken
         return pixel_grid(self.scene, self.data.shape).every(self._side)
 
     def _smooth(self, key: str) -> Array:

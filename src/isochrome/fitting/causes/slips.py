@@ -216,8 +216,9 @@ def _places(data: FrameData, scene: Scene) -> Iterator[_Candidate]:
 def _is_there(end: Scene, scene: Scene, shape: tuple[int, int]) -> bool:
     """Whether a contact lies where its scene says, nearer than halfway to the next place tried."""
     height, width = (n * scene.get("camera.pixel_mm") for n in shape)
-    across, down = abs(end.get(LEFT) - scene.get(LEFT)), abs(end.get(TOP) - scene.get(TOP))
-    return bool(across < -0.5 * _ACROSS[0] * width and down < -0.5 * _DOWN[0] * height)
+    across = abs(end.get(LEFT) - scene.get(LEFT)) < 0.5 * min(map(abs, _ACROSS)) * width
+    down = abs(end.get(TOP) - scene.get(TOP)) < 0.5 * min(map(abs, _DOWN)) * height
+    return bool(across and down)
 
 
 def _tried(slip: _Candidate, keys: tuple[str, ...]) -> tuple[float, Scene] | None:

@@ -181,9 +181,10 @@ def _fit_toned(
     if GAMMA not in keys:
         return _fit_begun(data, scene, keys, start, stated)
     best: Fitted | None = None
-    stated_gammas = () if isinstance(known, str) else (known,)
-    others = () if start is _Start.RESTED and stated_gammas else _GAMMAS
-    for gamma in dict.fromkeys((*stated_gammas, *others)):
+    gammas = list(_GAMMAS if isinstance(known, str) else (known, *_GAMMAS))
+    if start is _Start.RESTED:  # at the first
+        del gammas[1:]
+    for gamma in dict.fromkeys(gammas):
         begun = scene.with_values({GAMMA: gamma})
         made = _fit_begun(data.toned(gamma), begun, keys, start, stated)
         fit = made.fit

@@ -38,7 +38,14 @@ from isochrome.fitting.result import Fit
 from isochrome.fitting.tractions.inversion import Tractions, invert_tractions, node_runs
 from isochrome.messages import message
 from isochrome.optics import mean_order, pixel_visibility
-from isochrome.output import imagej_view, named_frames, write_csv, write_figure, write_tiff
+from isochrome.output import (
+    evenly_spaced,
+    imagej_view,
+    named_frames,
+    write_csv,
+    write_figure,
+    write_tiff,
+)
 from isochrome.scene import Scene
 from isochrome.simulation import scene_states
 from isochrome.stress import PixelGrid, StressComponents
@@ -59,8 +66,7 @@ def tractions_figure(
     Parameters: `name` of the scene; `frames`; `scenes`, one state each, whose model is drawn
     beside; `found`, their tractions. Returns a Figure.
     """
-    count = min(_SHOWN, len(found))
-    shown = np.unique(np.linspace(0, len(found) - 1, count).round().astype(int))
+    shown = evenly_spaced(range(len(found)), _SHOWN)
     pixels = found[0].pixels
     height = 2.0 * (4.6 * min(pixels.rows / pixels.cols, 1.6) + 0.75)
     figure = new_figure(12.5, height * len(shown) + 0.4)
