@@ -117,7 +117,7 @@ class TrackedModel(FrameModel):
         shown = self._visibility(self.place)
         fading = np.zeros(turns.shape, np.float32)
         for j, key in enumerate(self.keys):
-            if key in (WEAR, PAST):
+            if key in (WEAR, *PAST):
                 turns[j] = self._turned_by_wear(key)
                 continue
             step = STEP * float(scales(self.scene, (key,))[0])
@@ -168,14 +168,15 @@ class TrackedModel(FrameModel):
         return found.local.size(away) / sqrt(found.gamma_fit.noise)
 
     def by_held(self, found: RefinedFit) -> Array:
-        """Change of the values (p, m) over that of what is held, the load of before as the last."""
+        """Change of the values (p, m) over that of what is held, the loads of before as the last."""
         if self._by_held is None:
             gamma_fit, values = found.gamma_fit, found.values
             rows = self.input_rows(values, gamma_fit, self._held)
             if self._course.past is not None:
-                row = self._row(self._turned_by_wear(PAST), values, gamma_fit)[None]
-                project(row, gamma_fit.problem, gamma_fit.part)
-                rows = np.concatenate((rows, row))
+                turns = map(self._turned_by_wear, PAST)
+                past = np.stack([self._row(turn, values, gamma_fit) for turn in turns])
+                project(past, gamma_fit.problem, gamma_fit.part)
+                rows = np.concatenate((rows, past))
             self._by_held = found.local.sensitivity((), rows)
         return self._by_held
 
@@ -187,19 +188,21 @@ class TrackedModel(FrameModel):
         return field, shown + (values - middle).astype(np.float32) @ fading
 
     def tells_past(self, found: RefinedFit) -> bool:
-        """Whether a first frame tells that another load than the usual one wore its contact.
+        """Whether a first frame tells that other loads than the usual one wore its contact.
 
-        By the evidence for one, at even odds: what is known of that load before the frame and after
-        it, both at the usual one. Source: Dickey (1971), Ann. Math. Stat. 42, 204.
+        By the evidence for them, at even odds: what is known of those loads before the frame and
+        after it, both at the usual one. Source: Dickey (1971), Ann. Math. Stat. 42, 204.
         """
-        variance = float(found.local.inverse[-1, -1]) * found.gamma_fit.noise
-        away, before = found.values[-1] - self._usual, (_SWING * self._usual) ** 2
-        return bool(away**2 / variance > np.log(before / variance))
+        count = len(self._course.tracked)
+        covariance = found.local.inverse[count:, count:] * found.gamma_fit.noise
+        away = found.values[count:] - self._usual
+        shares = covariance / (_SWING * self._usual) ** 2
+        return bool(away @ np.linalg.solve(covariance, away) > -np.linalg.slogdet(shares)[1])
 
     def hold_past(self) -> None:
-        """Hold the load before a first frame at the usual one."""
+        """Hold the loads before a first frame at the usual one."""
         weight = self.prior.weight.copy()
-        weight[-1] = (STEP * self._usual) ** -2.0
+        weight[len(self._course.tracked) :] = (STEP * self._usual) ** -2.0
         self.prior = Prior(self.prior.values, weight)
 
     def go_on(self) -> None:

@@ -33,7 +33,7 @@ from isochrome.fitting.joint.frame_sequence import make_sequence
 from isochrome.fitting.joint.joint_fit import JointSolution, solve_jointly, starting_values
 from isochrome.fitting.result import TOO_FAR
 from isochrome.fitting.tracking.tracked_model import TrackedModel
-from isochrome.fitting.tracking.worn_course import PAST, WornCourse
+from isochrome.fitting.tracking.worn_course import WornCourse
 from isochrome.frames import (
     Frame,
     FrameReader,
@@ -459,13 +459,13 @@ class Tracker:
         held = self._apparatus.covariance
         spread = np.zeros((0, 0)) if held is None else held
         if self.course.past is not None:
-            spread = block_diag(spread, [[self.course.past[1] ** 2]])
+            spread = block_diag(spread, self.course.past[1])
         if spread.size:
             by_held = self._model.by_held(found)
             covariance = covariance + by_held @ spread @ by_held.T
         sure = standard_uncertainty(covariance, local.determined)
-        if PAST in local.keys:
-            self.course.past = float(found.values[count]), float(sure[count])
+        if len(local.keys) > count:
+            self.course.past = found.values[count:], covariance[count:, count:]
         return Tracked(
             values=found.values[:count], standard_uncertainty=sure[:count],
             cramer_rao_bound=local.bound[:count], chi=found.chi, searched=searched, positive=True,
@@ -476,8 +476,8 @@ class Tracker:
         data = self._data(frame)
         course = self.course
         start = course.own_values() if self._values is None else self._values
-        if course.keys != self.keys:
-            start = np.append(start, start[self.keys.index(LOAD)])
+        past = course.keys[len(self.keys) :]
+        start = np.append(start, [start[self.keys.index(LOAD)] for _ in past])
         even = course.even_scene(start)
         keys = self.keys if even.wear is not None else tuple(k for k in self.keys if k != WEAR)
         try:
@@ -501,7 +501,8 @@ class Tracker:
         begun = self.course.fitted(fitted, worn_m or 0.0, self._usual_load_n)
         self._model = self._prepare(frame, data)
         result = self._follow(frame, self._model, begun)
-        if PAST in self._model.keys and (result is None or not self._model.tells_past(result)):
+        unsure = len(self._model.keys) > len(self.keys)
+        if unsure and (result is None or not self._model.tells_past(result)):
             self._model.hold_past()
             result = self._follow(frame, self._model, begun if result is None else result.values)
         shown = result is not None and result.chi <= _LOST * max(1.0, chi)

@@ -2,8 +2,8 @@
 
 A frame shows its own load and friction on what was worn before. The scar goes on from the last
 frame's by the dose of the scene's law, dK = ∫ kappa ds, while load and friction go over to the
-frame's. What wore the contact before the first frame are the scene's tables, or one load for all
-the time, which that frame tells.
+frame's. What wore the contact before the first frame are the scene's tables, or a course of loads
+that that frame tells: a scar remembers the last loads by its edges, and the others by its depth.
 
 The worn area is W = ∫ P' dK. By the scene's own coefficient it would be A: a wear coefficient that
 is tracked is W/A times that.
@@ -37,8 +37,10 @@ from isochrome.fitting.joint.frame_sequence import local_values
 from isochrome.scene import DistanceTable, Scene
 from isochrome.simulation import SceneState, scene_states
 
-PAST = "load before the first frame (N)"
-"""The load that wore a contact before its first frame: an unknown of that frame."""
+_TO_GO = (0.1, 0.01, 0.001)
+PAST = tuple(f"load before the first frame, {share:g} of the wear to go (N)" for share in _TO_GO)
+"""Loads that wore a contact before its first frame, constant until the first of these places and
+linear from there to the frame's own: unknowns of that frame."""
 
 TRACKED = (LOAD, "load.tangential_n", "load.bulk_mpa", FRICTION, WEAR, LEFT, TOP)
 """Keys that can be tracked: what the mechanics follow smoothly, and the place."""
@@ -47,8 +49,9 @@ TOLERANCE, GROWTH = 1e-5, 1e-3
 """Of the wear until the first frame: at 1e-4 a scar's own error is a load's uncertainty; and of
 that from a frame to the next, as small a growth that it is one step."""
 
-_STEP = 1e-3
-"""Of a load, or of a dose and what the elasticity makes up for: shows what more of it does."""
+_STEP, _STEP_BEFORE = 1e-3, 0.03
+"""Of a dose and what the elasticity makes up for, and of a load before the first frame: shows what
+more of it does. The last of these have worn little, of which a scar errs by its tolerance."""
 
 _RIM, _WIDER, _WIDENED = 0.04, 1.3, 5
 """Share of the grid that a contact leaves free at either end, or is solved on one so much wider, at
@@ -59,15 +62,15 @@ class WornCourse:
     """One-state scenes of a contact along a run, by the values of `keys`.
 
     `tracked`, the keys that are reported; `now`, the scene of the frame in hand without its wear;
-    `past`, the load (N) before the first frame and its standard uncertainty, once that told it.
+    `past`, the loads (k,) before the first frame and their covariance (k, k), once that told them.
     """
 
     def __init__(self, scene: Scene, tracked: tuple[str, ...]) -> None:
         """`scene`, placed in its picture. Raises InputError for what cannot be tracked."""
         refuse_untracked(scene, tracked, TRACKED)
         self.scene, self.tracked = scene, tracked
-        self.past: tuple[float, float] | None = None
-        self._by_past: Array | None = None  # worn depth (n,) by that load
+        self.past: tuple[Array, Array] | None = None
+        self._by_past: dict[str, Array] = {}  # worn depth (n,) by each of those loads
         self._site: ContactSetup | None = None
         self._pressure: Array | None = None
         self._last: GrowingScar | None = None  # that the frame before has left
@@ -79,20 +82,21 @@ class WornCourse:
 
     def state(self) -> dict[str, Any]:
         """What is left of the frames so far, as plain numbers for `resume`."""
-        last, site, by_past = self._last, self._site, self._by_past
+        last, site, past = self._last, self._site, self.past
         return {
             "last": last and last.to_json(), "until": self._until, "share": self._share,
-            "grid": site and site.scene.numerics.model_dump(), "past": self.past,
-            "by_past": None if by_past is None else by_past.tolist(),
+            "grid": site and site.scene.numerics.model_dump(),
+            "past": past and [part.tolist() for part in past],
+            "by_past": {key: depth.tolist() for key, depth in self._by_past.items()},
         }  # fmt: skip
 
     def resume(self, state: dict[str, Any]) -> None:
         """Go on from a `state`."""
-        last, past, by_past = state["last"], state["past"], state["by_past"]
+        last, past = state["last"], state["past"]
         s, law, worn = state["until"]
         self._until, self._share = (s, law, worn), state["share"]
-        self.past = past and (past[0], past[1])
-        self._by_past = None if by_past is None else np.array(by_past)
+        self.past = past and (np.array(past[0]), np.array(past[1]))
+        self._by_past = {key: np.array(depth) for key, depth in state["by_past"].items()}
         if state["grid"] is not None:
             self._use(with_part(self.now, "numerics", **state["grid"]))
         self._last = last and GrowingScar.from_json(last)
@@ -110,7 +114,7 @@ class WornCourse:
         """The unknowns of the frame in hand."""
         worn = self.scene.wear is not None and self._last is None and self._s > 0.0
         unsure = worn and LOAD in self.tracked and not self._is_table(LOAD)
-        return (*self.tracked, PAST) if unsure else self.tracked
+        return (*self.tracked, *PAST) if unsure else self.tracked
 
     def own_values(self) -> Array:
         """The scene's own values (tracked,) at the frame in hand."""
@@ -126,7 +130,7 @@ class WornCourse:
         values = self.own_values()
         for j, key in enumerate(self.tracked):
             values[j] = values[j] if key == WEAR else scene.get(key)
-        values = np.append(values, usual_load_n) if PAST in self.keys else values
+        values = np.append(values, np.full(len(self.keys) - len(values), usual_load_n))
         if WEAR in self.tracked and scene.wear is not None:
             law = self._areas(values)[1]
             if law > 0.0:
@@ -139,7 +143,7 @@ class WornCourse:
         scene = self.now
         for key, value in zip(keys, np.asarray(values, float).tolist(), strict=False):
             part, _, name = key.partition(".")
-            if key not in (WEAR, PAST):  # unchecked: it is asked for many times a frame
+            if key not in (WEAR, *PAST):  # unchecked: it is asked for many times a frame
                 scene = with_part(scene, part, **{name: value})
         return scene
 
@@ -179,13 +183,14 @@ class WornCourse:
         """
         scar, step, (_, law, worn) = self._scar, 0.0, self._after
         assert scar is not None
-        if key == PAST:
-            step = _STEP * (values[-1] if self.past is None else self.past[0])
+        if key in PAST:
+            k = len(self.tracked) + PAST.index(key)
+            step = _STEP_BEFORE * (values[k] if self.past is None else self.past[0][PAST.index(key)])
             if self.past is None:
-                there = self._worn_before(np.append(values[:-1], values[-1] + step))
-                self._by_past = (there.depth_mm - scar.depth_mm) / step
-            assert self._by_past is not None
-            self._scar = replace(scar, depth_mm=scar.depth_mm + step * self._by_past)
+                more = values.copy()
+                more[k] += step
+                self._by_past[key] = (self._worn_before(more).depth_mm - scar.depth_mm) / step
+            self._scar = replace(scar, depth_mm=scar.depth_mm + step * self._by_past[key])
         elif self._last is None and law > 0.0:
             more = values.copy()
             more[self.tracked.index(WEAR)] *= 1.0 + _STEP
@@ -262,8 +267,8 @@ class WornCourse:
         grid = contact_grid(scene, largest_dose_mm_per_mpa=0.0)
         self._site, self._pressure = make_site(scene.model_copy(update={"wear": None}), grid), None
         self._last, self._scar = (scar and scar.on(grid.nodes) for scar in (self._last, self._scar))
-        if self._by_past is not None:
-            self._by_past = np.pad(self._by_past, (grid.nodes - len(self._by_past)) // 2)
+        for key, depth in self._by_past.items():
+            self._by_past[key] = np.pad(depth, (grid.nodes - len(depth)) // 2)
 
     def _worn_before(self, values: Array) -> GrowingScar:
         """The scar that a contact has at its first frame."""
@@ -274,16 +279,33 @@ class WornCourse:
         history, (stop,) = wear_course(before)
         numerics = self.site.scene.numerics.model_copy(update={"tolerance": TOLERANCE})
         site = replace(self.site, scene=before.model_copy(update={"numerics": numerics}))
+        loads, doses = self._lines_before(values), -np.diff([1.0, *_TO_GO, 0.0])
+        doses = stop.dose_mm_per_mpa * (doses if len(loads) > 1 else np.ones(1))
         # under the load that the frame shows: the scar's edge must be as sharp as that asks for
-        stop = replace(stop, line_load_n_per_mm=drive[0], friction=drive[1])
+        stop = replace(
+            stop, dose_mm_per_mpa=doses[0], line_load_n_per_mm=drive[0], friction=drive[1]
+        )
         (state,) = worn_states(site, history, [stop])
-        return GrowingScar(state.wear_depth_mm, drive, state.pressure_mpa)
+        if len(loads) == 1:
+            return GrowingScar(state.wear_depth_mm, drive, state.pressure_mpa)
+        scar = GrowingScar(state.wear_depth_mm, (loads[0], drive[1]))
+        for load, dose in zip(loads[1:], doses[1:], strict=True):
+            scar = scar.grown(self.site, dose, (load, drive[1]), tolerance=TOLERANCE)
+        return scar
+
+    def _lines_before(self, values: Array) -> list[float]:
+        """Line loads (N/mm) at the first frame's PAST and in it; or one, of the scene's tables."""
+        line, past = self._drive(values)[0], values[len(self.tracked) :]
+        own = [line] if len(past) else []
+        assert self.scene.specimen.thickness_mm is not None
+        return [*(past / self.scene.specimen.thickness_mm).tolist(), *own] or [line]
 
     def _before(self, values: Array) -> Scene:
-        """The scene until the first frame: its tables, or what that frame says for all the time."""
+        """The scene until the first frame: its tables, or what that frame says for all the time,
+        of its loads the first."""
         known = dict(zip(self.keys, values.tolist(), strict=True))
         known = {key: known[key] for key in (FRICTION, WEAR) if key in known} | {
-            LOAD: known.get(PAST, self.now.load_at(0.0))
+            LOAD: known.get(PAST[0], self.now.load_at(0.0))
         }
         fixed = {key: value for key, value in known.items() if not self._is_table(key)}
         return with_part(self.scene.with_values(fixed), "wear", distances_m=(self._s,))
@@ -296,6 +318,9 @@ class WornCourse:
             if not self._s > 0.0:
                 return 0.0, 0.0, 0.0
             worn = float(local_values(self._before(values), (self._s,))[0, 2])
+            loads, places = self._lines_before(values), (1.0, *_TO_GO, 0.0)
+            if len(loads) > 1:
+                worn *= -float(np.trapezoid([loads[0], *loads], places)) / loads[0]
             share = self._value(WEAR, values) / self._own_wear if WEAR in self.tracked else 1.0
             return self._s, worn / share, worn
         line, mu = self._drive(values)
