@@ -45,6 +45,25 @@ def test_after_an_unworn_frame_the_wear_starts_from_the_scenes_law():
     assert course.worn_mm2 == pytest.approx(k * line * 40e3, rel=1e-6)
 
 
+def test_a_step_of_a_tracked_wear_coefficient_wears_as_much_as_the_law_says():
+    """Once the track has begun, the scar that grows by dk has dk P s / t more of area."""
+    scene = contact().model_copy(update={"wear": load_scene("line-contact-wear").wear})
+    course = WornCourse(scene, (LOAD, FRICTION, WEAR))
+    course.at(40.0)
+    values = course.take(np.append(course.own_values(), 44.0))
+    course.passed(values)
+    course.at(41.0)
+    values = course.take(values[:3])
+
+    def area():
+        return course.solve(course.moved(course.tracked, values)).surface.worn_area_mm2
+
+    before = area()
+    with course.beside(WEAR, values) as step:
+        more = area() - before
+    assert more == pytest.approx(step * values[0] / scene.specimen.thickness_mm * 41e3, rel=1e-3)
+
+
 @pytest.mark.parametrize("key", [WEAR, PAST])
 def test_a_contact_that_grows_beside_a_step_leaves_the_scar_on_the_wider_grid(key):
     """Four times the load asks for a wider grid: the scar, and its change by the past, go on."""
