@@ -84,17 +84,16 @@ def test_a_state_on_a_steep_rise_of_the_load_is_no_jump():
     assert np.abs(np.array(got) / finer - 1.0).max() < 1e-3
 
 
-@pytest.mark.long
 def test_a_steep_rise_of_the_load_on_a_worn_scar_is_within_the_tolerance():
-    """From 20 N to 44 N within 3 m that wear. Goes wrong: the bend of the old edge goes inside
-    faster than wear smooths it, a mesh as fine as without it does not hold it: 10 tolerances."""
+    """From 20 N to 44 N within half a metre that wears. Goes wrong: the bend of the old edge goes
+    inside faster than wear smooths it, and the mesh does not hold it: 3.5 tolerances."""
     steep = {
-        "load.normal_n": table((100.0, 20.0), (103.0, 44.0)),
-        "wear.coefficient_mm2_per_n": 6e-9,
-        "wear.distances_m": (101.5, 103.0),
-    }
-    got, exact = (largest(overrun(0.012, tolerance, **steep)) for tolerance in (1e-4, 1e-5))
-    assert np.abs(got / exact - 1.0).max() < 1e-4  # 0.2 is measured
+        "load.normal_n": table((100.0, 20.0), (100.5, 44.0)), "friction.coefficient": 0.0,
+        "wear.coefficient_mm2_per_n": 6e-9, "wear.distances_m": (100.5,),
+        "numerics.window_mm": 2.0,
+    }  # fmt: skip
+    got, exact = (largest(overrun(0.024, tolerance, **steep)) for tolerance in (1e-4, 1e-5))
+    assert np.abs(got / exact - 1.0).max() < 1e-4  # 0.16 is measured
 
 
 def even(x):

@@ -71,7 +71,7 @@ class TrackedModel(FrameModel):
         self.limits, weight = Bounds(low, high), np.zeros(len(self.keys))
         weight[count:] = (_SWING * usual_load_n) ** -2.0
         self.prior, self._usual = Prior(np.full(len(weight), usual_load_n), weight), usual_load_n
-        self.place, self.bend = np.zeros(0), 1.0
+        self.place, self.bend, self._law = np.zeros(0), 1.0, 0.0
         self._turns: Array | None = None
         self._by_held: Array | None = None
         self._looked = False
@@ -98,6 +98,8 @@ class TrackedModel(FrameModel):
         self._field, self.place = self.renderer.field_alone(scene)[self._every.keep], place
         if self._turns is None or (WEAR in self.keys and self._has_grown(values)):
             self.turn()
+        elif WEAR in self.keys and self._law > 0.0:
+            self._turn_by_more()
         if not self._looked:
             raw = np.maximum(self._every.raw, 0.0) ** np.float32(self._every.gamma)
             self.look(raw)
@@ -110,6 +112,15 @@ class TrackedModel(FrameModel):
         """Whether the scar is another one than it was when the turns were made."""
         begun = self._worn == 0.0 < self._course.worn_mm2
         return begun or self._course.grown(self._worn, values) > _GROWN
+
+    def _turn_by_more(self) -> None:
+        """Go on turning by an area: a coefficient's turn is its share of what the law has worn."""
+        assert self._turns is not None
+        j, more = self.keys.index(WEAR), self._course.law_mm2 / self._law
+        self._turns[j] *= np.float32(more)
+        if self._by_held is not None:
+            self._by_held[j] /= more
+        self._law = self._course.law_mm2
 
     def turn(self) -> None:
         """Make anew how the field turns with each value."""
@@ -127,7 +138,8 @@ class TrackedModel(FrameModel):
             there = self.renderer.field_alone(self.moved(self.keys, beside))[self._every.keep]
             turns[j] = (there - self._field) / move
             fading[j] = (self._visibility(beside) - shown) / move
-        self._turns, self._worn, self._by_held = turns, self._course.worn_mm2, None
+        self._turns, self._by_held = turns, None
+        self._worn, self._law = self._course.worn_mm2, self._course.law_mm2
         self._shown = self.place.copy(), shown, fading
         self.bend = 1.0
 
