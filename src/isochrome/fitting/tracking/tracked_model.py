@@ -173,6 +173,10 @@ class TrackedModel(FrameModel):
         step = np.float32(_TURN / max(float(np.abs(turn).max()), 1e-30))
         return turned_row(self._optics, field, shown, turn, step, gamma_fit)
 
+    def cost(self, gamma_fit: GammaFit, values: Array) -> float:
+        """Sum of squares at some values (p,), the prior's with it."""
+        return gamma_fit.cost + self.prior.cost(values)
+
     def distance(self, found: RefinedFit) -> float:
         """How far a fit is from where the contact was solved, in its standard uncertainties."""
         # what more or less has worn than the scar in hand stands beside it from frame to frame
@@ -180,7 +184,7 @@ class TrackedModel(FrameModel):
         return found.local.size(away) / sqrt(found.gamma_fit.noise)
 
     def by_held(self, found: RefinedFit) -> Array:
-        """Change of the values (p, m) over that of what is held, the loads of before as the last."""
+        """Change of the values (p, m) over that of what is held, the loads before as the last."""
         if self._by_held is None:
             gamma_fit, values = found.gamma_fit, found.values
             rows = self.input_rows(values, gamma_fit, self._held)
@@ -227,7 +231,7 @@ class TrackedModel(FrameModel):
             self.limits = Bounds(self.limits.low[:count], self.limits.high[:count])
             self.prior, self._turns = no_prior(count), self._turns[:count]
             self._shown = middle[:count], shown, fading[:count]
-            self._by_held = None
+            self._by_held, self.bend = None, 1.0  # what the past bends is no measure of the rest
 
     def _signal(self, values: Array) -> Array:
         """The signal (n,) of every pixel at some values."""

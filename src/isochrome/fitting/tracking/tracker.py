@@ -536,13 +536,22 @@ class Tracker:
             self._since_noise = 0
         model.see(frame.image, noise)
         values, last = start, np.inf
+        best: RefinedFit | None = None  # where the contact was solved, and cost least
         for _ in range(_STEPS):
             try:
                 model.stand(values)
-                found = refine_fit(model, values)
+                here = model.at(values)
+                if best is not None and (here is None or model.cost(here, values) > best.cost):
+                    # a load that wore a scar's edge does not where another had worn it before
+                    step = 0.5 * (values - best.values)
+                    if best.local.size(step) < _NEAR:
+                        return best
+                    values = best.values + step
+                    continue
+                found = refine_fit(model, values, gamma_fit=here)
             except PhysicsError:
                 return None
-            if found is None or not found.converged:
+            if found is None or here is None or not found.converged:
                 return None
             size = model.distance(found)
             if np.isfinite(last):
@@ -553,6 +562,7 @@ class Tracker:
             if np.isfinite(last) and model.bend > _FROZEN:
                 model.turn()
                 size = np.inf
+            best = replace(found, values=values, gamma_fit=here)
             values, last = found.values, size
         return None
 

@@ -184,8 +184,8 @@ class WornCourse:
         scar, step, (_, law, worn) = self._scar, 0.0, self._after
         assert scar is not None
         if key in PAST:
-            k = len(self.tracked) + PAST.index(key)
-            step = _STEP_BEFORE * (values[k] if self.past is None else self.past[0][PAST.index(key)])
+            k = PAST.index(key) - len(PAST)
+            step = _STEP_BEFORE * (values if self.past is None else self.past[0])[k]
             if self.past is None:
                 more = values.copy()
                 more[k] += step
