@@ -42,7 +42,8 @@ from isochrome.frames.reading import Frame, FrameReader, Mask
 from isochrome.messages import message
 from isochrome.scene import ArrayFrames, Scene
 
-FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+FOURTH = np.poly(np.ones(4))
+"""Fourth differences: of white noise they have the root of the sum of their squares."""
 QUANTISATION = 1 / 12
 """Variance of rounding to whole grey levels."""
 LEVELS = 16
@@ -513,23 +514,16 @@ def _rough_sigma(values: np.ndarray, spread: np.ndarray) -> float:
     if values.shape[1] < 8:
         # around noise alone the second extremes lie about 1.7 sigmas apart
         return float(np.median(spread)) / 1.7
-    if values.dtype == np.uint8:
-        return _middle_of_bytes(values[::2]) * 1.4826 / float(np.sqrt(70.0))
-    v = values[::2].astype(np.float32)
-    mixed = v[:, :-4] - 4 * v[:, 1:-3] + 6 * v[:, 2:-2] - 4 * v[:, 3:-1] + v[:, 4:]
-    return float(np.median(np.abs(mixed))) * 1.4826 / float(np.sqrt(70.0))
+    rough = fourth_differences(values[::2])
+    return 1.4826 * float(np.median(np.abs(rough)))
 
 
-def _middle_of_bytes(levels: np.ndarray) -> float:
-    """Median size of the fourth differences along whole levels of one byte: by counting them."""
+def fourth_differences(rows: np.ndarray) -> np.ndarray:
+    """Those along rows (rows, cols - 4), of the size of their noise: next to nothing of fringes."""
     import cv2
 
-    fourth = np.array([[1.0, -4.0, 6.0, -4.0, 1.0]], np.float32)
-    sizes = np.abs(cv2.filter2D(levels, cv2.CV_16S, fourth)[:, 2:-2]).view(np.uint16)
-    largest = 16 * 255
-    counts = cv2.calcHist([sizes], [0], None, [largest + 1], [0, largest + 1]).ravel()
-    below, last = np.cumsum(counts), sizes.size - 1
-    return float(np.searchsorted(below, [last // 2, (last + 1) // 2], side="right").mean())
+    kernel = FOURTH / np.linalg.norm(FOURTH)
+    return np.asarray(cv2.filter2D(rows.astype(np.float32), -1, kernel[None])[:, 2:-2])
 
 
 @dataclass(frozen=True)
