@@ -17,11 +17,10 @@ standard deviation.
 From which grey level a frame is clipped, told by its plateau and not by the level's number.
 
 A sensor that clips gives one level to all the light beyond it: many pixels share the top level, in
-connected patches, and more of them than the histogram just below goes on to; or patches without a
-hole, which no camera's noise leaves. The brightest pixels of a frame that ends at its top level by
-chance are few, apart, and no more than those one level below; a crest that just reaches it has some
-more, for light I = I_max - a x² falls into equal levels as the differences of a square root: 1,
-0.41, 0.32, 0.27 of it.
+connected patches, and more of them than the histogram just below goes on to. The brightest pixels
+of a frame that ends at its top level by chance are few, apart, and no more than those one level
+below; a crest that just reaches it has some more, for light I = I_max - a x² falls into equal
+levels as the differences of a square root: 1, 0.41, 0.32, 0.27 of it.
 """
 
 from __future__ import annotations
@@ -205,10 +204,9 @@ def noise_between_pixels(
     return max(1.0, float(np.percentile(share, 10.0) / white))
 
 
-_FEWEST_FULL, _FEWEST = 3, 25
-"""Pixels that make a plateau, at full scale and below it, where a label may be as even."""
-_LEAST_SHARE = 1e-3
-"""Of all pixels, below full scale."""
+_FEWEST_FULL, _LEAST_SHARE = 3, 1e-3
+"""Pixels that make a plateau, and their share of all below full scale, where a label may be as
+even."""
 _FEWEST_LEVELS = 8
 """Levels that occur, for a plateau below full scale: the noise of half a level of an unloaded frame
 in the dark field piles up on its upper two or three as on a plateau."""
@@ -216,9 +214,6 @@ _ABOVE = 0.05
 """Over the plateau's own pixels: so many may be brighter, as hot ones and glare are."""
 _TOUCHING = 0.5
 """Share of a plateau's pixels that have a neighbour of their level."""
-_SOLID = 0.2
-"""Share of a plateau's pixels that have none but their level about them: an even light of half a
-grey level's noise leaves a tenth."""
 _GROWTH = 2.04
 """Power of the last two levels' growth over two more that the square root's first level has."""
 _CREST = 2.5
@@ -251,20 +246,17 @@ def saturation_level(raw: np.ndarray, *, full: float) -> float:
         if not at_full and len(levels) < _FEWEST_LEVELS:
             continue
         plateau = usable & (image == level)
-        fewest = _FEWEST_FULL if at_full else max(_FEWEST, _LEAST_SHARE * values.size)
+        fewest = _FEWEST_FULL if at_full else _LEAST_SHARE * values.size
         touching = np.pad(plateau, 1)  # a pixel of the plateau on one of the four sides
         touching = (
             touching[:-2, 1:-1] | touching[2:, 1:-1] | touching[1:-1, :-2] | touching[1:-1, 2:]
         )
-        if counts[i] < fewest or _share(plateau, touching) < _TOUCHING:
+        connected = np.count_nonzero(plateau & touching) >= _TOUCHING * counts[i]
+        if counts[i] < fewest or not connected:
             continue
-        piled = _is_piled(levels[: i + 1], counts[: i + 1], at_full=at_full)
-        if piled and at_full:
-            return level
-        solid = ndimage.minimum_filter(plateau, 3)  # all nine pixels about a place
-        if (piled or _share(plateau, solid) > _SOLID) and _is_noisy(
-            image, usable & (image < level), full
-        ):
+        if not _is_piled(levels[: i + 1], counts[: i + 1], at_full=at_full):
+            continue
+        if at_full or _is_noisy(image, usable & (image < level), full):
             return level
     return np.inf
 
@@ -293,10 +285,6 @@ def _is_piled(levels: np.ndarray, counts: np.ndarray, *, at_full: bool) -> bool:
     growth = max(near / far if far else near, 1.0) ** _GROWTH
     expected = near * (min(growth, _CREST) if at_full else growth)
     return bool(counts[-1] >= expected + _SIGMAS * np.sqrt(expected))
-
-
-def _share(plateau: npt.NDArray[np.bool_], which: npt.NDArray[np.bool_]) -> float:
-    return float(np.count_nonzero(plateau & which) / np.count_nonzero(plateau))
 
 
 def _is_noisy(image: np.ndarray, below: npt.NDArray[np.bool_], full: float) -> bool:

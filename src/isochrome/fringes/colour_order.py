@@ -141,7 +141,6 @@ _BASE_PX = 2.0
 _EVIDENCE_BLOCKS = 1.5
 _FLAT = 0.1
 _LARGEST_STEP = 0.1
-_PRIOR = 100.0  # 1/0.1², against a division by nothing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,7 +177,9 @@ def refine_colour(
         ideal, slope = _look_up(order, table)
         pull = weight * slope
         information = gaussian_sum((pull * slope).sum(axis=-1), width)
-        step = gaussian_sum((pull * (signal - ideal)).sum(axis=-1), width) / (information + _PRIOR)
+        step = gaussian_sum((pull * (signal - ideal)).sum(axis=-1), width) / (
+            information + _LARGEST_STEP**-2
+        )
         step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
         order = np.clip(order + step, -table.highest, table.highest)
     ideal, slope = _look_up(order, table)

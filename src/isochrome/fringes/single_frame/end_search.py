@@ -513,7 +513,10 @@ def _search(problem: EndProblem, unknowns: Array) -> Found:
             if tried[0] < cost or damping > _HEAVIEST:
                 break
             damping *= 8.0
-        change = _change(normal, step)
+        # what the step does to the order where it can be read, RMS, fringes
+        readable = normal.spread < LARGEST_UNCERTAINTY
+        moved = np.minimum(np.abs(normal.drag[readable, 0] @ step), 0.2)
+        change = float(np.sqrt(np.mean(moved**2))) if readable.any() else np.inf
         resting, since = change < _REST and damping < _FREELY, since + 1
         if tried[0] < cost:
             cost, unknowns, orders, dampings = tried
@@ -571,15 +574,6 @@ def _followed(
     nearer = np.where((go < stay)[:, None], along, orders)
     gone, cost, dampings = refine_ends(data, ends, nearer, dampings, 2)
     return float(cost.sum() + data.problem.prior_cost(new)), new, gone, dampings
-
-
-def _change(normal: EndEquations, step: Array) -> float:
-    """What a step in the ends does to the order where it can be read, RMS, fringes."""
-    readable = normal.spread < LARGEST_UNCERTAINTY
-    if not readable.any():
-        return float("inf")
-    moved = np.minimum(np.abs(normal.drag[readable, 0] @ step), 0.2)
-    return float(np.sqrt(np.mean(moved**2)))
 
 
 def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Found:
