@@ -201,6 +201,7 @@ _DARKER = -1.0
 _GAMMA = NUMBERS
 _FRAMES = NUMBERS + 1
 _FIXED = 1e-6
+_DARKEST = 1e-3
 _DIMMEST = 0.02
 """Of full scale: the least level that a gamma's slope is taken at."""
 _LEAST_CONTRAST = 0.01
@@ -314,7 +315,7 @@ class Unknowns:
 
 def _by_gamma(raw: Array, gamma: float) -> Array:
     """d raw^gamma / d log gamma."""
-    level = np.maximum(raw, 1e-3)
+    level = np.maximum(raw, _DARKEST)
     return np.asarray(gamma * level**gamma * np.log(level))
 
 
