@@ -17,11 +17,10 @@ standard deviation.
 From which grey level a frame is clipped, told by its plateau and not by the level's number.
 
 A sensor that clips gives one level to all the light beyond it: many pixels share the top level, in
-connected patches, and more of them than the histogram just below goes on to; or patches without a
-hole, which no camera's noise leaves. The brightest pixels of a frame that ends at its top level by
-chance are few, apart, and no more than those one level below; a crest that just reaches it has some
-more, for light I = I_max - a x² falls into equal levels as the differences of a square root: 1,
-0.41, 0.32, 0.27 of it.
+connected patches, and more of them than the histogram just below goes on to. The brightest pixels
+of a frame that ends at its top level by chance are few, apart, and no more than those one level
+below; a crest that just reaches it has some more, for light I = I_max - a x² falls into equal
+levels as the differences of a square root: 1, 0.41, 0.32, 0.27 of it.
 """
 
 from __future__ import annotations
@@ -42,7 +41,8 @@ from isochrome.frames.reading import Frame, FrameReader, Mask
 from isochrome.messages import message
 from isochrome.scene import ArrayFrames, Scene
 
-FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+FOURTH = np.poly(np.ones(4))
+"""Fourth differences: of white noise they have the root of the sum of their squares."""
 QUANTISATION = 1 / 12
 """Variance of rounding to whole grey levels."""
 LEVELS = 16
@@ -204,10 +204,9 @@ def noise_between_pixels(
     return max(1.0, float(np.percentile(share, 10.0) / white))
 
 
-_FEWEST_FULL, _FEWEST = 3, 25
-"""Pixels that make a plateau, at full scale and below it, where a label may be as even."""
-_LEAST_SHARE = 1e-3
-"""Of all pixels, below full scale."""
+_FEWEST_FULL, _LEAST_SHARE = 3, 1e-3
+"""Pixels that make a plateau, and their share of all below full scale, where a label may be as
+even."""
 _FEWEST_LEVELS = 8
 """Levels that occur, for a plateau below full scale: the noise of half a level of an unloaded frame
 in the dark field piles up on its upper two or three as on a plateau."""
@@ -215,9 +214,6 @@ _ABOVE = 0.05
 """Over the plateau's own pixels: so many may be brighter, as hot ones and glare are."""
 _TOUCHING = 0.5
 """Share of a plateau's pixels that have a neighbour of their level."""
-_SOLID = 0.2
-"""Share of a plateau's pixels that have none but their level about them: an even light of half a
-grey level's noise leaves a tenth."""
 _GROWTH = 2.04
 """Power of the last two levels' growth over two more that the square root's first level has."""
 _CREST = 2.5
@@ -250,20 +246,17 @@ def saturation_level(raw: np.ndarray, *, full: float) -> float:
         if not at_full and len(levels) < _FEWEST_LEVELS:
             continue
         plateau = usable & (image == level)
-        fewest = _FEWEST_FULL if at_full else max(_FEWEST, _LEAST_SHARE * values.size)
+        fewest = _FEWEST_FULL if at_full else _LEAST_SHARE * values.size
         touching = np.pad(plateau, 1)  # a pixel of the plateau on one of the four sides
         touching = (
             touching[:-2, 1:-1] | touching[2:, 1:-1] | touching[1:-1, :-2] | touching[1:-1, 2:]
         )
-        if counts[i] < fewest or _share(plateau, touching) < _TOUCHING:
+        connected = np.count_nonzero(plateau & touching) >= _TOUCHING * counts[i]
+        if counts[i] < fewest or not connected:
             continue
-        piled = _is_piled(levels[: i + 1], counts[: i + 1], at_full=at_full)
-        if piled and at_full:
-            return level
-        solid = ndimage.minimum_filter(plateau, 3)  # all nine pixels about a place
-        if (piled or _share(plateau, solid) > _SOLID) and _is_noisy(
-            image, usable & (image < level), full
-        ):
+        if not _is_piled(levels[: i + 1], counts[: i + 1], at_full=at_full):
+            continue
+        if at_full or _is_noisy(image, usable & (image < level), full):
             return level
     return np.inf
 
@@ -292,10 +285,6 @@ def _is_piled(levels: np.ndarray, counts: np.ndarray, *, at_full: bool) -> bool:
     growth = max(near / far if far else near, 1.0) ** _GROWTH
     expected = near * (min(growth, _CREST) if at_full else growth)
     return bool(counts[-1] >= expected + _SIGMAS * np.sqrt(expected))
-
-
-def _share(plateau: npt.NDArray[np.bool_], which: npt.NDArray[np.bool_]) -> float:
-    return float(np.count_nonzero(plateau & which) / np.count_nonzero(plateau))
 
 
 def _is_noisy(image: np.ndarray, below: npt.NDArray[np.bool_], full: float) -> bool:
@@ -513,23 +502,16 @@ def _rough_sigma(values: np.ndarray, spread: np.ndarray) -> float:
     if values.shape[1] < 8:
         # around noise alone the second extremes lie about 1.7 sigmas apart
         return float(np.median(spread)) / 1.7
-    if values.dtype == np.uint8:
-        return _middle_of_bytes(values[::2]) * 1.4826 / float(np.sqrt(70.0))
-    v = values[::2].astype(np.float32)
-    mixed = v[:, :-4] - 4 * v[:, 1:-3] + 6 * v[:, 2:-2] - 4 * v[:, 3:-1] + v[:, 4:]
-    return float(np.median(np.abs(mixed))) * 1.4826 / float(np.sqrt(70.0))
+    rough = fourth_differences(values[::2])
+    return 1.4826 * float(np.median(np.abs(rough)))
 
 
-def _middle_of_bytes(levels: np.ndarray) -> float:
-    """Median size of the fourth differences along whole levels of one byte: by counting them."""
+def fourth_differences(rows: np.ndarray) -> np.ndarray:
+    """Those along rows (rows, cols - 4), of the size of their noise: next to nothing of fringes."""
     import cv2
 
-    fourth = np.array([[1.0, -4.0, 6.0, -4.0, 1.0]], np.float32)
-    sizes = np.abs(cv2.filter2D(levels, cv2.CV_16S, fourth)[:, 2:-2]).view(np.uint16)
-    largest = 16 * 255
-    counts = cv2.calcHist([sizes], [0], None, [largest + 1], [0, largest + 1]).ravel()
-    below, last = np.cumsum(counts), sizes.size - 1
-    return float(np.searchsorted(below, [last // 2, (last + 1) // 2], side="right").mean())
+    kernel = FOURTH / np.linalg.norm(FOURTH)
+    return np.asarray(cv2.filter2D(rows.astype(np.float32), -1, kernel[None])[:, 2:-2])
 
 
 @dataclass(frozen=True)

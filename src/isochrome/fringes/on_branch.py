@@ -23,6 +23,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import erf
 
 from isochrome.fringes.windows import (
     Array,
@@ -35,6 +36,11 @@ from isochrome.fringes.windows import (
     without,
 )
 
+BRANCH = 0.25
+"""Half of a branch of sin², in fringes: a reading farther from the model has left its branch."""
+
+_LEAST = BRANCH**-2
+"""Inverse variance of a shift before anything is known: it stays on its branch."""
 _STEADY_PX = 4.0
 """Over which an added light is taken as even."""
 _WINDOWS_PX = ((5.0, 8.0, 2), (12.0, 16.0, 4))
@@ -44,8 +50,6 @@ _FINE_PX, _AROUND_PX = 4.0, 20.0
 """Windows of a bump and of its surroundings."""
 _SHOWN = 0.55
 """What such windows show of a round spot of 6 to 12 pixels: 0.57 to 0.52."""
-_LEAST = 1.0 / 0.25**2
-"""Inverse variance of a shift before anything is known: it stays on its branch."""
 _SURELY = 4.0
 """Variances up to which noise alone explains a light, or a bump."""
 _TOLD, _OPEN = 0.01, 0.002
@@ -171,9 +175,6 @@ class _Blocks:
         return self._information[width_px]
 
 
-BRANCH = 0.25
-"""Half of a branch of sin², in fringes: a reading farther from the model has left its branch."""
-
 SURE = 0.05
 """The error, in fringes, that `confidence` is the probability to stay within."""
 
@@ -188,14 +189,13 @@ _AT_REST = 0.002
 """Root mean square of a move, fringes, after which wide windows move it no more: a third of what
 the noise leaves of an order."""
 
-_LARGEST_MISFIT = 0.1
-_STEEPEST = 0.25
+LARGEST_MISFIT = 0.1
+"""Of the contrast, by which light and model may be apart."""
+STEEPEST = 0.25
+"""Fringes a pixel, beyond which none is read: four pixels a fringe."""
 _POOLED_PX = 3.0
 _STEP = 0.05
 """Fringes from a branch to where its sinusoid is looked at."""
-_ERF = (0.254829592, -0.284496736, 1.421413741, -1.453152027, 1.061405429)
-_ERF_SCALE = 0.3275911
-"""Coefficients of `probability`."""
 
 
 @dataclass(frozen=True)
@@ -242,13 +242,13 @@ def read_order(
     answer = gaussian_sum(slope * before, _WINDOW_PX)
     stray = stray_error(before, slope, gain, shift=smooth, sums=(information, answer))
     shift = smooth + _move(information, answer)
-    residual = wave.light(shift)
+    residual, _ = wave.light_and_slope(shift)
     count = np.maximum(gaussian_sum(weight, _WINDOW_PX), 1e-6)
     misfit = gaussian_sum(residual * residual, _WINDOW_PX) / count  # squared, as its noise
     spread = gaussian_sum(square, _WINDOW_PX / np.sqrt(2.0))
     spread /= np.maximum(information * information, 1e-24)
     uncertainty = np.sqrt(spread * np.maximum(misfit, 1.0) + stray * stray)
-    largest = np.maximum(_LARGEST_MISFIT * amplitude, 2.0 * noise)
+    largest = np.maximum(LARGEST_MISFIT * amplitude, 2.0 * noise)
     steep = sum(np.square(slope) for slope in np.gradient(model))
     known = (
         (weight > 0.0)
@@ -256,7 +256,7 @@ def read_order(
         & (uncertainty < LARGEST_UNCERTAINTY)
         & (misfit * (noise * noise) < largest * largest)
         & (np.abs(shift) < BRANCH)
-        & (steep < np.float32(_STEEPEST**2))  # not finer than four pixels, nor beside no specimen
+        & (steep < np.float32(STEEPEST**2))  # not finer than four pixels, nor beside no specimen
     )
     shift += without(model, material)
     return make_reading(np.abs(shift, out=shift), uncertainty, known, of=material)
@@ -282,22 +282,8 @@ class _Wave:
         self._rest = light - gain * middle + self._cosine
         self.shape = order.shape
 
-    def on_branch(self) -> tuple[Array, Array]:
-        """What is left of the light on the branches themselves (rows, cols), and its slope."""
-        return self._rest - self._cosine, np.float32(2.0 * np.pi) * self._sine
-
-    def light(self, shift: Array) -> Array:
-        """What is left of the light at a shift d (rows, cols) from the branches."""
-        turn = np.float32(2.0 * np.pi) * shift
-        product: Array = np.sin(turn)
-        product *= self._sine
-        cosine = np.cos(turn, out=turn)
-        cosine *= self._cosine
-        product += cosine
-        return np.asarray(np.subtract(self._rest, product, out=product))
-
     def light_and_slope(self, shift: Array) -> tuple[Array, Array]:
-        """The same, and its slope."""
+        """What is left of the light at a shift d (rows, cols) from the branches, and its slope."""
         turn = np.float32(2.0 * np.pi) * shift
         cosine, sine = np.cos(turn), np.sin(turn, out=turn)
         residual = self._rest - self._cosine * cosine
@@ -311,7 +297,7 @@ class _Wave:
 
 def _move(information: Array, answer: Array) -> Array:
     """How far an order moves by Σ w J² and Σ w J r, fringes: it stays on its branch."""
-    step = answer / (information + np.float32(BRANCH**-2))
+    step = answer / (information + np.float32(_LEAST))
     return np.asarray(np.clip(step, -BRANCH, BRANCH, out=step))
 
 
@@ -321,8 +307,8 @@ def _moved_by_wide_windows(wave: _Wave) -> Array:
     Such a move is smooth: it is found on blocks of two pixels a side.
     """
     shift = np.zeros(wave.shape, dtype=np.float32)
-    for k in range(_WIDE_MOVES):
-        residual, slope = wave.light_and_slope(shift) if k else wave.on_branch()
+    for _ in range(_WIDE_MOVES):
+        residual, slope = wave.light_and_slope(shift)
         residual *= slope
         slope *= slope
         information = Windows(halved(slope), 2).sum(_WIDE_PX)
@@ -334,20 +320,8 @@ def _moved_by_wide_windows(wave: _Wave) -> Array:
 
 
 def probability(uncertainty: Array) -> Array:
-    """Probability that an order with a normal error is right to `SURE`: erf(SURE/(√2 u)).
-
-    Equation: erf x = 1 - (a_1 t + ... + a_5 t⁵) exp(-x²), t = 1/(1 + p x), to 1.5e-7, which takes a
-    fifth of the time of more digits. Source: Abramowitz & Stegun (1964), Handbook of Mathematical
-    Functions, 7.1.26.
-    """
-    # plain numbers, which leave single precision single
-    far = (SURE / 2.0**0.5) / np.maximum(uncertainty, 1e-9)
-    t = 1.0 / (1.0 + _ERF_SCALE * far)
-    total = t * _ERF[-1]
-    for factor in _ERF[-2::-1]:
-        total += factor
-        total *= t
-    return np.asarray(1.0 - total * np.exp(-far * far))
+    """Probability that an order with a normal error is right to `SURE`: erf(SURE/(√2 u))."""
+    return np.asarray(erf((SURE / 2.0**0.5) / np.maximum(uncertainty, 1e-9)))
 
 
 def make_reading(order: Array, uncertainty: Array, known: Mask, *, of: Mask) -> OrderReading:
