@@ -1,6 +1,7 @@
 from .camera import Response, blurred, camera_response, expose, stored_type
 from .polariscope import (
     Chain,
+    FringeWave,
     Light,
     fringe_order,
     highest_visible,
@@ -9,12 +10,14 @@ from .polariscope import (
     mean_order,
     pixel_visibility,
     polariscope_signal,
+    polariscope_wave,
     slope_visibility,
     spectral_signal,
 )
 
 __all__ = [
     "Chain",
+    "FringeWave",
     "Light",
     "Response",
     "blurred",
@@ -27,6 +30,7 @@ __all__ = [
     "mean_order",
     "pixel_visibility",
     "polariscope_signal",
+    "polariscope_wave",
     "slope_visibility",
     "spectral_signal",
     "stored_type",

@@ -147,15 +147,48 @@ def _axis(angle_deg: float) -> NDArray[np.complex128]:
     return np.array([math.cos(angle), math.sin(angle)], dtype=complex)
 
 
-def polariscope_signal(
+@dataclass(frozen=True)
+class FringeWave:
+    """A signal about an order N: mean + cosine cos t + sine sin t, t = `turns` + 2 pi d, at N + d.
+
+    `turns`, rad; `sine` None: none.
+    """
+
+    mean: Array | float
+    cosine: Array | float
+    sine: Array | None
+    turns: Array
+
+    @property
+    def light(self) -> Array:
+        """The signal at the order itself."""
+        light = np.asarray(np.cos(self.turns))
+        light *= self.cosine
+        if self.sine is not None:
+            light += self.sine * np.sin(self.turns)
+        light += self.mean
+        return light
+
+    def every(self, stride: int) -> "FringeWave":
+        """The signal at every `stride`-th pixel."""
+        return FringeWave(
+            *(
+                part if part is None or np.ndim(part) == 0 else part[::stride, ::stride]
+                for part in (self.mean, self.cosine, self.sine, self.turns)
+            )
+        )
+
+
+def polariscope_wave(
     order: Array, chain: Chain, *, direction: Array | None = None, visibility: Array | float = 1.0
-) -> Array:
-    """The light behind the analyser, 1 for the full light of the ideal bright field.
+) -> FringeWave:
+    """The light behind the analyser, 1 for the full light of the ideal bright field, near an order.
 
     |α|² cos²(δ/2) + |w|² sin²(δ/2) - Im(α w*) sin δ with δ = 2 pi N, where the pixel's area scales
     cos δ and sin δ by its visibility; ideal dark field: sin²(pi N). `direction` θ of sigma_1 (rad)
     is needed where the chain is not ideal (ValueError). Precise to 1e-14 in float64; in float32 to
-    2e-7 and what the order carries: whole fringes are taken off first, which loses no digit.
+    2e-7 and what the order carries: whole fringes are taken off first, which loses no digit. What a
+    band of wavelengths does is that at the order itself: it changes little within a branch.
     """
     # in place: a fresh array of a frame costs more than the arithmetic on it
     turns = np.asarray(np.rint(order))
@@ -165,18 +198,21 @@ def polariscope_signal(
         contrast, shift = band_pass(order, chain.band)
         visibility, turns = visibility * contrast, turns + shift
     if chain.ideal:
-        light = np.cos(turns, out=turns)
-        light *= visibility
-        light *= -0.5 * chain.ideal
-        light += 0.5
-        return np.asarray(light)
+        return FringeWave(0.5, -0.5 * chain.ideal * visibility, None, turns)
     if direction is None:
         raise ValueError(message("chain_not_ideal_needs"))
     w = chain.beta * np.cos(2.0 * direction) + chain.gamma * np.sin(2.0 * direction)
     straight, crossed = abs(chain.alpha) ** 2, np.abs(w) ** 2
     mixed = np.imag(chain.alpha * np.conj(w))
-    wave = 0.5 * (straight - crossed) * np.cos(turns) - mixed * np.sin(turns)
-    return np.asarray(0.5 * (straight + crossed) + visibility * wave)
+    mean, cosine = 0.5 * (straight + crossed), 0.5 * (straight - crossed)
+    return FringeWave(mean, visibility * cosine, -visibility * mixed, turns)
+
+
+def polariscope_signal(
+    order: Array, chain: Chain, *, direction: Array | None = None, visibility: Array | float = 1.0
+) -> Array:
+    """The light of `polariscope_wave` at the order itself."""
+    return polariscope_wave(order, chain, direction=direction, visibility=visibility).light
 
 
 WHITE = Spectrum(wavelength_nm=(400.0, 700.0), power=(1.0, 1.0))

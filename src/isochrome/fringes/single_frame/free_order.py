@@ -45,7 +45,7 @@ from isochrome.fringes.on_branch import (
     less_sure,
     make_reading,
     moved_by_light,
-    stray_error,
+    stray_variance,
 )
 from isochrome.fringes.single_frame.patches import (
     FADED,
@@ -503,12 +503,13 @@ def _at(image: Array, patches: Patches) -> Array:
 
 
 def _beside_stray(reading: OrderReading, wave: Array, sigma: Array) -> OrderReading:
-    """A reading as uncertain as light leaves it that is not the fringes', see `stray_error`."""
+    """A reading as uncertain as light leaves it that is not the fringes', see `stray_variance`."""
     read = np.isfinite(reading.order)
     order = np.where(read, reading.order, 0.0)
     weight = np.where(read, 1.0 / sigma, 0.0)
     residual = np.where(read, wave - np.cos(TURN * order), 0.0) * weight
-    error = stray_error(residual, -TURN * np.sin(TURN * order) * weight, -2.0 * weight)
+    slope = -TURN * np.sin(TURN * order) * weight
+    error = np.sqrt(stray_variance(residual, slope, -2.0 * weight))
     return less_sure(reading, error, LARGEST_UNCERTAINTY)
 
 
