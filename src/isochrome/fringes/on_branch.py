@@ -254,13 +254,13 @@ class _OnBranch:
         """`light` and `gain` over the noise, nought where masked; `wave` about the branches."""
         import cv2
 
-        cosine, turns = wave.cosine, wave.turns
-        if wave.sine is not None:  # b cos t + c sin t = a cos(t - s), of a wave a cos s, a sin s
-            cosine, lag = cv2.cartToPolar(np.asarray(cosine), wave.sine)
-            turns = turns - lag
+        height, turns = np.asarray(wave.cosine), wave.turns
+        if wave.sine is not None:  # a cos s and a sin s of the wave a cos(t - s)
+            size, lag = cv2.cartToPolar(height, wave.sine)
+            height, turns = np.asarray(size), turns - np.asarray(lag)
         self._height, self._turns, self._rest = (
             np.ascontiguousarray(part if material.all() else without(part, material), np.float32)
-            for part in (gain * cosine, turns, light - gain * wave.mean)
+            for part in (gain * height, turns, light - gain * wave.mean)
         )
         self.shape = light.shape
 

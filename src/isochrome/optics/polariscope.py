@@ -171,12 +171,12 @@ class FringeWave:
 
     def every(self, stride: int) -> "FringeWave":
         """The signal at every `stride`-th pixel."""
-        return FringeWave(
-            *(
-                part if part is None or np.ndim(part) == 0 else part[::stride, ::stride]
-                for part in (self.mean, self.cosine, self.sine, self.turns)
-            )
-        )
+
+        def few(part: Array | float) -> Array:
+            return np.broadcast_to(part, self.turns.shape)[::stride, ::stride]
+
+        sine = None if self.sine is None else few(self.sine)
+        return FringeWave(few(self.mean), few(self.cosine), sine, few(self.turns))
 
 
 def polariscope_wave(
@@ -331,10 +331,14 @@ def mean_order(order: Array, *, stride: float = 1.0, blur_px2: float = 0.0) -> A
 
 def _sinc(x: Array) -> Array:
     """sin(pi x)/(pi x), and nothing where it turns the fringes' contrast round."""
+    import cv2
+
     angle = np.pi * x
     angle += _TINY
-    value = np.sin(angle)
-    value /= angle
+    if angle.dtype == np.float32:  # both sine and cosine, in half the time of np.sin, to 2e-7
+        value = np.asarray(cv2.polarToCart(1.0 / angle, angle)[1], np.float32)
+    else:
+        value = np.asarray(np.sin(angle) / angle)
     return np.asarray(np.maximum(value, 0.0, out=value))
 
 
@@ -384,6 +388,8 @@ def _bend(order: Array, axis: int) -> Array:
     b[1:-1] += n[2:]
     b[1:-1] += n[:-2]
     b[0], b[-1] = b[1], b[-2]
+    if math.isfinite(float(bend.max())):
+        return bend
     for step in (1, -1):
         at = _places(np.isnan(bend))
         bend[at] = bend[_beside(at, axis, step, order.shape)[1]]
