@@ -236,7 +236,7 @@ def saturation_level(raw: np.ndarray, *, full: float) -> float:
     """From which level a frame is clipped: its plateau's, at full scale or below, or infinite."""
     image = np.asarray(raw)
     usable = np.isfinite(image)
-    values = image if usable.all() else image[usable]
+    values = image.ravel() if usable.all() else image[usable]
     if not values.size:
         return np.inf
     lowest, highest = float(values.min()), float(values.max())

@@ -182,13 +182,9 @@ class FringeWave:
 def polariscope_wave(
     order: Array, chain: Chain, *, direction: Array | None = None, visibility: Array | float = 1.0
 ) -> FringeWave:
-    """The light behind the analyser, 1 for the full light of the ideal bright field, near an order.
+    """The light behind the analyser near an order, as `polariscope_signal` has it at the order.
 
-    |α|² cos²(δ/2) + |w|² sin²(δ/2) - Im(α w*) sin δ with δ = 2 pi N, where the pixel's area scales
-    cos δ and sin δ by its visibility; ideal dark field: sin²(pi N). `direction` θ of sigma_1 (rad)
-    is needed where the chain is not ideal (ValueError). Precise to 1e-14 in float64; in float32 to
-    2e-7 and what the order carries: whole fringes are taken off first, which loses no digit. What a
-    band of wavelengths does is that at the order itself: it changes little within a branch.
+    What a band of wavelengths does is taken there: it changes little within a branch.
     """
     # in place: a fresh array of a frame costs more than the arithmetic on it
     turns = np.asarray(np.rint(order))
@@ -211,7 +207,13 @@ def polariscope_wave(
 def polariscope_signal(
     order: Array, chain: Chain, *, direction: Array | None = None, visibility: Array | float = 1.0
 ) -> Array:
-    """The light of `polariscope_wave` at the order itself."""
+    """The light behind the analyser, 1 for the full light of the ideal bright field.
+
+    |α|² cos²(δ/2) + |w|² sin²(δ/2) - Im(α w*) sin δ with δ = 2 pi N, where the pixel's area scales
+    cos δ and sin δ by its visibility; ideal dark field: sin²(pi N). `direction` θ of sigma_1 (rad)
+    is needed where the chain is not ideal (ValueError). Precise to 1e-14 in float64; in float32 to
+    2e-7 and what the order carries: whole fringes are taken off first, which loses no digit.
+    """
     return polariscope_wave(order, chain, direction=direction, visibility=visibility).light
 
 
