@@ -6,6 +6,7 @@ from closed_forms import dark_field, disc, grey
 from plain_frames import read_free
 
 from isochrome.fringes import SURE, read_order
+from isochrome.optics import FringeWave
 
 SHAPE = (160, 200)
 ROWS, COLS = np.indices(SHAPE, dtype=float)
@@ -27,7 +28,8 @@ def read(light, model, **changed):
         "illumination": np.full(SHAPE, AMPLITUDE), "background": np.full(SHAPE, BACKGROUND),
         "sigma": np.full(SHAPE, SIGMA), "valid": np.isfinite(model),
     }  # fmt: skip
-    return read_order(light, model, lambda n: np.sin(np.pi * n) ** 2, **(given | changed))
+    wave = FringeWave(0.5, -0.5, None, 2.0 * np.pi * np.nan_to_num(model))
+    return read_order(light, model, wave, **(given | changed))
 
 
 def ramp(slope):

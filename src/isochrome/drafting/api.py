@@ -95,7 +95,7 @@ def draft_figure(data: FrameData, scene: Scene, values: Sequence[DraftValue]) ->
     The `data` are the frame as the scene, of one state, takes it.
     """
     model_frame = evaluate_model(data, scene)
-    light = model_frame.background + model_frame.illumination * np.nan_to_num(model_frame.signal)
+    light = model_frame.background + model_frame.illumination * np.nan_to_num(model_frame.signal(1))
     stored = np.maximum(light, 0.0) ** (1.0 / scene.frames.stated_gamma)
     model = np.where(model_frame.picture.material, stored, np.nan)
     rows, cols = data.shape

@@ -57,7 +57,7 @@ def fit_figure(name: str, frames: PreparedFrames, scenes: tuple[Scene, ...]) -> 
     axes: Any = figure.subplots(len(shown), 3, squeeze=False)
     for row, k in zip(axes, shown, strict=True):
         data, evaluated = wanted[k], evaluate_model(wanted[k], scenes[k])
-        model = evaluated.background + evaluated.illumination * evaluated.signal
+        model = evaluated.background + evaluated.illumination * evaluated.signal(1)
         place = evaluated.pixels.scale
         top = float(np.percentile(data.light[data.valid], 99.8))
         for axis, image, valid, title in (

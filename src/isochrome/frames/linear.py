@@ -75,8 +75,9 @@ class NoiseModel:
         levels = np.asarray(values)
         if levels.dtype != np.float32:
             levels = levels.astype(float)
-        variance = float(self.offset) + float(self.slope) * levels
-        return np.sqrt(np.maximum(variance, float(self.floor)))
+        variance = np.asarray(float(self.slope) * levels)
+        variance += float(self.offset)
+        return np.asarray(np.sqrt(np.maximum(variance, float(self.floor), out=variance)))
 
     def linear_sigma(
         self, values: npt.ArrayLike, *, bit_depth: int | None, gamma: float = 1.0
@@ -231,7 +232,7 @@ def saturation_level(raw: np.ndarray, *, full: float) -> float:
     """From which level a frame is clipped: its plateau's, at full scale or below, or infinite."""
     image = np.asarray(raw)
     usable = np.isfinite(image)
-    values = image[usable]
+    values = image.ravel() if usable.all() else image[usable]
     if not values.size:
         return np.inf
     lowest, highest = float(values.min()), float(values.max())
@@ -245,14 +246,15 @@ def saturation_level(raw: np.ndarray, *, full: float) -> float:
         level, at_full = float(levels[i]), bool(levels[i] >= full)
         if not at_full and len(levels) < _FEWEST_LEVELS:
             continue
-        plateau = usable & (image == level)
         fewest = _FEWEST_FULL if at_full else _LEAST_SHARE * values.size
+        if counts[i] < fewest:
+            continue
+        plateau = usable & (image == level)
         touching = np.pad(plateau, 1)  # a pixel of the plateau on one of the four sides
         touching = (
             touching[:-2, 1:-1] | touching[2:, 1:-1] | touching[1:-1, :-2] | touching[1:-1, 2:]
         )
-        connected = np.count_nonzero(plateau & touching) >= _TOUCHING * counts[i]
-        if counts[i] < fewest or not connected:
+        if np.count_nonzero(plateau & touching) < _TOUCHING * counts[i]:
             continue
         if not _is_piled(levels[: i + 1], counts[: i + 1], at_full=at_full):
             continue
@@ -263,6 +265,12 @@ def saturation_level(raw: np.ndarray, *, full: float) -> float:
 
 def _histogram(values: np.ndarray) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """The levels that occur and their pixels, (n,) each; none where no bright fractions agree."""
+    if values.dtype == np.uint8:
+        import cv2
+
+        counts = cv2.calcHist([values], [0], None, [256], [0, 256]).ravel()
+        at = np.flatnonzero(counts)
+        return at.astype(float), counts[at].astype(float)
     if values.dtype.kind in "ui":
         least = int(values.min())
         counts = np.bincount((values.astype(np.int64) - least).ravel())
@@ -427,13 +435,15 @@ def to_linear(
     finite = np.isfinite(raw)
     _check_levels(raw if finite.all() else raw[finite], bit_depth, allow_blank, name)
     light = raw.astype(np.float32)
-    light[~finite] = 0.0
+    if not finite.all():
+        light[~finite] = 0.0
     light /= np.float32(full)
     valid = finite & ~find_outliers(raw, finite) & (raw < saturation_level(raw, full=full))
     if gamma != 1:
         valid &= light >= 0  # a background was subtracted: what gamma made of it is not known
         light = np.maximum(light, 0) ** np.float32(gamma)
-    light[~finite] = np.nan
+    if not finite.all():
+        light[~finite] = np.nan
     if mask is not None:
         valid &= mask
     return Linear(image=light, valid=valid)

@@ -35,6 +35,7 @@ from isochrome.estimation import light_basis, total_degree
 from isochrome.fringes.follower import FilmState, continued, faded_fringes, follow_frame, regained
 from isochrome.fringes.on_branch import OrderReading, make_reading, read_order, widened
 from isochrome.fringes.windows import Array, Mask, block_means, nearest_known, valid_means
+from isochrome.optics import FringeWave
 
 _DEGREES = (2, 4)
 """Of the illumination: a lamp falls off to the corners; the second where the crests ask for it."""
@@ -436,8 +437,9 @@ def read_followed(
     trusted = _spread(_whole_blocks(valid, by).astype(np.float32), by, light.shape, smooth=False)
     known |= beside & (trusted <= 0.5)  # at a rim, blocks that are cut are not followed
     rise = film_light.rise(light)
+    wave = FringeWave(0.5, -0.5, None, np.float32(2.0 * np.pi) * order)
     reading = read_order(
-        rise, order, fringe_response, illumination=film_light.illumination,
+        rise, order, wave, illumination=film_light.illumination,
         background=np.zeros_like(rise), sigma=sigma, valid=beside,
     )  # fmt: skip
     reading = widened(reading, film_light.signal_error(light))

@@ -19,11 +19,9 @@ the model lacks: there a bump of the order, narrower than its surroundings make 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import erf
 
 from isochrome.fringes.windows import (
     Array,
@@ -35,21 +33,19 @@ from isochrome.fringes.windows import (
     masked,
     without,
 )
+from isochrome.optics import FringeWave
 
-BRANCH = 0.25
-"""Half of a branch of sin², in fringes: a reading farther from the model has left its branch."""
-
-_LEAST = BRANCH**-2
-"""Inverse variance of a shift before anything is known: it stays on its branch."""
 _STEADY_PX = 4.0
 """Over which an added light is taken as even."""
-_WINDOWS_PX = ((5.0, 8.0, 2), (12.0, 16.0, 4))
-"""Wider ones: over which the order follows, and the light is even, and the side of the blocks of
-pixels that are enough for them."""
+_WINDOWS_PX = ((5.0, 8.0), (12.0, 16.0))
+"""Wider ones, for which blocks of four pixels a side are enough: over which the order follows, and
+the light is even."""
 _FINE_PX, _AROUND_PX = 4.0, 20.0
 """Windows of a bump and of its surroundings."""
 _SHOWN = 0.55
 """What such windows show of a round spot of 6 to 12 pixels: 0.57 to 0.52."""
+_LEAST = 1.0 / 0.25**2
+"""Inverse variance of a shift before anything is known: it stays on its branch."""
 _SURELY = 4.0
 """Variances up to which noise alone explains a light, or a bump."""
 _TOLD, _OPEN = 0.01, 0.002
@@ -57,69 +53,43 @@ _TOLD, _OPEN = 0.01, 0.002
 tell it; beyond the second crests do not, and bumps begin to count."""
 
 
-def stray_error(
-    residual: Array,
-    slope: Array,
-    even: Array,
-    *,
-    shift: Array | None = None,
-    sums: tuple[Array, Array] | None = None,
+def stray_variance(
+    residual: Array, slope: Array, even: Array, *, shift: Array | None = None
 ) -> Array:
-    """Standard uncertainty (rows, cols), fringes, by light that was added to the fringes.
+    """Variance (rows, cols), fringes², of an order by light that was added to the fringes.
 
     Equations: the module's. `residual`, the light less the model's; `slope` J, its change with the
     order; `even`, with light of the size of the contrast; all over the noise, nought where masked.
     `shift` was taken out before, by a model of the specimen; without one a bump is the order's own.
-    `sums`: Σ w J² and Σ w J r over the reading's window, where known.
     """
     residual, slope, even = (
         np.ascontiguousarray(part, dtype=np.float32) for part in (residual, slope, even)
     )
     square, cross, answer = slope * slope, slope * even, slope * residual
-    if sums is None:
-        sums = gaussian_sum(square, _WINDOW_PX), gaussian_sum(answer, _WINDOW_PX)
-    informed = sums[0] + np.float32(_LEAST)
-    of_even = gaussian_sum(cross, _WINDOW_PX) / informed
-    remaining = even - slope * of_even
-    both = halved(remaining * (residual - slope * (sums[1] / informed)))
-    size, open_ = _told(halved(remaining * remaining), both, 2, _STEADY_PX)
-    light = even * residual
-    if shift is not None:  # a wide window is to see what a narrow one has followed
-        answer += shift * square
-        light += shift * cross
     products = {
         "slope": square, "slope even": cross, "even": even * even,
-        "slope light": answer, "even light": light,
+        "slope light": answer, "even light": even * residual,
     }  # fmt: skip
     means = {name: halved(product) for name, product in products.items()}
+    if shift is not None:  # a wide window is to see what a narrow one has followed
+        moved = halved(shift)
+        means["slope light"] += moved * means["slope"]
+        means["even light"] += moved * means["slope even"]
     pairs = _Blocks(2, means)
-    blocks = {2: pairs, 4: _Blocks(4, {name: halved(mean) for name, mean in means.items()})}
-    for follow, steady, side in _WINDOWS_PX:
-        clear, variance = blocks[side].told(follow, steady)
-        np.maximum(size, expanded(clear, size.shape, side // 2), out=size)
+    of_even = pairs.shift("even", _WINDOW_PX)
+    size, open_ = pairs.told(of_even, pairs.shift("light", _WINDOW_PX), _STEADY_PX)
+    wider, shape = _Blocks(4, {name: halved(mean) for name, mean in means.items()}), size.shape
+    for follow, steady in _WINDOWS_PX:
+        bent = wider.bent("even", follow), wider.bent("light", follow)
+        clear, variance = wider.told(*bent, steady)
+        np.maximum(size, expanded(clear, shape, 2), out=size)
         if follow < _AROUND_PX / 2.0:  # crests that are near
-            np.minimum(open_, variance, out=open_)
-    moved = expanded(size, residual.shape, 2) * (of_even * of_even)
+            np.minimum(open_, expanded(variance, shape, 2), out=open_)
+    size *= of_even * of_even
     if shift is not None:
-        bump = pairs.bump(blocks[4]) * (open_ / (open_ + np.float32(_OPEN**2)))
-        np.maximum(moved, expanded(bump, residual.shape, 2), out=moved)
-    return np.asarray(np.sqrt(moved, out=moved))
-
-
-def _told(shown: Array, both: Array, side: int, steady: float) -> tuple[Array, Array]:
-    """Square of an even light that is surely there (rows, cols), and the variance of it.
-
-    `shown` and `both`, means of q² and q r over blocks of `side` pixels a side; the window over
-    which the light is even, `steady`, pixels.
-    """
-    square = Windows(shown, side)
-    total = np.maximum(square.sum(steady), 1e-12)
-    variance_shown = Windows(both, side).sum(steady) / total
-    variance = square.sum(steady / np.sqrt(2.0)) / (total * total)
-    variance_shown *= variance_shown
-    variance_shown -= _SURELY * variance
-    np.maximum(variance_shown, 0.0, out=variance_shown)
-    return variance_shown * (variance < _TOLD**2), variance
+        bump = expanded(wider.bump(), shape, 2) * (open_ / (open_ + np.float32(_OPEN**2)))
+        np.maximum(size, bump, out=size)
+    return expanded(size, residual.shape, 2)
 
 
 class _Blocks:
@@ -135,36 +105,42 @@ class _Blocks:
         self._windows = {name: Windows(mean, side) for name, mean in means.items()}
         self._information: dict[float, Array] = {}
 
-    def told(self, follow: float, steady: float) -> tuple[Array, Array]:
-        """See `_told`: over which the order follows, and over which the light is even, pixels."""
+    def told(self, of_even: Array, of_light: Array, steady: float) -> tuple[Array, Array]:
+        """Square of an even light that is surely there (rows, cols), and the variance of it.
+
+        From what shifts of the order, `of_even` and `of_light`, leave of the even light and of the
+        light; the window over which the light is even, `steady`, pixels.
+        """
         mean = self._means
-        of_even, of_light = self._answer("even", follow), self._answer("light", follow)
         shown = mean["even"] - of_even * (2.0 * mean["slope even"] - of_even * mean["slope"])
         np.maximum(shown, 0.0, out=shown)  # a mean of squares, but for rounding
         both = mean["even light"] - of_even * mean["slope light"]
         both -= of_light * (mean["slope even"] - of_even * mean["slope"])
-        return _told(shown, both, self._side, steady)
+        square = Windows(shown, self._side)
+        total = np.maximum(square.sum(steady), 1e-12)
+        surely = Windows(both, self._side).sum(steady) / total
+        variance = square.sum(steady / np.sqrt(2.0)) / (total * total)
+        surely *= surely
+        surely -= _SURELY * variance
+        np.maximum(surely, 0.0, out=surely)
+        return surely * (variance < _TOLD**2), variance
 
-    def bump(self, wider: _Blocks) -> Array:
-        """Square of how far the order differs from its surroundings, beyond the noise.
-
-        `wider`, the same on blocks of twice the side, where the surroundings are looked at.
-        """
-        fine = self._shift("light", _FINE_PX)
+    def bump(self) -> Array:
+        """Square of how far the order differs from its surroundings, beyond the noise."""
+        fine = self.shift("light", _FINE_PX)
         noise = self._windows["slope"].sum(_FINE_PX / np.sqrt(2.0))
         informed = self._informed(_FINE_PX)
-        around, more = (wider._shift("light", f * _AROUND_PX) for f in (1.0, np.sqrt(2.0)))
-        away = fine - expanded(2.0 * around - more, fine.shape, 2)
+        away = fine - self.bent("light", _AROUND_PX)
         away *= away
         away -= _SURELY * noise / (informed * informed)
         return np.asarray(np.maximum(away, 0.0) / np.float32(_SHOWN**2))
 
-    def _answer(self, light: str, width_px: float) -> Array:
+    def bent(self, light: str, width_px: float) -> Array:
         """The shift, over a wide window twice, less that of √2 its width: the order may bend."""
-        wider = self._shift(light, np.sqrt(2.0) * width_px)
-        return np.asarray(2.0 * self._shift(light, width_px) - wider)
+        wider = self.shift(light, np.sqrt(2.0) * width_px)
+        return np.asarray(2.0 * self.shift(light, width_px) - wider)
 
-    def _shift(self, light: str, width_px: float) -> Array:
+    def shift(self, light: str, width_px: float) -> Array:
         """The shift of the order (rows, cols) that answers to a light over a window, fringes."""
         return self._windows[f"slope {light}"].sum(width_px) / self._informed(width_px)
 
@@ -174,6 +150,9 @@ class _Blocks:
             self._information[width_px] = self._windows["slope"].sum(width_px) + np.float32(_LEAST)
         return self._information[width_px]
 
+
+BRANCH = 0.25
+"""Half of a branch of sin², in fringes: a reading farther from the model has left its branch."""
 
 SURE = 0.05
 """The error, in fringes, that `confidence` is the probability to stay within."""
@@ -194,8 +173,10 @@ LARGEST_MISFIT = 0.1
 STEEPEST = 0.25
 """Fringes a pixel, beyond which none is read: four pixels a fringe."""
 _POOLED_PX = 3.0
-_STEP = 0.05
-"""Fringes from a branch to where its sinusoid is looked at."""
+_ERF = (0.254829592, -0.284496736, 1.421413741, -1.453152027, 1.061405429)
+_ERF_SCALE = 0.3275911
+_SUREST = 8.0
+"""Coefficients of `probability`, and SURE over an uncertainty of which it is 1 to 1e-15."""
 
 
 @dataclass(frozen=True)
@@ -212,7 +193,7 @@ class OrderReading:
 def read_order(
     light: Array,
     model_order: Array,
-    response: Callable[[Array], Array],
+    wave: FringeWave,
     *,
     illumination: Array,
     background: Array,
@@ -223,9 +204,11 @@ def read_order(
 
     Not known: masked; over 0.03 fringe from the neighbourhood's noise and light that is not the
     fringes'; light and model apart by over a tenth of the contrast and twice the noise; a reading
-    that leaves its branch; fringes finer than four pixels. `response`: from order to ideal signal,
-    such as sin²(pi N); illumination A, background C and sigma are in the light's unit.
+    that leaves its branch; fringes finer than four pixels. `wave`: the ideal signal about the
+    model's order; illumination A, background C and sigma are in the light's unit.
     """
+    import cv2
+
     material = np.isfinite(model_order)
     model, noise, amplitude = (
         np.ascontiguousarray(part, dtype=np.float32) for part in (model_order, sigma, illumination)
@@ -234,94 +217,108 @@ def read_order(
     per_noise = weight / noise
     gain = amplitude * per_noise
     fringed = (light - background).astype(np.float32, copy=False) * per_noise
-    wave = _Wave(fringed, gain, without(model, material), response)
-    smooth = _moved_by_wide_windows(wave)
-    before, slope = wave.light_and_slope(smooth)
+    on_branch = _OnBranch(fringed, gain, wave, material)
+    smooth = _moved_by_wide_windows(on_branch)
+    before, slope = on_branch.light_and_slope(smooth)
     square = slope * slope
     information = gaussian_sum(square, _WINDOW_PX)
-    answer = gaussian_sum(slope * before, _WINDOW_PX)
-    stray = stray_error(before, slope, gain, shift=smooth, sums=(information, answer))
-    shift = smooth + _move(information, answer)
-    residual, _ = wave.light_and_slope(shift)
-    count = np.maximum(gaussian_sum(weight, _WINDOW_PX), 1e-6)
-    misfit = gaussian_sum(residual * residual, _WINDOW_PX) / count  # squared, as its noise
+    shift = smooth + _move(information, gaussian_sum(slope * before, _WINDOW_PX))
+    # what an order errs by changes little from pixel to pixel, but for how steep its own fringe is
+    residual, _ = on_branch.light_and_slope(shift)
+    residual *= residual
+    count = np.maximum(Windows(halved(weight), 2).sum(_WINDOW_PX), 1e-6)
+    misfit = Windows(halved(residual), 2).sum(_WINDOW_PX) / count  # squared, as its noise
+    misfit, count = (expanded(part, model.shape, 2) for part in (misfit, count))
+    stray = stray_variance(before, slope, gain, shift=smooth)
     spread = gaussian_sum(square, _WINDOW_PX / np.sqrt(2.0))
     spread /= np.maximum(information * information, 1e-24)
-    uncertainty = np.sqrt(spread * np.maximum(misfit, 1.0) + stray * stray)
-    largest = np.maximum(LARGEST_MISFIT * amplitude, 2.0 * noise)
-    steep = sum(np.square(slope) for slope in np.gradient(model))
+    uncertainty = np.sqrt(spread * np.maximum(misfit, 1.0) + stray)
+    largest = np.maximum(LARGEST_MISFIT * gain, 2.0)
     known = (
         (weight > 0.0)
         & (count > 0.5 * (2.0 * np.pi * _WINDOW_PX**2))
         & (uncertainty < LARGEST_UNCERTAINTY)
-        & (misfit * (noise * noise) < largest * largest)
+        & (misfit < largest * largest)
         & (np.abs(shift) < BRANCH)
-        & (steep < np.float32(STEEPEST**2))  # not finer than four pixels, nor beside no specimen
+        & (cv2.magnitude(*np.gradient(model)) < STEEPEST)  # of four pixels, nor beside no specimen
     )
-    shift += without(model, material)
+    shift += model
     return make_reading(np.abs(shift, out=shift), uncertainty, known, of=material)
 
 
-class _Wave:
+class _OnBranch:
     """Light less a signal's near the branches of a model, over its noise, and the signal's slope.
 
-    Light of one wavelength is a sinusoid of the order: about a branch N, at a distance d, it is
-    f(N+d) = a + b cos 2 pi d + c sin 2 pi d, and f(N), f(N+h), f(N-h) give a, b and c. A band of
-    wavelengths changes the sinusoid little within a branch.
+    About a branch N, at a distance d, the light is the signal's mean and a cos(t + 2 pi d).
     """
 
-    def __init__(
-        self, light: Array, gain: Array, order: Array, response: Callable[[Array], Array]
-    ) -> None:
-        """`light` and `gain` over the noise, nought where masked; `order` N; all (rows, cols)."""
-        ahead, behind = response(order + np.float32(_STEP)), response(order - np.float32(_STEP))
-        middle, angle = response(order), 2.0 * np.pi * _STEP
-        even = middle - 0.5 * (ahead + behind)
-        self._cosine = even * (gain * np.float32(1.0 / (1.0 - np.cos(angle))))
-        self._sine = (ahead - behind) * (gain * np.float32(0.5 / np.sin(angle)))
-        self._rest = light - gain * middle + self._cosine
-        self.shape = order.shape
+    def __init__(self, light: Array, gain: Array, wave: FringeWave, material: Mask) -> None:
+        """`light` and `gain` over the noise, nought where masked; `wave` about the branches."""
+        import cv2
+
+        height, turns = np.asarray(wave.cosine), wave.turns
+        if wave.sine is not None:  # a cos s and a sin s of the wave a cos(t - s)
+            size, lag = cv2.cartToPolar(height, wave.sine)
+            height, turns = np.asarray(size), turns - np.asarray(lag)
+        self._height, self._turns, self._rest = (
+            np.ascontiguousarray(part if material.all() else without(part, material), np.float32)
+            for part in (gain * height, turns, light - gain * wave.mean)
+        )
+        self.shape = light.shape
 
     def light_and_slope(self, shift: Array) -> tuple[Array, Array]:
         """What is left of the light at a shift d (rows, cols) from the branches, and its slope."""
-        turn = np.float32(2.0 * np.pi) * shift
-        cosine, sine = np.cos(turn), np.sin(turn, out=turn)
-        residual = self._rest - self._cosine * cosine
-        residual -= self._sine * sine
-        cosine *= self._sine
-        sine *= self._cosine
-        cosine -= sine
-        cosine *= np.float32(2.0 * np.pi)
-        return residual, cosine
+        import cv2
+
+        turns = shift * np.float32(2.0 * np.pi)
+        turns += self._turns
+        # both in a quarter of the time of np.sin and np.cos, to 2e-7
+        light, slope = cv2.polarToCart(self._height, turns)
+        slope *= np.float32(-2.0 * np.pi)
+        return np.subtract(self._rest, light, out=light), slope
 
 
 def _move(information: Array, answer: Array) -> Array:
     """How far an order moves by Σ w J² and Σ w J r, fringes: it stays on its branch."""
-    step = answer / (information + np.float32(_LEAST))
+    step = answer / (information + np.float32(BRANCH**-2))
     return np.asarray(np.clip(step, -BRANCH, BRANCH, out=step))
 
 
-def _moved_by_wide_windows(wave: _Wave) -> Array:
+def _moved_by_wide_windows(on_branch: _OnBranch) -> Array:
     """How far the orders lie from a model's over wide windows (rows, cols), fringes.
 
     Such a move is smooth: it is found on blocks of two pixels a side.
     """
-    shift = np.zeros(wave.shape, dtype=np.float32)
+    shift = np.zeros(on_branch.shape, dtype=np.float32)
     for _ in range(_WIDE_MOVES):
-        residual, slope = wave.light_and_slope(shift)
+        residual, slope = on_branch.light_and_slope(shift)
         residual *= slope
         slope *= slope
         information = Windows(halved(slope), 2).sum(_WIDE_PX)
         step = _move(information, Windows(halved(residual), 2).sum(_WIDE_PX))
-        shift += expanded(step, wave.shape, 2)
+        shift += expanded(step, on_branch.shape, 2)
         if float(np.vdot(step, step)) < _AT_REST**2 * step.size:
             break  # the model was as near
     return shift
 
 
 def probability(uncertainty: Array) -> Array:
-    """Probability that an order with a normal error is right to `SURE`: erf(SURE/(√2 u))."""
-    return np.asarray(erf((SURE / 2.0**0.5) / np.maximum(uncertainty, 1e-9)))
+    """Probability that an order with a normal error is right to `SURE`: erf(SURE/(√2 u)).
+
+    Equation: erf x = 1 - (a_1 t + ... + a_5 t⁵) exp(-x²), t = 1/(1 + p x), to 1.5e-7, which takes a
+    fifth of the time of more digits. Source: Abramowitz & Stegun (1964), Handbook of Mathematical
+    Functions, 7.1.26.
+    """
+    import cv2
+
+    # plain numbers, which leave single precision single
+    far = (SURE / 2.0**0.5) / np.maximum(uncertainty, SURE / _SUREST)
+    t = 1.0 / (1.0 + _ERF_SCALE * far)
+    total = t * _ERF[-1]
+    for factor in _ERF[-2::-1]:
+        total += factor
+        total *= t
+    return np.asarray(1.0 - total * cv2.exp(-far * far))
 
 
 def make_reading(order: Array, uncertainty: Array, known: Mask, *, of: Mask) -> OrderReading:

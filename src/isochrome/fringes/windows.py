@@ -1,5 +1,6 @@
 """Means and sums over blocks and windows of pixels, and the types of maps and masks."""
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -32,23 +33,30 @@ def valid_means(values: Array, valid: Mask, by: int) -> Array:
     return block_means(np.where(valid, values, 0.0), by) / np.maximum(share, 1e-9)
 
 
-def gaussian_sum(values: Array, width_px: float, *, reach: float = 4.0) -> Array:
+def gaussian_sum(
+    values: Array, width_px: float, *, reach: float = 4.0, factor: float = 1.0
+) -> Array:
     """Sum over a Gaussian window whose weight is 1 in the middle, of values that are nought where
     masked.
 
     Its standard deviation is `width_px`, of which it extends `reach`. The square of such a window
-    is one of width/√2: it gives the variance of a pooled sum.
+    is one of width/√2: it gives the variance of a pooled sum. The sums are times `factor`.
     """
     import cv2
 
-    half = int(reach * width_px + 0.5)
-    bell = np.exp(-0.5 * (np.arange(-half, half + 1) / width_px) ** 2)
-    weights = (bell / bell.sum()).astype(np.float32)
+    weights = _bell(width_px, reach)
     single = np.ascontiguousarray(values, dtype=np.float32)
     # nothing lies beyond the picture
-    sums: Array = cv2.sepFilter2D(single, -1, weights, weights, borderType=cv2.BORDER_CONSTANT)
-    sums *= 2.0 * np.pi * width_px**2
-    return sums
+    down = weights * np.float32(factor)
+    return np.asarray(cv2.sepFilter2D(single, -1, weights, down, borderType=cv2.BORDER_CONSTANT))
+
+
+@lru_cache(maxsize=64)
+def _bell(width_px: float, reach: float) -> Array:
+    """A Gaussian window's weights along an axis: a picture takes a few over and over."""
+    half = int(reach * width_px + 0.5)
+    bell = np.exp(-0.5 * (np.arange(-half, half + 1) / width_px) ** 2)
+    return np.asarray(bell * (np.sqrt(2.0 * np.pi) * width_px / bell.sum()), np.float32)
 
 
 class Windows:
@@ -72,8 +80,9 @@ class Windows:
         square = width_px**2 - (block**2 - 1) / 12.0 - (block**2 - self._side**2) / 6.0
         while len(self._halved) <= times:
             self._halved.append(halved(self._halved[-1]))
-        small = gaussian_sum(self._halved[times], np.sqrt(square) / block, reach=_REACH)
-        small *= float(width_px**2 / square * block**2)  # of so many pixels each is the mean
+        each = float(width_px**2 / square * block**2)  # of so many pixels each is the mean
+        width = float(np.sqrt(square)) / block
+        small = gaussian_sum(self._halved[times], width, reach=_REACH, factor=each)
         return expanded(small, shape, 2**times)
 
 
@@ -97,7 +106,8 @@ def halved(values: Array) -> Array:
     import cv2
 
     rows, cols = values.shape
-    values = cv2.copyMakeBorder(values, 0, rows % 2, 0, cols % 2, cv2.BORDER_CONSTANT, value=0)
+    if rows % 2 or cols % 2:
+        values = cv2.copyMakeBorder(values, 0, rows % 2, 0, cols % 2, cv2.BORDER_CONSTANT, value=0)
     half = (values.shape[1] // 2, values.shape[0] // 2)
     return np.asarray(cv2.resize(values, half, interpolation=cv2.INTER_AREA))
 
@@ -106,6 +116,8 @@ def expanded(values: Array, shape: tuple[int, int], by: int) -> Array:
     """An image of `shape` (rows, cols), linear between the middles of blocks of `by` pixels."""
     import cv2
 
+    if by == 1:
+        return values
     size = (by * values.shape[1], by * values.shape[0])
     larger = cv2.resize(values, size, interpolation=cv2.INTER_LINEAR)
     return np.asarray(larger[: shape[0], : shape[1]])

@@ -1,6 +1,7 @@
 from .camera import GENERIC_PEAK_NM, Response, blurred, camera_response, expose, stored_type
 from .polariscope import (
     Chain,
+    FringeWave,
     Light,
     fringe_order,
     highest_visible,
@@ -9,6 +10,7 @@ from .polariscope import (
     mean_order,
     pixel_visibility,
     polariscope_signal,
+    polariscope_wave,
     slope_visibility,
     spectral_signal,
 )
@@ -16,6 +18,7 @@ from .polariscope import (
 __all__ = [
     "GENERIC_PEAK_NM",
     "Chain",
+    "FringeWave",
     "Light",
     "Response",
     "blurred",
@@ -28,6 +31,7 @@ __all__ = [
     "mean_order",
     "pixel_visibility",
     "polariscope_signal",
+    "polariscope_wave",
     "slope_visibility",
     "spectral_signal",
     "stored_type",

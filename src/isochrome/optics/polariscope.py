@@ -147,6 +147,63 @@ def _axis(angle_deg: float) -> NDArray[np.complex128]:
     return np.array([math.cos(angle), math.sin(angle)], dtype=complex)
 
 
+@dataclass(frozen=True)
+class FringeWave:
+    """A signal about an order N: mean + cosine cos t + sine sin t, t = `turns` + 2 pi d, at N + d.
+
+    `turns`, rad; `sine` None: none.
+    """
+
+    mean: Array | float
+    cosine: Array | float
+    sine: Array | None
+    turns: Array
+
+    @property
+    def light(self) -> Array:
+        """The signal at the order itself."""
+        light = np.asarray(np.cos(self.turns))
+        light *= self.cosine
+        if self.sine is not None:
+            light += self.sine * np.sin(self.turns)
+        light += self.mean
+        return light
+
+    def every(self, stride: int) -> "FringeWave":
+        """The signal at every `stride`-th pixel."""
+
+        def few(part: Array | float) -> Array:
+            return np.broadcast_to(part, self.turns.shape)[::stride, ::stride]
+
+        sine = None if self.sine is None else few(self.sine)
+        return FringeWave(few(self.mean), few(self.cosine), sine, few(self.turns))
+
+
+def polariscope_wave(
+    order: Array, chain: Chain, *, direction: Array | None = None, visibility: Array | float = 1.0
+) -> FringeWave:
+    """The light behind the analyser near an order, as `polariscope_signal` has it at the order.
+
+    What a band of wavelengths does is taken there: it changes little within a branch.
+    """
+    # in place: a fresh array of a frame costs more than the arithmetic on it
+    turns = np.asarray(np.rint(order))
+    np.subtract(order, turns, out=turns)
+    turns *= 2.0 * np.pi
+    if chain.band:
+        contrast, shift = band_pass(order, chain.band)
+        visibility, turns = visibility * contrast, turns + shift
+    if chain.ideal:
+        return FringeWave(0.5, -0.5 * chain.ideal * visibility, None, turns)
+    if direction is None:
+        raise ValueError(message("chain_not_ideal_needs"))
+    w = chain.beta * np.cos(2.0 * direction) + chain.gamma * np.sin(2.0 * direction)
+    straight, crossed = abs(chain.alpha) ** 2, np.abs(w) ** 2
+    mixed = np.imag(chain.alpha * np.conj(w))
+    mean, cosine = 0.5 * (straight + crossed), 0.5 * (straight - crossed)
+    return FringeWave(mean, visibility * cosine, -visibility * mixed, turns)
+
+
 def polariscope_signal(
     order: Array, chain: Chain, *, direction: Array | None = None, visibility: Array | float = 1.0
 ) -> Array:
@@ -157,26 +214,7 @@ def polariscope_signal(
     is needed where the chain is not ideal (ValueError). Precise to 1e-14 in float64; in float32 to
     2e-7 and what the order carries: whole fringes are taken off first, which loses no digit.
     """
-    # in place: a fresh array of a frame costs more than the arithmetic on it
-    turns = np.asarray(np.rint(order))
-    np.subtract(order, turns, out=turns)
-    turns *= 2.0 * np.pi
-    if chain.band:
-        contrast, shift = band_pass(order, chain.band)
-        visibility, turns = visibility * contrast, turns + shift
-    if chain.ideal:
-        light = np.cos(turns, out=turns)
-        light *= visibility
-        light *= -0.5 * chain.ideal
-        light += 0.5
-        return np.asarray(light)
-    if direction is None:
-        raise ValueError(message("chain_not_ideal_needs"))
-    w = chain.beta * np.cos(2.0 * direction) + chain.gamma * np.sin(2.0 * direction)
-    straight, crossed = abs(chain.alpha) ** 2, np.abs(w) ** 2
-    mixed = np.imag(chain.alpha * np.conj(w))
-    wave = 0.5 * (straight - crossed) * np.cos(turns) - mixed * np.sin(turns)
-    return np.asarray(0.5 * (straight + crossed) + visibility * wave)
+    return polariscope_wave(order, chain, direction=direction, visibility=visibility).light
 
 
 WHITE = Spectrum(wavelength_nm=(400.0, 700.0), power=(1.0, 1.0))
@@ -292,10 +330,14 @@ def mean_order(order: Array, *, stride: float = 1.0, blur_px2: float = 0.0) -> A
 
 def _sinc(x: Array) -> Array:
     """sin(pi x)/(pi x), and nothing where it turns the fringes' contrast round."""
+    import cv2
+
     angle = np.pi * x
     angle += _TINY
-    value = np.sin(angle)
-    value /= angle
+    if angle.dtype == np.float32:  # both sine and cosine, in half the time of np.sin, to 2e-7
+        value = np.asarray(cv2.polarToCart(1.0 / angle, angle)[1], np.float32)
+    else:
+        value = np.asarray(np.sin(angle) / angle)
     return np.asarray(np.maximum(value, 0.0, out=value))
 
 
@@ -345,6 +387,8 @@ def _bend(order: Array, axis: int) -> Array:
     b[1:-1] += n[2:]
     b[1:-1] += n[:-2]
     b[0], b[-1] = b[1], b[-2]
+    if math.isfinite(float(bend.max())):
+        return bend
     for step in (1, -1):
         at = _places(np.isnan(bend))
         bend[at] = bend[_beside(at, axis, step, order.shape)[1]]

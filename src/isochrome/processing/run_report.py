@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from isochrome.errors import IsochromeError
 from isochrome.figures import centred_limit
-from isochrome.fitting import frame_scene, scene_at, sliding_scene
+from isochrome.fitting import SceneRenderer, frame_scene, scene_at, sliding_scene
 from isochrome.output import counted, numbers, with_uncertainty
 from isochrome.processing.figure import place_of_row
 from isochrome.processing.in_common import fitted_keys
@@ -29,7 +29,7 @@ from isochrome.reporting import (
 )
 from isochrome.runs import stored_map
 from isochrome.scene import Scene, dump_scene
-from isochrome.simulation import iter_scene_states, make_picture, picture_signal, state_difference
+from isochrome.simulation import make_picture, picture_signal
 from isochrome.stress import pixel_grid
 
 Array = NDArray[Any]
@@ -221,9 +221,11 @@ def _model(result: Processed, shown: _Shown) -> tuple[_Model | None, str]:
         return None, "nothing was fitted to it, so there is no simulation"
     try:
         fitted = _own_scene(result, shown, values)
-        *_, state = iter_scene_states(fitted)
-        pixels = pixel_grid(fitted)
-        picture = make_picture(fitted, state_difference(fitted, state, pixels), pixels)
+        image = shown.order if shown.signal is None else shown.signal
+        assert image is not None
+        renderer = SceneRenderer(fitted, (image.shape[0], image.shape[1]))
+        difference = renderer.difference(fitted, renderer.state(fitted))
+        picture = make_picture(fitted, difference, pixel_grid(fitted))
         signal = picture_signal(fitted, picture)
     except IsochromeError as error:
         return None, f"its simulation was refused: {error}"

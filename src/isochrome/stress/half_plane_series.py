@@ -10,7 +10,9 @@ repetitions add is smooth, a power series in (ζ-t)/L from the tractions' moment
 
     Σ_m 1/(u-mL) = 1/u - Σ_j 2 ζ_R(2j) u^(2j-1)/L^(2j),    |u| < L    (ζ_R Riemann's),
 
-and is taken off by interpolation between few places. Rows cost less the deeper they lie.
+and is taken off by interpolation between few places. So are rows made between 14 of them, from a
+depth to four times that: Chebyshev's coefficients of exp(-κz) beyond are I_14(3y/2) exp(-5y/2) <
+2e-8.
 Sources: Johnson (1985), Contact Mechanics, eq. 2.23, for the stress; Abramowitz & Stegun (1964),
 4.3.70, for the series.
 """
@@ -18,6 +20,7 @@ Sources: Johnson (1985), Contact Mechanics, eq. 2.23, for the stress; Abramowitz
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 import scipy.fft
@@ -36,11 +39,12 @@ _DECAY = 18.0
 """κz beyond which a wave is left out: exp(-18) = 1.5e-8."""
 _TERMS = 12
 _PLACES = 14
+_COSINES = np.cos(np.pi * (np.arange(_PLACES) + 0.5) / _PLACES)
+"""Chebyshev's places on -1..1, (m,)."""
 _REACH = 1.9
 """Period over the largest distance from a traction to a pixel: 12 terms then leave 2e-7 of the
 repetitions, and the interpolation between 14 x 14 places less."""
 _FARTHEST = 0.62
-_BLOCK = 64
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,9 +57,7 @@ class SeriesGrid:
     nodes: int
     spacing_mm: float
     length: int  # period in pixels
-    down: Floats = field(repr=False)  # (rows, m): interpolation from m x m places
-    across: Floats = field(repr=False)  # (m, cols)
-    cosines: Floats = field(repr=False)  # (m,): the places on -1..1
+    across: Floats = field(repr=False)  # (m, cols): interpolation from m places
     # (24, nodes): powers of the nodes' places over the period, for the tractions' moments
     powers: Floats = field(repr=False)
     # (24, 24): from moments to the power series of the repetitions' simple poles
@@ -78,13 +80,11 @@ def make_series_grid(
     """
     wanted = max(_REACH * reach_mm / pitch_mm, cols, nodes * spacing_mm / pitch_mm)
     length = int(scipy.fft.next_fast_len(math.ceil(wanted)))
-    cosines = np.cos(np.pi * (np.arange(_PLACES) + 0.5) / _PLACES)
     pairs, poles = _power_series()
     places = spacing_mm / (length * pitch_mm) * (np.arange(nodes) - 0.5 * (nodes - 1))
     return SeriesGrid(
         rows=rows, cols=cols, pitch_mm=pitch_mm, nodes=nodes, spacing_mm=spacing_mm, length=length,
-        down=_interpolation(rows, cosines).astype(np.float32),
-        across=_interpolation(cols, cosines).T.astype(np.float32), cosines=cosines,
+        across=_interpolation(_steps(cols)).T.astype(np.float32),
         powers=np.vander(places, 2 * _TERMS, increasing=True).T.copy(), pairs=pairs, poles=poles,
     )  # fmt: skip
 
@@ -126,11 +126,19 @@ def series_difference(
     maps = [np.zeros((grid.rows, grid.cols), np.complex64) for _ in range(3 if slopes else 1)]
     if first < grid.rows:
         waves = _Waves(grid, float(depth[first]), x_mm, left_mm, pressure_mpa, shear_mpa)
-        for start in range(first, grid.rows, _BLOCK):
-            block = slice(start, start + _BLOCK)
-            waves.fill([part[block] for part in maps], depth[block])
-        repeated = _repetitions(grid, x_mm, depth, left_mm, pressure_mpa, shear_mpa)
-        maps[0][first:] -= repeated[first:]
+        groups = list(_alike(depth, first))
+        few = [_few(depth[rows]) for rows in groups]
+        fields = waves.fields(few, len(maps))
+        z, span = np.concatenate(few), (float(depth[0]), float(depth[-1]))
+        fields[0] -= _repetitions(grid, x_mm, z, span, left_mm, pressure_mpa, shear_mpa)
+        stops = np.cumsum([len(places) for places in few]).tolist()
+        for rows, places, stop in zip(groups, few, stops, strict=True):
+            for part, made in zip(maps, fields[:, stop - len(places) : stop], strict=True):
+                if len(places) == len(part[rows]):
+                    part[rows] = made
+                else:  # a real matrix times a complex one, by one product of real matrices
+                    between = _between(len(part[rows]))
+                    np.matmul(between, made.view(np.float32), out=part[rows].view(np.float32))
     return SeriesField(maps[0], *(maps[1:] if slopes else (None, None)))
 
 
@@ -161,20 +169,20 @@ class _Waves:
             spectrum[0] *= 0.5
             self.cauchy = spectrum.astype(np.complex64)
 
-    def fill(self, maps: list[Complexes], depth: Floats) -> None:
-        """The repeated tractions' field in neighbouring rows, and its slopes if there is room."""
-        shape = (len(maps), len(depth), self.grid.length)
-        spectra = np.zeros(shape, np.complex64)
-        for rows in _alike(depth):
-            self._fill_spectra(spectra[:, rows], depth[rows])
+    def fields(self, depths: list[Floats], count: int) -> Complexes:
+        """The repeated tractions' field in rows at depths that are alike, and of 3 its slopes."""
+        spectra = np.zeros((count, sum(map(len, depths)), self.grid.length), np.complex64)
+        start = 0
+        for depth in depths:
+            self._fill_spectra(spectra[:, start : start + len(depth)], depth)
+            start += len(depth)
         fields = scipy.fft.fft(spectra, axis=2, overwrite_x=True)
-        for part, made in zip(maps, fields, strict=True):
-            part[:] = made[:, : self.grid.cols]
+        return np.asarray(fields[..., : self.grid.cols])
 
     def _fill_spectra(self, spectra: Complexes, depth: Floats) -> None:
         """Waves that the pixels cannot tell apart are added before the transform."""
         length = self.grid.length
-        total = min(len(self.kappa), _count(self.grid, float(depth[0])))
+        total = min(len(self.kappa), _count(self.grid, float(depth.min())))
         z = depth.astype(np.float32)[:, None]
         for start in range(0, total, length):
             waves = slice(start, min(start + length, total))
@@ -207,22 +215,36 @@ def _transform(grid: SeriesGrid, values: NDArray[np.number], count: int) -> Comp
     return np.asarray(czt(values, count, w=np.exp(2j * np.pi / turns)))
 
 
-def _alike(depth: Floats) -> Iterator[slice]:
-    """Neighbouring rows that need about as many waves: to twice the depth of the first."""
-    first = 0
+def _alike(depth: Floats, first: int) -> Iterator[slice]:
+    """Neighbouring rows from the `first` on that are alike: to four times the depth of its own."""
     while first < len(depth):
-        last = int(np.searchsorted(depth, 2.0 * depth[first], side="right"))
+        last = int(np.searchsorted(depth, 4.0 * depth[first], side="right"))
         yield slice(first, last)
         first = last
 
 
+def _few(depth: Floats) -> Floats:
+    """Depths that tell the field at those of neighbouring rows, see `_between`."""
+    if len(depth) <= _PLACES:
+        return depth
+    return np.asarray(0.5 * (depth[0] + depth[-1] + (depth[-1] - depth[0]) * _COSINES))
+
+
+@lru_cache(maxsize=64)
+def _between(count: int) -> Floats:
+    """Interpolation (count, m) from those to so many neighbouring rows."""
+    return _interpolation(_steps(count)).astype(np.float32)
+
+
 def _repetitions(
-    grid: SeriesGrid, x_mm: float, depth: Floats, left_mm: float, p: Floats, q: Floats | None
-) -> Complexes:
-    """What the repeated tractions add to the field (rows, cols)."""
+    grid: SeriesGrid, x_mm: float, depth: Floats, span: tuple[float, float], left_mm: float,
+    p: Floats, q: Floats | None,
+) -> Complexes:  # fmt: skip
+    """What the repeated tractions add to the field (depths, cols); `span`, of the picture (mm)."""
     period, middle = grid.period_mm, left_mm + 0.5 * grid.spacing_mm * (grid.nodes - 1)
-    x = x_mm - middle + 0.5 * grid.pitch_mm * (grid.cols - 1) * (1.0 + grid.cosines)
-    z = 0.5 * (depth[0] + depth[-1] + (depth[-1] - depth[0]) * grid.cosines)
+    x = x_mm - middle + 0.5 * grid.pitch_mm * (grid.cols - 1) * (1.0 + _COSINES)
+    deep, half = 0.5 * (span[0] + span[1]), 0.5 * (span[1] - span[0])
+    z = deep + half * _COSINES
     v = (x[None, :] - 1j * z[:, None]) / period
     loaded = np.flatnonzero(p)
     ends = grid.powers[1, loaded[[0, -1]]] if len(loaded) else np.zeros(2)
@@ -236,10 +258,8 @@ def _repetitions(
     if q is not None:
         total = total + np.polynomial.polynomial.polyval(v, grid.pairs @ across) / period
     total = (-2.0 / np.pi * total).astype(np.complex64)
-    half = np.ascontiguousarray((total.real @ grid.across) + 1j * (total.imag @ grid.across))
-    # a real matrix times a complex one, by one product of real matrices
-    real = grid.down @ half.astype(np.complex64).view(np.float32)
-    return np.asarray(real.view(np.complex64))
+    down = _interpolation((depth - deep) / half if half else np.zeros(len(depth)))
+    return np.asarray((down.astype(np.float32) @ total) @ grid.across)
 
 
 def _power_series() -> tuple[Floats, Floats]:
@@ -257,9 +277,12 @@ def _power_series() -> tuple[Floats, Floats]:
     return pairs, poles
 
 
-def _interpolation(count: int, cosines: Floats) -> Floats:
-    """From values at Chebyshev's places to `count` equal steps over -1..1: (count, m)."""
-    steps = np.linspace(-1.0, 1.0, count) if count > 1 else np.full(1, -1.0)
-    chebyshev = np.polynomial.chebyshev.chebvander
-    degree = len(cosines) - 1
-    return np.asarray(np.linalg.solve(chebyshev(cosines, degree).T, chebyshev(steps, degree).T).T)
+def _steps(count: int) -> Floats:
+    """So many equal steps over -1..1."""
+    return np.linspace(-1.0, 1.0, count) if count > 1 else np.full(1, -1.0)
+
+
+def _interpolation(places: Floats) -> Floats:
+    """From values at Chebyshev's places to others (n,) on -1..1: (n, m)."""
+    chebyshev, degree = np.polynomial.chebyshev.chebvander, _PLACES - 1
+    return np.asarray(np.linalg.solve(chebyshev(_COSINES, degree).T, chebyshev(places, degree).T).T)

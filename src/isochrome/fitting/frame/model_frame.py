@@ -10,7 +10,7 @@ from isochrome.estimation import MOSTLY, FrameData, SeparableProblem, solve_line
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.frame.unknowns import thinning
-from isochrome.optics import blurred
+from isochrome.optics import FringeWave, blurred
 from isochrome.scene import Scene
 from isochrome.simulation import Picture, make_picture, scene_states, state_difference
 from isochrome.stress import PixelGrid, pixel_grid
@@ -24,14 +24,14 @@ of that in an order pooled over its neighbourhood."""
 class ModelFrame:
     """What a scene says of every pixel (rows, cols) of a frame: I = B + A S in the light's unit.
 
-    `response`, from fringe order to signal at this frame's directions; `mask`, trusted pixels of
-    the specimen whose fringes are not washed out; `chi`, residual over noise.
+    `wave`, the ideal signal about the orders; `signal`, S at every so many of the pixels; `mask`,
+    trusted pixels of the specimen whose fringes are not washed out; `chi`, residual over noise.
     """
 
     pixels: PixelGrid
     picture: Picture
-    response: Callable[[Array], Array]
-    signal: Array
+    wave: FringeWave
+    signal: Callable[[int], Array]
     illumination: Array
     background: Array
     mask: Mask
@@ -59,27 +59,23 @@ def evaluate_model(data: FrameData, scene: Scene, *, difference: Array | None = 
     if difference is None:
         difference = state_difference(scene, scene_states(scene)[-1], grid)
     picture = make_picture(scene, difference, grid)
-    optics = scene_optics(scene)
+    wave = scene_optics(scene).wave(
+        picture.difference, order=picture.mean_order, visibility=picture.visibility
+    )
 
-    bend = picture.mean_order - picture.order
-    bend[~picture.material] = 0.0
+    def signal(stride: int) -> Array:
+        assert scene.camera is not None
+        if scene.camera.blur_px > 0.0:
+            light = np.where(picture.material, wave.light, 0.0)
+            return np.asarray(blurred(light, scene.camera.blur_px)[::stride, ::stride])
+        return wave.every(stride).light
 
-    def response(order: Array) -> Array:
-        shown = order + bend
-        return optics.signal(picture.difference, order=shown, visibility=picture.visibility)
-
-    order = picture.order.copy()
-    order[~picture.material] = 0.0
-    signal = response(order)
-    assert scene.camera is not None
-    if scene.camera.blur_px > 0.0:
-        signal = blurred(np.where(picture.material, signal, 0.0), scene.camera.blur_px)
     mask = data.valid & picture.material & (picture.visibility > 0.5)
     illumination, background, chi = fitted_light(data, signal, mask)
     return ModelFrame(
         pixels=grid,
         picture=picture,
-        response=response,
+        wave=wave,
         signal=signal,
         illumination=illumination,
         background=background,
@@ -88,7 +84,9 @@ def evaluate_model(data: FrameData, scene: Scene, *, difference: Array | None = 
     )
 
 
-def fitted_light(data: FrameData, signal: Array, mask: Mask) -> tuple[Array, Array, float]:
+def fitted_light(
+    data: FrameData, signal: Callable[[int], Array], mask: Mask
+) -> tuple[Array, Array, float]:
     """The illumination and background (rows, cols) that fit best beside a signal, and chi.
 
     By every few of a large frame's pixels, which know a handful of coefficients well enough. Chi is
@@ -96,7 +94,7 @@ def fitted_light(data: FrameData, signal: Array, mask: Mask) -> tuple[Array, Arr
     """
     stride = thinning(int(np.count_nonzero(mask)), _ENOUGH)
     full_frame, data = data, data.every(stride)
-    signal, mask = signal[::stride, ::stride], mask[::stride, ::stride]
+    mask = mask[::stride, ::stride]
     count = int(np.count_nonzero(mask))
     if not count:
         raise InputError("no_pixel_can_trusted", name=data.name)
@@ -110,7 +108,7 @@ def fitted_light(data: FrameData, signal: Array, mask: Mask) -> tuple[Array, Arr
         (data.light * weight).ravel(), light, dark, mask,
         (dark @ dark.T).astype(float), np.empty_like(light),
     )  # fmt: skip
-    part = solve_linear(problem, np.where(mask, signal, 0.0).astype(np.float32).ravel())
+    part = solve_linear(problem, np.where(mask, signal(stride), 0.0).astype(np.float32).ravel())
     a, c = np.split(part.coefficients.astype(np.float32), [len(light)])
     left_out = mask.size - count
     negative = (round(part.negative_share * mask.size) - left_out) / count

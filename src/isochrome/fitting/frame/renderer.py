@@ -16,12 +16,13 @@ from isochrome.errors import PhysicsError
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.optics import (
     Chain,
+    FringeWave,
     blurred,
     fringe_order,
     make_chain,
     mean_order,
     pixel_visibility,
-    polariscope_signal,
+    polariscope_wave,
     slope_visibility,
 )
 from isochrome.scene import Scene
@@ -61,13 +62,19 @@ class FringeOptics:
             fringe_value_n_per_mm=self.fringe_value_n_per_mm,
         )
 
-    def signal(
+    def wave(
         self, difference: Array, *, order: Array | None = None, visibility: Array | float = 1.0
-    ) -> Array:
+    ) -> FringeWave:
         """The polariscope's signal, 0..1; `order`, where it is not that of the difference alone."""
         order = self.order(difference) if order is None else order
         direction = None if self.chain.ideal else principal_direction(difference)
-        return polariscope_signal(order, self.chain, direction=direction, visibility=visibility)
+        return polariscope_wave(order, self.chain, direction=direction, visibility=visibility)
+
+    def signal(
+        self, difference: Array, *, order: Array | None = None, visibility: Array | float = 1.0
+    ) -> Array:
+        """The same at the order itself."""
+        return self.wave(difference, order=order, visibility=visibility).light
 
 
 def scene_optics(scene: Scene) -> FringeOptics:

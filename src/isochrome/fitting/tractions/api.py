@@ -117,7 +117,9 @@ def _draw_residual(
     visibility = pixel_visibility(order)[0]
     signal = optics.signal(stress.difference, order=mean_order(order), visibility=visibility)
     mask = data.valid & (pixels.z_mm >= 0.5 * pixels.pixel_mm)[:, None]
-    illumination, background, _ = fitted_light(data, signal, mask)
+    illumination, background, _ = fitted_light(
+        data, lambda stride: signal[::stride, ::stride], mask
+    )
     title = f"residual, chi = {one.chi:.2f}"
     model = illumination * signal + background
     show_residual(ax, data, model, mask, title=title, **pixels.scale)

@@ -45,7 +45,7 @@ from isochrome.fringes.on_branch import (
     less_sure,
     make_reading,
     moved_by_light,
-    stray_error,
+    stray_variance,
 )
 from isochrome.fringes.single_frame.patches import (
     FADED,
@@ -400,7 +400,8 @@ def read_free(
     order = np.where(read, dense.order, 0.0)
     weight = np.where(read, fade / sigma, 0.0)
     residual = np.where(read, followed.wave - np.cos(TURN * order), 0.0) * weight
-    stray = stray_error(residual, -TURN * np.sin(TURN * order) * weight, -2.0 * weight)
+    slope = -TURN * np.sin(TURN * order) * weight
+    stray = np.sqrt(stray_variance(residual, slope, -2.0 * weight))
     reading = less_sure(dense, stray, LARGEST_UNCERTAINTY)
     return FreeReading(reading, fade, result.misses, result.said)
 

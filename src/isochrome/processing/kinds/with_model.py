@@ -123,7 +123,7 @@ def read_frame(
     """
     noise, lost = _is_lost(data, model, chi=chi, positive=positive)
     reading = read_order(
-        data.light, model.picture.order, model.response, illumination=model.illumination,
+        data.light, model.picture.order, model.wave, illumination=model.illumination,
         background=model.background, sigma=data.sigma,
         valid=model.mask & (model.illumination > 0.0) & (not lost),
     )  # fmt: skip
