@@ -34,7 +34,9 @@ def largest(scene):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("spacing", "tolerance"), [(0.012, 1e-3), (0.006, 1e-4)])
+@pytest.mark.parametrize(
+    ("spacing", "tolerance"), [pytest.param(0.012, 1e-3, marks=pytest.mark.study), (0.006, 1e-4)]
+)
 def test_a_contact_that_overruns_its_old_edge_is_within_the_tolerance(spacing, tolerance):
     """Goes wrong: the old scar's mesh is as coarse as the tolerance of its own pressure allows, and
     p_max on the bend at its edge errs by 4 to 15 tolerances."""
@@ -44,7 +46,9 @@ def test_a_contact_that_overruns_its_old_edge_is_within_the_tolerance(spacing, t
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("distances_m", [(110.0,), (100.7, 120.001)])
+@pytest.mark.parametrize(
+    "distances_m", [pytest.param((110.0,), marks=pytest.mark.study), (100.7, 120.001)]
+)
 def test_the_edge_of_an_old_scar_is_placed_to_the_grid_it_is_overrun_on(distances_m):
     """Ten times the wear that elasticity takes: the depth meets the edge at an angle, and p_max
     errs by the error of the edge's place over the spacing. Goes wrong by 0.6 tolerances if the scar

@@ -97,7 +97,7 @@ def test_blur_that_nothing_else_explains_is_said_plainly_and_with_one_uncertaint
         assert f"{key} = {words[key]}" in said
 
 
-@pytest.mark.long
+@pytest.mark.study  # of a blur: above
 def test_a_draft_tells_one_uncertainty_of_what_the_frame_neither_asks_for_nor_excludes(simulated):
     frame = simulated(polariscope__input_plate_error_deg=2.0)
     draft = isochrome.init(frame, KNOWN)

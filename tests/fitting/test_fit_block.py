@@ -66,8 +66,7 @@ def test_a_half_plane_reads_the_load_of_a_block_once_its_smooth_stress_is_fitted
     rms, wrong = order_error(picture_of(found.scene).order, truth)
     assert rms < 0.005 and wrong < 2e-3
 
-    # what was freed is told, and what it was for: the half-plane alone is 1 % off; what it does not
-    # explain is not left out once it is explained
+    # what was freed is told, and no pixel is left out for it: the half-plane alone is 1 % off
     (said,) = found.warnings
     assert re.search(r"load\.normal_n comes out \+1(\.\d)? % off", said)
     assert all(key in said for key in SMOOTH)

@@ -73,16 +73,13 @@ def test_pixels_whose_fringes_are_off_count_by_what_their_slopes_do_not_know():
     assert trust[:, 70:].min() > 0.99
 
 
-LATER = pytest.mark.long
-
-
 @pytest.mark.parametrize(
     ("kind", "seed"),
     [
         ("single", 41),
-        pytest.param("single", 18, marks=LATER),
-        pytest.param("two", 20, marks=LATER),
-        pytest.param("two", 33, marks=LATER),
+        pytest.param("single", 18, marks=pytest.mark.study),
+        pytest.param("two", 20, marks=pytest.mark.study),
+        pytest.param("two", 33, marks=pytest.mark.long),
     ],
 )
 def test_what_moves_fringes_by_more_than_half_of_one_is_named_alone(kind, seed):
@@ -159,7 +156,9 @@ def test_tractions_that_reach_beyond_the_contacts_window_widen_it():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("fact", [{"warm": 0.02}, {"edge_mpa": 0.2}], ids=str)
+@pytest.mark.parametrize(
+    "fact", [{"warm": 0.02}, pytest.param({"edge_mpa": 0.2}, marks=pytest.mark.study)], ids=str
+)
 def test_an_order_that_no_cause_explains_is_said_with_its_size_and_counted(fact):
     """A share of the fringes, and a stress along the edge, which is there without a fringe too."""
     rows, cols = 164, 220

@@ -75,7 +75,9 @@ def test_equations_are_the_areas_derivatives_by_the_closed_form():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("distances", [(77.0,), (77.0, 100.0)])
+@pytest.mark.parametrize(
+    "distances", [(77.0,), pytest.param((77.0, 100.0), marks=pytest.mark.study)]
+)
 def test_with_scars_no_value_is_less_sure_than_by_the_frames_alone(tmp_path, distances):
     isochrome.simulate(scene_of(distances, **TRUTH), tmp_path / "sim")
     frames = tmp_path / "sim" / "frames.tif"

@@ -106,7 +106,10 @@ def test_a_slip_is_an_error_of_check_and_all_that_is_said(image):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("slip", [upside_down, bright_for_dark, both_moduli_in_mpa])
+@pytest.mark.parametrize(
+    "slip",  # `check` names the first, above
+    [pytest.param(upside_down, marks=pytest.mark.study), bright_for_dark, both_moduli_in_mpa],
+)
 def test_fit_names_the_slip_and_the_line_that_mends_it(tmp_path, image, slip):
     """Nothing was read, exit 3; the scene with the line in it gives the truth."""
     seen, scene = slip(image)

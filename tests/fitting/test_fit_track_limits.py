@@ -14,7 +14,7 @@ from isochrome.contact import GrowingScar, contact_grid, make_site, wear_course,
 from isochrome.fitting import Tracker, placed
 from isochrome.fitting.tracking.result import TrackRows
 from isochrome.fitting.tracking.tracked_model import TrackedModel
-from isochrome.fitting.tracking.worn_course import TOLERANCE, WornCourse
+from isochrome.fitting.tracking.worn_course import GROWTH, WornCourse
 from isochrome.frames import Frame, NoiseModel
 from isochrome.optics import expose
 from isochrome.scene import load_scene
@@ -189,7 +189,7 @@ def test_a_scar_that_is_stepped_on_is_the_one_worn_in_one_go():
     site, (scar, whole), (begun, end) = worn(40.0, 44.0)
     first, count = scar, 10
     for _ in range(count):
-        scar = scar.grown(site, (end - begun) / count, (LINE, 0.2), tolerance=TOLERANCE)
+        scar = scar.grown(site, (end - begun) / count, (LINE, 0.2), tolerance=GROWTH)
     grown = (whole.depth_mm - first.depth_mm).max()
     error = np.sqrt(np.mean((scar.depth_mm - whole.depth_mm) ** 2)) / grown
     # mesh and grid differ by 2e-4; steps of the first order leave 1e-3
@@ -198,9 +198,9 @@ def test_a_scar_that_is_stepped_on_is_the_one_worn_in_one_go():
 
 def test_a_scar_goes_on_from_its_plain_numbers_as_it_would_have():
     site, (scar, _), _ = worn(40.0, 44.0)
-    scar = scar.grown(site, 1e-6, (1.01 * LINE, 0.2), tolerance=TOLERANCE)
+    scar = scar.grown(site, 1e-6, (1.01 * LINE, 0.2), tolerance=GROWTH)
     again = GrowingScar.from_json(json.loads(json.dumps(scar.to_json())))
-    one, other = (s.grown(site, 1e-6, (LINE, 0.2), tolerance=TOLERANCE) for s in (scar, again))
+    one, other = (s.grown(site, 1e-6, (LINE, 0.2), tolerance=GROWTH) for s in (scar, again))
     np.testing.assert_array_equal(one.depth_mm, other.depth_mm)
 
 
@@ -217,8 +217,8 @@ def test_a_scar_grows_on_where_the_load_in_hand_touches_it():
     """11 N/mm wore it, 6 N/mm are on it: the half-width of a contact goes with the root of these.
     Worn on by loads of long ago, what a frame says of its wear was wrong by half."""
     site, (scar,), (dose,) = worn(0.1)
-    on = scar.grown(site, 0.01 * dose, (6.0, 0.2), tolerance=TOLERANCE)
-    more = on.grown(site, 0.5 * dose, (6.0, 0.2), tolerance=TOLERANCE).depth_mm - on.depth_mm
+    on = scar.grown(site, 0.01 * dose, (6.0, 0.2), tolerance=GROWTH)
+    more = on.grown(site, 0.5 * dose, (6.0, 0.2), tolerance=GROWTH).depth_mm - on.depth_mm
     wide = [np.count_nonzero(depth > 0.05 * depth.max()) for depth in (scar.depth_mm, more)]
     assert wide[1] / wide[0] == pytest.approx(np.sqrt(6.0 / 11.0), rel=0.03)
 

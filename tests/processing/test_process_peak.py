@@ -105,8 +105,8 @@ def test_a_masked_peak_is_the_models_within_its_uncertainty_or_at_least(tmp_path
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("seeds", "models"),  # one of each harm; of a glare see above
-    [((15, 16, 18, 19), 2), pytest.param(range(50), 30, marks=pytest.mark.study)],
+    ("seeds", "models"),  # specks and a mask; of a glare see above
+    [((15, 18), 1), pytest.param(range(50), 30, marks=pytest.mark.study)],
 )
 def test_masked_peaks(tmp_path, seeds, models):
     wrong, named, refused = [], [], 0

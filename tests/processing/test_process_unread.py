@@ -39,7 +39,9 @@ def nothing_is_left(place):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("means", [{}, {"track": True, "every": 2}], ids=["whole", "track"])
+@pytest.mark.parametrize(
+    "means", [pytest.param({}, marks=pytest.mark.study), {"track": True, "every": 2}]
+)
 def test_frames_without_the_scenes_fringes_are_no_result(place, negatives, means):
     """They ended with exit code 0 and a folder of empty maps."""
     count = 2 if means else 1

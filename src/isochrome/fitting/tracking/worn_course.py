@@ -45,9 +45,9 @@ linear from there to the frame's own: unknowns of that frame."""
 TRACKED = (LOAD, "load.tangential_n", "load.bulk_mpa", FRICTION, WEAR, LEFT, TOP)
 """Keys that can be tracked: what the mechanics follow smoothly, and the place."""
 
-TOLERANCE = 1e-5
-"""Of the wear: at 1e-4 a scar's own error is a load's uncertainty, and what a frame's growth errs
-by at 1e-3 is a wear coefficient's, five times over."""
+TOLERANCE, GROWTH = 1e-5, 1e-4
+"""Of the wear until the first frame: at 1e-4 a scar's own error is a load's uncertainty; and of
+that from a frame to the next, which at 1e-3 errs by five of a wear coefficient's, in fine noise."""
 
 _STEP, _STEP_BEFORE = 1e-3, 0.03
 """Of a dose and what the elasticity makes up for, and of a load before the first frame: shows what
@@ -162,7 +162,7 @@ class WornCourse:
             dose = self._share * self._dose(drive[1])
             self._scar = self._last
             if dose > 0.0:
-                self._scar = self._last.grown(self.site, dose, drive, tolerance=TOLERANCE)
+                self._scar = self._last.grown(self.site, dose, drive, tolerance=GROWTH)
         place, (_, law, worn) = np.array(values, float), self._after
         if WEAR in self.tracked and law > 0.0:
             place[self.tracked.index(WEAR)] = self._own_wear * worn / law
@@ -199,7 +199,7 @@ class WornCourse:
         elif law > 0.0:
             line, mu = self._drive(values)
             dose = _STEP * (worn + self._elastic_mm2(values)) / line
-            self._scar = scar.grown(self.site, dose, (line, mu), tolerance=TOLERANCE)
+            self._scar = scar.grown(self.site, dose, (line, mu), tolerance=GROWTH)
             step = self._own_wear * dose * line / law
         try:
             yield step
