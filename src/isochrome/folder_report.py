@@ -17,7 +17,6 @@ from isochrome.runs import (
     REPORT,
     STORE,
     WORKING,
-    checked_store,
     name_damage,
     open_run,
     opened_record,
@@ -145,5 +144,4 @@ def _content(place: Path, file: str, record: Mapping[str, Any]) -> ReportContent
         return fit_report(place, restore_values(place, scene, record.get("options") or {}), record)
     with open_run(place) as dataset:
         rows, cols = dataset["normalised"].shape[-2:]
-    processed = restore(scene, place, (rows, cols), None)
-    return process_report(checked_store(place / STORE), processed, record)
+        return process_report(dataset, restore(scene, place, (rows, cols), None), record)

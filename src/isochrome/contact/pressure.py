@@ -409,7 +409,11 @@ def solve_pressure(
     `tolerance` is the KKT residual's. InputError on a gap or load that is none, PhysicsError where
     it does not converge.
     """
-    datum = _checked_datum(gap_mm, line_load_n_per_mm)
+    datum = float(gap_mm.min())  # its rounding would be felt as roughness
+    if not (math.isfinite(datum) and math.isfinite(float(gap_mm.max()))):
+        raise InputError("gap_between_bodies_not")
+    if not 0.0 < line_load_n_per_mm < math.inf:
+        raise InputError("load_mm_must_above", load=line_load_n_per_mm)
     gap = gap_mm - datum
     active = None if start is None else start > 0.0
     if start is None or active is None or not active.any():
@@ -441,16 +445,6 @@ def solve_pressure(
             active[np.argmin(trial.gap)] = True
     lower = "lower friction.coefficient or " if friction else ""
     raise PhysicsError("contact_pressure_did_not", friction=friction, sets=sets, lower=lower)
-
-
-def _checked_datum(gap: Floats, load: float) -> float:
-    """The smallest gap, which is taken off, since its rounding would be felt as roughness."""
-    datum = float(gap.min())
-    if not (math.isfinite(datum) and math.isfinite(float(gap.max()))):
-        raise InputError("gap_between_bodies_not")
-    if not 0.0 < load < math.inf:
-        raise InputError("load_mm_must_above", load=load)
-    return datum
 
 
 def _to_the_edge(active: NDArray[np.bool_], wrong: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -246,7 +246,7 @@ def hertz_units(
 
 
 _ORDER = 4
-_GROW, _SHRINK, _SAFETY = 1.25, 0.3, 0.9
+_GROW, SHRINK, SAFETY = 1.25, 0.3, 0.9
 _SHARE, _LOOSEST, _SHARPER = 0.5, 5e-4, 0.12
 """Allowed error of a forecast over the tolerance, at 1e-3 and above, and at most; below, it falls
 with the tolerance by this power besides. p_max and depth then err 0.1 to 0.4 of the tolerance
@@ -279,7 +279,7 @@ _SHORTEST, _NEARLY, _ANEW = 1e-9, 1e-3, 1e-6
 """Shortest step over the dose: what errs in it is far below any tolerance. Its forecast's error at
 which load or friction nearly jump within it, and one Newton step no longer holds. First step beyond
 a kink: shorter ones feel rounding, which shrinks them further (measured: 6000 of them, to 1e-9)."""
-_STILL, _SAME = 4e-6, 1e-12
+_STILL, SAME = 4e-6, 1e-12
 """First half-widths by which an edge may draw back before its trail counts: where an edge nearly
 stands still the steps must not decide. Doses that are one: rounding."""
 
@@ -327,10 +327,10 @@ def scar_history(
     walk = _walk(equations, points, min(jump, stops[-1].dose_mm_per_mpa / unit), allowed, held)
     for stop in stops:
         target = stop.dose_mm_per_mpa / unit
-        if target > jump * (1.0 + _SAME):
+        if target > jump * (1.0 + SAME):
             return
         for _ in range(_MAX_STEPS):
-            if points[0].dose >= target * (1.0 - _SAME):
+            if points[0].dose >= target * (1.0 - SAME):
                 break
             points = next(walk, [])
             if not points:
@@ -373,25 +373,25 @@ def _walk(
     step, kink = first, math.inf
     while (dose := points[0].dose) < end:
         shortest = _SHORTEST * max(dose, first)
-        if dose >= kink * (1.0 - _SAME):
+        if dose >= kink * (1.0 - SAME):
             points, step, kink = points[:1], _ANEW * max(dose, first), math.inf
         remaining, step = min(end, kink) - dose, max(step, shortest)
         size = remaining if remaining <= step else min(step, 0.5 * remaining)
         new, error = _advance(equations, points, size)
-        factor = _SAFETY * (allowed / max(error, 1e-300)) ** (1.0 / (_order(points) + 1))
+        factor = SAFETY * (allowed / max(error, 1e-300)) ** (1.0 / (_order(points) + 1))
         if size <= shortest and error > _NEARLY:
             return
         if size > shortest and error > _REJECT * allowed and len(points) > _ORDER:
-            ahead = history.next_break(dose * (1.0 + _SAME) * unit) / unit
+            ahead = history.next_break(dose * (1.0 + SAME) * unit) / unit
             kink = ahead if ahead < dose + size else kink
-            step = size * max(_SHRINK, factor)
+            step = size * max(SHRINK, factor)
             continue
         edges = np.maximum(edges, _edges(new))
         reach = _edges(new) + np.minimum(_growth(points, new), 0.0)
         if not held and np.any(reach < edges - _STILL):
             return
         points = [new, *points[:_ORDER]]
-        step = size * min(_GROW, max(_SHRINK, factor))
+        step = size * min(_GROW, max(SHRINK, factor))
         yield points
 
 

@@ -53,17 +53,6 @@ def kinks_of(scene: Scene, end: float) -> Floats:
     return kinks[kinks <= end]
 
 
-def _stretches(scene: Scene, kinks: Floats) -> Floats:
-    """The kinks, and points between them so that mu changes little from one to the next."""
-    change = np.abs(np.diff(scene.friction_at(kinks)))
-    parts = np.maximum(1, np.ceil(change / _FRICTION_STRETCH)).astype(int)
-    pieces = [
-        np.linspace(a, b, n, endpoint=False)
-        for a, b, n in zip(kinks[:-1], kinks[1:], parts, strict=True)
-    ]
-    return np.concatenate([*pieces, kinks[-1:]])
-
-
 def integral(
     rate: Callable[[Floats], Floats],
     a: Floats,
@@ -113,7 +102,13 @@ def sampled(scene: Scene, rate: Callable[[Floats], Floats], kinks: Floats) -> Fl
     Stretches are halved until quadrature gives their dose, and two places in each show the line: in
     one place, an inflection of the dose could pass for a straight line. For `kinks` see `kinks_of`.
     """
-    s = _resolved(rate, _stretches(scene, kinks))
+    change = np.abs(np.diff(scene.friction_at(kinks)))
+    parts = np.maximum(1, np.ceil(change / _FRICTION_STRETCH)).astype(int)
+    pieces = [
+        np.linspace(a, b, n, endpoint=False)
+        for a, b, n in zip(kinks[:-1], kinks[1:], parts, strict=True)
+    ]
+    s = _resolved(rate, np.concatenate([*pieces, kinks[-1:]]))
     samples, a, b = [s], s[:-1], s[1:]
     scale = [np.abs(f(s)).max() or 1.0 for f in (scene.load_at, scene.friction_at)]
     straight = max(_STRAIGHTEST, _STRAIGHT * scene.numerics.tolerance)

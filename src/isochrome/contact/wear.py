@@ -38,6 +38,9 @@ from isochrome.contact.pressure import (
     undeformed_gap,
 )
 from isochrome.contact.scar import (
+    SAFETY,
+    SAME,
+    SHRINK,
     Scar,
     angle_of,
     angles,
@@ -66,8 +69,6 @@ from isochrome.scene import Scene
 _ACCURACY = 1e-3
 """Residual of each step's contact over the tolerance."""
 _GROW = 2.0
-_SHRINK = 0.3
-_SAFETY = 0.9
 _FORECAST, _LARGEST_FORECAST = 30.0, 0.01
 _PEAK_FORECAST, _LARGEST_PEAK_FORECAST = 2.0, 0.05
 """Largest forecast errors over the tolerance, in the displacement and in the largest pressure (both
@@ -85,9 +86,6 @@ depth on the nodes that the edge of the contact passed in it, and so a spike of 
 _CAREFUL = 3.0
 """Over the root of the tolerance: share of what is left towards a jump of load or friction. A
 contact that grows there finds each node by itself where the edge was, and not the mean of many."""
-
-_SAME = 1e-12
-"""Doses nearer than this, relatively, are one."""
 
 
 @dataclass(frozen=True)
@@ -162,16 +160,16 @@ def wear_history(
     first = 1e-3 * tolerance**0.5 * max(scale, stops[-1].dose_mm_per_mpa * 1e-6)
     step = first
     for stop in stops:
-        while stop.dose_mm_per_mpa - now.dose_mm_per_mpa > _SAME * stop.dose_mm_per_mpa:
+        while stop.dose_mm_per_mpa - now.dose_mm_per_mpa > SAME * stop.dose_mm_per_mpa:
             size, target = _size(history, now.dose_mm_per_mpa, stop, step, near)
             load, mu = history.at(target)
             new, error = _advance(surface, gap_mm, load, now, past, size, mu, allowed)
-            factor = _SAFETY / max(error, 1e-300) ** 0.5
-            if error > 1.0 and size > _SAME * stop.dose_mm_per_mpa:
-                step = size * max(_SHRINK, factor)
+            factor = SAFETY / max(error, 1e-300) ** 0.5
+            if error > 1.0 and size > SAME * stop.dose_mm_per_mpa:
+                step = size * max(SHRINK, factor)
                 continue
             past = _Past(now.depth_mm, now.contact.pressure, size)
-            step = size * min(_GROW, max(_SHRINK, factor))
+            step = size * min(_GROW, max(SHRINK, factor))
             now = replace(new, dose_mm_per_mpa=target)
             after = history.leaving(target)
             if stop.dose_mm_per_mpa > target and not same_drive(after, (load, mu)):
@@ -202,8 +200,8 @@ def _size(
     history: SlidingHistory, dose: float, stop: OutputState, step: float, near: _Near
 ) -> tuple[float, float]:
     """The next step's size and the dose where it ends: the stop and breaks are met exactly."""
-    remaining, until = stop.dose_mm_per_mpa - dose, history.next_break(dose * (1.0 + _SAME)) - dose
-    size, beyond = min(step, near.longest(remaining, jumps=False)), dose * (1.0 + _SAME)
+    remaining, until = stop.dose_mm_per_mpa - dose, history.next_break(dose * (1.0 + SAME)) - dose
+    size, beyond = min(step, near.longest(remaining, jumps=False)), dose * (1.0 + SAME)
     pause = min((k for k in near.pauses if k > beyond), default=float("inf"))
     jump = min(history.next_jump(beyond), pause) - dose
     if jump < float("inf"):
@@ -279,10 +277,6 @@ PATH_TOLERANCE = 1e-4
 """Tolerance at which it is decided how far the moving mesh goes. Mesh and grid differ in space, so
 that no other tolerance may decide otherwise: two runs would differ by more than both of them."""
 
-_UNRESOLVED = 1e-4
-"""What a mesh at that tolerance may miss of a pressure with a bend inside; the finest then misses a
-tenth. Where the load rises more steeply on a scar the grid goes on from the state before."""
-
 _SHARPEST = 1e-6
 """Tolerance below which the finest mesh of a scar would be no better."""
 
@@ -336,15 +330,15 @@ class GrowingScar:
         if pressure is None:
             pressure = _settled(site.surface, site.gap_mm + depth, self.drive, None).pressure
         now = WornState(0.0, ContactState(pressure, site.gap_mm, 0.0, 0.0, 1, 1), depth)
-        step, whole = dose_mm_per_mpa, dose_mm_per_mpa * (1.0 - _SAME)
+        step, whole = dose_mm_per_mpa, dose_mm_per_mpa * (1.0 - SAME)
         while now.dose_mm_per_mpa < whole:
             step = min(step, dose_mm_per_mpa - now.dose_mm_per_mpa)
             step = step if past is None else min(step, _GROW * past.step)
             share = (now.dose_mm_per_mpa + step) / dose_mm_per_mpa
             load, mu = (a + share * (b - a) for a, b in zip(self.drive, drive, strict=True))
             new, error = _advance(site.surface, site.gap_mm, load, now, past, step, mu, allowed)
-            factor = max(_SHRINK, _SAFETY / max(error, 1e-300) ** 0.5)
-            if error > 1.0 and step > _SAME * dose_mm_per_mpa:
+            factor = max(SHRINK, SAFETY / max(error, 1e-300) ** 0.5)
+            if error > 1.0 and step > SAME * dose_mm_per_mpa:
                 step *= factor
                 continue
             past = _Past(now.depth_mm, now.contact.pressure, step)
@@ -462,7 +456,9 @@ def _scars(
     if stops and path is not None and not history.steady:
         scars = run(path, stops, tolerance=PATH_TOLERANCE)
         if load_rises(path):
-            scars = takewhile(lambda scar: unresolved(scar) <= _UNRESOLVED, scars)
+            # of a pressure with a bend inside: the finest mesh then misses a tenth of it; where the
+            # load rises more steeply on a scar the grid goes on from the state before
+            scars = takewhile(lambda scar: unresolved(scar) <= PATH_TOLERANCE, scars)
         if tolerance >= PATH_TOLERANCE:
             yield from scars
             return

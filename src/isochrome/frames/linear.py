@@ -17,10 +17,11 @@ standard deviation.
 From which grey level a frame is clipped, told by its plateau and not by the level's number.
 
 A sensor that clips gives one level to all the light beyond it: many pixels share the top level, in
-connected patches, and more of them than the histogram just below goes on to. The brightest pixels
-of a frame that ends at its top level by chance are few, apart, and no more than those one level
-below; a crest that just reaches it has some more, for light I = I_max - a x² falls into equal
-levels as the differences of a square root: 1, 0.41, 0.32, 0.27 of it.
+connected patches, and more of them than the histogram just below goes on to; or patches without a
+hole, which no camera's noise leaves. The brightest pixels of a frame that ends at its top level by
+chance are few, apart, and no more than those one level below; a crest that just reaches it has some
+more, for light I = I_max - a x² falls into equal levels as the differences of a square root: 1,
+0.41, 0.32, 0.27 of it.
 """
 
 from __future__ import annotations
@@ -205,9 +206,10 @@ def noise_between_pixels(
     return max(1.0, float(np.percentile(share, 10.0) / white))
 
 
-_FEWEST_FULL, _LEAST_SHARE = 3, 1e-3
-"""Pixels that make a plateau, and their share of all below full scale, where a label may be as
-even."""
+_FEWEST_FULL, _FEWEST = 3, 25
+"""Pixels that make a plateau, at full scale and below it, where a label may be as even."""
+_LEAST_SHARE = 1e-3
+"""Of all pixels, below full scale."""
 _FEWEST_LEVELS = 8
 """Levels that occur, for a plateau below full scale: the noise of half a level of an unloaded frame
 in the dark field piles up on its upper two or three as on a plateau."""
@@ -222,6 +224,9 @@ _CREST = 2.5
 _SIGMAS = 3.0
 _GAP = 2.2
 """Typical distances of levels: what is farther below is not just below."""
+_SOLID = 0.2
+"""Share of a plateau's pixels that have none but their level about them: an even light of half a
+grey level's noise leaves a tenth."""
 _LOOKED_AT = 1000
 """Pixels at least, of fractions, whose sorting takes a while."""
 _NOISE, _FINE = 0.5, 1e-4
@@ -246,7 +251,7 @@ def saturation_level(raw: np.ndarray, *, full: float) -> float:
         level, at_full = float(levels[i]), bool(levels[i] >= full)
         if not at_full and len(levels) < _FEWEST_LEVELS:
             continue
-        fewest = _FEWEST_FULL if at_full else _LEAST_SHARE * values.size
+        fewest = _FEWEST_FULL if at_full else max(_FEWEST, _LEAST_SHARE * values.size)
         if counts[i] < fewest:
             continue
         plateau = usable & (image == level)
@@ -256,9 +261,12 @@ def saturation_level(raw: np.ndarray, *, full: float) -> float:
         )
         if np.count_nonzero(plateau & touching) < _TOUCHING * counts[i]:
             continue
-        if not _is_piled(levels[: i + 1], counts[: i + 1], at_full=at_full):
-            continue
-        if at_full or _is_noisy(image, usable & (image < level), full):
+        piled = _is_piled(levels[: i + 1], counts[: i + 1], at_full=at_full)
+        if piled and at_full:
+            return level
+        solid = ndimage.minimum_filter(plateau, 3)  # all nine pixels about a place
+        piled = piled or np.count_nonzero(plateau & solid) > _SOLID * counts[i]
+        if piled and _is_noisy(image, usable & (image < level), full):
             return level
     return np.inf
 

@@ -22,7 +22,7 @@ from isochrome.frames import (
     with_file_scale,
 )
 from isochrome.output import counted, load_roifile
-from isochrome.processing.figure import PREVIEW, figure_in_memory
+from isochrome.processing.figure import PREVIEW, run_figure
 from isochrome.processing.folder import (
     FILM,
     finish_set_folder,
@@ -341,9 +341,8 @@ def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) ->
     refuse_unread(task.scene, str(source.reader.path), table, more["kept"])
     shape = source.reader.shape
     result = collect(task.scene, table, more, selected, shape, source.capture.residual)
-    draw = partial(figure_in_memory, task.scene, table, more["status"], selected)
-    load = partial(set_dataset, result, more, selected, film, shape)
-    return replace(result, draw=draw, load=load)
+    result = replace(result, load=partial(set_dataset, result, more, selected, film, shape))
+    return replace(result, draw=partial(run_figure, result))
 
 
 def check_scene(scene: Scene) -> None:

@@ -287,36 +287,19 @@ def place_of_row(table: Mapping[str, list[Any]], k: int, left: float, top: float
     }
 
 
-def row_fields(table: Mapping[str, list[Any]], k: int, left: float, top: float) -> dict[str, Any]:
-    """What frame k's row of frames.csv, and its outer edges (mm), say to who draws it."""
-    chi, label = table["chi"][k], str(table["label"][k])
-    return {
-        "label": f"frame {k}, {label}" if PICTURE in table else label,
-        "chi": float("nan") if chi is None else float(chi),
-        "place": place_of_row(table, k, left, top),
-    }
+def run_figure(result: Processed) -> Figure:
+    """`set_figure` of a set whose dataset is there, of a tracked video its key frames."""
+    dataset = result.dataset
+    items = shown_items(result.columns, dataset, column_values(dataset["status"]))
+    return set_figure(result.scene, result.columns, items)
 
 
-def figure_in_memory(
-    scene: Scene, table: Mapping[str, list[Any]], status: list[str], frames: list[ProcessedFrame]
-) -> Figure:
-    """`set_figure` of frames that are in memory, of a tracked video its key frames."""
-    by_number = {item.index: item for item in frames}
-    items = []
-    for k in shown_frames(table, status):
-        item = by_number[k]
-        (left, top), reading = item.corner_mm(scene), item.reading
-        items.append(
-            Shown(
-                **row_fields(table, k, left, top),
-                kept=reading.kept if reading else float("nan"),
-                normalised=item.normalised,
-                order=reading.order if reading else None,
-                isoclinic=item.isoclinic,
-                lines=item.lines,
-            )
-        )
-    return set_figure(scene, table, items)
+def shown_items(
+    table: Mapping[str, list[Any]], dataset: RunDataset, status: list[str]
+) -> list[Shown]:
+    """The frames that are drawn, with their maps; none where no pictures were wanted."""
+    chosen = shown_frames(table, status) if NORMALISED.name in dataset else ()
+    return [_item(table, dataset, k) for k in chosen]
 
 
 def tracked_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Shown]) -> Figure:
@@ -351,7 +334,13 @@ def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> Paper
     InputError where there is no such frame, or it has no map of its order.
     """
     table, dataset = result.columns, result.dataset
-    usual = _usual_frames(table, dataset)
+    status = column_values(dataset["status"])
+    usual = shown_frames(table, status)
+    followed = PICTURE in table and ORDER.name in dataset and is_of_all(dataset[ORDER.name])
+    if followed and len(usual) < KEY_FRAMES:  # also others that have an order
+        usual = evenly_spaced(
+            [k for k, state in enumerate(status) if state != "failed"], KEY_FRAMES
+        )
     chosen = chosen_frames(frames, len(table["frame"]), usual)
     items = [_item(table, dataset, k) for k in chosen]
     largest = max((_highest_order(item.order) for item in items), default=1.0)
@@ -371,54 +360,51 @@ def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> Paper
     )
 
 
-def _usual_frames(table: dict[str, list[Any]], dataset: RunDataset) -> list[int]:
-    """Those where nobody asks: of a video with few key frames also others that have an order."""
-    status = column_values(dataset["status"])
-    usual = shown_frames(table, status)
-    followed = PICTURE in table and ORDER.name in dataset and _over_frames(dataset[ORDER.name])
-    if not followed or len(usual) == KEY_FRAMES:
-        return usual
-    return evenly_spaced([k for k, state in enumerate(status) if state != "failed"], KEY_FRAMES)
-
-
-def _over_frames(values: Any) -> bool:
+def is_of_all(values: Any) -> bool:
     """Whether an array of the dataset has a map of every frame, or those of key frames alone."""
     return bool(values.dims[0] == "frame")
 
 
-def _item(table: dict[str, list[Any]], dataset: RunDataset, k: int) -> Shown:
-    """Frame k with its maps. Raises InputError where it has none."""
+def maps_of(table: Mapping[str, list[Any]], dataset: RunDataset, k: int) -> dict[str, Any]:
+    """The maps (rows, cols) of frame k that are kept, by their names."""
     picture = table[PICTURE][k] if PICTURE in table else k
     places = {
-        name: k if _over_frames(dataset[name]) else picture
+        name: k if is_of_all(dataset[name]) else picture
         for name in (NORMALISED.name, ORDER.name, ISOCLINIC.name)
         if name in dataset
     }
-    maps = {n: np.asarray(dataset[n][int(p)]) for n, p in places.items() if p is not None}
-    order = maps.get(ORDER.name)
-    known = order is not None and bool(np.isfinite(order).any())
+    return {n: np.asarray(dataset[n][int(p)]) for n, p in places.items() if p is not None}
+
+
+def _item(table: Mapping[str, list[Any]], dataset: RunDataset, k: int) -> Shown:
+    """Frame k with its maps. Raises InputError where it has none."""
+    none = [None] * (k + 1)
+    share, lines = (table.get(name, none)[k] for name in ("kept_share", "fringe_lines"))
+    maps = maps_of(table, dataset, k)
+    order = maps.get(ORDER.name) if share is not None else None
     signal = maps.get(NORMALISED.name)
     if signal is None:
-        if not known:
+        if order is None or not np.isfinite(order).any():
             raise InputError(_without_a_map(table, dataset, k))
-        assert order is not None
         signal = np.full(order.shape, np.nan)  # a followed frame: its picture is not kept
+    chi, label = table["chi"][k], str(table["label"][k])
     left, top = (float(dataset[name][k]) for name in ("left_mm", "top_mm"))
-    share = table.get("kept_share", [None] * (k + 1))[k]
     return Shown(
-        **row_fields(table, k, left, top),
+        label=f"frame {k}, {label}" if PICTURE in table else label,
+        chi=float("nan") if chi is None else float(chi),
+        place=place_of_row(table, k, left, top),
         kept=float("nan") if share is None else float(share),
         normalised=signal,
-        order=order if known else None,
-        isoclinic=maps.get(ISOCLINIC.name) if known else None,
-        lines=[] if known else skeletons(np.clip(signal, 0.0, 1.0)),
+        order=order,
+        isoclinic=maps.get(ISOCLINIC.name) if order is not None else None,
+        lines=skeletons(np.clip(signal, 0.0, 1.0)) if lines and order is None else [],
     )
 
 
-def _without_a_map(table: dict[str, list[Any]], dataset: RunDataset, k: int) -> str:
+def _without_a_map(table: Mapping[str, list[Any]], dataset: RunDataset, k: int) -> str:
     """Why frame k of a followed video cannot be drawn, and which can."""
     having = [j for j, at in enumerate(table[PICTURE]) if at is not None]
-    if ORDER.name in dataset and _over_frames(dataset[ORDER.name]):
+    if ORDER.name in dataset and is_of_all(dataset[ORDER.name]):
         status = column_values(dataset["status"])
         having = [j for j, state in enumerate(status) if state != "failed"]
     some = f"{', '.join(map(str, having[:8]))}{' ...' * (len(having) > 8)}" or "none"

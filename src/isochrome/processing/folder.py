@@ -5,21 +5,19 @@ A chunk of a set: what is found in its frames, as pictures, rows and parts of fi
 
 from __future__ import annotations
 
-import csv
 import io
 import zipfile
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import isochrome
-from isochrome.fringes import Skeleton, skeleton_table
+from isochrome.fringes import skeleton_table
 from isochrome.messages import frame_messages, message
 from isochrome.output import (
     FIGURE_DPI,
@@ -34,10 +32,10 @@ from isochrome.output import (
     write_text,
     write_tiff,
 )
-from isochrome.processing.figure import Shown, row_fields, set_figure, shown_frames, write_preview
+from isochrome.processing.figure import set_figure, shown_items, write_preview
 from isochrome.processing.frame_task import FrameSource, FrameTask, open_set
 from isochrome.processing.in_common import add_frame_row, set_grid, shift_of, warnings_last
-from isochrome.processing.kinds.kind import CONFIDENCE, ISOCLINIC, NORMALISED, ORDER, kind_of
+from isochrome.processing.kinds.kind import CONFIDENCE, ORDER, kind_of
 from isochrome.processing.processed import FIGURE, Processed, collect, refuse_unread
 from isochrome.processing.result import PICTURE, FollowedFrame, ProcessedFrame
 from isochrome.processing.run_report import process_report
@@ -53,13 +51,14 @@ from isochrome.runs import (
     RunFolder,
     RunLayout,
     add_columns,
+    as_run,
     attributes,
     chunk_size,
     column,
     make_dataset,
     open_run,
     parts,
-    picture,
+    read_store,
     rows,
     trim_heap,
     write_stack,
@@ -117,7 +116,9 @@ def gather(task: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) ->
                 pictures[layer.name].append(picture_of(item, layer.name, item.normalised.shape))
         if isinstance(item, FollowedFrame):
             continue
-        lines = _lines_to_keep(task, item)
+        # a model can draw its lines anew, for who asks
+        wanted = task.rois or (item.fit is None and task.kind.draws_lines)
+        lines = item.skeleton() if wanted else []
         if lines:
             left, top = item.corner_mm(task.scene)
             points = skeleton_table(lines, pixel_mm=item.pixel_mm, left_mm=left, top_mm=top)
@@ -133,12 +134,6 @@ def gather(task: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) ->
         parts[ROIS] = data.getvalue()
     arrays = {name: np.stack(maps) for name, maps in pictures.items()}
     return Results(arrays, rows, more, parts, packed=dict(packed))
-
-
-def _lines_to_keep(task: FrameTask, item: ProcessedFrame) -> list[Skeleton]:
-    """The fringe lines of a frame; with a model, which can draw them anew, for who asks alone."""
-    wanted = task.rois or (item.fit is None and task.kind.draws_lines)
-    return item.skeleton() if wanted else []
 
 
 def _within(
@@ -180,20 +175,6 @@ def more_of(item: ProcessedFrame | FollowedFrame, scene: Scene) -> dict[str, Any
     }
 
 
-def lines_of(table: bytes, frames: set[int]) -> dict[int, list[Skeleton]]:
-    """The fringe lines of some frames, read back from a chunk's table."""
-    result: dict[int, list[Skeleton]] = {}
-    points = csv.DictReader(io.StringIO(table.decode()))
-    wanted = (row for row in points if int(row["frame"]) in frames)
-    for (frame, _), line in groupby(wanted, key=lambda row: (int(row["frame"]), row["line"])):
-        points_of_line = list(line)
-        order, kind = points_of_line[0]["order"], cast(Any, points_of_line[0]["kind"])
-        rows, cols = (np.array([float(p[n]) for p in points_of_line]) for n in ("row_px", "col_px"))
-        skeleton = Skeleton(kind, rows, cols, float(order) if order else None)
-        result.setdefault(frame, []).append(skeleton)
-    return result
-
-
 _TRACKED_DPI = 110.0
 """Of a picture as wide as a screen."""
 
@@ -230,14 +211,17 @@ def finish_set_folder(
         write_text(folder / "fitted_scene.toml", dump_scene(result.fitted))
     write_text(folder / "scene.toml", dump_scene(scene))
     _add_to_store(run_folder, job, result, more, shape)
-    draw = partial(set_figure, scene, table, _shown(run_folder, table, more))
+    dataset = as_run(read_store(folder / STORE, folder / STORE))
+    items = shown_items(table, dataset, more["status"])
+    draw = partial(set_figure, scene, table, items)
     more.clear()  # a picture needs room: of a long run no more than the table is left then
     trim_heap()
     result = replace(result, draw=draw, load=partial(open_run, out))
     dpi = FIGURE_DPI if task.kind.key_step is None else _TRACKED_DPI
     write_figure(folder / FIGURE, result.figure(), dpi=dpi)
     trim_heap()
-    write_report(folder / REPORT, process_report(folder / STORE, result, job.identity))
+    with dataset:
+        write_report(folder / REPORT, process_report(dataset, result, job.identity))
     return result
 
 
@@ -274,37 +258,6 @@ def _join_lines(run_folder: RunFolder, task: FrameTask) -> None:
             for part in parts(run_folder, ROIS):
                 with zipfile.ZipFile(io.BytesIO(part)) as inner:
                     add_rois(archive, ((name, inner.read(name)) for name in inner.namelist()))
-
-
-def _shown(
-    run_folder: RunFolder, table: dict[str, list[Any]], more: dict[str, list[Any]]
-) -> list[Shown]:
-    """The first frames in which something was found, or some key frames, as they are drawn."""
-    good = shown_frames(table, more["status"])
-    names = {layer.name for layer in run_folder.layout.layers}
-    if NORMALISED.name not in names:
-        return []
-    tables = (
-        Path(file).read_bytes()
-        for index in sorted({k // run_folder.layout.chunk for k in good})
-        if (file := run_folder.part_file(LINES, index)).is_file()
-    )
-    lines = {k: drawn for text in tables for k, drawn in lines_of(text, set(good)).items()}
-
-    def read(layer: str, item: int) -> np.ndarray | None:
-        return picture(run_folder, layer, item) if (layer in names and more["read"][item]) else None
-
-    return [
-        Shown(
-            **row_fields(table, k, more["left_mm"][k], more["top_mm"][k]),
-            kept=more["kept"][k] if more["kept"][k] is not None else float("nan"),
-            normalised=picture(run_folder, NORMALISED.name, k),
-            order=read(ORDER.name, k),
-            isoclinic=read(ISOCLINIC.name, k),
-            lines=lines.get(k, []),
-        )
-        for k in good
-    ]
 
 
 def set_dataset(

@@ -21,6 +21,7 @@ from isochrome.processing.api import check_scene
 from isochrome.processing.frame_task import FrameSource, FrameTask
 from isochrome.processing.in_common import fitted_keys, tabulate_set
 from isochrome.processing.kinds.image_only import (
+    WORTH_SAYING,
     frame_signal,
     orders_of,
     refused_beforehand,
@@ -48,9 +49,6 @@ patches of which that is so where it is said of the part."""
 
 _ENDS = (0.5, 99.5)
 """Per cent of a part's patches between which its orders are said to lie."""
-
-_WORTH_SAYING = 0.01
-"""Share of a part that more, or less, is known of from which it is said."""
 
 
 @dataclass(frozen=True)
@@ -199,7 +197,7 @@ def part_change(before: Array, after: Array, under: str, what: str) -> tuple[str
         return "changed", f"{under} changes from {_span(before)} to {_span(after)}"
     if not step:
         grown = int(np.isfinite(after).sum()) - int(np.isfinite(before).sum())
-        if abs(grown) > _WORTH_SAYING * after.size:
+        if abs(grown) > WORTH_SAYING * after.size:
             share = f"{100.0 * abs(grown) / after.size:.0f} % of it"
             more = f"{share} more would be known" if grown > 0 else f"{share} would be lost"
             return "changed", f"{under} stays at {_span(after)}; {more}"

@@ -11,7 +11,7 @@ from isochrome.errors import IsochromeError
 from isochrome.figures import centred_limit
 from isochrome.fitting import SceneRenderer, frame_scene, scene_at, sliding_scene
 from isochrome.output import counted, numbers, with_uncertainty
-from isochrome.processing.figure import place_of_row
+from isochrome.processing.figure import is_of_all, maps_of, place_of_row
 from isochrome.processing.in_common import fitted_keys
 from isochrome.processing.kinds.kind import NORMALISED, ORDER
 from isochrome.processing.processed import Processed
@@ -27,7 +27,7 @@ from isochrome.reporting import (
     curves_of,
     paper_rows,
 )
-from isochrome.runs import stored_map
+from isochrome.runs import RunDataset
 from isochrome.scene import Scene, dump_scene
 from isochrome.simulation import make_picture, picture_signal
 from isochrome.stress import pixel_grid
@@ -53,17 +53,19 @@ _OF_KNOWN_LOADS = (
 )
 
 
-def process_report(store: Any, result: Processed, record: Mapping[str, Any]) -> ReportContent:
+def process_report(
+    dataset: RunDataset, result: Processed, record: Mapping[str, Any]
+) -> ReportContent:
     """Collect what the report of processed frames says; maps are read of the few that it shows.
 
-    `store`, a Path, or what `checked_store` gives; `record`, what provenance.json holds.
+    `dataset`, the set's own; `record`, what provenance.json holds.
     """
     table, scene = result.columns, result.scene
     as_stated = (record.get("options") or {}).get("as_stated", False)
     fitted = scene.has_model and bool(fitted_keys(table))
     looked = result.asks_causes and not as_stated
     verdict = replace(result, as_stated=as_stated).summary_text
-    frames, choice = _frames(store, result)
+    frames, choice = _frames(dataset, result)
     return ReportContent(
         command="process", title=result.title,
         verdict=f"{verdict[:1].upper()}{verdict[1:]}. {_goodness(table)}", frames=frames,
@@ -107,34 +109,23 @@ def _causes(table: Mapping[str, list[Any]]) -> list[ReportTable]:
     return result
 
 
-def _frames(store: Any, result: Processed) -> tuple[list[ReportFrame], str]:
+def _frames(dataset: RunDataset, result: Processed) -> tuple[list[ReportFrame], str]:
     """The frames that are shown, and which of how many they are."""
-    import zarr
-
-    group: Any = zarr.open_group(store, mode="r")
     table = result.columns
-    stored = numbers(table[PICTURE] if PICTURE in table else table["frame"])
-    arrays = {name: group[name] for name in (NORMALISED.name, ORDER.name) if name in group}
-    # else of key frames alone
-    of_all = {n for n, array in arrays.items() if array.metadata.dimension_names[0] == "frame"}
+    of_all = any(is_of_all(dataset[n]) for n in (NORMALISED.name, ORDER.name) if n in dataset)
     with_maps = np.isfinite(numbers(table["noise"]))  # of a frame that is left out nobody knows it
     if not of_all:
-        with_maps &= np.isfinite(stored)
+        with_maps &= np.isfinite(numbers(table[PICTURE]))
     having = np.flatnonzero(with_maps)
     unknown = [None] * len(table["frame"])
     chi, largest = (numbers(table.get(name, unknown))[having] for name in ("chi", "n_max"))
     chosen = choose_frames(chi, largest)
-    left, top = (np.asarray(group[name]) for name in ("left_mm", "top_mm"))
     shown = []
     for one in chosen:
         k = int(having[one.number])
-        maps = {
-            name: stored_map(array, item=k, picture=k if name in of_all else int(stored[k]))
-            for name, array in arrays.items()
-            if name in of_all or np.isfinite(stored[k])
-        }
-        signal, order = maps.get(NORMALISED.name), maps.get(ORDER.name)
-        shown.append(_Shown(k, one.why, signal, order, float(left[k]), float(top[k])))
+        maps = maps_of(table, dataset, k)
+        left, top = (float(dataset[name][k]) for name in ("left_mm", "top_mm"))
+        shown.append(_Shown(k, one.why, maps.get(NORMALISED.name), maps.get(ORDER.name), left, top))
     text = f"{len(chosen)} of {counted(len(table['frame']), 'frame')} are shown"
     if len(chosen) < len(having):
         what = "key " * (not of_all) + "frames"

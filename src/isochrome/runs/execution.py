@@ -456,7 +456,10 @@ def run_job(
     """
     options = options or RunOptions()
     keep_steady()
-    _check_workers(job, options)
+    if options.workers is not None and options.workers < 1:
+        raise InputError("workers_give_more", workers=options.workers)
+    if job.in_turn and (options.cluster is not None or (options.workers or 1) > 1):
+        raise InputError("workers_cluster_each_frame")
     root = working_folder(Path(out))
     target, stamps = Path(out).resolve(), stamps_of(job.identity)
     check_apart(stamps, target)
@@ -489,19 +492,16 @@ def run_job(
                     state.chunks.clear()
                     raise
                 check_unchanged(stamps)
-                _leave_record(run, job)
+                known = {  # checksums that need not be read from the files again
+                    run.chunk_file(name, index).relative_to(run.results).as_posix(): checksum
+                    for index in range(run.layout.chunks if run.layout.layers else 0)
+                    for name, (_, checksum) in (read_record_of(run, index) or {})["layers"].items()
+                }
+                seal(run.results, json.loads(json.dumps(dict(job.identity))), known=known)
                 state.finished = True
             publish(run, target)
             wipe(root)
             return result
-
-
-def _check_workers(job: Job, options: RunOptions) -> None:
-    """Refuse no worker at all, and several where one process has to do all. Raises InputError."""
-    if options.workers is not None and options.workers < 1:
-        raise InputError("workers_give_more", workers=options.workers)
-    if job.in_turn and (options.cluster is not None or (options.workers or 1) > 1):
-        raise InputError("workers_cluster_each_frame")
 
 
 @dataclass
@@ -609,16 +609,6 @@ def _finished(
         yield from by_processes(work, run, todo, workers, options.waiting)
     else:
         yield from alone(work, run, todo)
-
-
-def _leave_record(run: RunFolder, job: Job) -> None:
-    """Write down what the results are of, and which they are: last, when all others are there."""
-    known = {
-        run.chunk_file(name, index).relative_to(run.results).as_posix(): checksum
-        for index in range(run.layout.chunks if run.layout.layers else 0)
-        for name, (_, checksum) in (read_record_of(run, index) or {})["layers"].items()
-    }
-    seal(run.results, json.loads(json.dumps(dict(job.identity))), known=known)
 
 
 Stamps = Mapping[Path, tuple[int, int]]

@@ -194,11 +194,8 @@ class Compact:
         finally:
             blosc.use_threads = before
 
-    def unpack(self, data: bytes, shape: tuple[int, ...]) -> NDArray[np.float32]:
-        """The map (rows, cols) of what `pack` gave, NaN = not known."""
-        from numcodecs import blosc
-
-        steps = np.frombuffer(blosc.Blosc().decode(data), self.dtype).reshape(shape)
+    def values(self, steps: NDArray[Any]) -> NDArray[np.float32]:
+        """The map (rows, cols) of stored steps, NaN = not known."""
         values = steps * np.float32(self.step)
         values[steps == self.unknown] = np.nan
         return values
@@ -450,17 +447,6 @@ def _shard(maps: list[bytes | None], count: int) -> list[bytes | memoryview]:
     return [*pieces, places, sum_bytes(crc32c(places))]
 
 
-def _of_shard(file: Path, place: int, count: int) -> bytes | None:
-    """A map of a shard's file, packed; None where it has none there. Raises OSError."""
-    with open(file, "rb") as shard:
-        shard.seek(-SUM_BYTES - 16 * count, os.SEEK_END)
-        at, length = np.frombuffer(shard.read(16 * count), "<u8").reshape(count, 2)[place].tolist()
-        if length == _NO_MAP:
-            return None
-        shard.seek(at)
-        return shard.read(length - SUM_BYTES)
-
-
 def read_record_of(run: RunFolder, index: int) -> dict[str, Any] | None:
     """A chunk's record; None where none of this run is there, whole. Raises OSError."""
     file = run.record_file(index)
@@ -503,18 +489,17 @@ def picture(run: RunFolder, layer: str, item: int) -> np.ndarray:
 
     Returns (rows, cols), NaN = not known.
     """
-    index, inside = divmod(item, run.layout.chunk)
-    file, size = run.chunk_file(layer, index), tuple(run.layout.shape.values())
     compact = run.layout.layer(layer).compact
     if compact is not None:
-        packed = _of_shard(file, inside, run.layout.chunk)
-        return np.full(size, np.nan, "<f4") if packed is None else compact.unpack(packed, size)
+        import zarr
+
+        stored: Any = zarr.open_array(run.results / STORE / layer, mode="r")
+        return compact.values(np.asarray(stored[item]))
+    index, inside = divmod(item, run.layout.chunk)
     each, remainder = divmod(inside, run.layout.every)
     assert remainder == 0, f"item {item} has no picture"
-    stored = np.memmap(
-        file, dtype="<f4", mode="r", shape=(run.layout.chunk // run.layout.every, *size)
-    )
-    return np.array(stored[each])
+    shape = (run.layout.chunk // run.layout.every, *run.layout.shape.values())
+    return np.array(np.memmap(run.chunk_file(layer, index), "<f4", "r", shape=shape)[each])
 
 
 def write_stack(

@@ -196,19 +196,6 @@ def as_run(dataset: xarray.Dataset) -> RunDataset:
     return made
 
 
-def stored_map(array: Any, *, item: int, picture: int) -> NDArray[Any]:
-    """Read an item's map (rows, cols) of a store's array, NaN = not known, however it is kept.
-
-    `picture`, its number among those, where only some items have one.
-    """
-    step = array.attrs.get("scale_factor")
-    if step is None:
-        return np.asarray(array[picture])
-    steps = np.asarray(array[item])
-    known = steps != array.fill_value
-    return np.where(known, steps * np.float32(step), np.nan).astype(np.float32)
-
-
 def open_growing(partial: Path) -> xarray.Dataset:
     """The dataset of a run that is at work, as far as it is: maps over row and col.
 

@@ -306,7 +306,7 @@ def _set_scale(session: SetupSession, request: Request) -> None:
     _set_values(session, values)
 
 
-def _set_of(session: SetupSession) -> SetSession:
+def set_of(session: SetupSession) -> SetSession:
     """The session of a calibration set. Raises InputError for a scene's."""
     if not isinstance(session, SetSession):
         raise InputError("tool_calibration_sets_start")
@@ -324,7 +324,7 @@ def _loads_of(session: SetSession, request: Request) -> list[float | None]:
 
 
 def _set_loads(session: SetupSession, request: Request) -> None:
-    calibration = _set_of(session)
+    calibration = set_of(session)
     loads = _loads_of(calibration, request)
     session.change(lambda text: with_loads(text, calibration.image_names, loads))
 
@@ -342,7 +342,7 @@ def _sized(session: SetupSession, request: Request, key: str) -> dict[str, Any]:
 
 def _set_rollers(session: SetupSession, request: Request) -> None:
     """The inner rollers: their distance gives the scale, and between them is what is read."""
-    values = _sized(_set_of(session), request, "beam.inner_span_mm")
+    values = _sized(set_of(session), request, "beam.inner_span_mm")
     left_px, right_px = sorted(col for _, col in request["points"])
     away = _FROM_ROLLERS * plain_values(session.text)["beam.height_mm"] / values[_PIXEL]
     rows, cols = session.reader(session.scene()).shape
@@ -357,7 +357,7 @@ def _set_rollers(session: SetupSession, request: Request) -> None:
 
 def _set_rim(session: SetupSession, request: Request) -> None:
     """Three points or more on a disc's rim: the region is the square about it, with some air."""
-    _set_of(session)
+    set_of(session)
     circle = fit_circle(np.array(request["points"], dtype=float))
     half = _AROUND_RIM * circle.radius
     box = {
@@ -483,7 +483,7 @@ TOOLS: Mapping[str, Callable[[SetupSession, Request], None]] = {
     "loads": _set_loads,
     # a point on each edge of a beam, one above the other: its height gives the scale
     "edges": lambda session, request: _set_values(
-        session, _sized(_set_of(session), request, "beam.height_mm")
+        session, _sized(set_of(session), request, "beam.height_mm")
     ),
     "rollers": _set_rollers,
     "rim": _set_rim,

@@ -62,6 +62,7 @@ from isochrome.setup_page.edits import (
     order_tables,
     refused_as_asked,
     session_state,
+    set_of,
     without_model,
 )
 from isochrome.setup_page.session import (
@@ -577,13 +578,6 @@ def _model(server: SetupServer, request: Request) -> Picture:
     return *server.session.live(_index(request), given), {}
 
 
-def _set_of(server: SetupServer) -> SetSession:
-    """The session of a calibration set. Raises _Refused for a scene's."""
-    if not isinstance(server.session, SetSession):
-        raise _Refused(HTTPStatus.BAD_REQUEST, message("page_sets_up_scene"))
-    return server.session
-
-
 def _find(server: SetupServer, request: Request) -> Mapping[str, Any]:
     """The scene of a frame by a cold search, and the state that it leaves."""
     values = request.get("values")
@@ -618,8 +612,10 @@ POSTS: Mapping[str, Route] = {
     "tool": _tool,
     "find": _find,
     "fit": lambda server, request: fit_answer(server.session, _index(request)),
-    "calibrate": lambda server, _: calibration_answer(_set_of(server)),
-    "outlines": lambda server, request: {"outlines": _set_of(server).outlines(_index(request))},
+    "calibrate": lambda server, _: calibration_answer(set_of(server.session)),
+    "outlines": lambda server, request: {
+        "outlines": set_of(server.session).outlines(_index(request))
+    },
     "check": lambda server, _: check_answer(server.session),
     "map": _map,
     "preview": lambda server, request: server.preview.answer(_index(request), request),

@@ -74,29 +74,31 @@ def corrections(
     """
     fem = load_skfem()
     from scipy.sparse.linalg import splu
+    from skfem.helpers import ddot, sym_grad
 
-    mesh = fem.MeshQuad.init_tensor(*_lines(sides, refine))
+    width, at_contact = sides.right - sides.left, _NEAR * sides.clearance
+    along = {sides.left: _CORNER * width, 0.0: at_contact, sides.right: _CORNER * width}
+    down = {0.0: at_contact, sides.height: _CORNER * sides.height}
+    mesh = fem.MeshQuad.init_tensor(_graded(along, refine), _graded(down, refine))
     basis = fem.Basis(mesh, fem.ElementVector(fem.ElementQuad2()), intorder=4)
-    stiffness = _stiffness(fem, basis, sides.poisson).tocsc()
+    energy = fem.BilinearForm(
+        lambda u, v, _: ddot(_stress(sym_grad(u), sides.poisson), sym_grad(v))
+    )
+    stiffness = energy.assemble(basis).tocsc()
     held = _held(basis, sides)
     free = np.setdiff1d(np.arange(basis.N), held)
     solver = splu(stiffness[free][:, free], permc_spec="MMD_AT_PLUS_A")
     near = _near(fem, mesh, within_mm)
+    x, z = (np.asarray(c).ravel() for c in near.global_coordinates())
     places = []
     for force in forces:
         u = _prescribed(basis, held, sides, force)
         load = _side_load(fem, mesh, basis, sides, force) - stiffness @ u
         u[free] = solver.solve(load[free])
-        places.append(_sampled(near, u, sides.poisson))
+        stress = _stress(sym_grad(near.interpolate(u)), sides.poisson)
+        parts = (np.asarray(stress[i, j]).ravel() for i, j in ((0, 0), (1, 1), (0, 1)))
+        places.append(Sampled(x, z, np.asarray(near.dx).ravel(), StressComponents(*parts)))
     return places
-
-
-def _lines(sides: Sides, refine: float) -> tuple[Floats, Floats]:
-    """x and z of the mesh's lines."""
-    width, near = sides.right - sides.left, _NEAR * sides.clearance
-    along = {sides.left: _CORNER * width, 0.0: near, sides.right: _CORNER * width}
-    down = {0.0: near, sides.height: _CORNER * sides.height}
-    return _graded(along, refine), _graded(down, refine)
 
 
 def _graded(smallest: dict[float, float], refine: float) -> Floats:
@@ -115,14 +117,6 @@ def _stress(strain: Any, poisson: float) -> Any:
     from skfem.helpers import eye, trace
 
     return (strain + poisson / (1 - poisson) * eye(trace(strain), 2)) / (1 + poisson)
-
-
-def _stiffness(fem: Any, basis: Any, poisson: float) -> Any:
-    from skfem.helpers import ddot, sym_grad
-
-    return fem.BilinearForm(
-        lambda u, v, _: ddot(_stress(sym_grad(u), poisson), sym_grad(v))
-    ).assemble(basis)
 
 
 def _held(basis: Any, sides: Sides) -> Any:
@@ -168,12 +162,3 @@ def _near(fem: Any, mesh: Any, within_mm: float) -> Any:
     elements = np.flatnonzero(np.hypot(*mesh.p[:, mesh.t].mean(axis=1)) < within_mm)
     element, rule = fem.ElementVector(fem.ElementQuad2()), (points, np.full(4, 0.25))
     return fem.Basis(mesh, element, elements=elements, quadrature=rule)
-
-
-def _sampled(near: Any, u: Floats, poisson: float) -> Sampled:
-    from skfem.helpers import sym_grad
-
-    stress = _stress(sym_grad(near.interpolate(u)), poisson)
-    parts = (np.asarray(stress[i, j]).ravel() for i, j in ((0, 0), (1, 1), (0, 1)))
-    x, z = (np.asarray(c).ravel() for c in near.global_coordinates())
-    return Sampled(x, z, np.asarray(near.dx).ravel(), StressComponents(*parts))

@@ -62,7 +62,7 @@ EXPOSED = "exposed_times_long_frames"
 CREST_OR_RIDGE = "brightest_line_has_light"
 NOT_ALIKE = "fringes_do_not_tell_whether"
 DARK_UNTOLD = "no_dark_fringe_tells"
-_REACH, _WORTH_SAYING = 4.0, 0.01
+_REACH, WORTH_SAYING = 4.0, 0.01
 """How far the unknown background may reach, in its standard uncertainties: to three times as long
 an exposure as the bright frame's; and the share of the specimen that is said."""
 _POOLED_PX = 3.0
@@ -166,7 +166,7 @@ def above_background(signal: Array, error: Array, valid: Mask) -> tuple[Mask, tu
     above = np.where(valid, signal - _REACH * error, 0.0)
     above_noise = valid & (gaussian_filter(above, _POOLED_PX) > 0.0)
     share = 1.0 - float(np.mean(above_noise[valid])) if valid.any() else 0.0
-    notes = (message(DARK_UNTOLD, share=100.0 * share),) if share > _WORTH_SAYING else ()
+    notes = (message(DARK_UNTOLD, share=100.0 * share),) if share > WORTH_SAYING else ()
     return above_noise, notes
 
 

@@ -74,11 +74,7 @@ FINEST_STEP = 1e-4
 _MARGIN = 2.0
 """Largest order that steps of 16 bits reach, over the scene's own: four times its load."""
 
-_LARGEST_STEPS = 65534
 _THIN = 4
-
-_CONFIDENCE_STEP = 1.0 / 254.0
-"""Of one byte, whose last value stands for what is not known."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,7 +203,7 @@ class TrackedFilm(WithModel):
             return layers
         compact = {
             ORDER.name: Compact(self.order_step, 16, self.pages),
-            CONFIDENCE.name: Compact(_CONFIDENCE_STEP, 8, self.pages),
+            CONFIDENCE.name: Compact(1.0 / Compact(1.0, 8).largest, 8, self.pages),
         }
         return tuple(replace(layer, compact=compact.get(layer.name)) for layer in layers)
 
@@ -234,7 +230,7 @@ def order_step(scene: Scene, shape: tuple[int, int]) -> float:
     one = scene_at(placed(sliding_scene(scene), shape), 0.0)
     grid = pixel_grid(one, shape).every(_THIN)
     order = make_picture(one, state_difference(one, scene_states(one)[-1], grid), grid).order
-    wanted = _MARGIN * float(np.nanmax(order)) / _LARGEST_STEPS
+    wanted = _MARGIN * float(np.nanmax(order)) / Compact(1.0, 16).largest
     return FINEST_STEP * max(1, math.ceil(wanted / FINEST_STEP))
 
 
