@@ -80,15 +80,15 @@ def fit_disc(shot: Shot, starts: Array) -> Array:
         fits = best_first(model.fit(start) for start in starts)
         if not fits:
             raise PhysicsError("no_start_gives_positive")
+        if not fits[0].explained:  # richer light would make up for fringes of another field
+            raise PhysicsError(
+                "loaded_disc_fringes_explain",
+                name=shot.name,
+                explained=fits[0].explained_share,
+                fewest_loads=FEWEST_LOADS,
+            )
         starts = np.array([fit.values for fit in fits])
     (best, *_), alike = alike_fits(fits)
-    if not best.explained:
-        raise PhysicsError(
-            "loaded_disc_fringes_explain",
-            name=shot.name,
-            explained=best.explained_share,
-            fewest_loads=FEWEST_LOADS,
-        )
     order, spread = float(best.values[0]), float(np.sqrt(best.covariance[0, 0]))
     if order < FEWEST:
         raise PhysicsError("centre_order_too_low", name=shot.name, order=order)
