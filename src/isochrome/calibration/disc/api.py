@@ -80,20 +80,20 @@ def fit_disc(shot: Shot, starts: Array) -> Array:
         fits = best_first(model.fit(start) for start in starts)
         if not fits:
             raise PhysicsError("no_start_gives_positive")
-        if not fits[0].explained:  # richer light would make up for fringes of another field
-            raise PhysicsError(
-                "loaded_disc_fringes_explain",
-                name=shot.name,
-                explained=fits[0].explained_share,
-                fewest_loads=FEWEST_LOADS,
-            )
         starts = np.array([fit.values for fit in fits])
     (best, *_), alike = alike_fits(fits)
     order, spread = float(best.values[0]), float(np.sqrt(best.covariance[0, 0]))
-    if order < FEWEST:
-        raise PhysicsError("centre_order_too_low", name=shot.name, order=order)
     if any(abs(m.values[0] - order) > 0.1 for m in alike):
         raise PhysicsError("two_centre_orders_near", name=shot.name, order=order)
+    if not fits[0].explained:  # richer light would make up for fringes of another field
+        raise PhysicsError(
+            "loaded_disc_fringes_explain",
+            name=shot.name,
+            explained=fits[0].explained_share,
+            fewest_loads=FEWEST_LOADS,
+        )
+    if order < FEWEST:
+        raise PhysicsError("centre_order_too_low", name=shot.name, order=order)
     if not best.converged or spread > 0.2 * order:
         raise PhysicsError("fringes_could_not_fitted", name=shot.name)
     return best.values
