@@ -18,13 +18,13 @@ ORDERS = (1.2, 2.0)
 
 def beam_model(**options):
     shots = as_shots([*beam_images(ORDERS, BENCH)], [1.0, 2.0], sigma=2.0)
-    fits = [fit_beam(shot, BENCH.size_px) for shot in shots]
-    rows, cols = (np.arange(n) for n in BENCH.shape)
+    views, fits = zip(*(fit_beam(shot, BENCH.size_px) for shot in shots), strict=True)
+    rows, cols = fits[0].model.rows, fits[0].model.cols
     model = SetModel(
-        kind=beam_kind(fits[0]), shots=shots, rows=rows, cols=cols,
-        masks=np.stack([f.mask for f in fits]), free=SHARED, besides=True, **options,
+        kind=beam_kind(views[0], BENCH.shape[1]), shots=shots, rows=rows, cols=cols,
+        masks=np.concatenate([f.model.masks for f in fits]), free=SHARED, besides=True, **options,
     )  # fmt: skip
-    own = np.concatenate([f.best.values for f in fits])
+    own = np.concatenate([f.values for f in fits])
     shared = [0.005, -0.003, 0.002, 1e-3, 2.0, 1.1]
     return model, np.concatenate([own, np.zeros(model.exposures), [0.01, -0.01], shared])
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isochrome.estimation import degrees_of, evaluate_prepared, frame_light, prepare, smooth_light
+from isochrome.estimation import frame_light, prepare, solve_linear
 
 SHAPE = (40, 60)
 Y, X = (np.linspace(-1.0, 1.0, n) for n in SHAPE)
@@ -26,24 +26,12 @@ PLANE = 1.0 + 0.1 * X - 0.2 * Y
 )
 def test_a_frames_light_is_a_sum_of_the_models_images(dark, bright, image):
     model = frame_light(SHAPE, dark, bright)
-    found = evaluate_prepared(prepare(image, mask=None, sigma=1.0, **model.bases), SIGNAL)
+    problem = prepare(image, mask=None, sigma=1.0, **model.bases)
+    found = solve_linear(problem, SIGNAL.ravel())
     # single precision: images of order one are known to some 1e-7, over the square root of nothing
-    assert found.chi < 1e-6
+    assert np.sqrt(found.cost / problem.size) < 1e-6
     assert found.positive
-    given = len(found.illumination_coefficients) + len(found.background_coefficients)
-    assert given == model.unknowns
-
-
-@pytest.mark.parametrize("light", [None, BRIGHT - DARK])
-def test_a_calibrations_light_has_more_unknowns_degree_by_degree(light):
-    few, many = (smooth_light(SHAPE, degrees, light) for degrees in degrees_of(light))
-    assert few.unknowns < many.unknowns
-    image = PLANE * (1.0 if light is None else light) * SIGNAL + 0.05 * PLANE
-    for model in (few, many):
-        assert (
-            evaluate_prepared(prepare(image, mask=None, sigma=1.0, **model.bases), SIGNAL).chi
-            < 1e-12
-        )
+    assert len(found.coefficients) == model.unknowns
 
 
 def test_one_amplitude_is_the_even_part_alone():

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
-from scipy.optimize import minimize_scalar
 
 from fitting.engine_frames import fit_jointly, prepared
 from isochrome.errors import PhysicsError
-from isochrome.estimation import fit_intensity
 from isochrome.fitting import cramer_rao_bound, fit_frame, make_sequence, segments
 from isochrome.fitting.frame.unknowns import limits
 from isochrome.scene import load_scene, parse_scene
@@ -29,34 +27,6 @@ def one(seed):
 
 
 # Held at a bound
-
-
-def test_a_parameter_at_its_bound_leaves_the_others_where_they_are_best_without_it():
-    """The truth lies beyond the bound: the rest is a problem of one unknown, solved on its own."""
-    y, x = np.meshgrid(*(np.linspace(-1.0, 1.0, 24),) * 2, indexing="ij")
-
-    def response(p):
-        return np.sin(np.pi * (p[0] * (1.0 + x) + p[1] * (x + y))) ** 2
-
-    rng = np.random.default_rng(1)
-    image = 0.1 + 0.8 * response([0.8, 0.5]) + rng.normal(0.0, 0.01, x.shape)
-    constant = np.ones((1, 24, 24))
-    light = {"illumination": constant, "background": constant, "sigma": 0.01}
-    upper = [np.inf, 0.47]
-    found = fit_intensity(image, response, [0.75, 0.4], upper=upper, **light)
-
-    def cost(first):
-        columns = np.stack([response([first, 0.47]).ravel(), np.ones(x.size)], axis=1)
-        return np.linalg.lstsq(columns, image.ravel())[1][0]
-
-    best = minimize_scalar(cost, bounds=(0.7, 0.9), method="bounded", options={"xatol": 1e-9}).x
-    assert found.values[1] == 0.47 and found.converged
-    # a fit ends a thousandth of a standard uncertainty from its least
-    assert abs(found.values[0] - best) < 0.01 * found.standard_uncertainty[0]
-    # the other half is free again where nothing holds it
-    assert fit_intensity(image, response, [0.75, 0.4], **light).values[1] == pytest.approx(
-        0.5, abs=0.003
-    )
 
 
 def worn(distances, coefficient=2e-9):
@@ -153,24 +123,6 @@ def test_frames_together_are_widened_by_the_noise_that_neighbours_share():
     assert found.chi > 1.5  # differences of neighbours do not tell it
     # White's sum over the pixels scatters by some per cent, and the fit takes a little of it
     assert wider / found.chi == pytest.approx(np.sqrt(together), rel=0.15)
-
-
-def test_few_pixels_are_less_than_their_number_by_what_was_fitted_to_them():
-    y, x = np.meshgrid(*(np.linspace(-1.0, 1.0, 5),) * 2, indexing="ij")
-
-    def response(p):
-        return np.sin(np.pi * (p[0] + p[1] * x + 0.3 * y)) ** 2
-
-    rng = np.random.default_rng(4)
-    light, chis = np.stack([np.ones((5, 5)), x, y]), []
-    for _ in range(100):
-        image = 0.1 + 0.8 * response([0.3, 0.2]) + rng.normal(0.0, 0.01, x.shape)
-        found = fit_intensity(
-            image, response, [0.3, 0.2], illumination=light, background=light[:1], sigma=0.01
-        )
-        chis.append(found.chi)
-    # 25 pixels, two parameters, four of the light: 19 are left. chi² of 100 scatters by 3 %
-    assert np.mean(np.square(chis)) == pytest.approx(1.0, abs=0.1)
 
 
 def test_a_place_moves_by_half_a_picture_at_most():

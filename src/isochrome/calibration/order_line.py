@@ -92,24 +92,21 @@ def _solve(p: Array, n: Array, v: Array) -> tuple[Array, Array, Array]:
     return weights @ n, covariance, weights
 
 
-def _chi_square(p: Array, n: Array, v: Array) -> float:
-    slope, intercept = _solve(p, n, v)[0]
-    away = n - slope * p - intercept
-    return float(away @ np.linalg.solve(v, away))
-
-
 def _scatter(p: Array, n: Array, v: Array) -> float:
+    from scipy.optimize import brentq
     from scipy.special import chdtri
 
     dof = p.size - 2
-    if dof < 1 or _chi_square(p, n, v) <= chdtri(dof, 0.05):
+
+    def excess(scatter: float) -> float:
+        wide = v + scatter**2 * np.eye(len(v))
+        slope, intercept = _solve(p, n, wide)[0]
+        away = n - slope * p - intercept
+        return float(away @ np.linalg.solve(wide, away)) - dof
+
+    if dof < 1 or excess(0.0) <= chdtri(dof, 0.05) - dof:
         return 0.0
-    low, high = 0.0, 10.0 * float(np.ptp(n)) + 1.0
-    for _ in range(80):
-        middle = 0.5 * (low + high)
-        above = _chi_square(p, n, v + middle**2 * np.eye(len(v))) > dof
-        low, high = (middle, high) if above else (low, middle)
-    return 0.5 * (low + high)
+    return float(brentq(excess, 0.0, 10.0 * np.ptp(n) + 1.0))
 
 
 def _left_out(p: Array, n: Array, v: Array) -> tuple[float, ...] | None:

@@ -66,14 +66,16 @@ class LinearPart:
         return self.negative_share <= MOSTLY
 
 
-@dataclass(frozen=True)
-class Evaluation:
-    """What a fixed signal explains: `chi` (inf for a negative illumination) and coefficients."""
+STEP = 1e-4
+"""Difference step in units of a parameter's scale; fits responses in single precision as well."""
 
+
+@dataclass(frozen=True)
+class Minimum:
+    """One minimum that a start led to; chi is inf where the light is negative."""
+
+    values: Array
     chi: float
-    illumination_coefficients: Array
-    background_coefficients: Array
-    positive: bool
 
 
 def prepare(
@@ -158,23 +160,6 @@ def linear_costs(light: Array, dark: Array, data: Array, signals: Array) -> tupl
     found = solve_all(gram, right)
     explained = np.einsum("mkd,mkd->md", found, right)
     return np.sum(data**2, axis=1) - explained, light.mean(axis=1) @ found[:, :ka]
-
-
-def evaluate_prepared(problem: SeparableProblem, signal: Array) -> Evaluation:
-    """How well a fixed signal (rows, cols), 0..1, explains a frame, with the best light for it.
-
-    `chi` is inf where the illumination comes out negative: such a signal has the wrong contrast.
-    """
-    split = len(problem.light)
-    values = signal[problem.keep]
-    if not np.all(np.isfinite(values)):
-        nothing = np.zeros(split), np.zeros(len(problem.dark))
-        return Evaluation(np.inf, *nothing, positive=False)
-    part = solve_linear(problem, values)
-    dof = max(1, problem.size - len(part.coefficients))
-    chi = float(np.sqrt(part.cost / dof)) if part.positive else np.inf
-    a, c = part.coefficients[:split], part.coefficients[split:]
-    return Evaluation(chi, a, c, part.positive)
 
 
 def scaled_inverse(matrix: Array, cutoff: float = 1e-12) -> Array:

@@ -20,15 +20,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from isochrome.errors import InputError
-from isochrome.estimation.intensity import (
-    IntensityFit,
-    Minimum,
-    Response,
-    SeveralStarts,
-    fit_intensity,
-    several_starts,
-)
-from isochrome.estimation.priors import RIVAL_CHI, evidence_gain
 from isochrome.messages import message
 
 Array = NDArray[Any]
@@ -42,12 +33,6 @@ off to the corners, and what a room adds is the same all over."""
 
 _KEPT_TERMS = 28
 """Products of a stack that is kept for the frames to come: 36 MB at 659 x 494."""
-
-DEGREES = ((2, 1), (4, 2))
-"""Degrees of both that a calibration tries, fewest unknowns first, see `smooth_starts`."""
-
-DEGREES_ON_LIGHT = ((1, 1), (2, 1))
-"""The same on a no-load frame, which leaves less to be found."""
 
 
 @dataclass(frozen=True)
@@ -127,26 +112,6 @@ def frame_light(
     if dark is not None:
         below = np.concatenate((dark[None], below))
     return LightModel(light, below, terms, dark, bright)
-
-
-def smooth_light(
-    shape: tuple[int, ...], degrees: tuple[int, int], light: ArrayLike | None = None
-) -> LightModel:
-    """The light of a calibration's image, with the degrees that its evidence asks for.
-
-    For these see `degrees_of`; `light` (rows, cols) is the no-load bright minus dark frame.
-    """
-    size = (shape[0], shape[1])
-    bases = polynomial_basis(size, degrees[0], times=light), polynomial_basis(size, degrees[1])
-    return LightModel(*bases, (total_degree(degrees[0]), total_degree(degrees[1])))
-
-
-def degrees_of(light: ArrayLike | None) -> tuple[tuple[int, int], ...]:
-    """The degrees of illumination and background to try, fewest unknowns first.
-
-    `light` (rows, cols) is the no-load bright minus dark frame, None where there is none.
-    """
-    return DEGREES if light is None else DEGREES_ON_LIGHT
 
 
 def total_degree(degree: int) -> Terms:
@@ -284,19 +249,6 @@ class ScoreProducts:
         self.matrix, self.right, square = reduced[:-1, :-1], reduced[:-1, -1], reduced[-1, -1]
         self.noise = max(1.0, float(square) / max(1, count - fitted - shared))
 
-    def score(self, chosen: slice | list[int]) -> tuple[float, int, Array]:
-        """What some columns gain together: S over the noise, the number of them not taken up by
-        what is fitted, and the values (k,) that they would come out at, to first order.
-        """
-        right, matrix = self.right[chosen], self.matrix[chosen][:, chosen]
-        determined = np.diag(matrix) > TAKEN * self.size[chosen]
-        if not determined.any():
-            return 0.0, len(right), np.zeros(len(right))
-        scale = np.where(determined, 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300)), 0.0)
-        inverse = np.linalg.pinv(matrix * np.outer(scale, scale), 1e-8, hermitian=True)
-        values = scale * (inverse @ (scale * right))
-        return float(values @ right) / self.noise, int(determined.sum()), values
-
     def one_by_one(self, most: int) -> list[int]:
         """The columns that are asked for, each the one with the most evidence beside those before.
 
@@ -335,60 +287,3 @@ def _explained(gram: Array, fitted: int) -> Array:
     scale = 1.0 / np.sqrt(np.maximum(np.diag(taken), 1e-300))
     inverse = np.linalg.pinv(taken * np.outer(scale, scale), 1e-10, hermitian=True)
     return np.asarray((inverse * np.outer(scale, scale)) @ cross)
-
-
-def smooth_starts(
-    image: Array,
-    response: Response,
-    starts: ArrayLike,
-    *,
-    light: Array | None = None,
-    mask: NDArray[np.bool_],
-    sigma: ArrayLike,
-    scale: ArrayLike,
-    refine: int = 3,
-    scan_pixels: int = 20_000,
-    **options: Any,
-) -> SeveralStarts:
-    """`several_starts` with polynomial light of the degree that the evidence asks for.
-
-    A low degree leaves a slow vignette in the residual, a high one costs accuracy where few fringes
-    are seen. `light`: the no-load bright less the dark frame. PhysicsError as `several_starts`.
-    """
-    maps = [smooth_light(image.shape, i, light).bases for i in degrees_of(light)]
-    common: dict[str, Any] = {"mask": mask, "sigma": sigma, "scale": scale, **options}
-    result = several_starts(
-        image, response, starts, refine=refine, scan_pixels=scan_pixels, **maps[0], **common
-    )
-    pixels = int(np.count_nonzero(mask))
-    for many in maps[1:]:
-        fit = fit_intensity(image, response, result.best.values, **many, **common)
-        old, new = ((f.chi**2, light_unknowns(f)) for f in (result.best, fit))
-        if not fit.positive or evidence_gain(old, new, pixels=pixels) < 0.0:
-            break
-        result = _with_rivals(result, fit, image, response, many, common)
-    return result
-
-
-def _with_rivals(
-    few: SeveralStarts,
-    best: IntensityFit,
-    image: Array,
-    response: Response,
-    maps: dict[str, Any],
-    common: dict[str, Any],
-) -> SeveralStarts:
-    """The minima under more unknowns of light, so that their chi can be held against the best's.
-
-    Those that were far from the best under fewer unknowns stay as they are: far.
-    """
-    near = [m for m in few.others if m.chi < RIVAL_CHI * few.best.chi]
-    far = [m for m in few.others if m.chi >= RIVAL_CHI * few.best.chi]
-    fits = [best, *(fit_intensity(image, response, m.values, **maps, **common) for m in near)]
-    first, *others = sorted(fits, key=lambda f: Minimum.of(f).chi)
-    return SeveralStarts(first, (*map(Minimum.of, others), *far))
-
-
-def light_unknowns(fit: IntensityFit) -> int:
-    """Number of coefficients of illumination and background in a fit."""
-    return len(fit.illumination_coefficients) + len(fit.background_coefficients)

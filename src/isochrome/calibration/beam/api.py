@@ -32,18 +32,19 @@ from isochrome.calibration.result import Calibration, ImageFit, View
 from isochrome.calibration.settings import CalibrationSet, SetLike, load_set
 from isochrome.calibration.shot import PIXELS, START_PIXELS, Shot, calibrate_channels, unused
 from isochrome.calibration.whole_set.set_fit import (
+    alike_fits,
+    best_first,
     causes,
     contradiction,
     fit_set,
     image_chi,
     image_maps,
-    plain_terms,
+    seen_all_over,
     sentences,
     stated_values,
 )
 from isochrome.calibration.whole_set.set_model import Kind, SetFit, SetModel, looked_at
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import ALIKE_CHI, IntensityFit, SeveralStarts, smooth_starts
 from isochrome.messages import message
 from isochrome.output import with_uncertainty
 
@@ -235,30 +236,6 @@ FAINTEST = 2.0
 """Standard deviation of the fringes' intensities, in noise sigmas, at the least."""
 
 
-@dataclass(frozen=True)
-class BeamFit:
-    """A fitted image: `best.values` are slope (fringe/px), row of N = 0 and tilt (rows a column).
-
-    `cols` (m,) are the columns that are fitted; the maps of `best` are (rows, m).
-    """
-
-    shot: Shot
-    view: BeamView
-    cols: NDArray[np.intp]
-    best: IntensityFit
-
-    @property
-    def mask(self) -> NDArray[np.bool_]:
-        """The fitted pixels (rows, m)."""
-        return np.isfinite(self.best.residual)
-
-
-def _places(shot: Shot, cols: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Rows (rows, 1) of a shot, and columns from the frame's middle (1, m)."""
-    rows, width = shot.light.shape
-    return np.arange(rows, dtype=float)[:, None], (cols - 0.5 * (width - 1))[None, :]
-
-
 def beam_order(params: ArrayLike, y: Array, x: Array) -> Array:
     """Order, with its sign, in pure bending: N = slope (y - row - tilt x).
 
@@ -269,7 +246,7 @@ def beam_order(params: ArrayLike, y: Array, x: Array) -> Array:
     return np.asarray(slope * (y - row - tilt * x))
 
 
-def fit_beam(shot: Shot, height_px: float) -> BeamFit:
+def fit_beam(shot: Shot, height_px: float) -> tuple[BeamView, SetFit]:
     """Fit one image's whole span: slope across the height, neutral axis, tilt, illumination.
 
     Raises PhysicsError for too few fringes, an ambiguous slope or a fit that did not converge.
@@ -277,83 +254,84 @@ def fit_beam(shot: Shot, height_px: float) -> BeamFit:
     view = find_beam(shot, height_px)
     stride = max(1, int(np.ceil(shot.light.size / START_PIXELS)))
     cols = np.arange(stride // 2, shot.light.shape[1], stride, dtype=np.intp)
+    starts = [*view.starts]
     for margin in MARGINS:
-        try:
-            result = _fit(shot, view, cols, margin)
-        except PhysicsError as error:  # every start turned the light negative
-            raise PhysicsError("fringes_not_those_pure", name=shot.name) from error
-        fit = BeamFit(shot, view, cols, result.best)
-        top = _refined_top(fit)
+        model = _model(shot, view, cols, margin)
+        fits = best_first(model.fit(start) for start in starts)
+        if not fits:  # every start turned the light negative
+            raise PhysicsError("fringes_not_those_pure", name=shot.name)
+        starts = [fit.values for fit in fits]
+        top = _refined_top(fits[0], view)
         if margin == MARGINS[-1] and abs(top - view.top) <= CLOSE_PX:
             break
         view = replace(view, top=top)
-    _check(shot, result, min(view.height_px, float(shot.light.shape[0])))
-    return fit
+    (best, *_), alike = alike_fits(fits)
+    _check(best, alike, min(view.height_px, float(shot.light.shape[0])))
+    return view, best
 
 
-def _refined_top(fit: BeamFit) -> float:
+def _model(shot: Shot, view: BeamView, cols: NDArray[np.intp], share: float) -> SetModel:
+    """An image's fringes inside the beam, less a `share` of it at each edge, on the columns."""
+    rows = np.arange(len(shot.light))
+    margin = max(4.0, share * view.height_px)
+    depth = rows[:, None] - view.tilt * (cols - 0.5 * (shot.light.shape[1] - 1)) - view.top
+    inside = (depth > margin) & (depth < view.height_px - margin)
+    return SetModel(
+        kind=beam_kind(view, shot.light.shape[1]), shots=[shot], rows=rows, cols=cols,
+        masks=(shot.valid[:, cols] & inside)[None],
+    )  # fmt: skip
+
+
+def _refined_top(fit: SetFit, view: BeamView) -> float:
     """The top edge's row for which fringes inside and an even level outside explain most.
 
     The first guess has the fringes' slope roughly only, and an edge of order 1 is as dark as what
     lies beyond it: a few rows of that would pull the fit.
     """
-    (y, x), height_px = _places(fit.shot, fit.cols), fit.view.height_px
-    row = np.rint(y - fit.view.tilt * x).astype(np.intp)
-    low = int(row.min())
-    depth = row - fit.view.top
-    image, sigma, valid = (m[:, fit.cols] for m in (fit.shot.light, fit.shot.sigma, fit.shot.valid))
-    away = (depth < -EDGE_REACH * height_px) | (depth > (1.0 + EDGE_REACH) * height_px)
-    away &= valid
-    outer = valid & ((depth < 0.0) | (depth > height_px))
-    if np.count_nonzero(outer) < 0.01 * outer.size:
-        return fit.view.top  # the beam fills the frame, and nothing lies beyond its edges
-    level = float(np.median(image[away if away.any() else outer]))
-    model = fit.best.model
+    rows, gain = _gain_by_fringes(fit, 0, view)
+    reach = EDGE_REACH * view.height_px
+    tops = view.top + np.arange(-reach, reach)
+    first, last = (np.interp(np.rint(tops + d), rows, gain) for d in (0.0, view.height_px))
+    return float(tops[np.argmax(last - first)])
+
+
+def _gain_by_fringes(fit: SetFit, index: int, view: BeamView) -> tuple[Array, Array]:
+    """Rows (n,) at the middle column, and by how much the fringes above each, instead of light as
+    even as beyond the beam, lower the squared residual, in noise variances (n,).
+    """
+    model, shot = fit.model, fit.model.shots[index]
+    pick, middle = np.ix_(model.rows, model.cols), 0.5 * (model.shape[1] - 1)
+    rows, cols, fringes = seen_all_over(fit, index)
+    row = np.rint(rows - fit.own[index, 2] * (cols - middle)).astype(np.intp)
+    image, sigma, valid = (m[pick] for m in (shot.light, shot.sigma, shot.valid))
+    away = np.abs(row - view.top - 0.5 * view.height_px) - 0.5 * view.height_px
+    outer = valid & (away > 0.0)
+    if np.count_nonzero(outer) < 0.01 * outer.size:  # nothing lies beyond its edges
+        return np.array([view.top]), np.zeros(1)
+    far = outer & (away > EDGE_REACH * view.height_px)
+    level = float(np.median(image[far if far.any() else outer]))
     # what is neither fringes nor even counts little: a roller, a label, the bench behind
-    outside, inside = (np.minimum(((image - m) / sigma) ** 2, ODD) for m in (level, model))
+    outside, inside = (np.minimum(((image - m) / sigma) ** 2, ODD) for m in (level, fringes))
+    low = int(row.min())
     gain = np.bincount((row - low)[valid], weights=(outside - inside)[valid])
-    total = np.concatenate([[0.0], np.cumsum(gain)])
-    near = fit.view.top + np.arange(-EDGE_REACH, EDGE_REACH, 1.0 / height_px) * height_px
-    first = np.clip(np.rint(near - low).astype(np.intp), 0, gain.size)
-    last = np.clip(np.rint(near - low + height_px).astype(np.intp), 0, gain.size)
-    return float(near[int(np.argmax(total[last] - total[first]))])
+    return low + np.arange(gain.size + 1.0), np.concatenate([[0.0], np.cumsum(gain)])
 
 
-def _fit(shot: Shot, view: BeamView, cols: NDArray[np.intp], share: float) -> SeveralStarts:
-    """Fit the fringes inside the beam, less a `share` of it at each edge, on the columns `cols`."""
-    y, x = _places(shot, cols)
-    margin = max(4.0, share * view.height_px)
-    depth = y - view.tilt * x - view.top
-
-    def signal(params: Array) -> Array:
-        wave = 0.5 * np.cos(2.0 * np.pi * beam_order(params, y, x))
-        return 0.5 + wave if shot.bright else 0.5 - wave
-
-    return smooth_starts(
-        shot.light[:, cols], signal, view.starts, light=shot.lamp(slice(None), cols),
-        mask=shot.valid[:, cols] & (depth > margin) & (depth < view.height_px - margin),
-        sigma=shot.sigma[:, cols], scale=view.scale, lower=[0.0, -np.inf, -0.3],
-        upper=[0.5, np.inf, 0.3], scan_pixels=20_000,
-    )  # fmt: skip
-
-
-def _check(shot: Shot, fits: SeveralStarts, seen_px: float) -> None:
-    best = fits.best
-    slope = float(best.values[0])
-    used = np.isfinite(best.residual)
-    contrast = float(np.std((best.illumination_map * best.signal)[used]))
-    if contrast < FAINTEST * float(np.median(shot.sigma)):
-        raise PhysicsError("too_few_fringes_too", name=shot.name)
-    if slope * seen_px < FEWEST or best.standard_uncertainty[0] > 0.2 * slope:
-        raise PhysicsError("fringes_view_too_few", name=shot.name, seen_px=slope * seen_px)
-    alike = [m for m in fits.others if m.chi < ALIKE_CHI * best.chi]
+def _check(best: SetFit, alike: Sequence[SetFit], seen_px: float) -> None:
+    """Refuse an image that does not tell its slope."""
+    name = best.model.shots[0].name
+    slope, spread = float(best.values[0]), float(np.sqrt(best.covariance[0, 0]))
+    if np.std(best.point.amplitude(0) * best.point.signals[0]) < FAINTEST:
+        raise PhysicsError("too_few_fringes_too", name=name)
+    if best.explained and (slope * seen_px < FEWEST or spread > 0.2 * slope):
+        raise PhysicsError("fringes_view_too_few", name=name, seen_px=slope * seen_px)
     rivals = [m for m in alike if abs(m.values[0] / slope - 1) > 0.02]
     if rivals:
         raise PhysicsError(
-            "two_fringe_slopes_explain", name=shot.name, chi=best.chi, chi_2=rivals[0].chi
+            "two_fringe_slopes_explain", name=name, chi=best.chi, chi_2=rivals[0].chi
         )
-    if not (best.converged and best.positive):
-        raise PhysicsError("fringes_not_those_pure", name=shot.name)
+    if not (best.explained and best.converged):
+        raise PhysicsError("fringes_not_those_pure", name=name)
 
 
 MOMENT = "a moment that changes along the beam"
@@ -365,38 +343,39 @@ CERTAIN = 6.0
 """Standard uncertainties by which it must be there."""
 
 
-def fit_beam_set(fits: Sequence[BeamFit], idle: Sequence[Shot], held: dict[str, float]) -> SetFit:
+def fit_beam_set(
+    fits: Sequence[SetFit], view: BeamView, idle: Sequence[Shot], held: dict[str, float]
+) -> SetFit:
     """The whole set with what it shows.
 
-    Parameters: `fits`, each loaded image's own; `idle`, the unloaded ones; `held`, what the set
-    states of the camera, by its keys.
+    Parameters: `fits`, each loaded image's own; `view` of the first; `idle`, the unloaded ones;
+    `held`, what the set states of the camera, by its keys.
     """
-    first = fits[0]
-    step = max(1, int(np.count_nonzero(first.mask) / PIXELS))
+    first = fits[0].model
+    step = max(1, int(np.count_nonzero(first.masks) / PIXELS))
     cols = first.cols[::step]
-    masks = [f.mask[:, ::step] for f in fits]
+    masks = [f.model.masks[0][:, ::step] for f in fits]
     common = np.logical_and.reduce(masks)
     masks += [common & shot.valid[:, cols] for shot in idle]
     model = SetModel(
-        kind=beam_kind(first), shots=[*(f.shot for f in fits), *idle],
-        rows=np.arange(len(first.shot.light)), cols=cols, masks=np.stack(masks), held=held,
+        kind=beam_kind(view, first.shape[1]), shots=[*(f.model.shots[0] for f in fits), *idle],
+        rows=first.rows, cols=cols, masks=np.stack(masks), held=held,
     )  # fmt: skip
-    levels = np.array([np.median((f.best.illumination_map)[f.mask]) for f in fits])
-    unknowns = np.concatenate([f.best.values for f in fits])
+    levels = np.array([np.median(f.point.amplitude(0) * f.model.images[0].sigma) for f in fits])
+    unknowns = np.concatenate([f.values for f in fits])
     exposures = np.log(levels[1:] / levels[0])
     return fit_set(
         model, np.concatenate([unknowns, np.zeros(len(idle)), exposures, np.zeros(len(idle))])
     )
 
 
-def beam_kind(fit: BeamFit) -> Kind:
+def beam_kind(view: BeamView, width: int) -> Kind:
     """A beam's order by slope (fringe/px), row of N = 0 and tilt, see `beam_order`.
 
     Besides, the moment's factor 1 + c1 t + c2 (t^2 - 1/3) along the span, t = -1..1 over the frame.
     An unloaded image's own unknown is its squared order at the edge.
     """
-    width = fit.shot.light.shape[1]
-    middle, half = 0.5 * (width - 1), 0.5 * fit.view.height_px
+    middle, half = 0.5 * (width - 1), 0.5 * view.height_px
 
     def along(cols: Array) -> Array:
         t = (cols - middle) / (0.5 * width)
@@ -414,7 +393,7 @@ def beam_kind(fit: BeamFit) -> Kind:
     return Kind(
         besides=MOMENT, order=order,
         by_besides=lambda u, _, rows, cols: beam_order(u, rows, cols - middle) * along(cols),
-        sizes=np.full(2, 0.5 * BENT), steps=1e-4 * fit.view.scale, largest=fit.view.scale,
+        sizes=np.full(2, 0.5 * BENT), largest=view.scale,
         idle=idle, idle_steps=np.array([1e-4]),
     )  # fmt: skip
 
@@ -452,15 +431,15 @@ def _change_along(model: SetModel, values: Array) -> Array:
 
 
 def beam_images(
-    fit: SetFit, fits: Sequence[BeamFit], pixel_mm: float
+    fit: SetFit, views: Sequence[BeamView], pixel_mm: float
 ) -> tuple[list[ImageFit], Array, tuple[ResidualOrder, ...]]:
     """The images' results from a whole set's fit, their orders' covariance (m, m), and what the
     unloaded images show where their light is the others'.
 
-    Parameters: `fits`, the images' own; `pixel_mm`.
+    Parameters: `views`, the loaded images' own; `pixel_mm`.
     """
-    unknowns, count = fit.own, len(fits)
-    half = 0.5 * fits[0].view.height_px
+    unknowns, count = fit.own, len(views)
+    half = 0.5 * views[0].height_px
     factor = np.hypot(1.0, unknowns[:, 2]) * half
     orders = unknowns[:, 0] * factor
     slopes = len(fit.model.kind.steps) * np.arange(count)
@@ -469,21 +448,21 @@ def beam_images(
     stride = float(cols[1] - cols[0]) if len(cols) > 1 else 1.0
     images = [
         ImageFit(
-            file=f.shot.name, load_n=f.shot.load_n, order=float(orders[i]),
+            file=shot.name, load_n=shot.load_n, order=float(orders[i]),
             standard_uncertainty=float(np.sqrt(covariance[i, i])), chi=image_chi(fit, i),
             geometry={
                 "tilt_deg": float(np.degrees(np.arctan(-unknowns[i, 2]))),
                 "neutral_axis_row_px": float(unknowns[i, 1]),
-                "top_edge_row_px": f.view.top,
+                "top_edge_row_px": view.top,
                 "fringes_per_mm": float(orders[i] / half / pixel_mm),
             },
             view=View(
-                **image_maps(fit, i), sigma=float(np.median(f.shot.sigma)),
+                **image_maps(fit, i), sigma=float(np.median(shot.sigma)),
                 cut=np.s_[:, len(cols) // 2], position_mm=(rows - unknowns[i, 1]) * pixel_mm,
                 pixel_mm=(pixel_mm, pixel_mm * stride),
             ),
         )
-        for i, f in enumerate(fits)
+        for i, (view, shot) in enumerate(zip(views, fit.model.shots, strict=False))
     ]  # fmt: skip
     unloaded = []
     same = not (fit.model.exposures or fit.model.apart)
@@ -495,119 +474,19 @@ def beam_images(
     return images, covariance, tuple(unloaded)
 
 
-BIN_PX = 0.5
-"""Height of a bin of the profile across the beam."""
-
-REACH = 0.25
-"""How far an edge is looked for from where the sizes put it, in heights."""
-
-FEWEST_BINS = 8
-"""Bins beyond an edge, and within it, at the least."""
-
-BEVEL_PX = 0.5
-"""What an edge itself is uncertain by: a bevel, and the light that it scatters."""
-
-UNSURE = 0.02
-"""Relative uncertainty of the distance from which it says nothing."""
-
-_MAD = 1.4826
-"""Standard deviation over the median of the sizes, of a normal distribution."""
-
-
-def edge_distance(fit: SetFit, fits: Sequence[BeamFit]) -> tuple[float, float] | None:
-    """The distance of the edges over all images and its standard uncertainty, px; None where they
-    are not both seen.
-
-    The median of the images' own; its uncertainty is by theirs, or their scatter where that is
-    more, and an edge's own. With light of the first products: of many the sum goes anywhere where
-    none was fitted, beyond the beam.
-    """
-    plain = replace(fit.model, terms=plain_terms(fit.model), weights=None)
-    inside = plain.at(fit.values)
-    model = replace(plain, masks=np.ones_like(plain.masks), levels=None)
-    point = model.at(fit.values)
-    assert inside is not None and point is not None
-    gamma, point = point.gamma, replace(point, gamma=1.0)
-    shared = model.split(fit.values)[2]
-    pick, centre, distances = np.ix_(model.rows, model.cols), 0.5 * (model.shape[1] - 1), []
-    for i, (unknowns, f) in enumerate(zip(fit.own, fits, strict=True)):
-        rows, cols = model.places(i, shared)
-        light = inside.linear[0][model.coefficients_of(i)]
-        modelled = light @ point.columns(i) * model.images[i].sigma
-        full = float(fit.model.images[i].level.max())
-        # as the camera stored it
-        modelled = full * np.maximum(modelled / full, 0.0) ** (1.0 / gamma)
-        depth = (rows - unknowns[2] * (cols - centre)) / np.hypot(1.0, unknowns[2])
-        valid, height = f.shot.valid[pick], f.view.height_px
-        maps = (m.reshape(valid.shape)[valid] for m in (depth, f.shot.light[pick], modelled))
-        depth, image, modelled, count = _depth_profile(*maps)
-        middle = f.view.top / np.hypot(1.0, f.view.tilt) + 0.5 * height
-        edges = []
-        for side in (-1.0, 1.0):
-            away = side * (depth - middle) - 0.5 * height  # outwards
-            near = np.abs(away) < REACH * height
-            noise = float(np.median(f.shot.sigma)) / np.sqrt(count[near])
-            edge = _edge(away[near], image[near], modelled[near], noise)
-            edges += [edge] if edge else []
-        if len(edges) == 2:
-            (first, one), (last, other) = edges
-            distances.append((height + first + last, float(np.hypot(one, other))))
-    if not distances:
-        return None
-    values, spreads = np.array(distances).T
-    median = float(np.median(values))
-    scatter = _MAD * float(np.median(np.abs(values - median)))
-    images = max(scatter, float(np.median(spreads))) / np.sqrt(len(distances))
-    spread = float(np.hypot(images, np.sqrt(2.0) * BEVEL_PX))
-    return (median, spread) if spread < UNSURE * median else None
-
-
-def _depth_profile(depth: Array, *maps: Array) -> tuple[Array, ...]:
-    """Means of maps (n,) over the span by depth (px), that first, and last the number of pixels."""
-    index = np.floor(depth / BIN_PX).astype(np.intp)
-    index -= int(index.min())
-    count = np.bincount(index)
-    enough = count >= max(4, 0.2 * np.median(count[count > 0]))
-    profiles = (np.bincount(index, weights=m)[enough] / count[enough] for m in (depth, *maps))
-    return (*profiles, count[enough].astype(float))
-
-
-def _edge(away: Array, image: Array, model: Array, noise: Array) -> tuple[float, float] | None:
-    """Place of the edge along `away` and its standard uncertainty; None where none is seen.
-
-    Within it are the fringes, beyond it a straight line, and a Gaussian's integral between.
-    """
-    from scipy.optimize import least_squares
-    from scipy.special import ndtr
-
-    order = np.argsort(away)
-    away, image, model, noise = (v[order] for v in (away, image, model, noise))
-    costs = np.full(away.size, np.inf)
-    inside = np.cumsum(((image - model) / noise) ** 2)
-    for i in range(FEWEST_BINS, away.size - FEWEST_BINS):
-        line = np.polyfit(away[i:], image[i:], 1, w=1.0 / noise[i:])
-        costs[i] = inside[i - 1] + np.sum(((image - np.polyval(line, away)) / noise)[i:] ** 2)
-    best = int(np.argmin(costs)) if away.size > 2 * FEWEST_BINS else 0
-    if not FEWEST_BINS < best < away.size - FEWEST_BINS - 1:
-        return None
-    line = np.polyfit(away[best + 2 :], image[best + 2 :], 1)
-
-    def left(values: Array) -> Array:
-        place, width, level, slope = values
-        part = ndtr((place - away) / width)
-        outside = level + slope * (away - away[best])
-        return np.asarray((image - part * model - (1.0 - part) * outside) / noise)
-
-    start = [float(away[best]), 0.7, float(np.polyval(line, away[best])), float(line[0])]
-    low, high = np.array([-np.inf, 0.2, -np.inf, -np.inf]), np.array([np.inf, 6.0, np.inf, np.inf])
-    result = least_squares(left, start, bounds=(low, high), x_scale="jac")
-    chi2 = max(1.0, 2.0 * result.cost / max(1, away.size - 4))
-    try:
-        variance = float(np.linalg.inv(result.jac.T @ result.jac)[0, 0]) * chi2
-    except np.linalg.LinAlgError:
-        return None
-    # a singular matrix whose rounding passes for an inverse has a negative one
-    return (float(result.x[0]), float(np.sqrt(variance))) if variance > 0.0 else None
+def edge_distances(fit: SetFit, views: Sequence[BeamView]) -> list[float]:
+    """How far apart (px) the edges are in each image that shows both."""
+    distances = []
+    for index, view in enumerate(views):
+        rows, gain = _gain_by_fringes(fit, index, view)
+        above = rows < view.top + 0.5 * view.height_px
+        first, last = (
+            np.argmin(np.where(above, gain, np.inf)),
+            np.argmax(np.where(above, -np.inf, gain)),
+        )
+        if first > 0 and last < len(rows) - 1:
+            distances.append((rows[last] - rows[first]) / np.hypot(1.0, fit.own[index, 2]))
+    return distances
 
 
 def calibrate_bending(source: SetLike) -> Calibration:
@@ -683,10 +562,11 @@ def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibrat
     beam, pixel_mm, known = given.beam, given.camera.pixel_mm, given.uncertainty
     assert beam is not None and pixel_mm is not None
     idle = [shot for shot in shots if not shot.load_n]
-    fits = [fit_beam(shot, beam.height_mm / pixel_mm) for shot in shots if shot.load_n]
-    set_fit = fit_beam_set(fits, idle, stated_values(given))
+    height_px = beam.height_mm / pixel_mm
+    views, fits = zip(*(fit_beam(s, height_px) for s in shots if s.load_n), strict=True)
+    set_fit = fit_beam_set(fits, views[0], idle, stated_values(given))
     check_span(set_fit)
-    images, covariance, unloaded = beam_images(set_fit, fits, pixel_mm)
+    images, covariance, unloaded = beam_images(set_fit, views, pixel_mm)
     outcome = causes(set_fit, given.polariscope.wavelength_nm)
     messages = sentences(set_fit, outcome)
     if set_fit.model.besides:
@@ -695,19 +575,19 @@ def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibrat
         messages = (*messages, message("moment_changes_along_beam", change=change))
     if not unloaded:
         messages = (*messages, *unused(idle, message("because_light_not_loaded")))
-    distance = edge_distance(set_fit, fits)
-    wrong = distance and contradiction(*distance, "height_mm", beam.height_mm, given)
-    if distance and wrong:
-        pixel, (apart, stated, off) = beam.height_mm / distance[0], wrong
-        fitting = with_uncertainty(pixel, pixel * (distance[1] / distance[0]))
+    distances = edge_distances(set_fit, views)
+    wrong = contradiction(distances, "height_mm", beam.height_mm, given) if distances else None
+    if wrong:
+        (apart, spread), stated, off = wrong
+        fitting = beam.height_mm / apart
         raise InputError(
             "beam_edges_px_apart",
-            with_uncertainty=apart,
+            with_uncertainty=with_uncertainty(apart, spread),
             height_mm=beam.height_mm,
             pixel_mm=pixel_mm,
             stated=stated,
             off=off,
-            with_uncertainty_2=fitting,
+            with_uncertainty_2=with_uncertainty(fitting, fitting * spread / apart),
         )
     arm = beam.outer_span_mm - beam.inner_span_mm
     factor = 1.5 * arm / beam.height_mm**2

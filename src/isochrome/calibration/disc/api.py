@@ -41,21 +41,15 @@ from isochrome.calibration.disc.disc_field import (
     overlay,
     rise_with_load,
     scan_disc,
-    squared_wave,
     thin_grid,
 )
 from isochrome.calibration.order_line import Input, uncertainty_budget, widened_to_held_out
 from isochrome.calibration.result import Calibration, ImageFit, View
 from isochrome.calibration.settings import CalibrationSet, Disc, SetLike, load_set
-from isochrome.calibration.shot import (
-    EXPLAINED,
-    PIXELS,
-    START_PIXELS,
-    Shot,
-    calibrate_channels,
-    unused,
-)
+from isochrome.calibration.shot import PIXELS, START_PIXELS, Shot, calibrate_channels, unused
 from isochrome.calibration.whole_set.set_fit import (
+    alike_fits,
+    best_first,
     causes,
     contradiction,
     fit_set,
@@ -66,8 +60,8 @@ from isochrome.calibration.whole_set.set_fit import (
 )
 from isochrome.calibration.whole_set.set_model import BLUR, Kind, SetFit, SetModel
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import ALIKE_CHI, IntensityFit, SeveralStarts, smooth_starts
 from isochrome.messages import message
+from isochrome.output import with_uncertainty
 
 Array = NDArray[np.float64]
 
@@ -75,58 +69,34 @@ FEWEST = 0.5
 """Centre order at the least."""
 
 
-def fit_disc(shot: Shot, circle: Circle, starts: Array) -> Array:
+def fit_disc(shot: Shot, starts: Array) -> Array:
     """Fit one image's whole field: centre order, centre, radius and load direction (5,).
 
-    Parameters: `circle`, the rim as found; `starts` (m, 5), see `disc_order`. Raises PhysicsError
-    for too low an order, one that is ambiguous, or a fit that did not converge.
+    Parameters: `starts` (m, 5), see `disc_order`, the first of which tells where the disc is.
+    Raises PhysicsError for too low an order, one that is ambiguous, or a fit that did not converge.
     """
-    grid = thin_grid(shot.light.shape, circle, START_PIXELS)
-    start, ambiguous = starts, False
-    for within in (0.75, 0.97):
-        result = _fit(shot, grid, start, within)
-        rivals = [m for m in result.others if abs(m.values[0] - result.best.values[0]) > 0.1]
-        ambiguous |= any(m.chi < ALIKE_CHI * result.best.chi for m in rivals)
-        _check_explained(shot, result.best)
-        start = result.best.values[None, :]
-    best = result.best
-    order, spread = float(best.values[0]), float(best.standard_uncertainty[0])
-    if order < FEWEST:
-        raise PhysicsError("centre_order_too_low", name=shot.name, order=order)
-    if ambiguous:
+    for rim in (0.25, RIM_ZONE):
+        model = disc_model([shot], starts[:1], {}, rim=rim, pixels=START_PIXELS)
+        fits = best_first(model.fit(start) for start in starts)
+        if not fits:
+            raise PhysicsError("no_start_gives_positive")
+        starts = np.array([fit.values for fit in fits])
+    (best, *_), alike = alike_fits(fits)
+    order, spread = float(best.values[0]), float(np.sqrt(best.covariance[0, 0]))
+    if any(abs(m.values[0] - order) > 0.1 for m in alike):
         raise PhysicsError("two_centre_orders_near", name=shot.name, order=order)
-    if not best.converged or not best.positive or spread > 0.2 * order:
-        raise PhysicsError("fringes_could_not_fitted", name=shot.name)
-    return best.values
-
-
-def _check_explained(shot: Shot, best: IntensityFit) -> None:
-    """Refuse a fit that leaves most of an image's variation: another basin, or no such disc."""
-    used = np.isfinite(best.residual)
-    image = (best.residual + best.illumination_map * best.signal + best.background_map)[used]
-    explained = 1.0 - float(np.var(best.residual[used]) / np.var(image))
-    if explained < EXPLAINED:
+    if not fits[0].explained:  # richer light would make up for fringes of another field
         raise PhysicsError(
             "loaded_disc_fringes_explain",
             name=shot.name,
-            explained=explained,
+            explained=fits[0].explained_share,
             fewest_loads=FEWEST_LOADS,
         )
-
-
-def _fit(shot: Shot, grid: DiscPixels, starts: Array, within: float) -> SeveralStarts:
-    """One stage of the fit: the mask follows the best start."""
-    pick, first = grid.pick, starts[0]
-    radius = first[3]
-    reach = np.array([0.5, 0.1 * radius, 0.1 * radius, 0.1 * radius, np.radians(6.0)])
-    return smooth_starts(
-        shot.light[pick], lambda p: squared_wave(np.pi * disc_order(grid, p), shot.bright), starts,
-        light=shot.lamp(*pick), mask=shot.valid[pick] & disc_mask(grid, first, within=within),
-        sigma=shot.sigma[pick],
-        scale=np.array([0.2, 0.02 * radius, 0.02 * radius, 0.02 * radius, 0.05]),
-        lower=starts.min(axis=0) - reach, upper=starts.max(axis=0) + reach,
-        refine=min(3, len(starts)),
-    )  # fmt: skip
+    if order < FEWEST:
+        raise PhysicsError("centre_order_too_low", name=shot.name, order=order)
+    if not best.converged or spread > 0.2 * order:
+        raise PhysicsError("fringes_could_not_fitted", name=shot.name)
+    return best.values
 
 
 Complexes = NDArray[np.complex128]
@@ -228,14 +198,8 @@ RESIDUAL_LOADS = 3
 OWN = 5
 """Unknowns of each image: centre order, row, column, radius, angle of the loads."""
 
-STEPS = np.array([1e-4, 2e-3, 2e-3, 2e-3, 1e-5])
-"""Steps of the differences in an image's own unknowns (fringes, px, rad)."""
-
 LARGEST = np.array([0.3, 0.03, 0.03, 0.03, 0.05])
 """Largest move of an image's own unknowns in one step (fringes, radii, rad)."""
-
-RIM_PX = 0.5
-"""What a rim itself is uncertain by: a bevel, and how a point load's field fits to the disc's."""
 
 
 def fit_disc_set(
@@ -269,7 +233,8 @@ def _fitted(model: SetModel, unknowns: Array, residual: Array) -> SetFit:
     if _CLEAR_OF_RIM * blur_px <= RIM_ZONE * unknowns[:, 3].min():
         return fit
     # what a blur carries over the rim is in no model
-    inner = disc_model(model.shots, fit.own, model.held, blur_px=blur_px)
+    rim = _CLEAR_OF_RIM * blur_px / float(fit.own[:, 3].max())
+    inner = disc_model(model.shots, fit.own, model.held, rim=rim)
     wider = replace(inner, besides=fit.model.besides)
     return fit_set(wider, fit.model.carried(fit.values, wider))
 
@@ -279,21 +244,21 @@ def disc_model(
     unknowns: Array,
     held: dict[str, float],
     *,
-    blur_px: float = 0.0,
+    rim: float = RIM_ZONE,
     pixels: int = PIXELS,
 ) -> SetModel:
     """The model of images of a disc where their unknowns (m, 5) put it, the loaded ones first.
 
-    Parameters: `blur_px`, which keeps off the rim; `pixels` of the square about the disc.
+    Parameters: the part of the radius at the `rim` that is left out; `pixels` of the square about
+    the disc.
     """
     middle, radius = unknowns[:, 1:3].mean(axis=0), float(unknowns[:, 3].max())
     reach = radius + float(np.abs(unknowns[:, 1:3] - middle).max())
     circle = Circle(float(middle[0]), float(middle[1]), reach, 0.0)
     grid = thin_grid(images[0].light.shape, circle, pixels)
-    within = 1.0 - max(RIM_ZONE, _CLEAR_OF_RIM * blur_px / radius)
     places = [*unknowns, *([unknowns[0]] * (len(images) - len(unknowns)))]
     masks = [
-        shot.valid[grid.pick] & disc_mask(grid, place, within=within)
+        shot.valid[grid.pick] & disc_mask(grid, place, within=1.0 - rim)
         for shot, place in zip(images, places, strict=True)
     ]
     several = len({shot.load_n for shot in images}) >= RESIDUAL_LOADS
@@ -346,7 +311,7 @@ def disc_kind(radius: float, several_loads: bool) -> Kind:
 
     return Kind(
         besides=RESIDUAL, order=order, by_besides=by_residual,
-        sizes=SIZES if several_loads else SIZES[:0], steps=STEPS,
+        sizes=SIZES if several_loads else SIZES[:0],
         largest=LARGEST * np.array([1.0, radius, radius, radius, 1.0]),
         idle=lambda first, _: np.concatenate([[0.0], first[1:]]), idle_steps=np.zeros(0),
     )  # fmt: skip
@@ -416,16 +381,13 @@ def check_diameter(images: Sequence[ImageFit], disc: Disc, given: CalibrationSet
 
     Raises InputError with both numbers.
     """
-    radii = np.array([i.geometry["radius_px"] for i in images])
-    diameter_px, spread_px = 2.0 * np.median(radii), np.hypot(2.0 * RIM_PX, 2.0 * np.ptp(radii))
-    wrong = contradiction(
-        float(diameter_px), float(spread_px), "diameter_mm", disc.diameter_mm, given
-    )
+    diameters = [2.0 * image.geometry["radius_px"] for image in images]
+    wrong = contradiction(diameters, "diameter_mm", disc.diameter_mm, given)
     if wrong:
         outline, stated, off = wrong
         raise InputError(
-            "disc_px_wide_disc", with_uncertainty=outline, diameter_mm=disc.diameter_mm,
-            pixel_mm=given.camera.pixel_mm, stated=stated, off=off,
+            "disc_px_wide_disc", with_uncertainty=with_uncertainty(*outline),
+            diameter_mm=disc.diameter_mm, pixel_mm=given.camera.pixel_mm, stated=stated, off=off,
         )  # fmt: skip
 
 
@@ -547,7 +509,7 @@ def _found(
     starts = [scan.starts(order) for scan, order in zip(scans, orders, strict=True)]
     refused: PhysicsError | None = None
     try:
-        unknowns = [fit_disc(*each) for each in zip(loaded, circles, starts, strict=True)]
+        unknowns = [fit_disc(s, start) for s, start in zip(loaded, starts, strict=True)]
     except PhysicsError as error:  # which residual stress may explain
         unknowns, refused = [start[0] for start in starts], error
     set_fit = fit_disc_set(loaded, idle, np.array(unknowns), held)

@@ -44,13 +44,11 @@ from isochrome.calibration.result import ImageFit, View
 from isochrome.calibration.shot import Shot
 from isochrome.errors import PhysicsError
 from isochrome.estimation import (
-    MOSTLY,
     Observation,
-    SeparableProblem,
     jackknife_variance,
+    linear_costs,
+    polynomial_basis,
     prepare,
-    smooth_light,
-    solve_all,
     solve_linear,
 )
 
@@ -238,17 +236,6 @@ def disc_order(grid: DiscPixels, params: ArrayLike) -> Array:
     return np.asarray(order * np.clip(1.0 - square, 0.0, None) / np.maximum(below, 1e-6))
 
 
-def disc_places(rows: Array, cols: Array, geometry: ArrayLike) -> tuple[Array, Array, Array]:
-    """Squared distance from a disc's centre, and distances along and across the loads, in radii.
-
-    Parameters: `rows`, `cols`, px; `geometry`, row, column, radius, angle, see `disc_order`.
-    """
-    row, col, radius, angle = np.asarray(geometry, dtype=float)
-    x, z = (cols - col) / radius, (rows - row) / radius
-    along, across = (z * np.cos(angle) + x * np.sin(angle), x * np.cos(angle) - z * np.sin(angle))
-    return x**2 + z**2, along, across
-
-
 def squared_wave(phase: Array, bright: bool) -> Array:
     """Ideal circular polariscope, 0..1: sin^2 of pi N in a dark field, cos^2 in a bright one."""
     wave = np.square(np.sin(phase))
@@ -261,10 +248,12 @@ def disc_mask(grid: DiscPixels, params: ArrayLike, *, within: float) -> NDArray[
     Left out: the rim (beyond `within` radii), a zone about each load point, and fringes finer
     than the pixels show.
     """
-    square, along, across = disc_places(grid.rows, grid.cols, np.asarray(params)[1:])
-    clear = np.minimum(*(np.hypot(across, along - s) for s in (-1.0, 1.0))) > LOAD_ZONE
+    _, row, col, radius, angle = np.asarray(params, dtype=float)
+    place = (grid.cols - col + 1j * (grid.rows - row)) / radius
+    load = 1j * np.exp(-1j * angle)
+    clear = np.minimum(np.abs(place - load), np.abs(place + load)) > LOAD_ZONE
     slopes = np.gradient(disc_order(grid, params), float(grid.step))
-    return np.asarray((square < within**2) & clear & (np.hypot(*slopes) < FINEST))
+    return np.asarray((np.abs(place) < within) & clear & (np.hypot(*slopes) < FINEST))
 
 
 def disc_image(
@@ -287,31 +276,6 @@ def disc_image(
         file=shot.name, load_n=shot.load_n, order=order, standard_uncertainty=spread, chi=chi,
         geometry=geometry, view=view,
     )  # fmt: skip
-
-
-def _scanned(problem: SeparableProblem, unit: Array, bright: bool) -> Array:
-    """chi of each centre order in ORDERS for phases `unit` (n,) of order 1, all solved at once."""
-    light, dark, data = problem.light, problem.dark, problem.data
-    ka, kc = len(light), len(dark)
-    wave = squared_wave(ORDERS[:, None] * unit, bright)
-    gram = np.empty((ORDERS.size, ka + kc, ka + kc))
-    gram[:, :ka, :ka] = (wave**2 @ _products(light, light)).reshape(-1, ka, ka)
-    gram[:, :ka, ka:] = (wave @ _products(light, dark)).reshape(-1, ka, kc)
-    gram[:, ka:, :ka] = gram[:, :ka, ka:].transpose(0, 2, 1)
-    gram[:, ka:, ka:] = problem.dark_gram
-    right = np.empty((ORDERS.size, ka + kc))
-    right[:, :ka], right[:, ka:] = wave @ (light * data).T, dark @ data
-    coefficients = solve_all(gram, right[..., None])[..., 0]
-    cost = data @ data - np.sum(right * coefficients, axis=1)
-    negative = np.mean(coefficients[:, :ka] @ light <= 0.0, axis=1)
-    good = np.isfinite(cost) & (negative <= MOSTLY)
-    freedom = max(1, problem.size - ka - kc)
-    return np.where(good, np.sqrt(np.maximum(cost, 0.0) / freedom), np.inf)
-
-
-def _products(first: Array, second: Array) -> Array:
-    """Products of all pairs of images (n, k l)."""
-    return np.asarray((first[:, None] * second[None]).reshape(-1, first.shape[1]).T)
 
 
 RADII = (0.985, 1.015, 1.05)
@@ -368,12 +332,17 @@ def scan_disc(shot: Shot) -> Scan:
     grid = thin_grid(shot.light.shape, replace(circle, radius=middle / 1.08), 3000)
     near = np.hypot(grid.rows - circle.row, grid.cols - circle.col) < middle
     light, sigma, valid = (m[grid.pick] for m in (shot.light, shot.sigma, shot.valid))
-    bases = smooth_light(near.shape, (1, 2)).bases
-    problem = prepare(light, mask=valid & near, sigma=sigma, **bases)
-    chi = [
-        _scanned(problem, np.pi * disc_order(grid, [1.0, *geometry])[problem.keep], shot.bright)
-        for geometry in geometries
-    ]
+    problem = prepare(
+        light, mask=valid & near, sigma=sigma, illumination=polynomial_basis(near.shape, 1),
+        background=polynomial_basis(near.shape, 2),
+    )  # fmt: skip
+    chi = []
+    for geometry in geometries:
+        unit = disc_order(grid, [1.0, *geometry])[problem.keep]
+        signals = squared_wave(np.pi * ORDERS[:, None] * unit, shot.bright)
+        cost, lit = linear_costs(problem.light, problem.dark, problem.data[None], signals)
+        mean = np.maximum(cost[:, 0], 0.0) / problem.size
+        chi.append(np.where(lit[:, 0] > 0.0, np.sqrt(mean), np.inf))
     smooth = solve_linear(problem, np.zeros(problem.size))
     return Scan(circle, geometries, np.array(chi), float(np.sqrt(smooth.cost / problem.size)))
 
@@ -420,7 +389,6 @@ def check_scans(scans: Sequence[Scan], shots: Sequence[Shot]) -> None:
 FEWEST_LOADS = 5
 """Three numbers a pixel are free: fewer loads leave nothing to judge k by."""
 
-RISE_ANGLES_DEG = (-6.0, -3.0, 0.0, 3.0, 6.0)
 SIDE = 90
 THIN = 4
 """Columns of which one is looked at while a rise is searched for."""
@@ -487,7 +455,7 @@ def rise_with_load(images: Overlay) -> Rise | None:
     if np.unique(loads).size < FEWEST_LOADS:
         return None
     slopes = np.arange(ORDERS[0], ORDERS[-1], 0.04) / loads.max()
-    angles = np.radians(RISE_ANGLES_DEG)
+    angles = np.radians(ANGLES_DEG)
     shares = np.stack([_shares(images, angle, slopes) for angle in angles])
     i, best = np.unravel_index(int(np.argmax(shares)), shares.shape)
     far = np.abs(slopes - slopes[best]) * np.ptp(loads) > 1.0
@@ -624,8 +592,8 @@ TOLD = 0.3
 APART, CLEARER = 0.5, 0.8
 """Another load, so many fringes away, must leave more: the best leaves less than this of it."""
 
-STRIPS_ACROSS, STRIPS_ALONG = 4, 4
-"""Blocks of the disc that are left out one after another."""
+STRIPS = 4
+"""Strips across and along, in whose blocks the disc is left out one after another."""
 
 
 @dataclass(frozen=True)
@@ -726,11 +694,11 @@ def _without_blocks(images: Overlay, fit: OrdersFit) -> Array:
     """
     used = images.used
     strips = []  # of equal width, in which each place lies
-    for places, number in ((images.grid.cols, STRIPS_ACROSS), (images.grid.rows, STRIPS_ALONG)):
+    for places in (images.grid.cols, images.grid.rows):
         place = np.broadcast_to(places, used.shape)[used]
-        edges = np.linspace(place.min(), place.max(), number + 1)[1:-1]
+        edges = np.linspace(place.min(), place.max(), STRIPS + 1)[1:-1]
         strips.append(np.searchsorted(edges, place))
-    block = strips[0] * STRIPS_ALONG + strips[1]
+    block = strips[0] * STRIPS + strips[1]
     grams, pulls = [], []
     for b in np.unique(block):
         rows = fit.jacobian[:, block == b].reshape(-1, fit.jacobian.shape[-1])

@@ -6,13 +6,13 @@ cause explains. The likeliest set of them is fitted, and asked again. Last, its 
 maps, and what it found, in words.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from isochrome.calibration.settings import CalibrationSet
 from isochrome.calibration.whole_set.set_model import (
@@ -30,8 +30,10 @@ from isochrome.calibration.whole_set.set_model import (
     band_share,
 )
 from isochrome.estimation import (
+    ALIKE_CHI,
     FEW_TERMS,
     FIRST_DEGREES,
+    RIVAL_CHI,
     Nuisance,
     ScoreProducts,
     Weighed,
@@ -152,11 +154,8 @@ def _with(fit: SetFit, names: frozenset[str]) -> SetFit:
         apart=APART in names,
     )
     if (LIGHT in names) != (LIGHT in fitted_names(model)):
-        plain = plain_terms(model)
-        more = missing_terms(plain, FIRST_DEGREES) if LIGHT in names else ((), ())
-        terms = plain[0] + more[0], plain[1] + more[1]
-        weights = _weights(fit, terms) if LIGHT in names else None
-        wider = replace(wider, terms=terms, weights=weights)
+        light = _uneven_light(fit) if LIGHT in names else (plain_terms(model), None)
+        wider = replace(wider, terms=light[0], weights=light[1])
     result = wider.fit(model.carried(fit.values, wider))
     if LIGHT in names:
         lit = replace(wider, weights=_weights(result, wider.terms))
@@ -175,6 +174,36 @@ def _with(fit: SetFit, names: frozenset[str]) -> SetFit:
         richer = replace(result.model, terms=terms, weights=_weights(result, terms))
         result = richer.fit(result.values)
     return result
+
+
+def unevenly_lit(fit: SetFit) -> SetFit:
+    """The fit under light as uneven as on usual benches; as it is where that turns negative."""
+    terms, weights = _uneven_light(fit)
+    uneven = replace(fit.model, terms=terms, weights=weights).fit(fit.values)
+    return uneven if uneven.point.positive else fit
+
+
+def best_first(fits: Iterable[SetFit]) -> list[SetFit]:
+    """Fits whose light is positive, by rising misfit, up to where a finer model may turn them."""
+    good = sorted((fit for fit in fits if fit.point.positive), key=lambda fit: fit.chi)
+    return [fit for fit in good if fit.chi < RIVAL_CHI * good[0].chi]
+
+
+def alike_fits(fits: Sequence[SetFit]) -> tuple[list[SetFit], list[SetFit]]:
+    """Fits of one image under uneven light, the best first, and those that explain it as well.
+
+    In either light: what is far worse in one may be all but as good in the other.
+    """
+    uneven = best_first(map(unevenly_lit, fits))
+    return uneven, [m for each in (fits, uneven) for m in each if m.chi < ALIKE_CHI * each[0].chi]
+
+
+def _uneven_light(fit: SetFit) -> tuple[Light, Array]:
+    """The light's products that every set is asked for, and their weights."""
+    plain = plain_terms(fit.model)
+    more = missing_terms(plain, FIRST_DEGREES)
+    terms = plain[0] + more[0], plain[1] + more[1]
+    return terms, _weights(fit, terms)
 
 
 def _weights(fit: SetFit, terms: Light) -> Array:
@@ -412,6 +441,27 @@ def image_maps(fit: SetFit, index: int) -> dict[str, Any]:
     return {"image": image, "model": image - residual, "residual": residual, "order": order}
 
 
+def seen_all_over(fit: SetFit, index: int) -> tuple[Array, Array, Array]:
+    """An image as its model has it on all the fit's rows and columns, where it is masked too.
+
+    Rows and columns (rows, cols) of the places looked at, px, and the light as stored, of the first
+    products: of many the sum goes anywhere where none was fitted.
+    """
+    plain = replace(fit.model, terms=plain_terms(fit.model), weights=None)
+    inside = plain.at(fit.values)
+    model = replace(plain, masks=np.ones_like(plain.masks), levels=None)
+    point = model.at(fit.values)
+    assert inside is not None and point is not None
+    light = inside.linear[0][model.coefficients_of(index)]
+    image = model.images[index]
+    seen = light @ replace(point, gamma=1.0).columns(index) * image.sigma
+    full = float(image.level.max())
+    seen = full * np.maximum(seen / full, 0.0) ** (1.0 / point.gamma)  # as the camera stored it
+    places = model.places(index, model.split(fit.values)[2])
+    rows, cols, seen = (m.reshape(image.mask.shape) for m in (*places, seen))
+    return rows, cols, seen
+
+
 def image_chi(fit: SetFit, index: int) -> float:
     """Residual over noise of one image."""
     left = fit.point.linear[2][index]
@@ -466,10 +516,9 @@ def cause_sentence(cause: Mapping[str, Any]) -> str:
 def sentences(fit: SetFit, found: tuple[dict[str, Any], ...]) -> tuple[str, ...]:
     """What was found and used, a sentence each."""
     messages = [cause_sentence(item) for item in found]
-    count = sum(len(t) for t in fit.model.terms)
-    plain = 9 if fit.model.shots[0].no_load_light is None else 6
-    if count > plain:
-        messages.append(message("light_more_uneven_quadratic", plain=count - plain))
+    count = sum(map(len, fit.model.terms)) - sum(map(len, plain_terms(fit.model)))
+    if count:
+        messages.append(message("light_more_uneven_quadratic", plain=count))
     if fit.left_out > 0:
         messages.append(message("pixels_fit_nothing_dust", per_cent=per_cent(fit.left_out)))
     if fit.asked is None:
@@ -497,20 +546,27 @@ def stated_values(given: CalibrationSet) -> dict[str, float]:
     return {key: value for key, value in held.items() if value}
 
 
+EDGE_PX = 0.5
+"""What an edge, or a rim, itself is uncertain by: a bevel, the light that it scatters, and how a
+point load's field fits to a disc's."""
+
+
 def contradiction(
-    size_px: float, spread_px: float, name: str, size_mm: float, given: CalibrationSet
-) -> tuple[str, float, float] | None:
+    sizes_px: ArrayLike, name: str, size_mm: float, given: CalibrationSet
+) -> tuple[tuple[float, float], float, float] | None:
     """What the images say against a size and a pixel's, beyond all their uncertainties.
 
-    Parameters: the size as seen, with its standard uncertainty; the `name` of its key and its value
-    in the set `given`. Returns what is seen, what is stated (px) and how far it is off; None where
-    they agree.
+    Parameters: the size as each image shows it; the `name` of its key and its value in the set
+    `given`. Returns what is seen with its standard uncertainty, what is stated (px) and how far it
+    is off; None where they agree.
     """
     known, pixel_mm = given.uncertainty, given.camera.pixel_mm
     assert pixel_mm is not None
+    sizes = np.asarray(sizes_px, dtype=float)
+    size_px, spread_px = float(np.median(sizes)), float(np.hypot(2.0 * EDGE_PX, np.std(sizes)))
     stated = size_mm / pixel_mm
     size, pixel = getattr(known, name) or 0.0, known.pixel_mm or 0.0
     off, parts = abs(size_px / stated - 1.0), (spread_px / stated, size / size_mm, pixel / pixel_mm)
     if off <= max(CONTRADICTED * float(np.linalg.norm(parts)), SLIGHT):
         return None
-    return with_uncertainty(size_px, spread_px), stated, off
+    return (size_px, spread_px), stated, off

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from isochrome.calibration.shot import EXPLAINED, Shot
 from isochrome.estimation import (
     MOSTLY,
+    STEP,
     Bounds,
     Damping,
     Terms,
@@ -55,12 +56,8 @@ PIXEL = np.pi**2 / 6.0
 
 _BESIDE = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
-_STEPS = dict(zip(SHARED, (1e-5, 1e-5, 1e-5, 1e-6, 1e-3, 1e-5), strict=True))
-_ORDER_STEP = 1e-5
-"""Steps of their derivatives, and of an order, fringes."""
-
-_MOVES = dict(zip(SHARED, (0.02, 0.02, 0.02, 0.02, 2.0, 0.2), strict=True))
-"""Largest moves of them at once."""
+_MOVES = dict(zip(SHARED, (*[0.02] * 4, 2.0, 0.2), strict=True))
+"""Largest moves of them at once; `STEP` of these is that of their derivatives."""
 
 _CORRELATED = 1.2
 """Variance of sums of residuals, over that of independent ones, that these may have by chance."""
@@ -144,20 +141,24 @@ class Kind:
     """A specimen. Its `order` (n,), with a sign or none, for an image's unknowns (p,) and the
     amplitudes (k,) of what all images have `besides`, at rows and columns (n,), px.
 
-    `by_besides` (k, n), its derivatives by these; their `sizes` (k,) on usual benches; `steps`
-    (p,) of derivatives, and the `largest` moves of them at once. Of an unloaded image `idle` gives
-    the unknowns (p,) from the first loaded one's and its own (r,), of `idle_steps`; below nought
-    its order is imaginary.
+    `by_besides` (k, n), its derivatives by these; their `sizes` (k,) on usual benches; the
+    `largest` moves of an image's unknowns (p,) at once. Of an unloaded image `idle` gives the
+    unknowns (p,) from the first loaded one's and its own (r,), of `idle_steps`; below nought its
+    order is imaginary.
     """
 
     besides: str
     order: Callable[[Array, Array, Array, Array], Array]
     by_besides: Callable[[Array, Array, Array, Array], Array]
     sizes: Array
-    steps: Array
     largest: Array
     idle: Callable[[Array, Array], Array]
     idle_steps: Array
+
+    @property
+    def steps(self) -> Array:
+        """Those of the derivatives by an image's own unknowns (p,)."""
+        return STEP * self.largest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -336,8 +337,8 @@ class SetModel:
         if self.unknowns_of(index, values)[1]:
             return order, np.zeros_like(order)
         bright = self.shots[index].bright
-        change = seen(order + _ORDER_STEP, beside, shared, bright)
-        return order, (change - seen(order, beside, shared, bright)) / _ORDER_STEP
+        change = seen(order + STEP, beside, shared, bright)
+        return order, (change - seen(order, beside, shared, bright)) / STEP
 
     def at(self, values: Array) -> SetPoint | None:
         """The model at some unknowns, None where it is not finite."""
@@ -473,7 +474,7 @@ class SetPoint:
         shared = model.split(self.values)[2]
         rows = np.empty((len(keys), gain.size))
         for row, key in zip(rows, keys, strict=True):
-            step = _STEPS[key]
+            step = STEP * _MOVES[key]
             if key == GAMMA:  # how the residual changes with the exponent, the other way round
                 later, image = replace(self, gamma=self.gamma + step), model.images[index]
                 coefficients = self.linear[0][model.coefficients_of(index)]
@@ -608,11 +609,15 @@ class SetFit:
         return np.asarray(scaled_inverse(self.point.normal, 1e-14) * self.noise)
 
     @property
+    def explained_share(self) -> float:
+        """Share of a loaded image's variation that the model explains, the least of them."""
+        pairs = zip(self.model.images[: self.model.loaded], self.point.linear[2], strict=False)
+        return 1.0 - max(float(np.var(r) / np.var(i.light / i.sigma)) for i, r in pairs)
+
+    @property
     def explained(self) -> bool:
         """Whether the model explains most of each loaded image's variation."""
-        pairs = zip(self.model.images[: self.model.loaded], self.point.linear[2], strict=False)
-        unexplained = [np.var(r) / np.var(image.light / image.sigma) for image, r in pairs]
-        return bool(self.point.positive and max(unexplained) < 1.0 - EXPLAINED)
+        return self.point.positive and self.explained_share > EXPLAINED
 
     def levelled(self) -> SetFit:
         """The same fit, with its own model as the light without noise of each image."""
