@@ -97,15 +97,20 @@ def _shower(bars: Any, what: str, items: str) -> Callable[[Tally | None], None]:
         rate = f"{done / seconds:.3g} {items}/s" if done and seconds > 0.0 else ""
         if bars.disable and monotonic() - last >= LINE_EVERY_S:
             last = monotonic()
-            parts = [f"{tally.done} of {tally.count} {items}", rate, f"{tally.flagged} flagged"]
-            if done:
-                minutes = (tally.count - tally.done) * seconds / done / 60.0
-                parts.append(f"{minutes:.0f} min left")
-            typer.echo(f"{what}: {', '.join(filter(None, parts))}", err=True)
+            typer.echo(_line_of_log(what, items, tally, rate, seconds), err=True)
         counts = {"completed": tally.done, "total": tally.count, "flagged": tally.flagged}
         bars.update(task, description=what, rate=rate, **counts)
 
     return show
+
+
+def _line_of_log(what: str, items: str, tally: Tally, rate: str, seconds: float) -> str:
+    """How far a run is: what is done, how fast, what is flagged, and the minutes that are left."""
+    done = tally.done - tally.before
+    parts = [f"{tally.done} of {tally.count} {items}", rate, f"{tally.flagged} flagged"]
+    if done:
+        parts.append(f"{(tally.count - tally.done) * seconds / done / 60.0:.0f} min left")
+    return f"{what}: {', '.join(filter(None, parts))}"
 
 
 @contextmanager

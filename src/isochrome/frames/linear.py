@@ -247,13 +247,10 @@ def saturation_level(raw: np.ndarray, *, full: float) -> float:
     # levels above the middle of the range with hardly any pixel above them, lowest first
     above = counts.sum() - np.cumsum(counts)
     last = (levels > 0.5 * (lowest + highest)) & (above <= _ABOVE * counts)
+    below = max(_FEWEST, _LEAST_SHARE * values.size) if len(levels) >= _FEWEST_LEVELS else np.inf
+    last &= counts >= np.where(levels >= full, _FEWEST_FULL, below)
     for i in np.flatnonzero(last).tolist():
         level, at_full = float(levels[i]), bool(levels[i] >= full)
-        if not at_full and len(levels) < _FEWEST_LEVELS:
-            continue
-        fewest = _FEWEST_FULL if at_full else max(_FEWEST, _LEAST_SHARE * values.size)
-        if counts[i] < fewest:
-            continue
         plateau = usable & (image == level)
         touching = np.pad(plateau, 1)  # a pixel of the plateau on one of the four sides
         touching = (
@@ -264,11 +261,15 @@ def saturation_level(raw: np.ndarray, *, full: float) -> float:
         piled = _is_piled(levels[: i + 1], counts[: i + 1], at_full=at_full)
         if piled and at_full:
             return level
-        solid = ndimage.minimum_filter(plateau, 3)  # all nine pixels about a place
-        piled = piled or np.count_nonzero(plateau & solid) > _SOLID * counts[i]
-        if piled and _is_noisy(image, usable & (image < level), full):
+        if (piled or _is_solid(plateau)) and _is_noisy(image, usable & (image < level), full):
             return level
     return np.inf
+
+
+def _is_solid(plateau: npt.NDArray[np.bool_]) -> bool:
+    """Whether a plateau is without a hole, as no camera's noise leaves it."""
+    inside = ndimage.minimum_filter(plateau, 3)  # all nine pixels about a place
+    return bool(np.count_nonzero(plateau & inside) > _SOLID * np.count_nonzero(plateau))
 
 
 def _histogram(values: np.ndarray) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:

@@ -437,28 +437,17 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     if len(tif.pages) == 0:
         raise InputError("not_readable_tiff_holds", path=path)
     first: Any = tif.pages[0]
-    if "XResolution" in first.tags and "YResolution" in first.tags:
-        (xn, xd), (yn, yd) = first.tags["XResolution"].value, first.tags["YResolution"].value
-        if 0 not in (xn, xd, yn, yd) and abs(xn * yd / (xd * yn) - 1) > SAME_SIZE:
-            raise InputError("says_pixels_unit_across", path=path, xd=xn / xd, yd=yn / yd)
+    _check_square(first, path)
     if tif.is_ome:
         return _of_ome(tif, path)
-    # not the thumbnails and reduced copies that some programs add
-    numbered: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
-    pages = tuple((i, page.offset) for i, page in numbered if i == 0 or not page.is_reduced)
+    pages = _frame_pages(tif)
     claimed = _claimed(tif, len(pages))
-    # ImageJ's layout of large stacks: all behind the only head
-    plain = first.axes == "YX" and first.is_contiguous and _is_plain(first)
-    hidden = len(pages) == 1 < claimed and bool(
-        plain and first.dataoffsets[0] + claimed * first.nbytes <= tif.filehandle.size
-    )
+    hidden = len(pages) == 1 < claimed and _fit_behind(first, claimed, tif.filehandle.size)
     if not hidden and (claimed > len(pages) or _chain_breaks(tif)):
         raise InputError("breaks_off_after_frames", path=path, pages_count=len(pages))
     meta = (tif.imagej_metadata or {}) if tif.is_imagej else {}
     _check_axes(path, *(_whole(meta, key) for key in ("channels", "slices", "frames")))
-    step, unit = meta.get("finterval", 0), SECONDS.get(str(meta.get("tunit", "s")).lower())
-    known = isinstance(step, int | float) and 0 < step < float("inf")
-    interval = float(step) * unit if known and unit else None
+    interval = _interval(meta)
     return TiffLayout(
         count=claimed if hidden else len(pages),
         pages=pages,
@@ -469,6 +458,33 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
             pixel_mm=pixel_mm_of(tif),
         ),
     )
+
+
+def _check_square(page: Any, path: Path) -> None:
+    """Refuse a file that says its pixels are not square, as all lengths would be wrong."""
+    if "XResolution" in page.tags and "YResolution" in page.tags:
+        (xn, xd), (yn, yd) = page.tags["XResolution"].value, page.tags["YResolution"].value
+        if 0 not in (xn, xd, yn, yd) and abs(xn * yd / (xd * yn) - 1) > SAME_SIZE:
+            raise InputError("says_pixels_unit_across", path=path, xd=xn / xd, yd=yn / yd)
+
+
+def _frame_pages(tif: tifffile.TiffFile) -> tuple[tuple[int, int], ...]:
+    """Pages that are frames: not the thumbnails and reduced copies that some programs add."""
+    numbered: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
+    return tuple((i, page.offset) for i, page in numbered if i == 0 or not page.is_reduced)
+
+
+def _fit_behind(page: Any, claimed: int, size: int) -> bool:
+    """Whether that many frames have room behind the only head: ImageJ's layout of large stacks."""
+    plain = page.axes == "YX" and page.is_contiguous and _is_plain(page)
+    return bool(plain and page.dataoffsets[0] + claimed * page.nbytes <= size)
+
+
+def _interval(meta: dict[str, Any]) -> float | None:
+    """Seconds between the frames of an ImageJ stack."""
+    step, unit = meta.get("finterval", 0), SECONDS.get(str(meta.get("tunit", "s")).lower())
+    known = unit and isinstance(step, int | float) and 0 < step < float("inf")
+    return float(step) * unit if known and unit else None
 
 
 def _claimed(tif: tifffile.TiffFile, counted: int) -> int:

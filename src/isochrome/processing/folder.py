@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import isochrome
-from isochrome.fringes import skeleton_table
+from isochrome.fringes import Skeleton, skeleton_table
 from isochrome.messages import frame_messages, message
 from isochrome.output import (
     FIGURE_DPI,
@@ -116,9 +116,7 @@ def gather(task: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) ->
                 pictures[layer.name].append(picture_of(item, layer.name, item.normalised.shape))
         if isinstance(item, FollowedFrame):
             continue
-        # a model can draw its lines anew, for who asks
-        wanted = task.rois or (item.fit is None and task.kind.draws_lines)
-        lines = item.skeleton() if wanted else []
+        lines = _lines_to_keep(task, item)
         if lines:
             left, top = item.corner_mm(task.scene)
             points = skeleton_table(lines, pixel_mm=item.pixel_mm, left_mm=left, top_mm=top)
@@ -134,6 +132,12 @@ def gather(task: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) ->
         parts[ROIS] = data.getvalue()
     arrays = {name: np.stack(maps) for name, maps in pictures.items()}
     return Results(arrays, rows, more, parts, packed=dict(packed))
+
+
+def _lines_to_keep(task: FrameTask, item: ProcessedFrame) -> list[Skeleton]:
+    """The fringe lines of a frame; with a model, which can draw them anew, for who asks alone."""
+    wanted = task.rois or (item.fit is None and task.kind.draws_lines)
+    return item.skeleton() if wanted else []
 
 
 def _within(

@@ -456,10 +456,7 @@ def run_job(
     """
     options = options or RunOptions()
     keep_steady()
-    if options.workers is not None and options.workers < 1:
-        raise InputError("workers_give_more", workers=options.workers)
-    if job.in_turn and (options.cluster is not None or (options.workers or 1) > 1):
-        raise InputError("workers_cluster_each_frame")
+    _check_workers(job, options)
     root = working_folder(Path(out))
     target, stamps = Path(out).resolve(), stamps_of(job.identity)
     check_apart(stamps, target)
@@ -492,16 +489,29 @@ def run_job(
                     state.chunks.clear()
                     raise
                 check_unchanged(stamps)
-                known = {  # checksums that need not be read from the files again
-                    run.chunk_file(name, index).relative_to(run.results).as_posix(): checksum
-                    for index in range(run.layout.chunks if run.layout.layers else 0)
-                    for name, (_, checksum) in (read_record_of(run, index) or {})["layers"].items()
-                }
-                seal(run.results, json.loads(json.dumps(dict(job.identity))), known=known)
+                _leave_record(run, job)
                 state.finished = True
             publish(run, target)
             wipe(root)
             return result
+
+
+def _check_workers(job: Job, options: RunOptions) -> None:
+    """Refuse no worker at all, and several where one process has to do all. Raises InputError."""
+    if options.workers is not None and options.workers < 1:
+        raise InputError("workers_give_more", workers=options.workers)
+    if job.in_turn and (options.cluster is not None or (options.workers or 1) > 1):
+        raise InputError("workers_cluster_each_frame")
+
+
+def _leave_record(run: RunFolder, job: Job) -> None:
+    """Write down what the results are of, and which they are: last, when all others are there."""
+    known = {  # checksums that need not be read from the files again
+        run.chunk_file(name, index).relative_to(run.results).as_posix(): checksum
+        for index in range(run.layout.chunks if run.layout.layers else 0)
+        for name, (_, checksum) in (read_record_of(run, index) or {})["layers"].items()
+    }
+    seal(run.results, json.loads(json.dumps(dict(job.identity))), known=known)
 
 
 @dataclass
