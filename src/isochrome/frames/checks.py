@@ -50,7 +50,7 @@ Array = NDArray[np.floating]
 _BLOCKS = 64
 """Blocks along the shorter side of a frame."""
 
-_SWINGS = 0.02 * 2.0 ** np.arange(5)
+_SWINGS = (0.02, 0.05, 0.1, 0.2, 0.4)
 """Of full scale: how far light must go back for a swing. Which of them is asked is known when all
 frames are: the largest up to a share of what their light spans,"""
 _OF_SPAN = 0.3
@@ -65,8 +65,8 @@ small contact at a low load lights few blocks."""
 _ALIKE = 0.04
 """Of the light's span, by which a frame may differ from a no-load picture and be one."""
 
-_GAIN = 0.8
-"""To which, or from which, a lamp may have drifted since that picture."""
+_GAINS = (0.8, 1.25)
+"""Between which a lamp may have drifted from that picture."""
 
 _LARGEST_RUN = 0.5
 """Share of a set beyond which frames without fringes are no mistake among others."""
@@ -141,7 +141,7 @@ def unloaded_frames(
         near = [key for key, value in far.items() if value < _ALIKE * light]
         if near:
             like.setdefault(min(near, key=lambda key: far[key]), []).append(index)
-    usable = np.flatnonzero((_SWINGS * full) <= _OF_SPAN * np.nanmax(span))
+    usable = np.flatnonzero((np.array(_SWINGS) * full) <= _OF_SPAN * np.nanmax(span))
     if not usable.size:
         return like, []
     most, usual = (np.array([pair[k][usable[-1]] for pair in signs.swings]) for k in (0, 1))
@@ -181,15 +181,13 @@ def _unlike(light: Array, picture: Array) -> float:
     if light.shape != picture.shape or not known.any():
         return float("inf")
     here, reference = light[known], picture[known]
-    gain = float(
-        np.clip(np.median(here) / max(float(np.median(reference)), 1e-9), _GAIN, 1.0 / _GAIN)
-    )
+    gain = float(np.clip(np.median(here) / max(float(np.median(reference)), 1e-9), *_GAINS))
     return float(np.percentile(np.abs(here - gain * reference), _FARTHEST))
 
 
 def _swings(lines: Array) -> NDArray[np.int_]:
     """How often the light of each line turns by more than each height (lines, heights)."""
-    height = _SWINGS[None, :]
+    height = np.array(_SWINGS)[None, :]
     shape = len(lines), len(_SWINGS)
     high, low = np.full(shape, -np.inf), np.full(shape, np.inf)
     way, count = np.zeros(shape, dtype=int), np.zeros(shape, dtype=int)

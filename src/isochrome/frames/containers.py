@@ -49,7 +49,7 @@ from isochrome.messages import message
 FULL_RANGE = 2
 """FFmpeg's number for levels that use all bits; else black and white lie at 16 and 235 of 255."""
 
-WEIGHTS = {1: (0.2126, 0.0722), **dict.fromkeys((9, 10), (0.2627, 0.0593))}
+WEIGHTS = {1: (0.2126, 0.0722), 9: (0.2627, 0.0593), 10: (0.2627, 0.0593)}
 """Weights of red and blue in the luminance by FFmpeg's number of the colour space."""
 
 WEIGHTS_601 = (0.299, 0.114)
@@ -142,13 +142,8 @@ def _rgb_of_yuv(
     scale = top / (2**bits - 1 if full else 224 << (bits - 8))
     black, white = (0, 2**bits - 1) if full else (16 << (bits - 8), 235 << (bits - 8))
     light = (luma.astype(np.float32) - black) * np.float32(top / (white - black))
-    # each value of fewer rows and columns on all the pixels that it was taken of
-    down, across = (-(-n // m) for n, m in zip(luma.shape, cb.shape, strict=True))
-    wide = (c.repeat(down, axis=0).repeat(across, axis=1) for c in (cb, cr))
-    b, r = (
-        (c[: luma.shape[0], : luma.shape[1]].astype(np.float32) - half) * np.float32(scale)
-        for c in wide
-    )
+    b, r = (_widened(c, luma.shape).astype(np.float32) - half for c in (cb, cr))
+    b, r = b * np.float32(scale), r * np.float32(scale)
     green = 1 - red - blue
     out = np.empty((*luma.shape, 3), luma.dtype)
     shares = (
@@ -167,6 +162,12 @@ def _levels(bits: int) -> np.ndarray:
     stored, top = np.arange(1 << (8 if bits <= 8 else 16)), 2**bits - 1
     levels = np.clip(np.rint((stored - (16 << (bits - 8))) * top / (219 << (bits - 8))), 0, top)
     return np.asarray(levels.astype(np.uint8 if bits <= 8 else np.uint16))
+
+
+def _widened(chroma: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """A plane of fewer rows and columns on all pixels, each value on those that it was taken of."""
+    down, across = -(-shape[0] // chroma.shape[0]), -(-shape[1] // chroma.shape[1])
+    return np.repeat(np.repeat(chroma, down, axis=0), across, axis=1)[: shape[0], : shape[1]]
 
 
 SLICE, KEY_SLICE, PARAMETERS = 1, 5, 7
@@ -295,13 +296,12 @@ def _slices(packet: bytes, footer: int) -> list[bytes]:
 Container = Literal["avi", "matroska", "mp4", "asf", "mpeg"]
 
 EBML, SEGMENT, CLUSTER = 0x1A45DFA3, 0x18538067, 0x1F43B675
-ANYWHERE = 0xEC, 0xBF
-"""Room that is left, and a checksum."""
+BLOCK_GROUP = 0xA0
 IN_SEGMENT = (
     0x114D9B74, 0x1549A966, CLUSTER, 0x1654AE6B, 0x1C53BB6B, 0x1941A469, 0x1043A770, 0x1254C367,
-    *ANYWHERE,
+    0xEC, 0xBF,
 )  # fmt: skip
-IN_CLUSTER = (0xE7, 0x5854, 0xA7, 0xAB, 0xA3, 0xA0, 0xAF, *ANYWHERE)
+IN_CLUSTER = (0xE7, 0x5854, 0xA7, 0xAB, 0xA3, BLOCK_GROUP, 0xAF, 0xEC, 0xBF)
 UNKNOWN_SIZE = -1
 BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"uuid", b"moof", b"mfra", b"sidx",
          b"meta", b"styp", b"pnot", b"udta", b"PICT", b"ssix", b"prft", b"emsg")  # fmt: skip
@@ -421,7 +421,7 @@ def _matroska(file: BinaryIO, end: int, path: Path) -> None:
             if stop > end:
                 raise _broken(path, place, end)
             _segment(file, body, stop, path)
-        elif name not in (EBML, *ANYWHERE):
+        elif name not in (EBML, 0xEC, 0xBF):
             raise _damaged(path, place)
         else:
             stop = body + size
@@ -486,6 +486,9 @@ DECODE = {"err_detect": "crccheck+explode", "max_pixels": str(MAX_PIXELS)}
 
 PATIENCE = {"strict": "1"}
 """H.264 need not say how far its frames are out of order; those that come late are not lost."""
+
+COVER = 0x400
+"""FFmpeg's mark of a picture on the cover."""
 
 PIXEL_BYTES = 6
 """Of a pixel in 16-bit colour, the most that is decoded."""
@@ -571,9 +574,7 @@ def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
         container = av.open(os.fspath(path.absolute()), container_options=OPEN)
     try:
         with refusing(path, "not a readable video"):
-            # a picture on the cover is no recording
-            cover = av.stream.Disposition.attached_pic
-            streams = [s for s in container.streams.video if not s.disposition & cover]
+            streams = [s for s in container.streams.video if not _is_picture(s)]
             if len(streams) != 1:
                 raise InputError("holds_video_streams_one", path=path, streams_count=len(streams))
             stream = streams[0]
@@ -584,6 +585,12 @@ def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
         yield container, stream
     finally:
         container.close()
+
+
+def _is_picture(stream: Any) -> bool:
+    """Whether it is a picture on the cover, and no recording."""
+    marks = getattr(stream, "disposition", 0)  # a number, or a flag with one, by PyAV's version
+    return bool(int(getattr(marks, "value", marks)) & COVER)
 
 
 def _check_stream(stream: Any, path: Path) -> None:

@@ -80,19 +80,23 @@ def signature_of(path: Path) -> Signature:
         raise InputError("cannot_read_check_name", path=path, strerror=error.strerror) from error
     if head.startswith(_TIFF):
         return Signature("tiff", "TIFF")
-    name = next((name for start, name in _IMAGES.items() if head.startswith(start)), "")
-    ends = head[2:3].isspace() or head[2:3] == b"#"
-    if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
-        name = "WebP"
-    elif head[:1] == b"P" and head[1:2] in b"123456fF" and ends:
-        name = "Netpbm"
-    elif int.from_bytes(head[:4], "little") in _DIB:
-        name = "DIB"
-    if name:
+    name = _image(head)
+    if name is not None:
         return Signature("image", name)
     if container is not None and head[8:12] not in _PHOTOGRAPHS:
         return Signature("video", container)
     raise InputError("not_image_video_kind", path=path, seems=_seems(head))
+
+
+def _image(head: bytes) -> str | None:
+    for start, name in _IMAGES.items():
+        if head.startswith(start):
+            return name
+    if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
+        return "WebP"
+    if head[:1] == b"P" and head[1:2] in b"123456fF" and (head[2:3].isspace() or head[2:3] == b"#"):
+        return "Netpbm"
+    return "DIB" if int.from_bytes(head[:4], "little") in _DIB else None
 
 
 def _seems(head: bytes) -> str:

@@ -42,8 +42,7 @@ from isochrome.frames.reading import Frame, FrameReader, Mask
 from isochrome.messages import message
 from isochrome.scene import ArrayFrames, Scene
 
-FOURTH = np.poly(np.ones(4))
-"""Fourth differences: of white noise they have the root of the sum of their squares."""
+FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
 QUANTISATION = 1 / 12
 """Variance of rounding to whole grey levels."""
 LEVELS = 16
@@ -217,6 +216,9 @@ _ABOVE = 0.05
 """Over the plateau's own pixels: so many may be brighter, as hot ones and glare are."""
 _TOUCHING = 0.5
 """Share of a plateau's pixels that have a neighbour of their level."""
+_SOLID = 0.2
+"""Share of a plateau's pixels that have none but their level about them: an even light of half a
+grey level's noise leaves a tenth."""
 _GROWTH = 2.04
 """Power of the last two levels' growth over two more that the square root's first level has."""
 _CREST = 2.5
@@ -224,9 +226,6 @@ _CREST = 2.5
 _SIGMAS = 3.0
 _GAP = 2.2
 """Typical distances of levels: what is farther below is not just below."""
-_SOLID = 0.2
-"""Share of a plateau's pixels that have none but their level about them: an even light of half a
-grey level's noise leaves a tenth."""
 _LOOKED_AT = 1000
 """Pixels at least, of fractions, whose sorting takes a while."""
 _NOISE, _FINE = 0.5, 1e-4
@@ -247,29 +246,29 @@ def saturation_level(raw: np.ndarray, *, full: float) -> float:
     # levels above the middle of the range with hardly any pixel above them, lowest first
     above = counts.sum() - np.cumsum(counts)
     last = (levels > 0.5 * (lowest + highest)) & (above <= _ABOVE * counts)
-    below = max(_FEWEST, _LEAST_SHARE * values.size) if len(levels) >= _FEWEST_LEVELS else np.inf
-    last &= counts >= np.where(levels >= full, _FEWEST_FULL, below)
     for i in np.flatnonzero(last).tolist():
         level, at_full = float(levels[i]), bool(levels[i] >= full)
+        if not at_full and len(levels) < _FEWEST_LEVELS:
+            continue
+        fewest = _FEWEST_FULL if at_full else max(_FEWEST, _LEAST_SHARE * values.size)
+        if counts[i] < fewest:
+            continue
         plateau = usable & (image == level)
         touching = np.pad(plateau, 1)  # a pixel of the plateau on one of the four sides
         touching = (
             touching[:-2, 1:-1] | touching[2:, 1:-1] | touching[1:-1, :-2] | touching[1:-1, 2:]
         )
-        if np.count_nonzero(plateau & touching) < _TOUCHING * counts[i]:
+        if _share(plateau, touching) < _TOUCHING:
             continue
         piled = _is_piled(levels[: i + 1], counts[: i + 1], at_full=at_full)
         if piled and at_full:
             return level
-        if (piled or _is_solid(plateau)) and _is_noisy(image, usable & (image < level), full):
+        solid = ndimage.minimum_filter(plateau, 3)  # all nine pixels about a place
+        if (piled or _share(plateau, solid) > _SOLID) and _is_noisy(
+            image, usable & (image < level), full
+        ):
             return level
     return np.inf
-
-
-def _is_solid(plateau: npt.NDArray[np.bool_]) -> bool:
-    """Whether a plateau is without a hole, as no camera's noise leaves it."""
-    inside = ndimage.minimum_filter(plateau, 3)  # all nine pixels about a place
-    return bool(np.count_nonzero(plateau & inside) > _SOLID * np.count_nonzero(plateau))
 
 
 def _histogram(values: np.ndarray) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
@@ -302,6 +301,10 @@ def _is_piled(levels: np.ndarray, counts: np.ndarray, *, at_full: bool) -> bool:
     growth = max(near / far if far else near, 1.0) ** _GROWTH
     expected = near * (min(growth, _CREST) if at_full else growth)
     return bool(counts[-1] >= expected + _SIGMAS * np.sqrt(expected))
+
+
+def _share(plateau: npt.NDArray[np.bool_], which: npt.NDArray[np.bool_]) -> float:
+    return float(np.count_nonzero(plateau & which) / np.count_nonzero(plateau))
 
 
 def _is_noisy(image: np.ndarray, below: npt.NDArray[np.bool_], full: float) -> bool:
@@ -521,16 +524,23 @@ def _rough_sigma(values: np.ndarray, spread: np.ndarray) -> float:
     if values.shape[1] < 8:
         # around noise alone the second extremes lie about 1.7 sigmas apart
         return float(np.median(spread)) / 1.7
-    rough = fourth_differences(values[::2])
-    return 1.4826 * float(np.median(np.abs(rough)))
+    if values.dtype == np.uint8:
+        return _middle_of_bytes(values[::2]) * 1.4826 / float(np.sqrt(70.0))
+    v = values[::2].astype(np.float32)
+    mixed = v[:, :-4] - 4 * v[:, 1:-3] + 6 * v[:, 2:-2] - 4 * v[:, 3:-1] + v[:, 4:]
+    return float(np.median(np.abs(mixed))) * 1.4826 / float(np.sqrt(70.0))
 
 
-def fourth_differences(rows: np.ndarray) -> np.ndarray:
-    """Those along rows (rows, cols - 4), of the size of their noise: next to nothing of fringes."""
+def _middle_of_bytes(levels: np.ndarray) -> float:
+    """Median size of the fourth differences along whole levels of one byte: by counting them."""
     import cv2
 
-    kernel = FOURTH / np.linalg.norm(FOURTH)
-    return np.asarray(cv2.filter2D(rows.astype(np.float32), -1, kernel[None])[:, 2:-2])
+    fourth = np.array([[1.0, -4.0, 6.0, -4.0, 1.0]], np.float32)
+    sizes = np.abs(cv2.filter2D(levels, cv2.CV_16S, fourth)[:, 2:-2]).view(np.uint16)
+    largest = 16 * 255
+    counts = cv2.calcHist([sizes], [0], None, [largest + 1], [0, largest + 1]).ravel()
+    below, last = np.cumsum(counts), sizes.size - 1
+    return float(np.searchsorted(below, [last // 2, (last + 1) // 2], side="right").mean())
 
 
 @dataclass(frozen=True)

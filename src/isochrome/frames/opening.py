@@ -26,7 +26,6 @@ from isochrome.errors import InputError
 from isochrome.frames import images, tiff, video
 from isochrome.frames.images import read_image, signature_of
 from isochrome.frames.reading import (
-    SAME_SIZE,
     Channel,
     Extent,
     FrameReader,
@@ -226,6 +225,10 @@ def _frames(
         yield RawFrame(image, None if times is None else times[index], frames.label(index))
 
 
+SAME_SCALE = 1e-3
+"""Files of one recording name one pixel size; a larger difference than this part is another."""
+
+
 class Parts:
     """The frames of several files in their order, with times that go on from file to file.
 
@@ -260,7 +263,7 @@ class Parts:
                     path=path, sensor_bits=bits[0], name=name, sensor_bits_2=bits[1],
                 )  # fmt: skip
             scales = source.pixel_mm, first.pixel_mm
-            if scales[0] and scales[1] and abs(scales[0] / scales[1] - 1) > SAME_SIZE:
+            if scales[0] and scales[1] and abs(scales[0] / scales[1] - 1) > SAME_SCALE:
                 raise InputError(
                     "names_mm_pixel_files", path=path, scales=scales[0], name=name,
                     scales_2=scales[1],
@@ -627,7 +630,6 @@ def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[F
 
 
 def _refuse_others(places: Sequence[Path], *, join: bool) -> None:
-    """Refuse what is no recording, and a folder among parts of one. Raises InputError."""
     for folder in filter(os.path.isdir, places if join else ()):
         raise InputError("folder_which_recording_itself", folder=folder)
     for place in places:

@@ -29,9 +29,6 @@ MAX_PIXELS = 200_000_000
 MAX_BYTES = 400_000_000
 """The same for its bytes when decoded: decoders hold some copies of a frame at a time."""
 
-SAME_SIZE = 1e-3
-"""Pixels whose sides differ by more than this part are not square, or not of one size."""
-
 CLOCK_S = 2.0
 """The coarsest clock of a file system (FAT)."""
 

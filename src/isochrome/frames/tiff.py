@@ -29,7 +29,6 @@ import numpy as np
 from isochrome.errors import InputError
 from isochrome.frames.reading import (
     MAX_BYTES,
-    SAME_SIZE,
     Extent,
     RawFrame,
     Source,
@@ -48,10 +47,8 @@ if TYPE_CHECKING:
 MM = {"in": 25.4} | {n: MM_PER_UNIT[n] for n in ("m", "cm", "mm", "µm", "μm", "um", "nm")}
 """Millimetres of the schema's units of length that a camera's picture can have."""
 
-OME_SECONDS = {
-    "s": 1.0, "ms": 1e-3, **dict.fromkeys(("µs", "μs", "us"), 1e-6), "ns": 1e-9, "min": 60.0,
-    "h": 3600.0, "d": 86400.0,
-}  # fmt: skip
+OME_SECONDS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "μs": 1e-6, "us": 1e-6, "ns": 1e-9, "min": 60.0,
+           "h": 3600.0, "d": 86400.0}  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,7 +145,7 @@ def _pixel_mm(pixels: ElementTree.Element, path: Path) -> float | None:
     )
     if across is None or down is None:
         return None
-    if abs(across / down - 1) > SAME_SIZE:
+    if abs(across / down - 1) > 1e-3:
         raise InputError("says_pixel_mm_wide", path=path, across=across, down=down)
     return across
 
@@ -181,6 +178,10 @@ def _times(
     return times[0], tuple(from_first)
 
 
+MINISWHITE, PALETTE, SEPARATED = 0, 3, 5
+SEPARATE = 2
+"""Each colour's values by themselves, as the head says it (tag 284)."""
+NONE, DEFLATE = 1, (8, 32946)
 DEFLATE_RATIO = 1032
 """The most bytes that deflate makes of one (RFC 1951: 258 bytes from two bits)."""
 PACKED = (10, 12, 14)
@@ -238,10 +239,8 @@ class PageDecoder:
 
     def _check_parts(self, page: Any, index: int) -> None:
         """Refuse a page whose strips or tiles are not all there: holes would be read as black."""
-        import tifffile
-
         rows, cols, planes = page.imagelength, page.imagewidth, 1
-        if page.planarconfig == tifffile.PLANARCONFIG.SEPARATE:
+        if page.planarconfig == SEPARATE:
             planes = max(page.samplesperpixel, 1)
         if page.is_tiled:
             wanted = -(-rows // page.tilelength) * -(-cols // page.tilewidth) * planes
@@ -249,7 +248,7 @@ class PageDecoder:
             wanted = -(-rows // max(page.rowsperstrip or rows, 1)) * planes
         held = sum(page.databytecounts)
         bits = int(np.ravel(page.bitspersample)[0]) * max(page.samplesperpixel, 1)
-        needed = rows * -(-cols * bits // 8) if _is_plain(page) else wanted
+        needed = rows * -(-cols * bits // 8) if page.compression == NONE else wanted
         present = min(len(page.dataoffsets), sum(size > 0 for size in page.databytecounts))
         if present < wanted or held < needed:
             raise InputError(
@@ -258,17 +257,15 @@ class PageDecoder:
             )  # fmt: skip
 
     def _decode(self, page: Any, place: int, index: int) -> np.ndarray:
-        from tifffile import PHOTOMETRIC
-
         path, form, bits = self._path, page.photometric, page.bitspersample
         as_stored = self._inverted_too and self._tif.is_imagej
-        if form == PHOTOMETRIC.SEPARATED or (form == PHOTOMETRIC.MINISWHITE and not as_stored):
+        if form == SEPARATED or (form == MINISWHITE and not as_stored):
             raise InputError("frame_stored_not_black", path=path, index=index, name=form.name)
         if page.dtype is None:
             raise InputError("frame_has_bits_pixel", path=path, index=index, bitspersample=bits)
         check_dtype(path, page.dtype)
         raw = self._pixels(page, place, index)
-        if form == PHOTOMETRIC.PALETTE and not self._tif.is_imagej and page.colormap is not None:
+        if form == PALETTE and not self._tif.is_imagej and page.colormap is not None:
             raw = (page.colormap >> 8).astype(np.uint8)[:, raw].transpose(1, 2, 0)
         elif page.axes == "SYX":
             raw = np.moveaxis(raw, 0, -1)
@@ -280,11 +277,12 @@ class PageDecoder:
 
     def _pixels(self, page: Any, place: int, index: int) -> np.ndarray:
         """The page's values as they are stored."""
-        if _is_deflated(page):
+        deflate = int(page.compression) in DEFLATE
+        if deflate:
             self._check_deflate(page, index)
         if page.bitspersample in PACKED:
             return self._packed(page, index)
-        if _is_deflated(page) or _is_plain(page):
+        if deflate or page.compression == NONE:
             return np.asarray(page.asarray())
         return self._by_pillow(page, place, index)
 
@@ -317,11 +315,10 @@ class PageDecoder:
         """Values of 10, 12 or 14 bits one behind the other, each row from a new byte on."""
         rows, cols, bits = page.imagelength, page.imagewidth, page.bitspersample
         plain = page.axes == "YX" and not page.is_tiled and page.predictor == 1
-        known = _is_deflated(page) or _is_plain(page)
-        if not plain or not known or page.fillorder != 1:
+        if not plain or int(page.compression) not in (NONE, *DEFLATE) or page.fillorder != 1:
             raise InputError("frame_packs_bit_pixels", path=self._path, index=index, bits=bits)
         parts = self._segments(page)
-        if _is_deflated(page):
+        if int(page.compression) in DEFLATE:
             parts = [zlib.decompress(part) for part in parts]
         width = -(-cols * bits // 8)
         packed, needed = np.frombuffer(b"".join(parts), np.uint8), rows * width
@@ -353,16 +350,6 @@ class PageDecoder:
         return raw
 
 
-def _is_plain(page: Any) -> bool:
-    """Whether a page's values are stored as they are."""
-    return bool(page.compression == 1)
-
-
-def _is_deflated(page: Any) -> bool:
-    """Whether a page is compressed as zlib does it, by either of its two numbers."""
-    return getattr(page.compression, "name", "").endswith("DEFLATE")
-
-
 STANDARD_ERROR = 2
 _TURN = threading.Lock()
 
@@ -389,6 +376,9 @@ def silence_stderr() -> Iterator[None]:
             os.close(saved)
             os.close(nowhere)
 
+
+SQUARE = 1e-3
+"""A pixel whose sides differ by more than this part is not square."""
 
 OTHERS = ("stk", "lsm", "fluoview", "nih", "scanimage")
 """Microscope makers' dialects, whose pages are not frames one by one."""
@@ -436,13 +426,12 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
         raise InputError("microscope_own_kind_tiff", path=path, other=other[0])
     if len(tif.pages) == 0:
         raise InputError("not_readable_tiff_holds", path=path)
-    first: Any = tif.pages[0]
-    _check_square(first, path)
+    _check_square(tif, path)
     if tif.is_ome:
         return _of_ome(tif, path)
     pages = _frame_pages(tif)
     claimed = _claimed(tif, len(pages))
-    hidden = len(pages) == 1 < claimed and _fit_behind(first, claimed, tif.filehandle.size)
+    hidden = len(pages) == 1 < claimed and _fit_behind(tif, claimed)
     if not hidden and (claimed > len(pages) or _chain_breaks(tif)):
         raise InputError("breaks_off_after_frames", path=path, pages_count=len(pages))
     meta = (tif.imagej_metadata or {}) if tif.is_imagej else {}
@@ -460,31 +449,10 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     )
 
 
-def _check_square(page: Any, path: Path) -> None:
-    """Refuse a file that says its pixels are not square, as all lengths would be wrong."""
-    if "XResolution" in page.tags and "YResolution" in page.tags:
-        (xn, xd), (yn, yd) = page.tags["XResolution"].value, page.tags["YResolution"].value
-        if 0 not in (xn, xd, yn, yd) and abs(xn * yd / (xd * yn) - 1) > SAME_SIZE:
-            raise InputError("says_pixels_unit_across", path=path, xd=xn / xd, yd=yn / yd)
-
-
 def _frame_pages(tif: tifffile.TiffFile) -> tuple[tuple[int, int], ...]:
     """Pages that are frames: not the thumbnails and reduced copies that some programs add."""
     numbered: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
     return tuple((i, page.offset) for i, page in numbered if i == 0 or not page.is_reduced)
-
-
-def _fit_behind(page: Any, claimed: int, size: int) -> bool:
-    """Whether that many frames have room behind the only head: ImageJ's layout of large stacks."""
-    plain = page.axes == "YX" and page.is_contiguous and _is_plain(page)
-    return bool(plain and page.dataoffsets[0] + claimed * page.nbytes <= size)
-
-
-def _interval(meta: dict[str, Any]) -> float | None:
-    """Seconds between the frames of an ImageJ stack."""
-    step, unit = meta.get("finterval", 0), SECONDS.get(str(meta.get("tunit", "s")).lower())
-    known = unit and isinstance(step, int | float) and 0 < step < float("inf")
-    return float(step) * unit if known and unit else None
 
 
 def _claimed(tif: tifffile.TiffFile, counted: int) -> int:
@@ -503,6 +471,13 @@ def _whole(meta: dict[str, Any], key: str, default: int = 1) -> int:
     return value if isinstance(value, int) and value > 0 else default
 
 
+def _fit_behind(tif: tifffile.TiffFile, claimed: int) -> bool:
+    """Whether that many frames have room behind the only head: ImageJ's layout of large stacks."""
+    page: Any = tif.pages[0]
+    plain = page.axes == "YX" and page.is_contiguous and page.compression == 1
+    return bool(plain and page.dataoffsets[0] + claimed * page.nbytes <= tif.filehandle.size)
+
+
 def _chain_breaks(tif: tifffile.TiffFile) -> bool:
     """Whether the last page names a next one that is not there."""
     file, form = tif.filehandle, tif.tiff
@@ -519,6 +494,22 @@ def _check_axes(path: Path, channels: int, slices: int, times: int) -> None:
         raise InputError("holds_colour_channels_separate", path=path, channels=channels)
     if slices > 1 and times > 1:
         raise InputError("holds_slices_each_times", path=path, slices=slices, times=times)
+
+
+def _check_square(tif: tifffile.TiffFile, path: Path) -> None:
+    """Refuse a file that says its pixels are not square, as all lengths would be wrong."""
+    page: Any = tif.pages[0]
+    if "XResolution" in page.tags and "YResolution" in page.tags:
+        (xn, xd), (yn, yd) = page.tags["XResolution"].value, page.tags["YResolution"].value
+        if 0 not in (xn, xd, yn, yd) and abs(xn * yd / (xd * yn) - 1) > SQUARE:
+            raise InputError("says_pixels_unit_across", path=path, xd=xn / xd, yd=yn / yd)
+
+
+def _interval(meta: dict[str, Any]) -> float | None:
+    """Seconds between the frames of an ImageJ stack."""
+    step, unit = meta.get("finterval", 0), SECONDS.get(str(meta.get("tunit", "s")).lower())
+    known = unit and isinstance(step, int | float) and 0 < step < float("inf")
+    return float(step) * unit if known and unit else None
 
 
 def _of_ome(tif: tifffile.TiffFile, path: Path) -> TiffLayout:

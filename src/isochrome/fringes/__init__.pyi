@@ -62,7 +62,6 @@ from .step_equations import (
     unwrap,
 )
 from .stepped_order import ResidualStress, SteppedReading, least_field, read_residual, read_steps
-from .windows import block_means
 
 __all__ = [
     "BRANCH",
@@ -102,7 +101,6 @@ __all__ = [
     "balance",
     "band_light",
     "band_scale",
-    "block_means",
     "common_reading",
     "exact_ends",
     "fill_gaps",

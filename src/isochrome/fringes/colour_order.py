@@ -26,20 +26,10 @@ import numpy as np
 from scipy import ndimage
 
 from isochrome.errors import InputError
-from isochrome.frames import fourth_differences
 from isochrome.fringes.colour_table import STEP, Choice, ColourTable, choose_orders
 from isochrome.fringes.frame_exposure import FrameExposure, find_ends, find_exposure
-from isochrome.fringes.on_branch import LARGEST_UNCERTAINTY, STEEPEST, OrderReading, probability
-from isochrome.fringes.windows import (
-    Array,
-    Mask,
-    beside_jumps,
-    block_means,
-    expanded,
-    gaussian_sum,
-    masked,
-    nearest_known,
-)
+from isochrome.fringes.on_branch import OrderReading, probability
+from isochrome.fringes.windows import Array, Mask, beside_jumps, gaussian_sum, masked, nearest_known
 
 LEAST_CONTRAST = 0.2
 """Contrast, over that of the frame's brightest places, below which a pixel is without light."""
@@ -123,13 +113,19 @@ def _lit(contrast: Array, valid: Mask) -> Mask:
 
 def _noise(frame: Array, valid: Mask) -> Array:
     """Noise (channels,) of a no-load frame: fourth differences along every third row, by median."""
-    size, inside = np.abs(fourth_differences(frame[::_ROWS])), valid[::_ROWS, 2:-2]
+    rows, good = frame[::_ROWS].astype(np.float32), valid[::_ROWS]
+    rough = sum(
+        weight * rows[:, i : rows.shape[1] - 4 + i]
+        for i, weight in enumerate((1.0, -4.0, 6.0, -4.0, 1.0))
+    )
+    inside = good[:, 2:-2]
     estimates = np.zeros(frame.shape[2])
     for c in range(frame.shape[2]):
-        if inside[..., c].any():
+        size = np.abs(np.asarray(rough)[..., c][inside[..., c]])
+        if size.size:
             # rounding to whole levels makes the median itself a step; the middle half does not
-            low, high = np.percentile(size[..., c][inside[..., c]], (25.0, 75.0))
-            estimates[c] = (low + high) / (0.3186 + 1.1503)
+            low, high = np.percentile(size, (25.0, 75.0))
+            estimates[c] = (low + high) / (0.3186 + 1.1503) / np.sqrt(70.0)
     return estimates
 
 
@@ -141,6 +137,8 @@ _BASE_PX = 2.0
 _EVIDENCE_BLOCKS = 1.5
 _FLAT = 0.1
 _LARGEST_STEP = 0.1
+_STEEPEST = 0.3
+_PRIOR = 100.0  # 1/0.1², against a division by nothing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,9 +175,7 @@ def refine_colour(
         ideal, slope = _look_up(order, table)
         pull = weight * slope
         information = gaussian_sum((pull * slope).sum(axis=-1), width)
-        step = gaussian_sum((pull * (signal - ideal)).sum(axis=-1), width) / (
-            information + _LARGEST_STEP**-2
-        )
+        step = gaussian_sum((pull * (signal - ideal)).sum(axis=-1), width) / (information + _PRIOR)
         step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
         order = np.clip(order + step, -table.highest, table.highest)
     ideal, slope = _look_up(order, table)
@@ -213,11 +209,14 @@ def _base(choice: Choice, factor: int, shape: tuple[int, ...]) -> tuple[Array, M
     chi2 = gaussian_sum(np.where(known, choice.misfit, 0.0), _EVIDENCE_BLOCKS) / count
     evidence = gaussian_sum(np.where(known, choice.margin, 0.0), _EVIDENCE_BLOCKS)
     doubt = np.exp(-0.5 * np.clip(evidence / np.maximum(0.5 * chi2, 1.0), 0.0, 200.0))
-    rows, cols = shape
-    agreed, doubt = (
-        part.repeat(factor, axis=0).repeat(factor, axis=1)[:rows, :cols] for part in (agreed, doubt)
+    rows, cols = (
+        np.clip((np.arange(n) + 0.5) / factor - 0.5, 0, m - 1)
+        for n, m in zip(shape, filled.shape, strict=True)
     )
-    return expanded(smooth, (rows, cols), factor), agreed, doubt
+    grid = np.meshgrid(rows, cols, indexing="ij")
+    base = ndimage.map_coordinates(smooth, grid, order=1, mode="nearest")
+    inside = tuple(np.rint(g).astype(int) for g in grid)
+    return base, agreed[inside], doubt[inside]
 
 
 def _look_up(order: Array, table: ColourTable) -> tuple[Array, Array]:
@@ -238,7 +237,7 @@ def _mixture(order: Array, table: ColourTable) -> Array:
     To the second order in the gradient; at 0.25 fringe a pixel the fourth is 0.01 of full light.
     """
     steepness = sum(step**2 for step in np.gradient(order))
-    steepness = np.minimum(ndimage.gaussian_filter(steepness, _WINDOWS_PX[-1]), STEEPEST**2)
+    steepness = np.minimum(ndimage.gaussian_filter(steepness, _WINDOWS_PX[-1]), _STEEPEST**2)
     bend = np.gradient(table.slope, STEP, axis=0).astype(np.float32)[table.place(np.abs(order))]
     return np.asarray(steepness[..., None].astype(np.float32) / 24.0 * bend)
 
@@ -279,9 +278,15 @@ BINNED_FROM = 150_000
 
 LOST = 0.03
 """Share of pixels whose colours are not the table's from which on nothing is read: frames that the
-table describes leave 0.6 % at most, a wrong spectrum, response or gamma 5 % on. Besides twice the
-scatter of a table that has one: what the frames it was found from differ in."""
+table describes leave 0.6 % at most, a wrong spectrum, response or gamma 5 % on."""
 
+LOST_SPREAD = 0.05
+"""The same for a table with a scatter of its own: what the frames it was found from differ in."""
+
+STEEPEST = 0.25
+"""Fringes a pixel beyond which a pixel's mixture of colours is no longer of the second order."""
+
+_LARGEST_UNCERTAINTY = 0.03
 _LARGEST_DOUBT = 0.02
 _LARGEST_RESIDUAL = 0.05
 _LARGEST_MISFIT = 2.0
@@ -292,6 +297,7 @@ _FOUND_ENDS = 0.001  # fringes: what a quadratic surface leaves of an illuminati
 _BLOCK_ERROR = 0.004  # of the table at a block's mean order
 _UNLIT_ORDER = 0.045
 _UNLIT_PX = 6
+_SPREAD = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -343,10 +349,10 @@ def read_colour(
     described = (value.misfit < _LARGEST_MISFIT) | (value.residual < _LARGEST_RESIDUAL * span)
     pixels = max(int(np.count_nonzero(readable)), 1)
     strange = float(np.count_nonzero(readable & ~described) / pixels)
-    lost = strange >= LOST + 2.0 * float(table.spread.max())
+    lost = strange >= (LOST if table.spread.max() < _SPREAD else LOST_SPREAD)
     highest = table.highest_of(_LEAST_CONTRAST[shown.blind]) - _BELOW_WHITE
     known = readable & described & value.agreed & (value.order < highest) & (not lost)
-    known &= (value.doubt < _LARGEST_DOUBT) & (uncertainty < LARGEST_UNCERTAINTY)
+    known &= (value.doubt < _LARGEST_DOUBT) & (uncertainty < _LARGEST_UNCERTAINTY)
     # only the frame says where light is: black places might be no specimen at all
     if bright is None and specimen is None:
         core = ndimage.distance_transform_edt(value.order < _UNLIT_ORDER) > _UNLIT_PX
@@ -388,4 +394,6 @@ def _blocks(shown: ColourSignal, factor: int) -> tuple[Array, Array]:
 def _sums(values: Array, factor: int) -> Array:
     """Sums (rows, cols, channels) over blocks of pixels, which at the rim hold fewer of them."""
     values = np.pad(values, [*((0, -n % factor) for n in values.shape[:2]), (0, 0)])
-    return block_means(values, factor) * factor**2
+    rows, cols, channels = values.shape
+    blocks = values.reshape(rows // factor, factor, cols // factor, factor, channels)
+    return np.asarray(blocks.sum(axis=(1, 3)))

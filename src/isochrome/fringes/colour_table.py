@@ -239,7 +239,7 @@ FARTHEST = 60.0
 """Misfit, above the best candidate's, beyond which a pixel has no further candidate."""
 
 _EVERY = 8
-_BLOCK = 16_384
+_BLOCK = 1 << 14
 
 
 @dataclass(frozen=True)

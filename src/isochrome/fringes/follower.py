@@ -41,9 +41,7 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
-from isochrome.fringes.windows import TURN, Array, Mask, gaussian_sum
-
-_TURN = np.float32(TURN)
+from isochrome.fringes.windows import Array, Mask
 
 LARGEST_CHANGE = 0.35
 """Fringes from one frame to the next that are followed, wherever in the picture: below half of the
@@ -54,13 +52,13 @@ CREST_SLOPE = 6.0
 
 STEEPEST = 0.3
 """Of fringes that are followed, fringes a pixel."""
-
 _LEAST_CONTRAST = 0.3
+
 _STRIDE = 3
 _FACTORS = 31
 """Steps of the search; the finest fringes move by a fortieth from one to the next."""
-_STARTS = (None, 3, -1)
-"""Fields that are searched with: none, the change before, and the drift."""
+_STARTS = ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
+"""Shares of the change before and of the drift that are searched with."""
 _ROUNDS = 5
 _OUTLIER = 0.3
 _CLIPPED = 0.5
@@ -149,40 +147,39 @@ def _searched(basis: Array, shown: Array, faded: Array, top: float) -> Array:
     """
     best, solution, order = np.inf, np.zeros(len(_RIDGE)), basis[0]
     reach = LARGEST_CHANGE / top
-    for start in _STARTS:
-        ahead = np.float32(0.0) if start is None else basis[start]
+    for starts in _STARTS:
+        ahead = np.float32(starts[0]) * basis[3] + np.float32(starts[1]) * basis[-1]
         for factor in np.linspace(-reach, reach, _FACTORS):
             residual, _ = _residual(order, np.float32(factor) * order + ahead, shown, faded)
             misfit = _mean_misfit(residual)
             if misfit < best:
                 best = misfit
-                solution[:] = 0.0
-                solution[0] = factor
-                if start is not None:
-                    solution[start] = 1.0
+                solution[0], solution[3], solution[-1] = factor, *starts
     return solution
 
 
 def _residual(order: Array, change: Array, shown: Array, faded: Array) -> tuple[Array, Array]:
     """What a change leaves of the wave, and how the wave answers to it."""
-    angle = _TURN * (order + change)
-    return shown - faded * np.cos(angle), -_TURN * faded * np.sin(angle)
+    turn = np.float32(2.0 * np.pi)
+    angle = turn * (order + change)
+    return shown - faded * np.cos(angle), -turn * faded * np.sin(angle)
 
 
 def _mean_misfit(residual: Array) -> float:
     return float(np.mean(np.minimum(residual * residual, np.float32(_CLIPPED))))
 
 
+_TURN = np.float32(2.0 * np.pi)
 _WINDOWS = ((10.0, True), (5.0, False), (2.5, False))
 """Standard deviation of a window, pixels; whether the correction in it is in proportion to N."""
 _SPREAD, _SYSTEMATIC = 0.01, 0.03
 """Of the prediction, fringes, and of the wave by light that is not known exactly, which no window
 averages out: a region of even order that passes a crest is not to be held up on its near side."""
+_LARGEST_STEP = 0.2
 _SMOOTHED, _SMOOTH_PX, _SHARP = 0.2, 1.0, 0.15
 """Share of what is taken off below the narrowest window, and the order below which nothing is: the
 order has a crease there, where it is nought."""
-_POOLED_PX = 3.0
-"""Of the rate, the misfit, and the light at first."""
+_RATE_PX, _MISFIT_PX, _START_PX = 3.0, 3.0, 3.0
 _NEWEST = 0.3
 """Weight of the newest frame in the drift."""
 _TOLD_PX, _TOLD, _LEFT_OPEN = 5.0, 0.08, 0.05
@@ -250,7 +247,7 @@ def follow_frame(
         order, determined = _corrected(order, wave, contrast, telling, noise)
     trust = weight * known
     residual = (wave - contrast * np.cos(_TURN * order)) * trust
-    misfit = _window_mean(residual * residual, trust, _POOLED_PX)
+    misfit = _window_mean(residual * residual, trust, _MISFIT_PX)
     known = (
         known
         & (misfit < _LARGEST_MISFIT**2 + (_NOISY * noise) ** 2)
@@ -260,7 +257,7 @@ def follow_frame(
     if np.count_nonzero(known) < _ALL_BUT * np.count_nonzero(state.known):
         return _lost(state, time)
     order = continued(order, known)
-    change = cv2.GaussianBlur((order - before) * weight, (0, 0), _POOLED_PX)
+    change = cv2.GaussianBlur((order - before) * weight, (0, 0), _RATE_PX)
     rate = change / np.float32(apart) if apart else np.zeros_like(change)
     orders = before[known]  # what of the rate is not in proportion to the order
     share = float(orders @ rate[known]) / max(float(orders @ orders), 1e-6)
@@ -279,7 +276,7 @@ def _lost(state: FilmState, time: float) -> FilmState:
 
 def _at_first(wave: Array, weight: Array) -> tuple[Array, Mask]:
     """Orders below the first crest, and where they are: in each body what no crest cuts off."""
-    signal = _window_mean(0.5 - 0.5 * wave, weight, _POOLED_PX)
+    signal = _window_mean(0.5 - 0.5 * wave, weight, _START_PX)
     order = np.arcsin(np.sqrt(np.clip(signal, 0.0, 1.0))) / np.float32(np.pi)
     inside = weight > 0.0
     plain = np.zeros(inside.shape, dtype=bool)
@@ -316,6 +313,7 @@ def _corrected(
             telling = _window_mean(flank * weight, weight, width)
         informed = _window_sum(weight_of_slope * slope, width) + least
         step = _window_sum(weight_of_slope * residual, width) / informed
+        step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
         order = np.abs(order + (step * order if proportional else step))
     fine = np.float32(_SMOOTHED) * (cv2.GaussianBlur(order, (0, 0), _SMOOTH_PX) - order)
     return np.asarray(order + np.where(order > _SHARP, fine, np.float32(0.0))), telling
@@ -323,7 +321,10 @@ def _corrected(
 
 def _window_sum(values: Array, width_px: float) -> Array:
     """Sum over a Gaussian window whose weight is 1 in the middle."""
-    return gaussian_sum(values, width_px, reach=2.5)
+    kernel = cv2.getGaussianKernel(2 * int(np.ceil(2.5 * width_px)) + 1, width_px, cv2.CV_32F)
+    area = np.float32(2.0 * np.pi * width_px**2)
+    summed = cv2.sepFilter2D(values, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(area * summed)
 
 
 def _window_mean(values: Array, weight: Array, width_px: float) -> Array:
@@ -394,9 +395,9 @@ def _borne_out(order: Array, known: Mask, wave: Array, valid: Mask) -> tuple[Mas
     """Which continued orders the light bears out, and how far it moves them (rows, cols)."""
     near = cv2.boxFilter(known.astype(np.float32), -1, (3, 3), normalize=False) > _BESIDE - 0.5
     contrast, steep, _ = faded_fringes(order)
-    angle = _TURN * order
+    angle = np.float32(2.0 * np.pi) * order
     sine = np.sin(angle)
-    slope = -_TURN * contrast * np.where(np.abs(sine) > _FLANK, sine, np.inf)
+    slope = np.float32(-2.0 * np.pi) * contrast * np.where(np.abs(sine) > _FLANK, sine, np.inf)
     move = (wave - contrast * np.cos(angle)) / slope
     determined = (np.abs(sine) > _FLANK) & (np.abs(move) < _NEAR)
     return near & ~known & valid & (steep < STEEPEST**2) & determined, move

@@ -36,17 +36,16 @@ UNTOLD = 0.1
 """Standard uncertainty of ln e from which on a frame does not tell its exposure."""
 
 _SURE = 2.0
-ALIKE = 0.02
-"""Share by which exposures may differ and count as alike."""
+_LEAST = 0.02
 _BLOCKS = 1_500
 _FEWEST = 50
 _TRIALS = np.exp(np.arange(-1.5, 1.51, 0.1))
 _STARTS = 3
 _ROUNDS = 8
 _REST = 1e-3
-_ERROR = 0.003  # of a table, of full light, which neighbouring orders share
-FARTHEST_COLOUR = 25.0
-"""Misfit of a colour, chi², that counts at most: beyond, it is none of the table's."""
+_ERROR = 0.003  # of a table, of full light, that neighbouring orders share
+_DOUBT = 0.003
+_FARTHEST = 25.0
 _LOWEST = 0.15
 """Order below which colours of one hue say nothing of the exposure but through noise."""
 
@@ -90,7 +89,7 @@ class _Blocks:
         return self.light / factor - self.dark
 
     def variance(self, factor: float, table: ColourTable) -> Array:
-        return np.asarray((self.noise / factor) ** 2 + table.spread**2 + _ERROR**2)
+        return np.asarray((self.noise / factor) ** 2 + table.spread**2 + _DOUBT**2)
 
 
 @dataclass(frozen=True)
@@ -129,7 +128,7 @@ def find_exposure(
     spread = max(best.spread, alike.spread) if as_well else best.spread
     spread = float((spread**-2 + EXPECTED**-2) ** -0.5)
     away = abs(np.log(best.factor))
-    same = away < ALIKE or (as_well and away < _SURE * spread)
+    same = away < _LEAST or (as_well and away < _SURE * spread)
     return FrameExposure(1.0 if same else best.factor, spread)
 
 
@@ -153,7 +152,7 @@ def _starts(small: _Blocks, table: ColourTable) -> list[float]:
         known = np.isfinite(signal).all(axis=-1)
         weight = 1.0 / small.variance(factor, table)[known]
         _, misfit = candidate_orders(signal[known], weight, table)
-        cost.append(np.minimum(misfit[:, 0], FARTHEST_COLOUR).sum())
+        cost.append(np.minimum(misfit[:, 0], _FARTHEST).sum())
     around = np.pad(cost, 1, constant_values=np.inf)
     low = np.flatnonzero((around[1:-1] <= around[:-2]) & (around[1:-1] <= around[2:]))
     return [float(_TRIALS[i]) for i in sorted(low, key=lambda i: cost[i])[:_STARTS]]
@@ -176,7 +175,7 @@ def _at(small: _Blocks, table: ColourTable, factor: float) -> tuple[_End, float]
     step, spread = _step(signal, variance, choice.order, choice.misfit, table)
     changes = (np.abs(np.diff(choice.order, axis=axis)) for axis in (0, 1))
     rough = sum(float(np.nansum(np.minimum(change, 1.0))) for change in changes)
-    misfit = float(np.nansum(np.minimum(choice.misfit, FARTHEST_COLOUR)))
+    misfit = float(np.nansum(np.minimum(choice.misfit, _FARTHEST)))
     # of the two equations a block: else a shorter exposure, with more noise, would fit better
     complete = variance[np.isfinite(variance).all(axis=-1)]
     noise = 2.0 * float(np.log(factor**2 * complete).mean(axis=-1).sum())
@@ -192,7 +191,7 @@ def _step(
     The background says nothing here: what does not grow with the exposure (a sensor's offset)
     stands in it too.
     """
-    inside = np.isfinite(signal).all(axis=-1) & (misfit < FARTHEST_COLOUR)
+    inside = np.isfinite(signal).all(axis=-1) & (misfit < _FARTHEST)
     if not inside.any():
         return 0.0, EXPECTED
     place = table.place(order[inside])
@@ -217,7 +216,7 @@ def _step(
 BLOCKS = 12_000
 """Blocks of pixels that the search works on, about."""
 
-DOUBTS = np.geomspace(0.12, 0.006, 8)
+DOUBTS = (0.12, 0.12, 0.08, 0.05, 0.03, 0.015, 0.006, 0.006)
 """How far the ends are taken to be off in each round, of full light."""
 
 UNEVEN = 0.3
@@ -233,6 +232,7 @@ COLOURFUL = 0.2
 """Contrast with white, of full light, of the orders that the fit is made on: what is white in the
 frame might be white of any order."""
 
+_FARTHEST_COLOUR = 20.0
 _MEDIAN_OF_TWO = 1.386  # of chi² with two degrees of freedom
 
 
@@ -308,7 +308,7 @@ def find_ends(
         off = doubt * (0.3 + np.clip(np.nan_to_num(signal), 0.0, 1.2))
         variance = (small.noise / over) ** 2 + off**2 + table.spread**2
         choice = choose_orders(signal, variance, table)
-        inside = (choice.order < colourful) & (choice.misfit < FARTHEST_COLOUR)
+        inside = (choice.order < colourful) & (choice.misfit < _FARTHEST_COLOUR)
         inside &= table.coloured(signal, COLOURFUL)
         if np.count_nonzero(inside) < 100:
             raise InputError("frame_colours_not_table")

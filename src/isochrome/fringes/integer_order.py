@@ -28,7 +28,6 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import distance_transform_edt, gaussian_filter, label
 
-from isochrome.fringes.on_branch import BRANCH
 from isochrome.fringes.step_equations import Direction
 from isochrome.fringes.windows import Array, Mask, block_means, valid_means
 from isochrome.messages import message
@@ -43,7 +42,7 @@ _FEWEST = 5.0
 """Independent places, of one Gaussian's area each, that a part must have."""
 
 _NEAR = 0.3
-"""How far from a whole number m and twice its uncertainty may lie, and a model's order."""
+"""How far from a whole number m and twice its uncertainty may lie."""
 
 _LEAST_SIGNAL = 0.5
 """Of what is seen of exp 2iθ's second derivative; the rest is the noise that is expected. In a beam
@@ -141,6 +140,10 @@ _SMALLEST_SHARE = 0.02
 
 _NEAR_PX = 3
 _TIE = 0.1
+_FAR = 0.25
+"""Misfit, in fringes, of a known order beyond which it is another whole number, or wrong."""
+
+_MODEL_MISFIT = 0.3
 
 
 @dataclass(frozen=True)
@@ -230,7 +233,7 @@ def _from_seeds(
     tried = np.unique(np.rint([orders - here, -orders - here])).astype(int)
     misfit = np.array([np.mean(np.abs(np.abs(here + m) - orders)) for m in tried])
     best = tried[misfit < misfit.min() + _TIE]
-    if misfit.min() > BRANCH:
+    if misfit.min() > _FAR:
         return None, [message("frames_known_order_disagrees_light", min=misfit.min())]
     if len(best) > 1 and balanced not in best:
         return None, [message("frames_known_order_leaves_two")]
@@ -256,4 +259,4 @@ def _from_model(turns: Array, inside: Mask, model: Array) -> int | None:
     tried = np.unique(np.add.outer(middle, np.arange(-2, 3))).astype(int)
     misfit = np.array([np.average(np.abs(np.abs(here + m) - order), weights=weight) for m in tried])
     first, second = np.sort(misfit)[:2]
-    return int(tried[misfit.argmin()]) if first < _NEAR and second > 2.0 * first else None
+    return int(tried[misfit.argmin()]) if first < _MODEL_MISFIT and second > 2.0 * first else None

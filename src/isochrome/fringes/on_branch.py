@@ -168,10 +168,8 @@ _AT_REST = 0.002
 """Root mean square of a move, fringes, after which wide windows move it no more: a third of what
 the noise leaves of an order."""
 
-LARGEST_MISFIT = 0.1
-"""Of the contrast, by which light and model may be apart."""
-STEEPEST = 0.25
-"""Fringes a pixel, beyond which none is read: four pixels a fringe."""
+_LARGEST_MISFIT = 0.1
+_STEEPEST = 0.25
 _POOLED_PX = 3.0
 _ERF = (0.254829592, -0.284496736, 1.421413741, -1.453152027, 1.061405429)
 _ERF_SCALE = 0.3275911
@@ -233,14 +231,14 @@ def read_order(
     spread = gaussian_sum(square, _WINDOW_PX / np.sqrt(2.0))
     spread /= np.maximum(information * information, 1e-24)
     uncertainty = np.sqrt(spread * np.maximum(misfit, 1.0) + stray)
-    largest = np.maximum(LARGEST_MISFIT * gain, 2.0)
+    largest = np.maximum(_LARGEST_MISFIT * gain, 2.0)
     known = (
         (weight > 0.0)
         & (count > 0.5 * (2.0 * np.pi * _WINDOW_PX**2))
         & (uncertainty < LARGEST_UNCERTAINTY)
         & (misfit < largest * largest)
         & (np.abs(shift) < BRANCH)
-        & (cv2.magnitude(*np.gradient(model)) < STEEPEST)  # of four pixels, nor beside no specimen
+        & (cv2.magnitude(*np.gradient(model)) < _STEEPEST)  # of four pixels, nor beside no specimen
     )
     shift += model
     return make_reading(np.abs(shift, out=shift), uncertainty, known, of=material)

@@ -42,7 +42,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import gaussian_filter, gaussian_filter1d
+from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates
 
 from isochrome.errors import InputError
 from isochrome.estimation import channel_light
@@ -54,23 +54,8 @@ from isochrome.fringes.colour_table import (
     choose_orders,
     end_of_contrast,
 )
-from isochrome.fringes.frame_exposure import (
-    COLOURFUL,
-    FARTHEST_COLOUR,
-    UNLIKE,
-    correction,
-    spread_out,
-)
-from isochrome.fringes.windows import (
-    Array,
-    Indices,
-    Mask,
-    beside_jumps,
-    block_means,
-    envelope,
-    valid_means,
-)
-from isochrome.optics import GENERIC_PEAK_NM
+from isochrome.fringes.frame_exposure import UNLIKE, correction, spread_out
+from isochrome.fringes.windows import Array, Indices, Mask, beside_jumps, block_means, valid_means
 
 GREEN = 1
 
@@ -81,7 +66,7 @@ _OFF_DIAGONAL = np.nonzero(~np.eye(3, dtype=bool))
 NUMBERS = 11
 """Numbers that describe the light: 2 ratios, 3 widths, 6 terms of the mixing."""
 
-_OWN_WIDTH = 0.06
+_OWN_CENTRES_NM, _OWN_WIDTH = (600.0, 540.0, 460.0), 0.06
 _CORRECTED_CENTRES_NM = (579.5, 540.0, 444.7)
 _CORRECTED_WIDTH = (0.063, 0.068, 0.048)
 _CORRECTED_MIXING = (-1.51, 0.10, -0.47, -0.15, -0.05, -0.09)
@@ -95,7 +80,7 @@ def _numbers(centres: tuple[float, ...], width: Any, mixing: Any) -> Array:
     return np.concatenate([ratio, np.log(np.broadcast_to(width, 3)), np.broadcast_to(mixing, 6)])
 
 
-SENSOR = _numbers(GENERIC_PEAK_NM, _OWN_WIDTH, 0.0)
+SENSOR = _numbers(_OWN_CENTRES_NM, _OWN_WIDTH, 0.0)
 """Numbers of a bare sensor in equal-energy white light, whose channels do not mix."""
 
 CORRECTED = _numbers(_CORRECTED_CENTRES_NM, _CORRECTED_WIDTH, _CORRECTED_MIXING)
@@ -203,7 +188,6 @@ _FRAMES = NUMBERS + 1
 _FIXED = 1e-6
 _DARKEST = 1e-3
 _DIMMEST = 0.02
-"""Of full scale: the least level that a gamma's slope is taken at."""
 _LEAST_CONTRAST = 0.01
 
 
@@ -361,10 +345,7 @@ def unknowns(
     if shots.bright is None:
         off[2][standard] = _FIXED  # the frame whose light is the illumination
         ideal = band_table(numbers, bright=bright_field, highest_order=3.0)[0].signal
-        lit = np.moveaxis(np.asarray(np.isfinite(light).any(axis=0)), -1, 0)
-        tops = np.moveaxis(np.where(np.isfinite(light), light, -1.0).max(axis=0), -1, 0)
-        above = [envelope(top[at], surface[:, at].T) for top, at in zip(tops, lit, strict=True)]
-        shape = np.array(above) / ideal.max(axis=0)[:, None]
+        shape = _envelope(light, surface) / ideal.max(axis=0)[:, None]
         parts.append(shape.ravel())
         off.append(np.repeat(UNEVEN * np.abs(shape[:, 0]), len(surface)))
     expected = np.concatenate(parts)
@@ -391,6 +372,26 @@ def _brightness(light: Array, shots: ColourShots, gamma: float) -> tuple[Array, 
     return np.where(ratio < _DARKER, 0.0, ratio), int(np.argmax(top))
 
 
+def _envelope(light: Array, surface: Array) -> Array:
+    """Coefficients (3, terms) of surfaces above nine tenths of the brightest of all frames.
+
+    By weights repeated until the sum of unequally weighed distances is least.
+    Source: Koenker & Bassett (1978), Econometrica 46, 33.
+    """
+    bands = np.empty((3, len(surface)))
+    lit: Mask = np.asarray(np.isfinite(light).any(axis=0))
+    top = np.where(np.isfinite(light), light, -1.0).max(axis=0)
+    for c in range(3):
+        design, value = surface[:, lit[..., c]].T, top[..., c][lit[..., c]]
+        weight = np.ones(len(value))
+        for _ in range(30):
+            scaled = design * weight[:, None]
+            bands[c] = np.linalg.solve(design.T @ scaled, scaled.T @ value)
+            off = value - design @ bands[c]
+            weight = np.where(off > 0.0, 0.9, 0.1) / np.maximum(np.abs(off), 0.02 * value.max())
+    return bands
+
+
 def _hold_alike(hold: Array, shape: Array) -> None:
     """Expect the channels' surfaces, whose coefficients (3, terms) end `hold`, to be alike
     in form.
@@ -410,6 +411,7 @@ RELIEF_WIDTH = 0.03
 """The same of the relief, over the frame's longer side."""
 
 _GAIN = 0.7
+_LARGEST = 0.15
 _LEAST_SLOPE = 0.3
 
 
@@ -418,7 +420,7 @@ def added_bend(place: Indices, away: Array, table: ColourTable, length: int) -> 
     order, across the curve. `away` (n, 3), signals less the table's.
     """
     size, width = len(table.signal), BEND_WIDTH / STEP
-    clipped = np.clip(away, -_STRANGE, _STRANGE).T
+    clipped = np.clip(away, -_LARGEST, _LARGEST).T
     sums = [np.bincount(place, weights=w, minlength=size) for w in (np.ones(len(place)), *clipped)]
     count, *total = gaussian_filter1d(np.array(sums), width, axis=1, mode="constant")
     mean = (np.array(total) / (count + 1.0)).T
@@ -446,7 +448,7 @@ BLOCKS = 300_000
 STARTS = ((SENSOR, 1.0), (CORRECTED, 2.2))
 """Lights and gammas to start from: a bare sensor, and a camera that writes for a display."""
 
-TRIALS = (1, 10, 30, 100, 300, *[900] * 14)
+TRIALS = (1, 10, 30, 100, 300, *(900,) * 7, *(900,) * 7)
 """Independent trials that a round's pixels are taken to stand for: neighbours share their errors,
 and early orders may be wrong in patches."""
 
@@ -455,11 +457,12 @@ RELIEF_FROM, BEND_FROM = 3, 12
 
 _DOUBT = (0.03, 0.15)
 _SAMPLES = 16_000
+_FARTHEST = 25.0
+_COLOURFUL = 0.15
 _LARGEST_STEP = 0.3
 _TEAR = 0.2
 _BENT = 0.3
 _STRANGE = 0.15
-"""Of full light: a signal farther from the table is none of its colours."""
 _OF_THREE = 3.0 / 2.0  # each pixel's own order has taken one of its three signals
 
 
@@ -517,8 +520,6 @@ def find_light(
     Colours are looked for up to `highest_order`. InputError where no fringes are seen or no colours
     recognised.
     """
-    import cv2
-
     small = in_blocks(shots, BLOCKS)
     looks = []
     for numbers, start in STARTS:
@@ -527,12 +528,18 @@ def find_light(
         )
         looks.append(_search(known, highest_order))
     best = min(looks, key=lambda light: light.cost)
-    size = shots.raw.shape[2:0:-1]
-    background, illumination = (
-        cv2.resize(blocks, size, interpolation=cv2.INTER_LINEAR)
-        for blocks in (best.background, best.illumination)
-    )
+    size = shots.raw.shape[1:3]
+    background, illumination = (_enlarged(v, size) for v in (best.background, best.illumination))
     return replace(best, background=background, illumination=illumination)
+
+
+def _enlarged(blocks: Array, size: tuple[int, ...]) -> Array:
+    """Values of blocks (rows, cols, 3) on the frame's own pixels, linear in between."""
+    places = [(np.arange(n) + 0.5) * m / n - 0.5 for n, m in zip(size, blocks.shape, strict=False)]
+    grid = np.meshgrid(*places, indexing="ij")
+    return np.stack(
+        [map_coordinates(blocks[..., c], grid, order=1, mode="nearest") for c in range(3)], axis=-1
+    )
 
 
 def _search(known: Unknowns, highest_order: float) -> OwnLight:
@@ -603,8 +610,8 @@ def _look(
     variance = noise**2 + doubt**2
     choice = choose_orders(signal.astype(np.float32), variance.astype(np.float32), table)
     tears = beside_jumps(choice.order, JUMP)
-    inside = ~tears & np.isfinite(signal).all(axis=-1) & (choice.misfit < FARTHEST_COLOUR)
-    inside &= table.coloured(signal, COLOURFUL)
+    inside = ~tears & np.isfinite(signal).all(axis=-1) & (choice.misfit < _FARTHEST)
+    inside &= table.coloured(signal, _COLOURFUL)
     place = table.place(choice.order[inside])
     ideal, slope = table.signal[place], table.slope[place]
     away = signal[inside] - ideal

@@ -276,14 +276,15 @@ def number_lines(lines: Sequence[Skeleton], order: ArrayLike) -> list[Skeleton]:
     and within 0.15 fringe of k/2 on three quarters of these; else the order is not known, as that
     of a crest where the order turns back.
     """
-    field, numbered = np.asarray(order, dtype=np.float64), []
-    for line in lines:
-        along = field[line_pixels(line.rows, line.cols, field.shape)]
-        known = along[np.isfinite(along)]
-        level = None
-        if known.size and known.size >= _KNOWN * along.size:
-            nearest = 0.5 * np.rint(2.0 * np.median(known))
-            if (np.abs(known - nearest) < _APART).mean() >= _MOST:
-                level = float(nearest)
-        numbered.append(replace(line, order=level))
-    return numbered
+    field = np.asarray(order, dtype=np.float64)
+    return [replace(line, order=_order_of(line, field)) for line in lines]
+
+
+def _order_of(line: Skeleton, order: Floats) -> float | None:
+    """The half order along a line, None where it is not known."""
+    along = order[line_pixels(line.rows, line.cols, order.shape)]
+    known = along[np.isfinite(along)]
+    if known.size == 0 or known.size < _KNOWN * along.size:
+        return None
+    level = 0.5 * np.rint(2.0 * np.median(known))
+    return float(level) if (np.abs(known - level) < _APART).mean() >= _MOST else None

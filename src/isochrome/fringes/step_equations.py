@@ -31,7 +31,7 @@ from scipy.ndimage import gaussian_filter, maximum_filter
 
 from isochrome.errors import InputError
 from isochrome.estimation import POOR_CHI
-from isochrome.fringes.on_branch import LARGEST_MISFIT, LARGEST_UNCERTAINTY
+from isochrome.fringes.on_branch import LARGEST_UNCERTAINTY
 from isochrome.fringes.windows import Array, Mask, pooled
 from isochrome.optics import Chain
 
@@ -204,8 +204,7 @@ _WIDE_PX = 6.0
 _WIDE_SPREAD = 0.2
 """What the wide window's 4θ is trusted to (rad), where the narrow one has nothing: whole orders."""
 
-_POOLED_PX = 2.0
-"""Of slopes and misfits."""
+_SLOPE_PX = 2.0
 _TURNED = 0.8
 """Error of θ (rad) for a coherence of nought: seen about isotropic points."""
 
@@ -217,7 +216,7 @@ _STRIDE = 2
 _BENT_PX = 3.0
 """Window over which the misfit of a bent direction is pooled."""
 
-_ONE_SIDED = 1.0 + np.sqrt(2.0)
+_ONE_SIDED = 1.0 / (np.sqrt(2.0) - 1.0)
 _MOST = 0.95
 """Share of a window that must be seen; beside an edge the error grows as its width instead."""
 
@@ -320,7 +319,7 @@ def _centred(along: Array, size: Array, window_px: float) -> tuple[Array, Array]
     window of width w, where 4θ is another by its gradient: ψ(0) = ψ - ∇ψ w² ∇J/J.
     """
     narrow, information = pooled(along, window_px), pooled(size, window_px)
-    rough = pooled(narrow, _POOLED_PX)
+    rough = pooled(narrow, _SLOPE_PX)
     square = np.maximum(np.square(np.abs(rough)), 1e-30)
     turn = np.zeros(information.shape)
     for axis in (0, 1):
@@ -346,9 +345,16 @@ def unwrap(phase: Array, mask: Mask) -> Array:
     return np.where(good, np.asarray(unwrap_phase(hidden).filled(0.0)), np.nan)
 
 
+_SOLUTIONS = 3
+"""Solutions where the steps leave something out, each with the direction of the one before."""
+
 _LOCAL = 0.05
 """Share of the pixels that dust or glare may spoil, before it is the steps that do not fit."""
 
+_COMPARED = 0.5
+"""Share of the window that must be seen for its misfit to tell."""
+
+_LARGEST_MISFIT = 0.1
 _MOST_NOISE = 3.0
 """Times the noise of the whole set that a pixel may have for want of some of its frames."""
 
@@ -357,6 +363,7 @@ _LEAST_CONTRAST = 0.7
 
 _DIMMEST = 0.1
 _BLOCK = 16
+_MISFIT_PX = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -391,7 +398,7 @@ def measure_steps(
     if (gain > 1.0).any():
         swing, sigma = sigma * np.fmax(turn_gain, 1.0), sigma * np.fmax(gain, 1.0)
     twice = None
-    for _ in range(_PASSES if design.leaks else 1):
+    for _ in range(_SOLUTIONS if design.leaks else 1):
         terms = solve_steps(light, design, twice)
         direction = find_direction(terms, design, sigma=swing, valid=trusted)
         twice = direction.twice
@@ -402,7 +409,7 @@ def measure_steps(
     direction = direction.noisier(np.maximum(misfit, 1.0))
     uncertainty = phase_uncertainty(terms, design, direction, sigma) * np.maximum(misfit, 1.0)
     readable &= (uncertainty < LARGEST_UNCERTAINTY) & (
-        misfit * sigma < np.maximum(LARGEST_MISFIT * contrast, 2.0 * sigma)
+        misfit * sigma < np.maximum(_LARGEST_MISFIT * contrast, 2.0 * sigma)
     )
     return StepLight(
         terms=terms, direction=direction, seen=readable,
@@ -483,7 +490,7 @@ def fringed(contrast: Array, design: StepDesign, sigma: Array | float) -> Mask:
     surround.
     """
     noise = sum(design.variance(j) for j in (COSINE, SINE, SINE_SINE)) * np.square(sigma)
-    power = pooled(contrast**2 - noise, _POOLED_PX)
+    power = pooled(contrast**2 - noise, _MISFIT_PX)
     return np.asarray(power > (2.0 * _DIMMEST) ** 2 * np.percentile(power, 90))
 
 
@@ -502,8 +509,8 @@ def step_misfit(
         return np.ones(light.shape[1:]), float("nan")
     over = np.tensordot(directions[:, rank:].T.astype(light.dtype), light, axes=1)
     square = (over**2).sum(axis=0) / (free * np.square(sigma))
-    weight = np.maximum(pooled(readable, _POOLED_PX), 1e-6)
-    misfit = np.sqrt(np.maximum(pooled(np.where(readable, square, 0.0), _POOLED_PX), 0.0) / weight)
+    weight = np.maximum(pooled(readable, _MISFIT_PX), 1e-6)
+    misfit = np.sqrt(np.maximum(pooled(np.where(readable, square, 0.0), _MISFIT_PX), 0.0) / weight)
     return misfit, float(np.sqrt(np.mean(square[readable]))) if readable.any() else float("nan")
 
 
@@ -518,7 +525,8 @@ def steps_agree(misfit: Array, readable: Mask) -> Mask:
     usual = float(np.sqrt(np.mean(np.square(least)))) if least.size else 1.0
     if usual > POOR_CHI:
         return np.zeros(misfit.shape, dtype=bool)
-    return np.asarray(misfit <= POOR_CHI * max(usual, 1.0))
+    isolated = pooled(readable, _MISFIT_PX) < _COMPARED  # too few about it to compare with
+    return np.asarray(isolated | (misfit <= POOR_CHI * max(usual, 1.0)))
 
 
 def phase_uncertainty(

@@ -43,13 +43,7 @@ from scipy.ndimage import (
 
 from isochrome.estimation import POOR_CHI
 from isochrome.fringes.integer_order import FieldPart, KnownOrder, settle
-from isochrome.fringes.on_branch import (
-    BRANCH,
-    LARGEST_UNCERTAINTY,
-    SURE,
-    OrderReading,
-    make_reading,
-)
+from isochrome.fringes.on_branch import LARGEST_UNCERTAINTY, SURE, OrderReading, make_reading
 from isochrome.fringes.step_equations import Direction, StepLight, StepTerms, measure_steps, unwrap
 from isochrome.fringes.windows import Array, Mask, masked
 from isochrome.messages import message
@@ -154,6 +148,7 @@ _WINDOWS_PX = (WINDOW_PX, 2.0, 4.0)
 _NEAR_HALF = 0.4
 """Order beyond which noise, or fringes, may lead past the half order, where the least one ends."""
 
+_APART = 0.25
 _MOST = 0.5
 """Of the pixels that hang together: a part so large, below half an order, is believed to be so."""
 
@@ -213,7 +208,7 @@ def read_residual(
         light, model=lambda: np.where(main, np.abs(field), np.nan), compatible=False
     )
     clear = np.isfinite(followed) & direction_known(light)
-    beyond, least = _believed(main, free, clear, np.abs(followed - field) > BRANCH)
+    beyond, least = _believed(main, free, clear, np.abs(followed - field) > _APART)
     sharp = np.hypot(along, 2.0 * np.abs(followed) * light.direction.uncertainty)
     across = least_spread(field, along)
     least &= ~(beyond & (sharp < across))

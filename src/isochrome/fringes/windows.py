@@ -11,9 +11,6 @@ Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
-TURN = 2.0 * np.pi
-"""Radians of a fringe."""
-
 _REACH = 3.0
 """Standard deviations that a window of `Windows` extends."""
 _COARSE = 1.75
@@ -84,21 +81,6 @@ class Windows:
         width = float(np.sqrt(square)) / block
         small = gaussian_sum(self._halved[times], width, reach=_REACH, factor=each)
         return expanded(small, shape, 2**times)
-
-
-def envelope(values: Array, terms: Array) -> Array:
-    """Coefficients (k,) of a sum of terms (n, k) that nine tenths of some values (n,) lie below.
-
-    By weights repeated until the sum of unequally weighed distances is least.
-    Source: Koenker & Bassett (1978), Econometrica 46, 33.
-    """
-    weight = np.ones(len(values))
-    for _ in range(30):
-        scaled = terms * weight[:, None]
-        coefficients = np.linalg.solve(terms.T @ scaled, scaled.T @ values)
-        off = values - terms @ coefficients
-        weight = np.where(off > 0.0, 0.9, 0.1) / np.maximum(np.abs(off), 0.02 * values.max())
-    return np.asarray(coefficients)
 
 
 def halved(values: Array) -> Array:

@@ -1,4 +1,4 @@
-from .camera import GENERIC_PEAK_NM, Response, blurred, camera_response, expose, stored_type
+from .camera import Response, blurred, camera_response, expose, stored_type
 from .polariscope import (
     Chain,
     FringeWave,
@@ -16,7 +16,6 @@ from .polariscope import (
 )
 
 __all__ = [
-    "GENERIC_PEAK_NM",
     "Chain",
     "FringeWave",
     "Light",

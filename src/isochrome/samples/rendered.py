@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 
 from isochrome.contact import SurfaceState, contact_states
 from isochrome.errors import InputError
-from isochrome.fringes import block_means
 from isochrome.optics import expose, fringe_order, make_chain, pixel_visibility, polariscope_signal
 from isochrome.output import write_csv, write_json, write_text
 from isochrome.reference import beam_stress
@@ -123,7 +122,14 @@ def dark_field(order: Array, factor: int) -> Array:
     visibility, _ = pixel_visibility(order)
     chain = make_chain(Polariscope(field="dark"))
     signal = polariscope_signal(np.where(known, order, 0.0), chain, visibility=visibility)
-    return block_means(np.where(known, signal, 0.0), factor)
+    return block_mean(np.where(known, signal, 0.0), factor)
+
+
+def block_mean(points: Array, factor: int) -> Array:
+    """Means over blocks of factor x factor points: (factor rows, factor cols) to (rows, cols)."""
+    rows, cols = points.shape
+    blocks = points.reshape(rows // factor, factor, cols // factor, factor)
+    return np.asarray(blocks.mean(axis=(1, 3)))
 
 
 def write_png(path: Path, image: Grey) -> None:
@@ -196,7 +202,7 @@ def _write_no_load(
     folder: Path, material: NDArray[np.bool_], sensor: Sensor, seed: tuple[int, int], pixel: float
 ) -> None:
     """Write the unloaded specimen in the dark and in the bright field."""
-    lit = block_means(material.astype(float), _POINTS)
+    lit = block_mean(material.astype(float), _POINTS)
     for number, (name, signal) in enumerate((("dark", 0.0 * lit), ("bright", lit))):
         image = sensor.average(signal, np.random.default_rng([*seed, number]), count=AVERAGED)
         write_small_tiff(folder / f"no-load-{name}.tif", image[None], pixel_mm=pixel)

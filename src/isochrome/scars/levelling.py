@@ -51,7 +51,7 @@ pull of the worn area is 1.14 with it, and 1.25 with 1, which leaves each band t
 _LONGER = 1.3
 """Period of the waves over the trace, so that its two ends are not neighbours."""
 
-_STEPS, _AT_REST, _LONGEST_STEP = 30, 0.03, 2.0
+_NEWTON_STEPS, _AT_REST, _LONGEST_STEP = 30, 0.03, 2.0
 """Most steps of a fit, the change of ln S that ends it, and the largest change in one of them."""
 
 
@@ -156,7 +156,7 @@ def fit_roughness(
     log_power = np.log(size) + width - np.log(np.exp(width).sum())
     if start is not None:
         log_power = np.log(start.power_um2)
-    for _ in range(_STEPS):
+    for _ in range(_NEWTON_STEPS):
         theta = np.exp(log_power)
         gradient, information = _score(waves, band, starts, theta / members, z, basis)
         gradient = gradient - precision @ (log_power - width)
@@ -198,10 +198,8 @@ MOST_BINS = 240
 _HALF_WINDOW = 7
 """Points on each side of the running median that a spike is told from."""
 
-STANDS_OUT = 5.0
-"""Standard uncertainties from which a scar stands out: chance finds 3.5 to 4 when it may choose
-place and width. As many, robust ones, that no rough surface reaches: spikes, dust, a scratch; and
-of the area beside a scar, after its edge was put where the heights begin to fall, ridges."""
+_SPIKE = 7.0
+"""Robust standard deviations that no rough surface reaches in ten thousand points."""
 
 
 @dataclass(frozen=True)
@@ -234,7 +232,7 @@ def without_spikes(z_um: Array) -> NDArray[np.bool_]:
     away = np.abs(z_um - np.median(windows, axis=1))
     size = 1.4826 * float(np.median(away))
     largest = float(np.abs(z_um).max())
-    return np.asarray(away <= max(STANDS_OUT * size, 1e-9 * largest))
+    return np.asarray(away <= max(_SPIKE * size, 1e-9 * largest))
 
 
 def bin_trace(trace: Trace) -> BinnedTrace:
@@ -341,8 +339,8 @@ _EDGE_MODEL = 0.01
 _BOUNDS, _USUAL, _SPREAD = (1.3, 6.0), 2.5, 0.7
 """Exponents m: bounds, mean and standard deviation of the prior."""
 
-_SETTLED = 1e-4
-"""Promised gain in variances that ends a search: a hundredth of an uncertainty."""
+_STEPS, _SETTLED = 25, 1e-4
+"""Most steps, and the promised gain in variances that ends them: a hundredth of an uncertainty."""
 _DAMPING, _REACH = 1e-3, 0.3
 """The first damping, and the longest step over the half-width."""
 _PARTS = 5
@@ -510,11 +508,17 @@ class _WhiteHeights:
         return _PlacePoint(cost, normal, gradient, depth, float(np.sqrt(square)))
 
 
+STANDS_OUT = 5.0
+"""Depth over its uncertainty from which a scar stands out: chance finds 3.5 to 4 when it may choose
+place and width."""
+
 _GUARD, _LEAST_GUARD = 2.0, 0.04
 """Guard beside an edge: its standard uncertainties, and at least this part of the half-width."""
 
-_FLANK = 0.3
-"""Width beside an edge in which ridges are looked for, over the half-width."""
+_FLANK, _PILED_UP = 0.3, 5.0
+"""Width beside an edge in which ridges are looked for, over the half-width; and their area over its
+standard uncertainty from which they are none of the roughness: the area is asked after the edge was
+put where the heights begin to fall."""
 
 _SHOULDERS, _SHOULDER = 0.5, 0.1
 """Least unworn length over the window's, of both sides together, and of each."""
@@ -524,6 +528,9 @@ _FEWEST_BINS = 20
 
 _SHALLOWEST = 2e-5
 """Depth over width of a scar, of which less is a slip of units: 20 nm over a millimetre."""
+
+_LOUD = 5.0
+"""Robust standard deviations beyond which a bin of a shoulder is no roughness (dust, a scratch)."""
 
 
 class UnclearScarError(PhysicsError):
@@ -557,7 +564,7 @@ def levelled(trace: Trace) -> LevelledTrace:
             "scar_deep_over_mm", name=trace.name, depth_um=place.depth_um, half_mm=2 * place.half_mm
         )
     result = _level(bins, place, roughness, unworn, messages=messages, name=trace.name)
-    if max(result.ridges_mm2) < STANDS_OUT * result.ridge_uncertainty_mm2:
+    if max(result.ridges_mm2) < _PILED_UP * result.ridge_uncertainty_mm2:
         return result
     unworn = unworn & (np.abs(bins.x_mm - place.centre_mm) > (1.0 + _FLANK) * place.half_mm)
     result = _level(bins, place, roughness, unworn, messages=messages, name=trace.name, ridged=True)
@@ -635,7 +642,7 @@ def _shoulders(bins: BinnedTrace, place: ScarShape, name: str) -> Mask:
         form = legendre(x, FORM_DEGREES[-1])
         beta = np.linalg.lstsq(form[unworn], bins.z_um[unworn], rcond=None)[0]
         away = np.abs(bins.z_um - form @ beta)
-        unworn = unworn & (away <= STANDS_OUT * 1.4826 * float(np.median(away[unworn])) + 1e-12)
+        unworn = unworn & (away <= _LOUD * 1.4826 * float(np.median(away[unworn])) + 1e-12)
     return np.asarray(unworn)
 
 
@@ -662,11 +669,7 @@ def _level(
     variance, freedom = roughness.variance(rows)
     wider = student_factor_of(freedom)
     areas = np.array([(to_area @ one - to_area) @ z for one in levels])
-    drawn = np.zeros((len(x), len(x)))  # by the forms' prior, which draws towards none
-    for degree, one, weight in zip(FORM_DEGREES, levels, weights, strict=True):
-        form = legendre(x, degree)[:, 2:] * form_spread(x, degree)[2:]
-        missed = one @ form - form
-        drawn += weight * (missed @ missed.T)
+    drawn = _drawn(x, levels, weights)
     shared = float(to_area @ drawn @ to_area + weights @ (areas - weights @ areas) ** 2)
     of_level = to_area @ level
     by_level = of_level @ covariance @ of_level
@@ -695,6 +698,16 @@ def _ridges(
     rows = 1e-3 * bins.spacing_mm * (beside - beside @ level)
     variance = max(roughness.variance(row)[0] for row in rows)
     return (float(rows[0] @ bins.z_um), float(rows[1] @ bins.z_um)), float(np.sqrt(variance))
+
+
+def _drawn(x: Array, levels: Array, weights: Array) -> Array:
+    """Covariance of a level that the forms' prior drew towards none (n, n), µm²."""
+    total = np.zeros((len(x), len(x)))
+    for degree, level, weight in zip(FORM_DEGREES, levels, weights, strict=True):
+        form = legendre(x, degree)[:, 2:] * form_spread(x, degree)[2:]
+        missed = level @ form - form
+        total += weight * (missed @ missed.T)
+    return total
 
 
 def _parts(x: Array, step: float, low: float, high: float) -> Array:

@@ -28,12 +28,12 @@ import numpy as np
 from scipy import ndimage
 
 from isochrome.errors import InputError
-from isochrome.fringes.frame_exposure import ALIKE
 from isochrome.fringes.single_frame.end_images import (
     QUADRATICS,
     SmoothImages,
     bright_lines,
     shapes_of_ends,
+    surface_above,
     surface_through,
     variance_of_ends,
 )
@@ -51,11 +51,12 @@ from isochrome.fringes.single_frame.end_search import (
     search_on,
 )
 from isochrome.fringes.single_frame.patches import binned
-from isochrome.fringes.windows import Array, Mask, envelope
+from isochrome.fringes.windows import Array, Mask
 
+_BINNINGS = (32, 16, 8, 4, 2, 1)
+"""The ends vary slowly: binned pixels tell as much, far faster, and their patches span crests."""
 _LEAST_PIXELS = 100
-"""Binned pixels that the shorter side of a frame needs, eight patches or so. The ends vary slowly:
-binned pixels tell as much, far faster, and their patches span crests."""
+"""Binned pixels that the shorter side of a frame needs: eight patches or so."""
 _LOW, _HIGH = 1.0, 99.0
 """Percentiles of the light at which the search for the ends starts: both occur in a frame that
 holds at least one whole fringe."""
@@ -232,7 +233,7 @@ def _problem(
     light: Array, sigma: Array, valid: Mask, ends: tuple[Array | None, Array | None], tone: bool
 ) -> tuple[EndProblem, list[Array]]:
     """The problem on binned pixels, and where to start."""
-    by = 2 ** int(np.log2(max(1, min(light.shape) // _LEAST_PIXELS)))
+    by = next((b for b in _BINNINGS if min(light.shape) // b >= _LEAST_PIXELS), 1)
     small, noise, trusted = binned(light, sigma, valid, by)
     if not trusted.any():
         raise InputError("no_part_frame_trusted")
@@ -253,16 +254,17 @@ def _problem(
     ]
     if not isinstance(bright, SmoothImages):
         return problem, [np.concatenate([*flat, [1.0]])]
-    brights = _brights(problem, bright, low)
+    brights = _brights(problem, bright, low, high)
     return problem, [np.concatenate([flat[0], terms, [1.0]]) for terms in brights]
 
 
-def _brights(problem: EndProblem, lamp: SmoothImages, low: float) -> list[Array]:
+def _brights(problem: EndProblem, lamp: SmoothImages, low: float, high: float) -> list[Array]:
     """Bright ends to start from: a smooth one above the light, and one that all crests lie on."""
     images = lamp.images
     above = np.zeros(lamp.spread.size)  # spots begin at nought
-    quadratics = images[problem.valid, :QUADRATICS]
-    above[:QUADRATICS] = envelope(problem.light[problem.valid], quadratics)
+    above[:QUADRATICS] = surface_above(
+        problem.light, problem.valid, images[..., :QUADRATICS], (low, high)
+    )
     lines = bright_lines(problem.light, problem.sigma, problem.valid)
     lines[~(lines > low + _CREST * (lamp.sum(above) - low))] = np.nan
     if not np.isfinite(lines).any():
@@ -289,8 +291,8 @@ def _as_images(
 _WIDTHS, _NARROWEST_PX = (1.0 / 16.0, 1.0 / 32.0, 1.0 / 64.0), 1.5
 """Smoothings to try, standard deviation over the frame's shorter side, and pixels at least."""
 
-_NARROW = 0.05
-"""Share of the fringe's light that smoothing may take off a line."""
+_FLATTENED, _NARROW = 0.3, 0.05
+"""Share of a line's light, and of the fringe's, that smoothing may take off."""
 _CORRECTED = 0.1
 """Standard uncertainty of that, over itself: the fringes' rate changes."""
 
@@ -317,7 +319,7 @@ _SYSTEMATIC = 0.003
 _UNSEEN = 0.5
 """Standard uncertainty, over b, of the dark frame's factor where no trough is in the frame."""
 
-_SURE = 3.0
+_SURE, _LEAST = 3.0, 0.02
 
 
 @dataclass(frozen=True)
@@ -355,7 +357,7 @@ def find_no_load_exposure(
     trough = None if black else _level(light, sigma, low, lit & (low > 0.0), b * high)
     d, by_trough = trough or (b, by_crest if black else _UNSEEN * b)
     moved = max(abs(b - 1.0) - _SURE * by_crest, share * (abs(d - 1.0) - _SURE * by_trough))
-    if moved < ALIKE:
+    if moved < _LEAST:
         return NoLoadExposure(told=True)
     variance = np.zeros((3, 3, *dark.shape))
     sides = (dark, d, by_trough), (bright, b, by_crest)
@@ -438,7 +440,7 @@ def _level_at(
     lost = _taken_off(bend, fringe, width)
     top = smooth + lost
     line = inner & (np.abs(across) < _OFF) & (bend < -sharp)
-    line &= lost < _NARROW * fringe
+    line &= lost < np.minimum(_FLATTENED * np.abs(top), _NARROW * fringe)
     at = _greatest_even(line, top, (bend, along), noise, width)
     if at is None:
         return None

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isochrome.estimation import total_degree
 from isochrome.fringes.skeleton import line_points, noise_gain
 from isochrome.fringes.windows import Array, Indices, Mask
 
 _DEGREE = 2
 """Of the products: lamps fall off to the corners."""
-QUADRATICS = len(total_degree(_DEGREE))
+QUADRATICS = (_DEGREE + 1) * (_DEGREE + 2) // 2
 """How many products there are, which come first."""
 
 
@@ -88,26 +87,36 @@ def binned_light(
     y, x = (2.0 * (by * np.arange(n // by) + 0.5 * (by - 1)) / max(n - 1, 1) - 1.0 for n in shape)
     pairs = [(i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)]
     spread = [np.inf, *[uneven] * (len(pairs) - 1)]
-    unit, waves = 0.5 * np.pi / _BEYOND, []
-    for i, j in np.ndindex(32, 32) if spots else ():  # the root of the process' spectral density
-        size = float(np.exp(-0.25 * unit**2 * (i * i + j * j) * _SPOT_SIZE**2))
-        if size > _FAINTEST and i + j:
-            waves.append((i, j, size))
+    waves = _waves() if spots else []
     total = np.sqrt(sum(size**2 for _, _, size in waves))
     for i, j, size in waves:  # the cosines stand behind the powers, the first of which is 1
         pairs.append((_DEGREE + i if i else 0, _DEGREE + j if j else 0))
         spread.append(spots * size / total)
-    half_waves = np.arange(1, 1 + max((max(i, j) for i, j, _ in waves), default=0))
+    most = max((max(i, j) for i, j, _ in waves), default=0)
     down, across = (
-        np.hstack([
-            v[:, None] ** np.arange(_DEGREE + 1),
-            np.sqrt(2.0) * np.cos(0.5 * np.pi * half_waves * (v[:, None] / _BEYOND + 1.0)),
-        ])
+        np.stack([v**i for i in range(_DEGREE + 1)] + [_cosine(i + 1, v) for i in range(most)], -1)
         for v in (y, x)
-    )  # fmt: skip
+    )
     return SmoothImages(down, across, np.array(pairs), np.array(spread))
 
 
+def _cosine(i: int, place: Array) -> Array:
+    return np.asarray(np.sqrt(2.0) * np.cos(0.5 * np.pi * i * (place / _BEYOND + 1.0)))
+
+
+def _waves() -> list[tuple[int, int, float]]:
+    """Half-waves down and across, and the root of the process' spectral density at each."""
+    unit, result = 0.5 * np.pi / _BEYOND, []
+    for i, j in np.ndindex(32, 32):
+        size = float(np.exp(-0.25 * unit**2 * (i * i + j * j) * _SPOT_SIZE**2))
+        if size > _FAINTEST and i + j:
+            result.append((i, j, size))
+    return result
+
+
+_ABOVE, _STIFF, _PULLS, _ENOUGH = 0.01, 0.1, 12, 400.0
+"""Of the first surface: weight of light below it over light above; prior of its shape over the
+contrast; rounds; and how many pixels' worth the light counts."""
 _LINE_PX, _CLEAR = 3.0, 0.5
 """Width of a bright line that is looked for, and its least curvature over that of noise."""
 _STRAY = 0.02
@@ -119,6 +128,25 @@ _SMOOTH_PX = 8
 _NEAR, _LENGTH_PX, _TIMES = 0.02, 6.0, 6
 """A surface is asked to pass the crests within a share of the contrast, which is told anew after
 some pixels of a line; rounds."""
+
+
+def surface_above(light: Array, valid: Mask, shapes: Array, between: tuple[float, float]) -> Array:
+    """Terms of a smooth surface that rests on the light from above: asymmetric least squares.
+
+    Parameters: `light`, `valid` (rows, cols); `shapes` (rows, cols, terms); the light's range
+    `between`. Returns the terms.
+    """
+    low, high = between
+    rows, values = shapes[valid], light[valid]
+    terms = np.eye(rows.shape[1])[0] * high
+    stiff = np.full(len(terms), (_STIFF * (high - low)) ** -2)
+    stiff[0] = 0.0
+    gain = _ENOUGH / (len(values) * (0.05 * (high - low)) ** 2)
+    for _ in range(_PULLS):
+        weight = gain * np.where(values > rows @ terms, 1.0, _ABOVE)
+        weighted = rows * weight[:, None]
+        terms = np.linalg.solve(weighted.T @ rows + np.diag(stiff), weighted.T @ values)
+    return np.asarray(terms)
 
 
 def bright_lines(light: Array, sigma: Array, valid: Mask) -> Array:

@@ -25,11 +25,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 
 import numpy as np
-from scipy.special import factorial
 
 from isochrome.errors import InputError
 from isochrome.estimation import State, damped, minimise_all, solve_all
-from isochrome.fringes.on_branch import LARGEST_UNCERTAINTY
 from isochrome.fringes.single_frame.end_images import (
     QUADRATICS,
     SmoothImages,
@@ -38,19 +36,19 @@ from isochrome.fringes.single_frame.end_images import (
 )
 from isochrome.fringes.single_frame.patches import (
     HALF,
-    LEAST_FILLED,
-    SIDE,
-    SMALLEST,
     STEEPEST,
     STRIDE,
+    TURN,
     WORST_CHI,
     fit_patches,
     gather_patches,
     offsets,
     patch_prior,
 )
-from isochrome.fringes.windows import TURN, Array, Indices, Mask
+from isochrome.fringes.windows import Array, Indices, Mask
 
+TERMS = 10
+"""Of a patch's order: a quadratic's six, and N_xxx, N_xxy, N_xyy, N_yyy."""
 _CUBIC = 1e-3
 """Prior standard deviation of the cubic terms, fringes/px³."""
 _TONE = 0.5
@@ -60,12 +58,11 @@ _PIVOT = 1e-3
 
 
 _SIDE = np.arange(-HALF, HALF + 1, dtype=float)
-_POWERS: Array = _SIDE[:, None] ** np.arange(4) / factorial(np.arange(4))
+_POWERS: Array = _SIDE[:, None] ** np.arange(4) / np.array([1.0, 1.0, 2.0, 6.0])
 """d^n/n! along a patch's side (2 HALF + 1, 4)."""
-_DEGREES, _DY = np.tril_indices(_POWERS.shape[-1])
-_DX = _DEGREES - _DY
-"""Powers of the cubic's terms: a quadratic's six, and N_xxx, N_xxy, N_xyy, N_yyy."""
-TERMS = len(_DY)
+_DY: Indices = np.array([0, 0, 1, 0, 1, 2, 0, 1, 2, 3])
+_DX: Indices = np.array([0, 1, 0, 2, 1, 0, 3, 2, 1, 0])
+"""Powers of the cubic's terms."""
 BASIS: Array = (_POWERS[:, None, _DY] * _POWERS[None, :, _DX]).reshape(-1, TERMS)
 """The cubic's terms at a patch's pixels (k, 10)."""
 _PAIRS = (BASIS[:, :, None] * BASIS[:, None, :]).reshape(len(BASIS), -1)
@@ -119,16 +116,13 @@ class EndProblem:
         return [*ends, one] if self.tone else ends
 
     def ends(self, unknowns: Array) -> tuple[Array, Array]:
-        """D and B of all bins (rows, cols): sums of images, or what is given to the power g."""
+        """D and B of all bins (rows, cols)."""
         cut, g = len(self.spreads[0]), unknowns[-1]
-        ends = []
-        for shape, terms in zip(self.shapes, (unknowns[:cut], unknowns[cut:-1]), strict=True):
-            if isinstance(shape, SmoothImages):
-                ends.append(shape.sum(terms))
-            else:
-                given = terms[0] * shape
-                ends.append(given if g == 1.0 else np.maximum(given, 0.0) ** g)
-        return ends[0], ends[1]
+        dark, bright = (
+            _end(shape, terms, g)
+            for shape, terms in zip(self.shapes, (unknowns[:cut], unknowns[cut:-1]), strict=True)
+        )
+        return dark, bright
 
     def prior(self, unknowns: Array) -> tuple[Array, Array]:
         """Inverse variances of the unknowns, and their distance from what is expected."""
@@ -141,6 +135,14 @@ class EndProblem:
         """What the unknowns that are to be found cost by themselves."""
         weight, away = self.prior(unknowns)
         return float((weight * away**2)[self.free].sum())
+
+
+def _end(shape: SmoothImages | Array, terms: Array, g: float) -> Array:
+    """An end (rows, cols): a sum of smooth images, or what is given to the power g."""
+    if isinstance(shape, SmoothImages):
+        return shape.sum(terms)
+    given = terms[0] * shape
+    return np.asarray(given if g == 1.0 else np.maximum(given, 0.0) ** g)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -380,6 +382,7 @@ _FREELY = 0.1
 """Damping below which a step is small because the search rests."""
 _STALE = 0.02
 """Share of patches that a fresh look may improve on at rest."""
+_READABLE = 0.03
 TONES = 0.2, 5.0
 _HEAVIEST = 1e2
 _LOST = 0.5, 0.1, 0.0
@@ -396,8 +399,9 @@ _BETTER = 0.97
 """Share of its former cost below which a patch counts as better."""
 _MANY = 400
 """Patches from which every second is left out: they overlap, and tell the same twice."""
-_WORST_CHI, _FAINT = 30.0, 0.1
-_SPAN = 0.4 / SIDE
+_LEAST_PATCHES = 12
+_WORST_CHI, _LEAST_FILLED, _FAINT = 30.0, 0.5, 0.1
+_SPAN = 0.4 / (2 * HALF + 1)
 """Slope of a patch that tells the tone exponent, fringes a pixel: it spans 0.4 of a fringe. A
 flatter one follows any exponent, and the noise of no-load frames, which stands in the slope and in
 the residual, looks like one: errors in variables (Fuller (1987), Measurement error models)."""
@@ -513,10 +517,7 @@ def _search(problem: EndProblem, unknowns: Array) -> Found:
             if tried[0] < cost or damping > _HEAVIEST:
                 break
             damping *= 8.0
-        # what the step does to the order where it can be read, RMS, fringes
-        readable = normal.spread < LARGEST_UNCERTAINTY
-        moved = np.minimum(np.abs(normal.drag[readable, 0] @ step), 0.2)
-        change = float(np.sqrt(np.mean(moved**2))) if readable.any() else np.inf
+        change = _change(normal, step)
         resting, since = change < _REST and damping < _FREELY, since + 1
         if tried[0] < cost:
             cost, unknowns, orders, dampings = tried
@@ -574,6 +575,15 @@ def _followed(
     nearer = np.where((go < stay)[:, None], along, orders)
     gone, cost, dampings = refine_ends(data, ends, nearer, dampings, 2)
     return float(cost.sum() + data.problem.prior_cost(new)), new, gone, dampings
+
+
+def _change(normal: EndEquations, step: Array) -> float:
+    """What a step in the ends does to the order where it can be read, RMS, fringes."""
+    readable = normal.spread < _READABLE
+    if not readable.any():
+        return float("inf")
+    moved = np.minimum(np.abs(normal.drag[readable, 0] @ step), 0.2)
+    return float(np.sqrt(np.mean(moved**2)))
 
 
 def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Found:
@@ -640,7 +650,7 @@ def fresh_patches(
 
 def _check_number(patches: int) -> None:
     """Refuse a frame of too few patches: raises InputError."""
-    if patches < SMALLEST:
+    if patches < _LEAST_PATCHES:
         raise InputError("too_few_fringes_can")
 
 
@@ -654,7 +664,7 @@ def _fitted(problem: EndProblem, unknowns: Array) -> tuple[Indices, Indices, Arr
     linear = problem.light if g == 1.0 else level**g
     sigma = 2.0 * g * level ** (g - 1.0) * problem.sigma / safe
     light = gather_patches(1.0 - 2.0 * (linear - dark) / safe, sigma, lit)  # cos 2 pi N
-    use = light.filled > LEAST_FILLED
+    use = light.filled > _LEAST_FILLED
     thinned = bool(np.count_nonzero(use) > _MANY)
     if thinned:
         row, col = np.indices((len(light.rows), len(light.cols)))

@@ -51,8 +51,8 @@ from isochrome.fringes.single_frame.patches import (
     FADED,
     HALF,
     LEAST_FILLED,
-    SIDE,
     STRIDE,
+    TURN,
     Labels,
     Patches,
     basis,
@@ -67,7 +67,6 @@ from isochrome.fringes.single_frame.patches import (
 )
 from isochrome.fringes.single_frame.stated_orders import (
     CLEAR,
-    FEWEST_PATCHES,
     NOUGHT,
     KnownOrders,
     KnownPlaces,
@@ -84,7 +83,7 @@ from isochrome.fringes.single_frame.stated_orders import (
     turned_to,
     zero_lines,
 )
-from isochrome.fringes.windows import TURN, Array, Mask, innermost, nearest_known
+from isochrome.fringes.windows import Array, Mask, innermost, nearest_known
 from isochrome.messages import message
 
 _SOME = 0.05
@@ -173,6 +172,8 @@ def contrast_map(patches: Patches, terms: Array, law: Contrast, shape: tuple[int
     return np.asarray(down @ contrast @ across.T)
 
 
+_FEWEST_PATCHES = 6
+"""Patches beyond an open seam from which it is said."""
 _ALONE = 0.1
 """Share of what could be followed, without a point, from which it is said."""
 _TELLABLE = 0.2
@@ -280,7 +281,7 @@ def _with_seams(
             notes.append(left_out(g, missed, j, sum(other.fits(j) for other in given)))
     sources = [g.source(p, terms) for g, p in used]
     for crest, beyond in open_seams(patches, terms, sources, zero_said):
-        if beyond.sum() >= FEWEST_PATCHES:
+        if beyond.sum() >= _FEWEST_PATCHES:
             notes.append(_beyond_seam(patches, terms, beyond, crest, error))
         terms[beyond] = np.nan
     return Anchored(terms, tuple(misses), tuple(notes))
@@ -351,7 +352,7 @@ def _part_at(patches: Patches, labels: Labels, p: StatedPlace) -> int:
 
 
 _BINNINGS = (4, 2, 1)
-_LEAST_PIXELS = int(3.5 * SIDE)
+_LEAST_PIXELS = 7 * (2 * HALF + 1) // 2
 """Pixels, after binning, of the shorter side of a frame: three patches and a half without overlap.
 """
 _LEAST_COVER = 0.15
@@ -389,20 +390,13 @@ def read_free(
     N = 0, which stands for N = 1 in a wrong light, must be known. InputError: the frame is smaller
     than a patch.
     """
-    rows, cols = wave.shape
-    if min(rows, cols) < SIDE:
-        raise InputError("frame_pixels_smaller_patch", shape=rows, shape_2=cols, half=SIDE)
+    (rows, cols), side = wave.shape, 2 * HALF + 1
+    if min(rows, cols) < side:
+        raise InputError("frame_pixels_smaller_patch", shape=rows, shape_2=cols, half=side)
     followed, fade = follow_fringes(wave, sigma, valid, known, error=error)
     result = followed.anchored(known)
     dense = _dense(followed.patches, result.terms, valid)
-    # as uncertain as light leaves it that is not the fringes'
-    read = np.isfinite(dense.order)
-    order = np.where(read, dense.order, 0.0)
-    weight = np.where(read, fade / sigma, 0.0)
-    residual = np.where(read, followed.wave - np.cos(TURN * order), 0.0) * weight
-    slope = -TURN * np.sin(TURN * order) * weight
-    stray = np.sqrt(stray_variance(residual, slope, -2.0 * weight))
-    reading = less_sure(dense, stray, LARGEST_UNCERTAINTY)
+    reading = _beside_stray(dense, followed.wave, sigma / fade)
     return FreeReading(reading, fade, result.misses, result.said)
 
 
@@ -506,6 +500,17 @@ def follow_fringes(
 def _at(image: Array, patches: Patches) -> Array:
     """An image at the patches' middles (m, n)."""
     return image[np.ix_(patches.rows, patches.cols)]
+
+
+def _beside_stray(reading: OrderReading, wave: Array, sigma: Array) -> OrderReading:
+    """A reading as uncertain as light leaves it that is not the fringes', see `stray_variance`."""
+    read = np.isfinite(reading.order)
+    order = np.where(read, reading.order, 0.0)
+    weight = np.where(read, 1.0 / sigma, 0.0)
+    residual = np.where(read, wave - np.cos(TURN * order), 0.0) * weight
+    slope = -TURN * np.sin(TURN * order) * weight
+    error = np.sqrt(stray_variance(residual, slope, -2.0 * weight))
+    return less_sure(reading, error, LARGEST_UNCERTAINTY)
 
 
 def _coarse_to_fine(

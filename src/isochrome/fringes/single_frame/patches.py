@@ -35,11 +35,10 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, mini
 
 from isochrome.errors import InputError
 from isochrome.estimation import State, minimise_all, sandwich, solve_all
-from isochrome.fringes.windows import TURN, Array, Indices, Mask, block_means
+from isochrome.fringes.windows import Array, Indices, Mask, block_means
 
 HALF, STRIDE = 6, 5
 """Half-width of a patch and distance of their middles, pixels."""
-SIDE = 2 * HALF + 1
 _WINDOW = 3.0
 _FREQUENCY_WINDOW = 2.5
 _GRADIENT, _CURVATURE = 0.7, 0.02
@@ -60,6 +59,7 @@ _LIKE = 0.8
 FADED, _OWN_CONTRAST = 0.05, (0.15, 1.3)
 """Contrast that is lost from which it moves the order by more than its uncertainty, and what a
 patch's own may be."""
+TURN = 2.0 * np.pi
 BEND = np.array([0.004, 0.001, 0.001, 4e-4, 4e-4, 4e-4])
 """What two quadratics differ by half-way without noise: fringes, fringes/px, fringes/px²; and"""
 _STEEP_BEND = 0.03
@@ -146,8 +146,9 @@ def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
     trusted. Returns a PatchLight that covers the frame from border to border. Raises InputError
     where the frame is smaller than a patch.
     """
-    if min(wave.shape) < SIDE:
-        raise InputError("fringes_can_followed_pixels", side=SIDE, shape=wave.shape)
+    side = 2 * HALF + 1
+    if min(wave.shape) < side:
+        raise InputError("fringes_can_followed_pixels", side=side, shape=wave.shape)
     dy, dx, window = offsets()
     rows, cols = middles(wave.shape[0]), middles(wave.shape[1])
     at = tuple(v.ravel()[:, None] for v in np.meshgrid(rows, cols, indexing="ij"))
@@ -230,7 +231,7 @@ def _take(patches: Patches, which: Indices, others: Patches, better: Mask) -> No
 
 def middles(length: int) -> Indices:
     """Middles that cover a length from border to border, about a stride apart."""
-    count = max(2, -(-(length - SIDE) // STRIDE) + 1)
+    count = max(2, -(-(length - 2 * HALF - 1) // STRIDE) + 1)
     return np.unique(np.linspace(HALF, max(length - HALF - 1, HALF), count).round().astype(int))
 
 
@@ -387,8 +388,7 @@ def scale_of(a: Array, b: Array, variance: Array) -> Array:
 LEAST_FILLED, _LEAST_SURE = 0.6, 0.05
 _GUIDE = 3.0
 """Width of what a binned frame lets the finer one do, in its own uncertainties."""
-WORST_EDGE = 12.0
-"""Cost of an edge, chi², from which its two patches need not lie on one branch."""
+_WORST_EDGE = 12.0
 SMALLEST = 12
 """Patches of the smallest part that is followed, and of the smallest region to be mirrored."""
 SURE_ENOUGH = 50.0
@@ -417,7 +417,7 @@ def label_patches(patches: Patches) -> Labels:
     good = (good & (patches.chi < WORST_CHI)).ravel()
     a, b, *half_way = neighbours(patches, patches.terms)
     signs, shifts, cost, other = _relation(*half_way)
-    use = good[a] & good[b] & (cost < WORST_EDGE)
+    use = good[a] & good[b] & (cost < _WORST_EDGE)
     body = patches.body.ravel()
     use &= body[a] == body[b]
     length = 5.0 * cost / (1e-3 + np.minimum(other - cost, SURE_ENOUGH)) + 0.1 * cost + 1e-3

@@ -35,12 +35,10 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, maxi
 from skimage.measure import label
 from skimage.segmentation import expand_labels
 
-from isochrome.fringes.on_branch import SURE
 from isochrome.fringes.single_frame.patches import (
     HALF,
     SMALLEST,
     SURE_ENOUGH,
-    WORST_EDGE,
     Labels,
     Patches,
     basis,
@@ -60,14 +58,16 @@ _SETTLED = 0.5
 _SETTLED_ZERO = 0.95
 """The same where turning over takes a line of N = 0 away, which a loaded body hardly has: every
 edge must then speak against it."""
-NOUGHT, FEWEST_PATCHES = 0.1, 6
+NOUGHT, _FEWEST_PATCHES = 0.1, 6
 """Fringes beyond nought, and patches, on either side of a line of N = 0."""
 _NEAR = 3
 """Patches about a known point in which it says such a line."""
 _ALIKE = 0.015
 """Distance from a crest, in fringes, at which a patch and its mirror image are as good as one."""
+_AGREE = 12.0
+"""Cost of an edge, chi², from which its two patches need not lie on one side of a seam."""
 _PASSES = 20
-_PER_UNIT, _ENDLESS = 100.0, 1_000_000_000
+_PER_UNIT, _ENDLESS = 100.0, 2**30
 
 ZeroPlace = tuple[tuple[int, int], ...]
 """A patch (row, col) on a line of N = 0, or two on its two sides."""
@@ -121,7 +121,7 @@ def zero_lines(order: Array, known: Sequence[ZeroPlace] = ()) -> int:
     labels = np.zeros(order.shape, dtype=int)
     for side in (order > NOUGHT, order < -NOUGHT):
         regions_of = label(side, connectivity=1)
-        large = np.bincount(regions_of.ravel()) >= FEWEST_PATCHES
+        large = np.bincount(regions_of.ravel()) >= _FEWEST_PATCHES
         labels = np.where(side & large[regions_of], regions_of + labels.max(), labels)
     regions = np.where(np.isfinite(order), expand_labels(labels, distance=max(order.shape)), 0)
     positive = np.zeros(int(regions.max()) + 1, dtype=bool)
@@ -204,7 +204,7 @@ def _seams(
             continue
         same = far[a] & far[b]
         if points is not None:  # where doubt is enough; what is turned back must be a whole region
-            same &= cost < WORST_EDGE
+            same &= cost < _AGREE
         same &= (from_crest[a] > 0.0) == (from_crest[b] > 0.0)
         edges = np.ones(np.count_nonzero(same)), (a[same], b[same])
         graph = coo_matrix(edges, shape=(known.size, known.size)).tocsr()
@@ -267,6 +267,8 @@ _BESIDE_LINE_PX = 1.5
 """Standard deviation of a place that a user marks across a fringe line, and how many of them it"""
 _FAR_BESIDE = 3.0
 """may lie beside it."""
+_TURNED = 0.05
+"""Fringes by which all around a point must lie below it for a maximum, or above for a minimum."""
 CLEAR = 8.0
 """By how much a whole number must be better than another, chi²: odds of 50 to 1."""
 
@@ -436,7 +438,7 @@ def stated_place(
 
 
 def _above(values: Array, patch: tuple[int, int], at: float) -> float:
-    """How far a field lies above the nearest square about a patch that is surely above or below it.
+    """How far a field lies above the nearest square about a patch that is all above or below it.
 
     Parameters: `values` (m, n), NaN outside the part; `patch`; `at`, the field there. Returns
     nought where some of the square about it lies above and some below, or half is not known.
@@ -445,9 +447,9 @@ def _above(values: Array, patch: tuple[int, int], at: float) -> float:
     for k in range(1, int(away.max()) + 1):
         around = values[away == k]
         fall = at - around[np.isfinite(around)]
-        if 2 * fall.size < around.size or (fall.max() > SURE and fall.min() < -SURE):
+        if 2 * fall.size < around.size or (fall.max() > _TURNED and fall.min() < -_TURNED):
             return 0.0
-        if np.abs(fall).min() > SURE:
+        if np.abs(fall).min() > _TURNED:
             return float(fall.mean())
     return 0.0
 
