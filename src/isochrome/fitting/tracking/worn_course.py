@@ -45,7 +45,7 @@ linear from there to the frame's own: unknowns of that frame."""
 TRACKED = (LOAD, "load.tangential_n", "load.bulk_mpa", FRICTION, WEAR, LEFT, TOP)
 """Keys that can be tracked: what the mechanics follow smoothly, and the place."""
 
-TOLERANCE, GROWTH = 1e-5, 1e-4
+TOLERANCE, GROWTH = 1e-5, 3e-4
 """Of the wear until the first frame: at 1e-4 a scar's own error is a load's uncertainty; and of
 that from a frame to the next, which at 1e-3 errs by five of a wear coefficient's, in fine noise."""
 
