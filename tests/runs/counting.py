@@ -78,7 +78,8 @@ def finish(bench):
     found = [row for row, _ in rows(bench)]
     (bench.results / "rows.json").write_text(json.dumps(found), "utf-8")
     (bench.results / "lines.txt").write_bytes(b"".join(parts(bench, "lines.txt")))
-    write_stack(bench, bench.layout.layer("order"), {}, pixel_mm=0.01)
+    (order,) = bench.layout.layers
+    write_stack(bench, order, {}, pixel_mm=0.01)
     return found
 
 

@@ -246,13 +246,10 @@ def saturation_level(raw: np.ndarray, *, full: float) -> float:
     # levels above the middle of the range with hardly any pixel above them, lowest first
     above = counts.sum() - np.cumsum(counts)
     last = (levels > 0.5 * (lowest + highest)) & (above <= _ABOVE * counts)
+    below = max(_FEWEST, _LEAST_SHARE * values.size) if len(levels) >= _FEWEST_LEVELS else np.inf
+    last &= counts >= np.where(levels >= full, _FEWEST_FULL, below)
     for i in np.flatnonzero(last).tolist():
         level, at_full = float(levels[i]), bool(levels[i] >= full)
-        if not at_full and len(levels) < _FEWEST_LEVELS:
-            continue
-        fewest = _FEWEST_FULL if at_full else max(_FEWEST, _LEAST_SHARE * values.size)
-        if counts[i] < fewest:
-            continue
         plateau = usable & (image == level)
         touching = np.pad(plateau, 1)  # a pixel of the plateau on one of the four sides
         touching = (
@@ -445,16 +442,17 @@ def to_linear(
         )
     full = full_scale(bit_depth)
     finite = np.isfinite(raw)
-    _check_levels(raw if finite.all() else raw[finite], bit_depth, allow_blank, name)
+    complete = bool(finite.all())
+    _check_levels(raw if complete else raw[finite], bit_depth, allow_blank, name)
     light = raw.astype(np.float32)
-    if not finite.all():
+    if not complete:
         light[~finite] = 0.0
     light /= np.float32(full)
     valid = finite & ~find_outliers(raw, finite) & (raw < saturation_level(raw, full=full))
     if gamma != 1:
         valid &= light >= 0  # a background was subtracted: what gamma made of it is not known
         light = np.maximum(light, 0) ** np.float32(gamma)
-    if not finite.all():
+    if not complete:
         light[~finite] = np.nan
     if mask is not None:
         valid &= mask

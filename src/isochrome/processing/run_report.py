@@ -212,11 +212,9 @@ def _model(result: Processed, shown: _Shown) -> tuple[_Model | None, str]:
         return None, "nothing was fitted to it, so there is no simulation"
     try:
         fitted = _own_scene(result, shown, values)
-        image = shown.order if shown.signal is None else shown.signal
-        assert image is not None
-        renderer = SceneRenderer(fitted, (image.shape[0], image.shape[1]))
-        difference = renderer.difference(fitted, renderer.state(fitted))
-        picture = make_picture(fitted, difference, pixel_grid(fitted))
+        pixels = pixel_grid(fitted)
+        renderer = SceneRenderer(fitted, (pixels.rows, pixels.cols))
+        picture = make_picture(fitted, renderer.difference(fitted, renderer.state(fitted)), pixels)
         signal = picture_signal(fitted, picture)
     except IsochromeError as error:
         return None, f"its simulation was refused: {error}"

@@ -272,10 +272,6 @@ class RunLayout:
         """The names of the layers."""
         return tuple(layer.name for layer in self.layers)
 
-    def layer(self, name: str) -> Layer:
-        """The layer of a name."""
-        return next(layer for layer in self.layers if layer.name == name)
-
     @property
     def chunk_shape(self) -> tuple[int, ...]:
         """Shape of a layer's chunk, the axes over the pictures first."""
@@ -484,22 +480,20 @@ def parts(run: RunFolder, name: str) -> Iterator[bytes]:
             yield file.read_bytes()
 
 
-def picture(run: RunFolder, layer: str, item: int) -> np.ndarray:
-    """Read a layer's picture of one item that has one, from the store's chunk.
-
-    Returns (rows, cols), NaN = not known.
-    """
-    compact = run.layout.layer(layer).compact
-    if compact is not None:
+def _pictures(run: RunFolder, layer: Layer, items: Iterable[int]) -> Iterator[np.ndarray]:
+    """A layer's pictures (rows, cols) of items that have one, from the store; NaN = not known."""
+    if layer.compact is not None:
         import zarr
 
-        stored: Any = zarr.open_array(run.results / STORE / layer, mode="r")
-        return compact.values(np.asarray(stored[item]))
-    index, inside = divmod(item, run.layout.chunk)
-    each, remainder = divmod(inside, run.layout.every)
-    assert remainder == 0, f"item {item} has no picture"
+        stored: Any = zarr.open_array(run.results / STORE / layer.name, mode="r")
+        yield from (layer.compact.values(np.asarray(stored[item])) for item in items)
+        return
     shape = (run.layout.chunk // run.layout.every, *run.layout.shape.values())
-    return np.array(np.memmap(run.chunk_file(layer, index), "<f4", "r", shape=shape)[each])
+    for item in items:
+        index, inside = divmod(item, run.layout.chunk)
+        each, remainder = divmod(inside, run.layout.every)
+        assert remainder == 0, f"item {item} has no picture"
+        yield np.array(np.memmap(run.chunk_file(layer.name, index), "<f4", "r", shape=shape)[each])
 
 
 def write_stack(
@@ -511,7 +505,7 @@ def write_stack(
     """
     items = run.layout.paged_items(layer)
     write_frames(
-        run.results / f"{layer.name}.tif", (picture(run, layer.name, item) for item in items),
+        run.results / f"{layer.name}.tif", _pictures(run, layer, items),
         (len(items), *list(run.layout.shape.values())[-2:]), np.dtype("<f4"),
         pixel_mm=pixel_mm, metadata=view,
     )  # fmt: skip

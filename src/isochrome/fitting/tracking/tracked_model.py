@@ -173,10 +173,6 @@ class TrackedModel(FrameModel):
         step = np.float32(_TURN / max(float(np.abs(turn).max()), 1e-30))
         return turned_row(self._optics, field, shown, turn, step, gamma_fit)
 
-    def cost(self, gamma_fit: GammaFit, values: Array) -> float:
-        """Sum of squares at some values (p,), the prior's with it."""
-        return gamma_fit.cost + self.prior.cost(values)
-
     def distance(self, found: RefinedFit) -> float:
         """How far a fit is from where the contact was solved, in its standard uncertainties."""
         # what more or less has worn than the scar in hand stands beside it from frame to frame

@@ -541,7 +541,8 @@ class Tracker:
             try:
                 model.stand(values)
                 here = model.at(values)
-                if best is not None and (here is None or model.cost(here, values) > best.cost):
+                cost = np.inf if here is None else here.cost + model.prior.cost(values)
+                if best is not None and cost > best.cost:
                     # a load that wore a scar's edge does not where another had worn it before
                     step = 0.5 * (values - best.values)
                     if best.local.size(step) < _NEAR:

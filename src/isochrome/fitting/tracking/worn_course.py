@@ -37,10 +37,10 @@ from isochrome.fitting.joint.frame_sequence import local_values
 from isochrome.scene import DistanceTable, Scene
 from isochrome.simulation import SceneState, scene_states
 
-_TO_GO = (0.1, 0.01, 0.001)
-PAST = tuple(f"load before the first frame, {share:g} of the wear to go (N)" for share in _TO_GO)
-"""Loads that wore a contact before its first frame, constant until the first of these places and
-linear from there to the frame's own: unknowns of that frame."""
+_TO_GO = (1.0, 0.1, 0.01, 0.001, 0.0)
+PAST = tuple(f"load before the first frame, {s:g} of the wear to go (N)" for s in _TO_GO[1:-1])
+"""Loads that wore a contact before its first frame, constant from the beginning to the first of
+these places and linear from there to the frame's own: unknowns of that frame."""
 
 TRACKED = (LOAD, "load.tangential_n", "load.bulk_mpa", FRICTION, WEAR, LEFT, TOP)
 """Keys that can be tracked: what the mechanics follow smoothly, and the place."""
@@ -284,8 +284,8 @@ class WornCourse:
         history, (stop,) = wear_course(before)
         numerics = self.site.scene.numerics.model_copy(update={"tolerance": TOLERANCE})
         site = replace(self.site, scene=before.model_copy(update={"numerics": numerics}))
-        loads, doses = self._lines_before(values), -np.diff([1.0, *_TO_GO, 0.0])
-        doses = stop.dose_mm_per_mpa * (doses if len(loads) > 1 else np.ones(1))
+        loads = self._lines_before(values)
+        doses = stop.dose_mm_per_mpa * (-np.diff(_TO_GO) if len(loads) > 1 else np.ones(1))
         # under the load that the frame shows: the scar's edge must be as sharp as that asks for
         stop = replace(
             stop, dose_mm_per_mpa=doses[0], line_load_n_per_mm=drive[0], friction=drive[1]
@@ -323,9 +323,9 @@ class WornCourse:
             if not self._s > 0.0:
                 return 0.0, 0.0, 0.0
             worn = float(local_values(self._before(values), (self._s,))[0, 2])
-            loads, places = self._lines_before(values), (1.0, *_TO_GO, 0.0)
+            loads = self._lines_before(values)
             if len(loads) > 1:
-                worn *= -float(np.trapezoid([loads[0], *loads], places)) / loads[0]
+                worn *= -float(np.trapezoid([loads[0], *loads], _TO_GO)) / loads[0]
             share = self._value(WEAR, values) / self._own_wear if WEAR in self.tracked else 1.0
             return self._s, worn / share, worn
         line, mu = self._drive(values)
