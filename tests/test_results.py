@@ -380,6 +380,7 @@ def test_its_warnings_are_sentences_and_its_report_is_short_and_counts_them(name
     assert said == ([str(len(result.warnings))] if result.warnings else [])
 
 
+@pytest.mark.long
 def test_a_report_says_the_values_with_their_uncertainties(results):
     result = results("fit").result
     found = result.shared[LOAD]

@@ -110,6 +110,7 @@ def bent(edge, change):
     return np.clip(np.rint(light + noise), 0, 255).astype(np.uint8)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "change",
     [

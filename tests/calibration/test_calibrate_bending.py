@@ -58,6 +58,7 @@ def test_rendered_beams_give_their_fringe_value(beam_frame, edges, options, bar)
     assert_right(calibrated(beam_frame, edges, **options), bar)
 
 
+@pytest.mark.long
 def test_tilt_axis_and_orders_are_those_of_the_frame(beam_frame):
     whole = calibrated(beam_frame, (2.0, 3.0, 4.0), **SMALL)
     for image, edge in zip(whole.images, (2.0, 3.0, 4.0), strict=True):

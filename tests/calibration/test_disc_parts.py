@@ -37,6 +37,7 @@ def test_two_centre_orders_that_explain_an_image_alike_are_refused(disc_frame):
         fit_disc(shot, placed((2.4, 3.0, 2.5, 2.9)))
 
 
+@pytest.mark.long
 def test_too_small_a_noise_makes_the_orders_no_surer(disc_frame):
     """The fit's misfit counts: with a third of the noise chi is 3, and what is stated the same."""
     rng = np.random.default_rng(0)

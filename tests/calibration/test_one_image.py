@@ -107,6 +107,7 @@ def test_no_load_frames_take_the_lights_form():
     assert fit.chi < 0.1
 
 
+@pytest.mark.long
 def test_few_pixels_are_less_than_their_number_by_what_was_fitted_to_them():
     shape, truth = (5, 6), np.array([0.08, 1.7, 0.02])
     rng, chis = np.random.default_rng(4), []

@@ -45,6 +45,7 @@ def command(monkeypatch, capfd):
     return run
 
 
+@pytest.mark.long
 def test_each_recording_is_what_it_is_alone_and_a_broken_one_harms_no_other(
     place, no_pictures, command
 ):

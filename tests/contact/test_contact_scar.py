@@ -295,6 +295,7 @@ def test_a_mesh_misses_a_hump_as_narrow_as_its_nodes_and_no_wide_one(intervals):
     assert narrow == pytest.approx(0.2 / 1.1, rel=0.02)
 
 
+@pytest.mark.long
 def test_a_load_whose_kinks_are_small_is_stepped_from_kink_to_kink(monkeypatch):
     """A swing of 20 %, 20 samples a period. Goes wrong if the steps shrink in front of a kink and
     forecast across it: to 1e-9 of the dose, where rounding stopped them on some processors."""

@@ -88,6 +88,7 @@ def test_a_state_on_a_steep_rise_of_the_load_is_no_jump():
     assert np.abs(np.array(got) / finer - 1.0).max() < 1e-3
 
 
+@pytest.mark.long
 def test_a_steep_rise_of_the_load_on_a_worn_scar_is_within_the_tolerance():
     """From 20 N to 44 N within half a metre that wears. Goes wrong: the bend of the old edge goes
     inside faster than wear smooths it, and the mesh does not hold it: 3.5 tolerances."""

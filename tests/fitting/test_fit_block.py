@@ -56,6 +56,7 @@ def order_error(found, truth):
     return np.sqrt(np.mean(error[known] ** 2)), np.mean(np.abs(error[known]) > 0.25)
 
 
+@pytest.mark.long
 def test_a_half_plane_reads_the_load_of_a_block_once_its_smooth_stress_is_fitted_too(tmp_path):
     solid = Solid(spacing_mm=0.04)
     truth = photographed(solid, SMALL, tmp_path / "frame.tif")

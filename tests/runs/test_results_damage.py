@@ -175,6 +175,7 @@ def test_a_flipped_bit_of_a_chunks_own_checksum_is_named(finished, name):
     assert list(isochrome.verify(name).damaged) == [file]
 
 
+@pytest.mark.long
 def test_a_part_of_a_file_is_held_against_the_chunks_own_checksum(finished):
     folder = finished("track")  # of which a frame's map is a part of a file
     chunk = folder / "run.zarr" / "fringe_order" / "c" / "0" / "0" / "0"
