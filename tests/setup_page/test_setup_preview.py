@@ -17,7 +17,7 @@ SPAN = r"(\d+\.\d)\.\.(\d+\.\d)"
 
 @pytest.fixture
 def bench(made):
-    """A part of the sample with its camera's gamma: what could be followed of frame 0 is one part."""
+    """A part of the sample with its gamma: what could be followed of frame 0 is one part."""
     apply_tool(made, {"tool": "values", "values": {"frames.gamma": 1.4}})
     apply_tool(made, {"tool": "region", "region": PART})
     return made
