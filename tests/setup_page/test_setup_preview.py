@@ -11,16 +11,22 @@ from isochrome.setup_page import ClickPreview, apply_tool, order_map_of_points, 
 
 POINT = {"row": 420, "col": 100, "order": 0.42, "extremum": None}
 PART = {"top_px": 300, "left_px": 0, "height_px": 190, "width_px": 300}
-"""Of the frame: it takes a fifth of the time that the whole one takes."""
+"""A region of the frame that takes a fraction of the whole one's time."""
 SPAN = r"(\d+\.\d)\.\.(\d+\.\d)"
 
 
 @pytest.fixture
-def bench(made):
-    """A part of the sample with its gamma: what could be followed of frame 0 is one part."""
+def gamma_stated(made):
+    """The sample's scene with its camera's gamma: what could be followed of frame 0 is one part."""
     apply_tool(made, {"tool": "values", "values": {"frames.gamma": 1.4}})
-    apply_tool(made, {"tool": "region", "region": PART})
     return made
+
+
+@pytest.fixture
+def bench(gamma_stated):
+    """The same in a region of the frame."""
+    apply_tool(gamma_stated, {"tool": "region", "region": PART})
+    return gamma_stated
 
 
 def asked(points=(), lines=(), at=(420, 100), **more):
@@ -154,10 +160,11 @@ def words_at(own, row, col):
 
 
 @pytest.mark.browser
-def test_the_words_beside_the_mouse_are_what_the_map_is_after_the_click(chromium, bench):
+def test_the_words_beside_the_mouse_are_what_the_map_is_after_the_click(chromium, gamma_stated):
+    """Of the whole frame."""
     from .test_setup_browser import tab
 
-    with tab(chromium, bench) as own:
+    with tab(chromium, gamma_stated) as own:
         page = own.page
         own.tool("order")
         page.fill("#new-order", "0.42")
@@ -166,18 +173,18 @@ def test_the_words_beside_the_mouse_are_what_the_map_is_after_the_click(chromium
         assert page.locator("#stage").bounding_box() == stage  # the picture does not move
         assert words.startswith("Order 0.42 here: the part under it")
         assert page.get_attribute("#preview", "aria-live") == "polite"
-        assert bench.scene().frames.known_order == ()
+        assert gamma_stated.scene().frames.known_order == ()
         page.mouse.down()
         page.mouse.up()
         page.wait_for_function("() => page.state.known_order.length === 1")
         assert page.is_hidden("#preview-box")
         page.click("#show-map")
         page.wait_for_function("() => shown.map !== null")
-        levels = np.array(page.evaluate("shown.map.orders.join()").split(","), float)
+        levels = np.array(page.evaluate("Array.from(shown.map.orders)"))
         orders = np.where(levels > 0, (levels - 1.0) * 0.02, np.nan)
         (said,) = spans(words)
         assert said == pytest.approx(span_of(orders), abs=0.15)
-        share = float(re.search(r"(\d+) % of the region", words)[1]) / 100.0
+        share = float(re.search(r"(\d+) % of the frame", words)[1]) / 100.0
         assert share == pytest.approx(np.isfinite(orders).mean(), abs=0.05)
 
 
