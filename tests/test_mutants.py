@@ -3,6 +3,7 @@
 What the whole list comes to is measured by `python tests/mutants.py --long`, an hour's work.
 """
 
+import ast
 from collections import defaultdict
 
 import pytest
@@ -50,20 +51,34 @@ def test_a_change_survives_a_test_that_does_not_see_it_and_one_that_fails_anyway
         judged(tree, "fails anyway")
 
 
+def kinds_of_tests(text):
+    """The names of all tests of a file, each with whether some of it runs by default, and long."""
+    kinds = {}
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef):
+            marks = [ast.unparse(mark) for mark in node.decorator_list]
+            whole = not {"pytest.mark.long", "pytest.mark.study"}.isdisjoint(marks)
+            some = any("mark.long" in mark or "mark.study" in mark for mark in marks)
+            kinds[node.name] = not whole, some
+    return kinds
+
+
 @pytest.mark.long
 def test_each_change_of_the_list_can_be_made_and_names_tests_that_exist():
     mutants, modules = read_mutants(LIST), sources(ROOT)
     assert len({m.promise for m in mutants}) == len(mutants) >= 200
     wrong = find_faults(mutants, modules)
-    texts = defaultdict(str)
+    files = defaultdict(dict)
     for path in (ROOT / "tests").rglob("test_*.py"):
-        texts[path.relative_to(ROOT).as_posix()] = path.read_text("utf-8")
+        files[path.relative_to(ROOT).as_posix()] = kinds_of_tests(path.read_text("utf-8"))
     for mutant in mutants:
-        for test in (*mutant.tests, *mutant.long):
+        for test, kind in [(t, 0) for t in mutant.tests] + [(t, 1) for t in mutant.long]:
             path, _, name = test.partition("::")
             name = name.partition("[")[0].rpartition("::")[2]
-            if f"def {name}(" not in texts[path] if name else path not in texts:
+            if name not in files[path] if name else path not in files:
                 wrong.append(f"{mutant.promise}: no test {test}")
+            elif name and not files[path][name][kind]:
+                wrong.append(f"{mutant.promise}: {test} {('is', 'is not')[kind]} marked long")
     assert not wrong, "\n".join(wrong)
 
 

@@ -106,7 +106,6 @@ def test_a_faint_reflection_is_richer_light(beam_frame):
     assert_agrees(found)
 
 
-@pytest.mark.long
 def test_light_of_their_own_is_left_to_the_images(beam_frame):
     """The lamp has moved between the images: with one light for both the slope is far off."""
     rng = np.random.default_rng(0)
@@ -173,7 +172,6 @@ def test_a_saturated_reflection_on_an_unloaded_image_says_nothing_of_its_order(u
     assert spoiled.warnings == clean.warnings  # it is no dust that fits nothing
 
 
-@pytest.mark.long
 def test_an_unloaded_image_that_contradicts_the_loads_is_said(beam_frame):
     """The loads' line leaves nothing and the unloaded image shows 0.07: an offset of the loads."""
     rng = np.random.default_rng(3)

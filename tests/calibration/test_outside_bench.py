@@ -144,7 +144,6 @@ def test_a_clean_set_asks_for_nothing(specimen):
     assert_within(found, 0.05)
 
 
-@pytest.mark.long
 def test_a_band_of_wavelengths_is_found():
     found = beam(bench(band_nm=40.0), polariscope=Polariscope(wavelength_nm=587.0))
     (cause,) = found.causes

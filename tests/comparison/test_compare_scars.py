@@ -120,7 +120,6 @@ def test_the_band_is_that_of_the_closed_form():
     assert abs(scar.moved_area_mm2["indenter.radius_mm"]) < 1e-4 * worn_area(233.0)
 
 
-@pytest.mark.long
 def test_measured_scars_lie_on_the_simulated_ones(measured, tmp_path):
     found = compare(measured, measured, tmp_path / "out")
     table = found.columns

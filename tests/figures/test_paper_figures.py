@@ -168,7 +168,6 @@ def test_letters_of_every_figure_are_large_enough_and_apart(others, name, width,
         assert 25.4 * figure.get_figheight() <= PAGE_MM
 
 
-@pytest.mark.long
 def test_the_frames_are_those_asked_for(worn):
     figure = isochrome.paper_figure(worn["compare"], isochrome.FigureStyle(frames=(1, 0)))
     titles = [text for axes in figure.axes if (text := axes.get_title(loc="left"))]
@@ -195,7 +194,6 @@ def test_the_scale_bar_has_the_length_that_it_says(numbered):
     assert 0.1 < patch.get_width() / (right - left) <= 0.3
 
 
-@pytest.mark.long
 def test_files_are_of_the_width_and_hold_text_as_text(worn, tmp_path):
     style = isochrome.FigureStyle(width_mm=85, formats=("pdf", "svg", "png", "tiff"), dpi=300)
     files = isochrome.save_figure(worn["simulate"], tmp_path / "figure", style)

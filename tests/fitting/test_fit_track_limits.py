@@ -93,7 +93,6 @@ def test_a_track_is_widened_where_the_noise_of_neighbours_is_alike(clean):
 # Noise, and what a frame does not tell
 
 
-@pytest.mark.long
 def test_a_cameras_noise_is_told_again_after_250_frames():
     """From the second frame on the camera's noise is four fifths of what it was in the first."""
     shape = (60, 90)

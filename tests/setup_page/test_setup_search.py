@@ -67,7 +67,6 @@ def test_one_search_makes_the_scene_of_the_form_and_finds_the_rest(case, drawn):
     assert drawn.text == ""
 
 
-@pytest.mark.long
 def test_a_search_in_a_scene_keeps_comments_regions_and_stated_values(case, drawn):
     values = form_of(case) | {"frames.rotate_deg": case.turn, "load.normal_n": case.about_n}
     apply_tool(drawn, {"tool": "new", "kind": "contact", "values": values})
@@ -147,7 +146,6 @@ def test_a_frame_that_stands_still_tells_no_friction(tmp_path):
     assert any("no friction is seen in frame 0" in text for text in answer["warnings"])
 
 
-@pytest.mark.long
 def test_a_scene_that_changes_during_the_search_is_left_alone(case, drawn, monkeypatch):
     from isochrome.setup_page import edits
 
