@@ -114,20 +114,21 @@ class PixelGrid:
         x, z = (np.broadcast_to(v, (self.rows, self.cols))[row, col] for v in self.places)
         return float(x), float(z)
 
-    def around(self) -> PixelGrid:
+    def around(self, parts: int = 1) -> PixelGrid:
         """A plain grid of the same pixels around all places that are looked at: itself, or more.
 
-        A row of it lies half a pixel below the surface, and it grows by steps, so that a lens that
-        changes little is served by the same one.
+        `parts`, into how many a pixel's side is divided. A row of it lies half a pixel below the
+        surface, and it grows by steps, so that a lens that changes little is served by the same.
         """
         if self.lens is None:
             return self
-        (x, z), unit = self.places, _STEP * self.pixel_mm
+        pixel_mm = self.pixel_mm / parts
+        (x, z), unit = self.places, _STEP * pixel_mm
         reach = np.array([[x.min(), x.max()], [z.min(), z.max()]]) / unit
         low = unit * np.floor(reach[:, 0] - _ROOM / _STEP)
         size = np.ceil(reach[:, 1] + _ROOM / _STEP) * unit - low
-        cols, rows = np.rint(size / self.pixel_mm).astype(int).tolist()
-        return PixelGrid(rows, cols, float(low[0]), float(low[1]), self.pixel_mm)
+        cols, rows = np.rint(size / pixel_mm).astype(int).tolist()
+        return PixelGrid(rows, cols, float(low[0]), float(low[1]), pixel_mm)
 
     def every(self, stride: int) -> PixelGrid:
         """The grid of the pixels image[::stride, ::stride]: the same centres, fewer of them."""

@@ -249,13 +249,13 @@ class FrameSolution:
     def trial(self, change: Change, expected: Expected) -> Trial | None:
         """A fit to means over blocks with what is expected of it; None where there is none."""
         data, keys, scene = self._changed(change)
-        scene, side = through_a_lens(scene), block_side(data.shape)
+        side = block_side(data.shape)
         prior = expected.prior(keys, self.fitted.stated.prior(keys))
         try:
-            region = fit_region(scene, data.shape, 1, expected.hidden_px)
+            region = fit_region(through_a_lens(scene), data.shape, 1, expected.hidden_px)
             here, around = (
                 with_numerics(one, nodes_per_pixel=1, tolerance=1e-3)
-                for one in (scene, through_a_lens(self.fit.scene))
+                for one in (scene, self.fit.scene)
             )
             model = TrialModel(
                 replace(data, valid=data.valid & region), here, around, keys,

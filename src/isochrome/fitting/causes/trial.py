@@ -36,7 +36,7 @@ _COARSE = 0.05
 def through_a_lens(scene: Scene) -> Scene:
     """The scene seen through a lens, be it one that does nothing.
 
-    A picture through one is interpolated and hides some rows: all trials are, to be compared.
+    A picture through one hides some rows: all trials do, to be compared.
     """
     bent = scene.camera is not None and any(scene.get(key) for key in LENS)
     return scene if bent else scene.with_values({LENS[0]: TINY})

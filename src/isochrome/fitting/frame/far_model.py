@@ -4,7 +4,7 @@ Student's t, with images of the field's changes that are kept while it moves.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -62,7 +62,7 @@ class FarModel(FrameModel):
         super().__init__(*args, **options)
         self.fields = np.empty((0, *self.pixels.keep.shape), np.complex64)
         self._root = np.ones(self.pixels.size, np.float32)
-        self._turns: dict[int, tuple[Array, np.float32]] = {}
+        self._turning: _Turning | None = None
 
     @property
     def count(self) -> int:
@@ -116,7 +116,6 @@ class FarModel(FrameModel):
         """Give each pixel the root of a weight (n,) besides its noise's."""
         own = self.pixels.weight / self._root
         self.pixels, self._root = replace(self.pixels, weight=own * root), root
-        self._turns.clear()
 
     def linearise(self, values: Array, gamma_fit: GammaFit) -> LocalModel:
         """Derivatives at some values, where the linear solution is known."""
@@ -125,11 +124,11 @@ class FarModel(FrameModel):
         here = moved_scene(self.scene, self.keys, values[:number])
         field, shown = self.renderer.order_field(here)
         field = np.nan_to_num(field)  # a lens may move a pixel off the specimen
-        if not self._turns:
-            self._turns = self._turned(values[:number], field)
-        for j in set(range(number)) - set(self._turns):
+        turning = self._turning = self._turned(values[:number], field)
+        for j in set(range(number)) - set(turning.numbers):
             rows[j] = self._slopes(self.keys, values, range(j, j + 1), gamma_fit)[0]
-        turns = {**self._turns, **{number + k: (f, _AMPLITUDE) for k, f in enumerate(self.fields)}}
+        turns = dict(enumerate(((f, _AMPLITUDE) for f in self.fields), number))
+        turns |= turning.by_number
         if self.renderer.added is not None:
             field = field + self.renderer.added
         optics, keep = scene_optics(here), self.pixels.keep
@@ -139,19 +138,50 @@ class FarModel(FrameModel):
         names = (*self.keys, *(f"mode {k}" for k in range(self.count)))
         return local_model(names, values, gamma_fit, rows, self.prior)
 
-    def _turned(self, values: Array, field: Array) -> dict[int, tuple[Array, np.float32]]:
-        """How the field (rows, cols) turns with each unknown that leaves the optics as they are, by
-        its number, and a step of that.
+    def _turned(self, values: Array, field: Array) -> _Turning:
+        """How the field (rows, cols) turns with each unknown that leaves the optics as they are."""
+        if self._turning is not None:
+            return self._turning.moved(values, field)
+        numbers = [j for j, key in enumerate(self.keys) if not key.startswith(_OPTICAL)]
+        steps, turns = [], np.empty((len(numbers), *field.shape), np.complex64)
+        for turn, j in zip(turns, numbers, strict=True):
+            size = scales(self.scene, self.keys[j : j + 1])[0]
+            moved = values.copy()
+            moved[j] += inward(moved[j], STEP * size, self.limits.high[j])
+            steps.append(np.float32(moved[j] - values[j]))
+            there = self.renderer.field_alone(moved_scene(self.scene, self.keys, moved))
+            turn[:] = (np.nan_to_num(there) - field) / steps[-1]
+        return _Turning(numbers, np.array(steps), values, field, turns)
 
-        Fringes are soon others, and their slopes with them; what turns them changes little.
-        """
-        turns: dict[int, tuple[Array, np.float32]] = {}
-        for j, (key, size) in enumerate(zip(self.keys, scales(self.scene, self.keys), strict=True)):
-            if key.startswith(_OPTICAL):
-                continue
-            moved, step = values.copy(), STEP * size
-            moved[j] += inward(moved[j], step, self.limits.high[j])
-            turned = self.renderer.field_alone(moved_scene(self.scene, self.keys, moved))
-            step = moved[j] - values[j]
-            turns[j] = (np.nan_to_num(turned) - field) / np.float32(step), np.float32(step)
-        return turns
+
+@dataclass(frozen=True)
+class _Turning:
+    """How a `field` (rows, cols) at some `values` (p,) `turns` with those of some `numbers` (k,).
+
+    `steps` (k,), small ones of these. Fringes are soon others, and their slopes with them; what
+    turns them changes little, and each new field tells of its change: Broyden (1965), Math. Comp.
+    19, 577.
+    """
+
+    numbers: list[int]
+    steps: Array
+    values: Array
+    field: Array
+    turns: Array
+
+    @property
+    def by_number(self) -> dict[int, tuple[Array, np.float32]]:
+        """Turn and step by number."""
+        pairs = zip(self.turns, self.steps, strict=True)
+        return dict(zip(self.numbers, pairs, strict=True))
+
+    def moved(self, values: Array, field: Array) -> _Turning:
+        """The same at other values, whose field is known."""
+        moves = (values - self.values)[self.numbers]
+        squares = float(np.square(moves / self.steps).sum())
+        turns = self.turns
+        if squares > 0.0:
+            untold = field - self.field - np.tensordot(moves.astype(np.float32), turns, 1)
+            share = moves / self.steps**2 / squares
+            turns = turns + share.astype(np.float32)[:, None, None] * untold
+        return replace(self, values=values, field=field, turns=turns)

@@ -92,6 +92,9 @@ _KEPT = 8
 _SHALLOW_PX = 0.25
 """Depth of a pixel's middle above which its order says nothing of its neighbours' slopes."""
 
+_PARTS = 2
+"""Of the side of a strided pixel, by which a lens is interpolated: it is as wide as the field."""
+
 _SLACK = 1.15
 """Reach of a series over what its first place needs: a contact may move so far in the picture."""
 
@@ -239,7 +242,7 @@ class SceneRenderer:
         """The half-plane's field at the places that the pixels look at."""
         if pixels.lens is None:
             return self._waves(surface, pixels, slopes)
-        around = pixels.around()
+        around = pixels.around(_PARTS if self.stride > 1 else 1)
         if (
             self._around is None
             or self._around[0] != (around, slopes)
