@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from scipy.fft import dctn, idctn
 
-from isochrome.estimation import gradient_covariance, line_correlation, line_noise, local_noise
+from isochrome.estimation import (
+    gradient_covariance,
+    line_correlation,
+    line_noise,
+    local_correlation,
+    local_noise,
+)
 
 SHAPE = 400, 480
 KEEP = np.ones(SHAPE, bool)
@@ -47,6 +53,22 @@ def test_the_noise_of_a_compressed_picture_is_told_whole():
     # a plane takes 3 of the 64 parts that 16 x 16 pixels have left: 1.8 % of the deviation
     residual *= 2.0  # half of it is more than is expected
     assert told(residual, 3.0 * residual) == pytest.approx(np.std(residual), rel=LOCAL + 0.018)
+
+
+def variance_of_sums(image, side=4):
+    """Over that of as many independent pixels."""
+    sums = image.reshape(SHAPE[0] // side, side, SHAPE[1] // side, side).sum(axis=(1, 3))
+    return np.var(sums) / (side**2 * np.var(image))
+
+
+@pytest.mark.parametrize("compress", [compressed, lambda image: image], ids=["JPEG", "whole"])
+def test_how_far_a_noise_is_alike_is_told_beside_what_a_model_misses(compress):
+    grain = compress(noise(6))
+    missed = np.sin(2.0 * np.pi * (ROWS + 0.5 * COLS) / 80.0) * np.std(grain)
+    found = local_correlation(KEEP, (grain + missed).ravel())
+    # 750 medians of chi² of 13 freedoms, which are 5 % below their mean; what is missed has .5 of
+    # the noise's variance, and .004 of it is no plane over 16 pixels: 16 times as much in the sums
+    assert found == pytest.approx(max(1.0, variance_of_sums(grain)), rel=0.1)
 
 
 def test_fringes_of_a_wrong_model_are_not_taken_for_noise():

@@ -187,6 +187,25 @@ def local_noise(keep: Mask, residual: Array, picture: Array) -> float:
     return max(1.0, float(np.sqrt(np.mean(np.minimum(variance, _MOST * middle)))))
 
 
+def local_correlation(keep: Mask, residual: Array) -> float:
+    """`block_correlation` of the noise alone, over 4 x 4 pixels, whatever is wrong with the model.
+
+    Of what a plane leaves of the residual in 16 x 16 pixels, by the median of these: compression
+    takes the fine part of the noise and keeps the coarse one, which means over blocks have.
+    """
+    full = _blocks(keep, np.ones(residual.size, np.float32), _LOCAL_PX).all(axis=1)
+    if full.sum() < _FEWEST:
+        return 1.0
+    plane, side = _polynomials(_PLANE), _SUMS_PX[0]
+    blocks = _blocks(keep, residual, _LOCAL_PX)[full]
+    blocks -= (blocks @ plane.T) @ plane
+    parts = blocks.reshape(-1, _LOCAL_PX // side, side, _LOCAL_PX // side, side)
+    sums = np.square(parts.sum(axis=(2, 4))).sum(axis=(1, 2)) / side**2
+    freedom = (_LOCAL_PX // side) ** 2 - len(plane), _LOCAL_PX**2 - len(plane)
+    single = np.square(blocks).sum(axis=1) / freedom[1]
+    return max(1.0, float(np.median(sums / np.maximum(single, 1e-300))) / freedom[0])
+
+
 def _picture(keep: Mask, values: Array) -> Array:
     """Values (n,) where their pixels are (rows, cols), 0 elsewhere."""
     image = np.zeros(keep.shape, np.float32)

@@ -9,7 +9,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 
 from isochrome.errors import PhysicsError
-from isochrome.estimation import FrameData, block_correlation
+from isochrome.estimation import FrameData, block_correlation, local_correlation
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.blocks import BLOCK, FrameBlocks, SolvedFrame, block_side, outliers
 from isochrome.fitting.causes.score import LightTerms
@@ -249,6 +249,9 @@ class FrameSolution:
     def trial(self, change: Change, expected: Expected) -> Trial | None:
         """A fit to means over blocks with what is expected of it; None where there is none."""
         data, keys, scene = self._changed(change)
+        if self.noise_ratio > 1.0:  # a compressed picture's blocks have more noise than its pixels
+            pixels, fitted = self.fitted.model.pixels, self.fitted.final.gamma_fit
+            data = data.with_noise(local_correlation(pixels.keep, fitted.residual) ** 0.5)
         side = block_side(data.shape)
         prior = expected.prior(keys, self.fitted.stated.prior(keys))
         try:
