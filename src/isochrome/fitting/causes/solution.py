@@ -292,9 +292,9 @@ class FrameSolution:
             light=np.linalg.inv(part.inverse),
             light_weight=light_weights(part, expected.terms, data.lamp.terms),
             excess=result.gamma_fit.noise * block_correlation(model.pixels.keep, residual),
-            usual_chi=MAD * float(np.median(np.abs(left))),
             values=dict(zip(keys, values.tolist(), strict=True)),
             tractions=found,
+            usual_chi=MAD * float(np.median(np.abs(left))),
         )
 
     def still_odd(self, whole: FrameSolution, odd: Mask) -> Mask:
