@@ -236,7 +236,8 @@ class ScoreProducts:
     def __init__(self, parts: Iterable[tuple[Array, Array, Array, Array]]) -> None:
         gram, size, count, fitted, shared = np.zeros((1, 1)), np.zeros(1), 0, 0, 0
         for local, rows, columns, residual in parts:
-            stacked = np.concatenate((local, rows, columns, residual[None])).astype(np.float32)
+            every = local, rows, columns, residual[None]
+            stacked = np.concatenate(every, dtype=np.float32, casting="same_kind")
             products = (stacked @ stacked.T).astype(float)
             shared = len(rows)
             size = size + np.diag(products)[len(local) + shared : -1]

@@ -231,15 +231,33 @@ def disc_order(grid: DiscPixels, params: ArrayLike) -> Array:
     """
     order, row, col, radius, angle = np.asarray(params, dtype=float)
     x, z = (grid.cols - col) / radius, (grid.rows - row) / radius
-    square, along = x**2 + z**2, z * np.cos(angle) + x * np.sin(angle)
-    below = (1.0 + square) ** 2 - 4.0 * along**2
-    return np.asarray(order * np.clip(1.0 - square, 0.0, None) / np.maximum(below, 1e-6))
+    square, along = x * x + z * z, z * (2.0 * np.cos(angle)) + x * (2.0 * np.sin(angle))
+    # (1 + r²)² - 4 s², s along the loads, as a product: no root of it is lost to rounding
+    above, below = 1.0 + square, 1.0 + square
+    above += along
+    below -= along
+    below *= above
+    np.maximum(below, 1e-6, out=below)
+    np.subtract(1.0, square, out=square)
+    np.maximum(square, 0.0, out=square)
+    square *= order
+    square /= below
+    return np.asarray(square)
 
 
-def squared_wave(phase: Array, bright: bool) -> Array:
-    """Ideal circular polariscope, 0..1: sin^2 of pi N in a dark field, cos^2 in a bright one."""
-    wave = np.square(np.sin(phase))
-    return np.asarray(1.0 - wave if bright else wave)
+def scanned_waves(unit: Array, bright: bool) -> Array:
+    """Ideal circular polariscope (k, n), 0..1, of a field `unit` (n,) times each one of ORDERS.
+
+    1/2 -+ 1/2 cos t, t = 2 pi N: of even steps d of it cos(t + d) = 2 cos d cos t - cos(t - d).
+    """
+    first, step = 2.0 * np.pi * ORDERS[0] * unit, 2.0 * np.pi * (ORDERS[1] - ORDERS[0]) * unit
+    waves = np.empty((len(ORDERS), len(unit)))
+    before, now, twice = np.cos(first - step), np.cos(first), 2.0 * np.cos(step)
+    half = 0.5 if bright else -0.5
+    for wave in waves:
+        wave[:] = 0.5 + half * now
+        before, now = now, twice * now - before
+    return waves
 
 
 def disc_mask(grid: DiscPixels, params: ArrayLike, *, within: float) -> NDArray[np.bool_]:
@@ -339,7 +357,7 @@ def scan_disc(shot: Shot) -> Scan:
     chi = []
     for geometry in geometries:
         unit = disc_order(grid, [1.0, *geometry])[problem.keep]
-        signals = squared_wave(np.pi * ORDERS[:, None] * unit, shot.bright)
+        signals = scanned_waves(unit, shot.bright)
         cost, lit = linear_costs(problem.light, problem.dark, problem.data[None], signals)
         mean = np.maximum(cost[:, 0], 0.0) / problem.size
         chi.append(np.where(lit[:, 0] > 0.0, np.sqrt(mean), np.inf))

@@ -241,7 +241,7 @@ def unevenness(fit: SetFit) -> float:
 
 
 def _score(
-    fit: SetFit, columns: Iterable[Array], pick: slice | NDArray[np.intp] = np.s_[:]
+    fit: SetFit, columns: Iterable[NDArray[Any]], pick: slice | NDArray[np.intp] = np.s_[:]
 ) -> ScoreProducts:
     """Products of each image's `columns` (k, n) with the residual and what is fitted: all unknowns
     and all the light's coefficients, or what `pick` takes of these.
@@ -290,7 +290,10 @@ def ask_set(fit: SetFit) -> Weighed:
     nuisances = list(_nuisances(fit))
     freed = [u for n in nuisances for u in n.unknowns]
     kept, stays = np.setdiff1d(np.arange(model.size), freed), _of_light(model)[1]
-    columns = (np.concatenate([n.columns(i) for n in nuisances]) for i in range(len(model.shots)))
+    columns = (
+        np.concatenate([n.columns(i) for n in nuisances], dtype=np.float32, casting="same_kind")
+        for i in range(len(model.shots))
+    )
     return weighed(
         nuisances,
         _score(fit, columns, np.r_[kept, model.size + stays]),
@@ -409,7 +412,7 @@ def _apart(fit: SetFit) -> _Nuisance:
 def _order_columns(fit: SetFit, index: int) -> Array:
     """By an order that no cause explains, a share of each place's own, as products of cosines."""
     model = fit.model
-    order, slope = model.by_order(index, fit.values)
+    order, slope = fit.point.by_order(index)
     mask = model.images[index].mask
     waves = cosines(mask.shape, _COSINES)[1:, mask]
     return np.asarray(waves * (slope * order * fit.point.gain(index)))
@@ -437,7 +440,7 @@ def image_maps(fit: SetFit, index: int) -> dict[str, Any]:
     own, image = model.images[index], model.shots[index].light[np.ix_(model.rows, model.cols)]
     residual, order = np.full((2, *own.mask.shape), np.nan)
     residual[own.mask] = point.linear[2][index] * own.sigma
-    order[own.mask] = np.abs(model.by_order(index, fit.values)[0])
+    order[own.mask] = np.abs(point.orders[index][0])
     return {"image": image, "model": image - residual, "residual": residual, "order": order}
 
 
@@ -454,7 +457,7 @@ def seen_all_over(fit: SetFit, index: int) -> tuple[Array, Array, Array]:
     assert inside is not None and point is not None
     light = inside.linear[0][model.coefficients_of(index)]
     image = model.images[index]
-    seen = light @ replace(point, gamma=1.0).columns(index) * image.sigma
+    seen = light @ replace(point, gamma=1.0).columns(index, model.bases[index]) * image.sigma
     full = float(image.level.max())
     seen = full * np.maximum(seen / full, 0.0) ** (1.0 / point.gamma)  # as the camera stored it
     places = model.places(index, model.split(fit.values)[2])

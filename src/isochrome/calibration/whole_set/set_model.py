@@ -321,32 +321,27 @@ class SetModel:
     def signal(self, index: int, values: Array, moved: dict[str, float] | None = None) -> Array:
         """The polariscope's 0..1 at an image's pixels (n,), with some shared keys elsewhere."""
         shared = self.split(values)[2] | (moved or {})
-        order, *beside = self._orders(index, values, shared)
+        return self.seen(index, values, shared, self._orders(index, values, shared))
+
+    def seen(
+        self, index: int, values: Array, shared: dict[str, float], orders: tuple[Array, ...]
+    ) -> Array:
+        """The same where its order, and that less of the pixels beside, are known."""
+        order, *beside = orders
         bright = self.shots[index].bright
         if not self.unknowns_of(index, values)[1]:
             return seen(order, beside, shared, bright)
         wave = np.cosh(np.minimum(2.0 * np.pi * np.abs(order), _LARGEST_EXPONENT))
         return np.asarray(0.5 + 0.5 * wave if bright else 0.5 - 0.5 * wave)
 
-    def by_order(self, index: int, values: Array) -> tuple[Array, Array]:
-        """An image's order (n,), and the derivative of its signal by what is added to it all over;
-        nought where it is imaginary.
-        """
-        shared = self.split(values)[2]
-        order, *beside = self._orders(index, values, shared)
-        if self.unknowns_of(index, values)[1]:
-            return order, np.zeros_like(order)
-        bright = self.shots[index].bright
-        change = seen(order + STEP, beside, shared, bright)
-        return order, (change - seen(order, beside, shared, bright)) / STEP
-
     def at(self, values: Array) -> SetPoint | None:
         """The model at some unknowns, None where it is not finite."""
-        signals = tuple(self.signal(i, values) for i in range(len(self.shots)))
+        exposure, _, shared = self.split(values)
+        orders = tuple(self._orders(i, values, shared) for i in range(len(self.shots)))
+        signals = tuple(self.seen(i, values, shared, own) for i, own in enumerate(orders))
         if not all(np.isfinite(s).all() for s in signals):
             return None
-        exposure, _, shared = self.split(values)
-        return SetPoint(self, values, signals, exposure, shared[GAMMA])
+        return SetPoint(self, values, orders, signals, exposure, shared[GAMMA])
 
     def fit(self, start: Array) -> SetFit:
         """Least squares from a start."""
@@ -404,19 +399,29 @@ def seen(order: Array, beside: Sequence[Array], shared: dict[str, float], bright
 
 @dataclass(frozen=True)
 class SetPoint:
-    """The model at some unknowns: its signals (m,) of (n,), exposures (m,) and tone."""
+    """The model at some unknowns: its `orders` (m,), each (n,) with its differences to the pixels
+    beside, its signals (m,) of (n,), exposures (m,) and tone.
+    """
 
     model: SetModel
     values: Array
+    orders: tuple[tuple[Array, ...], ...]
     signals: tuple[Array, ...]
     exposure: Array
     gamma: float
 
     def columns(self, index: int, bases: tuple[Array, Array] | None = None) -> Array:
-        """Weighted columns of an image by the light's coefficients (k, n)."""
-        light, dark = bases or self.model.bases[index]
+        """Weighted columns of an image by the light's coefficients (k, n), or those of `bases`."""
+        if bases is None:
+            return self._columns[index]
+        light, dark = bases
         weight = self.exposure[index] * self.model.images[index].scale(self.gamma)
         return np.concatenate((light * (weight * self.signals[index]), dark * weight))
+
+    @cached_property
+    def _columns(self) -> tuple[Array, ...]:
+        """Those of the model's own light, of each image."""
+        return tuple(self.columns(i, bases) for i, bases in enumerate(self.model.bases))
 
     @cached_property
     def linear(self) -> tuple[Array, Array, tuple[Array, ...]]:
@@ -436,6 +441,17 @@ class SetPoint:
             for i, value in enumerate(data)
         )
         return coefficients, inverse, residual
+
+    def by_order(self, index: int) -> tuple[Array, Array]:
+        """An image's order (n,), and the derivative of its signal by what is added to it all over;
+        nought where it is imaginary.
+        """
+        model, (order, *beside) = self.model, self.orders[index]
+        if model.unknowns_of(index, self.values)[1]:
+            return order, np.zeros_like(order)
+        shared = model.split(self.values)[2]
+        change = model.seen(index, self.values, shared, (order + STEP, *beside))
+        return order, (change - self.signals[index]) / STEP
 
     @cached_property
     def cost(self) -> float:
@@ -478,10 +494,15 @@ class SetPoint:
             if key == GAMMA:  # how the residual changes with the exponent, the other way round
                 later, image = replace(self, gamma=self.gamma + step), model.images[index]
                 coefficients = self.linear[0][model.coefficients_of(index)]
-                light = (coefficients @ (later.columns(index) - self.columns(index))) / step
+                columns = later.columns(index, model.bases[index])
+                light = (coefficients @ (columns - self.columns(index))) / step
                 row[:] = light - (image.toned(later.gamma) - image.toned(self.gamma)) / step
             else:
-                moved = model.signal(index, self.values, {key: shared[key] + step})
+                one = {key: shared[key] + step}
+                if key in LENS:
+                    moved = model.signal(index, self.values, one)
+                else:  # the orders stay
+                    moved = model.seen(index, self.values, shared | one, self.orders[index])
                 row[:] = (moved - self.signals[index]) * gain / step
         return rows
 
@@ -490,7 +511,7 @@ class SetPoint:
         model = self.model
         unknowns, _ = model.unknowns_of(index, self.values)
         _, besides, shared = model.split(self.values)
-        slope = model.by_order(index, self.values)[1] * self.gain(index)
+        slope = self.by_order(index)[1] * self.gain(index)
         by_amplitudes = model.kind.by_besides(unknowns, besides, *model.places(index, shared))
         return np.asarray(slope * by_amplitudes)
 
