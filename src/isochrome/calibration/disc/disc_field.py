@@ -231,18 +231,9 @@ def disc_order(grid: DiscPixels, params: ArrayLike) -> Array:
     """
     order, row, col, radius, angle = np.asarray(params, dtype=float)
     x, z = (grid.cols - col) / radius, (grid.rows - row) / radius
-    square, along = x * x + z * z, z * (2.0 * np.cos(angle)) + x * (2.0 * np.sin(angle))
-    # (1 + r²)² - 4 s², s along the loads, as a product: no root of it is lost to rounding
-    above, below = 1.0 + square, 1.0 + square
-    above += along
-    below -= along
-    below *= above
-    np.maximum(below, 1e-6, out=below)
-    np.subtract(1.0, square, out=square)
-    np.maximum(square, 0.0, out=square)
-    square *= order
-    square /= below
-    return np.asarray(square)
+    square, along = x**2 + z**2, z * np.cos(angle) + x * np.sin(angle)
+    below = (1.0 + square) ** 2 - 4.0 * along**2
+    return np.asarray(order * np.clip(1.0 - square, 0.0, None) / np.maximum(below, 1e-6))
 
 
 def scanned_waves(unit: Array, bright: bool) -> Array:

@@ -174,11 +174,6 @@ class _Plan:
         """What its trial leaves: the variance over the noise's."""
         return self.trial.excess if self.trial else np.inf
 
-    @property
-    def usual_chi(self) -> float:
-        """What its trial leaves in a typical block, over the noise."""
-        return self.trial.usual_chi if self.trial else np.inf
-
     def log_evidence(self, noise: float) -> float:
         """ln E by its trial, at a variance of the noise."""
         return self.trial.evidence(noise) + self.log_odds if self.trial else -np.inf
@@ -345,7 +340,8 @@ def _plans(freed: Freed[S], asked: Asked, *, before: bool) -> tuple[Asked, list[
     plans = [plan for plan, _ in tried]
     if plans and plans[0].names == freed.fitted.names and plans[0].excess < FAR:
         return asked, []  # what is left lies where blocks do not see it
-    if freed.now.chi > POOR_CHI and plans and all(p.usual_chi > POOR_CHI for p in plans):
+    left = [plan.trial.usual_chi for plan in plans if plan.trial]
+    if left and min(freed.now.chi, *left) > POOR_CHI:
         return asked, None
     # beside what cannot be fitted nothing else is: it would take that for its own
     plans = plans[: next((k for k, p in enumerate(plans) if p.suspects), None)]

@@ -4,7 +4,7 @@ Student's t, with images of the field's changes that are kept while it moves.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -62,7 +62,8 @@ class FarModel(FrameModel):
         super().__init__(*args, **options)
         self.fields = np.empty((0, *self.pixels.keep.shape), np.complex64)
         self._root = np.ones(self.pixels.size, np.float32)
-        self._turning: _Turning | None = None
+        self._numbers = [j for j, key in enumerate(self.keys) if not key.startswith(_OPTICAL)]
+        self._stood: tuple[Array, Array, Array, Array] | None = None
 
     @property
     def count(self) -> int:
@@ -124,11 +125,11 @@ class FarModel(FrameModel):
         here = moved_scene(self.scene, self.keys, values[:number])
         field, shown = self.renderer.order_field(here)
         field = np.nan_to_num(field)  # a lens may move a pixel off the specimen
-        turning = self._turning = self._turned(values[:number], field)
-        for j in set(range(number)) - set(turning.numbers):
+        steps, turned = self._turned(values[:number], field)
+        for j in set(range(number)) - set(self._numbers):
             rows[j] = self._slopes(self.keys, values, range(j, j + 1), gamma_fit)[0]
-        turns = dict(enumerate(((f, _AMPLITUDE) for f in self.fields), number))
-        turns |= turning.by_number
+        turns = dict(zip(self._numbers, zip(turned, steps, strict=True), strict=True))
+        turns |= enumerate(((f, _AMPLITUDE) for f in self.fields), number)
         if self.renderer.added is not None:
             field = field + self.renderer.added
         optics, keep = scene_optics(here), self.pixels.keep
@@ -138,50 +139,27 @@ class FarModel(FrameModel):
         names = (*self.keys, *(f"mode {k}" for k in range(self.count)))
         return local_model(names, values, gamma_fit, rows, self.prior)
 
-    def _turned(self, values: Array, field: Array) -> _Turning:
-        """How the field (rows, cols) turns with each unknown that leaves the optics as they are."""
-        if self._turning is not None:
-            return self._turning.moved(values, field)
-        numbers = [j for j, key in enumerate(self.keys) if not key.startswith(_OPTICAL)]
-        steps, turns = [], np.empty((len(numbers), *field.shape), np.complex64)
-        for turn, j in zip(turns, numbers, strict=True):
-            size = scales(self.scene, self.keys[j : j + 1])[0]
-            moved = values.copy()
-            moved[j] += inward(moved[j], STEP * size, self.limits.high[j])
-            steps.append(np.float32(moved[j] - values[j]))
-            there = self.renderer.field_alone(moved_scene(self.scene, self.keys, moved))
-            turn[:] = (np.nan_to_num(there) - field) / steps[-1]
-        return _Turning(numbers, np.array(steps), values, field, turns)
+    def _turned(self, values: Array, field: Array) -> tuple[Array, Array]:
+        """How the field turns with each unknown that leaves the optics as they are (k, rows, cols),
+        and a small step (k,) of these.
 
-
-@dataclass(frozen=True)
-class _Turning:
-    """How a `field` (rows, cols) at some `values` (p,) `turns` with those of some `numbers` (k,).
-
-    `steps` (k,), small ones of these. Fringes are soon others, and their slopes with them; what
-    turns them changes little, and each new field tells of its change: Broyden (1965), Math. Comp.
-    19, 577.
-    """
-
-    numbers: list[int]
-    steps: Array
-    values: Array
-    field: Array
-    turns: Array
-
-    @property
-    def by_number(self) -> dict[int, tuple[Array, np.float32]]:
-        """Turn and step by number."""
-        pairs = zip(self.turns, self.steps, strict=True)
-        return dict(zip(self.numbers, pairs, strict=True))
-
-    def moved(self, values: Array, field: Array) -> _Turning:
-        """The same at other values, whose field is known."""
-        moves = (values - self.values)[self.numbers]
-        squares = float(np.square(moves / self.steps).sum())
-        turns = self.turns
-        if squares > 0.0:
-            untold = field - self.field - np.tensordot(moves.astype(np.float32), turns, 1)
-            share = moves / self.steps**2 / squares
+        Fringes are soon others, and their slopes with them; what turns them changes little, and
+        each new field tells of its change: Broyden (1965), Math. Comp. 19, 577.
+        """
+        if self._stood is None:
+            steps = STEP * scales(self.scene, self.keys)[self._numbers]
+            turns = np.empty((len(steps), *field.shape), np.complex64)
+            for k, j in enumerate(self._numbers):
+                steps[k] = inward(values[j], steps[k], self.limits.high[j])
+                moved = values.copy()
+                moved[j] += steps[k]
+                there = self.renderer.field_alone(moved_scene(self.scene, self.keys, moved))
+                turns[k] = (np.nan_to_num(there) - field) / np.float32(steps[k])
+        else:
+            before, field_before, steps, turns = self._stood
+            moves = (values - before)[self._numbers]
+            share = moves / steps**2 / max(float(np.square(moves / steps).sum()), 1e-300)
+            untold = field - field_before - np.tensordot(moves.astype(np.float32), turns, 1)
             turns = turns + share.astype(np.float32)[:, None, None] * untold
-        return replace(self, values=values, field=field, turns=turns)
+        self._stood = values, field, steps, turns
+        return steps.astype(np.float32), turns
