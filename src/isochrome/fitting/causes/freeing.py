@@ -232,8 +232,6 @@ def _moved(freed: Freed[S], seen: set[_Seen]) -> Freed[S] | Asked:
     before = here in seen
     seen.add(here)
     asked, plans = _plans(freed, asked, before=before)
-    if plans is None:
-        return asked
     for plan in plans:
         again = plan.names == freed.fitted.names
         there = plan.names, left, False
@@ -313,10 +311,8 @@ def _is_shadow(odd: Mask, beside: Mask | None) -> bool:
     return beside is not None and bool((odd & beside).any(axis=0).mean() > HALF)
 
 
-def _plans(freed: Freed[S], asked: Asked, *, before: bool) -> tuple[Asked, list[_Plan] | None]:
+def _plans(freed: Freed[S], asked: Asked, *, before: bool) -> tuple[Asked, list[_Plan]]:
     """Sets that are likelier than what is fitted, the likeliest first, and what is asked by then.
-
-    None where no set explains most of the picture: it is another scene's, and no pixel is odd.
 
     `before`, whether what is fitted was held against others once: not again, where it is likeliest.
     Where the residual is large its slopes say little, and slopes about tractions do not know how
@@ -340,9 +336,6 @@ def _plans(freed: Freed[S], asked: Asked, *, before: bool) -> tuple[Asked, list[
     plans = [plan for plan, _ in tried]
     if plans and plans[0].names == freed.fitted.names and plans[0].excess < FAR:
         return asked, []  # what is left lies where blocks do not see it
-    left = [plan.trial.usual_chi for plan in plans if plan.trial]
-    if left and min(freed.now.chi, *left) > POOR_CHI:
-        return asked, None
     # beside what cannot be fitted nothing else is: it would take that for its own
     plans = plans[: next((k for k, p in enumerate(plans) if p.suspects), None)]
     last = next((k for k, p in enumerate(plans) if p.names == freed.fitted.names), len(plans))

@@ -11,14 +11,7 @@ import numpy as np
 from isochrome.errors import PhysicsError
 from isochrome.estimation import FrameData, block_correlation, local_correlation
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.causes.blocks import (
-    BLOCK,
-    MAD,
-    FrameBlocks,
-    SolvedFrame,
-    block_side,
-    outliers,
-)
+from isochrome.fitting.causes.blocks import BLOCK, FrameBlocks, SolvedFrame, block_side, outliers
 from isochrome.fitting.causes.score import LightTerms
 from isochrome.fitting.causes.trial import (
     Expected,
@@ -282,9 +275,8 @@ class FrameSolution:
         found = None
         if expected.root is not None:
             found = expected.root @ amplitudes[: expected.root.shape[1]]
-        left = model.residual(result)
         return Trial(
-            cost=student_cost(left),
+            cost=student_cost(model.residual(result)),
             normal=result.local.information,
             prior=model.prior.cost(result.values),
             weight=model.prior.weight,
@@ -294,7 +286,6 @@ class FrameSolution:
             excess=result.gamma_fit.noise * block_correlation(model.pixels.keep, residual),
             values=dict(zip(keys, values.tolist(), strict=True)),
             tractions=found,
-            usual_chi=MAD * float(np.median(np.abs(left))),
         )
 
     def still_odd(self, whole: FrameSolution, odd: Mask) -> Mask:
