@@ -174,12 +174,9 @@ def local_noise(keep: Mask, residual: Array, picture: Array) -> float:
     less: by the mean of the blocks, since compression leaves more where there is more to see. Where
     a quintic leaves half of them no more than expected, that is the noise.
     """
-    full = _blocks(keep, np.ones(residual.size, np.float32), _LOCAL_PX).all(axis=1)
-    if full.sum() < _FEWEST:
+    residual_blocks, picture_blocks = _whole_blocks(keep, residual, picture)
+    if len(residual_blocks) < _FEWEST:
         return 1.0
-    residual_blocks, picture_blocks = (
-        _blocks(keep, values, _LOCAL_PX)[full] for values in (residual, picture)
-    )
     if np.median(_rest(residual_blocks, _QUINTIC)) < _LOUDER**2:
         return 1.0
     variance = np.minimum(_rest(residual_blocks, _PLANE), _rest(picture_blocks, _CUBIC))
@@ -193,17 +190,16 @@ def local_correlation(keep: Mask, residual: Array) -> float:
     Of what a plane leaves of the residual in 16 x 16 pixels, by the median of these: compression
     takes the fine part of the noise and keeps the coarse one, which means over blocks have.
     """
-    full = _blocks(keep, np.ones(residual.size, np.float32), _LOCAL_PX).all(axis=1)
-    if full.sum() < _FEWEST:
+    (blocks,) = _whole_blocks(keep, residual)
+    if len(blocks) < _FEWEST:
         return 1.0
+    single = np.maximum(_rest(blocks, _PLANE), 1e-300)
     plane, side = _polynomials(_PLANE), _SUMS_PX[0]
-    blocks = _blocks(keep, residual, _LOCAL_PX)[full]
     blocks -= (blocks @ plane.T) @ plane
-    parts = blocks.reshape(-1, _LOCAL_PX // side, side, _LOCAL_PX // side, side)
-    sums = np.square(parts.sum(axis=(2, 4))).sum(axis=(1, 2)) / side**2
-    freedom = (_LOCAL_PX // side) ** 2 - len(plane), _LOCAL_PX**2 - len(plane)
-    single = np.square(blocks).sum(axis=1) / freedom[1]
-    return max(1.0, float(np.median(sums / np.maximum(single, 1e-300))) / freedom[0])
+    count = _LOCAL_PX // side
+    sums = blocks.reshape(-1, count, side, count, side).sum(axis=(2, 4)) / side
+    variance = np.square(sums).sum(axis=(1, 2)) / (count**2 - len(plane))
+    return max(1.0, float(np.median(variance / single)))
 
 
 def _picture(keep: Mask, values: Array) -> Array:
@@ -218,6 +214,12 @@ def _blocks(keep: Mask, values: Array, side: int) -> Array:
     rows, cols = (n // side for n in keep.shape)
     parts = _picture(keep, values)[: rows * side, : cols * side].reshape(rows, side, cols, side)
     return parts.transpose(0, 2, 1, 3).reshape(rows * cols, side**2)
+
+
+def _whole_blocks(keep: Mask, *images: Array) -> list[Array]:
+    """Of each image's values (n,) the blocks (b, 256) of 16 x 16 pixels that were all kept."""
+    whole = _blocks(keep, np.ones(images[0].size, np.float32), _LOCAL_PX).all(axis=1)
+    return [_blocks(keep, values, _LOCAL_PX)[whole] for values in images]
 
 
 def _rest(blocks: Array, degree: int) -> Array:

@@ -321,9 +321,9 @@ class SetModel:
     def signal(self, index: int, values: Array, moved: dict[str, float] | None = None) -> Array:
         """The polariscope's 0..1 at an image's pixels (n,), with some shared keys elsewhere."""
         shared = self.split(values)[2] | (moved or {})
-        return self.seen(index, values, shared, self._orders(index, values, shared))
+        return self.signal_of(index, values, shared, self._orders(index, values, shared))
 
-    def seen(
+    def signal_of(
         self, index: int, values: Array, shared: dict[str, float], orders: tuple[Array, ...]
     ) -> Array:
         """The same where its order, and that less of the pixels beside, are known."""
@@ -338,7 +338,7 @@ class SetModel:
         """The model at some unknowns, None where it is not finite."""
         exposure, _, shared = self.split(values)
         orders = tuple(self._orders(i, values, shared) for i in range(len(self.shots)))
-        signals = tuple(self.seen(i, values, shared, own) for i, own in enumerate(orders))
+        signals = tuple(self.signal_of(i, values, shared, own) for i, own in enumerate(orders))
         if not all(np.isfinite(s).all() for s in signals):
             return None
         return SetPoint(self, values, orders, signals, exposure, shared[GAMMA])
@@ -420,7 +420,7 @@ class SetPoint:
 
     @cached_property
     def _columns(self) -> tuple[Array, ...]:
-        """Those of the model's own light, of each image."""
+        """Those of the model's own light, of all images: derivatives and residuals share them."""
         return tuple(self.columns(i, bases) for i, bases in enumerate(self.model.bases))
 
     @cached_property
@@ -450,7 +450,7 @@ class SetPoint:
         if model.unknowns_of(index, self.values)[1]:
             return order, np.zeros_like(order)
         shared = model.split(self.values)[2]
-        change = model.seen(index, self.values, shared, (order + STEP, *beside))
+        change = model.signal_of(index, self.values, shared, (order + STEP, *beside))
         return order, (change - self.signals[index]) / STEP
 
     @cached_property
@@ -502,7 +502,7 @@ class SetPoint:
                 if key in LENS:
                     moved = model.signal(index, self.values, one)
                 else:  # the orders stay
-                    moved = model.seen(index, self.values, shared | one, self.orders[index])
+                    moved = model.signal_of(index, self.values, shared | one, self.orders[index])
                 row[:] = (moved - self.signals[index]) * gain / step
         return rows
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -249,10 +250,7 @@ class FrameSolution:
     def trial(self, change: Change, expected: Expected) -> Trial | None:
         """A fit to means over blocks with what is expected of it; None where there is none."""
         data, keys, scene = self._changed(change)
-        if self.noise_ratio > 1.0:  # a compressed picture's blocks have more noise than its pixels
-            pixels, fitted = self.fitted.model.pixels, self.fitted.final.gamma_fit
-            data = data.with_noise(local_correlation(pixels.keep, fitted.residual) ** 0.5)
-        side = block_side(data.shape)
+        data, side = data.with_noise(self._block_noise), block_side(data.shape)
         prior = expected.prior(keys, self.fitted.stated.prior(keys))
         try:
             region = fit_region(through_a_lens(scene), data.shape, 1, expected.hidden_px)
@@ -287,6 +285,14 @@ class FrameSolution:
             values=dict(zip(keys, values.tolist(), strict=True)),
             tractions=found,
         )
+
+    @cached_property
+    def _block_noise(self) -> float:
+        """The noise of means over blocks over that of independent pixels: more if compressed."""
+        if self.noise_ratio == 1.0:
+            return 1.0
+        pixels, final = self.fitted.model.pixels, self.fitted.final
+        return float(np.sqrt(local_correlation(pixels.keep, final.gamma_fit.residual)))
 
     def still_odd(self, whole: FrameSolution, odd: Mask) -> Mask:
         """Which of the blocks that it left out of the `whole` frame it does not explain."""
