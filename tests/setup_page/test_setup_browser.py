@@ -294,7 +294,8 @@ def test_from_the_real_discs_known_loads_to_the_one_that_nobody_stated(chromium,
         scene = isochrome.load_scene(tmp_path / "scene.toml")
         own.page.click("#check")
         own.page.wait_for_function(
-            "() => document.getElementById('check-result').dataset.revision == page.state.revision"
+            "() => { const said = document.getElementById('check-result').dataset;"
+            " return said.whole === 'true' && said.revision == page.state.revision; }"
         )
         assert own.page.get_attribute("#check-result", "data-ok") == "true", own.page.text_content(
             "#check-result"

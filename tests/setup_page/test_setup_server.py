@@ -10,6 +10,7 @@ import time
 
 import pytest
 
+from isochrome.frames import look_through
 from isochrome.samples import samples_path
 from isochrome.setup_page import MOST_BYTES, open_session
 from runs.killing import listen
@@ -161,6 +162,22 @@ def test_what_cannot_be_done_is_said_in_a_line(server, name, asked, wanted):
     assert status == wanted
     said = json.loads(body)["error"]
     assert said and "\n" not in said and "Traceback" not in said
+
+
+def test_a_check_that_comes_by_itself_fits_no_frame(made, monkeypatch):
+    """It comes after each change, and what a user asks for next waits for it."""
+    fitted = []
+    monkeypatch.setattr(
+        "isochrome.setup_page.server.check",
+        lambda frames, scene: fitted.append(True) or look_through(frames, scene),
+    )
+    with served(made) as server:
+        for asked in ({}, {"fringes": False}, {"fringes": True}):
+            path = f"/{server.token}/check"
+            status, _, body = ask(server, "POST", path, body=json.dumps(asked).encode())
+            answer = json.loads(body)
+            assert status == 200 and answer["ok"] and answer["frames"] == 6
+            assert answer["whole"] is bool(fitted) is (asked.get("fringes") is True)
 
 
 def test_a_frame_is_its_grey_levels(server):

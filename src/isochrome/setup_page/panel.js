@@ -2,7 +2,7 @@
 const data = JSON.parse(get("data").textContent);
 const page = { state: null, frame: 0, checked: -1, fit: null };
 const FORM_HINT = get("form-hint").textContent;
-const FAST_PIXELS = 2e7; // frames that a check reads in a second or so: it then comes by itself
+const FAST_PIXELS = 2e7; // frames that are looked through in a second or so: this then comes by itself
 
 function say(text, wrong = false) {
   get("status").textContent = text;
@@ -378,34 +378,37 @@ function listOf(rows) {
   return list;
 }
 
-/* check: by itself where it is quick */
+/* check: by itself where it is quick, without the fit of a frame, which the button asks for */
 let checkTimer = 0, checking = false;
 function checkSoon() {
   clearTimeout(checkTimer);
   const { count, rows, cols } = page.state.frames;
   if (!page.state.has_scene) return;
   if (page.checked !== page.state.revision) get("check-result").textContent = "The " + noun(page.state) + " has changed since the last check.";
-  if (count * rows * cols <= FAST_PIXELS) checkTimer = setTimeout(checkNow, 1500);
+  if (count * rows * cols <= FAST_PIXELS) checkTimer = setTimeout(() => checkNow(false), 1500);
 }
-async function checkNow() {
-  if (checking) { checkTimer = setTimeout(checkNow, 500); return; }
+async function checkNow(fringes) {
+  clearTimeout(checkTimer);
+  if (checking) { checkTimer = setTimeout(() => checkNow(fringes), 500); return; }
   checking = true;
   get("check-result").textContent = "Checking …";
   try {
-    const found = await post("check", {});
+    const found = await post("check", { fringes });
     page.checked = found.revision;
     get("check-result").replaceChildren();
     const head = document.createElement("p");
-    head.textContent = found.frames + (found.frames === 1 ? " frame" : " frames") + " read: " + (found.ok ? "no error found." : "errors found, see below.");
+    head.textContent = found.frames + (found.frames === 1 ? " frame" : " frames") + " read: " + (found.ok ? "no error found." : "errors found, see below.") +
+      (found.whole ? "" : " “Check now” fits a frame as well.");
     get("check-result").append(head, listOf(found.findings.map((one) => [one.level, one.text])));
     get("check-result").dataset.ok = found.ok;
+    get("check-result").dataset.whole = found.whole;
     get("check-result").dataset.revision = found.revision;
     if (page.state.revision !== found.revision) checkSoon();
   } catch (error) {
     get("check-result").textContent = error.message;
   } finally { checking = false; }
 }
-get("check").addEventListener("click", checkNow);
+get("check").addEventListener("click", () => checkNow(true));
 
 /* the text: what is typed and not used yet stays, whatever is done beside it */
 let shownText = "";

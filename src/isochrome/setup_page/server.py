@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError, IsochromeError, PhysicsError
+from isochrome.frames import look_through
 from isochrome.messages import message
 from isochrome.output import plain, with_uncertainty
 from isochrome.processing import (
@@ -132,19 +133,24 @@ def _value_row(one: FrameValue) -> dict[str, Any]:
     }
 
 
-def check_answer(session: SetupSession) -> dict[str, Any]:
+def check_answer(session: SetupSession, *, fringes: bool) -> dict[str, Any]:
     """What `isochrome check` says of the frames and the scene as it is on the page.
 
-    `ok`, `count`, `findings`, and the `revision` of the scene that was checked; InputError where
-    there is none yet.
+    `ok`, `count`, `findings`, the `revision` of the scene that was checked, and `whole`: whether a
+    frame was fitted too, which takes seconds to a minute, where there is one to fit; InputError
+    where there is no scene yet.
     """
     scene, revision = session.scene(), session.revision
     try:
         session.check_complete()
     except InputError as error:  # a set of which something is still open
         finding = {"level": "error", "frame": None, "text": str(error)}
-        return {"ok": False, "frames": 0, "findings": [finding], "revision": revision}
-    answer = check(session.frames, scene).to_json() | {"revision": revision}
+        return {
+            "ok": False, "frames": 0, "findings": [finding], "revision": revision, "whole": True,
+        }  # fmt: skip
+    found = check(session.frames, scene) if fringes else look_through(session.frames, scene)
+    whole = fringes or not (found.ok and scene.has_model)
+    answer = found.to_json() | {"revision": revision, "whole": whole}
     if session.subject is not None:  # a set has its own model
         reason, findings = scene.no_model_reason, answer["findings"]
         answer["findings"] = [f for f in findings if not f["text"].startswith(reason)]
@@ -616,7 +622,9 @@ POSTS: Mapping[str, Route] = {
     "outlines": lambda server, request: {
         "outlines": set_of(server.session).outlines(_index(request))
     },
-    "check": lambda server, _: check_answer(server.session),
+    "check": lambda server, request: check_answer(
+        server.session, fringes=request.get("fringes") is True
+    ),
     "map": _map,
     "preview": lambda server, request: server.preview.answer(_index(request), request),
 }
