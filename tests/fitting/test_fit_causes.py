@@ -8,7 +8,9 @@ import pytest
 from fitting.engine_frames import prepared
 from fitting.sliding_bench import FRICTION, LOAD, bench
 from isochrome.benchmarks import load_benchmarks
+from isochrome.estimation import POOR_CHI
 from isochrome.fitting import cause_messages, fit_frame, fit_with_causes
+from isochrome.fitting.causes import freeing
 from isochrome.processing import cell_values
 from isochrome.reference import contact_modulus, hertz_half_width, hertz_peak_pressure, hertz_stress
 from isochrome.stress import pixel_grid
@@ -241,6 +243,19 @@ def test_a_compressed_picture_keeps_its_chi_and_its_pulls(noise, quality):
     assert not freed.causes and not freed.light
     assert np.all(np.abs(pulls(freed.fit)) < 3.0)
     assert any(" times what neighbouring pixels show" in text for text in said)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("other", [{"load.normal_n": 60.0}, {"camera.left_mm": -1.8}])
+def test_what_no_set_explains_is_left_as_it_is(other, monkeypatch):
+    """Half of the light is another contact's: with a seventh to a quarter of the picture left out,
+    and a lens and uneven light in the rest, chi was once 1.01 and the load 1.5 % off."""
+    scene = bench()
+    images = (frame(one, Defects(), 1).astype(float) for one in (scene, scene.with_values(other)))
+    data = prepared(np.rint(sum(images) / 2.0).astype(np.uint8), scene, bit_depth=8)
+    monkeypatch.setattr(freeing, "_with", None)  # no whole frame is fitted with anything more
+    freed = fit_with_causes(data, scene, slips=False)
+    assert freed.is_plain and freed.fit.chi > POOR_CHI
 
 
 @pytest.mark.long

@@ -54,7 +54,7 @@ _OUTLIER = 6.0
 """Residual of a block, in standard deviations of a block's, beyond which it is no accident."""
 _BESIDE = 2.5
 """The same beside such a block: a speck has a rim."""
-_MAD = 1.4826
+MAD = 1.4826
 """Standard deviation over the median of the sizes, of a normal distribution."""
 _ORDER = 1e-3
 """Fringes by which an order is changed."""
@@ -353,7 +353,7 @@ def outliers(image: Array, chosen: Mask) -> Mask:
     count = block_sums((image != 0.0).astype(np.float32), BLOCK)
     sums = np.abs(block_sums(image, BLOCK))
     blocks = np.where(chosen, sums / np.sqrt(np.maximum(count, 1.0)), 0.0)
-    noise = max(1.0, _MAD * float(np.median(blocks[chosen])))
+    noise = max(1.0, MAD * float(np.median(blocks[chosen])))
     size = blocks / noise
     near = np.ones((3, 3), dtype=bool)
     seeds = np.maximum(size, _largest_near(image) / noise) > _OUTLIER

@@ -57,6 +57,9 @@ _LEAST_EVEN = 0.1
 """Least square, of its size's, at which an even cause begins: it has no slope at nought."""
 _SAME_CHI = 1.01
 """Ratio of chi within which a fit with fewer unknowns must stay."""
+_MOST_ODD = 0.15
+"""Largest share of the picture's blocks that may be left out as odd: what explains fewer of the
+others is another scene's picture."""
 _KEPT = 0.25
 """How much of what its slope has promised a step of tractions must bring."""
 _LIGHTS = 4
@@ -271,13 +274,15 @@ def _nearer(freed: Freed[S], asked: Asked) -> Freed[S] | None:
 
 
 def _left_out(freed: Freed[S], odd: Mask | None) -> Freed[S] | None:
-    """The fit without some blocks more; None where there are none, or it cannot be made."""
+    """The fit without some blocks more; None where there are none, too many, or it is not sound."""
     if odd is None:
         return None
     if freed.odd is not None:
         odd = odd | freed.odd
         if (odd == freed.odd).all():
             return None
+    if odd.mean() > _MOST_ODD:
+        return None
     try:
         now, left = _again(freed, Change(), odd)
     except PhysicsError:
@@ -336,6 +341,9 @@ def _plans(freed: Freed[S], asked: Asked, *, before: bool) -> tuple[Asked, list[
     plans = [plan for plan, _ in tried]
     if plans and plans[0].names == freed.fitted.names and plans[0].excess < FAR:
         return asked, []  # what is left lies where blocks do not see it
+    left = [plan.trial.usual_chi for plan in plans if plan.trial]
+    if left and min(freed.now.chi, *left) > POOR_CHI:
+        return asked, []  # none explains a usual block: others are odd, or it is another scene
     # beside what cannot be fitted nothing else is: it would take that for its own
     plans = plans[: next((k for k, p in enumerate(plans) if p.suspects), None)]
     last = next((k for k, p in enumerate(plans) if p.names == freed.fitted.names), len(plans))

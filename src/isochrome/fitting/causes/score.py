@@ -63,8 +63,6 @@ _ORDERS, _WIDTHS = (0.003, 0.01, 0.03, 0.1), (0.12, 0.3)
 """Standard deviations of an unknown order, fringes, and its lengths, of the picture's size."""
 _LEAST_VALUE = 0.1
 """Of its size, the least value at which an even cause that is fitted is taken to stand."""
-_MOST_OUT = 0.15
-"""Largest share of the blocks that may be left out as outliers."""
 
 
 @dataclass(frozen=True)
@@ -349,7 +347,7 @@ def _order_root(size: float, width: float) -> Array:
 def _outside_of_all(found: list[Mask]) -> Mask | None:
     """The blocks that are odd in any of several frames: dust lies on the glass; None for none."""
     outside = np.logical_or.reduce(found)
-    return outside if 0.0 < outside.mean() <= _MOST_OUT else None
+    return outside if outside.any() else None
 
 
 def light_sizes(terms: LightTerms, fall: float = LIGHT_FALLS[1]) -> list[float]:

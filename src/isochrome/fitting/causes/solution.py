@@ -12,7 +12,14 @@ import numpy as np
 from isochrome.errors import PhysicsError
 from isochrome.estimation import FrameData, block_correlation, local_correlation
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.causes.blocks import BLOCK, FrameBlocks, SolvedFrame, block_side, outliers
+from isochrome.fitting.causes.blocks import (
+    BLOCK,
+    MAD,
+    FrameBlocks,
+    SolvedFrame,
+    block_side,
+    outliers,
+)
 from isochrome.fitting.causes.score import LightTerms
 from isochrome.fitting.causes.trial import (
     Expected,
@@ -273,8 +280,9 @@ class FrameSolution:
         found = None
         if expected.root is not None:
             found = expected.root @ amplitudes[: expected.root.shape[1]]
+        left = model.residual(result)
         return Trial(
-            cost=student_cost(model.residual(result)),
+            cost=student_cost(left),
             normal=result.local.information,
             prior=model.prior.cost(result.values),
             weight=model.prior.weight,
@@ -284,6 +292,7 @@ class FrameSolution:
             excess=result.gamma_fit.noise * block_correlation(model.pixels.keep, residual),
             values=dict(zip(keys, values.tolist(), strict=True)),
             tractions=found,
+            usual_chi=MAD * float(np.median(np.abs(left))),
         )
 
     @cached_property

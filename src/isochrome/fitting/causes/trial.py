@@ -74,7 +74,8 @@ class Trial:
     `cost` and `normal` (p, p), of the pixels alone; `prior` cost, `weight` (p,) and `extra` (p,),
     those that not every set has; `light`, the normal equations (k, k) of its products, and the
     `light_weight` (k,) of theirs; `excess`, the variance of what is left over the noise's; `values`
-    of the keys, `tractions` (k,) of the modes, None where it has none.
+    of the keys, `tractions` (k,) of the modes, None where it has none; `usual_chi`, what a typical
+    block has left over the noise, be others odd, 0 where it is not kept.
     """
 
     cost: float
@@ -87,6 +88,7 @@ class Trial:
     excess: float
     values: dict[str, float]
     tractions: Array | None = None
+    usual_chi: float = 0.0
 
     def evidence(self, noise: float) -> float:
         """ln E, at a variance of the noise."""
