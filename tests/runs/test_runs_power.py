@@ -49,8 +49,11 @@ class Disk:
 
 
 def now(place):
-    """The bytes of a file, or the names in a folder."""
-    return sorted(os.listdir(place)) if place.is_dir() else place.read_bytes()
+    """The bytes of a file, or the names in a folder; None where another thread has moved it on."""
+    try:
+        return sorted(os.listdir(place)) if place.is_dir() else place.read_bytes()
+    except FileNotFoundError:
+        return None
 
 
 def noting(disk, rename):
