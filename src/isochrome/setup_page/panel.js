@@ -383,13 +383,13 @@ let checkTimer = 0, checking = false;
 function checkSoon() {
   clearTimeout(checkTimer);
   const { count, rows, cols } = page.state.frames;
-  if (!page.state.has_scene) return;
-  if (page.checked !== page.state.revision) get("check-result").textContent = "The " + noun(page.state) + " has changed since the last check.";
+  if (!page.state.has_scene || page.checked === page.state.revision) return;
+  get("check-result").textContent = "The " + noun(page.state) + " has changed since the last check.";
   if (count * rows * cols <= FAST_PIXELS) checkTimer = setTimeout(() => checkNow(false), 1500);
 }
 async function checkNow(fringes) {
   clearTimeout(checkTimer);
-  if (checking) { checkTimer = setTimeout(() => checkNow(fringes), 500); return; }
+  if (checking) { setTimeout(() => checkNow(fringes), 500); return; }
   checking = true;
   get("check-result").textContent = "Checking …";
   try {
