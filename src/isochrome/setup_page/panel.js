@@ -389,7 +389,11 @@ function checkSoon() {
 }
 async function checkNow(fringes) {
   clearTimeout(checkTimer);
-  if (checking) { setTimeout(() => checkNow(fringes), 500); return; }
+  if (checking) { // one that comes by itself gives way to the next, one that was asked for does not
+    const later = setTimeout(() => checkNow(fringes), 500);
+    if (!fringes) checkTimer = later;
+    return;
+  }
   checking = true;
   get("check-result").textContent = "Checking …";
   try {

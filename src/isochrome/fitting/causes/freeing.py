@@ -58,8 +58,8 @@ _LEAST_EVEN = 0.1
 _SAME_CHI = 1.01
 """Ratio of chi within which a fit with fewer unknowns must stay."""
 _MOST_ODD = 0.15
-"""Largest share of the picture's blocks that may be left out as odd: what explains fewer of the
-others is another scene's picture."""
+"""Largest share of the picture's blocks that all rounds may leave out as odd: with more of it out,
+what is not there explains the rest."""
 _KEPT = 0.25
 """How much of what its slope has promised a step of tractions must bring."""
 _LIGHTS = 4
@@ -341,8 +341,8 @@ def _plans(freed: Freed[S], asked: Asked, *, before: bool) -> tuple[Asked, list[
     plans = [plan for plan, _ in tried]
     if plans and plans[0].names == freed.fitted.names and plans[0].excess < FAR:
         return asked, []  # what is left lies where blocks do not see it
-    left = [plan.trial.usual_chi for plan in plans if plan.trial]
-    if left and min(freed.now.chi, *left) > POOR_CHI:
+    usual = [plan.trial.usual_chi for plan in plans if plan.trial]
+    if usual and min(freed.now.chi, *usual) > POOR_CHI:
         return asked, []  # none explains a usual block: others are odd, or it is another scene
     # beside what cannot be fitted nothing else is: it would take that for its own
     plans = plans[: next((k for k, p in enumerate(plans) if p.suspects), None)]

@@ -280,9 +280,9 @@ class FrameSolution:
         found = None
         if expected.root is not None:
             found = expected.root @ amplitudes[: expected.root.shape[1]]
-        left = model.residual(result)
+        over_blocks = model.residual(result)
         return Trial(
-            cost=student_cost(left),
+            cost=student_cost(over_blocks),
             normal=result.local.information,
             prior=model.prior.cost(result.values),
             weight=model.prior.weight,
@@ -292,7 +292,7 @@ class FrameSolution:
             excess=result.gamma_fit.noise * block_correlation(model.pixels.keep, residual),
             values=dict(zip(keys, values.tolist(), strict=True)),
             tractions=found,
-            usual_chi=MAD * float(np.median(np.abs(left))),
+            usual_chi=MAD * float(np.median(np.abs(over_blocks))),
         )
 
     @cached_property
