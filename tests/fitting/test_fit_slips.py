@@ -169,7 +169,7 @@ def test_a_slip_is_named_that_leaves_a_sixteenth_of_what_chi_squared_is_too_larg
     monkeypatch, image, chi, named
 ):
     """Of 19² - 1 = 360 that is 22.5: chi = 4.85."""
-    monkeypatch.setattr(slips, "_tried", lambda slip, keys: (chi, slip.scene))
+    monkeypatch.setattr(slips, "_tried", lambda slip, keys, lost: (chi, slip.scene))
     assert (
         slips.explaining_slip(prepared(image, stated()), stated(), None, 19.0) is not None
     ) is named

@@ -630,10 +630,12 @@ def fit_with_causes(
     given = data = data.with_noise(fitted.fit.noise_ratio / data.noise_ratio)
     if fitted.fit.scene.frames.stated_gamma != data.gamma:
         data = data.toned(fitted.fit.scene.frames.stated_gamma)
-    freed = None if is_lost(fitted) else free_causes(FrameSolution(data, fitted, past=past))
+    lost = is_lost(fitted)
+    freed = None if lost else free_causes(FrameSolution(data, fitted, past=past))
     # a slip costs more to look for than all causes, and what they explain has none
     if slips and (freed is None or freed.now.chi > POOR_CHI):
-        slip = explaining_slip(given, scene, keys, fitted.fit.chi)
+        start = scene if lost else fitted.fit.scene
+        slip = explaining_slip(given, start, keys, fitted.fit.chi, lost=lost)
         if slip is not None:
             lost = replace(fitted, fit=replace(fitted.fit, positive=False))
             unlit = FrameSolution(data, lost)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from isochrome.estimation import FrameData, is_explained
 from isochrome.fitting.frame.frame_fit import Fitted, placed
 from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LEFT, LENS, TOP, free_keys
 from isochrome.fitting.result import TOO_FAR
-from isochrome.fitting.search.cold_start import search_frame
+from isochrome.fitting.search.cold_start import Settled, search_frame, settle_frame
 from isochrome.frames import as_turned
 from isochrome.messages import message
 from isochrome.scene import STIFFEST_GPA, Scene
@@ -66,19 +67,31 @@ class _Candidate:
 
 
 def is_lost(fitted: Fitted) -> bool:
-    """Whether a fit is so far off that its values say nothing."""
-    fit, light = fitted.fit, fitted.final.gamma_fit.part.amplitude
-    return not fit.positive or fit.chi > TOO_FAR * float(np.mean(light))
+    """Whether a fit is so far off that its values say nothing.
+
+    What it leaves is held against its light; beside more than noise also against the picture's
+    own, as fringes vary by 1/sqrt(8) of theirs: a field of no fringe has any light.
+    """
+    fit, pixels = fitted.fit, fitted.model.pixels
+    light = float(np.mean(fitted.final.gamma_fit.part.amplitude))
+    if fit.chi > _LEAST:
+        light = min(light, sqrt(8.0) * float(np.std(pixels.raw * pixels.weight)))
+    return not fit.positive or fit.chi > TOO_FAR * light
 
 
 def explaining_slip(
-    data: FrameData, scene: Scene, keys: tuple[str, ...] | None, before: float
+    data: FrameData,
+    scene: Scene,
+    keys: tuple[str, ...] | None,
+    before: float,
+    *,
+    lost: bool = True,
 ) -> Slip | None:
     """The slip in a scene that explains a frame far better than the scene does.
 
-    Parameters: `data`, the frame; `scene`, one state, where the fit began; `keys`, its unknowns, by
-    default `free_keys`; `before`, chi as it stands, inf where the fit gave no light. Returns None
-    where none of them does.
+    Parameters: `data`, the frame; `scene`, one state, where the fit began, or ended where its
+    values are not `lost`; `keys`, its unknowns, by default `free_keys`; `before`, chi as it stands,
+    inf where the fit gave no light. Returns None where none of them does.
     """
     if before <= _LEAST:
         return None  # noise alone: no scene explains it better
@@ -90,7 +103,7 @@ def explaining_slip(
         keys = tuple(dict.fromkeys((*keys, LEFT, TOP)))
     best: Slip | None = None
     for slip in _slips(data, scene):
-        result = _tried(slip, keys)
+        result = _tried(slip, keys, lost)
         if result is None:
             continue
         chi, end = result
@@ -221,11 +234,18 @@ def _is_there(end: Scene, scene: Scene, shape: tuple[int, int]) -> bool:
     return bool(across and down)
 
 
-def _tried(slip: _Candidate, keys: tuple[str, ...]) -> tuple[float, Scene] | None:
-    """Residual over noise of a quick fit, and where it ended; None where it explains nothing."""
+def _tried(slip: _Candidate, keys: tuple[str, ...], lost: bool) -> tuple[float, Scene] | None:
+    """Residual over noise of a quick fit, and where it ended; None where it explains nothing.
+
+    Only what is `lost` is searched for: else a slip leaves values near those that were found.
+    """
     try:
-        best = search_frame(slip.data, slip.scene, keys).found[0]
+        if lost:
+            best: Settled | None = search_frame(slip.data, slip.scene, keys).found[0]
+        else:
+            best = settle_frame(slip.data, slip.scene, keys)
     except (InputError, PhysicsError):
         return None
-    lost = not best.positive or best.chi > TOO_FAR * best.gain
-    return None if lost else (best.chi, best.scene)
+    if best is None or not best.positive or best.chi > TOO_FAR * best.gain:
+        return None
+    return best.chi, best.scene
