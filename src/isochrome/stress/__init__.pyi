@@ -4,9 +4,11 @@ from .field import (
     PixelGrid,
     StressComponents,
     StressDifference,
+    below_surface,
     pixel_grid,
     principal_direction,
     seen_by,
+    seen_nearly,
 )
 from .half_plane import (
     DEEP_PX,
@@ -51,6 +53,7 @@ __all__ = [
     "Sides",
     "StressComponents",
     "StressDifference",
+    "below_surface",
     "cauchy_of_hat",
     "components_on_grid",
     "corrections",
@@ -65,6 +68,7 @@ __all__ = [
     "principal_direction",
     "regular_modes",
     "seen_by",
+    "seen_nearly",
     "series_difference",
     "stress_components",
     "stress_difference",

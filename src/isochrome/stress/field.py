@@ -262,24 +262,59 @@ _ABOVE = 6
 """Rows above the surface that a field is continued over: a spline feels no more of them."""
 
 
+_WIDEST = 32_000
+"""Rows or columns up to which `seen_nearly` takes a field."""
+
+
 def seen_by(field: NDArray[N], grid: PixelGrid, pixels: PixelGrid) -> NDArray[N]:
     """Interpolate a field (rows, cols) where pixels look, by cubic splines; 0 above the surface.
 
-    A jump at the surface would ring in the spline: the field goes on as f(-z) = 2 f(0) - f(z), with
-    its value and slope. The grid's rows lie half a pixel below the surface and at whole pixels from
-    there, see `PixelGrid.around`. Without a lens the field is returned as it is.
+    Without a lens the field is returned as it is.
     """
     from scipy.ndimage import map_coordinates
 
     if pixels.lens is None:
         return field
+    places = np.stack(_places_in(grid, pixels))
+    sampled = map_coordinates(below_surface(field, grid), places, order=3, mode="nearest")
+    return np.where(pixels.places[1] >= 0.0, sampled, 0).astype(field.dtype)
+
+
+def seen_nearly(field: NDArray[N], grid: PixelGrid, pixels: PixelGrid) -> NDArray[N]:
+    """The same of a complex64 field by straight lines, to a 32nd of a pixel: for small changes.
+
+    It takes a twentieth of the time.
+    """
+    import cv2
+
+    if max(*field.shape, pixels.rows, pixels.cols) > _WIDEST:
+        return seen_by(field, grid, pixels)
+    down, across = (v.astype(np.float32) for v in _places_in(grid, pixels))
+    parts = np.ascontiguousarray(below_surface(field, grid)).view(np.float32)
+    parts = parts.reshape(*field.shape, 2)
+    seen = cv2.remap(parts, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    seen[pixels.places[1] < 0.0] = 0.0
+    return np.asarray(seen).view(field.dtype)[..., 0]
+
+
+def below_surface(field: NDArray[N], grid: PixelGrid) -> NDArray[N]:
+    """A field (rows, cols) that goes on above the surface as f(-z) = 2 f(0) - f(z).
+
+    So it keeps its value and slope: a jump at the surface would ring in a spline. The grid's rows
+    lie half a pixel below the surface and at whole pixels from there, see `PixelGrid.around`.
+    """
+    first = round(-grid.top_mm / grid.pixel_mm)
+    if not 0 < first < len(field):
+        return field
+    field = field.copy()
+    near = field[first : first + min(_ABOVE, first, len(field) - first)]
+    surface = 1.5 * near[0] - 0.5 * near[min(1, len(near) - 1)]
+    field[first - len(near) : first] = (2.0 * surface - near)[::-1]
+    return field
+
+
+def _places_in(grid: PixelGrid, pixels: PixelGrid) -> list[Floats]:
+    """Where pixels look (rows, cols), in rows and columns of a plain grid."""
     x, z = pixels.places
     places = [(v - v0) / grid.pixel_mm - 0.5 for v, v0 in ((z, grid.top_mm), (x, grid.left_mm))]
-    first = round(-grid.top_mm / grid.pixel_mm)
-    if 0 < first < len(field):
-        field = field.copy()
-        near = field[first : first + min(_ABOVE, first, len(field) - first)]
-        surface = 1.5 * near[0] - 0.5 * near[min(1, len(near) - 1)]
-        field[first - len(near) : first] = (2.0 * surface - near)[::-1]
-    sampled = map_coordinates(field, np.broadcast_arrays(*places), order=3, mode="nearest")
-    return np.where(z >= 0.0, sampled, 0).astype(field.dtype)
+    return list(np.broadcast_arrays(*places))

@@ -291,18 +291,18 @@ def _left_out(freed: Freed[S], odd: Mask | None) -> Freed[S] | None:
 
 
 def _again(
-    freed: Freed[S], change: Change, odd: Mask | None, *, same: bool = False
+    freed: Freed[S], change: Change, odd: Mask | None, *, same: bool = False, most: float = np.inf
 ) -> tuple[S, Mask | None]:
     """The fit with a change and without `odd` blocks, and those that are out.
 
     What is explained once it is made without them is taken in again, but with the `same` set: it
-    explains no more than before.
+    explains no more than before. A fit that leaves more than `most`, its chi, is not of use.
     """
     if odd is None:
         return freed.now.again(change), None
     now = freed.now.again(replace(change, outside=odd))
     assert freed.asked is not None
-    if same or _is_shadow(odd, freed.asked.beside):
+    if same or now.chi > most or _is_shadow(odd, freed.asked.beside):
         return now, odd
     left = now.still_odd(freed.stated, odd)
     if left.sum() == odd.sum():
@@ -524,14 +524,13 @@ def _changed_light(freed: Freed[S], plan: _Plan) -> LightTerms | None:
 
 def _with(freed: Freed[S], plan: _Plan) -> Freed[S] | None:
     """The fit with a set, None where it is not sound, or no better with more unknowns."""
-    before = freed.now
+    fewer, same = not (plan.names - freed.fitted.names), plan.names == freed.fitted.names
+    most = freed.now.chi * (_SAME_CHI if fewer else 1.0)
     try:
-        same = plan.names == freed.fitted.names
-        now, odd = _again(freed, _change(freed, plan), freed.odd, same=same)
+        now, odd = _again(freed, _change(freed, plan), freed.odd, same=same, most=most)
     except PhysicsError:
         return None
-    fewer = not (plan.names - freed.fitted.names)
-    if not now.is_sound or now.chi > before.chi * (_SAME_CHI if fewer else 1.0):
+    if not now.is_sound or now.chi > most:
         return None
     return replace(
         freed,
@@ -634,10 +633,10 @@ def fit_with_causes(
     freed = None if lost else free_causes(FrameSolution(data, fitted, past=past))
     # a slip costs more to look for than all causes, and what they explain has none
     if slips and (freed is None or freed.now.chi > POOR_CHI):
-        start = scene if lost else fitted.fit.scene
-        slip = explaining_slip(given, start, keys, fitted.fit.chi, lost=lost)
+        begun = (given, scene) if lost else (data, fitted.fit.scene)
+        slip = explaining_slip(*begun, keys, fitted.fit.chi, lost=lost)
         if slip is not None:
-            lost = replace(fitted, fit=replace(fitted.fit, positive=False))
-            unlit = FrameSolution(data, lost)
+            dark = replace(fitted, fit=replace(fitted.fit, positive=False))
+            unlit = FrameSolution(data, dark)
             return Freed(now=unlit, stated=unlit, slip=slip)
     return freed or free_causes(FrameSolution(data, fitted, past=past))

@@ -80,12 +80,7 @@ def is_lost(fitted: Fitted) -> bool:
 
 
 def explaining_slip(
-    data: FrameData,
-    scene: Scene,
-    keys: tuple[str, ...] | None,
-    before: float,
-    *,
-    lost: bool = True,
+    data: FrameData, scene: Scene, keys: tuple[str, ...] | None, before: float, *, lost: bool = True
 ) -> Slip | None:
     """The slip in a scene that explains a frame far better than the scene does.
 

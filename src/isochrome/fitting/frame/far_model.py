@@ -153,7 +153,7 @@ class FarModel(FrameModel):
                 steps[k] = inward(values[j], steps[k], self.limits.high[j])
                 moved = values.copy()
                 moved[j] += steps[k]
-                there = self.renderer.field_alone(moved_scene(self.scene, self.keys, moved))
+                there = self.renderer.field_beside(moved_scene(self.scene, self.keys, moved))
                 turns[k] = (np.nan_to_num(there) - field) / np.float32(steps[k])
         else:
             before, field_before, steps, turns = self._stood

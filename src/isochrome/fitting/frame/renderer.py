@@ -7,6 +7,7 @@ stands in the picture is a phase of the tractions' waves, see `stress.half_plane
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -32,10 +33,12 @@ from isochrome.stress import (
     PixelGrid,
     SeriesField,
     SeriesGrid,
+    below_surface,
     make_series_grid,
     pixel_grid,
     principal_direction,
     seen_by,
+    seen_nearly,
     series_difference,
 )
 
@@ -99,14 +102,55 @@ _SLACK = 1.15
 """Reach of a series over what its first place needs: a contact may move so far in the picture."""
 
 
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """What `pixels` see through a lens of a `surface`'s field, made on a grid `around` them."""
+
+    surface: SurfaceState
+    pixels: PixelGrid
+    around: PixelGrid
+    made: SeriesField
+
+    @cached_property
+    def seen(self) -> SeriesField:
+        """The field that they see, and nearly its slopes, where these were made."""
+        slopes = (
+            None if slope is None else seen_nearly(slope, self.around, self.pixels)
+            for slope in self.made.slopes
+        )  # fmt: skip
+        return SeriesField(seen_by(self.made.difference, self.around, self.pixels), *slopes)
+
+    @cached_property
+    def slopes(self) -> tuple[Array, Array]:
+        """Its changes (rows, cols) as what is looked at moves down and across, MPa/mm."""
+        field = below_surface(self.made.difference, self.around)
+        down, across = (np.gradient(field, self.around.pixel_mm, axis=axis) for axis in (0, 1))
+        return (
+            seen_nearly(np.asarray(down, field.dtype), self.around, self.pixels),
+            seen_nearly(np.asarray(across, field.dtype), self.around, self.pixels),
+        )
+
+    def beside(self, field: Array, pixels: PixelGrid) -> Array:
+        """What is seen, to first order, of a field and by pixels that are little else."""
+        seen, above = self.seen.difference, pixels.places[1] < 0.0
+        if field is not self.made.difference:
+            seen = seen + seen_nearly(field - self.made.difference, self.around, pixels)
+        if pixels != self.pixels:
+            moved = (a - b for a, b in zip(pixels.places, self.pixels.places, strict=True))
+            across, down = (m.astype(np.float32) for m in moved)
+            seen = seen + down * self.slopes[0] + across * self.slopes[1]
+        return np.where(above, np.complex64(0.0), seen)
+
+
 @dataclass(frozen=True)
 class _Rendered:
-    """The last field with what it was made of: `state`, and `key`, where that stood."""
+    """The last field with what it was made of: `state`, and `key`, where that stood; its `look`."""
 
     state: SceneState
     key: tuple[Any, ...]
     field: Array
     visibility: Array
+    look: _Look | None
 
 
 class SceneRenderer:
@@ -134,7 +178,7 @@ class SceneRenderer:
         self._states: OrderedDict[Any, SceneState] = OrderedDict()
         self._series: SeriesGrid | None = None
         self._last: _Rendered | None = None
-        self._around: tuple[Any, SurfaceState, SeriesField] | None = None
+        self._look: _Look | None = None
         self.added: Array | None = None  # a field (rows, cols) besides the scene's own, MPa
 
     def order_field(self, scene: Scene) -> tuple[Array, Array]:
@@ -153,18 +197,20 @@ class SceneRenderer:
             above = self._above(scene, pixels)
             visibility_by_area = self._seen_by_area(scene, made.difference, above)
             visibility = self._visibility(scene, made, pixels.pixel_mm, above, blur)
-            last = self._last = _Rendered(state, key, visibility_by_area, visibility)
+            look = self._look if pixels.lens is not None else None
+            last = self._last = _Rendered(state, key, visibility_by_area, visibility, look)
         return last.field, last.visibility
 
     def signal(self, scene: Scene, *, visibility: Array | None = None) -> Array:
         """Polariscope signal at the strided pixels (rows, cols); no specimen, no light.
 
-        PhysicsError where the scene's values cannot be solved.
+        `visibility`, where it is known: a small step beside the last scene. PhysicsError where the
+        scene's values cannot be solved.
         """
         if visibility is None:
             field, visibility = self.order_field(scene)
         else:
-            field = self.field_alone(scene)
+            field = self.field_beside(scene)
         if not scene.is_contact:
             field = np.nan_to_num(field)
         if self.added is not None:
@@ -221,6 +267,18 @@ class SceneRenderer:
         made = self._field(scene, state, pixels, slopes=False)
         return self._seen_by_area(scene, made.difference, self._above(scene, pixels))
 
+    def field_beside(self, scene: Scene) -> Array:
+        """The same a small step beside the last scene: through a lens to first order in it."""
+        look = self._last.look if self._last else None
+        pixels, surface = self._pixels(scene), self.state(scene).surface
+        if look is None or surface is None or pixels.lens is None:
+            return self.field_alone(scene)
+        field = look.made.difference
+        if surface is not look.surface:
+            field = self._waves(surface, look.around, slopes=False).difference
+        field = self._with_added(scene, surface, pixels, look.beside(field, pixels))
+        return self._seen_by_area(scene, field, self._above(scene, pixels))
+
     def difference(self, scene: Scene, state: SceneState) -> Array:
         """The stress difference (rows, cols), MPa, of a solved state in the pixels' middles."""
         return self._field(scene, state, self._pixels(scene), slopes=False).difference
@@ -232,26 +290,28 @@ class SceneRenderer:
         if state.surface is None:
             return SeriesField(state_difference(scene, state, pixels), None, None)
         made = self._seen(state.surface, pixels, slopes)
-        regular = specimen_model(scene).added_stress(scene, state.surface, pixels)
+        added = self._with_added(scene, state.surface, pixels, made.difference)
+        return replace(made, difference=added)
+
+    def _with_added(
+        self, scene: Scene, surface: SurfaceState, pixels: PixelGrid, field: Array
+    ) -> Array:
+        """A half-plane's field with what the specimen has besides."""
+        regular = specimen_model(scene).added_stress(scene, surface, pixels)
         if not regular:
-            return made
-        added = regular.difference(*pixels.places)
-        return replace(made, difference=made.difference + added.astype(np.complex64))
+            return field
+        return np.asarray(field + regular.difference(*pixels.places).astype(np.complex64))
 
     def _seen(self, surface: SurfaceState, pixels: PixelGrid, slopes: bool) -> SeriesField:
         """The half-plane's field at the places that the pixels look at."""
         if pixels.lens is None:
             return self._waves(surface, pixels, slopes)
-        around = pixels.around(_PARTS if self.stride > 1 else 1)
-        if (
-            self._around is None
-            or self._around[0] != (around, slopes)
-            or (self._around[1] is not surface)
-        ):
-            self._around = (around, slopes), surface, self._waves(surface, around, slopes)
-        made = self._around[2]
-        slopes_seen = (None if m is None else seen_by(m, around, pixels) for m in made.slopes)
-        return SeriesField(seen_by(made.difference, around, pixels), *slopes_seen)
+        around, last = pixels.around(_PARTS if self.stride > 1 else 1), self._look
+        made = last.made if last and last.surface is surface and last.around == around else None
+        if made is None or slopes != (made.along is not None):
+            made = self._waves(surface, around, slopes)
+        look = self._look = _Look(surface, pixels, around, made)
+        return look.seen
 
     def _seen_by_area(self, scene: Scene, field: Array, above: Mask) -> Array:
         """The field with the mean of the order over each pixel in place of that in its middle."""
