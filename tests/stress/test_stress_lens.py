@@ -12,6 +12,7 @@ from isochrome.stress import (
     make_field_grid,
     pixel_grid,
     seen_by,
+    seen_nearly,
     stress_components,
     stress_difference,
 )
@@ -105,6 +106,27 @@ def test_a_picture_that_the_surface_does_not_cross_is_seen_as_a_whole(top_mm):
     np.testing.assert_allclose(
         seen_by(slope, grid, pixels), np.where(z >= 0.0, z, 0.0), rtol=0, atol=0.268**4 * 0.02
     )
+
+
+def test_a_small_change_is_seen_by_straight_lines_to_a_32nd_of_a_pixel():
+    pixels = replace(PLAIN, left_mm=-0.8, top_mm=-0.1, lens=replace(LENS, **BENT))
+    grid = pixels.around()
+    plane = (grid.x_mm[None, :] + 2j * grid.z_mm[:, None]).astype(np.complex64)
+    seen, (x, z) = seen_nearly(plane, grid, pixels), pixels.places
+    below = z >= 0.0
+    error = np.abs(seen - (x + 2j * z))[below]
+    # half of a 32nd along x, and twice that along z
+    assert seen.dtype == np.complex64 and (seen[~below] == 0.0).all() and (~below).any()
+    assert error.max() < 1.05 * np.hypot(1.0, 2.0) * grid.pixel_mm / 64.0
+
+
+def test_what_is_too_wide_for_straight_lines_is_seen_by_splines(monkeypatch):
+    pixels = replace(PLAIN, lens=replace(LENS, **BENT))
+    grid = pixels.around()
+    wavy = np.exp(20j * (grid.x_mm[None, :] + grid.z_mm[:, None])).astype(np.complex64)
+    assert np.abs(seen_nearly(wavy, grid, pixels) - seen_by(wavy, grid, pixels)).max() > 1e-3
+    monkeypatch.setattr("isochrome.stress.field._WIDEST", 70)
+    np.testing.assert_array_equal(seen_nearly(wavy, grid, pixels), seen_by(wavy, grid, pixels))
 
 
 def test_a_picture_without_a_lens_is_made_on_its_own_grid():

@@ -68,7 +68,7 @@ from isochrome.scene import (
     with_table_list,
 )
 from isochrome.specimens import specimen_model
-from isochrome.stress import PixelGrid, pixel_grid
+from isochrome.stress import PixelGrid, pixel_grid, seen_nearly
 
 Point = tuple[float, float]
 """A place as (row, col), px."""
@@ -229,8 +229,6 @@ class LiveModel:
         pixels = pixel_grid(scene, self.shape)
         if pixels.lens is None:
             return self._plain(scene, pixels)
-        from scipy.ndimage import map_coordinates
-
         around = pixels.around()
         square = scene.with_values(
             _NO_LENS
@@ -241,13 +239,7 @@ class LiveModel:
                 "camera.height_px": around.rows,
             }
         )
-        picture = self._plain(square, around)
-        x, z = pixels.places
-        at = np.stack(np.broadcast_arrays(z - around.top_mm, x - around.left_mm))
-        signal: NDArray[np.floating] = map_coordinates(
-            picture, at / around.pixel_mm - 0.5, order=1, mode="nearest"
-        )
-        return signal
+        return seen_nearly(self._plain(square, around), around, pixels)
 
     def _plain(self, scene: Scene, pixels: PixelGrid) -> NDArray[np.floating]:
         """The signal on pixels that look straight at the specimen."""
@@ -256,7 +248,7 @@ class LiveModel:
             self._renderers = {shape: SceneRenderer(self._base, shape, rough=True)}
         signal = self._renderers[shape].signal(scene, visibility=np.ones((), np.float32))
         inside = specimen_model(scene).inside(replace(pixels, lens=None))
-        return np.where(inside, np.nan_to_num(signal), 0.0)
+        return np.where(inside, np.nan_to_num(signal), np.float32(0.0))
 
 
 def grey_span(picture: NDArray[np.uint8]) -> tuple[float, float]:
