@@ -88,31 +88,35 @@ def find_place(mutant: Mutant, modules: dict[Path, str]) -> Path:
     return places[0]
 
 
-def same_from(line: int, old: str, new: str) -> bool:
-    """Whether two texts mean the same from a line on, whatever their layout."""
-    one, other = (
-        [node for node in body if (node.end_lineno or 0) >= line]
-        for body in (parsed(old), ast.parse(new).body)
-    )
-    return len(one) == len(other) and all(
-        ast.dump(a) == ast.dump(b) for a, b in zip(one, other, strict=True)
-    )
-
-
 @lru_cache(maxsize=4)
-def parsed(text: str) -> list[ast.stmt]:
-    """The statements of a module, which many changes share."""
-    return ast.parse(text).body
+def spans(text: str) -> list[tuple[int, int]]:
+    """First and last line of each statement of a module, which many changes share."""
+    return [
+        (min(n.lineno for n in (node, *getattr(node, "decorator_list", ()))), node.end_lineno or 0)
+        for node in ast.parse(text).body
+    ]
+
+
+def same_with(change: Mutant, text: str) -> bool:
+    """Whether a module means the same with a change, whatever its layout."""
+    first = text[: text.index(change.text)].count("\n") + 1
+    last = first + change.text.count("\n")
+    touched = [span for span in spans(text) if span[0] <= last and span[1] >= first]
+    if not touched:
+        return True
+    lines = text.splitlines(keepends=True)[touched[0][0] - 1 : touched[-1][1]]
+    old = "".join(lines)
+    new = old.replace(change.text.strip("\n"), change.change.strip("\n"))
+    return ast.dump(ast.parse(old)) == ast.dump(ast.parse(new))
 
 
 def apply_change(mutant: Mutant, modules: dict[Path, str]) -> tuple[Path, str]:
     """The module and its changed text. Raises ValueError, SyntaxError where it is no change."""
     path = find_place(mutant, modules)
     before, behind = modules[path].split(mutant.text)
-    changed = before + mutant.change + behind
-    if same_from(before.count("\n") + 1, modules[path], changed):
+    if same_with(mutant, modules[path]):
         raise ValueError("the change changes nothing")
-    return path, changed
+    return path, before + mutant.change + behind
 
 
 def find_faults(mutants: Iterable[Mutant], modules: dict[Path, str]) -> list[str]:

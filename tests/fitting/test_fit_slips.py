@@ -175,6 +175,21 @@ def test_a_slip_is_named_that_leaves_a_sixteenth_of_what_chi_squared_is_too_larg
     ) is named
 
 
+@pytest.mark.parametrize("lost", [True, False])
+def test_what_is_not_lost_is_not_searched_for(monkeypatch, image, lost):
+    """It took 20 s of a frame that some other fact makes chi = 2 of."""
+    searched = []
+
+    def search(*args):
+        searched.append(args)
+        raise PhysicsError("nothing is there")
+
+    monkeypatch.setattr(slips, "search_frame", search)
+    monkeypatch.setattr(slips, "settle_frame", lambda *args: None)
+    assert slips.explaining_slip(prepared(image, stated()), stated(), None, 9.0, lost=lost) is None
+    assert bool(searched) is lost
+
+
 @pytest.mark.parametrize("first", [(0, None), (90, None), (180, "vertical"), (270, "horizontal")])
 @pytest.mark.parametrize("then", [(180, None), (90, None), (0, "vertical"), (270, "horizontal")])
 def test_a_turn_on_top_of_the_scenes_own_is_named_as_one(first, then):

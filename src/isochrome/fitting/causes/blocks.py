@@ -231,7 +231,7 @@ class FrameBlocks:
 
     def _solved_column(self, key: str, value: float, step: float) -> Array:
         """By what the contact would be with another modulus, or the scar under another friction."""
-        field = self._renderer.field_alone(self.scene.with_values({key: value + step}))
+        field = self._renderer.field_beside(self.scene.with_values({key: value + step}))
         moved = self._signal(self.scene, np.nan_to_num(self.thin(field)))
         return np.asarray((moved - self._here) * (self._gain / step))
 
