@@ -17,6 +17,7 @@ from isochrome.fitting import SceneRenderer, fit_with_causes
 from isochrome.fitting.causes.cause import MODULUS
 from isochrome.fitting.causes.modes import traction_modes
 from isochrome.fitting.causes.score import ORDER, TRACTIONS, Asked
+from isochrome.fitting.causes.solution import FrameSolution
 from isochrome.fitting.frame.frame_model import trust_of_slopes
 from isochrome.scene import dump_scene, load_scene, parse_scene
 from isochrome.simulation import scene_states
@@ -94,6 +95,21 @@ def test_what_moves_fringes_by_more_than_half_of_one_is_named_alone(kind, seed):
     assert row.chi < 1.03
     # four standard uncertainties: one in ten thousand
     assert max(abs(row.load_pull), abs(row.friction_pull)) < 4.0
+
+
+@pytest.mark.long
+def test_a_fact_that_is_in_no_list_is_not_tried_for_ever(monkeypatch):
+    """A picture's ghost: 60 trials bent five causes to it, and the load by 3.2 of its
+    uncertainties; it took 40 s."""
+    tried = []
+    trial = FrameSolution.trial
+    monkeypatch.setattr(
+        FrameSolution, "trial", lambda *args: tried.append(args) or trial(*args)
+    )  # fmt: skip
+    row = case_contacts.judged("unlisted", 26)
+    # three rounds of them
+    assert len(tried) == 27
+    assert max(abs(row.load_pull), abs(row.friction_pull)) < 3.0 and row.flagged
 
 
 def test_a_pressure_that_is_wider_as_a_whole_is_the_tractions():

@@ -262,10 +262,6 @@ _ABOVE = 6
 """Rows above the surface that a field is continued over: a spline feels no more of them."""
 
 
-_WIDEST = 32_000
-"""Rows or columns up to which `seen_nearly` takes a field."""
-
-
 def seen_by(field: NDArray[N], grid: PixelGrid, pixels: PixelGrid) -> NDArray[N]:
     """Interpolate a field (rows, cols) where pixels look, by cubic splines; 0 above the surface.
 
@@ -287,7 +283,7 @@ def seen_nearly(field: NDArray[N], grid: PixelGrid, pixels: PixelGrid) -> NDArra
     """
     import cv2
 
-    if max(*field.shape, pixels.rows, pixels.cols) > _WIDEST:
+    if max(*field.shape, pixels.rows, pixels.cols) >= np.iinfo(np.int16).max:  # OpenCV's limit
         return seen_by(field, grid, pixels)
     down, across = (v.astype(np.float32) for v in _places_in(grid, pixels))
     parts = np.ascontiguousarray(below_surface(field, grid)).view(np.float32)

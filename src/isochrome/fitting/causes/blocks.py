@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from isochrome.estimation import FrameData, block_correlation, cosines, line_noise
+from isochrome.estimation import STEP, FrameData, block_correlation, cosines, line_noise
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.cause import BAND, FRINGE_VALUE, PLATES, YOUNG, Cause
 from isochrome.fitting.causes.modes import TractionModes, traction_modes
@@ -40,7 +40,6 @@ _FILLED = 0.5
 SHADOW_BLOCKS = 5
 """Depth in blocks that a shadow on the surface may reach: it fades, and its end is not seen."""
 
-_STEP = 1e-4
 _STRESS_MPA = 0.01
 _FRICTION = 0.01
 """A change of the scar that stands above what its own tolerance moves."""
@@ -221,8 +220,8 @@ class FrameBlocks:
             moved = self._signal(self.scene, self._fields[0] + np.complex64(_STRESS_MPA) * added)
             return np.asarray((moved - self._here) * (self._gain / _STRESS_MPA))
         if key == FRINGE_VALUE:
-            moved = self._signal(self.scene, self._fields[0] * np.float32(1.0 - _STEP))
-            return np.asarray((moved - self._here) * (self._gain / (_STEP * self.scene.get(key))))
+            moved = self._signal(self.scene, self._fields[0] * np.float32(1.0 - STEP))
+            return np.asarray((moved - self._here) * (self._gain / (STEP * self.scene.get(key))))
         if key in (EARLIER, YOUNG, LAYER):
             value = float(self.scene.get(key) or 0.0)
             step = {EARLIER: _FRICTION, YOUNG: _MODULUS * value, LAYER: _LAYER_UM_PER_MPA}[key]
@@ -294,7 +293,7 @@ class FrameBlocks:
     def _moved_column(self, key: str) -> Array:
         """By the picture's slope, and where the pixels look then: lens, scale and place."""
         start = float(self.scene.get(key) or 0.0)
-        step = _STEP * (start if key == PIXEL else 60.0 if key == LENS[0] else 1.0)
+        step = STEP * (start if key == PIXEL else 60.0 if key == LENS[0] else 1.0)
         before, after = (
             self._places(self.scene.with_values({key: value})) for value in (start, start + step)
         )

@@ -51,8 +51,9 @@ others near the end."""
 _ROUNDS = 16
 _LARGE = 1.03
 """Residual over noise from which sets are told apart by their own fits."""
-_LIKELY, _TRIED = 3, 9
-"""The likeliest sets, and all that are tried of those and what is beside them."""
+_LIKELY, _TRIED, _MOST_TRIALS = 3, 9, 27
+"""The likeliest sets, and all that are tried of those and what is beside them; trials of all
+rounds: what as many do not explain is in no list, and what is bent to it takes the values along."""
 _LEAST_EVEN = 0.1
 """Least square, of its size's, at which an even cause begins: it has no slope at nought."""
 _SAME_CHI = 1.01
@@ -144,6 +145,14 @@ class Freed(Generic[S]):
         return Freed(now=self.stated, stated=self.stated).weighed()
 
 
+@dataclass
+class _Search:
+    """The sets that were `seen` by a search, and how many `trials` it has left."""
+
+    seen: set[_Seen] = field(default_factory=set)
+    trials: int = _MOST_TRIALS
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Plan:
     """A set to fit: `causes`, tractions of a prior's `root`, uneven `light`, still `richer` than
@@ -197,10 +206,9 @@ def free_causes(solution: S) -> Freed[S]:
     freed = Freed(now=solution, stated=solution)
     if not solution.is_bright:
         return freed
-    freed = freed.weighed()
-    seen: set[_Seen] = set()
+    freed, search = freed.weighed(), _Search()
     for _ in range(_ROUNDS):
-        moved = _moved(freed, seen)
+        moved = _moved(freed, search)
         if isinstance(moved, Asked):
             freed = replace(freed, asked=moved)
             break
@@ -211,15 +219,15 @@ def free_causes(solution: S) -> Freed[S]:
     return freed.undone() if freed.now.chi > POOR_CHI and not freed.is_plain else freed
 
 
-def _moved(freed: Freed[S], seen: set[_Seen]) -> Freed[S] | Asked:
+def _moved(freed: Freed[S], search: _Search) -> Freed[S] | Asked:
     """The fit with a likelier set, or without what is odd; what was asked where there is none.
 
     Near the end tractions come to rest first; from afar what is odd beside them goes, as their
     modes are too wide for the surface, and so does a shadow: light and lens take its fainter rows
     for their own. Other pixels are left out where no set is likelier: what is odd may be where a
-    cause is felt most. Sets that were `seen` are not fitted again.
+    cause is felt most. Sets that were seen are not fitted again.
     """
-    asked = freed.asked
+    asked, seen = freed.asked, search.seen
     assert asked is not None
     near = freed.now.chi < _LARGE
     nearer = _nearer(freed, asked) if near else None
@@ -234,7 +242,7 @@ def _moved(freed: Freed[S], seen: set[_Seen]) -> Freed[S] | Asked:
     here = freed.fitted.names, left, near
     before = here in seen
     seen.add(here)
-    asked, plans = _plans(freed, asked, before=before)
+    asked, plans = _plans(freed, asked, search, before=before)
     for plan in plans:
         again = plan.names == freed.fitted.names
         there = plan.names, left, False
@@ -316,7 +324,9 @@ def _is_shadow(odd: Mask, beside: Mask | None) -> bool:
     return beside is not None and bool((odd & beside).any(axis=0).mean() > HALF)
 
 
-def _plans(freed: Freed[S], asked: Asked, *, before: bool) -> tuple[Asked, list[_Plan]]:
+def _plans(
+    freed: Freed[S], asked: Asked, search: _Search, *, before: bool
+) -> tuple[Asked, list[_Plan]]:
     """Sets that are likelier than what is fitted, the likeliest first, and what is asked by then.
 
     `before`, whether what is fitted was held against others once: not again, where it is likeliest.
@@ -329,13 +339,13 @@ def _plans(freed: Freed[S], asked: Asked, *, before: bool) -> tuple[Asked, list[
         return asked, [] if same or best.suspects else [best]
     own = _of_members(asked, _best_ways(asked, freed.fitted.names))
     if same and before:
-        tried = [] if near or not freed.tractions else _tried(freed, asked, [own])
+        tried = [] if near or not freed.tractions else _tried(freed, asked, search, [own])
     elif near:
         less = [plan for plan in _with_less(asked, own) if plan.root is not None]
         less.sort(key=lambda plan: -asked.evidence.of(plan.members))
-        tried = _tried(freed, asked, [best, own, *less[:1]]) if less or not same else []
+        tried = _tried(freed, asked, search, [best, own, *less[:1]]) if less or not same else []
     else:
-        tried = _tried_from_afar(freed, asked, own)
+        tried = _tried_from_afar(freed, asked, search, own)
     logs = {plan.members: log for plan, log in tried if not plan.richer}
     asked = replace(asked, judged=asked.sets.judged(logs)) if logs else asked
     plans = [plan for plan, _ in tried]
@@ -350,7 +360,9 @@ def _plans(freed: Freed[S], asked: Asked, *, before: bool) -> tuple[Asked, list[
     return asked, plans[: last + freed.tractions]  # what is fitted, with tractions that are nearer
 
 
-def _tried_from_afar(freed: Freed[S], asked: Asked, own: _Plan) -> list[tuple[_Plan, float]]:
+def _tried_from_afar(
+    freed: Freed[S], asked: Asked, search: _Search, own: _Plan
+) -> list[tuple[_Plan, float]]:
     """Trials of the likeliest set, of it with one thing less, and of a contact with any pressure;
     then of what else is likely or fitted, with one thing more, or once one explains, one less.
 
@@ -359,14 +371,15 @@ def _tried_from_afar(freed: Freed[S], asked: Asked, own: _Plan) -> list[tuple[_P
     """
     first, *likely = (_of_members(asked, members) for members in asked.sets.members[:_LIKELY])
     pressed = [] if asked.modes is None or freed.tractions else _any_pressure(asked, first)
-    tried = _tried(freed, asked, [first, *pressed, *_with_less(asked, first)])
+    tried = _tried(freed, asked, search, [first, *pressed, *_with_less(asked, first)])
     best = tried[0][0] if tried else own
     if best.root is not None and not freed.tractions:
         return tried
     if best.excess < FAR:
-        return _tried(freed, asked, [*likely, *_with_less(asked, best)], tried)
+        return _tried(freed, asked, search, [*likely, *_with_less(asked, best)], tried)
     richer = [replace(own, richer=True)] if freed.light else []
-    return _tried(freed, asked, [*likely, own, *richer, *_with_one_more(asked, own)], tried)
+    more = [*likely, own, *richer, *_with_one_more(asked, own)]
+    return _tried(freed, asked, search, more, tried)
 
 
 def _any_pressure(asked: Asked, first: _Plan) -> list[_Plan]:
@@ -389,7 +402,11 @@ def _with_less(asked: Asked, plan: _Plan) -> list[_Plan]:
 
 
 def _tried(
-    freed: Freed[S], asked: Asked, sets: list[_Plan], tried: Sequence[tuple[_Plan, float]] = ()
+    freed: Freed[S],
+    asked: Asked,
+    search: _Search,
+    sets: list[_Plan],
+    tried: Sequence[tuple[_Plan, float]] = (),
 ) -> list[tuple[_Plan, float]]:
     """Some sets with their trials and ln E of these, the likeliest first, with others `tried`.
 
@@ -402,6 +419,9 @@ def _tried(
         seen = any(plan.every == p.every for p in plans)
         if seen or len(plans) == _TRIED or (explained and plan.root is not None):
             continue
+        if search.trials == 0:
+            break
+        search.trials -= 1
         trial = _trial(freed, plan, expected)
         if trial is not None:
             plans.append(replace(plan, trial=trial, values=trial.tractions))

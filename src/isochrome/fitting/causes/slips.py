@@ -33,7 +33,7 @@ _ACROSS = (-0.15, 0.15, -0.3, 0.3, -0.45, 0.45)
 _DOWN = (-0.25, 0.25)
 """Places of the contact that are tried, in widths and heights of the picture."""
 _MIRRORED = (0, "horizontal"), (0, "vertical")
-_GAMMAS, _SAME_GAMMA = (0.45, 2.2), 0.1
+_GAMMAS = 0.45, 2.2
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def _slips(data: FrameData, scene: Scene) -> Iterator[_Candidate]:
     yield from _turns(data, scene, tuple(product((90, 270), (None, "horizontal"))))
     if data.lamp.bright is None:
         for gamma in _GAMMAS:
-            if abs(gamma / data.gamma - 1.0) > _SAME_GAMMA:
+            if gamma != data.gamma:
                 line = f"{GAMMA} = {gamma}"
                 gamma_fit = scene.with_values({GAMMA: gamma})
                 yield _Candidate(message("tone_curve_another"), line, data.toned(gamma), gamma_fit)

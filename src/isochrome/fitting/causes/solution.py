@@ -270,17 +270,17 @@ class FrameSolution:
                 side=side, prior=prior, expected=expected,
             )  # fmt: skip
             start = np.pad(values_of(scene, keys), (0, model.count))
-            result = model.settled(start)
+            rested = model.rested(start)
         except PhysicsError:
             return None
-        if result is None or not result.gamma_fit.part.positive:
+        if rested is None:
             return None
+        result, over_blocks = rested
         part, residual = result.gamma_fit.part, result.gamma_fit.residual
         values, amplitudes = np.split(result.values, [len(keys)])
         found = None
         if expected.root is not None:
             found = expected.root @ amplitudes[: expected.root.shape[1]]
-        over_blocks = model.residual(result)
         return Trial(
             cost=student_cost(over_blocks),
             normal=result.local.information,

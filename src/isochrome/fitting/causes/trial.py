@@ -23,7 +23,9 @@ from isochrome.fitting.causes.blocks import COSINES
 from isochrome.fitting.causes.cause import TINY
 from isochrome.fitting.causes.modes import TractionModes
 from isochrome.fitting.causes.score import LightTerms, light_sizes, more_than, of_more_light
-from isochrome.fitting.frame.far_model import FarModel
+from isochrome.fitting.frame.far_model import FarModel, student_cost
+from isochrome.fitting.frame.frame_fit import turned_over
+from isochrome.fitting.frame.frame_model import RefinedFit
 from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.frame.unknowns import LENS
 from isochrome.scene import Scene
@@ -146,6 +148,18 @@ class TrialModel(FarModel):
         self.limits = Bounds(
             np.r_[ends.low, np.full(count, -np.inf)], np.r_[ends.high, np.full(count, np.inf)]
         )
+
+    def rested(self, values: Array) -> tuple[RefinedFit, Array] | None:
+        """Where it comes to rest from `values` (p,), plates turned to the likelier side, and what
+        is left over the noise (n,); None where it makes no scene, or no light.
+        """
+        first = self.settled(values)
+        found = [(first, self.residual(first))] if first else []
+        other = turned_over(self.keys, first.values) if first else None
+        turned = None if other is None else self.settled(other)
+        found += [(turned, self.residual(turned))] if turned else []
+        bright = [pair for pair in found if pair[0].gamma_fit.part.positive]
+        return min(bright, key=lambda pair: student_cost(pair[1]), default=None)
 
     @property
     def _shape(self) -> tuple[int, int]:

@@ -212,10 +212,10 @@ def _fit_begun(
         )
     best = _with_some_blur(best, keys)  # few pixels do not show a little one
     fine = with_numerics(best.model_copy(update={"numerics": scene.numerics}))
-    model, final = _final(data, fine, keys, prior)
+    model, final = _final(data, fine, keys, prior, start)
     plain = not final.positive
     if plain:
-        model, final = _final(data.plain(), fine, keys, prior)
+        model, final = _final(data.plain(), fine, keys, prior, start)
     fitted = moved_scene(fine, keys, final.values).model_copy(update={"numerics": scene.numerics})
     determined = final.local.determined
     known, held = (stated.some(keys, free=free) for free in (True, False))
@@ -272,7 +272,7 @@ def _is_seen(gamma_fit: GammaFit) -> bool:
 
 
 def _final(
-    data: FrameData, scene: Scene, keys: tuple[str, ...], prior: Prior
+    data: FrameData, scene: Scene, keys: tuple[str, ...], prior: Prior, begun: _Start
 ) -> tuple[FrameModel, RefinedFit]:
     """Every trusted pixel, a fine contact, derivatives where the search ended."""
     start = values_of(scene, keys)
@@ -286,14 +286,25 @@ def _final(
     final = refine_fit(model, start, gamma_fit=gamma_fit)
     if final is None:
         raise PhysicsError("scene_cannot_solved_where", name=data.name)
-    plates = [j for j, key in enumerate(keys) if key.endswith("plate_error_deg")]
-    if plates:  # turned to the other side, they nearly mirror the picture
-        other = final.values.copy()
-        other[plates] *= -1.0
+    other = None if begun is _Start.RESTED else turned_over(keys, final.values)
+    if other is not None:
         turned = refine_fit(model, other)
         if turned is not None and not turned.cost > final.cost:
             final = turned
     return model, final
+
+
+def turned_over(keys: tuple[str, ...], values: Array) -> Array | None:
+    """Values (p,) with plates that are turned to the other side: they nearly mirror the picture.
+
+    None where no plates are unknowns.
+    """
+    plates = [j for j, key in enumerate(keys) if key.endswith("plate_error_deg")]
+    if not plates:
+        return None
+    other = values.copy()
+    other[plates] *= -1.0
+    return other
 
 
 def hidden_px(scene: Scene) -> float:
