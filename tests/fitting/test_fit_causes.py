@@ -5,6 +5,7 @@ code with our optics and camera."""
 import numpy as np
 import pytest
 
+from benchmarks import case_defects
 from fitting.engine_frames import prepared
 from fitting.sliding_bench import FRICTION, LOAD, bench
 from isochrome.benchmarks import load_benchmarks
@@ -90,6 +91,14 @@ def test_a_camera_light_and_plates_that_are_not_ideal_are_found_and_named(key, d
     assert max(map(abs, pulls(freed.fit))) < 4.0
     assert abs(pulls(stated)[0]) > abs(pulls(freed.fit)[0])
     assert len(said) == 1 and f"{key} = " in said[0]
+
+
+@pytest.mark.long
+def test_light_that_needs_more_products_than_a_trial_has_is_described():
+    """A spot and a bar before a whole frame: chi is 1.9 as stated, and no trial explains a block."""
+    row = case_defects.judged("single", 23)
+    assert row.defects == "light" and row.named and row.chi < 1.02
+    assert max(abs(row.load_pull), abs(row.friction_pull)) < 4.0
 
 
 @pytest.mark.long

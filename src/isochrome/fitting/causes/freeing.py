@@ -35,7 +35,7 @@ from isochrome.fitting.causes.score import (
 from isochrome.fitting.causes.slips import Slip, explaining_slip, is_lost
 from isochrome.fitting.causes.solution import Askable, Change, FrameSolution
 from isochrome.fitting.causes.trial import Expected, Trial
-from isochrome.fitting.frame.far_model import FAR, TOLERANCE
+from isochrome.fitting.frame.far_model import FAR, STALLED, TOLERANCE
 from isochrome.fitting.frame.frame_fit import fit_with_model, hidden_px
 from isochrome.fitting.frame.unknowns import StatedInputs
 from isochrome.scene import Scene
@@ -353,7 +353,9 @@ def _plans(
         return asked, []  # what is left lies where blocks do not see it
     usual = [plan.trial.usual_chi for plan in plans if plan.trial]
     if usual and min(freed.now.chi, *usual) > POOR_CHI:
-        return asked, []  # none explains a usual block: others are odd, or it is another scene
+        # none explains a usual block: others are odd, or it is another scene, or light that is
+        # made richer by steps, of which a trial has the first
+        plans = [plan for plan in plans[:1] if plan.names - freed.fitted.names == {LIGHT}]
     # beside what cannot be fitted nothing else is: it would take that for its own
     plans = plans[: next((k for k, p in enumerate(plans) if p.suspects), None)]
     last = next((k for k, p in enumerate(plans) if p.names == freed.fitted.names), len(plans))
@@ -563,12 +565,15 @@ def _with(freed: Freed[S], plan: _Plan) -> Freed[S] | None:
 
 
 def _with_all_light(solution: S) -> S:
-    """A fit whose light is made as rich as its frames ask for."""
+    """A fit whose light is made as rich as its frames ask for, while that explains what is left:
+    by hundreds of products light follows what is none, such as a picture's ghost.
+    """
     with suppress(PhysicsError):  # what cannot be fitted is not asked for
         for _ in range(_LIGHTS):
             terms = richer_light(solution, MOST_TERMS)
             again = solution if terms == solution.terms else solution.again(Change(terms=terms))
-            if again is solution or not again.is_sound or again.chi > solution.chi:
+            stalled = again.chi**2 - 1.0 > STALLED * (solution.chi**2 - 1.0)
+            if again is solution or not again.is_sound or stalled:
                 break
             solution = again
     return solution

@@ -27,7 +27,7 @@ from isochrome.fitting.frame.unknowns import BLUR, moved_scene, scales
 
 TOLERANCE = 0.5
 """Last step, in standard uncertainties."""
-_NEARER_STEPS, FAR, _STALLED = 3, 1.5, 0.8
+_NEARER_STEPS, FAR, STALLED = 3, 1.5, 0.8
 """Steps with one weight of the slopes; the residual's variance over the noise's below which none
 is needed, and what must be left of it where they help."""
 _PASSES = 12
@@ -93,7 +93,7 @@ class FarModel(FrameModel):
             here = self.at(values)
             if here is None:
                 return None
-            if here.cost < FAR * every.size or here.cost > _STALLED * cost:
+            if here.cost < FAR * every.size or here.cost > STALLED * cost:
                 break
             cost, trust = here.cost, trust_of_slopes(here, self.renderer.stride)
             self._weigh(trust)
