@@ -419,10 +419,9 @@ def _tried(
         plain = [p for p in plans if p.root is None]
         explained = freed.now.chi >= _LARGE and any(p.excess < FAR for p in plain)
         seen = any(plan.every == p.every for p in plans)
-        if seen or len(plans) == _TRIED or (explained and plan.root is not None):
+        spent = min(_TRIED - len(plans), search.trials) <= 0
+        if seen or spent or (explained and plan.root is not None):
             continue
-        if search.trials == 0:
-            break
         search.trials -= 1
         trial = _trial(freed, plan, expected)
         if trial is not None:
