@@ -111,7 +111,7 @@ def test_a_picture_that_the_surface_does_not_cross_is_seen_as_a_whole(top_mm):
 def test_a_small_change_is_seen_by_straight_lines_to_a_32nd_of_a_pixel():
     pixels = replace(PLAIN, left_mm=-0.8, top_mm=-0.1, lens=replace(LENS, **BENT))
     grid = pixels.around()
-    plane = (grid.x_mm[None, :] + 2j * grid.z_mm[:, None]).astype(np.complex64)
+    plane = grid.x_mm[None, :] + 2j * grid.z_mm[:, None]
     seen, (x, z) = seen_nearly(plane, grid, pixels), pixels.places
     below = z >= 0.0
     error = np.abs(seen - (x + 2j * z))[below]

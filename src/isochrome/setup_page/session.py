@@ -248,7 +248,7 @@ class LiveModel:
             self._renderers = {shape: SceneRenderer(self._base, shape, rough=True)}
         signal = self._renderers[shape].signal(scene, visibility=np.ones((), np.float32))
         inside = specimen_model(scene).inside(replace(pixels, lens=None))
-        return np.where(inside, np.nan_to_num(signal), np.float32(0.0))
+        return np.where(inside, np.nan_to_num(signal), 0.0)
 
 
 def grey_span(picture: NDArray[np.uint8]) -> tuple[float, float]:

@@ -276,21 +276,22 @@ def seen_by(field: NDArray[N], grid: PixelGrid, pixels: PixelGrid) -> NDArray[N]
     return np.where(pixels.places[1] >= 0.0, sampled, 0).astype(field.dtype)
 
 
-def seen_nearly(field: NDArray[N], grid: PixelGrid, pixels: PixelGrid) -> NDArray[N]:
-    """The same of a field in single precision by straight lines, to a 32nd of a pixel.
+def seen_nearly(field: NDArray[Any], grid: PixelGrid, pixels: PixelGrid) -> NDArray[Any]:
+    """The same in single precision by straight lines, to a 32nd of a pixel.
 
     It takes a twentieth of the time, and serves for small changes, and for a first look.
     """
     import cv2
 
+    field = field.astype(np.complex64 if np.iscomplexobj(field) else np.float32)
     if max(*field.shape, pixels.rows, pixels.cols) >= np.iinfo(np.int16).max:  # OpenCV's limit
         return seen_by(field, grid, pixels)
     down, across = (v.astype(np.float32) for v in _places_in(grid, pixels))
-    parts = np.ascontiguousarray(below_surface(field, grid)).view(np.float32)
+    parts = below_surface(field, grid).view(np.float32)
     parts = parts.reshape(*field.shape, -1)  # of a complex field two
     seen = cv2.remap(parts, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     seen[pixels.places[1] < 0.0] = 0.0
-    return np.asarray(seen).view(field.dtype).reshape(down.shape)
+    return np.asarray(seen.view(field.dtype).reshape(down.shape))
 
 
 def below_surface(field: NDArray[N], grid: PixelGrid) -> NDArray[N]:

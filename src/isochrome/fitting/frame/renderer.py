@@ -126,8 +126,8 @@ class _Look:
         field = below_surface(self.made.difference, self.around)
         down, across = (np.gradient(field, self.around.pixel_mm, axis=axis) for axis in (0, 1))
         return (
-            seen_nearly(np.asarray(down, field.dtype), self.around, self.pixels),
-            seen_nearly(np.asarray(across, field.dtype), self.around, self.pixels),
+            seen_nearly(down, self.around, self.pixels),
+            seen_nearly(across, self.around, self.pixels),
         )
 
     def beside(self, field: Array, pixels: PixelGrid) -> Array:
