@@ -103,9 +103,7 @@ def test_a_fact_that_is_in_no_list_is_not_tried_for_ever(monkeypatch):
     uncertainties; it took 40 s."""
     tried = []
     trial = FrameSolution.trial
-    monkeypatch.setattr(
-        FrameSolution, "trial", lambda *args: tried.append(args) or trial(*args)
-    )  # fmt: skip
+    monkeypatch.setattr(FrameSolution, "trial", lambda *args: tried.append(args) or trial(*args))
     row = case_contacts.judged("unlisted", 26)
     # three rounds of them
     assert len(tried) == 27

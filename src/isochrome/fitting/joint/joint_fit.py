@@ -32,7 +32,7 @@ from isochrome.fitting.causes.score import LightTerms
 from isochrome.fitting.causes.solution import Change, whole_picture
 from isochrome.fitting.causes.trial import Expected, Trial, through_a_lens
 from isochrome.fitting.frame.far_model import TOLERANCE
-from isochrome.fitting.frame.frame_fit import FrameFit, hidden_px, placed
+from isochrome.fitting.frame.frame_fit import FrameFit, hidden_px, placed, turned_over
 from isochrome.fitting.frame.renderer import SceneRenderer
 from isochrome.fitting.frame.single_state import with_numerics
 from isochrome.fitting.frame.unknowns import (
@@ -252,10 +252,8 @@ def solve_jointly(
     """Fit frames together, and keep what can be asked; raises as `JointProblem.fitted`."""
     problem = JointProblem(data, sequence, start, data.shape, progress)
     fit = problem.fitted(start)
-    plates = [k for k, u in enumerate(fit.unknowns) if u.key.endswith("plate_error_deg")]
-    if plates:  # turned to the other side, they nearly mirror the picture
-        turned = fit.values.copy()
-        turned[plates] *= -1.0
+    turned = turned_over(tuple(u.key for u in fit.unknowns), fit.values)
+    if turned is not None:
         other = JointProblem(data, sequence, turned, data.shape, progress)
         again = other.fitted(turned)
         if again.cost < fit.cost:
