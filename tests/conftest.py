@@ -1,11 +1,14 @@
 """What all tests share: hypothesis without deadlines, and code that nobody edits meanwhile."""
 
+import functools
+import gc
 import os
 import shutil
 import sys
 from pathlib import Path
 
 import pytest
+import typer.main
 from hypothesis import settings
 
 import isochrome
@@ -37,6 +40,13 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if item.get_closest_marker("study"):
             item.add_marker("long")
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_finish():
+    """Modules and tests stay to the end: nobody need look through them for garbage."""
+    gc.collect()
+    gc.freeze()
 
 
 SKETCHED = {
@@ -83,6 +93,14 @@ def code(tmp_path_factory):
     ignore = shutil.ignore_patterns("__pycache__")
     shutil.copytree(Path(isochrome.__file__).parent, home / "isochrome", ignore=ignore)
     return home
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _one_command_line():
+    """The command line is put together once for all tests that run a command in their process."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(typer.main, "get_command", functools.cache(typer.main.get_command))
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)

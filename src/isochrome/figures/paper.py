@@ -686,15 +686,25 @@ def _one_size(figure: Figure) -> None:
 
 
 def _missing_mm(row: Sequence[Axes]) -> float:
-    """What the pictures of a row lack in height, or have too much, to be as wide as their place."""
-    needed = []
+    """What the pictures of a row lack in height, or have too much, to be as wide as their place.
+
+    Numbers and labels below a picture that ends above its place stand in that place, and are no
+    room too much.
+    """
+    lacking = []
     for axes in row:
         axes.apply_aspect()
-        place, shown = axes.get_window_extent(), axes.get_position(original=True)
-        part: Any = axes.figure
-        box = shown.width * part.bbox.width, shown.height * part.bbox.height  # in dots
-        needed.append((box[0] * place.height / place.width - box[1]) / part.figure.dpi)
-    return MM_PER_INCH * float(max(needed))
+        shown, place, part = axes.get_window_extent(), axes.get_position(original=True), axes.figure
+        box: Any = place.transformed(part.transSubfigure)  # in dots
+        lack = box.width * shown.height / shown.width - box.height
+        if lack < 0.0:
+            lack = min(0.0, box.y0 - _tight(axes).y0)
+        lacking.append(lack / part.figure.dpi)
+    return MM_PER_INCH * float(max(lacking))
+
+
+def _tight(axes: Axes) -> Any:
+    return axes.get_tightbbox(axes.figure._get_renderer(), for_layout_only=True)
 
 
 def _settle(figure: Figure) -> None:

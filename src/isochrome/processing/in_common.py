@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 from scipy.special import chdtri
 
 from isochrome.fitting import EARLIER, FRICTION, LOAD, WEAR
@@ -236,5 +235,6 @@ def _over_distance(table: dict[str, list[Any]], key: str) -> tuple[Any, Any, Any
 
 
 def _integral(slid: Any, values: Any) -> Any:
-    """Integral of values over the distance (m) from the first frame to each."""
-    return cumulative_trapezoid(values, slid, initial=0.0)
+    """Integral of values over the distance (m) from the first frame to each, by trapezia."""
+    values = np.asarray(values)
+    return np.cumsum([0.0, *(np.diff(slid) * (values[1:] + values[:-1]) / 2.0)])
