@@ -326,9 +326,10 @@ class GrowingScar:
         Steps are chosen as in `wear_history`. PhysicsError where a contact does not converge.
         """
         allowed = _allowed(tolerance, 1.0)
-        pressure, past, depth = self.pressure_mpa, self.before, self.depth_mm
-        if pressure is None:
-            pressure = _settled(site.surface, site.gap_mm + depth, self.drive, None).pressure
+        past, depth, worn_under = self.before, self.depth_mm, self.pressure_mpa
+        pressure = _settled(site.surface, site.gap_mm + depth, self.drive, worn_under).pressure
+        if past is not None:  # a drive that was corrected since is no jump, which no step foresees
+            past = replace(past, pressure=past.pressure + (pressure - worn_under))
         now = WornState(0.0, ContactState(pressure, site.gap_mm, 0.0, 0.0, 1, 1), depth)
         step, whole = dose_mm_per_mpa, dose_mm_per_mpa * (1.0 - SAME)
         while now.dose_mm_per_mpa < whole:
