@@ -35,6 +35,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -473,15 +474,23 @@ def rise_with_load(images: Overlay) -> Rise | None:
 
 
 def _shares(images: Overlay, angle: float, slopes: Array) -> Array:
-    """Share of the variation over the loads that each slope explains, pooled over the pixels."""
+    """Share of the variation over the loads that each slope explains, pooled over the pixels.
+
+    Slopes (k,) at even steps: each one's waves are those of the one before, turned by as much.
+    """
     field, used = images.field(angle)[:, ::THIN], images.used[:, ::THIN]
     data = images.stack[:, :, ::THIN][:, used]
-    total = float(np.sum((data - data.mean(axis=0)) ** 2))
-    unexplained = [
-        float(np.sum(pixel_waves(data, slope * images.loads, field[used])[0] ** 2))
-        for slope in slopes
-    ]
-    return 1.0 - np.array(unexplained) / total
+    varying = data - data.mean(axis=0)
+    phase = 2.0 * np.pi * images.loads[:, None] * field[used]
+    wave, turn = np.exp(1j * slopes[0] * phase), np.exp(1j * (slopes[1] - slopes[0]) * phase)
+    explained = np.empty(len(slopes))
+    for k in range(len(slopes)):
+        about = wave - wave.mean(axis=0)
+        c, moment = _wave_fit(about, varying)
+        model = np.sum((about * c.conj()).real ** 2, axis=0)
+        explained[k] = np.sum(2.0 * (c.conj() * moment).real - model)
+        wave *= turn
+    return explained / float(np.sum(varying**2))
 
 
 def pixel_waves(data: Array, orders: Array, field: Array) -> tuple[Array, Array]:
@@ -490,16 +499,23 @@ def pixel_waves(data: Array, orders: Array, field: Array) -> tuple[Array, Array]
     Parameters: `data` (n, m) intensities, `orders` (n,) N at the centre, `field` (m,) h.
     Returns the residuals (n, m) and the coefficients (a, b) (2, m).
     """
-    phase = 2.0 * np.pi * orders[:, None] * field
-    wave = np.stack([np.cos(phase), np.sin(phase)])
-    wave -= wave.mean(axis=1, keepdims=True)
+    wave = np.exp(2j * np.pi * orders[:, None] * field)
+    wave -= wave.mean(axis=0)
     varying = data - data.mean(axis=0)
-    cc, ss = np.einsum("kln,kln->kn", wave, wave)
-    cs = np.einsum("ln,ln->n", wave[0], wave[1])
-    cy, sy = np.einsum("kln,ln->kn", wave, varying)
-    below = np.maximum(cc * ss - cs**2, 1e-3)
-    coefficients = np.stack([(cy * ss - sy * cs) / below, (sy * cc - cy * cs) / below])
-    return varying - np.einsum("kln,kn->ln", wave, coefficients), coefficients
+    c, _ = _wave_fit(wave, varying)
+    return varying - (wave * c.conj()).real, np.stack([c.real, c.imag])
+
+
+def _wave_fit(wave: Any, varying: Array) -> tuple[Any, Any]:
+    """c = a + ib (m,) of a cos + b sin = Re(c* w), by least squares, and the sum of w y (m,).
+
+    Waves w and data y (n, m) have no mean. With S = sum |w|², Q = sum w² and P = sum w y it is
+    (S c + Q c*)/2 = P.
+    """
+    size, square = np.sum(wave.real**2 + wave.imag**2, axis=0), np.sum(wave * wave, axis=0)
+    moment = np.sum(wave * varying, axis=0)
+    below = np.maximum(0.25 * (size**2 - np.abs(square) ** 2), 1e-3)
+    return (size * moment - square * moment.conj()) / (2.0 * below), moment
 
 
 ENOUGH = 1e-6
