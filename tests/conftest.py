@@ -44,9 +44,10 @@ def pytest_collection_modifyitems(items):
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_finish():
-    """Modules and tests stay to the end: nobody need look through them for garbage."""
+    """Modules and tests stay to the end: nobody need look through them for garbage, nor often."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(20_000)
 
 
 SKETCHED = {

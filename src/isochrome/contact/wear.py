@@ -328,7 +328,7 @@ class GrowingScar:
         allowed = _allowed(tolerance, 1.0)
         past, depth, worn_under = self.before, self.depth_mm, self.pressure_mpa
         pressure = _settled(site.surface, site.gap_mm + depth, self.drive, worn_under).pressure
-        if past is not None:  # a drive that was corrected since is no jump, which no step foresees
+        if past is not None and worn_under is not None:  # a corrected drive is no jump to follow
             past = replace(past, pressure=past.pressure + (pressure - worn_under))
         now = WornState(0.0, ContactState(pressure, site.gap_mm, 0.0, 0.0, 1, 1), depth)
         step, whole = dose_mm_per_mpa, dose_mm_per_mpa * (1.0 - SAME)

@@ -424,9 +424,10 @@ def figure_for_page(result: WithPanels, style: FigureStyle) -> tuple[Figure, tup
     rows, plots = _picture_rows(panels, style.width_mm), list(panels.plots)
     figure = _drawn(panels, style, rows, plots)
     closer = _picture_rows(panels, style.width_mm, least_mm=_LEAST_OF_COLUMN_MM)
-    if _tall_mm(figure) > PAGE_MM and closer != rows:
+    if MM_PER_INCH * figure.get_figheight() > PAGE_MM and closer != rows:
         rows, figure = closer, _drawn(panels, style, closer, plots)
-    tall, spare = _tall_mm(figure), sorted((p for p in plots if p.spare), key=lambda p: -p.spare)
+    tall = MM_PER_INCH * figure.get_figheight()
+    spare = sorted((plot for plot in plots if plot.spare), key=lambda plot: -plot.spare)
     if tall <= PAGE_MM or not plots:
         return figure, ()
     others = tall - sum(_plot_heights(panels, style, plots))
@@ -455,10 +456,6 @@ def panels_figure(panels: PaperPanels, head: str, *, picture_mm: float = 80.0) -
     return _drawn(panels, style, rows, list(panels.plots), head=head)
 
 
-def _tall_mm(figure: Figure) -> float:
-    return MM_PER_INCH * float(figure.get_figheight())
-
-
 def _split(items: Sequence[Any], most: int) -> list[list[Any]]:
     """Rows of one length, or nearly, of at most so many items."""
     across = math.ceil(len(items) / math.ceil(len(items) / max(1, most)))
@@ -469,8 +466,7 @@ def _picture_rows(
     panels: PaperPanels, width_mm: float, *, least_mm: float = _BESIDE_MM
 ) -> list[list[tuple[int, int]]]:
     """Rows of pictures, as numbers of their kind and item: the kinds beside each other where they
-    fit, else the items, of which all rows of a kind come together.
-    """
+    fit, else the items, of which all rows of a kind come together."""
     kinds, items = range(len(panels.kinds)), range(len(panels.labels))
     if len(items) == 1 or (len(kinds) > 2 and width_mm / len(kinds) >= _BESIDE_MM):
         groups = [[(j, k) for j in kinds] for k in items if kinds]
@@ -688,23 +684,17 @@ def _one_size(figure: Figure) -> None:
 def _missing_mm(row: Sequence[Axes]) -> float:
     """What the pictures of a row lack in height, or have too much, to be as wide as their place.
 
-    Numbers and labels below a picture that ends above its place stand in that place, and are no
-    room too much.
+    Numbers and labels below a picture that ends above its place are no room too much.
     """
     lacking = []
     for axes in row:
         axes.apply_aspect()
-        shown, place, part = axes.get_window_extent(), axes.get_position(original=True), axes.figure
-        box: Any = place.transformed(part.transSubfigure)  # in dots
+        shown, part = axes.get_window_extent(), axes.figure
+        box: Any = axes.get_position(original=True).transformed(part.transSubfigure)  # in dots
+        tight: Any = axes.get_tightbbox(for_layout_only=True)
         lack = box.width * shown.height / shown.width - box.height
-        if lack < 0.0:
-            lack = min(0.0, box.y0 - _tight(axes).y0)
-        lacking.append(lack / part.figure.dpi)
+        lacking.append((lack if lack > 0.0 else min(0.0, box.y0 - tight.y0)) / part.figure.dpi)
     return MM_PER_INCH * float(max(lacking))
-
-
-def _tight(axes: Axes) -> Any:
-    return axes.get_tightbbox(axes.figure._get_renderer(), for_layout_only=True)
 
 
 def _settle(figure: Figure) -> None:
