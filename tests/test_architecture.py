@@ -359,6 +359,7 @@ MOST_IMPORTED = 150
 """Modules of ours that a contact's simulation may import, of some 350: the others wait."""
 
 
+@pytest.mark.long
 def test_a_contact_run_imports_what_it_needs():
     code = """
 import sys, isochrome

@@ -241,8 +241,11 @@ def test_what_is_missing_is_noticed():
     assert raises(undocumented) and not raises(faults_of)
 
 
-@pytest.mark.parametrize(  # the longest in the slow part
-    "name", [pytest.param(n, marks=pytest.mark.long) if n == "init" else n for n in EXPORTED]
+LONGEST = {"init", "process", "process_campaign", "report", "check", "fit", "open_run"}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.long) if n in LONGEST else n for n in EXPORTED]
 )
 def test_its_examples_run(name, tmp_path, monkeypatch):
     """Those that take long, or need a user's own images, are marked as skipped in the text."""

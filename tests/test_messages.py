@@ -74,6 +74,7 @@ def test_a_frame_without_fringes_says_so_in_a_message(bands):
     assert blank.code
 
 
+@pytest.mark.long
 def test_a_runs_messages_are_the_same_in_memory_in_json_and_when_it_is_complete(tmp_path, bands):
     scene = isochrome.parse_scene(SCENE)
     in_memory = isochrome.process(bands, scene)

@@ -46,10 +46,10 @@ DAY = re.compile(r"\b20\d\d-[01]\d-[0-3]\d\b")
 VALUES = re.compile(rf"({NUMBER})(?: ± ({NUMBER}))?")
 
 SLOW = {
-    "a-video-from-start-to-report", "calibrate-the-material", "reproduce-the-paper",
-    "what-the-fringes-know",
+    "a-video-from-start-to-report", "calibrate-the-material", "first-own-frames", "phase-steps",
+    "reproduce-the-paper", "what-the-fringes-know",
 }  # fmt: skip
-"""Those of half a minute, whose commands have other tests in the long run."""
+"""Those of up to half a minute, whose commands have other tests in the long run."""
 
 MODULES = {
     "difflib", "isochrome", "json", "matplotlib", "matplotlib.pyplot", "numpy", "pathlib", "shutil",

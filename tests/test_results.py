@@ -256,28 +256,17 @@ MAKE: dict[str, Callable[..., Left]] = {
     },
 }
 
-MARKS = {
-    "demo": (pytest.mark.study,),
-    "bench": (pytest.mark.study,),  # its files: test_bench.py
-    "compare": (pytest.mark.long,),
-    "calibrate disc": (pytest.mark.study,),
-    "calibrate bending": (pytest.mark.long,),
-    "campaign": (pytest.mark.long,),
-    "process track": (pytest.mark.long,),
-    **{f"{name}, in memory": (pytest.mark.long,) for name in ("process", "fit")},
-    "process": (pytest.mark.long,),
-    "fit": (pytest.mark.long,),
-    "calibrate scale": (pytest.mark.long,),
-    "process track, in memory": (pytest.mark.study,),
-    "fit track": (pytest.mark.long,),
-}
+IN_MINUTES = {"demo", "bench", "calibrate disc", "process, in memory", "process track, in memory"}
+"""What `bench` leaves, in test_bench.py; what is in memory, by others too."""
+
+IN_NO_TIME = {"sweep", "calibrate colour"}
 
 
 def marked(*names: str) -> pytest.MarkDecorator:
     """A test of some results, those of seconds in the slow part."""
-    return pytest.mark.parametrize(
-        "name", [pytest.param(name, marks=MARKS.get(name, ())) for name in names], scope="module"
-    )
+    kinds = {n: pytest.mark.study if n in IN_MINUTES else pytest.mark.long for n in names}
+    some = [n if n in IN_NO_TIME else pytest.param(n, marks=kinds[n]) for n in names]
+    return pytest.mark.parametrize("name", some, scope="module")
 
 
 every_result = marked(*MAKE)

@@ -82,7 +82,7 @@ AS_INSTALLED = "[mypy]\nstrict = True\n[mypy-isochrome.*]\nfollow_imports = sile
 """Of an installed package the types are used, and its own modules are not judged."""
 
 
-@pytest.mark.long
+@pytest.mark.study
 def test_a_script_of_the_whole_front_door_and_the_notebooks_pass_and_mistakes_are_seen(tmp_path):
     wrong = "\n".join(WRONG)
     texts = {"right": SCRIPT, "wrong": f"{SCRIPT}\n{wrong}\n"}

@@ -176,6 +176,7 @@ def write_set(folder, frame, text=SET, edges=(2.0, 3.0, 4.0), extra="", **option
     return path
 
 
+@pytest.mark.long
 def test_a_set_from_its_file(beam_frame, tmp_path):
     rest = beam_frame(0.0, np.random.default_rng(1), **SMALL)
     tifffile.imwrite(tmp_path / "rest.tif", rest)

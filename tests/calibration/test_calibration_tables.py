@@ -34,6 +34,7 @@ def calibrate(home, *options):
     assert done.exit_code == 0, done.output
 
 
+@pytest.mark.long
 def test_an_image_is_a_row_with_all_that_the_json_has_of_it(folder):
     table = read_csv(folder / "images.csv")
     images = json.loads((folder / "calibration.json").read_text("utf-8"))["images"]

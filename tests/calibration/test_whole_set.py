@@ -37,6 +37,7 @@ def stressed_model():
     return model, np.concatenate([own.ravel(), [0.1, -0.2], simple_residual(0.2, 0.3)])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "made",
     [beam_model, lambda: beam_model(apart=True), stressed_model],

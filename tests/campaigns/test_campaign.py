@@ -118,6 +118,7 @@ def test_stopped_it_says_what_is_kept_and_goes_on(stacks, place):
     assert not (place / "out.partial").exists()
 
 
+@pytest.mark.long
 def test_progress_is_told_of_recordings_and_of_the_frames_in_work(stacks):
     told = []
     process_campaign(stacks[:2], "scene.toml", "out", progress=lambda *both: told.append(both))
@@ -127,6 +128,7 @@ def test_progress_is_told_of_recordings_and_of_the_frames_in_work(stacks):
     assert frames[-1] == (1, 3, 3) and (0, 2, 2) in frames
 
 
+@pytest.mark.long
 def test_a_recording_that_goes_or_changes_on_the_way_is_reported(stacks, place):
     def disturb(recordings, frames):
         if recordings.done == 1 and frames is None:
@@ -328,6 +330,7 @@ def test_results_go_through_no_link_out_of_the_folder(stacks, place):
     assert "symbolic link" in found.columns["error"][0] and not list(elsewhere.iterdir())
 
 
+@pytest.mark.long
 def test_files_are_joined_where_that_is_said_and_images_always_are(stacks, place, command):
     code, out, _ = command(
         "process", *stacks[:2], "--join", "--scene", "scene.toml", "--out", "joined", "--json"

@@ -129,6 +129,7 @@ def test_simulate_leaves_what_the_contract_names(captured):
     assert came["seed"] == 3 and came["isochrome"] == version("isochrome")
 
 
+@pytest.mark.long
 def test_process_leaves_what_the_contract_names(processed):
     folder, found = processed
     out = folder / "Ergebnis"

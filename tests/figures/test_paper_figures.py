@@ -76,7 +76,7 @@ def numbered(worn):
     ("name", "width"),
     [
         *((name, WIDTHS[0]) for name in ("simulate", "process", "compare")),
-        pytest.param("compare", WIDTHS[1], marks=pytest.mark.long),
+        pytest.param("compare", WIDTHS[1], marks=pytest.mark.study),
     ],
 )
 def test_letters_are_large_enough_and_apart(numbered, name, width):
@@ -151,9 +151,9 @@ def others(worn):
     "width", [85.0, *(pytest.param(width, marks=STUDY) for width in (174.0, 60.0, 120.0))]
 )
 @pytest.mark.parametrize(
-    # the disc takes three times as long as any other; the beam's figure has the same panels
+    # the disc's figure has the panels of the beam's, a tracked video's those of a film's plots
     "name",
-    [pytest.param(name, marks=STUDY if name == "disc" else ()) for name in OTHERS],
+    [pytest.param(n, marks=STUDY if n in ("disc", "tracked video") else ()) for n in OTHERS],
 )
 def test_letters_of_every_figure_are_large_enough_and_apart(others, name, width, numbers):
     style = isochrome.FigureStyle(width_mm=width, numbers=numbers)

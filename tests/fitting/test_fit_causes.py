@@ -255,7 +255,7 @@ def test_a_compressed_picture_keeps_its_chi_and_its_pulls(noise, quality):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("other", [{"load.normal_n": 60.0}, {"camera.left_mm": -1.8}])
+@pytest.mark.parametrize("other", rows({"load.normal_n": 6e1}, {"camera.left_mm": -1.8}, long=[1]))
 def test_what_no_set_explains_is_left_as_it_is(other, monkeypatch):
     """Half of the light is another contact's: with a seventh to a quarter of the picture left out,
     and a lens and uneven light in the rest, chi was once 1.01 and the load 1.5 % off."""

@@ -74,6 +74,7 @@ def test_pixels_whose_fringes_are_off_count_by_what_their_slopes_do_not_know():
     assert trust[:, 70:].min() > 0.99
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "seed"),
     [

@@ -231,14 +231,9 @@ def fitted(folder, truth, **start):
     )
 
 
-@pytest.mark.long
+@pytest.mark.study
 @pytest.mark.parametrize(
-    ("name", "k"),
-    [
-        ("dissipated_energy", 8e-9),
-        pytest.param("archard", 2e-9, marks=pytest.mark.study),
-        pytest.param("sarkar", 2e-9, marks=pytest.mark.study),
-    ],
+    ("name", "k"), [("dissipated_energy", 8e-9), ("archard", 2e-9), ("sarkar", 2e-9)]
 )
 def test_every_law_is_preferred_where_it_wore(tmp_path, name, k):
     # the steps of the wear are the same in truth and fit: their own errors do not matter here

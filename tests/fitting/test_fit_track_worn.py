@@ -84,6 +84,7 @@ def test_a_wear_coefficient_is_told_as_well_as_the_law_has_worn():
     assert np.all(np.abs([one.values[-1] - 2e-9 for one in found]) < 4.0 * sure)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("key", [WEAR, *PAST])
 def test_a_contact_that_grows_beside_a_step_leaves_the_scar_on_the_wider_grid(key):
     """Four times the load asks for a wider grid: the scar, and its change by the past, go on."""

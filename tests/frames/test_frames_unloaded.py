@@ -35,6 +35,7 @@ def named(frames, scene):
 OTHER_PLACES = ("dark", 3), ("dark", 6), ("bright", 0), ("bright", 6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("light", "place"),
     [("dark", 0), ("bright", 3), *(pytest.param(*case, marks=STUDY) for case in OTHER_PLACES)],

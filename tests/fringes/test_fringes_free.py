@@ -60,6 +60,7 @@ QUICK = ("hole",)
 """Specimens that every run reads; the others are for the long one."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name",
     [
@@ -240,6 +241,7 @@ def test_of_two_separate_parts_only_the_one_with_a_known_point_is_known():
     assert np.isfinite(both[:, 112:]).mean() > KEPT and np.nanmax(np.abs(both - order)) < SURE
 
 
+@pytest.mark.long
 def test_pixels_that_hold_no_number_are_masked_and_harm_none_beside_them():
     (wave, sigma, valid), order, point = part(80, 30)
     whole_frame = read_free(wave, sigma, valid, [point]).reading.order

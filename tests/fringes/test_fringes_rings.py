@@ -58,6 +58,7 @@ def test_closed_rings_are_kept_whole_from_the_order_of_their_centre(centre, radi
     assert share > 0.97 and wrong == 0.0 and rms < 0.003 and not got.said
 
 
+@pytest.mark.long
 def test_rings_are_a_bowl_or_open_by_what_their_centre_is_said_to_be():
     """cos 2 pi N is the same for N and 25 - N."""
     order, (row, col), inside, wave = rings(12.5, 135.0, SMALL, sign=1.0)

@@ -73,6 +73,7 @@ def test_uneven_curved_fringes_have_no_bias():
     assert rings > 10
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("level", "noise"), [(0.02, NOISE), (0.5, 0.0), (0.5, NOISE), (0.5, 0.03), (0.9, NOISE)]
 )

@@ -34,7 +34,7 @@ class Case:
     """A hostile input: `make(place)` writes it into a folder and returns the command's arguments.
     `says`, words that the refusal must hold: what is wrong where, and what to do; `code`, the exit
     code; `file_bytes`, the largest file that may be written; `inside`, called in the process before
-    the command; `kept`, whether finished work may stay in OUT.partial; `slow`, for the long run."""
+    the command; `kept`, whether finished work may stay in OUT.partial."""
 
     make: Callable[[Path], list[str]]
     says: tuple[str, ...]
@@ -42,7 +42,6 @@ class Case:
     file_bytes: int | None = None
     inside: Callable[[], None] | None = None
     kept: bool = False
-    slow: bool = False
     label: str = ""
     touches: bool = False
 

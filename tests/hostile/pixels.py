@@ -21,10 +21,9 @@ def floats(place: Path, change: slice | tuple, value: float) -> list[str]:
 
 case(PIXELS, "every pixel nan", lambda p: floats(p, np.s_[:], np.nan), "f.tif[0]", "NaN", "check")
 case(PIXELS, "every pixel infinite", lambda p: floats(p, np.s_[:], np.inf), "f.tif[0]", "check")
-case(PIXELS, "one frame of nan", lambda p: floats(p, np.s_[1], np.nan), "f.tif[1]", "NaN", "check",
-     slow=True)  # fmt: skip
+case(PIXELS, "one frame of nan", lambda p: floats(p, np.s_[1], np.nan), "f.tif[1]", "NaN", "check")
 case(PIXELS, "one frame of minus infinity", lambda p: floats(p, np.s_[1], -np.inf), "f.tif[1]",
-     "check", slow=True)  # fmt: skip
+     "check")  # fmt: skip
 case(PIXELS, "every pixel negative", lambda p: floats(p, np.s_[:], -0.5), "f.tif[0]", "check")
 case(PIXELS, "fractions beyond every scale", lambda p: floats(p, np.s_[:, 3, 4], 1e38), "f.tif[0]",
      "bit_depth")  # fmt: skip
@@ -57,12 +56,12 @@ def pages(place: Path, odd: np.ndarray) -> list[str]:
 
 
 case(PIXELS, "pages of two sizes", lambda p: pages(p, picture(rows=20)), "frame 1", "20 x 64",
-     "remove or crop the odd one", slow=True)  # fmt: skip
+     "remove or crop the odd one")  # fmt: skip
 case(PIXELS, "colour page among grey ones", lambda p: pages(p, np.dstack([picture()] * 3)),
-     "frame 1", "colour", "save all frames alike", slow=True)  # fmt: skip
+     "frame 1", "colour", "save all frames alike")  # fmt: skip
 case(PIXELS, "deep page among shallow ones",
      lambda p: pages(p, picture().astype(np.uint16) * 257), "frame 1", "uint16",
-     "save all frames alike", slow=True)  # fmt: skip
+     "save all frames alike")  # fmt: skip
 
 
 def folder(place: Path, odd: np.ndarray, suffix: str = ".png") -> list[str]:
@@ -74,12 +73,12 @@ def folder(place: Path, odd: np.ndarray, suffix: str = ".png") -> list[str]:
 
 
 case(PIXELS, "image of another size in a folder", lambda p: folder(p, picture(rows=20)), "1.png",
-     "20 x 64", "remove or crop the odd one", slow=True)  # fmt: skip
+     "20 x 64", "remove or crop the odd one")  # fmt: skip
 case(PIXELS, "colour image among grey ones", lambda p: folder(p, np.dstack([picture()] * 3)),
-     "1.png", "colour", "save all frames alike", slow=True)  # fmt: skip
+     "1.png", "colour", "save all frames alike")  # fmt: skip
 case(PIXELS, "deep image among shallow ones",
      lambda p: folder(p, picture().astype(np.uint16) * 257), "1.png", "uint16",
-     "save all frames alike", slow=True)  # fmt: skip
+     "save all frames alike")  # fmt: skip
 case(PIXELS, "folder without an image",
      after(lambda p: ((p / "d").mkdir(), (p / "d" / "notes.txt").write_text("no image")),
      process("d")), "holds no image", "name a folder with frames")  # fmt: skip
@@ -110,9 +109,9 @@ def two_sizes(place: Path, name: str, codec: str, pixels: str) -> list[str]:
 
 
 case(PIXELS, "mjpeg whose frames change size", lambda p: two_sizes(p, "v.avi", "mjpeg", "yuvj420p"),
-     "v.avi", "frame 1 is 32 x 48", "remove or crop the odd one", slow=True)  # fmt: skip
+     "v.avi", "frame 1 is 32 x 48", "remove or crop the odd one")  # fmt: skip
 case(PIXELS, "mkv of two joined recordings", lambda p: two_sizes(p, "v.mkv", "mjpeg", "yuvj420p"),
-     "v.mkv", "frame 1", "remove or crop", slow=True)  # fmt: skip
+     "v.mkv", "frame 1", "remove or crop")  # fmt: skip
 
 
 @hostile(PIXELS, "2.mkv", "must be alike")
@@ -123,7 +122,7 @@ def recording_in_files_of_two_sizes(place: Path) -> list[str]:
     return process("d")
 
 
-@hostile(PIXELS, "v.mkv", "has no time", "sliding_speed", slow=True)
+@hostile(PIXELS, "v.mkv", "has no time", "sliding_speed")
 def time_stamps_that_go_backwards_where_distances_are_wanted(place: Path) -> list[str]:
     from hostile.given import CONTACT
 

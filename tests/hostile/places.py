@@ -84,10 +84,10 @@ case(PLACES, "results would replace the frames",
      "fringe_order.tif", "beside the input", "name another")  # fmt: skip
 case(PLACES, "results would replace the scene",
      after(lambda p: write_scene(p, CONTACT, "out/scene.toml"), simulate("out/scene.toml")),
-     "out/scene.toml", "no provenance.json", "move it away", kept=True, slow=True)  # fmt: skip
+     "out/scene.toml", "no provenance.json", "move it away", kept=True)  # fmt: skip
 case(PLACES, "results would replace somebodys frames",
      after(lambda p: stack(p / "out" / "frames.tif"), lambda p: simulating(p)), "out/frames.tif",
-     "no provenance.json", "move it away", kept=True, slow=True)  # fmt: skip
+     "no provenance.json", "move it away", kept=True)  # fmt: skip
 case(PLACES, "out is the root", lambda p: [*processing(p)[:-1], "/"], "/", "top of a drive",
      "name a folder in it")  # fmt: skip
 case(PLACES, "out is a device", lambda p: [*processing(p)[:-1], "/dev/null"], "/dev/null",
@@ -147,7 +147,7 @@ for count in FULL:
         PLACES.append(
             Case(
                 make, ("out", "No space left on device"), inside=partial(full_after, count),
-                kept=True, slow=count not in (0, 3, 8),
+                kept=True,
                 label=f"disk full after {count} writes while {make.__name__}",
             )
         )  # fmt: skip

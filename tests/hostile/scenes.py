@@ -50,12 +50,6 @@ case(SCENES, "empty scene", after(lambda p: write_scene(p, ""), simulate()), "wr
      "specimen", "missing")  # fmt: skip
 
 
-LONG = ("a time", "true", "400", "1e-308", "a table", "wear of 1e29", "1e-29", "X-ray", "half",
-        "softer", "harder", "thickness", "in a text", "distances of no", "tolerance", "seventeen",
-        "spacing", "radius of 1e308")  # fmt: skip
-"""Of numbers that are like others: for the long run."""
-
-
 def number(name: str, old: str, new: str, *says: str, code: int = 2) -> None:
     """A scene of which one line is another."""
 
@@ -63,9 +57,7 @@ def number(name: str, old: str, new: str, *says: str, code: int = 2) -> None:
         contact_with(place, old, new)
         return simulate()
 
-    SCENES.append(
-        Case(make, says, code=code, label=name, slow=any(words in name for words in LONG))
-    )
+    SCENES.append(Case(make, says, code=code, label=name))
 
 
 LOAD = "normal_n = 44.0"

@@ -156,7 +156,7 @@ def export(place: Path) -> list[str]:
 
 case(SETS, "export of a run without its store",
      after(lambda p: shutil.rmtree(finished(p) / "run.zarr"), lambda p: export(p)), "old",
-     "run.zarr", "is missing", slow=True)  # fmt: skip
+     "run.zarr", "is missing")  # fmt: skip
 
 
 def garbled(place: Path, name: str, data: bytes) -> None:
@@ -169,18 +169,17 @@ case(SETS, "export of a run whose store is garbage",
      lambda p: garbled(p, "run.zarr/zarr.json", b"\xff{garbage") or export(p),
      *RUN_AGAIN)  # fmt: skip
 case(SETS, "export of a run one of whose columns is garbage",
-     lambda p: garbled(p, "run.zarr/chi/zarr.json", b"[]") or export(p), *RUN_AGAIN,
-     slow=True)  # fmt: skip
+     lambda p: garbled(p, "run.zarr/chi/zarr.json", b"[]") or export(p), *RUN_AGAIN)  # fmt: skip
 
 
-@hostile(SETS, "run.zarr", "run the command that left", slow=True)
+@hostile(SETS, "run.zarr", "run the command that left")
 def export_of_a_run_one_of_whose_chunks_is_cut(place: Path) -> list[str]:
     file = finished(place) / "run.zarr" / "normalised" / "c" / "0" / "0" / "0"
     file.write_bytes(file.read_bytes()[:50])
     return ["export", "old", "--to", "tiff", "--out", "out"]
 
 
-@hostile(SETS, "run.zarr", "run the command that left", slow=True)
+@hostile(SETS, "run.zarr", "run the command that left")
 def export_of_a_run_that_claims_a_thousand_million_frames(place: Path) -> list[str]:
     store = finished(place) / "run.zarr"
     for name in ("normalised", "chi", "frame"):
@@ -191,7 +190,7 @@ def export_of_a_run_that_claims_a_thousand_million_frames(place: Path) -> list[s
     return ["export", "old", "--to", "csv", "--out", "out"]
 
 
-@hostile(SETS, "normalised.tif", "were left", "run the command that left", slow=True)
+@hostile(SETS, "normalised.tif", "were left", "run the command that left")
 def comparison_with_a_run_whose_maps_are_garbage(place: Path) -> list[str]:
     for file in finished(place).glob("*.tif"):
         file.write_bytes(b"II*\0garbage")
@@ -206,6 +205,6 @@ def results_over(place: Path, record: bytes) -> list[str]:
 
 NO_RECORD = ("old/", "no provenance.json", "move it away")
 case(SETS, "results over a run whose record is garbage", lambda p: results_over(p, b"\xff["),
-     *NO_RECORD, slow=True)  # fmt: skip
+     *NO_RECORD)  # fmt: skip
 case(SETS, "results over a run whose record names no files",
-     lambda p: results_over(p, b'{"outputs": [1, {"a": 2}]}'), *NO_RECORD, slow=True)  # fmt: skip
+     lambda p: results_over(p, b'{"outputs": [1, {"a": 2}]}'), *NO_RECORD)  # fmt: skip

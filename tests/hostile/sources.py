@@ -152,4 +152,4 @@ for make, do, says in (
 ):
     what = make.__name__.removeprefix("of_")
     label = f"{what} that begins to {do.__name__} while it is read"
-    SOURCES.append(Case(make, says, inside=do, touches=True, label=label, slow=do is not vanish))
+    SOURCES.append(Case(make, says, inside=do, touches=True, label=label))

@@ -62,6 +62,7 @@ def test_results_may_lie_in_a_folder_of_their_own_in_that_of_the_frames(place):
         check_done(run(place, [*process("d")[:-1], "d/out", *again]))
 
 
+@pytest.mark.long
 def test_a_link_to_another_folder_is_followed_for_results(place):
     """As to a larger drive; a link in it, under the name of a result, is replaced."""
     (place / "elsewhere").mkdir()
@@ -74,6 +75,7 @@ def test_a_link_to_another_folder_is_followed_for_results(place):
     assert (place / "mine.csv").read_text("utf-8") == "mine"
 
 
+@pytest.mark.long
 def test_a_machine_whose_clock_goes_backwards_ends_its_run(place):
     stack(place / "f.tif", picture(0, 32, 32)[None])
     check_done(run(place, process("f.tif"), inside=backwards))

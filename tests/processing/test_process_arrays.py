@@ -58,6 +58,7 @@ def empty(tmp_path, monkeypatch):
     assert {path.name for path in tmp_path.iterdir()} <= {"OUT", "OTHER"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "form",
     [np.asarray, list, lambda f: f[0], lambda f: xr.DataArray(f, dims=("frame", "row", "col"))],
@@ -71,6 +72,7 @@ def test_process_of_an_array_is_that_of_its_file(ring, form):
     assert one.fitted == other.fitted
 
 
+@pytest.mark.long
 def test_fit_and_check_of_an_array_are_those_of_its_file(ring):
     frames, file = ring
     start = RING.with_values({"load.normal_n": 63.0})

@@ -51,6 +51,7 @@ def processed(folder, text, frames="captured.tif"):
 NO_LOAD = 'no_load_dark = "no-load-dark.tif"\nno_load_bright = "no-load-bright.tif"\n'
 
 
+@pytest.mark.long
 def test_orders_come_from_one_known_point(captured):
     folder, truth = captured
     found = processed(folder, SCENE + NO_LOAD + SEED)

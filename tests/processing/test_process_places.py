@@ -182,6 +182,7 @@ def marks_of(draw):
     return pytest.mark.long if draw in LONG else (pytest.mark.study,)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("specimen", "kind", "seed"), [pytest.param(*draw, marks=marks_of(draw)) for draw in HUNDRED]
 )

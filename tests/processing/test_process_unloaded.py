@@ -26,6 +26,7 @@ def followed():
         return film, process(film.frames(), film.scene(), progress=told.append), told
 
 
+@pytest.mark.long
 def test_orders_are_counted_from_zero_through_unloading_and_pauses(followed):
     film, found, _ = followed
     kept, wrong, rms = judged(film, found).T

@@ -53,6 +53,7 @@ def test_frames_without_the_scenes_fringes_are_no_result(place, negatives, means
     nothing_is_left(place)
 
 
+@pytest.mark.long
 def test_a_track_that_never_began_is_no_result(place):
     with pytest.raises(PhysicsError, match=f"{NOTHING} the 2 frames.*correct the scene"):
         track(place / "film.tif", place / "scene.toml", (LOAD,), out=place / "out")

@@ -43,6 +43,7 @@ def same_page(folder, out):
     return file.read_text("utf-8").replace(f" of {folder.name}", f" of {name}") == own
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["processed", "fitted"])
 def test_the_page_made_anew_is_the_one_beside_the_run(runs, tmp_path, name):
     assert same_page(runs / name, tmp_path / "out")

@@ -137,6 +137,7 @@ def test_from_the_samples_frames_to_a_scene_by_the_form_alone(chromium, fresh):
     assert all(abs(values[key][0] - true[key]) < 3.0 * values[key][1] for key in true)
 
 
+@pytest.mark.study
 def test_from_the_samples_frames_to_a_scene_by_one_search(chromium, fresh):
     """In ten actions; what the user knows of the bench is in the sample's README."""
     truth = json.loads((samples_path() / "line-contact-wear" / "truth.json").read_text())
