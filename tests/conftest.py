@@ -12,6 +12,7 @@ import typer.main
 from hypothesis import settings
 
 import isochrome
+from sketches import sketched
 
 # Processes of pytest-xdist share the cores: a pool of threads in each makes all of them wait (a
 # quarter of the time of all tests). Set in the parent, since a worker reads it as it starts.
@@ -61,19 +62,12 @@ SKETCHED = {
 
 @pytest.fixture(scope="module", autouse=True)
 def _sketched(request):
-    """What nobody looks at is not drawn: that is most of the work of leaving a small folder."""
-    if not {request.path.parent.name, request.path.name} & SKETCHED:
-        yield
-        return
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)
-        patch.setattr(Figure, "draw_without_rendering", lambda *_: None)
-        if request.path.parent.name not in ("reporting", "setup_page"):  # pages that are shown
-            patch.setattr(Axes, "draw", lambda *_: None)
+    """What nobody looks at is not drawn."""
+    room, module = request.path.parent.name, request.path.name
+    if {room, module} & SKETCHED:
+        with sketched(axes=room not in ("reporting", "setup_page")):
+            yield
+    else:
         yield
 
 

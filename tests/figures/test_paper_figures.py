@@ -38,6 +38,7 @@ from isochrome.processing import FOUND_BY, PICTURE, tracked_figure
 from isochrome.processing import Shown as ShownFrame
 from scene_texts import SMALL_CAMERA, WORN_CONTACT
 from shipped_sets import some_of_a_shipped_set
+from sketches import sketched
 
 WIDTHS = (85.0, 174.0)
 LEAST_PT = 7.0
@@ -59,9 +60,10 @@ def worn(tmp_path_factory):
     home = tmp_path_factory.mktemp("worn")
     scene = home / "scene.toml"
     scene.write_text(WORN_CONTACT + SMALL_CAMERA + "noise_grey = 2.0\n", "utf-8")
-    simulated = isochrome.simulate(scene, home / "simulated")
-    processed = isochrome.process(home / "simulated" / "frames.tif", scene, home / "processed")
-    compared = isochrome.compare(home / "processed", home / "simulated")
+    with sketched():
+        simulated = isochrome.simulate(scene, home / "simulated")
+        processed = isochrome.process(home / "simulated" / "frames.tif", scene, home / "processed")
+        compared = isochrome.compare(home / "processed", home / "simulated")
     return {"simulate": simulated, "process": processed, "compare": compared, "home": home}
 
 
