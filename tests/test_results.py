@@ -259,13 +259,13 @@ MAKE: dict[str, Callable[..., Left]] = {
 IN_MINUTES = {"demo", "bench", "calibrate disc", "process, in memory", "process track, in memory"}
 """What `bench` leaves, in test_bench.py; what is in memory, by others too."""
 
-IN_NO_TIME = {"sweep", "calibrate colour"}
-
 
 def marked(*names: str) -> pytest.MarkDecorator:
     """A test of some results, those of seconds in the slow part."""
     kinds = {n: pytest.mark.study if n in IN_MINUTES else pytest.mark.long for n in names}
-    some = [n if n in IN_NO_TIME else pytest.param(n, marks=kinds[n]) for n in names]
+    some = [
+        n if n in ("sweep", "calibrate colour") else pytest.param(n, marks=kinds[n]) for n in names
+    ]
     return pytest.mark.parametrize("name", some, scope="module")
 
 

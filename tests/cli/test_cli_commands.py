@@ -153,3 +153,15 @@ def test_process_leaves_what_the_contract_names(processed):
 def test_check_finds_nothing_wrong_with_simulated_frames(quick_isochrome):
     done = quick_isochrome("check", "frames.tif", "--scene", "small.toml")
     assert (done.code, done.err) == (0, "") and done.out.endswith("2 frames read: no error found\n")
+
+
+@pytest.mark.study
+def test_demo_runs_from_anywhere(isochrome, place):
+    done = isochrome("demo", "--out", "Vorführung", "--json")
+    assert done.code == 0
+    summary = done.json()
+    assert max(summary["metrics"]["order_rms_fringe"]) < 0.01
+    assert len(summary["film"]["load.normal_n"]) == 23
+    said = {text for part in ("frames", "film") for text in summary[part]["warnings"] if text}
+    assert said and all(any(text in whole for whole in summary["warnings"]) for text in said)
+    assert (place / "Vorführung" / "comparison" / "comparison.png").is_file()
