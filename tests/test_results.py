@@ -257,15 +257,13 @@ MAKE: dict[str, Callable[..., Left]] = {
 }
 
 IN_MINUTES = {"demo", "bench", "calibrate disc", "process, in memory", "process track, in memory"}
-"""What `bench` leaves, in test_bench.py; what is in memory, by others too."""
 
 
 def marked(*names: str) -> pytest.MarkDecorator:
     """A test of some results, those of seconds in the slow part."""
-    kinds = {n: pytest.mark.study if n in IN_MINUTES else pytest.mark.long for n in names}
-    some = [
-        n if n in ("sweep", "calibrate colour") else pytest.param(n, marks=kinds[n]) for n in names
-    ]
+    marks = dict.fromkeys(names, pytest.mark.long) | dict.fromkeys(IN_MINUTES, pytest.mark.study)
+    marks |= {"sweep": (), "calibrate colour": ()}
+    some = [pytest.param(name, marks=marks[name]) for name in names]
     return pytest.mark.parametrize("name", some, scope="module")
 
 
