@@ -5,6 +5,7 @@ import gc
 import os
 import shutil
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -64,10 +65,8 @@ SKETCHED = {
 def _sketched(request):
     """What nobody looks at is not drawn."""
     room, module = request.path.parent.name, request.path.name
-    if {room, module} & SKETCHED:
-        with sketched(axes=room not in ("reporting", "setup_page")):
-            yield
-    else:
+    pages = room in ("reporting", "setup_page")
+    with sketched(axes=not pages) if {room, module} & SKETCHED else nullcontext():
         yield
 
 

@@ -4,9 +4,13 @@ import numpy as np
 import pytest
 
 from isochrome.calibration import Circle, Disc
+from isochrome.calibration.disc import disc_field
 from isochrome.calibration.disc.api import fit_disc
 from isochrome.calibration.disc.disc_field import (
     ORDERS,
+    THIN,
+    DiscPixels,
+    Overlay,
     Rise,
     Scan,
     choose_centre_orders,
@@ -96,6 +100,20 @@ def test_a_tone_curve_is_not_taken_for_residual_stress(disc_frame):
 )
 def test_a_rise_is_clear_where_no_other_explains_as_much(explained, runner_up, clear):
     assert Rise(0.01, 0.0, explained, runner_up).clear is clear
+
+
+def test_a_slopes_share_is_what_its_waves_explain_and_these_are_of_least_squares():
+    rng, unit, loads = np.random.default_rng(1), np.linspace(-0.8, 0.8, 30), 60.0 * np.arange(1, 7)
+    grid = DiscPixels(unit[:, None], unit[None], unit[1] - unit[0])
+    images, slopes = Overlay(rng.random((6, 30, 30)), grid, loads), np.arange(0.4, 16.0, 0.04) / 360
+    shares, used = disc_field._shares(images, 0.02, slopes), images.used[:, ::THIN]
+    data, field = images.stack[:, :, ::THIN][:, used], images.field(0.02)[:, ::THIN][used]
+    for k in (0, 200, 389):
+        left, (a, b) = disc_field.pixel_waves(data, slopes[k] * loads, field)
+        assert shares[k] == pytest.approx(1.0 - np.sum(left**2) / (6 * data.var(axis=0).sum()))
+    phase, i = 2.0 * np.pi * slopes[k] * loads * field.max(), field.argmax()
+    columns = np.stack([np.ones(6), np.cos(phase), np.sin(phase)], axis=1)
+    assert [a[i], b[i]] == pytest.approx(np.linalg.lstsq(columns, data[:, i])[0][1:])
 
 
 def test_orders_from_the_rise_are_off_by_what_they_say(disc_frame):

@@ -20,8 +20,7 @@ from hostile.sources import SOURCES
 
 KINDS = (BOMBS, HEADS, PIXELS, SOURCES, PLACES, SCENES, SETS)
 CASES = {case.name: case for kind in KINDS for case in kind}
-QUICK = {case.name for kind in KINDS for case in kind[:4]}
-"""Four of each kind are tried by default, all in the long run."""
+QUICK = {case.name for kind in KINDS for case in kind[:4]}  # by default; in the long run all
 
 
 @pytest.fixture
