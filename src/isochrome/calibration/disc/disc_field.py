@@ -479,18 +479,13 @@ def _shares(images: Overlay, angle: float, slopes: Array) -> Array:
     Slopes (k,) at even steps: each one's waves are those of the one before, turned by as much.
     """
     field, used = images.field(angle)[:, ::THIN], images.used[:, ::THIN]
-    data = images.stack[:, :, ::THIN][:, used]
-    varying = data - data.mean(axis=0)
-    phase = 2.0 * np.pi * images.loads[:, None] * field[used]
-    wave, turn = np.exp(1j * slopes[0] * phase), np.exp(1j * (slopes[1] - slopes[0]) * phase)
-    explained = np.empty(len(slopes))
+    data, left = images.stack[:, :, ::THIN][:, used], np.empty(len(slopes))
+    varying, phase = data - data.mean(axis=0), 2j * np.pi * images.loads[:, None] * field[used]
+    wave, turn = np.exp(slopes[0] * phase), np.exp((slopes[1] - slopes[0]) * phase)
     for k in range(len(slopes)):
-        about = wave - wave.mean(axis=0)
-        c, moment = _wave_fit(about, varying)
-        model = np.sum((about * c.conj()).real ** 2, axis=0)
-        explained[k] = np.sum(2.0 * (c.conj() * moment).real - model)
+        left[k] = np.sum(_fit_wave(wave, varying)[0] ** 2)
         wave *= turn
-    return explained / float(np.sum(varying**2))
+    return np.asarray(1.0 - left / np.sum(varying**2))
 
 
 def pixel_waves(data: Array, orders: Array, field: Array) -> tuple[Array, Array]:
@@ -499,23 +494,22 @@ def pixel_waves(data: Array, orders: Array, field: Array) -> tuple[Array, Array]
     Parameters: `data` (n, m) intensities, `orders` (n,) N at the centre, `field` (m,) h.
     Returns the residuals (n, m) and the coefficients (a, b) (2, m).
     """
-    wave = np.exp(2j * np.pi * orders[:, None] * field)
-    wave -= wave.mean(axis=0)
-    varying = data - data.mean(axis=0)
-    c, _ = _wave_fit(wave, varying)
-    return varying - (wave * c.conj()).real, np.stack([c.real, c.imag])
+    left, c = _fit_wave(np.exp(2j * np.pi * orders[:, None] * field), data - data.mean(axis=0))
+    return left, np.stack([c.real, c.imag])
 
 
-def _wave_fit(wave: Any, varying: Array) -> tuple[Any, Any]:
-    """c = a + ib (m,) of a cos + b sin = Re(c* w), by least squares, and the sum of w y (m,).
+def _fit_wave(wave: Any, varying: Array) -> tuple[Array, Any]:
+    """The residuals (n, m) of a cos + b sin = Re(c* w) by least squares, and c = a + ib (m,).
 
-    Waves w and data y (n, m) have no mean. With S = sum |w|², Q = sum w² and P = sum w y it is
-    (S c + Q c*)/2 = P.
+    Of waves w without their mean, and data y (n, m) that have none: with S = sum |w|², Q = sum w²
+    it is (S c + Q c*)/2 = sum w y.
     """
+    wave = wave - wave.mean(axis=0)
     size, square = np.sum(wave.real**2 + wave.imag**2, axis=0), np.sum(wave * wave, axis=0)
-    moment = np.sum(wave * varying, axis=0)
-    below = np.maximum(0.25 * (size**2 - np.abs(square) ** 2), 1e-3)
-    return (size * moment - square * moment.conj()) / (2.0 * below), moment
+    right = np.sum(wave * varying, axis=0)
+    below = np.maximum(0.5 * (size**2 - np.abs(square) ** 2), 2e-3)
+    c = (size * right - square * right.conj()) / below
+    return varying - (wave * c.conj()).real, c
 
 
 ENOUGH = 1e-6
