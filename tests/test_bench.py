@@ -324,6 +324,46 @@ def test_track_suite_counts_frames_and_what_reading_takes(monkeypatch, tmp_path)
     assert max(map(len, got.text.splitlines())) <= 110
 
 
+@pytest.mark.study
+def test_track_suite_reads_a_film_of_a_codec_whose_columns_are_even():
+    (row,) = load_benchmarks("case_track").run_case("MJPEG in AVI", quick=True)
+    assert row.frames == 9 and row.load_error < 3.5e-4  # 1.1e-4: a codec adds a little
+
+
+@pytest.mark.study
+def test_track_suite_sets_a_worn_film_beside_its_frames_wholly():
+    case = load_benchmarks("case_track")
+    rows = [row for name in (case.WORN, case.WORN_WHOLE) for row in case.run_case(name, quick=True)]
+    assert [row.frames for row in rows] == [9, 9]
+    # 8e-5 in nine frames of a fifth of the size
+    assert all(row.load_error < 2.4e-4 for row in rows)
+    assert "times the frames a second of each wholly" in case.table(rows)
+
+
+@pytest.mark.study
+def test_track_suite_judges_orders_of_films_without_a_model():
+    films, case = load_benchmarks("case_films"), load_benchmarks("case_track")
+    assert set(films.FILMS) <= set(case.cases())
+    names = f"beam {films.ZERO}", f"disc {films.KEYED}"
+    rows = [row for name in names for row in films.run_case(name, quick=True)]
+    assert [row.frames for row in rows] == [26, 6]
+    # frames of a quarter of the size: fringes are twice as fine as in the films that the row is of
+    assert all(row.wrong == 0.0 and 0.0 < row.rms < 0.01 and row.kept > 0.7 for row in rows)
+    assert max(map(len, case.table(rows).splitlines())) <= 110
+
+
+@pytest.mark.study
+@pytest.mark.skipif(sys.platform == "win32", reason="no resource module there")
+def test_memory_is_that_of_the_run_alone(tmp_path):
+    got = bench(tmp_path / "out", suite="memory", quick=True)
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["memory.csv", "memory.png"]
+    rows = [ROWS.MemoryRow(**row) for row in got.rows]
+    assert [row.command for row in rows] == ["simulate", "process --track", "process --track"]
+    # the libraries alone take some 80 to 110 MB, three states or seven small frames little more
+    assert all(60.0 < row.peak_mb < 300.0 and row.seconds > 0.0 for row in rows)
+    assert max(map(len, got.text.splitlines())) <= 110
+
+
 def test_a_stack_whose_pages_share_pixels_is_read_as_written(tmp_path):
     frames = np.random.default_rng(1).integers(0, 256, (3, 20, 30)).astype(np.uint8)
     order = [0, 2, 1, 1, 0]

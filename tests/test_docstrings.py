@@ -253,8 +253,9 @@ def test_its_examples_run(name, tmp_path, monkeypatch):
     finder = doctest.DocTestFinder(recurse=False)
     (found,) = finder.find(getattr(isochrome, name), name, globs={})
     assert found.examples
-    result = doctest.DocTestRunner().run(found)
-    assert result.failed == 0  # the report is on standard output
+    said: list[str] = []
+    result = doctest.DocTestRunner().run(found, out=said.append)
+    assert result.failed == 0, "".join(said)
 
 
 def test_few_examples_are_skipped():

@@ -63,9 +63,15 @@ def place(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def stacks(place, no_pictures):
+def drawn_stacks(place):
     """Four TIFF stacks of 2, 3, 4 and 5 frames, runs/run1.tif to run4.tif."""
     names = [f"runs/run{i}.tif" for i in range(1, 5)]
     for i, name in enumerate(names, 1):
         write_tiff(place / name, film(i + 1, i))
     return names
+
+
+@pytest.fixture
+def stacks(drawn_stacks, no_pictures):
+    """The same, of which this process leaves no pictures."""
+    return drawn_stacks

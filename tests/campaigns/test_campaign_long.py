@@ -52,6 +52,20 @@ def test_killed_in_the_second_recording_it_ends_with_the_same_bytes(place, code,
     assert not (place / "out.partial").exists()
 
 
+@pytest.mark.study
+def test_recordings_side_by_side_are_the_same_as_one_after_the_other(drawn_stacks, place):
+    (place / drawn_stacks[2]).write_bytes(b"no TIFF")
+    one = process_campaign(drawn_stacks, "scene.toml", "one")
+    told = []
+    two = process_campaign(
+        drawn_stacks, "scene.toml", "two", workers=2, progress=lambda *both: told.append(both)
+    )
+    for result in (one, two):
+        assert result.exit_code == 2 and result.failed == (drawn_stacks[2],)
+    assert contents(place / "two") == contents(place / "one")
+    assert told[-1][0].done == 4
+
+
 class Deadly(str):
     """A recording whose arrival kills the process that is to work on it."""
 

@@ -261,3 +261,16 @@ def test_laws_of_friction_are_alike_where_it_is_constant(tmp_path):
             factor = {"sarkar": np.sqrt(1.0 + 3.0 * 0.25**2), "dissipated_energy": 0.25}[near.law]
             # the coefficient makes up for the law: 2e-9 over its factor; 1 %: the friction's noise
             assert near.parameters[WEAR]["value"] == pytest.approx(2e-9 / factor, rel=0.01)
+
+
+@pytest.mark.study
+def test_the_right_law_leaves_a_misfit_of_its_degrees_of_freedom():
+    rng = np.random.default_rng(1)
+    misfits = []
+    for _ in range(40):
+        values = 2e-9 * (1.0 + 1e-3 * rng.standard_normal(4))
+        found = compare_laws(*wear_only(2e-9 * np.ones(4), 1e-3)[:1], values,
+                             np.eye(4) / 4e-24, cost=100.0, freedom=100)  # fmt: skip
+        misfits.append(next(law.misfit for law in found if law.law == "archard"))
+    # chi-squared of 3 degrees: mean 3, standard deviation sqrt(6); of 40: 0.39
+    assert np.mean(misfits) == pytest.approx(3.0, abs=1.5)

@@ -22,6 +22,7 @@ from isochrome.runs import Stopped
 from isochrome.scene import dump_scene, parse_scene
 from isochrome.simulation import simulate
 from runs.counting import contents
+from runs.killing import killed_and_begun_again, needs_sigkill, start
 from scene_texts import PAPER_CONTACT, SMALL_CAMERA
 
 LOAD, LEFT = "load.normal_n", "camera.left_mm"
@@ -134,6 +135,42 @@ def test_a_stopped_fit_goes_on_and_ends_with_the_same_bytes(place, options):
     assert told[0].before == 1
     assert contents(place / "out") == contents(place / "whole")
     assert not (place / "out.partial").exists()
+
+
+@pytest.mark.study
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+def test_workers_and_a_cluster_leave_the_same_files(place, monkeypatch):
+    distributed = pytest.importorskip("distributed", reason="needs isochrome[cluster]")
+    monkeypatch.chdir(place)
+    for options in ({}, {"free": (LOAD,), "per_frame": (LEFT,)}):
+        out = f"joint-{len(options)}"
+        fitted(place, place / out, **options)
+        fitted(place, place / f"{out}-two", workers=2, **options)
+        assert contents(place / f"{out}-two") == contents(place / out)
+    fit("film.tif", "scene.toml", (), per_frame=(LOAD,), out="one")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        address = cluster.scheduler_address
+        fit("film.tif", "scene.toml", (), per_frame=(LOAD,), out="two", cluster=address)
+    assert contents(place / "two") == contents(place / "one")
+
+
+@pytest.mark.study
+@needs_sigkill
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, workers):
+    place = make_set(tmp_path, 16)
+
+    def begin(out):
+        return start(
+            place, code, "-m", "isochrome", "fit", "film.tif", "--scene", "scene.toml",
+            "--per-frame", LOAD, "--out", out, "--workers", workers,
+        )  # fmt: skip
+
+    alternately = [False, True]
+    kept = killed_and_begun_again(begin, place, alternately, since=0.3, seed=int(workers))
+    assert kept > 0  # else nothing was told of going on
 
 
 @pytest.mark.long

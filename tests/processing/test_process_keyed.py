@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from tracked_films import leaves_the_same_bytes, write_video
-from unloaded_films import LoadedFilm, judged
+from unloaded_films import KEYED, WHOLE, KnownFilm, LoadedFilm, judged
 
 from isochrome.errors import PhysicsError
 from isochrome.processing import process
@@ -70,3 +70,14 @@ def test_workers_and_folders_give_the_same_bytes(tmp_path):
     options = {"track": True, "every": 7}  # key frames within chunks, and at none of their ends
     frames = film.frames(range(20, 32))
     assert leaves_the_same_bytes(tmp_path, frames, film.scene(**AXIS), **options)
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("number", range(len(KEYED)))
+def test_a_followed_film_keeps_what_single_frames_keep(number):
+    """RMS below .01, wrong below .1 %, kept within 2 % of single frames'."""
+    film = KnownFilm(number, WHOLE, count=40)
+    scene, images = film.scene(**film.known()), film.frames()
+    kept, wrong, rms = judged(film, process(images, scene, track=True)).T
+    single = judged(film, process(images[::13], scene), range(0, 40, 13))[:, 0]
+    assert wrong.max() < 1e-3 and np.median(rms) < 0.01 and np.median(kept[::13] - single) > -0.02

@@ -142,6 +142,19 @@ def test_two_workers_leave_the_same_files(place):
 
 
 @pytest.mark.study
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+def test_a_cluster_leaves_the_same_files(place, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.chdir(place)
+    process("film.tif", "scene.toml", "one")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        process("film.tif", "scene.toml", "two", cluster=cluster.scheduler_address)
+    assert contents(place / "two") == contents(place / "one")
+
+
+@pytest.mark.study
 @needs_sigkill
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, workers):

@@ -137,6 +137,38 @@ def test_from_the_samples_frames_to_a_scene_by_the_form_alone(chromium, fresh):
     assert all(abs(values[key][0] - true[key]) < 3.0 * values[key][1] for key in true)
 
 
+def test_from_the_samples_frames_to_a_scene_by_one_search(chromium, fresh):
+    """In ten actions; what the user knows of the bench is in the sample's README."""
+    truth = json.loads((samples_path() / "line-contact-wear" / "truth.json").read_text())
+    with tab(chromium, open_session(fresh / "captured.tif")) as own:
+        for key, text in (
+            ("specimen.thickness_mm", "4"), ("specimen.fringe_value_n_per_mm", "14.6"),
+            ("specimen.young_gpa", "2,1"), ("specimen.poisson", "0.4"),
+            ("indenter.radius_mm", "24.61"), ("load.normal_n", "40"),
+            ("friction.static_state_first", "true"), ("wear.distances_m", "0 31 77 155 233"),
+        ):  # fmt: skip
+            own.fill(key, text)
+        found = found_on_page(own)
+        assert "Found in frame 1" in own.page.text_content("#status")  # the first that slides
+        as_said(
+            found,
+            {
+                "load.normal_n": truth["load.normal_n"],
+                "friction.coefficient": truth["friction.coefficient"][1],
+                "camera.left_mm": truth["camera.left_mm"][1],
+                "camera.top_mm": truth["camera.top_mm"][1],
+                "frames.gamma": truth["camera"]["gamma"],
+            },
+        )
+        assert found["polariscope.field"] == "dark"
+        own.click("#save")
+        own.status("Saved")
+        assert own.actions == 10 < MOST_ACTIONS
+    scene, frames = fresh / "scene.toml", fresh / "captured.tif"
+    assert isochrome.load_scene(scene).camera.top_mm == float(found["camera.top_mm"].split()[0])
+    assert isochrome.check(frames, scene).ok
+
+
 def test_from_a_rendered_disc_to_a_scene(chromium, tmp_path):
     """Its rim gives the scale too: the user states no pixel."""
     truth = json.loads((samples_path() / "disc" / "truth.json").read_text())

@@ -8,9 +8,10 @@ from benchmarks.case_memory import long_history
 from isochrome.errors import InputError
 from isochrome.output import read_csv
 from isochrome.runs import Stopped
-from isochrome.scene import parse_scene
+from isochrome.scene import dump_scene, parse_scene
 from isochrome.simulation import RenderWork, simulate
 from runs.counting import contents
+from runs.killing import killed_command_ends_the_same, needs_sigkill
 
 
 def scene_of(count):
@@ -77,3 +78,12 @@ def test_two_workers_leave_the_same_files(tmp_path):
     simulate(SCENE, tmp_path / "one", components=True)
     simulate(SCENE, tmp_path / "two", components=True, workers=2)
     assert contents(tmp_path / "two") == contents(tmp_path / "one")
+
+
+@pytest.mark.study
+@needs_sigkill
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, workers):
+    (tmp_path / "scene.toml").write_text(dump_scene(scene_of(300)), "utf-8")
+    # else nothing was told of going on
+    assert killed_command_ends_the_same(tmp_path, code, workers, "simulate", "scene.toml")

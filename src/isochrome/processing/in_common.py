@@ -235,5 +235,7 @@ def _over_distance(table: dict[str, list[Any]], key: str) -> tuple[Any, Any, Any
 
 
 def _integral(slid: Any, values: Any) -> Any:
-    """Integral of values over the distance (m) from the first frame to each, by trapezia."""
-    return np.cumsum([0.0, *(np.diff(slid) * (values[1:] + values[:-1]) / 2.0)])
+    """Integral of values over the distance (m) from the first frame to each."""
+    from scipy.integrate import cumulative_trapezoid
+
+    return cumulative_trapezoid(values, slid, initial=0.0)

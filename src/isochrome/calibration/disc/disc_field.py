@@ -479,13 +479,13 @@ def _shares(images: Overlay, angle: float, slopes: Array) -> Array:
     Slopes (k,) at even steps: each one's waves are those of the one before, turned by as much.
     """
     field, used = images.field(angle)[:, ::THIN], images.used[:, ::THIN]
-    data, left = images.stack[:, :, ::THIN][:, used], np.empty(len(slopes))
+    data, unexplained = images.stack[:, :, ::THIN][:, used], np.empty(len(slopes))
     varying, phase = data - data.mean(axis=0), 2j * np.pi * images.loads[:, None] * field[used]
     wave, turn = np.exp(slopes[0] * phase), np.exp((slopes[1] - slopes[0]) * phase)
     for k in range(len(slopes)):
-        left[k] = np.sum(_fit_wave(wave, varying)[0] ** 2)
+        unexplained[k] = np.sum(_fit_wave(wave, varying)[0] ** 2)
         wave *= turn
-    return np.asarray(1.0 - left / np.sum(varying**2))
+    return np.asarray(1.0 - unexplained / np.sum(varying**2))
 
 
 def pixel_waves(data: Array, orders: Array, field: Array) -> tuple[Array, Array]:
@@ -494,8 +494,9 @@ def pixel_waves(data: Array, orders: Array, field: Array) -> tuple[Array, Array]
     Parameters: `data` (n, m) intensities, `orders` (n,) N at the centre, `field` (m,) h.
     Returns the residuals (n, m) and the coefficients (a, b) (2, m).
     """
-    left, c = _fit_wave(np.exp(2j * np.pi * orders[:, None] * field), data - data.mean(axis=0))
-    return left, np.stack([c.real, c.imag])
+    wave = np.exp(2j * np.pi * orders[:, None] * field)
+    residual, c = _fit_wave(wave, data - data.mean(axis=0))
+    return residual, np.stack([c.real, c.imag])
 
 
 def _fit_wave(wave: Any, varying: Array) -> tuple[Array, Any]:
