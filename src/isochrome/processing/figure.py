@@ -54,7 +54,7 @@ from isochrome.processing.in_common import frame_values
 from isochrome.processing.kinds.kind import ISOCLINIC, NORMALISED, ORDER
 from isochrome.processing.kinds.largest_order import AT_LEAST, ORDER_FROM
 from isochrome.processing.result import PICTURE, FollowedFrame, ProcessedFrame
-from isochrome.runs import RunDataset, column_values
+from isochrome.runs import column_values
 from isochrome.scene import Scene
 
 if TYPE_CHECKING:
@@ -63,6 +63,7 @@ if TYPE_CHECKING:
     from matplotlib.image import AxesImage
 
     from isochrome.processing.processed import Processed
+    from isochrome.runs import RunDataset
 
 _MOST_LINES = 12
 """Half orders beyond which only every whole one is drawn, and beyond twice as many every fifth."""

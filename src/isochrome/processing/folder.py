@@ -47,7 +47,6 @@ from isochrome.runs import (
     Compact,
     Job,
     Results,
-    RunDataset,
     RunFolder,
     RunLayout,
     add_columns,
@@ -69,6 +68,7 @@ from isochrome.stress import PixelGrid
 
 if TYPE_CHECKING:
     from isochrome.fringes import ResidualStress
+    from isochrome.runs import RunDataset
 
 LINES, ROIS = "skeleton.csv", "skeleton.zip"
 

@@ -60,13 +60,14 @@ from isochrome.processing.result import (
     own_values,
     whole_frames,
 )
-from isochrome.runs import RunDataset, column_values, identifier, open_run
+from isochrome.runs import column_values, identifier, open_run
 from isochrome.scene import Scene
 from isochrome.simulation import no_model_sentence
 
 if TYPE_CHECKING:
     from isochrome.figures import PaperPanels
     from isochrome.fringes import ResidualStress
+    from isochrome.runs import RunDataset
 
 FIGURE = "process.png"
 _AGAINST_OTHERS = "no_model_names_fringes"

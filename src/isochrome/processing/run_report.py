@@ -1,8 +1,10 @@
 """What the report of processed frames says, from the folder of a run."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +29,12 @@ from isochrome.reporting import (
     curves_of,
     paper_rows,
 )
-from isochrome.runs import RunDataset
 from isochrome.scene import Scene, dump_scene
 from isochrome.simulation import make_picture, picture_signal
 from isochrome.stress import pixel_grid
+
+if TYPE_CHECKING:
+    from isochrome.runs import RunDataset
 
 Array = NDArray[Any]
 _Model = tuple[Array, Array]

@@ -38,11 +38,10 @@ from .job import (
     run_identity,
     write_stack,
 )
+from .maps import RunArray, RunDataset
 from .store import (
     WORKING,
     Column,
-    RunArray,
-    RunDataset,
     add_columns,
     as_run,
     attributes,

@@ -1,22 +1,16 @@
-"""The zarr store of a run: pictures chunk by chunk, then the columns and what they came from.
-
-A run's maps and columns as xarray has them, with axes in mm, drawn the right way up.
-"""
+"""The zarr store of a run: pictures chunk by chunk, then the columns and what they came from."""
 
 from __future__ import annotations
 
 import json
-import operator
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray
 from numpy.typing import NDArray
-from xarray.plot.accessor import DataArrayPlotAccessor
 
 from isochrome.errors import InputError
 from isochrome.messages import message
@@ -24,155 +18,19 @@ from isochrome.output import Floats, numbers
 from isochrome.runs.integrity import PROVENANCE, opened_record, read_record, warn_unverified
 from isochrome.runs.job import MANIFEST, RECORDS, STORE, RunLayout, read_checked
 
-_PICTURE = (("z_mm", "x_mm"), ("row", "col"))
-"""The two axes of a picture: in mm, or where no scale is known in pixels."""
+# xarray is imported where it is used: it takes longer to start than all that is written here
+if TYPE_CHECKING:
+    import xarray
 
-
-class MapPlot(DataArrayPlotAccessor):
-    """xarray's `.plot`, with z down and true proportions where it draws a picture."""
-
-    __slots__ = ()
-
-    def __call__(self, **kwargs: Any) -> Any:  # type: ignore[override]
-        """Draw as xarray does, a picture the right way up."""
-        shape = [name for name, size in self._da.sizes.items() if size > 1]
-        pictured = any(set(pair) <= set(shape) for pair in _PICTURE)
-        drawn_as_one = len(shape) == 2 or {"row", "col"} & set(kwargs)
-        if not (pictured and drawn_as_one):
-            return super().__call__(**kwargs)  # a line, or a histogram
-        drawn = super().__call__(**({"yincrease": False} | kwargs))
-        facets = getattr(drawn, "axs", None)
-        for axes in [drawn.axes] if facets is None else facets.flat:
-            if "aspect" not in kwargs:
-                axes.set_aspect("equal")
-        return drawn
-
-
-def _reflected(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """An operation of xarray's as the array on the right of it has it."""
-    return lambda self, other: self._binary_op(other, operation, reflexive=True)
-
-
-class _OnePlace:
-    """Arithmetic of maps that show one place: others are refused, where xarray gives no pixel."""
-
-    __slots__ = ()
-
-    def _binary_op(self, other: Any, f: Any, *more: Any, **named: Any) -> Any:
-        _refuse_other_places(self, other)
-        return _of_run(super()._binary_op(other, f, *more, **named))  # type: ignore[misc]
-
-    def _inplace_binary_op(self, other: Any, f: Any) -> Any:
-        _refuse_other_places(self, other)
-        return super()._inplace_binary_op(other, f)  # type: ignore[misc]
-
-    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **named: Any) -> Any:
-        """As xarray has it."""
-        for other in inputs:
-            _refuse_other_places(self, other)
-        result = super().__array_ufunc__(ufunc, method, *inputs, **named)  # type: ignore[misc]
-        return _of_run(result)
-
-    # on the right of an array that is no run's, Python asks these first, for they are not xarray's
-    __radd__ = _reflected(operator.add)
-    __rsub__ = _reflected(operator.sub)
-    __rmul__ = _reflected(operator.mul)
-    __rtruediv__ = _reflected(operator.truediv)
-
-
-class RunArray(_OnePlace, xarray.DataArray):
-    """A map or column of a run: an xarray.DataArray whose `.plot()` has z down, in mm.
-
-    Of two maps pixels of one place are added, subtracted, compared; maps of other places are
-    refused (InputError).
-
-    Parameters
-    ----------
-    data, coords, dims, name, attrs, indexes, fastpath : Any
-        As xarray.DataArray takes them.
-    """
-
-    __slots__ = ()
-
-    @property
-    def plot(self) -> MapPlot:  # type: ignore[override]
-        """See `xarray.DataArray.plot`."""
-        return MapPlot(self)
-
-
-class RunDataset(_OnePlace, xarray.Dataset):
-    """What a run found: an xarray.Dataset of RunArrays, and as these of one place.
-
-    Parameters
-    ----------
-    data_vars, coords, attrs : Any
-        As xarray.Dataset takes them.
-    """
-
-    __slots__ = ()
-
-    def __getitem__(self, key: Any) -> Any:
-        """A variable, or a part of the dataset."""
-        return _of_run(super().__getitem__(key))
-
-
-def _of_run(data: Any) -> Any:
-    """What xarray made of a run's arrays, as a run's."""
-    if type(data) is xarray.Dataset:
-        return RunDataset(dict(data.data_vars), dict(data.coords), data.attrs)
-    return RunArray(data) if type(data) is xarray.DataArray else data
-
-
-def _refuse_other_places(one: Any, other: Any) -> None:
-    """Refuse two maps whose pixels show other places. Raises InputError.
-
-    A part of a map may be held against the whole: its pixels are found there, by their places.
-    """
-    if one is other or not isinstance(other, xarray.DataArray | xarray.Dataset):
-        return
-    wide = [set(each.sizes) for each in (one, other)]
-    if any(a & set(_PICTURE[0]) and b & set(_PICTURE[1]) for a, b in (wide, wide[::-1])):
-        raise InputError(
-            "over_over_one_has", called=_called(one), dims=", ".join(map(str, one.dims)),
-            called_2=_called(other), dims_2=", ".join(map(str, other.dims)),
-        )  # fmt: skip
-    for axis in set(one.indexes) & set(other.indexes) & set(_PICTURE[0]):
-        here, theirs = one.indexes[axis], other.indexes[axis]
-        few, many = sorted((here, theirs), key=len)
-        if not few.isin(many).all():
-            raise InputError(
-                "has_from_from_their", called=_called(one), axis=axis, span=_span(one, axis),
-                called_2=_called(other), span_2=_span(other, axis),
-            )  # fmt: skip
-        apart = np.abs(_shift(one, axis) - _shift(other, axis))
-        if len(many) > 1 and bool((apart > 0.5 * (many[-1] - many[0]) / (len(many) - 1)).any()):
-            raise InputError(
-                "frames_whose_places_lie", called=_called(one), called_2=_called(other),
-                max=float(apart.max()), axis=axis,
-            )  # fmt: skip
-
-
-def _called(one: Any) -> str:
-    return str(getattr(one, "name", None) or "a map")
-
-
-def _span(one: Any, axis: str) -> str:
-    """The places along an axis, and how many pixels the map has."""
-    places, size = one.indexes[axis], (one.sizes.get(name, 1) for name in _PICTURE[0])
-    return f"{places[0]:.6g} to {places[-1]:.6g} mm ({' x '.join(map(str, size))} pixels)"
-
-
-def _shift(one: Any, axis: str) -> Any:
-    """How far (mm) the frames of a map lie from its axis; 0 where there is one place."""
-    names = (f"shift_{axis}", f"key_shift_{axis}")
-    shift = next((one.coords[name] for name in names if name in one.coords), None)
-    return xarray.DataArray(0.0) if shift is None else shift.drop_vars(names, errors="ignore")
+    from isochrome.runs.maps import RunDataset
 
 
 def make_dataset(
     columns: Mapping[str, Column], coordinates: Mapping[str, Column], attributes: Mapping[str, Any]
 ) -> RunDataset:
     """Make a dataset of maps and columns that are in memory, as `open_run` opens one."""
+    import xarray
+
     data, places = map(_variables, (columns, coordinates))
     return as_run(xarray.Dataset(data, places, dict(attributes)))
 
@@ -184,10 +42,12 @@ def _variables(columns: Mapping[str, Column]) -> dict[str, Any]:
 
 def as_run(dataset: xarray.Dataset) -> RunDataset:
     """Give a run's dataset, of any version, names that are identifiers, and pictures axes in mm."""
+    from isochrome.runs.maps import PICTURE, RunDataset
+
     named = with_identifiers(dataset)
     axes = {
         pixel: place
-        for place, pixel in zip(*_PICTURE, strict=True)
+        for place, pixel in zip(*PICTURE, strict=True)
         if place in named.coords and named[place].dims == (pixel,)
     }
     named = named.swap_dims(axes)
@@ -490,6 +350,8 @@ def checked_store(store: Path) -> Any:
 
 def read_store(store: Path, source: Any) -> xarray.Dataset:
     """A store as a dataset, read from a `source` as it is used; InputError where it cannot be."""
+    import xarray
+
     try:
         stored = xarray.open_dataset(
             source, engine="zarr", consolidated=False, chunks=None, decode_cf=False

@@ -51,7 +51,6 @@ from isochrome.runs import (
     CHUNK_BYTES,
     REPORT,
     Job,
-    RunDataset,
     RunFolder,
     RunLayout,
     RunOptions,
@@ -84,6 +83,8 @@ from isochrome.stress import PixelGrid, pixel_grid
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from isochrome.runs import RunDataset
 
 Array = NDArray[Any]
 

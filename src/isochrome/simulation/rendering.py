@@ -21,7 +21,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,7 +30,7 @@ from isochrome.contact import SurfaceState
 from isochrome.errors import InputError, PhysicsError
 from isochrome.optics import expose, fringe_order
 from isochrome.output import csv_text, evenly_spaced
-from isochrome.runs import Column, Results, RunArray, RunDataset, attributes, column, make_dataset
+from isochrome.runs import Column, Results, attributes, column, make_dataset
 from isochrome.scene import Scene, dump_scene
 from isochrome.simulation.model import (
     Picture,
@@ -44,6 +44,9 @@ from isochrome.simulation.model import (
 )
 from isochrome.specimens import specimen_model
 from isochrome.stress import PixelGrid, ShearPeak, pixel_grid, principal_direction
+
+if TYPE_CHECKING:
+    from isochrome.runs import RunArray, RunDataset
 
 LAYERS = ("sigma_1", "sigma_2", "sigma_1_direction", "sigma_x", "sigma_z", "tau_xz")
 """Names of the maps that `simulate` leaves: MPa, the direction in degrees."""

@@ -21,7 +21,6 @@ from isochrome.runs import (
     Job,
     Layer,
     Results,
-    RunDataset,
     RunFolder,
     RunLayout,
     RunOptions,
@@ -40,6 +39,8 @@ from isochrome.stress import pixel_grid
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from isochrome.runs import RunDataset
 
 MAX_POINTS = 100_000
 """More points than this are a slip of the pen."""
