@@ -49,6 +49,8 @@ class ScenePart(BaseModel):
     @field_validator("*", mode="before")
     @classmethod
     def _truth_is_no_number(cls, value: Any, info: ValidationInfo) -> Any:
+        if type(value) in (float, int, str) or isinstance(value, ScenePart):
+            return value  # most are: a fit checks its scene again at every step
         annotation = cls.model_fields[str(info.field_name)].annotation
         wants_truth = annotation is bool
         if not takes_arrays(annotation):
