@@ -43,6 +43,7 @@ from isochrome.output import FrameValues, to_last_digit, with_uncertainty, write
 from isochrome.scene import Camera, Frames, Polariscope, Scene
 
 if TYPE_CHECKING:
+    from jinja2 import Template
     from matplotlib.axes import Axes
 
 MOST_FRAMES = 8
@@ -562,13 +563,9 @@ def assemble_page(
 
     The scripts are one, in this order; for `policy` see `content_policy`.
     """
-    from jinja2 import Environment, StrictUndefined
     from markupsafe import Markup
 
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    return environment.from_string(_part(room, f"{name}.html.jinja")).render(
+    return _template(room, name).render(
         # hashes are of the plain letters of base64
         policy=Markup(content_policy(room, name, scripts=scripts, policy=policy)),
         style=Markup(_part(room, f"{name}.css")),
@@ -593,6 +590,17 @@ def content_policy(room: str, name: str, *, scripts: Sequence[str], policy: str)
 def _hash(text: str) -> str:
     """What a policy calls a text by."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+@cache
+def _template(room: str, name: str) -> Template:
+    """A room's NAME.html.jinja."""
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.from_string(_part(room, f"{name}.html.jinja"))
 
 
 @cache
