@@ -18,6 +18,7 @@ Ridges and valleys of an image: the arithmetic behind `skeletons`.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -75,9 +76,11 @@ def line_points(image: Floats, sigma_px: float) -> tuple[Floats, Floats, Floats,
     pad = min(pad, min(image.shape) - 1)
     wide = _sharpened(np.pad(image, pad, mode="reflect", reflect_type="odd"), sigma_px)
     core = (slice(pad, -pad), slice(pad, -pad))
+    along = partial(ndimage.gaussian_filter1d, sigma=sigma_px, truncate=_TRUNCATE)
+    by_row = [along(wide, order=k, axis=0) for k in range(3)]  # each serves up to three of the six
     level, g_r, g_c, h_rr, h_rc, h_cc = (
-        ndimage.gaussian_filter(wide, sigma_px, order=which, truncate=_TRUNCATE)[core]
-        for which in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+        along(by_row[row], order=col, axis=1)[core]
+        for row, col in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
     )
     mean, half = 0.5 * (h_rr + h_cc), 0.5 * (h_rr - h_cc)
     bent = mean + np.where(mean >= 0.0, 1.0, -1.0) * np.hypot(half, h_rc)
@@ -89,10 +92,11 @@ def line_points(image: Floats, sigma_px: float) -> tuple[Floats, Floats, Floats,
     level_run = np.abs(g_c * n_r - g_r * n_c) <= _RUN * sigma_px * np.abs(bent)
     on_line = level_run & (np.abs(off_r) <= 0.6) & (np.abs(off_c) <= 0.6)
     # the neighbourhood is to be known, and not a continuation past the border
-    share = ndimage.gaussian_filter(known.astype(float), sigma_px, mode="reflect")
     complete, rim = np.zeros_like(known), int(np.ceil(sigma_px))
     complete[rim:-rim, rim:-rim] = True
-    on_line &= complete & known & (share >= _WHOLE_SHARE)
+    on_line &= complete & known
+    if not known.all():
+        on_line &= ndimage.gaussian_filter(known.astype(float), sigma_px) >= _WHOLE_SHARE
     rows, cols = np.indices(image.shape, dtype=float)
     strength = np.where(on_line, sigma_px**2 * bent, 0.0)
     return strength, rows + np.where(on_line, off_r, 0), cols + np.where(on_line, off_c, 0), level

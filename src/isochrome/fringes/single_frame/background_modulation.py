@@ -51,7 +51,7 @@ from isochrome.fringes.single_frame.end_search import (
     search_on,
 )
 from isochrome.fringes.single_frame.patches import binned
-from isochrome.fringes.windows import Array, Mask
+from isochrome.fringes.windows import Array, Mask, gaussian_mean
 
 _BINNINGS = (32, 16, 8, 4, 2, 1)
 """The ends vary slowly: binned pixels tell as much, far faster, and their patches span crests."""
@@ -405,7 +405,7 @@ def _level(
     fringe = np.maximum(np.abs(ratio) if bright is None else bright / safe, noise)
     widths = [max(_NARROWEST_PX, share * min(light.shape)) for share in _WIDTHS]
     # wide smoothing takes narrow fringes away, which may be brighter than the line
-    finest = ndimage.gaussian_filter(ratio, widths[-1], mode="nearest")
+    finest = gaussian_mean(ratio, widths[-1])
     brightest = float(np.percentile(finest[_inner(lit, widths[-1])], 99.5))
     brightest -= 2.0 * noise / widths[-1]
     for width in widths:
@@ -419,7 +419,7 @@ def _level(
 
 def _inner(lit: Mask, width: float) -> Mask:
     """Where neither the border nor what is not seen lies within reach of a smoothing."""
-    inner = ndimage.gaussian_filter(lit.astype(float), width) > 0.98
+    inner = lit if lit.all() else gaussian_mean(lit.astype(float), width) > 0.98
     return np.asarray(ndimage.binary_erosion(inner, iterations=int(width)))
 
 
@@ -436,7 +436,7 @@ def _level_at(
     inner = _inner(lit, width)
     if not inner.any():
         return None
-    fringe = ndimage.gaussian_filter(fringe, width, mode="nearest")
+    fringe = gaussian_mean(fringe, width)
     lost = _taken_off(bend, fringe, width)
     top = smooth + lost
     line = inner & (np.abs(across) < _OFF) & (bend < -sharp)
@@ -496,7 +496,7 @@ def _taken_off(bend: Array, fringe: Array, width: float) -> Array:
 
 def _lines(image: Array, width: float) -> tuple[Array, Array, Array, Array]:
     """The smooth image, the distance to a line's middle, the curvature across it and along."""
-    smooth = ndimage.gaussian_filter(image, width, mode="nearest")
+    smooth = gaussian_mean(image, width)
     gy, gx = np.gradient(smooth)
     hyy, hyx = np.gradient(gy)
     hxx = np.gradient(gx, axis=1)
