@@ -342,18 +342,16 @@ def spotted(tmp_path):
 
 def spot_on_screen(page, scale, zoom):
     """Where the bright spot is in a picture of the screen, in pixels of the page."""
-    grey = np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB")).astype(float)
     box = page.locator("#canvas").bounding_box()
     top, left, bottom, right = (
-        round(scale * v)
+        max(0, round(scale * v))
         for v in (box["y"], box["x"], box["y"] + box["height"], box["x"] + box["width"])
     )
+    screen = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+    grey = np.asarray(screen)[top + 3 : bottom - 3, left + 3 : right - 3].astype(float)
     # brighter than its surroundings (60 is black as it is shown), and of no mark's colour
     light = np.clip(grey.min(axis=2) - 40.0, 0.0, None)
     light[np.ptp(grey, axis=2) > 10] = 0.0
-    inside = np.zeros_like(light)
-    inside[top + 3 : bottom - 3, left + 3 : right - 3] = 1.0
-    light *= inside
     assert light.any(), "the spot is not in view"
     row, col = np.unravel_index(light.argmax(), light.shape)
     rows, cols = np.mgrid[: light.shape[0], : light.shape[1]]
@@ -361,7 +359,7 @@ def spot_on_screen(page, scale, zoom):
     for _ in range(4):
         near = light * (np.hypot(rows - row, cols - col) < reach)
         row, col = ((place * near).sum() / near.sum() for place in (rows, cols))
-    return (float(col) + 0.5) / scale, (float(row) + 0.5) / scale
+    return (float(left + 3 + col) + 0.5) / scale, (float(top + 3 + row) + 0.5) / scale
 
 
 @pytest.mark.parametrize(
