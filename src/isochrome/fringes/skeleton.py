@@ -18,7 +18,6 @@ Ridges and valleys of an image: the arithmetic behind `skeletons`.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -28,7 +27,7 @@ from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
 from isochrome.errors import InputError
-from isochrome.fringes.windows import Indices, Mask, nearest_known
+from isochrome.fringes.windows import Indices, Mask, gaussian, nearest_known
 
 Floats = NDArray[np.float64]
 
@@ -36,7 +35,7 @@ FOLLOW_SHARE = 0.5
 """A line that reached the threshold is followed down to this share of it."""
 
 _WHOLE_SHARE = 0.95  # of the smoothing window must be known pixels
-_TRUNCATE = 6.0  # in sigma: at scipy's 4 a flat image has a second derivative of 1e-4
+_TRUNCATE = 6.0  # in sigma: at 4 a flat image has a second derivative of 1e-4
 _RUN = 2.0  # a fringe centre is level along its run; the flank of a round fringe is not
 _REACH_PX = 1.5  # neighbours: side by side or corner to corner
 
@@ -54,7 +53,7 @@ def noise_gain(sigma_px: float) -> float:
     half = int(np.ceil(6.0 * sigma_px)) + 2
     impulse = np.zeros((2 * half + 1, 2 * half + 1))
     impulse[half, half] = 1.0
-    curved = ndimage.gaussian_filter(_sharpened(impulse, sigma_px), sigma_px, order=(0, 2))
+    curved = gaussian(_sharpened(impulse, sigma_px), sigma_px, (0, 2))
     return sigma_px**2 * float(np.sqrt(np.sum(curved**2)))
 
 
@@ -76,11 +75,9 @@ def line_points(image: Floats, sigma_px: float) -> tuple[Floats, Floats, Floats,
     pad = min(pad, min(image.shape) - 1)
     wide = _sharpened(np.pad(image, pad, mode="reflect", reflect_type="odd"), sigma_px)
     core = (slice(pad, -pad), slice(pad, -pad))
-    along = partial(ndimage.gaussian_filter1d, sigma=sigma_px, truncate=_TRUNCATE)
-    by_row = [along(wide, order=k, axis=0) for k in range(3)]  # each serves up to three of the six
     level, g_r, g_c, h_rr, h_rc, h_cc = (
-        along(by_row[row], order=col, axis=1)[core]
-        for row, col in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+        gaussian(wide, sigma_px, which, reach=_TRUNCATE)[core]
+        for which in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
     )
     mean, half = 0.5 * (h_rr + h_cc), 0.5 * (h_rr - h_cc)
     bent = mean + np.where(mean >= 0.0, 1.0, -1.0) * np.hypot(half, h_rc)
@@ -96,7 +93,7 @@ def line_points(image: Floats, sigma_px: float) -> tuple[Floats, Floats, Floats,
     complete[rim:-rim, rim:-rim] = True
     on_line &= complete & known
     if not known.all():
-        on_line &= ndimage.gaussian_filter(known.astype(float), sigma_px) >= _WHOLE_SHARE
+        on_line &= gaussian(known.astype(float), sigma_px) >= _WHOLE_SHARE
     rows, cols = np.indices(image.shape, dtype=float)
     strength = np.where(on_line, sigma_px**2 * bent, 0.0)
     return strength, rows + np.where(on_line, off_r, 0), cols + np.where(on_line, off_c, 0), level

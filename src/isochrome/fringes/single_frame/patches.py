@@ -29,13 +29,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter, label
+from scipy.ndimage import label
 from scipy.sparse import block_array, coo_matrix, csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 
 from isochrome.errors import InputError
 from isochrome.estimation import State, minimise_all, sandwich, solve_all
-from isochrome.fringes.windows import Array, Indices, Mask, block_means
+from isochrome.fringes.windows import Array, Indices, Mask, block_means, gaussian
 
 HALF, STRIDE = 6, 5
 """Half-width of a patch and distance of their middles, pixels."""
@@ -237,14 +237,12 @@ def middles(length: int) -> Indices:
 
 def _start_gradient(wave: Array, sigma: Array, valid: Mask) -> tuple[Array, Array]:
     """The order's gradient (x, y), up to its sign, fringes a pixel."""
-    dx, dy, xx, yy = (
-        gaussian_filter(wave, 1.0, order=order) for order in ((0, 1), (1, 0), (0, 2), (2, 0))
-    )
+    dx, dy, xx, yy = (gaussian(wave, 1.0, order) for order in ((0, 1), (1, 0), (0, 2), (2, 0)))
     bend = xx + yy
-    smooth = np.clip(gaussian_filter(wave, 0.7), -1.0, 1.0)
+    smooth = np.clip(gaussian(wave, 0.7), -1.0, 1.0)
 
     def pooled(values: Array) -> Array:
-        return np.asarray(gaussian_filter(np.where(valid, values, 0.0), _FREQUENCY_WINDOW))
+        return np.asarray(gaussian(np.where(valid, values, 0.0), _FREQUENCY_WINDOW))
 
     speed = np.maximum(pooled(1.0 - smooth**2), 0.05)
     noise = pooled(sigma**2) / (8.0 * np.pi)  # what noise adds to a derivative's square

@@ -29,7 +29,7 @@ from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
-from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.ndimage import map_coordinates
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components, maximum_flow
 from skimage.measure import label
@@ -45,7 +45,7 @@ from isochrome.fringes.single_frame.patches import (
     neighbours,
     scale_of,
 )
-from isochrome.fringes.windows import Array, Indices, Mask
+from isochrome.fringes.windows import Array, Indices, Mask, gaussian
 from isochrome.messages import message
 from isochrome.scene import FreeCorner
 
@@ -514,8 +514,8 @@ def corner_orders(
     True = trusted (rows, cols).
     """
     known, notes = [], []
-    trusted = gaussian_filter(valid.astype(float), _POOLED_PX)
-    pooled = gaussian_filter(np.where(valid, wave, 0.0), _POOLED_PX) / np.maximum(trusted, 1e-9)
+    trusted = gaussian(valid.astype(float), _POOLED_PX)
+    pooled = gaussian(np.where(valid, wave, 0.0), _POOLED_PX) / np.maximum(trusted, 1e-9)
     light = np.where(valid, pooled, np.nan)
     for corner in corners:
         result = _carried(corner, patches, labels, light)
