@@ -12,7 +12,7 @@ from isochrome.messages import as_message
 class IsochromeError(Exception):
     """A refusal with a sentence for the user; never raised itself.
 
-    It is made from a code of `messages.toml` and the values in its words, or from a text. `message`
+    It is made from a code of `messages.json` and the values in its words, or from a text. `message`
     is the sentence, with its code and values where it has some.
     """
 
@@ -36,7 +36,7 @@ class InputError(IsochromeError, ValueError):
     Parameters
     ----------
     text : str
-        The sentence, or the code of one in `messages.toml`.
+        The sentence, or the code of one in `messages.json`.
     **values : Any
         The values in the words of a code.
 
@@ -61,7 +61,7 @@ class PhysicsError(IsochromeError, ArithmeticError):
     Parameters
     ----------
     text : str
-        The sentence, or the code of one in `messages.toml`.
+        The sentence, or the code of one in `messages.json`.
     **values : Any
         The values in the words of a code.
 

@@ -1,4 +1,4 @@
-"""Sentences for people as data: each has a code and values, and `messages.toml` its words."""
+"""Sentences for people as data: each has a code and values, and `messages.json` its words."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Message(str):
 
 
 def message(code: str, **values: Any) -> str:
-    """The Message of a code: its words in `messages.toml`, with values in their places."""
+    """The Message of a code: its words in `messages.json`, with values in their places."""
     return Message(_by_code()[code].texts[code].format(**values), code, values)
 
 
@@ -68,10 +68,8 @@ class Entry:
 @cache
 def entries() -> tuple[Entry, ...]:
     """All messages of the package, by what they mean."""
-    import tomllib  # not before the first message
-
-    table = Path(__file__).with_name("messages.toml").read_text("utf-8")
-    return tuple(Entry(**entry) for entry in tomllib.loads(table)["entry"])
+    table = Path(__file__).with_name("messages.json").read_text("utf-8")
+    return tuple(Entry(**entry) for entry in json.loads(table))
 
 
 @cache

@@ -4,6 +4,7 @@ import ast
 import io
 import re
 import string
+from pathlib import Path
 
 import file_columns
 import message_page
@@ -11,6 +12,7 @@ import pytest
 import scene_keys
 from write_pages import COMMAND, GUIDE, PAGES
 
+from isochrome import messages
 from isochrome.calibration import CalibrationSet, ColourSet
 from isochrome.errors import InputError
 from isochrome.guide import TOPICS, guide_page
@@ -102,6 +104,8 @@ def test_every_message_has_its_words_and_every_word_its_message():
 def test_every_entry_is_complete_and_no_code_stands_twice():
     assert len({entry.title for entry in entries()}) == len(entries())
     codes = [code for entry in entries() for code in entry.texts]
+    table = Path(messages.__file__).with_name("messages.json").read_text("utf-8")
+    assert len(re.findall('(?m)^   "', table)) == len(codes)  # the last of two would be the one
     assert len(codes) == len(set(codes)) and all(re.fullmatch("[a-z0-9_]+", c) for c in codes)
     for entry in entries():
         assert all(part.endswith(".") for part in (entry.meaning, entry.cause, entry.remedy))
@@ -120,7 +124,7 @@ def test_refusals_are_raised_with_messages_alone():
         if getattr(given, "value", None) not in message_page.TEXTS
         if len(re.findall("[A-Za-z]{2,}", fixed_words(given))) >= 4
     ]
-    assert not bare, f"sentences without a code; put their words into messages.toml: {bare}"
+    assert not bare, f"sentences without a code; put their words into messages.json: {bare}"
 
 
 def fixed_words(node: ast.expr) -> str:
