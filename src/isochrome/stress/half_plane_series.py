@@ -14,7 +14,7 @@ and is taken off by interpolation between few places. So are rows made between 1
 depth to four times that: Chebyshev's coefficients of exp(-κz) beyond are I_14(3y/2) exp(-5y/2) <
 2e-8.
 Sources: Johnson (1985), Contact Mechanics, eq. 2.23, for the stress; Abramowitz & Stegun (1964),
-4.3.70, for the series.
+4.3.70, for the series; Bluestein (1970), IEEE Trans. Audio 18, 451, for waves of any length.
 """
 
 import math
@@ -210,9 +210,14 @@ def _transform(grid: SeriesGrid, values: NDArray[np.number], count: int) -> Comp
     if abs(total / turns - 1.0) < 1e-12:
         once = scipy.fft.ifft(values, total, norm="forward")
         return np.asarray(np.resize(once, count))
-    from scipy.signal import czt
-
-    return np.asarray(czt(values, count, w=np.exp(2j * np.pi / turns)))
+    # jn = (j² + n² - (n-j)²)/2 makes a convolution of it; scipy.signal's takes a second to start
+    size = scipy.fft.next_fast_len(len(values) + count - 1)
+    chirp = np.exp(1j * np.pi / turns * np.arange(max(len(values), count)) ** 2)
+    kernel = np.zeros(size, complex)
+    kernel[:count] = chirp[:count].conj()
+    kernel[size - len(values) + 1 :] = chirp[len(values) - 1 : 0 : -1].conj()
+    wave = scipy.fft.fft(values * chirp[: len(values)], size) * scipy.fft.fft(kernel)
+    return np.asarray(chirp[:count] * scipy.fft.ifft(wave)[:count])
 
 
 def _alike(depth: Floats, first: int) -> Iterator[slice]:
