@@ -406,17 +406,20 @@ def test_nothing_is_drawn_where_nothing_was_fitted(tmp_path):
 
 
 @pytest.mark.long
-def test_pandas_is_imported_only_for_a_table(results, tmp_path):
+def test_what_takes_long_to_start_is_imported_only_for_a_table_or_a_dataset(results, tmp_path):
     import subprocess
     import sys
 
     code = """
 import sys
 from isochrome.output import Result
-from isochrome import check
+from isochrome import check, process
 assert "pandas" not in sys.modules and "matplotlib.pyplot" not in sys.modules
+process(*sys.argv[1:], as_stated=True)
+assert not {"pandas", "xarray", "scipy.stats"} & sys.modules.keys()
 """
-    subprocess.run([sys.executable, "-c", code], check=True)
+    _, frames, _, scene = results("process").command
+    subprocess.run([sys.executable, "-c", code, frames, scene, tmp_path / "out"], check=True)
     write_csv(tmp_path / "table.csv", results("check").result.columns)
 
 

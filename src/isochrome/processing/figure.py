@@ -63,7 +63,9 @@ if TYPE_CHECKING:
     from matplotlib.image import AxesImage
 
     from isochrome.processing.processed import Processed
-    from isochrome.runs import RunDataset
+    from isochrome.runs import RunDataset, StoredArrays
+
+    Kept = RunDataset | StoredArrays
 
 _MOST_LINES = 12
 """Half orders beyond which only every whole one is drawn, and beyond twice as many every fifth."""
@@ -295,12 +297,10 @@ def run_figure(result: Processed) -> Figure:
     return set_figure(result.scene, result.columns, items)
 
 
-def shown_items(
-    table: Mapping[str, list[Any]], dataset: RunDataset, status: list[str]
-) -> list[Shown]:
+def shown_items(table: Mapping[str, list[Any]], dataset: Kept, status: list[str]) -> list[Shown]:
     """The frames that are drawn, with their maps; none where no pictures were wanted."""
     chosen = shown_frames(table, status) if NORMALISED.name in dataset else ()
-    return [_item(table, dataset, k) for k in chosen]
+    return [_item(table, dataset, status, k) for k in chosen]
 
 
 def tracked_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Shown]) -> Figure:
@@ -343,7 +343,7 @@ def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> Paper
             [k for k, state in enumerate(status) if state != "failed"], KEY_FRAMES
         )
     chosen = chosen_frames(frames, len(table["frame"]), usual)
-    items = [_item(table, dataset, k) for k in chosen]
+    items = [_item(table, dataset, status, k) for k in chosen]
     largest = max((_highest_order(item.order) for item in items), default=1.0)
     read = any(item.order is not None for item in items)
     plots = []
@@ -366,7 +366,7 @@ def is_of_all(values: Any) -> bool:
     return bool(values.dims[0] == "frame")
 
 
-def maps_of(table: Mapping[str, list[Any]], dataset: RunDataset, k: int) -> dict[str, Any]:
+def maps_of(table: Mapping[str, list[Any]], dataset: Kept, k: int) -> dict[str, Any]:
     """The maps (rows, cols) of frame k that are kept, by their names."""
     picture = table[PICTURE][k] if PICTURE in table else k
     places = {
@@ -377,7 +377,7 @@ def maps_of(table: Mapping[str, list[Any]], dataset: RunDataset, k: int) -> dict
     return {n: np.asarray(dataset[n][int(p)]) for n, p in places.items() if p is not None}
 
 
-def _item(table: Mapping[str, list[Any]], dataset: RunDataset, k: int) -> Shown:
+def _item(table: Mapping[str, list[Any]], dataset: Kept, status: list[str], k: int) -> Shown:
     """Frame k with its maps. Raises InputError where it has none."""
     none = [None] * (k + 1)
     share, lines = (table.get(name, none)[k] for name in ("kept_share", "fringe_lines"))
@@ -386,7 +386,7 @@ def _item(table: Mapping[str, list[Any]], dataset: RunDataset, k: int) -> Shown:
     signal = maps.get(NORMALISED.name)
     if signal is None:
         if order is None or not np.isfinite(order).any():
-            raise InputError(_without_a_map(table, dataset, k))
+            raise InputError(_without_a_map(table, dataset, status, k))
         signal = np.full(order.shape, np.nan)  # a followed frame: its picture is not kept
     chi, label = table["chi"][k], str(table["label"][k])
     left, top = (float(dataset[name][k]) for name in ("left_mm", "top_mm"))
@@ -402,11 +402,10 @@ def _item(table: Mapping[str, list[Any]], dataset: RunDataset, k: int) -> Shown:
     )
 
 
-def _without_a_map(table: Mapping[str, list[Any]], dataset: RunDataset, k: int) -> str:
+def _without_a_map(table: Mapping[str, list[Any]], dataset: Kept, status: list[str], k: int) -> str:
     """Why frame k of a followed video cannot be drawn, and which can."""
     having = [j for j, at in enumerate(table[PICTURE]) if at is not None]
     if ORDER.name in dataset and is_of_all(dataset[ORDER.name]):
-        status = column_values(dataset["status"])
         having = [j for j, state in enumerate(status) if state != "failed"]
     some = f"{', '.join(map(str, having[:8]))}{' ...' * (len(having) > 8)}" or "none"
     return f"frames = {k} of a figure: has no map of its order; frames that have one: {some}"

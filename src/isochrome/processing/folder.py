@@ -49,15 +49,14 @@ from isochrome.runs import (
     Results,
     RunFolder,
     RunLayout,
+    StoredArrays,
     add_columns,
-    as_run,
     attributes,
     chunk_size,
     column,
     make_dataset,
     open_run,
     parts,
-    read_store,
     rows,
     trim_heap,
     write_stack,
@@ -215,8 +214,8 @@ def finish_set_folder(
         write_text(folder / "fitted_scene.toml", dump_scene(result.fitted))
     write_text(folder / "scene.toml", dump_scene(scene))
     _add_to_store(run_folder, job, result, more, shape)
-    dataset = as_run(read_store(folder / STORE, folder / STORE))
-    items = shown_items(table, dataset, more["status"])
+    stored = StoredArrays(folder)
+    items = shown_items(table, stored, more["status"])
     draw = partial(set_figure, scene, table, items)
     more.clear()  # a picture needs room: of a long run no more than the table is left then
     trim_heap()
@@ -224,8 +223,7 @@ def finish_set_folder(
     dpi = FIGURE_DPI if task.kind.key_step is None else _TRACKED_DPI
     write_figure(folder / FIGURE, result.figure(), dpi=dpi)
     trim_heap()
-    with dataset:
-        write_report(folder / REPORT, process_report(dataset, result, job.identity))
+    write_report(folder / REPORT, process_report(stored, result, job.identity))
     return result
 
 

@@ -34,7 +34,7 @@ from isochrome.simulation import make_picture, picture_signal
 from isochrome.stress import pixel_grid
 
 if TYPE_CHECKING:
-    from isochrome.runs import RunDataset
+    from isochrome.runs import RunDataset, StoredArrays
 
 Array = NDArray[Any]
 _Model = tuple[Array, Array]
@@ -58,7 +58,7 @@ _OF_KNOWN_LOADS = (
 
 
 def process_report(
-    dataset: RunDataset, result: Processed, record: Mapping[str, Any]
+    dataset: RunDataset | StoredArrays, result: Processed, record: Mapping[str, Any]
 ) -> ReportContent:
     """Collect what the report of processed frames says; maps are read of the few that it shows.
 
@@ -113,7 +113,7 @@ def _causes(table: Mapping[str, list[Any]]) -> list[ReportTable]:
     return result
 
 
-def _frames(dataset: RunDataset, result: Processed) -> tuple[list[ReportFrame], str]:
+def _frames(dataset: RunDataset | StoredArrays, result: Processed) -> tuple[list[ReportFrame], str]:
     """The frames that are shown, and which of how many they are."""
     table = result.columns
     of_all = any(is_of_all(dataset[n]) for n in (NORMALISED.name, ORDER.name) if n in dataset)

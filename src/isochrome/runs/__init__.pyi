@@ -42,8 +42,8 @@ from .maps import RunArray, RunDataset
 from .store import (
     WORKING,
     Column,
+    StoredArrays,
     add_columns,
-    as_run,
     attributes,
     checked_store,
     column,
@@ -53,7 +53,6 @@ from .store import (
     make_dataset,
     named_units,
     open_run,
-    read_store,
     texts,
 )
 from .workers import (
@@ -86,10 +85,10 @@ __all__ = [
     "RunLayout",
     "RunOptions",
     "Stopped",
+    "StoredArrays",
     "Verified",
     "WorkersLost",
     "add_columns",
-    "as_run",
     "attributes",
     "checked_store",
     "chunk_size",
@@ -111,7 +110,6 @@ __all__ = [
     "opened_record",
     "parts",
     "processors",
-    "read_store",
     "refuse_without_folder",
     "reseal",
     "rows",
