@@ -36,11 +36,11 @@ def gaussian_mean(image: Array, width_px: float) -> Array:
 
     By transforms, whose cost does not grow with the width.
     """
-    pad = int(4.0 * width_px + 0.5)
-    wide = np.pad(image, pad, mode="edge")
-    sides = [scipy.fft.next_fast_len(side, real=True) for side in wide.shape]
-    wave = fourier_gaussian(scipy.fft.rfft2(wide, sides), width_px, n=sides[1])
-    rows, cols = image.shape
+    pad, (rows, cols) = int(4.0 * width_px + 0.5), image.shape
+    sides = [scipy.fft.next_fast_len(side + 2 * pad, real=True) for side in (rows, cols)]
+    beyond = [(pad, side - pad - n) for side, n in zip(sides, (rows, cols), strict=True)]
+    wide = np.pad(image, beyond, mode="edge")
+    wave = fourier_gaussian(scipy.fft.rfft2(wide), width_px, n=sides[1])
     return np.asarray(scipy.fft.irfft2(wave, sides)[pad : pad + rows, pad : pad + cols])
 
 
