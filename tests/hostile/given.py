@@ -54,7 +54,7 @@ def simulate(scene: str = "wrong.toml", *more: str) -> list[str]:
 def picture(number: int = 0, rows: int = ROWS, cols: int = COLS) -> np.ndarray:
     """A frame with fringes, 8 bit."""
     row, col = np.mgrid[:rows, :cols]
-    return (128 + 90 * np.sin(col / 4 + number) * np.cos(row / 9)).astype(np.uint8)
+    return (128 + 90 * np.sin((col**2 + row**2) / 200 + number)).astype(np.uint8)
 
 
 def pictures(count: int = 4) -> np.ndarray:
