@@ -88,9 +88,8 @@ def gaussian_sum(
 @lru_cache(maxsize=64)
 def _bell(width_px: float, reach: float) -> Array:
     """A Gaussian window's weights along an axis: a picture takes a few over and over."""
-    half = int(reach * width_px + 0.5)
-    bell = np.exp(-0.5 * (np.arange(-half, half + 1) / width_px) ** 2)
-    return np.asarray(bell * (np.sqrt(2.0 * np.pi) * width_px / bell.sum()), np.float32)
+    height = np.sqrt(2.0 * np.pi) * width_px
+    return np.asarray(height * _gaussian_kernel(width_px, 0, reach), np.float32)
 
 
 class Windows:

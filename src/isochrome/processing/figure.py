@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     from isochrome.runs import RunDataset, StoredArrays
 
     Kept = RunDataset | StoredArrays
+    """What maps are drawn from: a run's dataset, or results that are being finished."""
 
 _MOST_LINES = 12
 """Half orders beyond which only every whole one is drawn, and beyond twice as many every fifth."""

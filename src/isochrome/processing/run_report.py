@@ -34,7 +34,7 @@ from isochrome.simulation import make_picture, picture_signal
 from isochrome.stress import pixel_grid
 
 if TYPE_CHECKING:
-    from isochrome.runs import RunDataset, StoredArrays
+    from isochrome.processing.figure import Kept
 
 Array = NDArray[Any]
 _Model = tuple[Array, Array]
@@ -57,9 +57,7 @@ _OF_KNOWN_LOADS = (
 )
 
 
-def process_report(
-    dataset: RunDataset | StoredArrays, result: Processed, record: Mapping[str, Any]
-) -> ReportContent:
+def process_report(dataset: Kept, result: Processed, record: Mapping[str, Any]) -> ReportContent:
     """Collect what the report of processed frames says; maps are read of the few that it shows.
 
     `dataset`, the set's own; `record`, what provenance.json holds.
@@ -113,7 +111,7 @@ def _causes(table: Mapping[str, list[Any]]) -> list[ReportTable]:
     return result
 
 
-def _frames(dataset: RunDataset | StoredArrays, result: Processed) -> tuple[list[ReportFrame], str]:
+def _frames(dataset: Kept, result: Processed) -> tuple[list[ReportFrame], str]:
     """The frames that are shown, and which of how many they are."""
     table = result.columns
     of_all = any(is_of_all(dataset[n]) for n in (NORMALISED.name, ORDER.name) if n in dataset)

@@ -207,16 +207,16 @@ def free_causes(solution: S) -> Freed[S]:
     if not solution.is_bright:
         return freed
     freed, search = freed.weighed(), _Search()
-    names = freed.fitted.names
+    beside = freed.fitted.names  # the set beside which blocks were left out
     for _ in range(_ROUNDS):
         moved = _moved(freed, search)
         if isinstance(moved, Asked):
             freed = replace(freed, asked=moved)
             break
         if moved.odd is not freed.odd and moved.fitted.names == freed.fitted.names:
-            names = moved.fitted.names  # of the set beside which blocks were left out
+            beside = moved.fitted.names
         freed = moved.weighed()
-    if freed.odd is not None and freed.fitted.names != names:
+    if freed.odd is not None and freed.fitted.names != beside:
         freed = _with_all_pixels(freed)
     # a frame that nothing explains has no causes, only another scene
     return freed.undone() if freed.now.chi > POOR_CHI and not freed.is_plain else freed
