@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from isochrome.estimation import frame_light, prepare, solve_linear
+from isochrome.estimation import (
+    PixelLight,
+    SeparableProblem,
+    frame_light,
+    prepare,
+    project,
+    solve_linear,
+    total_degree,
+)
 
 SHAPE = (40, 60)
 Y, X = (np.linspace(-1.0, 1.0, n) for n in SHAPE)
@@ -26,7 +34,7 @@ PLANE = 1.0 + 0.1 * X - 0.2 * Y
 )
 def test_a_frames_light_is_a_sum_of_the_models_images(dark, bright, image):
     model = frame_light(SHAPE, dark, bright)
-    problem = prepare(image, mask=None, sigma=1.0, **model.bases)
+    problem = prepare(image, mask=None, sigma=1.0, light=model)
     found = solve_linear(problem, SIGNAL.ravel())
     # single precision: images of order one are known to some 1e-7, over the square root of nothing
     assert np.sqrt(found.cost / problem.size) < 1e-6
@@ -36,5 +44,46 @@ def test_a_frames_light_is_a_sum_of_the_models_images(dark, bright, image):
 
 def test_one_amplitude_is_the_even_part_alone():
     plain = frame_light(SHAPE).plain()
-    assert plain.illumination.shape == (1, *SHAPE)
-    assert np.ptp(plain.illumination) == 0.0
+    assert np.array_equal(plain.illumination(np.array([0.5])), np.full(SHAPE, 0.5))
+
+
+RICH = total_degree(5)[:-2], total_degree(3)
+
+
+@pytest.mark.parametrize("ends", [(None, None), (DARK, BRIGHT), (None, BRIGHT), (DARK, None)])
+@pytest.mark.parametrize(("terms", "stride"), [(None, 1), (RICH, 1), (RICH, 2)])
+def test_light_by_its_moments_is_least_squares_of_its_images(ends, terms, stride):
+    """Beside `numpy.linalg.lstsq` of images that are written out, at some of the pixels."""
+    dark, bright = ends
+    model = frame_light(SHAPE, dark, bright, terms=terms)
+    keep = (RNG.random(SHAPE) < 0.6)[::stride, ::stride]
+    keep[:3] = keep[:, 7:9] = False
+    signal, weight, image, row = (
+        RNG.random(SHAPE)[::stride, ::stride][keep] + 0.1 for _ in range(4)
+    )
+
+    def images(degrees):
+        unit = np.eye(6)
+        return [
+            np.polynomial.legendre.legval2d(*np.broadcast_arrays(Y, X), np.outer(unit[i], unit[j]))
+            for i, j in degrees
+        ]
+
+    shade = 1.0 if bright is None else bright if dark is None else bright - dark
+    below = ([] if dark is None else [dark]) + images(model.terms[1])
+    columns = np.array(
+        [
+            (shade * part)[::stride, ::stride][keep] * weight * signal
+            for part in images(model.terms[0])
+        ]
+        + [part[::stride, ::stride][keep] * weight for part in below]
+    ).T
+    problem = SeparableProblem(image * weight, weight, PixelLight(model.every(stride), keep))
+    part = solve_linear(problem, signal)
+    best, *_ = np.linalg.lstsq(columns, image * weight)
+    # images and sums of rows are in single precision, and the light's inverse amplifies by 100
+    assert part.residual == pytest.approx(image * weight - columns @ best, abs=1e-5)
+    rows = np.array([row, image])
+    project(rows, problem, part)
+    best, *_ = np.linalg.lstsq(columns, np.array([row, image]).T)
+    assert rows == pytest.approx(np.array([row, image]) - (columns @ best).T, abs=1e-5)

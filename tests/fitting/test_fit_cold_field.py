@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from isochrome.errors import PhysicsError
-from isochrome.estimation import linear_costs, polynomial_basis, prepare, solve_linear
+from isochrome.estimation import frame_light, linear_costs, prepare, solve_linear, total_degree
 from isochrome.fitting.search.cold_start import BULK, _Lattice
 from isochrome.fitting.search.scan import ladder, rungs, shears_to
 from isochrome.reference import disc_stress
@@ -161,12 +161,13 @@ def test_scenes_within_a_step_in_all_that_is_scanned_are_alike():
 
 def test_what_the_best_light_leaves_of_signals_is_that_of_each_alone():
     rng = np.random.default_rng(5)
-    shape, basis = (20, 30), polynomial_basis((20, 30), 1)
+    shape, terms = (20, 30), (total_degree(1), total_degree(0))
+    along = np.linspace(-1.0, 1.0, 30)
     signals = rng.uniform(0.0, 1.0, (4, *shape))
-    image = 0.1 + (0.5 + 0.2 * basis[1]) * signals[2] + 0.01 * rng.standard_normal(shape)
-    problem = prepare(image, mask=None, sigma=0.01, illumination=basis, background=basis[:1])
+    image = 0.1 + (0.5 + 0.2 * along) * signals[2] + 0.01 * rng.standard_normal(shape)
+    problem = prepare(image, mask=None, sigma=0.01, light=frame_light(shape, terms=terms))
     pictures = np.array([problem.data, -problem.data])
-    costs, light = linear_costs(problem.light, problem.dark, pictures, signals.reshape(4, -1))
+    costs, light = linear_costs(*problem.columns, pictures, signals.reshape(4, -1))
     for signal, cost, mean in zip(signals, costs, light, strict=True):
         alone = solve_linear(problem, signal.ravel())
         assert cost == pytest.approx([alone.cost, alone.cost], rel=1e-6)

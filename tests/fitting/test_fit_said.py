@@ -8,7 +8,7 @@ import pytest
 
 from fitting.engine_frames import prepared
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import HALF, Minimum, is_explained
+from isochrome.estimation import HALF, Minimum, PixelLight, frame_light, is_explained
 from isochrome.fitting import (
     FrameWork,
     Pixels,
@@ -199,8 +199,8 @@ def test_a_disc_is_not_looked_at_near_its_rim_and_its_loads():
 
 def test_pixels_whose_model_is_near_black_or_white_are_left_out():
     level = np.linspace(0.0, 1.0, 501)
-    one = np.ones((1, level.size))
-    pixels = Pixels(level, np.full(level.size, 50.0), one, one, np.ones((1, 501), bool), 2.0)
+    light = PixelLight(frame_light((1, level.size)), np.ones((1, level.size), bool))
+    pixels = Pixels(level, np.full(level.size, 50.0), light, 2.0)
     # 3.5 standard deviations of 0.02 of the stored level, which is the root of the light
     clear = clear_of_ends(pixels, level**2, 2.0)
     np.testing.assert_array_equal(clear, np.abs(level - 0.5) < 0.5 - 0.07 - 1e-9)

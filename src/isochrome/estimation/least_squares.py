@@ -19,8 +19,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from isochrome.errors import InputError
+from isochrome.estimation.light import LightModel, PixelLight
 
 Array = NDArray[Any]
+Mask = NDArray[np.bool_]
 
 MOSTLY = 0.05
 """Share of pixels whose illumination may be negative before the contrast counts as wrong."""
@@ -32,20 +34,27 @@ _CUTOFF = {4: 1e-6, 8: 1e-12}
 
 @dataclass(frozen=True)
 class SeparableProblem:
-    """A frame's n valid pixels, weighted by 1/sigma."""
+    """A frame's n valid pixels, and the `light` that they are held against."""
 
-    data: Array
-    light: Array  # (ka, n), the illumination's basis
-    dark: Array  # (kc, n), the background's basis
-    keep: NDArray[np.bool_]  # (rows, cols): where the pixels are
-    dark_gram: Array  # (kc, kc), dark darkᵀ
-    # (ka, n), overwritten by every solution: fresh memory costs more than the arithmetic
-    scratch: Array
+    data: Array  # (n,), weighted
+    weight: Array  # (n,), 1/sigma
+    light: PixelLight
 
     @property
     def size(self) -> int:
         """Number of valid pixels."""
         return self.data.size
+
+    @property
+    def keep(self) -> Mask:
+        """Where the pixels are (rows, cols)."""
+        return self.light.keep
+
+    @property
+    def columns(self) -> tuple[Array, Array]:
+        """What illumination (ka, n) and background (kc, n) are sums of, weighted: of few pixels."""
+        light, dark = self.light.model.columns(self.keep)
+        return light * self.weight, dark * self.weight
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,50 +88,29 @@ class Minimum:
 
 
 def prepare(
-    image: ArrayLike,
-    *,
-    mask: NDArray[np.bool_] | None,
-    sigma: ArrayLike,
-    illumination: Array,
-    background: Array,
+    image: ArrayLike, *, mask: Mask | None, sigma: ArrayLike, light: LightModel
 ) -> SeparableProblem:
     """Drop the masked pixels (None: those not finite), weight the rest by 1/sigma.
 
-    Bases (k, rows, cols), see `polynomial_basis`. InputError where shapes do not agree, no pixel is
-    valid, or a sigma is not positive.
+    InputError where no pixel is valid, or a sigma is not positive.
     """
     frame = np.asarray(image, dtype=float)
-    if frame.ndim != 2:
-        raise InputError("image_has_dimensions_give", ndim=frame.ndim)
-    for name, stack in (("illumination", illumination), ("background", background)):
-        if np.ndim(stack) != 3 or np.shape(stack)[1:] != frame.shape:
-            raise InputError(
-                "has_shape_give_stack", name=name, shape=np.shape(stack), shape_2=frame.shape
-            )
     keep = np.isfinite(frame) if mask is None else np.asarray(mask, dtype=bool) & np.isfinite(frame)
     noise = np.broadcast_to(np.asarray(sigma, dtype=float), frame.shape)[keep]
     if not keep.any() or not np.all(noise > 0):
         raise InputError("no_valid_pixel_sigma")
-    weight = 1.0 / noise
-    # an indexed stack comes back with its axes swapped in memory, and matrix products then crawl
-    light, dark = (np.ascontiguousarray(s[:, keep] * weight) for s in (illumination, background))
-    return SeparableProblem(
-        frame[keep] * weight, light, dark, keep, dark @ dark.T, np.empty_like(light)
-    )
+    return SeparableProblem(frame[keep] / noise, 1.0 / noise, PixelLight(light, keep))
 
 
 def solve_linear(problem: SeparableProblem, signal: Array) -> LinearPart:
     """Illumination and background that fit best for a signal (n,), the ideal polariscope's 0..1."""
-    light = np.multiply(problem.light, signal, out=problem.scratch)
-    cross = light @ problem.dark.T
-    gram = np.block([[light @ light.T, cross], [cross.T, problem.dark_gram]]).astype(float)
-    inverse = scaled_inverse(gram, _CUTOFF[problem.light.dtype.itemsize])
-    right = np.concatenate((light @ problem.data, problem.dark @ problem.data))
-    coefficients = inverse @ right
-    a, c = np.split(coefficients.astype(problem.light.dtype), [len(light)])
-    amplitude = a @ problem.light
+    light, weight = problem.light, problem.weight
+    lit = weight * signal
+    inverse = scaled_inverse(light.normal(lit, weight), _CUTOFF[weight.dtype.itemsize])
+    coefficients = inverse @ light.along(lit, weight, problem.data)
+    amplitude, background = (weight * part for part in light.of(coefficients))
     residual = problem.data - amplitude * signal
-    residual -= c @ problem.dark
+    residual -= background
     return LinearPart(
         coefficients=coefficients,
         signal=signal,
@@ -132,6 +120,17 @@ def solve_linear(problem: SeparableProblem, signal: Array) -> LinearPart:
         cost=float(np.sum(np.square(residual), dtype=float)),
         negative_share=np.count_nonzero(amplitude <= 0.0) / amplitude.size,
     )
+
+
+def project(rows: Array, problem: SeparableProblem, part: LinearPart) -> None:
+    """Take off what illumination and background explain of derivatives (p, n), in place."""
+    lit = problem.weight * part.signal
+    known = problem.light.along(lit, problem.weight, rows) @ part.inverse
+    illumination, background = problem.light.of(known)
+    illumination *= lit
+    rows -= illumination
+    background *= problem.weight
+    rows -= background
 
 
 def linear_costs(light: Array, dark: Array, data: Array, signals: Array) -> tuple[Array, Array]:
@@ -322,7 +321,6 @@ def minimise(
     return Descent(values, point, step, False)
 
 
-Mask = NDArray[np.bool_]
 State = tuple[Array, ...]
 
 EASED, STIFFENED = 0.2, 8.0

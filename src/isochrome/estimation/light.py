@@ -11,9 +11,10 @@ many degrees of freedom as D has columns. Source: Rao (1948), Proc. Camb. Phil. 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from itertools import combinations_with_replacement, product
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from isochrome.errors import InputError
 from isochrome.messages import message
 
 Array = NDArray[Any]
+Mask = NDArray[np.bool_]
 
 Terms = tuple[tuple[int, int], ...]
 """Products P_i(y) P_j(x) of Legendre's polynomials, each as (i, j)."""
@@ -31,33 +33,28 @@ UNEVEN, EVEN = 2, 0
 """Degrees of the illumination and the background of a frame that is fitted with a scene: lamps fall
 off to the corners, and what a room adds is the same all over."""
 
-_KEPT_TERMS = 28
-"""Products of a stack that is kept for the frames to come: 36 MB at 659 x 494."""
-
 
 @dataclass(frozen=True)
 class LightModel:
-    """Images (k, rows, cols) that a frame's `illumination` A and `background` C are sums of.
+    """What a frame's light is a sum of: with `terms` of both, products of Legendre's P,
 
-    `terms`, the polynomial products in both; the no-load frames `dark` and `bright` (rows, cols)
-    that they stand on, where there are any.
+    A = a(y, x) sum_k a_k P_i(y) P_j(x),    C = c_0 d(y, x) + sum_k c_k P_i(y) P_j(x).
+
+    `down` (2 n + 1, rows) and `across` (2 n + 1, cols) are P_0 to P_2n at its rows and columns, for
+    the highest degree n; `dark` and `bright` (rows, cols) the no-load frames where there are any:
+    d is the dark one, and a the bright one less that.
     """
 
-    illumination: Array
-    background: Array
     terms: tuple[Terms, Terms]
+    down: Array
+    across: Array
     dark: Array | None = None
     bright: Array | None = None
 
     @property
-    def bases(self) -> dict[str, Any]:
-        """Both by name, as `fit_intensity` takes them."""
-        return {"illumination": self.illumination, "background": self.background}
-
-    @property
     def unknowns(self) -> int:
         """Number of coefficients."""
-        return len(self.illumination) + len(self.background)
+        return sum(map(len, self.terms)) + (self.dark is not None)
 
     @property
     def words(self) -> str:
@@ -67,12 +64,12 @@ class LightModel:
 
     def plain(self) -> LightModel:
         """One amplitude for all the illumination: for a search, or a model that is poor."""
-        return replace(self, illumination=self.illumination[:1])
+        return replace(self, terms=(self.terms[0][:1], self.terms[1]))
 
     def of(self, terms: tuple[Terms, Terms]) -> LightModel:
         """The light of a whole frame with other polynomial products."""
-        rows, cols = self.illumination.shape[1:]
-        return frame_light((rows, cols), self.dark, self.bright, terms=terms)
+        shape = self.down.shape[1], self.across.shape[1]
+        return frame_light(shape, self.dark, self.bright, terms=terms)
 
     def with_terms(self, more: tuple[Terms, Terms]) -> tuple[Terms, Terms]:
         """Its products, and behind them those of `more` that it has not."""
@@ -82,12 +79,170 @@ class LightModel:
         return light, dark
 
     def every(self, stride: int) -> LightModel:
-        """The images at every `stride`-th pixel."""
-        return replace(
-            self,
-            illumination=self.illumination[:, ::stride, ::stride],
-            background=self.background[:, ::stride, ::stride],
+        """The light of every `stride`-th pixel."""
+        return self.on(slice(None, None, stride), slice(None, None, stride))
+
+    def on(self, rows: slice | Mask, cols: slice | Mask) -> LightModel:
+        """The light of some rows and columns."""
+        dark, bright = (
+            image if image is None else image[rows][:, cols] for image in (self.dark, self.bright)
         )
+        return LightModel(self.terms, self.down[:, rows], self.across[:, cols], dark, bright)
+
+    @cached_property
+    def shade(self) -> Array | None:
+        """What no-load frames show of the illumination (rows, cols), float32."""
+        if self.bright is None:
+            return None
+        shade = self.bright if self.dark is None else self.bright - self.dark
+        return np.asarray(shade, np.float32)
+
+    def illumination(self, coefficients: Array) -> Array:
+        """A (..., rows, cols), float32, of coefficients (..., k)."""
+        image = self._sum(self.terms[0], coefficients)
+        return image if self.shade is None else image * self.shade
+
+    def background(self, coefficients: Array) -> Array:
+        """C (..., rows, cols), float32, of coefficients (..., k)."""
+        if self.dark is None:
+            return self._sum(self.terms[1], coefficients)
+        own = np.multiply(coefficients[..., :1, None], self.dark, dtype=np.float32)
+        return own + self._sum(self.terms[1], coefficients[..., 1:])
+
+    def _sum(self, terms: Terms, coefficients: Array) -> Array:
+        """The sum of some products (..., rows, cols), row by row and then across."""
+        count = len(self.down) // 2 + 1
+        table = np.zeros((*coefficients.shape[:-1], count, count))
+        table[(..., *_degrees(terms))] = coefficients
+        along = (table @ self.across[:count]).astype(np.float32)
+        return np.asarray(self.down[:count].T.astype(np.float32) @ along)
+
+    def columns(self, keep: Mask) -> tuple[Array, Array]:
+        """The images that A and C are sums of, (k, n) each, at a few pixels that are kept."""
+        row, col = np.nonzero(keep)
+        (i, j), (l, m) = map(_degrees, self.terms)
+        light = self.down[i][:, row] * self.across[j][:, col]
+        below = self.down[l][:, row] * self.across[m][:, col]
+        if self.shade is not None:
+            light = light * self.shade[keep]
+        return light, below if self.dark is None else np.concatenate((self.dark[None, keep], below))
+
+
+@dataclass(frozen=True)
+class PixelLight:
+    """The light of a frame at the pixels (n,) that are kept (rows, cols), by its moments.
+
+    Its columns are products P_i(y) P_j(x), and neither they nor their sums are made one by one: as
+    P_i P_j = sum_l c_ijl P_l, sums over pixels of v times two of them follow from the moments
+    sum v P_a(y) P_b(x), and a hundred of them cost little more than six.
+    """
+
+    model: LightModel
+    keep: Mask
+
+    @property
+    def size(self) -> int:
+        """Number of pixels."""
+        return len(self._places)
+
+    @property
+    def split(self) -> int:
+        """How many coefficients are the illumination's, which come first."""
+        return len(self.model.terms[0])
+
+    def some(self, chosen: Mask) -> PixelLight:
+        """The light of fewer pixels: `chosen` (n,) of them."""
+        keep = self.keep.copy()
+        keep[keep] = chosen
+        return PixelLight(self.model, keep)
+
+    @cached_property
+    def _held(self) -> tuple[Mask, Mask]:
+        """Which rows and columns hold pixels."""
+        return np.asarray(self.keep.any(axis=1)), np.asarray(self.keep.any(axis=0))
+
+    @cached_property
+    def _used(self) -> LightModel:
+        """The light of the rows and columns that hold pixels: a region, or every few of them."""
+        return self.model.on(*self._held)
+
+    @cached_property
+    def _places(self) -> Array:
+        """Where the pixels are in these."""
+        rows, cols = self._held
+        return np.flatnonzero(self.keep[rows][:, cols])
+
+    def _image(self, values: Array) -> Array:
+        """Values (..., n) at their places (..., rows, cols), nought elsewhere."""
+        size = self._used.down.shape[1], self._used.across.shape[1]
+        image = np.zeros((*values.shape[:-1], size[0] * size[1]), values.dtype)
+        image[..., self._places] = values
+        return image.reshape(*values.shape[:-1], *size)
+
+    def _picked(self, image: Array) -> Array:
+        """An image (..., rows, cols) at the pixels (..., n)."""
+        return np.asarray(image.reshape(*image.shape[:-2], -1)[..., self._places])
+
+    def _moments(self, images: Array, count: int) -> Array:
+        """Sums of images (..., rows, cols) times P_a(y) P_b(x), a and b below a count."""
+        down = self._used.down[:count].astype(images.dtype)
+        return np.asarray((down @ images).astype(float) @ self._used.across[:count].T)
+
+    def _parts(self, lit: Array, weight: Array) -> Iterator[tuple[Array, tuple[Array, Array]]]:
+        """What products stand behind, (rows, cols), and the degrees of these: of A, and of C."""
+        lit, weight = self._image(lit), self._image(weight)
+        light, below = map(_degrees, self._used.terms)
+        yield lit if self._used.shade is None else lit * self._used.shade, light
+        if self._used.dark is not None:
+            yield np.multiply(weight, self._used.dark, dtype=weight.dtype), _degrees(((0, 0),))
+        yield weight, below
+
+    def normal(self, lit: Array, weight: Array) -> Array:
+        """Products (k, k) of the columns, of A times `lit` (n,) and of C times `weight` (n,)."""
+        parts, table = list(self._parts(lit, weight)), _products(len(self._used.down) // 2)
+        ends = np.cumsum([0, *(len(i) for _, (i, _) in parts)]).tolist()
+        result = np.empty((ends[-1], ends[-1]))
+        for p, q in combinations_with_replacement(range(len(parts)), 2):
+            (one, (i, j)), (other, (l, m)) = parts[p], parts[q]
+            moments = self._moments(one * other, len(self._used.down))
+            every = np.einsum("ila,ab,jmb->iljm", table, moments, table, optimize=True)
+            here = slice(*ends[p : p + 2]), slice(*ends[q : q + 2])
+            result[here] = every[i[:, None], l, j[:, None], m]
+            result[here[::-1]] = result[here].T
+        return result
+
+    def along(self, lit: Array, weight: Array, values: Array) -> Array:
+        """Products (..., k) of the same columns with some values (..., n)."""
+        images, count = self._image(values), len(self._used.down) // 2 + 1
+        return np.concatenate(
+            [
+                self._moments(images * part, count)[(..., *degrees)]
+                for part, degrees in self._parts(lit, weight)
+            ],
+            axis=-1,
+        )
+
+    def of(self, coefficients: Array) -> tuple[Array, Array]:
+        """A and C (..., n) of coefficients (..., k)."""
+        a, c = np.split(coefficients, [self.split], axis=-1)
+        return self._picked(self._used.illumination(a)), self._picked(self._used.background(c))
+
+
+def _degrees(terms: Terms) -> tuple[Array, Array]:
+    """The i, and the j, of some products."""
+    i, j = np.array(terms, int).reshape(-1, 2).T
+    return i, j
+
+
+@lru_cache(maxsize=4)
+def _products(degree: int) -> Array:
+    """c (n + 1, n + 1, 2 n + 1) of P_i P_j = sum_l c_ijl P_l up to a degree n."""
+    unit = np.eye(degree + 1)
+    table = np.zeros((degree + 1, degree + 1, 2 * degree + 1))
+    for i, j in product(range(degree + 1), repeat=2):
+        both = np.polynomial.legendre.legmul(unit[i], unit[j])
+        table[i, j, : len(both)] = both
+    return table
 
 
 def frame_light(
@@ -97,7 +252,7 @@ def frame_light(
     *,
     terms: tuple[Terms, Terms] | None = None,
 ) -> LightModel:
-    """The light of a frame that is fitted with a scene, in single precision.
+    """The light of a frame that is fitted with a scene.
 
     With both no-load frames the illumination is their difference times a plane, and the background
     the dark one plus a constant; polynomials, by default of the lowest degrees, stand for what is
@@ -106,12 +261,9 @@ def frame_light(
     if terms is None:
         even = 1 if bright is not None and dark is None else EVEN
         terms = total_degree(UNEVEN if bright is None else 1), total_degree(even)
-    light, below = (_basis(shape, chosen) for chosen in terms)
-    if bright is not None:
-        light = light * (bright if dark is None else bright - dark)
-    if dark is not None:
-        below = np.concatenate((dark[None], below))
-    return LightModel(light, below, terms, dark, bright)
+    degree = max(degree for part in terms for pair in part for degree in pair)
+    down, across = (np.polynomial.legendre.legvander(_unit(n), 2 * degree).T for n in shape)
+    return LightModel(terms, down, across, dark, bright)
 
 
 def total_degree(degree: int) -> Terms:
@@ -139,13 +291,6 @@ def with_chosen_terms(
     light = tuple(more[0][i] for i in order if i < count)
     dark = tuple(more[1][i - count] for i in order if i >= count)
     return (*present[0], *light), (*present[1], *dark)
-
-
-def _basis(shape: tuple[int, int], terms: Terms) -> Array:
-    """Legendre products; rich ones are made anew, since kept ones fill the memory."""
-    if len(terms) <= _KEPT_TERMS:
-        return light_basis(shape, terms)
-    return light_products((_unit(shape[0]), _unit(shape[1])), terms)
 
 
 @lru_cache(maxsize=8)

@@ -45,16 +45,6 @@ class FrameData(Observation):
         """Rows and columns of the picture."""
         return self.light.shape[0], self.light.shape[1]
 
-    @property
-    def illumination(self) -> Array:
-        """The illumination's images (k, rows, cols)."""
-        return self.lamp.illumination
-
-    @property
-    def background(self) -> Array:
-        """The background's images (k, rows, cols)."""
-        return self.lamp.background
-
     def plain(self) -> FrameData:
         """The frame with one amplitude for all its light: for a search, or a model that is poor."""
         return replace(self, lamp=self.lamp.plain())

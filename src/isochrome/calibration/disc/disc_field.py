@@ -46,11 +46,12 @@ from isochrome.calibration.shot import Shot
 from isochrome.errors import PhysicsError
 from isochrome.estimation import (
     Observation,
+    frame_light,
     jackknife_variance,
     linear_costs,
-    polynomial_basis,
     prepare,
     solve_linear,
+    total_degree,
 )
 
 Array = NDArray[np.float64]
@@ -342,15 +343,14 @@ def scan_disc(shot: Shot) -> Scan:
     grid = thin_grid(shot.light.shape, replace(circle, radius=middle / 1.08), 3000)
     near = np.hypot(grid.rows - circle.row, grid.cols - circle.col) < middle
     light, sigma, valid = (m[grid.pick] for m in (shot.light, shot.sigma, shot.valid))
-    problem = prepare(
-        light, mask=valid & near, sigma=sigma, illumination=polynomial_basis(near.shape, 1),
-        background=polynomial_basis(near.shape, 2),
-    )  # fmt: skip
+    lamp = frame_light(near.shape, terms=(total_degree(1), total_degree(2)))
+    problem = prepare(light, mask=valid & near, sigma=sigma, light=lamp)
+    columns = problem.columns
     chi = []
     for geometry in geometries:
         unit = disc_order(grid, [1.0, *geometry])[problem.keep]
         signals = scanned_waves(unit, shot.bright)
-        cost, lit = linear_costs(problem.light, problem.dark, problem.data[None], signals)
+        cost, lit = linear_costs(*columns, problem.data[None], signals)
         mean = np.maximum(cost[:, 0], 0.0) / problem.size
         chi.append(np.where(lit[:, 0] > 0.0, np.sqrt(mean), np.inf))
     smooth = solve_linear(problem, np.zeros(problem.size))

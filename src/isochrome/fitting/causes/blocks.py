@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from isochrome.estimation import STEP, FrameData, block_correlation, cosines, line_noise
+from isochrome.estimation import STEP, FrameData, LightModel, block_correlation, cosines, line_noise
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.cause import BAND, FRINGE_VALUE, PLATES, YOUNG, Cause
 from isochrome.fitting.causes.modes import TractionModes, traction_modes
@@ -111,10 +111,10 @@ class FrameBlocks:
         trust = trust_of_slopes(gamma_fit)
         self._trust = trust[at]
         self._light = gamma_fit.weight[at] * root
-        bases = pixels.light[:, at], pixels.dark[:, at]
+        bases = self.light_images(pixels.light.model)
         self.light_rows = self.light_columns(*bases)
         self.light_values = gamma_fit.part.coefficients
-        amplitude = self.light_values[: len(bases[0])].astype(np.float32) @ bases[0]
+        amplitude = (self.light_values[: len(bases[0])] @ bases[0]).astype(np.float32)
         self.brightness = float(np.mean(amplitude))
         self._gain = amplitude * self._light
         self._gamma_slope = gamma_slope(gamma_fit, self.scene.frames.stated_gamma)[at] * root
@@ -159,6 +159,11 @@ class FrameBlocks:
     def pick(self, thinned: Array) -> Array:
         """Images of the blocks' middles (..., rows/side, cols/side) at those used (..., n)."""
         return np.asarray(thinned[..., self._chosen])
+
+    def light_images(self, lamp: LightModel) -> tuple[Array, Array]:
+        """What a light's illumination and background are sums of, (k, n) each."""
+        light, dark = lamp.every(self._side).columns(self._chosen)
+        return light.astype(np.float32), dark.astype(np.float32)
 
     def light_columns(self, illumination: Array, background: Array) -> Array:
         """Weighted columns (k, n) of light that is not in the model, given at the blocks."""

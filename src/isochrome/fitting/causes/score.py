@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,13 +20,12 @@ from isochrome.estimation import (
     Terms,
     Weighed,
     cosine_spread,
-    light_products,
     missing_terms,
     weighed,
     with_chosen_terms,
 )
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.causes.blocks import COSINES, SHADOW_BLOCKS, FrameBlocks, block_side
+from isochrome.fitting.causes.blocks import COSINES, SHADOW_BLOCKS, FrameBlocks
 from isochrome.fitting.causes.cause import (
     OF_PRESSURE,
     OF_SIZE,
@@ -357,19 +355,9 @@ def light_sizes(terms: LightTerms, fall: float = LIGHT_FALLS[1]) -> list[float]:
 
 def light_bases(blocks: FrameBlocks, terms: LightTerms) -> tuple[Array, Array]:
     """The images of some light at the blocks, (k, n) each, as bright as the frame's own."""
-    shares = (blocks.pick(_thin_basis(blocks.data.shape, chosen)) for chosen in terms)
-    light, dark = (np.float32(blocks.brightness) * image for image in shares)
     lamp = blocks.data.lamp
-    if lamp.bright is not None:
-        light = light * blocks.thin(lamp.bright if lamp.dark is None else lamp.bright - lamp.dark)
-    return light, dark
-
-
-@lru_cache(maxsize=4)
-def _thin_basis(shape: tuple[int, int], terms: Terms) -> Array:
-    """A frame's polynomial products at its blocks."""
-    down, across = (np.linspace(-1.0, 1.0, n)[:: block_side(shape)] for n in shape)
-    return light_products((down, across), terms)
+    light, dark = blocks.light_images(lamp.of(terms))
+    return blocks.brightness * light, blocks.brightness * dark[lamp.dark is not None :]
 
 
 def richer_light(solution: Askable, most: int) -> LightTerms:

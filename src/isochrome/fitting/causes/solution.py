@@ -312,9 +312,9 @@ class FrameSolution:
         signal = every.signal(final.values)
         if signal is None:
             return odd
-        pixels, coefficients = every.pixels, final.gamma_fit.part.coefficients.astype(np.float32)
-        light = coefficients[: len(pixels.light)] @ pixels.light * signal
-        light += coefficients[len(pixels.light) :] @ pixels.dark
+        pixels = every.pixels
+        illumination, background = pixels.light.of(final.gamma_fit.part.coefficients)
+        light = illumination * signal + background
         image = np.zeros(data.shape, np.float32)
         image[pixels.keep] = pixels.raw - stored(light, every.gamma(final.values))
         image[pixels.keep] *= pixels.weight

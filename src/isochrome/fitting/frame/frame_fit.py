@@ -263,7 +263,7 @@ def _is_seen(gamma_fit: GammaFit) -> bool:
 
     By Wald's statistic of the illumination, aᵀ cov(a)⁻¹ a, over the noise that the residuals show.
     """
-    part, count = gamma_fit.part, len(gamma_fit.problem.light)
+    part, count = gamma_fit.part, gamma_fit.problem.light.split
     light = part.coefficients[:count]
     gain = float(light @ np.linalg.pinv(part.inverse[:count, :count]) @ light)
     # fringes of something else are no noise, though neighbours share them

@@ -24,11 +24,13 @@ from isochrome.estimation import (
     Damping,
     FrameData,
     LinearPart,
+    PixelLight,
     Prior,
     SeparableProblem,
     damped_step,
     is_determined,
     no_prior,
+    project,
     promised_gain,
     scaled_inverse,
     solve_linear,
@@ -54,15 +56,12 @@ ENOUGH = 0.25
 class Pixels:
     """Trusted pixels of a frame (n,), float32: `raw`, fraction of full scale, and `weight` = 1/σ.
 
-    `light` (ka, n) and `dark` (kc, n), the bases of illumination and background; `keep` (rows,
-    cols), where the pixels are; `gamma`, the frame's exponent where it is not an unknown.
+    `light`, what they are held against; `gamma`, the frame's exponent where it is not an unknown.
     """
 
     raw: Array
     weight: Array
-    light: Array
-    dark: Array
-    keep: Mask
+    light: PixelLight
     gamma: float
 
     @property
@@ -70,10 +69,15 @@ class Pixels:
         """Number of pixels."""
         return self.raw.size
 
-    @cached_property
+    @property
+    def keep(self) -> Mask:
+        """Where the pixels are (rows, cols)."""
+        return self.light.keep
+
+    @property
     def as_stored(self) -> SeparableProblem:
         """The weighted pixels of a linear sensor."""
-        return _problem(self, self.raw, self.weight)
+        return SeparableProblem(self.raw * self.weight, self.weight, self.light)
 
 
 @dataclass(frozen=True)
@@ -115,12 +119,7 @@ def trusted_pixels(data: FrameData, region: Mask) -> Pixels:
         return np.ascontiguousarray(values, dtype=np.float32)
 
     return Pixels(
-        chosen(data.raw),
-        1.0 / chosen(data.raw_sigma),
-        np.stack([chosen(image) for image in data.illumination]),
-        np.stack([chosen(image) for image in data.background]),
-        keep,
-        data.gamma,
+        chosen(data.raw), 1.0 / chosen(data.raw_sigma), PixelLight(data.lamp, keep), data.gamma
     )
 
 
@@ -133,15 +132,11 @@ def clear_of_ends(pixels: Pixels, model: Array, gamma: float) -> Mask:
 
 def some_pixels(pixels: Pixels, chosen: Mask) -> Pixels:
     """Fewer pixels: `chosen` (n,) of them."""
-    keep = pixels.keep.copy()
-    keep[keep] = chosen
     return replace(
         pixels,
         raw=pixels.raw[chosen],
         weight=pixels.weight[chosen],
-        light=np.ascontiguousarray(pixels.light[:, chosen]),
-        dark=np.ascontiguousarray(pixels.dark[:, chosen]),
-        keep=keep,
+        light=pixels.light.some(chosen),
     )
 
 
@@ -160,9 +155,10 @@ def solve_with_gamma(
     if not np.isfinite(signal.sum()):
         return None
     if gamma == 1.0:
-        part = solve_linear(pixels.as_stored, signal)
+        problem = pixels.as_stored
+        part = solve_linear(problem, signal)
         model = pixels.raw - part.residual / pixels.weight
-        return GammaFit(pixels.as_stored, part, model, pixels.weight, part.residual)
+        return GammaFit(problem, part, model, pixels.weight, part.residual)
     model = np.maximum(pixels.raw, 0.0) ** np.float32(gamma) if near is None else near
     # light of one standard deviation above black, or of white: there the tone's slope ends
     least = np.maximum(pixels.weight, np.float32(1.0)) ** np.float32(-gamma)
@@ -171,7 +167,7 @@ def solve_with_gamma(
         level = stored(model, gamma)
         weight = level / (np.float32(gamma) * model) * pixels.weight
         data = model + (pixels.raw - level) * (pixels.weight / weight)
-        problem = _problem(pixels, data, weight)
+        problem = SeparableProblem(data * weight, weight, pixels.light)
         part = solve_linear(problem, signal)
         model = data - part.residual / weight
     residual = (pixels.raw - stored(model, gamma)) * pixels.weight
@@ -201,18 +197,6 @@ def trust_of_slopes(gamma_fit: GammaFit, stride: int = 1) -> Array:
     size = max(3, _ABOUT_PX // stride)
     mean = uniform_filter(image, size)[keep] / np.maximum(uniform_filter(there, size)[keep], 1e-6)
     return np.asarray(1.0 / np.hypot(1.0, sqrt(2.0) * mean * gain), np.float32)
-
-
-def _problem(pixels: Pixels, data: Array, weight: Array) -> SeparableProblem:
-    dark = pixels.dark * weight
-    return SeparableProblem(
-        data * weight,
-        pixels.light * weight,
-        dark,
-        pixels.keep,
-        (dark @ dark.T).astype(float),
-        np.empty_like(pixels.light),
-    )
 
 
 def inward(value: float, step: float, most: float) -> float:
@@ -293,8 +277,8 @@ class FrameModel:
         """
         from scipy.ndimage import gaussian_filter
 
-        coefficients = gamma_fit.part.coefficients[: len(data.illumination)]
-        light = np.tensordot(coefficients.astype(np.float32), data.illumination, 1)
+        coefficients = gamma_fit.part.coefficients[: self.pixels.light.split]
+        light = data.lamp.illumination(coefficients)
         light = np.maximum(gaussian_filter(light, _SMOOTH_PX), _DIMMEST * float(light.max()))
         down, across = np.gradient(np.log(light))
         self._light_slopes = down, across
@@ -501,16 +485,6 @@ def local_model(
     project(rows, gamma_fit.problem, gamma_fit.part)
     prior = prior or no_prior(len(keys))
     return LocalModel(keys, np.array(values, float), gamma_fit, rows, squares, prior)
-
-
-def project(rows: Array, problem: SeparableProblem, part: LinearPart) -> None:
-    """Take off what illumination and background explain of derivatives (p, n), in place."""
-    split = len(problem.light)
-    light = np.multiply(problem.light, part.signal, out=problem.scratch)
-    cross = np.concatenate((light @ rows.T, problem.dark @ rows.T)).astype(float)
-    known = (part.inverse @ cross).astype(rows.dtype)
-    rows -= known[:split].T @ light
-    rows -= known[split:].T @ problem.dark
 
 
 @dataclass(frozen=True)

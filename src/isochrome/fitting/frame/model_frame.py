@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.estimation import MOSTLY, FrameData, SeparableProblem, solve_linear
+from isochrome.estimation import FrameData, PixelLight, SeparableProblem, solve_linear
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.frame.unknowns import thinning
@@ -98,23 +98,13 @@ def fitted_light(
     count = int(np.count_nonzero(mask))
     if not count:
         raise InputError("no_pixel_can_trusted", name=data.name)
-    # a weight of nought leaves a pixel out, and costs less than to take the others out of stacks
-    weight = np.where(mask, 1.0 / data.sigma, 0.0).astype(np.float32)
-    light, dark = (
-        (stack * weight).astype(np.float32, copy=False).reshape(len(stack), -1)
-        for stack in (data.illumination, data.background)
-    )
-    problem = SeparableProblem(
-        (data.light * weight).ravel(), light, dark, mask,
-        (dark @ dark.T).astype(float), np.empty_like(light),
-    )  # fmt: skip
-    part = solve_linear(problem, np.where(mask, signal(stride), 0.0).astype(np.float32).ravel())
-    a, c = np.split(part.coefficients.astype(np.float32), [len(light)])
-    left_out = mask.size - count
-    negative = (round(part.negative_share * mask.size) - left_out) / count
+    weight = (1.0 / data.sigma[mask]).astype(np.float32)
+    problem = SeparableProblem(data.light[mask] * weight, weight, PixelLight(data.lamp, mask))
+    part = solve_linear(problem, signal(stride)[mask].astype(np.float32))
+    a, c = np.split(part.coefficients, [problem.light.split])
     chi = float(np.sqrt(part.cost / max(1, count - len(part.coefficients))))
     return (
-        np.tensordot(a, full_frame.illumination, 1),
-        np.tensordot(c, full_frame.background, 1),
-        chi if negative <= MOSTLY else float("inf"),
+        full_frame.lamp.illumination(a),
+        full_frame.lamp.background(c),
+        chi if part.positive else float("inf"),
     )

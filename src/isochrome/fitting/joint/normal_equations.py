@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.estimation import STEP, FrameData, Prior, gradient_covariance
+from isochrome.estimation import STEP, FrameData, Prior, gradient_covariance, project
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.frame_model import (
     ENOUGH,
@@ -33,7 +33,6 @@ from isochrome.fitting.frame.frame_model import (
     Pixels,
     clear_of_ends,
     gamma_slope,
-    project,
     solve_with_gamma,
     trusted_pixels,
 )

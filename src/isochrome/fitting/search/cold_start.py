@@ -324,16 +324,14 @@ def _scanned(data: FrameData, scene: Scene, lattice: _Lattice) -> Iterator[Scene
     """The scenes of a lattice that leave least, best first, none within a step of another."""
     thin = data.every(lattice.stride)
     keep = _usable(data, scene)[:: lattice.stride, :: lattice.stride]
-    problem = prepare(
-        thin.light, mask=keep, sigma=thin.sigma, illumination=thin.illumination,
-        background=thin.background,
-    )  # fmt: skip
+    problem = prepare(thin.light, mask=keep, sigma=thin.sigma, light=thin.lamp)
     grid, aside = pixel_grid(scene, data.shape).every(lattice.stride), lattice.places
     wide = grid if not aside else PixelGrid(
         rows=grid.rows, cols=grid.cols + 2 * aside, left_mm=grid.left_mm - aside * grid.pixel_mm,
         top_mm=grid.top_mm, pixel_mm=grid.pixel_mm,
     )  # fmt: skip
     optics, shears, bulks = scene_optics(scene), lattice.shears, lattice.bulks
+    columns = problem.columns
     solved: list[Rung] = []
     costs: list[Array] = []
     for rung in rungs(scene, wide, lattice.loads.tolist(), lattice.doses.tolist()):
@@ -341,7 +339,7 @@ def _scanned(data: FrameData, scene: Scene, lattice: _Lattice) -> Iterator[Scene
         windows = [fields[:, :, k : k + grid.cols][:, keep] for k in range(2 * aside + 1)]
         every = np.array(windows)[:, :, None] + bulks[:, None].astype(np.float32)
         signals = optics.signal(every.reshape(-1, problem.size)).astype(np.float32)
-        cost, light = linear_costs(problem.light, problem.dark, problem.data[None], signals)
+        cost, light = linear_costs(*columns, problem.data[None], signals)
         costs.append(np.where(light > 0.0, cost, np.inf).reshape(every.shape[:3]))
         solved.append(rung)
     every = np.array(costs)

@@ -10,7 +10,7 @@ from math import sqrt
 
 import numpy as np
 
-from isochrome.estimation import STEP, Bounds, FrameData, Prior, no_prior
+from isochrome.estimation import STEP, Bounds, FrameData, Prior, no_prior, project
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.frame_model import (
     CLEAR_SIGMAS,
@@ -21,7 +21,6 @@ from isochrome.fitting.frame.frame_model import (
     RefinedFit,
     inward,
     local_model,
-    project,
     some_pixels,
     stored,
     turned_row,
@@ -237,9 +236,8 @@ class TrackedModel(FrameModel):
 
     def _light(self, gamma_fit: GammaFit, signal: Array) -> Array:
         """The light (n,) of a linear solution at every pixel, for their signal."""
-        split = len(self._every.light)
-        a, c = np.split(gamma_fit.part.coefficients.astype(np.float32), [split])
-        return np.asarray((a @ self._every.light) * signal + c @ self._every.dark)
+        illumination, background = self._every.light.of(gamma_fit.part.coefficients)
+        return illumination * signal + background
 
     def look(self, light: Array) -> None:
         """Choose pixels (n,) by a model of their light, and weigh them by its noise."""

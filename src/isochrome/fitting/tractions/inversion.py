@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import Bounds, FrameData, Prior, damped, linear_costs
+from isochrome.estimation import Bounds, FrameData, PixelLight, Prior, damped, linear_costs
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.far_model import FAR, FarModel
 from isochrome.fitting.frame.frame_model import (
@@ -403,11 +403,8 @@ def thinned(data: FrameData, depth_px: Array, slope: Array) -> tuple[Pixels, Arr
         for image, part in zip(images, (blocks.raw, blocks.raw_sigma), strict=True):
             image[::b, ::b][middles] = part[middles]
     raw, sigma = (image[keep] for image in images)
-    light, dark = (
-        np.stack([image[keep] for image in part]).astype(np.float32)
-        for part in (data.illumination, data.background)
-    )
-    return Pixels(raw, 1.0 / sigma, light, dark, keep, data.gamma), side[keep].astype(np.float32)
+    pixels = Pixels(raw, 1.0 / sigma, PixelLight(data.lamp, keep), data.gamma)
+    return pixels, side[keep].astype(np.float32)
 
 
 def with_signs(matrix: Array, right: Array, signed: int) -> Array:
@@ -554,10 +551,10 @@ def beginnings(data: FrameData, scene: Scene, start: State) -> list[Stage]:
     modes[:, :3] += places[:, 1:]
     signals = model.optics.signal((places[:, :1] * pressed + modes @ smooth).astype(np.complex64))
     problem = model.pixels.as_stored
+    lit, dark = problem.columns
     costs, light = linear_costs(
-        problem.light[:, some], problem.dark[:, some], problem.data[None, some],
-        signals.astype(np.float32),
-    )  # fmt: skip
+        lit[:, some], dark[:, some], problem.data[None, some], signals.astype(np.float32)
+    )
     chosen: list[int] = []
     for k in np.argsort(np.where(light > 0.0, costs, np.inf)[:, 0], kind="stable").tolist():
         apart = np.abs(places[chosen, 1:] - places[k, 1:]).max(axis=1, initial=0.0)
