@@ -106,8 +106,9 @@ def solve_linear(problem: SeparableProblem, signal: Array) -> LinearPart:
     """Illumination and background that fit best for a signal (n,), the ideal polariscope's 0..1."""
     light, weight = problem.light, problem.weight
     lit = weight * signal
-    inverse = scaled_inverse(light.normal(lit, weight), _CUTOFF[weight.dtype.itemsize])
-    coefficients = inverse @ light.along(lit, weight, problem.data)
+    normal, right = light.equations(lit, weight, problem.data)
+    inverse = scaled_inverse(normal, _CUTOFF[weight.dtype.itemsize])
+    coefficients = inverse @ right
     amplitude, background = (weight * part for part in light.of(coefficients))
     residual = problem.data - amplitude * signal
     residual -= background
@@ -124,13 +125,8 @@ def solve_linear(problem: SeparableProblem, signal: Array) -> LinearPart:
 
 def project(rows: Array, problem: SeparableProblem, part: LinearPart) -> None:
     """Take off what illumination and background explain of derivatives (p, n), in place."""
-    lit = problem.weight * part.signal
-    known = problem.light.along(lit, problem.weight, rows) @ part.inverse
-    illumination, background = problem.light.of(known)
-    illumination *= lit
-    rows -= illumination
-    background *= problem.weight
-    rows -= background
+    weight = problem.weight
+    problem.light.take_off(rows, weight * part.signal, weight, part.inverse)
 
 
 def linear_costs(light: Array, dark: Array, data: Array, signals: Array) -> tuple[Array, Array]:

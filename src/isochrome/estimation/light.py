@@ -11,10 +11,10 @@ many degrees of freedom as D has columns. Source: Rao (1948), Proc. Camb. Phil. 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from itertools import combinations_with_replacement, product
+from itertools import combinations_with_replacement, pairwise, product
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from isochrome.messages import message
 
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
+Degrees = tuple[Array, Array]
 
 Terms = tuple[tuple[int, int], ...]
 """Products P_i(y) P_j(x) of Legendre's polynomials, each as (i, j)."""
@@ -32,6 +33,10 @@ Terms = tuple[tuple[int, int], ...]
 UNEVEN, EVEN = 2, 0
 """Degrees of the illumination and the background of a frame that is fitted with a scene: lamps fall
 off to the corners, and what a room adds is the same all over."""
+
+
+_AT_ONCE = 1 << 18
+"""Pixels of images that are made at once: a megabyte stays in the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +60,11 @@ class LightModel:
     def unknowns(self) -> int:
         """Number of coefficients."""
         return sum(map(len, self.terms)) + (self.dark is not None)
+
+    @property
+    def degree(self) -> int:
+        """The highest degree n of a row's or a column's polynomial."""
+        return len(self.down) // 2
 
     @property
     def words(self) -> str:
@@ -111,7 +121,7 @@ class LightModel:
 
     def _sum(self, terms: Terms, coefficients: Array) -> Array:
         """The sum of some products (..., rows, cols), row by row and then across."""
-        count = len(self.down) // 2 + 1
+        count = self.degree + 1
         table = np.zeros((*coefficients.shape[:-1], count, count))
         table[(..., *_degrees(terms))] = coefficients
         along = (table @ self.across[:count]).astype(np.float32)
@@ -141,11 +151,6 @@ class PixelLight:
     keep: Mask
 
     @property
-    def size(self) -> int:
-        """Number of pixels."""
-        return len(self._places)
-
-    @property
     def split(self) -> int:
         """How many coefficients are the illumination's, which come first."""
         return len(self.model.terms[0])
@@ -157,91 +162,98 @@ class PixelLight:
         return PixelLight(self.model, keep)
 
     @cached_property
-    def _held(self) -> tuple[Mask, Mask]:
-        """Which rows and columns hold pixels."""
-        return np.asarray(self.keep.any(axis=1)), np.asarray(self.keep.any(axis=0))
+    def _used(self) -> tuple[LightModel, Mask]:
+        """The light of the rows and columns that hold pixels, and where in these the pixels are."""
+        rows, cols = np.asarray(self.keep.any(axis=1)), np.asarray(self.keep.any(axis=0))
+        return self.model.on(rows, cols), self.keep[rows][:, cols]
 
-    @cached_property
-    def _used(self) -> LightModel:
-        """The light of the rows and columns that hold pixels: a region, or every few of them."""
-        return self.model.on(*self._held)
+    def _images(self, values: Array) -> Array:
+        """Values (k, n) at their places (k, rows, cols), nought elsewhere."""
+        _, keep = self._used
+        images = np.zeros((len(values), *keep.shape), values.dtype)
+        for image, row in zip(images, values, strict=True):
+            image[keep] = row
+        return images
 
-    @cached_property
-    def _places(self) -> Array:
-        """Where the pixels are in these."""
-        rows, cols = self._held
-        return np.flatnonzero(self.keep[rows][:, cols])
+    def _moments(self, images: Array, *, twice: bool = False) -> Array:
+        """Sums of images (..., rows, cols) times P_a(y) P_b(x), up to degree n, or twice that."""
+        light, _ = self._used
+        count = None if twice else light.degree + 1
+        down = light.down[:count].astype(images.dtype)
+        return np.asarray((down @ images).astype(float) @ light.across[:count].T)
 
-    def _image(self, values: Array) -> Array:
-        """Values (..., n) at their places (..., rows, cols), nought elsewhere."""
-        size = self._used.down.shape[1], self._used.across.shape[1]
-        image = np.zeros((*values.shape[:-1], size[0] * size[1]), values.dtype)
-        image[..., self._places] = values
-        return image.reshape(*values.shape[:-1], *size)
+    def _parts(self, lit: Array, weight: Array) -> list[tuple[Array, Terms]]:
+        """What products stand behind (rows, cols), and these: of A, and of C."""
+        light, _ = self._used
+        parts = [(lit if light.shade is None else lit * light.shade, light.terms[0])]
+        if light.dark is not None:
+            parts.append((weight * light.dark.astype(weight.dtype), ((0, 0),)))
+        return [*parts, (weight, light.terms[1])]
 
-    def _picked(self, image: Array) -> Array:
-        """An image (..., rows, cols) at the pixels (..., n)."""
-        return np.asarray(image.reshape(*image.shape[:-2], -1)[..., self._places])
+    def _with(self, parts: list[tuple[Array, Terms]], images: Array) -> Array:
+        """Products (j, k) of images (j, rows, cols) with the columns."""
+        sums = [self._moments(images * part)[(..., *_degrees(terms))] for part, terms in parts]
+        return np.concatenate(sums, axis=-1)
 
-    def _moments(self, images: Array, count: int) -> Array:
-        """Sums of images (..., rows, cols) times P_a(y) P_b(x), a and b below a count."""
-        down = self._used.down[:count].astype(images.dtype)
-        return np.asarray((down @ images).astype(float) @ self._used.across[:count].T)
-
-    def _parts(self, lit: Array, weight: Array) -> Iterator[tuple[Array, tuple[Array, Array]]]:
-        """What products stand behind, (rows, cols), and the degrees of these: of A, and of C."""
-        lit, weight = self._image(lit), self._image(weight)
-        light, below = map(_degrees, self._used.terms)
-        yield lit if self._used.shade is None else lit * self._used.shade, light
-        if self._used.dark is not None:
-            yield np.multiply(weight, self._used.dark, dtype=weight.dtype), _degrees(((0, 0),))
-        yield weight, below
-
-    def normal(self, lit: Array, weight: Array) -> Array:
-        """Products (k, k) of the columns, of A times `lit` (n,) and of C times `weight` (n,)."""
-        parts, table = list(self._parts(lit, weight)), _products(len(self._used.down) // 2)
-        ends = np.cumsum([0, *(len(i) for _, (i, _) in parts)]).tolist()
-        result = np.empty((ends[-1], ends[-1]))
+    def equations(self, lit: Array, weight: Array, data: Array) -> tuple[Array, Array]:
+        """The normal equations of weighted `data` (n,): products (k, k) of the columns, of A times
+        `lit` (n,) and of C times `weight` (n,), and (k,) of these with the data.
+        """
+        *both, image = self._images(np.array([lit, weight, data]))
+        parts, degree = self._parts(*both), self._used[0].degree
+        table, normal = _products(degree), np.empty((self.model.unknowns,) * 2)
+        ends = np.cumsum([0, *(len(terms) for _, terms in parts)]).tolist()
+        places = [slice(*pair) for pair in pairwise(ends)]
         for p, q in combinations_with_replacement(range(len(parts)), 2):
-            (one, (i, j)), (other, (l, m)) = parts[p], parts[q]
-            moments = self._moments(one * other, len(self._used.down))
-            every = np.einsum("ila,ab,jmb->iljm", table, moments, table, optimize=True)
-            here = slice(*ends[p : p + 2]), slice(*ends[q : q + 2])
-            result[here] = every[i[:, None], l, j[:, None], m]
-            result[here[::-1]] = result[here].T
-        return result
-
-    def along(self, lit: Array, weight: Array, values: Array) -> Array:
-        """Products (..., k) of the same columns with some values (..., n)."""
-        images, count = self._image(values), len(self._used.down) // 2 + 1
-        return np.concatenate(
-            [
-                self._moments(images * part, count)[(..., *degrees)]
-                for part, degrees in self._parts(lit, weight)
-            ],
-            axis=-1,
-        )
+            (one, terms), (other, others) = parts[p], parts[q]
+            sums = table @ self._moments(one * other, twice=True) @ table.T
+            block = sums[_pairs(terms, others, degree)]
+            normal[places[p], places[q]], normal[places[q], places[p]] = block, block.T
+        return normal, self._with(parts, image[None])[0]
 
     def of(self, coefficients: Array) -> tuple[Array, Array]:
-        """A and C (..., n) of coefficients (..., k)."""
-        a, c = np.split(coefficients, [self.split], axis=-1)
-        return self._picked(self._used.illumination(a)), self._picked(self._used.background(c))
+        """A and C (n,) of coefficients (k,)."""
+        light, keep = self._used
+        a, c = np.split(coefficients, [self.split])
+        return light.illumination(a)[keep], light.background(c)[keep]
+
+    def take_off(self, rows: Array, lit: Array, weight: Array, inverse: Array) -> None:
+        """Take off what the columns explain of rows (j, n), with their `inverse` equations."""
+        light, keep = self._used
+        lit, weight = self._images(np.array([lit, weight]))
+        parts = self._parts(lit, weight)
+        at_once = max(1, _AT_ONCE // keep.size)
+        for some in (rows[k : k + at_once] for k in range(0, len(rows), at_once)):
+            known = self._with(parts, self._images(some)) @ inverse
+            a, c = np.split(known, [self.split], axis=-1)
+            explained = light.illumination(a) * lit
+            explained += light.background(c) * weight
+            for row, image in zip(some, explained, strict=True):
+                row -= image[keep]
 
 
-def _degrees(terms: Terms) -> tuple[Array, Array]:
+@lru_cache(maxsize=64)
+def _degrees(terms: Terms) -> Degrees:
     """The i, and the j, of some products."""
     i, j = np.array(terms, int).reshape(-1, 2).T
     return i, j
 
 
+@lru_cache(maxsize=64)
+def _pairs(terms: Terms, others: Terms, degree: int) -> Degrees:
+    """Where the products (k, l) of each two stand in the table of `_products`, down and across."""
+    (i, j), (l, m) = _degrees(terms), _degrees(others)
+    return i[:, None] * (degree + 1) + l, j[:, None] * (degree + 1) + m
+
+
 @lru_cache(maxsize=4)
 def _products(degree: int) -> Array:
-    """c (n + 1, n + 1, 2 n + 1) of P_i P_j = sum_l c_ijl P_l up to a degree n."""
+    """c ((n + 1)^2, 2 n + 1) of P_i P_j = sum_l c_ijl P_l up to a degree n."""
     unit = np.eye(degree + 1)
-    table = np.zeros((degree + 1, degree + 1, 2 * degree + 1))
-    for i, j in product(range(degree + 1), repeat=2):
+    table = np.zeros(((degree + 1) ** 2, 2 * degree + 1))
+    for row, (i, j) in zip(table, product(range(degree + 1), repeat=2), strict=True):
         both = np.polynomial.legendre.legmul(unit[i], unit[j])
-        table[i, j, : len(both)] = both
+        row[: len(both)] = both
     return table
 
 
