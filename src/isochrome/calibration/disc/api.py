@@ -4,7 +4,7 @@ Residual stress in a disc, and the order it makes with the load.
 
 Stress adds as a tensor. With D = (sx - sz) + 2i txz in fringes, the loads' part is
 D_P = N (1 - rho^2)/(s^2 + 1)^2, s = x - iz in radii with z along the loads (Frocht 1948; see
-`reference.brazilian_disc`), and the order is |D_P + D_0| with one residual field D_0 for all loads:
+`reference.round_bodies`), and the order is |D_P + D_0| with one residual field D_0 for all loads:
 a polynomial, which holds what moulding, cutting and annealing leave, D_0 = (c2 r^2 + c4 r^4)
 e^(2 i phi), and an even part; and a polynomial along the directions of the loads' own field, which
 holds what creeps under them.

@@ -6,7 +6,7 @@ fringes begin a little inside: the circle is a start, which the whole-field fit 
 The disc's order field on a frame's pixels, and a scan of its centre order.
 
 sigma1 - sigma2 = (8 P/(pi D d)) (1 - rho^2)/((1 + rho^2)^2 - 4 zeta^2), rho = r/R, zeta = z/R along
-the loads (Frocht 1948; see `reference.brazilian_disc`): the centre order scales all of it.
+the loads (Frocht 1948; see `reference.round_bodies`): the centre order scales all of it.
 
 Starts for a disc's fit: rim, then a scan of centre order, radius and load direction.
 
