@@ -51,8 +51,11 @@ from .light import (
     ASKED,
     FEW_TERMS,
     FIRST_DEGREES,
+    LEVEL_PX,
     MOST_TERMS,
     RICHEST,
+    FrameData,
+    Observation,
     ScoreProducts,
     Terms,
     channel_light,
@@ -60,11 +63,12 @@ from .light import (
     light_basis,
     light_products,
     missing_terms,
+    observe,
     polynomial_basis,
+    prepare_frame,
     total_degree,
     with_chosen_terms,
 )
-from .observation import FrameData, Observation, observe, prepare_frame
 from .priors import (
     ALIKE_CHI,
     HALF,
@@ -91,6 +95,7 @@ __all__ = [
     "FEW_TERMS",
     "FIRST_DEGREES",
     "HALF",
+    "LEVEL_PX",
     "MOSTLY",
     "MOST_TERMS",
     "NOISE",

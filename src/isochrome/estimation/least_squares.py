@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from isochrome.errors import InputError
 
 Array = NDArray[Any]
+Mask = NDArray[np.bool_]
 
 MOSTLY = 0.05
 """Share of pixels whose illumination may be negative before the contrast counts as wrong."""
@@ -37,7 +38,7 @@ class SeparableProblem:
     data: Array
     light: Array  # (ka, n), the illumination's basis
     dark: Array  # (kc, n), the background's basis
-    keep: NDArray[np.bool_]  # (rows, cols): where the pixels are
+    keep: Mask  # (rows, cols): where the pixels are
     dark_gram: Array  # (kc, kc), dark darkᵀ
     # (ka, n), overwritten by every solution: fresh memory costs more than the arithmetic
     scratch: Array
@@ -79,12 +80,7 @@ class Minimum:
 
 
 def prepare(
-    image: ArrayLike,
-    *,
-    mask: NDArray[np.bool_] | None,
-    sigma: ArrayLike,
-    illumination: Array,
-    background: Array,
+    image: ArrayLike, *, mask: Mask | None, sigma: ArrayLike, illumination: Array, background: Array
 ) -> SeparableProblem:
     """Drop the masked pixels (None: those not finite), weight the rest by 1/sigma.
 
@@ -234,7 +230,7 @@ class Bounds:
     low: Array
     high: Array
 
-    def free(self, values: Array, gradient: Array) -> NDArray[np.bool_]:
+    def free(self, values: Array, gradient: Array) -> Mask:
         """Unknowns (p,) that are not at a bound which the gradient pushes them against."""
         held = ((values <= self.low) & (gradient < 0)) | ((values >= self.high) & (gradient > 0))
         return np.asarray(~held)
@@ -260,12 +256,7 @@ def damped(normal: Array, damping: float) -> Array:
 
 
 def damped_step(
-    normal: Array,
-    gradient: Array,
-    damping: float,
-    free: NDArray[np.bool_],
-    *,
-    cutoff: float = CUTOFF,
+    normal: Array, gradient: Array, damping: float, free: Mask, *, cutoff: float = CUTOFF
 ) -> Array:
     """The step of the free unknowns, of normal equations N and g; 0 for the others.
 
@@ -322,7 +313,6 @@ def minimise(
     return Descent(values, point, step, False)
 
 
-Mask = NDArray[np.bool_]
 State = tuple[Array, ...]
 
 EASED, STIFFENED = 0.2, 8.0

@@ -1,4 +1,6 @@
-"""The model of a frame's light, how uneven it is, and what more unknowns of it would gain.
+"""A captured frame made ready for a fit, and the model of its light.
+
+Its light, noise and mask; what its light is a sum of, and what more unknowns of it would gain.
 
 I = A s + C with the polariscope's signal s, A = sum_k a_k B_k and C = sum_k c_k C_k: what no-load
 frames show times a slow change, or polynomials of the place.
@@ -11,18 +13,20 @@ many degrees of freedom as D has columns. Source: Rao (1948), Proc. Camb. Phil. 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from isochrome.errors import InputError
+from isochrome.frames import Frame, Linear, NoiseModel, estimate_noise, full_scale, to_linear
 from isochrome.messages import message
+from isochrome.scene import Scene
 
 Array = NDArray[Any]
+Mask = NDArray[np.bool_]
 
 Terms = tuple[tuple[int, int], ...]
 """Products P_i(y) P_j(x) of Legendre's polynomials, each as (i, j)."""
@@ -171,24 +175,12 @@ def light_products(
     return stack
 
 
-def polynomial_basis(
-    shape: tuple[int, int], degree: int, *, times: ArrayLike | None = None
-) -> Array:
+def polynomial_basis(shape: tuple[int, int], degree: int) -> Array:
     """Legendre products P_i(y) P_j(x), i + j <= degree, with x and y in -1..1 over the frame.
 
-    The stack (k, rows, cols), k = (degree + 1)(degree + 2)/2, the constant first; `times`, such as
-    the no-load bright less the dark frame, multiplies every member.
-    InputError for a negative degree or an image of another shape.
+    The stack (k, rows, cols), k = (degree + 1)(degree + 2)/2, the constant first.
     """
-    if degree < 0:
-        raise InputError("degree_not_allowed_polynomial", degree=degree)
-    stack = light_products((_unit(shape[0]), _unit(shape[1])), total_degree(degree), np.float64)
-    if times is None:
-        return stack
-    image = np.asarray(times, dtype=float)
-    if image.shape != tuple(shape):
-        raise InputError("times_has_shape_frame", shape=image.shape, shape_2=tuple(shape))
-    return np.asarray(stack * image)
+    return light_products((_unit(shape[0]), _unit(shape[1])), total_degree(degree), np.float64)
 
 
 def channel_light(rows: int, cols: int) -> Array:
@@ -288,3 +280,169 @@ def _explained(gram: Array, fitted: int) -> Array:
     scale = 1.0 / np.sqrt(np.maximum(np.diag(taken), 1e-300))
     inverse = np.linalg.pinv(taken * np.outer(scale, scale), 1e-10, hermitian=True)
     return np.asarray((inverse * np.outer(scale, scale)) @ cross)
+
+
+LEVEL_PX, _LEVEL_WINDOW = 1.5, (13, 13)
+"""Standard deviation of the Gaussian mean that tells the grey level about a pixel where no model
+does, and the window that it extends, pixels."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Observation:
+    """One prepared frame (rows, cols), in fractions of full scale; `name` is that of messages."""
+
+    name: str
+    light: Array  # linear, raw^gamma
+    sigma: Array
+    valid: Mask  # may be used
+    raw: Array  # the light as the sensor stored it
+    raw_sigma: Array
+    gamma: float  # from raw to light
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameData(Observation):
+    """A prepared frame to hold a scene against."""
+
+    lamp: LightModel  # what illumination and background are sums of
+    noise_ratio: float = 1.0  # over what the finest part shows, which compression takes away
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the picture."""
+        return self.light.shape[0], self.light.shape[1]
+
+    @property
+    def illumination(self) -> Array:
+        """The illumination's images (k, rows, cols)."""
+        return self.lamp.illumination
+
+    @property
+    def background(self) -> Array:
+        """The background's images (k, rows, cols)."""
+        return self.lamp.background
+
+    def plain(self) -> FrameData:
+        """The frame with one amplitude for all its light: for a search, or a model that is poor."""
+        return replace(self, lamp=self.lamp.plain())
+
+    def toned(self, gamma: float) -> FrameData:
+        """The frame read with another exponent, and with smooth light whatever was before."""
+        level = np.maximum(self.raw, self.raw_sigma)
+        return replace(
+            self,
+            light=np.maximum(self.raw, 0.0) ** np.float32(gamma),
+            sigma=(gamma * level ** (gamma - 1.0) * self.raw_sigma).astype(np.float32),
+            lamp=frame_light(
+                self.shape, terms=self.lamp.terms if self.lamp.bright is None else None
+            ),
+            gamma=gamma,
+        )
+
+    def with_noise(self, ratio: float) -> FrameData:
+        """The frame with so many times its noise."""
+        share = np.float32(ratio)
+        return replace(
+            self,
+            sigma=share * self.sigma,
+            raw_sigma=share * self.raw_sigma,
+            noise_ratio=ratio * self.noise_ratio,
+        )
+
+    def lying(self, move: Callable[[Array], Array]) -> FrameData:
+        """The frame, its mask and its no-load light turned or mirrored by `move`, of images."""
+        names = ("light", "sigma", "valid", "raw", "raw_sigma")
+        parts: dict[str, Any] = {name: move(getattr(self, name)) for name in names}
+        ends = (self.lamp.dark, self.lamp.bright)
+        dark, bright = (None if end is None else move(end) for end in ends)
+        rows, cols = parts["light"].shape
+        return replace(self, lamp=frame_light((rows, cols), dark, bright), **parts)
+
+    def in_blocks(self, side: int) -> FrameData:
+        """Means over blocks of `side` by `side` pixels, an odd number, about every `side`-th one.
+
+        Valid are those whose pixels all are.
+        """
+        import cv2
+
+        def mean(image: Array) -> Array:
+            blurred = cv2.blur(image.astype(np.float32), (side, side))
+            return np.asarray(blurred[::side, ::side])
+
+        thin: dict[str, Any] = {name: mean(getattr(self, name)) for name in ("light", "raw")}
+        for name in ("sigma", "raw_sigma"):
+            thin[name] = np.sqrt(mean(getattr(self, name) ** 2)) / np.float32(side)
+        # at the picture's ends blocks are not whole
+        valid = self.valid.astype(np.float32)
+        share = cv2.blur(valid, (side, side), borderType=cv2.BORDER_CONSTANT)[::side, ::side]
+        thin["valid"] = share > 1.0 - 0.5 / side**2
+        return replace(self, lamp=self.lamp.every(side), **thin)
+
+    def every(self, stride: int) -> FrameData:
+        """The frame at every `stride`-th pixel."""
+        names = ("light", "sigma", "valid", "raw", "raw_sigma")
+        thin = {name: getattr(self, name)[::stride, ::stride] for name in names}
+        return replace(self, lamp=self.lamp.every(stride), **thin)
+
+
+def observe(
+    image: Array,
+    *,
+    name: str,
+    bit_depth: int | None,
+    gamma: float,
+    mask: Mask | None = None,
+    noise: NoiseModel | None = None,
+) -> Observation:
+    """Turn a frame's raw grey levels into light with its noise; InputError on a blank frame.
+
+    The noise is told from the frame itself where it is not known. A pixel's own is that of the grey
+    level about it, a Gaussian mean in which the pixel counts for a fourteenth, not a ninth as in
+    one over 3 x 3: a weight that follows the pixel's own noise pulls every fit to the dark side.
+    """
+    import cv2
+
+    linear = to_linear(image, bit_depth=bit_depth, gamma=gamma, name=name, mask=mask)
+    blank = ~np.isfinite(image)
+    grey = image.astype(np.float32)
+    grey[blank] = 0.0
+    if noise is None:
+        noise = estimate_noise(image, linear.valid, bit_depth=bit_depth)
+    level = cv2.GaussianBlur(grey, _LEVEL_WINDOW, LEVEL_PX, borderType=cv2.BORDER_REFLECT)
+    full = np.float32(full_scale(bit_depth))
+    raw_sigma = noise.sigma(level) / full
+    sigma = raw_sigma
+    if gamma != 1.0:
+        sigma = noise.linear_sigma(level, bit_depth=bit_depth, gamma=gamma).astype(np.float32)
+    # a mask is no edge of the light: a rim is looked for in all that the camera saw
+    light = linear.image
+    light[blank] = 0.0
+    return Observation(
+        name=name, light=light, sigma=sigma, valid=linear.valid, raw=grey / full,
+        raw_sigma=raw_sigma, gamma=gamma,
+    )  # fmt: skip
+
+
+def prepare_frame(
+    frame: Frame,
+    scene: Scene,
+    *,
+    bit_depth: int | None,
+    no_load: tuple[Linear | None, Linear | None] = (None, None),
+    gamma_found: bool = False,
+    noise: NoiseModel | None = None,
+) -> FrameData:
+    """Observe a frame, with the light that its scene is to be held against, as in `frame_light`.
+
+    `gamma_found`: an unknown gamma is going to be found, and is 1 until then; else InputError, as
+    on a blank frame. `noise`: by default the frame itself tells it.
+    """
+    gamma = scene.frames.first_gamma if gamma_found else scene.frames.stated_gamma
+    observed = observe(
+        frame.image, name=frame.name, bit_depth=bit_depth, gamma=gamma, mask=frame.mask, noise=noise
+    )
+    ends = [part for part in no_load if part is not None]
+    valid = np.logical_and.reduce([observed.valid, *(part.valid for part in ends)])
+    rows, cols = observed.light.shape
+    lamp = frame_light((rows, cols), *(None if part is None else part.image for part in no_load))
+    return FrameData(**(vars(observed) | {"valid": valid}), lamp=lamp)
