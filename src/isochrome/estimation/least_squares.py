@@ -196,7 +196,6 @@ class Point(Protocol):
 
 
 P = TypeVar("P", bound=Point)
-Restriction = Callable[[Array, Array], Array]
 
 
 @dataclass(frozen=True)
@@ -285,7 +284,7 @@ def minimise(
     iterations: int,
     better: Callable[[P, P], bool] | None = None,
     bounds: Bounds | None = None,
-    cut: Restriction | None = None,
+    cut: Callable[[Array, Array], Array] | None = None,
 ) -> Descent[P]:
     """Take steps from a point to the least sum of squares near it.
 

@@ -300,6 +300,10 @@ class Observation:
     gamma: float  # from raw to light
 
 
+_IMAGES = ("light", "sigma", "valid", "raw", "raw_sigma")
+"""What an observation has pixel by pixel."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class FrameData(Observation):
     """A prepared frame to hold a scene against."""
@@ -351,8 +355,7 @@ class FrameData(Observation):
 
     def lying(self, move: Callable[[Array], Array]) -> FrameData:
         """The frame, its mask and its no-load light turned or mirrored by `move`, of images."""
-        names = ("light", "sigma", "valid", "raw", "raw_sigma")
-        parts: dict[str, Any] = {name: move(getattr(self, name)) for name in names}
+        parts: dict[str, Any] = {name: move(getattr(self, name)) for name in _IMAGES}
         ends = (self.lamp.dark, self.lamp.bright)
         dark, bright = (None if end is None else move(end) for end in ends)
         rows, cols = parts["light"].shape
@@ -380,8 +383,7 @@ class FrameData(Observation):
 
     def every(self, stride: int) -> FrameData:
         """The frame at every `stride`-th pixel."""
-        names = ("light", "sigma", "valid", "raw", "raw_sigma")
-        thin = {name: getattr(self, name)[::stride, ::stride] for name in names}
+        thin = {name: getattr(self, name)[::stride, ::stride] for name in _IMAGES}
         return replace(self, lamp=self.lamp.every(stride), **thin)
 
 
