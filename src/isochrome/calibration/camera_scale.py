@@ -8,7 +8,7 @@ Source: Zhang (2000), IEEE Trans. Pattern Anal. Mach. Intell. 22, 1330-1334, for
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,15 +16,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
-from isochrome.calibration.scale_result import LENS, MeasuredValue, ScaleCalibration, ScalePicture
+from isochrome.calibration.scale_result import (
+    CLEAR,
+    LENS,
+    MeasuredValue,
+    ScaleCalibration,
+    ScalePicture,
+)
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import BudgetInput, budget_of
+from isochrome.estimation import NOISE, BudgetInput, BudgetRow, budget_items
 from isochrome.frames import open_frames
 from isochrome.messages import message
 from isochrome.scene import FramesLike, frames_of
 from isochrome.stress import Lens
 
 Array = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
 
 SMOOTH_PX = 1.5
 """Standard deviation of the Gaussian whose slope finds an edge: the slope's peak is then nearly
@@ -43,18 +50,17 @@ FINDER_PX = 0.01
 """What the place of an edge may be off by alike in all rows, by where in a pixel it lies."""
 
 _ROUNDS = 10
-_CLEAR_OF_NOISE = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class EdgePair:
-    """Two edges: the points (n, 2) of each, column and row (px), their distances (n, 2) from their
-    lines, and the lines' `distance_px` along their normal with its standard uncertainty.
-    `spreading` is the change of the distance along the edges, where it is clear.
+    """Two edges: `places` (n, 2) of their points, column and row (px), these points' distances
+    (n, 2) from their lines, and the lines' `distance_px` along their normal with its standard
+    uncertainty. `spreading` is the change of the distance along the edges, where it is clear.
     """
 
-    points: tuple[Array, Array]
-    residual_px: tuple[Array, Array]
+    places: Array
+    residual_px: Array
     distance_px: float
     standard_uncertainty: float
     spreading: float
@@ -82,13 +88,12 @@ def find_edge_pair(image: Array, *, name: str) -> EdgePair:
     tilt = math.hypot(*scatter) / (2.0 * float(np.sqrt(x @ x)))
     turn = distance * slope / long**2 * tilt  # what the direction's noise does to the distance
     apart = abs(slopes[1] - slopes[0])
-    clear = apart > _CLEAR_OF_NOISE * 2.0 * tilt
+    clear = apart > CLEAR * 2.0 * tilt
     order = 1 if turned else -1
-    points = [np.stack([across, edge][::order], axis=-1) for edge in edges]
     normal = np.array([-slope, 1.0][::order]) / long
     return EdgePair(
-        points=(points[0], points[1]),
-        residual_px=(residual[0][:, None] * normal, residual[1][:, None] * normal),
+        places=np.concatenate([np.stack([across, edge][::order], axis=-1) for edge in edges]),
+        residual_px=np.concatenate(residual)[:, None] * normal,
         distance_px=distance,
         standard_uncertainty=float(np.sqrt(noise**2 + turn**2 + 2.0 * FINDER_PX**2)),
         spreading=apart * float(np.ptp(x)) / distance if clear else 0.0,
@@ -304,7 +309,7 @@ def fit_target(places: Sequence[Array], shape: tuple[int, int]) -> TargetFit:
     )
 
 
-def _start(points: NDArray[np.complex128]) -> tuple[NDArray[np.complex128], Array]:
+def _start(points: Complexes) -> tuple[Complexes, Array]:
     """The points' columns and rows as complex numbers, and spacing, place and roll by similarity.
 
     A target looks the same after a quarter or half turn, or mirrored: rows and columns are counted
@@ -325,11 +330,8 @@ def _start(points: NDArray[np.complex128]) -> tuple[NDArray[np.complex128], Arra
 
 
 def _residual(
-    values: Array,
-    points: Sequence[NDArray[np.complex128]],
-    grids: Sequence[NDArray[np.complex128]],
-    shape: tuple[int, int],
-) -> list[NDArray[np.complex128]]:
+    values: Array, points: Sequence[Complexes], grids: Sequence[Complexes], shape: tuple[int, int]
+) -> list[Complexes]:
     """Each picture's residual on the target's plane, px; two values more are a shortening."""
     spacing, keystone_x, keystone_z, distortion = values[:4]
     count = 3 * len(points)
@@ -348,7 +350,7 @@ def _residual(
     return residuals
 
 
-def _likeness(residuals: Sequence[NDArray[np.complex128]]) -> float:
+def _likeness(residuals: Sequence[Complexes]) -> float:
     """Correlation of the residuals of neighbours, 0 unless it is clear."""
     products, squares, count = 0.0, 0.0, 0
     for part in residuals:
@@ -384,8 +386,6 @@ _POOR_PX = 0.2
 
 _PATTERN_PX = 0.05
 """The same where neighbours' residuals are alike, which no noise does."""
-
-Input = tuple[str, float, float, float]
 
 
 def calibrate_scale(
@@ -526,7 +526,7 @@ def _from_target(
     """The result by a target: spacing in mm over that in pixels."""
     values, spread = fit.values, fit.spread
     pixel = spacing[0] / values["spacing_px"]
-    inputs: list[Input] = []
+    inputs: list[BudgetRow] = []
     if spacing[1] is not None:
         inputs.append(("spacing_mm", spacing[0], spacing[1], pixel / spacing[0]))
     if target == "dots":
@@ -552,32 +552,27 @@ def _from_target(
             for (name, image), place, residual, roll in parts
         ),
         budget=budget, taken_as_exact=("spacing_mm",) if spacing[1] is None else (),
-        warnings=_target_warnings(fit),
+        warnings=tuple(_target_warnings(fit)),
     )  # fmt: skip
 
 
 def _combined(
-    value: float, noise: float, inputs: Sequence[Input]
+    value: float, noise: float, inputs: Sequence[BudgetRow]
 ) -> tuple[MeasuredValue, tuple[BudgetInput, ...]]:
     """A value with all that it is uncertain by, and the budget of that."""
-    stated = tuple((key, of, u) for key, of, u, _ in inputs)
-    budget = budget_of(noise, stated, np.array([sensitivity for *_, sensitivity in inputs]))
+    budget = budget_items([(NOISE, None, noise, 1.0), *inputs])
     total = math.hypot(*(item.contribution for item in budget))
     return MeasuredValue(value, total), budget
 
 
-def _target_warnings(fit: TargetFit) -> tuple[str, ...]:
-    messages = []
+def _target_warnings(fit: TargetFit) -> Iterator[str]:
     if fit.shortening:
         angle = math.degrees(math.acos(1.0 - min(fit.shortening, 1.0)))
-        messages.append(
-            message("target_seen_shorter_one", shortening=100.0 * fit.shortening, angle=angle)
-        )
+        yield message("target_seen_shorter_one", shortening=100.0 * fit.shortening, angle=angle)
     if fit.rms_px > _POOR_PX:
-        messages.append(message("residual_px_where_sharp", rms_px=fit.rms_px))
+        yield message("residual_px_where_sharp", rms_px=fit.rms_px)
     elif fit.likeness and fit.rms_px > _PATTERN_PX:
-        messages.append(message("residuals_neighbours_alike_correlation", likeness=fit.likeness))
-    return tuple(messages)
+        yield message("residuals_neighbours_alike_correlation", likeness=fit.likeness)
 
 
 def _from_edges(
@@ -593,7 +588,7 @@ def _from_edges(
     chi = float(np.sqrt(weight @ (each - distance) ** 2 / max(len(pairs) - 1, 1)))
     pixel = edges_mm / distance
     noise = pixel * max(chi, 1.0) / float(np.sqrt(weight.sum())) / distance
-    inputs: list[Input] = []
+    inputs: list[BudgetRow] = []
     if uncertainty_mm is not None:
         inputs.append(("edges_mm", edges_mm, uncertainty_mm, pixel / edges_mm))
     spreading = max(pair.spreading for pair in pairs)
@@ -602,15 +597,15 @@ def _from_edges(
         inputs.append(("edges not parallel", spreading, 0.5 * spreading, pixel))
         messages = (message("edges_further_apart_one", spreading=100.0 * spreading),)
     measured, budget = _combined(pixel, noise, inputs)
-    shown = []
-    for (name, image), pair in zip(pictures, pairs, strict=True):
-        places, residual = np.concatenate(pair.points), np.concatenate(pair.residual_px)
-        shown.append(ScalePicture(file=name, image=image, places=places, residual_px=residual))
-    off = np.hypot(*np.concatenate([picture.residual_px for picture in shown]).T)
+    off = np.hypot(*np.concatenate([pair.residual_px for pair in pairs]).T)
     return ScaleCalibration(
         target="edges", shape=(pictures[0][1].shape[0], pictures[0][1].shape[1]),
         pixel_mm=measured, distortion=None, keystone_x=None, keystone_z=None, roll_deg=None,
         residual_px=float(np.sqrt(np.mean(off**2))), corners=off.size,
-        images=tuple(shown), budget=budget,
+        images=tuple(
+            ScalePicture(file=name, image=image, places=pair.places, residual_px=pair.residual_px)
+            for (name, image), pair in zip(pictures, pairs, strict=True)
+        ),
+        budget=budget,
         taken_as_exact=("edges_mm",) if uncertainty_mm is None else (), warnings=messages,
     )  # fmt: skip

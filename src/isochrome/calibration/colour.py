@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from isochrome.calibration.settings import ColourBeam, ColourSet, ColourSetLike
-from isochrome.calibration.shot import read_one_frame
+from isochrome.calibration.shot import SMOOTHING_PX, read_one_frame
 from isochrome.errors import InputError, PhysicsError
+from isochrome.estimation import LEVEL_PX
 from isochrome.figures import (
     BOLD_PT,
     CHANNEL_COLOURS,
@@ -203,10 +204,6 @@ def _relative(count: Array, lit: Array, low: Array) -> Array:
     return factors
 
 
-_SMOOTH_PX = 1.5
-_SMOOTH_ENDS_PX = 3.0
-
-
 def read_colour_shots(given: ColourSet) -> tuple[ColourShots, int | None]:
     """A set's images, its no-load frames where it names them, and the bit depth.
 
@@ -230,7 +227,7 @@ def read_colour_shots(given: ColourSet) -> tuple[ColourShots, int | None]:
                 "rows_columns_channels_images", path=path, shape=end.shape, shape_2=shape
             )
         # its noise must not enter every pixel's model
-        ends[k] = gaussian_filter(end, (_SMOOTH_ENDS_PX, _SMOOTH_ENDS_PX, 0.0))
+        ends[k] = gaussian_filter(end, (SMOOTHING_PX, SMOOTHING_PX, 0.0))
     raw, noise, valid = (np.stack(part) for part in zip(*images, strict=True))
     return ColourShots(raw, noise, valid, *ends), depth
 
@@ -250,7 +247,7 @@ def _read(
             frame, bit_depth=depth, name=f"{path}, {name}", allow_blank=not masked, mask=mask
         )
         noise = estimate_noise(frame, linear.valid, bit_depth=depth)
-        level = gaussian_filter(np.nan_to_num(frame.astype(np.float32)), _SMOOTH_PX)
+        level = gaussian_filter(np.nan_to_num(frame.astype(np.float32)), LEVEL_PX)
         sigma = noise.linear_sigma(level, bit_depth=depth)
         channels.append((linear.image, sigma, linear.valid))
     levels, sigma, valid = (np.stack(part, axis=-1) for part in zip(*channels, strict=True))
@@ -360,8 +357,15 @@ class ColourCalibration(Result):
         table, label = self.colour_table, f"fringe order N at {self.wavelength_nm:g} nm (fringes)"
 
         def channels(axes: Axes) -> None:
-            _draw_channels(axes, self)
-            axes.set_xlabel(label)
+            """The channels' signals over the order with their scatter."""
+            for c, (name, colour) in enumerate(zip(CHANNELS, CHANNEL_COLOURS, strict=True)):
+                signal, spread = table.signal[:, c], table.spread[c]
+                line = LINE_STYLES[c]
+                axes.plot(table.order, signal, color=colour, lw=BOLD_PT, ls=line, label=name)
+                low, high = signal - spread, signal + spread
+                axes.fill_between(table.order, low, high, color=colour, alpha=0.2, lw=0)
+            axes.axvline(self.highest, color=GREY, ls="--", lw=LINE_PT, label=_SEEN)
+            style_axes(axes, x_label=label, z_label="signal (1 = full light)")
 
         def strip(axes: Axes) -> None:
             """The colours over the order."""
@@ -579,16 +583,3 @@ def _values(calibration: ColourCalibration) -> str:
         f"colour table from {calibration.way}: gamma = {calibration.gamma:.3g}, "
         f"residual {calibration.residual:.3f} of full light"
     )
-
-
-def _draw_channels(curves: Axes, calibration: ColourCalibration) -> None:
-    """The channels' signals over the order with their scatter."""
-    table = calibration.colour_table
-    for c, (name, colour) in enumerate(zip(CHANNELS, CHANNEL_COLOURS, strict=True)):
-        signal, spread = table.signal[:, c], table.spread[c]
-        curves.plot(table.order, signal, color=colour, lw=BOLD_PT, ls=LINE_STYLES[c], label=name)
-        curves.fill_between(
-            table.order, signal - spread, signal + spread, color=colour, alpha=0.2, lw=0
-        )
-    curves.axvline(calibration.highest, color=GREY, ls="--", lw=LINE_PT, label=_SEEN)
-    style_axes(curves, z_label="signal (1 = full light)")

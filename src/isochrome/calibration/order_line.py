@@ -6,14 +6,14 @@ uncertainty. A value that cannot tell one of its own loads from the others' with
 widened until all of them agree.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isochrome.calibration.result import CUTS, BudgetItem, Calibration, ImageFit
+from isochrome.calibration.result import CONTRADICTED, CUTS, BudgetItem, Calibration, ImageFit
 from isochrome.errors import PhysicsError
 from isochrome.estimation import POOR_CHI, variance_shares
 from isochrome.messages import message
@@ -141,21 +141,18 @@ def largest_order(unloaded: Sequence[ResidualOrder]) -> float:
 
 def order_messages(
     unloaded: Sequence[ResidualOrder], line: OrderLine, load_n: float
-) -> tuple[str, ...]:
+) -> Iterator[str]:
     """Where an unloaded image contradicts the order that the loads' line leaves at no load."""
     if line.intercept is None or line.intercept_uncertainty is None:
-        return ()
-    messages = []
+        return
     r, u, slope = line.intercept, line.intercept_uncertainty, line.intercept / line.slope
     for item in unloaded:
         order = float(np.sqrt(max(item.square, 0.0)))
         spread = np.sqrt(item.uncertainty**2 + (2.0 * r * u) ** 2 + 2.0 * u**4)
         if abs(r**2 - item.square) > CERTAIN * spread and abs(abs(r) - order) > NOTICED:
-            text = message(
+            yield message(
                 "shows_order_no_load", file=item.file, order=order, r=r, slope=slope, load_n=load_n
             )
-            messages.append(text)
-    return tuple(messages)
 
 
 LINE_MISFIT = 0.10
@@ -192,7 +189,7 @@ def uncertainty_budget(
     *,
     covariance: Array | None = None,
     unloaded: Sequence[ResidualOrder] = (),
-    messages: tuple[str, ...] = (),
+    messages: Sequence[str] = (),
 ) -> Calibration:
     """Regress the orders against the loads and carry the slope k to f_sigma = factor / k.
 
@@ -289,26 +286,20 @@ def _budget(value: float, line: OrderLine, inputs: Sequence[Input]) -> tuple[Bud
 
 def _warnings(
     images: Sequence[ImageFit], line: OrderLine, inputs: Sequence[Input], specimen: str
-) -> tuple[str, ...]:
-    messages = []
+) -> Iterator[str]:
     worst = max(images, key=lambda i: i.chi)
     if worst.chi > POOR_CHI:
-        messages.append(message("model_does_not_describe", chi=worst.chi, file=worst.file))
+        yield message("model_does_not_describe", chi=worst.chi, file=worst.file)
     if line.intercept is None:
-        messages.append(message("one_load_only_order"))
+        yield message("one_load_only_order")
     elif abs(line.intercept) > max(0.1, 5.0 * (line.intercept_uncertainty or 0.0)):
-        messages.append(
+        yield (
             message("order_stays_zero_load", intercept=line.intercept, place=CUTS[specimen].place)
             + (message("one_load_wrong_third") if len(images) == 2 else "")
         )
     missing = [i.name for i in inputs if i.standard_uncertainty is None and i.sensitivity > 0]
     if missing:
-        messages.append(message("no_uncertainty_given_what", missing=", ".join(missing)))
-    return tuple(messages)
-
-
-CONTRADICTED = 3.0
-"""Standard uncertainties by which a held-out load is off at the most, when all agree."""
+        yield message("no_uncertainty_given_what", missing=", ".join(missing))
 
 
 def widened_to_held_out(calibration: Calibration) -> Calibration:

@@ -62,6 +62,9 @@ CUTS = {
 }
 """The specimens of a calibration, by their table in its set."""
 
+CONTRADICTED = 3.0
+"""Standard uncertainties that are a contradiction: by which a value must be off to be one."""
+
 VALUES = (
     "fringe_value_n_per_mm", "standard_uncertainty", "chi", "order_at_zero_load",
     "order_at_zero_load_uncertainty", "residual", "channels", "causes",
@@ -421,20 +424,14 @@ def _misfit(axes: Any, calibration: Calibration) -> None:
     """What is left of each order beside its prediction from the other loads, or the line."""
     intercept = calibration.order_at_zero_load or 0.0
     images = calibration.images
-    away = np.array(
-        [
-            i.order - (calibration.slope_per_n * i.load_n + intercept if i.predicted_order is None
-                       else i.predicted_order)
-            for i in images
-        ]
-    )  # fmt: skip
+    loads, orders = np.array([(i.load_n, i.order) for i in images]).T
+    predicted = np.array([i.predicted_order for i in images], dtype=float)  # NaN without one
+    line = calibration.slope_per_n * loads + intercept
+    away = orders - np.where(np.isnan(predicted), line, predicted)
     spread = np.array([i.standard_uncertainty for i in images])
     milli = float(np.max(np.abs(away) + spread)) < 0.02
     scale = 1000.0 if milli else 1.0
-    axes.errorbar(
-        [i.load_n for i in images], scale * away, scale * spread, fmt="o", ms=4,
-        color=LINE_COLOURS[0],
-    )  # fmt: skip
+    axes.errorbar(loads, scale * away, scale * spread, fmt="o", ms=4, color=LINE_COLOURS[0])
     axes.axhline(0.0, color=PALE, lw=FINE_PT)
     axes.margins(x=0.15)
     unit = "10⁻³ fringe" if milli else "fringes"

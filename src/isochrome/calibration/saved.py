@@ -11,7 +11,7 @@ from typing import Any
 
 from isochrome.calibration.colour import ColourCalibration, write_colours
 from isochrome.calibration.result import CUTS, Calibration
-from isochrome.calibration.scale_result import LENS, ScaleCalibration
+from isochrome.calibration.scale_result import CLEAR, LENS, ScaleCalibration
 from isochrome.calibration.settings import load_set
 from isochrome.calibration.wear_result import WEAR_UNIT, WearCalibration, trace_json
 from isochrome.errors import InputError
@@ -47,10 +47,6 @@ BYTE_ORDER_MARK = "\ufeff"
 
 FRINGE_VALUE = "specimen.fringe_value_n_per_mm"
 """It ages with the material, so its day is written beside it."""
-
-CLEAR = 3.0
-"""Standard uncertainties beyond which a value is no nothing: a lens's value below is not written,
-unless the scene states another."""
 
 
 SceneCalibration = Calibration | ScaleCalibration | WearCalibration
@@ -213,15 +209,13 @@ def calibration_report(folder: Path, name: str, record: Mapping[str, Any]) -> Re
     values = list(_values(content))
     verdict = "; ".join(f"{label} = {text}" for label, text in values)
     verdict = verdict if verdict.startswith("f_") else f"{verdict[:1].upper()}{verdict[1:]}"
-    budget = _table(f"Shares of the ± ({file})", content.get("budget"))
     causes = content.get("causes")
-    no_causes = _NO_CAUSES if causes is None else _NONE_FOUND
     rows = [*values, ("date of the calibration", str(record.get("date") or "not recorded"))]
     return ReportContent(
         command=str(record.get("command") or "calibrate"),
         title=str(record.get("title") or "Calibration"),
         verdict=f"{verdict}.",
-        budget=budget,
+        budget=_table(f"Shares of the ± ({file})", content.get("budget")),
         no_budget=_NO_BUDGET,
         tables=list(_report_tables(content, file)),
         causes=[
@@ -231,7 +225,7 @@ def calibration_report(folder: Path, name: str, record: Mapping[str, Any]) -> Re
         ]
         if causes
         else None,
-        causes_text=no_causes,
+        causes_text=_NO_CAUSES if causes is None else _NONE_FOUND,
         taken_as_exact=content.get("taken_as_exact") or (),
         warnings=read_warnings(content),
         scene=str(record.get("settings") or ""),
@@ -373,16 +367,13 @@ def save_calibration(
 
 def _tables(calibration: SceneCalibration) -> dict[str, dict[str, list[Any]]]:
     """A calibration's tables by the names of their files."""
-    if isinstance(calibration, Calibration):
-        tables = {"images.csv": calibration.columns}
-    elif isinstance(calibration, ScaleCalibration):
-        tables = {"scale.csv": calibration.columns}
-    else:
-        tables = {"distances.csv": calibration.columns}
+    names = {Calibration: "images", ScaleCalibration: "scale", WearCalibration: "distances"}
+    tables = {f"{names[type(calibration)]}.csv": calibration.columns}
+    # a set may state worn volumes alone
+    if isinstance(calibration, WearCalibration) and calibration.traces:
         records = map(trace_json, calibration.traces)
         traces = [row | {"is_clear": int(row["is_clear"])} for row in records]
-        if traces:  # a set may state worn volumes alone
-            tables["traces.csv"] = columns_of(traces)
+        tables["traces.csv"] = columns_of(traces)
     return tables | {"budget.csv": calibration.budget_columns}
 
 

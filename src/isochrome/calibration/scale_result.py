@@ -35,6 +35,9 @@ Array = NDArray[np.float64]
 LENS = ("distortion", "keystone_x", "keystone_z")
 """What bends the picture; each is a key of a scene's [camera], as is pixel_mm."""
 
+CLEAR = 3.0
+"""Standard uncertainties beyond which a value is no nothing."""
+
 
 @dataclass(frozen=True)
 class MeasuredValue:

@@ -30,17 +30,13 @@ from isochrome.scene import (
     validate,
 )
 
-_INPUTS = {
-    "beam.thickness_mm": "thickness_mm",
-    "beam.height_mm": "height_mm",
-    "disc.thickness_mm": "thickness_mm",
-    "disc.diameter_mm": "diameter_mm",
-    "camera.pixel_mm": "pixel_mm",
-}
-"""Keys of a set, and those of [uncertainty] that mean the same."""
+_INPUTS = (
+    "beam.thickness_mm", "beam.height_mm", "disc.thickness_mm", "disc.diameter_mm",
+    "camera.pixel_mm",
+)  # fmt: skip
+"""Keys of a set whose names mean the same in [uncertainty]."""
 
 _SPANS = ("beam.inner_span_mm", "beam.outer_span_mm")
-_LOAD = "image.load_n"
 
 
 def with_stated(model: type[BaseModel], data: dict[str, Any]) -> dict[str, Any]:
@@ -55,10 +51,10 @@ def with_stated(model: type[BaseModel], data: dict[str, Any]) -> dict[str, Any]:
             raise ValueError(
                 message(
                     "no_input_calibration_budget", key=key, inputs=", ".join(_INPUTS),
-                    spans=", ".join(_SPANS), load=_LOAD,
+                    spans=", ".join(_SPANS), load="image.load_n",
                 )
             )  # fmt: skip
-    spreads = {_INPUTS[key]: spread for key, spread in stated.items() if key in _INPUTS}
+    spreads = {key.partition(".")[2]: stated[key] for key in stated if key in _INPUTS}
     spans = [stated[key] for key in _SPANS if key in stated]
     if spans:
         # of each span, such that both together are as uncertain as stated

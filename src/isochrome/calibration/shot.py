@@ -41,10 +41,6 @@ class Shot(Observation):
     bright: bool = False  # the polariscope's field is
     no_load_light: Array | None = None  # bright less dark frame of no load, where there are both
 
-    def lamp(self, *pick: Any) -> Array | None:
-        """The no-load light at the pixels of an index."""
-        return None if self.no_load_light is None else self.no_load_light[pick]
-
 
 def unused(idle: Sequence[Shot], why: str) -> tuple[str, ...]:
     """A sentence on the shots without a load, where there are some."""
@@ -65,6 +61,9 @@ def below_saturation(image: Array, sigma: Array, level: float) -> NDArray[np.boo
 START_PIXELS, PIXELS = 20_000, 40_000
 """Pixels of an image, or of the square about a disc, from which a set starts, and that are fitted
 with the whole set."""
+
+FEWEST_FRINGES = 0.5
+"""Fringes in view, or order at a disc's centre, at the least."""
 
 EXPLAINED = 0.6
 """Share of an image's variation that a model must explain at the least."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from isochrome.calibration.result import CONTRADICTED
 from isochrome.calibration.wear_result import (
     SURE,
     WearCalibration,
@@ -34,9 +35,8 @@ from isochrome.scars import student_factor_of
 from isochrome.scene import check_reach, load_scene, scene_names
 
 Array = NDArray[Any]
+Volumes = Sequence[WornVolume]
 
-_CLEARLY = 3.0
-"""Standard uncertainties that are a contradiction."""
 
 _ALIKE = 0.02
 """Difference of a load or a width from the scene's that is none."""
@@ -59,7 +59,7 @@ def _of_traces(scars: Sequence[TraceScar], scatter: TraceScatter) -> Iterator[st
         yield message("traces_distance_differ_times", ratio=ratio)
 
 
-def _of_order(volumes: Sequence[WornVolume], spread: Array) -> Iterator[str]:
+def _of_order(volumes: Volumes, spread: Array) -> Iterator[str]:
     """Less worn, or narrower, where more was slid under as much load."""
     order = np.argsort([volume.work_n_mm for volume in volumes], kind="stable")
     for i, j in pairwise(order):
@@ -67,7 +67,7 @@ def _of_order(volumes: Sequence[WornVolume], spread: Array) -> Iterator[str]:
         if other.work_n_mm <= one.work_n_mm or other.normal_n < one.normal_n:
             continue
         less = one.volume_mm3 - other.volume_mm3
-        if less > _CLEARLY * float(np.hypot(spread[i], spread[j])):
+        if less > CONTRADICTED * float(np.hypot(spread[i], spread[j])):
             yield message(
                 "mm_worn_after_less",
                 volume_mm3=other.volume_mm3,
@@ -79,7 +79,7 @@ def _of_order(volumes: Sequence[WornVolume], spread: Array) -> Iterator[str]:
         if before is None or after is None:
             continue
         (wide, u_wide), (narrow, u_narrow) = before, after
-        if wide - narrow > _CLEARLY * float(np.hypot(u_wide, u_narrow)):
+        if wide - narrow > CONTRADICTED * float(np.hypot(u_wide, u_narrow)):
             yield message(
                 "scar_after_mm_wide", place=other.place, narrow=narrow, wide=wide, place_2=one.place
             )
@@ -95,7 +95,7 @@ def _width(volume: WornVolume) -> tuple[float, float] | None:
     return width, float(np.sqrt(np.mean(spreads**2) / len(spreads)))
 
 
-def _of_laws(volumes: Sequence[WornVolume], laws: Sequence[WearLawFit], law: str) -> Iterator[str]:
+def _of_laws(volumes: Volumes, laws: Sequence[WearLawFit], law: str) -> Iterator[str]:
     archard = archard_of(laws)
     if law != "archard":
         best, more, evidence = laws[0], "", -archard.log_evidence
@@ -120,7 +120,7 @@ def _of_laws(volumes: Sequence[WornVolume], laws: Sequence[WearLawFit], law: str
         yield message("distances_do_not_agree", chi=chi, place=worst.place, ratio=ratio)
 
 
-def _of_inputs(settings: WearSet, volumes: Sequence[WornVolume]) -> Iterator[str]:
+def _of_inputs(settings: WearSet, volumes: Volumes) -> Iterator[str]:
     known = settings.uncertainty
     stated = {"load": known.load_percent, "distance": known.distance_percent}
     if any(volume.scars for volume in volumes):
@@ -134,9 +134,7 @@ def _of_inputs(settings: WearSet, volumes: Sequence[WornVolume]) -> Iterator[str
         yield message("one_volume_without_uncertainty")
 
 
-def _of_scene(
-    settings: WearSet, volumes: Sequence[WornVolume], laws: Sequence[WearLawFit]
-) -> Iterator[str]:
+def _of_scene(settings: WearSet, volumes: Volumes, laws: Sequence[WearLawFit]) -> Iterator[str]:
     """Scars against those of a scene's contact, worn with the coefficient that was found."""
     if settings.scar is None or settings.scar.scene is None:
         return
@@ -172,7 +170,7 @@ def _of_scene(
             continue
         worn = state.grid.x_mm[state.wear_depth_mm > 0.0]
         (scar, spread), width, load = measured, float(worn[-1] - worn[0]), volume.normal_n
-        if abs(scar - width) > _CLEARLY * float(np.hypot(spread, _OWN_WIDTH * width)):
+        if abs(scar - width) > CONTRADICTED * float(np.hypot(spread, _OWN_WIDTH * width)):
             yield message("scar_mm_wide_mm", place=place, measured=scar, width=width, normal_n=load)
 
 
@@ -267,7 +265,7 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
     )
 
 
-def _own_spread(volumes: Sequence[WornVolume]) -> Array:
+def _own_spread(volumes: Volumes) -> Array:
     """Standard uncertainties of the volumes' own errors (n,), mm³.
 
     Of volumes without one, all alike: their scatter about V = k P s, since a volume's error is
@@ -283,17 +281,17 @@ def _own_spread(volumes: Sequence[WornVolume]) -> Array:
     return np.full(len(values), max(size, 1e-12 * float(values.max())))
 
 
-def _has_scatter_only(volumes: Sequence[WornVolume]) -> bool:
+def _has_scatter_only(volumes: Volumes) -> bool:
     return not all(np.isfinite(volume.own_uncertainty_mm3) for volume in volumes)
 
 
-def _weights(volumes: Sequence[WornVolume], spread: Array) -> Array:
+def _weights(volumes: Volumes, spread: Array) -> Array:
     """dk/dV of Archard's law (n,), 1/(N mm)."""
     work = np.array([volume.work_n_mm for volume in volumes])
     return np.asarray(work / spread**2 / np.sum((work / spread) ** 2))
 
 
-def _own_rows(volumes: Sequence[WornVolume], spread: Array, archard: WearLawFit) -> list[BudgetRow]:
+def _own_rows(volumes: Volumes, spread: Array, archard: WearLawFit) -> list[BudgetRow]:
     """What the volumes' own errors add to k."""
     weights = _weights(volumes, spread)
     traced = np.array([bool(volume.scars) for volume in volumes])
@@ -323,9 +321,7 @@ def _joined(parts: Array) -> float:
     return float(np.sqrt(np.sum(parts**2)))
 
 
-def common_inputs(
-    settings: WearSet, volumes: Sequence[WornVolume], spread: Array, k: float
-) -> list[BudgetRow]:
+def common_inputs(settings: WearSet, volumes: Volumes, spread: Array, k: float) -> list[BudgetRow]:
     """What the inputs common to all add to k.
 
     k goes as 1/P and 1/s, and its part by traces as the width and the profilometer's two scales.
@@ -355,11 +351,7 @@ def common_inputs(
 
 
 def _freedom(
-    volumes: Sequence[WornVolume],
-    scatter: TraceScatter,
-    archard: WearLawFit,
-    spread: Array,
-    total: float,
+    volumes: Volumes, scatter: TraceScatter, archard: WearLawFit, spread: Array, total: float
 ) -> float:
     """Effective degrees of freedom by Welch and Satterthwaite (JCGM 100:2008, G.4)."""
     if not total > 0.0:
@@ -385,9 +377,7 @@ def _reach(freedom: float, total: float, *, scattered: bool) -> float:
     return float(stdtrit(freedom, 0.975) * scale)
 
 
-def _by_distance(
-    settings: WearSet, volumes: Sequence[WornVolume], spread: Array
-) -> tuple[WornDistance, ...]:
+def _by_distance(settings: WearSet, volumes: Volumes, spread: Array) -> tuple[WornDistance, ...]:
     """Each distance's coefficient, with what all share in its uncertainty."""
     rows = []
     for volume, noise in zip(volumes, spread, strict=True):

@@ -106,10 +106,8 @@ class WearLawFit:
 
     def to_json(self) -> dict[str, Any]:
         """Its numbers by name."""
-        fields = {
-            {"own_uncertainty": "own_uncertainty_mm2_per_n"}.get(k, k): v
-            for k, v in vars(self).items()
-        }
+        names = {"own_uncertainty": "own_uncertainty_mm2_per_n"}
+        fields = {names.get(name, name): value for name, value in vars(self).items()}
         if self.law != "running_in":
             del fields["first_over_last"], fields["running_in_distance_m"]
         return fields
@@ -229,14 +227,13 @@ class WornDistance:
         """Its numbers by name."""
         volume = self.volume
         areas = levelled_of(volume.scars)
-        widths = [area.width_mm for area in areas]
         return {
             "distance_m": volume.distance_m,
             "normal_n": volume.normal_n,
             "friction": volume.friction,
             "traces": len(areas),
             "worn_area_mm2": float(np.mean([a.worn_area_mm2 for a in areas])) if areas else None,
-            "scar_width_mm": float(np.mean(widths)) if areas else None,
+            "scar_width_mm": float(np.mean([a.width_mm for a in areas])) if areas else None,
             "volume_mm3": volume.volume_mm3,
             "standard_uncertainty_mm3": self.standard_uncertainty_mm3,
             "coefficient_mm2_per_n": self.coefficient_mm2_per_n,

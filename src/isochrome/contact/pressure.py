@@ -34,6 +34,7 @@ from isochrome.output import read_given_table
 from isochrome.scene import Scene
 
 Floats = NDArray[np.floating]
+Mask = NDArray[np.bool_]
 
 COARSER = 4
 """Spacing of the next coarser grid over this one's."""
@@ -236,8 +237,7 @@ class ActiveSet:
 
     pressure: Floats
     gap: Floats
-    approach: float
-    wrong: NDArray[np.bool_]
+    wrong: Mask
     iterations: int
 
 
@@ -263,9 +263,7 @@ class ActiveSystem:
         z = scipy.fft.irfft(self.inverse * scipy.fft.rfft(residual, length), length)
         return np.asarray(inside * z[: self.surface.nodes])
 
-    def solve(
-        self, active: NDArray[np.bool_], start: Floats, tolerance: float, *, look: bool
-    ) -> ActiveSet:
+    def solve(self, active: Mask, start: Floats, tolerance: float, *, look: bool) -> ActiveSet:
         """Solve with contact on `active` to a relative residual, from a pressure near by.
 
         With `look` the signs are looked at on the way: a wrong set need not be solved to the end.
@@ -274,7 +272,7 @@ class ActiveSystem:
             return self._directly(active, tolerance)
         return self._iteratively(active, start, tolerance, look)
 
-    def _directly(self, active: NDArray[np.bool_], tolerance: float) -> ActiveSet:
+    def _directly(self, active: Mask, tolerance: float) -> ActiveSet:
         """Gauss's elimination with the load as the last row, and the approach as unknown."""
         assert self.surface.dense is not None
         normal, coupling = self.surface.dense
@@ -289,9 +287,7 @@ class ActiveSystem:
         u = matrix @ pressure + self.wear * pressure
         return self._judged(active, pressure, u, tolerance, 0.0, 1)
 
-    def _iteratively(
-        self, active: NDArray[np.bool_], start: Floats, tolerance: float, look: bool
-    ) -> ActiveSet:
+    def _iteratively(self, active: Mask, start: Floats, tolerance: float, look: bool) -> ActiveSet:
         """Generalised conjugate residuals.
 
         Rows of `state` are p, the equations' error inside, and u; those of `move` their changes.
@@ -333,23 +329,16 @@ class ActiveSystem:
         return self._judged(active, state[0], state[2], tolerance, 0.0, used + 1)
 
     def _judged(
-        self,
-        active: NDArray[np.bool_],
-        pressure: Floats,
-        u: Floats,
-        overlap: float,
-        pull: float,
-        used: int,
+        self, active: Mask, pressure: Floats, u: Floats, overlap: float, pull: float, used: int
     ) -> ActiveSet:
         """A solution with its gap; wrong is what overlaps or pulls by more than these shares."""
         gap = self.gap + u
-        approach = float(gap[active].mean())
-        gap -= approach
+        gap -= float(gap[active].mean())
         pulls = pressure <= -pull * pressure.max()
         wrong = np.where(active, pulls, gap < -overlap * _range(u))
-        return ActiveSet(pressure, gap, approach, wrong, used)
+        return ActiveSet(pressure, gap, wrong, used)
 
-    def residual(self, active: NDArray[np.bool_], gap: Floats) -> float:
+    def residual(self, active: Mask, gap: Floats) -> float:
         """Largest violation of gap = 0 in contact and gap >= 0 outside, over the displacement."""
         violation = np.where(active, np.abs(gap), np.maximum(-gap, 0.0)).max()
         return float(violation / _range(gap - self.gap))
@@ -384,7 +373,6 @@ class ContactState:
 
     pressure: Floats  # MPa
     gap: Floats  # mm
-    approach_mm: float
     # KKT: the largest violation of gap = 0 in contact and gap >= 0 outside, over the range of the
     # elastic displacement
     residual: float
@@ -430,8 +418,7 @@ def solve_pressure(
             residual = system.residual(active, trial.gap)
             if not residual <= _WORST * tolerance:
                 break
-            approach = datum + trial.approach
-            return ContactState(pressure, trial.gap, approach, residual, iterations, sets)
+            return ContactState(pressure, trial.gap, residual, iterations, sets)
         if count < fewest:
             fewest, patience = count, _PATIENCE
         else:
@@ -447,7 +434,7 @@ def solve_pressure(
     raise PhysicsError("contact_pressure_did_not", friction=friction, sets=sets, lower=lower)
 
 
-def _to_the_edge(active: NDArray[np.bool_], wrong: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _to_the_edge(active: Mask, wrong: Mask) -> Mask:
     """The nodes to change: the wrong ones, in numbers that bring an edge of contact to its place.
 
     At the distance d from an edge that is δ too far out, p ~ (d - δ/2)/√d: only half of what is too
@@ -469,7 +456,7 @@ def _to_the_edge(active: NDArray[np.bool_], wrong: NDArray[np.bool_]) -> NDArray
     return change
 
 
-def _runs(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
+def _runs(mask: Mask) -> NDArray[np.intp]:
     """First nodes of the runs in a mask, and those behind their last ones (m, 2)."""
     return np.flatnonzero(np.diff(np.pad(mask, 1).astype(np.int8))).reshape(-1, 2)
 
@@ -494,7 +481,7 @@ def _from_coarse(
     return np.where(_inside(nodes, state.pressure), np.maximum(start, 1e-3 * start.max()), 0.0)
 
 
-def _inside(nodes: Floats, pressure: Floats) -> NDArray[np.bool_]:
+def _inside(nodes: Floats, pressure: Floats) -> Mask:
     """Where a finer grid (its nodes in this one's spacings) is in contact, to within a node of it.
 
     Near an edge p² falls linearly to zero. The last node is left out of the line: it bears what its

@@ -19,6 +19,9 @@ from isochrome.contact.pressure import Floats
 from isochrome.messages import message
 from isochrome.scene import DistanceTable, Scene, Wear
 
+Rate = Callable[[Floats], Floats]
+"""Dose over the distance slid, at distances (m)."""
+
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 _LEGENDRE = np.polynomial.Legendre.basis(8)
 _INNER = np.real(_LEGENDRE.deriv().roots())
@@ -54,12 +57,7 @@ def kinks_of(scene: Scene, end: float) -> Floats:
 
 
 def integral(
-    rate: Callable[[Floats], Floats],
-    a: Floats,
-    b: Floats,
-    *,
-    nodes: Floats = _NODES,
-    weights: Floats = _WEIGHTS,
+    rate: Rate, a: Floats, b: Floats, *, nodes: Floats = _NODES, weights: Floats = _WEIGHTS
 ) -> Floats:
     """Integrals ∫ rate ds (m,) over smooth stretches from `a` to `b` (m,), m, by Gauss-Legendre.
 
@@ -70,14 +68,7 @@ def integral(
     return np.asarray(half * np.einsum("ij,j->i", values, weights))
 
 
-def mean(rate: Callable[[float], Floats], distance_m: float) -> Floats:
-    """Mean of a rate from 0 to a distance (m), by eight points; a constant to its last bit."""
-    first, *others = [rate(0.5 * distance_m * (1.0 + float(node))) for node in _NODES]
-    steps = [0.5 * w * (r - first) for w, r in zip(_WEIGHTS[1:], others, strict=True)]
-    return np.asarray(first + np.sum(steps, axis=0))
-
-
-def _resolved(rate: Callable[[Floats], Floats], s: Floats) -> Floats:
+def _resolved(rate: Rate, s: Floats) -> Floats:
     """Distances, and points between them so that quadrature between neighbours gives the dose.
 
     A stretch is halved where two rules of quadrature differ; the second sees its ends, where a
@@ -96,7 +87,7 @@ def _resolved(rate: Callable[[Floats], Floats], s: Floats) -> Floats:
     return s
 
 
-def sampled(scene: Scene, rate: Callable[[Floats], Floats], kinks: Floats) -> Floats:
+def sampled(scene: Scene, rate: Rate, kinks: Floats) -> Floats:
     """Distances (m,), m, between which load and friction are linear in the dose ∫ rate ds.
 
     Stretches are halved until quadrature gives their dose, and two places in each show the line: in
@@ -262,7 +253,10 @@ def mean_wear_rate(wear: Wear, friction: float | Floats, distance_m: float) -> F
     the dose itself. The coefficient of [wear] may be an array (m,) of those that a search tries.
     """
     mu: Any = friction
-    return mean(lambda s: wear_rate(wear, mu, np.full(np.shape(mu), s)), distance_m)
+    places = [0.5 * distance_m * (1.0 + float(node)) for node in _NODES]
+    first, *others = [wear_rate(wear, mu, np.full(np.shape(mu), s)) for s in places]
+    steps = [0.5 * w * (r - first) for w, r in zip(_WEIGHTS[1:], others, strict=True)]
+    return np.asarray(first + np.sum(steps, axis=0))
 
 
 def wear_course(scene: Scene) -> tuple[SlidingHistory, list[OutputState]]:

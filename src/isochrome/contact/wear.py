@@ -330,7 +330,7 @@ class GrowingScar:
         pressure = _settled(site.surface, site.gap_mm + depth, self.drive, worn_under).pressure
         if past is not None and worn_under is not None:  # a corrected drive is no jump to follow
             past = replace(past, pressure=past.pressure + (pressure - worn_under))
-        now = WornState(0.0, ContactState(pressure, site.gap_mm, 0.0, 0.0, 1, 1), depth)
+        now = WornState(0.0, ContactState(pressure, site.gap_mm, 0.0, 1, 1), depth)
         step, whole = dose_mm_per_mpa, dose_mm_per_mpa * (1.0 - SAME)
         while now.dose_mm_per_mpa < whole:
             step = min(step, dose_mm_per_mpa - now.dose_mm_per_mpa)
@@ -515,7 +515,7 @@ def _scar_state(
     u = displacement(site.surface, pressure, friction=stop.friction)
     gap = site.gap_mm + depth + u
     residual = 0.5 * float(np.ptp(gap[(x > scar.x_mm[0]) & (x < scar.x_mm[-1])]) / np.ptp(u))
-    contact = ContactState(pressure, gap, 0.0, residual, 1, 1)
+    contact = ContactState(pressure, gap, residual, 1, 1)
     edges = float(scar.x_mm[0]), float(scar.x_mm[-1])
     return replace(_state(site, stop, contact, depth), scar_edges_mm=edges)
 

@@ -63,11 +63,10 @@ from .light import (
     light_basis,
     light_products,
     missing_terms,
-    polynomial_basis,
     total_degree,
     with_chosen_terms,
 )
-from .observation import FrameData, Observation, observe, prepare_frame
+from .observation import LEVEL_PX, FrameData, Observation, observe, prepare_frame
 from .priors import (
     ALIKE_CHI,
     HALF,
@@ -94,6 +93,7 @@ __all__ = [
     "FEW_TERMS",
     "FIRST_DEGREES",
     "HALF",
+    "LEVEL_PX",
     "MOSTLY",
     "MOST_TERMS",
     "NOISE",
@@ -152,7 +152,6 @@ __all__ = [
     "next_damping",
     "no_prior",
     "observe",
-    "polynomial_basis",
     "positive_part",
     "prepare",
     "prepare_frame",

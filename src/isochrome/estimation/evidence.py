@@ -14,7 +14,7 @@ normal prior: its evidence is twice the posterior's part above nought. Sources: 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -58,8 +58,8 @@ class Hypothesis:
 
 @dataclass(frozen=True, kw_only=True)
 class Nuisance:
-    """Something that may be there: the values `now` (k,) of its columns, and the `roots` of its
-    priors, ways that exclude one another; `positive`, whether the amplitude of the first is.
+    """Something that may be there: its `columns` (k, n) at an image, their values `now` (k,); the
+    `roots` of its priors, ways that exclude one another; `positive`, whether the first's size is.
 
     `unknowns`, those of the fit that hold it where it is fitted, and `of_each` (k, unknowns), their
     change with it, by default one each; `weights`, 1/u^2 (c,) of its first columns, which the fit's
@@ -67,6 +67,7 @@ class Nuisance:
     """
 
     name: str
+    columns: Callable[[Any], Array]
     now: Array
     roots: tuple[NDArray[Any], ...]
     positive: bool = False
@@ -286,7 +287,10 @@ class Evidence:
         """Places of a set's amplitudes among all `roots` (r,), their means, and the Cholesky factor
         of their inverse covariance (r, r); of a positive one the mean of what is positive of it.
         """
-        at, half, white = self._factor(chosen)
+        at = np.concatenate([np.zeros(0, int), *(self.places[k] for k in chosen)])
+        every = np.r_[at, len(self._matrix) - 1]
+        factor = np.linalg.cholesky(self._matrix[every[:, None], every])
+        half, white = factor[:-1, :-1], factor[-1, :-1]
         mean = solve_triangular(half.T, white, lower=False)
         for j in np.flatnonzero(self._positive(chosen)):
             unit = np.zeros(len(at))
@@ -312,13 +316,6 @@ class Evidence:
         """The values a (k,) of all columns in a set."""
         at, mean, _ = self.posterior(chosen)
         return np.asarray(self.roots[at].T @ mean)
-
-    def _factor(self, chosen: Sequence[int]) -> tuple[Array, Array, Array]:
-        """Places of a set's amplitudes (r,), L of their inverse covariance L L', and L^-1 b."""
-        at = np.concatenate([np.zeros(0, int), *(self.places[k] for k in chosen)])
-        every = np.r_[at, len(self._matrix) - 1]
-        half = np.linalg.cholesky(self._matrix[every[:, None], every])
-        return at, half[:-1, :-1], half[-1, :-1]
 
     def _positive(self, chosen: Sequence[int]) -> NDArray[np.bool_]:
         """Which amplitudes (r,) of a set cannot be negative."""

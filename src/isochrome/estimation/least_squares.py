@@ -195,7 +195,6 @@ class Point(Protocol):
 
 
 P = TypeVar("P", bound=Point)
-Restriction = Callable[[Array, Array], Array]
 
 
 @dataclass(frozen=True)
@@ -229,7 +228,7 @@ class Bounds:
     low: Array
     high: Array
 
-    def free(self, values: Array, gradient: Array) -> NDArray[np.bool_]:
+    def free(self, values: Array, gradient: Array) -> Mask:
         """Unknowns (p,) that are not at a bound which the gradient pushes them against."""
         held = ((values <= self.low) & (gradient < 0)) | ((values >= self.high) & (gradient > 0))
         return np.asarray(~held)
@@ -255,12 +254,7 @@ def damped(normal: Array, damping: float) -> Array:
 
 
 def damped_step(
-    normal: Array,
-    gradient: Array,
-    damping: float,
-    free: NDArray[np.bool_],
-    *,
-    cutoff: float = CUTOFF,
+    normal: Array, gradient: Array, damping: float, free: Mask, *, cutoff: float = CUTOFF
 ) -> Array:
     """The step of the free unknowns, of normal equations N and g; 0 for the others.
 
@@ -289,7 +283,7 @@ def minimise(
     iterations: int,
     better: Callable[[P, P], bool] | None = None,
     bounds: Bounds | None = None,
-    cut: Restriction | None = None,
+    cut: Callable[[Array, Array], Array] | None = None,
 ) -> Descent[P]:
     """Take steps from a point to the least sum of squares near it.
 

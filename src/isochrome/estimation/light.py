@@ -18,9 +18,8 @@ from itertools import combinations_with_replacement, pairwise, product
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from isochrome.errors import InputError
 from isochrome.messages import message
 
 Array = NDArray[Any]
@@ -326,26 +325,6 @@ def light_products(
     for member, (i, j) in zip(stack, terms, strict=True):
         np.multiply(rows[i][:, None], cols[j][None, :], out=member)
     return stack
-
-
-def polynomial_basis(
-    shape: tuple[int, int], degree: int, *, times: ArrayLike | None = None
-) -> Array:
-    """Legendre products P_i(y) P_j(x), i + j <= degree, with x and y in -1..1 over the frame.
-
-    The stack (k, rows, cols), k = (degree + 1)(degree + 2)/2, the constant first; `times`, such as
-    the no-load bright less the dark frame, multiplies every member.
-    InputError for a negative degree or an image of another shape.
-    """
-    if degree < 0:
-        raise InputError("degree_not_allowed_polynomial", degree=degree)
-    stack = light_products((_unit(shape[0]), _unit(shape[1])), total_degree(degree), np.float64)
-    if times is None:
-        return stack
-    image = np.asarray(times, dtype=float)
-    if image.shape != tuple(shape):
-        raise InputError("times_has_shape_frame", shape=image.shape, shape_2=tuple(shape))
-    return np.asarray(stack * image)
 
 
 def channel_light(rows: int, cols: int) -> Array:

@@ -16,8 +16,9 @@ from isochrome.scene import Scene
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 
-_SMOOTH_PX, _SMOOTH_WINDOW = 1.5, (13, 13)
-"""Standard deviation of the mean about a pixel, and the window that it extends, pixels."""
+LEVEL_PX, _LEVEL_WINDOW = 1.5, (13, 13)
+"""Standard deviation of the Gaussian mean that tells the grey level about a pixel where no model
+does, and the window that it extends, pixels."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +32,10 @@ class Observation:
     raw: Array  # the light as the sensor stored it
     raw_sigma: Array
     gamma: float  # from raw to light
+
+
+_IMAGES = ("light", "sigma", "valid", "raw", "raw_sigma")
+"""What an observation has pixel by pixel."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,8 +79,7 @@ class FrameData(Observation):
 
     def lying(self, move: Callable[[Array], Array]) -> FrameData:
         """The frame, its mask and its no-load light turned or mirrored by `move`, of images."""
-        names = ("light", "sigma", "valid", "raw", "raw_sigma")
-        parts: dict[str, Any] = {name: move(getattr(self, name)) for name in names}
+        parts: dict[str, Any] = {name: move(getattr(self, name)) for name in _IMAGES}
         ends = (self.lamp.dark, self.lamp.bright)
         dark, bright = (None if end is None else move(end) for end in ends)
         rows, cols = parts["light"].shape
@@ -103,8 +107,7 @@ class FrameData(Observation):
 
     def every(self, stride: int) -> FrameData:
         """The frame at every `stride`-th pixel."""
-        names = ("light", "sigma", "valid", "raw", "raw_sigma")
-        thin = {name: getattr(self, name)[::stride, ::stride] for name in names}
+        thin = {name: getattr(self, name)[::stride, ::stride] for name in _IMAGES}
         return replace(self, lamp=self.lamp.every(stride), **thin)
 
 
@@ -131,7 +134,7 @@ def observe(
     grey[blank] = 0.0
     if noise is None:
         noise = estimate_noise(image, linear.valid, bit_depth=bit_depth)
-    level = cv2.GaussianBlur(grey, _SMOOTH_WINDOW, _SMOOTH_PX, borderType=cv2.BORDER_REFLECT)
+    level = cv2.GaussianBlur(grey, _LEVEL_WINDOW, LEVEL_PX, borderType=cv2.BORDER_REFLECT)
     full = np.float32(full_scale(bit_depth))
     raw_sigma = noise.sigma(level) / full
     sigma = raw_sigma

@@ -16,7 +16,7 @@ aliasing. Source: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 2
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.messages import message
-from isochrome.optics.camera import Response
+from isochrome.optics.camera import ROWS_AT_ONCE, Response
 from isochrome.scene import Polariscope, Spectrum
 from isochrome.stress import StressDifference
 
@@ -281,9 +281,6 @@ def _edges(spectrum: Spectrum, response: Response, retardation_nm: float) -> Arr
     return np.concatenate([*inner, places[-1:]])
 
 
-_ROWS = 64
-"""Rows at a time: what is made of them stays in the processor's cache, which halves the time."""
-
 _TINY = 1e-15
 """Added to a sinc's argument, so that 0/0 is 1; far below what changes any other."""
 
@@ -296,10 +293,10 @@ def pixel_visibility(order: Array) -> tuple[Array, float]:
     pixels with fringes (N > 1/2), those with one finer than two pixels. NaN: no specimen.
     """
     visibility, fine = np.empty_like(order), 0
-    for start in range(0, len(order), _ROWS):
-        here = slice(start, start + _ROWS)
+    for start in range(0, len(order), ROWS_AT_ONCE):
+        here = slice(start, start + ROWS_AT_ONCE)
         above = min(start, 1)
-        rows = _slope(order[start - above : start + _ROWS + 1], 0)[above:][:_ROWS]
+        rows = _slope(order[start - above : start + ROWS_AT_ONCE + 1], 0)[above:][:ROWS_AT_ONCE]
         cols = _slope(order[here], 1)
         contrast = slope_visibility(rows, cols, out=visibility[here])
         # sinc(g_x) sinc(g_y) <= 0.651 wherever g_x² + g_y² > 1/4: few pixels need the look
@@ -351,7 +348,11 @@ def _slope(order: Array, axis: int) -> Array:
     """
     if order.shape[axis] < 2:
         return np.zeros_like(order)
-    slope = _known_slope(order, axis)
+    slope = np.empty_like(order)  # central differences, one-sided at the borders
+    n, s = order.swapaxes(0, axis), slope.swapaxes(0, axis)
+    np.subtract(n[2:], n[:-2], out=s[1:-1])
+    s[1:-1] *= 0.5
+    s[0], s[-1] = n[1] - n[0], n[-1] - n[-2]
     if not math.isfinite(float(slope.max())):
         slope[~np.isfinite(order)] = 0.0
         at = _places(~np.isfinite(slope))
@@ -399,16 +400,6 @@ def _bend(order: Array, axis: int) -> Array:
     return bend
 
 
-def _known_slope(order: Array, axis: int) -> Array:
-    """The slope where every pixel has an order: central differences, one-sided at the borders."""
-    slope = np.empty_like(order)
-    n, s = order.swapaxes(0, axis), slope.swapaxes(0, axis)
-    np.subtract(n[2:], n[:-2], out=s[1:-1])
-    s[1:-1] *= 0.5
-    s[0], s[-1] = n[1] - n[0], n[-1] - n[-2]
-    return slope
-
-
 _STEP = 1.0 / 128.0
 """Of the table over N: cubic pieces hold cos 2 pi k N to (2 pi k/128)⁴/384, 7e-8 at k = 1.5."""
 
@@ -447,51 +438,35 @@ def spectral_signal(
     at the reference; θ (rad) is needed where a chain, one a wavelength, is not ideal.
     """
     ratio = reference_nm / light.wavelength_nm
-    if light.continuous:
-        order = np.minimum(order, highest_visible(order, visibility))
-        signals = _table_signals(order, light, ratio, chains, direction, visibility)
-        return np.stack(list(signals), axis=-1)
-    total = np.zeros((*order.shape, len(light.weights)))
-    for k, chain, weights in zip(ratio, chains, light.weights.T, strict=True):
-        one = polariscope_signal(
-            k * order, chain, direction=direction, visibility=visibility ** (k * k)
-        )
-        total += one[..., None] * weights
-    return total
-
-
-def _table_signals(
-    order: Array,
-    light: Light,
-    ratio: Array,
-    chains: Sequence[Chain],
-    direction: Array | None,
-    visibility: Array | float,
-) -> Iterator[Array]:
-    """The channels' signals one by one, each from a table of the waves in N that it holds."""
+    if not light.continuous:
+        total = np.zeros((*order.shape, len(light.weights)))
+        for k, chain, weights in zip(ratio, chains, light.weights.T, strict=True):
+            one = polariscope_signal(
+                k * order, chain, direction=direction, visibility=visibility ** (k * k)
+            )
+            total += one[..., None] * weights
+        return total
     ideal = all(chain.ideal for chain in chains)
     if direction is None and not ideal:
         raise ValueError(message("chain_not_ideal_needs"))
-    angles = [np.ones(())] if direction is None or ideal else _angles(direction)
+    order = np.minimum(order, highest_visible(order, visibility))
+    angles: list[Array] = [np.ones(())]  # and cos 4θ, sin 4θ, cos 2θ, sin 2θ
+    if direction is not None and not ideal:
+        turned = np.exp(2j * np.asarray(direction, dtype=float))
+        twice = turned * turned
+        angles += [twice.real, twice.imag, turned.real, turned.imag]
     still, cosine, sine = (terms[:, : len(angles)] for terms in _harmonics(chains))
     contrast = np.asarray(visibility, dtype=float)
+    signals = []
     for weights in light.weights:
         mean = float(weights @ ratio**2)
         both = np.stack([weights, weights * (ratio**2 - mean)], axis=1)
         amplitudes = (np.einsum("sv,sa->sva", both, terms) for terms in (cosine, sine))
         waves = _wave_table(float(order.max()), ratio, *amplitudes)(order)
-        steady, change = np.moveaxis(waves, -2, 0)
-        wave = _over(angles, steady) + np.log(np.maximum(contrast, _DARKEST)) * _over(
-            angles, change
-        )
-        yield _over(angles, weights @ still) + contrast**mean * wave
-
-
-def _angles(direction: Array) -> list[Array]:
-    """1, cos 4θ, sin 4θ, cos 2θ, sin 2θ."""
-    turned = np.exp(2j * np.asarray(direction, dtype=float))
-    twice = turned * turned
-    return [np.ones(()), twice.real, twice.imag, turned.real, turned.imag]
+        steady, change = (_over(angles, wave) for wave in np.moveaxis(waves, -2, 0))
+        wave = steady + np.log(np.maximum(contrast, _DARKEST)) * change
+        signals.append(_over(angles, weights @ still) + contrast**mean * wave)
+    return np.stack(signals, axis=-1)
 
 
 def _over(angles: Sequence[Array], amplitudes: Array) -> Array:

@@ -1,9 +1,12 @@
 from .bending import beam_moment, beam_stress
-from .brazilian_disc import disc_centre_difference, disc_principal_difference, disc_stress
 from .cauchy import StressField
-from .hertz import (
+from .line_contact import (
+    CoupledContact,
     LargestDifference,
     contact_modulus,
+    coupled_contact,
+    coupled_pressure,
+    coupled_stress,
     coupling_modulus_inverse,
     dundurs_beta,
     hertz_half_width,
@@ -11,8 +14,8 @@ from .hertz import (
     hertz_peak_pressure,
     hertz_pressure,
     hertz_stress,
+    sliding_hertz_stress,
 )
-from .hole import hole_stress
 from .punch import (
     punch_pressure,
     punch_stress,
@@ -22,13 +25,12 @@ from .punch import (
     wedge_half_width,
     wedge_pressure,
 )
-from .ring_plate import ring_stress
-from .sliding import (
-    CoupledContact,
-    coupled_contact,
-    coupled_pressure,
-    coupled_stress,
-    sliding_hertz_stress,
+from .round_bodies import (
+    disc_centre_difference,
+    disc_principal_difference,
+    disc_stress,
+    hole_stress,
+    ring_stress,
 )
 
 __all__ = [

@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isochrome.errors import InputError
-from isochrome.reference.cauchy import Floats, check_positive, coordinates
-
-_EDGE_SLACK = 1e-9  # of the half-height: an edge point's rounding must not put it outside
+from isochrome.reference.cauchy import SLACK, Floats, check_positive, coordinates
 
 
 def beam_moment(load_n: float, *, inner_span_mm: float, outer_span_mm: float) -> float:
@@ -95,5 +93,5 @@ def beam_stress(
     moment = beam_moment(load_n, inner_span_mm=inner_span_mm, outer_span_mm=outer_span_mm)
     eta = coordinates("eta_mm", eta_mm)
     stress = moment * eta / (thickness_mm * height_mm**3 / 12.0)
-    inside = np.abs(eta) <= 0.5 * height_mm * (1.0 + _EDGE_SLACK)
+    inside = np.abs(eta) <= 0.5 * height_mm * (1.0 + SLACK)
     return np.asarray(np.where(inside, stress, np.nan))

@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from isochrome.errors import InputError
-from isochrome.messages import message
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
+
+SLACK = 1e-9
+"""Share of a body's size by which a point on its edge may lie outside: rounding."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +79,7 @@ def plane_points(x_mm: ArrayLike, z_mm: ArrayLike) -> tuple[Floats, Floats]:
     try:
         x, z = np.broadcast_arrays(x, z)
     except ValueError:
-        text = message("x_mm_has_shape_z_mm", shape=x.shape, shape_2=z.shape)
-        raise InputError(text) from None
+        raise InputError("x_mm_has_shape_z_mm", shape=x.shape, shape_2=z.shape) from None
     return x, z
 
 

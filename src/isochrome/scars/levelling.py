@@ -42,6 +42,7 @@ from isochrome.messages import message
 from isochrome.scars.trace import Trace
 
 Array = NDArray[Any]
+Mask = NDArray[np.bool_]
 
 WALK = 0.6
 """Standard deviation of the prior's step of ln S from one octave to the next: between a plateau and
@@ -129,11 +130,7 @@ class Roughness:
 
 
 def fit_roughness(
-    heights_um: Array,
-    unworn: NDArray[np.bool_],
-    form: Array,
-    spacing_mm: float,
-    start: Roughness | None = None,
+    heights_um: Array, unworn: Mask, form: Array, spacing_mm: float, start: Roughness | None = None
 ) -> Roughness:
     """The spectrum of the largest restricted likelihood of the unworn heights (n,).
 
@@ -156,9 +153,27 @@ def fit_roughness(
     log_power = np.log(size) + width - np.log(np.exp(width).sum())
     if start is not None:
         log_power = np.log(start.power_um2)
+
+    def score(each: Array) -> tuple[Array, Array]:
+        """Gradient and Fisher's information of the restricted likelihood in ln θ, (m,) and (m, m).
+
+        `each` (m,): the variance of a wave's amplitude in each band.
+        """
+        scaled = waves * np.sqrt(each)[band]
+        covariance = scaled @ scaled.T
+        covariance[np.diag_indices_from(covariance)] *= 1.0 + 1e-9
+        inverse = np.linalg.inv(covariance)
+        carried = inverse @ basis
+        projector = inverse - carried @ np.linalg.solve(basis.T @ carried, carried.T)
+        weighted = scaled.T @ projector
+        products = weighted @ scaled
+        sizes = (weighted @ z) ** 2 - np.diag(products)
+        gradient = 0.5 * np.bincount(band, sizes, minlength=len(each))
+        squares = np.add.reduceat(np.add.reduceat(products**2, starts, axis=0), starts, axis=1)
+        return gradient, 0.5 * squares
+
     for _ in range(_NEWTON_STEPS):
-        theta = np.exp(log_power)
-        gradient, information = _score(waves, band, starts, theta / members, z, basis)
+        gradient, information = score(np.exp(log_power) / members)
         gradient = gradient - precision @ (log_power - width)
         step = np.linalg.solve(information + precision, gradient)
         step = np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
@@ -167,29 +182,6 @@ def fit_roughness(
             break
     covariance = np.linalg.inv(information + precision)
     return Roughness(spacing_mm, bands.edges_per_mm, np.exp(log_power), covariance)
-
-
-def _score(
-    waves: Array,
-    band: NDArray[np.intp],
-    starts: NDArray[np.intp],
-    each: Array,
-    z: Array,
-    basis: Array,
-) -> tuple[Array, Array]:
-    """Gradient and Fisher's information of the restricted likelihood in ln θ, (m,) and (m, m)."""
-    scaled = waves * np.sqrt(each)[band]
-    covariance = scaled @ scaled.T
-    covariance[np.diag_indices_from(covariance)] *= 1.0 + 1e-9
-    inverse = np.linalg.inv(covariance)
-    carried = inverse @ basis
-    projector = inverse - carried @ np.linalg.solve(basis.T @ carried, carried.T)
-    weighted = scaled.T @ projector
-    products = weighted @ scaled
-    sizes = (weighted @ z) ** 2 - np.diag(products)
-    gradient = 0.5 * np.bincount(band, sizes, minlength=len(each))
-    squares = np.add.reduceat(np.add.reduceat(products**2, starts, axis=0), starts, axis=1)
-    return gradient, 0.5 * squares
 
 
 MOST_BINS = 240
@@ -207,12 +199,13 @@ class BinnedTrace:
     """Means of a trace over n equal bins, and how many spikes were left out.
 
     `x_mm` (n,): the bins' middles; `z_um` (n,): mean heights; `filled` (n,): bins without a point
-    of their own, taken from their neighbours; `spikes`: points left out.
+    of their own, taken from their neighbours; `spikes`: points left out; `name`, the trace's.
     """
 
+    name: str
     x_mm: Array
     z_um: Array
-    filled: NDArray[np.bool_]
+    filled: Mask
     spikes: int
 
     @property
@@ -221,7 +214,7 @@ class BinnedTrace:
         return float(self.x_mm[1] - self.x_mm[0])
 
 
-def without_spikes(z_um: Array) -> NDArray[np.bool_]:
+def without_spikes(z_um: Array) -> Mask:
     """Which points are no spikes: near the running median of their neighbours (n,).
 
     The distance is told in robust standard deviations, 1.4826 times the median distance.
@@ -253,10 +246,8 @@ def bin_trace(trace: Trace) -> BinnedTrace:
     middle = x[0] + step * (np.arange(count) + 0.5)
     mean = sums / np.maximum(members, 1)
     mean[filled] = np.interp(middle[filled], middle[~filled], mean[~filled])
-    return BinnedTrace(middle, mean + slope * (middle - x[0]), filled, int((~good).sum()))
-
-
-Mask = NDArray[np.bool_]
+    z_um = mean + slope * (middle - x[0])
+    return BinnedTrace(trace.name, middle, z_um, filled, int((~good).sum()))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -403,10 +394,6 @@ class ScarShape:
         )
         return left_mm, right_mm
 
-    def values(self, x_mm: Array) -> Array:
-        """Its depth on bins (n,), µm."""
-        return self.depth_um * shape(x_mm, self.centre_mm, self.half_mm, self.exponent)
-
 
 def whitening(x_mm: Array, covariance: Array) -> Array:
     """Heights to what is white, with the form taken off (n, n).
@@ -427,44 +414,12 @@ def first_place(x_mm: Array, z_um: Array, white: Array) -> ScarShape:
     best, place = -1.0, ScarShape(0.0, 1.0, _USUAL)
     for half in np.geomspace(_NARROWEST * step, _WIDEST * length, _HALF_WIDTHS):
         centres = np.linspace(x_mm[0] + half, x_mm[-1] - half, _PLACES)
-        columns = np.maximum(1.0 - ((x_mm[:, None] - centres) / half) ** 2, 0.0)
-        columns = white @ columns
+        columns = white @ np.maximum(1.0 - ((x_mm[:, None] - centres) / half) ** 2, 0.0)
         gain = (columns.T @ z) ** 2 / np.maximum((columns**2).sum(axis=0), 1e-12)
         k = int(np.argmax(gain))
         if gain[k] > best:
             best, place = float(gain[k]), ScarShape(float(centres[k]), float(half), _USUAL)
     return place
-
-
-def refine_place(x_mm: Array, z_um: Array, start: ScarShape, white: Array) -> ScarShape:
-    """The least-squares place from a start, with the roughness's covariance.
-
-    Damped steps in c, ln a and m; depth and form are solved for at every one.
-    """
-    heights = _WhiteHeights(x_mm, white, white @ z_um)
-    length, step_mm = float(x_mm[-1] - x_mm[0]), float(x_mm[1] - x_mm[0])
-    bounds = Bounds(
-        np.array([x_mm[0], np.log(_NARROWEST * step_mm), _BOUNDS[0]]),
-        np.array([x_mm[-1], np.log(_WIDEST * length), _BOUNDS[1]]),
-    )
-
-    def cut(values: Array, step: Array) -> Array:
-        reach = _REACH * np.exp(values[1])
-        return bounds.cut(values, np.clip(step, -reach, reach))
-
-    values = np.array([start.centre_mm, np.log(start.half_mm), start.exponent])
-    values = values + bounds.cut(values, np.zeros(3))
-    descent = minimise(
-        heights.at, values, heights.at(values), enough=lambda _: _SETTLED,
-        damping=Damping(_DAMPING), iterations=_STEPS, bounds=bounds, cut=cut,
-    )  # fmt: skip
-    (centre, _, exponent), half = descent.values.tolist(), float(np.exp(descent.values[1]))
-    scale = np.array([1.0, half, 1.0])
-    return ScarShape(
-        centre_mm=centre, half_mm=half, exponent=exponent, depth_um=-descent.point.depth,
-        covariance=np.linalg.inv(descent.point.normal) * np.outer(scale, scale),
-        clear=abs(descent.point.depth) * descent.point.size,
-    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -478,27 +433,34 @@ class _PlacePoint:
     size: float
 
 
-@dataclass(frozen=True)
-class _WhiteHeights:
-    """Whitened heights `z` (n,) over `x_mm` (n,), and what whitens (n, n)."""
+def refine_place(x_mm: Array, z_um: Array, start: ScarShape, white: Array) -> ScarShape:
+    """The least-squares place from a start, with the roughness's covariance.
 
-    x_mm: Array
-    white: Array
-    z: Array
+    Damped steps in c, ln a and m; depth and form are solved for at every one.
+    """
+    z = white @ z_um
+    length, step_mm = float(x_mm[-1] - x_mm[0]), float(x_mm[1] - x_mm[0])
+    bounds = Bounds(
+        np.array([x_mm[0], np.log(_NARROWEST * step_mm), _BOUNDS[0]]),
+        np.array([x_mm[-1], np.log(_WIDEST * length), _BOUNDS[1]]),
+    )
 
-    def column(self, values: Array) -> Array:
+    def cut(values: Array, step: Array) -> Array:
+        reach = _REACH * np.exp(values[1])
+        return bounds.cut(values, np.clip(step, -reach, reach))
+
+    def column(values: Array) -> Array:
         """The whitened shape (n,) of c, ln a and m."""
-        centre, half, exponent = values[0], float(np.exp(values[1])), values[2]
-        return np.asarray(self.white @ shape(self.x_mm, centre, half, exponent))
+        return np.asarray(white @ shape(x_mm, values[0], float(np.exp(values[1])), values[2]))
 
-    def at(self, values: Array) -> _PlacePoint:
+    def at(values: Array) -> _PlacePoint:
         """Cost and normal equations in c, ln a and m, with the depth eliminated."""
-        c = self.column(values)
+        c = column(values)
         square = max(float(c @ c), 1e-300)
-        depth = float(c @ self.z) / square
-        residual = self.z - depth * c
+        depth = float(c @ z) / square
+        residual = z - depth * c
         steps = np.diag([0.01 * np.exp(values[1]), 0.01, 0.02])
-        slopes = [depth * (self.column(values + e) - c) / e.sum() for e in steps]
+        slopes = [depth * (column(values + e) - c) / e.sum() for e in steps]
         rows = np.array([slope - c * float(c @ slope) / square for slope in slopes])
         away = (values[2] - _USUAL) / _SPREAD
         normal, gradient = rows @ rows.T, rows @ residual
@@ -506,6 +468,20 @@ class _WhiteHeights:
         gradient[2] -= away / _SPREAD
         cost = float(residual @ residual) + float(away**2)
         return _PlacePoint(cost, normal, gradient, depth, float(np.sqrt(square)))
+
+    values = np.array([start.centre_mm, np.log(start.half_mm), start.exponent])
+    values = values + bounds.cut(values, np.zeros(3))
+    descent = minimise(
+        at, values, at(values), enough=lambda _: _SETTLED,
+        damping=Damping(_DAMPING), iterations=_STEPS, bounds=bounds, cut=cut,
+    )  # fmt: skip
+    (centre, _, exponent), half = descent.values.tolist(), float(np.exp(descent.values[1]))
+    scale = np.array([1.0, half, 1.0])
+    return ScarShape(
+        centre_mm=centre, half_mm=half, exponent=exponent, depth_um=-descent.point.depth,
+        covariance=np.linalg.inv(descent.point.normal) * np.outer(scale, scale),
+        clear=abs(descent.point.depth) * descent.point.size,
+    )  # fmt: skip
 
 
 STANDS_OUT = 5.0
@@ -544,7 +520,7 @@ def levelled(trace: Trace) -> LevelledTrace:
     scar stands out; InputError where too little is unworn, or heights are in another unit.
     """
     bins = bin_trace(trace)
-    place, roughness, unworn = _find(bins, trace.name)
+    place, roughness, unworn = _find(bins)
     messages: tuple[str, ...] = ()
     if place.depth_um < 0.0:
         messages += (message("scar_stands_up_so", name=trace.name),)
@@ -558,16 +534,16 @@ def levelled(trace: Trace) -> LevelledTrace:
             clear=place.clear,
             stands_out=STANDS_OUT,
         )
-    _check_shoulders(bins, place, trace.name)
+    _check_shoulders(bins, place)
     if place.depth_um < _SHALLOWEST * 2e3 * place.half_mm:
         raise InputError(
             "scar_deep_over_mm", name=trace.name, depth_um=place.depth_um, half_mm=2 * place.half_mm
         )
-    result = _level(bins, place, roughness, unworn, messages=messages, name=trace.name)
+    result = _level(bins, place, roughness, unworn)
     if max(result.ridges_mm2) < _PILED_UP * result.ridge_uncertainty_mm2:
-        return result
+        return replace(result, messages=messages)
     unworn = unworn & (np.abs(bins.x_mm - place.centre_mm) > (1.0 + _FLANK) * place.half_mm)
-    result = _level(bins, place, roughness, unworn, messages=messages, name=trace.name, ridged=True)
+    result = _level(bins, place, roughness, unworn, ridged=True)
     left_um, right_um = (1e3 * ridge for ridge in result.ridges_mm2)
     name, worn = trace.name, 1e3 * result.worn_area_mm2
     text = message(
@@ -576,13 +552,13 @@ def levelled(trace: Trace) -> LevelledTrace:
     return replace(result, messages=(*messages, text))
 
 
-def _find(bins: BinnedTrace, name: str) -> tuple[ScarShape, Roughness, Mask]:
+def _find(bins: BinnedTrace) -> tuple[ScarShape, Roughness, Mask]:
     """The scar's place, the roughness beside it and the shoulders, each by the others in turn."""
     x, z, n = bins.x_mm, bins.z_um, len(bins.x_mm)
     form = legendre(x, FORM_DEGREES[-1])
 
     def roots(place: ScarShape, before: Roughness | None = None) -> tuple[Roughness, Array]:
-        fitted = fit_roughness(z, _shoulders(bins, place, name), form, bins.spacing_mm, before)
+        fitted = fit_roughness(z, _shoulders(bins, place), form, bins.spacing_mm, before)
         return fitted, whitening(x, _firm(fitted.covariance(n)))
 
     # at first what second differences show, as if it were white
@@ -592,7 +568,7 @@ def _find(bins: BinnedTrace, name: str) -> tuple[ScarShape, Roughness, Mask]:
     place = refine_place(x, z, first_place(x, z, white), white)
     roughness, white = roots(place, roughness)
     place = refine_place(x, z, place, white)
-    return place, roughness, _shoulders(bins, place, name)
+    return place, roughness, _shoulders(bins, place)
 
 
 def _firm(covariance: Array) -> Array:
@@ -618,26 +594,26 @@ def _beside(bins: BinnedTrace, place: ScarShape) -> tuple[Mask, Mask]:
     return bins.x_mm < low - half, bins.x_mm > high + half
 
 
-def _check_shoulders(bins: BinnedTrace, place: ScarShape, name: str) -> None:
+def _check_shoulders(bins: BinnedTrace, place: ScarShape) -> None:
     """Refuse a trace whose unworn parts are too short to level it."""
     low, high = _window(place, bins.spacing_mm)
     lengths = bins.spacing_mm * np.array([side.sum() for side in _beside(bins, place)])
     width = high - low
     if lengths.sum() < _SHOULDERS * width or lengths.min() < _SHOULDER * width:
-        before, after = lengths
+        name, (before, after) = bins.name, lengths
         raise InputError(
             "beside_scar_from_mm", name=name, low=low, high=high, lengths=before, lengths_2=after
         )
 
 
-def _shoulders(bins: BinnedTrace, place: ScarShape, name: str) -> Mask:
+def _shoulders(bins: BinnedTrace, place: ScarShape) -> Mask:
     """Bins outside the window that show the unworn surface."""
     x = bins.x_mm
     before, after = _beside(bins, place)
     unworn = (before | after) & ~bins.filled
     if unworn.sum() < _FEWEST_BINS:
-        _check_shoulders(bins, place, name)
-        raise InputError("too_few_points_beside", name=name)
+        _check_shoulders(bins, place)
+        raise InputError("too_few_points_beside", name=bins.name)
     for _ in range(2):  # dust and scratches
         form = legendre(x, FORM_DEGREES[-1])
         beta = np.linalg.lstsq(form[unworn], bins.z_um[unworn], rcond=None)[0]
@@ -647,14 +623,7 @@ def _shoulders(bins: BinnedTrace, place: ScarShape, name: str) -> Mask:
 
 
 def _level(
-    bins: BinnedTrace,
-    place: ScarShape,
-    roughness: Roughness,
-    unworn: Mask,
-    *,
-    name: str,
-    messages: tuple[str, ...],
-    ridged: bool = False,
+    bins: BinnedTrace, place: ScarShape, roughness: Roughness, unworn: Mask, *, ridged: bool = False
 ) -> LevelledTrace:
     """The levelled trace of a scar; where there are ridges, the window ends at its edges."""
     x, z, step = bins.x_mm, bins.z_um, bins.spacing_mm
@@ -662,29 +631,28 @@ def _level(
     low, high = edges if ridged else _window(place, step)
     inside = _parts(x, step, low, high)
     covariance = _firm(roughness.covariance(len(x)))
-    levels, weights = _levels(x, z, unworn, covariance)
+    levels, weights, drawn = _levels(x, z, unworn, covariance)
     level = np.tensordot(weights, levels, axes=1)
     to_area = 1e-3 * step * inside  # µm to mm
     rows = to_area @ level - to_area  # of A = rows @ z
     variance, freedom = roughness.variance(rows)
     wider = student_factor_of(freedom)
     areas = np.array([(to_area @ one - to_area) @ z for one in levels])
-    drawn = _drawn(x, levels, weights)
     shared = float(to_area @ drawn @ to_area + weights @ (areas - weights @ areas) ** 2)
     of_level = to_area @ level
     by_level = of_level @ covariance @ of_level
     ridges, ridge_uncertainty = _ridges(bins, place, level, roughness)
     to_depth = level - np.eye(len(x))
     return LevelledTrace(
-        name=name, x_mm=x, depth_um=to_depth @ z, level_um=level @ z, unworn=unworn, edges_mm=edges,
-        edge_uncertainty_mm=place.edge_uncertainty_mm, window_mm=(low, high),
+        name=bins.name, x_mm=x, depth_um=to_depth @ z, level_um=level @ z, unworn=unworn,
+        edges_mm=edges, edge_uncertainty_mm=place.edge_uncertainty_mm, window_mm=(low, high),
         worn_area_mm2=float(rows @ z),
         worn_area_uncertainty_mm2=float(np.sqrt(wider * (variance + shared))),
         degrees_of_freedom=freedom,
         levelling_uncertainty_mm2=float(np.sqrt(wider * (by_level + shared))),
         depth_covariance_um2=wider * (to_depth @ covariance @ to_depth.T + drawn),
         roughness=roughness, deepest_um=place.depth_um, clear=place.clear, ridges_mm2=ridges,
-        ridge_uncertainty_mm2=ridge_uncertainty, spikes=bins.spikes, messages=messages,
+        ridge_uncertainty_mm2=ridge_uncertainty, spikes=bins.spikes,
     )  # fmt: skip
 
 
@@ -700,32 +668,24 @@ def _ridges(
     return (float(rows[0] @ bins.z_um), float(rows[1] @ bins.z_um)), float(np.sqrt(variance))
 
 
-def _drawn(x: Array, levels: Array, weights: Array) -> Array:
-    """Covariance of a level that the forms' prior drew towards none (n, n), µm²."""
-    total = np.zeros((len(x), len(x)))
-    for degree, level, weight in zip(FORM_DEGREES, levels, weights, strict=True):
-        form = legendre(x, degree)[:, 2:] * form_spread(x, degree)[2:]
-        missed = level @ form - form
-        total += weight * (missed @ missed.T)
-    return total
-
-
 def _parts(x: Array, step: float, low: float, high: float) -> Array:
     """The part of each bin that lies between two places (n,), 0 to 1."""
     overlap = np.minimum(x + 0.5 * step, high) - np.maximum(x - 0.5 * step, low)
     return np.clip(overlap / step, 0.0, 1.0)
 
 
-def _levels(x: Array, z: Array, unworn: Mask, covariance: Array) -> tuple[Array, Array]:
-    """The level of each degree as a matrix on the heights (d, n, n), and its weight (d,)."""
+def _levels(x: Array, z: Array, unworn: Mask, covariance: Array) -> tuple[Array, Array, Array]:
+    """The level of each degree as a matrix on the heights (d, n, n), its weight (d,), and the
+    covariance of their mean, which the forms' prior draws towards none (n, n), µm².
+    """
     inverse = np.linalg.inv(covariance[np.ix_(unworn, unworn)])
     heights, count = z[unworn], int(unworn.sum())
-    matrices, scores = [], []
+    matrices, scores, missed = [], [], []
     for degree in FORM_DEGREES:
-        form = legendre(x, degree)
+        form, spread = legendre(x, degree), form_spread(x, degree)
         unworn_form = form[unworn]
         carried = inverse @ unworn_form
-        prior = 1.0 / form_spread(x, degree) ** 2
+        prior = 1.0 / spread**2
         solved = np.linalg.solve(unworn_form.T @ carried + np.diag(prior), carried.T)
         matrix = np.zeros((len(x), len(x)))
         matrix[:, unworn] = form @ solved
@@ -733,5 +693,9 @@ def _levels(x: Array, z: Array, unworn: Mask, covariance: Array) -> tuple[Array,
         away = float(residual @ inverse @ residual + prior @ (solved @ heights) ** 2)
         scores.append(away + degree * np.log(count))
         matrices.append(matrix)
+        curved = form[:, 2:] * spread[2:]
+        missed.append(matrix @ curved - curved)
     weight = np.exp(-0.5 * (np.array(scores) - min(scores)))
-    return np.array(matrices), weight / weight.sum()
+    weight = weight / weight.sum()
+    drawn = sum(share * (part @ part.T) for share, part in zip(weight, missed, strict=True))
+    return np.array(matrices), weight, np.asarray(drawn)

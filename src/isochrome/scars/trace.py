@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.messages import message
@@ -39,21 +39,12 @@ _SDF = re.compile(r"\s*a(BCR?|ISO)-\d\.\d", re.I)
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.I)
 
 
-def parse_trace(path: Path) -> tuple[Array, Array]:
-    """Places (n,), mm, and heights (n,), µm, of a trace's file.
-
-    Raises InputError that names the file, the line and the fix.
-    """
-    text = read_given_text(path, "the trace", fallback="latin-1")  # µ of an older program
-    return _surface_data(text, path) if _SDF.match(text) else _table(text, path)
-
-
 def _table(text: str, path: Path) -> tuple[Array, Array]:
-    """The two columns of a table of numbers."""
+    """The two columns of a table of numbers: places (n,), mm, and heights (n,), µm."""
     rows = numbered_lines(text)
     if not rows:
         raise InputError("empty", path=path, form=message(_FORM))
-    split = _splitter([line for _, line in rows])
+    split = _Splitter([line for _, line in rows])
     cells = [(number, split(line)) for number, line in rows[: _LEAD + 1]]
 
     def are_numbers(row: list[str]) -> bool:
@@ -87,10 +78,20 @@ def _refuse_line(
 
 
 class _Splitter:
-    """How a table's lines are cut into cells, and which sign its decimals have."""
+    """How a table's lines are cut into cells, and which sign its decimals have.
 
-    def __init__(self, separator: str | None, comma: bool) -> None:
-        self.separator, self.comma = separator, comma
+    By the last lines, which are numbers: tab or semicolon, comma, or blanks.
+    """
+
+    def __init__(self, lines: Sequence[str]) -> None:
+        some = lines[-5:]
+        self.separator: str | None = ","
+        if all(re.search(r"[\d.]\s+[+-]?[\d.,]", line) for line in some):
+            self.separator = None
+        for mark in ("\t", ";"):
+            if all(mark in line for line in some):
+                self.separator = mark
+        self.comma = self.separator != "," and any("," in line for line in some)
 
     def __call__(self, line: str) -> list[str]:
         cells = [cell.strip().strip('"') for cell in line.split(self.separator)]
@@ -106,17 +107,6 @@ class _Splitter:
             )
         except ValueError:
             return None
-
-
-def _splitter(lines: Sequence[str]) -> _Splitter:
-    """By the last lines, which are numbers: tab or semicolon, comma, or blanks."""
-    some = lines[-min(len(lines), 5) :]
-    for separator in (";", "\t"):
-        if all(separator in line for line in some):
-            return _Splitter(separator, any("," in line for line in some))
-    if all(re.search(r"[\d.]\s+[+-]?[\d.,]", line) for line in some):
-        return _Splitter(None, any("," in line for line in some))
-    return _Splitter(",", False)
 
 
 def _columns(head: Sequence[Sequence[str]], path: Path) -> tuple[int, int, float, float]:
@@ -213,7 +203,7 @@ class Trace:
     name: str = "trace"
 
     def __post_init__(self) -> None:
-        x, z = _numbers(self.x_mm), _numbers(self.z_um)
+        x, z = (np.asarray(v, dtype=np.float64).ravel() for v in (self.x_mm, self.z_um))
         if len(x) > 1 and x[-1] < x[0]:
             x, z = x[::-1], z[::-1]
         _check(x, z, self.name)
@@ -233,12 +223,9 @@ def read_trace(path: str | Path) -> Trace:
     cells between commas, semicolons, tabs or blanks; # begins a comment. Or one profile in the
     ASCII form of ISO 25178-71 (SDF).
     """
-    x_mm, z_um = parse_trace(Path(path))
+    text = read_given_text(Path(path), "the trace", fallback="latin-1")  # µ of an older program
+    x_mm, z_um = (_surface_data if _SDF.match(text) else _table)(text, Path(path))
     return Trace(x_mm=x_mm, z_um=z_um, name=str(path))
-
-
-def _numbers(values: ArrayLike) -> Array:
-    return np.asarray(values, dtype=np.float64).ravel()
 
 
 def _check(x: Array, z: Array, name: str) -> None:

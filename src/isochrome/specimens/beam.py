@@ -1,15 +1,11 @@
 """The beam in four-point bending: its span of pure bending, mid-span at x = 0, its top at z = 0."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from isochrome.contact import SurfaceState
 from isochrome.reference import beam_stress
 from isochrome.scene import Scene
-from isochrome.specimens.interface import SpecimenModel
+from isochrome.specimens.interface import Acting, Floats, SpecimenModel
 from isochrome.stress import PixelGrid, ShearPeak, StressComponents
-
-Floats = NDArray[np.floating]
 
 
 class BeamModel(SpecimenModel):
@@ -17,9 +13,7 @@ class BeamModel(SpecimenModel):
 
     unknowns = ("load.normal_n", "camera.top_mm")  # it is the same all along
 
-    def components(
-        self, scene: Scene, surface: SurfaceState | None, pixels: PixelGrid
-    ) -> StressComponents:
+    def components(self, scene: Scene, surface: Acting, pixels: PixelGrid) -> StressComponents:
         """sigma_x alone; NaN outside the inner span too, where bending is not pure."""
         assert scene.load is not None and scene.load.inner_span_mm is not None
         x, z = pixels.places
@@ -29,11 +23,7 @@ class BeamModel(SpecimenModel):
         return StressComponents(sigma_x, nothing, nothing)
 
     def peak(
-        self,
-        scene: Scene,
-        surface: SurfaceState | None,
-        principal_difference: Floats,
-        pixels: PixelGrid,
+        self, scene: Scene, surface: Acting, difference: Floats, pixels: PixelGrid
     ) -> ShearPeak:
         """Bending is linear over the height: the largest is at an end of what is in view."""
         height = scene.specimen.height_mm

@@ -32,11 +32,8 @@ from isochrome.stress import (
     regular_modes,
 )
 
-FORCES = (
-    PointForce(1.0, 0.0),
-    PointForce(0.0, 1.0),
-    PointForce(1.0, 0.0, dipole=True),
-    PointForce(0.0, 1.0, dipole=True),
+FORCES = tuple(
+    PointForce(*unit, dipole) for dipole in (False, True) for unit in ((1.0, 0.0), (0.0, 1.0))
 )
 """Unit normal and tangential force, and their unit first moments."""
 

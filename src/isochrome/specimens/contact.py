@@ -3,11 +3,10 @@
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from isochrome.contact import ContactGrid, SurfaceState
 from isochrome.scene import Scene
-from isochrome.specimens.interface import Mask, SpecimenModel
+from isochrome.specimens.interface import Acting, Floats, Mask, SpecimenModel
 from isochrome.stress import (
     FieldGrid,
     PixelGrid,
@@ -30,9 +29,7 @@ _SPLINE_PX = 2.0
 class HalfPlane(SpecimenModel):
     """A half-plane: its stress is that of the contact's tractions, and of a bulk stress."""
 
-    def components(
-        self, scene: Scene, surface: SurfaceState | None, pixels: PixelGrid
-    ) -> StressComponents:
+    def components(self, scene: Scene, surface: Acting, pixels: PixelGrid) -> StressComponents:
         """Stress components below the surface, 0 above it."""
         assert surface is not None
         plain = pixels.around()
@@ -45,9 +42,7 @@ class HalfPlane(SpecimenModel):
         parts = stress.sigma_x, stress.sigma_z, stress.tau_xz
         return StressComponents(*(seen_by(part, plain, pixels) for part in parts))
 
-    def difference(
-        self, scene: Scene, surface: SurfaceState | None, pixels: PixelGrid
-    ) -> StressDifference:
+    def difference(self, scene: Scene, surface: Acting, pixels: PixelGrid) -> StressDifference:
         """The stress difference alone, which takes half the work."""
         assert surface is not None
         plain = pixels.around()
@@ -71,11 +66,7 @@ class HalfPlane(SpecimenModel):
         return np.asarray(pixels.places[1] >= hidden_mm)
 
     def peak(
-        self,
-        scene: Scene,
-        surface: SurfaceState | None,
-        principal_difference: NDArray[np.floating],
-        pixels: PixelGrid,
+        self, scene: Scene, surface: Acting, difference: Floats, pixels: PixelGrid
     ) -> ShearPeak:
         """Largest shear between the pixels' centres too, the surface included."""
         assert surface is not None

@@ -3,12 +3,10 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from isochrome.contact import SurfaceState
 from isochrome.reference import StressField, disc_stress
 from isochrome.scene import Scene
-from isochrome.specimens.interface import Mask, SpecimenModel
+from isochrome.specimens.interface import Acting, Floats, Mask, SpecimenModel
 from isochrome.stress import PixelGrid, StressComponents
 
 EDGE = 0.06
@@ -20,9 +18,7 @@ LOAD = 0.3
 class DiscModel(SpecimenModel):
     """A disc pressed along its vertical diameter; see `isochrome.reference.disc_stress`."""
 
-    def components(
-        self, scene: Scene, surface: SurfaceState | None, pixels: PixelGrid
-    ) -> StressComponents:
+    def components(self, scene: Scene, surface: Acting, pixels: PixelGrid) -> StressComponents:
         """Stress components in closed form."""
         return diametral_stress(scene, pixels, disc_stress)
 
@@ -50,7 +46,7 @@ def diametral_stress(
 
 def away_from_edges(
     scene: Scene, pixels: PixelGrid, edge: float, load: float
-) -> tuple[NDArray[np.floating], Mask]:
+) -> tuple[Floats, Mask]:
     """Each pixel's distance from the centre, and whether it is farther than `edge` from the rim and
     `load` from the loads; all over the radius, (rows, cols).
     """

@@ -17,28 +17,26 @@ from isochrome.stress import (
     StressDifference,
 )
 
+Floats = NDArray[np.floating]
 Mask = NDArray[np.bool_]
+Acting = SurfaceState | None
+"""What acts on a specimen's surface in one state; None but in a contact."""
 
 
 class SpecimenModel(ABC):
     """A kind of specimen. A new one with a closed form has its `components`, and little else.
 
-    Its axes are the scene's: x from its middle (or the contact's), z down from its top. `surface`,
-    what acts on it in one state, is None but in a contact.
+    Its axes are the scene's: x from its middle (or the contact's), z down from its top.
     """
 
     unknowns: tuple[str, ...] = ("load.normal_n", "camera.left_mm", "camera.top_mm")
     """What a frame can tell of any such scene; what its other parts add is not here."""
 
     @abstractmethod
-    def components(
-        self, scene: Scene, surface: SurfaceState | None, pixels: PixelGrid
-    ) -> StressComponents:
+    def components(self, scene: Scene, surface: Acting, pixels: PixelGrid) -> StressComponents:
         """Stress components (rows, cols), MPa; NaN outside the specimen."""
 
-    def difference(
-        self, scene: Scene, surface: SurfaceState | None, pixels: PixelGrid
-    ) -> StressDifference:
+    def difference(self, scene: Scene, surface: Acting, pixels: PixelGrid) -> StressDifference:
         """(sigma_x - sigma_z) + 2i tau_xz (rows, cols), MPa; NaN outside the specimen."""
         return self.components(scene, surface, pixels).difference
 
@@ -54,17 +52,13 @@ class SpecimenModel(ABC):
         return self.inside(pixels)
 
     def peak(
-        self,
-        scene: Scene,
-        surface: SurfaceState | None,
-        principal_difference: NDArray[np.floating],
-        pixels: PixelGrid,
+        self, scene: Scene, surface: Acting, difference: Floats, pixels: PixelGrid
     ) -> ShearPeak:
         """Largest shear in the material in view, here at the pixels' centres, and its place.
 
-        `principal_difference`, sigma_1 - sigma_2 (rows, cols), MPa; NaN outside the material.
+        `difference`, sigma_1 - sigma_2 (rows, cols), MPa; NaN outside the material.
         """
-        shear = 0.5 * np.nan_to_num(principal_difference, nan=-1.0)
+        shear = 0.5 * np.nan_to_num(difference, nan=-1.0)
         row, col = np.unravel_index(int(shear.argmax()), shear.shape)
         return ShearPeak(float(shear[row, col]), *pixels.place(int(row), int(col)))
 

@@ -1,10 +1,9 @@
 """The ring under diametral load, its top at x = 0, z = 0."""
 
-from isochrome.contact import SurfaceState
 from isochrome.reference import ring_stress
 from isochrome.scene import Scene
 from isochrome.specimens.disc import EDGE, LOAD, away_from_edges, diametral_stress
-from isochrome.specimens.interface import Mask, SpecimenModel
+from isochrome.specimens.interface import Acting, Mask, SpecimenModel
 from isochrome.stress import PixelGrid, StressComponents
 
 _WALL = 0.2, 0.6
@@ -14,9 +13,7 @@ _WALL = 0.2, 0.6
 class RingModel(SpecimenModel):
     """A ring pressed along its vertical diameter; see `isochrome.reference.ring_stress`."""
 
-    def components(
-        self, scene: Scene, surface: SurfaceState | None, pixels: PixelGrid
-    ) -> StressComponents:
+    def components(self, scene: Scene, surface: Acting, pixels: PixelGrid) -> StressComponents:
         """Stress components by the disc's closed form and a series for the hole."""
         assert scene.specimen.hole_mm is not None
         return diametral_stress(scene, pixels, ring_stress, hole_mm=scene.specimen.hole_mm)

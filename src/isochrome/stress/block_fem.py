@@ -9,8 +9,7 @@ Library: scikit-fem, Gustafsson & McBain (2020), Journal of Open Source Software
 """
 
 from collections.abc import Iterable
-from types import ModuleType
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -55,15 +54,6 @@ class Sampled(NamedTuple):
     stress: StressComponents  # MPa
 
 
-def load_skfem() -> ModuleType:
-    """The finite-element library; InputError with the remedy where it is not installed."""
-    try:
-        import skfem
-    except ImportError as error:
-        raise InputError("specimen_shape_block_needs") from error
-    return cast(ModuleType, skfem)
-
-
 def corrections(
     sides: Sides, forces: Iterable[PointForce], *, within_mm: float, refine: float = 1.0
 ) -> list[Sampled]:
@@ -72,7 +62,10 @@ def corrections(
     That is within a radius `within_mm`; `refine` multiplies the number of the mesh's lines.
     InputError where scikit-fem is not installed.
     """
-    fem = load_skfem()
+    try:
+        import skfem as fem
+    except ImportError as error:
+        raise InputError("specimen_shape_block_needs") from error
     from scipy.sparse.linalg import splu
     from skfem.helpers import ddot, sym_grad
 

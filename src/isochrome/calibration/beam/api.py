@@ -30,7 +30,14 @@ from isochrome.calibration.order_line import (
 )
 from isochrome.calibration.result import Calibration, ImageFit, View
 from isochrome.calibration.settings import CalibrationSet, SetLike, load_set
-from isochrome.calibration.shot import PIXELS, START_PIXELS, Shot, calibrate_channels, unused
+from isochrome.calibration.shot import (
+    FEWEST_FRINGES,
+    PIXELS,
+    START_PIXELS,
+    Shot,
+    calibrate_channels,
+    unused,
+)
 from isochrome.calibration.whole_set.set_fit import (
     alike_fits,
     best_first,
@@ -66,9 +73,6 @@ LARGEST_FRAMES = 20.0
 FEWEST_VALID = 0.3
 """Part of the pixels that must be usable."""
 
-FEWEST = 0.5
-"""Fringes in view at the least."""
-
 
 @dataclass(frozen=True)
 class BeamView:
@@ -81,11 +85,6 @@ class BeamView:
     top: float
     tilt: float
     starts: Array
-
-    @property
-    def scale(self) -> Array:
-        """Natural changes (3,) of slope, row and tilt."""
-        return np.array([0.1 / self.height_px, 0.1 * self.height_px, 0.01])
 
 
 def find_beam(shot: Shot, height_px: float) -> BeamView:
@@ -107,7 +106,7 @@ def find_beam(shot: Shot, height_px: float) -> BeamView:
     tops = _tops(rows, height_px)
     in_view = min(height_px, float(rows[-1] - rows[0] + 1))
     finest = 1.0 / (FINEST_PX * float(rows[1] - rows[0]))
-    slopes = np.arange(FEWEST / in_view, finest, 0.2 / in_view)
+    slopes = np.arange(FEWEST_FRINGES / in_view, finest, 0.2 / in_view)
     coarse = tops[:: max(1, len(tops) // 12)]
     cost, _ = _scan(rows, values, count, coarse, height_px, slopes)
     best = _peaks(cost.min(axis=0), 4)
@@ -323,7 +322,7 @@ def _check(best: SetFit, alike: Sequence[SetFit], seen_px: float) -> None:
     slope, spread = float(best.values[0]), float(np.sqrt(best.covariance[0, 0]))
     if np.std(best.point.amplitude(0) * best.point.signals[0]) < FAINTEST:
         raise PhysicsError("too_few_fringes_too", name=name)
-    if best.explained and (slope * seen_px < FEWEST or spread > 0.2 * slope):
+    if best.explained and (slope * seen_px < FEWEST_FRINGES or spread > 0.2 * slope):
         raise PhysicsError("fringes_view_too_few", name=name, seen_px=slope * seen_px)
     rivals = [m for m in alike if abs(m.values[0] / slope - 1) > 0.02]
     if rivals:
@@ -393,7 +392,8 @@ def beam_kind(view: BeamView, width: int) -> Kind:
     return Kind(
         besides=MOMENT, order=order,
         by_besides=lambda u, _, rows, cols: beam_order(u, rows, cols - middle) * along(cols),
-        sizes=np.full(2, 0.5 * BENT), largest=view.scale,
+        sizes=np.full(2, 0.5 * BENT),
+        largest=np.array([0.1 / view.height_px, 0.1 * view.height_px, 0.01]),
         idle=idle, idle_steps=np.array([1e-4]),
     )  # fmt: skip
 
@@ -480,10 +480,8 @@ def edge_distances(fit: SetFit, views: Sequence[BeamView]) -> list[float]:
     for index, view in enumerate(views):
         rows, gain = _gain_by_fringes(fit, index, view)
         above = rows < view.top + 0.5 * view.height_px
-        first, last = (
-            np.argmin(np.where(above, gain, np.inf)),
-            np.argmax(np.where(above, -np.inf, gain)),
-        )
+        first = np.argmin(np.where(above, gain, np.inf))
+        last = np.argmax(np.where(above, -np.inf, gain))
         if first > 0 and last < len(rows) - 1:
             distances.append((rows[last] - rows[first]) / np.hypot(1.0, fit.own[index, 2]))
     return distances
@@ -568,13 +566,13 @@ def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibrat
     check_span(set_fit)
     images, covariance, unloaded = beam_images(set_fit, views, pixel_mm)
     outcome = causes(set_fit, given.polariscope.wavelength_nm)
-    messages = sentences(set_fit, outcome)
+    messages = [*sentences(set_fit, outcome)]
     if set_fit.model.besides:
         linear, square = set_fit.values[set_fit.model.besides_places]
         change = 100.0 * max(abs(linear + square), abs(linear - square))
-        messages = (*messages, message("moment_changes_along_beam", change=change))
+        messages.append(message("moment_changes_along_beam", change=change))
     if not unloaded:
-        messages = (*messages, *unused(idle, message("because_light_not_loaded")))
+        messages += unused(idle, message("because_light_not_loaded"))
     distances = edge_distances(set_fit, views)
     wrong = contradiction(distances, "height_mm", beam.height_mm, given) if distances else None
     if wrong:

@@ -4,7 +4,7 @@ Residual stress in a disc, and the order it makes with the load.
 
 Stress adds as a tensor. With D = (sx - sz) + 2i txz in fringes, the loads' part is
 D_P = N (1 - rho^2)/(s^2 + 1)^2, s = x - iz in radii with z along the loads (Frocht 1948; see
-`reference.brazilian_disc`), and the order is |D_P + D_0| with one residual field D_0 for all loads:
+`reference.round_bodies`), and the order is |D_P + D_0| with one residual field D_0 for all loads:
 a polynomial, which holds what moulding, cutting and annealing leave, D_0 = (c2 r^2 + c4 r^4)
 e^(2 i phi), and an even part; and a polynomial along the directions of the loads' own field, which
 holds what creeps under them.
@@ -46,7 +46,14 @@ from isochrome.calibration.disc.disc_field import (
 from isochrome.calibration.order_line import Input, uncertainty_budget, widened_to_held_out
 from isochrome.calibration.result import Calibration, ImageFit, View
 from isochrome.calibration.settings import CalibrationSet, Disc, SetLike, load_set
-from isochrome.calibration.shot import PIXELS, START_PIXELS, Shot, calibrate_channels, unused
+from isochrome.calibration.shot import (
+    FEWEST_FRINGES,
+    PIXELS,
+    START_PIXELS,
+    Shot,
+    calibrate_channels,
+    unused,
+)
 from isochrome.calibration.whole_set.set_fit import (
     alike_fits,
     best_first,
@@ -64,9 +71,6 @@ from isochrome.messages import message
 from isochrome.output import with_uncertainty
 
 Array = NDArray[np.float64]
-
-FEWEST = 0.5
-"""Centre order at the least."""
 
 
 def fit_disc(shot: Shot, starts: Array) -> Array:
@@ -92,7 +96,7 @@ def fit_disc(shot: Shot, starts: Array) -> Array:
             explained=fits[0].explained_share,
             fewest_loads=FEWEST_LOADS,
         )
-    if order < FEWEST:
+    if order < FEWEST_FRINGES:
         raise PhysicsError("centre_order_too_low", name=shot.name, order=order)
     if not best.converged or spread > 0.2 * order:
         raise PhysicsError("fringes_could_not_fitted", name=shot.name)
@@ -468,18 +472,16 @@ def disc_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration
     images, covariance, set_fit = _found(loaded, idle, disc.diameter_mm, stated_values(given))
     residual = residual_of(set_fit, disc.diameter_mm) if set_fit else None
     if set_fit is None:
-        messages = (
-            message("closed_form_disc_does"),
-            *unused(idle, message("order_zero_load_from")),
-        )
+        messages = [message("closed_form_disc_does")]
+        messages += unused(idle, message("order_zero_load_from"))
     else:
         if given.camera.pixel_mm is not None:
             check_diameter(images, disc, given)
         outcome = causes(set_fit, given.polariscope.wavelength_nm)
-        messages = sentences(set_fit, outcome)
+        messages = [*sentences(set_fit, outcome)]
     if residual is not None:
         size, form = residual["largest_order"], residual["form"]
-        messages = (*messages, message("residual_stress_up_fringe", size=size, form=form))
+        messages.append(message("residual_stress_up_fringe", size=size, form=form))
     inputs = (
         Input("load", known.load_percent, "%", 0.01),
         Input("diameter", known.diameter_mm, "mm", 1.0 / disc.diameter_mm),

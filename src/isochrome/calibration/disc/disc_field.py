@@ -6,7 +6,7 @@ fringes begin a little inside: the circle is a start, which the whole-field fit 
 The disc's order field on a frame's pixels, and a scan of its centre order.
 
 sigma1 - sigma2 = (8 P/(pi D d)) (1 - rho^2)/((1 + rho^2)^2 - 4 zeta^2), rho = r/R, zeta = z/R along
-the loads (Frocht 1948; see `reference.brazilian_disc`): the centre order scales all of it.
+the loads (Frocht 1948; see `reference.round_bodies`): the centre order scales all of it.
 
 Starts for a disc's fit: rim, then a scan of centre order, radius and load direction.
 
@@ -102,10 +102,7 @@ def find_rim(frame: Observation) -> Circle:
         Where there is no disc, or the frame cuts it.
     """
     patch = _patch(frame)
-    rows, cols = np.nonzero(patch)
-    centre = np.array([rows.mean(), cols.mean()])
-    points = _outline(patch, centre)
-    circle = fit_circle(points)
+    circle = fit_circle(_outline(patch))
     height, width = patch.shape
     spare, middle = _SPARE * circle.radius, np.array([circle.row, circle.col])
     low, high = middle - circle.radius, middle + circle.radius
@@ -173,10 +170,10 @@ def _patch(frame: Observation) -> NDArray[np.bool_]:
     return np.asarray(ndimage.binary_fill_holes(labels == int(np.argmax(sizes))))
 
 
-def _outline(patch: NDArray[np.bool_], centre: Array) -> Array:
-    """The outermost patch pixel in each of RAYS sectors, (n, 2)."""
+def _outline(patch: NDArray[np.bool_]) -> Array:
+    """The outermost patch pixel in each of RAYS sectors about its middle, (n, 2)."""
     rows, cols = np.nonzero(patch)
-    dr, dc = rows - centre[0], cols - centre[1]
+    dr, dc = rows - rows.mean(), cols - cols.mean()
     sector = ((np.arctan2(dr, dc) / (2.0 * np.pi) + 0.5) * RAYS).astype(int) % RAYS
     order = np.lexsort((np.hypot(dr, dc), sector))
     last = np.flatnonzero(np.diff(np.append(sector[order], -1)))

@@ -6,14 +6,15 @@ cause explains. The likeliest set of them is fitted, and asked again. Last, its 
 maps, and what it found, in words.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from isochrome.calibration.result import CONTRADICTED
 from isochrome.calibration.settings import CalibrationSet
 from isochrome.calibration.whole_set.set_model import (
     BAND,
@@ -277,13 +278,6 @@ def _without_outliers(fit: SetFit) -> SetFit:
     return fit
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Nuisance(Nuisance):
-    """With its `columns` (k, n) at an image."""
-
-    columns: Callable[[int], Array]
-
-
 def ask_set(fit: SetFit) -> Weighed:
     """Weigh all that a set of images may show about a fit."""
     model = fit.model
@@ -305,14 +299,14 @@ def ask_set(fit: SetFit) -> Weighed:
     )
 
 
-def _nuisances(fit: SetFit) -> Iterator[_Nuisance]:
+def _nuisances(fit: SetFit) -> Iterator[Nuisance]:
     """All that may be there in a set of images."""
     model, point = fit.model, fit.point
     shared = model.split(fit.values)[2]
     for key in SHARED:
         if key == GAMMA and model.shots[0].no_load_light is not None:
             continue  # the no-load frames would need it too
-        yield _Nuisance(
+        yield Nuisance(
             name=key,
             columns=partial(point.key_rows, keys=(key,)),
             now=np.array([shared[key] - model.held.get(key, float(key == GAMMA))]),
@@ -322,7 +316,7 @@ def _nuisances(fit: SetFit) -> Iterator[_Nuisance]:
             weights=np.zeros(int(key in model.free)),
         )
     if len(model.kind.sizes):
-        yield _Nuisance(
+        yield Nuisance(
             name=model.kind.besides,
             columns=point.besides_rows,
             now=model.split(fit.values)[1],
@@ -333,7 +327,7 @@ def _nuisances(fit: SetFit) -> Iterator[_Nuisance]:
     yield _light(fit)
     if len(model.shots) > 1 and not model.apart:
         yield _apart(fit)
-    yield _Nuisance(
+    yield Nuisance(
         name=ORDER,
         columns=partial(_order_columns, fit),
         now=np.zeros(_COSINES**2 - 1),
@@ -351,7 +345,7 @@ def _of_light(model: SetModel) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return found, np.setdiff1d(np.arange(model.coefficients), found)
 
 
-def _light(fit: SetFit) -> _Nuisance:
+def _light(fit: SetFit) -> Nuisance:
     """The light's products besides those of a set as stated: what is fitted, and then others."""
     model, point = fit.model, fit.point
     rich, missing = _of_light(model)[0], missing_terms(model.terms, FIRST_DEGREES)
@@ -366,7 +360,7 @@ def _light(fit: SetFit) -> _Nuisance:
 
     light, dark = (t[len(p) :] for t, p in zip(model.terms, plain_terms(model), strict=True))
     repeats, scale = len(rich) // max(1, len(light) + len(dark)), unevenness(fit)
-    return _Nuisance(
+    return Nuisance(
         name=LIGHT,
         columns=columns,
         now=np.r_[point.linear[0][rich] / bright[of_image], np.zeros(sum(map(len, missing)))],
@@ -388,7 +382,7 @@ def _brightness(point: SetPoint) -> Array:
     return np.array(own) if point.model.apart else np.full(len(own), float(np.mean(own)))
 
 
-def _apart(fit: SetFit) -> _Nuisance:
+def _apart(fit: SetFit) -> Nuisance:
     """What each image's light but the first's has of its own, beside exposure and stray light."""
     model, point = fit.model, fit.point
     light, dark = (terms[1:] for terms in plain_terms(model))
@@ -401,7 +395,7 @@ def _apart(fit: SetFit) -> _Nuisance:
             own[index - 1] = bright[index] * point.columns(index, bases[index])
         return own.reshape(others * count, -1)
 
-    return _Nuisance(
+    return Nuisance(
         name=APART,
         columns=columns,
         now=np.zeros(others * count),
@@ -418,20 +412,11 @@ def _order_columns(fit: SetFit, index: int) -> Array:
     return np.asarray(waves * (slope * order * fit.point.gain(index)))
 
 
-CONTRADICTED = 3.0
-"""Standard uncertainties by which a size must be off, and the least of them."""
-
 SLIGHT = 0.01
 """Relative difference below which a scale that is taken as exact is not refused."""
 
-NAMES = {
-    "camera.distortion": "the lens's distortion",
-    "camera.keystone_x": "a camera that looks from the side",
-    "camera.keystone_z": "a camera that looks from above or below",
-    BAND: "the light's band of wavelengths",
-    BLUR: "blur",
-    GAMMA: "the camera's tone curve",
-}
+NAMES = {key: cause.name for cause in CAUSES for key in cause.keys}
+"""What a scene's keys are the causes of."""
 
 
 def image_maps(fit: SetFit, index: int) -> dict[str, Any]:
@@ -516,27 +501,24 @@ def cause_sentence(cause: Mapping[str, Any]) -> str:
     return message("wavelength_full_width_half", cause=cause["cause"], value=value)
 
 
-def sentences(fit: SetFit, found: tuple[dict[str, Any], ...]) -> tuple[str, ...]:
+def sentences(fit: SetFit, found: tuple[dict[str, Any], ...]) -> Iterator[str]:
     """What was found and used, a sentence each."""
-    messages = [cause_sentence(item) for item in found]
+    yield from map(cause_sentence, found)
     count = sum(map(len, fit.model.terms)) - sum(map(len, plain_terms(fit.model)))
     if count:
-        messages.append(message("light_more_uneven_quadratic", plain=count))
+        yield message("light_more_uneven_quadratic", plain=count)
     if fit.left_out > 0:
-        messages.append(message("pixels_fit_nothing_dust", per_cent=per_cent(fit.left_out)))
+        yield message("pixels_fit_nothing_dust", per_cent=per_cent(fit.left_out))
     if fit.asked is None:
-        return tuple(messages)
+        return
     fitted = fitted_names(fit.model)
     chances = {n: c for n, c in fit.asked.sets.chances.items() if n not in fitted}
     if chances.pop(ORDER, 0.0) > NAMED:
-        size = 100.0 * cosine_rms(
-            np.r_[0.0, fit.asked.sets.values_of(ORDER)]
-        )  # a share of the orders
-        messages.append(message("orders_differ_unexplained", size=size))
+        share = cosine_rms(np.r_[0.0, fit.asked.sets.values_of(ORDER)])  # of the orders
+        yield message("orders_differ_unexplained", size=100.0 * share)
     likely = [f"{NAMES.get(n, n)} ({per_cent(c)})" for n, c in chances.items() if c > SUSPECTED]
     if likely:
-        messages.append(message("frames_may_show", who="the images", parts=" or ".join(likely)))
-    return tuple(messages)
+        yield message("frames_may_show", who="the images", parts=" or ".join(likely))
 
 
 def stated_values(given: CalibrationSet) -> dict[str, float]:

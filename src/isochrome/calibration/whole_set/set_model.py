@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from isochrome.calibration.shot import EXPLAINED, Shot
 from isochrome.estimation import (
+    LEVEL_PX,
     MOSTLY,
     STEP,
     Bounds,
@@ -70,10 +71,6 @@ _LARGEST_EXPONENT = 5.0
 """Of a squared order below nought, where noise may drive it: the wave stays finite."""
 
 
-_LEVEL_PX = 1.5
-"""Gaussian mean by which the light about a pixel is told where no model tells it."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class SetImage:
     """An image's fitted pixels (n,): places, light, noise, and the `level` of light without noise.
@@ -101,7 +98,7 @@ class SetImage:
         rows, cols = (np.broadcast_to(p, mask.shape)[mask].astype(float) for p in pick)
         light, sigma = (m[pick][mask].astype(float) for m in (shot.light, shot.sigma))
         if level is None:
-            level = gaussian_filter(shot.light, _LEVEL_PX)[pick]
+            level = gaussian_filter(shot.light, LEVEL_PX)[pick]
         near = np.maximum(level[mask].astype(float), sigma)
         return cls(mask=mask, rows=rows, cols=cols, light=light, sigma=sigma, level=near)
 
@@ -243,8 +240,8 @@ class SetModel:
         places = [np.linspace(-1.0, 1.0, n) for n in self.shape]
         axes = places[0][self.rows], places[1][self.cols]
         light, dark = (light_products(axes, chosen, np.float64) for chosen in terms)
-        lamp = self.shots[0].lamp(*np.ix_(self.rows, self.cols))
-        light = light if lamp is None else light * lamp
+        lamp = self.shots[0].no_load_light
+        light = light if lamp is None else light * lamp[np.ix_(self.rows, self.cols)]
         return tuple((light[:, i.mask] / i.sigma, dark[:, i.mask] / i.sigma) for i in self.images)
 
     @property
@@ -372,14 +369,9 @@ class SetModel:
         of_images, exposures, _, _ = self._ends
         _, besides, shared = self.split(values)
         begun = values[of_images:exposures] if self.exposures else np.zeros(wider.exposures)
-        return np.concatenate(
-            [
-                values[:of_images],
-                begun[: wider.exposures],
-                besides if wider.besides else [],
-                [shared[key] for key in wider.free],
-            ]
-        )
+        besides = besides if wider.besides else besides[:0]
+        free = [shared[key] for key in wider.free]
+        return np.concatenate([values[:of_images], begun[: wider.exposures], besides, free])
 
 
 def seen(order: Array, beside: Sequence[Array], shared: dict[str, float], bright: bool) -> Array:

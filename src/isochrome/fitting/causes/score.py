@@ -6,7 +6,7 @@ About a fit the columns of all that may be there are taken at the frame's blocks
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -123,20 +123,13 @@ class Asked(Weighed):
         return float(np.sqrt(values @ self.order_power @ values))
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Nuisance(Nuisance):
-    """With its `columns` at a frame's blocks."""
-
-    columns: Callable[[FrameBlocks], Array]
-
-
 def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
     """What the frames of a solution show, `fitted` already or not.
 
     `stated`, the fit as the scene states it: what is fitted besides is counted from there.
     """
     causes = candidates(stated.scene, stated.keys, stated.held, past=stated.past)
-    nuisances: list[_Nuisance] = []
+    nuisances: list[Nuisance] = []
     modes: TractionModes | None = None
     power = np.empty((0, 0))
     odd: list[tuple[Mask, Mask | None]] = []
@@ -192,7 +185,7 @@ def _nuisances(
     causes: tuple[Cause, ...],
     fitted: FittedNuisances,
     stated: Askable,
-) -> Iterator[_Nuisance]:
+) -> Iterator[Nuisance]:
     """All that may be there in frames like `blocks`."""
     for cause in causes:
         if cause in fitted.causes:
@@ -200,7 +193,7 @@ def _nuisances(
         else:
             yield _open_cause(blocks, cause)
     yield _light(solution, blocks, stated.terms)
-    yield _Nuisance(
+    yield Nuisance(
         name=ORDER,
         columns=FrameBlocks.order_columns,
         now=np.zeros(COSINES**2),
@@ -210,7 +203,7 @@ def _nuisances(
         depth = np.arange(SHADOW_BLOCKS)
         apart = (depth[:, None] - depth[None, :]) / _SHADOW_LENGTH
         root = np.linalg.cholesky(np.exp(-0.5 * apart**2) + 1e-9 * np.eye(len(depth)))
-        yield _Nuisance(
+        yield Nuisance(
             name=SHADOW,
             columns=FrameBlocks.shadow_columns,
             now=np.zeros(len(depth)),
@@ -218,7 +211,7 @@ def _nuisances(
         )
     if _has_own_tractions(solution, stated.scene):
         modes = blocks.modes
-        yield _Nuisance(
+        yield Nuisance(
             name=TRACTIONS,
             columns=FrameBlocks.traction_columns,
             now=modes.values_of(solution.scene.added_tractions),
@@ -231,7 +224,7 @@ def _has_own_tractions(solution: Askable, stated: Scene) -> bool:
     return stated.is_contact and solution.count == 1 and stated.added_tractions is None
 
 
-def _open_cause(blocks: FrameBlocks, cause: Cause) -> _Nuisance:
+def _open_cause(blocks: FrameBlocks, cause: Cause) -> Nuisance:
     """A cause that is not fitted: at nought."""
     if cause.even:
         roots: tuple[Array, ...] = (np.eye(1),)
@@ -241,7 +234,7 @@ def _open_cause(blocks: FrameBlocks, cause: Cause) -> _Nuisance:
     else:
         roots = (np.diag(sizes_of(cause, blocks.scene)),)
         now = np.zeros(len(cause.keys))
-    return _Nuisance(
+    return Nuisance(
         name=cause.name,
         columns=lambda blocks: blocks.columns(cause),
         now=now,
@@ -251,7 +244,7 @@ def _open_cause(blocks: FrameBlocks, cause: Cause) -> _Nuisance:
     )
 
 
-def _fitted_cause(solution: Askable, cause: Cause, stated: Scene) -> _Nuisance:
+def _fitted_cause(solution: Askable, cause: Cause, stated: Scene) -> Nuisance:
     """A cause that is fitted, by the rows of its unknowns; an even one's effect is of second order,
     half of its slope times its value.
     """
@@ -268,7 +261,7 @@ def _fitted_cause(solution: Askable, cause: Cause, stated: Scene) -> _Nuisance:
         off = np.array(values)
         off = np.copysign(np.maximum(np.abs(off), _LEAST_VALUE * spread), off)
         size, change = float(np.mean((off / spread) ** 2)), 0.5 * off
-        return _Nuisance(
+        return Nuisance(
             name=cause.name,
             columns=lambda blocks: blocks.effect(cause) / np.float32(size),
             now=np.array([size]),
@@ -278,7 +271,7 @@ def _fitted_cause(solution: Askable, cause: Cause, stated: Scene) -> _Nuisance:
             of_each=change[None, :] / size,
             weights=np.zeros(1),
         )
-    return _Nuisance(
+    return Nuisance(
         name=cause.name,
         columns=lambda blocks: blocks.rows[rows],
         now=np.array(values),
@@ -290,12 +283,12 @@ def _fitted_cause(solution: Askable, cause: Cause, stated: Scene) -> _Nuisance:
     )
 
 
-def _light(solution: Askable, blocks: FrameBlocks, own: LightTerms) -> _Nuisance:
+def _light(solution: Askable, blocks: FrameBlocks, own: LightTerms) -> Nuisance:
     """The light's products besides those of a frame as stated: what is fitted, and then others."""
     more, missing = more_than(solution.terms, own), missing_terms(solution.terms, FIRST_DEGREES)
     chosen = of_more_light(len(blocks.light_rows), solution.terms, own)
     bright = blocks.brightness  # of the fitted ones the coefficients are counted, not the shares
-    return _Nuisance(
+    return Nuisance(
         name=LIGHT,
         columns=lambda blocks: np.concatenate(
             (
