@@ -118,7 +118,7 @@ def test_the_load_is_found_from_a_third_and_from_three_times_of_it(scene, tmp_pa
 @pytest.mark.long
 def test_the_order_of_a_frame_is_read_where_it_is_known(scene, tmp_path):
     """The rim gives the place: the scene has none."""
-    text = RING.replace("left_mm = -21.3\ntop_mm = -1.2\npixel_mm = 0.24\n", "")
+    text = RING.replace("pixel_mm = 0.24\nleft_mm = -21.3\ntop_mm = -1.2\n", "")
     found = process(write_frame(tmp_path / "frame.tif", 5), parse_scene(text.replace("260", "230")))
     (frame,) = found.frames
     # the rim's pixel is 0.16 % too large, which the fringes contradict
