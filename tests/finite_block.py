@@ -10,15 +10,7 @@ from scipy.sparse.linalg import splu
 from skfem import Basis, BilinearForm, ElementQuad2, ElementVector, FacetBasis, LinearForm, MeshQuad
 from skfem.helpers import ddot, eye, sym_grad, trace
 
-from isochrome.reference import (
-    contact_modulus,
-    coupled_contact,
-    coupled_pressure,
-    dundurs_beta,
-    hertz_half_width,
-    hertz_peak_pressure,
-    hertz_pressure,
-)
+from isochrome import reference
 
 PAIR = (2100.0, 0.4, 210e3, 0.3)
 LINE_LOAD, RADIUS, THICKNESS, FRINGE_VALUE = 11.0, 24.61, 4.0, 14.6
@@ -38,14 +30,14 @@ class Solid(NamedTuple):
 
 def pressure(x, friction):
     """The closed form's pressure (MPa) of the paper's contact."""
-    modulus = contact_modulus(*PAIR)
+    modulus = reference.contact_modulus(*PAIR)
     if friction == 0.0:
-        size = hertz_half_width(LINE_LOAD, RADIUS, modulus)
-        peak = hertz_peak_pressure(LINE_LOAD, RADIUS, modulus)
-        return hertz_pressure(x, half_width_mm=size, peak_pressure_mpa=peak)
-    beta = dundurs_beta(*PAIR)
-    return coupled_pressure(
-        x, coupled_contact(LINE_LOAD, RADIUS, modulus, friction=friction, beta=beta)
+        size = reference.hertz_half_width(LINE_LOAD, RADIUS, modulus)
+        peak = reference.hertz_peak_pressure(LINE_LOAD, RADIUS, modulus)
+        return reference.hertz_pressure(x, half_width_mm=size, peak_pressure_mpa=peak)
+    beta = reference.dundurs_beta(*PAIR)
+    return reference.coupled_pressure(
+        x, reference.coupled_contact(LINE_LOAD, RADIUS, modulus, friction=friction, beta=beta)
     )
 
 

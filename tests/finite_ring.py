@@ -4,18 +4,9 @@ which is smooth and so more exact than a ring under a node's force."""
 from functools import lru_cache
 
 import numpy as np
+import skfem
 from scipy.interpolate import RegularGridInterpolator
 from scipy.sparse.linalg import splu
-from skfem import (
-    Basis,
-    BilinearForm,
-    ElementQuad2,
-    ElementVector,
-    FacetBasis,
-    LinearForm,
-    MeshQuad,
-    MeshQuad2,
-)
 from skfem.helpers import ddot, eye, sym_grad, trace
 
 from isochrome.reference import disc_stress
@@ -43,17 +34,17 @@ def hole_in_disc(ratio, count=48):
         return -(along * v[0] + down * v[1])
 
     hole = mesh.facets_satisfying(lambda x: np.hypot(*x) < ratio * (1.0 + 1e-3), True)
-    edge = FacetBasis(mesh, basis.elem, facets=hole, intorder=8)
-    load = LinearForm(minus_traction).assemble(edge)
+    edge = skfem.FacetBasis(mesh, basis.elem, facets=hole, intorder=8)
+    load = skfem.LinearForm(minus_traction).assemble(edge)
     return _solved(mesh, basis, across, load, lines)
 
 
 def _quarter(angle, radius):
     """The upper right quarter (x > 0, z < 0): its mesh, its basis, which unknowns are along x."""
-    polar = MeshQuad2.from_mesh(MeshQuad.init_tensor(angle, radius))
+    polar = skfem.MeshQuad2.from_mesh(skfem.MeshQuad.init_tensor(angle, radius))
     t, r = polar.doflocs
-    mesh = MeshQuad2(np.stack([r * np.sin(t), -r * np.cos(t)]), polar.t)
-    basis = Basis(mesh, ElementVector(ElementQuad2()), intorder=6)
+    mesh = skfem.MeshQuad2(np.stack([r * np.sin(t), -r * np.cos(t)]), polar.t)
+    basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementQuad2()), intorder=6)
     across = np.zeros(basis.N, dtype=bool)
     for dofs in (basis.nodal_dofs, basis.facet_dofs, basis.interior_dofs):
         across[dofs[0]] = True
@@ -61,7 +52,9 @@ def _quarter(angle, radius):
 
 
 def _solved(mesh, basis, across, load, lines):
-    stiffness = BilinearForm(lambda u, v, _: ddot(hooke(sym_grad(u)), sym_grad(v))).assemble(basis)
+    stiffness = skfem.BilinearForm(lambda u, v, _: ddot(hooke(sym_grad(u)), sym_grad(v))).assemble(
+        basis
+    )
     x, z = basis.doflocs
     free = np.flatnonzero(~((across & (np.abs(x) < 1e-9)) | (~across & (np.abs(z) < 1e-9))))
     u = np.zeros(basis.N)
@@ -73,7 +66,7 @@ def _gauss_stress(mesh, element, u, lines):
     """Stress at the 2 x 2 Gauss points, where it is most exact, as images over angle and radius."""
     at = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
     points = np.stack([g.ravel() for g in np.meshgrid(at, at)])
-    basis = Basis(mesh, element, quadrature=(points, np.full(4, 0.25)))
+    basis = skfem.Basis(mesh, element, quadrature=(points, np.full(4, 0.25)))
     stress = hooke(sym_grad(basis.interpolate(u)))
     x, z = np.asarray(basis.global_coordinates()).reshape(2, -1)
     angle, radius = (np.r_[[line[:-1] + a * np.diff(line) for a in at]].T.ravel() for line in lines)

@@ -63,9 +63,10 @@ outer_span_mm = 100.0
 """A beam in four-point bending, for sets of images."""
 
 
-def disc_text(load_n, *, fringe_value, thickness_mm=6.0):
-    """A disc of 20 mm under two loads; a number may be a text that is to be filled in."""
-    return _specimen_text("disc", "diameter_mm = 20.0", thickness_mm, fringe_value, load_n)
+def disc_text(load_n, *, fringe_value, thickness_mm=6.0, diameter_mm=20.0):
+    """A disc under two loads; a number may be a text that is to be filled in."""
+    size = f"diameter_mm = {diameter_mm}"
+    return _specimen_text("disc", size, thickness_mm, fringe_value, load_n)
 
 
 def beam_text(load_n, *, fringe_value, thickness_mm=6.0, spans_mm=(40.0, 100.0)):
@@ -84,6 +85,7 @@ def _specimen_text(shape, size, thickness_mm, fringe_value, load_n):
     )
 
 
-def camera_text(cols, rows, pixel_mm):
-    """A camera's pixels, and nothing else."""
-    return f"[camera]\nwidth_px = {cols}\nheight_px = {rows}\npixel_mm = {pixel_mm}\n"
+def camera_text(cols, rows, pixel_mm, **more):
+    """A camera's pixels, and what else is told of it."""
+    keys = {"width_px": cols, "height_px": rows, "pixel_mm": pixel_mm, **more}
+    return "[camera]\n" + "".join(f"{key} = {value}\n" for key, value in keys.items())

@@ -16,7 +16,7 @@ from isochrome.simulation import (
     state_difference,
 )
 from isochrome.stress import pixel_grid
-from scene_texts import PAPER_CONTACT
+from scene_texts import PAPER_CONTACT, beam_text, disc_text
 
 CIRCULAR = [
     (90, 45, -45, 0), (90, 45, -45, 90),
@@ -37,13 +37,8 @@ vignette = 0.3
 noise_grey = 3.0
 blur_px = 0.25
 """
-DISC = '[specimen]\nshape = "disc"\ndiameter_mm = 30.0\nthickness_mm = 6.0\n' + (
-    "fringe_value_n_per_mm = 7.0\n[load]\nnormal_n = 450.0\n" + OPTICS + CAMERA
-)
-BEAM = '[specimen]\nshape = "beam"\nheight_mm = 20.0\nthickness_mm = 6.0\n' + (
-    "fringe_value_n_per_mm = 7.0\n[load]\nnormal_n = 200.0\ninner_span_mm = 40.0\n"
-    "outer_span_mm = 100.0\n" + OPTICS + CAMERA
-)
+DISC = disc_text(450.0, fringe_value=7.0, diameter_mm=30.0) + OPTICS + CAMERA
+BEAM = beam_text(200.0, fringe_value=7.0) + OPTICS + CAMERA
 CONTACT = PAPER_CONTACT + OPTICS + CAMERA
 
 

@@ -12,15 +12,14 @@ import numpy as np
 import pytest
 import tifffile
 
+from hard.hard_cases import COUPLING, LOAD, MODULUS, PAIR, RADIUS, WEAR
 from isochrome.benchmarks import bench, load_benchmarks
 from isochrome.contact import make_surface, solve_pressure
 from isochrome.errors import InputError
 from isochrome.frames import open_frames
 from isochrome.reference import (
-    contact_modulus,
     coupled_contact,
     coupled_pressure,
-    coupling_modulus_inverse,
     dundurs_beta,
     hertz_half_width,
     hertz_peak_pressure,
@@ -28,10 +27,6 @@ from isochrome.reference import (
 )
 
 ROWS = load_benchmarks("rows")
-
-PAIR = (2100.0, 0.4, 210000.0, 0.3)
-MODULUS, COUPLING = contact_modulus(*PAIR), coupling_modulus_inverse(*PAIR)
-RADIUS, LOAD, WEAR = 24.61, 11.0, 2e-9
 
 
 @pytest.fixture(scope="module")

@@ -17,23 +17,15 @@ from matplotlib.image import imread
 from typer.testing import CliRunner
 
 import isochrome
-from calibration.target_pictures import Shown, dots
-from isochrome.calibration import (
-    ColourCalibration,
-    calibrate_bending,
-    calibrate_disc,
-    calibrate_scale,
-    calibrate_wear,
-    save_calibration,
-)
+from isochrome import calibration
 from isochrome.campaigns import process_campaign
 from isochrome.cli import app
 from isochrome.errors import InputError
 from isochrome.fitting import track
-from isochrome.fringes import ColourTable
-from isochrome.output import Result, per_cent, write_csv, write_figure, write_json, write_tiff
+from isochrome.output import Result, per_cent, write_csv, write_figure, write_json
 from isochrome.processing import check
 from isochrome.scene import dump_scene, load_scene, parse_scene
+from made_calibrations import dots_in, three_colours
 from scene_texts import SMALL_CAMERA, WORN_CONTACT
 from shipped_sets import some_of_a_shipped_set
 
@@ -173,37 +165,31 @@ def calibrated(specimen: str, run: Callable[..., Any], images: tuple[int, int]):
     def make_one(places, make):
         given = some_of_a_shipped_set(places["home"] / "sets", specimen, images)
         found, out = run(given), places["home"] / specimen
-        save_calibration(found, out)
+        calibration.save_calibration(found, out)
         return Left(found, out, "images.csv", "calibration.json", "calibration.png")
 
     return make_one
 
 
 def calibrated_colour(places, make):
-    order = 0.01 * np.arange(151)
-    signal = np.sin(np.pi * order[:, None] * [0.9, 1.0, 1.2]) ** 2
-    found = ColourCalibration(
-        colour_table=ColourTable(signal, np.full(3, 0.01)), way="own <b>colours<b> &", gamma=2.2,
-        gamma_uncertainty=0.03, wavelength_nm=540.0, bands_nm=(600.0, 540.0, 450.0),
-        widths_nm=(30.0, 30.0, 30.0), residual=0.01, strange=0.001, highest=1.5, bit_depth=8,
-        warnings=("be careful",),
+    found = three_colours(
+        way="own <b>colours<b> &", gamma_uncertainty=0.03, bands_nm=(600.0, 540.0, 450.0),
+        widths_nm=(30.0, 30.0, 30.0), warnings=("be careful",),
     )  # fmt: skip
     out = places["home"] / "colour"
-    save_calibration(found, out)
+    calibration.save_calibration(found, out)
     return Left(found, out, "colour_table.csv", "calibration.json", "calibration.png")
 
 
 def calibrated_scale(places, make):
     """A picture whose name must not stand in a page as it is."""
-    shown, picture = Shown(), places["home"] / "a <b>bold<b> & board.tif"
-    write_tiff(picture, dots(shown)[None])
-    size = {"columns": shown.columns, "rows": shown.rows, "spacing_mm": shown.spacing_mm}
-    out = places["home"] / "scale"
-    found = calibrate_scale(picture, target="dots", **size)
-    save_calibration(found, out, source=[picture])
-    options = [str(part) for key, value in size.items()
+    picture, out = places["home"] / "a <b>bold<b> & board.tif", places["home"] / "scale"
+    target = dots_in(picture)
+    found = calibration.calibrate_scale(picture, **target)
+    calibration.save_calibration(found, out, source=[picture])
+    options = [str(part) for key, value in target.items()
                for part in (f"--{key.replace('_', '-')}", value)]  # fmt: skip
-    command = ("calibrate", "scale", picture, "--target", "dots", *options)
+    command = ("calibrate", "scale", picture, *options)
     return Left(found, out, "scale.csv", "scale.json", "scale.png", command=command)
 
 
@@ -215,8 +201,8 @@ def calibrated_wear(places, make):
     path = places["home"] / "wear.toml"
     path.write_text(text, "utf-8")
     out = places["home"] / "wear"
-    found = calibrate_wear(path)
-    save_calibration(found, out, source=path)
+    found = calibration.calibrate_wear(path)
+    calibration.save_calibration(found, out, source=path)
     files = "distances.csv", "calibration.json", "calibration.png"
     return Left(found, out, *files, command=("calibrate", "wear", path))
 
@@ -234,27 +220,16 @@ def demonstrated(places, make):
 
 
 MAKE: dict[str, Callable[..., Left]] = {
-    "simulate": simulated,
-    "process": processed,
-    "process track": process_tracked,
-    "compare": compared,
-    "fit": fitted,
-    "fit track": fit_tracked,
-    "check": checked,
-    "sweep": swept,
-    "campaign": campaigned,
-    "calibrate bending": calibrated("bending", calibrate_bending, (0, 3)),
-    "calibrate disc": calibrated("disc", calibrate_disc, (0, 2)),
-    "calibrate colour": calibrated_colour,
-    "calibrate scale": calibrated_scale,
-    "calibrate wear": calibrated_wear,
-    "bench": benched,
-    "demo": demonstrated,
-    **{
-        f"{name}, in memory": partial(in_memory, name=name)
-        for name in ("simulate", "process", "process track", "fit")
-    },
-}
+    "simulate": simulated, "process": processed, "process track": process_tracked,
+    "compare": compared, "fit": fitted, "fit track": fit_tracked, "check": checked,
+    "sweep": swept, "campaign": campaigned,
+    "calibrate bending": calibrated("bending", calibration.calibrate_bending, (0, 3)),
+    "calibrate disc": calibrated("disc", calibration.calibrate_disc, (0, 2)),
+    "calibrate colour": calibrated_colour, "calibrate scale": calibrated_scale,
+    "calibrate wear": calibrated_wear, "bench": benched, "demo": demonstrated,
+    **{f"{name}, in memory": partial(in_memory, name=name)
+       for name in ("simulate", "process", "process track", "fit")},
+}  # fmt: skip
 
 IN_MINUTES = {"demo", "bench", "calibrate disc", "process, in memory", "process track, in memory"}
 

@@ -2,14 +2,7 @@
 
 import numpy as np
 
-from isochrome.contact import (
-    OutputState,
-    SlidingHistory,
-    make_surface,
-    scar_history,
-    scar_on_nodes,
-    wear_history,
-)
+from isochrome import contact
 
 from . import paper_procedure as paper
 from .common import (
@@ -86,11 +79,11 @@ def _solvers(n, distances):
     """A function of its setting for each kind: (pressure, depth) at each distance."""
     kinds = {"contact_modulus_mpa": MODULUS, "coupling_per_mpa": COUPLING}
     elements = paper.make_elements(n, HALF_MM, friction=FRICTION, **kinds)
-    surface = make_surface(n, elements.dx_mm, **kinds)
+    surface = contact.make_surface(n, elements.dx_mm, **kinds)
     gap = elements.x_mm**2 / (2.0 * RADIUS)
     ends, rate = np.array([0.0, max(distances)]), 1e3 * WEAR
-    course = SlidingHistory(ends, rate * ends, np.full(2, LOAD), np.full(2, FRICTION))
-    stops = [OutputState(s, rate * s, LOAD, FRICTION) for s in distances]
+    course = contact.SlidingHistory(ends, rate * ends, np.full(2, LOAD), np.full(2, FRICTION))
+    stops = [contact.OutputState(s, rate * s, LOAD, FRICTION) for s in distances]
 
     def explicit(run):
         step, tolerance = run
@@ -98,11 +91,11 @@ def _solvers(n, distances):
         return paper.wear(elements, gap, LOAD, WEAR, distances, **kinds)
 
     def on_mesh(tolerance):
-        scars = scar_history(RADIUS, MODULUS, COUPLING, course, stops, tolerance=tolerance)
-        return [scar_on_nodes(scar, elements.x_mm) for scar in scars]
+        scars = contact.scar_history(RADIUS, MODULUS, COUPLING, course, stops, tolerance=tolerance)
+        return [contact.scar_on_nodes(scar, elements.x_mm) for scar in scars]
 
     def on_grid(tolerance):
-        states = wear_history(surface, gap, course, stops, tolerance=tolerance)
+        states = contact.wear_history(surface, gap, course, stops, tolerance=tolerance)
         return [(state.contact.pressure, state.depth_mm) for state in states]
 
     return {PAPER: explicit, MESH: on_mesh, GRID: on_grid}

@@ -7,14 +7,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter
 
-from isochrome.calibration import (
-    Beam,
-    CalibrationSet,
-    LoadedImage,
-    Shot,
-    bending_from_shots,
-    disc_from_shots,
-)
+from isochrome import calibration
 from isochrome.calibration.shot import below_saturation
 from isochrome.frames import estimate_noise, saturation_level
 from isochrome.scene import Camera
@@ -25,7 +18,7 @@ SMALL_DISC = {"shape": (170, 200), "radius": 75.0, "shift": (1.65, -3.1)}
 """The disc of `disc_frame` at half the resolution."""
 TINY_DISC = {"shape": (100, 110), "radius": 42.0, "shift": (1.0, -2.0)}
 HEIGHT, INNER, OUTER, PIXEL = 20.0, 40.0, 100.0, 0.07
-BEAM = Beam(height_mm=HEIGHT, inner_span_mm=INNER, outer_span_mm=OUTER)
+BEAM = calibration.Beam(height_mm=HEIGHT, inner_span_mm=INNER, outer_span_mm=OUTER)
 
 
 def _camera(signal, rng, noise, background, blur, gamma):
@@ -112,7 +105,7 @@ def as_shots(images, loads, *, sigma=None, bright=False):
             level = saturation_level(np.asarray(image), full=float(np.iinfo(kind).max))
             valid &= below_saturation(light, noise, level)
         shots.append(
-            Shot(
+            calibration.Shot(
                 name=f"image {i + 1}", light=light, sigma=noise, valid=valid, raw=light,
                 raw_sigma=noise, gamma=1.0, load_n=float(load), bright=bright,
             )
@@ -123,19 +116,21 @@ def as_shots(images, loads, *, sigma=None, bright=False):
 def set_of(**tables):
     """What a set states besides its images, which are given as shots."""
     stated = {name: table for name, table in tables.items() if table is not None}
-    return CalibrationSet(image=[LoadedImage(file="none", load_n=1.0)], **stated)
+    return calibration.CalibrationSet(
+        image=[calibration.LoadedImage(file="none", load_n=1.0)], **stated
+    )
 
 
 def bending_from_images(images, loads, beam, pixel, *, uncertainty=None, **options):
     """A beam's calibration from arrays."""
     given = set_of(beam=beam, camera=Camera(pixel_mm=pixel), uncertainty=uncertainty)
-    return bending_from_shots(as_shots(images, loads, **options), given)
+    return calibration.bending_from_shots(as_shots(images, loads, **options), given)
 
 
 def disc_from_images(images, loads, disc, *, uncertainty=None, **options):
     """A disc's calibration from arrays."""
     given = set_of(disc=disc, uncertainty=uncertainty)
-    return disc_from_shots(as_shots(images, loads, **options), given)
+    return calibration.disc_from_shots(as_shots(images, loads, **options), given)
 
 
 def assert_agrees(found, bar=1.0, *, times=4.0):

@@ -218,13 +218,11 @@ def test_no_load_frames_take_the_unevenness(beam_frame, tmp_path):
         (("[beam]", "[disc]\ndiameter_mm = 3\n[beam]"), r"either \[beam\] or \[disc\]"),
         (("height_mm = 20.0", "height_mm = -2"), "beam.height_mm = -2"),
         (("[beam]", '[polariscope]\nfield = "plane"\n[beam]'), "circular dark or bright field"),
-        (
-            ("[beam]", '[polariscope]\nwavelength_nm = 587.0\nlight = "white"\n[beam]'),
-            "at one wavelength",
-        ),
+        (("[beam]", '[polariscope]\nwavelength_nm = 587.0\nlight = "white"\n[beam]'),
+         "at one wavelength"),
         (("bit_depth = 8", "bit_depth = 8\n[[image]]\nload_n = 3.0"), "file.*missing"),
     ],
-)
+)  # fmt: skip
 def test_a_wrong_set_is_refused_by_name(beam_frame, tmp_path, change, message):
     text = SET.replace(*change) + '[[image]]\nfile = "b.tif"\nload_n = 1.0\n'
     path = tmp_path / "set.toml"

@@ -7,16 +7,15 @@ import numpy as np
 import pytest
 import tifffile
 
+from colour_frames import colour_frames
 from isochrome.calibration import ColourSet, calibrate_colour, check_light, save_calibration
 from isochrome.errors import InputError, PhysicsError
 from isochrome.fringes import OwnLight, read_table
-from isochrome.optics import camera_response, expose
+from isochrome.optics import camera_response
 from isochrome.output import write_csv, write_tiff
 from isochrome.processing import process
 from isochrome.scene import Camera, parse_scene
-from isochrome.simulation import make_picture, picture_signal, scene_states, state_difference
-from isochrome.stress import pixel_grid
-from scene_texts import PAPER_PAIR, beam_text
+from scene_texts import PAPER_PAIR, beam_text, camera_text
 
 WAVE = np.arange(400.0, 701.0, 5.0)
 LIGHTS = {
@@ -42,37 +41,17 @@ def middle_of_green(light):
 def optics(light, gamma, *, left, top, pixel):
     power = ", ".join(f"{p:.6g}" for p in LIGHTS[light])
     places = ", ".join(f"{w:g}" for w in WAVE)
-    return f"""
-[polariscope]
-wavelength_nm = {middle_of_green(light):.3f}
-spectrum = {{ wavelength_nm = [{places}], power = [{power}] }}
-[camera]
-width_px = 200
-height_px = 150
-left_mm = {left}
-top_mm = {top}
-pixel_mm = {pixel}
-bit_depth = 8
-brightness = 0.9
-background = 0.01
-vignette = 0.2
-noise_grey = 1.5
-gamma = {gamma}
-colour = true
-"""
+    lamp = f"[polariscope]\nwavelength_nm = {middle_of_green(light):.3f}\n"
+    lamp += f"spectrum = {{ wavelength_nm = [{places}], power = [{power}] }}\n"
+    return lamp + camera_text(
+        200, 150, pixel, left_mm=left, top_mm=top, bit_depth=8, brightness=0.9, background=0.01,
+        vignette=0.2, noise_grey=1.5, gamma=gamma, colour="true",
+    )  # fmt: skip
 
 
 def rendered(text, seed):
     """A colour image of a scene, its no-load images, and its order."""
-    scene = parse_scene(text)
-    grid = pixel_grid(scene)
-    picture = make_picture(scene, state_difference(scene, scene_states(scene)[-1], grid), grid)
-    lit = np.repeat(picture.material[..., None].astype(float), 3, axis=2)
-    images = [
-        expose(signal, scene.camera, rng=np.random.default_rng([seed, i]))
-        for i, signal in enumerate((picture_signal(scene, picture), 0.0 * lit, lit))
-    ]
-    return images, np.where(picture.material, picture.order, np.nan)
+    return colour_frames(parse_scene(text), seed)
 
 
 def write_contacts(place, light, gamma):

@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from isochrome.calibration import (
-    Circle,
-    Disc,
-    Uncertainty,
-    calibrate_bending,
-    calibrate_disc,
-    find_rim,
-)
+from isochrome import calibration
 from isochrome.calibration.disc.disc_field import disc_order, thin_grid
 from isochrome.errors import InputError, PhysicsError
 from isochrome.reference import disc_principal_difference
@@ -21,7 +14,7 @@ from .conftest import DIAMETER, F_SIGMA, as_shots, assert_agrees, disc_from_imag
 from .conftest import SMALL_DISC as SMALL
 from .conftest import TINY_DISC as TINY
 
-DISC = Disc(diameter_mm=DIAMETER)
+DISC = calibration.Disc(diameter_mm=DIAMETER)
 DISCS = REAL / "disc-seven-loads"
 
 
@@ -40,7 +33,7 @@ def check(found, bar):
 
 
 def test_the_field_is_the_reference_one():
-    grid = thin_grid((200, 200), Circle(100.0, 100.0, 80.0, 0.0), 1000)
+    grid = thin_grid((200, 200), calibration.Circle(100.0, 100.0, 80.0, 0.0), 1000)
     order = disc_order(grid, [3.0, 100.0, 100.0, 80.0, 0.0])
     x, z = (grid.cols - 100.0) / 80.0, (grid.rows - 100.0) / 80.0
     stress = disc_principal_difference(x, z, load_n=1.0, diameter_mm=2.0, thickness_mm=1.0)
@@ -50,7 +43,9 @@ def test_the_field_is_the_reference_one():
 
 @pytest.mark.long
 def test_centre_order_three_two_loads(disc_frame):
-    found = calibrated(disc_frame, (1.8, 3.0), uncertainty=Uncertainty(diameter_mm=0.0), **SMALL)
+    found = calibrated(
+        disc_frame, (1.8, 3.0), uncertainty=calibration.Uncertainty(diameter_mm=0.0), **SMALL
+    )
     # the largest of five seeds: 1.3e-4 of the value, 1.4e-4 of an order, 0.0025 px, 0.002 degrees
     check(found, 3e-4)
     for image, centre in zip(found.images, (1.8, 3.0), strict=True):
@@ -112,7 +107,7 @@ def test_the_rim_is_a_start_within_some_per_cent(disc_frame):
     rng = np.random.default_rng(0)
     for centre, bright in ((1.0, False), (3.0, True), (12.0, False)):
         (shot,) = as_shots([disc_frame(centre, rng, bright=bright)], [1.0])
-        circle = find_rim(shot)
+        circle = calibration.find_rim(shot)
         # five seeds: -3.1 % at order 1, whose rim is dark far in, 1.9 % at order 12; 0.33 px
         assert circle.radius == pytest.approx(150.0, rel=0.06)
         assert circle.row == pytest.approx(173.3, abs=0.8)
@@ -147,9 +142,9 @@ def test_a_disc_of_another_unit_than_its_pixel_is_refused(disc_frame, tmp_path, 
     text += f'[camera]\nbit_depth = 8\npixel_mm = {pixel}\n[[image]]\nfile = "d.tif"\n'
     (tmp_path / "set.toml").write_text(f"{text}load_n = 300.0\n", "utf-8")
     with pytest.raises(InputError, match=rf"set\.toml: camera\.pixel_mm = .*{words}"):
-        calibrate_disc(tmp_path / "set.toml")
+        calibration.calibrate_disc(tmp_path / "set.toml")
     with pytest.raises(InputError, match="calibrate disc"):
-        calibrate_bending(tmp_path / "set.toml")
+        calibration.calibrate_bending(tmp_path / "set.toml")
 
 
 @pytest.mark.long
@@ -176,7 +171,7 @@ def test_the_real_disc_is_reported_with_its_poor_fit(tmp_path):
         text += f'[[image]]\nfile = "{file}"\nload_n = {load}\n'
     path = tmp_path / "set.toml"
     path.write_text(text, "utf-8")
-    found = calibrate_disc(path)
+    found = calibration.calibrate_disc(path)
     assert 600.0 < found.fringe_value_n_per_mm * 50.0 < 780.0
     assert found.chi > 5 and any("does not describe" in w for w in found.warnings)
     assert 0.001 < found.standard_uncertainty / found.fringe_value_n_per_mm < 0.1

@@ -18,7 +18,6 @@ import isochrome
 from campaigns.conftest import COLS, ROWS, film
 from commands import exit_code
 from isochrome.campaigns import Campaign, Outcome, process_campaign, summary_figure
-from isochrome.campaigns import api as campaign_module
 from isochrome.campaigns import api as run_module
 from isochrome.errors import InputError
 from isochrome.output import write_tiff
@@ -373,7 +372,7 @@ def test_the_summary_holds_the_measures_of_the_frames(stacks, place, monkeypatch
         found = process(frames, scene, out)
         return replace(found, columns=table, warnings=("frame 1: odd",), failed=1)
 
-    monkeypatch.setattr(campaign_module, "process", instead)
+    monkeypatch.setattr(run_module, "process", instead)
     process_campaign(stacks[:1], "scene.toml", "out")
     (row,) = summary(place / "out")
     loads = [40.0, 43.0]

@@ -7,46 +7,39 @@ import pytest
 from campaigns.conftest import film
 from isochrome.campaigns import process_campaign
 from isochrome.output import write_tiff
+from runs import killing
 from runs.counting import contents
-from runs.killing import (
-    children,
-    finished,
-    finished_chunks,
-    kill,
-    needs_proc,
-    start,
-    wait_for_the_end_of,
-    wait_until,
-)
 
 pytestmark = pytest.mark.long
 
 
 @pytest.mark.study
-@needs_proc
+@killing.needs_proc
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_killed_in_the_second_recording_it_ends_with_the_same_bytes(place, code, workers):
     for i in range(1, 5):
         write_tiff(place / f"runs/run{i}.tif", film(120, i))
 
     def begin(out, *more):
-        return start(
+        return killing.start(
             place, code, "-m", "isochrome", "process", "runs/*.tif", "--scene", "scene.toml",
             "--out", out, *more,
         )  # fmt: skip
 
-    finished(begin("whole"))
+    killing.finished(begin("whole"))
     run = begin("out", "--workers", workers)
     second = place / "out" / "run2"
-    wait_until(lambda: finished_chunks(second), "it finished no chunk of run2", run=run)
-    workers_of_it = children(run.pid)
-    kill(run, with_workers=False)
-    wait_for_the_end_of(workers_of_it)
+    killing.wait_until(
+        lambda: killing.finished_chunks(second), "it finished no chunk of run2", run=run
+    )
+    workers_of_it = killing.children(run.pid)
+    killing.kill(run, with_workers=False)
+    killing.wait_for_the_end_of(workers_of_it)
     assert (place / "out" / "run2.partial").exists() and not second.exists()
     assert not (place / "out" / "summary.csv").exists()
     kept = {p: p.stat().st_mtime_ns for p in (place / "out" / "run1").glob("*")}
     assert kept or workers == "2"  # two are in work at a time
-    finished(begin("out", "--workers", workers))
+    killing.finished(begin("out", "--workers", workers))
     assert contents(place / "out") == contents(place / "whole")
     assert {p: p.stat().st_mtime_ns for p in kept} == kept  # what was complete was not touched
     assert not (place / "out.partial").exists()

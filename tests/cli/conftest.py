@@ -71,6 +71,20 @@ def place(tmp_path, captured):
 
 
 @pytest.fixture
+def scene_with(place):
+    """Write the small scene with some text replaced, or added at the end; returns its name."""
+
+    def write(old, new=None, name="wrong scene.toml", encoding="utf-8"):
+        text = (place / "small.toml").read_text("utf-8")
+        assert new is None or text.count(old) == 1
+        text = text + old if new is None else text.replace(old, new)
+        (place / name).write_text(text, encoding)
+        return name
+
+    return write
+
+
+@pytest.fixture
 def isochrome(place):
     """Run a command in the folder, as another process."""
     return lambda *arguments: run_isochrome(place, *arguments)

@@ -10,14 +10,11 @@ OUT = ("--out", "out")
 
 
 @pytest.fixture
-def scene_said(place, quick_isochrome):
+def scene_said(scene_with, quick_isochrome):
     """Simulate the small scene with some text replaced; what is said of it."""
 
-    def run(old, new, *, encoding="utf-8"):
-        text = (place / "small.toml").read_text("utf-8")
-        assert text.count(old) == 1
-        (place / "s.toml").write_text(text.replace(old, new), encoding)
-        done = quick_isochrome("simulate", "s.toml", *OUT)
+    def run(old, new, **how):
+        done = quick_isochrome("simulate", scene_with(old, new, **how), *OUT)
         assert done.code == 2 and done.err.count("\n") == 1 and not done.out
         return done.err
 
@@ -32,16 +29,10 @@ def test_a_decimal_comma(scene_said, written):
     assert "line " in said and "a decimal comma: write 4.0, with a point" in said
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("calibrate", "scale", "frames.tif", "--edges-mm", "4,003"),
-        ("calibrate", "scale", "frames.tif", "--edges-mm=4,003"),
-    ],
-)
-def test_a_decimal_comma_on_the_command_line(place, quick_isochrome, words):
+@pytest.mark.parametrize("words", [("--edges-mm", "4,003"), ("--edges-mm=4,003",)])
+def test_a_decimal_comma_on_the_command_line(quick_isochrome, words):
     """It was said to be no number, and not why."""
-    done = quick_isochrome(*words)
+    done = quick_isochrome("calibrate", "scale", "frames.tif", *words)
     assert done.code == 2 and done.err.count("\n") == 1 and not done.out
     assert "'--edges-mm'" in done.err
     assert "4,003 has a decimal comma: write 4.003, with a point" in done.err
@@ -61,10 +52,9 @@ def test_a_decimal_comma_where_a_whole_number_is_due(place, quick_isochrome):
     assert done.code == 0 and "load.normal_n = 42, 5\n2 points" in done.out
 
 
-def test_a_byte_order_mark_is_read_over(place, quick_isochrome):
-    text = (place / "small.toml").read_text("utf-8")
-    (place / "s.toml").write_text(text, "utf-8-sig")
-    assert quick_isochrome("check", "frames.tif", "--scene", "s.toml").code == 0
+def test_a_byte_order_mark_is_read_over(scene_with, quick_isochrome):
+    scene = scene_with("", encoding="utf-8-sig")
+    assert quick_isochrome("check", "frames.tif", "--scene", scene).code == 0
 
 
 def test_byte_order_marks_and_backslashes_are_read_over_or_named(scene_said):
@@ -105,10 +95,9 @@ def test_another_unit(scene_said, old, new, words):
     assert all(word in said for word in words)
 
 
-def test_moduli_in_mpa_are_found_by_check(place, quick_isochrome):
-    text = (place / "small.toml").read_text("utf-8")
-    (place / "s.toml").write_text(text.replace("young_gpa = 2.1", "young_gpa = 2100"), "utf-8")
-    done = quick_isochrome("check", "frames.tif", "--scene", "s.toml")
+def test_moduli_in_mpa_are_found_by_check(scene_with, quick_isochrome):
+    scene = scene_with("young_gpa = 2.1", "young_gpa = 2100")
+    done = quick_isochrome("check", "frames.tif", "--scene", scene)
     assert done.code == 2 and "error: " in done.out and "2100 MPa are 2.1 GPa" in done.out
 
 

@@ -11,20 +11,10 @@ import tifffile
 
 from commands import exit_code
 from runs.counting import contents
-from scene_texts import BENDING_BEAM
+from scene_texts import BENDING_BEAM, camera_text, disc_text
 
-BENDING_SET = (
-    BENDING_BEAM
-    + """
-[camera]
-pixel_mm = 0.05
-bit_depth = 8
-
-[[image]]
-file = "gone.png"
-load_n = 60.0
-"""
-)
+BENDING_SET = BENDING_BEAM + "[camera]\npixel_mm = 0.05\nbit_depth = 8\n"
+BENDING_SET += '[[image]]\nfile = "gone.png"\nload_n = 60.0\n'
 
 
 @pytest.fixture
@@ -43,19 +33,6 @@ def refuses(place, quick_isochrome):
         assert contents(place) == before
 
     return run
-
-
-@pytest.fixture
-def scene_with(place):
-    """Write the small scene with some text replaced, or added at the end; returns its name."""
-
-    def write(old, new=None, name="wrong scene.toml"):
-        text = (place / "small.toml").read_text("utf-8")
-        assert new is None or text.count(old) == 1
-        (place / name).write_text(text + old if new is None else text.replace(old, new), "utf-8")
-        return name
-
-    return write
 
 
 def write_stack(path, frames):
@@ -271,27 +248,16 @@ def test_a_pixel_of_another_unit_is_refused_before_any_work(
     refuses(2, words, *command, of_no_scale, "--scene", scene, "--out", "out")
 
 
-DISC = """
-[specimen]
-shape = "disc"
-diameter_mm = 50.0
-thickness_mm = 6.0
-fringe_value_n_per_mm = 14.6
-[load]
-normal_n = 560.0
-[camera]
-width_px = 160
-height_px = 120
-bit_depth = 8
-pixel_mm = """
+DISC = disc_text(560.0, fringe_value=14.6, diameter_mm=50.0)
+DISC += camera_text(160, 120, "{pixel}", bit_depth=8)
 
 
 def test_a_disc_smaller_than_a_pixel_is_refused(place, refuses, of_no_scale):
-    (place / "disc.toml").write_text(f"{DISC}500.0\n", "utf-8")
+    (place / "disc.toml").write_text(DISC.format(pixel=500.0), "utf-8")
     words = ["camera.pixel_mm = 500 is wider than the disc, 50 mm", "not in µm"]
     refuses(2, words, *process(of_no_scale, "disc.toml"))
     refuses(2, words, *simulate("disc.toml"))
-    (place / "disc.toml").write_text(f"{DISC}0.0005\n", "utf-8")
+    (place / "disc.toml").write_text(DISC.format(pixel=0.0005), "utf-8")
     refuses(2, ["camera.pixel_mm = 0.0005", "not in m"], *process(of_no_scale, "disc.toml"))
 
 
@@ -340,12 +306,10 @@ def test_a_refusal_leaves_the_results_of_the_run_before(
     assert (place / "out" / "history.csv").is_file()
 
 
-def test_compare_of_scars_with_a_trace_that_is_none(place, refuses):
-    text = (place / "small.toml").read_text("utf-8")
-    scar = '\n[[scar]]\nfile = "Spur.csv"\ndistance_m = 77.0\n'
-    (place / "Narben.toml").write_text(text + scar, "utf-8")
+def test_compare_of_scars_with_a_trace_that_is_none(place, refuses, scene_with):
+    scene = scene_with('\n[[scar]]\nfile = "Spur.csv"\ndistance_m = 77.0\n')
     (place / "Spur.csv").write_text("x_mm,z_um\n0,high\n", "utf-8")
-    compared = ("compare", "Narben.toml", "small.toml", "--out", "out")
+    compared = compare(scene, "small.toml")
     refuses(2, ["Spur.csv"], *compared)
     (place / "Spur.csv").unlink()
     refuses(2, ["Spur.csv", "check its name"], *compared)

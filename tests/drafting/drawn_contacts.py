@@ -7,6 +7,7 @@ import numpy as np
 from benchmarks.outside_camera import Defects, _sampled, _stored, lit
 from isochrome.errors import PhysicsError
 from isochrome.scene import Scene, parse_scene
+from scene_texts import camera_text
 
 TURNS, FLIPS = (0, 90, 180, 270), (None, "horizontal", "vertical")
 GAMMAS, LOADS = (0.45, 2.2), (1.0 / 3.0, 3.0)
@@ -30,14 +31,8 @@ normal_n = {load}
 coefficient = {friction}
 [polariscope]
 wavelength_nm = 587.0
-[camera]
-width_px = {cols}
-height_px = {rows}
-pixel_mm = {pixel}
-left_mm = {left}
-top_mm = {top}
-bit_depth = 8
 """
+_SCENE += camera_text("{cols}", "{rows}", "{pixel}", left_mm="{left}", top_mm="{top}", bit_depth=8)
 
 
 @dataclass(frozen=True, kw_only=True)

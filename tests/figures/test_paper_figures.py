@@ -14,30 +14,18 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import isochrome
-from calibration.target_pictures import Shown, dots
 from commands import exit_code
 from figures.drawn_texts import drawn_texts, outside, overlaps
-from isochrome.calibration import ColourCalibration
+from isochrome import figures
 from isochrome.campaigns import Campaign, Outcome
 from isochrome.cli.options import save_paper_figure
 from isochrome.demonstration import Demo
 from isochrome.errors import InputError
-from isochrome.figures import (
-    PAGE_MM,
-    PaperPanels,
-    PictureKind,
-    Plot,
-    budget_plot,
-    curve_columns,
-    data_name,
-    frame_values_figure,
-    paper,
-)
-from isochrome.fringes import ColourTable
-from isochrome.output import FrameValues, write_excel_copies, write_tiff
+from isochrome.output import FrameValues, write_excel_copies
 from isochrome.processing import FOUND_BY, PICTURE, tracked_figure
 from isochrome.processing import Shown as ShownFrame
-from scene_texts import SMALL_CAMERA, WORN_CONTACT
+from made_calibrations import dots_in, three_colours
+from scene_texts import PAPER_PAIR, SMALL_CAMERA, WORN_CONTACT
 from shipped_sets import some_of_a_shipped_set
 from sketches import sketched
 
@@ -89,9 +77,9 @@ def test_letters_are_large_enough_and_apart(numbered, name, width):
 @pytest.mark.parametrize("name", ["simulate", "compare"])
 def test_a_layout_comes_to_rest(worn, name, monkeypatch):
     """Labels below a picture were room too much, or were none: four passes swung by 17 to 3 mm."""
-    measure, missing = paper._missing_mm, []
+    measure, missing = figures.paper._missing_mm, []
     monkeypatch.setattr(
-        paper, "_missing_mm", lambda row: missing.append(measure(row)) or missing[-1]
+        figures.paper, "_missing_mm", lambda row: missing.append(measure(row)) or missing[-1]
     )
     figure = isochrome.paper_figure(worn[name], isochrome.FigureStyle(width_mm=85, numbers=True))
     rows = len({axes.get_subplotspec().rowspan.start for axes in figure.axes if axes.images})
@@ -99,19 +87,8 @@ def test_a_layout_comes_to_rest(worn, name, monkeypatch):
 
 
 def a_scale(worn: dict) -> object:
-    shown, picture = Shown(), worn["home"] / f"{'a long name of a board ' * 4}.tif"
-    write_tiff(picture, dots(shown)[None])
-    size = {"columns": shown.columns, "rows": shown.rows, "spacing_mm": shown.spacing_mm}
-    return isochrome.calibrate_scale(picture, target="dots", **size)
-
-
-def a_colour_table(worn: dict) -> object:
-    order = 0.01 * np.arange(151)
-    signal = np.sin(np.pi * order[:, None] * [0.9, 1.0, 1.2]) ** 2
-    return ColourCalibration(
-        colour_table=ColourTable(signal, np.full(3, 0.01)), way="own colours", gamma=2.2,
-        wavelength_nm=540.0, residual=0.01, strange=0.001, highest=1.5, bit_depth=8,
-    )  # fmt: skip
+    picture = worn["home"] / f"{'a long name of a board ' * 4}.tif"
+    return isochrome.calibrate_scale(picture, **dots_in(picture))
 
 
 def at(worn: dict, distances: list[float]) -> isochrome.Scene:
@@ -125,10 +102,8 @@ def a_tracked_video(worn: dict) -> object:
 
 
 def without_a_model(worn: dict) -> object:
-    bare = isochrome.parse_scene(
-        "[specimen]\nyoung_gpa = 2.1\npoisson = 0.4\nthickness_mm = 4.0\n"
-        "fringe_value_n_per_mm = 14.6\n[polariscope]\nwavelength_nm = 587.0\n" + SMALL_CAMERA
-    )
+    specimen, light = PAPER_PAIR.split("[indenter]")[0], "[polariscope]\nwavelength_nm = 587.0\n"
+    bare = isochrome.parse_scene(specimen + light + SMALL_CAMERA)
     return isochrome.process(worn["home"] / "simulated" / "frames.tif", bare)
 
 
@@ -143,7 +118,7 @@ there fits elsewhere but for a chance, and the default tests hold both columns o
 WEAR_SET = ROOT / "sample_images" / "wear" / "set.toml"
 OTHERS = {
     "scars": lambda _: isochrome.compare(WEAR_SET, "line-contact-wear"), "scale": a_scale,
-    "colour table": a_colour_table,
+    "colour table": lambda _: three_colours(),
     "components": lambda worn: isochrome.simulate(worn["home"] / "scene.toml", components=True),
     "tracked video": a_tracked_video, "no model": without_a_model,
     "beam": lambda worn: isochrome.calibrate_bending(some_of(worn, "bending", (0, 3))),
@@ -180,7 +155,7 @@ def test_letters_of_every_figure_are_large_enough_and_apart(others, name, width,
         ]
         assert max(tops) - min(tops) < 1.0
     if name in ("beam", "disc", "wear", "scale"):  # at 85 mm they were up to 373 mm tall
-        assert 25.4 * figure.get_figheight() <= PAGE_MM
+        assert 25.4 * figure.get_figheight() <= figures.PAGE_MM
 
 
 def test_the_frames_are_those_asked_for(worn):
@@ -345,7 +320,7 @@ def test_labels_at_the_sides_of_values_over_frames_are_apart():
         keys=keys, values=np.ones((count, 3)), standard_uncertainty=np.full((count, 3), 0.1),
         chi=np.ones(count), distance_m=np.arange(5.0), searched=none, whole=none,
     )  # fmt: skip
-    figure = frame_values_figure("film", values)
+    figure = figures.frame_values_figure("film", values)
     labels = [" ".join(axes.get_ylabel().split()) for axes in figure.axes]
     assert labels[:2] == ["left edge of the picture (mm)", "top edge of the picture (mm)"]
     assert not overlaps(drawn_texts(figure))
@@ -356,20 +331,20 @@ class Made:
 
     title = "made"
 
-    def __init__(self, *plots: Plot, pictures: bool = False) -> None:
+    def __init__(self, *plots: figures.Plot, pictures: bool = False) -> None:
         self.plots, self.pictures = plots, pictures
 
-    def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
+    def panels(self, frames: tuple[int, ...] | None = None) -> figures.PaperPanels:
         def draw(axes, k):
             return axes.imshow(np.zeros((40, 50)), cmap="gray")
 
-        kinds = [PictureKind(name=name, draw=draw) for name in ("one", "two", "three")]
+        kinds = [figures.PictureKind(name=name, draw=draw) for name in ("one", "two", "three")]
         kinds = kinds if self.pictures else []
-        return PaperPanels(kinds=kinds, labels=["60 N"] * bool(kinds), plots=self.plots)
+        return figures.PaperPanels(kinds=kinds, labels=["60 N"] * bool(kinds), plots=self.plots)
 
 
-def a_plot(title: str, **options) -> Plot:
-    return Plot(title=title, draw=lambda axes: axes.plot([0.0, 1.0], [0.0, 1.0]), **options)
+def a_plot(title: str, **options) -> figures.Plot:
+    return figures.Plot(title=title, draw=lambda axes: axes.plot([0.0, 1.0], [0.0, 1.0]), **options)
 
 
 def tall_and_axes(result: Made) -> tuple[float, list]:
@@ -382,7 +357,7 @@ def tall_and_axes(result: Made) -> tuple[float, list]:
 def test_what_is_taller_than_a_page_is_laid_out_closer():
     """Pictures beside each other, lower plots, and no plot left out that has room so."""
     tall, shown = tall_and_axes(Made(*map(a_plot, "abcd"), pictures=True))
-    assert tall <= PAGE_MM and len(shown) == 7
+    assert tall <= figures.PAGE_MM and len(shown) == 7
     tops = [axes.get_window_extent().y1 for axes in shown[:3]]
     assert max(tops) - min(tops) < 1.0
     low, few = tall_and_axes(Made(*map(a_plot, "ab"), pictures=True))
@@ -399,7 +374,7 @@ def test_spare_plots_are_left_out_last_of_all_and_this_is_said(tmp_path):
         files = isochrome.save_figure(made, tmp_path / "figure", style)
     assert [file.name for file in files[1:]] == [f"figure_{letter}.csv" for letter in "abcdef"]
     tall, shown = tall_and_axes(made)
-    assert tall <= PAGE_MM and len(shown) == 6
+    assert tall <= figures.PAGE_MM and len(shown) == 6
     crowd = Made(*(a_plot(f"plot {k}", spare=k % 2) for k in range(16)))
     with pytest.warns(UserWarning, match=r"^the figure is \d+ mm tall"):  # nothing is left out
         files = isochrome.save_figure(crowd, tmp_path / "crowd", style)
@@ -410,7 +385,7 @@ def test_spare_plots_are_left_out_last_of_all_and_this_is_said(tmp_path):
 def test_titles_over_bars_with_long_names_stay_whole(width):
     """They were broken within words over the few millimetres that the names left, or stood out."""
     parts = {"profilometer's lateral scale": 2e-7, "another long name of it": 1e-7}
-    budget = budget_plot("uncertainty budget of pixel_mm", parts, unit="mm")
+    budget = figures.budget_plot("uncertainty budget of pixel_mm", parts, unit="mm")
     figure = isochrome.paper_figure(Made(budget), isochrome.FigureStyle(width_mm=width))
     check(figure, width)
     (axes,) = figure.axes
@@ -427,10 +402,10 @@ def test_curves_have_names_in_the_data_that_no_legend_shows():
     axes.fill_between(x, y - u, y + u, color="#0072b2", alpha=0.3)
     axes.plot(x, y, color="#0072b2")
     axes.errorbar(x, y, yerr=u, fmt="o", color="#0072b2")  # the same once more
-    axes.plot(x[:1], y[:1], ".", label=data_name("key frames"))
+    axes.plot(x[:1], y[:1], ".", label=figures.data_name("key frames"))
     axes.set(xlabel="x (m)", ylabel="y (N)")
     names = ["x (m)", "y (N)", "y (N) low", "y (N) high"]
-    assert list(curve_columns(axes)) == [*names, "key frames: x (m)", "key frames: y (N)"]
+    assert list(figures.curve_columns(axes)) == [*names, "key frames: x (m)", "key frames: y (N)"]
     assert axes.get_legend_handles_labels() == ([], [])
 
 
@@ -443,7 +418,7 @@ def test_bands_and_bars_of_a_curve_are_among_its_data():
     axes.errorbar([], [], yerr=[], fmt="s")  # of a film none of whose frames stands still
     axes.axhline(0.0)
     axes.set(xlabel="x (mm)", ylabel="y (N)")
-    found = {name: column.tolist() for name, column in curve_columns(axes).items()}
+    found = {name: column.tolist() for name, column in figures.curve_columns(axes).items()}
     assert found.pop("x (mm)")[:2] == [1.0, 3.0] and found.pop("one: x (mm)") == [0.0, 1.0, 2.0]
     nan = pytest.approx(np.nan, nan_ok=True)
     assert found == {
@@ -476,7 +451,7 @@ def test_a_frame_that_is_not_there_is_refused(worn):
         with pytest.raises(InputError, match=f"frames = 9 of a figure: its {items} are 0 to 1"):
             isochrome.paper_figure(worn[name], isochrome.FigureStyle(frames=(0, 9)))
     with pytest.raises(InputError, match="colour table has none"):
-        isochrome.paper_figure(a_colour_table(worn), isochrome.FigureStyle(frames=(0,)))
+        isochrome.paper_figure(three_colours(), isochrome.FigureStyle(frames=(0,)))
     with pytest.raises(InputError, match="has no figure for a paper"):
         isochrome.paper_figure(object())  # type: ignore[arg-type]
 

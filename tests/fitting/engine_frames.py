@@ -2,18 +2,12 @@
 
 import numpy as np
 
+from isochrome import simulation
 from isochrome.estimation import prepare_frame
 from isochrome.fitting import JointProblem, fit_frame
 from isochrome.frames import Frame
 from isochrome.output import write_tiff
 from isochrome.scene import parse_scene
-from isochrome.simulation import (
-    make_picture,
-    picture_signal,
-    scene_states,
-    simulate,
-    state_difference,
-)
 from isochrome.stress import pixel_grid
 from scene_texts import PAPER_CONTACT, SMALL_CAMERA
 
@@ -51,7 +45,7 @@ def random_contact(rng, kind):
 
 def captured(scene, seed):
     """The camera's frame of a scene's last state."""
-    image = simulate(scene.with_values({"camera.seed": seed})).frames[-1]
+    image = simulation.simulate(scene.with_values({"camera.seed": seed})).frames[-1]
     return Frame(0, image, None, "captured")
 
 
@@ -64,7 +58,7 @@ def prepared(image, scene, *, bit_depth=8, **options):
 def written(folder, scene):
     """A scene's frames in a file; returns its path."""
     path = folder / "frames.tif"
-    write_tiff(path, simulate(scene).frames, pixel_mm=scene.camera.pixel_mm)
+    write_tiff(path, simulation.simulate(scene).frames, pixel_mm=scene.camera.pixel_mm)
     return path
 
 
@@ -94,13 +88,13 @@ def fitted(frame, start, keys, **options):
 def picture_of(scene, state=None):
     """A scene's state, or its last, on the camera's pixels, by the direct simulation."""
     grid = pixel_grid(scene)
-    state = scene_states(scene)[-1] if state is None else state
-    return make_picture(scene, state_difference(scene, state, grid), grid)
+    state = simulation.scene_states(scene)[-1] if state is None else state
+    return simulation.make_picture(scene, simulation.state_difference(scene, state, grid), grid)
 
 
 def light_of(scene, state=None):
     """The camera's light of it, without noise (rows, cols)."""
-    return picture_signal(scene, picture_of(scene, state))
+    return simulation.picture_signal(scene, picture_of(scene, state))
 
 
 def pulls(fit, true):

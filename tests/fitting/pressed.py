@@ -10,7 +10,7 @@ from isochrome.estimation import FrameData
 from isochrome.optics import expose
 from isochrome.reference import hertz_pressure, sliding_hertz_stress
 from isochrome.scene import Camera, Scene, parse_scene
-from scene_texts import PAPER_CONTACT
+from scene_texts import PAPER_CONTACT, camera_text
 
 THICKNESS, FRINGE_VALUE = 4.0, 14.6
 ORDER_PER_MPA = THICKNESS / FRINGE_VALUE
@@ -105,12 +105,11 @@ class Pressed:
     def text(self, load: float = 44.0) -> str:
         """A scene of the contact alone, which is what a user has."""
         contact = PAPER_CONTACT.replace("44.0", f"{load}")
-        return contact + (
-            "\n[friction]\ncoefficient = 0.25\n"
-            f"\n[camera]\nwidth_px = {self.cols}\nheight_px = {self.rows}\n"
-            f"left_mm = {-0.5 * self.cols * self.pixel:.9g}\ntop_mm = {self.top:.9g}\n"
-            f"pixel_mm = {self.pixel}\nbit_depth = 8\n"
+        left, top = f"{-0.5 * self.cols * self.pixel:.9g}", f"{self.top:.9g}"
+        camera = camera_text(
+            self.cols, self.rows, self.pixel, left_mm=left, top_mm=top, bit_depth=8
         )
+        return contact + "\n[friction]\ncoefficient = 0.25\n" + camera
 
     def scene(self, load: float = 44.0) -> Scene:
         return parse_scene(self.text(load))

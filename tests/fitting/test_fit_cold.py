@@ -24,19 +24,17 @@ def study(kind: str, seeds: range) -> list[str]:
     return wrong
 
 
-@pytest.mark.long
-def test_a_held_contact_is_found_from_far_values():
-    assert study("held", range(6, 7)) == []
-
-
-@pytest.mark.study
-@pytest.mark.parametrize("kind", ["sliding", "worn", "flat", "disc"])
-def test_other_contacts_and_discs_are_found_from_far_values(kind):
-    assert study(kind, range(8)) == []
-
-
-def test_a_sliding_contact_is_found_from_far_values():
-    assert study("sliding", range(3, 4)) == []
+@pytest.mark.parametrize(
+    ("kind", "seeds"),
+    [
+        pytest.param("held", range(6, 7), marks=pytest.mark.long), ("sliding", range(3, 4)),
+        *(pytest.param(kind, range(8), marks=pytest.mark.study)
+          for kind in ("sliding", "worn", "flat", "disc")),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_contacts_and_discs_are_found_from_far_values(kind, seeds):
+    assert study(kind, seeds) == []
 
 
 @pytest.mark.study

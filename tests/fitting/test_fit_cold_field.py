@@ -11,38 +11,16 @@ from isochrome.reference import disc_stress
 from isochrome.scene import parse_scene
 from isochrome.simulation import scene_states, state_difference
 from isochrome.stress import RegularStress, pixel_grid
-from scene_texts import PAPER_CONTACT, PAPER_PAIR
+from scene_texts import PAPER_CONTACT, PAPER_PAIR, camera_text, disc_text
 
-CAMERA = """
-[camera]
-width_px = 160
-height_px = 120
-left_mm = -2.0
-top_mm = 0.02
-pixel_mm = 0.025
-"""
+CAMERA = camera_text(160, 120, 0.025, left_mm=-2.0, top_mm=0.02)
 FRICTION = "\n[friction]\ncoefficient = 0.3\n"
 SLIDING = PAPER_CONTACT + CAMERA + FRICTION
 HELD = SLIDING.replace("normal_n = 44.0", "normal_n = 44.0\ntangential_n = 5.0\nbulk_mpa = 2.0")
 FLAT = HELD.replace("radius_mm = 24.61", 'shape = "flat"\nhalf_width_mm = 0.4')
 WORN = SLIDING + "\n[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [155.0]\n"
-DISC = """
-[specimen]
-shape = "disc"
-diameter_mm = 10.0
-thickness_mm = 6.0
-fringe_value_n_per_mm = 14.6
-
-[load]
-normal_n = 600.0
-
-[camera]
-width_px = 120
-height_px = 110
-pixel_mm = 0.1
-left_mm = -6.0
-top_mm = -0.5
-"""
+DISC = disc_text(600.0, fringe_value=14.6, diameter_mm=10.0)
+DISC += camera_text(120, 110, 0.1, left_mm=-6.0, top_mm=-0.5)
 
 
 def scanned(scene, load, shear, dose=1.0):

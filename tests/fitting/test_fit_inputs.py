@@ -11,16 +11,9 @@ import pytest
 import tifffile
 
 from fitting.engine_frames import prepared
-from isochrome import fit
+from isochrome import fit, fitting
 from isochrome.benchmarks import load_benchmarks
 from isochrome.errors import InputError
-from isochrome.fitting import (
-    cause_messages,
-    fit_frame,
-    fit_with_causes,
-    stated_inputs,
-    taken_as_exact,
-)
 from isochrome.scene import load_scene, parse_scene
 from isochrome.simulation import simulate
 
@@ -65,7 +58,7 @@ def test_what_a_stated_input_explains_of_the_residual_is_not_noise_too():
         scene.with_values({key: {"value": value, "standard_uncertainty": 0.02 * modulus}})
         for value in (modulus, 1.03 * modulus)
     )
-    alike, shifted = (fit_frame(prepared(image, s), s) for s in (right, wrong))
+    alike, shifted = (fitting.fit_frame(prepared(image, s), s) for s in (right, wrong))
     assert shifted.chi > 1.03 * alike.chi  # the frame contradicts it
     # derivatives are those at another place, no more
     np.testing.assert_allclose(shifted.noise_uncertainty, alike.noise_uncertainty, rtol=0.2)
@@ -80,11 +73,11 @@ def test_sensitivities_are_those_of_fits_with_shifted_inputs():
         indenter__radius_mm=0.1, specimen__poisson=1.0,
     )  # fmt: skip
     data = prepared(image, scene)
-    found = fit_frame(data, scene, KEYS, cold=False)
+    found = fitting.fit_frame(data, scene, KEYS, cold=False)
     for k, (key, value, spread) in enumerate(found.inputs.rows):
         step = 0.2 * spread
         ends = [
-            fit_frame(data, scene.with_values({key: value + s}), KEYS, cold=False).values
+            fitting.fit_frame(data, scene.with_values({key: value + s}), KEYS, cold=False).values
             for s in (step, -step)
         ]
         by_refits = (ends[0] - ends[1]) / (2.0 * step)
@@ -98,7 +91,7 @@ def test_combined_uncertainty_is_noise_and_inputs_in_squares():
     (scene, image), plain = contact(), plain_fit()
     assert np.array_equal(plain.standard_uncertainty, plain.noise_uncertainty)
     known = stated(scene, camera__pixel_mm=0.2, specimen__fringe_value_n_per_mm=0.5)
-    found = fit_frame(prepared(image, known), known, KEYS, cold=False)
+    found = fitting.fit_frame(prepared(image, known), known, KEYS, cold=False)
     assert np.array_equal(found.values, plain.values)
     # errors of the inputs explain a little of any noise
     assert found.noise_uncertainty == pytest.approx(plain.noise_uncertainty, rel=0.01)
@@ -115,14 +108,14 @@ def test_combined_uncertainty_is_noise_and_inputs_in_squares():
 def plain_fit():
     """The contact's fit without anything stated."""
     scene, image = contact()
-    return fit_frame(prepared(image, scene), scene, KEYS, cold=False)
+    return fitting.fit_frame(prepared(image, scene), scene, KEYS, cold=False)
 
 
 def with_load(value, spread):
     """The contact's fit under a prior of its load."""
     scene, image = contact()
     known = scene.with_values({LOAD: {"value": value, "standard_uncertainty": spread}})
-    return fit_frame(prepared(image, known), known, KEYS, cold=False)
+    return fitting.fit_frame(prepared(image, known), known, KEYS, cold=False)
 
 
 def test_a_prior_far_sharper_than_the_frame_is_the_value():
@@ -214,11 +207,11 @@ def test_a_scale_that_is_off_is_fitted_with_its_prior_and_looks_like_a_modulus_w
     """Of a contact with a free place a pixel and a modulus are one direction."""
     scene, image = contact()
     off = scene.with_values({PIXEL: 1.004 * scene.get(PIXEL)})
-    suspect = fit_with_causes(prepared(image, off), off, KEYS, cold=False)
+    suspect = fitting.fit_with_causes(prepared(image, off), off, KEYS, cold=False)
     assert [cause.keys for cause in suspect.causes] == [("specimen.young_gpa",)]
-    assert "specimen.young_gpa = " in cause_messages(suspect)[0]
+    assert "specimen.young_gpa = " in fitting.cause_messages(suspect)[0]
     known = stated(off, camera__pixel_mm=0.3)
-    found = fit_with_causes(prepared(image, known), known, KEYS, cold=False)
+    found = fitting.fit_with_causes(prepared(image, known), known, KEYS, cold=False)
     assert [cause.keys for cause in found.causes] == [(PIXEL,)]
     at = dict(zip(found.fit.keys, range(len(found.fit.keys)), strict=True))
     values, spread = found.fit.values, found.fit.standard_uncertainty
@@ -231,7 +224,7 @@ def test_a_scale_that_is_off_is_fitted_with_its_prior_and_looks_like_a_modulus_w
 def test_nothing_is_freed_where_all_that_is_stated_is_right():
     scene, image = contact()
     known = stated(scene, camera__pixel_mm=0.2, specimen__young_gpa=2.0, indenter__radius_mm=0.1)
-    assert fit_with_causes(prepared(image, known), known, KEYS, cold=False).causes == ()
+    assert fitting.fit_with_causes(prepared(image, known), known, KEYS, cold=False).causes == ()
 
 
 @pytest.mark.long
@@ -261,9 +254,11 @@ def test_only_what_fringes_follow_is_an_input():
     known = scene.with_values({
         key: {"value": value, "standard_uncertainty": 0.01} for key, value in values.items()
     })  # fmt: skip
-    assert stated_inputs(known).keys == (PIXEL,)
-    assert PIXEL in taken_as_exact(scene, (LOAD,)) and PIXEL not in taken_as_exact(known, (LOAD,))
-    assert LOAD not in taken_as_exact(scene, (LOAD,))
+    assert fitting.stated_inputs(known).keys == (PIXEL,)
+    assert PIXEL in fitting.taken_as_exact(scene, (LOAD,)) and PIXEL not in fitting.taken_as_exact(
+        known, (LOAD,)
+    )
+    assert LOAD not in fitting.taken_as_exact(scene, (LOAD,))
 
 
 @pytest.mark.long

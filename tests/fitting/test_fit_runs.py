@@ -6,17 +6,8 @@ import numpy as np
 import pytest
 import tifffile
 
-from isochrome import open_run
+from isochrome import fitting, open_run
 from isochrome.errors import InputError
-from isochrome.fitting import (
-    FrameWork,
-    PreparedFrames,
-    fit,
-    fit_of_each,
-    is_each,
-    make_result,
-    make_sequence,
-)
 from isochrome.output import read_csv, write_tiff
 from isochrome.runs import Stopped
 from isochrome.scene import dump_scene, parse_scene
@@ -53,7 +44,9 @@ def place(tmp_path):
 
 def fitted(place, out, **options):
     keys = {"per_frame": (LOAD, LEFT)} | options
-    return fit(place / "film.tif", place / "scene.toml", keys.pop("free", ()), out=out, **keys)
+    return fitting.fit(
+        place / "film.tif", place / "scene.toml", keys.pop("free", ()), out=out, **keys
+    )
 
 
 @pytest.mark.long
@@ -147,12 +140,12 @@ def test_workers_and_a_cluster_leave_the_same_files(place, monkeypatch):
         fitted(place, place / out, **options)
         fitted(place, place / f"{out}-two", workers=2, **options)
         assert contents(place / f"{out}-two") == contents(place / out)
-    fit("film.tif", "scene.toml", (), per_frame=(LOAD,), out="one")
+    fitting.fit("film.tif", "scene.toml", (), per_frame=(LOAD,), out="one")
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
     ) as cluster:
         address = cluster.scheduler_address
-        fit("film.tif", "scene.toml", (), per_frame=(LOAD,), out="two", cluster=address)
+        fitting.fit("film.tif", "scene.toml", (), per_frame=(LOAD,), out="two", cluster=address)
     assert contents(place / "two") == contents(place / "one")
 
 
@@ -177,16 +170,18 @@ def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, wo
 def test_many_frames_that_share_nothing_take_memory_in_proportion(tmp_path):
     """Twice the frames, twice the memory at most; a matrix over all of them would take 4 times."""
     place = make_set(tmp_path, 1)
-    data = PreparedFrames(place / "film.tif", SCENE)
-    (row,) = FrameWork(data, make_sequence(data.scene, 1, (), (LOAD, LEFT)))(0, 1).rows
+    data = fitting.PreparedFrames(place / "film.tif", SCENE)
+    (row,) = fitting.FrameWork(data, fitting.make_sequence(data.scene, 1, (), (LOAD, LEFT)))(
+        0, 1
+    ).rows
     peaks = []
     for count in (250, 500):
-        sequence = make_sequence(data.scene, count, (), (LOAD, LEFT))
-        assert is_each(sequence)
-        work = FrameWork(data, sequence)
+        sequence = fitting.make_sequence(data.scene, count, (), (LOAD, LEFT))
+        assert fitting.is_each(sequence)
+        work = fitting.FrameWork(data, sequence)
         tracemalloc.start()
         alone = [work.restored(i, row) for i in range(count)]
-        found = make_result(fit_of_each(sequence, alone), alone)
+        found = fitting.make_result(fitting.fit_of_each(sequence, alone), alone)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
         assert len(found.frames) == count

@@ -7,32 +7,16 @@ import numpy as np
 import pytest
 
 from fitting.engine_frames import prepared
+from isochrome import fitting
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import HALF, Minimum, PixelLight, frame_light, is_explained
-from isochrome.fitting import (
-    FrameWork,
-    Pixels,
-    PreparedFrames,
-    clear_of_ends,
-    fit,
-    fit_frame,
-    fit_of_each,
-    fit_region,
-    make_result,
-    make_sequence,
-    over_distance_figure,
-    refuse_alike,
-    refuse_undetermined,
-    restore_fit,
-    timed_distance,
-)
 from isochrome.fitting.search.cold_start import search_frame
 from isochrome.fitting.tractions.api import asked_for
 from isochrome.frames import Frame, to_linear
 from isochrome.output import write_tiff
 from isochrome.scene import dump_scene, parse_scene
 from isochrome.simulation import simulate
-from scene_texts import PAPER_CONTACT, SMALL_CAMERA
+from scene_texts import PAPER_CONTACT, SMALL_CAMERA, camera_text, disc_text
 
 LOAD, LEFT, PIXEL = "load.normal_n", "camera.left_mm", "camera.pixel_mm"
 STATIC = PAPER_CONTACT + SMALL_CAMERA + "noise_grey = 3.0\n"
@@ -50,13 +34,13 @@ def image():
 @pytest.fixture(scope="module")
 def alone(image):
     """One frame's fit of load and place."""
-    return fit_frame(prepared(image, scene()), scene(), (LOAD, LEFT))
+    return fitting.fit_frame(prepared(image, scene()), scene(), (LOAD, LEFT))
 
 
 def result_of(*fits):
     """What is reported of frames that share nothing."""
-    sequence = make_sequence(scene(), len(fits), (), (LOAD, LEFT))
-    return make_result(fit_of_each(sequence, fits), list(fits))
+    sequence = fitting.make_sequence(scene(), len(fits), (), (LOAD, LEFT))
+    return fitting.make_result(fitting.fit_of_each(sequence, fits), list(fits))
 
 
 def test_a_fit_with_nothing_to_say_says_nothing(alone):
@@ -102,7 +86,7 @@ def test_a_smooth_stress_is_kept_that_explains_half_of_what_chi_squared_is_too_l
 
 def test_the_band_of_a_figure_is_two_standard_uncertainties_wide(alone):
     spread = alone.standard_uncertainty
-    figure = over_distance_figure("a contact", result_of(alone, alone))
+    figure = fitting.over_distance_figure("a contact", result_of(alone, alone))
     for axis, u, value in zip(figure.axes[:2], spread, alone.values, strict=True):
         heights = axis.collections[0].get_paths()[0].vertices[:, 1]
         assert np.ptp(heights) == pytest.approx(4.0 * u, rel=1e-6)
@@ -117,7 +101,7 @@ def test_an_uncertainty_that_a_file_does_not_hold_is_infinite(tmp_path, alone):
     told["frames"][1][LEFT] |= {"standard_uncertainty": None, "cramer_rao_bound": None}
     (tmp_path / "fit.json").write_text(json.dumps(told), "utf-8")
     (tmp_path / "scene.toml").write_text(dump_scene(result.scene), "utf-8")
-    again = restore_fit(tmp_path, scene())
+    again = fitting.restore_fit(tmp_path, scene())
     assert again.frames[0] == result.frames[0]
     assert again.frames[1][LEFT]["standard_uncertainty"] == np.inf
     assert again.frames[1][LEFT]["cramer_rao_bound"] == np.inf
@@ -130,9 +114,9 @@ def test_keys_are_refused_as_alike_from_a_correlation_of_0_9995(correlation, ref
     covariance = np.outer(spread, spread) * [[1.0, correlation], [correlation, 1.0]]
     information = np.linalg.inv(covariance)
     if not refused:
-        return refuse_alike((LOAD, LEFT), information)
+        return fitting.refuse_alike((LOAD, LEFT), information)
     with pytest.raises(PhysicsError, match=rf"{LOAD} and {LEFT} .*correlation -0.9996"):
-        refuse_alike((LOAD, LEFT), information)
+        fitting.refuse_alike((LOAD, LEFT), information)
     return None
 
 
@@ -143,22 +127,22 @@ def test_what_is_stated_in_common_makes_no_two_values_alike():
     spread = np.linalg.inv(information)
     assert spread[0, 1] / spread[0, 0] > 0.9999
     with pytest.raises(PhysicsError, match="cannot be told apart"):
-        refuse_alike((LOAD, LOAD, PIXEL), information)
-    refuse_alike((LOAD, LOAD, PIXEL), information, (PIXEL,))
+        fitting.refuse_alike((LOAD, LOAD, PIXEL), information)
+    fitting.refuse_alike((LOAD, LOAD, PIXEL), information, (PIXEL,))
 
 
 def test_a_key_is_refused_where_no_frame_tells_it_and_not_where_one_does(alone):
     untold = replace(alone, standard_uncertainty=np.array([0.01, np.inf]))
-    refuse_undetermined(LEFT, [untold, alone])
+    fitting.refuse_undetermined(LEFT, [untold, alone])
     with pytest.raises(PhysicsError, match=f"{LEFT} does not change the fringes"):
-        refuse_undetermined(LEFT, [untold, untold])
+        fitting.refuse_undetermined(LEFT, [untold, untold])
 
 
 def test_a_frames_distance_is_its_time_by_the_speed():
     frame = Frame(0, np.zeros((2, 2)), 2.5, "film")
-    assert timed_distance(frame, 257.7) == pytest.approx(0.64425)
+    assert fitting.timed_distance(frame, 257.7) == pytest.approx(0.64425)
     with pytest.raises(InputError, match="has no time"):
-        timed_distance(replace(frame, time_s=None), 257.7)
+        fitting.timed_distance(replace(frame, time_s=None), 257.7)
 
 
 # Which pixels are looked at
@@ -183,12 +167,9 @@ def test_light_read_with_another_exponent_has_the_noise_of_that_light(image):
 
 
 def test_a_disc_is_not_looked_at_near_its_rim_and_its_loads():
-    disc = parse_scene(
-        '[specimen]\nshape = "disc"\ndiameter_mm = 10.0\nthickness_mm = 4.0\n'
-        "fringe_value_n_per_mm = 14.6\n[load]\nnormal_n = 100.0\n[camera]\nwidth_px = 120\n"
-        "height_px = 120\npixel_mm = 0.1\nleft_mm = -6.0\ntop_mm = -1.0\nbit_depth = 8\n"
-    )
-    seen = fit_region(disc, (120, 120), 1, 0.0)
+    text = disc_text(100.0, fringe_value=14.6, thickness_mm=4.0, diameter_mm=10.0)
+    disc = parse_scene(text + camera_text(120, 120, 0.1, left_mm=-6.0, top_mm=-1.0, bit_depth=8))
+    seen = fitting.fit_region(disc, (120, 120), 1, 0.0)
     x = -6.0 + 0.1 * (np.arange(120) + 0.5)
     z = (-1.0 + 0.1 * (np.arange(120) + 0.5))[:, None]
     rim = np.hypot(x, z - 5.0)
@@ -200,9 +181,9 @@ def test_a_disc_is_not_looked_at_near_its_rim_and_its_loads():
 def test_pixels_whose_model_is_near_black_or_white_are_left_out():
     level = np.linspace(0.0, 1.0, 501)
     light = PixelLight(frame_light((1, level.size)), np.ones((1, level.size), bool))
-    pixels = Pixels(level, np.full(level.size, 50.0), light, 2.0)
+    pixels = fitting.Pixels(level, np.full(level.size, 50.0), light, 2.0)
     # 3.5 standard deviations of 0.02 of the stored level, which is the root of the light
-    clear = clear_of_ends(pixels, level**2, 2.0)
+    clear = fitting.clear_of_ends(pixels, level**2, 2.0)
     np.testing.assert_array_equal(clear, np.abs(level - 0.5) < 0.5 - 0.07 - 1e-9)
 
 
@@ -231,13 +212,13 @@ def noise_alone(shape, seed):
 def test_in_a_frame_of_noise_alone_no_fringes_are_found(image, seed):
     """Somewhere in a search noise follows fringes a little, and by half of all chances upwards."""
     data = prepared(noise_alone(image.shape, seed), scene())
-    found = fit_frame(data, scene(), (LOAD, LEFT))
+    found = fitting.fit_frame(data, scene(), (LOAD, LEFT))
     assert not found.positive
 
 
 def test_fringes_of_a_third_of_the_noise_are_found():
     dim = scene(camera__brightness=0.004)  # a grey level, and noise of three
-    found = fit_frame(prepared(simulate(dim).frames[0], dim), dim, (LOAD, LEFT))
+    found = fitting.fit_frame(prepared(simulate(dim).frames[0], dim), dim, (LOAD, LEFT))
     assert found.positive
     assert abs(found.values[0] - 44.0) < 4.0 * found.standard_uncertainty[0] < 3.0
 
@@ -246,10 +227,10 @@ def test_a_frame_after_one_without_fringes_is_looked_for_from_the_scene(tmp_path
     frames = np.stack([image, noise_alone(image.shape, 1), image])
     write_tiff(film := tmp_path / "film.tif", frames, pixel_mm=0.025)
     begun = scene(load__normal_n=46.0)
-    found = fit(film, begun, (), per_frame=(LOAD,), follow=True)
+    found = fitting.fit(film, begun, (), per_frame=(LOAD,), follow=True)
     assert any("frame 1: the scene's fringes are not in it" in text for text in found.warnings)
-    sequence = make_sequence(begun, 3, (), (LOAD,))
-    work = FrameWork(PreparedFrames(film, begun), sequence, follow=True)
+    sequence = fitting.make_sequence(begun, 3, (), (LOAD,))
+    work = fitting.FrameWork(fitting.PreparedFrames(film, begun), sequence, follow=True)
     assert work(1, 2, {LOAD: 44.0}).left is None  # noise's own values would be a start's like any
     first, _, last = (own[LOAD] for own in found.frames)
     # two fits of the same pixels, each ended a fiftieth of a standard uncertainty from its least

@@ -8,16 +8,8 @@ from scipy.optimize import minimize
 
 import isochrome
 import worn_scars
+from isochrome import fitting
 from isochrome.errors import InputError, PhysicsError
-from isochrome.fitting import (
-    FrameFit,
-    MeasuredArea,
-    fit_of_each,
-    inputs_of_rows,
-    make_sequence,
-    scar_equations,
-    with_scars,
-)
 from scene_texts import SMALL_CAMERA, WORN_CONTACT
 
 LOAD, FRICTION, WEAR = "load.normal_n", "friction.coefficient", "wear.coefficient_mm2_per_n"
@@ -59,14 +51,14 @@ def values_of(found):
 def test_equations_are_the_areas_derivatives_by_the_closed_form():
     """W = k P s/t: dW/dk = P s/t, dW/dP = k s/t, and friction has no part in Archard's law."""
     scene = scene_of([77.0], **TRUTH)
-    sequence = make_sequence(scene, 1, (LOAD, FRICTION, WEAR), ())
+    sequence = fitting.make_sequence(scene, 1, (LOAD, FRICTION, WEAR), ())
     load, friction, coefficient = TRUTH.values()
     thickness, distance_mm, spread = scene.specimen.thickness_mm, 155e3, 1e-5
     area = coefficient * load * distance_mm / thickness + 2.0 * spread
     sequence = type(sequence)(
-        scene, 1, sequence.unknowns, (MeasuredArea("155.csv", 155.0, area, spread),)
+        scene, 1, sequence.unknowns, (fitting.MeasuredArea("155.csv", 155.0, area, spread),)
     )
-    found = scar_equations(sequence, np.array([load, friction, coefficient]))
+    found = fitting.scar_equations(sequence, np.array([load, friction, coefficient]))
     row = np.array([coefficient / load, 0.0, 1.0]) * load * distance_mm / thickness / spread
     row[0] = coefficient * distance_mm / thickness / spread
     np.testing.assert_allclose(found.normal, np.outer(row, row), rtol=1e-5)
@@ -103,7 +95,7 @@ def frame_of(scene, keys, values, sensitivity, inputs):
     alike = 0.6 * np.ones((len(keys), len(keys))) + 0.4 * np.eye(len(keys))
     noise = alike * np.outer(share, share)
     covariance = noise + (sensitivity * inputs.spread**2) @ sensitivity.T
-    return FrameFit(
+    return fitting.FrameFit(
         scene=scene.with_values(dict(zip(keys, values.tolist(), strict=True))), keys=keys,
         values=values, standard_uncertainty=np.sqrt(np.diag(covariance)), covariance=covariance,
         noise_uncertainty=share, inputs=inputs, sensitivity=sensitivity, cramer_rao_bound=share,
@@ -135,12 +127,12 @@ def both_by_search(fit, load, area, spread, keys):
 def test_a_frames_scar_moves_its_values_to_the_least_misfit_of_both():
     scene, keys = scene_of([77.0], **TRUTH), (LOAD, FRICTION, WEAR)
     worn = TRUTH[WEAR] * TRUTH[LOAD] * 155e3 / scene.specimen.thickness_mm
-    area = MeasuredArea("155.csv", 155.0, 1.04 * worn, 0.02 * worn)
+    area = fitting.MeasuredArea("155.csv", 155.0, 1.04 * worn, 0.02 * worn)
     fit = frame_of(
-        scene, keys, np.array(list(TRUTH.values())), np.empty((3, 0)), inputs_of_rows([])
+        scene, keys, np.array(list(TRUTH.values())), np.empty((3, 0)), fitting.inputs_of_rows([])
     )
-    sequence = replace(make_sequence(scene, 1, keys, ()), areas=(area,))
-    both = with_scars(fit_of_each(sequence, [fit]), fit)
+    sequence = replace(fitting.make_sequence(scene, 1, keys, ()), areas=(area,))
+    both = fitting.with_scars(fitting.fit_of_each(sequence, [fit]), fit)
     expected = both_by_search(fit, TRUTH[LOAD], area.area_mm2, area.standard_uncertainty_mm2, keys)
     # the search ends within 1e-6 of an uncertainty; W's bend over its steps is far below
     assert np.abs((both.values - expected) / fit.standard_uncertainty).max() < 1e-4
@@ -157,13 +149,13 @@ def test_the_budget_of_a_frame_with_scars_holds_what_the_load_does_to_both():
     """A load that is held moves what the frame says and what the scar says, which may cancel."""
     scene, keys = scene_of([77.0], **TRUTH), (FRICTION, WEAR)
     worn = TRUTH[WEAR] * TRUTH[LOAD] * 155e3 / scene.specimen.thickness_mm
-    area = MeasuredArea("155.csv", 155.0, worn, 0.03 * worn)
-    inputs = inputs_of_rows([(LOAD, TRUTH[LOAD], 0.9)])
+    area = fitting.MeasuredArea("155.csv", 155.0, worn, 0.03 * worn)
+    inputs = fitting.inputs_of_rows([(LOAD, TRUTH[LOAD], 0.9)])
     sensitivity = np.array([[-3e-3], [2e-11]])
     values = np.array([TRUTH[FRICTION], TRUTH[WEAR]])
     fit = frame_of(scene, keys, values, sensitivity, inputs)
-    sequence = replace(make_sequence(scene, 1, keys, ()), areas=(area,))
-    both = with_scars(fit_of_each(sequence, [fit]), fit)
+    sequence = replace(fitting.make_sequence(scene, 1, keys, ()), areas=(area,))
+    both = fitting.with_scars(fitting.fit_of_each(sequence, [fit]), fit)
     step = 0.05
     moved = replace(fit, values=values + step * sensitivity[:, 0])
     ends = [

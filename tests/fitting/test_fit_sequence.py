@@ -6,22 +6,8 @@ import numpy as np
 import pytest
 
 from fitting.engine_frames import fit_jointly, prepared, within, written
+from isochrome import fitting
 from isochrome.errors import InputError
-from isochrome.fitting import (
-    SharedRun,
-    add_up,
-    alone_scene,
-    fit,
-    fit_region,
-    frame_distance,
-    linearise_frame,
-    local_values,
-    make_renderer,
-    make_sequence,
-    state_scene,
-    stepwise,
-    with_numerics,
-)
 from isochrome.output import read_csv, write_tiff
 from isochrome.scene import load_scene, parse_scene
 from isochrome.simulation import scene_states, simulate
@@ -50,11 +36,11 @@ def rendered(truth):
 
 def test_a_scene_of_one_state_is_exactly_the_runs_own():
     whole = scene(friction__coefficient=RISING, wear__law="sarkar")
-    whole = with_numerics(whole, nodes_per_pixel=4, tolerance=1e-4, room=1.2)
-    shared = SharedRun(tuple(frame_distance(whole, i) for i in range(6)))
+    whole = fitting.with_numerics(whole, nodes_per_pixel=4, tolerance=1e-4, room=1.2)
+    shared = fitting.SharedRun(tuple(fitting.frame_distance(whole, i) for i in range(6)))
     for i, state in enumerate(scene_states(whole)):
-        one = state_scene(whole, i)
-        assert frame_distance(whole, i) == (None if i == 0 else DISTANCES[i - 1])
+        one = fitting.state_scene(whole, i)
+        assert fitting.frame_distance(whole, i) == (None if i == 0 else DISTANCES[i - 1])
         there = shared(one).surface
         assert there.friction == state.surface.friction
         # the run is the same one: rounding
@@ -64,16 +50,19 @@ def test_a_scene_of_one_state_is_exactly_the_runs_own():
 def test_a_frame_alone_is_worn_as_much_as_in_the_run_at_its_own_load_and_friction():
     load = {"distance_m": (0.0, 233.0), "value": (40.0, 50.0)}
     whole = scene(friction__coefficient=RISING, wear__law="dissipated_energy", load__normal_n=load)
-    alone = alone_scene(whole, 4)
+    alone = fitting.alone_scene(whole, 4)
     assert alone.load.normal_n == whole.load_at(155.0)
     assert alone.friction.coefficient == 0.28 and alone.wear.law == "dissipated_energy"
-    area = [local_values(s, (155.0,))[0, 2] for s in (alone, whole)]
+    area = [fitting.local_values(s, (155.0,))[0, 2] for s in (alone, whole)]
     assert area[0] == pytest.approx(area[1], rel=1e-9)
-    assert alone_scene(whole, 1).wear is None and alone_scene(whole, 0).friction is None
+    assert (
+        fitting.alone_scene(whole, 1).wear is None
+        and fitting.alone_scene(whole, 0).friction is None
+    )
 
 
 def test_values_between_frames_hold_since_the_frame_before():
-    table = stepwise({31.0: 2.0, 77.0: 3.0, 155.0: 5.0})
+    table = fitting.stepwise({31.0: 2.0, 77.0: 3.0, 155.0: 5.0})
     at = dict(zip(table["distance_m"], table["value"], strict=True))
     distance = np.array(list(at))
     assert np.all(np.diff(distance) > 0.0)
@@ -83,7 +72,7 @@ def test_values_between_frames_hold_since_the_frame_before():
 
 def test_frames_at_one_distance_share_what_the_course_has_there():
     twice = scene(wear__distances_m=(0.0, 77.0, 77.0))
-    sequence = make_sequence(twice, 4, (WEAR,), (FRICTION, LOAD, "camera.left_mm"))
+    sequence = fitting.make_sequence(twice, 4, (WEAR,), (FRICTION, LOAD, "camera.left_mm"))
     of = {key: [u.frames for u in sequence.unknowns if u.key == key] for key in (FRICTION, LOAD)}
     assert of[FRICTION] == [(1,), (2, 3)]
     assert of[LOAD] == [(0, 1), (2, 3)]  # the static state stands where sliding begins
@@ -97,12 +86,12 @@ def test_frames_at_one_distance_share_what_the_course_has_there():
 def test_uncertainties_are_those_of_differences_through_the_whole_run():
     truth = scene(wear__law="sarkar", friction__coefficient=RISING)
     frames = rendered(truth)
-    fine = with_numerics(truth, nodes_per_pixel=2, tolerance=1e-4, room=1.3)
-    sequence = make_sequence(fine, 6, (WEAR, LOAD), (FRICTION,))
+    fine = fitting.with_numerics(truth, nodes_per_pixel=2, tolerance=1e-4, room=1.3)
+    sequence = fitting.make_sequence(fine, 6, (WEAR, LOAD), (FRICTION,))
     values = np.array([2e-9, 44.0, *RISING["value"]])
-    renderer = make_renderer(sequence, fine, (120, 160), 1)
-    region = fit_region(fine, (120, 160), 1, 4.0)
-    normal = add_up(
+    renderer = fitting.make_renderer(sequence, fine, (120, 160), 1)
+    region = fitting.fit_region(fine, (120, 160), 1, 4.0)
+    normal = fitting.add_up(
         frames, sequence, values, renderer=renderer, regions=lambda i: region, progress=lambda: None
     )
     # each unknown moved in the scene of all frames, and every frame rendered again
@@ -113,7 +102,7 @@ def test_uncertainties_are_those_of_differences_through_the_whole_run():
             (sequence.frame(sequence.whole(ahead), ahead, i),) for ahead in values + np.diag(steps)
         ]
         here = sequence.frame(whole, values, i)
-        part = linearise_frame(data, here, moved, renderer=renderer, region=region)
+        part = fitting.linearise_frame(data, here, moved, renderer=renderer, region=region)
         wanted += part.normal / np.outer(steps, steps)
     found, exact = (np.sqrt(np.diag(np.linalg.inv(m))) for m in (normal.normal, wanted))
     # 5 %: what a frame owes to its history besides the area that was worn
@@ -129,7 +118,7 @@ def test_load_friction_and_wear_each_over_distance(tmp_path):
     values["numerics__tolerance"] = 1e-3  # of the wear's steps, the same in truth and fit
     truth = scene(**values, load__normal_n=load, friction__coefficient=friction)
     progress = []
-    found = fit(
+    found = fitting.fit(
         written(tmp_path, truth), scene(**values), [WEAR], per_frame=[LOAD, FRICTION],
         follow=True, as_stated=True, progress=progress.append, out=tmp_path / "out",
     )  # fmt: skip
@@ -169,9 +158,9 @@ def test_a_set_too_long_to_keep_is_read_in_each_pass_and_fitted_as_if_it_were_ke
         [simulate(small.with_values({"camera.seed": seed})).frames[0] for seed in range(9)]
     )
     write_tiff(tmp_path / "film.tif", images, pixel_mm=0.05)
-    read = fit(tmp_path / "film.tif", small, [LOAD])
+    read = fitting.fit(tmp_path / "film.tif", small, [LOAD])
     kept = fit_jointly(
-        [prepared(image, small) for image in images], make_sequence(small, 9, (LOAD,), ()),
+        [prepared(image, small) for image in images], fitting.make_sequence(small, 9, (LOAD,), ()),
         np.array([read.shared[LOAD]["value"]]), shape=(60, 80),
     )  # fmt: skip
     within(read.shared[LOAD], 44.0)
@@ -182,7 +171,7 @@ def test_a_set_too_long_to_keep_is_read_in_each_pass_and_fitted_as_if_it_were_ke
     # nine frames know a load three times better than one
     one = fit_jointly(
         [prepared(images[0], small)],
-        make_sequence(small, 1, (LOAD,), ()), np.array([44.0]), shape=(60, 80),
+        fitting.make_sequence(small, 1, (LOAD,), ()), np.array([44.0]), shape=(60, 80),
     )  # fmt: skip
     ratio = one.standard_uncertainty[0] / kept.standard_uncertainty[0]
     assert ratio == pytest.approx(3.0, rel=0.15)
@@ -191,14 +180,14 @@ def test_a_set_too_long_to_keep_is_read_in_each_pass_and_fitted_as_if_it_were_ke
 def test_a_frame_count_that_is_not_the_scenes(tmp_path):
     path = written(tmp_path, scene(wear__distances_m=(0.0, 77.0)))
     with pytest.raises(InputError, match="3 frames, and the scene has 6 states"):
-        fit(path, scene(), [LOAD])
+        fitting.fit(path, scene(), [LOAD])
 
 
 @pytest.mark.study
 def test_pulls_of_wear_and_friction_over_seeds():
     size = {"camera__pixel_mm": 0.0125, "camera__width_px": 320, "camera__height_px": 240}
     truth = scene(**size, wear__law="sarkar", friction__coefficient=RISING)
-    sequence = make_sequence(truth, 6, (WEAR, LOAD), (FRICTION, *PLACE))
+    sequence = fitting.make_sequence(truth, 6, (WEAR, LOAD), (FRICTION, *PLACE))
     true = np.array([2e-9, 44.0, *RISING["value"], *(-1.97,) * 6, *(0.004,) * 6])
     pulls = []
     for seed in range(6):

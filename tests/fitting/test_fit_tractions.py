@@ -14,6 +14,7 @@ from isochrome.fitting.tractions.inversion import invert_tractions
 from isochrome.output import read_csv, write_tiff
 from isochrome.reference import sliding_hertz_stress
 from isochrome.scene import parse_scene
+from scene_texts import camera_text, disc_text
 
 SMALL = {"cols": 220, "rows": 164, "pixel": 0.01821}
 HALF = {"cols": 330, "rows": 247, "pixel": 0.01214}
@@ -120,11 +121,8 @@ def test_principal_stresses_apart_are_the_closed_forms(lobe):
 
 
 def test_a_scene_without_a_contact_is_refused_before_its_frames_are_read():
-    disc = parse_scene(
-        '[specimen]\nshape = "disc"\ndiameter_mm = 10.0\nthickness_mm = 4.0\n'
-        "fringe_value_n_per_mm = 14.6\n[load]\nnormal_n = 100.0\n[camera]\nwidth_px = 100\n"
-        "height_px = 100\npixel_mm = 0.11\nbit_depth = 8\n"
-    )
+    text = disc_text(100.0, fringe_value=14.6, thickness_mm=4.0, diameter_mm=10.0)
+    disc = parse_scene(text + camera_text(100, 100, 0.11, bit_depth=8))
     with pytest.raises(InputError, match=r"no \[indenter\]; add it, or leave out --tractions"):
         fit("frames-that-are-not-there.tif", disc, ["load.normal_n"], tractions=True)
 

@@ -7,26 +7,12 @@ from recordings import written
 from isochrome.frames import look_through
 from isochrome.output import write_tiff
 from isochrome.scene import parse_scene
-from scene_texts import PAPER_CONTACT
+from scene_texts import WEARING_CONTACT, camera_text
 
 ROWS, COLS = 60, 80
 ROW, COL = np.mgrid[:ROWS, :COLS].astype(float)
-CONTACT = (
-    PAPER_CONTACT
-    + """
-[friction]
-coefficient = 0.25
-static_state_first = true
-[wear]
-coefficient_mm2_per_n = 2e-9
-distances_m = [0, 31, 77]
-[camera]
-width_px = 80
-height_px = 60
-pixel_mm = 0.01
-bit_depth = 8
-"""
-)
+CONTACT = WEARING_CONTACT.replace("0.25\n", "0.25\nstatic_state_first = true\n")
+CONTACT += "distances_m = [0, 31, 77]\n" + camera_text(COLS, ROWS, 0.01, bit_depth=8)
 PLAIN = "[specimen]\n[camera]\nbit_depth = 8\n"
 
 

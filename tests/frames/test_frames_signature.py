@@ -10,6 +10,7 @@ from PIL import Image
 from isochrome.errors import InputError
 from isochrome.frames import load_mask, open_frames, recordings_of
 from isochrome.scene import parse_scene
+from refusals import refusal
 
 GREY = (np.arange(40 * 60).reshape(40, 60) * 7 % 251).astype(np.uint8)
 
@@ -86,8 +87,6 @@ def test_a_mask_is_what_it_is_and_a_jpeg_is_refused_under_another_name(tmp_path)
 @pytest.mark.parametrize("name", ["a.tif", "a.jpg", "a.avi"])
 def test_a_file_that_is_no_picture_is_refused_with_what_it_seems_to_be(tmp_path, data, seems, name):
     (tmp_path / name).write_bytes(data)
-    with pytest.raises(InputError) as caught:
-        list(open_frames(tmp_path / name))
-    said = str(caught.value)
+    said = refusal(lambda: list(open_frames(tmp_path / name)))
     assert said.startswith(f"{tmp_path / name}: is not an image") and seems in said
-    assert "\n" not in said and "check the file" in said
+    assert "check the file" in said

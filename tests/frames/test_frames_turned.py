@@ -192,32 +192,12 @@ def test_steps_and_their_no_load_steps_are_turned_alike(tmp_path):
     assert made[0] == made[1]
 
 
-BEAM_SET = (
-    BENDING_BEAM
-    + """
-[camera]
-pixel_mm = 0.05
-[frames]
-no_load_dark = "dark.png"
-no_load_bright = "bright.png"
-roi = { top_px = 2, left_px = 4, height_px = 15, width_px = 21 }
-[[image]]
-file = "f.png"
-load_n = 100.0
-"""
-)
-COLOUR_SET = """
-[polariscope]
-wavelength_nm = 540.0
-light = "white"
-[camera]
-colour = true
-[frames]
-no_load_dark = "dark.png"
-roi = { top_px = 2, left_px = 4, height_px = 15, width_px = 21 }
-[[image]]
-file = "f.png"
-"""
+PART = '[frames]\nno_load_dark = "dark.png"\n'
+PART += "roi = { top_px = 2, left_px = 4, height_px = 15, width_px = 21 }\n"
+BEAM_SET = f'{BENDING_BEAM}[camera]\npixel_mm = 0.05\n{PART}no_load_bright = "bright.png"\n'
+BEAM_SET += '[[image]]\nfile = "f.png"\nload_n = 100.0\n'
+COLOUR_SET = '[polariscope]\nwavelength_nm = 540.0\nlight = "white"\n[camera]\ncolour = true\n'
+COLOUR_SET += f'{PART}[[image]]\nfile = "f.png"\n'
 
 
 @pytest.mark.parametrize(("turn", "flip"), WAYS[1:])

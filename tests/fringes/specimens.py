@@ -8,19 +8,13 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
+from isochrome import simulation
 from isochrome.errors import PhysicsError
 from isochrome.frames import Linear, estimate_noise, normalise, to_linear
 from isochrome.fringes import fit_background_modulation
 from isochrome.optics import expose
 from isochrome.reference import hole_stress
 from isochrome.scene import Camera, Load, Polariscope, Scene, Specimen, load_scene
-from isochrome.simulation import (
-    Picture,
-    make_picture,
-    picture_signal,
-    scene_states,
-    state_difference,
-)
 from isochrome.stress import StressComponents, pixel_grid, principal_direction
 
 ROWS, COLS = 494, 659
@@ -50,7 +44,7 @@ class View:
 
     name: str
     scene: Scene
-    picture: Picture
+    picture: simulation.Picture
 
     @property
     def order(self) -> np.ndarray:
@@ -120,8 +114,8 @@ def contact_view(name: str, values: dict[str, Any]) -> View:
     }
     scene = scene.model_copy(update=absent).with_values(values)
     pixels = pixel_grid(scene)
-    difference = state_difference(scene, scene_states(scene)[-1], pixels)
-    return View(name, scene, make_picture(scene, difference, pixels))
+    difference = simulation.state_difference(scene, simulation.scene_states(scene)[-1], pixels)
+    return View(name, scene, simulation.make_picture(scene, difference, pixels))
 
 
 def _disc_view(name: str, order: float) -> View:
@@ -148,8 +142,8 @@ def _beam_view(name: str, order: float) -> View:
 def _of_scene(name: str, specimen: Specimen, load: Load, pixel: float, *, top: float) -> View:
     scene = Scene(specimen=specimen, load=load, camera=_geometry(pixel, top), polariscope=SODIUM)
     pixels = pixel_grid(scene)
-    difference = state_difference(scene, scene_states(scene)[-1], pixels)
-    return View(name, scene, make_picture(scene, difference, pixels))
+    difference = simulation.state_difference(scene, simulation.scene_states(scene)[-1], pixels)
+    return View(name, scene, simulation.make_picture(scene, difference, pixels))
 
 
 def _hole_view(name: str) -> View:
@@ -165,7 +159,7 @@ def _hole_view(name: str) -> View:
         radius_mm=radius,
     )  # fmt: skip
     field = StressComponents(stress.sigma_x, stress.sigma_z, stress.tau_xz)
-    return View(name, scene, make_picture(scene, field.difference, pixels))
+    return View(name, scene, simulation.make_picture(scene, field.difference, pixels))
 
 
 def _geometry(pixel: float, top: float) -> Camera:
@@ -197,7 +191,7 @@ def shoot(
     `glare`, share of the picture under round reflections of lamps, which saturate in all frames;
     `saturated`, share of the specimen's pixels that are overexposed, in the bright frame far more.
     """
-    signal = np.where(seen.material, picture_signal(seen.scene, seen.picture), 0.0)
+    signal = np.where(seen.material, simulation.picture_signal(seen.scene, seen.picture), 0.0)
     lamps = 4.0 * _lamps(signal.shape, glare, np.random.default_rng([seed, 8]))
     taken = camera(**how)
     if saturated > 0.0:

@@ -6,13 +6,12 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from colour_frames import colour_frames
 from isochrome.errors import InputError
 from isochrome.fringes import ColourTable, colour_order, measured_table, read_colour, spectral_table
-from isochrome.optics import Response, camera_response, expose
+from isochrome.optics import Response, camera_response
 from isochrome.scene import Camera, Polariscope, parse_scene
-from isochrome.simulation import make_picture, picture_signal, scene_states, state_difference
-from isochrome.stress import pixel_grid
-from scene_texts import PAPER_PAIR, beam_text, disc_text
+from scene_texts import PAPER_PAIR, beam_text, camera_text, disc_text
 
 
 def study(*values):
@@ -21,13 +20,7 @@ def study(*values):
 
 
 SPECIMENS = {
-    "contact": PAPER_PAIR
-    + """
-[load]
-normal_n = {load}
-[friction]
-coefficient = {mu}
-""",
+    "contact": PAPER_PAIR + "[load]\nnormal_n = {load}\n[friction]\ncoefficient = {mu}\n",
     "disc": disc_text("{load}", fringe_value=14.6, thickness_mm=4.0),
     "beam": beam_text("{load}", fringe_value=14.6, thickness_mm=4.0),
 }
@@ -37,25 +30,11 @@ SPECIMENS["worn"] = (
 LOAD = {"contact": 44.0, "worn": 44.0, "disc": 320.0, "beam": 200.0}
 PLACE = {"contact": (-2.0, 0.0, 4.0), "disc": (-13.5, -0.1, 27.0), "beam": (-13.5, -0.1, 27.0)}
 PLACE["worn"] = PLACE["contact"]
-OPTICS = """
-[polariscope]
-wavelength_nm = 587.0
-light = "white"
-field = "{field}"
-[camera]
-width_px = {cols}
-height_px = {rows}
-left_mm = {left}
-top_mm = {top}
-pixel_mm = {pixel}
-bit_depth = 8
-brightness = 0.9
-background = 0.03
-vignette = 0.3
-noise_grey = {noise}
-gamma = {gamma}
-colour = true
-"""
+OPTICS = '[polariscope]\nwavelength_nm = 587.0\nlight = "white"\nfield = "{field}"\n'
+OPTICS += camera_text(
+    "{cols}", "{rows}", "{pixel}", left_mm="{left}", top_mm="{top}", bit_depth=8, brightness=0.9,
+    background=0.03, vignette=0.3, noise_grey="{noise}", gamma="{gamma}", colour="true",
+)  # fmt: skip
 FULL, HALF = (494, 659), (247, 330)
 WHITE = Polariscope(wavelength_nm=587.0, light="white")
 
@@ -96,15 +75,7 @@ def rendered(kind, *, size=HALF, mu=0.0, noise=3.0, gamma=1.0, field="dark", loa
     values = {"field": field, "noise": noise, "gamma": gamma, "left": left, "top": top}
     optics = OPTICS.format(rows=rows, cols=cols, pixel=pixel, **values)
     scene = parse_scene(SPECIMENS[kind].format(load=load or LOAD[kind], mu=mu) + optics)
-    grid = pixel_grid(scene)
-    picture = make_picture(scene, state_difference(scene, scene_states(scene)[-1], grid), grid)
-    lit = np.repeat(picture.material[..., None].astype(float), 3, axis=2)
-    signals = (picture_signal(scene, picture), 0.0 * lit, lit)
-    frames = [
-        expose(signal, scene.camera, rng=np.random.default_rng([7, i]))
-        for i, signal in enumerate(signals)
-    ]
-    order = np.where(picture.material, picture.order, np.nan)
+    frames, order = colour_frames(scene, 7)
     table = spectral_table(scene.polariscope, camera_response(scene.camera))
     return Shot(*frames, order, table, noise, gamma)
 

@@ -10,6 +10,7 @@ from isochrome.processing import process_frame, says_a_half
 from isochrome.scene import parse_scene
 
 SHAPE = (96, 128)
+NOISE, WHOLE = np.full(SHAPE, 1.0 / 255.0), np.ones(SHAPE, bool)
 SCENE = "[specimen]\nshape = 'other'\nthickness_mm = 4.0\n[camera]\nbit_depth = 8\n"
 ANY = ((1.0, 1.0, 1.0), (1.0, 0.385, 0.385), (0.385, 1.0, 1.0), (0.6, 1.0, 0.5))
 """Exposures of a frame and of its bright and its dark no-load frame."""
@@ -83,9 +84,7 @@ def assert_not_silent(error, stated):
 def test_crests_and_troughs_tell_the_exposures(seed, exposures):
     _, image, bright, dark = (part / 255.0 for part in drawn(seed, exposures))
     own, of_bright, of_dark = exposures
-    found = find_no_load_exposure(
-        image, np.full(SHAPE, 1.0 / 255.0), np.ones(SHAPE, bool), dark=dark, bright=bright
-    )
+    found = find_no_load_exposure(image, NOISE, WHOLE, dark=dark, bright=bright)
     assert found.told and abs(found.bright * of_bright / own - 1.0) < 0.02
     if of_bright == own == of_dark:
         assert found.ends is None and found.bright == found.dark == 1.0
@@ -183,17 +182,14 @@ def test_a_lamps_bright_spot_does_not_move_the_exposure(lamp):
         0.8 * part * spot / lamp + rng.normal(0.0, 1.0 / 255.0, SHAPE)
         for part in (np.ones(SHAPE), 0.7 * signal)
     )
-    dark, sigma, valid = np.zeros(SHAPE), np.full(SHAPE, 1.0 / 255.0), np.ones(SHAPE, bool)
-    found = find_no_load_exposure(image, sigma, valid, dark=dark, bright=bright)
+    found = find_no_load_exposure(image, NOISE, WHOLE, dark=np.zeros(SHAPE), bright=bright)
     assert abs(found.bright / 0.7 - 1.0) < 0.006  # twice its systematic uncertainty
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_below_a_crest_nothing_is_made_of_the_exposure(seed):
     _, image, bright, dark = (part / 255.0 for part in drawn(seed, (0.7, 1.0, 1.0), highest=0.35))
-    found = find_no_load_exposure(
-        image, np.full(SHAPE, 1.0 / 255.0), np.ones(SHAPE, bool), dark=dark, bright=bright
-    )
+    found = find_no_load_exposure(image, NOISE, WHOLE, dark=dark, bright=bright)
     assert not found.told and found.ends is None
 
 

@@ -10,37 +10,16 @@ import numpy as np
 import tifffile
 from PIL import Image
 
-from scene_texts import BENDING_BEAM, WORN_CONTACT
+from scene_texts import BENDING_BEAM, WORN_CONTACT, camera_text
 
 ROWS, COLS = 48, 64
 
 PLAIN = "[specimen]\n"
 
-CONTACT = (
-    WORN_CONTACT
-    + """
-[camera]
-width_px = 64
-height_px = 48
-left_mm = -1.6
-top_mm = 0.0
-pixel_mm = 0.05
-bit_depth = 8
-"""
-)
+CONTACT = WORN_CONTACT + camera_text(COLS, ROWS, 0.05, left_mm=-1.6, top_mm=0.0, bit_depth=8)
 
-BENDING = (
-    BENDING_BEAM
-    + """
-[camera]
-pixel_mm = 0.5
-bit_depth = 8
-
-[[image]]
-file = "a.png"
-load_n = 150.0
-"""
-)
+BENDING = BENDING_BEAM + "[camera]\npixel_mm = 0.5\nbit_depth = 8\n"
+BENDING += '[[image]]\nfile = "a.png"\nload_n = 150.0\n'
 
 
 def process(frames: str, scene: str = "plain.toml", *more: str) -> list[str]:

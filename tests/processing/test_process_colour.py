@@ -10,27 +10,13 @@ from isochrome.output import read_csv, write_tiff
 from isochrome.processing import process
 from isochrome.scene import parse_scene
 from isochrome.simulation import simulate
-from scene_texts import WORN_CONTACT
+from scene_texts import WORN_CONTACT, camera_text
 
-SCENE = (
-    WORN_CONTACT
-    + """\
-light = "white"
-
-[camera]
-width_px = 330
-height_px = 247
-left_mm = -2.0
-top_mm = 0.0
-pixel_mm = 0.01214
-bit_depth = 8
-brightness = 0.9
-background = 0.03
-vignette = 0.3
-noise_grey = 3.0
-colour = true
-"""
-)
+SCENE = WORN_CONTACT + 'light = "white"\n\n'
+SCENE += camera_text(
+    330, 247, 0.01214, left_mm=-2.0, top_mm=0.0, bit_depth=8, brightness=0.9, background=0.03,
+    vignette=0.3, noise_grey=3.0, colour="true",
+)  # fmt: skip
 NO_LOAD = '\n[frames]\nno_load_dark = "dark.tif"\nno_load_bright = "bright.tif"\n'
 
 

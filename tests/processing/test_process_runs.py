@@ -16,16 +16,8 @@ from isochrome.errors import InputError
 from isochrome.frames import FrameReader
 from isochrome.output import read_csv, read_pixel_mm, write_tiff
 from isochrome.processing import process
+from runs import killing
 from runs.counting import contents
-from runs.killing import (
-    PROCESS,
-    finished,
-    finished_chunks,
-    killed_command_ends_the_same,
-    needs_sigkill,
-    start,
-    wait_until,
-)
 
 PLACED = SCENE.replace("[frames]", "left_mm = -1.0\ntop_mm = 0.0\n\n[frames]")
 KNOWN = "known_order = [{ row_px = 2, col_px = 1, order = 0.0 }]\n"
@@ -155,11 +147,11 @@ def test_a_cluster_leaves_the_same_files(place, monkeypatch):
 
 
 @pytest.mark.study
-@needs_sigkill
+@killing.needs_sigkill
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, workers):
     make_set(tmp_path, 160)
-    assert killed_command_ends_the_same(tmp_path, code, workers, *PROCESS)
+    assert killing.killed_command_ends_the_same(tmp_path, code, workers, *killing.PROCESS)
 
 
 @pytest.mark.long
@@ -167,8 +159,10 @@ def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, wo
 def test_ctrl_c_keeps_what_is_finished_and_names_the_command(tmp_path, code):
     place = make_set(tmp_path, 80)  # eight chunks
     again = ["isochrome", "process", "film.tif", "--scene", "scene.toml", "--out", "out"]
-    run = start(place, code, "-m", *again)
-    wait_until(lambda: finished_chunks(place / "out") >= 2, "it finished no chunks", run=run)
+    run = killing.start(place, code, "-m", *again)
+    killing.wait_until(
+        lambda: killing.finished_chunks(place / "out") >= 2, "it finished no chunks", run=run
+    )
     run.send_signal(signal.SIGINT)
     _, said = run.communicate(timeout=60)
     assert run.returncode == 130
@@ -176,5 +170,5 @@ def test_ctrl_c_keeps_what_is_finished_and_names_the_command(tmp_path, code):
     assert "of 80 are finished and kept in " in said
     assert said.rstrip().endswith(f"to resume: isochrome {shlex.join(again[1:])}")
     assert not (place / "out").exists()
-    finished(start(place, code, "-m", *again))
+    killing.finished(killing.start(place, code, "-m", *again))
     assert tifffile.imread(place / "out" / "normalised.tif").shape == (80, ROWS, COLS)

@@ -14,13 +14,11 @@ from pages import HOSTILE, Page, charts_of, data_of, decoded
 from PIL import Image
 
 import isochrome
-from calibration.target_pictures import Shown, dots
-from isochrome.calibration import ColourCalibration, load_set, save_calibration
+from isochrome.calibration import load_set, save_calibration
 from isochrome.errors import InputError
-from isochrome.fringes import ColourTable
-from isochrome.output import write_tiff
 from isochrome.reporting import paper_rows
 from isochrome.scene import parse_scene
+from made_calibrations import dots_in, three_colours
 from scene_texts import SMALL_CAMERA, WORN_CONTACT
 from shipped_sets import some_of_a_shipped_set
 from stepped_sets import CIRCULAR, as_steps
@@ -53,13 +51,17 @@ def wear_set(folder, name="wear.toml"):
     return path
 
 
-@pytest.fixture(scope="module")
-def worn(tmp_path_factory):
-    """The folder of a wear calibration."""
-    home = tmp_path_factory.mktemp("worn")
+def wear_calibration(home):
+    """The folder of such a set's calibration."""
     path = wear_set(home)
     save_calibration(isochrome.calibrate_wear(path), home / "out", source=path)
     return home / "out"
+
+
+@pytest.fixture(scope="module")
+def worn(tmp_path_factory):
+    """The folder of a wear calibration."""
+    return wear_calibration(tmp_path_factory.mktemp("worn"))
 
 
 def test_a_simulations_pictures_and_orders_are_those_of_its_stacks(simulated, tmp_path):
@@ -184,10 +186,8 @@ def same_bytes(folder, out):
 
 
 def test_a_scales_page_states_the_pixel(tmp_path):
-    shown, picture = Shown(), tmp_path / "a <script>window.stolen = 1<script>.tif"
-    write_tiff(picture, dots(shown)[None])
-    size = {"columns": shown.columns, "rows": shown.rows, "spacing_mm": shown.spacing_mm}
-    found = isochrome.calibrate_scale(picture, target="dots", **size)
+    picture = tmp_path / "a <script>window.stolen = 1<script>.tif"
+    found = isochrome.calibrate_scale(picture, **dots_in(picture))
     save_calibration(found, tmp_path / "out", source=[picture])
     page = Page(tmp_path / "out" / "report.html")
     value, spread = map(
@@ -199,13 +199,7 @@ def test_a_scales_page_states_the_pixel(tmp_path):
 
 
 def test_the_page_of_colours_states_gamma_and_each_warning(tmp_path):
-    order = 0.01 * np.arange(151)
-    signal = np.sin(np.pi * order[:, None] * [0.9, 1.0, 1.2]) ** 2
-    found = ColourCalibration(
-        colour_table=ColourTable(signal, np.full(3, 0.01)), way="own colours", gamma=2.2,
-        gamma_uncertainty=0.03, wavelength_nm=540.0, residual=0.01, strange=0.001, highest=1.5,
-        bit_depth=8, exposures=(1.0, 0.9), warnings=HOSTILE[:4],
-    )  # fmt: skip
+    found = three_colours(gamma_uncertainty=0.03, exposures=(1.0, 0.9), warnings=HOSTILE[:4])
     save_calibration(found, tmp_path / "out")
     page = Page(tmp_path / "out" / "report.html")
     highest = found.colour_table.highest
@@ -245,11 +239,10 @@ def test_the_page_of_a_fringe_value_states_it(tmp_path, specimen, images):
 
 @pytest.mark.parametrize("name", ["calibration.png", "provenance.json"])
 def test_what_is_missing_of_a_calibration_is_named(tmp_path, name):
-    path = wear_set(tmp_path)
-    save_calibration(isochrome.calibrate_wear(path), tmp_path / "out", source=path)
-    (tmp_path / "out" / name).unlink()
+    folder = wear_calibration(tmp_path)
+    (folder / name).unlink()
     with pytest.raises(InputError, match=f"holds no {re.escape(name)}"):
-        isochrome.report(tmp_path / "out")
+        isochrome.report(folder)
 
 
 @pytest.mark.filterwarnings("ignore:.*cannot be verified")
@@ -257,13 +250,12 @@ def test_what_is_missing_of_a_calibration_is_named(tmp_path, name):
     "text", ["{}", "null", "{", '{"fringe_value_n_per_mm": 1, "warnings": []}']
 )
 def test_a_damaged_calibration_is_one_line(tmp_path, text):
-    path = wear_set(tmp_path)
-    save_calibration(isochrome.calibrate_wear(path), tmp_path / "out", source=path)
-    (tmp_path / "out" / "calibration.json").write_text(text, "utf-8")
+    folder = wear_calibration(tmp_path)
+    (folder / "calibration.json").write_text(text, "utf-8")
     with pytest.raises(InputError, match=r"calibration\.json: has .* bytes, and .* were left; run"):
-        isochrome.report(tmp_path / "out")
+        isochrome.report(folder)
     # of results of earlier versions nobody knows how they were
-    (tmp_path / "out" / "provenance.json").write_text('{"outputs": {}}', "utf-8")
+    (folder / "provenance.json").write_text('{"outputs": {}}', "utf-8")
     with pytest.raises(InputError, match=r"out: cannot be read .*run calibrate again$") as refused:
-        isochrome.report(tmp_path / "out")
+        isochrome.report(folder)
     assert "\n" not in str(refused.value)

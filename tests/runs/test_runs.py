@@ -229,21 +229,17 @@ def test_killed_while_results_take_their_place_it_goes_on(
         ({"scene": "a = 1\nb = 3\n"}, r"the scene \('b = 2' is now 'b = 3'\) has changed"),
         ({"scene": "a = 1\n"}, r"the scene \('b = 2' is no longer there\)"),
         ({"inputs_sha256": FILES | {"film.avi": "01"}}, r"the content of film\.avi has changed"),
-        (
-            {"inputs_sha256": {"other.avi": "00", "dark.tif": "11"}},
-            r"the input files \(film\.avi, other\.avi\)",
-        ),
+        ({"inputs_sha256": {"other.avi": "00", "dark.tif": "11"}},
+         r"the input files \(film\.avi, other\.avi\)"),
         ({"inputs_sha256": dict(reversed(FILES.items()))}, r"the input files \(their order\)"),
         ({"options": {"rois": True}}, r"the options \(rois: False, now True\)"),
         ({"isochrome": "2"}, r"Isochrome's version \(1, now 2\)"),
         ({"seed": 2}, r"the seed \(1, now 2\)"),
         ({"code_sha256": 64 * "1"}, r"Isochrome's own code \(its files\)"),
-        (
-            {"libraries": {"python": "3", "numpy": "2.1"}},
-            r"the version of Python or a library \(numpy: 2, now 2\.1\)",
-        ),
+        ({"libraries": {"python": "3", "numpy": "2.1"}},
+         r"the version of Python or a library \(numpy: 2, now 2\.1\)"),
     ],
-)
+)  # fmt: skip
 def test_an_unfinished_run_of_something_else_is_refused(count, tmp_path, change, words):
     stopped(tmp_path, count)
     before = contents(tmp_path / "out.partial")

@@ -10,20 +10,8 @@ import pytest
 import xarray
 import zarr
 
+from isochrome import runs
 from isochrome.errors import InputError
-from isochrome.runs import (
-    Column,
-    Layer,
-    RunArray,
-    RunLayout,
-    add_columns,
-    create_store,
-    export,
-    identifier,
-    make_dataset,
-    open_run,
-    seal,
-)
 
 matplotlib.use("Agg")
 ROWS, COLS = 3, 4
@@ -32,36 +20,36 @@ MAP = np.arange(24.0, dtype=np.float32).reshape(2, ROWS, COLS)
 
 def coordinates():
     return {
-        "frame": Column(("frame",), np.arange(2), {}),
-        "z_mm": Column(("row",), 0.1 * (np.arange(ROWS) + 0.5), {"units": "mm"}),
-        "x_mm": Column(("col",), 0.1 * (np.arange(COLS) + 0.5) - 0.2, {"units": "mm"}),
+        "frame": runs.Column(("frame",), np.arange(2), {}),
+        "z_mm": runs.Column(("row",), 0.1 * (np.arange(ROWS) + 0.5), {"units": "mm"}),
+        "x_mm": runs.Column(("col",), 0.1 * (np.arange(COLS) + 0.5) - 0.2, {"units": "mm"}),
     }
 
 
 def columns():
     return {
-        "load.normal_n": Column(("frame",), np.array([40.0, 41.0]), {"units": "N"}),
-        "load.normal_n standard_uncertainty": Column(("frame",), np.array([0.1, 0.2]), {}),
+        "load.normal_n": runs.Column(("frame",), np.array([40.0, 41.0]), {"units": "N"}),
+        "load.normal_n standard_uncertainty": runs.Column(("frame",), np.array([0.1, 0.2]), {}),
     }
 
 
 @pytest.fixture
 def memory():
-    order = Column(("frame", "row", "col"), MAP, {"units": "1", "long_name": "fringe order N"})
-    return make_dataset({"fringe_order": order, **columns()}, coordinates(), {})
+    order = runs.Column(("frame", "row", "col"), MAP, {"units": "1", "long_name": "fringe order N"})
+    return runs.make_dataset({"fringe_order": order, **columns()}, coordinates(), {})
 
 
 @pytest.fixture
 def folder(tmp_path):
     """A run's store with the same."""
-    layer = Layer("fringe_order", "1", "fringe order N")
-    layout = RunLayout(
+    layer = runs.Layer("fringe_order", "1", "fringe order N")
+    layout = runs.RunLayout(
         axes={"frame": 2}, shape={"row": ROWS, "col": COLS}, layers=(layer,), chunk=1
     )
-    create_store(tmp_path / "run.zarr", layout)
+    runs.create_store(tmp_path / "run.zarr", layout)
     zarr.open_group(tmp_path / "run.zarr")["fringe_order"][:] = MAP
-    add_columns(tmp_path / "run.zarr", columns(), coordinates(), {})
-    seal(tmp_path, {})
+    runs.add_columns(tmp_path / "run.zarr", columns(), coordinates(), {})
+    runs.seal(tmp_path, {})
     return tmp_path
 
 
@@ -76,12 +64,12 @@ def folder(tmp_path):
     ],
 )
 def test_names_are_identifiers(name, wanted):
-    assert identifier(name) == wanted == identifier(wanted)
+    assert runs.identifier(name) == wanted == runs.identifier(wanted)
     assert wanted.isidentifier() and not keyword.iskeyword(wanted)
 
 
 def test_a_run_on_disk_is_the_one_in_memory(memory, folder):
-    with open_run(folder) as stored:
+    with runs.open_run(folder) as stored:
         assert not stored.fringe_order.variable._in_memory  # nothing is read before it is used
         again = stored.load()
         again.attrs = {}
@@ -103,20 +91,20 @@ def test_a_run_of_an_earlier_version_is_opened_with_todays_names(memory, folder)
         (folder / "run.zarr" / name).rename(folder / "run.zarr" / old)
     (folder / "provenance.json").write_text('{"outputs": {}}', "utf-8")  # without checksums
     with pytest.warns(UserWarning, match="as results of earlier versions, and cannot"):
-        stored = open_run(folder)
+        stored = runs.open_run(folder)
     with stored:
         assert set(stored.variables) == set(memory.variables)
         assert stored.load_normal_n_u.values.tolist() == [0.1, 0.2]
     with pytest.warns(UserWarning, match="cannot be verified"):
-        (table,) = export(folder, "csv")
+        (table,) = runs.export(folder, "csv")
     assert "load_normal_n_u" in table.read_text().splitlines()[0]
 
 
 def test_a_map_is_drawn_the_right_way_up_in_mm(memory, folder):
-    with open_run(folder) as stored:
+    with runs.open_run(folder) as stored:
         for run in (memory, stored, memory.isel(frame=[0, 1])):
             shown = run.fringe_order.isel(frame=1)
-            assert isinstance(shown, RunArray)
+            assert isinstance(shown, runs.RunArray)
             axes = shown.plot().axes
             assert axes.get_ylim() == pytest.approx((0.3, 0.0))  # z down
             assert axes.get_xlim() == pytest.approx((-0.2, 0.2))
@@ -142,12 +130,12 @@ def test_lines_histograms_and_what_the_caller_wants_otherwise_are_xarrays(memory
 
 
 def test_without_a_scale_the_axes_are_rows_and_columns():
-    order = Column(("frame", "row", "col"), MAP, {})
+    order = runs.Column(("frame", "row", "col"), MAP, {})
     places = {
-        "row": Column(("row",), np.arange(ROWS), {}),
-        "col": Column(("col",), np.arange(COLS), {}),
+        "row": runs.Column(("row",), np.arange(ROWS), {}),
+        "col": runs.Column(("col",), np.arange(COLS), {}),
     }
-    run = make_dataset({"fringe_order": order}, places, {})
+    run = runs.make_dataset({"fringe_order": order}, places, {})
     assert run.fringe_order.dims == ("frame", "row", "col")
     assert run.fringe_order[0].plot().axes.get_ylim() == pytest.approx((2.5, -0.5))
     matplotlib.pyplot.close("all")
@@ -192,7 +180,9 @@ def test_arithmetic_of_one_place_is_xarrays(memory):
     np.testing.assert_array_equal((MAP - order).values, 0.0 * MAP)
     part = order.sel(x_mm=slice(-0.1, 0.1))  # of the same pixels
     np.testing.assert_array_equal((order - part).values, 0.0 * MAP[:, :, 1:3])
-    assert all(type(made) is RunArray for made in (order - order[0], np.abs(order), 1.0 / order))
+    assert all(
+        type(made) is runs.RunArray for made in (order - order[0], np.abs(order), 1.0 / order)
+    )
 
 
 def test_a_map_without_a_scale_is_not_spread_over_one_that_has_it(memory):

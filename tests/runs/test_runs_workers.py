@@ -17,19 +17,8 @@ import tifffile
 
 from isochrome.errors import InputError
 from isochrome.runs import RunOptions, WorkersLost, run_job, single_threaded, waiting_workers
+from runs import killing
 from runs.counting import Count, calls, computed_again, contents, finish, job, truth
-from runs.killing import (
-    NO_END_S,
-    children,
-    ends_as,
-    finished,
-    finished_chunks,
-    kill,
-    needs_proc,
-    start,
-    wait_for_the_end_of,
-    wait_until,
-)
 
 TESTS = str(Path(__file__).parents[1])
 
@@ -101,13 +90,13 @@ if __name__ == "__main__":
 
 def started(tmp_path, code, notes):
     """A run with two workers in another process, and its workers once each has begun a chunk."""
-    run = start(tmp_path, code, "-c", RUN, "out", notes, TESTS)
+    run = killing.start(tmp_path, code, "-c", RUN, "out", notes, TESTS)
 
     def at_work():
         return len(list(notes.iterdir())) >= 2 and len(calls(notes)) >= 4
 
-    wait_until(at_work, "no two workers are at work", run=run)
-    return run, children(run.pid)
+    killing.wait_until(at_work, "no two workers are at work", run=run)
+    return run, killing.children(run.pid)
 
 
 def goes_on_with_what_was_kept(notes, out):
@@ -125,24 +114,24 @@ def kept_chunks(out):
 
 
 @pytest.mark.long
-@needs_proc
+@killing.needs_proc
 def test_workers_end_with_a_killed_run_and_it_goes_on(notes, tmp_path, code):
     run, workers = started(tmp_path, code, notes)
-    kill(run, with_workers=False)
-    wait_for_the_end_of(workers)
+    killing.kill(run, with_workers=False)
+    killing.wait_for_the_end_of(workers)
     goes_on_with_what_was_kept(notes, tmp_path / "out")
     run_job(job(Count(notes), count=60), tmp_path / "other", finish)
     assert contents(tmp_path / "out") == contents(tmp_path / "other")
 
 
 @pytest.mark.long
-@needs_proc
+@killing.needs_proc
 def test_a_run_with_workers_stops_at_the_keyboard_at_once(notes, tmp_path, code):
     run, workers = started(tmp_path, code, notes)
     run.send_signal(signal.SIGINT)
-    said = finished(run)
+    said = killing.finished(run)
     assert said.startswith("stopped; ") and "run the same command again to resume" in said
-    wait_for_the_end_of(workers)
+    killing.wait_for_the_end_of(workers)
     goes_on_with_what_was_kept(notes, tmp_path / "out")
 
 
@@ -230,7 +219,7 @@ def test_a_clusters_worker_with_other_code_is_refused(notes, tmp_path, code):
     command = [sys.executable, "-c", OTHER_CODE, tmp_path / "out", notes, TESTS]
     env = os.environ | {"PYTHONPATH": str(newer)}
     said = subprocess.run(
-        command, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=NO_END_S
+        command, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=killing.NO_END_S
     )
     assert said.stdout.startswith("a worker of the cluster has another code_sha256 ("), said
     assert not (tmp_path / "out").exists() and not list(notes.iterdir())
@@ -251,7 +240,7 @@ def test_workers_below_one_are_refused(count, tmp_path):
 
 
 @pytest.mark.study
-@needs_proc
+@killing.needs_proc
 @pytest.mark.parametrize("workers", [1, 2])
 def test_killed_at_random_moments_no_more_than_the_chunks_in_hand_are_lost(
     notes, tmp_path, code, workers
@@ -265,13 +254,15 @@ def test_killed_at_random_moments_no_more_than_the_chunks_in_hand_are_lost(
     for k in range(10):
         out, own = tmp_path / f"out{k}", tmp_path / f"notes{k}"
         own.mkdir()
-        run = start(tmp_path, code, "-c", script, out, own, TESTS)
+        run = killing.start(tmp_path, code, "-c", script, out, own, TESTS)
         begun = rng.randrange(1, 19)
-        wait_until(lambda own=own, n=begun: len(calls(own)) >= n, "it began too few", run=run)
+        killing.wait_until(
+            lambda own=own, n=begun: len(calls(own)) >= n, "it began too few", run=run
+        )
         time.sleep(rng.uniform(0.0, 0.06))  # a chunk takes so long
-        kill(run, with_workers=False)
-        kept += finished_chunks(out)
-        ends_as(whole, start(tmp_path, code, "-c", script, out, own, TESTS), out)
+        killing.kill(run, with_workers=False)
+        kept += killing.finished_chunks(out)
+        killing.ends_as(whole, killing.start(tmp_path, code, "-c", script, out, own, TESTS), out)
         # one process computes a chunk while it writes the one before
         in_hand = 2 if workers == 1 else workers
         assert computed_again(own, 20) <= in_hand, (k, begun)

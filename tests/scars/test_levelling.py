@@ -6,19 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from isochrome import scars
 from isochrome.errors import InputError
-from isochrome.scars import (
-    Roughness,
-    ScarShape,
-    Trace,
-    UnclearScarError,
-    fit_roughness,
-    form_spread,
-    levelled,
-    make_bands,
-    refine_place,
-    whitening,
-)
 from worn_scars import (
     DISTANCES_M,
     FINISHES,
@@ -34,7 +23,7 @@ K = 2e-9
 
 def trace_of(seed, distance=155.0, ra=0.1, finish="ground", **how):
     x, z, middle = rough_trace(np.random.default_rng(seed), distance, K, ra, finish, **how)
-    return Trace(x_mm=x, z_um=z), middle
+    return scars.Trace(x_mm=x, z_um=z), middle
 
 
 def pull(found, distance):
@@ -47,7 +36,7 @@ def pull(found, distance):
 def test_area_and_edges_are_within_their_uncertainty(finish, distance):
     """4.5: Student's t of six degrees of freedom, beyond which one in 250 lies."""
     trace, middle = trace_of([1, int(distance)], distance, 0.08, finish)
-    found = levelled(trace)
+    found = scars.levelled(trace)
     assert abs(pull(found, distance)) < 4.5
     for edge, u, true in zip(
         found.edges_mm, found.edge_uncertainty_mm, worn_edges_mm(distance, K), strict=True
@@ -60,37 +49,37 @@ def test_area_and_edges_are_within_their_uncertainty(finish, distance):
 def test_a_smooth_scar_has_its_area_to_a_part_in_a_thousand():
     """Bins of 29 µm cut the run-out at its edges; roughness of 1 nm is next to none."""
     trace, _ = trace_of(3, 233.0, 1e-3, "lapped", form=False, spikes=False)
-    found = levelled(trace)
+    found = scars.levelled(trace)
     assert found.worn_area_mm2 == pytest.approx(worn_area_mm2(233.0, K), rel=1e-3)
 
 
 def test_a_line_or_another_origin_changes_nothing():
     """The level is linear in the heights, and a tilt is free in it."""
     trace, _ = trace_of(4, spikes=False)
-    one = levelled(trace)
+    one = scars.levelled(trace)
     tilted = replace(trace, x_mm=trace.x_mm + 3.0, z_um=trace.z_um + 8.0 * trace.x_mm - 40.0)
-    two = levelled(tilted)
+    two = scars.levelled(tilted)
     assert two.worn_area_mm2 == pytest.approx(one.worn_area_mm2, rel=1e-6)
     assert two.edges_mm[0] - 3.0 == pytest.approx(one.edges_mm[0], abs=1e-5)
-    back = levelled(Trace(x_mm=-trace.x_mm, z_um=trace.z_um))
+    back = scars.levelled(scars.Trace(x_mm=-trace.x_mm, z_um=trace.z_um))
     assert back.worn_area_mm2 == pytest.approx(one.worn_area_mm2, rel=2e-3)
 
 
 def test_heights_that_go_downward_are_turned_and_said():
     trace, _ = trace_of(5)
-    one, two = levelled(trace), levelled(replace(trace, z_um=-trace.z_um))
+    one, two = scars.levelled(trace), scars.levelled(replace(trace, z_um=-trace.z_um))
     assert two.worn_area_mm2 == pytest.approx(one.worn_area_mm2, rel=1e-9)
     assert one.messages == () and "stands up" in two.messages[0]
 
 
 def test_spikes_do_not_matter():
     trace, _ = trace_of(6, spikes=False)
-    plain = levelled(trace)
+    plain = scars.levelled(trace)
     z = trace.z_um.copy()
     inside = int(np.searchsorted(trace.x_mm, plain.centre_mm))
     for at in (100, inside, inside + 40):
         z[at : at + 3] += 15.0  # one alone would add .05 of the 3.4 µm mm
-    found = levelled(replace(trace, z_um=z))
+    found = scars.levelled(replace(trace, z_um=z))
     assert found.spikes - plain.spikes == 9
     off = found.worn_area_mm2 - plain.worn_area_mm2
     assert abs(off) < 0.3 * plain.worn_area_uncertainty_mm2
@@ -101,7 +90,7 @@ def test_ridges_beside_a_scar_are_said_and_are_no_wear():
     left, right = worn_edges_mm(155.0, K)
     u = trace.x_mm - middle
     ridge = sum(1.5 * np.exp(-(((u - at) / 0.05) ** 2)) for at in (left - 0.1, right + 0.1))
-    found = levelled(replace(trace, z_um=trace.z_um + ridge))
+    found = scars.levelled(replace(trace, z_um=trace.z_um + ridge))
     assert "ridges" in found.messages[0]
     # 1.5 sqrt(pi) .05 µm mm, a little of which lies beyond the flank
     assert np.array(found.ridges_mm2) == pytest.approx(1.5e-3 * np.sqrt(np.pi) * 0.05, rel=0.15)
@@ -112,16 +101,16 @@ def test_ridges_beside_a_scar_are_said_and_are_no_wear():
 def test_a_shallow_scar_is_wide_or_refused(seed):
     """1 µm deep in an Ra of .8 µm: below twice the roughness."""
     trace, _ = trace_of([8, seed], 31.0, 0.8, FINISHES[seed % 3])
-    with suppress(UnclearScarError):
-        assert abs(pull(levelled(trace), 31.0)) < 3.0
+    with suppress(scars.UnclearScarError):
+        assert abs(pull(scars.levelled(trace), 31.0)) < 3.0
 
 
 def test_nothing_worn_is_no_scar():
     rng = np.random.default_rng(9)
     x = np.linspace(0.0, 7.0, 3000)
     z = 0.3 * rough_surface("ground", 3000, x[1], rng) + 0.4 * (x - 3.0) ** 2
-    with pytest.raises(UnclearScarError, match="no scar stands out"):
-        levelled(Trace(x_mm=x, z_um=z, name="flat.csv"))
+    with pytest.raises(scars.UnclearScarError, match="no scar stands out"):
+        scars.levelled(scars.Trace(x_mm=x, z_um=z, name="flat.csv"))
 
 
 @pytest.mark.parametrize("half", [0.4, 0.7, 1.0])
@@ -130,13 +119,13 @@ def test_a_trace_without_shoulders_is_refused(half):
     x = np.linspace(-half, half, 2000)
     z = -worn_depth_um(x, 233.0, K) + 0.05 * np.random.default_rng(1).standard_normal(2000)
     with pytest.raises(InputError, match="too little to level it"):
-        levelled(Trace(x_mm=x, z_um=z))
+        scars.levelled(scars.Trace(x_mm=x, z_um=z))
 
 
 def test_millimetres_called_micrometres_are_refused():
     trace, _ = trace_of(10, form=False, spikes=False)
     with pytest.raises(InputError, match="check the unit of z"):
-        levelled(replace(trace, z_um=1e-3 * trace.z_um))
+        scars.levelled(replace(trace, z_um=1e-3 * trace.z_um))
 
 
 @pytest.mark.long
@@ -147,8 +136,8 @@ def test_a_deep_waviness_widens_the_area():
         trace, _ = trace_of([11, seed], 155.0, 0.05, "lapped", spikes=False)
         phase = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi)
         wave = 0.2 * np.sin(2.0 * np.pi * trace.x_mm / 1.1 + phase)
-        plain.append(levelled(trace).worn_area_uncertainty_mm2)
-        found = levelled(replace(trace, z_um=trace.z_um + wave))
+        plain.append(scars.levelled(trace).worn_area_uncertainty_mm2)
+        found = scars.levelled(replace(trace, z_um=trace.z_um + wave))
         waved.append(found.worn_area_uncertainty_mm2)
         assert abs(pull(found, 155.0)) < 4.5
     assert np.median(waved) > 3.0 * np.median(plain)
@@ -156,7 +145,7 @@ def test_a_deep_waviness_widens_the_area():
 
 def test_the_depths_covariance_is_that_of_the_area():
     trace, _ = trace_of(12)
-    found = levelled(trace)
+    found = scars.levelled(trace)
     low, high = found.window_mm
     step = found.x_mm[1] - found.x_mm[0]
     overlap = np.minimum(found.x_mm + step / 2, high) - np.maximum(found.x_mm - step / 2, low)
@@ -169,9 +158,9 @@ def test_the_depths_covariance_is_that_of_the_area():
 
 def test_white_roughness_has_the_variance_of_white_noise():
     """A flat spectrum of unit density: u² = σ² Σ w² for weights that vary slowly enough."""
-    bands = make_bands(200, 0.03)
+    bands = scars.make_bands(200, 0.03)
     members = np.bincount(bands.band)
-    flat = Roughness(0.03, bands.edges_per_mm, members / members.sum(), np.eye(bands.count))
+    flat = scars.Roughness(0.03, bands.edges_per_mm, members / members.sum(), np.eye(bands.count))
     weights = np.exp(-(((np.arange(200) - 90) / 12.0) ** 2))
     weights = weights - weights.mean()  # no power at no frequency, which no band has
     variance, freedom = flat.variance(weights)
@@ -189,7 +178,7 @@ def test_the_spectrum_of_known_waves_is_found():
         z = 0.2 * rough_surface("ground", count * 20, step / 20, rng, length_mm=length)
         z = z.reshape(count, 20).mean(axis=1)
         form = np.polynomial.legendre.legvander(np.linspace(-1, 1, count), 4)
-        found = fit_roughness(z, np.ones(count, bool), form, step)
+        found = scars.fit_roughness(z, np.ones(count, bool), form, step)
         edges, sigma = found.edges_per_mm[2:6], 0.2 * np.sqrt(np.pi / 2.0)
         shares = np.arctan(2.0 * np.pi * length * edges) * 2.0 / np.pi
         true = np.log(np.diff(shares) * sigma**2)  # below 6/mm, a bin's mean changes little
@@ -213,10 +202,14 @@ def test_a_places_covariance_is_that_of_all_its_unknowns():
     slopes = [(depth(truth + e) - depth(truth - e)) / (2.0 * e.sum()) for e in np.diag(size)]
     form = np.polynomial.legendre.legvander(x / 3.0 - 1.0, 4)
     rows = np.column_stack([*slopes, form])
-    normal = rows.T @ rows / noise**2 + np.diag(1.0 / np.r_[[np.inf] * 4, form_spread(x, 4)] ** 2)
+    normal = rows.T @ rows / noise**2 + np.diag(
+        1.0 / np.r_[[np.inf] * 4, scars.form_spread(x, 4)] ** 2
+    )
     normal[3, 3] += 1.0 / 0.7**2  # what is known of the exponent beforehand
-    start = ScarShape(3.0, 1.0, 2.5)
-    found = refine_place(x, -depth(truth), start, whitening(x, noise**2 * np.eye(len(x))))
+    start = scars.ScarShape(3.0, 1.0, 2.5)
+    found = scars.refine_place(
+        x, -depth(truth), start, scars.whitening(x, noise**2 * np.eye(len(x)))
+    )
     assert (found.centre_mm, found.half_mm) == pytest.approx((3.1, 0.9), abs=1e-3)
     # shapes are means of five points of a bin, and slopes one-sided differences of a hundredth
     expected = np.linalg.inv(normal)[1:4, 1:4]

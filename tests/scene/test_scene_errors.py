@@ -1,10 +1,13 @@
 """Wrong scenes are refused in one sentence: file, key, value, what is allowed, the fix."""
 
+import re
+
 import pytest
 
 from isochrome import scene
 from isochrome.errors import InputError
 from isochrome.scene import dump_scene, load_scene, parse_scene
+from refusals import refusal
 
 GOOD = dump_scene(load_scene("line-contact-wear"))
 
@@ -12,10 +15,10 @@ GOOD = dump_scene(load_scene("line-contact-wear"))
 def sentence(old: str, new: str) -> str:
     """What the shipped scene's text answers with one piece of it replaced."""
     assert GOOD.count(old) >= 1, old
-    with pytest.raises(InputError) as refusal:
+    with pytest.raises(InputError) as refused:
         parse_scene(GOOD.replace(old, new, 1), label="my.toml")
-    assert refusal.value.exit_code == 2
-    text = str(refusal.value)
+    assert refused.value.exit_code == 2
+    text = str(refused.value)
     assert text.startswith("my.toml: ") and "\n" not in text
     assert "pydantic" not in text and "function-" not in text and "constrained" not in text
     return text
@@ -33,33 +36,19 @@ def sentence(old: str, new: str) -> str:
         ("width_px = 659", "width_px = true", ["camera.width_px = True", "true or false"]),
         ('"dark"', '"dim"', ["polariscope.field = 'dim'", "'dark', 'bright' or 'plane'"]),
         ("31.0", "-3.0", ["wear.distances_m[2] = -3.0", "greater than or equal to 0"]),
-        (
-            "coefficient = 0.25",
-            "coefficient = {distance_m = [0, 1], value = [0.1]}",
-            ["friction.coefficient.value = [0.1]", "at least 2 items"],
-        ),
-        (
-            "coefficient = 0.25",
-            "coefficient = {distance_m = [0, 1], value = [0.1, nan]}",
-            ["friction.coefficient.value[2] = nan", "finite"],
-        ),
-        (
-            "coefficient_mm2_per_n = 2e-09",
-            "coefficient_mm2_per_n = {distance_m = [0, 1], value = [1e-9, -1e-9]}",
-            ["wear.coefficient_mm2_per_n.value[2] = -1e-09", "greater than or equal to 0"],
-        ),
-        (
-            "normal_n = 44.0",
-            "normal_n = {distance_m = [0, 1], value = [44.0, 0]}",
-            ["load.normal_n.value[2] = 0", "greater than 0"],
-        ),
-        (
-            "[wear]",
-            '[wear]\nlaw = "rabinowicz"',
-            ["wear.law = 'rabinowicz'", "'archard', 'sarkar' or 'dissipated_energy'"],
-        ),
+        ("coefficient = 0.25", "coefficient = {distance_m = [0, 1], value = [0.1]}",
+         ["friction.coefficient.value = [0.1]", "at least 2 items"]),
+        ("coefficient = 0.25", "coefficient = {distance_m = [0, 1], value = [0.1, nan]}",
+         ["friction.coefficient.value[2] = nan", "finite"]),
+        ("coefficient_mm2_per_n = 2e-09",
+         "coefficient_mm2_per_n = {distance_m = [0, 1], value = [1e-9, -1e-9]}",
+         ["wear.coefficient_mm2_per_n.value[2] = -1e-09", "greater than or equal to 0"]),
+        ("normal_n = 44.0", "normal_n = {distance_m = [0, 1], value = [44.0, 0]}",
+         ["load.normal_n.value[2] = 0", "greater than 0"]),
+        ("[wear]", '[wear]\nlaw = "rabinowicz"',
+         ["wear.law = 'rabinowicz'", "'archard', 'sarkar' or 'dissipated_energy'"]),
     ],
-)
+)  # fmt: skip
 def test_a_wrong_value_names_key_value_and_what_is_allowed(old, new, words):
     text = sentence(old, new)
     assert "is not allowed" in text and "correct it" in text
@@ -116,43 +105,23 @@ def test_an_unknown_key_like_no_other_lists_the_known_ones_without_inner_names()
         ("normal_n = 44.0\n", "", ["the key 'load.normal_n' is missing; add it"]),
         ("radius_mm = 24.61\n", "", ["[indenter] a cylinder needs radius_mm", "shape = 'flat'"]),
         ("radius_mm = 24.61\n", 'shape = "flat"\n', ["needs half_width_mm; add it"]),
-        (
-            "[camera]",
-            "[[polariscope.step]]\npolariser_deg = 1\n[camera]",
-            ["the key 'polariscope.step[1].analyser_deg' is missing"],
-        ),
-        (
-            "[camera]",
-            "[[polariscope.step]]\npolariser_deg=1\nanalyser_deg=2\ninput_plate_deg=3\n[camera]",
-            ["[polariscope.step[1]]", "both input_plate_deg and output_plate_deg"],
-        ),
-        (
-            "wavelength_nm = 587.0",
-            "plate_wavelength_nm = 560.0",
-            ["[polariscope] plate_wavelength_nm needs wavelength_nm", "add it"],
-        ),
-        (
-            "coefficient = 0.25",
-            "coefficient = {distance_m = [1, 0], value = [0.1, 2]}",
-            ["[friction.coefficient] distance_m must rise", "sort it"],
-        ),
-        (
-            "coefficient = 0.25",
-            "coefficient = {distance_m = [0, 1], value = [0.1, 0.2, 0.3]}",
-            ["distance_m has 2 numbers and value has 3", "as many of each"],
-        ),
-        (
-            "[load]\n",
-            "[load]\ntangential_n = 2.0\n",
-            ["load.tangential_n is for a stuck contact", "remove one"],
-        ),
-        (
-            "[specimen]\n",
-            '[specimen]\nshape = "disc"\n',
-            ["[indenter] and [specimen] shape = 'disc' exclude each other", "remove one"],
-        ),
+        ("[camera]", "[[polariscope.step]]\npolariser_deg = 1\n[camera]",
+         ["the key 'polariscope.step[1].analyser_deg' is missing"]),
+        ("[camera]",
+         "[[polariscope.step]]\npolariser_deg=1\nanalyser_deg=2\ninput_plate_deg=3\n[camera]",
+         ["[polariscope.step[1]]", "both input_plate_deg and output_plate_deg"]),
+        ("wavelength_nm = 587.0", "plate_wavelength_nm = 560.0",
+         ["[polariscope] plate_wavelength_nm needs wavelength_nm", "add it"]),
+        ("coefficient = 0.25", "coefficient = {distance_m = [1, 0], value = [0.1, 2]}",
+         ["[friction.coefficient] distance_m must rise", "sort it"]),
+        ("coefficient = 0.25", "coefficient = {distance_m = [0, 1], value = [0.1, 0.2, 0.3]}",
+         ["distance_m has 2 numbers and value has 3", "as many of each"]),
+        ("[load]\n", "[load]\ntangential_n = 2.0\n",
+         ["load.tangential_n is for a stuck contact", "remove one"]),
+        ("[specimen]\n", '[specimen]\nshape = "disc"\n',
+         ["[indenter] and [specimen] shape = 'disc' exclude each other", "remove one"]),
     ],
-)
+)  # fmt: skip
 def test_parts_that_do_not_agree_are_refused_with_the_way_out(old, new, words):
     text = sentence(old, new)
     assert all(word in text for word in words), text
@@ -162,9 +131,7 @@ CONTACT = GOOD[: GOOD.index("[friction]")]
 
 
 def refused(text: str) -> str:
-    with pytest.raises(InputError) as refusal:
-        parse_scene(text, label="my.toml")
-    return str(refusal.value)
+    return refusal(parse_scene, text, label="my.toml")
 
 
 def test_tangential_load_needs_friction_and_stays_within_it():
@@ -223,9 +190,7 @@ def test_text_that_is_no_toml_names_the_line_and_is_not_crashed_on():
     ],
 )
 def test_changed_values_are_checked_like_a_file(values, words):
-    with pytest.raises(InputError, match=words) as refusal:
-        load_scene("line-contact-wear").with_values(values)
-    assert "\n" not in str(refusal.value)
+    assert re.search(words, refusal(load_scene("line-contact-wear").with_values, values))
 
 
 def test_a_key_of_an_absent_part_says_which_part_to_add():
@@ -248,21 +213,17 @@ OUTLINE = "[[frames.free_boundary]]\nrow_px = {}\ncol_px = {}\n"
         (LINE.format("[3, -1]", "[4, 5]", 1.0), "row_px[2] = -1 is not allowed"),
         (LINE.format("[3, 4]", "[4, 5]", -0.5), "order = -0.5 is not allowed"),
         (LINE.format("[3, 4]", "[4, 5]", "nan"), "order = nan is not allowed"),
-        (
-            LINE.format("[3, 4]", "[4, 5]", 1.3),
-            "order = 1.3 is not allowed: input should be a mult",
-        ),
+        (LINE.format("[3, 4]", "[4, 5]", 1.3),
+         "order = 1.3 is not allowed: input should be a mult"),
         (LINE.replace("row_px", "rows_px"), "did you mean 'row_px'?"),
         (OUTLINE.format("[3]", "[4]"), "frames.free_boundary[1].row_px = [3] is not allowed"),
         (OUTLINE.format("[3, 4]", "[4, inf]"), "col_px[2] = inf is not allowed"),
         (OUTLINE.format("[3, 9, 3]", "[4, 9, 4]"), "after 2 points, and an outline has three"),
     ],
-)
+)  # fmt: skip
 def test_known_lines_and_free_boundaries_that_cannot_be_meant_are_refused(text, words):
     text = text.format("[3, 4]", "[4, 5]", 1.0) if "{" in text else text
-    with pytest.raises(InputError) as refusal:
-        parse_scene("[specimen]\n" + text)
-    assert words in str(refusal.value) and "\n" not in str(refusal.value)
+    assert words in refusal(parse_scene, "[specimen]\n" + text)
 
 
 def test_known_lines_are_for_single_frames():

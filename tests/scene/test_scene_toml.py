@@ -9,29 +9,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from isochrome import scene as models
 from isochrome.errors import InputError
-from isochrome.scene import (
-    Camera,
-    DistanceTable,
-    Frames,
-    FreeBoundary,
-    Friction,
-    Indenter,
-    KnownLine,
-    KnownOrder,
-    Load,
-    Numerics,
-    Polariscope,
-    PolariscopeStep,
-    Roi,
-    Scene,
-    Specimen,
-    Wear,
-    dump_scene,
-    load_scene,
-    parse_scene,
-    scene_names,
-)
+from isochrome.scene import Scene, dump_scene, load_scene, parse_scene, scene_names
 from scene_texts import PAPER_CONTACT
 
 positive = st.floats(1e-6, 1e6)
@@ -55,77 +35,72 @@ def some(kind, **fields):
 def tables(draw, value=finite):
     places = sorted(draw(st.lists(distance, min_size=2, max_size=5, unique=True)))
     values = st.lists(value, min_size=len(places), max_size=len(places))
-    return DistanceTable(distance_m=places, value=draw(values))
+    return models.DistanceTable(distance_m=places, value=draw(values))
 
 
-steps = st.builds(PolariscopeStep, polariser_deg=finite, analyser_deg=finite) | st.builds(
-    PolariscopeStep, polariser_deg=finite, input_plate_deg=finite, output_plate_deg=finite,
+steps = st.builds(models.PolariscopeStep, polariser_deg=finite, analyser_deg=finite) | st.builds(
+    models.PolariscopeStep, polariser_deg=finite, input_plate_deg=finite, output_plate_deg=finite,
     analyser_deg=finite,
 )  # fmt: skip
 wavelengths = st.floats(200, 3000)
 polariscopes = st.builds(
-    Polariscope,
-    wavelength_nm=wavelengths,
-    field=st.sampled_from(["dark", "bright"]),
-    plate_wavelength_nm=maybe(wavelengths),
-    step=st.lists(steps, max_size=3),
+    models.Polariscope, wavelength_nm=wavelengths, field=st.sampled_from(["dark", "bright"]),
+    plate_wavelength_nm=maybe(wavelengths), step=st.lists(steps, max_size=3),
 ) | st.sampled_from([
-    Polariscope(field="plane", axis_deg=12.5, analyser_error_deg=-0.5),
-    Polariscope(wavelength_nm=587.0, light="white", plate_wavelength_nm=560.0),
-    Polariscope(wavelength_nm=546.1, lines={"wavelength_nm": (435.8, 546.1), "power": (1.0, 2.0)}),
-    Polariscope(wavelength_nm=546.1, spectrum={"wavelength_nm": (400, 700), "power": (1.0, 2.0)}),
+    models.Polariscope(field="plane", axis_deg=12.5, analyser_error_deg=-0.5),
+    models.Polariscope(wavelength_nm=587.0, light="white", plate_wavelength_nm=560.0),
+    models.Polariscope(
+        wavelength_nm=546.1, lines={"wavelength_nm": (435.8, 546.1), "power": (1.0, 2.0)}
+    ),
+    models.Polariscope(
+        wavelength_nm=546.1, spectrum={"wavelength_nm": (400, 700), "power": (1.0, 2.0)}
+    ),
 ])  # fmt: skip
 cameras = some(
-    Camera, width_px=st.integers(1, 100_000), height_px=st.integers(1, 100_000), left_mm=finite,
-    top_mm=finite, pixel_mm=positive, bit_depth=st.integers(1, 16), vignette=st.floats(0, 0.999),
+    models.Camera, width_px=st.integers(1, 100_000), height_px=st.integers(1, 100_000),
+    left_mm=finite, top_mm=finite, pixel_mm=positive, bit_depth=st.integers(1, 16),
+    vignette=st.floats(0, 0.999),
     gamma=st.floats(0.1, 10), noise_grey=st.floats(0, 65535), full_well_electrons=positive,
     seed=st.integers(0, 2**63 - 1),
 )  # fmt: skip
-frames = some(
-    Frames,
-    roi=st.builds(Roi, height_px=st.integers(1, 9), width_px=st.integers(1, 9)),
-    no_load_dark=names,
-    gamma=st.floats(0.1, 10),
-    channel=st.sampled_from(["red", "mean"]),
-    known_order=st.lists(
-        st.builds(
-            KnownOrder, row_px=st.integers(0, 9), col_px=st.integers(0, 9), order=st.floats(0, 50)
-        ),
-        max_size=2,
-    ),
-    known_line=st.lists(
-        st.builds(
-            KnownLine,
-            row_px=st.just([1.5, 2.0]),
-            col_px=st.lists(st.floats(0, 99), min_size=2, max_size=2),
-            order=st.integers(0, 99).map(lambda half: 0.5 * half),
-        ),
-        max_size=2,
-    ),
-    free_boundary=st.lists(
-        st.builds(FreeBoundary, row_px=st.just([0, 0, 9]), col_px=st.just([0, 5, 5])), max_size=1
-    ),
+known_orders = st.builds(
+    models.KnownOrder, row_px=st.integers(0, 9), col_px=st.integers(0, 9), order=st.floats(0, 50)
 )
+known_lines = st.builds(
+    models.KnownLine, row_px=st.just([1.5, 2.0]),
+    col_px=st.lists(st.floats(0, 99), min_size=2, max_size=2),
+    order=st.integers(0, 99).map(lambda half: 0.5 * half),
+)  # fmt: skip
+boundaries = st.builds(models.FreeBoundary, row_px=st.just([0, 0, 9]), col_px=st.just([0, 5, 5]))
+frames = some(
+    models.Frames,
+    roi=st.builds(models.Roi, height_px=st.integers(1, 9), width_px=st.integers(1, 9)),
+    no_load_dark=names, gamma=st.floats(0.1, 10), channel=st.sampled_from(["red", "mean"]),
+    known_order=st.lists(known_orders, max_size=2), known_line=st.lists(known_lines, max_size=2),
+    free_boundary=st.lists(boundaries, max_size=1),
+)  # fmt: skip
 specimens = st.builds(
-    Specimen, young_gpa=positive, poisson=st.floats(-0.99, 0.5),
+    models.Specimen, young_gpa=positive, poisson=st.floats(-0.99, 0.5),
     plane=st.sampled_from(["strain", "stress"]), thickness_mm=positive,
     fringe_value_n_per_mm=positive,
 )  # fmt: skip
 indenters = st.builds(
-    Indenter, radius_mm=positive, profile=maybe(names), young_gpa=positive,
+    models.Indenter, radius_mm=positive, profile=maybe(names), young_gpa=positive,
     poisson=st.floats(-0.99, 0.5),
 ) | st.builds(
-    Indenter, shape=st.just("flat"), half_width_mm=positive, young_gpa=positive,
+    models.Indenter, shape=st.just("flat"), half_width_mm=positive, young_gpa=positive,
     poisson=st.floats(-0.99, 0.5),
 )  # fmt: skip
 wears = st.builds(
-    Wear,
-    coefficient_mm2_per_n=st.floats(0, 1) | tables(st.floats(0, 1)),
+    models.Wear, coefficient_mm2_per_n=st.floats(0, 1) | tables(st.floats(0, 1)),
     law=st.sampled_from(["archard", "sarkar"]),
     distances_m=st.lists(distance, min_size=1, max_size=5),
-)
+)  # fmt: skip
+loads = st.builds(models.Load, normal_n=positive | tables(positive), bulk_mpa=maybe(finite))
 frictions = st.builds(
-    Friction, coefficient=coefficients | tables(coefficients), static_state_first=st.booleans()
+    models.Friction,
+    coefficient=coefficients | tables(coefficients),
+    static_state_first=st.booleans(),
 )
 
 
@@ -141,12 +116,12 @@ contacts = st.fixed_dictionaries(
     {
         "specimen": specimens,
         "indenter": indenters,
-        "load": st.builds(Load, normal_n=positive | tables(positive), bulk_mpa=maybe(finite)),
+        "load": loads,
     },
     optional={
         "friction": frictions, "wear": wears, "polariscope": polariscopes, "camera": cameras,
         "frames": frames,
-        "numerics": some(Numerics, tolerance=st.floats(1e-10, 0.1), spacing_mm=positive),
+        "numerics": some(models.Numerics, tolerance=st.floats(1e-10, 0.1), spacing_mm=positive),
     },
 ).map(lambda parts: scene_of(parts))  # fmt: skip
 

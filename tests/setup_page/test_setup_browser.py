@@ -20,6 +20,7 @@ from isochrome.processing import process_frame
 from isochrome.samples import samples_path
 from isochrome.setup_page import apply_tool, open_session
 from real_frames import REAL, needs_real
+from scene_texts import PAPER_CONTACT
 
 from .conftest import GIVEN, served
 
@@ -332,11 +333,7 @@ def spotted(tmp_path):
     # without an edge: no way to make a picture smaller moves its middle
     frame = 60.0 + 190.0 * np.exp(-0.5 * (far / 3.0) ** 2)
     tifffile.imwrite(tmp_path / "spot.tif", np.rint(frame).astype(np.uint8))
-    (tmp_path / "scene.toml").write_text(
-        "[specimen]\nthickness_mm = 4.0\nyoung_gpa = 2.1\npoisson = 0.4\n"
-        "fringe_value_n_per_mm = 14.6\n[indenter]\nradius_mm = 24.61\nyoung_gpa = 210.0\n"
-        "poisson = 0.3\n[load]\nnormal_n = 44.0\n[camera]\npixel_mm = 0.01\n"
-    )
+    (tmp_path / "scene.toml").write_text(PAPER_CONTACT + "[camera]\npixel_mm = 0.01\n")
     return open_session(tmp_path / "spot.tif")
 
 

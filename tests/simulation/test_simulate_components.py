@@ -5,14 +5,8 @@ import pytest
 import tifffile
 
 import isochrome.simulation.rendering as rendering
+from isochrome import reference
 from isochrome.output import read_csv, read_pixel_mm
-from isochrome.reference import (
-    contact_modulus,
-    hertz_half_width,
-    hertz_largest_difference,
-    hertz_peak_pressure,
-    hertz_stress,
-)
 from isochrome.scene import load_scene, parse_scene
 from isochrome.simulation import simulate
 from isochrome.stress import pixel_grid
@@ -26,9 +20,9 @@ SCENE = load_scene("line-contact-wear").with_values(
         "wear.distances_m": (0.0, 233.0),
     }
 )  # fmt: skip
-MODULUS = contact_modulus(2100.0, 0.4, 210000.0, 0.3)
-HALF_WIDTH = hertz_half_width(11.0, 24.61, MODULUS)
-PEAK = hertz_peak_pressure(11.0, 24.61, MODULUS)
+MODULUS = reference.contact_modulus(2100.0, 0.4, 210000.0, 0.3)
+HALF_WIDTH = reference.hertz_half_width(11.0, 24.61, MODULUS)
+PEAK = reference.hertz_peak_pressure(11.0, 24.61, MODULUS)
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +32,7 @@ def found():
 
 def test_components_under_the_static_contact_are_mcewens(found):
     pixels = pixel_grid(SCENE)
-    truth = hertz_stress(
+    truth = reference.hertz_stress(
         pixels.x_mm[None, :], pixels.z_mm[:, None], half_width_mm=HALF_WIDTH, peak_pressure_mpa=PEAK
     )
     for name, exact in (
@@ -70,7 +64,7 @@ def test_principal_stresses_and_direction_are_the_tensors_eigenvalues_and_axis(f
 
 
 def test_largest_shear_is_hertzs_and_between_the_pixels(found):
-    truth = hertz_largest_difference(half_width_mm=HALF_WIDTH, peak_pressure_mpa=PEAK)
+    truth = reference.hertz_largest_difference(half_width_mm=HALF_WIDTH, peak_pressure_mpa=PEAK)
     # second order in the spacing over the half-width, 1/150; measured 7e-6
     assert found.history["shear_max_mpa"][0] == pytest.approx(0.5 * truth.difference_mpa, rel=2e-5)
     assert found.history["shear_max_x_mm"][0] == pytest.approx(0.0, abs=1e-6)

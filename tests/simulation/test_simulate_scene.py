@@ -256,32 +256,20 @@ NO_CAMERA = dump_scene(SMALL).split("[camera]")[0] + "[numerics]\nspacing_mm = 0
 @pytest.mark.parametrize(
     ("scene", "kind", "words"),
     [
-        (
-            SMALL.with_values({"specimen.fringe_value_n_per_mm": 0.05}),
-            PhysicsError,
-            r"fringes finer than two pixels .*camera.pixel_mm.*use smaller pixels",
-        ),
-        (
-            SMALL.with_values({"camera.width_px": 20}),
-            PhysicsError,
-            r"the contact is .* mm wide, wider than the picture .*widen the camera",
-        ),
-        (
-            SMALL.with_values({"numerics.window_mm": 0.9}),
-            PhysicsError,
-            r"reaches the edge of its grid.*numerics.window_mm",
-        ),
+        (SMALL.with_values({"specimen.fringe_value_n_per_mm": 0.05}), PhysicsError,
+         r"fringes finer than two pixels .*camera.pixel_mm.*use smaller pixels"),
+        (SMALL.with_values({"camera.width_px": 20}), PhysicsError,
+         r"the contact is .* mm wide, wider than the picture .*widen the camera"),
+        (SMALL.with_values({"numerics.window_mm": 0.9}), PhysicsError,
+         r"reaches the edge of its grid.*numerics.window_mm"),
         (parse_scene(NO_CAMERA), InputError, r"\[camera\] is missing, and a picture needs it"),
         (parse_scene(RING), InputError, r"a ring has no model without.*isochrome process"),
         (parse_scene(NOTHING), InputError, r"no \[indenter\] and no shape"),
-        (
-            SMALL.with_values({"load.normal_n": 44e6}),
-            PhysicsError,
-            r"half-plane under a parabola no longer holds; lower load.normal_n",
-        ),
+        (SMALL.with_values({"load.normal_n": 44e6}), PhysicsError,
+         r"half-plane under a parabola no longer holds; lower load.normal_n"),
     ],
     ids=["too-fine", "too-wide", "window", "no-camera", "ring", "no-model", "too-heavy"],
-)
+)  # fmt: skip
 def test_a_refusal_says_what_to_change_and_leaves_nothing_behind(tmp_path, scene, kind, words):
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(kind, match=words) as refusal:

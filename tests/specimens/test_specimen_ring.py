@@ -15,24 +15,11 @@ from isochrome.scene import parse_scene
 from isochrome.simulation import make_picture, scene_states, simulate, state_difference
 from isochrome.specimens import specimen_model
 from isochrome.stress import pixel_grid
+from scene_texts import camera_text, disc_text
 
-RING = """
-[specimen]
-shape = "ring"
-diameter_mm = 40.0
-hole_mm = 20.0
-thickness_mm = 6.0
-fringe_value_n_per_mm = 14.6
-[load]
-normal_n = 260.0
-[camera]
-width_px = 180
-height_px = 180
-left_mm = -21.3
-top_mm = -1.2
-pixel_mm = 0.24
-bit_depth = 8
-"""
+RING = disc_text(260.0, fringe_value=14.6, diameter_mm=40.0)
+RING = RING.replace('"disc"', '"ring"\nhole_mm = 20.0')
+RING += camera_text(180, 180, 0.24, left_mm=-21.3, top_mm=-1.2, bit_depth=8)
 PER_MPA = 6.0 / 14.6
 SIZES = {"load_n": 260.0, "diameter_mm": 40.0, "hole_mm": 20.0, "thickness_mm": 6.0}
 KEYS = ("load.normal_n", "camera.left_mm", "camera.top_mm")
@@ -131,7 +118,7 @@ def test_the_load_is_found_from_a_third_and_from_three_times_of_it(scene, tmp_pa
 @pytest.mark.long
 def test_the_order_of_a_frame_is_read_where_it_is_known(scene, tmp_path):
     """The rim gives the place: the scene has none."""
-    text = RING.replace("left_mm = -21.3\ntop_mm = -1.2\npixel_mm = 0.24\n", "")
+    text = RING.replace("pixel_mm = 0.24\nleft_mm = -21.3\ntop_mm = -1.2\n", "")
     found = process(write_frame(tmp_path / "frame.tif", 5), parse_scene(text.replace("260", "230")))
     (frame,) = found.frames
     # the rim's pixel is 0.16 % too large, which the fringes contradict

@@ -6,26 +6,20 @@ import numpy as np
 import pytest
 
 from finite_block import FRINGES_PER_MPA, PAIR, Solid, block_difference
+from isochrome import stress
 from isochrome.contact import ContactGrid, SurfaceState
 from isochrome.errors import InputError, PhysicsError
 from isochrome.scene import load_scene, parse_scene
 from isochrome.simulation import scene_states, simulate, state_difference
 from isochrome.specimens.block import FORCES, MODEL, REACH, block_series
-from isochrome.stress import (
-    PixelGrid,
-    PointForce,
-    RegularStress,
-    Sides,
-    corrections,
-    point_force_stress,
-)
-from scene_texts import PAPER_CONTACT
+from scene_texts import PAPER_CONTACT, camera_text
 
-PAPER = Sides(-30.0, 30.0, 40.0, PAIR[1], False)
+PAPER = stress.Sides(-30.0, 30.0, 40.0, PAIR[1], False)
 NEAR_A_SIDE = PAPER._replace(left=-6.0, right=54.0)
 PLACES = np.meshgrid(np.linspace(-2.0, 2.0, 21), np.linspace(0.05, 3.0, 16))
 BLOCK = 'thickness_mm = 4.0\nshape = "block"\nwidth_mm = 60.0\nheight_mm = 40.0\n'
 SCENE = PAPER_CONTACT.replace("thickness_mm = 4.0\n", BLOCK)
+CAMERA = camera_text(80, 60, 0.03)
 
 
 def change(series, other, radius):
@@ -41,7 +35,7 @@ def test_a_centred_blocks_corrections_are_even_under_a_normal_force_and_odd_unde
     for force, series in zip(FORCES, block_series(PAPER).unit, strict=True):
         sign = 1.0 if (force.normal == 1.0) != force.dipole else -1.0
         # at the surface sigma_x = Re s_n x^n, and bending Im s_n n x^(n-1): one is even, one odd
-        mirrored = RegularStress(
+        mirrored = stress.RegularStress(
             tuple(sign * (-1) ** n * s.conjugate() for n, s in enumerate(series.series))
         )
         assert change(mirrored, series, 10.0) < 1e-9
@@ -49,10 +43,10 @@ def test_a_centred_blocks_corrections_are_even_under_a_normal_force_and_odd_unde
 
 def test_a_block_ten_times_larger_has_a_tenth_of_the_correction():
     """Stress is force per length: s_n of a force is in 1/mm^(n+1), of a dipole in 1/mm^(n+2)."""
-    larger = block_series(Sides(-300.0, 300.0, 400.0, PAIR[1], False))
+    larger = block_series(stress.Sides(-300.0, 300.0, 400.0, PAIR[1], False))
     for force, small, large in zip(FORCES, block_series(PAPER).unit, larger.unit, strict=True):
         scaled = [s * 10.0 ** (n + 1 + force.dipole) for n, s in enumerate(large.series)]
-        assert change(RegularStress(tuple(scaled)), small, 10.0) < 1e-9
+        assert change(stress.RegularStress(tuple(scaled)), small, 10.0) < 1e-9
 
 
 @pytest.mark.long
@@ -60,7 +54,7 @@ def test_a_block_ten_times_larger_has_a_tenth_of_the_correction():
 def test_the_correction_converges_with_the_mesh_and_the_series_holds_it(sides):
     reach = REACH * sides.clearance
     coarse, usual, fine = (
-        corrections(sides, FORCES[:2], within_mm=reach, refine=r) for r in (0.5, 1.0, 2.0)
+        stress.corrections(sides, FORCES[:2], within_mm=reach, refine=r) for r in (0.5, 1.0, 2.0)
     )
     series = block_series(sides)
     assert series.misfit < 1e-3
@@ -96,9 +90,9 @@ def test_free_sides_and_a_sliding_support_carry_no_shear():
     the Gauss points nearest to each, a tenth of a millimetre off; the half-plane's own stress at 30
     and 40 mm is the scale."""
     sides = PAPER._replace(sliding=True)
-    force = PointForce(1.0, 0.0)
-    (near,) = corrections(sides, [force], within_mm=1e3, refine=0.5)
-    own = point_force_stress(near.x, near.z, force)
+    force = stress.PointForce(1.0, 0.0)
+    (near,) = stress.corrections(sides, [force], within_mm=1e3, refine=0.5)
+    own = stress.point_force_stress(near.x, near.z, force)
     sigma_x, shear = near.stress.sigma_x + own.sigma_x, near.stress.tau_xz + own.tau_xz
     side, below = np.abs(near.x) > 29.5, near.z > 39.5
     # measured 0.018, 0.045 and 0.0037; half as many lines as usual, and the corners count
@@ -116,7 +110,7 @@ def test_free_sides_and_a_sliding_support_carry_no_shear():
 def half_plane_and_block(solid):
     """Stress difference of the contact in a half-plane and in a block, and the truth's, on pixels.
     Away from the contact's edges, where neither mesh nor nodes resolve the root in the pressure."""
-    pixels = PixelGrid(rows=41, cols=67, left_mm=-2.0, top_mm=0.25, pixel_mm=0.06)
+    pixels = stress.PixelGrid(rows=41, cols=67, left_mm=-2.0, top_mm=0.25, pixel_mm=0.06)
     friction = f"\n[friction]\ncoefficient = {solid.friction}\n" if solid.friction else ""
     values = {"specimen.support": solid.support, "specimen.left_mm": solid.left_mm}
     scene = parse_scene(SCENE + friction).with_values({**values, "numerics.spacing_mm": 0.0025})
@@ -160,9 +154,8 @@ def test_the_truth_converges_to_the_block():
 
 
 def test_all_outputs_of_a_simulation_know_the_block():
-    camera = "\n[camera]\nwidth_px = 80\nheight_px = 60\npixel_mm = 0.03\n"
     half, block = (
-        simulate(parse_scene(text + camera), components=True) for text in (PAPER_CONTACT, SCENE)
+        simulate(parse_scene(text + CAMERA), components=True) for text in (PAPER_CONTACT, SCENE)
     )
     state, pixels = block.states[0], block.pixels
     difference = state_difference(block.scene, state, pixels)
@@ -203,8 +196,7 @@ def test_a_block_needs_a_contact():
 
 
 def test_a_picture_or_a_contact_beyond_the_corrections_is_refused():
-    camera = "\n[camera]\nwidth_px = 80\nheight_px = 60\npixel_mm = 0.03\n"
-    scene = parse_scene(SCENE + camera)
+    scene = parse_scene(SCENE + CAMERA)
     with pytest.raises(InputError, match=r"reaches 2[01]\.\d mm .* known within 18 mm; show less"):
         simulate(scene.with_values({"camera.left_mm": -20.0}))
     small = {"specimen.left_mm": -3.0, "camera.width_px": 40, "camera.height_px": 30}
@@ -222,7 +214,7 @@ def surface(x_mm=0.0, *, edges=(-0.1, 0.1), pressure=0.0, shear=0.0):
     )  # fmt: skip
 
 
-SMALL_VIEW = PixelGrid(rows=20, cols=30, left_mm=-1.5, top_mm=0.0, pixel_mm=0.1)
+SMALL_VIEW = stress.PixelGrid(rows=20, cols=30, left_mm=-1.5, top_mm=0.0, pixel_mm=0.1)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -254,8 +246,7 @@ def test_where_in_a_block_a_traction_acts_counts_to_first_order(pressure, shear)
 def test_without_the_library_one_sentence_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "skfem", None)
     block_series.cache_clear()
-    camera = "\n[camera]\nwidth_px = 80\nheight_px = 60\npixel_mm = 0.03\n"
     with pytest.raises(InputError, match=r"scikit-fem, .* 'pip install isochrome\[fem\]'"):
-        simulate(parse_scene(SCENE + camera))
-    simulate(parse_scene(PAPER_CONTACT + camera))
+        simulate(parse_scene(SCENE + CAMERA))
+    simulate(parse_scene(PAPER_CONTACT + CAMERA))
     simulate(load_scene("line-contact-wear").model_copy(update={"wear": None}))

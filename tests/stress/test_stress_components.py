@@ -3,15 +3,8 @@
 import numpy as np
 import pytest
 
+from isochrome import stress
 from isochrome.reference import hertz_pressure, hertz_stress, sliding_hertz_stress
-from isochrome.stress import (
-    PixelGrid,
-    RegularStress,
-    components_on_grid,
-    make_field_grid,
-    stress_components,
-    stress_difference,
-)
 
 A, P0 = 0.37, 18.0
 EDGE = 0.25 * (0.0025 / A) ** 0.5 * (0.0025 / 0.01)
@@ -23,15 +16,17 @@ def hertz_grid(pixels, fold, dtype=np.complex128):
     """A field grid and a Hertz pressure on its nodes."""
     h = pixels.pixel_mm / fold
     nodes = h * np.arange(-int(0.5 / h), int(0.5 / h) + 1)
-    grid = make_field_grid(pixels, left_mm=nodes[0], spacing_mm=h, nodes=len(nodes), dtype=dtype)
+    grid = stress.make_field_grid(
+        pixels, left_mm=nodes[0], spacing_mm=h, nodes=len(nodes), dtype=dtype
+    )
     return grid, nodes, hertz_pressure(nodes, half_width_mm=A, peak_pressure_mpa=P0)
 
 
 @pytest.mark.parametrize("friction", [None, 0.25, -0.6])
 def test_components_are_mcewens_and_the_sliding_closed_forms(friction):
-    pixels = PixelGrid(rows=60, cols=70, left_mm=-0.7, top_mm=0.0, pixel_mm=0.02)
+    pixels = stress.PixelGrid(rows=60, cols=70, left_mm=-0.7, top_mm=0.0, pixel_mm=0.02)
     grid, _, p = hertz_grid(pixels, fold=8)
-    field = components_on_grid(grid, p, None if friction is None else friction * p)
+    field = stress.components_on_grid(grid, p, None if friction is None else friction * p)
     at = pixels.x_mm[None, :], pixels.z_mm[:, None]
     exact = hertz_stress(*at, half_width_mm=A, peak_pressure_mpa=P0)
     if friction is not None:
@@ -45,11 +40,11 @@ def test_components_are_mcewens_and_the_sliding_closed_forms(friction):
 
 @pytest.mark.parametrize(("dtype", "bar"), [(np.complex64, 1e-6), (np.complex128, 5e-13)])
 def test_components_are_the_direct_sums(dtype, bar):
-    pixels = PixelGrid(rows=30, cols=40, left_mm=-0.7, top_mm=-0.02, pixel_mm=0.02)
+    pixels = stress.PixelGrid(rows=30, cols=40, left_mm=-0.7, top_mm=-0.02, pixel_mm=0.02)
     grid, nodes, p = hertz_grid(pixels, fold=5, dtype=dtype)
     q = 0.4 * np.roll(p, 9)
-    field = components_on_grid(grid, p, q, regular=RegularStress((3.0,)))
-    sums = stress_components(pixels.x_mm[None, :], pixels.z_mm[1:, None], nodes, p, q)
+    field = stress.components_on_grid(grid, p, q, regular=stress.RegularStress((3.0,)))
+    sums = stress.stress_components(pixels.x_mm[None, :], pixels.z_mm[1:, None], nodes, p, q)
     for name, bulk in zip(NAMES, (3.0, 0.0, 0.0), strict=True):
         # the stated errors of the two precisions, per largest pressure and shear
         error = np.abs(getattr(field, name)[1:] - getattr(sums, name) - bulk).max()
@@ -57,5 +52,5 @@ def test_components_are_the_direct_sums(dtype, bar):
         assert not getattr(field, name)[0].any(), "no material above the surface"
     assert field.sigma_x.dtype == np.empty(0, dtype).real.dtype
     # what fringes see is the same field
-    seen = stress_difference(grid, p, q)[1:] + 3.0
+    seen = stress.stress_difference(grid, p, q)[1:] + 3.0
     np.testing.assert_allclose(field.difference[1:], seen, rtol=0, atol=bar * 1.4 * P0)

@@ -11,7 +11,7 @@ from isochrome.scene import dump_scene, parse_scene
 from isochrome.simulation import simulate
 from isochrome.sweeps import make_grid, sweep
 from runs.counting import contents
-from scene_texts import PAPER_CONTACT
+from scene_texts import PAPER_CONTACT, camera_text
 from simulation.test_simulate_scene import DISC as LARGE_DISC
 
 DISC = parse_scene(LARGE_DISC).with_values(
@@ -21,12 +21,8 @@ DISC = parse_scene(LARGE_DISC).with_values(
         "camera.bit_depth": 8, "camera.noise_grey": 1.0,
     }
 )  # fmt: skip
-CONTACT = parse_scene(
-    PAPER_CONTACT
-    + "[camera]\nwidth_px = 160\nheight_px = 40\nleft_mm = -2.0\ntop_mm = 0.0\npixel_mm = 0.025\n"
-    + "bit_depth = 8\n",
-    name="contact",
-)
+CAMERA = camera_text(160, 40, 0.025, left_mm=-2.0, top_mm=0.0, bit_depth=8)
+CONTACT = parse_scene(PAPER_CONTACT + CAMERA, name="contact")
 
 
 @pytest.fixture(scope="module")
