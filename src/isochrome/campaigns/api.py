@@ -736,14 +736,11 @@ def _all(
                 result[number] = outcome
                 tell()
     except KeyboardInterrupt:
-        raise Stopped(
-            message(
-                "stopped_finished_kept_run",
-                result_count=len(result),
-                counted=counted(len(tasks), "recording"),
-                parent=tasks[0].folder.parent,
-            )
-        ) from None
+        text = message(
+            "stopped_finished_kept_run", result_count=len(result),
+            counted=counted(len(tasks), "recording"), parent=tasks[0].folder.parent,
+        )  # fmt: skip
+        raise Stopped(text) from None
     return [result[number] for number in range(len(tasks))]
 
 

@@ -485,7 +485,6 @@ def _of_result(result: Processed | Simulation) -> ComparedFrames:
     """The frames of a result whose maps are in memory, at the place that was found."""
     if result.frames is None:
         raise InputError("maps_folder_written_name", title=result.title)
-    simulated = isinstance(result, Simulation)
     if isinstance(result, Simulation):
         stack, order, scene = result.frames, result.orders, result.scene
     else:
@@ -499,6 +498,7 @@ def _of_result(result: Processed | Simulation) -> ComparedFrames:
     if PICTURE in table:
         table = _of_pictures(table, [at is not None for at in table[PICTURE]])
     tables = tomllib.loads(dump_scene(scene))
+    simulated = isinstance(result, Simulation)
     return _compared(stack, order, tables, table, name=result.title, simulated=simulated)
 
 

@@ -39,9 +39,7 @@ from isochrome.drafting.scene_draft import (
     given_values,
     known_values,
     light_tables,
-    light_values,
     not_among_frames,
-    open_of_set,
     refuse_unclear,
     written_draft,
 )
@@ -304,7 +302,11 @@ def _best_start(
     if not fits or fits[0][0].chi > _HOPELESS:
         raise _unexplained(frame, fits[0][0].chi if fits else None)
     for (fit, start), (other, second) in pairwise(fits[:2]):
-        if other.chi < ALIKE_CHI * fit.chi and not _same(fit, start, other, second):
+        if not other.chi < ALIKE_CHI * fit.chi:
+            continue
+        loads, frictions = ([f.scene.get(key) for f in (fit, other)] for key in (LOAD, FRICTION))
+        near = abs(loads[1] / loads[0] - 1.0) < 0.01 and abs(frictions[1] - frictions[0]) < 0.01
+        if start.lying[:3] != second.lying[:3] or not near:  # two scenes
             words, others = _in_words(fit, start), _in_words(other, second)
             raise PhysicsError(
                 "two_scenes_explain_frame_alike",
@@ -324,13 +326,6 @@ def _unexplained(frame: Frame, chi: float | None) -> PhysicsError:
     """What is said where no contact explains a frame."""
     best = "none leads to fringes" if chi is None else f"the best leaves {chi:.1f} times its noise"
     return PhysicsError("no_contact_explains_frame", name=frame.name, index=frame.index, best=best)
-
-
-def _same(fit: FrameFit, start: PictureStart, other: FrameFit, second: PictureStart) -> bool:
-    """Whether two starts have led to one scene."""
-    loads, frictions = ([f.scene.get(key) for f in (fit, other)] for key in (LOAD, FRICTION))
-    near = abs(loads[1] / loads[0] - 1.0) < 0.01 and abs(frictions[1] - frictions[0]) < 0.01
-    return start.lying[:3] == second.lying[:3] and near
 
 
 def _in_words(fit: FrameFit, start: PictureStart) -> str:
@@ -364,7 +359,7 @@ def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
     values += file_values(frames, given, turned=turned)
     origin: Origin = "file" if given.pixel_mm is None else "given"
     values.append(DraftValue("camera.pixel_mm", pixel_mm, origin))
-    values += [*_found_values(contact, given), *light_values(given)]
+    values += _found_values(contact, given)
     sentences = [
         f"Frame {contact.frame} was looked at: the contact's fringes leave {contact.fit.chi:.2f} "
         "times its noise.",
@@ -372,15 +367,9 @@ def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
         "taken as exact. Where that is measured, { value = ..., standard_uncertainty = ... } says "
         "how well.",
     ]
+    chi, draw = contact.fit.chi, partial(draft_figure, contact.data, contact.fit.scene, values)
     return written_draft(
-        frames,
-        contact.frame,
-        sentences,
-        values,
-        open_of_set(frames, given),
-        warnings=contact.messages,
-        chi=contact.fit.chi,
-        draw=partial(draft_figure, contact.data, contact.fit.scene, values),
+        frames, given, contact.frame, sentences, values, draw, warnings=contact.messages, chi=chi
     )
 
 
@@ -492,20 +481,13 @@ def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
     turned = fit.scene.frames.rotate_deg in (90, 270)
     values = [DraftValue("specimen.shape", "disc", "given")]
     values += [*given_values(given, _DISC), *file_values(frames, given, turned=turned)]
-    values += [*_disc_values(fit, given), *light_values(given)]
-    sentences = [
-        f"Frame {frame.index} was looked at: the disc's fringes leave {fit.chi:.2f} times "
-        "its noise."
-    ]
+    values += _disc_values(fit, given)
+    leave = f"the disc's fringes leave {fit.chi:.2f} times its noise."
+    sentences = [f"Frame {frame.index} was looked at: {leave}"]
+    warnings = [] if fit.chi <= POOR_CHI else [message("chi_disc_fringes_leave", chi=fit.chi)]
+    draw = partial(draft_figure, data, fit.scene, values)
     return written_draft(
-        frames,
-        frame.index,
-        sentences,
-        values,
-        open_of_set(frames, given),
-        warnings=[] if fit.chi <= POOR_CHI else [message("chi_disc_fringes_leave", chi=fit.chi)],
-        chi=fit.chi,
-        draw=partial(draft_figure, data, fit.scene, values),
+        frames, given, frame.index, sentences, values, draw, warnings=warnings, chi=fit.chi
     )
 
 
@@ -517,16 +499,14 @@ def draft_without_model(frames: FrameReader, given: KnownValues) -> SceneDraft:
     values += file_values(frames, given, turned=given.rotate_deg in (90, 270))
     if given.pixel_mm is None and frames.pixel_mm is not None:
         values.append(DraftValue(PIXEL, frames.pixel_mm, "file"))
-    values += [*_stated(given), *light_values(given)]
+    values += _stated(given)
     present = {value.key for value in values}
     quantities = (QUANTITIES[k] for k in ("thickness_mm", "fringe_value_n_per_mm", "pixel_mm"))
     hints = {quantity.key: quantity.question for quantity in quantities} | _STANDARD
     open_keys = [OpenKey(key, hint) for key, hint in hints.items() if key not in present]
-    order = "orders that are known, such as [{ row_px = 480, col_px = 20, order = 0.0 }]"
-    open_keys += [*open_of_set(frames, given), OpenKey("frames.known_order", order)]
     sentences = [message("specimen_has_no_model")]
     draw = partial(frame_figure, as_turned(frame.image, given.rotate_deg or 0, given.flip))
-    return written_draft(frames, frame.index, sentences, values, open_keys, draw=draw)
+    return written_draft(frames, given, frame.index, sentences, values, draw, open_keys=open_keys)
 
 
 def _stated(given: KnownValues) -> list[DraftValue]:

@@ -593,13 +593,10 @@ def look_through(path: FramesLike, scene: Scene) -> Check:
     """
     findings = []
     if not scene.has_model:
-        text = message("process_still_gives_normalised")
-        if scene.specimen.shape is None:
-            text = message("so_has_no_model", no_model_reason=scene.no_model_reason, text=text)
-            findings.append(Finding("note", text))
-        else:
-            text = message("no_simulation_no_fit", no_model_reason=scene.no_model_reason, text=text)
-            findings.append(Finding("warning", text))
+        open_shape, why = scene.specimen.shape is None, scene.no_model_reason
+        code = "so_has_no_model" if open_shape else "no_simulation_no_fit"
+        text = message(code, no_model_reason=why, text=message("process_still_gives_normalised"))
+        findings.append(Finding("note" if open_shape else "warning", text))
     try:
         reader = open_scene_frames(path, scene, any_scale=True)
     except InputError as error:

@@ -55,32 +55,24 @@ OME_SECONDS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "μs": 1e-6, "us": 1e-6, "ns":
 class FileNotes:
     """What a TIFF's notes tell of its frames: times in s, the side of a pixel in mm.
 
-    `times_s`, of each frame from the first (None: unknown), or `interval_s`, or neither.
+    `times_s`, of each frame from the first (None: unknown), which came at `first_s`, or
+    `interval_s`, or neither.
     """
 
     pixel_mm: float | None = None
     interval_s: float | None = None
     times_s: tuple[float | None, ...] | None = None
-    start_s: float | None = None
+    first_s: float | None = None
     significant_bits: int | None = None
 
-
-@dataclass(frozen=True, kw_only=True)
-class Ome(FileNotes):
-    """Frames by `slices`, separate `channels` and `times`."""
-
-    slices: int
-    channels: int
-    times: int
-
     @property
-    def count(self) -> int:
-        """Number of pages that the notes tell of."""
-        return self.slices * self.channels * self.times
+    def start_s(self) -> float | None:
+        """The first frame's own time; 0 where the file tells but an interval."""
+        return self.first_s if self.interval_s is None else 0.0
 
 
-def read_ome(text: str, path: Path) -> Ome:
-    """Read the OME notes of one image in one file.
+def read_ome(text: str, path: Path) -> tuple[FileNotes, tuple[int, int, int]]:
+    """Read the OME notes of one image in one file, with the numbers of its channels, slices, times.
 
     InputError where they are no XML, tell of several images or files, or of pixels that are not
     square. Source: OME schema 2016-06, elements Image, Pixels, Channel, TiffData, Plane.
@@ -106,18 +98,15 @@ def read_ome(text: str, path: Path) -> Ome:
     interval = None
     if from_first is None:
         interval = _number(pixels, "TimeIncrement", OME_SECONDS, "TimeIncrementUnit", "s")
-        start = interval and 0.0
     bits = pixels.get("SignificantBits")
-    return Ome(
-        slices=size["Z"],
-        channels=max(size["C"] // max(samples, default=1), 1),
-        times=size["T"],
+    notes = FileNotes(
         pixel_mm=_pixel_mm(pixels, path),
         interval_s=interval,
         times_s=from_first,
-        start_s=start,
+        first_s=start,
         significant_bits=int(bits) if bits and bits.isdecimal() and 1 <= int(bits) <= 16 else None,
     )
+    return notes, (max(size["C"] // max(samples, default=1), 1), size["Z"], size["T"])
 
 
 def _count(element: ElementTree.Element, name: str, path: Path) -> int:
@@ -429,30 +418,18 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     _check_square(tif, path)
     if tif.is_ome:
         return _of_ome(tif, path)
-    pages = _frame_pages(tif)
+    numbered: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
+    # not the thumbnails and reduced copies that some programs add
+    pages = tuple((i, page.offset) for i, page in numbered if i == 0 or not page.is_reduced)
     claimed = _claimed(tif, len(pages))
     hidden = len(pages) == 1 < claimed and _fit_behind(tif, claimed)
     if not hidden and (claimed > len(pages) or _chain_breaks(tif)):
         raise InputError("breaks_off_after_frames", path=path, pages_count=len(pages))
     meta = (tif.imagej_metadata or {}) if tif.is_imagej else {}
     _check_axes(path, *(_whole(meta, key) for key in ("channels", "slices", "frames")))
-    interval = _interval(meta)
-    return TiffLayout(
-        count=claimed if hidden else len(pages),
-        pages=pages,
-        hidden=hidden,
-        notes=FileNotes(
-            interval_s=interval,
-            start_s=None if interval is None else 0.0,
-            pixel_mm=pixel_mm_of(tif),
-        ),
-    )
-
-
-def _frame_pages(tif: tifffile.TiffFile) -> tuple[tuple[int, int], ...]:
-    """Pages that are frames: not the thumbnails and reduced copies that some programs add."""
-    numbered: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
-    return tuple((i, page.offset) for i, page in numbered if i == 0 or not page.is_reduced)
+    notes = FileNotes(interval_s=_interval(meta), pixel_mm=pixel_mm_of(tif))
+    count = claimed if hidden else len(pages)
+    return TiffLayout(count=count, pages=pages, hidden=hidden, notes=notes)
 
 
 def _claimed(tif: tifffile.TiffFile, counted: int) -> int:
@@ -514,9 +491,9 @@ def _interval(meta: dict[str, Any]) -> float | None:
 
 def _of_ome(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     """The frames in the order that the OME notes give them, whatever that of the pages."""
-    ome = read_ome(tif.ome_metadata or "", path)
-    _check_axes(path, ome.channels, ome.slices, ome.times)
-    named, present = ome.count, len(tif.pages)
+    notes, axes = read_ome(tif.ome_metadata or "", path)
+    _check_axes(path, *axes)
+    named, present = math.prod(axes), len(tif.pages)
     if named > present:  # before a list of that length is made
         raise InputError("ome_notes_name_frames", path=path, named=named, present=present)
     if len(tif.series) != 1:
@@ -530,7 +507,7 @@ def _of_ome(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     return TiffLayout(
         count=len(pages),
         pages=tuple((page.index, page.offset) for page in pages),
-        notes=replace(ome, pixel_mm=ome.pixel_mm or pixel_mm_of(tif)),
+        notes=replace(notes, pixel_mm=notes.pixel_mm or pixel_mm_of(tif)),
     )
 
 

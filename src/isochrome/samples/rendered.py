@@ -236,8 +236,9 @@ def true_contact(nominal: Scene) -> Scene:
             "load.normal_n": round(LOAD * nominal.get("load.normal_n"), 9),
             "friction.coefficient": table,
             "wear.coefficient_mm2_per_n": float(f"{wear:.9g}"),
+            "numerics.tolerance": _TOLERANCE,
         }
-    ).model_copy(update={"numerics": nominal.numerics.model_copy(update={"tolerance": _TOLERANCE})})
+    )
 
 
 def placed_contact(scene: Scene, nominal: Scene, index: int) -> Scene:
@@ -324,17 +325,17 @@ def true_film(nominal: Scene) -> Scene:
     first, last = FILM_FRICTION
     friction = last + (first - last) * np.exp(-5.0 * seconds / seconds[-1])
     pixel = nominal.get("camera.pixel_mm")
-    fine = {"tolerance": _FILM_TOLERANCE, "spacing_mm": pixel / (_POINTS * _NODES)}
-    numerics = nominal.numerics.model_copy(update=fine)
     return nominal.with_values(
         {
             "load.normal_n": {"distance_m": distance, "value": load.round(6)},
             "friction.coefficient": {"distance_m": distance, "value": friction.round(6)},
             "wear.coefficient_mm2_per_n": WEAR_MM2_PER_N,
             "wear.distances_m": distance,
+            "numerics.tolerance": _FILM_TOLERANCE,
+            "numerics.spacing_mm": pixel / (_POINTS * _NODES),
             **_moved(nominal, FILM_LEFT_PX, FILM_TOP_PX),
         }
-    ).model_copy(update={"numerics": numerics})
+    )
 
 
 def _write_film(path: Path, frames: list[Grey]) -> None:
