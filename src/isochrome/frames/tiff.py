@@ -27,18 +27,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.frames.reading import (
-    MAX_BYTES,
-    Extent,
-    RawFrame,
-    Source,
-    Stamp,
-    StoredForm,
-    check_dtype,
-    check_size,
-    next_time,
-    refusing,
-)
+from isochrome.frames import reading
 from isochrome.output import MM_PER_UNIT, pixel_mm_of
 
 if TYPE_CHECKING:
@@ -196,7 +185,7 @@ class PageDecoder:
             self._tif.filehandle.seek(page.dataoffsets[0] + index * page.nbytes)
             data = self._tif.filehandle.read(page.nbytes)
             raw = np.frombuffer(data, page.dtype.newbyteorder(self._tif.byteorder))
-            dtype = check_dtype(self._path, page.dtype)
+            dtype = reading.check_dtype(self._path, page.dtype)
             return np.ascontiguousarray(raw.reshape(page.shape), dtype=dtype)
         return self._decode(page, layout.pages[index][0], index)
 
@@ -213,9 +202,9 @@ class PageDecoder:
         page: Any = tifffile.TiffPage(self._tif, index=place)
         depth = max(page.samplesperpixel, 1) * max(page.imagedepth, 1)
         size = depth * (page.dtype.itemsize if page.dtype is not None else 1)
-        check_size(self._path, page.imagelength, page.imagewidth, size)
+        reading.check_size(self._path, page.imagelength, page.imagewidth, size)
         if page.is_tiled:
-            check_size(self._path, page.tilelength, page.tilewidth, size)
+            reading.check_size(self._path, page.tilelength, page.tilewidth, size)
         parts = zip(page.dataoffsets, page.databytecounts, strict=False)
         end = max((offset + size for offset, size in parts), default=0)
         if end > self._tif.filehandle.size:
@@ -252,7 +241,7 @@ class PageDecoder:
             raise InputError("frame_stored_not_black", path=path, index=index, name=form.name)
         if page.dtype is None:
             raise InputError("frame_has_bits_pixel", path=path, index=index, bitspersample=bits)
-        check_dtype(path, page.dtype)
+        reading.check_dtype(path, page.dtype)
         raw = self._pixels(page, place, index)
         if form == PALETTE and not self._tif.is_imagej and page.colormap is not None:
             raw = (page.colormap >> 8).astype(np.uint8)[:, raw].transpose(1, 2, 0)
@@ -262,7 +251,7 @@ class PageDecoder:
             raise InputError("frame_has_axes_save", path=path, index=index, axes=page.axes)
         if raw.ndim == 3:
             raw = raw[..., 0] if raw.shape[2] < 3 else raw[..., :3]
-        return np.ascontiguousarray(raw, dtype=check_dtype(path, raw.dtype))
+        return np.ascontiguousarray(raw, dtype=reading.check_dtype(path, raw.dtype))
 
     def _pixels(self, page: Any, place: int, index: int) -> np.ndarray:
         """The page's values as they are stored."""
@@ -288,7 +277,7 @@ class PageDecoder:
         if page.is_tiled:
             expected = max(expected, page.tilelength * page.tilewidth * page.samplesperpixel)
         expected *= page.dtype.itemsize
-        if sum(page.databytecounts) * DEFLATE_RATIO < MAX_BYTES:  # it cannot do harm
+        if sum(page.databytecounts) * DEFLATE_RATIO < reading.MAX_BYTES:  # it cannot do harm
             return
         for data in self._segments(page):
             stream, size = zlib.decompressobj(), 0
@@ -405,7 +394,7 @@ class TiffLayout:
         """When one more frame would have come (s)."""
         if self.notes.times_s is None:
             return self.time_s(self.count)
-        return next_time(*self.notes.times_s[-2:]) if self.count > 1 else None
+        return reading.next_time(*self.notes.times_s[-2:]) if self.count > 1 else None
 
 
 def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
@@ -514,21 +503,21 @@ def _of_ome(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
 SUFFIXES = (".tif", ".tiff", ".btf", ".tf8", ".tf2")
 
 
-def open_tiff(path: Path) -> Source:
+def open_tiff(path: Path) -> reading.Source:
     """Read the heads of a TIFF stack's pages; InputError where it is no TIFF that can be read."""
-    stamp = Stamp.of(path)
-    with refusing(path, "not a readable TIFF"), _opened(path) as tif:
+    stamp = reading.Stamp.of(path)
+    with reading.refusing(path, "not a readable TIFF"), _opened(path) as tif:
         layout = tiff_layout_of(tif, path)
         with closing(PageDecoder(tif, path)) as decoder:
             image = decoder.frame(layout, 0)
         bits = layout.notes.significant_bits or decoder.bits if image.dtype.kind == "u" else None
-    form = StoredForm.of(image)
-    return Source(
+    form = reading.StoredForm.of(image)
+    return reading.Source(
         kind="tiff",
         form=form,
         sensor_bits=bits,
         frames=partial(_frames, path, stamp, layout, form),
-        extent=partial(Extent, layout.count, layout.end_s),
+        extent=partial(reading.Extent, layout.count, layout.end_s),
         files=(path,),
         pixel_mm=layout.notes.pixel_mm,
         start_s=layout.notes.start_s,
@@ -537,8 +526,8 @@ def open_tiff(path: Path) -> Source:
 
 def holds_several(path: Path) -> bool:
     """Whether a TIFF holds more than one frame; its pages are not counted for it."""
-    Stamp.of(path)
-    with refusing(path, "not a readable TIFF"), _opened(path) as tif:
+    reading.Stamp.of(path)
+    with reading.refusing(path, "not a readable TIFF"), _opened(path) as tif:
         with suppress(IndexError):
             second: Any = tif.pages[1]
             if not second.is_reduced:  # a thumbnail
@@ -551,8 +540,8 @@ def read_single(path: Path, *, inverted_too: bool = False) -> np.ndarray:
 
     `inverted_too`, to take ImageJ's images that are shown inverted, as its masks are, as stored.
     """
-    Stamp.of(path)
-    with refusing(path, "not a readable TIFF"), _opened(path) as tif:
+    reading.Stamp.of(path)
+    with reading.refusing(path, "not a readable TIFF"), _opened(path) as tif:
         layout = tiff_layout_of(tif, path)
         if layout.count != 1:
             raise InputError("holds_pages_one_file", path=path, count=layout.count)
@@ -573,17 +562,17 @@ def _opened(path: Path) -> Iterator[tifffile.TiffFile]:
 
 
 def _frames(
-    path: Path, stamp: Stamp, layout: TiffLayout, form: StoredForm, start: int
-) -> Generator[RawFrame]:
+    path: Path, stamp: reading.Stamp, layout: TiffLayout, form: reading.StoredForm, start: int
+) -> Generator[reading.RawFrame]:
     """The frames from number `start` on; each page is found at once by its place in the file."""
     stamp.check(path)
     with ExitStack() as opened:
-        with refusing(path, "not a readable TIFF"):
+        with reading.refusing(path, "not a readable TIFF"):
             tif = opened.enter_context(_opened(path))
         decoder = opened.enter_context(closing(PageDecoder(tif, path)))
         for index in range(start, layout.count):
-            with refusing(path, f"frame {index} cannot be read"):
+            with reading.refusing(path, f"frame {index} cannot be read"):
                 image = decoder.frame(layout, index)
                 form.check(path, image, f"frame {index}")
-            yield RawFrame(image, layout.time_s(index), f"{path.name}[{index}]")
+            yield reading.RawFrame(image, layout.time_s(index), f"{path.name}[{index}]")
         stamp.check(path)
