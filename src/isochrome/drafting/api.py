@@ -639,20 +639,18 @@ def init(
     (44.0, 'dark')
     """
     given = known_values(known)
-    if not replace:
-        _refuse_existing(out)
+    _refuse_existing(out, replace)
     draft = draft_scene(frames, given, not_among_frames(frames))
     if out is not None:
-        if not replace:
-            _refuse_existing(out)  # somebody may have written one meanwhile
+        _refuse_existing(out, replace)  # somebody may have written one meanwhile
         with staged(out) as folder:
             write_text(folder / SCENE_FILE, draft.text)
             write_figure(folder / PREVIEW_FILE, draft.figure())
     return draft
 
 
-def _refuse_existing(out: str | Path | None) -> None:
-    """Refuse to write over a scene."""
+def _refuse_existing(out: str | Path | None, replace: bool) -> None:
+    """Refuse to write over a scene that is not to be replaced."""
     path = Path(out or "") / SCENE_FILE
-    if out is not None and os.path.lexists(path):
+    if out is not None and not replace and os.path.lexists(path):
         raise InputError("there_already_name_another", path=path)

@@ -14,7 +14,7 @@ import textwrap
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain, product
+from itertools import chain, count, product
 from pathlib import Path
 from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any, Protocol
@@ -288,9 +288,8 @@ def _same(one: Array, other: Array) -> bool:
 
 def _free(columns: dict[str, Array], name: str) -> str:
     """A name that no column has yet."""
-    if name not in columns:
-        return name
-    return next(new for k in range(2, len(columns) + 3) if (new := f"{name} ({k})") not in columns)
+    names = chain([name], (f"{name} ({k})" for k in count(2)))
+    return next(new for new in names if new not in columns)
 
 
 _SHARE = 0.3
