@@ -291,11 +291,11 @@ def run_side_by_side(
 def _by_pool(
     tasks: Mapping[int, Task], scene: Scene, options: Mapping[str, Any], workers: int
 ) -> Generator[tuple[int, Outcome]]:
-    given, alone = dict(tasks), {**options, "workers": 1}
+    given, by_one = dict(tasks), {**options, "workers": 1}
     with worker_pool(workers) as pool:
 
         def submit(number: int) -> Future[Outcome]:
-            return pool.submit(outcome_of, given[number], scene, alone)
+            return pool.submit(outcome_of, given[number], scene, by_one)
 
         yield from in_flight(submit, list(given), workers)
 

@@ -302,11 +302,7 @@ def _best_start(
     if not fits or fits[0][0].chi > _HOPELESS:
         raise _unexplained(frame, fits[0][0].chi if fits else None)
     for (fit, start), (other, second) in pairwise(fits[:2]):
-        if not other.chi < ALIKE_CHI * fit.chi:
-            continue
-        loads, frictions = ([f.scene.get(key) for f in (fit, other)] for key in (LOAD, FRICTION))
-        near = abs(loads[1] / loads[0] - 1.0) < 0.01 and abs(frictions[1] - frictions[0]) < 0.01
-        if start.lying[:3] != second.lying[:3] or not near:  # two scenes
+        if other.chi < ALIKE_CHI * fit.chi and not _same(fit, start, other, second):
             words, others = _in_words(fit, start), _in_words(other, second)
             raise PhysicsError(
                 "two_scenes_explain_frame_alike",
@@ -326,6 +322,13 @@ def _unexplained(frame: Frame, chi: float | None) -> PhysicsError:
     """What is said where no contact explains a frame."""
     best = "none leads to fringes" if chi is None else f"the best leaves {chi:.1f} times its noise"
     return PhysicsError("no_contact_explains_frame", name=frame.name, index=frame.index, best=best)
+
+
+def _same(fit: FrameFit, start: PictureStart, other: FrameFit, second: PictureStart) -> bool:
+    """Whether two starts have led to one scene."""
+    loads, frictions = ([f.scene.get(key) for f in (fit, other)] for key in (LOAD, FRICTION))
+    near = abs(loads[1] / loads[0] - 1.0) < 0.01 and abs(frictions[1] - frictions[0]) < 0.01
+    return start.lying[:3] == second.lying[:3] and near
 
 
 def _in_words(fit: FrameFit, start: PictureStart) -> str:
