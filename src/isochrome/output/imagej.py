@@ -245,12 +245,9 @@ AREAS = ("POLYGON", "RECT", "OVAL", "FREEHAND", "TRACED")
 def roi_entries(lines: Iterable[Any], frame: int) -> list[tuple[str, bytes]]:
     """ImageJ polylines of a frame's fringe lines, the files in a .zip for its ROI manager.
 
-    Of a line are its `rows` and `cols` (n,), px, centres at whole numbers, its `kind`, dark or
-    bright, and its `order`, None where it is not known.
-
-    A line is named 'frame 3: N = 1.5 bright' by its order and kind, with '#2' on for the next of
-    that name, or 'frame 3: line 7 dark' by its number, from 0, where the order is not known. ImageJ
-    shows them on the slice of a stack that the frame's number, from 0, is.
+    A line has `rows`, `cols` (n,), px, a `kind`, and an `order`, by which it is named: 'frame 3: N
+    = 1.5 bright', with '#2' on for the next; without one 'frame 3: line 7 dark', by its number from
+    0. ImageJ shows them on the slice of a stack that the frame's number, from 0, is.
     """
     roifile = load_roifile()
     entries, counts = [], Counter[str]()
