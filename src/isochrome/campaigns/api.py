@@ -285,7 +285,14 @@ def run_side_by_side(
                     yield number, outcome
         except WorkersLost:
             for number in list(waiting)[:workers]:  # as many as are given out at a time, in order
-                yield number, _by_itself(number, waiting.pop(number), scene, options)
+                task = waiting.pop(number)
+                try:
+                    ((_, outcome),) = _by_pool({number: task}, scene, options, 1)
+                except WorkersLost as error:
+                    lost = InputError("process_worked_killed_twice")
+                    lost.__cause__ = error
+                    outcome = failed(task, lost)
+                yield number, outcome
 
 
 def _by_pool(
@@ -298,16 +305,6 @@ def _by_pool(
             return pool.submit(outcome_of, given[number], scene, by_one)
 
         yield from in_flight(submit, list(given), workers)
-
-
-def _by_itself(number: int, task: Task, scene: Scene, options: Mapping[str, Any]) -> Outcome:
-    try:
-        ((_, outcome),) = _by_pool({number: task}, scene, options, 1)
-    except WorkersLost as error:
-        lost = InputError("process_worked_killed_twice")
-        lost.__cause__ = error
-        return failed(task, lost)
-    return outcome
 
 
 DRAWN = ("load.normal_n", "friction.coefficient")

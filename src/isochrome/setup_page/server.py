@@ -725,14 +725,22 @@ def open_session(
 def _session_of(
     given: str | Path | tuple[str | Path, ...], place: Path, calibration: str | None
 ) -> SetupSession:
-    """The session on a scene's or set's file, which may not be there yet; its line ends stay."""
+    """The session on a scene's or set's file, which may not be there yet; its line ends stay.
+
+    It is a set's where the text is one, or is to be one.
+    """
     if place.is_dir() or not place.parent.is_dir():
         raise InputError("scene_cannot_written_there", place=place)
     text, saved = "", place.is_file()
     if saved:
         read_text(place)  # its refusals: too large, a picture, not UTF-8
         text = place.read_bytes().decode("utf-8-sig")
-    subject = _subject(text, place, calibration)
+    holds = parse_toml(text, str(place)).keys() if text.strip() else ()
+    (subject,) = [kind for kind, table in TABLES.items() if table in holds] or (None,)
+    if calibration is not None:
+        if holds and subject != SUBJECTS[calibration]:
+            raise InputError("holds_no_so_no", place=place, calibration=calibration)
+        subject = SUBJECTS[calibration]
     if subject is None:
         session = SetupSession(given, place, text, saved=saved)
     else:
@@ -740,17 +748,6 @@ def _session_of(
     if saved:
         session.scene()  # what is wrong with it is said before a page opens
     return session
-
-
-def _subject(text: str, place: Path, calibration: str | None) -> str | None:
-    """The kind of set that a text is, or is to be; None for a scene."""
-    holds = parse_toml(text, str(place)).keys() if text.strip() else ()
-    (kind,) = [k for k, table in TABLES.items() if table in holds] or (None,)
-    if calibration is None:
-        return kind
-    if holds and kind != SUBJECTS[calibration]:
-        raise InputError("holds_no_so_no", place=place, calibration=calibration)
-    return SUBJECTS[calibration]
 
 
 def _images_of(place: Path) -> tuple[Path, ...]:
