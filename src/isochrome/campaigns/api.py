@@ -15,6 +15,7 @@ import time
 import unicodedata
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from concurrent.futures import Future
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -265,9 +266,6 @@ def _hashes(frames: FramesPath) -> dict[str, str]:
 
 T = TypeVar("T")
 
-_TASK: list[Any] = []
-"""What a worker process was started for."""
-
 
 def run_side_by_side(
     tasks: Mapping[int, Task], scene: Scene, options: Mapping[str, Any], workers: int
@@ -287,34 +285,26 @@ def run_side_by_side(
                     yield number, outcome
         except WorkersLost:
             for number in list(waiting)[:workers]:  # as many as are given out at a time, in order
-                yield number, _by_itself(number, waiting.pop(number), scene, options)
+                task = waiting.pop(number)
+                try:
+                    ((_, outcome),) = _by_pool({number: task}, scene, options, 1)
+                except WorkersLost as error:
+                    lost = InputError("process_worked_killed_twice")
+                    lost.__cause__ = error
+                    outcome = failed(task, lost)
+                yield number, outcome
 
 
 def _by_pool(
     tasks: Mapping[int, Task], scene: Scene, options: Mapping[str, Any], workers: int
 ) -> Generator[tuple[int, Outcome]]:
-    with worker_pool(workers, _take_task, (scene, dict(options))) as pool:
-        given = dict(tasks)
-        yield from in_flight(lambda k: pool.submit(_in_worker, given[k]), list(given), workers)
+    given, by_one = dict(tasks), {**options, "workers": 1}
+    with worker_pool(workers) as pool:
 
+        def submit(number: int) -> Future[Outcome]:
+            return pool.submit(outcome_of, given[number], scene, by_one)
 
-def _by_itself(number: int, task: Task, scene: Scene, options: Mapping[str, Any]) -> Outcome:
-    try:
-        ((_, outcome),) = _by_pool({number: task}, scene, options, 1)
-    except WorkersLost as error:
-        lost = InputError("process_worked_killed_twice")
-        lost.__cause__ = error
-        return failed(task, lost)
-    return outcome
-
-
-def _take_task(*task: Any) -> None:
-    _TASK[:] = task
-
-
-def _in_worker(task: Task) -> Outcome:
-    scene, options = _TASK
-    return outcome_of(task, scene, options | {"workers": 1})
+        yield from in_flight(submit, list(given), workers)
 
 
 DRAWN = ("load.normal_n", "friction.coefficient")
@@ -464,8 +454,7 @@ _LAST = ("kept_share", "warnings", "error")
 def tabulate_campaign(rows: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
     """The columns of summary.csv: what all recordings have, the keys of any, and what is said."""
     columns = columns_of(rows)
-    unknown: list[Any] = [None] * len(rows)
-    return columns | {name: columns.pop(name, unknown) for name in _LAST}
+    return columns | {name: columns.pop(name, [None] * len(rows)) for name in _LAST}
 
 
 def summary_of(scene: Scene, outcomes: Sequence[Outcome]) -> dict[str, Any]:
@@ -744,14 +733,11 @@ def _all(
                 result[number] = outcome
                 tell()
     except KeyboardInterrupt:
-        raise Stopped(
-            message(
-                "stopped_finished_kept_run",
-                result_count=len(result),
-                counted=counted(len(tasks), "recording"),
-                parent=tasks[0].folder.parent,
-            )
-        ) from None
+        text = message(
+            "stopped_finished_kept_run", result_count=len(result),
+            counted=counted(len(tasks), "recording"), parent=tasks[0].folder.parent,
+        )  # fmt: skip
+        raise Stopped(text) from None
     return [result[number] for number in range(len(tasks))]
 
 

@@ -200,27 +200,21 @@ def init_command(
 
     What nobody can see in a frame is asked for on a terminal, or given as an option.
     """
-    from isochrome.drafting import init as run
-    from isochrome.frames import one_recording
+    from isochrome import drafting
+    from isochrome.frames import one_recording, open_frames
 
     replace, recording = options.pop("replace"), one_recording(frames, join=join)
     known = {name: value for name, value in options.items() if value is not None}
     if not as_json and sys.stdin.isatty():
-        known |= _asked(recording, known)
+        with open_frames(recording, leave_out=drafting.not_among_frames(recording)) as reader:
+            names = drafting.open_questions(reader, drafting.known_values(known))
+        for name in names:
+            question = drafting.QUANTITIES[name].question
+            known[name] = typer.prompt(question, type=float, err=True)
     with steps(quiet=True) as say:
         say("looking for the specimen in the frames")
-        draft = run(recording, known, out, replace=replace)
+        draft = drafting.init(recording, known, out, replace=replace)
     print_result(draft, out, as_json, _print_draft)
-
-
-def _asked(recording: Any, known: dict[str, Any]) -> dict[str, float]:
-    """What the user answers to the questions that are open."""
-    from isochrome.drafting import QUANTITIES, known_values, not_among_frames, open_questions
-    from isochrome.frames import open_frames
-
-    with open_frames(recording, leave_out=not_among_frames(recording)) as frames:
-        names = open_questions(frames, known_values(known))
-    return {name: typer.prompt(QUANTITIES[name].question, type=float, err=True) for name in names}
 
 
 def _print_draft(draft: Any) -> None:

@@ -12,7 +12,7 @@ import json
 import re
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
@@ -265,7 +265,8 @@ def take_style(options: dict[str, Any]) -> FigureStyle | None:
         return None
     from isochrome.figures import FigureStyle
 
-    known: dict[str, Any] = {"numbers": given["numbers"]}
+    named = {name: given[name] for name in ("numbers", "dpi")}
+    known: dict[str, Any] = {name: value for name, value in named.items() if value is not None}
     if given["width"] is not None:
         match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(mm|cm|in|)\s*", given["width"])
         if match is None:
@@ -277,8 +278,6 @@ def take_style(options: dict[str, Any]) -> FigureStyle | None:
         known["frames"] = tuple(int(part) for part in given["shown"].split(","))
     if given["formats"] is not None:
         known["formats"] = tuple(part.strip() for part in given["formats"].lower().split(","))
-    if given["dpi"] is not None:
-        known["dpi"] = given["dpi"]
     return FigureStyle(**known)
 
 
@@ -291,8 +290,7 @@ def write_excel_tables(out: Path, excel: bool) -> None:
         from isochrome.output import write_excel_copies
 
         write_excel_copies(out)
-        return
-    for copy in out.glob("*_excel.csv"):
+    for copy in () if excel else out.glob("*_excel.csv"):
         table = copy.with_name(copy.name.replace("_excel.csv", ".csv"))
         if table.is_file() and table.stat().st_mtime_ns > copy.stat().st_mtime_ns:
             _remove(copy)
@@ -301,7 +299,8 @@ def write_excel_tables(out: Path, excel: bool) -> None:
 def save_paper_figure(result: Any, out: Path, style: FigureStyle | None) -> list[str]:
     """Write a result's figure for a paper into its folder, where it was asked for.
 
-    What it warns of stands on standard error. Gives the files' names.
+    What it warns of stands on standard error. Gives the files' names. In Python, where a figure has
+    any name, none of an earlier one is removed: the file might be the user's own.
     """
     if style is None:
         return []
@@ -311,21 +310,14 @@ def save_paper_figure(result: Any, out: Path, style: FigureStyle | None) -> list
         warnings.simplefilter("always", UserWarning)
         base = out / f"figure_{style.width_mm:g}mm"
         files = save_figure(result, base, style)
-    _remove_stale(base, files)
-    print_warnings([str(one.message) for one in noted])
-    return [str(file) for file in files]
-
-
-def _remove_stale(base: Path, files: Iterable[Path]) -> None:
-    """Remove the data that an earlier figure of this width left of plots that are there no more.
-
-    A copy for Excel is of the earlier plot even where there is a new one of its letter. In Python,
-    where a figure has any name, nothing is removed: the file might be the user's own.
-    """
+    # the data that an earlier figure of this width left of plots that are there no more; a copy for
+    # Excel is of the earlier plot even where there is a new one of its letter
     stale = re.compile(rf"{re.escape(base.name)}_[a-z](_excel)?\.csv")
-    for file in base.parent.iterdir():
+    for file in out.iterdir():
         if stale.fullmatch(file.name) and file not in files:
             _remove(file)
+    print_warnings([str(one.message) for one in noted])
+    return [str(file) for file in files]
 
 
 def _remove(file: Path) -> None:

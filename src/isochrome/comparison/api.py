@@ -89,9 +89,13 @@ def side_by_side(
     pairs = frame_pairs(experiment, simulation)
     rows = tuple(evenly_spaced(range(len(pairs)), MOST_ROWS))
     panels = side_by_side_panels(experiment, simulation, metrics, rows)
-    known = simulation if simulation.pixel_mm is not None else experiment
-    foot = _foot_text(len(rows), len(pairs), known.pixel_mm)
-    return panels_figure(replace(panels, notes=[*panels.notes[: len(rows)], foot]), "")
+    *notes, lines = panels.notes
+    foot = ["One scale, grey range and difference range for all rows; hatched: not known.", lines]
+    if len(rows) < len(pairs):
+        foot.append(f"{len(rows)} of {len(pairs)} frames shown, evenly spaced.")
+    if experiment.pixel_mm is None and simulation.pixel_mm is None:
+        foot.append("No pixel scale is known.")
+    return panels_figure(replace(panels, notes=[*notes, " ".join(foot)]), "")
 
 
 def side_by_side_panels(
@@ -297,19 +301,6 @@ def _caption(numbers: FrameMetrics) -> str:
     return "  ·  ".join(parts)
 
 
-def _foot_text(shown: int, count: int, pixel_mm: float | None) -> str:
-    """Say what holds for all rows."""
-    parts = [
-        "One scale, grey range and difference range for all rows; hatched: not known.",
-        "Orange: dark-fringe centre lines of the simulation.",
-    ]
-    if shown < count:
-        parts.append(f"{shown} of {count} frames shown, evenly spaced.")
-    if pixel_mm is None:
-        parts.append("No pixel scale is known.")
-    return " ".join(parts)
-
-
 _TEXT = "A comparison asks nothing of the frames: the reports of its two sets say what was found."
 
 
@@ -317,12 +308,11 @@ def comparison_report(
     experiment: ComparedFrames,
     simulation: ComparedFrames,
     metrics: Sequence[FrameMetrics],
-    columns: Mapping[str, Sequence[Any]],
     record: Mapping[str, Any],
     scene: Scene | None,
 ) -> ReportContent:
     """What the report says; `record`, what provenance.json holds; `scene`: None of bare frames."""
-    residual = [m.signals.rmse for m in metrics]
+    columns, residual = _table(metrics), [m.signals.rmse for m in metrics]
     chosen = choose_frames(residual, residual)
     pairs = frame_pairs(experiment, simulation)
     of_order = any(m.orders is not None for m in metrics)
@@ -524,8 +514,7 @@ def compare(
             record[_SETS] = [str(experiment), str(simulation)] if on_disk else None
             write_figure(folder / "comparison.png", side_by_side(here, there, metrics))
             scene = _scene_of(experiment)
-            content = comparison_report(here, there, metrics, result.columns, record, scene)
-            write_report(folder / REPORT, content)
+            write_report(folder / REPORT, comparison_report(here, there, metrics, record, scene))
             seal(folder, record)
     return result
 
@@ -544,7 +533,7 @@ def compared_again(record: Mapping[str, Any], name: str) -> ReportContent:
         raise InputError("another_now_not_there", name=name, sets=sets[0], sets_2=sets[1])
     here, there = (load_frame_set(one) for one in sets)
     metrics = compare_frames(here, there)
-    return comparison_report(here, there, metrics, _table(metrics), record, _scene_of(sets[0]))
+    return comparison_report(here, there, metrics, record, _scene_of(sets[0]))
 
 
 def _scene_of(given: SetToCompare) -> Scene | None:
@@ -556,7 +545,7 @@ def _scene_of(given: SetToCompare) -> Scene | None:
     return scene if isinstance(scene, Scene) else None
 
 
-def _table(metrics: list[FrameMetrics]) -> dict[str, list[Any]]:
+def _table(metrics: Sequence[FrameMetrics]) -> dict[str, list[Any]]:
     """Columns with units in their names; empty where a number cannot be had."""
     columns = {
         "order_rms_fringe": ("orders", "rms"),

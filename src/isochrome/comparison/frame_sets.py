@@ -485,7 +485,6 @@ def _of_result(result: Processed | Simulation) -> ComparedFrames:
     """The frames of a result whose maps are in memory, at the place that was found."""
     if result.frames is None:
         raise InputError("maps_folder_written_name", title=result.title)
-    simulated = isinstance(result, Simulation)
     if isinstance(result, Simulation):
         stack, order, scene = result.frames, result.orders, result.scene
     else:
@@ -499,6 +498,7 @@ def _of_result(result: Processed | Simulation) -> ComparedFrames:
     if PICTURE in table:
         table = _of_pictures(table, [at is not None for at in table[PICTURE]])
     tables = tomllib.loads(dump_scene(scene))
+    simulated = isinstance(result, Simulation)
     return _compared(stack, order, tables, table, name=result.title, simulated=simulated)
 
 
@@ -513,10 +513,14 @@ def _load_result(folder: Path, signal_name: str, table_name: str) -> ComparedFra
         if order is not None and len(order) == len(shown):  # a page for every frame
             order = order[shown]
     fitted = folder / "fitted_scene.toml"  # with the place that was found
+    resolved = fitted if fitted.is_file() else folder / "scene.toml"
+    try:
+        tables = tomllib.loads(resolved.read_text("utf-8-sig") if resolved.exists() else "")
+    except (ValueError, RecursionError, OSError) as error:
+        raise InputError("not_valid_toml_make", path=resolved, error=error) from error
     return _compared(
-        stack, order, _scene(fitted if fitted.is_file() else folder / "scene.toml"), table,
-        name=str(folder / signal_name), simulated=signal_name == "frames.tif",
-        pixel_mm=read_pixel_mm(folder / signal_name),
+        stack, order, tables, table, name=str(folder / signal_name),
+        simulated=signal_name == "frames.tif", pixel_mm=read_pixel_mm(folder / signal_name),
     )  # fmt: skip
 
 
@@ -609,16 +613,6 @@ def _of_pictures(table: Mapping[str, Sequence[Any]], shown: Iterable[bool]) -> d
     """The rows of a tracked video's key frames, which alone have pictures."""
     flags = list(shown)
     return {name: list(compress(values, flags)) for name, values in table.items()}
-
-
-def _scene(path: Path) -> dict[str, Any]:
-    """Read the resolved scene beside the results as plain tables; empty without one."""
-    if not path.exists():
-        return {}
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (ValueError, RecursionError, OSError) as error:
-        raise InputError("not_valid_toml_make", path=path, error=error) from error
 
 
 def _labels(table: Mapping[str, Sequence[Any]], count: int) -> tuple[str, ...]:

@@ -413,15 +413,11 @@ class ScarComparison(Result):
                 continue
             gap, spread = pair.area_difference_mm2
             if abs(gap) > _APART * spread:
-                result.append(
-                    message(
-                        "worn_area_mm_differs",
-                        name=name,
-                        worn_area_mm2=pair.trace.worn_area_mm2,
-                        worn_area_mm2_2=scar.worn_area_mm2,
-                        spread=abs(gap) / spread,
-                    )
-                )
+                text = message(
+                    "worn_area_mm_differs", name=name, worn_area_mm2=pair.trace.worn_area_mm2,
+                    worn_area_mm2_2=scar.worn_area_mm2, spread=abs(gap) / spread,
+                )  # fmt: skip
+                result.append(text)
         if not self.scars[0].moved_um:
             result.append(message("states_no_uncertainty_so", name=self.scene.name))
         return tuple(result)
@@ -591,11 +587,9 @@ def scars_figure(result: ScarComparison) -> Figure:
         add_legend(axes, loc="lower right")
     for axes in panels[-1]:
         style_axes(axes, x_label="x (mm)")
-    write_head(
-        figure,
-        f"{plain_name(result.scene.name)}: measured scars beside simulated ones, bands ± {BAND:g} "
-        "standard uncertainties",
-    )
+    what = "measured scars beside simulated ones"
+    bands = f"bands ± {BAND:g} standard uncertainties"
+    write_head(figure, f"{plain_name(result.scene.name)}: {what}, {bands}")
     return figure
 
 

@@ -39,9 +39,7 @@ from isochrome.drafting.scene_draft import (
     given_values,
     known_values,
     light_tables,
-    light_values,
     not_among_frames,
-    open_of_set,
     refuse_unclear,
     written_draft,
 )
@@ -364,7 +362,7 @@ def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
     values += file_values(frames, given, turned=turned)
     origin: Origin = "file" if given.pixel_mm is None else "given"
     values.append(DraftValue("camera.pixel_mm", pixel_mm, origin))
-    values += [*_found_values(contact, given), *light_values(given)]
+    values += _found_values(contact, given)
     sentences = [
         f"Frame {contact.frame} was looked at: the contact's fringes leave {contact.fit.chi:.2f} "
         "times its noise.",
@@ -372,15 +370,9 @@ def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
         "taken as exact. Where that is measured, { value = ..., standard_uncertainty = ... } says "
         "how well.",
     ]
+    chi, draw = contact.fit.chi, partial(draft_figure, contact.data, contact.fit.scene, values)
     return written_draft(
-        frames,
-        contact.frame,
-        sentences,
-        values,
-        open_of_set(frames, given),
-        warnings=contact.messages,
-        chi=contact.fit.chi,
-        draw=partial(draft_figure, contact.data, contact.fit.scene, values),
+        frames, given, contact.frame, sentences, values, draw, warnings=contact.messages, chi=chi
     )
 
 
@@ -492,20 +484,13 @@ def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
     turned = fit.scene.frames.rotate_deg in (90, 270)
     values = [DraftValue("specimen.shape", "disc", "given")]
     values += [*given_values(given, _DISC), *file_values(frames, given, turned=turned)]
-    values += [*_disc_values(fit, given), *light_values(given)]
-    sentences = [
-        f"Frame {frame.index} was looked at: the disc's fringes leave {fit.chi:.2f} times "
-        "its noise."
-    ]
+    values += _disc_values(fit, given)
+    leave = f"the disc's fringes leave {fit.chi:.2f} times its noise."
+    sentences = [f"Frame {frame.index} was looked at: {leave}"]
+    warnings = [] if fit.chi <= POOR_CHI else [message("chi_disc_fringes_leave", chi=fit.chi)]
+    draw = partial(draft_figure, data, fit.scene, values)
     return written_draft(
-        frames,
-        frame.index,
-        sentences,
-        values,
-        open_of_set(frames, given),
-        warnings=[] if fit.chi <= POOR_CHI else [message("chi_disc_fringes_leave", chi=fit.chi)],
-        chi=fit.chi,
-        draw=partial(draft_figure, data, fit.scene, values),
+        frames, given, frame.index, sentences, values, draw, warnings=warnings, chi=fit.chi
     )
 
 
@@ -517,16 +502,14 @@ def draft_without_model(frames: FrameReader, given: KnownValues) -> SceneDraft:
     values += file_values(frames, given, turned=given.rotate_deg in (90, 270))
     if given.pixel_mm is None and frames.pixel_mm is not None:
         values.append(DraftValue(PIXEL, frames.pixel_mm, "file"))
-    values += [*_stated(given), *light_values(given)]
+    values += _stated(given)
     present = {value.key for value in values}
     quantities = (QUANTITIES[k] for k in ("thickness_mm", "fringe_value_n_per_mm", "pixel_mm"))
     hints = {quantity.key: quantity.question for quantity in quantities} | _STANDARD
     open_keys = [OpenKey(key, hint) for key, hint in hints.items() if key not in present]
-    order = "orders that are known, such as [{ row_px = 480, col_px = 20, order = 0.0 }]"
-    open_keys += [*open_of_set(frames, given), OpenKey("frames.known_order", order)]
     sentences = [message("specimen_has_no_model")]
     draw = partial(frame_figure, as_turned(frame.image, given.rotate_deg or 0, given.flip))
-    return written_draft(frames, frame.index, sentences, values, open_keys, draw=draw)
+    return written_draft(frames, given, frame.index, sentences, values, draw, open_keys=open_keys)
 
 
 def _stated(given: KnownValues) -> list[DraftValue]:
@@ -659,20 +642,18 @@ def init(
     (44.0, 'dark')
     """
     given = known_values(known)
-    if not replace:
-        _refuse_existing(out)
+    _refuse_existing(out, replace)
     draft = draft_scene(frames, given, not_among_frames(frames))
     if out is not None:
-        if not replace:
-            _refuse_existing(out)  # somebody may have written one meanwhile
+        _refuse_existing(out, replace)  # somebody may have written one meanwhile
         with staged(out) as folder:
             write_text(folder / SCENE_FILE, draft.text)
             write_figure(folder / PREVIEW_FILE, draft.figure())
     return draft
 
 
-def _refuse_existing(out: str | Path | None) -> None:
-    """Refuse to write over a scene."""
+def _refuse_existing(out: str | Path | None, replace: bool) -> None:
+    """Refuse to write over a scene that is not to be replaced."""
     path = Path(out or "") / SCENE_FILE
-    if out is not None and os.path.lexists(path):
+    if out is not None and not replace and os.path.lexists(path):
         raise InputError("there_already_name_another", path=path)

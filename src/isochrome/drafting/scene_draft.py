@@ -160,16 +160,25 @@ _WORDS = {"file": "as the file has it", "given": "as given", "found": "found"}
 
 def written_draft(
     reader: FrameReader,
+    given: KnownValues,
     frame: int,
     sentences: Sequence[str],
     values: Sequence[DraftValue],
-    open_keys: Sequence[OpenKey],
+    draw: Callable[[], Figure],
     *,
+    open_keys: Sequence[OpenKey] = (),
     warnings: Sequence[str] = (),
     chi: float | None = None,
-    draw: Callable[[], Figure],
 ) -> SceneDraft:
-    """Write a scene with sentences above it, and read it back; its `frame` was looked at."""
+    """Write a scene with sentences above it, and read it back; its `frame` was looked at.
+
+    What is known of the light, and what is open of it and of the recording, stands in every scene.
+    """
+    # the light, and the colours that are read
+    keys = ("polariscope.wavelength_nm", "frames.channel", "frames.flip")
+    light = ((key, getattr(given, key.partition(".")[2])) for key in keys)
+    values = [*values, *(DraftValue(key, v, "given") for key, v in light if v is not None)]
+    open_keys = [*open_keys, *open_of_set(reader, given)]
     head = [f"Drafted by isochrome init from {described_set(reader)}", *sentences]
     parts = ["\n".join(line for sentence in head for line in _comment(sentence))]
     for table in TABLES:
@@ -456,15 +465,8 @@ def given_values(given: KnownValues, names: Sequence[str]) -> list[DraftValue]:
     ]
 
 
-def light_values(given: KnownValues) -> list[DraftValue]:
-    """What is known of the light and of the colours that are read."""
-    keys = ("polariscope.wavelength_nm", "frames.channel", "frames.flip")
-    values = ((key, getattr(given, key.partition(".")[2])) for key in keys)
-    return [DraftValue(key, value, "given") for key, value in values if value is not None]
-
-
 def open_of_set(reader: FrameReader, given: KnownValues) -> list[OpenKey]:
-    """What of the light and of the recording is still open."""
+    """What of the light and of the recording is still open, and of a scene without a model."""
     wavelength = QUANTITIES["wavelength_nm"]
     keys = [OpenKey(wavelength.key, wavelength.question)] * (given.wavelength_nm is None)
     for name, what in (("bright", "illumination"), ("dark", "background")):
@@ -476,6 +478,9 @@ def open_of_set(reader: FrameReader, given: KnownValues) -> list[OpenKey]:
     if frame_rate(reader) is not None:
         text = "sliding speed (mm/s), usually 1 to 500: gives the distance of each frame"
         keys.append(OpenKey("frames.sliding_speed_mm_per_s", text))
+    if given.shape == "other":
+        text = "orders that are known, such as [{ row_px = 480, col_px = 20, order = 0.0 }]"
+        keys.append(OpenKey("frames.known_order", text))
     return keys
 
 

@@ -14,7 +14,7 @@ import textwrap
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain, product
+from itertools import chain, count, product
 from pathlib import Path
 from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any, Protocol
@@ -288,9 +288,8 @@ def _same(one: Array, other: Array) -> bool:
 
 def _free(columns: dict[str, Array], name: str) -> str:
     """A name that no column has yet."""
-    if name not in columns:
-        return name
-    return next(new for k in range(2, len(columns) + 3) if (new := f"{name} ({k})") not in columns)
+    names = chain([name], (f"{name} ({k})" for k in count(2)))
+    return next(new for new in names if new not in columns)
 
 
 _SHARE = 0.3
@@ -488,13 +487,11 @@ def _plot_heights(
     Lower in a column's figure, and where they are `lowered`, 1 of which is to the least of each.
     """
     share = 1.0 if style.width_mm >= _COLUMN_MM else 0.8
-    full = [[share * plot.height_mm for plot in row] for row in _plot_rows(panels, style, plots)]
-    least = [[plot.least_mm for plot in row] for row in _plot_rows(panels, style, plots)]
-    heights = [
-        max(h + lowered * (min(h, low) - h) for h, low in zip(*row, strict=True))
-        + 4.0 * PAPER_LINE_MM
-        for row in zip(full, least, strict=True)
-    ]
+    heights = []
+    for row in _plot_rows(panels, style, plots):
+        sizes = [(share * plot.height_mm, plot.least_mm) for plot in row]
+        tall = max(h + lowered * (min(h, low) - h) for h, low in sizes)
+        heights.append(tall + 4.0 * PAPER_LINE_MM)
     lines = math.ceil(len(panels.legend) / _legend_columns(panels, style))
     return [*heights, (1.4 * lines + 0.6) * PAPER_LINE_MM] if lines else heights
 

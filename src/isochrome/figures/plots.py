@@ -11,23 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from isochrome.errors import InputError
+from isochrome.figures import style
 from isochrome.figures.paper import Plot, data_name, fold
-from isochrome.figures.style import (
-    FRAME_MAP,
-    GREY,
-    INK,
-    LINE_COLOURS,
-    LINE_PT,
-    NOTE_PT,
-    PAPER_PT,
-    TEXT_PT,
-    Place,
-    new_figure,
-    plain_name,
-    show_image,
-    style_axes,
-    write_head,
-)
 from isochrome.output import FrameValues
 
 if TYPE_CHECKING:
@@ -54,7 +39,7 @@ KEY_LABELS = {
 PANEL_IN = 2.1
 """Height of one quantity's panel in inches."""
 
-_LABEL_MM = 25.4 * 0.7 * PANEL_IN * PAPER_PT / TEXT_PT
+_LABEL_MM = 25.4 * 0.7 * PANEL_IN * style.PAPER_PT / style.TEXT_PT
 """Longest line of a label at the side, in letters of a paper's size: it keeps to its panel."""
 
 _POINTS = 1600
@@ -75,7 +60,7 @@ def frame_axis(table: FrameValues) -> tuple[Array, str]:
 
 
 def draw_band(
-    axis: Axes, x: Array, values: Array, spread: Array, *, colour: Any = LINE_COLOURS[0],
+    axis: Axes, x: Array, values: Array, spread: Array, *, colour: Any = style.LINE_COLOURS[0],
     **line: Any,
 ) -> None:  # fmt: skip
     """Draw values with a band of two standard uncertainties to either side, where it is finite."""
@@ -98,28 +83,28 @@ def draw_values(axis: Axes, table: FrameValues, key: str) -> None:
     order = order[:: -(-len(order) // _POINTS)] if len(order) else order
     # a line goes on over frames without the key, and breaks where a video's frame tells nothing
     drawn = order[np.isfinite(values[order])] if len(order) <= _FEW else order
-    draw_band(axis, place[drawn], values[drawn], spread[drawn], lw=LINE_PT)
+    draw_band(axis, place[drawn], values[drawn], spread[drawn], lw=style.LINE_PT)
     if len(order) <= _FEW:
         open_square: dict[str, Any] = {"fmt": "s", "mfc": "white", "label": data_name("static")}
         for frames, look in ((drawn, {"fmt": "o"}), (np.flatnonzero(still), open_square)):
             x = np.where(np.isfinite(place[frames]), place[frames], 0.0)
             bars = BAND * np.where(np.isfinite(spread[frames]), spread[frames], np.nan)
-            look |= {"color": LINE_COLOURS[0], "ms": 4, "capsize": 2.5, "lw": LINE_PT}
+            look |= {"color": style.LINE_COLOURS[0], "ms": 4, "capsize": 2.5, "lw": style.LINE_PT}
             axis.errorbar(x, values[frames], yerr=bars, **look)
     _mark(axis, table, place, values)
     followed = spread[~table.whole] if not table.whole.all() else spread
     known = followed[np.isfinite(followed)]
     title = f"median u = {np.median(known):.2g}" if known.size else "not determined"
     title += " (square: static)" * bool(still.any())
-    style_axes(axis, x_label=across, z_label=KEY_LABELS.get(key, key), title=title)
+    style.style_axes(axis, x_label=across, z_label=KEY_LABELS.get(key, key), title=title)
     axis.ticklabel_format(axis="y", useOffset=False)
 
 
 def _mark(axis: Axes, table: FrameValues, place: Array, values: Array) -> None:
     """Mark key frames, and those that were found by a full search."""
     key, again = table.whole, table.searched
-    axis.plot(place[key], values[key], ".", color=INK, ms=4, label=data_name("key frames"))
-    look: dict[str, Any] = {"mfc": "none", "color": LINE_COLOURS[1], "ms": 5}
+    axis.plot(place[key], values[key], ".", color=style.INK, ms=4, label=data_name("key frames"))
+    look: dict[str, Any] = {"mfc": "none", "color": style.LINE_COLOURS[1], "ms": 5}
     axis.plot(place[again], values[again], "o", label=data_name("full search"), **look)
 
 
@@ -127,9 +112,9 @@ def draw_chi(axis: Axes, table: FrameValues) -> None:
     """Draw chi over the frames, or the distance."""
     place, across = frame_axis(table)
     thin = slice(None, None, -(-len(place) // _POINTS))
-    axis.plot(place[thin], table.chi[thin], color=GREY, lw=LINE_PT)
+    axis.plot(place[thin], table.chi[thin], color=style.GREY, lw=style.LINE_PT)
     _mark(axis, table, place, table.chi)
-    style_axes(axis, x_label=across, z_label="chi")
+    style.style_axes(axis, x_label=across, z_label="chi")
 
 
 def draw_frame_values(figure: Figure | SubFigure, table: FrameValues) -> None:
@@ -143,14 +128,14 @@ def draw_frame_values(figure: Figure | SubFigure, table: FrameValues) -> None:
     draw_chi(axes[-1], table)
     marks = "circles: found by a full search"
     marks = f"dots: key frames; {marks}" if table.whole.any() else marks
-    write_head(figure, f"values, band ± {BAND:g} standard uncertainties\n{marks}")
+    style.write_head(figure, f"values, band ± {BAND:g} standard uncertainties\n{marks}")
 
 
 def frame_values_figure(name: str, table: FrameValues) -> Figure:
     """Draw `draw_frame_values` as a picture of its own."""
-    figure = new_figure(9.0, PANEL_IN * (len(table.keys) + 1) + 0.8)
+    figure = style.new_figure(9.0, PANEL_IN * (len(table.keys) + 1) + 0.8)
     draw_frame_values(figure, table)
-    write_head(figure, f"{plain_name(name)}: tracked {figure.get_suptitle()}")
+    style.write_head(figure, f"{style.plain_name(name)}: tracked {figure.get_suptitle()}")
     return figure
 
 
@@ -182,14 +167,14 @@ def draw_budget(axes: Axes, parts: Mapping[str, float], *, x_label: str, title: 
     """
     items = _shown_parts(parts)
     names, sizes = list(items)[::-1], list(items.values())[::-1]
-    axes.barh(names, sizes, height=0.6, color=LINE_COLOURS[0])
+    axes.barh(names, sizes, height=0.6, color=style.LINE_COLOURS[0])
     total = sum(size**2 for size in sizes)
     for place, size in enumerate(sizes):
-        axes.text(size, place, f" {size**2 / total:.0%}", va="center", fontsize=NOTE_PT)
+        axes.text(size, place, f" {size**2 / total:.0%}", va="center", fontsize=style.NOTE_PT)
     axes.margins(x=0.2)
     axes.set_ylim(-0.6, max(len(items), 3) - 0.4)
     axes.locator_params(axis="x", nbins=4)
-    style_axes(axes, x_label=x_label, title=title)
+    style.style_axes(axes, x_label=x_label, title=title)
 
 
 def given_axes(axes: Axes | None) -> Axes:
@@ -202,7 +187,9 @@ def given_axes(axes: Axes | None) -> Axes:
     return result
 
 
-def place_of_image(image: Any, pixel_mm: float | None, left_mm: float, top_mm: float) -> Place:
+def place_of_image(
+    image: Any, pixel_mm: float | None, left_mm: float, top_mm: float
+) -> style.Place:
     """The place of an image: as its coordinates z_mm and x_mm say, or as it is given."""
     coords = getattr(image, "coords", {})
     if pixel_mm is None and "x_mm" in coords and "z_mm" in coords:
@@ -276,7 +263,7 @@ def plot_frame(
         full = float(np.iinfo(values.dtype).max) if values.dtype.kind == "u" else 1.0
     place = place_of_image(frame, pixel_mm, left_mm, top_mm)
     drawn = given_axes(axes)
-    show_image(drawn, values, cmap=FRAME_MAP, vmin=0, vmax=full, title=title, **place)
+    style.show_image(drawn, values, cmap=style.FRAME_MAP, vmin=0, vmax=full, title=title, **place)
     return drawn
 
 

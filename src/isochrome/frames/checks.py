@@ -28,14 +28,8 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.figures import LINE_COLOURS, LINE_PT, NOTE_PT, new_figure, style_axes
+from isochrome.frames import linear
 from isochrome.frames.images import signature_of
-from isochrome.frames.linear import (
-    estimate_noise,
-    full_scale,
-    load_no_load,
-    open_no_load_steps,
-    saturation_level,
-)
 from isochrome.frames.opening import check_scale, open_scene_frames, with_file_scale
 from isochrome.frames.reading import Frame, FrameReader, Mask
 from isochrome.messages import message, messages_data
@@ -111,7 +105,7 @@ def load_signs(reader: FrameReader, scene: Scene) -> LoadSigns | None:
     if changes or without:
         return None
     try:
-        dark, bright = load_no_load(scene, full_shape=reader.full_shape)
+        dark, bright = linear.load_no_load(scene, full_shape=reader.full_shape)
     except InputError:  # has a finding of its own
         dark = bright = None
     signs = LoadSigns()
@@ -255,10 +249,10 @@ def survey(reader: FrameReader, scene: Scene) -> Survey:
     ends it.
     """
     result, by_digest = Survey(load=load_signs(reader, scene)), dict[bytes, int]()
-    full = full_scale(reader.bit_depth)
+    full = linear.full_scale(reader.bit_depth)
     try:
         for frame in reader:
-            _add(result, frame.image, saturation_level(frame.image, full=full), frame.mask)
+            _add(result, frame.image, linear.saturation_level(frame.image, full=full), frame.mask)
             if result.load is not None:
                 result.load.add(frame, full, scene.frames.first_gamma)
             key = hashlib.sha1(frame.image.data, usedforsecurity=False).digest()
@@ -269,7 +263,7 @@ def survey(reader: FrameReader, scene: Scene) -> Survey:
                 result.untimed += 1
             if frame.index & (frame.index + 1) == 0:
                 with suppress(InputError):  # too small: said by the size's own finding
-                    model = estimate_noise(frame.image, bit_depth=reader.bit_depth)
+                    model = linear.estimate_noise(frame.image, bit_depth=reader.bit_depth)
                     middle = np.median(frame.image[np.isfinite(frame.image)])
                     result.noise.append(float(model.sigma(middle)))
             result.count += 1
@@ -398,7 +392,7 @@ def of_light(reader: FrameReader, light: Survey) -> Iterator[Finding]:
     """Findings on each frame's light: blank, saturated, weak, jumping, repeated, noisy."""
     if not light.count:
         return
-    full = full_scale(reader.bit_depth)
+    full = linear.full_scale(reader.bit_depth)
     low, high = np.array(light.low), np.array(light.high)
     clear = ~(np.isnan(light.largest) | (np.array(light.smallest) == np.array(light.largest)))
     yield from _blank(light, full)
@@ -460,7 +454,7 @@ def of_unloaded(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Fi
     """Findings on frames that show the unloaded specimen among those to be processed."""
     if light.load is None or not light.count:
         return
-    full, gamma = full_scale(reader.bit_depth), scene.frames.first_gamma
+    full, gamma = linear.full_scale(reader.bit_depth), scene.frames.first_gamma
     like, fringeless = unloaded_frames(light.load, light.low, light.high, full, gamma)
     for key, numbers in like.items():
         why = message(UNLOADED, value=message("nearly_same_picture", key=key), value_2="")
@@ -479,7 +473,7 @@ def of_no_load(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Fin
     frames = scene.frames
     if scene.polariscope.step:
         if frames.no_load_steps is not None:
-            yield from refusals(lambda: open_no_load_steps(scene, reader.full_shape).close())
+            yield from refusals(lambda: linear.open_no_load_steps(scene, reader.full_shape).close())
         return
     keys = ("no_load_dark", "no_load_bright")
     missing = " and ".join(f"frames.{key}" for key in keys if getattr(frames, key) is None)
@@ -487,13 +481,13 @@ def of_no_load(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Fin
         text = message("not_given_unloaded_specimen", missing=missing)
         yield Finding("warning", text + message("frames_worth_more_any"))
     try:
-        dark, bright = load_no_load(scene, full_shape=reader.full_shape)
+        dark, bright = linear.load_no_load(scene, full_shape=reader.full_shape)
     except InputError as error:
         yield Finding("error", str(error))
         return
     if not light.count or np.isnan(light.low).all():
         return
-    full = full_scale(reader.bit_depth)
+    full = linear.full_scale(reader.bit_depth)
     low = (max(float(np.nanmin(light.low)), 0) / full) ** frames.first_gamma
     high = (max(float(np.nanmax(light.high)), 0) / full) ** frames.first_gamma
     if bright is not None:
@@ -593,13 +587,10 @@ def look_through(path: FramesLike, scene: Scene) -> Check:
     """
     findings = []
     if not scene.has_model:
-        text = message("process_still_gives_normalised")
-        if scene.specimen.shape is None:
-            text = message("so_has_no_model", no_model_reason=scene.no_model_reason, text=text)
-            findings.append(Finding("note", text))
-        else:
-            text = message("no_simulation_no_fit", no_model_reason=scene.no_model_reason, text=text)
-            findings.append(Finding("warning", text))
+        open_shape, why = scene.specimen.shape is None, scene.no_model_reason
+        code = "so_has_no_model" if open_shape else "no_simulation_no_fit"
+        text = message(code, no_model_reason=why, text=message("process_still_gives_normalised"))
+        findings.append(Finding("note" if open_shape else "warning", text))
     try:
         reader = open_scene_frames(path, scene, any_scale=True)
     except InputError as error:

@@ -142,7 +142,10 @@ def _rgb_of_yuv(
     scale = top / (2**bits - 1 if full else 224 << (bits - 8))
     black, white = (0, 2**bits - 1) if full else (16 << (bits - 8), 235 << (bits - 8))
     light = (luma.astype(np.float32) - black) * np.float32(top / (white - black))
-    b, r = (_widened(c, luma.shape).astype(np.float32) - half for c in (cb, cr))
+    # planes of fewer rows and columns, each value on all pixels that it was taken of
+    down, across = (-(-size // part) for size, part in zip(luma.shape, cb.shape, strict=True))
+    wide = (c.repeat(down, axis=0).repeat(across, axis=1) for c in (cb, cr))
+    b, r = (c[: luma.shape[0], : luma.shape[1]].astype(np.float32) - half for c in wide)
     b, r = b * np.float32(scale), r * np.float32(scale)
     green = 1 - red - blue
     out = np.empty((*luma.shape, 3), luma.dtype)
@@ -162,12 +165,6 @@ def _levels(bits: int) -> np.ndarray:
     stored, top = np.arange(1 << (8 if bits <= 8 else 16)), 2**bits - 1
     levels = np.clip(np.rint((stored - (16 << (bits - 8))) * top / (219 << (bits - 8))), 0, top)
     return np.asarray(levels.astype(np.uint8 if bits <= 8 else np.uint16))
-
-
-def _widened(chroma: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """A plane of fewer rows and columns on all pixels, each value on those that it was taken of."""
-    down, across = -(-shape[0] // chroma.shape[0]), -(-shape[1] // chroma.shape[1])
-    return np.repeat(np.repeat(chroma, down, axis=0), across, axis=1)[: shape[0], : shape[1]]
 
 
 SLICE, KEY_SLICE, PARAMETERS = 1, 5, 7

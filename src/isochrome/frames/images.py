@@ -17,20 +17,8 @@ from typing import Any, Literal
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.frames import tiff
+from isochrome.frames import reading, tiff
 from isochrome.frames.containers import container_of
-from isochrome.frames.reading import (
-    MAX_BYTES,
-    Extent,
-    Kind,
-    RawFrame,
-    Source,
-    Stamp,
-    StoredForm,
-    check_dtype,
-    check_size,
-    refusing,
-)
 
 FileKind = Literal["tiff", "image", "video"]
 
@@ -71,7 +59,7 @@ class Signature:
 
 def signature_of(path: Path) -> Signature:
     """Tell what a file is by its first bytes; InputError where it is nothing that is read."""
-    Stamp.of(path)
+    reading.Stamp.of(path)
     try:
         with open(path, "rb") as file:
             head = file.read(_HEAD)
@@ -126,28 +114,30 @@ WIDE = {"I": 4, "F": 4}
 PNG_END = b"IEND\xaeB`\x82"
 
 
-def open_images(paths: tuple[Path, ...], kind: Kind) -> Source:
+def open_images(paths: tuple[Path, ...], kind: reading.Kind) -> reading.Source:
     """Read the first of some image files of one size."""
     first = paths[0]
-    form = StoredForm.of(read_image(first))
+    form = reading.StoredForm.of(read_image(first))
     head = tiff.open_tiff(first) if signature_of(first).kind == "tiff" else None
-    return Source(
+    return reading.Source(
         kind=kind,
         form=form,
         sensor_bits=head.sensor_bits if head else None,
         frames=partial(_frames, paths, form),
-        extent=partial(Extent, len(paths)),
+        extent=partial(reading.Extent, len(paths)),
         files=paths,
         names=tuple(p.name for p in paths),
         pixel_mm=head.pixel_mm if head else None,
     )
 
 
-def _frames(paths: tuple[Path, ...], form: StoredForm, start: int) -> Generator[RawFrame]:
+def _frames(
+    paths: tuple[Path, ...], form: reading.StoredForm, start: int
+) -> Generator[reading.RawFrame]:
     for path in paths[start:]:
         image = read_image(path)
         form.check(path, image, "the image")
-        yield RawFrame(image, None, path.name)
+        yield reading.RawFrame(image, None, path.name)
 
 
 def read_image(path: Path) -> np.ndarray:
@@ -161,9 +151,9 @@ def read_image(path: Path) -> np.ndarray:
         return tiff.read_single(path)
     if kind == "video":
         raise InputError("video_image_wanted_here", path=path)
-    if Stamp.of(path).size > 2 * MAX_BYTES:
-        raise InputError("larger_bytes_one_image", path=path, max_bytes=2 * MAX_BYTES)
-    with refusing(path, "not a readable image"):
+    if reading.Stamp.of(path).size > 2 * reading.MAX_BYTES:
+        raise InputError("larger_bytes_one_image", path=path, max_bytes=2 * reading.MAX_BYTES)
+    with reading.refusing(path, "not a readable image"):
         data = path.read_bytes()
         from PIL import Image, UnidentifiedImageError
 
@@ -176,7 +166,7 @@ def read_image(path: Path) -> np.ndarray:
                 # Pillow makes 16-bit colour 8 bits and stretches PGM values: OpenCV does neither.
                 deep = file.format == "PNG" and data[24:25] == b"\x10"
                 channel = 2 if deep or "16" in file.mode else WIDE.get(file.mode, 1)
-                check_size(path, file.height, file.width, channel * len(file.getbands()))
+                reading.check_size(path, file.height, file.width, channel * len(file.getbands()))
                 if deep:
                     file.verify()  # checksums to the end: OpenCV would decode a part in silence
                 if deep or file.format == "PPM":
@@ -185,7 +175,7 @@ def read_image(path: Path) -> np.ndarray:
                     raw = _by_pillow(path, file)
         except UnidentifiedImageError as error:
             raise InputError("not_image_whatever_name", path=path) from error
-    return np.ascontiguousarray(raw, dtype=check_dtype(path, raw.dtype))
+    return np.ascontiguousarray(raw, dtype=reading.check_dtype(path, raw.dtype))
 
 
 def _by_pillow(path: Path, file: Any) -> np.ndarray:

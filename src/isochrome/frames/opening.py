@@ -437,10 +437,10 @@ def open_frames(
             after=after,
         )  # fmt: skip
     container = 8 * dtype.itemsize if dtype.kind == "u" else None
+    most = container or 16
     if bit_depth is None:
         bit_depth = source.sensor_bits or container
-    elif not 1 <= bit_depth <= (container or 16):
-        most = container or 16
+    elif not 1 <= bit_depth <= most:
         raise InputError(
             "bit_depth_does_not_fit", label=label, bit_depth=bit_depth, dtype=dtype, container=most
         )

@@ -27,18 +27,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.frames.reading import (
-    MAX_BYTES,
-    Extent,
-    RawFrame,
-    Source,
-    Stamp,
-    StoredForm,
-    check_dtype,
-    check_size,
-    next_time,
-    refusing,
-)
+from isochrome.frames import reading
 from isochrome.output import MM_PER_UNIT, pixel_mm_of
 
 if TYPE_CHECKING:
@@ -55,32 +44,24 @@ OME_SECONDS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "μs": 1e-6, "us": 1e-6, "ns":
 class FileNotes:
     """What a TIFF's notes tell of its frames: times in s, the side of a pixel in mm.
 
-    `times_s`, of each frame from the first (None: unknown), or `interval_s`, or neither.
+    `times_s`, of each frame from the first (None: unknown), which came at `first_s`, or
+    `interval_s`, or neither.
     """
 
     pixel_mm: float | None = None
     interval_s: float | None = None
     times_s: tuple[float | None, ...] | None = None
-    start_s: float | None = None
+    first_s: float | None = None
     significant_bits: int | None = None
 
-
-@dataclass(frozen=True, kw_only=True)
-class Ome(FileNotes):
-    """Frames by `slices`, separate `channels` and `times`."""
-
-    slices: int
-    channels: int
-    times: int
-
     @property
-    def count(self) -> int:
-        """Number of pages that the notes tell of."""
-        return self.slices * self.channels * self.times
+    def start_s(self) -> float | None:
+        """The first frame's own time; 0 where the file tells but an interval."""
+        return self.first_s if self.interval_s is None else 0.0
 
 
-def read_ome(text: str, path: Path) -> Ome:
-    """Read the OME notes of one image in one file.
+def read_ome(text: str, path: Path) -> tuple[FileNotes, tuple[int, int, int]]:
+    """Read the OME notes of one image in one file, with the numbers of its channels, slices, times.
 
     InputError where they are no XML, tell of several images or files, or of pixels that are not
     square. Source: OME schema 2016-06, elements Image, Pixels, Channel, TiffData, Plane.
@@ -106,18 +87,15 @@ def read_ome(text: str, path: Path) -> Ome:
     interval = None
     if from_first is None:
         interval = _number(pixels, "TimeIncrement", OME_SECONDS, "TimeIncrementUnit", "s")
-        start = interval and 0.0
     bits = pixels.get("SignificantBits")
-    return Ome(
-        slices=size["Z"],
-        channels=max(size["C"] // max(samples, default=1), 1),
-        times=size["T"],
+    notes = FileNotes(
         pixel_mm=_pixel_mm(pixels, path),
         interval_s=interval,
         times_s=from_first,
-        start_s=start,
+        first_s=start,
         significant_bits=int(bits) if bits and bits.isdecimal() and 1 <= int(bits) <= 16 else None,
     )
+    return notes, (max(size["C"] // max(samples, default=1), 1), size["Z"], size["T"])
 
 
 def _count(element: ElementTree.Element, name: str, path: Path) -> int:
@@ -207,7 +185,7 @@ class PageDecoder:
             self._tif.filehandle.seek(page.dataoffsets[0] + index * page.nbytes)
             data = self._tif.filehandle.read(page.nbytes)
             raw = np.frombuffer(data, page.dtype.newbyteorder(self._tif.byteorder))
-            dtype = check_dtype(self._path, page.dtype)
+            dtype = reading.check_dtype(self._path, page.dtype)
             return np.ascontiguousarray(raw.reshape(page.shape), dtype=dtype)
         return self._decode(page, layout.pages[index][0], index)
 
@@ -224,9 +202,9 @@ class PageDecoder:
         page: Any = tifffile.TiffPage(self._tif, index=place)
         depth = max(page.samplesperpixel, 1) * max(page.imagedepth, 1)
         size = depth * (page.dtype.itemsize if page.dtype is not None else 1)
-        check_size(self._path, page.imagelength, page.imagewidth, size)
+        reading.check_size(self._path, page.imagelength, page.imagewidth, size)
         if page.is_tiled:
-            check_size(self._path, page.tilelength, page.tilewidth, size)
+            reading.check_size(self._path, page.tilelength, page.tilewidth, size)
         parts = zip(page.dataoffsets, page.databytecounts, strict=False)
         end = max((offset + size for offset, size in parts), default=0)
         if end > self._tif.filehandle.size:
@@ -263,7 +241,7 @@ class PageDecoder:
             raise InputError("frame_stored_not_black", path=path, index=index, name=form.name)
         if page.dtype is None:
             raise InputError("frame_has_bits_pixel", path=path, index=index, bitspersample=bits)
-        check_dtype(path, page.dtype)
+        reading.check_dtype(path, page.dtype)
         raw = self._pixels(page, place, index)
         if form == PALETTE and not self._tif.is_imagej and page.colormap is not None:
             raw = (page.colormap >> 8).astype(np.uint8)[:, raw].transpose(1, 2, 0)
@@ -273,7 +251,7 @@ class PageDecoder:
             raise InputError("frame_has_axes_save", path=path, index=index, axes=page.axes)
         if raw.ndim == 3:
             raw = raw[..., 0] if raw.shape[2] < 3 else raw[..., :3]
-        return np.ascontiguousarray(raw, dtype=check_dtype(path, raw.dtype))
+        return np.ascontiguousarray(raw, dtype=reading.check_dtype(path, raw.dtype))
 
     def _pixels(self, page: Any, place: int, index: int) -> np.ndarray:
         """The page's values as they are stored."""
@@ -299,7 +277,7 @@ class PageDecoder:
         if page.is_tiled:
             expected = max(expected, page.tilelength * page.tilewidth * page.samplesperpixel)
         expected *= page.dtype.itemsize
-        if sum(page.databytecounts) * DEFLATE_RATIO < MAX_BYTES:  # it cannot do harm
+        if sum(page.databytecounts) * DEFLATE_RATIO < reading.MAX_BYTES:  # it cannot do harm
             return
         for data in self._segments(page):
             stream, size = zlib.decompressobj(), 0
@@ -416,7 +394,7 @@ class TiffLayout:
         """When one more frame would have come (s)."""
         if self.notes.times_s is None:
             return self.time_s(self.count)
-        return next_time(*self.notes.times_s[-2:]) if self.count > 1 else None
+        return reading.next_time(*self.notes.times_s[-2:]) if self.count > 1 else None
 
 
 def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
@@ -436,17 +414,9 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
         raise InputError("breaks_off_after_frames", path=path, pages_count=len(pages))
     meta = (tif.imagej_metadata or {}) if tif.is_imagej else {}
     _check_axes(path, *(_whole(meta, key) for key in ("channels", "slices", "frames")))
-    interval = _interval(meta)
-    return TiffLayout(
-        count=claimed if hidden else len(pages),
-        pages=pages,
-        hidden=hidden,
-        notes=FileNotes(
-            interval_s=interval,
-            start_s=None if interval is None else 0.0,
-            pixel_mm=pixel_mm_of(tif),
-        ),
-    )
+    notes = FileNotes(interval_s=_interval(meta), pixel_mm=pixel_mm_of(tif))
+    count = claimed if hidden else len(pages)
+    return TiffLayout(count=count, pages=pages, hidden=hidden, notes=notes)
 
 
 def _frame_pages(tif: tifffile.TiffFile) -> tuple[tuple[int, int], ...]:
@@ -514,9 +484,9 @@ def _interval(meta: dict[str, Any]) -> float | None:
 
 def _of_ome(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     """The frames in the order that the OME notes give them, whatever that of the pages."""
-    ome = read_ome(tif.ome_metadata or "", path)
-    _check_axes(path, ome.channels, ome.slices, ome.times)
-    named, present = ome.count, len(tif.pages)
+    notes, axes = read_ome(tif.ome_metadata or "", path)
+    _check_axes(path, *axes)
+    named, present = math.prod(axes), len(tif.pages)
     if named > present:  # before a list of that length is made
         raise InputError("ome_notes_name_frames", path=path, named=named, present=present)
     if len(tif.series) != 1:
@@ -530,28 +500,28 @@ def _of_ome(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     return TiffLayout(
         count=len(pages),
         pages=tuple((page.index, page.offset) for page in pages),
-        notes=replace(ome, pixel_mm=ome.pixel_mm or pixel_mm_of(tif)),
+        notes=replace(notes, pixel_mm=notes.pixel_mm or pixel_mm_of(tif)),
     )
 
 
 SUFFIXES = (".tif", ".tiff", ".btf", ".tf8", ".tf2")
 
 
-def open_tiff(path: Path) -> Source:
+def open_tiff(path: Path) -> reading.Source:
     """Read the heads of a TIFF stack's pages; InputError where it is no TIFF that can be read."""
-    stamp = Stamp.of(path)
-    with refusing(path, "not a readable TIFF"), _opened(path) as tif:
+    stamp = reading.Stamp.of(path)
+    with reading.refusing(path, "not a readable TIFF"), _opened(path) as tif:
         layout = tiff_layout_of(tif, path)
         with closing(PageDecoder(tif, path)) as decoder:
             image = decoder.frame(layout, 0)
         bits = layout.notes.significant_bits or decoder.bits if image.dtype.kind == "u" else None
-    form = StoredForm.of(image)
-    return Source(
+    form = reading.StoredForm.of(image)
+    return reading.Source(
         kind="tiff",
         form=form,
         sensor_bits=bits,
         frames=partial(_frames, path, stamp, layout, form),
-        extent=partial(Extent, layout.count, layout.end_s),
+        extent=partial(reading.Extent, layout.count, layout.end_s),
         files=(path,),
         pixel_mm=layout.notes.pixel_mm,
         start_s=layout.notes.start_s,
@@ -560,8 +530,8 @@ def open_tiff(path: Path) -> Source:
 
 def holds_several(path: Path) -> bool:
     """Whether a TIFF holds more than one frame; its pages are not counted for it."""
-    Stamp.of(path)
-    with refusing(path, "not a readable TIFF"), _opened(path) as tif:
+    reading.Stamp.of(path)
+    with reading.refusing(path, "not a readable TIFF"), _opened(path) as tif:
         with suppress(IndexError):
             second: Any = tif.pages[1]
             if not second.is_reduced:  # a thumbnail
@@ -574,8 +544,8 @@ def read_single(path: Path, *, inverted_too: bool = False) -> np.ndarray:
 
     `inverted_too`, to take ImageJ's images that are shown inverted, as its masks are, as stored.
     """
-    Stamp.of(path)
-    with refusing(path, "not a readable TIFF"), _opened(path) as tif:
+    reading.Stamp.of(path)
+    with reading.refusing(path, "not a readable TIFF"), _opened(path) as tif:
         layout = tiff_layout_of(tif, path)
         if layout.count != 1:
             raise InputError("holds_pages_one_file", path=path, count=layout.count)
@@ -596,17 +566,17 @@ def _opened(path: Path) -> Iterator[tifffile.TiffFile]:
 
 
 def _frames(
-    path: Path, stamp: Stamp, layout: TiffLayout, form: StoredForm, start: int
-) -> Generator[RawFrame]:
+    path: Path, stamp: reading.Stamp, layout: TiffLayout, form: reading.StoredForm, start: int
+) -> Generator[reading.RawFrame]:
     """The frames from number `start` on; each page is found at once by its place in the file."""
     stamp.check(path)
     with ExitStack() as opened:
-        with refusing(path, "not a readable TIFF"):
+        with reading.refusing(path, "not a readable TIFF"):
             tif = opened.enter_context(_opened(path))
         decoder = opened.enter_context(closing(PageDecoder(tif, path)))
         for index in range(start, layout.count):
-            with refusing(path, f"frame {index} cannot be read"):
+            with reading.refusing(path, f"frame {index} cannot be read"):
                 image = decoder.frame(layout, index)
                 form.check(path, image, f"frame {index}")
-            yield RawFrame(image, layout.time_s(index), f"{path.name}[{index}]")
+            yield reading.RawFrame(image, layout.time_s(index), f"{path.name}[{index}]")
         stamp.check(path)

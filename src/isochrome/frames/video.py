@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from isochrome.errors import InputError
+from isochrome.frames import reading
 from isochrome.frames.containers import (
     Container,
     Decoded,
@@ -19,15 +20,6 @@ from isochrome.frames.containers import (
     open_container,
     to_image,
 )
-from isochrome.frames.reading import (
-    Extent,
-    RawFrame,
-    Source,
-    Stamp,
-    StoredForm,
-    next_time,
-    refusing,
-)
 
 SUFFIXES = (
     ".avi", ".mp4", ".mkv", ".mov", ".m4v", ".wmv", ".mpg", ".mpeg", ".webm", ".ts", ".mts",
@@ -37,19 +29,21 @@ SUFFIXES = (
 class Video:
     """One video file; decoded from its start, or from a key frame once its frames are known."""
 
-    def __init__(self, path: Path, stamp: Stamp, container: Container) -> None:
+    def __init__(self, path: Path, stamp: reading.Stamp, container: Container) -> None:
         """`stamp`, the file's when it was opened."""
         self.path, self.stamp, self.container = path, stamp, container
         self.places: Places | None = None
-        self.form: StoredForm  # of the first frame, which is decoded before any is asked for
+        self.form: (
+            reading.StoredForm
+        )  # of the first frame, which is decoded before any is asked for
 
-    def extent(self) -> Extent:
+    def extent(self) -> reading.Extent:
         """Decode all frames once, remember their places, and count them."""
         if self.places is None:
             self.places = self._survey()
-        return Extent(len(self.places.times_s), self.places.end_s)
+        return reading.Extent(len(self.places.times_s), self.places.end_s)
 
-    def listed(self) -> Extent:
+    def listed(self) -> reading.Extent:
         """The same by the packets, without decoding, where each of them is a frame by itself."""
         if self.places is None:
             self.places = by_packets(self.path, self.container)
@@ -63,7 +57,7 @@ class Video:
         keys = self.places.keys[:, 0]
         return int(keys[keys <= start].max(initial=0))
 
-    def frames(self, start: int) -> Generator[RawFrame]:
+    def frames(self, start: int) -> Generator[reading.RawFrame]:
         """The frames from number `start` on; those before are decoded, but not converted."""
         first, running = self._from_key(start) or (0, self.decoded())
         if self.places is not None and self.places.sums is None:
@@ -71,7 +65,7 @@ class Video:
         for index, item in enumerate(running, first):
             if index < start:
                 continue
-            with refusing(self.path, f"frame {index} cannot be decoded"):
+            with reading.refusing(self.path, f"frame {index} cannot be decoded"):
                 image = to_image(item.frame, self.path)[0]
                 self.form.check(self.path, image, f"frame {index}")
             time = item.time_s
@@ -79,7 +73,7 @@ class Video:
                 times = self.places.times_s
                 known = index < len(times) and np.isfinite(times[index])
                 time = float(times[index]) if known else None
-            yield RawFrame(image, time, f"{self.path.name}[{index}]")
+            yield reading.RawFrame(image, time, f"{self.path.name}[{index}]")
         self.stamp.check(self.path)
 
     def decoded(self, key: tuple[int, int] | None = None) -> Generator[Decoded]:
@@ -105,7 +99,7 @@ class Video:
         self.stamp.check(self.path)
         long, base = getattr(last, "duration", None), last.time_base  # how long a frame stands
         end = float(long * base) if long and base else None
-        end = next_time(*times[-2:]) if len(times) > 1 else end
+        end = reading.next_time(*times[-2:]) if len(times) > 1 else end
         end = None if end is None or np.isnan(end) else end
         return Places(
             np.array(times), np.array(ticks, np.int64), np.array(sums, np.uint32),
@@ -176,24 +170,24 @@ class Video:
                 yield each
 
 
-def open_video(path: Path) -> Source:
+def open_video(path: Path) -> reading.Source:
     """Decode the first frame of a video."""
-    stamp = Stamp.of(path)
+    stamp = reading.Stamp.of(path)
     video = Video(path, stamp, check_whole(path))
     running = video.decoded()
     try:
         item = next(running, None)
         if item is None:
             raise InputError("no_frame_video_can", path=path)
-        with refusing(path, "frame 0 cannot be decoded"):
+        with reading.refusing(path, "frame 0 cannot be decoded"):
             image, bits = to_image(item.frame, path)
             base = item.frame.time_base
     finally:
         running.close()
     with open_container(path) as (_, stream):
         claimed, lossy = stream.frames, bool(stream.codec_context.codec.lossy)
-    video.form = StoredForm.of(image)
-    return Source(
+    video.form = reading.StoredForm.of(image)
+    return reading.Source(
         kind="video",
         form=video.form,
         sensor_bits=bits,

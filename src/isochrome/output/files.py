@@ -17,7 +17,7 @@ import shutil
 import stat
 import tempfile
 from array import array
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -216,7 +216,9 @@ class GivenTable:
         """A column (n,) as finite numbers; InputError that names the line and cell on others."""
         place = self.names.index(name)
         values = [row[place] for row in self.cells]
-        column = np.array(list(map(_number_reader(values), values)), dtype=float)
+        # with decimal points, or all with decimal commas
+        commas = any("," in cell for cell in values) and not any("." in cell for cell in values)
+        column = np.array([_number(cell, commas=commas) for cell in values], dtype=float)
         for row in np.flatnonzero(~np.isfinite(column)).tolist():
             line, cell = self.lines[row], values[row].strip()
             raise InputError(
@@ -299,21 +301,12 @@ def _check_lengths(
             )
 
 
-def _number_reader(values: list[str]) -> Callable[[str], float]:
-    """How the cells of a column are numbers: with decimal points, or all with decimal commas."""
-    if any("," in cell for cell in values) and not any("." in cell for cell in values):
-        return lambda cell: (
-            math.nan
-            if "," in cell and _DECIMAL_COMMA.fullmatch(cell) is None
-            else _plain(cell.replace(",", "."))
-        )
-    return _plain
-
-
-def _plain(cell: str) -> float:
-    """A number as it is written everywhere, NaN for all else; Python's own 1_000 is none."""
+def _number(cell: str, *, commas: bool) -> float:
+    """A number, with a decimal comma or not, NaN for all else; Python's own 1_000 is none."""
+    if commas and "," in cell and _DECIMAL_COMMA.fullmatch(cell) is None:
+        return math.nan
     try:
-        return math.nan if "_" in cell else float(cell)
+        return math.nan if "_" in cell else float(cell.replace(",", ".") if commas else cell)
     except ValueError:
         return math.nan
 

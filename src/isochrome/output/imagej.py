@@ -16,7 +16,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -242,32 +242,12 @@ ON_SIDE = 1e-9
 AREAS = ("POLYGON", "RECT", "OVAL", "FREEHAND", "TRACED")
 
 
-class Polyline(Protocol):
-    """A line with its points (n,) in pixels, centres at whole numbers, kind, and order if known."""
-
-    @property
-    def kind(self) -> str:
-        """What a dark field shows there: 'dark' or 'bright'."""
-
-    @property
-    def rows(self) -> NDArray[np.float64]:
-        """Rows, (n,), px."""
-
-    @property
-    def cols(self) -> NDArray[np.float64]:
-        """Columns, (n,), px."""
-
-    @property
-    def order(self) -> float | None:
-        """The line's fringe order."""
-
-
-def roi_entries(lines: Iterable[Polyline], frame: int) -> list[tuple[str, bytes]]:
+def roi_entries(lines: Iterable[Any], frame: int) -> list[tuple[str, bytes]]:
     """ImageJ polylines of a frame's fringe lines, the files in a .zip for its ROI manager.
 
-    A line is named 'frame 3: N = 1.5 bright' by its order and kind, with '#2' on for the next of
-    that name, or 'frame 3: line 7 dark' by its number, from 0, where the order is not known. ImageJ
-    shows them on the slice of a stack that the frame's number, from 0, is.
+    A line has `rows`, `cols` (n,), px, a `kind`, and an `order`, by which it is named: 'frame 3: N
+    = 1.5 bright', with '#2' on for the next; without one 'frame 3: line 7 dark', by its number from
+    0. ImageJ shows them on the slice of a stack that the frame's number, from 0, is.
     """
     roifile = load_roifile()
     entries, counts = [], Counter[str]()

@@ -58,23 +58,21 @@ class ChosenFrame:
     why: str  # empty where all are shown
 
 
-def choose_frames(
-    chi: ArrayLike, order: ArrayLike, *, most: int = MOST_FRAMES
-) -> list[ChosenFrame]:
+def choose_frames(chi: ArrayLike, order: ArrayLike) -> list[ChosenFrame]:
     """Choose the frames that a report shows by chi and largest order, which may be NaN.
 
-    All, where they are no more than `most`, 4 at least; else the first and the last, the one that
+    All, where they are no more than MOST_FRAMES; else the first and the last, the one that
     its model describes worst, the one with the largest order, and between them evenly spaced ones.
     """
     worst, largest = np.asarray(chi, float), np.asarray(order, float)
     count = len(worst)
-    if count <= most:
+    if count <= MOST_FRAMES:
         return [ChosenFrame(k, "") for k in range(count)]
     why = {0: "the first", count - 1: "the last"}
     for values, reason in ((worst, "the largest chi"), (largest, "the largest order")):
         if np.isfinite(values).any():
             why.setdefault(int(np.nanargmax(values)), reason)
-    between = np.linspace(0, count - 1, most - len(why) + 2)[1:-1]
+    between = np.linspace(0, count - 1, MOST_FRAMES - len(why) + 2)[1:-1]
     for place in between:  # one that is taken gives way to the next
         number = next((k for k in range(round(place), count) if k not in why), None)
         if number is not None:
@@ -377,7 +375,23 @@ class WithCamera(Protocol):
 
 def camera_rows(settings: WithCamera) -> list[tuple[str, str]]:
     """Names and values, with units, of what a paper states of the camera and the light."""
-    return [*_camera(settings), *_light(settings)]
+    rows = list[tuple[str, str]]()
+    camera, light = settings.camera, settings.polariscope
+    if camera is not None:
+        parts = []
+        if camera.width_px and camera.height_px:
+            parts.append(f"{camera.width_px} x {camera.height_px} pixels")
+        if camera.bit_depth:
+            parts.append(f"{camera.bit_depth} bit")
+        parts += ["colour"] if camera.colour else []
+        rows.append(("camera", ", ".join([*parts, f"gamma {settings.frames.gamma}"])))
+    what = "several wavelengths"
+    if not light.several_wavelengths:
+        band = f", band {light.bandwidth_nm:g} nm" if light.bandwidth_nm else ""
+        nm = light.wavelength_nm
+        what = "wavelength not stated" if nm is None else f"{nm:g} nm{band}"
+    field = f"{len(light.step)} phase steps" if light.step else f"{light.field} field"
+    return [*rows, ("light", f"{what}, {field}")]
 
 
 def paper_rows(scene: Scene | None, record: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -398,32 +412,6 @@ def paper_rows(scene: Scene | None, record: Mapping[str, Any]) -> list[tuple[str
     if len(files) > _MOST_FILES:
         result.append((f"SHA-256 of {len(files) - _MOST_FILES} files more", "in provenance.json"))
     return result
-
-
-def _camera(scene: WithCamera) -> Iterator[tuple[str, str]]:
-    camera = scene.camera
-    if camera is None:
-        return
-    parts = []
-    if camera.width_px and camera.height_px:
-        parts.append(f"{camera.width_px} x {camera.height_px} pixels")
-    if camera.bit_depth:
-        parts.append(f"{camera.bit_depth} bit")
-    parts += ["colour"] if camera.colour else []
-    parts.append(f"gamma {scene.frames.gamma}")
-    yield "camera", ", ".join(parts)
-
-
-def _light(scene: WithCamera) -> Iterator[tuple[str, str]]:
-    light = scene.polariscope
-    field = f"{len(light.step)} phase steps" if light.step else f"{light.field} field"
-    if light.several_wavelengths:
-        yield "light", f"several wavelengths, {field}"
-    elif light.wavelength_nm is None:
-        yield "light", f"wavelength not stated, {field}"
-    else:
-        band = f", band {light.bandwidth_nm:g} nm" if light.bandwidth_nm else ""
-        yield "light", f"{light.wavelength_nm:g} nm{band}, {field}"
 
 
 def stated_text(value: float, spread: float | None, unit: str) -> str:
@@ -516,14 +504,11 @@ def curves_of(table: FrameValues) -> list[Curve]:
     """
     place, across = frame_axis(table)
     place = np.where(np.isfinite(place), place, 0.0)  # what stands still has slid by nothing
-    columns: list[tuple[str, Array, Array | None]] = [
-        (KEY_LABELS.get(key, key), table.values[:, j], table.standard_uncertainty[:, j])
-        for j, key in enumerate(table.keys)
-    ]
-    columns.append(("chi (residual over noise)", table.chi, None))
+    labels = [*(KEY_LABELS.get(key, key) for key in table.keys), "chi (residual over noise)"]
+    columns, spreads = (*table.values.T, table.chi), (*table.standard_uncertainty.T, None)
     return [
         make_curve(label, across, place, values, spread)
-        for label, values, spread in columns
+        for label, values, spread in zip(labels, columns, spreads, strict=True)
         if np.isfinite(values).sum() > 1
     ]
 

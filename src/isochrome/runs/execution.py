@@ -30,15 +30,7 @@ from isochrome.errors import InputError, IsochromeError, PhysicsError
 from isochrome.messages import message
 from isochrome.output import check_link
 from isochrome.progress import RunProgress, Tally
-from isochrome.runs.integrity import (
-    PROVENANCE,
-    REPORT,
-    has_own_keys,
-    is_plain,
-    is_record,
-    read_record,
-    seal,
-)
+from isochrome.runs import integrity
 from isochrome.runs.job import (
     MANIFEST,
     RECORDS,
@@ -165,7 +157,7 @@ def faults_of(target: Path, identity: Mapping[str, Any]) -> dict[str, str] | Non
     None where the folder's record is of no such run, or is damaged itself.
     """
     try:
-        known = read_record(target)
+        known = integrity.read_record(target)
     except InputError:
         return None
     if known is None or known.older or difference(known.record, identity) is not None:
@@ -192,7 +184,7 @@ def take_back(run: RunFolder, target: Path) -> None:
         names += [run.part_file(name, index) for name in record["parts"]]
         for place in (*names, run.record_file(index)):
             old = target / place.relative_to(run.results)
-            if is_plain(old):
+            if integrity.is_plain(old):
                 place.parent.mkdir(parents=True, exist_ok=True)
                 os.replace(old, place)
 
@@ -326,7 +318,7 @@ def publish(run: RunFolder, target: Path) -> None:
         pass  # all has its place
     elif target.exists():
         _clear_old(run.results, target)
-        last = PROVENANCE  # what says that all is there
+        last = integrity.PROVENANCE  # what says that all is there
         for entry in sorted(run.results.iterdir(), key=lambda e: (e.name == last, e.name)):
             _replace(entry, target / entry.name, root)
         run.results.rmdir()
@@ -339,26 +331,28 @@ def publish(run: RunFolder, target: Path) -> None:
 def check_own(target: Path, names: Iterable[str]) -> None:
     """Refuse to replace files that no run has left, such as a scene that somebody wrote."""
     outputs = _outputs(_record(target))
-    known = {name.partition("/")[0] for name in outputs} | {PROVENANCE}
-    known |= {STORE, REPORT} if outputs else set()  # of an earlier version too
+    known = {name.partition("/")[0] for name in outputs} | {integrity.PROVENANCE}
+    known |= {STORE, integrity.REPORT} if outputs else set()  # of an earlier version too
     if not outputs:  # a run may have left its results, and nobody knows any more which these are
-        path, store = target / PROVENANCE, target / STORE / "zarr.json"
-        if is_record(path):
-            damaged = has_own_keys(path)
+        path, store = target / integrity.PROVENANCE, target / STORE / "zarr.json"
+        if integrity.is_record(path):
+            damaged = integrity.has_own_keys(path)
         else:
-            damaged = is_record(store) and b'"source": "Isochrome"' in store.read_bytes()
+            damaged = integrity.is_record(store) and b'"source": "Isochrome"' in store.read_bytes()
         if damaged:
             return
     for name in names:
         place = target / name
         if name not in known and place.exists() and not place.is_symlink():
-            raise InputError("would_replaced_no_there", place=place, provenance=PROVENANCE)
+            raise InputError(
+                "would_replaced_no_there", place=place, provenance=integrity.PROVENANCE
+            )
 
 
 def _record(target: Path) -> Mapping[str, Any]:
     """What an earlier run has left to say of itself; nothing where it cannot be read."""
     try:
-        known = read_record(target)
+        known = integrity.read_record(target)
     except InputError:
         return {}
     return {} if known is None else known.record
@@ -380,7 +374,7 @@ def _clear_old(results: Path, target: Path) -> None:
     outputs = _outputs(record)
     names = sorted({*outputs, *(entry.name for entry in results.iterdir())})
     placing = {"placing": results.name, "outputs": dict.fromkeys(names, 0)}
-    write_through(target / PROVENANCE, json.dumps(placing).encode())
+    write_through(target / integrity.PROVENANCE, json.dumps(placing).encode())
     if record.get("placing") == results.name:  # it was killed here: what is there are its own
         return
     for name in outputs:
@@ -511,7 +505,7 @@ def _leave_record(run: RunFolder, job: Job) -> None:
         for index in range(run.layout.chunks if run.layout.layers else 0)
         for name, (_, checksum) in (read_record_of(run, index) or {})["layers"].items()
     }
-    seal(run.results, json.loads(json.dumps(dict(job.identity))), known=known)
+    integrity.seal(run.results, json.loads(json.dumps(dict(job.identity))), known=known)
 
 
 @dataclass

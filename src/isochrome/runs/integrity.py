@@ -362,14 +362,13 @@ def verify(folder: str | Path, *, progress: RunProgress | None = None) -> Verifi
     place = Path(folder)
     known, damaged = _records_below(place)
     todo = [(record, name) for record in known.values() for name in record.sizes]
+    tell = progress or (lambda _: None)
     for number, (record, name) in enumerate(todo):
-        if progress is not None:
-            progress(Tally(number, len(todo), 0, len(damaged)))
+        tell(Tally(number, len(todo), 0, len(damaged)))
         fault = record.fault(name)
         if fault:
             damaged[(record.place / name).relative_to(place).as_posix()] = fault
-    if progress is not None:
-        progress(Tally(len(todo), len(todo), 0, len(damaged)))
+    tell(Tally(len(todo), len(todo), 0, len(damaged)))
     older = tuple(_unverified(file.parent) for file, record in known.items() if record.older)
     return Verified(folder=place, files=len(todo), damaged=damaged, warnings=older)
 

@@ -24,15 +24,7 @@ from numpy.typing import NDArray
 
 import isochrome
 from isochrome.output import InputContent, provenance, write_frames
-from isochrome.runs.integrity import (
-    SUM_BYTES,
-    FileSum,
-    checksum_of,
-    crc32c,
-    is_as_left,
-    is_record,
-    sum_bytes,
-)
+from isochrome.runs import integrity
 
 LIBRARIES = ("numpy", "scipy", "scikit-image", "opencv-python-headless", "tifffile", "pillow", "av")
 """Those whose version may change a result's bits."""
@@ -395,7 +387,7 @@ def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
     """
     start, stop = run.layout.span(index)
     first, end = run.layout.pictures(start, stop)
-    sums: dict[str, dict[str, FileSum]] = {"layers": {}, "parts": {}}
+    sums: dict[str, dict[str, integrity.FileSum]] = {"layers": {}, "parts": {}}
     for layer in run.layout.layers:
         if layer.compact is not None:
             pieces = _shard(results.packed[layer.name], run.layout.chunk)
@@ -404,13 +396,13 @@ def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
             assert values.shape == (end - first, *run.layout.shape.values()), layer.name
             padding = int(np.prod(run.layout.chunk_shape)) - values.size
             pieces = [values.data.cast("B"), np.full(padding, np.nan, dtype="<f4").tobytes()]
-            pieces.append(sum_bytes(crc32c(*pieces)))
+            pieces.append(integrity.sum_bytes(integrity.crc32c(*pieces)))
         write_through(run.chunk_file(layer.name, index), *pieces)
         size = sum(memoryview(piece).nbytes for piece in pieces)
-        sums["layers"][layer.name] = size, checksum_of(*pieces)
+        sums["layers"][layer.name] = size, integrity.checksum_of(*pieces)
     for name, part in results.parts.items():
         write_through(run.part_file(name, index), part)
-        sums["parts"][name] = len(part), checksum_of(part)
+        sums["parts"][name] = len(part), integrity.checksum_of(part)
     states = [more["status"] for more in results.more]
     record = ChunkRecord(stop - start, sum(s != "ok" for s in states), states.count("failed"))
     body = {
@@ -436,17 +428,17 @@ def _shard(maps: list[bytes | None], count: int) -> list[bytes | memoryview]:
     pieces, at = list[bytes | memoryview](), 0
     for number, data in enumerate(maps):
         if data is not None:
-            index[number] = at, len(data) + SUM_BYTES
-            pieces += [data, sum_bytes(crc32c(data))]
-            at += len(data) + SUM_BYTES
+            index[number] = at, len(data) + integrity.SUM_BYTES
+            pieces += [data, integrity.sum_bytes(integrity.crc32c(data))]
+            at += len(data) + integrity.SUM_BYTES
     places = index.tobytes()
-    return [*pieces, places, sum_bytes(crc32c(places))]
+    return [*pieces, places, integrity.sum_bytes(integrity.crc32c(places))]
 
 
 def read_record_of(run: RunFolder, index: int) -> dict[str, Any] | None:
     """A chunk's record; None where none of this run is there, whole. Raises OSError."""
     file = run.record_file(index)
-    record: dict[str, Any] | None = read_checked(file) if is_record(file) else None
+    record: dict[str, Any] | None = read_checked(file) if integrity.is_record(file) else None
     return record if record is not None and record.get("of") == run.digest else None
 
 
@@ -459,7 +451,7 @@ def check_chunk(run: RunFolder, index: int) -> ChunkRecord | None:
     files = [(run.chunk_file(name, index), expected) for name, expected in record["layers"].items()]
     files += [(run.part_file(name, index), expected) for name, expected in record["parts"].items()]
     with suppress(FileNotFoundError):
-        if all(is_as_left(file, expected) for file, expected in files):
+        if all(integrity.is_as_left(file, expected) for file, expected in files):
             return ChunkRecord(stop - start, record["flagged"], record["failed"])
     return None
 
@@ -527,7 +519,7 @@ def write_through(path: Path, *data: bytes | memoryview) -> None:
 def write_checked(path: Path, body: dict[str, Any]) -> None:
     """Write an object as JSON below a line with its checksum. Raises OSError."""
     text = json.dumps(body).encode()
-    write_through(path, b"%08x\n" % crc32c(text), text)
+    write_through(path, b"%08x\n" % integrity.crc32c(text), text)
 
 
 def read_checked(path: Path) -> Any:
@@ -536,7 +528,7 @@ def read_checked(path: Path) -> Any:
         head, _, body = path.read_bytes().partition(b"\n")
     except FileNotFoundError:
         return None
-    return json.loads(body) if head == b"%08x" % crc32c(body) else None
+    return json.loads(body) if head == b"%08x" % integrity.crc32c(body) else None
 
 
 def remove(entry: Path) -> None:

@@ -296,10 +296,9 @@ def attributes(identity: Mapping[str, Any]) -> dict[str, Any]:
     """Make attributes of a dataset of a run's identity: numbers and texts, tables as JSON."""
     result: dict[str, Any] = {"Conventions": "CF-1.11", "source": "Isochrome"}
     for key, value in identity.items():
-        if value is None:
-            continue
-        plain = isinstance(value, str | int | float)
-        result[key] = value if plain else json.dumps(value, ensure_ascii=False)
+        if value is not None:
+            plain = isinstance(value, str | int | float)
+            result[key] = value if plain else json.dumps(value, ensure_ascii=False)
     return result
 
 

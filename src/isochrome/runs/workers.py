@@ -23,7 +23,7 @@ import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any, TypeVar
 
 from isochrome.errors import InputError
@@ -113,7 +113,7 @@ def waiting_workers(workers: int, work: Callable[..., Any]) -> Iterator[Waiting]
     """Start worker processes that import what `work` needs, while their task is still prepared."""
     tasks = multiprocessing.get_context("spawn").Queue()
     tasks.cancel_join_thread()  # what nobody has taken keeps nobody here
-    with worker_pool(workers, _wait_for_task, (work, tasks)) as pool:
+    with worker_pool(workers, partial(_wait_for_task, work, tasks)) as pool:
         for _ in range(workers):
             pool.submit(_nothing)  # a pool starts no process before it has work for it
         waiting = Waiting(workers, pool, tasks)
@@ -137,9 +137,13 @@ def by_processes(
         )
 
 
+def _nothing() -> None:
+    """What starts a worker, and needs no module."""
+
+
 @contextmanager
 def worker_pool(
-    workers: int, begin: Callable[..., None], arguments: tuple[Any, ...]
+    workers: int, begin: Callable[[], None] = _nothing
 ) -> Iterator[futures.ProcessPoolExecutor]:
     """Start worker processes that ignore the keyboard and end when this process does.
 
@@ -147,7 +151,7 @@ def worker_pool(
     once, whatever they are at. Raises WorkersLost.
     """
     before, spawn = set(multiprocessing.active_children()), multiprocessing.get_context("spawn")
-    pool = futures.ProcessPoolExecutor(workers, spawn, _start_worker, (begin, arguments))
+    pool = futures.ProcessPoolExecutor(workers, spawn, _start_worker, (begin,))
     try:
         with _saying_who_is_lost():
             yield pool
@@ -225,20 +229,16 @@ _TASK: list[Any] = []
 """What a worker process was started for."""
 
 
-def _start_worker(begin: Callable[..., None], arguments: tuple[Any, ...]) -> None:
+def _start_worker(begin: Callable[[], None]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers itself
     threading.Thread(target=_end_with_parent, daemon=True).start()
     keep_steady()
-    begin(*arguments)
+    begin()
 
 
 def _wait_for_task(_work: Callable[..., Any], tasks: multiprocessing.queues.Queue[bytes]) -> None:
     """Take the task; to have got `_work` here, its module was imported."""
     _TASK[:] = [pickle.loads(tasks.get())]
-
-
-def _nothing() -> None:
-    """What starts a worker, and needs no module."""
 
 
 def _end_with_parent() -> None:

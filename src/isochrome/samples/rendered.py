@@ -73,6 +73,10 @@ class Sensor:
         image[tuple(self.hot.T)] = 255
         return image
 
+    def picture(self, order: Array, seed: list[int]) -> Grey:
+        """Grey levels of a frame in the dark field, from its order at the points of its pixels."""
+        return self.expose(dark_field(order), np.random.default_rng(seed))
+
     def average(self, signal: Array, rng: np.random.Generator, *, count: int) -> Grey:
         """The mean of `count` frames, rounded to grey levels."""
         total = sum(self.expose(signal, rng).astype(float) for _ in range(count))
@@ -96,13 +100,17 @@ def sample_text(name: str) -> str:
     return (resources.files("isochrome.samples") / "library" / name).read_text("utf-8")
 
 
-def write_truth(folder: Path, seed: int, values: dict[str, Any], sensor: Sensor) -> None:
+def write_truth(
+    folder: Path, seed: int, values: dict[str, Any], sensor: Sensor | None = None
+) -> None:
     """Write what a sample was rendered of, by the scene's keys, and its faults, as truth.json."""
-    faults: dict[str, Any] = {"dead_row_col": sensor.dead, "hot_row_col": sensor.hot}
-    if sensor.glare is not None:
-        faults["glare_row_col_radius_px"] = sensor.glare
     origin = "by Isochrome: every value below was put in, none was measured"
-    record = {"rendered": origin, "seed": seed, **values, "camera_faults": faults}
+    record: dict[str, Any] = {"rendered": origin, "seed": seed, **values}
+    if sensor is not None:
+        faults: dict[str, Any] = {"dead_row_col": sensor.dead, "hot_row_col": sensor.hot}
+        if sensor.glare is not None:
+            faults["glare_row_col_radius_px"] = sensor.glare
+        record["camera_faults"] = faults
     write_json(folder / "truth.json", record)
 
 
@@ -113,8 +121,8 @@ def finer(scene: Scene, factor: int) -> Scene:
     return scene.with_values(pixel | {key: scene.get(key) * factor for key in keys})
 
 
-def dark_field(order: Array, factor: int) -> Array:
-    """The ideal dark-field signal of pixels, each the mean of factor x factor points.
+def dark_field(order: Array) -> Array:
+    """The ideal dark-field signal of pixels, each the mean of its points.
 
     `order` N at the points is NaN where there is no specimen and so no light.
     """
@@ -122,13 +130,13 @@ def dark_field(order: Array, factor: int) -> Array:
     visibility, _ = pixel_visibility(order)
     chain = make_chain(Polariscope(field="dark"))
     signal = polariscope_signal(np.where(known, order, 0.0), chain, visibility=visibility)
-    return block_mean(np.where(known, signal, 0.0), factor)
+    return block_mean(np.where(known, signal, 0.0))
 
 
-def block_mean(points: Array, factor: int) -> Array:
-    """Means over blocks of factor x factor points: (factor rows, factor cols) to (rows, cols)."""
+def block_mean(points: Array) -> Array:
+    """Means over the points of each pixel, (rows, cols)."""
     rows, cols = points.shape
-    blocks = points.reshape(rows // factor, factor, cols // factor, factor)
+    blocks = points.reshape(rows // _POINTS, _POINTS, cols // _POINTS, _POINTS)
     return np.asarray(blocks.mean(axis=(1, 3)))
 
 
@@ -186,8 +194,7 @@ def render_contact(folder: Path, seed: int) -> None:
     frames, orders = [], []
     for i, state in enumerate(states):
         order = fine_order(placed_contact(truth, nominal, i), state, _POINTS)
-        rng = np.random.default_rng([seed, 1, i])
-        frames.append(sensor.expose(dark_field(order, _POINTS), rng))
+        frames.append(sensor.picture(order, [seed, 1, i]))
         middle = order[_POINTS // 2 :: _POINTS, _POINTS // 2 :: _POINTS]
         orders.append((np.rint(middle / ORDER_STEP) * ORDER_STEP).astype(np.float32))
         if i == 0:
@@ -195,14 +202,25 @@ def render_contact(folder: Path, seed: int) -> None:
     write_small_tiff(folder / "captured.tif", np.stack(frames), pixel_mm=pixel)
     write_small_tiff(folder / "true_fringe_order.tif", np.stack(orders), pixel_mm=pixel)
     _write_no_load(folder, material, sensor, (seed, 2), pixel)
-    write_truth(folder, seed, _true_values(truth, nominal, states), sensor)
+    places = [placed_contact(truth, nominal, i) for i in range(len(states))]
+    values = {  # a list has one value a frame
+        **_values_of(truth, "load.normal_n", "wear.coefficient_mm2_per_n"),
+        "frames": [s.label for s in states],
+        "distance_m": [s.distance_m for s in states],
+        "friction.coefficient": [s.surface.friction for s in states if s.surface],
+        "camera.left_mm": [p.get("camera.left_mm") for p in places],
+        "camera.top_mm": [p.get("camera.top_mm") for p in places],
+        "camera": CAMERA.model_dump(exclude_unset=True),
+        "fringe_order_step": ORDER_STEP,
+    }
+    write_truth(folder, seed, values, sensor)
 
 
 def _write_no_load(
     folder: Path, material: NDArray[np.bool_], sensor: Sensor, seed: tuple[int, int], pixel: float
 ) -> None:
     """Write the unloaded specimen in the dark and in the bright field."""
-    lit = block_mean(material.astype(float), _POINTS)
+    lit = block_mean(material.astype(float))
     for number, (name, signal) in enumerate((("dark", 0.0 * lit), ("bright", lit))):
         image = sensor.average(signal, np.random.default_rng([*seed, number]), count=AVERAGED)
         write_small_tiff(folder / f"no-load-{name}.tif", image[None], pixel_mm=pixel)
@@ -218,8 +236,9 @@ def true_contact(nominal: Scene) -> Scene:
             "load.normal_n": round(LOAD * nominal.get("load.normal_n"), 9),
             "friction.coefficient": table,
             "wear.coefficient_mm2_per_n": float(f"{wear:.9g}"),
+            "numerics.tolerance": _TOLERANCE,
         }
-    ).model_copy(update={"numerics": nominal.numerics.model_copy(update={"tolerance": _TOLERANCE})})
+    )
 
 
 def placed_contact(scene: Scene, nominal: Scene, index: int) -> Scene:
@@ -249,21 +268,6 @@ def _order(scene: Scene, difference: StressDifference) -> Array:
     """Fringe order of a stress difference, MPa, in a scene's specimen."""
     names = ("thickness_mm", "fringe_value_n_per_mm")
     return fringe_order(difference, **{n: scene.get(f"specimen.{n}") for n in names})
-
-
-def _true_values(truth: Scene, nominal: Scene, states: list[SceneState]) -> dict[str, Any]:
-    """The true values, by the scene's keys; a list has one value a frame."""
-    places = [placed_contact(truth, nominal, i) for i in range(len(states))]
-    return {
-        **_values_of(truth, "load.normal_n", "wear.coefficient_mm2_per_n"),
-        "frames": [s.label for s in states],
-        "distance_m": [s.distance_m for s in states],
-        "friction.coefficient": [s.surface.friction for s in states if s.surface],
-        "camera.left_mm": [p.get("camera.left_mm") for p in places],
-        "camera.top_mm": [p.get("camera.top_mm") for p in places],
-        "camera": CAMERA.model_dump(exclude_unset=True),
-        "fringe_order_step": ORDER_STEP,
-    }
 
 
 FILM, FRAMES, FRAMES_PER_S = "film.avi", 200, 1.0
@@ -297,12 +301,19 @@ def render_film(folder: Path, seed: int) -> None:
     frames = []
     for i, state in enumerate(scene_states(truth)):
         order = fine_order(truth, state, _POINTS)
-        rng = np.random.default_rng([seed, 41, i])
-        frames.append(sensor.expose(dark_field(order, _POINTS), rng))
+        frames.append(sensor.picture(order, [seed, 41, i]))
     _write_film(folder / FILM, frames)
     _write_no_load(folder, np.isfinite(order), sensor, (seed, 42), truth.get("camera.pixel_mm"))
     write_text(folder / "scene.toml", sample_text("film-scene.toml"))
-    write_truth(folder, seed, _film_values(truth), sensor)
+    load, friction = truth.get("load.normal_n"), truth.get("friction.coefficient")
+    values = {  # a list has one value a frame
+        "distance_m": list(load.distance_m),
+        "load.normal_n": list(load.value),
+        "friction.coefficient": list(friction.value),
+        **_values_of(truth, "wear.coefficient_mm2_per_n", "camera.left_mm", "camera.top_mm"),
+        "camera": FILM_CAMERA.model_dump(exclude_unset=True),
+    }
+    write_truth(folder, seed, values, sensor)
 
 
 def true_film(nominal: Scene) -> Scene:
@@ -314,29 +325,17 @@ def true_film(nominal: Scene) -> Scene:
     first, last = FILM_FRICTION
     friction = last + (first - last) * np.exp(-5.0 * seconds / seconds[-1])
     pixel = nominal.get("camera.pixel_mm")
-    fine = {"tolerance": _FILM_TOLERANCE, "spacing_mm": pixel / (_POINTS * _NODES)}
-    numerics = nominal.numerics.model_copy(update=fine)
     return nominal.with_values(
         {
             "load.normal_n": {"distance_m": distance, "value": load.round(6)},
             "friction.coefficient": {"distance_m": distance, "value": friction.round(6)},
             "wear.coefficient_mm2_per_n": WEAR_MM2_PER_N,
             "wear.distances_m": distance,
+            "numerics.tolerance": _FILM_TOLERANCE,
+            "numerics.spacing_mm": pixel / (_POINTS * _NODES),
             **_moved(nominal, FILM_LEFT_PX, FILM_TOP_PX),
         }
-    ).model_copy(update={"numerics": numerics})
-
-
-def _film_values(truth: Scene) -> dict[str, Any]:
-    """The true values, by the scene's keys; a list has one value a frame."""
-    load, friction = truth.get("load.normal_n"), truth.get("friction.coefficient")
-    return {
-        "distance_m": list(load.distance_m),
-        "load.normal_n": list(load.value),
-        "friction.coefficient": list(friction.value),
-        **_values_of(truth, "wear.coefficient_mm2_per_n", "camera.left_mm", "camera.top_mm"),
-        "camera": FILM_CAMERA.model_dump(exclude_unset=True),
-    }
+    )
 
 
 def _write_film(path: Path, frames: list[Grey]) -> None:
@@ -377,9 +376,8 @@ def render_bending(folder: Path, seed: int) -> None:
     pixel = given["camera"]["pixel_mm"]
     sensor = make_sensor(SHAPE, np.random.default_rng([seed, 10]), faulty=CALIBRATION_FAULTY)
     for i, item in enumerate(given["image"]):
-        order = true_order(item["load_n"], given["beam"], pixel, points=_POINTS)
-        rng = np.random.default_rng([seed, 11, i])
-        write_png(folder / item["file"], sensor.expose(dark_field(order, _POINTS), rng))
+        order = true_order(item["load_n"], given["beam"], pixel)
+        write_png(folder / item["file"], sensor.picture(order, [seed, 11, i]))
     write_text(folder / "set.toml", text)
     truth = {
         "fringe_value_n_per_mm": FRINGE_VALUE,
@@ -391,12 +389,12 @@ def render_bending(folder: Path, seed: int) -> None:
     write_truth(folder, seed, truth, sensor)
 
 
-def true_order(load_n: float, beam: dict[str, float], pixel_mm: float, *, points: int) -> Array:
-    """Fringe order (points rows, points cols) at points x points places in every pixel.
+def true_order(load_n: float, beam: dict[str, float], pixel_mm: float) -> Array:
+    """Fringe order at the points of every pixel.
 
     NaN outside the beam, whose sizes are those of the set.
     """
-    row, col = ((np.arange(n * points) + 0.5) / points - 0.5 for n in SHAPE)
+    row, col = ((np.arange(n * _POINTS) + 0.5) / _POINTS - 0.5 for n in SHAPE)
     down = pixel_mm * (row - MIDDLE_PX[0])[:, None]
     right = pixel_mm * (col - MIDDLE_PX[1])[None, :]
     tilt = np.radians(TILT_DEG)
@@ -416,8 +414,7 @@ def render_disc(folder: Path, seed: int) -> None:
     for i, item in enumerate(tomllib.loads(sample_text("disc-set.toml"))["image"]):
         loaded = fine.with_values({"load.normal_n": item["load_n"]})
         order = _order(loaded, specimen_model(loaded).difference(loaded, None, pixel_grid(loaded)))
-        rng = np.random.default_rng([seed, 21, i])
-        write_png(folder / item["file"], sensor.expose(dark_field(order, _POINTS), rng))
+        write_png(folder / item["file"], sensor.picture(order, [seed, 21, i]))
     for name in ("set.toml", "scene.toml"):
         write_text(folder / name, sample_text(f"disc-{name}"))
     truth = {
@@ -483,9 +480,7 @@ def render_wear(folder: Path, seed: int) -> None:
         {"time_s": np.round(time, 1).tolist(), "coefficient": np.round(coefficient, 4).tolist()},
     )
     write_text(folder / "set.toml", text)
-    values: dict[str, Any] = {
-        "rendered": "by Isochrome: every value below was put in, none was measured",
-        "seed": seed,
+    values = {
         **_values_of(truth, "load.normal_n", "wear.coefficient_mm2_per_n"),
         "worn_area_mm2_by_distance_m": areas,
         "scar_middle_mm": places,
@@ -495,7 +490,7 @@ def render_wear(folder: Path, seed: int) -> None:
         "ra_um": RA_UM,
         "correlation_mm": CORRELATION_MM,
     }
-    write_json(folder / "truth.json", values)
+    write_truth(folder, seed, values)
 
 
 def _trace(state: SurfaceState, rng: np.random.Generator) -> tuple[Array, Array, float]:

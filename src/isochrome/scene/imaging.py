@@ -111,15 +111,11 @@ def check_samples(part: ScenePart, place: str, value: str) -> None:
     """Refuse samples of which one number has no partner, or whose places do not rise."""
     places, values = getattr(part, place), getattr(part, value)
     if len(places) != len(values):
-        raise ValueError(
-            message(
-                "has_numbers_has_give",
-                place=place,
-                places_count=len(places),
-                value=value,
-                values_count=len(values),
-            )
-        )
+        text = message(
+            "has_numbers_has_give", place=place, places_count=len(places), value=value,
+            values_count=len(values),
+        )  # fmt: skip
+        raise ValueError(text)
     if any(b <= a for a, b in pairwise(places)):
         raise ValueError(message("must_rise_but_sort", place=place, places=list(places)))
 

@@ -16,23 +16,10 @@ from pydantic import Field, ValidationInfo, model_validator
 
 from isochrome.errors import InputError
 from isochrome.messages import message
+from isochrome.scene import parts
 from isochrome.scene.array_frames import ArrayFrames
 from isochrome.scene.imaging import Camera, Distance, DistanceTable, Frames, ScenePart, value_at
 from isochrome.scene.measured_course import with_tables
-from isochrome.scene.parts import (
-    BODIES,
-    AddedTractions,
-    Body,
-    Contact,
-    Friction,
-    Indenter,
-    Load,
-    MeasuredScar,
-    Numerics,
-    Polariscope,
-    Specimen,
-    Wear,
-)
 from isochrome.scene.validation import DATE_FIELD, DATED, NO_KEYS, validate, with_pairs
 
 
@@ -96,17 +83,17 @@ class Scene(ScenePart):
     50.0
     """
 
-    specimen: Specimen
-    indenter: Indenter | None = None
-    contact: Contact = Contact()
-    load: Load | None = None
-    friction: Friction | None = None
-    wear: Wear | None = None
-    polariscope: Polariscope = Polariscope()
+    specimen: parts.Specimen
+    indenter: parts.Indenter | None = None
+    contact: parts.Contact = parts.Contact()
+    load: parts.Load | None = None
+    friction: parts.Friction | None = None
+    wear: parts.Wear | None = None
+    polariscope: parts.Polariscope = parts.Polariscope()
     camera: Camera | None = None
     frames: Frames = Frames()
-    scar: tuple[MeasuredScar, ...] = ()
-    numerics: Numerics = Numerics()
+    scar: tuple[parts.MeasuredScar, ...] = ()
+    numerics: parts.Numerics = parts.Numerics()
     folder: Path | None = Field(default=None, exclude=True, repr=False)
     name: str = Field(default="scene", exclude=True, repr=False)
     stated_uncertainty: tuple[tuple[str, float], ...] = Field(default=(), exclude=True, repr=False)
@@ -150,7 +137,7 @@ class Scene(ScenePart):
                 raise ValueError(message("missing_needs_add", key=key, what=what))
 
     def _check_sliding(self) -> None:
-        if self.indenter is None and self.contact != Contact():
+        if self.indenter is None and self.contact != parts.Contact():
             raise ValueError(message("contact_needs_indenter"))
         if self.indenter is None and (self.friction or self.wear):
             raise ValueError(message("friction_wear_need_indenter"))
@@ -169,7 +156,7 @@ class Scene(ScenePart):
         if specimen.support == "sliding" and self.friction is not None:
             raise ValueError(message("specimen_support_liding_holds"))
 
-    def _check_load(self, load: Load) -> None:
+    def _check_load(self, load: parts.Load) -> None:
         if load.added_tractions is not None and self.indenter is None:
             raise ValueError(message("load_added_tractions_need_contact"))
         if isinstance(load.normal_n, DistanceTable) and self.indenter is None:
@@ -194,9 +181,9 @@ class Scene(ScenePart):
             )
 
     @property
-    def _body(self) -> Body | None:
+    def _body(self) -> parts.Body | None:
         """What is known of a specimen that stands by itself; None for a contact or no model."""
-        body = BODIES.get(self.specimen.shape or "")
+        body = parts.BODIES.get(self.specimen.shape or "")
         incomplete = body is not None and body.only_with
         return None if incomplete and getattr(self.specimen, incomplete) is None else body
 
@@ -218,7 +205,7 @@ class Scene(ScenePart):
         return self.indenter is not None
 
     @property
-    def pressed_body(self) -> Indenter:
+    def pressed_body(self) -> parts.Indenter:
         """The indenter, of a contact alone."""
         assert self.indenter is not None
         return self.indenter
@@ -229,7 +216,7 @@ class Scene(ScenePart):
         return 1e-3 * self.contact.layer_um_per_mpa
 
     @property
-    def added_tractions(self) -> AddedTractions | None:
+    def added_tractions(self) -> parts.AddedTractions | None:
         """Tractions of a contact besides its model's; None without any."""
         return self.load.added_tractions if self.load else None
 
@@ -250,8 +237,9 @@ class Scene(ScenePart):
         shape = self.specimen.shape
         if shape is None:
             return message("scene_has_no_indenter")
-        if shape in BODIES:
-            return message("has_no_model_without", shape=shape, only_with=BODIES[shape].only_with)
+        if shape in parts.BODIES:
+            only_with = parts.BODIES[shape].only_with
+            return message("has_no_model_without", shape=shape, only_with=only_with)
         return message("specimen_shape_has_no", shape=shape)
 
     @property
@@ -345,15 +333,15 @@ class Scene(ScenePart):
         uncertainty too, and a plain number keeps the one that is stated. The date of a fringe value
         stays with the value that it belongs to.
         """
-        parts: dict[str, dict[str, Any]] = {}
+        changes: dict[str, dict[str, Any]] = {}
         for key, value in values.items():
             self.get(key)
             part, _, name = key.partition(".")
-            parts.setdefault(part, {})[name] = value
+            changes.setdefault(part, {})[name] = value
         data = {name: getattr(self, name) for name in self.model_fields_set}
         if DATED in values and values[DATED] != self.get(DATED):
             data.pop(DATE_FIELD, None)
-        for part, update in parts.items():
+        for part, update in changes.items():
             table = getattr(self, part)
             data[part] = {n: getattr(table, n) for n in table.model_fields_set} | update
         return validate(Scene, data, self.name)

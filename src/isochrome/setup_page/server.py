@@ -51,21 +51,7 @@ from isochrome.scene import (
     toml_text,
     with_table_list,
 )
-from isochrome.setup_page.edits import (
-    FIELDS,
-    KINDS,
-    SEARCHED,
-    SET_KINDS,
-    Request,
-    apply_tool,
-    find_in_frames,
-    line_tables,
-    order_tables,
-    refused_as_asked,
-    session_state,
-    set_of,
-    without_model,
-)
+from isochrome.setup_page import edits
 from isochrome.setup_page.session import (
     TABLES,
     SetSession,
@@ -164,7 +150,7 @@ def order_map_of_points(session: SetupSession, index: int) -> tuple[NDArray[np.u
     that hang together with a known point; and what `process` says. InputError where no order is
     known anywhere.
     """
-    scene = without_model(session.scene(), session.text)
+    scene = edits.without_model(session.scene(), session.text)
     if not scene.frames.orders_known:
         raise InputError("no_order_known_anywhere")
     result: FrameResult = process_frame(session.frames, scene, index)
@@ -195,7 +181,7 @@ class ClickPreview:
         self._preview: AnchorPreview | None = None
         self._before: tuple[Any, PatchOrders] | None = None
 
-    def answer(self, index: int, request: Request) -> dict[str, Any]:
+    def answer(self, index: int, request: edits.Request) -> dict[str, Any]:
         """What would become of the map of a frame: its `kind`, 'nothing' where no order is read.
 
         Asked: `points`, `lines` as they would stand; `at` (row, col) of the picture, `on_line`:
@@ -203,7 +189,7 @@ class ClickPreview:
         'new', 'moved', 'changed', 'same', 'lost'; also `words`, `said`, `share` of the frame, the
         part's patches as `rows`, `cols`, `levels` (`order_map_of_points`), and the `revision`.
         """
-        with refused_as_asked("preview"):
+        with edits.refused_as_asked("preview"):
             request = _plainly(request)
         revision = self._session.revision
         try:
@@ -213,10 +199,10 @@ class ClickPreview:
             answer = _nothing(str(error))
         return answer | {"revision": revision}
 
-    def _found(self, index: int, request: Request) -> dict[str, Any]:
+    def _found(self, index: int, request: edits.Request) -> dict[str, Any]:
         """The answer without the revision."""
         session, text = self._session, self._session.text
-        now = without_model(session.scene(text), text)
+        now = edits.without_model(session.scene(text), text)
         preview = self._followed(now, index)
         if request["at"] is None:
             return {"kind": "ready", "words": preview.refusal}
@@ -227,9 +213,10 @@ class ClickPreview:
         if not (-0.5 <= row < rows - 0.5 and -0.5 <= col < cols - 0.5):
             return _nothing(message("outside_region_would_anchor", what=what))
         shift = region.model_dump()
-        text = with_table_list(text, "frames.known_order", order_tables(request["points"], shift))
-        text = with_table_list(text, "frames.known_line", line_tables(request["lines"], shift))
-        then = without_model(session.scene(text), text)
+        orders, lines = edits.order_tables(request["points"], shift), request["lines"]
+        text = with_table_list(text, "frames.known_order", orders)
+        text = with_table_list(text, "frames.known_line", edits.line_tables(lines, shift))
+        then = edits.without_model(session.scene(text), text)
         key = (self._key, now.frames.model_dump_json())
         if self._before is None or self._before[0] != key:  # read once a scene
             self._before = key, preview.orders(now)
@@ -252,7 +239,7 @@ class ClickPreview:
         return old
 
 
-def _plainly(request: Request) -> dict[str, Any]:
+def _plainly(request: edits.Request) -> dict[str, Any]:
     """What was asked, as numbers. Raises KeyError, TypeError, ValueError where it is none."""
     if request.get("at") is None:
         return {"at": None}
@@ -409,15 +396,15 @@ class SetupServer(ThreadingHTTPServer):
 Picture = tuple[NDArray[np.uint8], Roi | None, Mapping[str, str]]
 """Grey levels, their region, and more headers."""
 
-Route = Callable[[SetupServer, Request], Mapping[str, Any] | Picture]
+Route = Callable[[SetupServer, edits.Request], Mapping[str, Any] | Picture]
 """What answers a request: with a JSON object, or a picture."""
 
 
 class _Refused(Exception):
-    """A request that is not answered: its status, and why."""
+    """A request that is not answered: its status, and why, as a message's code and values."""
 
-    def __init__(self, status: HTTPStatus, why: str) -> None:
-        super().__init__(why)
+    def __init__(self, status: HTTPStatus, code: str, **values: Any) -> None:
+        super().__init__(message(code, **values))
         self.status = status
 
 
@@ -470,38 +457,37 @@ class _Handler(BaseHTTPRequestHandler):
         """Which of the names was asked, and the query; _Refused for all that is not the page's."""
         hosts = self.headers.get_all("Host") or []
         if len(hosts) != 1 or hosts[0] not in self.server.hosts:
-            raise _Refused(HTTPStatus.FORBIDDEN, message("address_not_page"))
+            raise _Refused(HTTPStatus.FORBIDDEN, "address_not_page")
         origin = self.headers.get("Origin")
         origins = [f"http://{host}" for host in self.server.hosts]
         if (origin is not None or self.command == "POST") and origin not in origins:
-            raise _Refused(HTTPStatus.FORBIDDEN, message("asked_another_page"))
+            raise _Refused(HTTPStatus.FORBIDDEN, "asked_another_page")
         parts = urlsplit(self.path)
         token, _, name = parts.path.removeprefix("/").partition("/")
         if not hmac.compare_digest(token.encode(), self.server.token.encode()):
-            raise _Refused(HTTPStatus.FORBIDDEN, message("address_token_wrong"))
+            raise _Refused(HTTPStatus.FORBIDDEN, "address_token_wrong")
         if name not in names:  # names alone: no path is ever made of what is asked for
-            raise _Refused(HTTPStatus.NOT_FOUND, message("there_nothing_name"))
+            raise _Refused(HTTPStatus.NOT_FOUND, "there_nothing_name")
         return name, {key: values[0] for key, values in parse_qs(parts.query).items()}
 
     def _body(self) -> dict[str, Any]:
         """The JSON object that was sent. Raises _Refused before a byte of one too long is read."""
         if self.headers.get("Transfer-Encoding") is not None:
-            raise _Refused(HTTPStatus.NOT_IMPLEMENTED, message("send_content_length"))
+            raise _Refused(HTTPStatus.NOT_IMPLEMENTED, "send_content_length")
         stated = self.headers.get_all("Content-Length") or []
         if len(stated) != 1 or not (stated[0].isascii() and stated[0].isdigit()):
-            raise _Refused(HTTPStatus.LENGTH_REQUIRED, message("send_one_content_length"))
+            raise _Refused(HTTPStatus.LENGTH_REQUIRED, "send_one_content_length")
         if len(stated[0]) > 12 or int(stated[0]) > MOST_BYTES:
-            raise _Refused(
-                HTTPStatus.REQUEST_ENTITY_TOO_LARGE, message("bytes_most", most_bytes=MOST_BYTES)
-            )
+            status = HTTPStatus.REQUEST_ENTITY_TOO_LARGE
+            raise _Refused(status, "bytes_most", most_bytes=MOST_BYTES)
         if (self.headers.get_content_type()) != "application/json":
-            raise _Refused(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, message("send_application_json"))
+            raise _Refused(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "send_application_json")
         try:
             body = json.loads(self.rfile.read(int(stated[0])))
         except (ValueError, RecursionError) as error:
-            raise _Refused(HTTPStatus.BAD_REQUEST, message("body_no_json")) from error
+            raise _Refused(HTTPStatus.BAD_REQUEST, "body_no_json") from error
         if not isinstance(body, dict):
-            raise _Refused(HTTPStatus.BAD_REQUEST, message("body_no_json_object"))
+            raise _Refused(HTTPStatus.BAD_REQUEST, "body_no_json_object")
         return body
 
     def send_json(self, answer: Mapping[str, Any], status: HTTPStatus = HTTPStatus.OK) -> None:
@@ -524,13 +510,13 @@ class _Handler(BaseHTTPRequestHandler):
         session = self.server.session
         session.read_again()
         subject = session.subject
-        kinds = KINDS if subject is None else {subject: SET_KINDS[subject]}
-        fields = [asdict(field) for field in FIELDS]
+        kinds = edits.KINDS if subject is None else {subject: edits.SET_KINDS[subject]}
+        fields = [asdict(field) for field in edits.FIELDS]
         values = {
             "scene_file": session.scene_file.name,
             "subject": session.subject,
             "kinds": list(kinds.items()),
-            "data": {"fields": fields, "kinds": kinds, "searched": SEARCHED},
+            "data": {"fields": fields, "kinds": kinds, "searched": edits.SEARCHED},
         }
         html = assemble_page(_ROOM, _NAME, scripts=_SCRIPTS, policy=_ALLOWED, values=values)
         self._send(html.encode(), "text/html; charset=utf-8")
@@ -567,35 +553,35 @@ class _Handler(BaseHTTPRequestHandler):
             self.server.page_closed()
 
 
-def _index(request: Request) -> int:
+def _index(request: edits.Request) -> int:
     """The number of a frame that was asked for. Raises _Refused where it is none."""
     text = str(request.get("frame", ""))
     if not (text.isascii() and text.isdigit() and len(text) < 10):
-        raise _Refused(HTTPStatus.BAD_REQUEST, message("frame_no_number_from"))
+        raise _Refused(HTTPStatus.BAD_REQUEST, "frame_no_number_from")
     return int(text)
 
 
-def _model(server: SetupServer, request: Request) -> Picture:
+def _model(server: SetupServer, request: edits.Request) -> Picture:
     given = request.get("values") or {}
     if not isinstance(given, dict) or not all(
         isinstance(v, int | float) and not isinstance(v, bool) for v in given.values()
     ):
-        raise _Refused(HTTPStatus.BAD_REQUEST, message("values_no_numbers"))
+        raise _Refused(HTTPStatus.BAD_REQUEST, "values_no_numbers")
     return *server.session.live(_index(request), given), {}
 
 
-def _find(server: SetupServer, request: Request) -> Mapping[str, Any]:
+def _find(server: SetupServer, request: edits.Request) -> Mapping[str, Any]:
     """The scene of a frame by a cold search, and the state that it leaves."""
     values = request.get("values")
     if not (values is None or isinstance(values, dict)):
-        raise _Refused(HTTPStatus.BAD_REQUEST, message("values_no_form"))
+        raise _Refused(HTTPStatus.BAD_REQUEST, "values_no_form")
     form = None if values is None else (str(request.get("kind")), values)
     held = request.get("held") is True
-    answer = find_in_frames(server.session, _index(request), form=form, held=held)
-    return answer | {"state": session_state(server.session)}
+    answer = edits.find_in_frames(server.session, _index(request), form=form, held=held)
+    return answer | {"state": edits.session_state(server.session)}
 
 
-def _map(server: SetupServer, request: Request) -> Picture:
+def _map(server: SetupServer, request: edits.Request) -> Picture:
     session = server.session
     shown, warnings = order_map_of_points(session, _index(request))
     words = json.dumps(warnings)  # escapes whatever is not ASCII
@@ -603,13 +589,13 @@ def _map(server: SetupServer, request: Request) -> Picture:
     return shown, session.region(session.scene_or_none()), headers
 
 
-def _tool(server: SetupServer, request: Request) -> Mapping[str, Any]:
-    apply_tool(server.session, request)
-    return session_state(server.session)
+def _tool(server: SetupServer, request: edits.Request) -> Mapping[str, Any]:
+    edits.apply_tool(server.session, request)
+    return edits.session_state(server.session)
 
 
 GETS: Mapping[str, Route] = {
-    "state": lambda server, _: session_state(server.session),
+    "state": lambda server, _: edits.session_state(server.session),
     "frame": lambda server, query: (server.session.picture(_index(query)), None, {}),
 }
 
@@ -618,9 +604,9 @@ POSTS: Mapping[str, Route] = {
     "tool": _tool,
     "find": _find,
     "fit": lambda server, request: fit_answer(server.session, _index(request)),
-    "calibrate": lambda server, _: calibration_answer(set_of(server.session)),
+    "calibrate": lambda server, _: calibration_answer(edits.set_of(server.session)),
     "outlines": lambda server, request: {
-        "outlines": set_of(server.session).outlines(_index(request))
+        "outlines": edits.set_of(server.session).outlines(_index(request))
     },
     "check": lambda server, request: check_answer(
         server.session, fringes=request.get("fringes") is True
@@ -739,33 +725,29 @@ def open_session(
 def _session_of(
     given: str | Path | tuple[str | Path, ...], place: Path, calibration: str | None
 ) -> SetupSession:
-    """The session on a scene's or set's file, which may not be there yet; its line ends stay."""
+    """The session on a scene's or set's file, which may not be there yet; its line ends stay.
+
+    It is a set's where the text is one, or is to be one.
+    """
     if place.is_dir() or not place.parent.is_dir():
         raise InputError("scene_cannot_written_there", place=place)
     text, saved = "", place.is_file()
     if saved:
         read_text(place)  # its refusals: too large, a picture, not UTF-8
         text = place.read_bytes().decode("utf-8-sig")
-    subject = _subject(text, place, calibration)
-    session = (
-        SetupSession(given, place, text, saved=saved)
-        if subject is None
-        else SetSession(given, place, text, saved=saved, subject=subject)
-    )
+    holds = parse_toml(text, str(place)).keys() if text.strip() else ()
+    (subject,) = [kind for kind, table in TABLES.items() if table in holds] or (None,)
+    if calibration is not None:
+        if holds and subject != SUBJECTS[calibration]:
+            raise InputError("holds_no_so_no", place=place, calibration=calibration)
+        subject = SUBJECTS[calibration]
+    if subject is None:
+        session = SetupSession(given, place, text, saved=saved)
+    else:
+        session = SetSession(given, place, text, saved=saved, subject=subject)
     if saved:
         session.scene()  # what is wrong with it is said before a page opens
     return session
-
-
-def _subject(text: str, place: Path, calibration: str | None) -> str | None:
-    """The kind of set that a text is, or is to be; None for a scene."""
-    holds = parse_toml(text, str(place)).keys() if text.strip() else ()
-    (kind,) = [k for k, table in TABLES.items() if table in holds] or (None,)
-    if calibration is None:
-        return kind
-    if holds and kind != SUBJECTS[calibration]:
-        raise InputError("holds_no_so_no", place=place, calibration=calibration)
-    return SUBJECTS[calibration]
 
 
 def _images_of(place: Path) -> tuple[Path, ...]:

@@ -176,12 +176,7 @@ _TOLERANCE = 3e-3
 _ROOM = 1.8
 """Window on the surface over what the scene's own load needs: enough for three times the load."""
 
-_NO_LENS = {
-    "camera.roll_deg": 0.0,
-    "camera.distortion": 0.0,
-    "camera.keystone_x": 0.0,
-    "camera.keystone_z": 0.0,
-}
+_LENS = ("roll_deg", "distortion", "keystone_x", "keystone_z")
 
 _BLACKEST, _WHITEST = 1.0, 99.0
 """Per cent of a picture's grey levels between which the model is shown."""
@@ -230,15 +225,9 @@ class LiveModel:
         if pixels.lens is None:
             return self._plain(scene, pixels)
         around = pixels.around()
-        square = scene.with_values(
-            _NO_LENS
-            | {
-                "camera.left_mm": around.left_mm,
-                "camera.top_mm": around.top_mm,
-                "camera.width_px": around.cols,
-                "camera.height_px": around.rows,
-            }
-        )
+        place = {"left_mm": around.left_mm, "top_mm": around.top_mm, "width_px": around.cols}
+        camera = place | {"height_px": around.rows} | dict.fromkeys(_LENS, 0.0)
+        square = scene.with_values({f"camera.{key}": value for key, value in camera.items()})
         return seen_nearly(self._plain(square, around), around, pixels)
 
     def _plain(self, scene: Scene, pixels: PixelGrid) -> NDArray[np.floating]:
@@ -728,19 +717,16 @@ def calibration_answer(session: SetSession) -> dict[str, Any]:
     revision = session.revision
     result = session.calibrate()
     value = with_uncertainty(result.fringe_value_n_per_mm, result.standard_uncertainty)
-    values = [
-        ("f_sigma (N/mm per fringe)", value),
-        ("chi (1 = within the noise)", f"{result.chi:.2f}"),
-    ]
+    values = {"f_sigma (N/mm per fringe)": value, "chi (1 = within the noise)": f"{result.chi:.2f}"}
     order, spread = result.order_at_zero_load, result.order_at_zero_load_uncertainty
     if order is not None and spread is not None:
-        values.append(("Order at zero load (fringes)", with_uncertainty(order, spread)))
+        values["Order at zero load (fringes)"] = with_uncertainty(order, spread)
     return {
         "revision": revision,
-        "values": [{"words": words, "text": text} for words, text in values],
+        "values": [{"words": words, "text": text} for words, text in values.items()],
         "images": [
-            {"file": one.file, "load_n": one.load_n, "order": one.order, "chi": one.chi}
-            for one in result.images
+            {name: getattr(image, name) for name in ("file", "load_n", "order", "chi")}
+            for image in result.images
         ],
         "causes": list(_cause_rows(session, result)),
         "warnings": [w for w in result.warnings if w not in map(cause_sentence, result.causes)],

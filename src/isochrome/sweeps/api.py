@@ -62,10 +62,8 @@ class SweepGrid:
 
     def point(self, index: int) -> dict[str, float]:
         """The values at a point, counted from 0."""
-        place = np.unravel_index(index, tuple(self.counts.values()))
-        return {
-            key: values[int(k)] for (key, values), k in zip(self.values.items(), place, strict=True)
-        }
+        at = np.unravel_index(index, tuple(self.counts.values()))
+        return {key: along[int(k)] for (key, along), k in zip(self.values.items(), at, strict=True)}
 
     def scene_at(self, index: int) -> Scene:
         """The scene at a point. Raises InputError where it is none."""
@@ -341,9 +339,7 @@ def _finish(run_folder: RunFolder, job: Job, grid: SweepGrid) -> None:
             data, axes = data[..., 0], axes[:-1]
         columns[name] = Column(axes, data, named_units(name))
     places = {**grid.values, "state": range(count)}
-    coordinates = {
-        name: Column((name,), np.array(along), named_units(name)) for name, along in places.items()
-    }
+    coordinates = {k: Column((k,), np.array(along), named_units(k)) for k, along in places.items()}
     if not any(key.startswith("camera.") for key in grid.values):
         coordinates |= picture_axes(pixel_grid(grid.scene_at(0)))
     add_columns(run_folder.results / STORE, columns, coordinates, attributes(job.identity))
