@@ -33,9 +33,8 @@ class Video:
         """`stamp`, the file's when it was opened."""
         self.path, self.stamp, self.container = path, stamp, container
         self.places: Places | None = None
-        self.form: (
-            reading.StoredForm
-        )  # of the first frame, which is decoded before any is asked for
+        # of the first frame, which is decoded before any is asked for
+        self.form: reading.StoredForm
 
     def extent(self) -> reading.Extent:
         """Decode all frames once, remember their places, and count them."""
