@@ -21,7 +21,6 @@ from .film_reading import (
     smooth_zero,
 )
 from .follower import LARGEST_CHANGE, FilmState, follow_frame, unloaded_state
-from .integer_order import Balance, balance, settle
 from .on_branch import (
     BRANCH,
     LARGEST_UNCERTAINTY,
@@ -61,7 +60,16 @@ from .step_equations import (
     solve_steps,
     unwrap,
 )
-from .stepped_order import ResidualStress, SteppedReading, least_field, read_residual, read_steps
+from .stepped_order import (
+    Balance,
+    ResidualStress,
+    SteppedReading,
+    balance,
+    least_field,
+    read_residual,
+    read_steps,
+    settle,
+)
 
 __all__ = [
     "BRANCH",

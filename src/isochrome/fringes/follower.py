@@ -43,6 +43,8 @@ import numpy as np
 
 from isochrome.fringes.windows import Array, Mask
 
+_TURN = np.float32(2.0 * np.pi)
+
 LARGEST_CHANGE = 0.35
 """Fringes from one frame to the next that are followed, wherever in the picture: below half of the
 distance of 1 after which the light is the same, with a margin for what noise and fields add."""
@@ -160,16 +162,14 @@ def _searched(basis: Array, shown: Array, faded: Array, top: float) -> Array:
 
 def _residual(order: Array, change: Array, shown: Array, faded: Array) -> tuple[Array, Array]:
     """What a change leaves of the wave, and how the wave answers to it."""
-    turn = np.float32(2.0 * np.pi)
-    angle = turn * (order + change)
-    return shown - faded * np.cos(angle), -turn * faded * np.sin(angle)
+    angle = _TURN * (order + change)
+    return shown - faded * np.cos(angle), -_TURN * faded * np.sin(angle)
 
 
 def _mean_misfit(residual: Array) -> float:
     return float(np.mean(np.minimum(residual * residual, np.float32(_CLIPPED))))
 
 
-_TURN = np.float32(2.0 * np.pi)
 _WINDOWS = ((10.0, True), (5.0, False), (2.5, False))
 """Standard deviation of a window, pixels; whether the correction in it is in proportion to N."""
 _SPREAD, _SYSTEMATIC = 0.01, 0.03
@@ -395,9 +395,9 @@ def _borne_out(order: Array, known: Mask, wave: Array, valid: Mask) -> tuple[Mas
     """Which continued orders the light bears out, and how far it moves them (rows, cols)."""
     near = cv2.boxFilter(known.astype(np.float32), -1, (3, 3), normalize=False) > _BESIDE - 0.5
     contrast, steep, _ = faded_fringes(order)
-    angle = np.float32(2.0 * np.pi) * order
+    angle = _TURN * order
     sine = np.sin(angle)
-    slope = np.float32(-2.0 * np.pi) * contrast * np.where(np.abs(sine) > _FLANK, sine, np.inf)
-    move = (wave - contrast * np.cos(angle)) / slope
-    determined = (np.abs(sine) > _FLANK) & (np.abs(move) < _NEAR)
+    flank = np.abs(sine) > _FLANK
+    move = (wave - contrast * np.cos(angle)) / (-_TURN * contrast * np.where(flank, sine, np.inf))
+    determined = flank & (np.abs(move) < _NEAR)
     return near & ~known & valid & (steep < STEEPEST**2) & determined, move

@@ -23,16 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isochrome.fringes.windows import (
-    Array,
-    Mask,
-    Windows,
-    expanded,
-    gaussian_sum,
-    halved,
-    masked,
-    without,
-)
+from isochrome.fringes.windows import Array, Mask, Windows, expanded, gaussian_sum, halved, masked
 from isochrome.optics import FringeWave
 
 _STEADY_PX = 4.0
@@ -259,7 +250,9 @@ class _OnBranch:
             size, lag = cv2.cartToPolar(height, wave.sine)
             height, turns = np.asarray(size), turns - np.asarray(lag)
         self._height, self._turns, self._rest = (
-            np.ascontiguousarray(part if material.all() else without(part, material), np.float32)
+            np.ascontiguousarray(
+                part if material.all() else masked(part, material, 0.0), np.float32
+            )
             for part in (gain * height, turns, light - gain * wave.mean)
         )
         self.shape = light.shape
@@ -322,7 +315,7 @@ def probability(uncertainty: Array) -> Array:
 def make_reading(order: Array, uncertainty: Array, known: Mask, *, of: Mask) -> OrderReading:
     """An OrderReading of known pixels, and which share they are of some."""
     kept = float(np.count_nonzero(known) / max(1, int(np.count_nonzero(of))))
-    sure = without(probability(uncertainty), known)
+    sure = masked(probability(uncertainty), known, 0.0)
     return OrderReading(masked(order, known), masked(uncertainty, known), sure, kept)
 
 
