@@ -212,7 +212,7 @@ def _kind_of_set(
 ) -> FrameKind:
     """How a set is processed: followed where that is asked, or is usual; else state by state."""
     keyed = accepts_keys(scene) and (track or (not each and reader.kind == "video"))
-    if not keyed and (track or (not each and _is_followed(scene, reader))):
+    if not keyed and (track or (not each and is_followed(scene, reader))):
         from isochrome.processing.kinds.tracked import TrackedFilm
 
         return TrackedFilm(every=every or KEY_EVERY, wanted=maps)
@@ -226,7 +226,7 @@ def _kind_of_set(
     return KeyedFilm(key_every=every or KEY_EVERY, by_default=not track)
 
 
-def _is_followed(scene: Scene, reader: FrameReader) -> bool:
+def is_followed(scene: Scene, reader: FrameReader) -> bool:
     """Whether a set is a video of a contact whose frames can be followed."""
     if reader.kind != "video":
         return False
