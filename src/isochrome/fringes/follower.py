@@ -179,7 +179,8 @@ _LARGEST_STEP = 0.2
 _SMOOTHED, _SMOOTH_PX, _SHARP = 0.2, 1.0, 0.15
 """Share of what is taken off below the narrowest window, and the order below which nothing is: the
 order has a crease there, where it is nought."""
-_RATE_PX, _MISFIT_PX, _START_PX = 3.0, 3.0, 3.0
+_POOLED_PX = 3.0
+"""Window of the rate, of the misfit and of the first orders."""
 _NEWEST = 0.3
 """Weight of the newest frame in the drift."""
 _TOLD_PX, _TOLD, _LEFT_OPEN = 5.0, 0.08, 0.05
@@ -213,14 +214,6 @@ class FilmState:
     broken: bool = False  # the whole picture could not be followed into this frame
 
 
-def unloaded_state(material: Mask, time: float) -> FilmState:
-    """Start a film at zero load, order 0 all over the specimen, at a time, s, or frame number."""
-    nothing = np.zeros(material.shape, dtype=np.float32)
-    return FilmState(
-        order=nothing, rate=nothing, drift=nothing, untold=nothing, known=material.copy(), time=time
-    )
-
-
 def follow_frame(
     state: FilmState, wave: Array, valid: Mask, time: float, *, noise: float
 ) -> FilmState:
@@ -247,7 +240,7 @@ def follow_frame(
         order, determined = _corrected(order, wave, contrast, telling, noise)
     trust = weight * known
     residual = (wave - contrast * np.cos(_TURN * order)) * trust
-    misfit = _window_mean(residual * residual, trust, _MISFIT_PX)
+    misfit = _window_mean(residual * residual, trust, _POOLED_PX)
     known = (
         known
         & (misfit < _LARGEST_MISFIT**2 + (_NOISY * noise) ** 2)
@@ -257,7 +250,7 @@ def follow_frame(
     if np.count_nonzero(known) < _ALL_BUT * np.count_nonzero(state.known):
         return _lost(state, time)
     order = continued(order, known)
-    change = cv2.GaussianBlur((order - before) * weight, (0, 0), _RATE_PX)
+    change = cv2.GaussianBlur((order - before) * weight, (0, 0), _POOLED_PX)
     rate = change / np.float32(apart) if apart else np.zeros_like(change)
     orders = before[known]  # what of the rate is not in proportion to the order
     share = float(orders @ rate[known]) / max(float(orders @ orders), 1e-6)
@@ -276,7 +269,7 @@ def _lost(state: FilmState, time: float) -> FilmState:
 
 def _at_first(wave: Array, weight: Array) -> tuple[Array, Mask]:
     """Orders below the first crest, and where they are: in each body what no crest cuts off."""
-    signal = _window_mean(0.5 - 0.5 * wave, weight, _START_PX)
+    signal = _window_mean(0.5 - 0.5 * wave, weight, _POOLED_PX)
     order = np.arcsin(np.sqrt(np.clip(signal, 0.0, 1.0))) / np.float32(np.pi)
     inside = weight > 0.0
     plain = np.zeros(inside.shape, dtype=bool)

@@ -626,14 +626,10 @@ def _look(
     relief_sums[0][inside] = np.sum(np.clip(away, -_STRANGE, _STRANGE) * across, axis=1)
     relief_sums[1][inside] = np.sum(across**2, axis=1)
     return _Look(
-        equations=(*equations, weight * slope[picked]),
-        place=place[picked],
-        away=away[picked],
-        square=square,
-        order=choice.order,
+        equations=(*equations, weight * slope[picked]), place=place[picked], away=away[picked],
+        square=square, order=choice.order, relief=relief_sums,
         torn=float(np.mean(tears[readable])) if readable.any() else 1.0,
-        relief=relief_sums,
-    )
+    )  # fmt: skip
 
 
 def _root(square: Array) -> float:

@@ -31,7 +31,7 @@ from scipy.ndimage import gaussian_filter, maximum_filter
 
 from isochrome.errors import InputError
 from isochrome.estimation import POOR_CHI
-from isochrome.fringes.on_branch import LARGEST_UNCERTAINTY
+from isochrome.fringes.on_branch import LARGEST_MISFIT, LARGEST_UNCERTAINTY
 from isochrome.fringes.windows import Array, Mask, pooled
 from isochrome.optics import Chain
 
@@ -354,7 +354,6 @@ _LOCAL = 0.05
 _COMPARED = 0.5
 """Share of the window that must be seen for its misfit to tell."""
 
-_LARGEST_MISFIT = 0.1
 _MOST_NOISE = 3.0
 """Times the noise of the whole set that a pixel may have for want of some of its frames."""
 
@@ -409,7 +408,7 @@ def measure_steps(
     direction = direction.noisier(np.maximum(misfit, 1.0))
     uncertainty = phase_uncertainty(terms, design, direction, sigma) * np.maximum(misfit, 1.0)
     readable &= (uncertainty < LARGEST_UNCERTAINTY) & (
-        misfit * sigma < np.maximum(_LARGEST_MISFIT * contrast, 2.0 * sigma)
+        misfit * sigma < np.maximum(LARGEST_MISFIT * contrast, 2.0 * sigma)
     )
     return StepLight(
         terms=terms, direction=direction, seen=readable,

@@ -51,7 +51,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from scipy import ndimage
@@ -212,13 +211,15 @@ def settle(
         for (row, col, order), _ in seeds.pop(0, [])
     ]
     numbers = np.full(turns.shape, np.nan)
-    options: dict[str, Any] = {"residual": residual, "compatible": compatible}
     parts = []
     for index in (np.argsort(-sizes[1:]) + 1).tolist():
         if sizes[index] < _SMALLEST_SHARE * sizes[1:].sum() and index not in seeds:
             continue
         inside = labels == index
-        equilibrium = balance(turns, direction.twice, inside, spread=direction.spread, **options)
+        equilibrium = balance(
+            turns, direction.twice, inside, spread=direction.spread, residual=residual,
+            compatible=compatible,
+        )  # fmt: skip
         balanced = equilibrium.whole if equilibrium else None
         if index in seeds:
             number, notes = _from_seeds(turns, seeds[index], balanced)
