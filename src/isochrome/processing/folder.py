@@ -93,12 +93,10 @@ def set_layout(source: FrameSource, count: int) -> RunLayout:
     rows, cols = source.reader.shape
     kind = source.task.kind
     return RunLayout(
-        axes={"frame": count},
-        shape={"row": rows, "col": cols},
+        axes={"frame": count}, shape={"row": rows, "col": cols},
         layers=kind.layers(source.task.scene),
-        chunk=kind.key_step or chunk_size(count, 4 * rows * cols),
-        every=kind.key_step or 1,
-    )
+        chunk=kind.key_step or chunk_size(count, 4 * rows * cols), every=kind.key_step or 1,
+    )  # fmt: skip
 
 
 def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
@@ -179,14 +177,10 @@ def more_of(item: ProcessedFrame | FollowedFrame, scene: Scene) -> dict[str, Any
     """What the dataset and the figure need to know besides the row."""
     left, top = item.corner_mm(scene)
     return {
-        "status": item.status,
-        "messages": frame_messages(item.warnings),
-        "time_s": item.time_s,
-        "left_mm": left,
-        "top_mm": top,
-        "read": item.reading is not None,
+        "status": item.status, "messages": frame_messages(item.warnings), "time_s": item.time_s,
+        "left_mm": left, "top_mm": top, "read": item.reading is not None,
         "kept": item.reading.kept if item.reading is not None else None,
-    }
+    }  # fmt: skip
 
 
 _TRACKED_DPI = 110.0
