@@ -410,7 +410,14 @@ def prepare_keyed(
     assert key_frame.reading is not None
     data = FilmData(first, scene, capture)
     data.take_noise(first)
-    light = _light_of(ends, data.sign)
+    # order 0 is at the bright end in the bright field
+    zero, other = (ends.dark, ends.bright)[:: int(data.sign)]
+    illumination = np.maximum(data.sign * (other - zero), 1e-3).astype(np.float32)
+    zero = zero.astype(np.float32)
+    error, at_zero = (ends.signal_uncertainty(end).astype(np.float32) for end in (other, zero))
+    light = FilmLight(
+        zero=zero, illumination=illumination, error=error, zero_error=at_zero, sign=data.sign
+    )
     guide = light.joined(data.by)
     start = joined_reading(key_frame.reading, data.by, film_time(first, begin))
     last: list[tuple[int, Frame]] = []
@@ -460,14 +467,3 @@ def _first_key(
 def _is_read(frame: ProcessedFrame) -> bool:
     """Whether any order of a frame is known."""
     return frame.reading is not None and bool(np.isfinite(frame.reading.order).any())
-
-
-def _light_of(ends: BackgroundModulation, sign: float) -> FilmLight:
-    """The ends of a frame's light as a film's; order 0 is at the bright one for a `sign` of -1."""
-    zero, other = (ends.dark, ends.bright)[:: int(sign)]
-    illumination = np.maximum(sign * (other - zero), 1e-3).astype(np.float32)
-    zero = zero.astype(np.float32)
-    error, at_zero = (ends.signal_uncertainty(end).astype(np.float32) for end in (other, zero))
-    return FilmLight(
-        zero=zero, illumination=illumination, error=error, zero_error=at_zero, sign=sign
-    )
