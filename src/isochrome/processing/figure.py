@@ -382,12 +382,7 @@ def _item(table: Mapping[str, list[Any]], dataset: Kept, status: list[str], k: i
     signal = maps.get(NORMALISED.name)
     if signal is None:
         if order is None or not np.isfinite(order).any():
-            having = [j for j, at in enumerate(table[PICTURE]) if at is not None]
-            if ORDER.name in dataset and is_of_all(dataset[ORDER.name]):
-                having = [j for j, state in enumerate(status) if state != "failed"]
-            some = f"{', '.join(map(str, having[:8]))}{' ...' * (len(having) > 8)}" or "none"
-            missing = "has no map of its order; frames that have one"
-            raise InputError(f"frames = {k} of a figure: {missing}: {some}")
+            raise InputError(_without_a_map(table, dataset, status, k))
         signal = np.full(order.shape, np.nan)  # a followed frame: its picture is not kept
     chi, label = table["chi"][k], str(table["label"][k])
     left, top = (float(dataset[name][k]) for name in ("left_mm", "top_mm"))
@@ -398,6 +393,15 @@ def _item(table: Mapping[str, list[Any]], dataset: Kept, status: list[str], k: i
         isoclinic=maps.get(ISOCLINIC.name) if order is not None else None,
         lines=skeletons(np.clip(signal, 0.0, 1.0)) if lines and order is None else [],
     )  # fmt: skip
+
+
+def _without_a_map(table: Mapping[str, list[Any]], dataset: Kept, status: list[str], k: int) -> str:
+    """Why frame k of a followed video cannot be drawn, and which can."""
+    having = [j for j, at in enumerate(table[PICTURE]) if at is not None]
+    if ORDER.name in dataset and is_of_all(dataset[ORDER.name]):
+        having = [j for j, state in enumerate(status) if state != "failed"]
+    some = f"{', '.join(map(str, having[:8]))}{' ...' * (len(having) > 8)}" or "none"
+    return f"frames = {k} of a figure: has no map of its order; frames that have one: {some}"
 
 
 def _kinds(items: Sequence[Shown], largest: float, *, what: str) -> list[PictureKind]:
