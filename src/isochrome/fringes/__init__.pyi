@@ -19,18 +19,10 @@ from .film_reading import (
     pixels_together,
     read_followed,
     smooth_zero,
+    unloaded_state,
 )
-from .follower import LARGEST_CHANGE, FilmState, follow_frame, unloaded_state
-from .integer_order import Balance, balance, settle
-from .on_branch import (
-    BRANCH,
-    LARGEST_UNCERTAINTY,
-    SURE,
-    OrderReading,
-    make_reading,
-    read_order,
-    widened,
-)
+from .follower import LARGEST_CHANGE, FilmState, follow_frame
+from .on_branch import BRANCH, SURE, OrderReading, make_reading, read_order, widened
 from .own_colours import ColourShots, OwnLight, band_light, band_scale, find_light
 from .single_frame.background_modulation import (
     BackgroundModulation,
@@ -43,12 +35,13 @@ from .single_frame.background_modulation import (
 from .single_frame.free_order import (
     FollowedFringes,
     FreeReading,
+    common_orders,
     common_reading,
     follow_fringes,
     read_free,
 )
 from .single_frame.stated_orders import CLEAR, MOST_COST, STATED_SPREAD, KnownOrders, KnownPlaces
-from .skeleton import Skeleton, number_lines, order_contours, skeleton_table, skeletons
+from .skeleton import SHORTEST_PX, Skeleton, number_lines, order_contours, skeleton_table, skeletons
 from .step_equations import (
     COSINE,
     CROSS,
@@ -61,7 +54,16 @@ from .step_equations import (
     solve_steps,
     unwrap,
 )
-from .stepped_order import ResidualStress, SteppedReading, least_field, read_residual, read_steps
+from .stepped_order import (
+    Balance,
+    ResidualStress,
+    SteppedReading,
+    balance,
+    least_field,
+    read_residual,
+    read_steps,
+    settle,
+)
 
 __all__ = [
     "BRANCH",
@@ -69,8 +71,8 @@ __all__ = [
     "COSINE",
     "CROSS",
     "LARGEST_CHANGE",
-    "LARGEST_UNCERTAINTY",
     "MOST_COST",
+    "SHORTEST_PX",
     "SINE",
     "SINE_SINE",
     "STATED_SPREAD",
@@ -101,6 +103,7 @@ __all__ = [
     "balance",
     "band_light",
     "band_scale",
+    "common_orders",
     "common_reading",
     "exact_ends",
     "fill_gaps",

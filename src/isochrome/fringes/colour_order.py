@@ -28,7 +28,7 @@ from scipy import ndimage
 from isochrome.errors import InputError
 from isochrome.fringes.colour_table import STEP, Choice, ColourTable, choose_orders
 from isochrome.fringes.frame_exposure import FrameExposure, find_ends, find_exposure
-from isochrome.fringes.on_branch import OrderReading, probability
+from isochrome.fringes.on_branch import LARGEST_UNCERTAINTY, OrderReading, probability
 from isochrome.fringes.windows import Array, Mask, beside_jumps, gaussian_sum, masked, nearest_known
 
 LEAST_CONTRAST = 0.2
@@ -286,7 +286,6 @@ LOST_SPREAD = 0.05
 STEEPEST = 0.25
 """Fringes a pixel beyond which a pixel's mixture of colours is no longer of the second order."""
 
-_LARGEST_UNCERTAINTY = 0.03
 _LARGEST_DOUBT = 0.02
 _LARGEST_RESIDUAL = 0.05
 _LARGEST_MISFIT = 2.0
@@ -352,7 +351,7 @@ def read_colour(
     lost = strange >= (LOST if table.spread.max() < _SPREAD else LOST_SPREAD)
     highest = table.highest_of(_LEAST_CONTRAST[shown.blind]) - _BELOW_WHITE
     known = readable & described & value.agreed & (value.order < highest) & (not lost)
-    known &= (value.doubt < _LARGEST_DOUBT) & (uncertainty < _LARGEST_UNCERTAINTY)
+    known &= (value.doubt < _LARGEST_DOUBT) & (uncertainty < LARGEST_UNCERTAINTY)
     # only the frame says where light is: black places might be no specimen at all
     if bright is None and specimen is None:
         core = ndimage.distance_transform_edt(value.order < _UNLIT_ORDER) > _UNLIT_PX

@@ -177,10 +177,10 @@ _MOST_SPREAD = 0.3
 
 def table_columns(table: ColourTable) -> dict[str, Any]:
     """A table as the columns of its file, the spread repeated in every row; 1 = full light."""
-    columns: dict[str, Any] = {"fringe_order": table.order}
-    columns |= {name: table.signal[:, c] for c, name in enumerate(CHANNELS)}
-    return columns | {
-        name: np.full(len(table.signal), table.spread[c]) for c, name in enumerate(SPREADS)
+    return {
+        "fringe_order": table.order,
+        **{name: table.signal[:, c] for c, name in enumerate(CHANNELS)},
+        **{name: np.full(len(table.signal), table.spread[c]) for c, name in enumerate(SPREADS)},
     }
 
 

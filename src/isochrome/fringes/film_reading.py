@@ -452,6 +452,14 @@ def _whole_blocks(which: Mask, by: int) -> Mask:
     return np.asarray(joined_pixels(which, by) > 1.0 - 0.5 / by**2)
 
 
+def unloaded_state(material: Mask, time: float) -> FilmState:
+    """Start a film at zero load, order 0 all over the specimen, at a time, s, or frame number."""
+    nothing = np.zeros(material.shape, dtype=np.float32)
+    return FilmState(
+        order=nothing, rate=nothing, drift=nothing, untold=nothing, known=material.copy(), time=time
+    )
+
+
 def joined_reading(reading: OrderReading, by: int, time: float) -> FilmState:
     """A frame's reading as a state that a film can be followed from, on blocks of pixels.
 
@@ -462,10 +470,7 @@ def joined_reading(reading: OrderReading, by: int, time: float) -> FilmState:
     order = joined_pixels(np.where(read, reading.order, 0.0), by)
     if known.any():
         order = continued(nearest_known(order, known), known)
-    nothing = np.zeros_like(order)
-    return FilmState(
-        order=order, rate=nothing, drift=nothing, untold=nothing, known=known, time=time
-    )
+    return replace(unloaded_state(known, time), order=order)
 
 
 def _spread(values: Array, by: int, shape: tuple[int, ...], *, smooth: bool) -> Array:

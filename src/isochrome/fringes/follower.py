@@ -43,6 +43,8 @@ import numpy as np
 
 from isochrome.fringes.windows import Array, Mask
 
+_TURN = np.float32(2.0 * np.pi)
+
 LARGEST_CHANGE = 0.35
 """Fringes from one frame to the next that are followed, wherever in the picture: below half of the
 distance of 1 after which the light is the same, with a margin for what noise and fields add."""
@@ -160,16 +162,14 @@ def _searched(basis: Array, shown: Array, faded: Array, top: float) -> Array:
 
 def _residual(order: Array, change: Array, shown: Array, faded: Array) -> tuple[Array, Array]:
     """What a change leaves of the wave, and how the wave answers to it."""
-    turn = np.float32(2.0 * np.pi)
-    angle = turn * (order + change)
-    return shown - faded * np.cos(angle), -turn * faded * np.sin(angle)
+    angle = _TURN * (order + change)
+    return shown - faded * np.cos(angle), -_TURN * faded * np.sin(angle)
 
 
 def _mean_misfit(residual: Array) -> float:
     return float(np.mean(np.minimum(residual * residual, np.float32(_CLIPPED))))
 
 
-_TURN = np.float32(2.0 * np.pi)
 _WINDOWS = ((10.0, True), (5.0, False), (2.5, False))
 """Standard deviation of a window, pixels; whether the correction in it is in proportion to N."""
 _SPREAD, _SYSTEMATIC = 0.01, 0.03
@@ -179,7 +179,8 @@ _LARGEST_STEP = 0.2
 _SMOOTHED, _SMOOTH_PX, _SHARP = 0.2, 1.0, 0.15
 """Share of what is taken off below the narrowest window, and the order below which nothing is: the
 order has a crease there, where it is nought."""
-_RATE_PX, _MISFIT_PX, _START_PX = 3.0, 3.0, 3.0
+_POOLED_PX = 3.0
+"""Window of the rate, of the misfit and of the first orders."""
 _NEWEST = 0.3
 """Weight of the newest frame in the drift."""
 _TOLD_PX, _TOLD, _LEFT_OPEN = 5.0, 0.08, 0.05
@@ -213,14 +214,6 @@ class FilmState:
     broken: bool = False  # the whole picture could not be followed into this frame
 
 
-def unloaded_state(material: Mask, time: float) -> FilmState:
-    """Start a film at zero load, order 0 all over the specimen, at a time, s, or frame number."""
-    nothing = np.zeros(material.shape, dtype=np.float32)
-    return FilmState(
-        order=nothing, rate=nothing, drift=nothing, untold=nothing, known=material.copy(), time=time
-    )
-
-
 def follow_frame(
     state: FilmState, wave: Array, valid: Mask, time: float, *, noise: float
 ) -> FilmState:
@@ -247,7 +240,7 @@ def follow_frame(
         order, determined = _corrected(order, wave, contrast, telling, noise)
     trust = weight * known
     residual = (wave - contrast * np.cos(_TURN * order)) * trust
-    misfit = _window_mean(residual * residual, trust, _MISFIT_PX)
+    misfit = _window_mean(residual * residual, trust, _POOLED_PX)
     known = (
         known
         & (misfit < _LARGEST_MISFIT**2 + (_NOISY * noise) ** 2)
@@ -257,7 +250,7 @@ def follow_frame(
     if np.count_nonzero(known) < _ALL_BUT * np.count_nonzero(state.known):
         return _lost(state, time)
     order = continued(order, known)
-    change = cv2.GaussianBlur((order - before) * weight, (0, 0), _RATE_PX)
+    change = cv2.GaussianBlur((order - before) * weight, (0, 0), _POOLED_PX)
     rate = change / np.float32(apart) if apart else np.zeros_like(change)
     orders = before[known]  # what of the rate is not in proportion to the order
     share = float(orders @ rate[known]) / max(float(orders @ orders), 1e-6)
@@ -276,7 +269,7 @@ def _lost(state: FilmState, time: float) -> FilmState:
 
 def _at_first(wave: Array, weight: Array) -> tuple[Array, Mask]:
     """Orders below the first crest, and where they are: in each body what no crest cuts off."""
-    signal = _window_mean(0.5 - 0.5 * wave, weight, _START_PX)
+    signal = _window_mean(0.5 - 0.5 * wave, weight, _POOLED_PX)
     order = np.arcsin(np.sqrt(np.clip(signal, 0.0, 1.0))) / np.float32(np.pi)
     inside = weight > 0.0
     plain = np.zeros(inside.shape, dtype=bool)
@@ -395,9 +388,9 @@ def _borne_out(order: Array, known: Mask, wave: Array, valid: Mask) -> tuple[Mas
     """Which continued orders the light bears out, and how far it moves them (rows, cols)."""
     near = cv2.boxFilter(known.astype(np.float32), -1, (3, 3), normalize=False) > _BESIDE - 0.5
     contrast, steep, _ = faded_fringes(order)
-    angle = np.float32(2.0 * np.pi) * order
+    angle = _TURN * order
     sine = np.sin(angle)
-    slope = np.float32(-2.0 * np.pi) * contrast * np.where(np.abs(sine) > _FLANK, sine, np.inf)
-    move = (wave - contrast * np.cos(angle)) / slope
-    determined = (np.abs(sine) > _FLANK) & (np.abs(move) < _NEAR)
+    flank = np.abs(sine) > _FLANK
+    move = (wave - contrast * np.cos(angle)) / (-_TURN * contrast * np.where(flank, sine, np.inf))
+    determined = flank & (np.abs(move) < _NEAR)
     return near & ~known & valid & (steep < STEEPEST**2) & determined, move

@@ -23,16 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isochrome.fringes.windows import (
-    Array,
-    Mask,
-    Windows,
-    expanded,
-    gaussian_sum,
-    halved,
-    masked,
-    without,
-)
+from isochrome.fringes.windows import Array, Mask, Windows, expanded, gaussian_sum, halved, masked
 from isochrome.optics import FringeWave
 
 _STEADY_PX = 4.0
@@ -44,8 +35,6 @@ _FINE_PX, _AROUND_PX = 4.0, 20.0
 """Windows of a bump and of its surroundings."""
 _SHOWN = 0.55
 """What such windows show of a round spot of 6 to 12 pixels: 0.57 to 0.52."""
-_LEAST = 1.0 / 0.25**2
-"""Inverse variance of a shift before anything is known: it stays on its branch."""
 _SURELY = 4.0
 """Variances up to which noise alone explains a light, or a bump."""
 _TOLD, _OPEN = 0.01, 0.002
@@ -147,12 +136,14 @@ class _Blocks:
     def _informed(self, width_px: float) -> Array:
         """Inverse variance of such a shift."""
         if width_px not in self._information:
-            self._information[width_px] = self._windows["slope"].sum(width_px) + np.float32(_LEAST)
+            summed = self._windows["slope"].sum(width_px)
+            self._information[width_px] = summed + np.float32(BRANCH**-2)
         return self._information[width_px]
 
 
 BRANCH = 0.25
-"""Half of a branch of sin², in fringes: a reading farther from the model has left its branch."""
+"""Half of a branch of sin², in fringes: a reading farther from the model has left its branch, and
+so much is expected of a shift before anything is known."""
 
 SURE = 0.05
 """The error, in fringes, that `confidence` is the probability to stay within."""
@@ -168,7 +159,8 @@ _AT_REST = 0.002
 """Root mean square of a move, fringes, after which wide windows move it no more: a third of what
 the noise leaves of an order."""
 
-_LARGEST_MISFIT = 0.1
+LARGEST_MISFIT = 0.1
+"""Of the light, over the contrast, where it tells an order."""
 _STEEPEST = 0.25
 _POOLED_PX = 3.0
 _ERF = (0.254829592, -0.284496736, 1.421413741, -1.453152027, 1.061405429)
@@ -231,7 +223,7 @@ def read_order(
     spread = gaussian_sum(square, _WINDOW_PX / np.sqrt(2.0))
     spread /= np.maximum(information * information, 1e-24)
     uncertainty = np.sqrt(spread * np.maximum(misfit, 1.0) + stray)
-    largest = np.maximum(_LARGEST_MISFIT * gain, 2.0)
+    largest = np.maximum(LARGEST_MISFIT * gain, 2.0)
     known = (
         (weight > 0.0)
         & (count > 0.5 * (2.0 * np.pi * _WINDOW_PX**2))
@@ -259,7 +251,9 @@ class _OnBranch:
             size, lag = cv2.cartToPolar(height, wave.sine)
             height, turns = np.asarray(size), turns - np.asarray(lag)
         self._height, self._turns, self._rest = (
-            np.ascontiguousarray(part if material.all() else without(part, material), np.float32)
+            np.ascontiguousarray(
+                part if material.all() else masked(part, material, 0.0), np.float32
+            )
             for part in (gain * height, turns, light - gain * wave.mean)
         )
         self.shape = light.shape
@@ -322,7 +316,7 @@ def probability(uncertainty: Array) -> Array:
 def make_reading(order: Array, uncertainty: Array, known: Mask, *, of: Mask) -> OrderReading:
     """An OrderReading of known pixels, and which share they are of some."""
     kept = float(np.count_nonzero(known) / max(1, int(np.count_nonzero(of))))
-    sure = without(probability(uncertainty), known)
+    sure = masked(probability(uncertainty), known, 0.0)
     return OrderReading(masked(order, known), masked(uncertainty, known), sure, kept)
 
 

@@ -47,13 +47,7 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates
 from isochrome.errors import InputError
 from isochrome.estimation import channel_light
 from isochrome.fringes.colour_order import JUMP
-from isochrome.fringes.colour_table import (
-    LARGEST_ORDER,
-    STEP,
-    ColourTable,
-    choose_orders,
-    end_of_contrast,
-)
+from isochrome.fringes.colour_table import STEP, ColourTable, choose_orders, end_of_contrast
 from isochrome.fringes.frame_exposure import UNLIKE, correction, spread_out
 from isochrome.fringes.windows import Array, Indices, Mask, beside_jumps, block_means, valid_means
 
@@ -125,9 +119,7 @@ def band_light(numbers: Array) -> BandLight:
     return BandLight(np.array([red, 1.0, blue]), np.exp(numbers[2:5]), mixing)
 
 
-def band_table(
-    numbers: Array, *, bright: bool = False, highest_order: float = LARGEST_ORDER
-) -> tuple[ColourTable, Array]:
+def band_table(numbers: Array, *, bright: bool, highest_order: float) -> tuple[ColourTable, Array]:
     """The table of a light, up to where its last contrast fades, and how it changes.
 
     Its derivative is by the numbers of `band_light` (orders, 3, 11). What a camera cannot show,
@@ -634,14 +626,10 @@ def _look(
     relief_sums[0][inside] = np.sum(np.clip(away, -_STRANGE, _STRANGE) * across, axis=1)
     relief_sums[1][inside] = np.sum(across**2, axis=1)
     return _Look(
-        equations=(*equations, weight * slope[picked]),
-        place=place[picked],
-        away=away[picked],
-        square=square,
-        order=choice.order,
+        equations=(*equations, weight * slope[picked]), place=place[picked], away=away[picked],
+        square=square, order=choice.order, relief=relief_sums,
         torn=float(np.mean(tears[readable])) if readable.any() else 1.0,
-        relief=relief_sums,
-    )
+    )  # fmt: skip
 
 
 def _root(square: Array) -> float:

@@ -27,7 +27,7 @@ from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
 from isochrome.errors import InputError
-from isochrome.fringes.windows import Indices, Mask, gaussian, nearest_known
+from isochrome.fringes.windows import Indices, gaussian, nearest_known
 
 Floats = NDArray[np.float64]
 
@@ -99,16 +99,6 @@ def line_points(image: Floats, sigma_px: float) -> tuple[Floats, Floats, Floats,
     return strength, rows + np.where(on_line, off_r, 0), cols + np.where(on_line, off_c, 0), level
 
 
-def beside(shape: tuple[int, ...], lines: list[tuple[Floats, Floats]], reach_px: float) -> Mask:
-    """Mark the pixels closer than `reach_px` to any of the lines (rows, cols)."""
-    free = np.ones(shape, dtype=bool)
-    for rows, cols in lines:
-        free[line_pixels(rows, cols, shape)] = False
-    if free.all():
-        return ~free
-    return np.asarray(ndimage.distance_transform_edt(free) < reach_px)
-
-
 def line_pixels(rows: Floats, cols: Floats, shape: tuple[int, ...]) -> tuple[Indices, ...]:
     """Rows and columns of the pixels that are nearest to places (rows, cols)."""
     return tuple(
@@ -160,7 +150,8 @@ Kind = Literal["dark", "bright"]
 
 _PASSES = ((2.0, 10.0), (6.0, 6.0))  # smoothing sigma, px, least strength in noise deviations
 _FLOOR = 4e-4  # least strength of all: rounding of a noise-free image
-_SHORTEST_PX = 12
+SHORTEST_PX = 12
+"""Of a fringe line: where the order is level, noise makes small loops of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +175,7 @@ def skeletons(signal: ArrayLike) -> list[Skeleton]:
     least = int(4 * _PASSES[0][0])
     if min(image.shape) < least:
         raise InputError("signal_shape_skeletons_give", shape=image.shape, ceil=least)
-    if np.isfinite(image).sum() < _SHORTEST_PX:
+    if np.isfinite(image).sum() < SHORTEST_PX:
         return []
     noise = ridge_noise(image)
     middle = 0.5 * float(np.sum(np.nanpercentile(image, (2.0, 98.0))))
@@ -193,17 +184,20 @@ def skeletons(signal: ArrayLike) -> list[Skeleton]:
         if min(image.shape) < 4 * scale:
             break
         limit = max(deviations * noise * noise_gain(scale), _FLOOR)
-        taken = beside(image.shape, [(f.rows, f.cols) for f in lines], 2 * scale)
         strength, rows, cols, level = line_points(image, scale)
-        strength[taken] = 0.0
+        free = np.ones(image.shape, dtype=bool)
+        for line in lines:
+            free[line_pixels(line.rows, line.cols, image.shape)] = False
+        if not free.all():  # beside the lines of the pass before there are none
+            strength[ndimage.distance_transform_edt(free) < 2 * scale] = 0.0
         kinds: tuple[tuple[Kind, Floats], ...] = (
             ("dark", np.where(level < middle, strength, 0.0)),
             ("bright", np.where(level > middle, -strength, 0.0)),
         )
         lines += [
-            Skeleton(kind, rows[line], cols[line])
+            Skeleton(kind, rows[pixels], cols[pixels])
             for kind, weight in kinds
-            for line in linked(weight, limit, max(_SHORTEST_PX, 3 * scale))
+            for pixels in linked(weight, limit, max(SHORTEST_PX, 3 * scale))
         ]
     return sorted(lines, key=lambda each: -each.rows.size)
 

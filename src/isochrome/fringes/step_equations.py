@@ -31,7 +31,7 @@ from scipy.ndimage import gaussian_filter, maximum_filter
 
 from isochrome.errors import InputError
 from isochrome.estimation import POOR_CHI
-from isochrome.fringes.on_branch import LARGEST_UNCERTAINTY
+from isochrome.fringes.on_branch import LARGEST_MISFIT, LARGEST_UNCERTAINTY
 from isochrome.fringes.windows import Array, Mask, pooled
 from isochrome.optics import Chain
 
@@ -354,7 +354,6 @@ _LOCAL = 0.05
 _COMPARED = 0.5
 """Share of the window that must be seen for its misfit to tell."""
 
-_LARGEST_MISFIT = 0.1
 _MOST_NOISE = 3.0
 """Times the noise of the whole set that a pixel may have for want of some of its frames."""
 
@@ -409,7 +408,7 @@ def measure_steps(
     direction = direction.noisier(np.maximum(misfit, 1.0))
     uncertainty = phase_uncertainty(terms, design, direction, sigma) * np.maximum(misfit, 1.0)
     readable &= (uncertainty < LARGEST_UNCERTAINTY) & (
-        misfit * sigma < np.maximum(_LARGEST_MISFIT * contrast, 2.0 * sigma)
+        misfit * sigma < np.maximum(LARGEST_MISFIT * contrast, 2.0 * sigma)
     )
     return StepLight(
         terms=terms, direction=direction, seen=readable,
@@ -422,9 +421,9 @@ def fill_gaps(light: Array, good: Mask, design: StepDesign) -> tuple[Array, Arra
     """Give frames that cannot be trusted in a pixel (nought there) the light that the others ask.
 
     I = M x there, x the least squares of the others, which is that of all together then. Also how
-    many times the noise is a whole pixel's, at most of any unknown, and of those that tell the
-    direction (rows, cols): 1 where all are there, NaN where the rest cannot tell the order. Source:
-    Yates (1933), Empire J. Exp. Agric. 1, 129 (missing observations in least squares).
+    many times the noise is a whole pixel's, at most of any unknown but the background, and of those
+    that tell the direction (rows, cols); NaN where the rest cannot tell the order. Source: Yates
+    (1933), Empire J. Exp. Agric. 1, 129 (missing observations in least squares).
     """
     gains = np.where(good.all(axis=0), 1.0, np.nan)[None].repeat(2, axis=0).astype(np.float32)
     wanting = np.isnan(gains[0]) & good.any(axis=0)
@@ -433,35 +432,25 @@ def fill_gaps(light: Array, good: Mask, design: StepDesign) -> tuple[Array, Arra
     code = np.int64(1) << np.arange(len(light), dtype=np.int64)
     kinds = np.tensordot(code, good[:, wanting].astype(np.int64), axes=1)
     values, noise = light[:, wanting], np.full((2, kinds.size), np.nan, dtype=np.float32)
+    unknowns = np.array(design.solved)
+    turning = np.isin(unknowns, (CROSS, CROSS_SINE, SINE, SINE_SINE))
     for kind in np.unique(kinds):
         present, here = (kind & code) > 0, kinds == kind
-        inverse, *more = _part_inverse(design, present)
+        part = design.matrix[present][:, design.solved]
+        if np.linalg.matrix_rank(part, tol=1e-6) < len(unknowns):
+            continue
+        inverse = np.linalg.pinv(part)
+        growth = np.square(inverse).sum(axis=1) / np.diag(design.covariance)
+        more = np.sqrt([growth[unknowns != BACKGROUND].max(), growth[turning].mean()])
         if more[0] <= _MOST_NOISE:
             missing = design.matrix[~present][:, design.solved] @ inverse
             chosen = values[np.ix_(present, here)]
             values[np.ix_(~present, here)] = missing.astype(light.dtype) @ chosen
-            noise[:, here] = np.reshape(more, (2, 1))
+            noise[:, here] = more[:, None]
     filled = light.copy()
     filled[:, wanting] = values
     gains[:, wanting] = noise
     return filled, gains[0], gains[1]
-
-
-def _part_inverse(design: StepDesign, present: Mask) -> tuple[Array, float, float]:
-    """Least squares over some of the frames, and the growth of the unknowns' noise by it.
-
-    The largest, and the mean of those that tell the direction; the background is not used, and
-    counts for nothing.
-    """
-    part = design.matrix[present][:, design.solved]
-    inverse = np.linalg.pinv(part)
-    if np.linalg.matrix_rank(part, tol=1e-6) < len(design.solved):
-        return inverse, float("inf"), float("inf")
-    growth = np.square(inverse).sum(axis=1) / np.diag(design.covariance)
-    unknowns = np.array(design.solved)
-    largest = growth[unknowns != BACKGROUND].max()
-    turning = growth[np.isin(unknowns, (CROSS, CROSS_SINE, SINE, SINE_SINE))].mean()
-    return inverse, float(np.sqrt(largest)), float(np.sqrt(turning))
 
 
 def bright_enough(contrast: Array, trusted: Mask) -> Mask:

@@ -59,7 +59,10 @@ def gaussian(
 
 @lru_cache(maxsize=64)
 def _gaussian_kernel(width_px: float, order: int, reach: float) -> Array:
-    """A Gaussian's weights along an axis, or those of its derivative there."""
+    """A Gaussian's weights along an axis, or those of its derivative there.
+
+    A picture takes a few over and over.
+    """
     half = int(reach * width_px + 0.5)
     u = np.arange(-half, half + 1) / width_px
     bell = np.exp(-0.5 * u**2)
@@ -78,18 +81,12 @@ def gaussian_sum(
     """
     import cv2
 
-    weights = _bell(width_px, reach)
+    height = np.sqrt(2.0 * np.pi) * width_px
+    weights = np.asarray(height * _gaussian_kernel(width_px, 0, reach), np.float32)
     single = np.ascontiguousarray(values, dtype=np.float32)
     # nothing lies beyond the picture
     down = weights * np.float32(factor)
     return np.asarray(cv2.sepFilter2D(single, -1, weights, down, borderType=cv2.BORDER_CONSTANT))
-
-
-@lru_cache(maxsize=64)
-def _bell(width_px: float, reach: float) -> Array:
-    """A Gaussian window's weights along an axis: a picture takes a few over and over."""
-    height = np.sqrt(2.0 * np.pi) * width_px
-    return np.asarray(height * _gaussian_kernel(width_px, 0, reach), np.float32)
 
 
 class Windows:
@@ -160,16 +157,11 @@ def innermost(where: Mask) -> tuple[int, int]:
     return int(row), int(col)
 
 
-def masked(values: Array, known: Mask) -> Array:
-    """Values (rows, cols) float32, NaN where they are not known."""
-    return without(values, known, np.nan)
-
-
-def without(values: Array, known: Mask, nothing: float = 0.0) -> Array:
+def masked(values: Array, known: Mask, nothing: float = np.nan) -> Array:
     """Values (rows, cols) float32, and `nothing` where they are not known."""
-    weights = np.array(values, dtype=np.float32)
-    np.copyto(weights, np.float32(nothing), where=~known)  # a third of the time of np.where
-    return weights
+    result = np.array(values, dtype=np.float32)
+    np.copyto(result, np.float32(nothing), where=~known)  # a third of the time of np.where
+    return result
 
 
 def beside_jumps(order: Array, largest: float) -> Mask:

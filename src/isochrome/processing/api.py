@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import math
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
@@ -10,46 +9,24 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from isochrome.errors import InputError
-from isochrome.frames import (
-    FrameReader,
-    absolute,
-    input_files,
-    misfits,
-    open_scene_frames,
-    with_file_scale,
-)
-from isochrome.output import counted, load_roifile
-from isochrome.processing.figure import PREVIEW, run_figure
+from isochrome.frames import FrameReader, absolute, input_files, open_scene_frames, with_file_scale
+from isochrome.output import load_roifile
+from isochrome.processing.figure import PREVIEW
 from isochrome.processing.folder import (
-    FILM,
     finish_set_folder,
-    more_of,
-    picture_of,
     process_chunk,
-    set_dataset,
+    process_in_memory,
     set_layout,
 )
-from isochrome.processing.frame_task import (
-    FrameSource,
-    FrameTask,
-    close_kept,
-    identity_of,
-    open_set,
-    release_caches,
-)
-from isochrome.processing.in_common import add_frame_row, tabulate_set
+from isochrome.processing.frame_task import FrameTask, close_kept, count_of, identity_of, open_set
 from isochrome.processing.kinds.kind import KEY_EVERY, FrameKind, accepts_keys, kind_of
-from isochrome.processing.processed import Processed, collect, refuse_unread, restore
-from isochrome.processing.result import ProcessedFrame
+from isochrome.processing.processed import Processed, restore
 from isochrome.progress import RunProgress, Tally
 from isochrome.runs import (
     PROVENANCE,
     STORE,
     Job,
-    RunFolder,
     RunOptions,
     holds_results,
     refuse_without_folder,
@@ -59,9 +36,6 @@ from isochrome.runs import (
     working_folder,
 )
 from isochrome.scene import FramesLike, Scene, SceneLike, check_pixel, frames_of, load_scene
-
-MOST_IN_MEMORY = 8_000_000_000
-"""Bytes of maps beyond which a result belongs on the disk."""
 
 
 def process(
@@ -213,11 +187,11 @@ def process(
         identity = partial(identity_of, task, files)
         if out is not None and not restart and _is_done(Path(out), identity):
             result = restore(scene, Path(out), reader.shape, open_set(task).capture.residual)
-            return replace(result, as_stated=as_stated)
-        several = (workers or 1) > 1 and cluster is None
-        early = waiting_workers(workers or 1, process_chunk) if several else nullcontext()
-        options = RunOptions(workers, cluster, restart, keep_going, opened.enter_context(early))
-        result = _processed(task, identity, out, options, progress)
+        else:
+            several = (workers or 1) > 1 and cluster is None
+            early = waiting_workers(workers or 1, process_chunk) if several else nullcontext()
+            options = RunOptions(workers, cluster, restart, keep_going, opened.enter_context(early))
+            result = _processed(task, identity, out, options, progress)
         return replace(result, as_stated=as_stated)
 
 
@@ -273,9 +247,7 @@ def _processed(
     progress: RunProgress | None,
 ) -> Processed:
     """All states of a set, in memory or into a folder."""
-    scene, reader = task.scene, task.reader
-    count = reader.count(decode=task.kind.key_step is None)
-    _check_set(scene, reader, count)
+    scene, reader, count = task.scene, task.reader, count_of(task)
     kind, text = task.kind.sized(scene, reader.shape, count, on_disk=out is not None)
     task = replace(task, kind=kind)
     source = open_set(task)
@@ -283,18 +255,14 @@ def _processed(
     if text and progress is not None:  # what is refused before is one line
         progress(Tally(0, count, 0, 0, text))
     if out is None:
-        return _in_memory(source, count // task.steps, progress)
+        return process_in_memory(source, count // task.steps, progress)
     identity = identify()
     digest = hashlib.sha256(json.dumps(identity).encode()).hexdigest()
     task = source.task = replace(task, key=digest)  # opened, it need not be opened again
     job = Job(partial(process_chunk, task), set_layout(source, count // task.steps), identity)
 
-    place, residual = Path(out).absolute(), source.capture.residual
-
-    def finish(run_folder: RunFolder) -> Processed:
-        release_caches()
-        return finish_set_folder(run_folder, place, job, task, reader.shape, residual)
-
+    residual = source.capture.residual
+    finish = partial(finish_set_folder, Path(out).absolute(), job, task, residual)
     result = run_job(job, out, finish, options=options, progress=progress)
     return result or restore(task.scene, Path(out), reader.shape, residual)
 
@@ -307,56 +275,6 @@ def _is_done(out: Path, identify: Callable[[], Mapping[str, Any]]) -> bool:
     return holds_results(out.resolve(), identify())
 
 
-def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) -> Processed:
-    """All states, kept in memory."""
-    task, flagged = source.task, 0
-    kind = task.kind
-    pictures = -(-count // (kind.key_step or 1))
-    needed = 4 * len(kind_of(task.scene).layers(task.scene)) * pictures
-    film: dict[str, list[np.ndarray]] = {}
-    if kind.maps_of_all:
-        film = {name: [] for name in FILM}
-        needed += 4 * len(FILM) * count
-    needed *= math.prod(source.reader.shape)
-    if needed > MOST_IN_MEMORY:
-        raise InputError(
-            "maps_take_gb_gb",
-            path=source.reader.path,
-            counted=counted(pictures, "frame"),
-            needed=needed / 1e9,
-            most_in_memory=MOST_IN_MEMORY / 1e9,
-        )
-    rows, more, selected = list[dict[str, Any]](), dict[str, Any](), list[ProcessedFrame]()
-    for item in kind.states(source, 0, count):
-        add_frame_row(more, len(rows), more_of(item, task.scene))
-        rows.append(kind.row(item, task.scene))
-        for name, film_maps in film.items():
-            film_maps.append(picture_of(item, name, source.reader.shape))
-        if isinstance(item, ProcessedFrame):
-            selected.append(item)
-        flagged += item.status != "ok"
-        if progress is not None:
-            progress(Tally(len(rows), count, 0, flagged))
-    table = tabulate_set(rows)
-    refuse_unread(task.scene, str(source.reader.path), table, more["kept"])
-    shape = source.reader.shape
-    result = collect(task.scene, table, more, selected, shape, source.capture.residual)
-    result = replace(result, load=partial(set_dataset, result, more, selected, film, shape))
-    return replace(result, draw=partial(run_figure, result))
-
-
 def check_scene(scene: Scene) -> None:
     """Refuse a scene whose light, field or steps cannot tell the order, before opening frames."""
     kind_of(scene).check(scene)
-
-
-def _check_set(scene: Scene, reader: FrameReader, count: int) -> None:
-    """Refuse a set that cannot be this scene's, before the first frame is processed."""
-    if count == 0:
-        raise InputError("holds_no_frame_check", path=reader.path)
-    by_model = scene.has_model and not scene.polariscope.tells_orders
-    fitted = by_model and scene.rim_diameter_mm is None
-    if fitted and (scene.camera is None or scene.camera.pixel_mm is None):
-        raise InputError("camera_pixel_mm_missing_fit", name=scene.name)
-    for name, text in misfits(reader, scene, count):
-        raise InputError(f"{name}: " + text)

@@ -99,11 +99,14 @@ class Shown:
     place: Place
 
 
-def process_figure(scene: Scene, items: list[Shown]) -> Figure:
-    """Captured frames with the fringes found in them; beside each its fringe order, if known.
+def set_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Shown]) -> Figure:
+    """The picture of a set: of a tracked one its values; else frames with their fringes.
 
-    A phase-stepped state has its dark field in the place of the frame, and its isoclinic angles.
+    Beside each frame stands its fringe order, if known. A phase-stepped state has its dark field in
+    the place of the frame, and its isoclinic angles.
     """
+    if PICTURE in table:
+        return tracked_figure(scene, table, items)
     turned = any(item.isoclinic is not None for item in items)
     figure = new_figure(*frames_size(items))
     note = draw_frames(figure, items)
@@ -267,11 +270,6 @@ def _highest_order(order: np.ndarray | None) -> float:
     return float(np.nanpercentile(order, 99.9))
 
 
-def set_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Shown]) -> Figure:
-    """The picture of a set that was processed, tracked or not."""
-    return tracked_figure(scene, table, items) if PICTURE in table else process_figure(scene, items)
-
-
 def shown_frames(table: Mapping[str, list[Any]], status: list[str]) -> list[int]:
     """The frames that are drawn: the first in which something was found, or some key frames."""
     if PICTURE not in table:
@@ -325,9 +323,6 @@ def tracked_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Sho
     head = f"{plain_name(scene.name)}: {counted(count, 'frame')}, {counted(key_count, 'key frame')}"
     write_head(figure, head)
     return figure
-
-
-_TURNED_LABEL = "from x, counter-clockwise (degrees)"
 
 
 def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> PaperPanels:
@@ -393,14 +388,11 @@ def _item(table: Mapping[str, list[Any]], dataset: Kept, status: list[str], k: i
     left, top = (float(dataset[name][k]) for name in ("left_mm", "top_mm"))
     return Shown(
         label=f"frame {k}, {label}" if PICTURE in table else label,
-        chi=float("nan") if chi is None else float(chi),
-        place=place_of_row(table, k, left, top),
-        kept=float("nan") if share is None else float(share),
-        normalised=signal,
-        order=order,
+        chi=float("nan") if chi is None else float(chi), place=place_of_row(table, k, left, top),
+        kept=float("nan") if share is None else float(share), normalised=signal, order=order,
         isoclinic=maps.get(ISOCLINIC.name) if order is not None else None,
         lines=skeletons(np.clip(signal, 0.0, 1.0)) if lines and order is None else [],
-    )
+    )  # fmt: skip
 
 
 def _without_a_map(table: Mapping[str, list[Any]], dataset: Kept, status: list[str], k: int) -> str:
@@ -443,7 +435,7 @@ def _kinds(items: Sequence[Shown], largest: float, *, what: str) -> list[Picture
     turned: dict[str, Any] = {"cmap": PAPER_DIRECTION_MAP, "vmin": -90.0, "vmax": 90.0}
     for name, title, look, bar in (
         ("order", "fringe order", order, ORDER_LABEL),
-        ("isoclinic", "direction of σ₁", turned, _TURNED_LABEL),
+        ("isoclinic", "direction of σ₁", turned, "from x, counter-clockwise (degrees)"),
     ):
         if any(getattr(item, name) is not None for item in items):
             kinds.append(

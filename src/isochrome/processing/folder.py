@@ -6,9 +6,10 @@ A chunk of a set: what is found in its frames, as pictures, rows and parts of fi
 from __future__ import annotations
 
 import io
+import math
 import zipfile
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,11 +18,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import isochrome
+from isochrome.errors import InputError
 from isochrome.fringes import Skeleton, skeleton_table
 from isochrome.messages import frame_messages, message
 from isochrome.output import (
     FIGURE_DPI,
     add_rois,
+    counted,
     csv_text,
     imagej_view,
     numbers,
@@ -32,13 +35,20 @@ from isochrome.output import (
     write_text,
     write_tiff,
 )
-from isochrome.processing.figure import set_figure, shown_items, write_preview
-from isochrome.processing.frame_task import FrameSource, FrameTask, open_set
-from isochrome.processing.in_common import add_frame_row, set_grid, shift_of, warnings_last
+from isochrome.processing.figure import run_figure, set_figure, shown_items, write_preview
+from isochrome.processing.frame_task import FrameSource, FrameTask, open_set, release_caches
+from isochrome.processing.in_common import (
+    add_frame_row,
+    set_grid,
+    shift_of,
+    tabulate_set,
+    warnings_last,
+)
 from isochrome.processing.kinds.kind import CONFIDENCE, ORDER, kind_of
 from isochrome.processing.processed import FIGURE, Processed, collect, refuse_unread
 from isochrome.processing.result import PICTURE, FollowedFrame, ProcessedFrame
 from isochrome.processing.run_report import process_report
+from isochrome.progress import RunProgress, Tally
 from isochrome.reporting import write_report
 from isochrome.runs import (
     REPORT,
@@ -71,6 +81,9 @@ if TYPE_CHECKING:
 
 LINES, ROIS = "skeleton.csv", "skeleton.zip"
 
+MOST_IN_MEMORY = 8_000_000_000
+"""Bytes of maps beyond which a result belongs on the disk."""
+
 FILM = (ORDER.name, CONFIDENCE.name)
 """Maps of every frame of a video that is followed."""
 
@@ -80,28 +93,24 @@ def set_layout(source: FrameSource, count: int) -> RunLayout:
     rows, cols = source.reader.shape
     kind = source.task.kind
     return RunLayout(
-        axes={"frame": count},
-        shape={"row": rows, "col": cols},
+        axes={"frame": count}, shape={"row": rows, "col": cols},
         layers=kind.layers(source.task.scene),
-        chunk=kind.key_step or chunk_size(count, 4 * rows * cols),
-        every=kind.key_step or 1,
-    )
+        chunk=kind.key_step or chunk_size(count, 4 * rows * cols), every=kind.key_step or 1,
+    )  # fmt: skip
 
 
 def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
-    """What is found in the states [start, stop) of a set. Raises InputError, PhysicsError."""
-    return gather(task, task.kind.states(open_set(task), start, stop))
+    """What is found in the states [start, stop) of a set, which are let go one by one.
 
-
-def gather(task: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) -> Results:
-    """Processed frames as Results; they are let go one by one."""
+    Raises InputError, PhysicsError.
+    """
     layers = task.kind.layers(task.scene)
     steps = next((layer.compact for layer in layers if layer.name == ORDER.name), None)
     pictures, packed = defaultdict[str, list[Any]](list), defaultdict[str, list[Any]](list)
     rows, more = [], []
     tables: list[str] = []
     rois: list[tuple[str, bytes]] = []
-    for item in states:
+    for item in task.kind.states(open_set(task), start, stop):
         item = _within(item, steps)
         if task.preview is not None:
             write_preview(task.preview, item)
@@ -168,14 +177,10 @@ def more_of(item: ProcessedFrame | FollowedFrame, scene: Scene) -> dict[str, Any
     """What the dataset and the figure need to know besides the row."""
     left, top = item.corner_mm(scene)
     return {
-        "status": item.status,
-        "messages": frame_messages(item.warnings),
-        "time_s": item.time_s,
-        "left_mm": left,
-        "top_mm": top,
-        "read": item.reading is not None,
+        "status": item.status, "messages": frame_messages(item.warnings), "time_s": item.time_s,
+        "left_mm": left, "top_mm": top, "read": item.reading is not None,
         "kept": item.reading.kept if item.reading is not None else None,
-    }
+    }  # fmt: skip
 
 
 _TRACKED_DPI = 110.0
@@ -186,19 +191,15 @@ _MORE = ("status", "time_s", "left_mm", "top_mm")
 
 
 def finish_set_folder(
-    run_folder: RunFolder,
-    out: Path,
-    job: Job,
-    task: FrameTask,
-    shape: tuple[int, int],
-    residual: ResidualStress | None = None,
+    out: Path, job: Job, task: FrameTask, residual: ResidualStress | None, run_folder: RunFolder
 ) -> Processed:
     """Make the files that need all frames, from what is kept of their chunks.
 
     `out`, where the results will lie; `residual`, what was taken out of the frames. PhysicsError
     where nothing could be read in any frame.
     """
-    folder, scene = run_folder.results, task.scene
+    release_caches()
+    folder, scene, shape = run_folder.results, task.scene, task.reader.shape
     outcome: dict[str, Any] = {}
     more: dict[str, Any] = {}
     for number, (row, others) in enumerate(rows(run_folder)):
@@ -260,6 +261,40 @@ def _join_lines(run_folder: RunFolder, task: FrameTask) -> None:
             for part in parts(run_folder, ROIS):
                 with zipfile.ZipFile(io.BytesIO(part)) as inner:
                     add_rois(archive, ((name, inner.read(name)) for name in inner.namelist()))
+
+
+def process_in_memory(source: FrameSource, count: int, progress: RunProgress | None) -> Processed:
+    """All states, kept in memory."""
+    task, shape, flagged = source.task, source.reader.shape, 0
+    kind = task.kind
+    pictures = -(-count // (kind.key_step or 1))
+    needed = 4 * len(kind_of(task.scene).layers(task.scene)) * pictures
+    film: dict[str, list[np.ndarray]] = {}
+    if kind.maps_of_all:
+        film = {name: [] for name in FILM}
+        needed += 4 * len(FILM) * count
+    needed *= math.prod(shape)
+    if needed > MOST_IN_MEMORY:
+        raise InputError(
+            "maps_take_gb_gb", path=source.reader.path, counted=counted(pictures, "frame"),
+            needed=needed / 1e9, most_in_memory=MOST_IN_MEMORY / 1e9,
+        )  # fmt: skip
+    rows, more, selected = list[dict[str, Any]](), dict[str, Any](), list[ProcessedFrame]()
+    for item in kind.states(source, 0, count):
+        add_frame_row(more, len(rows), more_of(item, task.scene))
+        rows.append(kind.row(item, task.scene))
+        for name, film_maps in film.items():
+            film_maps.append(picture_of(item, name, shape))
+        if isinstance(item, ProcessedFrame):
+            selected.append(item)
+        flagged += item.status != "ok"
+        if progress is not None:
+            progress(Tally(len(rows), count, 0, flagged))
+    table = tabulate_set(rows)
+    refuse_unread(task.scene, str(source.reader.path), table, more["kept"])
+    result = collect(task.scene, table, more, selected, shape, source.capture.residual)
+    result = replace(result, load=partial(set_dataset, result, more, selected, film, shape))
+    return replace(result, draw=partial(run_figure, result))
 
 
 def set_dataset(

@@ -14,7 +14,7 @@ from typing import Any, Generic, TypeVar
 from isochrome.errors import InputError, IsochromeError
 from isochrome.estimation import light_basis
 from isochrome.fitting import frame_distance, frame_scene, scene_at, timed_distance
-from isochrome.frames import Frame, FrameReader
+from isochrome.frames import Frame, FrameReader, misfits
 from isochrome.processing.kinds.kind import FrameKind
 from isochrome.processing.result import ProcessedFrame, failed_frame
 from isochrome.runs import run_identity, trim_heap
@@ -191,6 +191,21 @@ def release_caches() -> None:
     light_basis.cache_clear()
     surface_field_grid.cache_clear()
     trim_heap()
+
+
+def count_of(task: FrameTask) -> int:
+    """The number of a set's frames. InputError where they cannot be its scene's."""
+    scene, reader = task.scene, task.reader
+    count = reader.count(decode=task.kind.key_step is None)
+    if count == 0:
+        raise InputError("holds_no_frame_check", path=reader.path)
+    by_model = scene.has_model and not scene.polariscope.tells_orders
+    fitted = by_model and scene.rim_diameter_mm is None
+    if fitted and (scene.camera is None or scene.camera.pixel_mm is None):
+        raise InputError("camera_pixel_mm_missing_fit", name=scene.name)
+    for name, text in misfits(reader, scene, count):
+        raise InputError(f"{name}: " + text)
+    return count
 
 
 def own_scene(scene: Scene, frame: Frame) -> Scene:

@@ -84,6 +84,11 @@ def fitted_keys(table: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(name for name in table if f"{name} {SPREAD}" in table)
 
 
+def fitted_pairs(row: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
+    """A row's values that have a standard uncertainty, each with it, by their keys."""
+    return {key: (row[key], row[f"{key} {SPREAD}"]) for key in fitted_keys(row)}
+
+
 def frame_values(table: Mapping[str, Sequence[Any]]) -> FrameValues:
     """The fitted values of frames.csv."""
     keys, count = fitted_keys(table), len(table["frame"])

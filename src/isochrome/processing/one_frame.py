@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.frames import Frame, open_scene_frames, to_linear, with_file_scale
-from isochrome.fringes import LARGEST_UNCERTAINTY, FollowedFringes, follow_fringes, skeletons
+from isochrome.fringes import FollowedFringes, common_orders, follow_fringes, skeletons
 from isochrome.messages import frame_messages, message
 from isochrome.output import numbers
 from isochrome.processing.api import check_scene
 from isochrome.processing.frame_task import FrameSource, FrameTask
-from isochrome.processing.in_common import fitted_keys, tabulate_set
+from isochrome.processing.in_common import fitted_pairs, tabulate_set
 from isochrome.processing.kinds.image_only import (
     WORTH_SAYING,
     frame_signal,
@@ -30,14 +30,7 @@ from isochrome.processing.kinds.image_only import (
 )
 from isochrome.processing.kinds.kind import kind_of
 from isochrome.processing.processed import Processed
-from isochrome.processing.result import (
-    CAUSES,
-    REFINED,
-    SPREAD,
-    Capture,
-    ProcessedFrame,
-    cell_values,
-)
+from isochrome.processing.result import CAUSES, REFINED, Capture, ProcessedFrame, cell_values
 from isochrome.runs import single_threaded
 from isochrome.scene import FramesLike, Scene, check_pixel
 
@@ -79,9 +72,8 @@ class FrameResult:
         """The fitted values; none where the frame does not show the scene's model."""
         fit = self.frame.fit
         if fit is None:
-            row = self.row  # what has an uncertainty, where it is known
-            pairs = {key: (row[key], row[f"{key} {SPREAD}"]) for key in fitted_keys(row)}
-            known = {key: pair for key, pair in pairs.items() if np.isfinite(numbers(pair)).all()}
+            pairs = fitted_pairs(self.row).items()  # what has an uncertainty, where it is known
+            known = {key: pair for key, pair in pairs if np.isfinite(numbers(pair)).all()}
             return tuple(FrameValue(key, *pair, asked=False) for key, pair in known.items())
         if not self.frame.has_values:
             return ()
@@ -155,16 +147,7 @@ class AnchorPreview:
         read of this frame whatever is said."""
         if self.refusal:
             raise InputError(self.refusal)
-        known = orders_of(scene)
-        result = [one.anchored(known) for one in self._followed]
-        fewest = min(len(one.misses) for one in result)
-        best, *others = (one for one in result if len(one.misses) == fewest)
-        order = np.abs(best.terms[..., 0])
-        if others:  # lights that explain the frame alike: what they have in common is kept
-            square = np.sum([(np.abs(one.terms[..., 0]) - order) ** 2 for one in others], axis=0)
-            agree = np.sqrt(np.where(np.isnan(square), np.inf, square)) < LARGEST_UNCERTAINTY
-            order = np.where(agree, order, np.nan)
-        notes = best.said
+        order, notes = common_orders(self._followed, orders_of(scene))
         few = refused_low(order, self._capture)
         if few:
             order, notes = np.full_like(order, np.nan), (*notes, few)

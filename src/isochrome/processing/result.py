@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from isochrome.fitting import FrameFit, stated_pairs
 from isochrome.frames import Frame, Linear
-from isochrome.fringes import OrderReading, Skeleton, number_lines, order_contours
+from isochrome.fringes import SHORTEST_PX, OrderReading, Skeleton, number_lines, order_contours
 from isochrome.output import agree
 from isochrome.processing.kinds.largest_order import ORDER_FROM
 from isochrome.scene import Scene
@@ -34,10 +34,6 @@ FOUND_BY = "found_by"
 
 PICTURE = "picture"
 """Column of frames.csv of a tracked video: where a key frame lies in the stacks of pictures."""
-
-_SHORTEST_PX = 12.0
-"""Of a fringe line: where the order is level, noise makes small loops of it."""
-
 
 SEPARATOR = " | "
 """Between the warnings of a frame, in which there are semicolons."""
@@ -168,7 +164,7 @@ class ProcessedFrame(SetFrame):
             return self.lines
         if self.lines:
             return number_lines(self.lines, self.reading.order)
-        return order_contours(self.reading.order, min_length_px=_SHORTEST_PX)
+        return order_contours(self.reading.order, min_length_px=SHORTEST_PX)
 
     def corner_mm(self, scene: Scene) -> tuple[float, float]:
         """Outer edges (mm) of the first column and row, in the scene's axes; 0 without any."""

@@ -149,11 +149,9 @@ def fit_background_modulation(
     done = _as_images(light.shape, low, high, again)
     per_tone = np.array([1.0, 1.0, first])[:, None, None]
     return replace(
-        done,
-        tone=_told_tone(first * done.tone),
-        tone_uncertainty=first * done.tone_uncertainty,
+        done, tone=_told_tone(first * done.tone), tone_uncertainty=first * done.tone_uncertainty,
         variance=done.variance * per_tone[:, None] * per_tone[None],
-    )
+    )  # fmt: skip
 
 
 def _searched(problem: EndProblem, starts: list[Array]) -> list[Found]:

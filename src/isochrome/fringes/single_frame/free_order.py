@@ -34,6 +34,7 @@ it must be said. A point that the rest contradicts may lie beyond a seam that th
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 from scipy.ndimage import label
@@ -183,7 +184,6 @@ _SHARP = 0.1
 """Share of the difference of two answers that the light may move them by where a point is asked."""
 _DOUBTFUL = 0.003
 """Uncertainty of the signal by the ends of the light from which a line of N = 0 must be known."""
-_OF_ZERO_LINE = "order_would_along_line"
 APART = 0.5
 """Fringes between two orders from which any known order contradicts one: it may be off by .24."""
 
@@ -224,7 +224,7 @@ def _one_part(patches: Patches, part: Array, given: list[Stated], error: Array) 
     sure = [g for g in given if g.fits(best)]
     doubtful = float(np.median(error[np.isfinite(part[..., 0])])) > _DOUBTFUL
     if lines[best] and (doubtful or all(g.on_line for g in sure)):
-        return _unknown(part, sure, f"{sure[0]}: " + message(_OF_ZERO_LINE))
+        return _unknown(part, sure, f"{sure[0]}: " + message("order_would_along_line"))
     return _with_seams(patches, part, given, best, error)
 
 
@@ -395,8 +395,14 @@ def read_free(
         raise InputError("frame_pixels_smaller_patch", shape=rows, shape_2=cols, half=side)
     followed, fade = follow_fringes(wave, sigma, valid, known, error=error)
     result = followed.anchored(known)
-    dense = _dense(followed.patches, result.terms, valid)
-    reading = _beside_stray(dense, followed.wave, sigma / fade)
+    reading = _dense(followed.patches, result.terms, valid)
+    # as uncertain as light leaves it that is not the fringes'
+    read = np.isfinite(reading.order)
+    turns = TURN * np.where(read, reading.order, 0.0)
+    weight = np.where(read, 1.0 / (sigma / fade), 0.0)
+    residual = np.where(read, followed.wave - np.cos(turns), 0.0) * weight
+    stray = stray_variance(residual, -TURN * np.sin(turns) * weight, -2.0 * weight)
+    reading = less_sure(reading, np.sqrt(stray), LARGEST_UNCERTAINTY)
     return FreeReading(reading, fade, result.misses, result.said)
 
 
@@ -502,17 +508,6 @@ def _at(image: Array, patches: Patches) -> Array:
     return image[np.ix_(patches.rows, patches.cols)]
 
 
-def _beside_stray(reading: OrderReading, wave: Array, sigma: Array) -> OrderReading:
-    """A reading as uncertain as light leaves it that is not the fringes', see `stray_variance`."""
-    read = np.isfinite(reading.order)
-    order = np.where(read, reading.order, 0.0)
-    weight = np.where(read, 1.0 / sigma, 0.0)
-    residual = np.where(read, wave - np.cos(TURN * order), 0.0) * weight
-    slope = -TURN * np.sin(TURN * order) * weight
-    error = np.sqrt(stray_variance(residual, slope, -2.0 * weight))
-    return less_sure(reading, error, LARGEST_UNCERTAINTY)
-
-
 def _coarse_to_fine(
     wave: Array, sigma: Array, valid: Mask, *, faded: bool = False
 ) -> tuple[Patches, Labels]:
@@ -581,16 +576,40 @@ def common_reading(readings: Sequence[FreeReading]) -> FreeReading:
     more than 0.03 fringe, or that another does not know, is not known. A known order that is missed
     speaks against a light. `readings`: the best first.
     """
-    fewest = min(len(result.misses) for result in readings)
-    best, *others = (result for result in readings if len(result.misses) == fewest)
+    best, *others = _fewest_missed(readings)
     orders = [result.reading.order for result in others]
     if not orders:
         return best
-    square = np.sum([(best.reading.order - order) ** 2 for order in orders], axis=0)
-    error = np.sqrt(np.where(np.isnan(square), np.inf, square))
+    error = _disagreement(best.reading.order, orders)
     reading = less_sure(best.reading, error, LARGEST_UNCERTAINTY)
     note = _of_what_is_lost(best.reading, reading, orders)
     return replace(best, reading=reading, said=(*best.said, *note))
+
+
+def common_orders(
+    followed: Sequence[FollowedFringes], known: KnownOrders
+) -> tuple[Array, tuple[str, ...]]:
+    """The patches' orders (m, n) by what is known, as `common_reading` has pixels', and words."""
+    best, *others = _fewest_missed([one.anchored(known) for one in followed])
+    order, *orders = (np.abs(one.terms[..., 0]) for one in (best, *others))
+    if orders:
+        order = np.where(_disagreement(order, orders) < LARGEST_UNCERTAINTY, order, np.nan)
+    return order, best.said
+
+
+_Result = TypeVar("_Result", FreeReading, Anchored)
+
+
+def _fewest_missed(results: Sequence[_Result]) -> list[_Result]:
+    """The results that miss the fewest known points."""
+    fewest = min(len(result.misses) for result in results)
+    return [result for result in results if len(result.misses) == fewest]
+
+
+def _disagreement(order: Array, orders: Sequence[Array]) -> Array:
+    """How far others are from an order, root sum of squares; inf where one is not known."""
+    square = np.sum([(order - other) ** 2 for other in orders], axis=0)
+    return np.sqrt(np.where(np.isnan(square), np.inf, square))
 
 
 def _of_what_is_lost(before: OrderReading, after: OrderReading, orders: list[Array]) -> list[str]:

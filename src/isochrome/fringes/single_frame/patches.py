@@ -325,15 +325,12 @@ def _refine(patches: PatchLight, terms: Array, mean: Array, prior: Array) -> Pat
     spread = np.sqrt(np.abs(np.einsum("pii->pi", covariance)))
     shape = len(patches.rows), len(patches.cols)
     return Patches(
-        rows=patches.rows,
-        cols=patches.cols,
-        terms=terms.reshape(*shape, 6).astype(float),
+        rows=patches.rows, cols=patches.cols, terms=terms.reshape(*shape, 6).astype(float),
         spread=np.where(regular[:, None], spread, np.inf).reshape(*shape, 6),
         chi=np.where(regular & (patches.filled > 0.0), chi, np.inf).reshape(shape),
-        filled=patches.filled.reshape(shape),
+        filled=patches.filled.reshape(shape), body=patches.body.reshape(shape),
         contrast=_contrast(weight, light, light - residual).reshape(shape),
-        body=patches.body.reshape(shape),
-    )
+    )  # fmt: skip
 
 
 def _contrast(weight: Array, light: Array, cosine: Array) -> Array:

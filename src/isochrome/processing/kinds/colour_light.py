@@ -103,19 +103,13 @@ class ColourLight(FrameKind):
         trusted = np.isfinite(result.signal)
         count = np.maximum(trusted.sum(axis=-1), 1)
         mean = np.where(trusted, result.signal, 0.0).sum(axis=-1) / count
+        columns = {"kept_share": result.kept, "strange_share": result.strange}
         return ProcessedFrame(
             **frame_fields(first, scene),
             normalised=np.where(trusted.any(axis=-1), mean, np.nan).astype(np.float32),
-            reading=result,
-            noise=result.noise,
-            chi=result.chi,
-            warnings=_warnings(result),
-            columns={
-                "kept_share": result.kept,
-                "strange_share": result.strange,
-                **order_columns(result.order, result.uncertainty),
-            },
-        )
+            reading=result, noise=result.noise, chi=result.chi, warnings=_warnings(result),
+            columns=columns | order_columns(result.order, result.uncertainty),
+        )  # fmt: skip
 
     def values(self, scene: Scene) -> tuple[str, ...]:
         """What is read, and how much of it has colours that the table has not."""

@@ -60,13 +60,10 @@ Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 Frames = Iterator[tuple[int, list[Frame]]]
 
-FOLLOWING = "following the fringes"
-"""What is done with a film's frames before they are read."""
 
 NOT_KNOWN = "no_order_known_from"
 READ_ANEW = "orders_read_anew_frame"
 DIFFERING = "specimen_left_out_frames"
-FEW_FOLLOWED = "only_specimen_pixels_could"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,10 +91,6 @@ class FollowedFilm:
     def end(self, index: int) -> int:
         """The number of the frame before the next one whose state is kept."""
         return min((place - 1 for place in self.kept if place > index), default=self.count - 1)
-
-    def lost_since(self, index: int) -> tuple[int, int] | None:
-        """From which frame to which nothing is known, for a frame of those."""
-        return next((span for span in self.lost if span[0] <= index < span[1]), None)
 
 
 class FilmData:
@@ -197,10 +190,11 @@ class Film(ImageOnly):
         data = film.data
         state: FilmState | None = None
         for index, (frame, *_) in source.captured(film.begin(start), stop):
-            light, lost = data.light(frame), film.lost_since(index)
+            light = data.light(frame)
+            lost = any(first <= index < behind for first, behind in film.lost)
             if index in film.kept:
                 state = film.kept[index].state()
-            elif lost is None:
+            elif not lost:
                 assert state is not None
                 rise = film.guide.rise(joined_pixels(light, data.by))
                 wave, time = light_wave(rise, film.guide.illumination), film_time(frame, index)
@@ -208,7 +202,7 @@ class Film(ImageOnly):
                 state = follow_frame(state, wave, trusted, time, noise=film.wave_noise)
             assert state is not None
             if index >= start:
-                known = state.known & ~film.kept[film.begin(index)].doubt() & (lost is None)
+                known = state.known & ~film.kept[film.begin(index)].doubt() & (not lost)
                 numbered = replace(frame, index=index)
                 yield _read(film, replace(state, known=known), numbered, light, scene)
 
@@ -219,7 +213,7 @@ def _reported(captured: Callable[[], Frames], count: int, progress: RunProgress 
     for index, frames in captured():
         if progress is not None and monotonic() - last >= STAGE_EVERY_S:
             last = monotonic()
-            progress(Tally(index, count, 0, 0, stage=FOLLOWING))
+            progress(Tally(index, count, 0, 0, stage="following the fringes"))
         yield index, frames
 
 
@@ -267,7 +261,7 @@ def _warnings(film: FollowedFilm, index: int, known_share: float) -> tuple[str, 
         share = 100.0 * doubts / max(1, int(np.count_nonzero(film.data.material)))
         notes.append(message(DIFFERING, share=share, begin=begin, end=film.end(index)))
     if known_share < 0.5 and index > 0:
-        notes.append(message(FEW_FOLLOWED, known_share=100.0 * known_share))
+        notes.append(message("only_specimen_pixels_could", known_share=100.0 * known_share))
     return tuple(notes)
 
 
@@ -367,9 +361,6 @@ def _final_light(
     return light, notes
 
 
-KEY_LIGHT = "light_first_key_frame"
-_ALONE = "each_frame_read_itself"
-_OR_ALONE = "leave_track_out_each"
 _MOST_BREAKS = 0.5
 """Share of the steps from frame to frame beyond which a set is no film."""
 _TRIED = 16
@@ -396,8 +387,8 @@ class KeyedFilm(Film):
             film = prepare_keyed(captured, scene, capture, chunk=chunk, count=count, every=every)
         except PhysicsError as error:
             if not self.by_default:
-                raise PhysicsError(_OR_ALONE, error=error) from error
-            return ImageOnly(note=message(_ALONE, error=error))
+                raise PhysicsError("leave_track_out_each", error=error) from error
+            return ImageOnly(note=message("each_frame_read_itself", error=error))
         return replace(self, film=film)
 
     @property
@@ -408,7 +399,7 @@ class KeyedFilm(Film):
 
 def prepare_keyed(
     captured: Callable[[], Frames], scene: Scene, capture: Capture, *, chunk: int, count: int,
-    every: int = KEY_EVERY,
+    every: int,
 ) -> FollowedFilm:  # fmt: skip
     """Pass over a film: its key frames, and the states of its chunks, one each `chunk` frames.
 
@@ -419,7 +410,14 @@ def prepare_keyed(
     assert key_frame.reading is not None
     data = FilmData(first, scene, capture)
     data.take_noise(first)
-    light = _light_of(ends, data.sign)
+    # order 0 is at the bright end in the bright field
+    zero, other = (ends.dark, ends.bright)[:: int(data.sign)]
+    illumination = np.maximum(data.sign * (other - zero), 1e-3).astype(np.float32)
+    zero = zero.astype(np.float32)
+    error, at_zero = (ends.signal_uncertainty(end).astype(np.float32) for end in (other, zero))
+    light = FilmLight(
+        zero=zero, illumination=illumination, error=error, zero_error=at_zero, sign=data.sign
+    )
     guide = light.joined(data.by)
     start = joined_reading(key_frame.reading, data.by, film_time(first, begin))
     last: list[tuple[int, Frame]] = []
@@ -447,7 +445,7 @@ def prepare_keyed(
         raise PhysicsError(
             "cannot_followed_in_time", name=name, change=LARGEST_CHANGE, breaks=breaks, steps=steps
         )
-    notes = (*key_frame.warnings, message(KEY_LIGHT, begin=begin))
+    notes = (*key_frame.warnings, message("light_first_key_frame", begin=begin))
     return data.film(path, light, count, notes)
 
 
@@ -469,14 +467,3 @@ def _first_key(
 def _is_read(frame: ProcessedFrame) -> bool:
     """Whether any order of a frame is known."""
     return frame.reading is not None and bool(np.isfinite(frame.reading.order).any())
-
-
-def _light_of(ends: BackgroundModulation, sign: float) -> FilmLight:
-    """The ends of a frame's light as a film's; order 0 is at the bright one for a `sign` of -1."""
-    zero, other = (ends.dark, ends.bright)[:: int(sign)]
-    illumination = np.maximum(sign * (other - zero), 1e-3).astype(np.float32)
-    zero = zero.astype(np.float32)
-    error, at_zero = (ends.signal_uncertainty(end).astype(np.float32) for end in (other, zero))
-    return FilmLight(
-        zero=zero, illumination=illumination, error=error, zero_error=at_zero, sign=sign
-    )

@@ -58,10 +58,8 @@ Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 
 SAME_EXPOSURE = "fringes_do_not_tell"
-EXPOSED = "exposed_times_long_frames"
 CREST_OR_RIDGE = "brightest_line_has_light"
 NOT_ALIKE = "fringes_do_not_tell_whether"
-DARK_UNTOLD = "no_dark_fringe_tells"
 _REACH, WORTH_SAYING = 4.0, 0.01
 """How far the unknown background may reach, in its standard uncertainties: to three times as long
 an exposure as the bright frame's; and the share of the specimen that is said."""
@@ -104,7 +102,7 @@ def no_load_light(
             )
         return NoLoadLight(alike.ends, () if off else (message(SAME_EXPOSURE),), off)
     if result.crest_sure or says_a_half(frames.stated_orders):
-        notes = (message(EXPOSED, bright=result.bright),)
+        notes = (message("exposed_times_long_frames", bright=result.bright),)
         return NoLoadLight(result.ends, notes, dark_told=result.dark_told)
     if result.bright < 1.0:
         exposed = result.dark * dark, result.bright * bright
@@ -166,14 +164,10 @@ def above_background(signal: Array, error: Array, valid: Mask) -> tuple[Mask, tu
     above = np.where(valid, signal - _REACH * error, 0.0)
     above_noise = valid & (gaussian_filter(above, _POOLED_PX) > 0.0)
     share = 1.0 - float(np.mean(above_noise[valid])) if valid.any() else 0.0
-    notes = (message(DARK_UNTOLD, share=100.0 * share),) if share > WORTH_SAYING else ()
+    notes = (message("no_dark_fringe_tells", share=100.0 * share),) if share > WORTH_SAYING else ()
     return above_noise, notes
 
 
-NO_ANCHOR = "no_order_light_alone"
-
-NOT_SETTLED = "search_light_dark_bright"
-OVEREXPOSED = "specimen_saturated_no_order"
 FEWEST_LINES = 3
 """Fringe lines without which the shape of the light alone, a lamp's as well as a fringe's, would
 say where the bright end is."""
@@ -263,7 +257,7 @@ def read_alone(
     refusal = refused_beforehand(frame, signal, len(lines), capture, point_known, inside)
     result, warnings = None, [refusal]
     if not refusal and not scene.frames.orders_known:
-        warnings = [message(NO_ANCHOR)]
+        warnings = [message("no_order_light_alone")]
     elif not refusal:
         result, warnings = _read_signal(signal, scene)
         if signal.others:
@@ -278,14 +272,10 @@ def read_alone(
         if np.isfinite(result.reading.order).any():
             columns |= order_columns(result.reading.order, result.reading.uncertainty)
     complete = replace(
-        blank,
-        normalised=signal.signal.astype(np.float32),
-        reading=result.reading if result else None,
-        lines=lines,
+        blank, normalised=signal.signal.astype(np.float32), columns=columns, lines=lines,
+        reading=result.reading if result else None, warnings=(*signal.notes, *warnings),
         noise=float(np.median(signal.sigma[signal.valid])),
-        warnings=(*signal.notes, *warnings),
-        columns=columns,
-    )
+    )  # fmt: skip
     return complete, signal.ends
 
 
@@ -308,7 +298,7 @@ def refused_beforehand(
         level = saturation_level(frame.image, full=full_scale(capture.bit_depth))
         saturated = float(np.mean(frame.image[specimen] >= level))
         if saturated > MOST_SATURATED:
-            return message(OVEREXPOSED, saturated=100.0 * saturated)
+            return message("specimen_saturated_no_order", saturated=100.0 * saturated)
     if signal.refusal:
         return signal.refusal
     if capture.bright is None and lines < FEWEST_LINES and requested:
@@ -356,7 +346,7 @@ def frame_signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -
     else:
         ends = fit_background_modulation(light, sigma, valid, dark=dark, bright=bright, tone=tone)
         blind = dark is None or bright is None
-        refusal = "" if ends.settled else message(NOT_SETTLED)
+        refusal = "" if ends.settled else message("search_light_dark_bright")
         notes = [message("normalised_own_fringes_without")] * blind
         if tone:
             gamma = with_uncertainty(ends.tone, ends.tone_uncertainty)

@@ -37,9 +37,6 @@ _FINER = 5
 """Places to a pixel where the model's largest order is looked for: at most 1/25 of the rise off."""
 PRESSURE = ("p_max_mpa", "p_max_uncertainty_mpa")
 
-BY_MODEL = "pixels_largest_order_could"
-BY_NONE = "pixels_largest_order_could_not"
-
 
 def largest_from(table: Mapping[str, Sequence[Any]]) -> str:
     """How many largest orders are from elsewhere than their frames; empty where none is."""
@@ -133,8 +130,8 @@ def _source(beyond: bool, off: Array, each: Array, unread: bool) -> tuple[str, t
     if not beyond:
         return AT_LEAST if unread else FRAME, ()
     if off.size and np.mean((off / each) ** 2) <= POOR_CHI**2:
-        return MODEL, (message(BY_MODEL),)
-    return AT_LEAST, (message(BY_NONE),)
+        return MODEL, (message("pixels_largest_order_could"),)
+    return AT_LEAST, (message("pixels_largest_order_could_not"),)
 
 
 def _between(order: Array, row: int, col: int) -> float:

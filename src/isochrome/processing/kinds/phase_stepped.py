@@ -59,23 +59,20 @@ class PhaseStepped(FrameKind):
         )  # fmt: skip
         name = f"{frames[0].name} to {frames[-1].name}"
         contrast = result.contrast[np.isfinite(result.order)]
+        columns = {
+            "kept_share": result.reading.kept,
+            "isoclinic_share": float(np.isfinite(result.isoclinic).mean()),
+            "whole_order_from": result.parts[0].source if result.parts else "none",
+            **order_columns(result.order, result.reading.uncertainty),
+            **({} if residual is None else {"residual_order_max": residual.largest}),
+        }
         return ProcessedFrame(
             **frame_fields(replace(frames[0], name=name), scene),
-            normalised=result.dark_field,
-            reading=result.reading,
+            normalised=result.dark_field, reading=result.reading, chi=result.chi,
             # of the dark field (1 - cos δ)/2, mid-way between its ends
             noise=float(sigma / np.median(contrast)) if contrast.size else float("nan"),
-            chi=result.chi,
-            warnings=result.warnings,
-            isoclinic=result.isoclinic,
-            columns={
-                "kept_share": result.reading.kept,
-                "isoclinic_share": float(np.isfinite(result.isoclinic).mean()),
-                "whole_order_from": result.parts[0].source if result.parts else "none",
-                **order_columns(result.order, result.reading.uncertainty),
-                **({} if residual is None else {"residual_order_max": residual.largest}),
-            },
-        )
+            warnings=result.warnings, isoclinic=result.isoclinic, columns=columns,
+        )  # fmt: skip
 
     def values(self, scene: Scene) -> tuple[str, ...]:
         """What is read, and the largest residual order."""

@@ -15,7 +15,6 @@ from isochrome.errors import InputError, IsochromeError, PhysicsError
 from isochrome.fitting import (
     GAMMA,
     SMOOTH_KEYS,
-    Apparatus,
     Tracked,
     Tracker,
     VainSearch,
@@ -32,12 +31,7 @@ from isochrome.output import counted
 from isochrome.processing.frame_task import FrameSource, place_of
 from isochrome.processing.kinds.kind import CONFIDENCE, KEY_EVERY, ORDER, FrameKind
 from isochrome.processing.kinds.largest_order import largest_with_model
-from isochrome.processing.kinds.with_model import (
-    WithModel,
-    of_share,
-    process_with_model,
-    read_frame,
-)
+from isochrome.processing.kinds.with_model import WithModel, of_share, read_frame
 from isochrome.processing.result import (
     FOUND_BY,
     NOTHING,
@@ -91,7 +85,6 @@ class TrackedFilm(WithModel):
     maps: str = "key"
     order_step: float = 1e-4
     pages: bool = False
-    apparatus: Apparatus | None = None
 
     @property
     def key_step(self) -> int:
@@ -170,9 +163,7 @@ class TrackedFilm(WithModel):
     ) -> ProcessedFrame:
         """A key frame by itself, in the apparatus of all."""
         # what belongs to the apparatus was asked before, of a few frames for all of them
-        return process_with_model(
-            frames[0], scene, capture, as_stated=True, apparatus=self.apparatus
-        )
+        return super().read(frames, scene, capture, as_stated=True)
 
     def values(self, scene: Scene) -> tuple[str, ...]:
         """What is fitted."""
@@ -261,13 +252,10 @@ class KeyFrames:
             if name in keys or isinstance(self.scene.get(name), int | float)
         }
         self._tracker = Tracker(
-            self.scene.with_values(values),
-            self.keys,
-            bit_depth=self.capture.bit_depth,
-            no_load=(self.capture.dark, self.capture.bright),
-            apparatus=self.kind.apparatus,
+            self.scene.with_values(values), self.keys, bit_depth=self.capture.bit_depth,
+            no_load=(self.capture.dark, self.capture.bright), apparatus=self.kind.apparatus,
             usual_load_n=self.scene.load_at(0.0),
-        )
+        )  # fmt: skip
         self._tracker.begin(frame, fit.scene, fit.chi, slid_until(self.scene, frame))
 
     def follow(self, frame: Frame) -> FollowedFrame:

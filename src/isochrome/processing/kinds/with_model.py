@@ -51,13 +51,20 @@ _NO_ORDER = "model_too_far_off_name"
 
 @dataclass(frozen=True, kw_only=True)
 class WithModel(FrameKind):
-    """Frames of a scene with a model, whose unknowns are fitted to each."""
+    """Frames of a scene with a model, whose unknowns are fitted to each.
+
+    `apparatus`, what the frames of a video have in common, where that was asked of a few of them.
+    """
+
+    apparatus: Apparatus | None = None
 
     def read(
         self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
     ) -> ProcessedFrame:
         """The order on the branches of the fitted model."""
-        return process_with_model(frames[0], scene, capture, as_stated=as_stated)
+        return process_with_model(
+            frames[0], scene, capture, as_stated=as_stated, apparatus=self.apparatus
+        )
 
     def values(self, scene: Scene) -> tuple[str, ...]:
         """What is fitted, and what frames refine."""
@@ -147,13 +154,9 @@ def _without_model(
     values, unknown = np.array(place, dtype=float), np.full(len(place), np.nan)
     fit = replace(lost.fit, scene=scene, values=values, standard_uncertainty=unknown)
     return replace(
-        lost,
-        normalised=image.normalised,
-        lines=image.lines,
-        noise=image.noise,
-        fit=fit,
+        lost, normalised=image.normalised, lines=image.lines, noise=image.noise, fit=fit,
         warnings=(*lost.warnings, *(() if slip else image.warnings)),
-    )
+    )  # fmt: skip
 
 
 def _fitted(
