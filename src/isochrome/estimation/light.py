@@ -115,8 +115,8 @@ class LightModel:
         """C (..., rows, cols), float32, of coefficients (..., k)."""
         if self.dark is None:
             return self._sum(self.terms[1], coefficients)
-        own = np.multiply(coefficients[..., :1, None], self.dark, dtype=np.float32)
-        return own + self._sum(self.terms[1], coefficients[..., 1:])
+        dark = np.multiply(coefficients[..., :1, None], self.dark, dtype=np.float32)
+        return dark + self._sum(self.terms[1], coefficients[..., 1:])
 
     def _sum(self, terms: Terms, coefficients: Array) -> Array:
         """The sum of some products (..., rows, cols), row by row and then across."""
@@ -143,7 +143,8 @@ class PixelLight:
 
     Its columns are products P_i(y) P_j(x), and neither they nor their sums are made one by one: as
     P_i P_j = sum_l c_ijl P_l, sums over pixels of v times two of them follow from the moments
-    sum v P_a(y) P_b(x), and a hundred of them cost little more than six.
+    sum v P_a(y) P_b(x), and a hundred of them cost little more than six. Source of c: Adams (1878),
+    Proc. R. Soc. Lond. 27, 63.
     """
 
     model: LightModel
