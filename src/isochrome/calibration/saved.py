@@ -367,8 +367,10 @@ def save_calibration(
 
 def _tables(calibration: SceneCalibration) -> dict[str, dict[str, list[Any]]]:
     """A calibration's tables by the names of their files."""
-    names = {Calibration: "images", ScaleCalibration: "scale", WearCalibration: "distances"}
-    tables = {f"{names[type(calibration)]}.csv": calibration.columns}
+    names = {
+        Calibration: "images.csv", ScaleCalibration: "scale.csv", WearCalibration: "distances.csv",
+    }  # fmt: skip
+    tables = {names[type(calibration)]: calibration.columns}
     # a set may state worn volumes alone
     if isinstance(calibration, WearCalibration) and calibration.traces:
         records = map(trace_json, calibration.traces)
