@@ -1,6 +1,7 @@
 """All images of a calibration in one model: its derivatives, and what it shows besides."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from benchmarks.outside_specimens import Bench, beam_images, disc_images
 from isochrome.calibration.beam.api import beam_kind, fit_beam
 from isochrome.calibration.disc.api import disc_model, simple_residual
+from isochrome.calibration.whole_set import set_fit
 from isochrome.calibration.whole_set.set_model import SHARED, SetModel
 
 from .conftest import BEAM, F_SIGMA, HEIGHT, as_shots, bending_from_images, bending_load
@@ -85,3 +87,15 @@ def test_an_order_that_is_in_no_list_is_in_the_uncertainty():
     for image, edge in zip(found.images, edges, strict=True):
         assert abs(image.order - edge) < 2.0 * image.standard_uncertainty
     assert abs(found.fringe_value_n_per_mm - F_SIGMA) < 2.0 * found.standard_uncertainty
+
+
+def test_a_fit_that_is_far_worse_under_even_light_is_a_rival_under_uneven(monkeypatch):
+    lit = SimpleNamespace(positive=True)
+    best, rival, worse = (SimpleNamespace(chi=chi, point=lit) for chi in (1.0, 1.5, 1.6))
+    uneven = {1.0: 0.98, 1.5: 0.985, 1.6: 1.6}
+    monkeypatch.setattr(
+        set_fit, "unevenly_lit", lambda fit: SimpleNamespace(chi=uneven[fit.chi], point=lit)
+    )
+    found, alike = set_fit.alike_fits([best, rival, worse])
+    assert [fit.chi for fit in found][:2] == [0.98, 0.985]
+    assert [fit.chi for fit in alike] == [1.0, 0.98, 0.985]

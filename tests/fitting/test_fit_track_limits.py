@@ -185,16 +185,18 @@ def worn(*distances):
     return site, scars, [stop.dose_mm_per_mpa for stop in stops]
 
 
-def test_a_scar_that_is_stepped_on_is_the_one_worn_in_one_go():
-    """From frame to frame, each a step of a hundredth."""
+def test_a_scar_that_is_stepped_on_is_the_one_worn_in_one_go(monkeypatch):
+    """From frame to frame, each a step of a hundredth; steps of the first order are 60."""
     site, (scar, whole), (begun, end) = worn(40.0, 44.0)
+    take, steps = wear._advance, []
+    monkeypatch.setattr(wear, "_advance", lambda *given: steps.append(1) or take(*given))
     first, count = scar, 10
     for _ in range(count):
         scar = scar.grown(site, (end - begun) / count, (LINE, 0.2), tolerance=GROWTH)
     grown = (whole.depth_mm - first.depth_mm).max()
     error = np.sqrt(np.mean((scar.depth_mm - whole.depth_mm) ** 2)) / grown
-    # mesh and grid differ by 2e-4; steps of the first order leave 1e-3
-    assert error < 5e-4
+    # mesh and grid differ by 2e-4; steps of the first order leave 4e-4
+    assert error < 3e-4 and len(steps) <= 25  # 18
 
 
 def test_a_scar_goes_on_from_its_plain_numbers_as_it_would_have():
