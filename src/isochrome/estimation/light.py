@@ -187,7 +187,7 @@ class PixelLight:
         light, _ = self._used
         parts = [(lit if light.shade is None else lit * light.shade, light.terms[0])]
         if light.dark is not None:
-            parts.append((weight * light.dark.astype(weight.dtype), ((0, 0),)))
+            parts.append((weight * light.dark.astype(weight.dtype, copy=False), ((0, 0),)))
         return [*parts, (weight, light.terms[1])]
 
     def _with(self, parts: list[tuple[Array, Terms]], images: Array) -> Array:

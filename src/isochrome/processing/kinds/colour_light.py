@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.estimation import POOR_CHI
+from isochrome.estimation import LEVEL_PX, POOR_CHI
 from isochrome.frames import (
     CHANNELS,
     Frame,
@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from isochrome.processing.frame_task import FrameSource
 
 Array = NDArray[Any]
-
-_SMOOTH_PX = 1.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,7 +140,7 @@ def _stacked(
         linear = to_linear(frame, bit_depth=bit_depth, gamma=gamma, name=f"{frame.name}, {name}")
         noise = estimate_noise(frame.image, linear.valid, bit_depth=bit_depth)
         raw = np.where(np.isfinite(frame.image), frame.image, 0.0).astype(np.float32)
-        level = gaussian_filter(raw, _SMOOTH_PX)  # a pixel's weight must not follow its own noise
+        level = gaussian_filter(raw, LEVEL_PX)  # a pixel's weight must not follow its own noise
         light.append(linear.image)
         valid.append(linear.valid)
         sigma.append(noise.linear_sigma(level, bit_depth=bit_depth, gamma=gamma))
