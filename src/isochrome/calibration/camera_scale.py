@@ -106,17 +106,16 @@ def _along(image: Array) -> tuple[Array, Array, Array] | None:
     row = np.arange(len(image), dtype=float)
     rising, falling = _peaks(slope), _peaks(-slope)
     good = np.isfinite(rising) & np.isfinite(falling)
+    least = max(LEAST_POINTS, LEAST_SHARE * len(image))
     for _ in range(_ROUNDS):
-        if good.sum() < max(LEAST_POINTS, LEAST_SHARE * len(image)):
+        if good.sum() < least:
             return None
         off = [np.abs(edge - _robust(row, edge, good)) for edge in (rising, falling)]
         new = (off[0] < OFF_PX) & (off[1] < OFF_PX)
         if np.array_equal(new, good):
             break
         good = new
-    if good.sum() < max(LEAST_POINTS, LEAST_SHARE * len(image)):
-        return None
-    return row[good], rising[good], falling[good]
+    return (row[good], rising[good], falling[good]) if good.sum() >= least else None
 
 
 def _peaks(slope: Array) -> Array:

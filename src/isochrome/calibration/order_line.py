@@ -211,12 +211,11 @@ def uncertainty_budget(
     _check_line(images, line)
     budget = _budget(value, line, inputs)
     total = float(np.sqrt(sum(b.contribution_n_per_mm**2 for b in budget)))
-    chis = np.array([i.chi for i in images])
     return Calibration(
         specimen=specimen,
         fringe_value_n_per_mm=float(value),
         standard_uncertainty=total,
-        chi=float(np.sqrt(np.mean(chis**2))),
+        chi=float(np.sqrt(np.mean(np.square([i.chi for i in images])))),
         order_at_zero_load=line.intercept,
         order_at_zero_load_uncertainty=line.intercept_uncertainty,
         slope_per_n=line.slope,

@@ -282,10 +282,6 @@ class Calibration(Result):
             small, pixel = _square(image, view.pixel_mm)
             return show_image(axes, small, pixel_mm=pixel, cmap=look, vmin=low, vmax=high)
 
-        def order_line(axes: Axes) -> None:
-            _line(axes, self)
-            axes.margins(y=0.25)  # so that what stands below the line's beginning has room
-
         bars = {"captured": "", "fitted": "", "residual": "residual (noise sigmas)"}
         plots = [
             Plot(
@@ -297,7 +293,7 @@ class Calibration(Result):
         ]
         parts = {item.name: item.contribution_n_per_mm for item in self.budget}
         plots += [
-            Plot(title="order over load", draw=order_line),
+            Plot(title="order over load", draw=partial(_line, calibration=self)),
             Plot(title=f"measured minus {other}", draw=partial(_misfit, calibration=self), spare=2),
             budget_plot("uncertainty budget", parts, unit="N/mm"),
         ]
@@ -392,8 +388,7 @@ def _square(image: Array, pixel_mm: tuple[float, float]) -> tuple[Array, float]:
 
 
 def _line(axes: Any, calibration: Calibration) -> None:
-    loads = np.array([i.load_n for i in calibration.images])
-    orders = np.array([i.order for i in calibration.images])
+    loads, orders = np.array([(i.load_n, i.order) for i in calibration.images]).T
     intercept = calibration.order_at_zero_load or 0.0
     reach = np.array([0.0, loads.max() * 1.05])
     line = data_name("line of all loads")
@@ -414,7 +409,7 @@ def _line(axes: Any, calibration: Calibration) -> None:
             text, (0.0, intercept), (8, -3), textcoords="offset points", va="top", fontsize=NOTE_PT
         )
     axes.set_xlim(0.0 - 0.02 * reach[1], reach[1])
-    axes.margins(y=0.12)
+    axes.margins(y=0.25)  # so that what stands below the line's beginning has room
     axes.axhline(0.0, color=PALE, lw=FINE_PT, zorder=0)
     where = CUTS[calibration.specimen].place
     style_axes(axes, x_label="load (N)", z_label=f"order at the {where}")

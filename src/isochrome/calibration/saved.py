@@ -241,7 +241,8 @@ def _of_camera(record: Mapping[str, Any]) -> list[tuple[str, str]]:
         settings = load_set(parse_toml(str(record.get("settings") or ""), "settings"))
     except InputError:
         return []
-    rows, pixel = camera_rows(settings), settings.camera.pixel_mm
+    camera, pixel = settings.camera, settings.camera.pixel_mm
+    rows = camera_rows(camera, settings.polariscope, settings.frames)
     if pixel is None:
         return rows
     return [*rows, ("pixel", stated_text(pixel, settings.uncertainty.pixel_mm, "mm"))]

@@ -147,7 +147,6 @@ def _of_scene(settings: WearSet, volumes: Volumes, laws: Sequence[WearLawFit]) -
         yield message(
             "scar_width_mm_scene_specimen", width_mm=settings.scar.width_mm, thickness=thickness
         )
-    archard = archard_of(laws)
     for volume in sorted(volumes, key=lambda v: v.distance_m):
         measured = _width(volume)
         if measured is None:
@@ -159,7 +158,7 @@ def _of_scene(settings: WearSet, volumes: Volumes, laws: Sequence[WearLawFit]) -
             )
         worn_scene = scene.with_values({
             "load.normal_n": volume.normal_n,
-            "wear.coefficient_mm2_per_n": archard.coefficient_mm2_per_n,
+            "wear.coefficient_mm2_per_n": archard_of(laws).coefficient_mm2_per_n,
             "wear.law": "archard",
             "wear.distances_m": (volume.distance_m,),
         })  # fmt: skip

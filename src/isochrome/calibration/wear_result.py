@@ -365,10 +365,9 @@ class WearCalibration(Result):
     def figure(self) -> Figure:
         """The traces as measured and levelled, a row a distance, and k over the distance."""
         distances = list(dict.fromkeys(scar.test.distance_m for scar in self.traces))[:MOST_ROWS]
-        rows = len(distances) + 1
         figure = new_figure(13.0, 2.5 * len(distances) + 4.4)
-        ratios: Any = {"width_ratios": [1, 1.25], "height_ratios": [1.0] * (rows - 1) + [1.35]}
-        panels: Any = figure.subplots(rows, 2, squeeze=False, **ratios)
+        ratios: Any = {"width_ratios": [1, 1.25], "height_ratios": [1.0] * len(distances) + [1.35]}
+        panels: Any = figure.subplots(len(distances) + 1, 2, squeeze=False, **ratios)
         for place, (raw, level) in zip(distances, panels[:-1], strict=True):
             scars = [scar for scar in self.traces if scar.test.distance_m == place]
             _draw_raw(raw, scars, f"{place:g} m: as measured, less the line through the ends")

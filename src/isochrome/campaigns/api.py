@@ -8,6 +8,7 @@ The picture of a campaign: load and friction of each recording, and how they wen
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import os
 import re
@@ -109,10 +110,8 @@ def folder_names(recordings: Sequence[FramesPath]) -> tuple[str, ...]:
     for place, name in zip(places, plain, strict=True):
         if count[_key(name)] > 1:
             name = _plain(f"{place.parent.name}-{name}")
-        free, number = name, 1
-        while _key(free) in taken:
-            number += 1
-            free = f"{name}-{number}"
+        names = itertools.chain([name], (f"{name}-{number}" for number in itertools.count(2)))
+        free = next(new for new in names if _key(new) not in taken)
         taken[_key(free)] = free
     return tuple(taken.values())
 
@@ -550,8 +549,7 @@ class Campaign(Result):
     @property
     def exit_code(self) -> int:
         """0; 2 where any recording's input is wrong; 3 where all that failed did by physics."""
-        codes = {item.exit_code for item in self.outcomes} - {0}
-        return min(codes, default=0)
+        return min((item.exit_code for item in self.outcomes if item.exit_code), default=0)
 
     def to_json(self) -> dict[str, Any]:
         """What summary.json holds."""

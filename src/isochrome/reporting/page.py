@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -318,9 +318,7 @@ def warnings_with_remedies(warnings: Iterable[str]) -> list[dict[str, Any]]:
     for text in warnings:
         entry = entry_of(text)
         title = entry.title if entry else "Other"
-        words = {
-            name: getattr(entry, name) if entry else "" for name in ("meaning", "cause", "remedy")
-        }
+        words = {name: getattr(entry, name, "") for name in ("meaning", "cause", "remedy")}
         group = groups.setdefault(title, {"title": title, **words, "messages": [], "left_out": 0})
         if len(group["messages"]) < _MOST_MESSAGES:
             group["messages"].append(text)
@@ -357,26 +355,9 @@ NO_DATE = (
 )
 
 
-class WithCamera(Protocol):
-    """A scene, or a calibration's set: what stood in front of the camera."""
-
-    @property
-    def camera(self) -> Camera | None:
-        """The camera."""
-
-    @property
-    def polariscope(self) -> Polariscope:
-        """The light."""
-
-    @property
-    def frames(self) -> Frames:
-        """How its frames are read."""
-
-
-def camera_rows(settings: WithCamera) -> list[tuple[str, str]]:
+def camera_rows(camera: Camera | None, light: Polariscope, frames: Frames) -> list[tuple[str, str]]:
     """Names and values, with units, of what a paper states of the camera and the light."""
     rows = list[tuple[str, str]]()
-    camera, light = settings.camera, settings.polariscope
     if camera is not None:
         parts = []
         if camera.width_px and camera.height_px:
@@ -384,7 +365,7 @@ def camera_rows(settings: WithCamera) -> list[tuple[str, str]]:
         if camera.bit_depth:
             parts.append(f"{camera.bit_depth} bit")
         parts += ["colour"] if camera.colour else []
-        rows.append(("camera", ", ".join([*parts, f"gamma {settings.frames.gamma}"])))
+        rows.append(("camera", ", ".join([*parts, f"gamma {frames.gamma}"])))
     what = "several wavelengths"
     if not light.several_wavelengths:
         band = f", band {light.bandwidth_nm:g} nm" if light.bandwidth_nm else ""
@@ -399,7 +380,9 @@ def paper_rows(scene: Scene | None, record: Mapping[str, Any]) -> list[tuple[str
 
     `record` is provenance.json: versions and hashes; the scene is None where the run has none.
     """
-    result = [] if scene is None else [*camera_rows(scene), *_numbers(scene)]
+    result = list[tuple[str, str]]()
+    if scene is not None:
+        result += [*camera_rows(scene.camera, scene.polariscope, scene.frames), *_numbers(scene)]
     libraries = record.get("libraries") or {}
     versions = ", ".join(f"{name} {number}" for name, number in libraries.items())
     code = record.get("code_sha256")
@@ -644,7 +627,6 @@ def report_html(content: ReportContent) -> str:
             "data": {"frames": for_script},
             "strides": sorted({one["stride"] for one in frames}),
             "steps": sorted({one["step"] for one in maps}),  # that orders are rounded to
-            "curves": content.curves,
             "groups": warnings_with_remedies(content.warnings),
             "picture": _picture(content.picture),
             "scene": content.scene[:_LONGEST_SCENE],

@@ -143,8 +143,7 @@ def _words(cell: str) -> list[str]:
 
 
 def _name(cell: str) -> str:
-    words = _words(cell)
-    return words[0] if words else ""
+    return next(iter(_words(cell)), "")
 
 
 def _surface_data(text: str, path: Path) -> tuple[Array, Array]:
@@ -209,11 +208,6 @@ class Trace:
         _check(x, z, self.name)
         object.__setattr__(self, "x_mm", x)
         object.__setattr__(self, "z_um", z)
-
-    @property
-    def length_mm(self) -> float:
-        """From the first point to the last, mm."""
-        return float(self.x_mm[-1] - self.x_mm[0])
 
 
 def read_trace(path: str | Path) -> Trace:
