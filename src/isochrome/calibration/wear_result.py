@@ -388,9 +388,8 @@ class WearCalibration(Result):
         """
         distances = list(dict.fromkeys(scar.test.distance_m for scar in self.traces))
         few = range(min(len(distances), _FOR_PAPER))
-        shown = [
-            distances[k] for k in chosen_frames(frames, len(distances), few, items="distances")
-        ]
+        chosen = chosen_frames(frames, len(distances), few, items="distances")
+        shown = [distances[k] for k in chosen]
 
         def scar(axes: Axes, place: float) -> None:
             _draw_levelled(axes, [s for s in self.traces if s.test.distance_m == place])

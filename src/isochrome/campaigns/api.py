@@ -21,7 +21,7 @@ from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -263,9 +263,6 @@ def _hashes(frames: FramesPath) -> dict[str, str]:
     return result
 
 
-T = TypeVar("T")
-
-
 def run_side_by_side(
     tasks: Mapping[int, Task], scene: Scene, options: Mapping[str, Any], workers: int
 ) -> Generator[tuple[int, Outcome]]:
@@ -347,39 +344,6 @@ def summary_figure(name: str, outcomes: Sequence[Outcome]) -> Figure | None:
     head = f"{plain_name(name)}: {counted(len(outcomes), 'recording')}"
     write_head(figure, f"{head}, {failed} of them failed" if failed else head)
     return figure
-
-
-def campaign_panels(
-    outcomes: Sequence[Outcome], recordings: tuple[int, ...] | None
-) -> PaperPanels | None:
-    """The plots of a campaign for a paper, as in `summary_figure`; None where none has values.
-
-    `recordings` are the numbers of those that are shown, by default all.
-    """
-    rows = chosen_frames(recordings, len(outcomes), range(len(outcomes)), items="recordings")
-    chosen = [outcomes[k] for k in rows]
-    keys = [key for key in DRAWN if any(f"{key} mean" in item.row for item in chosen)]
-    if not keys:
-        return None
-    colours, (across, label) = _colours(len(chosen)), _across(chosen)
-
-    def over(key: str, axes: Axes) -> None:
-        _over_recordings(axes, key, chosen, colours)
-        # below the axis, which rows of the summary the recordings are, from 1
-        places = range(0, len(rows), -(-len(rows) // 8))
-        axes.set_xlim(-0.6, len(rows) - 0.4)
-        axes.set_xticks(places, [str(rows[k] + 1) for k in places])
-        style_axes(axes, x_label="recording", z_label=KEY_LABELS[key])
-
-    def within(key: str, axes: Axes) -> None:
-        _within(axes, key, chosen, colours, across)
-        style_axes(axes, x_label=label, z_label=KEY_LABELS[key])
-
-    draws = (("mean", over), ("each frame", within))
-    plots = [Plot(title=title, draw=partial(draw, key)) for key in keys for title, draw in draws]
-    named = [f"{k + 1} {plain_name(str(outcomes[k].row['folder']), _LETTERS)}" for k in rows]
-    note = "Recordings: " + ("; ".join(named) if len(rows) <= _NAMED else "as in summary.csv")
-    return PaperPanels(plots=plots, plots_across=2, notes=(note,))
 
 
 def _across(outcomes: Sequence[Outcome]) -> tuple[str, str]:
@@ -581,16 +545,42 @@ class Campaign(Result):
 
     def figure(self) -> Figure:
         """Load and friction of each recording. Raises InputError where neither was fitted."""
-        return self._drawn(summary_figure(self.scene.name, self.outcomes))
+        figure = summary_figure(self.scene.name, self.outcomes)
+        if figure is None:
+            raise InputError("neither_load_nor_friction", title=self.title)
+        return figure
 
     def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
-        """Load and friction of the recordings of these numbers for a paper; see `paper_figure`."""
-        return self._drawn(campaign_panels(self.outcomes, frames))
+        """Give load and friction for a paper; see `paper_figure`.
 
-    def _drawn(self, result: T | None) -> T:
-        if result is None:
+        `frames`: numbers of the recordings that are shown, by default all. Raises InputError where
+        neither was fitted in them.
+        """
+        every = self.outcomes
+        rows = chosen_frames(frames, len(every), range(len(every)), items="recordings")
+        chosen = [every[k] for k in rows]
+        keys = [key for key in DRAWN if any(f"{key} mean" in item.row for item in chosen)]
+        if not keys:
             raise InputError("neither_load_nor_friction", title=self.title)
-        return result
+        colours, (across, label) = _colours(len(chosen)), _across(chosen)
+
+        def over(key: str, axes: Axes) -> None:
+            _over_recordings(axes, key, chosen, colours)
+            # below the axis, which rows of the summary the recordings are, from 1
+            places = range(0, len(rows), -(-len(rows) // 8))
+            axes.set_xlim(-0.6, len(rows) - 0.4)
+            axes.set_xticks(places, [str(rows[k] + 1) for k in places])
+            style_axes(axes, x_label="recording", z_label=KEY_LABELS[key])
+
+        def within(key: str, axes: Axes) -> None:
+            _within(axes, key, chosen, colours, across)
+            style_axes(axes, x_label=label, z_label=KEY_LABELS[key])
+
+        draws = (("mean", over), ("each frame", within))
+        plots = [Plot(title=name, draw=partial(draw, key)) for key in keys for name, draw in draws]
+        named = [f"{k + 1} {plain_name(str(every[k].row['folder']), _LETTERS)}" for k in rows]
+        note = "Recordings: " + ("; ".join(named) if len(rows) <= _NAMED else "as in summary.csv")
+        return PaperPanels(plots=plots, plots_across=2, notes=(note,))
 
 
 def process_campaign(

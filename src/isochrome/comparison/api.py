@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from string import ascii_lowercase as LETTERS
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -68,7 +67,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
-MOST_ROWS = len(LETTERS) // 3
+MOST_ROWS = 8
 
 _ROWS_FOR_PAPER = 3
 """Frames of a figure for a paper where nobody names them."""

@@ -442,12 +442,78 @@ class ScarComparison(Result):
         return {"metrics": self.columns, **warnings_json(self.warnings)}
 
     def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
-        """Give the scars for a paper, at the distances of these numbers; see `paper_figure`."""
-        return scars_panels(self, frames)
+        """Give all measured and all simulated scars for a paper, and each distance's overlay.
+
+        `frames`: numbers of the distances, see `paper_figure`. InputError where one is not there.
+        """
+        distances = sorted({scar.distance_m for scar in self.scars})
+        few = evenly_spaced(range(len(distances)), _FOR_PAPER)
+        shown = chosen_frames(frames, len(distances), few, items="distances")
+        rows = _rows_at([distances[k] for k in shown], self)
+        half = _BESIDE * 0.5 * max(scar.width_mm for scar in self.scars)
+
+        def plot(title: str, draw: Callable[[Axes], None], *, down: bool = True) -> Plot:
+            def within(axes: Axes) -> None:
+                draw(axes)
+                axes.set_xlim(-half, half)
+                if down and not axes.yaxis_inverted():
+                    axes.invert_yaxis()
+                style_axes(axes, x_label="x (mm)", z_label="depth (µm)" if down else "")
+
+            return Plot(title=title, draw=within)
+
+        def measured(axes: Axes) -> None:
+            for row in rows:
+                _draw_mean(axes, row)
+            add_legend(axes, loc="lower right")
+
+        def simulated(axes: Axes) -> None:
+            for row in rows:
+                _draw_simulated(axes, row)
+
+        plots, notes = [plot("measured", measured), plot("simulated", simulated)], []
+        for row in rows:
+            name = f"{row[0].distance_m:g} m"
+            plots.append(plot(name, partial(_draw_overlay, row=row)))
+            gap = partial(_draw_gap, row=row)
+            plots.append(plot(f"{name}, measured − simulated", gap, down=False))
+            notes.append(f"{_area_text(row)}; {_difference_text(row)}.")
+        notes.append(f"Bands: ± {BAND:g} standard uncertainties.")
+        return PaperPanels(plots=plots, notes=notes)
 
     def figure(self) -> Figure:
-        """All scars, and each distance's overlay and difference, see `scars_figure`."""
-        return scars_figure(self)
+        """Measured scars beside simulated ones; below, each distance's overlay and difference.
+
+        The top row is the paper's Fig. 7 beside its Fig. 9, with the band of the scene's inputs.
+        """
+        distances = sorted({scar.distance_m for scar in self.scars})
+        shown = evenly_spaced(distances, MOST_DISTANCES)
+        figure = new_figure(11.0, 3.1 + 2.5 * len(shown) + 0.6)
+        panels: Any = figure.subplots(
+            len(shown) + 1, 2, squeeze=False, sharex=True, height_ratios=[1.25] + [1.0] * len(shown)
+        )
+        first, second = panels[0]
+        second.sharey(first)
+        for (overlay, gap), row in zip(panels[1:], _rows_at(shown, self), strict=True):
+            _draw_mean(first, row)
+            _draw_simulated(second, row)
+            _draw_overlay(overlay, row)
+            _draw_gap(gap, row)
+            style_axes(overlay, title=_area_text(row))
+            style_axes(gap, title=_difference_text(row))
+        half = _BESIDE * 0.5 * max(scar.width_mm for scar in self.scars)
+        first.set_xlim(-half, half)
+        first.invert_yaxis()
+        style_axes(first, z_label="depth (µm)", title="measured, levelled and aligned")
+        style_axes(second, z_label="depth (µm)", title="simulated")
+        for axes in panels[0]:
+            add_legend(axes, loc="lower right")
+        for axes in panels[-1]:
+            style_axes(axes, x_label="x (mm)")
+        what = "measured scars beside simulated ones"
+        bands = f"bands ± {BAND:g} standard uncertainties"
+        write_head(figure, f"{plain_name(self.scene.name)}: {what}, {bands}")
+        return figure
 
 
 def compare_scars(
@@ -555,83 +621,6 @@ def _rows_at(distances: Sequence[float], result: ScarComparison) -> list[_Row]:
         traces = [(name, pair) for name, _, pair in members if pair is not None]
         rows.append((members[0][1], traces, colour))
     return rows
-
-
-def scars_figure(result: ScarComparison) -> Figure:
-    """Draw measured scars beside simulated ones, and below each distance's overlay and difference.
-
-    The top row is the paper's Fig. 7 beside its Fig. 9: all measured scars, and all simulated ones
-    with the band of the inputs of the scene.
-    """
-    distances = sorted({scar.distance_m for scar in result.scars})
-    shown = evenly_spaced(distances, MOST_DISTANCES)
-    figure = new_figure(11.0, 3.1 + 2.5 * len(shown) + 0.6)
-    panels: Any = figure.subplots(
-        len(shown) + 1, 2, squeeze=False, sharex=True, height_ratios=[1.25] + [1.0] * len(shown)
-    )
-    first, second = panels[0]
-    second.sharey(first)
-    for (overlay, gap), row in zip(panels[1:], _rows_at(shown, result), strict=True):
-        _draw_mean(first, row)
-        _draw_simulated(second, row)
-        _draw_overlay(overlay, row)
-        _draw_gap(gap, row)
-        style_axes(overlay, title=_area_text(row))
-        style_axes(gap, title=_difference_text(row))
-    half = _BESIDE * 0.5 * max(scar.width_mm for scar in result.scars)
-    first.set_xlim(-half, half)
-    first.invert_yaxis()
-    style_axes(first, z_label="depth (µm)", title="measured, levelled and aligned")
-    style_axes(second, z_label="depth (µm)", title="simulated")
-    for axes in panels[0]:
-        add_legend(axes, loc="lower right")
-    for axes in panels[-1]:
-        style_axes(axes, x_label="x (mm)")
-    what = "measured scars beside simulated ones"
-    bands = f"bands ± {BAND:g} standard uncertainties"
-    write_head(figure, f"{plain_name(result.scene.name)}: {what}, {bands}")
-    return figure
-
-
-def scars_panels(result: ScarComparison, frames: tuple[int, ...] | None) -> PaperPanels:
-    """The same for a paper: all measured and all simulated scars, and each distance's.
-
-    InputError where there is no distance of the numbers `frames`.
-    """
-    distances = sorted({scar.distance_m for scar in result.scars})
-    few = evenly_spaced(range(len(distances)), _FOR_PAPER)
-    shown = [distances[k] for k in chosen_frames(frames, len(distances), few, items="distances")]
-    rows = _rows_at(shown, result)
-    half = _BESIDE * 0.5 * max(scar.width_mm for scar in result.scars)
-
-    def plot(title: str, draw: Callable[[Axes], None], *, down: bool = True) -> Plot:
-        def within(axes: Axes) -> None:
-            draw(axes)
-            axes.set_xlim(-half, half)
-            if down and not axes.yaxis_inverted():
-                axes.invert_yaxis()
-            style_axes(axes, x_label="x (mm)", z_label="depth (µm)" if down else "")
-
-        return Plot(title=title, draw=within)
-
-    def measured(axes: Axes) -> None:
-        for row in rows:
-            _draw_mean(axes, row)
-        add_legend(axes, loc="lower right")
-
-    def simulated(axes: Axes) -> None:
-        for row in rows:
-            _draw_simulated(axes, row)
-
-    plots, notes = [plot("measured", measured), plot("simulated", simulated)], []
-    for row in rows:
-        name = f"{row[0].distance_m:g} m"
-        plots.append(plot(name, partial(_draw_overlay, row=row)))
-        gap = partial(_draw_gap, row=row)
-        plots.append(plot(f"{name}, measured − simulated", gap, down=False))
-        notes.append(f"{_area_text(row)}; {_difference_text(row)}.")
-    notes.append(f"Bands: ± {BAND:g} standard uncertainties.")
-    return PaperPanels(plots=plots, notes=notes)
 
 
 def _draw_mean(axes: Axes, row: _Row) -> None:

@@ -14,7 +14,7 @@ The sample of a wear test: traces across the scars of the true contact, and its 
 """
 
 import tomllib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import resources
 from itertools import accumulate
 from pathlib import Path
@@ -77,22 +77,12 @@ class Sensor:
         """Grey levels of a frame in the dark field, from its order at the points of its pixels."""
         return self.expose(dark_field(order), np.random.default_rng(seed))
 
-    def average(self, signal: Array, rng: np.random.Generator, *, count: int) -> Grey:
-        """The mean of `count` frames, rounded to grey levels."""
-        total = sum(self.expose(signal, rng).astype(float) for _ in range(count))
-        return np.asarray(np.rint(np.asarray(total) / count), dtype=np.uint8)
 
-
-def make_sensor(
-    shape: tuple[int, int],
-    rng: np.random.Generator,
-    *,
-    faulty: int,
-    glare: tuple[float, float, float] | None = None,
-) -> Sensor:
-    """Draw a sensor with so many `faulty` pixels: one half dead, the other hot."""
+def make_sensor(shape: tuple[int, int], seed: list[int], *, faulty: int, **more: Any) -> Sensor:
+    """Draw a sensor with so many `faulty` pixels: one half dead, the other hot; see `Sensor`."""
+    rng = np.random.default_rng(seed)
     places = np.stack([rng.integers(0, n, faulty) for n in shape], axis=1)
-    return Sensor(places[: faulty // 2], places[faulty // 2 :], glare)
+    return Sensor(places[: faulty // 2], places[faulty // 2 :], **more)
 
 
 def sample_text(name: str) -> str:
@@ -190,7 +180,7 @@ def render_contact(folder: Path, seed: int) -> None:
     pixel = truth.get("camera.pixel_mm")
     states = scene_states(truth)
     shape = (truth.get("camera.height_px"), truth.get("camera.width_px"))
-    sensor = make_sensor(shape, np.random.default_rng([seed, 0]), faulty=FAULTY, glare=GLARE)
+    sensor = make_sensor(shape, [seed, 0], faulty=FAULTY, glare=GLARE)
     frames, orders = [], []
     for i, state in enumerate(states):
         order = fine_order(placed_contact(truth, nominal, i), state, _POINTS)
@@ -219,10 +209,12 @@ def render_contact(folder: Path, seed: int) -> None:
 def _write_no_load(
     folder: Path, material: NDArray[np.bool_], sensor: Sensor, seed: tuple[int, int], pixel: float
 ) -> None:
-    """Write the unloaded specimen in the dark and in the bright field."""
+    """Write the unloaded specimen in the dark and in the bright field, each a mean of frames."""
     lit = block_mean(material.astype(float))
     for number, (name, signal) in enumerate((("dark", 0.0 * lit), ("bright", lit))):
-        image = sensor.average(signal, np.random.default_rng([*seed, number]), count=AVERAGED)
+        rng = np.random.default_rng([*seed, number])
+        total = sum(sensor.expose(signal, rng).astype(float) for _ in range(AVERAGED))
+        image = np.asarray(np.rint(np.asarray(total) / AVERAGED), dtype=np.uint8)
         write_small_tiff(folder / f"no-load-{name}.tif", image[None], pixel_mm=pixel)
 
 
@@ -296,8 +288,7 @@ def render_film(folder: Path, seed: int) -> None:
     nominal = parse_scene(sample_text("film-scene.toml"), name="film")
     truth = true_film(nominal)
     shape = truth.get("camera.height_px"), truth.get("camera.width_px")
-    sensor = make_sensor(shape, np.random.default_rng([seed, 40]), faulty=FILM_FAULTY)
-    sensor = replace(sensor, camera=FILM_CAMERA)
+    sensor = make_sensor(shape, [seed, 40], faulty=FILM_FAULTY, camera=FILM_CAMERA)
     frames = []
     for i, state in enumerate(scene_states(truth)):
         order = fine_order(truth, state, _POINTS)
@@ -374,7 +365,7 @@ def render_bending(folder: Path, seed: int) -> None:
     text = sample_text("bending-set.toml")
     given = tomllib.loads(text)
     pixel = given["camera"]["pixel_mm"]
-    sensor = make_sensor(SHAPE, np.random.default_rng([seed, 10]), faulty=CALIBRATION_FAULTY)
+    sensor = make_sensor(SHAPE, [seed, 10], faulty=CALIBRATION_FAULTY)
     for i, item in enumerate(given["image"]):
         order = true_order(item["load_n"], given["beam"], pixel)
         write_png(folder / item["file"], sensor.picture(order, [seed, 11, i]))
@@ -409,7 +400,7 @@ def render_disc(folder: Path, seed: int) -> None:
     """Write the images, the calibration set, a scene and the truth to a folder."""
     scene = true_scene()
     rows, cols = scene.get("camera.height_px"), scene.get("camera.width_px")
-    sensor = make_sensor((rows, cols), np.random.default_rng([seed, 20]), faulty=CALIBRATION_FAULTY)
+    sensor = make_sensor((rows, cols), [seed, 20], faulty=CALIBRATION_FAULTY)
     fine = finer(scene, _POINTS)
     for i, item in enumerate(tomllib.loads(sample_text("disc-set.toml"))["image"]):
         loaded = fine.with_values({"load.normal_n": item["load_n"]})
