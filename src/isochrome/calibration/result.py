@@ -411,8 +411,7 @@ def _line(axes: Any, calibration: Calibration) -> None:
     axes.set_xlim(0.0 - 0.02 * reach[1], reach[1])
     axes.margins(y=0.25)  # so that what stands below the line's beginning has room
     axes.axhline(0.0, color=PALE, lw=FINE_PT, zorder=0)
-    where = CUTS[calibration.specimen].place
-    style_axes(axes, x_label="load (N)", z_label=f"order at the {where}")
+    style_axes(axes, x_label="load (N)", z_label=f"order at the {CUTS[calibration.specimen].place}")
 
 
 def _misfit(axes: Any, calibration: Calibration) -> None:
@@ -429,5 +428,4 @@ def _misfit(axes: Any, calibration: Calibration) -> None:
     axes.errorbar(loads, scale * away, scale * spread, fmt="o", ms=4, color=LINE_COLOURS[0])
     axes.axhline(0.0, color=PALE, lw=FINE_PT)
     axes.margins(x=0.15)
-    unit = "10⁻³ fringe" if milli else "fringes"
-    style_axes(axes, x_label="load (N)", z_label=unit)
+    style_axes(axes, x_label="load (N)", z_label="10⁻³ fringe" if milli else "fringes")

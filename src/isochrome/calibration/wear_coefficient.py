@@ -303,8 +303,7 @@ def _own_rows(volumes: Volumes, spread: Array, archard: WearLawFit) -> list[Budg
     share = np.minimum(1.0, np.divide(spread, promised, out=np.ones_like(spread), where=traced))
     rows: list[BudgetRow] = []
     if traced.any():
-        for name, part in parts.items():
-            rows.append((name, None, _joined(weights * part * share), 1.0))
+        rows += [(n, None, _joined(weights * part * share), 1.0) for n, part in parts.items()]
         more = np.sqrt(np.maximum(spread**2 - promised**2, 0.0)) * traced
         rows.append(("scatter of the traces", None, _joined(weights * more), 1.0))
     if not traced.all():
@@ -329,13 +328,11 @@ def common_inputs(settings: WearSet, volumes: Volumes, spread: Array, k: float) 
     by_traces = np.array([bool(volume.scars) for volume in volumes])
     part = _weights(volumes, spread) * np.array([v.volume_mm3 for v in volumes])
     traced = float(part[by_traces].sum())
-    first = volumes[0]
+    load, slid = volumes[0].normal_n, volumes[0].distance_m
     rows: list[BudgetRow] = []
     if known.load_percent:
-        load = first.normal_n
         rows.append(("normal_n", load, load * known.load_percent / 100.0, -k / load))
     if known.distance_percent:
-        slid = first.distance_m
         rows.append(("distance_m", slid, slid * known.distance_percent / 100.0, -k / slid))
     if settings.scar is not None and by_traces.any():
         width = settings.scar.width_mm

@@ -477,8 +477,7 @@ def _draw_levelled(axes: Any, scars: list[TraceScar]) -> None:
         inside = (first.x_mm >= first.window_mm[0]) & (first.x_mm <= first.window_mm[1])
         x = first.x_mm - first.centre_mm
         axes.fill_between(x, -first.depth_um, 0.0, where=inside, color=PALE, lw=0, zorder=0)
-        half = first.width_mm
-        axes.set_xlim(-1.5 * half, 1.5 * half)
+        axes.set_xlim(-1.5 * first.width_mm, 1.5 * first.width_mm)
     axes.axhline(0.0, color=GREY, lw=LINE_PT)
     areas = [
         with_uncertainty(1e3 * one.worn_area_mm2, 1e3 * one.worn_area_uncertainty_mm2)

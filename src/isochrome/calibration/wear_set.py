@@ -309,9 +309,8 @@ def worn_volumes(
     groups = [group for group in groups if all(scar.levelled for scar in group)]
     scatter = _scatter(groups)
     volumes = [_of_traces(settings, group, scatter) for group in groups]
-    spreads = settings.uncertainty.volume_mm3
-    for k, test in enumerate(settings.volume):
-        spread = spreads[k] if spreads is not None else np.nan
+    spreads = settings.uncertainty.volume_mm3 or [np.nan] * len(settings.volume)
+    for test, spread in zip(settings.volume, spreads, strict=True):
         volume = WornVolume(**_slid(test), volume_mm3=test.value_mm3, own_uncertainty_mm3=spread)
         volumes.append(volume)
     return tuple(volumes), scatter

@@ -142,6 +142,10 @@ class ReportFrame:
     notes: tuple[str, ...] = ()  # what to say of it, such as why it has no simulation
 
 
+_AS_IT_IS = ("number", "label", "why", "notes", "pixel_mm", "left_mm", "top_mm")
+"""Of a frame what the page takes unchanged."""
+
+
 def encode_frames(frames: Sequence[ReportFrame], *, room: int = ROOM_BYTES) -> list[dict[str, Any]]:
     """For each frame its pictures as PNG and its orders, as the page takes them, in `room` bytes.
 
@@ -174,14 +178,11 @@ def _size(encoded: dict[str, Any]) -> int:
 def _encoded(frame: ReportFrame, stride: int, step: float) -> dict[str, Any]:
     """A frame as the page takes it: means over `stride` pixels, and orders in their middle."""
     rows, cols = (size // stride for size in frame.panes[0].values.shape)
-    return {name: getattr(frame, name) for name in ("number", "label", "why", "notes")} | {
+    return {name: getattr(frame, name) for name in _AS_IT_IS} | {
         "rows": rows,
         "cols": cols,
         "stride": stride,
         "first": stride // 2,
-        "pixel_mm": frame.pixel_mm,
-        "left_mm": frame.left_mm,
-        "top_mm": frame.top_mm,
         "panes": [
             {"key": p.key, "label": p.label, "span": p.span, "unit": p.unit,
              "png": _png(p, _means(p.values, stride)),

@@ -315,7 +315,6 @@ def true_film(nominal: Scene) -> Scene:
     load = LOAD_N * (1.0 + SWING * np.sin(2.0 * np.pi * seconds / PERIOD))
     first, last = FILM_FRICTION
     friction = last + (first - last) * np.exp(-5.0 * seconds / seconds[-1])
-    pixel = nominal.get("camera.pixel_mm")
     return nominal.with_values(
         {
             "load.normal_n": {"distance_m": distance, "value": load.round(6)},
@@ -323,7 +322,7 @@ def true_film(nominal: Scene) -> Scene:
             "wear.coefficient_mm2_per_n": WEAR_MM2_PER_N,
             "wear.distances_m": distance,
             "numerics.tolerance": _FILM_TOLERANCE,
-            "numerics.spacing_mm": pixel / (_POINTS * _NODES),
+            "numerics.spacing_mm": nominal.get("camera.pixel_mm") / (_POINTS * _NODES),
             **_moved(nominal, FILM_LEFT_PX, FILM_TOP_PX),
         }
     )
@@ -392,8 +391,7 @@ def true_order(load_n: float, beam: dict[str, float], pixel_mm: float) -> Array:
     eta = down * np.cos(tilt) + right * np.sin(tilt)
     stress = beam_stress(eta, load_n=load_n, **beam)
     residual = RESIDUAL_ORDER * eta / (0.5 * beam["height_mm"])
-    result: Array = np.abs(stress * beam["thickness_mm"] / FRINGE_VALUE + residual)
-    return result
+    return np.asarray(np.abs(stress * beam["thickness_mm"] / FRINGE_VALUE + residual))
 
 
 def render_disc(folder: Path, seed: int) -> None:

@@ -116,11 +116,11 @@ def find_beam(shot: Shot, height_px: float) -> BeamView:
     if cost.min() > 0.95 * float(np.sum(count * (values - smooth) ** 2)):
         raise PhysicsError("no_fringes_rise_across", name=shot.name)
     middle = tops[place] + 0.5 * height_px
-    starts = []
-    for slope, angle in zip(slopes[best], phase[place], strict=True):
-        row = (angle + (0.0 if shot.bright else np.pi)) / (2.0 * np.pi * slope)
-        starts.append([slope, row + np.round((middle - row) * slope) / slope, tilt])
-    return BeamView(height_px, float(tops[place]), tilt, np.array(starts))
+    slope = slopes[best]
+    row = (phase[place] + (0.0 if shot.bright else np.pi)) / (2.0 * np.pi * slope)
+    row += np.round((middle - row) * slope) / slope
+    starts = np.stack([slope, row, np.full(len(best), tilt)], axis=1)
+    return BeamView(height_px, float(tops[place]), tilt, starts)
 
 
 def _tilt(shot: Shot) -> float:
@@ -469,8 +469,8 @@ def beam_images(
     for index in range(count, len(fit.model.shots) if same else 0):
         (place,) = fit.model.own_places(index)
         spread = float(np.sqrt(fit.covariance[place, place]))
-        name = fit.model.shots[index].name
-        unloaded.append(ResidualOrder(name, float(fit.values[place]), spread))
+        square = float(fit.values[place])
+        unloaded.append(ResidualOrder(fit.model.shots[index].name, square, spread))
     return images, covariance, tuple(unloaded)
 
 
