@@ -88,7 +88,6 @@ def find_edge_pair(image: Array, *, name: str) -> EdgePair:
     tilt = math.hypot(*scatter) / (2.0 * float(np.sqrt(x @ x)))
     turn = distance * slope / long**2 * tilt  # what the direction's noise does to the distance
     apart = abs(slopes[1] - slopes[0])
-    clear = apart > CLEAR * 2.0 * tilt
     order = 1 if turned else -1
     normal = np.array([-slope, 1.0][::order]) / long
     return EdgePair(
@@ -96,7 +95,7 @@ def find_edge_pair(image: Array, *, name: str) -> EdgePair:
         residual_px=np.concatenate(residual)[:, None] * normal,
         distance_px=distance,
         standard_uncertainty=float(np.sqrt(noise**2 + turn**2 + 2.0 * FINDER_PX**2)),
-        spreading=apart * float(np.ptp(x)) / distance if clear else 0.0,
+        spreading=apart * float(np.ptp(x)) / distance if apart > CLEAR * 2.0 * tilt else 0.0,
     )
 
 
@@ -124,15 +123,13 @@ def _peaks(slope: Array) -> Array:
     The peak of a Gaussian through three pixels: that of a parabola through their logarithms.
     """
     best = np.argmax(slope, axis=1)
-    inside = (best > 0) & (best < slope.shape[1] - 1)
     row, middle = np.arange(len(slope)), np.clip(best, 1, slope.shape[1] - 2)
     three = [slope[row, middle + k] for k in (-1, 0, 1)]
-    usable = inside & (np.min(three, axis=0) > 0.0)
+    usable = (best > 0) & (best < slope.shape[1] - 1) & (np.min(three, axis=0) > 0.0)
     low, top, high = (np.log(np.where(usable, value, 1.0)) for value in three)
     bend = low - 2.0 * top + high
     usable &= bend < 0.0
-    shift = 0.5 * (low - high) / np.where(usable, bend, 1.0)
-    return np.where(usable, middle + shift, np.nan)
+    return np.where(usable, middle + 0.5 * (low - high) / np.where(usable, bend, 1.0), np.nan)
 
 
 def _robust(row: Array, edge: Array, good: NDArray[np.bool_]) -> Array:
@@ -172,9 +169,8 @@ def target_places(image: Array, target: str, columns: int, rows: int, *, name: s
     # from black to white, whatever its levels; dust and glare are cut
     low, high = np.percentile(image, [0.5, 99.5])
     share = np.clip((image - low) / max(high - low, 1e-12), 0.0, 1.0)
-    grey = np.asarray(np.rint(255.0 * share), dtype=np.uint8)
     finder = _corners if target == "chessboard" else _dots
-    places = finder(grey, image, (columns, rows))
+    places = finder(np.asarray(np.rint(255.0 * share), dtype=np.uint8), image, (columns, rows))
     if places is None:
         what = "inner corners" if target == "chessboard" else "dots"
         other = " (a board of 10 x 7 squares has 9 x 6)" if target == "chessboard" else ""
@@ -368,9 +364,8 @@ def _shortening(values: Array, jac: Array, residual: Array) -> float:
     A lens has no such thing, but a target that is seen aslant is: by 1 - cos of the angle.
     """
     strain = values[-2:]
-    scatter = float(residual @ residual) / (residual.size - values.size)
     per_scatter = np.linalg.inv(jac.T @ jac)[-2:, -2:]
-    square = max(scatter, _FINDER_PX**2)
+    square = max(float(residual @ residual) / (residual.size - values.size), _FINDER_PX**2)
     clear = float(strain @ np.linalg.solve(per_scatter, strain)) > _CLEAR * square
     return 2.0 * float(np.hypot(*strain)) if clear else 0.0
 
@@ -536,8 +531,7 @@ def _from_target(
         inputs.append(("size of the dots", bent, effect, pixel))
     if fit.shortening:
         inputs.append(("seen aslant", fit.shortening, 0.5 * fit.shortening, pixel))
-    noise = pixel * spread["spacing_px"] / values["spacing_px"]
-    measured, budget = _combined(pixel, noise, inputs)
+    measured, budget = _combined(pixel, pixel * spread["spacing_px"] / values["spacing_px"], inputs)
     lens: dict[str, Any] = {n: MeasuredValue(values[n], spread[n]) for n in LENS}
     rolls = [MeasuredValue(*roll) for roll in fit.rolls_deg]
     parts = zip(pictures, places, fit.residual_px, rolls, strict=True)
@@ -560,8 +554,7 @@ def _combined(
 ) -> tuple[MeasuredValue, tuple[BudgetInput, ...]]:
     """A value with all that it is uncertain by, and the budget of that."""
     budget = budget_items([(NOISE, None, noise, 1.0), *inputs])
-    total = math.hypot(*(item.contribution for item in budget))
-    return MeasuredValue(value, total), budget
+    return MeasuredValue(value, math.hypot(*(item.contribution for item in budget))), budget
 
 
 def _target_warnings(fit: TargetFit) -> Iterator[str]:

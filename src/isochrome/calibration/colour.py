@@ -94,8 +94,7 @@ def known_beam_order(signal: Array, beam: ColourBeam, load_n: float, pixel_mm: f
     step = max(_STEP / slope, 0.5)
     tops = np.arange(rows.min(), rows.max() + step, step)
     tilts = np.linspace(-LARGEST_TILT, LARGEST_TILT, _TILTS)
-    starts = [np.array([top, tilt]) for top in tops for tilt in tilts]
-    best = sorted(starts, key=cost)[:3]
+    best = sorted([np.array([top, tilt]) for top in tops for tilt in tilts], key=cost)[:3]
     fine = [
         minimize(cost, start, method="Nelder-Mead", options={
             "initial_simplex": start + np.array([[0.0, 0.0], [step, 0.0], [0.0, 0.02]]),

@@ -71,8 +71,7 @@ def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) ->
 def check_order(loads_n: ArrayLike, orders: ArrayLike, names: tuple[str, ...]) -> None:
     """Refuse (PhysicsError) orders that fall while the load rises: swapped files."""
     p, n = np.asarray(loads_n, dtype=float), np.asarray(orders, dtype=float)
-    rank = np.lexsort((n, p))
-    for low, high in pairwise(rank):
+    for low, high in pairwise(np.lexsort((n, p))):
         if p[high] > p[low] and n[high] < n[low] * (1.0 - 1e-3) - 1e-3:
             raise PhysicsError(
                 "shows_order_less_orders", names=names[high], p=p[high], n=n[high], n_2=n[low],
@@ -210,11 +209,10 @@ def uncertainty_budget(
         images = [replace(i, predicted_order=p) for i, p in zip(images, line.left_out, strict=True)]
     _check_line(images, line)
     budget = _budget(value, line, inputs)
-    total = float(np.sqrt(sum(b.contribution_n_per_mm**2 for b in budget)))
     return Calibration(
         specimen=specimen,
         fringe_value_n_per_mm=float(value),
-        standard_uncertainty=total,
+        standard_uncertainty=float(np.sqrt(sum(b.contribution_n_per_mm**2 for b in budget))),
         chi=float(np.sqrt(np.mean(np.square([i.chi for i in images])))),
         order_at_zero_load=line.intercept,
         order_at_zero_load_uncertainty=line.intercept_uncertainty,
@@ -248,8 +246,7 @@ def _check_line(images: Sequence[ImageFit], line: OrderLine) -> None:
         return
     off = np.abs(orders - np.array(line.left_out))
     worst = int(np.argmax(off))
-    limit = LINE_MISFIT * max(float(np.ptp(orders)), 0.2 * float(orders.max()))
-    if off[worst] > limit:
+    if off[worst] > LINE_MISFIT * max(float(np.ptp(orders)), 0.2 * float(orders.max())):
         suspect = images[worst]
         raise PhysicsError(
             "shows_order_where_other_loads",
@@ -323,7 +320,6 @@ def widened_to_held_out(calibration: Calibration) -> Calibration:
     part = float(np.sqrt(max(total**2 - calibration.standard_uncertainty**2, 0.0)))
     image = calibration.images[worst]
     items = (*calibration.budget, BudgetItem("held-out loads", part / value, "", part, 0.0))
-    budget = [replace(i, share=(i.contribution_n_per_mm / total) ** 2) for i in items]
     text = message(
         "shows_order_where_other", file=image.file, load_n=image.load_n, order=image.order,
         predicted_order=image.predicted_order, pulls=pulls[worst],
@@ -333,7 +329,7 @@ def widened_to_held_out(calibration: Calibration) -> Calibration:
         calibration,
         images=_expected(calibration.images, np.hypot(noise, orders * total / value)),
         standard_uncertainty=total,
-        budget=tuple(budget),
+        budget=tuple(replace(i, share=(i.contribution_n_per_mm / total) ** 2) for i in items),
         warnings=(text, *calibration.warnings),
     )
 

@@ -322,9 +322,8 @@ class Calibration(Result):
         `order_at_zero_load` (None where unknown), `order_at_zero_load_uncertainty`, `residual`,
         `channels`, `causes`, `images`, `budget` and `warnings`.
         """
-        images = [{n: getattr(i, n) for n in IMAGE_COLUMNS} | i.geometry for i in self.images]
         return {name: getattr(self, name) for name in VALUES} | {
-            "images": images,
+            "images": [{n: getattr(i, n) for n in IMAGE_COLUMNS} | i.geometry for i in self.images],
             "budget": [vars(item) for item in self.budget],
             **warnings_json(self.warnings),
         }
@@ -402,8 +401,7 @@ def _line(axes: Any, calibration: Calibration) -> None:
         axes.plot(*places, "o", mfc="none", color=LINE_COLOURS[1], ms=10, label="predicted")
         add_legend(axes, loc="upper left")
     if calibration.order_at_zero_load is not None:
-        label = data_name("at zero load")
-        axes.plot(0.0, intercept, "s", color=LINE_COLOURS[1], ms=5, label=label)
+        axes.plot(0.0, intercept, "s", color=LINE_COLOURS[1], ms=5, label=data_name("at zero load"))
         text = f"{intercept:+.4f} at zero load"
         axes.annotate(
             text, (0.0, intercept), (8, -3), textcoords="offset points", va="top", fontsize=NOTE_PT

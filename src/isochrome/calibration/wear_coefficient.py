@@ -61,8 +61,7 @@ def _of_traces(scars: Sequence[TraceScar], scatter: TraceScatter) -> Iterator[st
 
 def _of_order(volumes: Volumes, spread: Array) -> Iterator[str]:
     """Less worn, or narrower, where more was slid under as much load."""
-    order = np.argsort([volume.work_n_mm for volume in volumes], kind="stable")
-    for i, j in pairwise(order):
+    for i, j in pairwise(np.argsort([volume.work_n_mm for volume in volumes], kind="stable")):
         one, other = volumes[i], volumes[j]
         if other.work_n_mm <= one.work_n_mm or other.normal_n < one.normal_n:
             continue
@@ -232,13 +231,11 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
         raise InputError(
             "scars_give_mm_where", name=given.name, k=k, plausible=least, plausible_2=most
         )
-    inputs = common_inputs(given, volumes, spread, k)
     scattered = _has_scatter_only(volumes)
     # of the square scatter over its degrees of freedom, in what the shoulders promise
     square = archard.chi_square * scatter.factor + scatter.chi_square
     count = 0 if scattered else archard.freedom + scatter.freedom
-    chi = float(np.sqrt(square / count)) if count > 0 else None
-    rows = _own_rows(volumes, spread, archard) + inputs
+    rows = _own_rows(volumes, spread, archard) + common_inputs(given, volumes, spread, k)
     budget, total = budget_items(rows), _joined(np.array([u * c for _, _, u, c in rows]))
     freedom = _freedom(volumes, scatter, archard, spread, total)
     reach = _reach(freedom, total, scattered=scattered)
@@ -248,7 +245,7 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
         standard_uncertainty=total,
         degrees_of_freedom=freedom,
         interval_95=(k - reach, k + reach),
-        chi=chi,
+        chi=float(np.sqrt(square / count)) if count > 0 else None,
         law=law,
         laws=laws,
         by_distance=_by_distance(given, volumes, spread),

@@ -285,9 +285,8 @@ def trace_scars(settings: WearSet) -> tuple[TraceScar, ...]:
     """Read and level the traces of a set. Raises InputError for one that cannot be."""
     scars = []
     for test in settings.trace:
-        trace = read_trace(settings.path(test.file))
         try:
-            scars.append(TraceScar(test, levelled(trace)))
+            scars.append(TraceScar(test, levelled(read_trace(settings.path(test.file)))))
         except UnclearScarError as error:
             scars.append(TraceScar(test, None, str(error)))
     return tuple(scars)
@@ -349,8 +348,7 @@ def _scatter(groups: Sequence[tuple[TraceScar, ...]]) -> TraceScatter:
     share = np.array(weights) / np.sum(weights)
     before = min(MOST_FREEDOM, float(1.0 / np.sum(share**2 / np.array(known))))
     both = before + freedom
-    factor = (before + square) / both * student_factor_of(both)
-    return TraceScatter(factor, both, square, freedom)
+    return TraceScatter((before + square) / both * student_factor_of(both), both, square, freedom)
 
 
 def _of_traces(

@@ -252,9 +252,8 @@ def _of_known(measure: Any, values: Array) -> float | None:
 
 def _hashes(frames: FramesPath) -> dict[str, str]:
     """The files of a recording that can be read, with their SHA-256."""
-    named = [frames] if isinstance(frames, str | Path) else frames
     result = {}
-    for place in map(Path, named):
+    for place in map(Path, [frames] if isinstance(frames, str | Path) else frames):
         with suppress(OSError):
             for file in sorted(place.iterdir()) if place.is_dir() else [place]:
                 with suppress(InputError, OSError):
@@ -385,13 +384,12 @@ def _within(
     axes: Axes, key: str, outcomes: Sequence[Outcome], colours: Sequence[Any], across: str
 ) -> None:
     """A key's course in each recording."""
-    few = len(outcomes) <= _BANDED
     for item, colour in zip(outcomes, colours, strict=True):
         if key not in item.curves:
             continue
         x, y = item.curves[across], item.curves[key]
         marker = "o" if len(x) < 15 else None
-        if few:
+        if len(outcomes) <= _BANDED:
             spread = item.curves[f"{key} {SPREAD}"]
             draw_band(axes, x, y, spread, colour=colour, lw=LINE_PT, marker=marker, ms=3)
         else:

@@ -108,8 +108,7 @@ def side_by_side_panels(
     InputError where there is no pair of the numbers `frames`.
     """
     pairs = frame_pairs(experiment, simulation)
-    few = evenly_spaced(range(len(pairs)), _ROWS_FOR_PAPER)
-    shown = chosen_frames(frames, len(pairs), few)
+    shown = chosen_frames(frames, len(pairs), evenly_spaced(range(len(pairs)), _ROWS_FOR_PAPER))
     chosen = [(*pairs[k], metrics[k]) for k in shown]
     pictures = _pictures_of(experiment, simulation, chosen)
 
@@ -226,8 +225,7 @@ class _Pictures:
     @property
     def bar(self) -> str:
         """What stands beside the colours of the differences."""
-        what = "fringe order (fringes)" if self.of_order else "signal (0 to 1)"
-        return f"difference of {what}"
+        return f"difference of {'fringe order (fringes)' if self.of_order else 'signal (0 to 1)'}"
 
     def show(self, axes: Axes, row: int, column: int, title: str = "") -> AxesImage:
         """Experiment, simulation or their difference of a pair."""
@@ -531,8 +529,7 @@ def compared_again(record: Mapping[str, Any], name: str) -> ReportContent:
     if now != record.get("inputs_sha256"):
         raise InputError("another_now_not_there", name=name, sets=sets[0], sets_2=sets[1])
     here, there = (load_frame_set(one) for one in sets)
-    metrics = compare_frames(here, there)
-    return comparison_report(here, there, metrics, record, _scene_of(sets[0]))
+    return comparison_report(here, there, compare_frames(here, there), record, _scene_of(sets[0]))
 
 
 def _scene_of(given: SetToCompare) -> Scene | None:

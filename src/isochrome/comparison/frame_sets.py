@@ -434,8 +434,7 @@ def frame_pairs(experiment: ComparedFrames, simulation: ComparedFrames) -> list[
     here, there = len(experiment), len(simulation)
     if here != there and 1 not in (here, there):
         raise InputError("frames_experiment_simulation_give", here=here, there=there)
-    count = max(here, there)
-    return [(min(index, here - 1), min(index, there - 1)) for index in range(count)]
+    return [(min(index, here - 1), min(index, there - 1)) for index in range(max(here, there))]
 
 
 def _known_in_both(

@@ -486,8 +486,7 @@ class ScarComparison(Result):
 
         The top row is the paper's Fig. 7 beside its Fig. 9, with the band of the scene's inputs.
         """
-        distances = sorted({scar.distance_m for scar in self.scars})
-        shown = evenly_spaced(distances, MOST_DISTANCES)
+        shown = evenly_spaced(sorted({scar.distance_m for scar in self.scars}), MOST_DISTANCES)
         figure = new_figure(11.0, 3.1 + 2.5 * len(shown) + 0.6)
         panels: Any = figure.subplots(
             len(shown) + 1, 2, squeeze=False, sharex=True, height_ratios=[1.25] + [1.0] * len(shown)
@@ -545,9 +544,8 @@ def compare_scars(
         with staged(out) as folder:
             write_csv(folder / "metrics.csv", result.columns)
             write_csv(folder / "scars.csv", result.profiles)
-            inputs = [*files, *scene.files(of_frames=False)]
             write_figure(folder / "scars.png", result.figure())
-            seal(folder, provenance(dump_scene(scene), inputs))
+            seal(folder, provenance(dump_scene(scene), [*files, *scene.files(of_frames=False)]))
     return result
 
 
@@ -586,9 +584,8 @@ def _paired(
     messages: list[str] = []
     first: UnclearScarError | None = None
     for file, scar in zip(files, scars, strict=True):
-        trace = read_trace(file)
         try:
-            result = levelled(trace)
+            result = levelled(read_trace(file))
         except UnclearScarError as unclear:
             first = first or unclear
             pairs.append(None)

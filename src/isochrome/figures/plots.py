@@ -119,8 +119,7 @@ def draw_chi(axis: Axes, table: FrameValues) -> None:
 
 def draw_frame_values(figure: Figure | SubFigure, table: FrameValues) -> None:
     """Draw each key with its band, and below them chi, on an empty figure."""
-    count = len(table.keys) + 1
-    axes: list[Any] = list(figure.subplots(count, 1, sharex=True, squeeze=False).flat)
+    axes: list[Any] = list(figure.subplots(len(table.keys) + 1, 1, sharex=True, squeeze=False).flat)
     for axis, key in zip(axes, table.keys, strict=False):
         draw_values(axis, table, key)
         axis.set_xlabel("")
@@ -311,8 +310,7 @@ def plot_over_distance(result: WithFrameValues, key: str, axes: Axes | None = No
     """
     values = result.over_frames
     if key not in values.keys:
-        known = ", ".join(values.keys) or "none"
-        raise InputError("has_no_value_each", key=key, known=known)
+        raise InputError("has_no_value_each", key=key, known=", ".join(values.keys) or "none")
     drawn = given_axes(axes)
     draw_values(drawn, values, key)
     return drawn

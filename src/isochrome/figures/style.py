@@ -109,8 +109,7 @@ def plain_name(name: str, longest: int = LONGEST_NAME) -> str:
     middle.
     """
     line, half = " ".join(name.splitlines()), (longest - 1) // 2
-    short = line if len(line) <= longest else f"{line[:half]}…{line[-half:]}"
-    return short.replace("$", r"\$")
+    return (line if len(line) <= longest else f"{line[:half]}…{line[-half:]}").replace("$", r"\$")
 
 
 def show_image(
@@ -138,10 +137,9 @@ def show_image(
     if values.ndim != 2 and values.shape[2:] != (3,):
         raise InputError("image_shape_draw_give", shape=values.shape)
     rows, cols = values.shape[:2]
-    pixels = values if values.ndim == 2 else _opaque(values, vmin, vmax)
     left, top, pixel = (-0.5, -0.5, 1.0) if pixel_mm is None else (left_mm, top_mm, pixel_mm)
     drawn = axes.imshow(
-        pixels,
+        values if values.ndim == 2 else _opaque(values, vmin, vmax),
         cmap=cmap,
         vmin=vmin,
         vmax=vmax,
@@ -221,6 +219,5 @@ def centred_limit(*differences: ArrayLike, percentile: float = 99.0) -> float:
     largest = float(np.percentile(values, percentile)) if values.size else 0.0
     if largest <= 0.0:
         return 1.0
-    decade = 10.0 ** np.floor(np.log10(largest))
-    steps = np.array([1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0]) * decade
+    steps = np.array([1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0]) * 10.0 ** np.floor(np.log10(largest))
     return float(steps[np.searchsorted(steps, largest * (1.0 - 1e-9))])

@@ -233,16 +233,14 @@ def _png(pane: Pane, values: Array) -> str:
         pane.key, (FRAME_MAP, _GREYS)
     )
     low, high = pane.span
-    share = (values - low) / ((high - low) or 1.0)
-    level = np.rint(np.nan_to_num(share, nan=0.0) * (count - 1))
+    level = np.rint(np.nan_to_num((values - low) / ((high - low) or 1.0), nan=0.0) * (count - 1))
     level = np.where(np.isfinite(values), np.clip(level, 0, count - 1), count).astype(np.uint8)
     picture = Image.fromarray(level, "P")
     colours = colormaps[name](np.linspace(0.0, 1.0, count))[:, :3]
     palette = np.rint(255 * np.vstack([colours, [1.0, 1.0, 1.0]])).astype(np.uint8)
     picture.putpalette(bytes(palette))
     file = io.BytesIO()
-    bits = 4 if count < 16 else 8
-    picture.save(file, "PNG", transparency=count, bits=bits, compress_level=5)
+    picture.save(file, "PNG", transparency=count, bits=4 if count < 16 else 8, compress_level=5)
     return base64.b64encode(file.getvalue()).decode()
 
 

@@ -285,8 +285,7 @@ _NODES = 8
 
 def render_film(folder: Path, seed: int) -> None:
     """Write the film, its no-load frames, its scene and its truth to a folder."""
-    nominal = parse_scene(sample_text("film-scene.toml"), name="film")
-    truth = true_film(nominal)
+    truth = true_film(parse_scene(sample_text("film-scene.toml"), name="film"))
     shape = truth.get("camera.height_px"), truth.get("camera.width_px")
     sensor = make_sensor(shape, [seed, 40], faulty=FILM_FAULTY, camera=FILM_CAMERA)
     frames = []
@@ -363,10 +362,9 @@ def render_bending(folder: Path, seed: int) -> None:
     """Write the images, the calibration set and the truth to a folder."""
     text = sample_text("bending-set.toml")
     given = tomllib.loads(text)
-    pixel = given["camera"]["pixel_mm"]
     sensor = make_sensor(SHAPE, [seed, 10], faulty=CALIBRATION_FAULTY)
     for i, item in enumerate(given["image"]):
-        order = true_order(item["load_n"], given["beam"], pixel)
+        order = true_order(item["load_n"], given["beam"], given["camera"]["pixel_mm"])
         write_png(folder / item["file"], sensor.picture(order, [seed, 11, i]))
     write_text(folder / "set.toml", text)
     truth = {
@@ -501,6 +499,5 @@ def _trace(state: SurfaceState, rng: np.random.Generator) -> tuple[Array, Array,
 def _correlated(count: int, keep: float, rng: np.random.Generator) -> Array:
     """Gaussian numbers (count,) of variance 1, of each of which a part is in the next."""
     fresh = rng.standard_normal(count) * np.sqrt(1.0 - keep**2)
-    first = rng.standard_normal()
-    numbers = accumulate(fresh, lambda last, new: keep * last + new, initial=first)
+    numbers = accumulate(fresh, lambda last, new: keep * last + new, initial=rng.standard_normal())
     return np.array(list(numbers)[1:])

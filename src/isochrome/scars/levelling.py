@@ -80,13 +80,12 @@ def make_bands(points: int, spacing_mm: float) -> Bands:
     period = 2 * round(0.5 * _LONGER * points)
     number = np.arange(1, period // 2 + 1)
     phase = 2.0 * np.pi * np.outer(np.arange(points), number) / period
-    waves = np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
     frequency = number / (period * spacing_mm)
     lowest = 2.0 / (period * spacing_mm)
     octaves = max(2, int(np.floor(np.log2(frequency[-1] / lowest))))
     edges = np.r_[frequency[0], lowest * 2.0 ** np.arange(octaves), frequency[-1]]
     band = np.clip(np.searchsorted(edges, frequency, side="right") - 1, 0, octaves)
-    return Bands(waves, np.r_[band, band], edges)
+    return Bands(np.concatenate([np.cos(phase), np.sin(phase)], axis=1), np.r_[band, band], edges)
 
 
 @dataclass(frozen=True)
@@ -241,10 +240,9 @@ def bin_trace(trace: Trace) -> BinnedTrace:
     step = (x[-1] - x[0]) / count
     place = np.minimum(((x - x[0]) / step).astype(int), count - 1)
     members = np.bincount(place[good], minlength=count)
-    sums = np.bincount(place[good], (z - line)[good], minlength=count)
     filled = members == 0
     middle = x[0] + step * (np.arange(count) + 0.5)
-    mean = sums / np.maximum(members, 1)
+    mean = np.bincount(place[good], (z - line)[good], minlength=count) / np.maximum(members, 1)
     mean[filled] = np.interp(middle[filled], middle[~filled], mean[~filled])
     z_um = mean + slope * (middle - x[0])
     return BinnedTrace(trace.name, middle, z_um, filled, int((~good).sum()))
@@ -629,11 +627,10 @@ def _level(
     x, z, step = bins.x_mm, bins.z_um, bins.spacing_mm
     edges = place.edges_mm
     low, high = edges if ridged else _window(place, step)
-    inside = _parts(x, step, low, high)
     covariance = _firm(roughness.covariance(len(x)))
     levels, weights, drawn = _levels(x, z, unworn, covariance)
     level = np.tensordot(weights, levels, axes=1)
-    to_area = 1e-3 * step * inside  # µm to mm
+    to_area = 1e-3 * step * _parts(x, step, low, high)  # µm to mm
     rows = to_area @ level - to_area  # of A = rows @ z
     variance, freedom = roughness.variance(rows)
     wider = student_factor_of(freedom)

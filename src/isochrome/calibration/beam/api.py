@@ -107,26 +107,23 @@ def find_beam(shot: Shot, height_px: float) -> BeamView:
     in_view = min(height_px, float(rows[-1] - rows[0] + 1))
     finest = 1.0 / (FINEST_PX * float(rows[1] - rows[0]))
     slopes = np.arange(FEWEST_FRINGES / in_view, finest, 0.2 / in_view)
-    coarse = tops[:: max(1, len(tops) // 12)]
-    cost, _ = _scan(rows, values, count, coarse, height_px, slopes)
+    cost, _ = _scan(rows, values, count, tops[:: max(1, len(tops) // 12)], height_px, slopes)
     best = _peaks(cost.min(axis=0), 4)
     cost, phase = _scan(rows, values, count, tops, height_px, slopes[best])
     place = int(np.argmin(cost.min(axis=1)))
     smooth = np.polynomial.Polynomial.fit(rows, values, 2, w=np.sqrt(count))(rows)
     if cost.min() > 0.95 * float(np.sum(count * (values - smooth) ** 2)):
         raise PhysicsError("no_fringes_rise_across", name=shot.name)
-    middle = tops[place] + 0.5 * height_px
     slope = slopes[best]
     row = (phase[place] + (0.0 if shot.bright else np.pi)) / (2.0 * np.pi * slope)
-    row += np.round((middle - row) * slope) / slope
+    row += np.round((tops[place] + 0.5 * height_px - row) * slope) / slope
     starts = np.stack([slope, row, np.full(len(best), tilt)], axis=1)
     return BeamView(height_px, float(tops[place]), tilt, starts)
 
 
 def _tilt(shot: Shot) -> float:
     """Shear (rows a column) under which the profile over the rows has the most contrast."""
-    limit = np.tan(np.radians(LARGEST_TILT))
-    centre, half = 0.0, limit
+    centre, half = 0.0, np.tan(np.radians(LARGEST_TILT))
     for step in (0.25, 0.05):
         shears = centre + np.arange(-half, half + 1e-9, np.tan(np.radians(step)))
         sharp = []
@@ -194,8 +191,7 @@ def _scan(
         inside = (rows >= top) & (rows < top + height_px)
         d, w, y = design[:, :, inside], count[inside], values[inside]
         gram = (d * w) @ d.transpose(0, 2, 1) + 1e-9 * w.sum() * np.eye(5)
-        right = (d * w) @ y
-        result = np.linalg.solve(gram, right[..., None])[..., 0]
+        result = np.linalg.solve(gram, ((d * w) @ y)[..., None])[..., 0]
         outside = _line_cost(rows, values, count, rows < top)
         outside += _line_cost(rows, values, count, rows >= top + height_px)
         cost[i] = np.sum(w * (y - np.einsum("sk,skn->sn", result, d)) ** 2, axis=1) + outside

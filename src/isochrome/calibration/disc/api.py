@@ -149,8 +149,7 @@ def load_field(rows: Array, cols: Array, geometry: Array) -> tuple[Array, Comple
     s = (x - 1j * z) * np.exp(-1j * angle)
     below = s**2 + 1.0
     size = np.square(np.abs(below)) + 1e-12
-    h = (1.0 - x**2 - z**2) / size
-    return h, below**2 / size * np.exp(2j * angle)
+    return (1.0 - x**2 - z**2) / size, below**2 / size * np.exp(2j * angle)
 
 
 def total_order(unknowns: Array, amplitudes: Array, rows: Array, cols: Array) -> Complexes:
@@ -222,8 +221,7 @@ def fit_disc_set(
     if start is None:
         return fit
     places, residual = start
-    model = replace(disc_model(images, places, held), besides=True)
-    stressed = _fitted(model, places, residual)
+    stressed = _fitted(replace(disc_model(images, places, held), besides=True), places, residual)
     return stressed if stressed.chi < fit.chi else fit
 
 

@@ -176,8 +176,7 @@ def _outline(patch: NDArray[np.bool_]) -> Array:
     dr, dc = rows - rows.mean(), cols - cols.mean()
     sector = ((np.arctan2(dr, dc) / (2.0 * np.pi) + 0.5) * RAYS).astype(int) % RAYS
     order = np.lexsort((np.hypot(dr, dc), sector))
-    last = np.flatnonzero(np.diff(np.append(sector[order], -1)))
-    chosen = order[last]
+    chosen = order[np.flatnonzero(np.diff(np.append(sector[order], -1)))]
     return np.stack([rows[chosen], cols[chosen]], axis=1).astype(float)
 
 
@@ -345,8 +344,7 @@ def scan_disc(shot: Shot) -> Scan:
     columns = problem.columns
     chi = []
     for geometry in geometries:
-        unit = disc_order(grid, [1.0, *geometry])[problem.keep]
-        signals = scanned_waves(unit, shot.bright)
+        signals = scanned_waves(disc_order(grid, [1.0, *geometry])[problem.keep], shot.bright)
         cost, lit = linear_costs(*columns, problem.data[None], signals)
         mean = np.maximum(cost[:, 0], 0.0) / problem.size
         chi.append(np.where(lit[:, 0] > 0.0, np.sqrt(mean), np.inf))
