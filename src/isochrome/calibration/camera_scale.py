@@ -89,10 +89,9 @@ def find_edge_pair(image: Array, *, name: str) -> EdgePair:
     turn = distance * slope / long**2 * tilt  # what the direction's noise does to the distance
     apart = abs(slopes[1] - slopes[0])
     order = 1 if turned else -1
-    normal = np.array([-slope, 1.0][::order]) / long
     return EdgePair(
         places=np.concatenate([np.stack([across, edge][::order], axis=-1) for edge in edges]),
-        residual_px=np.concatenate(residual)[:, None] * normal,
+        residual_px=np.concatenate(residual)[:, None] * (np.array([-slope, 1.0][::order]) / long),
         distance_px=distance,
         standard_uncertainty=float(np.sqrt(noise**2 + turn**2 + 2.0 * FINDER_PX**2)),
         spreading=apart * float(np.ptp(x)) / distance if apart > CLEAR * 2.0 * tilt else 0.0,

@@ -125,8 +125,8 @@ def _scatter(place: Array, colours: Array, line: Array, slope: float, half: floa
     if np.count_nonzero(inside) < _LEAST_SHARE * len(away):
         return 1.0
     colours = colours[inside]
-    width = max(_CELL, _ROWS * slope)  # so that a cell has rows of both sides
-    cell = (slope * away[inside] / width).astype(int)
+    # cells are so wide that each has rows of both sides
+    cell = (slope * away[inside] / max(_CELL, _ROWS * slope)).astype(int)
     count = np.maximum(np.bincount(cell), 1)
     within = 0.0
     for channel in colours.T:

@@ -69,9 +69,8 @@ def check_scene_file(path: str | Path) -> str:
     if not place.is_file() and str(path) in scene_names():
         raise InputError("scene_ships_inside_package", path=path)
     plain = read_text(place)  # its refusals: missing, too large, not UTF-8
-    text = place.read_bytes().decode("utf-8")
     parse_scene(plain, folder=place.parent, label=str(path))
-    return text
+    return place.read_bytes().decode("utf-8")
 
 
 def write_into_scene(
@@ -241,8 +240,8 @@ def _of_camera(record: Mapping[str, Any]) -> list[tuple[str, str]]:
         settings = load_set(parse_toml(str(record.get("settings") or ""), "settings"))
     except InputError:
         return []
-    camera, pixel = settings.camera, settings.camera.pixel_mm
-    rows = camera_rows(camera, settings.polariscope, settings.frames)
+    pixel = settings.camera.pixel_mm
+    rows = camera_rows(settings.camera, settings.polariscope, settings.frames)
     if pixel is None:
         return rows
     return [*rows, ("pixel", stated_text(pixel, settings.uncertainty.pixel_mm, "mm"))]
@@ -290,8 +289,7 @@ def _of_scale(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         if content[key] is not None:
             name = {"pixel_mm": "pixel", "roll_deg": "roll"}.get(key, key)
             yield name, f"{_cell(content[key])} {units.get(key, '')}".strip()
-    points = counted(content["corners"], "point")
-    yield "residual", f"{content['residual_px']:.3f} px over {points}"
+    yield "residual", f"{content['residual_px']:.3f} px over {counted(content['corners'], 'point')}"
     yield "target", str(content["target"])
 
 

@@ -158,8 +158,7 @@ def _solve(work: Array, values: Array, spread: Array) -> tuple[Array, Array, Arr
     k = np.sum(work * values / spread**2, axis=-1) / information
     square = np.sum(((values - k[..., None] * work) / spread) ** 2, axis=-1)
     # where k is no larger than its uncertainty, ln k has no narrower place than a factor of e
-    narrow = np.log(np.maximum(k * np.sqrt(information), 1.0))
-    return k, information, square, -0.5 * square - narrow
+    return k, information, square, -0.5 * square - np.log(np.maximum(k * np.sqrt(information), 1.0))
 
 
 def _running_in(volumes: Sequence[WornVolume], values: Array, spread: Array) -> WearLawFit:
@@ -351,8 +350,7 @@ class WearCalibration(Result):
         chosen = next((fit for fit in self.laws if fit.law == law), None)
         if chosen is None:
             return None
-        archard = archard_of(self.laws)
-        noise = archard.own_uncertainty
+        noise = archard_of(self.laws).own_uncertainty
         common = max(self.standard_uncertainty**2 - noise**2, 0.0) / self.coefficient_mm2_per_n**2
         value = chosen.coefficient_mm2_per_n
         return value, float(np.sqrt(chosen.own_uncertainty**2 + common * value**2))

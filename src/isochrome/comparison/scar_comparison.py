@@ -509,9 +509,8 @@ class ScarComparison(Result):
             add_legend(axes, loc="lower right")
         for axes in panels[-1]:
             style_axes(axes, x_label="x (mm)")
-        what = "measured scars beside simulated ones"
-        bands = f"bands ± {BAND:g} standard uncertainties"
-        write_head(figure, f"{plain_name(self.scene.name)}: {what}, {bands}")
+        what = f"measured scars beside simulated ones, bands ± {BAND:g} standard uncertainties"
+        write_head(figure, f"{plain_name(self.scene.name)}: {what}")
         return figure
 
 

@@ -756,8 +756,7 @@ def save_figure(
         warnings.warn(say, UserWarning, stacklevel=2)
     tall = MM_PER_INCH * figure.get_figheight()
     if tall > PAGE_MM:
-        say = f"the figure is {tall:.0f} mm tall; choose fewer --frames"
-        warnings.warn(say, UserWarning, stacklevel=2)
+        warnings.warn(f"the figure is {tall:.0f} mm tall; choose fewer --frames", stacklevel=2)
     base = Path(path)
     files = []
     for form in dict.fromkeys(style.formats):

@@ -182,8 +182,7 @@ def given_axes(axes: Axes | None) -> Axes:
         return axes
     from matplotlib import pyplot
 
-    result: Axes = pyplot.subplots(layout="constrained")[1]
-    return result
+    return pyplot.subplots(layout="constrained")[1]
 
 
 def place_of_image(

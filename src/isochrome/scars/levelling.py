@@ -606,14 +606,13 @@ def _check_shoulders(bins: BinnedTrace, place: ScarShape) -> None:
 
 def _shoulders(bins: BinnedTrace, place: ScarShape) -> Mask:
     """Bins outside the window that show the unworn surface."""
-    x = bins.x_mm
     before, after = _beside(bins, place)
     unworn = (before | after) & ~bins.filled
     if unworn.sum() < _FEWEST_BINS:
         _check_shoulders(bins, place)
         raise InputError("too_few_points_beside", name=bins.name)
     for _ in range(2):  # dust and scratches
-        form = legendre(x, FORM_DEGREES[-1])
+        form = legendre(bins.x_mm, FORM_DEGREES[-1])
         beta = np.linalg.lstsq(form[unworn], bins.z_um[unworn], rcond=None)[0]
         away = np.abs(bins.z_um - form @ beta)
         unworn = unworn & (away <= _LOUD * 1.4826 * float(np.median(away[unworn])) + 1e-12)

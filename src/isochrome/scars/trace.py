@@ -149,11 +149,8 @@ def _name(cell: str) -> str:
 def _surface_data(text: str, path: Path) -> tuple[Array, Array]:
     """One profile in the ASCII form of ISO 25178-71."""
     head, star, body = text.partition("*")
-    keys = {}
-    for line in head.splitlines()[1:]:
-        key, equals, value = line.partition("=")
-        if equals:
-            keys[re.sub(r"[\s_-]", "", key).lower()] = value.strip()
+    pairs = (line.partition("=") for line in head.splitlines()[1:])
+    keys = {re.sub(r"[\s_-]", "", key).lower(): value.strip() for key, sign, value in pairs if sign}
     missing = [k for k in ("numpoints", "numprofiles", "xscale", "zscale") if k not in keys]
     if missing or not star:
         raise InputError(

@@ -181,12 +181,11 @@ def _scan(
     """Residual (tops, slopes) of a sinusoid inside and a line outside; phase of the maximum."""
     cost, phase = np.empty((2, len(tops), len(slopes)))
     angle = 2.0 * np.pi * slopes[:, None] * rows
-    waves = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     place = (rows - rows.mean()) / max(1.0, float(np.ptp(rows)))
     smooth = np.broadcast_to(
         np.stack([np.ones_like(place), place, place**2]), (len(slopes), 3, rows.size)
     )
-    design = np.concatenate([waves, smooth], axis=1)
+    design = np.concatenate([np.stack([np.cos(angle), np.sin(angle)], axis=1), smooth], axis=1)
     for i, top in enumerate(tops):
         inside = (rows >= top) & (rows < top + height_px)
         d, w, y = design[:, :, inside], count[inside], values[inside]

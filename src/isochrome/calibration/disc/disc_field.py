@@ -489,8 +489,7 @@ def pixel_waves(data: Array, orders: Array, field: Array) -> tuple[Array, Array]
     Parameters: `data` (n, m) intensities, `orders` (n,) N at the centre, `field` (m,) h.
     Returns the residuals (n, m) and the coefficients (a, b) (2, m).
     """
-    wave = np.exp(2j * np.pi * orders[:, None] * field)
-    residual, c = _fit_wave(wave, data - data.mean(axis=0))
+    residual, c = _fit_wave(np.exp(2j * np.pi * orders[:, None] * field), data - data.mean(axis=0))
     return residual, np.stack([c.real, c.imag])
 
 
