@@ -407,9 +407,9 @@ def _line(axes: Any, calibration: Calibration) -> None:
             text, (0.0, intercept), (8, -3), textcoords="offset points", va="top", fontsize=NOTE_PT
         )
     axes.set_xlim(0.0 - 0.02 * reach[1], reach[1])
-    axes.margins(y=0.25)  # so that what stands below the line's beginning has room
     axes.axhline(0.0, color=PALE, lw=FINE_PT, zorder=0)
     style_axes(axes, x_label="load (N)", z_label=f"order at the {CUTS[calibration.specimen].place}")
+    axes.margins(y=0.25)  # so that what stands below the line's beginning has room
 
 
 def _misfit(axes: Any, calibration: Calibration) -> None:

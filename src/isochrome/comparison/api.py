@@ -68,6 +68,7 @@ if TYPE_CHECKING:
     from matplotlib.image import AxesImage
 
 MOST_ROWS = 8
+"""Frames that are drawn, evenly spaced ones of more."""
 
 _ROWS_FOR_PAPER = 3
 """Frames of a figure for a paper where nobody names them."""
