@@ -144,9 +144,10 @@ _VALUES = ("frames", "failed_frames", "flagged_frames", "duration_s", "pixel_mm"
 
 @dataclass(frozen=True)
 class Task:
-    """A recording, and the `folder` for its results, whose name stands in the summary."""
+    """A recording, the `folder` for its results, and that folder's `name` in the summary."""
 
     frames: FramesPath
+    name: str
     folder: Path
 
 
@@ -200,7 +201,7 @@ def _row(task: Task, status: str) -> dict[str, Any]:
     frames = task.frames
     text = str(frames) if isinstance(frames, str | Path) else f"{frames[0]} ..."
     label = text.encode("utf-8", "replace").decode("utf-8")  # what every file can hold
-    names = {"recording": label, "folder": task.folder.name, "status": status}
+    names = {"recording": label, "folder": task.name, "status": status}
     return names | dict.fromkeys(_VALUES) | {"warnings": "", "error": ""}
 
 
@@ -645,7 +646,7 @@ def process_campaign(
         recordings = recordings_of([recordings])
     target = Path(out)
     tasks = [
-        Task(frames, target / name)
+        Task(frames, name, target / name)
         for frames, name in zip(recordings, folder_names(recordings), strict=True)
     ]
     root, made = working_folder(target), not target.exists()
@@ -674,7 +675,7 @@ def _check_place(target: Path, root: Path, tasks: Sequence[Task]) -> list[Path]:
     if (target / PROVENANCE).exists() or has_run(root):
         raise InputError("holds_results_one_recording", target=target, tasks_count=len(tasks))
     before = check_summary(target)
-    links = [p for p in (task.folder for task in tasks) if p.name in before and p.is_symlink()]
+    links = [task.folder for task in tasks if task.name in before and task.folder.is_symlink()]
     for task in tasks:
         first = task.frames if isinstance(task.frames, str | Path) else task.frames[0]
         place = task.folder
