@@ -227,9 +227,7 @@ class WornDistance:
         volume = self.volume
         areas = levelled_of(volume.scars)
         return {
-            "distance_m": volume.distance_m,
-            "normal_n": volume.normal_n,
-            "friction": volume.friction,
+            **{name: getattr(volume, name) for name in ("distance_m", "normal_n", "friction")},
             "traces": len(areas),
             "worn_area_mm2": float(np.mean([a.worn_area_mm2 for a in areas])) if areas else None,
             "scar_width_mm": float(np.mean([a.width_mm for a in areas])) if areas else None,
