@@ -612,8 +612,7 @@ def look_through(path: FramesLike, scene: Scene) -> Check:
 
 
 def _sorted(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    order = ("error", "warning", "note")
-    return tuple(sorted(findings, key=lambda f: order.index(f.level)))
+    return tuple(sorted(findings, key=lambda f: ("error", "warning", "note").index(f.level)))
 
 
 def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
@@ -626,8 +625,7 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
         yield Finding("note", message("colour_frames_channel_used", channel=reader.channel))
     names = reader.names or (str(reader.path),)
     if reader.mask is not None:
-        mean = 100 * reader.mask.mean()
-        yield Finding("note", message("mask_takes_pixels_specimen", mean=mean))
+        yield Finding("note", message("mask_takes_pixels_specimen", mean=100 * reader.mask.mean()))
     lossy = reader.lossy
     if isinstance(reader.files[0], Path):  # arrays have no first bytes
         kind = signature_of(reader.files[0]).name
@@ -638,8 +636,7 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
             yield Finding("note", text)
     if lossy:
         yield Finding("note", message("compressed_loss_which_hides", names=names[0]))
-    ordinary = lossy or reader.kind == "video" or reader.channel is not None
-    if scene.frames.gamma == 1 and ordinary:
+    if scene.frames.gamma == 1 and (lossy or reader.kind == "video" or reader.channel is not None):
         yield Finding("note", message("frames_gamma_says_grey"))
 
 

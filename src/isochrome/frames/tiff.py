@@ -150,10 +150,9 @@ def _times(
         return None, None
     ordered = [times[i] for i in range(planes)]
     latest = accumulate(ordered, max, initial=-math.inf)
-    from_first = (
+    return times[0], tuple(
         t - times[0] if t > last else None for t, last in zip(ordered, latest, strict=False)
     )
-    return times[0], tuple(from_first)
 
 
 MINISWHITE, PALETTE, SEPARATED = 0, 3, 5

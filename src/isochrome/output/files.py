@@ -180,9 +180,7 @@ def plain(obj: Any) -> Any:
         return [plain(v) for v in obj]
     if isinstance(obj, float):
         return obj if math.isfinite(obj) else None
-    if isinstance(obj, str | int | bool) or obj is None:
-        return obj
-    return str(obj)
+    return obj if isinstance(obj, str | int | bool) or obj is None else str(obj)
 
 
 _DELIMITERS = (";", "\t", ",")

@@ -151,8 +151,7 @@ class Result:
 
 def _in_a_line(text: str) -> str:
     """Names of files may hold a new line, and be long."""
-    indent = "  " if text.startswith("  ") else ""
-    line = indent + " ".join(text.splitlines()).strip()
+    line = ("  " if text.startswith("  ") else "") + " ".join(text.splitlines()).strip()
     return line if len(line) <= _LONGEST_LINE else f"{line[: _LONGEST_LINE - 1]}…"
 
 

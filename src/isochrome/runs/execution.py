@@ -261,8 +261,7 @@ def _new(root: Path, job: Job) -> RunFolder:
 def clear_up(run: RunFolder) -> None:
     """Remove what a killed run left half-written beside finished chunks. Raises OSError."""
     layers, store, keep = set(run.layout.names), run.results / STORE, {STORE, RECORDS}
-    inside = store.iterdir() if run.layout.store else ()
-    for entry in [*run.results.iterdir(), *inside]:
+    for entry in [*run.results.iterdir(), *(store.iterdir() if run.layout.store else ())]:
         known = layers | {"zarr.json"} if entry.parent == store else keep
         if entry.name not in known:
             remove(entry)
@@ -519,11 +518,6 @@ class _State:
     chunks: dict[int, ChunkRecord] = field(default_factory=dict)
     finished: bool = False
 
-    @property
-    def anything(self) -> bool:
-        """Whether something of the run is kept."""
-        return bool(self.chunks) or self.finished
-
 
 @contextmanager
 def _saying(root: Path, job: Job) -> Iterator[_State]:
@@ -545,7 +539,7 @@ def _saying(root: Path, job: Job) -> Iterator[_State]:
             raise
         raise type(error)(error.message + f" ({count_kept()} in {root})") from error
     except KeyboardInterrupt:
-        if not state.anything:
+        if not (state.chunks or state.finished):
             raise Stopped(message("stopped_before_anything_finished")) from None
         raise Stopped(
             message("stopped_run_same_command", count_kept=count_kept(), root=root)
@@ -556,7 +550,7 @@ def _saying(root: Path, job: Job) -> Iterator[_State]:
             count_kept=count_kept(),
         ) from error  # fmt: skip
     finally:
-        if state.fresh and not state.anything:
+        if state.fresh and not (state.chunks or state.finished):
             with suppress(OSError):
                 wipe(root)
 

@@ -115,9 +115,7 @@ def _pair(old: Any, new: Any) -> str:
     if isinstance(old, Mapping) and isinstance(new, Mapping):
         keys = [key for key in {**old, **new} if old.get(key) != new.get(key)]
         return f"{keys[0]}: {old.get(keys[0])}, now {new.get(keys[0])}"
-    if isinstance(old, str) and len(old) == 64:
-        return "its files"
-    return f"{old}, now {new}"
+    return "its files" if isinstance(old, str) and len(old) == 64 else f"{old}, now {new}"
 
 
 CHUNK_BYTES = 24_000_000
@@ -179,10 +177,9 @@ class Compact:
         scaled = values / np.float32(self.step)
         np.rint(scaled, out=scaled)
         np.copyto(scaled, np.float32(self.unknown), where=beyond)
-        steps = scaled.astype(self.dtype)
         before, blosc.use_threads = blosc.use_threads, False  # whose order is chance
         try:
-            return bytes(codec.encode(steps))
+            return bytes(codec.encode(scaled.astype(self.dtype)))
         finally:
             blosc.use_threads = before
 
@@ -267,8 +264,7 @@ class RunLayout:
     @property
     def chunk_shape(self) -> tuple[int, ...]:
         """Shape of a layer's chunk, the axes over the pictures first."""
-        ahead = (1,) * (len(self.axes) - 1) + (self.chunk // self.every,)
-        return (*ahead, *self.shape.values())
+        return (*(1,) * (len(self.axes) - 1), self.chunk // self.every, *self.shape.values())
 
     def key(self, index: int) -> str:
         """Where the zarr format (version 3) puts a chunk, below the folder of its array."""

@@ -60,8 +60,7 @@ def _gnu() -> ctypes.CDLL | None:
     if not sys.platform.startswith("linux"):
         return None
     library = ctypes.CDLL(None)
-    known = hasattr(library, "mallopt") and hasattr(library, "malloc_trim")
-    return library if known else None
+    return library if hasattr(library, "mallopt") and hasattr(library, "malloc_trim") else None
 
 
 T = TypeVar("T")
@@ -185,10 +184,9 @@ def by_cluster(
         executor = client.get_executor(pure=False)
         everywhere = client.scatter(work, broadcast=True)
         ahead = 2 * max(1, sum(client.nthreads().values()))
-        expected = environment()
 
         def submit(index: int) -> Any:
-            return executor.submit(_elsewhere, everywhere, run.layout.span(index), expected)
+            return executor.submit(_elsewhere, everywhere, run.layout.span(index), environment())
 
         try:
             for index, results in in_flight(submit, chunks, ahead):
@@ -199,9 +197,7 @@ def by_cluster(
 
 def processors() -> int:
     """Count the processors that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def in_flight(

@@ -227,12 +227,11 @@ def sharp_rim(data: FrameData, rim: Circle) -> Circle:
     cols = rim.col + np.outer(np.cos(angles), radii)
     fall = -np.diff(map_coordinates(blurred, [rows, cols], order=1, mode="nearest"), axis=1)
     steepest = fall.argmax(axis=1)
-    selected = fall.max(axis=1) > 0.5 * np.median(fall.max(axis=1))
     radius = 0.5 * (radii[steepest] + radii[steepest + 1])
     points = np.stack(
         [rim.row + radius * np.sin(angles), rim.col + radius * np.cos(angles)], axis=1
     )
-    result = fit_circle(points[selected])
+    result = fit_circle(points[fall.max(axis=1) > 0.5 * np.median(fall.max(axis=1))])
     return result if result.scatter < 0.01 * result.radius else rim
 
 
@@ -283,9 +282,7 @@ def frame_causes(
 
 def _of_chi(fit: FrameFit) -> list[str]:
     """What is said where the model leaves more than the frame's noise."""
-    if fit.chi > POOR_CHI:
-        return [message("chi_model_does_not_describe", chi=fit.chi)]
-    return []
+    return [message("chi_model_does_not_describe", chi=fit.chi)] if fit.chi > POOR_CHI else []
 
 
 def _warnings(fit: FrameFit, reading: OrderReading, lost: bool) -> list[str]:
