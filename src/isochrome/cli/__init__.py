@@ -392,8 +392,7 @@ def export_command(
     files = [str(file) for file in write(run, to, out)]
     if as_json:
         print_json({"files": files})
-        return
-    for file in files:
+    for file in () if as_json else files:
         typer.echo(file)
 
 

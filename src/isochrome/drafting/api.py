@@ -110,8 +110,7 @@ def draft_figure(data: FrameData, scene: Scene, values: Sequence[DraftValue]) ->
         look: dict[str, Any] = {"color": OVERLAY_COLOUR, "lw": LINE_PT}
         axes.axhline(0.0, ls="-", label="surface, or top (z = 0)", **look)
         axes.axvline(0.0, ls=":", label="middle (x = 0)", **look)
-        axes.set_xlim(ends[0])
-        axes.set_ylim(ends[1])
+        axes.set(xlim=ends[0], ylim=ends[1])
     # without the place, which the axes show
     texts = [
         f"{value.key} = {value.words}"

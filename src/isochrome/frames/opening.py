@@ -151,8 +151,7 @@ def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int], 
     points = np.array(corners)
     ends = np.roll(points, -1, axis=0)
     area = 0.5 * abs(float(np.sum(points[:, 0] * ends[:, 1] - points[:, 1] * ends[:, 0])))
-    sides = crossing_sides(points)
-    if sides is not None:
+    if (sides := crossing_sides(points)) is not None:
         raise InputError(
             "sides_after_corners_cross", key=key, sides=sides[0] + 1, sides_2=sides[1] + 1
         )

@@ -398,8 +398,7 @@ class TiffLayout:
 
 def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     """Find the frames of an open TIFF, after a look whether it breaks off. Raises InputError."""
-    other = [name for name in OTHERS if getattr(tif, f"is_{name}", False)]
-    if other:
+    if other := [name for name in OTHERS if getattr(tif, f"is_{name}", False)]:
         raise InputError("microscope_own_kind_tiff", path=path, other=other[0])
     if len(tif.pages) == 0:
         raise InputError("not_readable_tiff_holds", path=path)

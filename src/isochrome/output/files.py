@@ -282,8 +282,7 @@ def read_given_table(path: Path, what: str) -> GivenTable:
     names = tuple(header) if has_names else ()
     rows, places = cells[has_names:], [number for number, _ in lines[has_names:]]
     _check_lengths("line_has_cells_first", path, header, zip(places, rows, strict=True))
-    double = sorted({name for name in names if names.count(name) > 1})
-    if double:
+    if double := sorted({name for name in names if names.count(name) > 1}):
         raise InputError("column_stands_there_twice", path=path, double=double[0])
     return GivenTable(path, names, rows, places)
 
@@ -303,10 +302,9 @@ def _number(cell: str, *, commas: bool) -> float:
     """A number, with a decimal comma or not, NaN for all else; Python's own 1_000 is none."""
     if commas and "," in cell and _DECIMAL_COMMA.fullmatch(cell) is None:
         return math.nan
-    try:
+    with suppress(ValueError):
         return math.nan if "_" in cell else float(cell.replace(",", ".") if commas else cell)
-    except ValueError:
-        return math.nan
+    return math.nan
 
 
 def _is_number(cell: str) -> bool:
@@ -447,7 +445,6 @@ def check_given_table(path: Path, what: str) -> None:
 
 
 def _numbers(cells: list[str]) -> list[Any]:
-    try:
+    with suppress(ValueError):
         return [float(c) if c.strip() else math.nan for c in cells]
-    except ValueError:
-        return list(cells)
+    return list(cells)

@@ -147,8 +147,7 @@ class AnchorPreview:
         if self.refusal:
             raise InputError(self.refusal)
         order, notes = common_orders(self._followed, orders_of(scene))
-        few = refused_low(order, self._capture)
-        if few:
+        if few := refused_low(order, self._capture):
             order, notes = np.full_like(order, np.nan), (*notes, few)
         patches = self._followed[0].patches
         return PatchOrders(rows=patches.rows, cols=patches.cols, order=order, said=notes)

@@ -156,10 +156,9 @@ def faults_of(target: Path, identity: Mapping[str, Any]) -> dict[str, str] | Non
 
     None where the folder's record is of no such run, or is damaged itself.
     """
-    try:
+    known = None
+    with suppress(InputError):
         known = integrity.read_record(target)
-    except InputError:
-        return None
     if known is None or known.older or difference(known.record, identity) is not None:
         return None
     return {name: fault for name in known.sizes if (fault := known.fault(name))}
@@ -313,15 +312,13 @@ def publish(run: RunFolder, target: Path) -> None:
         check_own(target, (entry.name for entry in run.results.iterdir()))
         sync_tree(run.results)
         write_through(root / FINISHED, b"")
-    if not run.results.exists():
-        pass  # all has its place
-    elif target.exists():
+    if run.results.exists() and target.exists():
         _clear_old(run.results, target)
         last = integrity.PROVENANCE  # what says that all is there
         for entry in sorted(run.results.iterdir(), key=lambda e: (e.name == last, e.name)):
             _replace(entry, target / entry.name, root)
         run.results.rmdir()
-    else:
+    elif run.results.exists():  # else all has its place
         os.rename(run.results, target)
     sync_folder(target)
     sync_folder(target.parent)
@@ -350,10 +347,9 @@ def check_own(target: Path, names: Iterable[str]) -> None:
 
 def _record(target: Path) -> Mapping[str, Any]:
     """What an earlier run has left to say of itself; nothing where it cannot be read."""
-    try:
+    known = None
+    with suppress(InputError):
         known = integrity.read_record(target)
-    except InputError:
-        return {}
     return {} if known is None else known.record
 
 
@@ -621,17 +617,15 @@ def stamps_of(identity: Mapping[str, Any]) -> Stamps:
 
 def _stamp(file: Path) -> tuple[int, int] | None:
     """The stamp of a file, None where it is not there."""
-    try:
+    with suppress(OSError):
         state = file.stat()
-    except OSError:
-        return None
-    return state.st_size, state.st_mtime_ns
+        return state.st_size, state.st_mtime_ns
+    return None
 
 
 def check_apart(stamps: Stamps, target: Path) -> None:
     """Refuse an output folder with input files in it: the next run would read results as input."""
-    inside = [file for file in stamps if file.resolve().parent == target]
-    if inside:
+    if inside := [file for file in stamps if file.resolve().parent == target]:
         raise InputError("lies_folder_where_results", inside=inside[0], target=target)
 
 

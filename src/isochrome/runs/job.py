@@ -91,8 +91,7 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
     if names[0] != names[1]:
         differing = sorted(set(names[0]) ^ set(names[1]))
         return f"the input files ({', '.join(differing[:3]) or 'their order'})"
-    changed = [name for (_, a), (name, b) in zip(before, now, strict=True) if a != b]
-    if changed:
+    if changed := [name for (_, a), (name, b) in zip(before, now, strict=True) if a != b]:
         return f"the content of {changed[0]}"
     for key, label in _LABELS.items():
         if old.get(key) != new.get(key):
@@ -463,8 +462,7 @@ def rows(run: RunFolder) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
 def parts(run: RunFolder, name: str) -> Iterator[bytes]:
     """Give the chunks' parts of a file, in order; chunks without one are passed over."""
     for index in range(run.layout.chunks):
-        file = run.part_file(name, index)
-        if file.is_file():
+        if (file := run.part_file(name, index)).is_file():
             yield file.read_bytes()
 
 

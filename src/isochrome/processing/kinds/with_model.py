@@ -282,7 +282,9 @@ def frame_causes(
 
 def _of_chi(fit: FrameFit) -> list[str]:
     """What is said where the model leaves more than the frame's noise."""
-    return [message("chi_model_does_not_describe", chi=fit.chi)] if fit.chi > POOR_CHI else []
+    if fit.chi > POOR_CHI:
+        return [message("chi_model_does_not_describe", chi=fit.chi)]
+    return []
 
 
 def _warnings(fit: FrameFit, reading: OrderReading, lost: bool) -> list[str]:
@@ -291,8 +293,7 @@ def _warnings(fit: FrameFit, reading: OrderReading, lost: bool) -> list[str]:
         result.append(message("scene_fringes_not_frame_2", correct=message(_CORRECT)))
     elif fit.plain:
         result.append(message("no_smooth_illumination_fits"))
-    near = [m for m in fit.others if m.chi < ALIKE_CHI * fit.chi]
-    if near:
+    if near := [m for m in fit.others if m.chi < ALIKE_CHI * fit.chi]:
         count, verb = counted(len(near), "other solution"), "s" * (len(near) == 1)
         result.append(message("fit_nearly_well_give", counted=count, value=verb))
     if not fit.converged:
