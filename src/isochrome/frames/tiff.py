@@ -54,11 +54,6 @@ class FileNotes:
     first_s: float | None = None
     significant_bits: int | None = None
 
-    @property
-    def start_s(self) -> float | None:
-        """The first frame's own time; 0 where the file tells but an interval."""
-        return self.first_s if self.interval_s is None else 0.0
-
 
 def read_ome(text: str, path: Path) -> tuple[FileNotes, tuple[int, int, int]]:
     """Read the OME notes of one image in one file, with the numbers of its channels, slices, times.
@@ -405,7 +400,9 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     _check_square(tif, path)
     if tif.is_ome:
         return _of_ome(tif, path)
-    pages = _frame_pages(tif)
+    # those that are frames: not the thumbnails and reduced copies that some programs add
+    numbered: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
+    pages = tuple((i, page.offset) for i, page in numbered if i == 0 or not page.is_reduced)
     claimed = _claimed(tif, len(pages))
     hidden = len(pages) == 1 < claimed and _fit_behind(tif, claimed)
     if not hidden and (claimed > len(pages) or _chain_breaks(tif)):
@@ -415,12 +412,6 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     notes = FileNotes(interval_s=_interval(meta), pixel_mm=pixel_mm_of(tif))
     count = claimed if hidden else len(pages)
     return TiffLayout(count=count, pages=pages, hidden=hidden, notes=notes)
-
-
-def _frame_pages(tif: tifffile.TiffFile) -> tuple[tuple[int, int], ...]:
-    """Pages that are frames: not the thumbnails and reduced copies that some programs add."""
-    numbered: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
-    return tuple((i, page.offset) for i, page in numbered if i == 0 or not page.is_reduced)
 
 
 def _claimed(tif: tifffile.TiffFile, counted: int) -> int:
@@ -522,7 +513,8 @@ def open_tiff(path: Path) -> reading.Source:
         extent=partial(reading.Extent, layout.count, layout.end_s),
         files=(path,),
         pixel_mm=layout.notes.pixel_mm,
-        start_s=layout.notes.start_s,
+        # 0 where the file tells but an interval
+        start_s=layout.notes.first_s if layout.notes.interval_s is None else 0.0,
     )
 
 

@@ -302,9 +302,10 @@ def _number(cell: str, *, commas: bool) -> float:
     """A number, with a decimal comma or not, NaN for all else; Python's own 1_000 is none."""
     if commas and "," in cell and _DECIMAL_COMMA.fullmatch(cell) is None:
         return math.nan
-    with suppress(ValueError):
+    try:
         return math.nan if "_" in cell else float(cell.replace(",", ".") if commas else cell)
-    return math.nan
+    except ValueError:
+        return math.nan
 
 
 def _is_number(cell: str) -> bool:

@@ -259,7 +259,8 @@ def _new(root: Path, job: Job) -> RunFolder:
 
 def clear_up(run: RunFolder) -> None:
     """Remove what a killed run left half-written beside finished chunks. Raises OSError."""
-    layers, store, keep = set(run.layout.names), run.results / STORE, {STORE, RECORDS}
+    layers = {layer.name for layer in run.layout.layers}
+    store, keep = run.results / STORE, {STORE, RECORDS}
     for entry in [*run.results.iterdir(), *(store.iterdir() if run.layout.store else ())]:
         known = layers | {"zarr.json"} if entry.parent == store else keep
         if entry.name not in known:

@@ -256,11 +256,6 @@ class RunLayout:
         return range(0, self.count, 1 if every_item else self.every)
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """The names of the layers."""
-        return tuple(layer.name for layer in self.layers)
-
-    @property
     def chunk_shape(self) -> tuple[int, ...]:
         """Shape of a layer's chunk, the axes over the pictures first."""
         return (*(1,) * (len(self.axes) - 1), self.chunk // self.every, *self.shape.values())
