@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from isochrome.errors import InputError, IsochromeError
 from isochrome.estimation import light_basis
@@ -21,10 +21,8 @@ from isochrome.runs import run_identity, trim_heap
 from isochrome.scene import ArrayFrames, FramesLike, Scene, dump_scene
 from isochrome.specimens import surface_field_grid
 
-T = TypeVar("T")
 
-
-def _ahead(items: Iterator[T]) -> Generator[T]:
+def _ahead(items: Iterator[list[Frame]]) -> Generator[list[Frame]]:
     """The items of an iterator, the next one read by a thread of its own while this one is used.
 
     Its end ends the reading, and with it closes the file that is read.
@@ -41,7 +39,7 @@ def _ahead(items: Iterator[T]) -> Generator[T]:
             end()
 
 
-def _read(items: Iterator[T]) -> list[T]:
+def _read(items: Iterator[list[Frame]]) -> list[list[Frame]]:
     """One item, or none at the end: a StopIteration cannot pass through a Future."""
     return list(islice(items, 1))
 
