@@ -209,8 +209,7 @@ def init_command(
         with open_frames(recording, leave_out=drafting.not_among_frames(recording)) as reader:
             names = drafting.open_questions(reader, drafting.known_values(known))
         for name in names:
-            question = drafting.QUANTITIES[name].question
-            known[name] = typer.prompt(question, type=float, err=True)
+            known[name] = typer.prompt(drafting.QUANTITIES[name].question, type=float, err=True)
     with steps(quiet=True) as say:
         say("looking for the specimen in the frames")
         draft = drafting.init(recording, known, out, replace=replace)
@@ -393,8 +392,7 @@ def export_command(
     files = [str(file) for file in write(run, to, out)]
     if as_json:
         print_json({"files": files})
-        return
-    for file in files:
+    for file in () if as_json else files:
         typer.echo(file)
 
 

@@ -110,8 +110,7 @@ def _usage_in_a_line() -> Iterator[None]:
 def _decimal_comma(text: str) -> str | None:
     """The sentence for an option whose number has a comma; None where that is not what is wrong."""
     named = re.search(r"Invalid value for '(--[a-z-]+)'", text)
-    words = [part for word in sys.argv for part in word.split("=", 1)]
-    for option, value in pairwise(words):
+    for option, value in pairwise([part for word in sys.argv for part in word.split("=", 1)]):
         if named and option == named.group(1) and re.fullmatch(r"[-+]?\d+,\d+", value):
             if "integer" in text:  # a point would not mend it
                 return f"{text}; {value} is no whole number"
@@ -218,7 +217,7 @@ def with_options(options: Options, *, before: str = "as_json") -> Callable[[Comm
         given = inspect.signature(command, eval_str=True)
         declared = [p for p in given.parameters.values() if p.kind is not p.VAR_KEYWORD]
         place = [p.name for p in declared].index(before)
-        shared = [
+        declared[place:place] = [
             inspect.Parameter(
                 name,
                 declared[place].kind,
@@ -229,7 +228,6 @@ def with_options(options: Options, *, before: str = "as_json") -> Callable[[Comm
             )
             for name, (kind, text, *spelt) in options.items()
         ]
-        declared[place:place] = shared
         command.__signature__ = given.replace(parameters=declared)  # type: ignore[attr-defined]
         return command
 

@@ -110,8 +110,7 @@ def draft_figure(data: FrameData, scene: Scene, values: Sequence[DraftValue]) ->
         look: dict[str, Any] = {"color": OVERLAY_COLOUR, "lw": LINE_PT}
         axes.axhline(0.0, ls="-", label="surface, or top (z = 0)", **look)
         axes.axvline(0.0, ls=":", label="middle (x = 0)", **look)
-        axes.set_xlim(ends[0])
-        axes.set_ylim(ends[1])
+        axes.set(xlim=ends[0], ylim=ends[1])
     # without the place, which the axes show
     texts = [
         f"{value.key} = {value.words}"
@@ -357,9 +356,8 @@ def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
     pixel_mm = given.pixel_mm or frames.pixel_mm
     assert pixel_mm is not None
     contact = _first_explained(frames, start_scene(pixel_mm, frames.shape, given), given)
-    turned = contact.lying.rotate_deg in (90, 270)
     values = given_values(given, NEEDED["contact"][:-1])  # the load is found
-    values += file_values(frames, given, turned=turned)
+    values += file_values(frames, given, turned=contact.lying.rotate_deg in (90, 270))
     origin: Origin = "file" if given.pixel_mm is None else "given"
     values.append(DraftValue("camera.pixel_mm", pixel_mm, origin))
     values += _found_values(contact, given)
@@ -439,10 +437,9 @@ def _is_seen(contact: ContactFit) -> bool:
 
 def _side(contact: ContactFit) -> str:
     """Which way friction points, and that a mirror would look the same."""
-    value = float(contact.fit.scene.get(FRICTION))
     if not _is_seen(contact):
         return "no friction is seen in this frame"
-    side = "right" if value > 0.0 else "left"
+    side = "right" if float(contact.fit.scene.get(FRICTION)) > 0.0 else "left"
     again = "without --flip" if contact.lying.flip else "with --flip horizontal"
     return (
         f"the cylinder drags the surface to the {side} of the picture; if it slides the other way "

@@ -182,9 +182,10 @@ def written_draft(
     head = [f"Drafted by isochrome init from {described_set(reader)}", *sentences]
     parts = ["\n".join(line for sentence in head for line in _comment(sentence))]
     for table in TABLES:
-        lines = [line for value in values if _table(value.key) == table for line in _line(value)]
+        within = f"{table}."
+        lines = [line for value in values if value.key.startswith(within) for line in _line(value)]
         for key in open_keys:
-            if _table(key.key) == table:
+            if key.key.startswith(within):
                 # a line to fill in, which is a comment until then
                 lines += [*_comment(f"fill in: {key.hint}"), f"# {key.key.partition('.')[2]} ="]
         if lines:
@@ -200,10 +201,6 @@ def written_draft(
         chi=chi,
         draw=draw,
     )
-
-
-def _table(key: str) -> str:
-    return key.partition(".")[0]
 
 
 def _line(value: DraftValue) -> list[str]:

@@ -132,8 +132,7 @@ def unloaded_frames(
     light = signs.span or float((max(np.nanmax(high), 0.0) / full) ** gamma)
     like: dict[str, list[int]] = {}
     for index, far in enumerate(signs.unlike):
-        near = [key for key, value in far.items() if value < _ALIKE * light]
-        if near:
+        if near := [key for key, value in far.items() if value < _ALIKE * light]:
             like.setdefault(min(near, key=lambda key: far[key]), []).append(index)
     usable = np.flatnonzero((np.array(_SWINGS) * full) <= _OF_SPAN * np.nanmax(span))
     if not usable.size:
@@ -259,8 +258,7 @@ def survey(reader: FrameReader, scene: Scene) -> Survey:
             first = by_digest.setdefault(key, frame.index)
             if first != frame.index:
                 result.twins.append((frame.index, first))
-            if frame.time_s is None:
-                result.untimed += 1
+            result.untimed += frame.time_s is None
             if frame.index & (frame.index + 1) == 0:
                 with suppress(InputError):  # too small: said by the size's own finding
                     model = linear.estimate_noise(frame.image, bit_depth=reader.bit_depth)
@@ -382,8 +380,7 @@ def of_depth(reader: FrameReader, light: Survey) -> Iterator[Finding]:
     if likely < depth:
         text = message("bit_frames_whose_largest", depth=depth, largest=largest, likely=likely)
         yield Finding("warning", text)
-    shift = (light.bits & -light.bits).bit_length() - 1
-    if shift:
+    if shift := (light.bits & -light.bits).bit_length() - 1:
         text = message("all_values_multiples_bit", shift=2**shift, shift_2=depth - shift)
         yield Finding("note", text + message("full_scale_then", shift=2**depth - 2**shift))
 
@@ -612,8 +609,7 @@ def look_through(path: FramesLike, scene: Scene) -> Check:
 
 
 def _sorted(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    order = ("error", "warning", "note")
-    return tuple(sorted(findings, key=lambda f: order.index(f.level)))
+    return tuple(sorted(findings, key=lambda f: ("error", "warning", "note").index(f.level)))
 
 
 def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
@@ -626,8 +622,7 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
         yield Finding("note", message("colour_frames_channel_used", channel=reader.channel))
     names = reader.names or (str(reader.path),)
     if reader.mask is not None:
-        mean = 100 * reader.mask.mean()
-        yield Finding("note", message("mask_takes_pixels_specimen", mean=mean))
+        yield Finding("note", message("mask_takes_pixels_specimen", mean=100 * reader.mask.mean()))
     lossy = reader.lossy
     if isinstance(reader.files[0], Path):  # arrays have no first bytes
         kind = signature_of(reader.files[0]).name
@@ -638,8 +633,7 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
             yield Finding("note", text)
     if lossy:
         yield Finding("note", message("compressed_loss_which_hides", names=names[0]))
-    ordinary = lossy or reader.kind == "video" or reader.channel is not None
-    if scene.frames.gamma == 1 and ordinary:
+    if scene.frames.gamma == 1 and (lossy or reader.kind == "video" or reader.channel is not None):
         yield Finding("note", message("frames_gamma_says_grey"))
 
 

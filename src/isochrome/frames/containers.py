@@ -270,8 +270,7 @@ MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 def is_whole(packet: bytes) -> bool:
     """Whether all slices of a packet of version 3 are what their checksums say, if it has any."""
-    slices = _slices(packet, WITH)
-    if slices:
+    if slices := _slices(packet, WITH):
         # the checksum of all bytes and of their checksum is zero, with a start of zero
         return all(zlib.crc32(one.translate(MIRRORED), 2**32 - 1) == 2**32 - 1 for one in slices)
     return bool(_slices(packet, WITHOUT))
@@ -314,9 +313,8 @@ def check_whole(path: Path) -> Container:
     try:
         with open(path, "rb") as file:
             container, end = container_of(file), file.seek(0, 2)
-            walk = _WALKS.get(container)
-            if walk is not None:
-                walk(file, end, path)
+            if container in _WALKS:
+                _WALKS[container](file, end, path)
             if container is not None:
                 return container
     except OSError as error:
@@ -397,8 +395,7 @@ def _mp4(file: BinaryIO, end: int, path: Path) -> None:
                 return  # something else behind the recording
             raise _damaged(path, place)
         boxes.add(name)
-        if size == 0:
-            size = end - place
+        size = size or end - place
         if size < 8:
             raise _damaged(path, place)
         if place + size > end:

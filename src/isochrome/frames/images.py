@@ -68,8 +68,7 @@ def signature_of(path: Path) -> Signature:
         raise InputError("cannot_read_check_name", path=path, strerror=error.strerror) from error
     if head.startswith(_TIFF):
         return Signature("tiff", "TIFF")
-    name = _image(head)
-    if name is not None:
+    if (name := _image(head)) is not None:
         return Signature("image", name)
     if container is not None and head[8:12] not in _PHOTOGRAPHS:
         return Signature("video", container)

@@ -325,8 +325,7 @@ def load_no_load(
     frames' before the roi. InputError where a file cannot be read, is saturated all over, or is of
     another size.
     """
-    dark = _average(scene, "no_load_dark", full_shape)
-    bright = _average(scene, "no_load_bright", full_shape)
+    dark, bright = (_average(scene, key, full_shape) for key in ("no_load_dark", "no_load_bright"))
     if dark is not None and bright is not None and dark.image.shape != bright.image.shape:
         raise InputError(
             "frames_no_load_dark_pixels_rows", shape=dark.image.shape, shape_2=bright.image.shape
@@ -361,9 +360,8 @@ def _check_shape(
     path: Path | ArrayFrames, key: str, reader: FrameReader, full_shape: tuple[int, int] | None
 ) -> None:
     if full_shape is not None and reader.full_shape != full_shape:
-        shape = reader.full_shape
         raise InputError(
-            "frames_pixels_rows_columns", path=path, key=key, full_shape=shape,
+            "frames_pixels_rows_columns", path=path, key=key, full_shape=reader.full_shape,
             full_shape_2=full_shape,
         )  # fmt: skip
 

@@ -102,10 +102,9 @@ def _of_file(
         top, left_px = (0, 0) if frames.roi is None else (frames.roi.top_px, frames.roi.left_px)
         part = full[top : top + shape[0], left_px : left_px + shape[1]]
     else:
-        region = "" if shape == full_shape else f", their region of interest {shape}"
         raise InputError(
             "frames_mask_pixels_rows", path=path, shape=full.shape, full_shape=full_shape,
-            region=region,
+            region="" if shape == full_shape else f", their region of interest {shape}",
         )  # fmt: skip
     if not part.any():
         raise InputError("frames_mask_leaves_no", path=path, where=where)
@@ -152,8 +151,7 @@ def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int], 
     points = np.array(corners)
     ends = np.roll(points, -1, axis=0)
     area = 0.5 * abs(float(np.sum(points[:, 0] * ends[:, 1] - points[:, 1] * ends[:, 0])))
-    sides = crossing_sides(points)
-    if sides is not None:
+    if (sides := crossing_sides(points)) is not None:
         raise InputError(
             "sides_after_corners_cross", key=key, sides=sides[0] + 1, sides_2=sides[1] + 1
         )
@@ -242,12 +240,11 @@ class Parts:
         """`opener` opens one of the files; `first` is the first one's source."""
         self.files, self._opener = files, opener
         self._sources: dict[int, Source] = {0: first}
-        self._first = first
 
     def source(self, number: int) -> Source:
         """The source of a part, opened once; InputError where it is unlike the first."""
         if number not in self._sources:
-            path, name, first = self.files[number], self.files[0].name, self._first
+            path, name, first = self.files[number], self.files[0].name, self._sources[0]
             source = self._opener(path)
             form, other = source.form, first.form
             if form != other:
@@ -299,7 +296,7 @@ class Parts:
         """When a part begins, counted from the first part's first frame, after an end."""
         if number == 0 or end_s is None:
             return end_s
-        start_s, first = self.source(number).start_s, self._first.start_s
+        start_s, first = self.source(number).start_s, self._sources[0].start_s
         return None if start_s is None or first is None else max(end_s, start_s - first)
 
     def frames(self, start: int) -> Generator[RawFrame]:
@@ -429,12 +426,11 @@ def open_frames(
     rows, cols = source.form.shape
     dtype = source.form.dtype
     if roi is not None and (roi.top_px + roi.height_px > rows or roi.left_px + roi.width_px > cols):
-        after = message("after_turn_frames_rotate_deg") if rotate_deg in (90, 270) else ""
         raise InputError(
             "roi_rows_columns_lies",
             label=label, top_px=roi.top_px, height_px=roi.top_px + roi.height_px,
             left_px=roi.left_px, width_px=roi.left_px + roi.width_px, rows=rows, cols=cols,
-            after=after,
+            after=message("after_turn_frames_rotate_deg") if rotate_deg in (90, 270) else "",
         )  # fmt: skip
     container = 8 * dtype.itemsize if dtype.kind == "u" else None
     most = container or 16
@@ -614,7 +610,11 @@ def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[F
     places = _places(names)
     if len(names) == 1 and len(places) == 1:
         return (names[0],)
-    _refuse_others(places, join=join)
+    for folder in filter(os.path.isdir, places if join else ()):
+        raise InputError("folder_which_recording_itself", folder=folder)
+    for place in places:
+        if place.suffix.lower() not in KNOWN and not os.path.isdir(place):
+            raise InputError("frames_cannot_read_from_file", place=place, known=", ".join(KNOWN))
     if join:
         return (tuple(places),)
     first = dict[bool | None, Path]()
@@ -627,14 +627,6 @@ def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[F
             "single_image_whole_recording", single=first[False], recordings=first[True]
         )
     return (names[0],) if len(names) == 1 else (tuple(places),)
-
-
-def _refuse_others(places: Sequence[Path], *, join: bool) -> None:
-    for folder in filter(os.path.isdir, places if join else ()):
-        raise InputError("folder_which_recording_itself", folder=folder)
-    for place in places:
-        if place.suffix.lower() not in KNOWN and not os.path.isdir(place):
-            raise InputError("frames_cannot_read_from_file", place=place, known=", ".join(KNOWN))
 
 
 def one_recording(names: Sequence[str | Path], *, join: bool = False) -> FramesPath:

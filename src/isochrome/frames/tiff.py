@@ -54,11 +54,6 @@ class FileNotes:
     first_s: float | None = None
     significant_bits: int | None = None
 
-    @property
-    def start_s(self) -> float | None:
-        """The first frame's own time; 0 where the file tells but an interval."""
-        return self.first_s if self.interval_s is None else 0.0
-
 
 def read_ome(text: str, path: Path) -> tuple[FileNotes, tuple[int, int, int]]:
     """Read the OME notes of one image in one file, with the numbers of its channels, slices, times.
@@ -150,10 +145,9 @@ def _times(
         return None, None
     ordered = [times[i] for i in range(planes)]
     latest = accumulate(ordered, max, initial=-math.inf)
-    from_first = (
+    return times[0], tuple(
         t - times[0] if t > last else None for t, last in zip(ordered, latest, strict=False)
     )
-    return times[0], tuple(from_first)
 
 
 MINISWHITE, PALETTE, SEPARATED = 0, 3, 5
@@ -399,15 +393,16 @@ class TiffLayout:
 
 def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     """Find the frames of an open TIFF, after a look whether it breaks off. Raises InputError."""
-    other = [name for name in OTHERS if getattr(tif, f"is_{name}", False)]
-    if other:
+    if other := [name for name in OTHERS if getattr(tif, f"is_{name}", False)]:
         raise InputError("microscope_own_kind_tiff", path=path, other=other[0])
     if len(tif.pages) == 0:
         raise InputError("not_readable_tiff_holds", path=path)
     _check_square(tif, path)
     if tif.is_ome:
         return _of_ome(tif, path)
-    pages = _frame_pages(tif)
+    # those that are frames: not the thumbnails and reduced copies that some programs add
+    numbered: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
+    pages = tuple((i, page.offset) for i, page in numbered if i == 0 or not page.is_reduced)
     claimed = _claimed(tif, len(pages))
     hidden = len(pages) == 1 < claimed and _fit_behind(tif, claimed)
     if not hidden and (claimed > len(pages) or _chain_breaks(tif)):
@@ -417,12 +412,6 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     notes = FileNotes(interval_s=_interval(meta), pixel_mm=pixel_mm_of(tif))
     count = claimed if hidden else len(pages)
     return TiffLayout(count=count, pages=pages, hidden=hidden, notes=notes)
-
-
-def _frame_pages(tif: tifffile.TiffFile) -> tuple[tuple[int, int], ...]:
-    """Pages that are frames: not the thumbnails and reduced copies that some programs add."""
-    numbered: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
-    return tuple((i, page.offset) for i, page in numbered if i == 0 or not page.is_reduced)
 
 
 def _claimed(tif: tifffile.TiffFile, counted: int) -> int:
@@ -524,7 +513,8 @@ def open_tiff(path: Path) -> reading.Source:
         extent=partial(reading.Extent, layout.count, layout.end_s),
         files=(path,),
         pixel_mm=layout.notes.pixel_mm,
-        start_s=layout.notes.start_s,
+        # 0 where the file tells but an interval
+        start_s=layout.notes.first_s if layout.notes.interval_s is None else 0.0,
     )
 
 

@@ -171,8 +171,7 @@ class Video:
 
 def open_video(path: Path) -> reading.Source:
     """Decode the first frame of a video."""
-    stamp = reading.Stamp.of(path)
-    video = Video(path, stamp, check_whole(path))
+    video = Video(path, reading.Stamp.of(path), check_whole(path))
     running = video.decoded()
     try:
         item = next(running, None)

@@ -180,9 +180,7 @@ def plain(obj: Any) -> Any:
         return [plain(v) for v in obj]
     if isinstance(obj, float):
         return obj if math.isfinite(obj) else None
-    if isinstance(obj, str | int | bool) or obj is None:
-        return obj
-    return str(obj)
+    return obj if isinstance(obj, str | int | bool) or obj is None else str(obj)
 
 
 _DELIMITERS = (";", "\t", ",")
@@ -284,8 +282,7 @@ def read_given_table(path: Path, what: str) -> GivenTable:
     names = tuple(header) if has_names else ()
     rows, places = cells[has_names:], [number for number, _ in lines[has_names:]]
     _check_lengths("line_has_cells_first", path, header, zip(places, rows, strict=True))
-    double = sorted({name for name in names if names.count(name) > 1})
-    if double:
+    if double := sorted({name for name in names if names.count(name) > 1}):
         raise InputError("column_stands_there_twice", path=path, double=double[0])
     return GivenTable(path, names, rows, places)
 
@@ -449,7 +446,6 @@ def check_given_table(path: Path, what: str) -> None:
 
 
 def _numbers(cells: list[str]) -> list[Any]:
-    try:
+    with suppress(ValueError):
         return [float(c) if c.strip() else math.nan for c in cells]
-    except ValueError:
-        return list(cells)
+    return list(cells)

@@ -123,8 +123,7 @@ class Result:
         lines = [self.title, *(f"  {name.ljust(width)}  {value}" for name, value in rows)]
         lines += wrap(self.uncertainty_basis, initial_indent="  ", subsequent_indent="    ",
                       width=_LONGEST_LINE)  # fmt: skip
-        count = len(self.warnings)
-        if count:
+        if count := len(self.warnings):
             lines.append(f"  {counted(count, 'warning')}: see .warnings")
         return "\n".join(_in_a_line(line) for line in lines)
 
@@ -151,8 +150,7 @@ class Result:
 
 def _in_a_line(text: str) -> str:
     """Names of files may hold a new line, and be long."""
-    indent = "  " if text.startswith("  ") else ""
-    line = indent + " ".join(text.splitlines()).strip()
+    line = ("  " if text.startswith("  ") else "") + " ".join(text.splitlines()).strip()
     return line if len(line) <= _LONGEST_LINE else f"{line[: _LONGEST_LINE - 1]}…"
 
 

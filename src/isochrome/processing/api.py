@@ -163,7 +163,12 @@ def process(
     """
     scene = load_scene(scene)
     check_scene(scene)
-    _check_options(track, each, maps, preview, out)
+    if track and each:
+        raise InputError("track_each_set_followed")
+    if maps not in (None, "all", "key", "none"):
+        raise InputError("maps_give_all_key", maps=maps)
+    if preview and out is None:
+        raise InputError("preview_written_beside_results")
     if rois:
         load_roifile()  # missing, it is to be said before hours of work
     refuse_without_folder(out, workers, cluster)
@@ -193,18 +198,6 @@ def process(
             options = RunOptions(workers, cluster, restart, keep_going, opened.enter_context(early))
             result = _processed(task, identity, out, options, progress)
         return replace(result, as_stated=as_stated)
-
-
-def _check_options(
-    track: bool, each: bool, maps: str | None, preview: bool, out: str | Path | None
-) -> None:
-    """Refuse options that say two things, or nothing."""
-    if track and each:
-        raise InputError("track_each_set_followed")
-    if maps not in (None, "all", "key", "none"):
-        raise InputError("maps_give_all_key", maps=maps)
-    if preview and out is None:
-        raise InputError("preview_written_beside_results")
 
 
 def _kind_of_set(
@@ -249,8 +242,7 @@ def _processed(
     """All states of a set, in memory or into a folder."""
     scene, reader, count = task.scene, task.reader, count_of(task)
     kind, text = task.kind.sized(scene, reader.shape, count, on_disk=out is not None)
-    task = replace(task, kind=kind)
-    source = open_set(task)
+    source = open_set(replace(task, kind=kind))
     task = source.task = replace(task, kind=kind.shared(source, count, progress))
     if text and progress is not None:  # what is refused before is one line
         progress(Tally(0, count, 0, 0, text))

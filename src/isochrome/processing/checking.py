@@ -85,8 +85,7 @@ def _by_fringes(path: FramesLike, scene: Scene, count: int) -> Iterator[Finding]
     """What the fringes of some frames say of the scene."""
     with open_scene_frames(path, scene) as reader:
         scene = with_file_scale(scene, reader)
-        dark, bright = load_no_load(scene, full_shape=reader.full_shape)
-        capture = Capture(reader.bit_depth, dark, bright)
+        capture = Capture(reader.bit_depth, *load_no_load(scene, full_shape=reader.full_shape))
         if scene.frames.has_known_loads:
             yield from _against_others(reader, scene, capture)
             return
@@ -108,8 +107,7 @@ def _against_others(reader: FrameReader, scene: Scene, capture: Capture) -> Iter
         yield Finding("error", str(error))
         return
     capture_of_set = replace(capture, series=series)
-    middle = len(scene.frames.known_loads_n) // 2
-    looked = [frame for frame in reader if frame.index in (0, middle)]
+    looked = [f for f in reader if f.index in (0, len(scene.frames.known_loads_n) // 2)]
     result = [process_known_loads(frame, scene, capture_of_set) for frame in looked]
     read = any(tells_load(frame) for frame in result)
     for frame in result:

@@ -157,8 +157,7 @@ def draw_frames(figure: Figure | SubFigure, items: list[Shown]) -> str:
             )
         draw_fringes(ax, item, largest)
     _share_bar(orders, ORDER_LABEL, is_as_high=len(orders) == 1)
-    label = "counter-clockwise from x (degrees)"
-    _share_bar(directions, label, is_as_high=len(directions) == 1)
+    _share_bar(directions, "counter-clockwise from x (degrees)", is_as_high=len(directions) == 1)
     for ax in list(axes.flat)[len(items) * (across if read else 1) :]:
         ax.set_visible(False)
     return say_lines(largest, read)
@@ -275,8 +274,7 @@ def shown_frames(table: Mapping[str, list[Any]], status: list[str]) -> list[int]
     if PICTURE not in table:
         return [k for k, state in enumerate(status) if state != "failed"][:_SHOWN] or [0]
     keys = [k for k, at in enumerate(table[PICTURE]) if at is not None]
-    good = [k for k in keys if status[k] != "failed"] or keys[:1]
-    return evenly_spaced(good, KEY_FRAMES)
+    return evenly_spaced([k for k in keys if status[k] != "failed"] or keys[:1], KEY_FRAMES)
 
 
 def place_of_row(table: Mapping[str, list[Any]], k: int, left: float, top: float) -> Place:
@@ -375,8 +373,7 @@ def maps_of(table: Mapping[str, list[Any]], dataset: Kept, k: int) -> dict[str, 
 
 def _item(table: Mapping[str, list[Any]], dataset: Kept, status: list[str], k: int) -> Shown:
     """Frame k with its maps. Raises InputError where it has none."""
-    none = [None] * (k + 1)
-    share, lines = (table.get(name, none)[k] for name in ("kept_share", "fringe_lines"))
+    share, lines = (table.get(name, [None] * (k + 1))[k] for name in ("kept_share", "fringe_lines"))
     maps = maps_of(table, dataset, k)
     order = maps.get(ORDER.name) if share is not None else None
     signal = maps.get(NORMALISED.name)

@@ -19,7 +19,7 @@ import numpy as np
 
 import isochrome
 from isochrome.errors import InputError
-from isochrome.fringes import Skeleton, skeleton_table
+from isochrome.fringes import skeleton_table
 from isochrome.messages import frame_messages, message
 from isochrome.output import (
     FIGURE_DPI,
@@ -124,7 +124,9 @@ def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
                 pictures[layer.name].append(picture_of(item, layer.name, item.normalised.shape))
         if isinstance(item, FollowedFrame):
             continue
-        lines = _lines_to_keep(task, item)
+        # with a model, which can draw them anew, for who asks alone
+        wanted = task.rois or (item.fit is None and task.kind.draws_lines)
+        lines = item.skeleton() if wanted else []
         if lines:
             left, top = item.corner_mm(task.scene)
             points = skeleton_table(lines, pixel_mm=item.pixel_mm, left_mm=left, top_mm=top)
@@ -140,12 +142,6 @@ def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
         parts[ROIS] = data.getvalue()
     arrays = {name: np.stack(maps) for name, maps in pictures.items()}
     return Results(arrays, rows, more, parts, packed=dict(packed))
-
-
-def _lines_to_keep(task: FrameTask, item: ProcessedFrame) -> list[Skeleton]:
-    """The fringe lines of a frame; with a model, which can draw them anew, for who asks alone."""
-    wanted = task.rois or (item.fit is None and task.kind.draws_lines)
-    return item.skeleton() if wanted else []
 
 
 def _within(
@@ -216,8 +212,7 @@ def finish_set_folder(
     write_text(folder / "scene.toml", dump_scene(scene))
     _add_to_store(run_folder, job, result, more, shape)
     stored = StoredArrays(folder)
-    items = shown_items(table, stored, more["status"])
-    draw = partial(set_figure, scene, table, items)
+    draw = partial(set_figure, scene, table, shown_items(table, stored, more["status"]))
     more.clear()  # a picture needs room: of a long run no more than the table is left then
     trim_heap()
     result = replace(result, draw=draw, load=partial(open_run, out))
@@ -330,14 +325,13 @@ def _write_stacks(
 ) -> None:
     """The maps as stacks with scale, origin, labels, range, colours, interval. Raises OSError."""
     names = [str(label or name) for label, name in zip(table["label"], table["name"], strict=True)]
-    times = axes["time_s"].values
     highest = numbers(table["n_max"]) if "n_max" in table else np.zeros(0)
     largest = float(np.nanmax(highest)) if np.isfinite(highest).any() else 1.0
     for layer in run_folder.layout.layers:
         pages = run_folder.layout.paged_items(layer)
         view = imagej_view(
             layer.name, (0.0, largest), labels=[names[k] for k in pages],
-            times_s=[times[k] for k in pages], **place,
+            times_s=[axes["time_s"].values[k] for k in pages], **place,
         )  # fmt: skip
         write_stack(run_folder, layer, view, pixel_mm=place["pixel_mm"])
 

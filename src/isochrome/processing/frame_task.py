@@ -4,12 +4,12 @@ The captured frames of a set, handed out from any frame on, read while others ar
 """
 
 import threading
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 from isochrome.errors import InputError, IsochromeError
 from isochrome.estimation import light_basis
@@ -21,10 +21,8 @@ from isochrome.runs import run_identity, trim_heap
 from isochrome.scene import ArrayFrames, FramesLike, Scene, dump_scene
 from isochrome.specimens import surface_field_grid
 
-T = TypeVar("T")
 
-
-def _ahead(items: Iterator[T]) -> Generator[T]:
+def _ahead(items: Iterator[list[Frame]]) -> Generator[list[Frame]]:
     """The items of an iterator, the next one read by a thread of its own while this one is used.
 
     Its end ends the reading, and with it closes the file that is read.
@@ -41,40 +39,9 @@ def _ahead(items: Iterator[T]) -> Generator[T]:
             end()
 
 
-def _read(items: Iterator[T]) -> list[T]:
+def _read(items: Iterator[list[Frame]]) -> list[list[Frame]]:
     """One item, or none at the end: a StopIteration cannot pass through a Future."""
     return list(islice(items, 1))
-
-
-class Cursor(Generic[T]):
-    """A source that is read in order, from any item on: forward by passing over, back anew."""
-
-    def __init__(self, begin: Callable[[int], Iterator[T]], anew: Callable[[int], int]) -> None:
-        """`begin(start)` gives items from `start` on; `anew(start)`, how many that is worth."""
-        self._begin = begin
-        self._anew = anew
-        self._items: Generator[T] | None = None
-        self._at = 0
-
-    def take(self, start: int, stop: int) -> Iterator[T]:
-        """Items [start, stop), fewer where the source ends before. Raises what reading raises."""
-        on = self._items is not None and self._at <= start
-        if not on or start > self._at + self._anew(start):
-            self.close()
-            self._items, self._at = _ahead(self._begin(start)), start
-        assert self._items is not None
-        for item in self._items:
-            self._at += 1
-            if self._at > start:
-                yield item
-            if self._at >= stop:
-                return
-
-    def close(self) -> None:
-        """Close the source."""
-        if self._items is not None:
-            self._items.close()
-        self._items = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,14 +74,17 @@ _OPENING = 20
 
 
 class FrameSource:
-    """An opened set: its `reader`, what all frames share, and where its reading stands."""
+    """An opened set: its `reader`, what all frames share, and where its reading stands.
+
+    It is read in order, from any state on: forward by passing over, back anew.
+    """
 
     def __init__(self, task: FrameTask) -> None:
         """Open the files besides the frames. Raises InputError."""
         self.task, self.reader = task, task.reader
         self.capture = task.kind.prepare(task.scene, task.reader)
-        # of the task as it is by then
-        self._cursor = Cursor[list[Frame]](lambda k: self.task.kind.captured(self, k), self._anew)
+        self._states: Generator[list[Frame]] | None = None
+        self._at = 0
 
     def _anew(self, start: int) -> int:
         """As how many states it takes to open the set at a state."""
@@ -125,14 +95,19 @@ class FrameSource:
 
     def captured(self, start: int, stop: int) -> Iterator[tuple[int, list[Frame]]]:
         """The frames of the states [start, stop), with the number of the state."""
-        index = start
-        for frames in self._cursor.take(start, stop):
-            yield index, frames
-            index += 1
-        if index < stop:
-            raise InputError(
-                "breaks_off_after_frames_had", path=self.reader.path, at=index * self.task.steps
-            )
+        on = self._states is not None and self._at <= start
+        if not on or start > self._at + self._anew(start):
+            self._close_states()
+            self._states, self._at = _ahead(self.task.kind.captured(self, start)), start
+        assert self._states is not None
+        for frames in self._states:
+            self._at += 1
+            if self._at > start:
+                yield self._at - 1, frames
+            if self._at >= stop:
+                return
+        at = max(self._at, start) * self.task.steps
+        raise InputError("breaks_off_after_frames_had", path=self.reader.path, at=at)
 
     def processed(self, index: int, frames: list[Frame]) -> ProcessedFrame:
         """What is found in one state's frames. Raises InputError, PhysicsError."""
@@ -158,8 +133,13 @@ class FrameSource:
 
     def close(self) -> None:
         """Close the files."""
-        self._cursor.close()
+        self._close_states()
         self.reader.close()
+
+    def _close_states(self) -> None:
+        if self._states is not None:
+            self._states.close()
+        self._states = None
 
 
 _KEPT = threading.local()
@@ -210,16 +190,14 @@ def count_of(task: FrameTask) -> int:
 
 def own_scene(scene: Scene, frame: Frame) -> Scene:
     """The scene of a frame alone, by its time or its number. Raises InputError."""
-    speed = scene.frames.sliding_speed_mm_per_s
-    if speed is not None:
+    if (speed := scene.frames.sliding_speed_mm_per_s) is not None:
         return scene_at(scene, timed_distance(frame, speed))
     return frame_scene(scene, frame.index)
 
 
 def place_of(scene: Scene, frame: Frame) -> tuple[str, float]:
     """A frame's label and its distance (m). Raises InputError."""
-    speed = scene.frames.sliding_speed_mm_per_s
-    if speed is not None:
+    if (speed := scene.frames.sliding_speed_mm_per_s) is not None:
         distance = timed_distance(frame, speed)
         return f"{distance:.4g} m", distance
     if not scene.is_contact:

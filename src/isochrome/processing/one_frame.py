@@ -131,9 +131,8 @@ class AnchorPreview:
         self.refusal = refused_beforehand(frame, signal, lines, capture, requested=True)
         if self.refusal:
             return
-        known = orders_of(scene)
         self._followed = tuple(
-            follow_fringes(*wave_of(one, scene), one.valid, known, error=one.error)[0]
+            follow_fringes(*wave_of(one, scene), one.valid, orders_of(scene), error=one.error)[0]
             for one in (signal, *signal.others)
         )
 
@@ -148,8 +147,7 @@ class AnchorPreview:
         if self.refusal:
             raise InputError(self.refusal)
         order, notes = common_orders(self._followed, orders_of(scene))
-        few = refused_low(order, self._capture)
-        if few:
+        if few := refused_low(order, self._capture):
             order, notes = np.full_like(order, np.nan), (*notes, few)
         patches = self._followed[0].patches
         return PatchOrders(rows=patches.rows, cols=patches.cols, order=order, said=notes)
@@ -173,8 +171,7 @@ def part_change(before: Array, after: Array, under: str, what: str) -> tuple[str
         return "lost", message("now_would_not_known", under=under, span=_span(before))
     if not np.isfinite(before).any():
         return "new", message("gets_no_order_known", under=under, span=_span(after))
-    both = np.isfinite(before) & np.isfinite(after)
-    away = (after - before)[both]
+    away = (after - before)[np.isfinite(before) & np.isfinite(after)]
     step = round(float(np.median(away))) if away.size else 0
     if np.mean(np.abs(away - step) < _SAME) < _ALMOST_ALL:
         return "changed", f"{under} changes from {_span(before)} to {_span(after)}"

@@ -320,9 +320,8 @@ def restore(
         more = {"status": column_values(dataset["status"])}
         if "messages" in dataset:
             more["messages"] = column_values(dataset["messages"])
-    for name in ("warnings", CAUSES, REFINED):
-        if name in table:
-            table[name] = ["" if text is None else text for text in table[name]]
+    for name in {"warnings", CAUSES, REFINED} & set(table):
+        table[name] = ["" if text is None else text for text in table[name]]
     if "messages" not in more:  # an older run has their texts alone
         more["messages"] = [frame_messages([text] if text else ()) for text in table["warnings"]]
     draw = partial(saved_picture, out.absolute() / FIGURE)

@@ -218,8 +218,7 @@ class FollowedFrame(SetFrame):
         """The frame's row of frames.csv."""
         row = self.names | {PICTURE: None, FOUND_BY: NOTHING}
         row |= {"distance_m": self.distance_m, "pixel_mm": self.pixel_mm}
-        tracked = self.tracked
-        if tracked is not None:
+        if (tracked := self.tracked) is not None:
             row["chi"] = tracked.chi
             if np.isfinite(tracked.values).any():
                 row[FOUND_BY] = SEARCHED if tracked.searched else FOLLOWED

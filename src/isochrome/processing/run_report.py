@@ -188,17 +188,14 @@ def _panes(
     shown: _Shown, model: _Model | None, gap: Array | None, largest: float, limit: float
 ) -> tuple[Pane, ...]:
     """The pictures of a frame; where its own is not kept, its order stands in the first place."""
-    experiment, order = list[Pane](), list[Pane]()
-    if shown.signal is not None:
-        experiment.append(Pane("experiment", "experiment", shown.signal, _LIGHT, SIGNAL))
-    if shown.order is not None:
-        order.append(Pane("order", "fringe order N", shown.order, (0.0, largest), FRINGES))
-    simulated = list[Pane]()
-    if model is not None:
-        simulated.append(Pane("simulation", "simulation", model[0], _LIGHT, SIGNAL))
-    if gap is not None:
-        simulated.append(Pane("difference", _DIFFERENCE, gap, (-limit, limit), FRINGES))
-    return (*experiment, *simulated, *order) if experiment else (*order, *simulated)
+    order: list[Any] = ["order", "fringe order N", shown.order, (0.0, largest), FRINGES]
+    others: list[list[Any]] = [
+        ["experiment", "experiment", shown.signal, _LIGHT, SIGNAL],
+        ["simulation", "simulation", None if model is None else model[0], _LIGHT, SIGNAL],
+        ["difference", _DIFFERENCE, gap, (-limit, limit), FRINGES],
+    ]
+    panes = [order, *others] if shown.signal is None else [*others, order]
+    return tuple(Pane(*pane) for pane in panes if pane[2] is not None)
 
 
 def _model(result: Processed, shown: _Shown) -> tuple[_Model | None, str]:

@@ -156,10 +156,9 @@ def faults_of(target: Path, identity: Mapping[str, Any]) -> dict[str, str] | Non
 
     None where the folder's record is of no such run, or is damaged itself.
     """
-    try:
+    known = None
+    with suppress(InputError):
         known = integrity.read_record(target)
-    except InputError:
-        return None
     if known is None or known.older or difference(known.record, identity) is not None:
         return None
     return {name: fault for name in known.sizes if (fault := known.fault(name))}
@@ -260,9 +259,9 @@ def _new(root: Path, job: Job) -> RunFolder:
 
 def clear_up(run: RunFolder) -> None:
     """Remove what a killed run left half-written beside finished chunks. Raises OSError."""
-    layers, store, keep = set(run.layout.names), run.results / STORE, {STORE, RECORDS}
-    inside = store.iterdir() if run.layout.store else ()
-    for entry in [*run.results.iterdir(), *inside]:
+    layers = {layer.name for layer in run.layout.layers}
+    store, keep = run.results / STORE, {STORE, RECORDS}
+    for entry in [*run.results.iterdir(), *(store.iterdir() if run.layout.store else ())]:
         known = layers | {"zarr.json"} if entry.parent == store else keep
         if entry.name not in known:
             remove(entry)
@@ -314,15 +313,13 @@ def publish(run: RunFolder, target: Path) -> None:
         check_own(target, (entry.name for entry in run.results.iterdir()))
         sync_tree(run.results)
         write_through(root / FINISHED, b"")
-    if not run.results.exists():
-        pass  # all has its place
-    elif target.exists():
+    if run.results.exists() and target.exists():
         _clear_old(run.results, target)
         last = integrity.PROVENANCE  # what says that all is there
         for entry in sorted(run.results.iterdir(), key=lambda e: (e.name == last, e.name)):
             _replace(entry, target / entry.name, root)
         run.results.rmdir()
-    else:
+    elif run.results.exists():  # else all has its place
         os.rename(run.results, target)
     sync_folder(target)
     sync_folder(target.parent)
@@ -351,10 +348,9 @@ def check_own(target: Path, names: Iterable[str]) -> None:
 
 def _record(target: Path) -> Mapping[str, Any]:
     """What an earlier run has left to say of itself; nothing where it cannot be read."""
-    try:
+    known = None
+    with suppress(InputError):
         known = integrity.read_record(target)
-    except InputError:
-        return {}
     return {} if known is None else known.record
 
 
@@ -519,11 +515,6 @@ class _State:
     chunks: dict[int, ChunkRecord] = field(default_factory=dict)
     finished: bool = False
 
-    @property
-    def anything(self) -> bool:
-        """Whether something of the run is kept."""
-        return bool(self.chunks) or self.finished
-
 
 @contextmanager
 def _saying(root: Path, job: Job) -> Iterator[_State]:
@@ -545,7 +536,7 @@ def _saying(root: Path, job: Job) -> Iterator[_State]:
             raise
         raise type(error)(error.message + f" ({count_kept()} in {root})") from error
     except KeyboardInterrupt:
-        if not state.anything:
+        if not (state.chunks or state.finished):
             raise Stopped(message("stopped_before_anything_finished")) from None
         raise Stopped(
             message("stopped_run_same_command", count_kept=count_kept(), root=root)
@@ -556,7 +547,7 @@ def _saying(root: Path, job: Job) -> Iterator[_State]:
             count_kept=count_kept(),
         ) from error  # fmt: skip
     finally:
-        if state.fresh and not state.anything:
+        if state.fresh and not (state.chunks or state.finished):
             with suppress(OSError):
                 wipe(root)
 
@@ -627,17 +618,15 @@ def stamps_of(identity: Mapping[str, Any]) -> Stamps:
 
 def _stamp(file: Path) -> tuple[int, int] | None:
     """The stamp of a file, None where it is not there."""
-    try:
+    with suppress(OSError):
         state = file.stat()
-    except OSError:
-        return None
-    return state.st_size, state.st_mtime_ns
+        return state.st_size, state.st_mtime_ns
+    return None
 
 
 def check_apart(stamps: Stamps, target: Path) -> None:
     """Refuse an output folder with input files in it: the next run would read results as input."""
-    inside = [file for file in stamps if file.resolve().parent == target]
-    if inside:
+    if inside := [file for file in stamps if file.resolve().parent == target]:
         raise InputError("lies_folder_where_results", inside=inside[0], target=target)
 
 

@@ -223,8 +223,7 @@ def _edge(dataset: xarray.Dataset, axis: str, pixel_mm: float | None) -> float |
 
 def _labels(dataset: xarray.Dataset, array: xarray.DataArray) -> list[str]:
     """What ImageJ shows above each slice."""
-    labels = _of_pictures(dataset, "label", array)
-    if labels is not None:
+    if (labels := _of_pictures(dataset, "label", array)) is not None:
         return [str(text) for text in labels]
     axes = array.dims[:-2]
     values = [dataset[axis].values if axis in dataset.coords else None for axis in axes]

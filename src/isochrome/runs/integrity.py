@@ -365,8 +365,7 @@ def verify(folder: str | Path, *, progress: RunProgress | None = None) -> Verifi
     tell = progress or (lambda _: None)
     for number, (record, name) in enumerate(todo):
         tell(Tally(number, len(todo), 0, len(damaged)))
-        fault = record.fault(name)
-        if fault:
+        if fault := record.fault(name):
             damaged[(record.place / name).relative_to(place).as_posix()] = fault
     tell(Tally(len(todo), len(todo), 0, len(damaged)))
     older = tuple(_unverified(file.parent) for file, record in known.items() if record.older)
@@ -407,8 +406,7 @@ def opened_record(place: Path, names: Iterable[str] = ()) -> ResultsRecord | Non
     Of `names` the content too. None where no command has left the folder; of older results nobody
     can tell, which is said as a warning. Raises InputError.
     """
-    record = read_record(place)
-    if record is not None:
+    if (record := read_record(place)) is not None:
         record.check(names)
         if record.older:
             warn_unverified(place)
@@ -420,8 +418,7 @@ def name_damage(place: Path) -> None:
 
     Raises InputError; does nothing where all is as it was left, or nobody knows.
     """
-    record = read_record(place)
-    if record is not None:
+    if (record := read_record(place)) is not None:
         record.check(record.sizes)
 
 

@@ -91,8 +91,7 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
     if names[0] != names[1]:
         differing = sorted(set(names[0]) ^ set(names[1]))
         return f"the input files ({', '.join(differing[:3]) or 'their order'})"
-    changed = [name for (_, a), (name, b) in zip(before, now, strict=True) if a != b]
-    if changed:
+    if changed := [name for (_, a), (name, b) in zip(before, now, strict=True) if a != b]:
         return f"the content of {changed[0]}"
     for key, label in _LABELS.items():
         if old.get(key) != new.get(key):
@@ -115,9 +114,7 @@ def _pair(old: Any, new: Any) -> str:
     if isinstance(old, Mapping) and isinstance(new, Mapping):
         keys = [key for key in {**old, **new} if old.get(key) != new.get(key)]
         return f"{keys[0]}: {old.get(keys[0])}, now {new.get(keys[0])}"
-    if isinstance(old, str) and len(old) == 64:
-        return "its files"
-    return f"{old}, now {new}"
+    return "its files" if isinstance(old, str) and len(old) == 64 else f"{old}, now {new}"
 
 
 CHUNK_BYTES = 24_000_000
@@ -179,10 +176,9 @@ class Compact:
         scaled = values / np.float32(self.step)
         np.rint(scaled, out=scaled)
         np.copyto(scaled, np.float32(self.unknown), where=beyond)
-        steps = scaled.astype(self.dtype)
         before, blosc.use_threads = blosc.use_threads, False  # whose order is chance
         try:
-            return bytes(codec.encode(steps))
+            return bytes(codec.encode(scaled.astype(self.dtype)))
         finally:
             blosc.use_threads = before
 
@@ -260,15 +256,9 @@ class RunLayout:
         return range(0, self.count, 1 if every_item else self.every)
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """The names of the layers."""
-        return tuple(layer.name for layer in self.layers)
-
-    @property
     def chunk_shape(self) -> tuple[int, ...]:
         """Shape of a layer's chunk, the axes over the pictures first."""
-        ahead = (1,) * (len(self.axes) - 1) + (self.chunk // self.every,)
-        return (*ahead, *self.shape.values())
+        return (*(1,) * (len(self.axes) - 1), self.chunk // self.every, *self.shape.values())
 
     def key(self, index: int) -> str:
         """Where the zarr format (version 3) puts a chunk, below the folder of its array."""
@@ -467,8 +457,7 @@ def rows(run: RunFolder) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
 def parts(run: RunFolder, name: str) -> Iterator[bytes]:
     """Give the chunks' parts of a file, in order; chunks without one are passed over."""
     for index in range(run.layout.chunks):
-        file = run.part_file(name, index)
-        if file.is_file():
+        if (file := run.part_file(name, index)).is_file():
             yield file.read_bytes()
 
 

@@ -74,10 +74,9 @@ def open_growing(partial: Path) -> xarray.Dataset:
     for file in sorted((stores[-1].parent.parent / RECORDS).glob("*.json")):
         rows_now = (read_checked(file) or {"rows": ()})["rows"]
         rows |= dict(enumerate(rows_now, int(file.stem) * layout["chunk"]))
-    names = list(dict.fromkeys(name for row in rows.values() for name in row))
     columns = {
         name: column([rows.get(k, {}).get(name) for k in range(count)], axis, name)
-        for name in names
+        for name in dict.fromkeys(name for row in rows.values() for name in row)
     }
     columns["finished"] = Column((axis,), np.array([k in rows for k in range(count)]), {})
     columns[axis] = Column((axis,), np.arange(count), {})
@@ -241,8 +240,7 @@ def with_identifiers(dataset: xarray.Dataset) -> xarray.Dataset:
 
 def described(name: str, column: Column) -> dict[str, Any]:
     """The attributes of a column in a dataset, where its name is another than in a table."""
-    naming = {} if identifier(name) == name else {"long_name": name}
-    return naming | dict(column.attributes)
+    return ({} if identifier(name) == name else {"long_name": name}) | dict(column.attributes)
 
 
 def column(values: Sequence[Any], axis: str, name: str) -> Column:

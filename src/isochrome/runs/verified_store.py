@@ -78,8 +78,7 @@ class VerifiedStore(LocalStore):
             return self._file(key)
         if not self._may_be_read(key):
             return None
-        part = super().get_sync(key, prototype=prototype, byte_range=byte_range)
-        return self._there(key, part)
+        return self._there(key, super().get_sync(key, prototype=prototype, byte_range=byte_range))
 
     def _file(self, key: str) -> Buffer | None:
         """All of a file, verified."""

@@ -41,16 +41,14 @@ _MMAP_THRESHOLD, _TRIM_THRESHOLD = -3, -1
 
 def keep_steady() -> None:
     """Fix from which size on arrays are given back at once, which else grows with the largest."""
-    library = _gnu()
-    if library is not None:
+    if (library := _gnu()) is not None:
         library.mallopt(_MMAP_THRESHOLD, LARGE)
         library.mallopt(_TRIM_THRESHOLD, SPARE)
 
 
 def trim_heap() -> None:
     """Give back what is free, between chunks."""
-    library = _gnu()
-    if library is not None:
+    if (library := _gnu()) is not None:
         library.malloc_trim(0)
 
 
@@ -60,8 +58,7 @@ def _gnu() -> ctypes.CDLL | None:
     if not sys.platform.startswith("linux"):
         return None
     library = ctypes.CDLL(None)
-    known = hasattr(library, "mallopt") and hasattr(library, "malloc_trim")
-    return library if known else None
+    return library if hasattr(library, "mallopt") and hasattr(library, "malloc_trim") else None
 
 
 T = TypeVar("T")
@@ -185,10 +182,9 @@ def by_cluster(
         executor = client.get_executor(pure=False)
         everywhere = client.scatter(work, broadcast=True)
         ahead = 2 * max(1, sum(client.nthreads().values()))
-        expected = environment()
 
         def submit(index: int) -> Any:
-            return executor.submit(_elsewhere, everywhere, run.layout.span(index), expected)
+            return executor.submit(_elsewhere, everywhere, run.layout.span(index), environment())
 
         try:
             for index, results in in_flight(submit, chunks, ahead):
@@ -199,9 +195,7 @@ def by_cluster(
 
 def processors() -> int:
     """Count the processors that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def in_flight(
@@ -243,8 +237,7 @@ def _wait_for_task(_work: Callable[..., Any], tasks: multiprocessing.queues.Queu
 
 def _end_with_parent() -> None:
     """Without this, workers of a killed parent would wait for work for ever."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
+    if (parent := multiprocessing.parent_process()) is not None:
         parent.join()
     os._exit(1)
 
@@ -298,8 +291,7 @@ def single_threaded() -> Iterator[None]:
 
     with ExitStack() as stack:
         stack.enter_context(threadpool_limits(limits=1))
-        cv2 = sys.modules.get("cv2")
-        if cv2 is not None:
+        if (cv2 := sys.modules.get("cv2")) is not None:
             stack.callback(cv2.setNumThreads, cv2.getNumThreads())
             cv2.setNumThreads(1)
         yield

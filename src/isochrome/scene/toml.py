@@ -256,9 +256,7 @@ def _slip_in_line(text: str, reason: str) -> str:
     comma = re.search(r"=\s*([-+]?\d+),(\d+)", line)
     if comma:
         return message("decimal_comma_write_point", comma=comma[1], comma_2=comma[2])
-    if re.search(r'"[^"]*\\', line):
-        return message("backslash_double_quotes_write")
-    return ""
+    return message("backslash_double_quotes_write") if re.search(r'"[^"]*\\', line) else ""
 
 
 def with_value(

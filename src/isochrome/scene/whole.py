@@ -314,8 +314,7 @@ class Scene(ScenePart):
         """The value of a dotted key such as 'load.normal_n'; InputError on an unknown one."""
         part, _, name = key.partition(".")
         table = getattr(self, part, None)
-        known = part in type(self).model_fields and part not in NO_KEYS
-        if not known or not name:
+        if part not in type(self).model_fields or part in NO_KEYS or not name:
             raise InputError("scene_has_no_such", key=key)
         if table is None:
             raise InputError("scene_has_no_add", key=key, part=part)
@@ -398,8 +397,7 @@ def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
     check_width(scene.name, pixel, shape, width, what)
     if scene.indenter is None or pixel <= UNDOUBTED_MM:
         return
-    across = shape or (camera.height_px or 0, camera.width_px or 0)
-    picture = max(across) * pixel
+    picture = max(shape or (camera.height_px or 0, camera.width_px or 0)) * pixel
     if picture > WIDEST * width:
         raise InputError(
             "camera_pixel_mm_makes_picture", name=scene.name, pixel=pixel, picture=picture,

@@ -478,8 +478,7 @@ class _Handler(BaseHTTPRequestHandler):
         if len(stated) != 1 or not (stated[0].isascii() and stated[0].isdigit()):
             raise _Refused(HTTPStatus.LENGTH_REQUIRED, "send_one_content_length")
         if len(stated[0]) > 12 or int(stated[0]) > MOST_BYTES:
-            status = HTTPStatus.REQUEST_ENTITY_TOO_LARGE
-            raise _Refused(status, "bytes_most", most_bytes=MOST_BYTES)
+            raise _Refused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "bytes_most", most_bytes=MOST_BYTES)
         if (self.headers.get_content_type()) != "application/json":
             raise _Refused(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "send_application_json")
         try:

@@ -388,10 +388,9 @@ class SetupSession:
 
     def _read_file(self) -> bytes | None:
         """What the scene's file holds now; None where there is none that can be read."""
-        try:
+        with suppress(OSError):
             return self.scene_file.read_bytes()
-        except OSError:
-            return None
+        return None
 
     def read_again(self) -> None:
         """Take the file's scene where another program has changed it; undo takes it back.
@@ -444,10 +443,9 @@ class SetupSession:
 
     def scene_or_none(self) -> Scene | None:
         """The scene, None where the text is none yet."""
-        try:
+        with suppress(InputError):
             return self.scene()
-        except InputError:
-            return None
+        return None
 
     def count_with(self, index: int, scene: Scene | None) -> int:
         """How many frames there are; InputError where frame `index` is none of them."""
@@ -511,10 +509,9 @@ def shown_frame(image: NDArray[Any]) -> NDArray[np.uint8]:
 
 def _named_files(text: str) -> set[str]:
     """The files that a scene's text names."""
-    try:
+    with suppress(InputError):
         return set(_names_in(parse_toml(text, "scene")))
-    except InputError:
-        return set()
+    return set()
 
 
 def _names_in(value: Any, key: str = "") -> Iterator[str]:

@@ -60,7 +60,7 @@ class ColourLight(FrameKind):
             raise InputError("grey_camera_colour_says", path=reader.path)
         assert scene.camera is not None
         pairs = [
-            load_no_load(_one_channel(scene, name), full_shape=reader.full_shape)
+            load_no_load(scene.with_values({"frames.channel": name}), full_shape=reader.full_shape)
             for name in CHANNELS
         ]
         dark, bright = map(_in_colour, zip(*pairs, strict=True))
@@ -76,7 +76,9 @@ class ColourLight(FrameKind):
         path, scene = source.task.frames, source.task.scene
         with ExitStack() as opened:
             readers = [
-                opened.enter_context(open_scene_frames(path, _one_channel(scene, name)))
+                opened.enter_context(
+                    open_scene_frames(path, scene.with_values({"frames.channel": name}))
+                )
                 for name in CHANNELS
             ]
             yield from map(list, islice(zip(*readers, strict=True), start, None))
@@ -121,11 +123,6 @@ def _in_colour(channels: Sequence[Linear | None]) -> Linear | None:
         return None
     image = np.stack([part.image for part in known], axis=-1)
     return Linear(image, np.stack([part.valid for part in known], axis=-1))
-
-
-def _one_channel(scene: Scene, name: str) -> Scene:
-    result = scene.with_values({"frames.channel": name})
-    return result.model_copy(update={"folder": scene.folder, "name": scene.name})
 
 
 def _stacked(

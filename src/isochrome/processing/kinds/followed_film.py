@@ -256,8 +256,7 @@ def _warnings(film: FollowedFilm, index: int, known_share: float) -> tuple[str, 
             again = message(NOT_KNOWN) if stop >= film.count else message(READ_ANEW, stop=stop)
             return (*notes, not_followed(start) + "; " + again)
     begin = film.begin(index)
-    doubts = np.count_nonzero(film.kept[begin].doubt())
-    if doubts:
+    if doubts := np.count_nonzero(film.kept[begin].doubt()):
         share = 100.0 * doubts / max(1, int(np.count_nonzero(film.data.material)))
         notes.append(message(DIFFERING, share=share, begin=begin, end=film.end(index)))
     if known_share < 0.5 and index > 0:
@@ -316,15 +315,13 @@ class UnloadedFilm(Film):
             raise PhysicsError(NOT_UNLOADED, name=scene.name, than=than, share=100.0 * share)
         given = None if other is None else np.maximum(data.sign * (other.image - zero), 1e-3)
         try:
-            on_blocks = None if given is None else joined_pixels(given, data.by)
-            surface = top.surface(data.material) if on_blocks is None else on_blocks
+            surface = top.surface(data.material) if given is None else joined_pixels(given, data.by)
         except InputError as error:
             raise PhysicsError(f"{scene.name}: " + error.message) from error
         none = np.zeros_like(surface)
         guide = FilmLight(
-            zero=joined_pixels(zero, data.by), illumination=surface, error=none, zero_error=none,
-            sign=data.sign,
-        )  # fmt: skip
+            zero=below, illumination=surface, error=none, zero_error=none, sign=data.sign
+        )
         if rough:  # the first frame's own noise is in all differences from it
             data.between *= float(np.sqrt(2.0))
         level = float(np.median(surface[data.material]))

@@ -105,10 +105,9 @@ def no_load_light(
         notes = (message("exposed_times_long_frames", bright=result.bright),)
         return NoLoadLight(result.ends, notes, dark_told=result.dark_told)
     if result.bright < 1.0:
-        exposed = result.dark * dark, result.bright * bright
         unexposed, other = (
             sum(place.cost for place in _places(light, valid, ends, frames))
-            for ends in (no_load, exposed)
+            for ends in (no_load, (result.dark * dark, result.bright * bright))
         )
         if unexposed + CLEAR < other:  # known orders are clearly those of the no-load frames
             return alike
@@ -222,10 +221,9 @@ class ImageOnly(FrameKind):
 
     def values(self, scene: Scene) -> tuple[str, ...]:
         """Fringe lines, and the orders where one is known."""
-        known = scene.frames.orders_known
         gamma = ("gamma", f"gamma {SPREAD}") if scene.frames.gamma == "unknown" else ()
         lines = ("fringe_lines", *gamma, *self.loads())
-        return ("kept_share", *lines, *LARGEST) if known else lines
+        return ("kept_share", *lines, *LARGEST) if scene.frames.orders_known else lines
 
     def loads(self) -> tuple[str, ...]:
         """Columns of a frame's load, where that is read."""
@@ -345,9 +343,8 @@ def frame_signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -
         refusal, dark_told = no_load.refusal, no_load.dark_told
     else:
         ends = fit_background_modulation(light, sigma, valid, dark=dark, bright=bright, tone=tone)
-        blind = dark is None or bright is None
         refusal = "" if ends.settled else message("search_light_dark_bright")
-        notes = [message("normalised_own_fringes_without")] * blind
+        notes = [message("normalised_own_fringes_without")] * (dark is None or bright is None)
         if tone:
             gamma = with_uncertainty(ends.tone, ends.tone_uncertainty)
             notes.append(message("gamma_found_from_fringes", gamma=gamma))
@@ -430,15 +427,13 @@ def _contradicted(
     error = np.abs(np.where(done.valid, other - done.signal, 0.0))
     best = gamma * result.tone
     value = with_uncertainty(best, gamma * result.tone_uncertainty)
-    text = message("frames_gamma_does_not", gamma=gamma, with_uncertainty=value, best=best)
-    return error, [text]
+    return error, [message("frames_gamma_does_not", gamma=gamma, with_uncertainty=value, best=best)]
 
 
 def _read_signal(signal: FrameSignal, scene: Scene) -> tuple[FreeReading, list[str]]:
     """The order of one signal, and what its gamma is told by."""
     error, messages = signal.error, list[str]()
-    light = *wave_of(signal, scene), signal.valid
-    result = read_free(*light, orders_of(scene), error=error)
+    result = read_free(*wave_of(signal, scene), signal.valid, orders_of(scene), error=error)
     if signal.gamma_check is not None:
         other, messages = signal.gamma_check(result.contrast)
         error = np.hypot(error, other)

@@ -106,8 +106,7 @@ class FrameKind:
 
     def prepare(self, scene: Scene, reader: FrameReader) -> Capture:
         """What all frames share: the files besides them. Raises InputError."""
-        dark, bright = load_no_load(scene, full_shape=reader.full_shape)
-        return Capture(reader.bit_depth, dark, bright)
+        return Capture(reader.bit_depth, *load_no_load(scene, full_shape=reader.full_shape))
 
     def sized(
         self, scene: Scene, shape: tuple[int, int], count: int, on_disk: bool

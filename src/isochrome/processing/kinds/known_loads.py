@@ -52,8 +52,7 @@ def known_series(scene: Scene, reader: FrameReader) -> LoadSeries:
     """
     loads = dict(enumerate(scene.frames.known_loads_n))
     shown = [frame for frame in reader if loads.get(frame.index)]
-    capture = Capture(reader.bit_depth)
-    shots = [_shot(frame, scene, capture, loads[frame.index]) for frame in shown]
+    shots = [_shot(frame, scene, Capture(reader.bit_depth), loads[frame.index]) for frame in shown]
     return lay_series(shots, [frame.index for frame in shown])
 
 

@@ -53,10 +53,9 @@ def order_columns(order: Array, uncertainty: Array) -> dict[str, Any]:
     if not np.isfinite(order).any():
         return result
     row, col = largest_pixel(order)
-    beside = _beside_unread(order, row, col)
     result |= {"n_max": float(order[row, col]), "n_max_row_px": row, "n_max_col_px": col}
     result |= {"n_max_uncertainty": float(uncertainty[row, col])}
-    return result | {ORDER_FROM: AT_LEAST if beside else FRAME}
+    return result | {ORDER_FROM: AT_LEAST if _beside_unread(order, row, col) else FRAME}
 
 
 def largest_pixel(order: Array) -> tuple[int, int]:

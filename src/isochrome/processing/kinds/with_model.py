@@ -227,12 +227,11 @@ def sharp_rim(data: FrameData, rim: Circle) -> Circle:
     cols = rim.col + np.outer(np.cos(angles), radii)
     fall = -np.diff(map_coordinates(blurred, [rows, cols], order=1, mode="nearest"), axis=1)
     steepest = fall.argmax(axis=1)
-    selected = fall.max(axis=1) > 0.5 * np.median(fall.max(axis=1))
     radius = 0.5 * (radii[steepest] + radii[steepest + 1])
     points = np.stack(
         [rim.row + radius * np.sin(angles), rim.col + radius * np.cos(angles)], axis=1
     )
-    result = fit_circle(points[selected])
+    result = fit_circle(points[fall.max(axis=1) > 0.5 * np.median(fall.max(axis=1))])
     return result if result.scatter < 0.01 * result.radius else rim
 
 
@@ -294,8 +293,7 @@ def _warnings(fit: FrameFit, reading: OrderReading, lost: bool) -> list[str]:
         result.append(message("scene_fringes_not_frame_2", correct=message(_CORRECT)))
     elif fit.plain:
         result.append(message("no_smooth_illumination_fits"))
-    near = [m for m in fit.others if m.chi < ALIKE_CHI * fit.chi]
-    if near:
+    if near := [m for m in fit.others if m.chi < ALIKE_CHI * fit.chi]:
         count, verb = counted(len(near), "other solution"), "s" * (len(near) == 1)
         result.append(message("fit_nearly_well_give", counted=count, value=verb))
     if not fit.converged:
