@@ -147,11 +147,26 @@ def copy_tree(root: Path, home: Path) -> Path:
     return tree
 
 
+_NONE_FOUND = 5
+"""What pytest ends with where no test is of the kind."""
+
+
 def run_tests(tree: Path, tests: Iterable[str], long: bool) -> tuple[str, str]:
-    """Run default or long tests in a copy. Returns passed, failed, no end or error; the output."""
+    """Run default or long tests in a copy, studies only where there are no others.
+
+    Returns passed, failed, no end or error; and the output.
+    """
+    for kind in ("long and not study", "study") if long else ("not long",):
+        code, printed = _run_kind(tree, tests, kind)
+        if code != _NONE_FOUND:
+            break
+    return {0: "passed", 1: "failed", None: "no end"}.get(code, "error"), printed
+
+
+def _run_kind(tree: Path, tests: Iterable[str], kind: str) -> tuple[int | None, str]:
+    """The exit code of the tests of a kind, None where they do not end, and what they print."""
     own = {"PYTHONPATH": str(tree / "src"), "PYTHONDONTWRITEBYTECODE": "1", "CI": "1"}
-    kind = ["-m", "long" if long else "not long"]
-    command = [sys.executable, "-m", "pytest", "-x", "-p", "no:cacheprovider", *kind, *tests]
+    command = [sys.executable, "-m", "pytest", "-x", "-p", "no:cacheprovider", "-m", kind, *tests]
     process = subprocess.Popen(
         command, cwd=tree, env=os.environ | {"OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"} | own,
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
@@ -160,12 +175,12 @@ def run_tests(tree: Path, tests: Iterable[str], long: bool) -> tuple[str, str]:
     try:
         printed, _ = process.communicate(timeout=NO_END_S)
     except subprocess.TimeoutExpired:
-        return "no end", ""
+        return None, ""
     finally:  # what the tests had started ends with them
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-    return {0: "passed", 1: "failed"}.get(process.returncode, "error"), printed
+    return process.returncode, printed
 
 
 def judge(mutant: Mutant, tree: Path) -> str:
@@ -214,7 +229,7 @@ def judge_all(
         for number in range(processes):
             trees.put(copy_tree(root, Path(home) / str(number)))
         shares = [(default[n::processes], False) for n in range(processes)]
-        shares += [(long[n::processes], True) for n in range(processes)]
+        shares += [([test], True) for test in long]
         for run in [pool.submit(unchanged, *share) for share in shares if share[0]]:
             run.result()
         return dict(zip([m.promise for m in mutants], pool.map(one, mutants), strict=True))

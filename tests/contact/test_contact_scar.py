@@ -192,7 +192,6 @@ def test_the_unworn_contact_is_the_coupled_closed_form():
     assert 0.5 * (scar.x_mm[0] + scar.x_mm[-1]) == pytest.approx(exact.centre_mm, rel=1e-5)
 
 
-@pytest.mark.long
 def test_mesh_and_grid_agree_though_they_share_no_discretisation():
     """The fixed grid's second-order run at 2e-5 against the mesh's: p_max, depth, width. Goes wrong
     if either loses wear at an edge, the coupling's sign, or the load."""

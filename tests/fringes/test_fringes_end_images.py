@@ -33,7 +33,6 @@ def frame(*, spot=0.0, bar=0.0, noise=NOISE, slope=0.03, seed=3):
     return light, np.full(LIT, noise), np.ones(LIT, dtype=bool), lamp + 0.05
 
 
-@pytest.mark.long
 def test_a_spot_is_found_where_the_frame_shows_it_and_an_end_is_as_uncertain_as_it_is_off():
     """By quadratics alone the bright end would be off by 5 % of the contrast."""
     *given, bright = frame(spot=0.5, bar=0.3)

@@ -132,7 +132,6 @@ def ramp(seed, gamma, shape=(110, 130), noise=0.01, hard=False):
     return (light, np.full(shape, noise), np.ones(shape, bool)), {"dark": low, "bright": high}
 
 
-@pytest.mark.long
 def test_a_found_gammas_uncertainty_is_in_the_signals():
     """Both ends are given, so that gamma alone moves s = (I^g - D^g)/(B^g - D^g)."""
     frame, ends = ramp(0, 1.4)
@@ -151,7 +150,6 @@ def test_a_found_gammas_uncertainty_is_in_the_signals():
         assert told == pytest.approx(abs(slope) * found.tone_uncertainty, rel=1e-6)
 
 
-@pytest.mark.study
 def test_fringes_of_no_gamma_do_not_tell_it():
     """Fringes of black and white alone: no gamma makes them a cosine's; 0.04 was said to."""
     frame, ends = ramp(3, 1.4, hard=True)

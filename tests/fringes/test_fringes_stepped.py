@@ -424,7 +424,6 @@ def test_a_beam_needs_an_anchor_and_takes_its_neutral_axis_from_one():
         assert np.abs(turn).max() < 45.0  # sigma_1 turns by 90 degrees at the neutral axis
 
 
-@pytest.mark.long
 def test_known_orders_go_before_equilibrium_and_their_quarrel_is_said():
     scene = small(contact(0.3))
     order, _ = truth(scene)

@@ -125,7 +125,6 @@ def test_fitted_values_are_the_rendered_ones(first_and_last):
     assert found["wear.coefficient_mm2_per_n"] == pytest.approx(2.06e-9, rel=3e-3)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("radius_mm", [27.0, pytest.param(49.22, marks=pytest.mark.study)])
 def test_a_wrong_scene_gives_a_poor_chi_and_says_so(radius_mm, tmp_path):
     """As stated a radius 10 % off leaves orders to be used with care; one twice too large none."""
