@@ -48,7 +48,7 @@ NAMES = dict.fromkeys(FACTS, TRACTIONS) | {"modulus": MODULUS, "layer": LAYER, "
 """What each is called."""
 
 NAMED = 0.9
-_TOLD = {"an order that no cause explains"}
+_TOLD = {"an order that no cause explains", "a stress that no cause explains"}
 """What is said to be there without a cause."""
 
 

@@ -7,7 +7,19 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
-from isochrome.estimation import Evidence, Hypothesis, weigh
+from isochrome.estimation import (
+    Evidence,
+    Hypothesis,
+    Nuisance,
+    Regions,
+    ScoreProducts,
+    cosine_rms,
+    cosine_spread,
+    cosine_sum,
+    cosines,
+    weigh,
+    weighed,
+)
 
 
 def problem(rng, sizes, n=40, scale=1.0):
@@ -165,3 +177,62 @@ def test_at_a_sets_values_its_posterior_cannot_fall():
     normal = matrix + np.linalg.inv(root @ root.T)
     off = rng.normal(size=3)
     assert evidence.fall((0,), values + off) == pytest.approx(off @ normal @ off, rel=1e-9)
+
+
+def test_sets_are_sought_without_what_is_not_to_be_in_them():
+    rng = np.random.default_rng(9)
+    _, _, matrix, right = problem(rng, (1, 1, 1))
+    some = [Hypothesis(n, slice(i, i + 1), np.eye(1), 3.0) for i, n in enumerate("abc")]
+    sets = weigh(Evidence(matrix, right, some), without=("b",))
+    assert sets.members[0] == (0, 2) and all(1 not in members for members in sets.members)
+
+
+def test_the_sum_of_waves_is_that_of_their_products():
+    amplitudes = np.random.default_rng(10).normal(size=(2, 25))
+    want = np.tensordot(amplitudes.astype(np.float32), cosines((12, 17), 5), 1)
+    assert cosine_sum((12, 17), amplitudes) == pytest.approx(want, abs=2e-6)
+    # on a grid of 20 by 20 in place of 200 by 200
+    size = np.sqrt(np.mean(cosine_sum((200, 200), amplitudes[0]) ** 2))
+    assert cosine_rms(amplitudes[0]) == pytest.approx(size, rel=0.02)
+
+
+@pytest.mark.parametrize("width", [0.12, 0.3])
+def test_waves_are_a_process_of_matern(width):
+    """Its variance and correlation: Rasmussen & Williams (2006), eq. 4.17."""
+    spread = cosine_spread(40, width)
+    waves = cosines((81, 81), 40).reshape(1600, 81, 81) * spread[:, None, None]
+    # a mean over all the waves, which are larger at their ends, beyond the picture
+    assert np.mean(np.square(waves).sum(axis=0)) == pytest.approx(1.0, rel=0.25)
+    apart = np.sqrt(3.0) * np.abs(np.arange(81) - 40) / 81.0 / width
+    along = waves[:, 40, 40] @ waves[:, 40]
+    # the mirror images beyond the waves' ends, and the largest wave's own length
+    assert along / along[40] == pytest.approx((1.0 + apart) * np.exp(-apart), abs=0.1)
+
+
+def test_the_jackknife_by_regions_is_that_of_fits_without_them():
+    """Each region left out of a fit by least squares with the prior as rows of its own."""
+    rng = np.random.default_rng(11)
+    fitted, columns = rng.normal(size=(3, 400)), rng.normal(size=(6, 400))
+    residual, region = 1.4 * rng.normal(size=400), rng.integers(0, 5, 400)
+    root, now = np.diag([0.3, 0.5]), rng.normal(size=6)
+    things = [
+        Nuisance(name="a", columns=None, now=now[:2], roots=(root,)),
+        Nuisance(name="b", columns=None, now=now[2:], roots=(np.eye(4),)),
+    ]
+    found = weighed(
+        things, ScoreProducts([(fitted[:1], fitted[1:], columns, residual)]), noise=2.0,
+        fitted={"a", "b"}, chance=0.1, unknowns=np.arange(2), size=2,
+    )  # fmt: skip
+    regions = Regions(
+        region=region, fitted=fitted, unknowns=np.arange(2), columns=columns, residual=residual
+    )
+    evidence, members = found.evidence, found.sets.members[0]
+    roots = evidence.roots[np.concatenate([evidence.places[k] for k in members])]
+    moved = []
+    for k in range(5):
+        some = region != k
+        rows = np.concatenate((fitted, roots @ columns))[:, some] / np.sqrt(2.0)
+        prior = np.eye(len(rows))[3:]
+        data = np.r_[(residual + now @ columns)[some] / np.sqrt(2.0), np.zeros(len(prior))]
+        moved.append(np.linalg.lstsq(np.vstack((rows.T, prior)), data, rcond=None)[0][1:3])
+    assert regions.variance(found) == pytest.approx(4.0 * np.var(moved, axis=0), rel=1e-9)

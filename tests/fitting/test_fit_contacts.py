@@ -118,7 +118,7 @@ def test_a_pressure_that_is_wider_as_a_whole_is_the_tractions():
     evidence = Evidence(np.eye(2), np.zeros(2), hypotheses)
     sets = Sets(evidence, ((0,), (0, 1)), np.array([0.3, 0.7]))
     none = np.zeros((0, 0))
-    asked = Asked(
+    asked = Asked(noise=1.0,
         evidence=evidence, given=(), now=np.zeros(2), order_power=np.empty((0, 0)), causes=(),
         along=none, counted=none, judged=sets,
     )  # fmt: skip

@@ -169,6 +169,10 @@ class WearSet(ImageSet):
             )
         if self.trace and self.volume and stated is None:
             raise ValueError(message("volume_beside_traces_needs"))
+        return self
+
+    @model_validator(mode="after")
+    def _named_once(self) -> WearSet:
         for file, times in Counter(trace.file for trace in self.trace).items():
             if times > 1:
                 raise ValueError(message("trace_file_stands_twice", file=file))

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import log_ndtr
 
-from isochrome.estimation.covariance import positive_part
+from isochrome.estimation.covariance import jackknife_variance, positive_part
 from isochrome.estimation.light import TAKEN, ScoreProducts
 
 Array = NDArray[np.float64]
@@ -36,6 +36,9 @@ _BEAM = 40
 """Sets of each size that larger ones are made of."""
 _FEW = 4
 """Amplitudes up to which something is one of many small things in a set."""
+_BEYOND = 0.125
+"""Share of a picture's side by which waves go on beyond its ends: cosines are level at theirs, and
+what is seen need not be."""
 _NEGLIGIBLE = 10.0
 """Logarithm of a chance over the best's below which a set is not made larger."""
 
@@ -79,29 +82,41 @@ class Nuisance:
 
 def cosines(shape: tuple[int, ...], count: int) -> NDArray[np.float32]:
     """Products of `count` cosines along each side of a picture (count², rows, cols), float32."""
-    down, across = (
-        np.cos(np.pi * np.outer(np.arange(count), np.arange(n) + 0.5) / n).astype(np.float32)
-        for n in shape
-    )
+    down, across = (_cosines_along(n, count) for n in shape)
     return np.asarray(down[:, None, :, None] * across[None, :, None, :]).reshape(-1, *shape)
+
+
+def cosine_sum(shape: tuple[int, int], amplitudes: Array) -> NDArray[np.float32]:
+    """Sums (..., rows, cols) of such products with their amplitudes (..., count²), float32."""
+    count = round(amplitudes.shape[-1] ** 0.5)
+    down, across = (_cosines_along(n, count) for n in shape)
+    square = amplitudes.reshape(*amplitudes.shape[:-1], count, count)
+    return np.asarray(down.T @ square.astype(np.float32) @ across)
+
+
+def _cosines_along(pixels: int, count: int) -> NDArray[np.float32]:
+    place = ((np.arange(pixels) + 0.5) / pixels + _BEYOND) / (1.0 + 2.0 * _BEYOND)
+    return np.cos(np.pi * np.outer(np.arange(count), place)).astype(np.float32)
 
 
 def cosine_spread(count: int, width: float) -> Array:
     """Standard deviations (count²,) of such products in a Gaussian process of variance 1 and a
-    length of `width`, of the picture's size.
+    length of `width`, of the picture's size, by the spectrum of Matérn's 3/2.
+
+    A smoother one takes its own smoothness for knowledge. Source: Rasmussen & Williams (2006),
+    Gaussian Processes for Machine Learning, section 4.2.1.
     """
     number = np.arange(count)
-    power = np.exp(-0.5 * (np.pi * number * width) ** 2)
-    power *= np.where(number, 2.0, 1.0)
-    power /= power.sum()
-    return np.asarray(np.sqrt(np.outer(power, power)).ravel())
+    square = np.add.outer(number**2, number**2) * (np.pi * width / (1.0 + 2.0 * _BEYOND)) ** 2
+    power = (1.0 + square / 3.0) ** -2.5
+    over_mean = np.where(number, 2.0, 1.0)  # of a squared cosine
+    return np.asarray(np.sqrt(np.outer(over_mean, over_mean) * power / power.sum()).ravel())
 
 
 def cosine_rms(amplitudes: Array) -> float:
     """Root mean square over the picture of such products with their amplitudes (count²,)."""
-    count = round(len(amplitudes) ** 0.5)
-    power = np.where(np.arange(count), 0.5, 1.0)
-    return float(np.sqrt(np.sum(np.outer(power, power).ravel() * amplitudes**2)))
+    side = 4 * round(len(amplitudes) ** 0.5)
+    return float(np.sqrt(np.mean(cosine_sum((side, side), amplitudes) ** 2)))
 
 
 @dataclass(frozen=True)
@@ -169,7 +184,8 @@ class Weighed:
     the values `now` (k,) of all columns.
 
     `along` (p, k), what a change of these changes the unknowns by, and `counted` (p, p), what the
-    fit's covariance has of them already; `judged`, the sets where something else tells them apart.
+    fit's covariance has of them already; `noise`, its variance over what the data say; `judged`,
+    the sets where something else tells them apart.
     """
 
     evidence: Evidence
@@ -177,6 +193,7 @@ class Weighed:
     now: Array
     along: Array
     counted: Array
+    noise: float
     judged: Sets | None = None
 
     @cached_property
@@ -192,6 +209,43 @@ class Weighed:
         """
         total = self.sets.moments(self.along, self.now) - self.counted
         return positive_part(total, np.sqrt(np.maximum(np.diag(total), 0.0)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Regions:
+    """One part of the data by `region` (n,) of its picture: derivatives (q, n) by what is `fitted`,
+    the last ones by `unknowns` (p,), by number; `columns` (k, n) of nuisances, the `residual` (n,).
+    """
+
+    region: NDArray[np.intp]
+    fitted: Array
+    unknowns: NDArray[np.intp]
+    columns: Array
+    residual: Array
+
+    def variance(self, weighed: Weighed) -> Array:
+        """Variance (p,) of the unknowns beside the likeliest set, by the jackknife.
+
+        What leaves one region after another out: a prior's form is an assumption, and where it is
+        wrong one part of a picture says something else than another. Source: Efron & Stein (1981),
+        Ann. Stat. 9, 586.
+        """
+        evidence = weighed.evidence
+        at = np.concatenate([evidence.places[k] for k in weighed.sets.members[0]])
+        now = (self.residual + weighed.now @ self.columns)[None]
+        stacked = np.concatenate((self.fitted, evidence.roots[at] @ self.columns, now))
+        stacked /= weighed.noise**0.5
+        parts = [stacked[:, self.region == k] for k in np.unique(self.region)]
+        grams = np.array([part @ part.T for part in parts])
+        prior = np.zeros(len(stacked) - 1)
+        prior[len(self.fitted) :] = 1.0
+        total = grams.sum(axis=0)
+        size = 1.0 / np.sqrt(np.diag(total)[:-1] + prior)
+        without = (total - grams)[:, :-1]
+        normal = (without[..., :-1] + np.diag(prior)) * np.outer(size, size)
+        values = np.linalg.solve(normal, (without[..., -1] * size)[..., None])[..., 0] * size
+        last = len(self.fitted)
+        return jackknife_variance(values[:, last - len(self.unknowns) : last])
 
 
 def weighed(
@@ -243,6 +297,7 @@ def weighed(
         now=now,
         along=along,
         counted=along[:, counted] @ inverse @ along[:, counted].T,
+        noise=noise,
     )
 
 
@@ -302,10 +357,6 @@ class Evidence:
             mean = mean + column * (tail / size)
         return at, mean, half
 
-    def size(self, chosen: Sequence[int]) -> int:
-        """Number of a set's amplitudes."""
-        return sum(len(self.places[k]) for k in chosen)
-
     def fall(self, chosen: Sequence[int], now: Array) -> float:
         """By how much a set's values `now` (k,) leave -2 ln of its posterior above its least."""
         at, mean, half = self.posterior(chosen)
@@ -338,10 +389,11 @@ class Evidence:
         return self._eliminated[large]
 
 
-def weigh(evidence: Evidence, *, given: Sequence[int] = ()) -> Sets:
+def weigh(evidence: Evidence, *, given: Sequence[int] = (), without: Collection[str] = ()) -> Sets:
     """All likely sets with up to four members, found by changing one thing of the likeliest ones.
 
-    `given`: a set that is begun with besides none, such as what is fitted already.
+    `given`: a set that is begun with besides none, such as what is fitted already; `without`, the
+    names of what no set has.
     """
     found: dict[frozenset[int], float] = {frozenset(): 0.0}
     found[frozenset(given)] = evidence.of(tuple(given))
@@ -349,7 +401,7 @@ def weigh(evidence: Evidence, *, given: Sequence[int] = ()) -> Sets:
     while layer:
         near: dict[frozenset[int], float] = {}
         for members in layer:
-            for beside in _beside(evidence.hypotheses, members):
+            for beside in _beside(evidence.hypotheses, members, without):
                 if beside not in found:
                     found[beside] = near[beside] = evidence.of(sorted(beside))
         best = max(found.values())
@@ -364,10 +416,14 @@ def weigh(evidence: Evidence, *, given: Sequence[int] = ()) -> Sets:
     return Sets(evidence, likely_sets, weights / weights.sum())
 
 
-def _beside(hypotheses: Sequence[Hypothesis], members: frozenset[int]) -> Iterator[frozenset[int]]:
+def _beside(
+    hypotheses: Sequence[Hypothesis], members: frozenset[int], without: Collection[str]
+) -> Iterator[frozenset[int]]:
     """Sets with one thing more, or one in another way."""
     names = {hypotheses[k].name: k for k in members}
     for k, hypothesis in enumerate(hypotheses):
+        if hypothesis.name in without:
+            continue
         if hypothesis.name in names:
             yield members - {names[hypothesis.name]} | {k}
         elif len(members) < MOST_MEMBERS:

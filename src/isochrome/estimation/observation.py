@@ -44,6 +44,7 @@ class FrameData(Observation):
 
     lamp: LightModel  # what illumination and background are sums of
     noise_ratio: float = 1.0  # over what the finest part shows, which compression takes away
+    waves: Array | None = None  # (3, k), of what no cause explains: see `with_waves`
 
     @property
     def shape(self) -> tuple[int, int]:

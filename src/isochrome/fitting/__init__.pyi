@@ -9,7 +9,7 @@ from .causes.report import (
     opposite_shear,
     rival_causes,
 )
-from .causes.score import LIGHT, LIGHT_FALLS, ORDER, light_sizes
+from .causes.score import LIGHT, LIGHT_FALLS, ORDER, WIDTHS, light_sizes
 from .figure import over_distance_figure
 from .folder import fit_report, restore_fit, restore_values
 from .frame.frame_fit import FrameFit, cramer_rao_bound, fit_frame, placed, propagated
@@ -89,6 +89,7 @@ __all__ = [
     "SUSPECTED",
     "TOO_FAR",
     "WEAR",
+    "WIDTHS",
     "Apparatus",
     "Fit",
     "FrameFit",

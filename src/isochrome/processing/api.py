@@ -163,12 +163,7 @@ def process(
     """
     scene = load_scene(scene)
     check_scene(scene)
-    if track and each:
-        raise InputError("track_each_set_followed")
-    if maps not in (None, "all", "key", "none"):
-        raise InputError("maps_give_all_key", maps=maps)
-    if preview and out is None:
-        raise InputError("preview_written_beside_results")
+    _check_options(track, each, maps, preview, out)
     if rois:
         load_roifile()  # missing, it is to be said before hours of work
     refuse_without_folder(out, workers, cluster)
@@ -198,6 +193,18 @@ def process(
             options = RunOptions(workers, cluster, restart, keep_going, opened.enter_context(early))
             result = _processed(task, identity, out, options, progress)
         return replace(result, as_stated=as_stated)
+
+
+def _check_options(
+    track: bool, each: bool, maps: str | None, preview: bool, out: str | Path | None
+) -> None:
+    """Refuse options that say two things, or nothing."""
+    if track and each:
+        raise InputError("track_each_set_followed")
+    if maps not in (None, "all", "key", "none"):
+        raise InputError("maps_give_all_key", maps=maps)
+    if preview and out is None:
+        raise InputError("preview_written_beside_results")
 
 
 def _kind_of_set(

@@ -19,7 +19,7 @@ import numpy as np
 
 import isochrome
 from isochrome.errors import InputError
-from isochrome.fringes import skeleton_table
+from isochrome.fringes import Skeleton, skeleton_table
 from isochrome.messages import frame_messages, message
 from isochrome.output import (
     FIGURE_DPI,
@@ -124,9 +124,7 @@ def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
                 pictures[layer.name].append(picture_of(item, layer.name, item.normalised.shape))
         if isinstance(item, FollowedFrame):
             continue
-        # with a model, which can draw them anew, for who asks alone
-        wanted = task.rois or (item.fit is None and task.kind.draws_lines)
-        lines = item.skeleton() if wanted else []
+        lines = _lines_to_keep(task, item)
         if lines:
             left, top = item.corner_mm(task.scene)
             points = skeleton_table(lines, pixel_mm=item.pixel_mm, left_mm=left, top_mm=top)
@@ -142,6 +140,12 @@ def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
         parts[ROIS] = data.getvalue()
     arrays = {name: np.stack(maps) for name, maps in pictures.items()}
     return Results(arrays, rows, more, parts, packed=dict(packed))
+
+
+def _lines_to_keep(task: FrameTask, item: ProcessedFrame) -> list[Skeleton]:
+    """The fringe lines of a frame; with a model, which can draw them anew, for who asks alone."""
+    wanted = task.rois or (item.fit is None and task.kind.draws_lines)
+    return item.skeleton() if wanted else []
 
 
 def _within(

@@ -515,6 +515,11 @@ class _State:
     chunks: dict[int, ChunkRecord] = field(default_factory=dict)
     finished: bool = False
 
+    @property
+    def anything(self) -> bool:
+        """Whether something of the run is kept."""
+        return bool(self.chunks) or self.finished
+
 
 @contextmanager
 def _saying(root: Path, job: Job) -> Iterator[_State]:
@@ -536,7 +541,7 @@ def _saying(root: Path, job: Job) -> Iterator[_State]:
             raise
         raise type(error)(error.message + f" ({count_kept()} in {root})") from error
     except KeyboardInterrupt:
-        if not (state.chunks or state.finished):
+        if not state.anything:
             raise Stopped(message("stopped_before_anything_finished")) from None
         raise Stopped(
             message("stopped_run_same_command", count_kept=count_kept(), root=root)
@@ -547,7 +552,7 @@ def _saying(root: Path, job: Job) -> Iterator[_State]:
             count_kept=count_kept(),
         ) from error  # fmt: skip
     finally:
-        if state.fresh and not (state.chunks or state.finished):
+        if state.fresh and not state.anything:
             with suppress(OSError):
                 wipe(root)
 

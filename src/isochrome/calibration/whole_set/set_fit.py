@@ -46,7 +46,17 @@ from isochrome.estimation import (
     weighed,
     with_chosen_terms,
 )
-from isochrome.fitting import CAUSES, LIGHT, LIGHT_FALLS, NAMED, ORDER, RARE, SUSPECTED, light_sizes
+from isochrome.fitting import (
+    CAUSES,
+    LIGHT,
+    LIGHT_FALLS,
+    NAMED,
+    ORDER,
+    RARE,
+    SUSPECTED,
+    WIDTHS,
+    light_sizes,
+)
 from isochrome.messages import message
 from isochrome.output import per_cent, with_uncertainty
 
@@ -68,9 +78,8 @@ _ODD = 6.0
 _MOST_ODD = 0.1
 """Share of the pixels that no dust covers."""
 
-_COSINES, _ORDERS, _WIDTHS = 5, (0.001, 0.003, 0.01, 0.03), (0.12, 0.3)
-"""Cosines along each side of the picture; standard deviations of an unknown part of the orders, and
-its lengths, of the picture's size."""
+_COSINES, _ORDERS = 5, (0.001, 0.003, 0.01, 0.03)
+"""Cosines along each side of the picture; standard deviations of an unknown part of the orders."""
 
 
 def fit_set(model: SetModel, start: Array) -> SetFit:
@@ -332,7 +341,7 @@ def _nuisances(fit: SetFit) -> Iterator[Nuisance]:
         columns=partial(_order_columns, fit),
         now=np.zeros(_COSINES**2 - 1),
         # Gaussian processes on their cosines; the even one left out is the fringe value itself
-        roots=tuple(s * np.diag(cosine_spread(_COSINES, w)[1:]) for s in _ORDERS for w in _WIDTHS),
+        roots=tuple(s * np.diag(cosine_spread(_COSINES, w)[1:]) for s in _ORDERS for w in WIDTHS),
     )
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from isochrome.estimation import STEP, FrameData, LightModel, block_correlation, cosines, line_noise
 from isochrome.fitting.arrays import Array, Mask
@@ -37,6 +38,8 @@ _BLOCKS = 4_000
 _FILLED = 0.5
 """Least share of a block's pixels that were fitted."""
 
+_REGIONS = 4
+"""Parts along each side of the picture that are left out one after another."""
 SHADOW_BLOCKS = 5
 """Depth in blocks that a shadow on the surface may reach: it fades, and its end is not seen."""
 
@@ -57,7 +60,7 @@ MAD = 1.4826
 """Standard deviation over the median of the sizes, of a normal distribution."""
 _ORDER = 1e-3
 """Fringes by which an order is changed."""
-COSINES = 7
+COSINES = 8
 """Cosines of the picture's height, and of its width, that an unknown order is made of."""
 
 
@@ -129,6 +132,15 @@ class FrameBlocks:
         self._renderer = solved.renderer
         self._fields = self._thin_fields(solved.renderer)
 
+    @property
+    def region(self) -> NDArray[np.intp]:
+        """Which of _REGIONS x _REGIONS parts of the picture, each as full, a block lies in (n,)."""
+        down, across = (
+            np.argsort(np.argsort(place, kind="stable")) * _REGIONS // len(place)
+            for place in np.nonzero(self._chosen)
+        )
+        return np.asarray(_REGIONS * down + across)
+
     def part(self, columns: Array) -> tuple[Array, Array, Array, Array]:
         """`light_rows`, `rows`, some `columns` (k, n) that are not fitted, and the residual (n,).
 
@@ -149,6 +161,7 @@ class FrameBlocks:
     def _thin_fields(self, renderer: SceneRenderer) -> tuple[Array, Array]:
         """Stress difference and visibility at the blocks, as the fit last had them."""
         field, visibility = renderer.order_field(self.scene)
+        field = renderer.whole(self.scene, field)
         shown = np.broadcast_to(visibility, field.shape)
         return np.nan_to_num(self.thin(field)), self.thin(shown)
 
@@ -235,7 +248,8 @@ class FrameBlocks:
 
     def _solved_column(self, key: str, value: float, step: float) -> Array:
         """By what the contact would be with another modulus, or the scar under another friction."""
-        field = self._renderer.field_beside(self.scene.with_values({key: value + step}))
+        there = self.scene.with_values({key: value + step})
+        field = self._renderer.whole(there, self._renderer.field_beside(there))
         moved = self._signal(self.scene, np.nan_to_num(self.thin(field)))
         return np.asarray((moved - self._here) * (self._gain / step))
 
@@ -257,21 +271,21 @@ class FrameBlocks:
 
     @cached_property
     def order_waves(self) -> Array:
-        """Orders that no cause may explain, fringes (k, n): products of cosines over the picture,
-        and as much again for each fringe that is there. A plate that is warm or uneven changes a
-        share of these, a clamp or a window what is none.
-        """
+        """Orders that no cause may explain, fringes (k, n), see `with_waves`."""
         rows, cols = self._chosen.shape
-        own = 1.0 + scene_optics(self.scene).order(self._fields[0])
-        return np.asarray(self.pick(cosines((rows, cols), COSINES)) * own)
+        waves, field = self.pick(cosines((rows, cols), COSINES)), self._fields[0]
+        turn = field / np.maximum(np.abs(field), np.float32(1e-6))
+        ways = scene_optics(self.scene).order(field), turn.real, turn.imag
+        return np.concatenate([waves * way for way in ways])
 
-    def order_columns(self) -> Array:
-        """By an order that no cause explains, as of `order_waves` (k, n)."""
+    def wave_columns(self, part: slice) -> Array:
+        """By what no cause explains, some of three parts of `order_waves` (k, n)."""
         optics, (field, visibility) = scene_optics(self.scene), self._fields
         order = optics.order(field) + np.float32(_ORDER)
         moved = optics.signal(field, order=order, visibility=visibility)
         slope = (moved - self._here) * (self._gain / np.float32(_ORDER))
-        return np.asarray(self.order_waves * slope)
+        waves = self.order_waves.reshape(3, -1, len(slope))[part]
+        return np.asarray(waves.reshape(-1, len(slope)) * slope)
 
     def shadow_columns(self) -> Array:
         """By the light that is missing at each depth of blocks beside the surface (k, n)."""

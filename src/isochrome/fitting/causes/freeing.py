@@ -16,21 +16,24 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from isochrome.errors import PhysicsError
-from isochrome.estimation import FEW_TERMS, HALF, MOST_TERMS, POOR_CHI, FrameData
+from isochrome.estimation import FEW_TERMS, HALF, MOST_TERMS, POOR_CHI, FrameData, Hypothesis, weigh
 from isochrome.fitting.arrays import Array, Mask
+from isochrome.fitting.causes.blocks import COSINES
 from isochrome.fitting.causes.cause import OF_PRESSURE, SMOOTH, Cause
 from isochrome.fitting.causes.score import (
     LIGHT,
-    ORDER,
     SHADOW,
     TRACTIONS,
+    WAVES,
     Asked,
     FittedNuisances,
     LightTerms,
     ask,
+    fitted_waves,
     middle_of,
     richer_light,
     sizes_of,
+    wave_root,
 )
 from isochrome.fitting.causes.slips import Slip, explaining_slip, is_lost
 from isochrome.fitting.causes.solution import Askable, Change, FrameSolution
@@ -54,6 +57,9 @@ _LARGE = 1.03
 _LIKELY, _TRIED, _MOST_TRIALS = 3, 9, 27
 """The likeliest sets, and all that are tried of those and what is beside them; trials of all
 rounds: what as many do not explain is in no list, and what is bent to it takes the values along."""
+_PLAIN = 2
+"""The likeliest sets of causes alone that are tried: what can take any form explains much to first
+order, and hides what a named cause would explain beyond that."""
 _LEAST_EVEN = 0.1
 """Least square, of its size's, at which an even cause begins: it has no slope at nought."""
 _SAME_CHI = 1.01
@@ -119,7 +125,7 @@ class Freed(Generic[S]):
     @property
     def is_plain(self) -> bool:
         """Whether nothing was freed, and nothing left out."""
-        return not (self.causes or self.tractions or self.light) and self.odd is None
+        return not self.fitted.names and self.odd is None
 
     @property
     def chances(self) -> dict[str, float]:
@@ -129,7 +135,14 @@ class Freed(Generic[S]):
     @property
     def fitted(self) -> FittedNuisances:
         """What is fitted besides the unknowns."""
-        return FittedNuisances(self.causes, self.tractions, self.light)
+        return FittedNuisances(
+            self.causes, self.tractions, self.light, fitted_waves(self.now.waves)
+        )
+
+    @property
+    def moves(self) -> bool:
+        """Whether tractions, or what is unknown, are fitted, which stay as other values move."""
+        return self.tractions or bool(self.fitted.unknown)
 
     @cached_property
     def richer(self) -> LightTerms:
@@ -156,20 +169,23 @@ class _Search:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Plan:
     """A set to fit: `causes`, tractions of a prior's `root`, uneven `light`, still `richer` than
-    what is fitted; and what is tried, and never fitted: `suspects`, an `order` that no cause
-    explains.
+    what is fitted, what is `unknown` of a prior's root `order`; and `suspects`, which are tried,
+    and never fitted.
 
     `log_odds` of them, its `members` by number; `starts` of even causes' keys, which have no slope
-    at nought. Found by a `trial`, or with the tractions' `values` (k,) to first order.
+    at nought. Found by a `trial`, or with the tractions' `values` (k,) and the unknown's `waves`
+    (3, k) to first order.
     """
 
     causes: tuple[Cause, ...] = ()
     suspects: tuple[Cause, ...] = ()
     root: Array | None = None
+    unknown: tuple[str, ...] = ()
     order: Array | None = None
     light: bool = False
     richer: bool = False
     values: Array | None = None
+    waves: Array | None = None
     starts: dict[str, float] = field(default_factory=dict)
     log_odds: float = 0.0
     members: tuple[int, ...] = ()
@@ -178,7 +194,7 @@ class _Plan:
     @property
     def names(self) -> frozenset[str]:
         """All that is fitted, by name."""
-        names = FittedNuisances(self.causes, self.root is not None, self.light).names
+        names = FittedNuisances(self.causes, self.root is not None, self.light, self.unknown).names
         return names | ({"richer light"} if self.richer else set())
 
     @property
@@ -193,8 +209,7 @@ class _Plan:
     @property
     def every(self) -> frozenset[str]:
         """All of it by name."""
-        suspects = {cause.name for cause in self.suspects}
-        return self.names | suspects | ({ORDER} if self.order is not None else set())
+        return self.names | {cause.name for cause in self.suspects}
 
 
 def free_causes(solution: S) -> Freed[S]:
@@ -269,15 +284,18 @@ def _moved(freed: Freed[S], search: _Search) -> Freed[S] | Asked:
 
 
 def _nearer(freed: Freed[S], asked: Asked) -> Freed[S] | None:
-    """The fit with its tractions moved on: derivatives turn where these move far; None at rest.
+    """The fit with its tractions and order moved on: derivatives turn where these move far; None at
+    rest.
 
     What is not at rest looks like something else.
     """
-    if not freed.tractions:
+    if not freed.moves:
         return None
     own = _best_ways(asked, freed.fitted.names)
-    fall, size = asked.evidence.fall(own, asked.now), asked.evidence.size(own)
-    nearer = _with(freed, _of_members(asked, own)) if fall > TOLERANCE**2 * size else None
+    fall = asked.evidence.fall(own, asked.now)
+    move = asked.along @ (asked.evidence.values(own) - asked.now)
+    far = bool((np.abs(move) > TOLERANCE * freed.fit.standard_uncertainty).any())
+    nearer = _with(freed, _of_members(asked, own)) if far else None
     if nearer is None:
         return None
     fell = freed.now.pixels * (freed.now.chi**2 - nearer.now.chi**2)
@@ -356,13 +374,14 @@ def _plans(
         return asked, []  # what is left lies where blocks do not see it
     usual = [plan.trial.usual_chi for plan in plans if plan.trial]
     if usual and min(freed.now.chi, *usual) > POOR_CHI:
-        # none explains a usual block: others are odd, or it is another scene, or light that is
-        # made richer by steps, of which a trial has the first
-        plans = [plan for plan in plans[:1] if plan.names - freed.fitted.names == {LIGHT}]
+        # none explains a usual block, not what takes any form: others are odd, or it is another
+        # scene, or light that is made richer by steps, of which a trial has the first
+        plans = [plan for plan in plans if not plan.unknown][:1]
+        plans = [plan for plan in plans if plan.names - freed.fitted.names == {LIGHT}]
     # beside what cannot be fitted nothing else is: it would take that for its own
     plans = plans[: next((k for k, p in enumerate(plans) if p.suspects), None)]
     last = next((k for k, p in enumerate(plans) if p.names == freed.fitted.names), len(plans))
-    return asked, plans[: last + freed.tractions]  # what is fitted, with tractions that are nearer
+    return asked, plans[: last + freed.moves]  # what is fitted, with tractions that are nearer
 
 
 def _tried_from_afar(
@@ -376,7 +395,9 @@ def _tried_from_afar(
     """
     first, *likely = (_of_members(asked, members) for members in asked.sets.members[:_LIKELY])
     pressed = [] if asked.modes is None or freed.tractions else _any_pressure(asked, first)
-    tried = _tried(freed, asked, search, [first, *pressed, *_with_less(asked, first)])
+    plain = weigh(asked.evidence, without=(TRACTIONS, *WAVES)).members[:_PLAIN]
+    named = [_of_members(asked, members) for members in plain]
+    tried = _tried(freed, asked, search, [first, *named, *pressed, *_with_less(asked, first)])
     best = tried[0][0] if tried else own
     if best.root is not None and not freed.tractions:
         return tried
@@ -428,7 +449,7 @@ def _tried(
         search.trials -= 1
         trial = _trial(freed, plan, expected)
         if trial is not None:
-            plans.append(replace(plan, trial=trial, values=trial.tractions))
+            plans.append(replace(plan, trial=trial, values=trial.tractions, waves=trial.waves))
     noise = max(1.0, min((plan.excess for plan in plans), default=1.0))
     return sorted(((p, p.log_evidence(noise)) for p in plans), key=lambda pair: -pair[1])
 
@@ -437,7 +458,7 @@ def _of_members(asked: Asked, members: tuple[int, ...]) -> _Plan:
     """A set of hypotheses as it can be fitted."""
     evidence = asked.evidence
     chosen = {h.name: h for h in (evidence.hypotheses[k] for k in members)}
-    press, order = chosen.get(TRACTIONS), chosen.get(ORDER)
+    press = chosen.get(TRACTIONS)
     named = tuple(cause for cause in asked.causes if cause.name in chosen)
     causes = tuple(cause for cause in named if cause.free)
     values = evidence.values(members)
@@ -450,12 +471,24 @@ def _of_members(asked: Asked, members: tuple[int, ...]) -> _Plan:
         suspects=tuple(cause for cause in named if not cause.free),
         starts=starts,
         root=press.root if press else None,
-        order=order.root if order else None,
         light=LIGHT in chosen,
         values=values[press.columns] if press else None,
         members=members,
         log_odds=sum(hypothesis.log_odds for hypothesis in chosen.values()),
+        **(_unknown(chosen, values) if asked.regions is not None else {}),
     )
+
+
+def _unknown(chosen: dict[str, Hypothesis], values: Array) -> dict[str, Any]:
+    """What no cause explains of a set: its names, its prior's root, and its waves."""
+    names = tuple(name for name in WAVES if name in chosen)
+    if not names:
+        return {}
+    waves = np.zeros((3, COSINES**2))
+    for name in names:
+        waves[WAVES[name]] = values[chosen[name].columns].reshape(-1, COSINES**2)
+    roots = [wave_root(name, chosen[name].root) for name in names]
+    return {"unknown": names, "order": np.concatenate(roots, axis=1), "waves": waves}
 
 
 def _even_starts(cause: Cause, values: Array) -> dict[str, float]:
@@ -509,7 +542,7 @@ def _trial(freed: Freed[S], plan: _Plan, expected: Expected) -> Trial | None:
     asked = freed.asked
     assert asked is not None
     expected = replace(expected, root=plan.root, order=plan.order, modes=asked.modes)
-    every = replace(plan, causes=plan.causes + plan.suspects, values=None)
+    every = replace(plan, causes=plan.causes + plan.suspects, values=None, waves=None)
     return freed.now.trial(_change(freed, every), expected)
 
 
@@ -535,6 +568,7 @@ def _change(freed: Freed[S], plan: _Plan) -> Change:
         held=held,
         begun=begun,
         terms=_changed_light(freed, plan),
+        waves=np.zeros((3, 1)) if plan.waves is None else plan.waves,
         far=plan.trial is None and plan.names != freed.fitted.names,
     )
 
@@ -589,7 +623,7 @@ def _as_fitted(stated: Askable, now: Askable) -> Change:
     begun = {key: row[0][0] for key, row in rows.items() if len(row) == 1}
     tractions = now.scene.added_tractions
     held = {} if tractions is None else {ADDED: tractions}
-    return Change(added=added, held=held, begun=begun, terms=now.terms)
+    return Change(added=added, held=held, begun=begun, terms=now.terms, waves=now.waves)
 
 
 def _with_all_pixels(freed: Freed[S]) -> Freed[S]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from isochrome.fitting.causes.cause import OF_PRESSURE, Cause
 from isochrome.fitting.causes.freeing import Freed
-from isochrome.fitting.causes.score import ORDER, TRACTIONS
+from isochrome.fitting.causes.score import TRACTIONS, WAVES
 from isochrome.fitting.causes.slips import lying_otherwise
 from isochrome.fitting.causes.solution import Askable
 from isochrome.fitting.frame.frame_fit import FrameFit
@@ -57,6 +57,8 @@ def cause_messages(freed: Freed[Any], *, light: bool = True) -> tuple[str, ...]:
     messages = [_freed_sentence(freed, own, rival_causes(freed))] if own else []
     if freed.tractions:
         messages.append(_traction_sentence(freed))
+    if freed.fitted.unknown:
+        messages.append(_unknown_sentence(freed))
     messages += [text for text in map(partial(_contradicted, freed), freed.causes) if text]
     if freed.light and light:
         messages.append(message("no_load_frames_frames", light_words=freed.now.light_words))
@@ -268,6 +270,13 @@ def _traction_sentence(freed: Freed[Any]) -> str:
     )
 
 
+def _unknown_sentence(freed: Freed[Any]) -> str:
+    """How much of the order no cause explains."""
+    assert freed.asked is not None
+    who, size = _verb(freed.now, "hold"), freed.asked.order_size
+    return message("frames_hold_unknown_order", who=who, size=size)
+
+
 def _suspicions(freed: Freed[Any]) -> list[str]:
     """What may be there and was not fitted: scales, an order that nothing explains, and others."""
     asked, messages = freed.asked, []
@@ -281,12 +290,9 @@ def _suspicions(freed: Freed[Any]) -> list[str]:
     scales = [c for c in asked.causes if c.name in names and not c.free]
     if scales:
         messages.append(_scale_sentence(freed, scales))
-    if ORDER in names:
-        size = asked.order_size
-        messages.append(
-            message("frames_hold_unknown_order", who=_verb(freed.now, "hold"), size=size)
-        )
-    told = {ORDER, *(cause.name for cause in scales)}
+    if WAVES.keys() & names and not freed.fitted.unknown:
+        messages.append(_unknown_sentence(freed))
+    told = {*WAVES, *(cause.name for cause in scales)}
     rivals = {name for group in rival_causes(freed).values() for name in group}
     other = [f"{n} ({per_cent(asked.chances[n])})" for n in names if n not in told | rivals]
     if other:

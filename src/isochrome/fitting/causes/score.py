@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +17,7 @@ from isochrome.estimation import (
     FIRST_DEGREES,
     RICHEST,
     Nuisance,
+    Regions,
     ScoreProducts,
     Terms,
     Weighed,
@@ -48,6 +50,9 @@ LightTerms = tuple[Terms, Terms]
 
 LIGHT, TRACTIONS = "more uneven light", "tractions that are not the model's"
 ORDER, SHADOW = "an order that no cause explains", "a shadow on the surface"
+STRESS = "a stress that no cause explains"
+WAVES = {ORDER: slice(0, 1), STRESS: slice(1, 3)}
+"""What no list has, by name, and which waves it is of: see `with_waves`."""
 
 _NOT_COUNTED = (STATED, SCALE.name, STIFF.name)
 """What no ± holds as something that may be there: what is stated counts by the sensitivity to it,
@@ -57,25 +62,30 @@ _LIGHT_SIZE, LIGHT_FALLS = 0.05, (0.5, 0.7, 0.9)
 leaves of it: a lamp's, one that is near, one with an edge."""
 _SHADOW_SIZE, _SHADOW_LENGTH = 0.2, 2.0
 """Standard deviation of the light that a shadow takes, and over how many blocks it is alike."""
-_ORDERS, _WIDTHS = (0.003, 0.01, 0.03, 0.1), (0.12, 0.3)
-"""Standard deviations of an unknown order, fringes, and its lengths, of the picture's size."""
+_ORDERS, WIDTHS = (0.003, 0.01, 0.03, 0.1), (0.12, 0.3)
+"""Standard deviations of what no cause explains, in fringes or as a share of those there, and its
+lengths, of the picture's size."""
 _LEAST_VALUE = 0.1
 """Of its size, the least value at which an even cause that is fitted is taken to stand."""
 
 
 @dataclass(frozen=True)
 class FittedNuisances:
-    """What is fitted besides the unknowns: `causes`, and whether `tractions` and uneven `light`."""
+    """What is fitted besides the unknowns: `causes`, whether `tractions` and uneven `light`, and
+    what is `unknown`, of the names of `WAVES`.
+    """
 
     causes: tuple[Cause, ...] = ()
     tractions: bool = False
     light: bool = False
+    unknown: tuple[str, ...] = ()
 
     @property
     def names(self) -> frozenset[str]:
         """All of it by name."""
         others = {TRACTIONS: self.tractions, LIGHT: self.light}
-        return frozenset(c.name for c in self.causes) | {n for n, there in others.items() if there}
+        fields = {n for n, there in others.items() if there} | {*self.unknown}
+        return frozenset(cause.name for cause in self.causes) | fields
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +94,8 @@ class Asked(Weighed):
 
     `causes` that may be there; `outside`, the blocks (rows, cols) that no noise explains, and
     `beside`, those at the surface; `modes` of a contact's tractions; `order_power` (k, k), the mean
-    products of an unknown order's waves. Its sets are `judged` where trials tell them apart.
+    products of an unknown order's waves; the `regions` of one frame, which may have waves of its
+    own. Its sets are `judged` where trials tell them apart.
     """
 
     causes: tuple[Cause, ...]
@@ -92,6 +103,19 @@ class Asked(Weighed):
     outside: Mask | None = None
     beside: Mask | None = None
     modes: TractionModes | None = None
+    regions: Regions | None = None
+
+    @cached_property
+    def undecided(self) -> Array:
+        """What the covariance (p, p) of all unknowns lacks for what is neither shown nor excluded,
+        and where the form of what is fitted is not known, for what that assumes.
+        """
+        total, regions = super().undecided, self.regions
+        if regions is None or not WAVES.keys() & self.best:
+            return total
+        more, at = np.zeros(len(total)), regions.unknowns
+        more[at] = np.maximum(0.0, regions.variance(self) - np.diag(total)[at])
+        return np.asarray(total + np.diag(more))
 
     @property
     def best(self) -> frozenset[str]:
@@ -118,8 +142,12 @@ class Asked(Weighed):
 
     @property
     def order_size(self) -> float:
-        """Root mean square of the order that no cause explains, fringes, in its likeliest set."""
-        values = self.sets.values_of(ORDER)
+        """Root mean square of the order that no cause explains, fringes, in its likeliest sets."""
+        ways = self.evidence.hypotheses
+        columns = {k: way.columns for k, way in enumerate(ways) if way.name in WAVES}
+        members = next(m for m in self.sets.members if columns.keys() & set(m))
+        first, *_, last = columns.values()
+        values = self.evidence.values(members)[first.start : last.stop]
         return float(np.sqrt(values @ self.order_power @ values))
 
 
@@ -134,12 +162,14 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
     power = np.empty((0, 0))
     odd: list[tuple[Mask, Mask | None]] = []
     excess: list[float] = []
+    regions: Regions | None = None
     unknowns = solution.unknown_keys
     shared = np.array([not _is_fitted(key, fitted) for key in unknowns], dtype=bool)
+    wanted = np.flatnonzero(shared)
     weight, misfit = solution.stated_misfit
 
     def parts() -> Iterator[tuple[Array, Array, Array, Array]]:
-        nonlocal modes, power
+        nonlocal modes, power, regions
         for blocks in solution.blocks():
             if not nuisances:
                 modes = blocks.modes if _has_own_tractions(solution, stated.scene) else None
@@ -150,6 +180,14 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
             columns = np.concatenate([n.columns(blocks) for n in nuisances])
             light, rows, every, residual = blocks.part(columns)
             light = np.delete(light, of_more_light(len(light), solution.terms, stated.terms), 0)
+            if solution.count == 1:
+                regions = Regions(
+                    region=blocks.region,
+                    fitted=np.concatenate((light, rows[shared])),
+                    unknowns=wanted,
+                    columns=every,
+                    residual=residual,
+                )
             yield light, rows[shared], every, residual
         size = sum(len(n.now) for n in nuisances)
         fixed = np.diag(weight)[:, shared].T
@@ -162,13 +200,14 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
         noise=max(products.noise, float(np.mean(excess))),
         fitted=fitted.names,
         chance=RARE,
-        unknowns=np.flatnonzero(shared),
+        unknowns=wanted,
         size=len(shared),
     )
     return Asked(
         **vars(found),
         causes=causes,
         order_power=power,
+        regions=regions,
         outside=_outside_of_all([outside for outside, _ in odd]),
         beside=odd[0][1],
         modes=modes,
@@ -193,12 +232,16 @@ def _nuisances(
         else:
             yield _open_cause(blocks, cause)
     yield _light(solution, blocks, stated.terms)
-    yield Nuisance(
-        name=ORDER,
-        columns=FrameBlocks.order_columns,
-        now=np.zeros(COSINES**2),
-        roots=tuple(_order_root(size, width) for size in _ORDERS for width in _WIDTHS),
-    )
+    waves = np.zeros((3, COSINES**2)) if solution.waves is None else solution.waves
+    spreads = [size * cosine_spread(COSINES, width) for size in _ORDERS for width in WIDTHS]
+    for name, part in WAVES.items():
+        now = waves[part]
+        yield Nuisance(
+            name=name,
+            columns=partial(FrameBlocks.wave_columns, part=part),
+            now=now.ravel(),
+            roots=tuple(np.diag(np.tile(spread, len(now))) for spread in spreads),
+        )
     if blocks.beside is not None:
         depth = np.arange(SHADOW_BLOCKS)
         apart = (depth[:, None] - depth[None, :]) / _SHADOW_LENGTH
@@ -328,11 +371,16 @@ def middle_of(scene: Scene, key: str) -> float:
     return scene.frames.first_gamma if key == GAMMA else float(scene.get(key) or 0.0)
 
 
-def _order_root(size: float, width: float) -> Array:
-    """L (k, r) of a Gaussian process of an order over the picture, on its cosines."""
-    spread = cosine_spread(COSINES, width)
-    chosen = spread > 0.01 * spread.max()
-    return np.asarray(size * np.diag(spread)[:, chosen])
+def fitted_waves(waves: Array | None) -> tuple[str, ...]:
+    """What `waves` (3, k) of a frame are of, by name."""
+    return () if waves is None else tuple(n for n, part in WAVES.items() if waves[part].any())
+
+
+def wave_root(name: str, root: Array) -> Array:
+    """L (3k, r) of all waves for a prior's root of some of them."""
+    every = np.zeros((3, COSINES**2, root.shape[1]))
+    every[WAVES[name]] = root.reshape(-1, *every.shape[1:])
+    return every.reshape(-1, root.shape[1])
 
 
 def _outside_of_all(found: list[Mask]) -> Mask | None:

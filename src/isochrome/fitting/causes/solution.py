@@ -41,14 +41,16 @@ class Change:
     """What a fit is made anew with.
 
     `added`, where keys begin that become unknowns; `held`, keys that are unknowns no more, and
-    their values; `begun`, where the other unknowns begin; `terms` of the light; `outside` (rows/3,
-    cols/3), blocks that are left out. `far`, whether it does not begin where a fit came to rest.
+    their values; `begun`, where the other unknowns begin; `terms` of the light; `waves` (3, k) of
+    what no cause explains, all nought for none; `outside` (rows/3, cols/3), blocks that are left
+    out. `far`, whether it does not begin where a fit came to rest.
     """
 
     added: dict[str, float] = field(default_factory=dict)
     held: dict[str, Any] = field(default_factory=dict)
     begun: dict[str, float] = field(default_factory=dict)
     terms: LightTerms | None = None
+    waves: Array | None = None
     outside: Mask | None = None
     far: bool = False
 
@@ -111,6 +113,10 @@ class Askable(Protocol):
     @property
     def terms(self) -> LightTerms:
         """The polynomial products of the light."""
+
+    @property
+    def waves(self) -> Array | None:
+        """Of what no cause explains (3, k), where something is fitted."""
 
     @property
     def pixels(self) -> int:
@@ -208,6 +214,11 @@ class FrameSolution:
         return self.data.lamp.terms
 
     @property
+    def waves(self) -> Array | None:
+        """Of what no cause explains (3, k), where something is fitted."""
+        return self.data.waves
+
+    @property
     def pixels(self) -> int:
         """Pixels that may be used."""
         return int(self.data.valid.sum())
@@ -278,9 +289,11 @@ class FrameSolution:
         result, over_blocks = rested
         part, residual = result.gamma_fit.part, result.gamma_fit.residual
         values, amplitudes = np.split(result.values, [len(keys)])
-        found = None
-        if expected.root is not None:
-            found = expected.root @ amplitudes[: expected.root.shape[1]]
+        parts, first = [], 0
+        for root in (expected.root, expected.order):
+            last = first + (0 if root is None else root.shape[1])
+            parts.append(None if root is None else root @ amplitudes[first:last])
+            first = last
         return Trial(
             cost=student_cost(over_blocks),
             normal=result.local.information,
@@ -291,7 +304,8 @@ class FrameSolution:
             light_weight=light_weights(part, expected.terms, data.lamp.terms),
             excess=result.gamma_fit.noise * block_correlation(model.pixels.keep, residual),
             values=dict(zip(keys, values.tolist(), strict=True)),
-            tractions=found,
+            tractions=parts[0],
+            waves=None if parts[1] is None else parts[1].reshape(3, -1),
             usual_chi=MAD * float(np.median(np.abs(over_blocks))),
         )
 
@@ -306,7 +320,7 @@ class FrameSolution:
     def still_odd(self, whole: FrameSolution, odd: Mask) -> Mask:
         """Which of the blocks that it left out of the `whole` frame it does not explain."""
         model, final = self.fitted.model, self.fitted.final
-        data = replace(whole.data, lamp=self.data.lamp)
+        data = replace(whole.data, lamp=self.data.lamp, waves=self.data.waves)
         region = fit_region(model.scene, data.shape, 1, hidden_px(model.scene))
         every = FrameModel(data, model.scene, self.fit.keys, region)
         signal = every.signal(final.values)
@@ -332,6 +346,8 @@ class FrameSolution:
             chosen = data.lamp.with_terms(chosen)
         if chosen != data.lamp.terms:
             data = replace(data, lamp=data.lamp.of(chosen))
+        if change.waves is not None:
+            data = replace(data, waves=change.waves if change.waves.any() else None)
         if change.outside is not None:
             data = replace(data, valid=data.valid & ~whole_picture(change.outside, data.shape))
         return data, (*keys, *change.added), scene

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isochrome.estimation import Bounds, FrameData, LinearPart, Prior, cosines
+from isochrome.estimation import Bounds, FrameData, LinearPart, Prior, cosine_sum
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.causes.blocks import COSINES
 from isochrome.fitting.causes.cause import TINY
@@ -26,7 +26,7 @@ from isochrome.fitting.causes.score import LightTerms, light_sizes, more_than, o
 from isochrome.fitting.frame.far_model import FarModel, student_cost
 from isochrome.fitting.frame.frame_fit import turned_over
 from isochrome.fitting.frame.frame_model import RefinedFit
-from isochrome.fitting.frame.renderer import scene_optics
+from isochrome.fitting.frame.renderer import with_waves
 from isochrome.fitting.frame.unknowns import LENS
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
@@ -49,8 +49,9 @@ class Expected:
     """What is known beforehand of what a trial fits besides the unknowns.
 
     `keys` to a middle and a standard deviation; `root` L (k, r) of the covariance of the tractions
-    of `modes`; `order` L (k, r) of that of an order's cosines; `terms`, the light that all have,
-    and `hidden_px`, the depth above which none is fitted: all are compared over the same pixels.
+    of `modes`; `order` L (3k, r) of that of what no cause explains; `terms`, the light that all
+    have, and `hidden_px`, the depth above which none is fitted: all are compared over the same
+    pixels.
     """
 
     keys: dict[str, tuple[float, float]]
@@ -76,8 +77,9 @@ class Trial:
     `cost` and `normal` (p, p), of the pixels alone; `prior` cost, `weight` (p,) and `extra` (p,),
     those that not every set has; `light`, the normal equations (k, k) of its products, and the
     `light_weight` (k,) of theirs; `excess`, the variance of what is left over the noise's; `values`
-    of the keys, `tractions` (k,) of the modes, None where it has none; `usual_chi`, what a typical
-    block has left over the noise, be others odd, 0 where it is not kept.
+    of the keys, `tractions` (k,) of the modes and `waves` (3, k) of what no cause explains,
+    None where it has none; `usual_chi`, what a typical block has left over the noise, be others
+    odd, 0 where it is not kept.
     """
 
     cost: float
@@ -90,6 +92,7 @@ class Trial:
     excess: float
     values: dict[str, float]
     tractions: Array | None = None
+    waves: Array | None = None
     usual_chi: float = 0.0
 
     def evidence(self, noise: float) -> float:
@@ -137,10 +140,10 @@ class TrialModel(FarModel):
             hats = expected.modes.fields(pixel_grid(scene, data.shape).every(side))
             self.fields = np.tensordot(expected.root.T.astype(np.float32), hats, 1)
         if expected.order is not None:
-            orders = np.tensordot(
-                expected.order.T.astype(np.float32), cosines(self._shape, COSINES), 1
-            )
-            self.fields = np.concatenate((self.fields, orders * self._per_order(scene)))
+            field = np.nan_to_num(self.renderer.order_field(scene)[0])
+            waves = cosine_sum((rows, cols), expected.order.T.reshape(-1, 3, COSINES**2))
+            orders = [with_waves(scene, field, one) - field for one in waves]
+            self.fields, self.slight = np.concatenate((self.fields, orders)), len(orders)
         count, ends = len(self.fields), self.limits
         self.prior = Prior(
             np.r_[prior.values, np.zeros(count)], np.r_[prior.weight, np.ones(count)]
@@ -160,20 +163,6 @@ class TrialModel(FarModel):
         found += [(turned, self.residual(turned))] if turned else []
         bright = [pair for pair in found if pair[0].gamma_fit.part.positive]
         return min(bright, key=lambda pair: student_cost(pair[1]), default=None)
-
-    @property
-    def _shape(self) -> tuple[int, int]:
-        rows, cols = self.pixels.keep.shape
-        return rows, cols
-
-    def _per_order(self, scene: Scene) -> Array:
-        """The stress difference (rows, cols) that adds a fringe to none, and to more the more: see
-        `FrameBlocks.order_waves`."""
-        field = np.nan_to_num(self.renderer.order_field(scene)[0])
-        size = np.maximum(np.abs(field), np.float32(1e-6))
-        return np.asarray(
-            field * (1.0 + np.float32(1.0 / scene_optics(scene).order_per_mpa) / size)
-        )
 
 
 def light_weights(part: LinearPart, own: LightTerms, terms: LightTerms) -> Array:

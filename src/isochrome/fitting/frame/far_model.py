@@ -38,6 +38,8 @@ _OPTICAL = ("polariscope.", "frames.", "specimen.fringe_value", "specimen.thickn
 """How keys begin that change more than the field, or something else."""
 _AMPLITUDE = np.float32(0.03)
 """Change of an amplitude, in standard deviations of its prior."""
+_FRINGE = 3e-4
+"""Fringes by which the field is changed for its slopes."""
 
 
 def student_root(residual: Array) -> Array:
@@ -53,10 +55,12 @@ def student_cost(residual: Array) -> float:
 class FarModel(FrameModel):
     """A `FrameModel` on every few pixels or blocks, with amplitudes of fields behind its unknowns.
 
-    `fields` (k, rows, cols), MPa; by default none.
+    `fields` (k, rows, cols), MPa; by default none. The `slight` last ones hardly move fringes by
+    their standard deviations; of others a slope over a part of these leads farther.
     """
 
     fields: Array
+    slight: int = 0
 
     def __init__(self, *args: Any, **options: Any) -> None:
         super().__init__(*args, **options)
@@ -128,14 +132,22 @@ class FarModel(FrameModel):
         steps, turned = self._turned(values[:number], field)
         for j in set(range(number)) - set(self._numbers):
             rows[j] = self._slopes(self.keys, values, range(j, j + 1), gamma_fit)[0]
-        turns = dict(zip(self._numbers, zip(turned, steps, strict=True), strict=True))
-        turns |= enumerate(((f, _AMPLITUDE) for f in self.fields), number)
-        if self.renderer.added is not None:
-            field = field + self.renderer.added
         optics, keep = scene_optics(here), self.pixels.keep
-        field, shown = field[keep], np.broadcast_to(shown, keep.shape)[keep]
+        field = self.renderer.whole(here, field)[keep]
+        shown = np.broadcast_to(shown, keep.shape)[keep]
+        last = self.count - self.slight
+        turns = dict(zip(self._numbers, zip(turned, steps, strict=True), strict=True))
+        turns |= enumerate(((f, _AMPLITUDE) for f in self.fields[:last]), number)
         for j, (turn, step) in turns.items():
             rows[j] = turned_row(optics, field, shown, turn[keep], step, gamma_fit)
+        if self.slight:
+            step = np.float32(_FRINGE / optics.order_per_mpa)
+            along, across = (
+                turned_row(optics, field, shown, turn, step, gamma_fit)
+                for turn in (np.complex64(1.0), np.complex64(1j))
+            )
+            for row, turn in zip(rows[number + last :], self.fields[last:], strict=True):
+                row[:] = along * turn.real[keep] + across * turn.imag[keep]
         names = (*self.keys, *(f"mode {k}" for k in range(self.count)))
         return local_model(names, values, gamma_fit, rows, self.prior)
 

@@ -27,6 +27,7 @@ from isochrome.estimation import (
     PixelLight,
     Prior,
     SeparableProblem,
+    cosine_sum,
     damped_step,
     is_determined,
     no_prior,
@@ -252,6 +253,8 @@ class FrameModel:
         )  # fmt: skip
         thin = data.in_blocks(stride) if in_blocks else data.every(stride) if stride > 1 else data
         self.pixels: Pixels = trusted_pixels(thin, region)
+        if data.waves is not None:
+            self.renderer.waves = cosine_sum(thin.shape, data.waves)
         self.limits = limits(scene, keys, data.shape)
         self._light_slopes: tuple[Array, Array] | None = None
 
@@ -392,7 +395,7 @@ def turned_row(
     optics: FringeOptics,
     field: Array,
     shown: Array,
-    turn: Array,
+    turn: Array | np.complex64,
     step: np.float32,
     gamma_fit: GammaFit,
 ) -> Array:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.estimation import FrameData, PixelLight, SeparableProblem, solve_linear
+from isochrome.estimation import FrameData, PixelLight, SeparableProblem, cosine_sum, solve_linear
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.frame.renderer import scene_optics
+from isochrome.fitting.frame.renderer import scene_optics, with_waves
 from isochrome.fitting.frame.unknowns import thinning
 from isochrome.optics import FringeWave, blurred
 from isochrome.scene import Scene
@@ -58,6 +58,8 @@ def evaluate_model(data: FrameData, scene: Scene, *, difference: Array | None = 
     grid = pixel_grid(scene, data.shape)
     if difference is None:
         difference = state_difference(scene, scene_states(scene)[-1], grid)
+    if data.waves is not None:
+        difference = with_waves(scene, difference, cosine_sum(data.shape, data.waves))
     picture = make_picture(scene, difference, grid)
     wave = scene_optics(scene).wave(
         picture.difference, order=picture.mean_order, visibility=picture.visibility

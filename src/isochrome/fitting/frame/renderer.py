@@ -180,6 +180,7 @@ class SceneRenderer:
         self._last: _Rendered | None = None
         self._look: _Look | None = None
         self.added: Array | None = None  # a field (rows, cols) besides the scene's own, MPa
+        self.waves: Array | None = None  # an order besides, see `with_waves`
 
     def order_field(self, scene: Scene) -> tuple[Array, Array]:
         """Stress difference (rows, cols) and visibility of the fringes at the strided pixels.
@@ -213,8 +214,7 @@ class SceneRenderer:
             field = self.field_beside(scene)
         if not scene.is_contact:
             field = np.nan_to_num(field)
-        if self.added is not None:
-            field = field + self.added
+        field = self.whole(scene, field)
         signal = scene_optics(scene).signal(field, visibility=visibility)
         camera = scene.camera
         assert camera is not None
@@ -224,6 +224,12 @@ class SceneRenderer:
             signal[np.broadcast_to(outside, signal.shape)] = 0.0
             signal = blurred(signal, camera.blur_px)
         return signal
+
+    def whole(self, scene: Scene, field: Array) -> Array:
+        """A field (rows, cols) of the scene with what it has besides."""
+        if self.added is not None:
+            field = field + self.added
+        return field if self.waves is None else with_waves(scene, field, self.waves)
 
     def forget(self) -> None:
         """Solve every scene anew: what `solve` puts it on has changed."""
@@ -389,6 +395,16 @@ class SceneRenderer:
                 if fresh:
                     raise
         raise AssertionError("unreachable")
+
+
+def with_waves(scene: Scene, field: Array, waves: Array) -> Array:
+    """A field with more than the scene's: `waves` (3, rows, cols) are its share that is more, as of
+    a plate that is warm or uneven, and the fringes of both parts of a stress, as of a clamp or a
+    window.
+    """
+    share, along, across = waves
+    fringe = np.float32(1.0 / scene_optics(scene).order_per_mpa)
+    return np.asarray(field + share * field + fringe * (along + np.complex64(1j) * across))
 
 
 def _standing(scene: Scene) -> tuple[Any, ...]:

@@ -135,6 +135,11 @@ class JointSolution:
         return self.data[0].lamp.terms
 
     @property
+    def waves(self) -> None:
+        """An order that no cause explains is weighed, and not fitted."""
+        return None
+
+    @property
     def pixels(self) -> int:
         """Pixels of all frames that may be used."""
         return sum(int(frame.valid.sum()) for frame in self.data)
