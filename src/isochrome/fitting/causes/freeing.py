@@ -351,12 +351,13 @@ def _plans(
     """Sets that are likelier than what is fitted, the likeliest first, and what is asked by then.
 
     `before`, whether what is fitted was held against others once: not again, where it is likeliest.
-    Where the residual is large its slopes say little, and slopes about tractions do not know how
-    these would be without another thing: then sets are told apart by their trials.
+    Where the residual is large its slopes say little, slopes about tractions do not know how these
+    would be without another thing, and what has no form follows first slopes farther than causes
+    do: then sets are told apart by their trials.
     """
     best = _of_members(asked, asked.sets.members[0])
     same, near = best.names == freed.fitted.names, freed.now.chi < _LARGE
-    if near and not freed.tractions:
+    if near and not (freed.tractions or best.unknown):
         return asked, [] if same or best.suspects else [best]
     own = _of_members(asked, _best_ways(asked, freed.fitted.names))
     if same and before:
@@ -364,7 +365,8 @@ def _plans(
     elif near:
         less = [plan for plan in _with_less(asked, own) if plan.root is not None]
         less.sort(key=lambda plan: -asked.evidence.of(plan.members))
-        tried = _tried(freed, asked, search, [best, own, *less[:1]]) if less or not same else []
+        sets = [best, own, *less[:1], *(_named(asked) if best.unknown else [])]
+        tried = _tried(freed, asked, search, sets) if less or not same else []
     else:
         tried = _tried_from_afar(freed, asked, search, own)
     logs = {plan.members: log for plan, log in tried if not plan.richer}
@@ -395,9 +397,8 @@ def _tried_from_afar(
     """
     first, *likely = (_of_members(asked, members) for members in asked.sets.members[:_LIKELY])
     pressed = [] if asked.modes is None or freed.tractions else _any_pressure(asked, first)
-    plain = weigh(asked.evidence, without=(TRACTIONS, *WAVES)).members[:_PLAIN]
-    named = [_of_members(asked, members) for members in plain]
-    tried = _tried(freed, asked, search, [first, *named, *pressed, *_with_less(asked, first)])
+    sets = [first, *_named(asked), *pressed, *_with_less(asked, first)]
+    tried = _tried(freed, asked, search, sets)
     best = tried[0][0] if tried else own
     if best.root is not None and not freed.tractions:
         return tried
@@ -406,6 +407,12 @@ def _tried_from_afar(
     richer = [replace(own, richer=True)] if freed.light else []
     more = [*likely, own, *richer, *_with_one_more(asked, own)]
     return _tried(freed, asked, search, more, tried)
+
+
+def _named(asked: Asked) -> list[_Plan]:
+    """The likeliest sets of causes alone."""
+    plain = weigh(asked.evidence, without=(TRACTIONS, *WAVES)).members[:_PLAIN]
+    return [_of_members(asked, members) for members in plain]
 
 
 def _any_pressure(asked: Asked, first: _Plan) -> list[_Plan]:
