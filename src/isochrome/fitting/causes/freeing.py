@@ -357,7 +357,8 @@ def _plans(
     """
     best = _of_members(asked, asked.sets.members[0])
     same, near = best.names == freed.fitted.names, freed.now.chi < _LARGE
-    if near and not (freed.tractions or best.unknown):
+    unknown = {*best.unknown} - {*freed.fitted.unknown}
+    if near and not (freed.tractions or unknown):
         return asked, [] if same or best.suspects else [best]
     own = _of_members(asked, _best_ways(asked, freed.fitted.names))
     if same and before:
@@ -365,7 +366,7 @@ def _plans(
     elif near:
         less = [plan for plan in _with_less(asked, own) if plan.root is not None]
         less.sort(key=lambda plan: -asked.evidence.of(plan.members))
-        sets = [best, own, *less[:1], *(_named(asked) if best.unknown else [])]
+        sets = [best, own, *less[:1], *(_named(asked) if unknown else [])]
         tried = _tried(freed, asked, search, sets) if less or not same else []
     else:
         tried = _tried_from_afar(freed, asked, search, own)
