@@ -152,15 +152,19 @@ _NONE_FOUND = 5
 
 
 def run_tests(tree: Path, tests: Iterable[str], long: bool) -> tuple[str, str]:
-    """Run default or long tests in a copy, studies only where there are no others.
+    """Run default or long tests in a copy, studies after what is run always.
 
     Returns passed, failed, no end or error; and the output.
     """
+    outcomes = {0: "passed", 1: "failed", None: "no end"}
+    result = "error", "no test is of the kind"
     for kind in ("long and not study", "study") if long else ("not long",):
         code, printed = _run_kind(tree, tests, kind)
         if code != _NONE_FOUND:
-            break
-    return {0: "passed", 1: "failed", None: "no end"}.get(code, "error"), printed
+            result = outcomes.get(code, "error"), printed
+            if code != 0:
+                break
+    return result
 
 
 def _run_kind(tree: Path, tests: Iterable[str], kind: str) -> tuple[int | None, str]:
