@@ -4,6 +4,7 @@ everything, is a test here: the right sentence, and exit 3."""
 
 import json
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from fitting.engine_frames import prepared
 from fitting.sliding_bench import FRICTION, LOAD, bench
 from fitting.test_fit_causes import Defects, frame
 from isochrome.errors import PhysicsError
-from isochrome.fitting import cause_messages, fit, fit_with_causes, opposite_shear
+from isochrome.fitting import TOO_FAR, cause_messages, fit, fit_with_causes, opposite_shear
 from isochrome.fitting.causes import slips
 from isochrome.fitting.causes.slips import _together
 from isochrome.frames import as_turned
@@ -131,6 +132,18 @@ def test_fit_names_the_slip_and_the_line_that_mends_it(tmp_path, image, slip):
 
 def explained(image, scene, keys=None):
     return fit_with_causes(prepared(image, scene), scene, keys)
+
+
+@pytest.mark.parametrize(("share", "lost"), [(0.5, False), (1.5, True)])
+def test_a_field_of_no_fringe_is_lost_under_any_light(share, lost):
+    """Fringes vary by 1/sqrt(8) of their light, 50 of its noise here, whatever a fit's light is."""
+    raw, weight = 0.5 * np.sin(np.linspace(0.0, 20.0 * np.pi, 4000)) ** 2, 100.0
+    given = SimpleNamespace(
+        fit=SimpleNamespace(positive=True, chi=share * TOO_FAR * 50.0),
+        model=SimpleNamespace(pixels=SimpleNamespace(raw=raw, weight=weight)),
+        final=SimpleNamespace(gamma_fit=SimpleNamespace(part=SimpleNamespace(amplitude=[1e4]))),
+    )
+    assert slips.is_lost(given) is lost
 
 
 @pytest.mark.long

@@ -36,7 +36,7 @@ _BEAM = 40
 """Sets of each size that larger ones are made of."""
 _FEW = 4
 """Amplitudes up to which something is one of many small things in a set."""
-_BEYOND = 0.125
+BEYOND = 0.125
 """Share of a picture's side by which waves go on beyond its ends: cosines are level at theirs, and
 what is seen need not be."""
 _NEGLIGIBLE = 10.0
@@ -80,22 +80,23 @@ class Nuisance:
     exact: bool = False
 
 
-def cosines(shape: tuple[int, ...], count: int) -> NDArray[np.float32]:
-    """Products of `count` cosines along each side of a picture (count², rows, cols), float32."""
-    down, across = (_cosines_along(n, count) for n in shape)
+def cosines(shape: tuple[int, ...], count: int, *, beyond: float = BEYOND) -> NDArray[np.float32]:
+    """Products of `count` cosines along each side of a picture (count², rows, cols), float32, which
+    end `beyond` its ends, in shares of a side."""
+    down, across = (_cosines_along(n, count, beyond) for n in shape)
     return np.asarray(down[:, None, :, None] * across[None, :, None, :]).reshape(-1, *shape)
 
 
 def cosine_sum(shape: tuple[int, int], amplitudes: Array) -> NDArray[np.float32]:
     """Sums (..., rows, cols) of such products with their amplitudes (..., count²), float32."""
     count = round(amplitudes.shape[-1] ** 0.5)
-    down, across = (_cosines_along(n, count) for n in shape)
+    down, across = (_cosines_along(n, count, BEYOND) for n in shape)
     square = amplitudes.reshape(*amplitudes.shape[:-1], count, count)
     return np.asarray(down.T @ square.astype(np.float32) @ across)
 
 
-def _cosines_along(pixels: int, count: int) -> NDArray[np.float32]:
-    place = ((np.arange(pixels) + 0.5) / pixels + _BEYOND) / (1.0 + 2.0 * _BEYOND)
+def _cosines_along(pixels: int, count: int, beyond: float) -> NDArray[np.float32]:
+    place = ((np.arange(pixels) + 0.5) / pixels + beyond) / (1.0 + 2.0 * beyond)
     return np.cos(np.pi * np.outer(np.arange(count), place)).astype(np.float32)
 
 
@@ -107,16 +108,18 @@ def cosine_spread(count: int, width: float) -> Array:
     Gaussian Processes for Machine Learning, section 4.2.1.
     """
     number = np.arange(count)
-    square = np.add.outer(number**2, number**2) * (np.pi * width / (1.0 + 2.0 * _BEYOND)) ** 2
+    square = np.add.outer(number**2, number**2) * (np.pi * width / (1.0 + 2.0 * BEYOND)) ** 2
     power = (1.0 + square / 3.0) ** -2.5
     over_mean = np.where(number, 2.0, 1.0)  # of a squared cosine
     return np.asarray(np.sqrt(np.outer(over_mean, over_mean) * power / power.sum()).ravel())
 
 
 def cosine_rms(amplitudes: Array) -> float:
-    """Root mean square over the picture of such products with their amplitudes (count²,)."""
-    side = 4 * round(len(amplitudes) ** 0.5)
-    return float(np.sqrt(np.mean(cosine_sum((side, side), amplitudes) ** 2)))
+    """Root mean square over the picture of products that end with it, with their amplitudes
+    (count²,)."""
+    count = round(len(amplitudes) ** 0.5)
+    power = np.where(np.arange(count), 0.5, 1.0)
+    return float(np.sqrt(np.sum(np.outer(power, power).ravel() * amplitudes**2)))
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,6 @@ from isochrome.estimation import (
     ScoreProducts,
     Weighed,
     cosine_rms,
-    cosine_spread,
     cosines,
     evidence_gain,
     missing_terms,
@@ -341,7 +340,7 @@ def _nuisances(fit: SetFit) -> Iterator[Nuisance]:
         columns=partial(_order_columns, fit),
         now=np.zeros(_COSINES**2 - 1),
         # Gaussian processes on their cosines; the even one left out is the fringe value itself
-        roots=tuple(s * np.diag(cosine_spread(_COSINES, w)[1:]) for s in _ORDERS for w in WIDTHS),
+        roots=tuple(s * np.diag(_order_spread(w)[1:]) for s in _ORDERS for w in WIDTHS),
     )
 
 
@@ -412,12 +411,22 @@ def _apart(fit: SetFit) -> Nuisance:
     )
 
 
+def _order_spread(width: float) -> Array:
+    """Standard deviations (k,) of an order's cosines, which end with the picture, in a Gaussian
+    process of a length of `width`, of the picture's size.
+    """
+    number = np.arange(_COSINES)
+    power = np.exp(-0.5 * (np.pi * number * width) ** 2) * np.where(number, 2.0, 1.0)
+    power /= power.sum()
+    return np.asarray(np.sqrt(np.outer(power, power)).ravel())
+
+
 def _order_columns(fit: SetFit, index: int) -> Array:
     """By an order that no cause explains, a share of each place's own, as products of cosines."""
     model = fit.model
     order, slope = fit.point.by_order(index)
     mask = model.images[index].mask
-    waves = cosines(mask.shape, _COSINES)[1:, mask]
+    waves = cosines(mask.shape, _COSINES, beyond=0.0)[1:, mask]
     return np.asarray(waves * (slope * order * fit.point.gain(index)))
 
 
