@@ -329,13 +329,14 @@ def _write_stacks(
 ) -> None:
     """The maps as stacks with scale, origin, labels, range, colours, interval. Raises OSError."""
     names = [str(label or name) for label, name in zip(table["label"], table["name"], strict=True)]
+    times = axes["time_s"].values
     highest = numbers(table["n_max"]) if "n_max" in table else np.zeros(0)
     largest = float(np.nanmax(highest)) if np.isfinite(highest).any() else 1.0
     for layer in run_folder.layout.layers:
         pages = run_folder.layout.paged_items(layer)
         view = imagej_view(
             layer.name, (0.0, largest), labels=[names[k] for k in pages],
-            times_s=[axes["time_s"].values[k] for k in pages], **place,
+            times_s=[times[k] for k in pages], **place,
         )  # fmt: skip
         write_stack(run_folder, layer, view, pixel_mm=place["pixel_mm"])
 

@@ -182,9 +182,10 @@ def by_cluster(
         executor = client.get_executor(pure=False)
         everywhere = client.scatter(work, broadcast=True)
         ahead = 2 * max(1, sum(client.nthreads().values()))
+        expected = environment()
 
         def submit(index: int) -> Any:
-            return executor.submit(_elsewhere, everywhere, run.layout.span(index), environment())
+            return executor.submit(_elsewhere, everywhere, run.layout.span(index), expected)
 
         try:
             for index, results in in_flight(submit, chunks, ahead):

@@ -280,12 +280,16 @@ class FrameBlocks:
 
     def wave_columns(self, part: slice) -> Array:
         """By what no cause explains, some of three parts of `order_waves` (k, n)."""
+        waves = self.order_waves.reshape(3, -1, len(self._order_slope))[part]
+        return np.asarray(waves.reshape(-1, len(self._order_slope)) * self._order_slope)
+
+    @cached_property
+    def _order_slope(self) -> Array:
+        """By an order that is more all over the picture (n,)."""
         optics, (field, visibility) = scene_optics(self.scene), self._fields
         order = optics.order(field) + np.float32(_ORDER)
         moved = optics.signal(field, order=order, visibility=visibility)
-        slope = (moved - self._here) * (self._gain / np.float32(_ORDER))
-        waves = self.order_waves.reshape(3, -1, len(slope))[part]
-        return np.asarray(waves.reshape(-1, len(slope)) * slope)
+        return np.asarray((moved - self._here) * (self._gain / np.float32(_ORDER)))
 
     def shadow_columns(self) -> Array:
         """By the light that is missing at each depth of blocks beside the surface (k, n)."""
