@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import Any
 
 import numpy as np
@@ -314,15 +314,28 @@ class Evidence:
         self.roots = np.zeros((int(ends[-1]), len(right)))
         for hypothesis, place in zip(self.hypotheses, self.places, strict=True):
             self.roots[place, hypothesis.columns] = hypothesis.root.T
-        mine, right = self.roots @ matrix @ self.roots.T, self.roots @ right
         # with the right side below the matrix one factorisation solves, too; the corner is enough
         # for any set: the prior's part is the unit matrix
-        corner = np.array([[1.0 + 2.0 * right @ right]])
-        self._matrix = np.block([[mine + np.eye(len(mine)), right[:, None]], [right, corner]])
+        below = self.roots @ right
+        self._matrix = np.eye(len(below) + 1)
+        for rows, of_rows in self._ways():  # thing by thing: each has few of all columns
+            part = self.roots[rows, of_rows] @ matrix[of_rows]
+            for others, columns in self._ways():
+                self._matrix[rows, others] += part[:, columns] @ self.roots[others, columns].T
+        self._matrix[-1, :-1] = self._matrix[:-1, -1] = below
+        self._matrix[-1, -1] += 2.0 * below @ below
         few = [k for k, place in enumerate(self.places) if len(place) <= _FEW]
         ends = np.cumsum([0, *(len(self.places[k]) for k in few)]).tolist()
         self._few = {k: range(*pair) for k, pair in zip(few, pairwise(ends), strict=True)}
         self._eliminated: dict[tuple[int, ...], tuple[Array, float]] = {}
+
+    def _ways(self) -> Iterator[tuple[slice, slice]]:
+        """All amplitudes of each thing, and its columns: ways of one name follow one another."""
+        places = zip(self.hypotheses, self.places, strict=True)
+        for _, ways in groupby(places, lambda way: way[0].name):
+            (first, place), *others = ways
+            last = others[-1][1] if others else place
+            yield slice(int(place[0]), int(last[-1]) + 1), first.columns
 
     def of(self, chosen: Sequence[int]) -> float:
         """ln E of a set over that of the empty one; -inf where it cannot be."""
