@@ -221,8 +221,10 @@ class FrameBlocks:
 
     @property
     def _curved(self) -> Array:
-        """What a blur of a pixel adds, weighted."""
-        return np.asarray(self.thin(_curvature(self._signal_image)) * self._gain)
+        """What a blur of a pixel adds, half the signal's curvature, weighted."""
+        from scipy.ndimage import laplace
+
+        return np.asarray(self.thin(0.5 * laplace(self._signal_image)) * self._gain)
 
     @cached_property
     def _slopes(self) -> tuple[Array, Array]:
@@ -234,7 +236,9 @@ class FrameBlocks:
         if key == GAMMA:
             return np.asarray(self._gamma_slope)
         if key in SMOOTH_KEYS:
-            added = self._smooth(key)
+            x, z = self._places(self.scene)
+            mode = regular_modes(1)[SMOOTH_KEYS.index(key)]
+            added = mode.difference(x, np.maximum(z, 0.0)).astype(np.complex64)
             moved = self._signal(self.scene, self._fields[0] + np.complex64(_STRESS_MPA) * added)
             return np.asarray((moved - self._here) * (self._gain / _STRESS_MPA))
         if key == FRINGE_VALUE:
@@ -302,12 +306,6 @@ class FrameBlocks:
         # the middle pixel's own centre, in which derivatives are taken
         return pixel_grid(self.scene, self.data.shape).every(self._side)
 
-    def _smooth(self, key: str) -> Array:
-        """The stress of one of the smooth ones at 1 MPa, or MPa/mm, at the blocks."""
-        x, z = self._places(self.scene)
-        mode = regular_modes(1)[SMOOTH_KEYS.index(key)]
-        return mode.difference(x, np.maximum(z, 0.0)).astype(np.complex64)
-
     def _places(self, scene: Scene) -> tuple[Array, Array]:
         grid = pixel_grid(scene, self.data.shape).every(self._side)
         x, z = (np.broadcast_to(v, self._chosen.shape)[self._chosen] for v in grid.places)
@@ -355,22 +353,9 @@ def _excess(keep: Mask, residual: Array, own: list[float]) -> float:
     return max(1.0, size * block_correlation(keep, values[0]))
 
 
-def _inner(keep: Mask) -> Mask:
-    """Pixels with four neighbours that were fitted, without the frame's rim."""
-    near = keep[:-2, 1:-1] & keep[2:, 1:-1] & keep[1:-1, :-2] & keep[1:-1, 2:]
-    return near & keep[1:-1, 1:-1]
-
-
-def _curvature(image: Array) -> Array:
-    """What a blur of a pixel adds to an image: half its curvature."""
-    from scipy.ndimage import laplace
-
-    return np.asarray(0.5 * laplace(image))
-
-
 def outliers(image: Array, chosen: Mask) -> Mask:
     """The `chosen` blocks (rows/3, cols/3) of a residual (rows, cols) that no noise explains."""
-    from scipy.ndimage import binary_dilation, binary_propagation
+    from scipy.ndimage import binary_dilation, binary_propagation, maximum_filter
 
     count = block_sums((image != 0.0).astype(np.float32), BLOCK)
     sums = np.abs(block_sums(image, BLOCK))
@@ -378,23 +363,18 @@ def outliers(image: Array, chosen: Mask) -> Mask:
     noise = max(1.0, MAD * float(np.median(blocks[chosen])))
     size = blocks / noise
     near = np.ones((3, 3), dtype=bool)
-    seeds = np.maximum(size, _largest_near(image) / noise) > _OUTLIER
+    largest = maximum_filter(np.abs(image), BLOCK)[::BLOCK, ::BLOCK]
+    seeds = np.maximum(size, largest / noise) > _OUTLIER
     outside = binary_propagation(seeds, near, mask=seeds | (size > _BESIDE))
     return np.asarray(binary_dilation(outside, near) & bool(seeds.any()))
-
-
-def _largest_near(image: Array) -> Array:
-    """The largest size within each block (rows/3, cols/3)."""
-    from scipy.ndimage import maximum_filter
-
-    return np.asarray(maximum_filter(np.abs(image), BLOCK)[::BLOCK, ::BLOCK])
 
 
 def _filled(keep: Mask, side: int) -> tuple[Mask, Array]:
     """The blocks of which enough was fitted, their middles' neighbours too; pixels of each."""
     count = block_sums(keep.astype(np.float32), side)
     centre = np.zeros_like(keep)
-    centre[1:-1, 1:-1] = _inner(keep)
+    near = keep[:-2, 1:-1] & keep[2:, 1:-1] & keep[1:-1, :-2] & keep[1:-1, 2:]
+    centre[1:-1, 1:-1] = near & keep[1:-1, 1:-1]
     return centre[::side, ::side] & (count > _FILLED * side**2), count
 
 

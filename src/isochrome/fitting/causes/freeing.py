@@ -569,23 +569,19 @@ def _change(freed: Freed[S], plan: _Plan) -> Change:
     held: dict[str, Any] = {key: stated.get(key) for key in gone}
     if asked.modes is not None:
         held[ADDED] = None if plan.values is None else asked.modes.added(plan.values)
+    terms = freed.stated.terms if plan.light < freed.light else None
+    if plan.richer or plan.light > freed.light:
+        terms = freed.richer
     rest = plan.trial.values if plan.trial else {}
     begun = {key: rest[key] for key in now.keys if key in rest and key not in held}
     return Change(
         added=added,
         held=held,
         begun=begun,
-        terms=_changed_light(freed, plan),
+        terms=terms,
         waves=np.zeros((3, 1)) if plan.waves is None else plan.waves,
         far=plan.trial is None and plan.names != freed.fitted.names,
     )
-
-
-def _changed_light(freed: Freed[S], plan: _Plan) -> LightTerms | None:
-    """The light's products with a set, None where they stay."""
-    if plan.richer or plan.light > freed.light:
-        return freed.richer
-    return freed.stated.terms if plan.light < freed.light else None
 
 
 def _with(freed: Freed[S], plan: _Plan) -> Freed[S] | None:

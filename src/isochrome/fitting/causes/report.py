@@ -179,14 +179,6 @@ def _verb(solution: Askable, verb: str) -> str:
     return f"{_who(solution)} {verb}{'s' * (solution.count == 1)}"
 
 
-def _said(solution: Askable, key: str) -> str:
-    """A key with its value, or with the least and the most of several frames' own."""
-    result = sorted(solution.values_of_key(key))
-    return f"{key} = " + " to ".join(
-        with_uncertainty(*pair) for pair in dict.fromkeys((result[0], result[-1]))
-    )
-
-
 def _contradicted(freed: Freed[Any], cause: Cause) -> str:
     """What the frame says against values that are stated with their uncertainties; '' if nothing.
 
@@ -228,7 +220,9 @@ def _told(freed: Freed[Any], key: str) -> str:
     causes that the frame neither asks for nor excludes are counted.
     """
     if not isinstance(freed.fit, FrameFit):  # of several frames, or of the only one of a film
-        return _said(freed.now, key)
+        values = sorted(freed.now.values_of_key(key))  # the least and the most of several frames
+        ends = dict.fromkeys((values[0], values[-1]))
+        return f"{key} = " + " to ".join(with_uncertainty(*pair) for pair in ends)
     return f"{key} = {with_uncertainty(*_pair(freed, key))}"
 
 

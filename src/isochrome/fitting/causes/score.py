@@ -164,7 +164,8 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
     excess: list[float] = []
     regions: Regions | None = None
     unknowns = solution.unknown_keys
-    shared = np.array([not _is_fitted(key, fitted) for key in unknowns], dtype=bool)
+    freed = {key for cause in fitted.causes for key in cause.keys}
+    shared = np.array([key not in freed for key in unknowns], dtype=bool)
     wanted = np.flatnonzero(shared)
     weight, misfit = solution.stated_misfit
 
@@ -203,19 +204,16 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
         unknowns=wanted,
         size=len(shared),
     )
+    outside = np.logical_or.reduce([mask for mask, _ in odd])  # dust lies on the glass
     return Asked(
         **vars(found),
         causes=causes,
         order_power=power,
         regions=regions,
-        outside=_outside_of_all([outside for outside, _ in odd]),
+        outside=outside if outside.any() else None,
         beside=odd[0][1],
         modes=modes,
     )
-
-
-def _is_fitted(key: str, fitted: FittedNuisances) -> bool:
-    return any(key in cause.keys for cause in fitted.causes)
 
 
 def _nuisances(
@@ -381,12 +379,6 @@ def wave_root(name: str, root: Array) -> Array:
     every = np.zeros((3, COSINES**2, root.shape[1]))
     every[WAVES[name]] = root.reshape(-1, *every.shape[1:])
     return every.reshape(-1, root.shape[1])
-
-
-def _outside_of_all(found: list[Mask]) -> Mask | None:
-    """The blocks that are odd in any of several frames: dust lies on the glass; None for none."""
-    outside = np.logical_or.reduce(found)
-    return outside if outside.any() else None
 
 
 def light_sizes(terms: LightTerms, fall: float = LIGHT_FALLS[1]) -> list[float]:

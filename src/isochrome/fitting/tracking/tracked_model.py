@@ -104,7 +104,8 @@ class TrackedModel(FrameModel):
             self.look(raw)
             gamma_fit = self.at(values)
             if gamma_fit is not None:
-                self.look(self._light(gamma_fit, self._signal(values)))
+                illumination, background = self._every.light.of(gamma_fit.part.coefficients)
+                self.look(illumination * self._signal(values) + background)
             self._looked = True
 
     def _has_grown(self, values: Array) -> bool:
@@ -233,11 +234,6 @@ class TrackedModel(FrameModel):
         field, shown = self._turned(values)
         signal = self._optics.signal(field, visibility=shown)
         return np.asarray(signal, np.float32)
-
-    def _light(self, gamma_fit: GammaFit, signal: Array) -> Array:
-        """The light (n,) of a linear solution at every pixel, for their signal."""
-        illumination, background = self._every.light.of(gamma_fit.part.coefficients)
-        return illumination * signal + background
 
     def look(self, light: Array) -> None:
         """Choose pixels (n,) by a model of their light, and weigh them by its noise."""

@@ -148,23 +148,15 @@ def find_apparatus(
             data = prepare_frame(frame, one, bit_depth=reader.bit_depth, no_load=no_load)
         except InputError:
             continue  # a blank frame is refused in its turn, or left out
-        fit = _alone(data, one, own)
-        if fit is not None:
-            asked[frame.index] = data, fit
+        with suppress(PhysicsError):
+            fitted = fit_with_model(data, one, own, stated=inputs_of_rows(()))
+            if not is_lost(fitted) and not fitted.fit.plain:
+                asked[frame.index] = data, fitted.fit
     try:
         freed = _asked(reader.shape, list(asked.values()), one, own)
     except PhysicsError:
         return Apparatus(scene=scene)
     return _held(freed, scene, list(asked))
-
-
-def _alone(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> FrameFit | None:
-    """A frame's own fit, None where the scene's fringes are not in it."""
-    try:
-        fitted = fit_with_model(data, scene, keys, stated=inputs_of_rows(()))
-    except PhysicsError:
-        return None
-    return None if is_lost(fitted) or fitted.fit.plain else fitted.fit
 
 
 def _asked(

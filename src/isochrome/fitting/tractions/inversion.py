@@ -751,8 +751,9 @@ def what_to_say(stage: Stage, first: list[Stage], load: Measured) -> tuple[str, 
         result.append(message("chi_one_place_near", worst=worst))
     if not stage.fit.converged:
         result.append(message("inversion_did_not_converge"))
-    rivals = [one for one in first[1:] if one.chi < _NEARLY * first[0].chi]
-    if any(_differ(one, first[0]) for one in rivals):
+    near = [one for one in first if one.chi < _NEARLY * first[0].chi]
+    loads = [float(one.model.tractions(one.fit.values)[0].sum()) for one in near]
+    if any(abs(other - loads[0]) > _SAME_LOAD * max(other, loads[0]) for other in loads):
         result.append(message("other_resultants_explain_deep"))
     if unsure > _UNCERTAIN:
         result.append(message("load_determined_only_more", load=100 * unsure))
@@ -775,11 +776,6 @@ def _of_the_surface(stage: Stage) -> list[str]:
     if len(pressed) and (pressed[0] < reach or pressed[-1] > model.place.cols - reach):
         result.append(message("pressure_reaches_picture_side"))
     return result
-
-
-def _differ(one: Stage, other: Stage) -> bool:
-    loads = [float(s.model.tractions(s.fit.values)[0].sum()) for s in (one, other)]
-    return abs(loads[0] - loads[1]) > _SAME_LOAD * max(loads)
 
 
 def local_chi(stage: Stage) -> float:
