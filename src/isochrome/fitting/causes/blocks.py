@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from isochrome.estimation import STEP, FrameData, LightModel, block_correlation, cosines, line_noise
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.causes.cause import BAND, FRINGE_VALUE, PLATES, YOUNG, Cause
+from isochrome.fitting.causes.cause import BAND, FRINGE_VALUE, YOUNG, Cause
 from isochrome.fitting.causes.modes import TractionModes, traction_modes
 from isochrome.fitting.frame.frame_model import GammaFit, Pixels, gamma_slope, trust_of_slopes
 from isochrome.fitting.frame.renderer import SceneRenderer, scene_optics
@@ -50,8 +50,6 @@ _MODULUS = 1e-3
 """Share of a modulus by which it is changed: the contact is solved to 1e-6 or so."""
 _LAYER_UM_PER_MPA = 0.001
 """A layer's change that stands above the contact's own tolerance, and is small beside a bench's."""
-_EVEN_STEPS = {PLATES[0]: 3.0, PLATES[1]: 3.0, BAND: 10.0}
-"""Steps of what has no slope at nought: degrees, nm."""
 _OUTLIER = 6.0
 """Residual of a block, in standard deviations of a block's, beyond which it is no accident."""
 _BESIDE = 2.5
@@ -195,7 +193,7 @@ class FrameBlocks:
         if cause.keys[0] == BLUR:
             return np.asarray(self._curved * cause.sizes[0] ** 2)[None]
         if cause.even:
-            changed = {key: _EVEN_STEPS[key] for key in cause.keys}
+            changed = dict(zip(cause.keys, cause.starts, strict=True))
             step = self._signal(self.scene.with_values(changed)) - self._here
             if cause.keys[0] == BAND:
                 return np.asarray(step * self._gain)[None]

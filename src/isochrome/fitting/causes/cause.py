@@ -28,18 +28,30 @@ class Cause:
     """Something that a scene may leave out: its `name`, the `keys` that hold it.
 
     `sizes`, the standard deviations that usual benches have, in the keys' units; of a modulus, the
-    fringe value and the pixel a share of it. `starts`, where a fit of the keys begins: an even
-    cause, which looks the same with either sign, has no slope at nought. `free`, False where the
-    frame cannot tell it from what it is told: then it is a suspect, and stays as it is. `stated`,
-    whether the sizes are those that the scene itself states.
+    fringe value and the pixel a share of it. `free`, False where the frame cannot tell it from what
+    it is told: then it is a suspect, and stays as it is. `values`, those of the scene where it
+    states the keys itself, with the sizes as their uncertainties.
     """
 
     name: str
     keys: tuple[str, ...]
     sizes: tuple[float, ...]
-    starts: tuple[float, ...] = (0.0,)
     free: bool = True
-    stated: bool = False
+    values: tuple[float, ...] = ()
+
+    @property
+    def stated(self) -> bool:
+        """Whether the scene states it."""
+        return bool(self.values)
+
+    @property
+    def starts(self) -> tuple[float, ...]:
+        """Where a fit of the keys begins: an even cause, which looks the same with either sign, has
+        no slope at nought.
+        """
+        if self.even:
+            return self.sizes
+        return self.values or tuple(_STARTS.get(key, 0.0) for key in self.keys)
 
     @property
     def even(self) -> bool:
@@ -55,18 +67,19 @@ class Cause:
 TINY = 1e-9
 """A lens that does nothing: its picture is made as that of one that does."""
 
+_STARTS = dict.fromkeys(LENS, TINY) | {GAMMA: 1.0}
+
 # sizes: a tripod's and a mount's by eye; a plain lens's; a look that is 2 degrees off the normal
-ROLL = Cause("the camera's roll", LENS[:1], (1.0,), (TINY,))
-DISTORTION = Cause("the lens's distortion", LENS[1:2], (0.01,), (TINY,))
-SIDE = Cause("a camera that looks from the side", LENS[2:3], (0.005,), (TINY,))
-ABOVE = Cause("a camera that looks from above or below", LENS[3:], (0.005,), (TINY,))
-TONE = Cause("the camera's tone curve", (GAMMA,), (0.1,), (1.0,))
-BLURRED = Cause("blur", (BLUR,), (0.7,), (0.7,))
-TURNED = Cause("quarter-wave plates that are turned", PLATES, (3.0, 3.0), (3.0, 3.0))
-WIDE = Cause("the light's band of wavelengths", (BAND,), (10.0,), (10.0,))
-SMOOTH = Cause(
-    "a smooth stress besides the contact's", SMOOTH_KEYS, (0.2, 0.05, 0.05), (0.0, 0.0, 0.0)
-)
+_ROLL, _DISTORTION, _SIDE, _ABOVE = LENS
+ROLL = Cause("the camera's roll", (_ROLL,), (1.0,))
+DISTORTION = Cause("the lens's distortion", (_DISTORTION,), (0.01,))
+SIDE = Cause("a camera that looks from the side", (_SIDE,), (0.005,))
+ABOVE = Cause("a camera that looks from above or below", (_ABOVE,), (0.005,))
+TONE = Cause("the camera's tone curve", (GAMMA,), (0.1,))
+BLURRED = Cause("blur", (BLUR,), (0.7,))
+TURNED = Cause("quarter-wave plates that are turned", PLATES, (3.0, 3.0))
+WIDE = Cause("the light's band of wavelengths", (BAND,), (10.0,))
+SMOOTH = Cause("a smooth stress besides the contact's", SMOOTH_KEYS, (0.2, 0.05, 0.05))
 PAST = Cause("another friction before", (EARLIER,), (0.1,))
 # polymers creep and warm, and data sheets differ by as much
 MODULUS = Cause(
@@ -110,17 +123,17 @@ def candidates(
     own = tuple(c for c in left if c.keys and all(_has(scene, key) for key in c.keys))
     if not held.keys:
         return own
-    sizes, starts = tuple(held.spread.tolist()), tuple(held.values.tolist())
-    return (*own, Cause(STATED, held.keys, sizes, starts, stated=True))
+    sizes, values = tuple(held.spread.tolist()), tuple(held.values.tolist())
+    return (*own, Cause(STATED, held.keys, sizes, values=values))
 
 
 def _without(cause: Cause, keys: tuple[str, ...]) -> Cause:
     """A cause with fewer keys; the same where none of them is among `keys`."""
     if not set(cause.keys) & set(keys):
         return cause
-    rows = zip(cause.keys, cause.sizes, cause.starts, strict=True)
-    left = tuple(zip(*(row for row in rows if row[0] not in keys), strict=True)) or ((), (), ())
-    return replace(cause, keys=left[0], sizes=left[1], starts=left[2])
+    rows = zip(cause.keys, cause.sizes, strict=True)
+    left = tuple(zip(*(row for row in rows if row[0] not in keys), strict=True)) or ((), ())
+    return replace(cause, keys=left[0], sizes=left[1])
 
 
 def _has(scene: Scene, key: str) -> bool:

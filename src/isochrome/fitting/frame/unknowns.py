@@ -24,20 +24,22 @@ LAYER = "contact.layer_um_per_mpa"
 LEFT, TOP, GAMMA, BLUR = "camera.left_mm", "camera.top_mm", "frames.gamma", "camera.blur_px"
 
 LENS = ("camera.roll_deg", "camera.distortion", "camera.keystone_x", "camera.keystone_z")
+_ROLL, *_BENT = LENS
+BULK = "load.bulk_mpa"
 
-SMOOTH_KEYS = ("load.bulk_mpa", "load.bulk_along_x_mpa_per_mm", "load.bulk_along_z_mpa_per_mm")
+SMOOTH_KEYS = (BULK, "load.bulk_along_x_mpa_per_mm", "load.bulk_along_z_mpa_per_mm")
 """A smooth stress besides the contact's, as a block's sides, its support and clamps make: sigma_x
 along the surface, its change along it, and bending, the first terms of the series in
 `half_plane.regular`. Left out, they go into the load: 0.13 MPa in the paper's block, 0.035 fringe,
 read as 1.3 % of load."""
 
-_SCALES = {GAMMA: 10.0, BLUR: 100.0, FRICTION: 3.0, EARLIER: 3.0, LAYER: 10.0, LENS[0]: 60.0}
-_SCALES |= dict.fromkeys(LENS[1:], 1.0)
+_SCALES = {GAMMA: 10.0, BLUR: 100.0, FRICTION: 3.0, EARLIER: 3.0, LAYER: 10.0, _ROLL: 60.0}
+_SCALES |= dict.fromkeys(_BENT, 1.0)
 """Scales that the values themselves do not tell: of a lens a twentieth of a pixel at its edge."""
 
 _BOUNDS = dict.fromkeys((FRICTION, EARLIER), (-2.0, 2.0))
-_BOUNDS |= {GAMMA: (0.2, 5.0), BLUR: (0.0, 50.0), LAYER: (0.0, 10.0), LENS[0]: (-45.0, 45.0)}
-_BOUNDS |= dict.fromkeys(LENS[1:], (-0.1, 0.1))
+_BOUNDS |= {GAMMA: (0.2, 5.0), BLUR: (0.0, 50.0), LAYER: (0.0, 10.0), _ROLL: (-45.0, 45.0)}
+_BOUNDS |= dict.fromkeys(_BENT, (-0.1, 0.1))
 
 _MICROMETRE = 1e-7
 """Wear coefficient (mm²/N) times distance (m) that wears a micrometre under 10 MPa."""

@@ -28,10 +28,10 @@ from isochrome.fitting.frame.far_model import FarModel
 from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.frame.single_state import is_held, with_numerics
 from isochrome.fitting.frame.unknowns import (
+    BULK,
     FRICTION,
     LEFT,
     LOAD,
-    SMOOTH_KEYS,
     TANGENTIAL,
     WEAR,
     fit_region,
@@ -73,7 +73,6 @@ _SLIPPING = 0.98
 """Largest tangential force of a held contact that is tried, over what friction can hold."""
 _PLACES = 2
 """Places across that are scanned, either way, a few hundredths of the picture apart."""
-BULK = SMOOTH_KEYS[0]
 _BULK_FRINGES = np.arange(-12, 13) / 3.0
 
 

@@ -19,7 +19,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from isochrome.errors import PhysicsError
-from isochrome.estimation import FrameData, linear_costs
+from isochrome.estimation import FrameData, channel_light, linear_costs
 from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.frame.unknowns import FRICTION, GAMMA, LEFT, LOAD, TOP, thinning
 from isochrome.fitting.search.cold_start import settle_frame
@@ -39,8 +39,6 @@ _ABOVE, _BELOW = 0.55, 0.2
 _SIDES = 0.05
 """Share of the width at either side in which no contact's middle is looked for."""
 
-_SHADES = ((0, 0), (0, 1), (1, 0), (1, 1), (0, 2), (2, 0))
-"""Powers of z and x that any picture's slow changes of light are taken for."""
 _STARTS = 10
 """How many windows settle."""
 
@@ -184,9 +182,8 @@ def _windows(
         top_mm=-above * pixel, pixel_mm=pixel,
     )  # fmt: skip
     z, x = np.meshgrid(*(np.linspace(-1.0, 1.0, n) for n in (rows, cols)), indexing="ij")
-    shades = np.array([(z**i * x**j).ravel() for i, j in _SHADES])
     falls = np.array([np.ones(x.size), (x**2 + z**2).ravel()])
-    smooth = np.linalg.qr(shades.T)[0].T
+    smooth = np.linalg.qr(channel_light(rows, cols).reshape(-1, x.size).T)[0].T
     light = light - (light @ smooth.T) @ smooth
     variation = np.sum(light**2, axis=1)
     loads = scene.load_at(0.0) * ladder(_WIDEST_LOAD, LOAD_STEP)
