@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.messages import message
-from isochrome.output import numbered_lines, read_given_text
+from isochrome.output import MM_PER_UNIT, numbered_lines, read_given_text
 
 Array = NDArray[Any]
 
-METRES = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9}
-"""Units of lengths that a column may have, in m."""
+MM = {unit: MM_PER_UNIT[unit] for unit in ("m", "mm", "um", "µm", "μm", "nm")}
+"""Units of lengths that a column may have, in mm."""
 
 _PLACES = ("x", "position", "distance", "lateral", "length")
 _HEIGHTS = ("z", "height", "profile")
@@ -61,7 +61,7 @@ def _table(text: str, path: Path) -> tuple[Array, Array]:
     if values is None or not np.isfinite(values).all():
         _refuse_line(rows[first:], split, (x_column, z_column), path)
     assert values is not None
-    return 1e3 * x_unit * values[:, 0], 1e6 * z_unit * values[:, 1]
+    return x_unit * values[:, 0], 1e3 * z_unit * values[:, 1]
 
 
 def _refuse_line(
@@ -110,7 +110,7 @@ class _Splitter:
 
 
 def _columns(head: Sequence[Sequence[str]], path: Path) -> tuple[int, int, float, float]:
-    """The columns of places and heights, and their units in m, from the lines before the numbers.
+    """The columns of places and heights, and their units in mm, from the lines before the numbers.
 
     The last such line that names both counts; their units stand in it or in the line below.
     """
@@ -122,19 +122,19 @@ def _columns(head: Sequence[Sequence[str]], path: Path) -> tuple[int, int, float
         if len(places) > 1 or len(heights) > 1:
             raise InputError("line_names_several_columns", path=path, head=", ".join(head[k]))
         x, z = places[0], heights[0]
-        return x, z, _metres(head[k:], x, "x_mm", path), _metres(head[k:], z, "z_um", path)
+        return x, z, _unit_mm(head[k:], x, "x_mm", path), _unit_mm(head[k:], z, "z_um", path)
     raise InputError("no_line_names_columns", path=path, form=message(_FORM))
 
 
-def _metres(lines: Sequence[Sequence[str]], column: int, example: str, path: Path) -> float:
-    """A column's unit in m, by its name's last word or the line below."""
+def _unit_mm(lines: Sequence[Sequence[str]], column: int, example: str, path: Path) -> float:
+    """A column's unit in mm, by its name's last word or the line below."""
     for row in lines[:2]:
         words = _words(row[column]) if column < len(row) else []
-        if words and words[-1] in METRES:
-            return METRES[words[-1]]
+        if words and words[-1] in MM:
+            return MM[words[-1]]
     raise InputError(
         "column_has_no_unit", path=path, lines=lines[0][column], example=example,
-        metres=", ".join(u for u in METRES if u.isascii()),
+        metres=", ".join(u for u in MM if u.isascii()),
     )  # fmt: skip
 
 
