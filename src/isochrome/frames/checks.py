@@ -44,16 +44,12 @@ Array = NDArray[np.floating]
 _BLOCKS = 64
 """Blocks along the shorter side of a frame."""
 
-_SWINGS = (0.02, 0.05, 0.1, 0.2, 0.4)
-"""Of full scale: how far light must go back for a swing. Which of them is asked is known when all
-frames are: the largest up to a share of what their light spans,"""
-_OF_SPAN = 0.3
-
-_NONE, _MANY = 2, 6
-"""Swings of a lamp's own slope, at most, and of three fringes."""
+_NONE, _MANY = 2.0, 4.0
+"""How far light goes up and down along a line, in what the set's light spans: at most by a lamp's
+own slope and noise, and at least by three fringes, which are seldom as bright and dark as all."""
 
 _USUAL, _FARTHEST = 95.0, 99.9
-"""Per cent of the lines that have so many swings, and of the blocks that lie so near a picture: a
+"""Per cent of the lines whose light goes so far, and of the blocks that lie so near a picture: a
 small contact at a low load lights few blocks."""
 
 _ALIKE = 0.04
@@ -73,24 +69,24 @@ class LoadSigns:
     """What of each frame says whether its specimen is loaded.
 
     `pictures`, the no-load frames by key as block means of their light; `span`, of that light, 0
-    where it is not known; for each frame `unlike`, how far it is from each picture, and `swings`,
-    the most and the usual number of swings along its lines, for each of the heights that are asked.
+    where it is not known; for each frame `unlike`, how far it is from each picture, and `paths`,
+    how far its levels go up and down along its lines, at most and usually, in full scales.
     """
 
     pictures: dict[str, Array] = field(default_factory=dict)
     span: float = 0.0
     unlike: list[dict[str, float]] = field(default_factory=list)
-    swings: list[tuple[NDArray[np.int_], NDArray[np.int_]]] = field(default_factory=list)
+    paths: list[tuple[float, float]] = field(default_factory=list)
 
     def add(self, frame: Frame, full: float, gamma: float) -> None:
         """Look at one frame, whose grey levels end at `full`."""
         blocks = _blocks(frame.image, frame.mask) / full
         light = np.sign(blocks) * np.abs(blocks) ** gamma
         self.unlike.append({key: _unlike(light, picture) for key, picture in self.pictures.items()})
-        lines = [_swings(blocks), _swings(blocks.T)]
-        most = np.max([one.max(axis=0, initial=0) for one in lines], axis=0)
-        usual = [np.percentile(one, _USUAL, axis=0) for one in lines if len(one)]
-        self.swings.append((most, np.max(usual, axis=0).astype(int) if usual else most))
+        steps = (np.abs(np.nan_to_num(np.diff(blocks, axis=k), posinf=0.0)) for k in (0, 1))
+        paths = [step.sum(axis=k) for k, step in enumerate(steps)]
+        usual = max(float(np.percentile(path, _USUAL)) for path in paths)
+        self.paths.append((max(float(path.max()) for path in paths), usual))
 
 
 def load_signs(reader: FrameReader, scene: Scene) -> LoadSigns | None:
@@ -134,10 +130,9 @@ def unloaded_frames(
     for index, far in enumerate(signs.unlike):
         if near := [key for key, value in far.items() if value < _ALIKE * light]:
             like.setdefault(min(near, key=lambda key: far[key]), []).append(index)
-    usable = np.flatnonzero((np.array(_SWINGS) * full) <= _OF_SPAN * np.nanmax(span))
-    if not usable.size:
+    if not np.nanmax(span) > 0:
         return like, []
-    most, usual = (np.array([pair[k][usable[-1]] for pair in signs.swings]) for k in (0, 1))
+    most, usual = np.array(signs.paths).T * full / np.nanmax(span)
     named = {index for numbers in like.values() for index in numbers}
     fringeless = _among_many(most <= _NONE, usual >= _MANY)
     return like, [index for index in fringeless if index not in named]
@@ -176,24 +171,6 @@ def _unlike(light: Array, picture: Array) -> float:
     here, reference = light[known], picture[known]
     gain = float(np.clip(np.median(here) / max(float(np.median(reference)), 1e-9), *_GAINS))
     return float(np.percentile(np.abs(here - gain * reference), _FARTHEST))
-
-
-def _swings(lines: Array) -> NDArray[np.int_]:
-    """How often the light of each line turns by more than each height (lines, heights)."""
-    height = np.array(_SWINGS)[None, :]
-    shape = len(lines), len(_SWINGS)
-    high, low = np.full(shape, -np.inf), np.full(shape, np.inf)
-    way, count = np.zeros(shape, dtype=int), np.zeros(shape, dtype=int)
-    for values in lines.T:
-        here = values[:, None]
-        finite = np.isfinite(here)
-        high, low = np.fmax(high, here), np.fmin(low, here)
-        falls = finite & (way >= 0) & (high - here > height)
-        rises = finite & (way <= 0) & (here - low > height) & ~falls
-        count += falls | rises
-        way = np.where(falls, -1, np.where(rises, 1, way))
-        low, high = np.where(falls, here, low), np.where(rises, here, high)
-    return count
 
 
 Level = Literal["error", "warning", "note"]
