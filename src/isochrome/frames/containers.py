@@ -570,6 +570,12 @@ class Places:
     keys: np.ndarray
     end_s: float | None
 
+    def is_frame(self, index: int, item: Decoded) -> bool:
+        """Whether a decoded frame is the one of that number."""
+        if self.sums is None:
+            return bool(item.tick == self.stamps[index])
+        return bool(checksum(item.frame) == self.sums[index])
+
 
 def by_packets(path: Path, kind: Container) -> Places | None:
     """What the packets tell; None where they may be other than a frame each."""
