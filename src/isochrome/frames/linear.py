@@ -304,16 +304,10 @@ def open_no_load_steps(scene: Scene, full_shape: tuple[int, int]) -> FrameReader
     assert name is not None
     path = scene.path(name)
     reader = open_scene_frames(path, scene)
-    try:
-        count = reader.count()
-        if count != steps:
-            raise InputError(
-                "frames_no_load_steps_holds_frames", path=path, count=count, steps=steps
-            )
-        _check_shape(path, "no_load_steps", reader, full_shape)
-    except InputError:
-        reader.close()
-        raise
+    count = reader.count()
+    if count != steps:
+        raise InputError("frames_no_load_steps_holds_frames", path=path, count=count, steps=steps)
+    _check_shape(path, "no_load_steps", reader, full_shape)
     return reader
 
 

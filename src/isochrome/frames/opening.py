@@ -246,18 +246,14 @@ class Parts:
         if number not in self._sources:
             path, name, first = self.files[number], self.files[0].name, self._sources[0]
             source = self._opener(path)
-            form, other = source.form, first.form
-            if form != other:
+            held, other = ((one.form, one.sensor_bits) for one in (source, first))
+            if held != other:
+                (form, bits), (first_form, first_bits) = held, other
                 raise InputError(
                     "holds_pixels_ones_files",
                     path=path, rows=form.shape[0], cols=form.shape[1], pixels=form.pixels,
-                    name=name, shape=other.shape[0], shape_2=other.shape[1], pixels_2=other.pixels,
-                )  # fmt: skip
-            bits = source.sensor_bits, first.sensor_bits
-            if bits[0] != bits[1]:
-                raise InputError(
-                    "holds_bits_pixel_files",
-                    path=path, sensor_bits=bits[0], name=name, sensor_bits_2=bits[1],
+                    bits=bits, name=name, shape=first_form.shape[0], shape_2=first_form.shape[1],
+                    pixels_2=first_form.pixels, bits_2=first_bits,
                 )  # fmt: skip
             scales = source.pixel_mm, first.pixel_mm
             if scales[0] and scales[1] and abs(scales[0] / scales[1] - 1) > SAME_SCALE:

@@ -16,10 +16,10 @@ import struct
 import threading
 import zlib
 from collections.abc import Generator, Iterator
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import accumulate
+from itertools import accumulate, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
@@ -36,8 +36,16 @@ if TYPE_CHECKING:
 MM = {"in": 25.4} | {n: MM_PER_UNIT[n] for n in ("m", "cm", "mm", "µm", "μm", "um", "nm")}
 """Millimetres of the schema's units of length that a camera's picture can have."""
 
-OME_SECONDS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "μs": 1e-6, "us": 1e-6, "ns": 1e-9, "min": 60.0,
-           "h": 3600.0, "d": 86400.0}  # fmt: skip
+SECONDS = {
+    word: seconds
+    for words, seconds in {
+        "s sec second seconds": 1.0, "ms msec millisecond milliseconds": 1e-3,
+        "µs μs us usec microsecond microseconds": 1e-6, "ns": 1e-9, "min minute minutes": 60.0,
+        "h hour hours": 3600.0, "d": 86400.0,
+    }.items()
+    for word in words.split()
+}  # fmt: skip
+"""Units of time by each of the words that OME's and ImageJ's notes have for them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +89,7 @@ def read_ome(text: str, path: Path) -> tuple[FileNotes, tuple[int, int, int]]:
     start, from_first = _times(pixels, size["Z"] * size["T"])
     interval = None
     if from_first is None:
-        interval = _number(pixels, "TimeIncrement", OME_SECONDS, "TimeIncrementUnit", "s")
+        interval = _number(pixels, "TimeIncrement", SECONDS, "TimeIncrementUnit", "s")
     bits = pixels.get("SignificantBits")
     notes = FileNotes(
         pixel_mm=_pixel_mm(pixels, path),
@@ -132,7 +140,7 @@ def _times(
     """
     times: dict[int, float] = {}
     for plane in pixels.iterfind("{*}Plane"):
-        factor = OME_SECONDS.get(plane.get("DeltaTUnit", "s"))
+        factor = SECONDS.get(plane.get("DeltaTUnit", "s"))
         try:
             index = int(plane.get("TheT", "0")) + int(plane.get("TheZ", "0"))
             value = float(plane.get("DeltaT", "nan"))
@@ -358,12 +366,6 @@ OTHERS = ("stk", "lsm", "fluoview", "nih", "scanimage")
 MOST_CHANNELS = 7
 """ImageJ's colours end there; writers that know no axes put all frames down as channels."""
 
-_TIMES = ("s sec second seconds", "ms msec millisecond milliseconds",
-          "us µs usec microsecond microseconds", "min minute minutes", "h hour hours")  # fmt: skip
-
-SECONDS = {word: OME_SECONDS[words.split()[0]] for words in _TIMES for word in words.split()}
-"""Units of time by each of the words that ImageJ's notes have for them."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class TiffLayout:
@@ -526,11 +528,9 @@ def holds_several(path: Path) -> bool:
     """Whether a TIFF holds more than one frame; its pages are not counted for it."""
     reading.Stamp.of(path)
     with reading.refusing(path, "not a readable TIFF"), _opened(path) as tif:
-        with suppress(IndexError):
-            second: Any = tif.pages[1]
-            if not second.is_reduced:  # a thumbnail
-                return True
-        return tiff_layout_of(tif, path).count > 1
+        pages: Any = islice(tif.pages, 1, 2)
+        # a second one may be a thumbnail
+        return any(not page.is_reduced for page in pages) or tiff_layout_of(tif, path).count > 1
 
 
 def read_single(path: Path, *, inverted_too: bool = False) -> np.ndarray:
