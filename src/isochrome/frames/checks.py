@@ -176,7 +176,6 @@ def _unlike(light: Array, picture: Array) -> float:
 Level = Literal["error", "warning", "note"]
 SATURATED, LOW_CONTRAST, JUMP = 0.01, 0.1, 0.2
 """Share of pixels, part of full scale, and change between frames, that are reported."""
-UNSTEADY = "most_fix_exposure_gain"
 
 
 @dataclass(frozen=True)
@@ -282,12 +281,12 @@ def misfits(reader: FrameReader, scene: Scene, count: int | None) -> Iterator[tu
     each = count is not None and count % steps == 0
     if count is not None and not each:
         text = message("frames_not_multiple_polariscope", count=count, steps=steps)
-        yield str(reader.path), message("frame_each_polariscope_step", text=text)
+        yield str(reader.path), text
     loads = len(scene.frames.known_loads_n)
     if loads and count is not None and loads != count:
-        text = message("frames_known_loads_n_has_set", counted=counted(loads, "number"))
-        text += message("give_one_each_their", counted=counted(count, "frame"))
-        yield scene.name, f"{text}known"
+        numbers = counted(loads, "number"), counted(count, "frame")
+        text = message("frames_known_loads_n_has_set", counted=numbers[0], counted_2=numbers[1])
+        yield scene.name, text
     yield from _places_beyond(scene, rows, cols)
     yield from _other_size(reader, scene.camera or Camera())
     if wear is None or scene.frames.sliding_speed_mm_per_s is not None:
@@ -295,11 +294,12 @@ def misfits(reader: FrameReader, scene: Scene, count: int | None) -> Iterator[tu
     first = scene.friction is not None and scene.friction.static_state_first
     states = len(wear.distances_m) + int(first)
     if count is not None and each and count != states * steps:
-        what = "wear.distances_m" + message("static_state_first") * first
-        step = message("each_steps", steps=steps) if steps > 1 else ""
-        text = f"{counted(count, 'frame')}, and the scene has {counted(states, 'state')} ({what}); "
-        text += message("give_one_frame_state", step=step)
-        yield str(reader.path), message("frames_sliding_speed_mm_per_s_video", text=text)
+        text = message(
+            "give_one_frame_state", counted=counted(count, "frame"),
+            states=counted(states, "state"), first=message("static_state_first") * first,
+            step=message("each_steps", steps=steps) if steps > 1 else "",
+        )  # fmt: skip
+        yield str(reader.path), text
 
 
 def _other_size(reader: FrameReader, camera: Camera) -> Iterator[tuple[str, str]]:
@@ -309,8 +309,10 @@ def _other_size(reader: FrameReader, camera: Camera) -> Iterator[tuple[str, str]
     if wanted == (rows, cols):
         return
     after = "after the roi" if reader.roi else message("no_frames_roi_set")
-    text = message("frames_rows_columns_scene", rows=rows, cols=cols, after=after)
-    text += message("correct_camera_height_px_width_px", wanted=wanted[0], wanted_2=wanted[1])
+    text = message(
+        "frames_rows_columns_scene", rows=rows, cols=cols, after=after, wanted=wanted[0],
+        wanted_2=wanted[1],
+    )  # fmt: skip
     if wanted == (cols, rows):
         text += message("turn_pictures_lie_their")
     yield str(reader.path), text
@@ -350,7 +352,7 @@ def of_depth(reader: FrameReader, light: Survey) -> Iterator[Finding]:
         yield Finding("error", message("float_frames_reach_set", largest=largest))
     if reader.dtype.kind == "f" and depth is not None and 0 < largest <= 1:
         text = message("float_frames_end_but", largest=largest, depth=depth)
-        yield Finding("warning", text + message("remove_camera_bit_depth_if"))
+        yield Finding("warning", text)
     if depth is None or depth <= 8 or reader.dtype.kind != "u" or not light.bits:
         return
     likely = next(b for b in (8, 10, 12, 14, 16) if largest < 2**b)
@@ -358,8 +360,11 @@ def of_depth(reader: FrameReader, light: Survey) -> Iterator[Finding]:
         text = message("bit_frames_whose_largest", depth=depth, largest=largest, likely=likely)
         yield Finding("warning", text)
     if shift := (light.bits & -light.bits).bit_length() - 1:
-        text = message("all_values_multiples_bit", shift=2**shift, shift_2=depth - shift)
-        yield Finding("note", text + message("full_scale_then", shift=2**depth - 2**shift))
+        text = message(
+            "all_values_multiples_bit", shift=2**shift, shift_2=depth - shift,
+            shift_3=2**depth - 2**shift,
+        )  # fmt: skip
+        yield Finding("note", text)
 
 
 def of_light(reader: FrameReader, light: Survey) -> Iterator[Finding]:
@@ -380,7 +385,7 @@ def of_light(reader: FrameReader, light: Survey) -> Iterator[Finding]:
         change[1:] = np.abs(np.diff(high)) / np.maximum(high[1:], high[:-1])
     jumps = (change > JUMP) & clear
     text = message("brightness_jumps_against_frame", max=100 * change.max(initial=0))
-    yield from _frames("warning", jumps, text + message(UNSTEADY))
+    yield from _frames("warning", jumps, text)
     if not jumps.any():
         yield from _of_set(high, clear & ~weak & (share <= SATURATED))
     twins = np.zeros(light.count, bool)
@@ -400,7 +405,6 @@ def _of_set(high: np.ndarray, usable: np.ndarray) -> Iterator[Finding]:
     dim = usable & (high < (1.0 - JUMP) * top)
     if dim.any():
         text = message("brightest_places_down_those", least=top / float(high[dim].min()))
-        text += message("fix_exposure_gain_lamp")
         yield from _frames("warning", dim, text)
 
 
@@ -452,8 +456,7 @@ def of_no_load(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Fin
     keys = ("no_load_dark", "no_load_bright")
     missing = " and ".join(f"frames.{key}" for key in keys if getattr(frames, key) is None)
     if missing:
-        text = message("not_given_unloaded_specimen", missing=missing)
-        yield Finding("warning", text + message("frames_worth_more_any"))
+        yield Finding("warning", message("not_given_unloaded_specimen", missing=missing))
     try:
         dark, bright = linear.load_no_load(scene, full_shape=reader.full_shape)
     except InputError as error:
@@ -467,13 +470,12 @@ def of_no_load(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Fin
     if bright is not None:
         top = float(np.percentile(bright.image, 98))
         if high > 1.15 * top:
-            text = message("frames_reach_full_scale", high=high, top=top)
-            yield Finding("warning", text + message("capture_both_one_exposure"))
+            yield Finding("warning", message("frames_reach_full_scale", high=high, top=top))
     if dark is not None:
         bottom = float(np.percentile(dark.image, 2))
         if bottom > low + 0.05:
             text = message("no_load_dark_begins_full_scale", bottom=bottom, low=low)
-            yield Finding("warning", text + message("capture_both_one_exposure_loaded"))
+            yield Finding("warning", text)
 
 
 ENDINGS = {
@@ -617,12 +619,12 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
 def _of_count(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Finding]:
     if scene.frames.sliding_speed_mm_per_s is not None and light.untimed:
         text = message("frames_carry_no_time", untimed=light.untimed, count=light.count)
-        yield Finding("error", text + message("needs_remove_key_give"))
+        yield Finding("error", text)
     claimed = reader.claimed_count
     if claimed is not None and claimed != light.count:
         claim = counted(claimed, "frame")
         text = message("video_head_claims_can", counted=claim, count=light.count)
-        yield Finding("warning", text + message("whole_some_writers_claim"))
+        yield Finding("warning", text)
 
 
 def light_figure(light: Survey) -> Figure:
