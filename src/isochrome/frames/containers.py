@@ -117,14 +117,7 @@ def _rgb_of_yuv(frame: Any, *, full: bool) -> tuple[np.ndarray, int | None]:
     luma, cb, cr = (plane_of(frame, k) for k in range(3))
     half = 1 << (bits - 1)
     if (cb == half).all() and (cr == half).all():  # mono, stored as colour
-        if full:
-            grey = np.array(luma, order="C")
-        elif luma.dtype == np.uint8:  # by OpenCV, five times as fast
-            import cv2
-
-            grey = cv2.LUT(luma, _levels(bits))
-        else:
-            grey = _levels(bits).take(luma)
+        grey = np.array(luma, order="C") if full else _levels(bits).take(luma)
         return np.broadcast_to(grey[..., None], (*grey.shape, 3)), bits
     red, blue = WEIGHTS.get(space, WEIGHTS_601)
     top = float(2**bits - 1)

@@ -11,7 +11,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,24 +57,21 @@ def _table(text: str, path: Path) -> tuple[Array, Array]:
             "no_line_numbers_first", path=path, cells_count=len(cells), form=message(_FORM)
         )
     x_column, z_column, x_unit, z_unit = _columns([row for _, row in cells[:first]], path)
-    values = split.numbers([line for _, line in rows[first:]], (x_column, z_column))
-    if values is None or not np.isfinite(values).all():
-        _refuse_line(rows[first:], split, (x_column, z_column), path)
-    assert values is not None
+    values = np.array(
+        [_finite(split(line), (x_column, z_column), number, path) for number, line in rows[first:]]
+    )
     return x_unit * values[:, 0], 1e3 * z_unit * values[:, 1]
 
 
-def _refuse_line(
-    rows: Sequence[tuple[int, str]], split: _Splitter, columns: tuple[int, int], path: Path
-) -> NoReturn:
-    """Name the first line that has no two finite numbers."""
-    for number, line in rows:
-        row = split(line)
-        for column in columns:
-            cell = row[column].strip() if column < len(row) else ""
-            if not (_NUMBER.fullmatch(cell) and np.isfinite(float(cell))):
-                raise InputError("line_has_where_finite", path=path, number=number, cell=cell[:30])
-    raise InputError("rows_no_table_numbers", path=path, form=message(_FORM))
+def _finite(
+    row: Sequence[str], columns: tuple[int, int], number: int, path: Path
+) -> tuple[float, ...]:
+    """The numbers of two columns of a line, which the refusal of others names."""
+    for column in columns:
+        cell = row[column] if column < len(row) else ""
+        if not (_NUMBER.fullmatch(cell) and np.isfinite(float(cell))):
+            raise InputError("line_has_where_finite", path=path, number=number, cell=cell[:30])
+    return tuple(float(row[column]) for column in columns)
 
 
 class _Splitter:
@@ -96,17 +93,6 @@ class _Splitter:
     def __call__(self, line: str) -> list[str]:
         cells = [cell.strip().strip('"') for cell in line.split(self.separator)]
         return [cell.replace(",", ".") for cell in cells] if self.comma else cells
-
-    def numbers(self, lines: Sequence[str], columns: tuple[int, int]) -> Array | None:
-        """Two columns of many lines (n, 2), None where a cell is no number."""
-        if self.comma:
-            lines = [line.replace(",", ".") for line in lines]
-        try:
-            return np.loadtxt(
-                lines, delimiter=self.separator, usecols=columns, quotechar='"', ndmin=2
-            )
-        except ValueError:
-            return None
 
 
 def _columns(head: Sequence[Sequence[str]], path: Path) -> tuple[int, int, float, float]:
