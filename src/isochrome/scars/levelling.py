@@ -35,9 +35,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import Bounds, Damping, minimise
 from isochrome.messages import message
 from isochrome.scars.trace import Trace
 
@@ -314,10 +314,6 @@ _EDGE_MODEL = 0.01
 _USUAL, _SPREAD = 2.5, 0.28
 """Exponents m: the prior's middle, and its standard deviation of ln m."""
 
-_SETTLED, _DAMPING = 1e-4, 1e-3
-"""The promised gain in variances that ends the steps, a hundredth of an uncertainty, and the first
-damping."""
-
 _PARTS = 5
 """Points of a bin over which the shape is averaged."""
 
@@ -403,26 +399,15 @@ def first_place(x_mm: Array, z_um: Array, white: Array) -> ScarShape:
     return ScarShape(*at, _USUAL, np.diag([0.0, 0.1 * at[1], 0.0]) ** 2)
 
 
-@dataclass(frozen=True)
-class _PlacePoint:
-    """What `minimise` asks of a place: its cost and normal equations."""
-
-    cost: float
-    normal: Array
-    gradient: Array
-
-
 def refine_place(x_mm: Array, z_um: Array, start: ScarShape, white: Array) -> ScarShape:
     """The least-squares place from a start, with the roughness's covariance.
 
-    Damped steps in c, ln a and ln m; depth and form are solved for at every one.
+    Steps in c, ln a and ln m; depth and form are solved for at every one.
     """
     z = white @ z_um
     length, step_mm = float(x_mm[-1] - x_mm[0]), float(x_mm[1] - x_mm[0])
-    bounds = Bounds(
-        np.array([x_mm[0], np.log(_NARROWEST * step_mm), -np.inf]),
-        np.array([x_mm[-1], np.log(_WIDEST * length), np.inf]),
-    )
+    low = [x_mm[0], np.log(_NARROWEST * step_mm), -np.inf]
+    high = [x_mm[-1], np.log(_WIDEST * length), np.inf]
 
     def column(values: Array) -> tuple[Array, float, float]:
         """The whitened shape (n,) of c, ln a and ln m, its square, and its depth below zero."""
@@ -430,30 +415,20 @@ def refine_place(x_mm: Array, z_um: Array, start: ScarShape, white: Array) -> Sc
         square = max(float(c @ c), 1e-300)
         return c, square, float(c @ z) / square
 
-    def at(values: Array) -> _PlacePoint:
-        """Cost and normal equations in c, ln a and ln m, with the depth eliminated."""
-        c, square, depth = column(values)
-        residual = z - depth * c
-        steps = 0.01 * np.diag([np.exp(values[1]), 1.0, 1.0])
-        slopes = [depth * (column(values + e)[0] - c) / e.sum() for e in steps]
-        rows = np.array([slope - c * float(c @ slope) / square for slope in slopes])
-        away = (values[2] - np.log(_USUAL)) / _SPREAD
-        normal, gradient = rows @ rows.T, rows @ residual
-        normal[2, 2] += 1.0 / _SPREAD**2
-        gradient[2] -= away / _SPREAD
-        return _PlacePoint(float(residual @ residual + away**2), normal, gradient)
+    def residual(values: Array) -> Array:
+        """What the best depth leaves (n,), and how far the exponent is from what is usual."""
+        c, _, depth = column(values)
+        return np.append(z - depth * c, (values[2] - np.log(_USUAL)) / _SPREAD)
 
-    values = np.array([start.centre_mm, np.log(start.half_mm), np.log(start.exponent)])
-    descent = minimise(
-        at, values, at(values), enough=lambda _: _SETTLED, damping=Damping(_DAMPING),
-        iterations=_STEPS, bounds=bounds,
-    )  # fmt: skip
-    half, exponent = np.exp(descent.values[1:]).tolist()
-    scale = np.array([1.0, half, exponent])
-    _, square, depth = column(descent.values)
+    first = np.array([start.centre_mm, np.log(start.half_mm), np.log(start.exponent)])
+    scale = [start.half_mm, 1.0, 1.0]
+    found = least_squares(residual, np.clip(first, low, high), bounds=(low, high), x_scale=scale)
+    _, square, depth = column(found.x)
+    half, exponent = np.exp(found.x[1:]).tolist()
+    scale = [1.0, half, exponent]
     return ScarShape(
-        centre_mm=float(descent.values[0]), half_mm=half, exponent=exponent, depth_um=-depth,
-        covariance=np.linalg.inv(descent.point.normal) * np.outer(scale, scale),
+        centre_mm=float(found.x[0]), half_mm=half, exponent=exponent, depth_um=-depth,
+        covariance=np.linalg.inv(found.jac.T @ found.jac) * np.outer(scale, scale),
         clear=abs(depth) * float(np.sqrt(square)),
     )  # fmt: skip
 
