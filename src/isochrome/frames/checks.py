@@ -16,10 +16,10 @@ The picture of a check: the light of each frame, and how much of it is saturated
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -113,29 +113,6 @@ def load_signs(reader: FrameReader, scene: Scene) -> LoadSigns | None:
     if bright is not None:
         signs.span = float(np.percentile(bright.image[bright.valid], 98.0))
     return signs
-
-
-def unloaded_frames(
-    signs: LoadSigns, low: Sequence[float], high: Sequence[float], full: float, gamma: float
-) -> tuple[dict[str, list[int]], list[int]]:
-    """The numbers of frames that look unloaded, by the no-load picture that they are like, and of
-    those without fringes among others with many. `low` and `high`, the frames' levels, NaN where
-    blank.
-    """
-    span = np.array(high) - np.array(low)
-    if not np.isfinite(span).any():
-        return {}, []
-    light = signs.span or float((max(np.nanmax(high), 0.0) / full) ** gamma)
-    like: dict[str, list[int]] = {}
-    for index, far in enumerate(signs.unlike):
-        if near := [key for key, value in far.items() if value < _ALIKE * light]:
-            like.setdefault(min(near, key=lambda key: far[key]), []).append(index)
-    if not np.nanmax(span) > 0:
-        return like, []
-    most, usual = np.array(signs.paths).T * full / np.nanmax(span)
-    named = {index for numbers in like.values() for index in numbers}
-    fringeless = _among_many(most <= _NONE, usual >= _MANY)
-    return like, [index for index in fringeless if index not in named]
 
 
 def _among_many(none: NDArray[np.bool_], many: NDArray[np.bool_]) -> list[int]:
@@ -430,14 +407,23 @@ def _frames(level: Level, where: np.ndarray, text: str) -> Iterator[Finding]:
 
 def of_unloaded(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Finding]:
     """Findings on frames that show the unloaded specimen among those to be processed."""
-    if light.load is None or not light.count:
+    signs, span = light.load, np.array(light.high) - np.array(light.low)
+    if signs is None or not np.isfinite(span).any():
         return
     full, gamma = linear.full_scale(reader.bit_depth), scene.frames.first_gamma
-    like, fringeless = unloaded_frames(light.load, light.low, light.high, full, gamma)
+    unit = signs.span or float((max(np.nanmax(light.high), 0.0) / full) ** gamma)
+    like: dict[str, list[int]] = {}  # numbers of frames by the picture that each is like
+    for index, far in enumerate(signs.unlike):
+        if near := [key for key, value in far.items() if value < _ALIKE * unit]:
+            like.setdefault(min(near, key=lambda key: far[key]), []).append(index)
     for key, numbers in like.items():
         why = message(UNLOADED, value=message("nearly_same_picture", key=key), value_2="")
         yield Finding("warning", f"{named_frames(numbers)}: " + why, numbers[0])
-    if fringeless:
+    most, usual = np.array(signs.paths).T * full
+    largest, named = np.nanmax(span), set(chain.from_iterable(like.values()))
+    fringeless = _among_many(most <= _NONE * largest, usual >= _MANY * largest)
+    fringeless = [index for index in fringeless if index not in named]
+    if fringeless and largest > 0:
         name = message("name_frames_no_load_dark_no_load_bright")
         why = message(UNLOADED, value=message("no_fringes_where_frames"), value_2=name)
         yield Finding("warning", f"{named_frames(fringeless)}: " + why, fringeless[0])

@@ -292,15 +292,12 @@ def check_whole(path: Path) -> Container:
     recording that was never closed (sizes of zero or 'unknown') passes when all that it holds is
     whole.
     """
-    try:
-        with open(path, "rb") as file:
-            container, end = container_of(file), file.seek(0, 2)
-            if container in _WALKS:
-                _WALKS[container](file, 0, end, path)
-            if container is not None:
-                return container
-    except OSError as error:
-        raise InputError("cannot_read_check_name", path=path, strerror=error.strerror) from error
+    with refusing(path), open(path, "rb") as file:
+        container, end = container_of(file), file.seek(0, 2)
+        if container in _WALKS:
+            _WALKS[container](file, 0, end, path)
+        if container is not None:
+            return container
     raise InputError("no_avi_mp_mov", path=path)
 
 

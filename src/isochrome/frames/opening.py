@@ -26,6 +26,7 @@ from isochrome.errors import InputError
 from isochrome.frames import images, tiff, video
 from isochrome.frames.images import read_image, signature_of
 from isochrome.frames.reading import (
+    SAME,
     Channel,
     Extent,
     FrameReader,
@@ -223,10 +224,6 @@ def _frames(
         yield RawFrame(image, None if times is None else times[index], frames.label(index))
 
 
-SAME_SCALE = 1e-3
-"""Files of one recording name one pixel size; a larger difference than this part is another."""
-
-
 class Parts:
     """The frames of several files in their order, with times that go on from file to file.
 
@@ -256,7 +253,7 @@ class Parts:
                     pixels_2=first_form.pixels, bits_2=first_bits,
                 )  # fmt: skip
             scales = source.pixel_mm, first.pixel_mm
-            if scales[0] and scales[1] and abs(scales[0] / scales[1] - 1) > SAME_SCALE:
+            if scales[0] and scales[1] and abs(scales[0] / scales[1] - 1) > SAME:
                 raise InputError(
                     "names_mm_pixel_files", path=path, scales=scales[0], name=name,
                     scales_2=scales[1],
@@ -606,7 +603,11 @@ def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[F
     places = _places(names)
     if len(names) == 1 and len(places) == 1:
         return (names[0],)
-    _refuse_others(places, join=join)
+    for place in places:
+        if join and place.is_dir():
+            raise InputError("folder_which_recording_itself", folder=place)
+        if place.suffix.lower() not in KNOWN and not place.is_dir():
+            raise InputError("frames_cannot_read_from_file", place=place, known=", ".join(KNOWN))
     if join:
         return (tuple(places),)
     first = dict[bool | None, Path]()
@@ -619,14 +620,6 @@ def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[F
             "single_image_whole_recording", single=first[False], recordings=first[True]
         )
     return (names[0],) if len(names) == 1 else (tuple(places),)
-
-
-def _refuse_others(places: Sequence[Path], *, join: bool) -> None:
-    for folder in filter(os.path.isdir, places if join else ()):
-        raise InputError("folder_which_recording_itself", folder=folder)
-    for place in places:
-        if place.suffix.lower() not in KNOWN and not os.path.isdir(place):
-            raise InputError("frames_cannot_read_from_file", place=place, known=", ".join(KNOWN))
 
 
 def one_recording(names: Sequence[str | Path], *, join: bool = False) -> FramesPath:

@@ -31,6 +31,9 @@ Decoders hold some copies of a frame at a time."""
 MAX_PIXELS = MAX_BYTES // 2
 """The same in pixels, of two bytes each at least in what is made of them."""
 
+SAME = 1e-3
+"""Part by which two sizes of a pixel, of files or of its sides, may differ and be one."""
+
 CLOCK_S = 2.0
 """The coarsest clock of a file system (FAT)."""
 

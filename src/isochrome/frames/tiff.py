@@ -16,7 +16,7 @@ import struct
 import threading
 import zlib
 from collections.abc import Generator, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import accumulate, islice
@@ -126,7 +126,7 @@ def _pixel_mm(pixels: ElementTree.Element, path: Path) -> float | None:
     )
     if across is None or down is None:
         return None
-    if abs(across / down - 1) > 1e-3:
+    if abs(across / down - 1) > reading.SAME:
         raise InputError("says_pixel_mm_wide", path=path, across=across, down=down)
     return across
 
@@ -357,9 +357,6 @@ def silence_stderr() -> Iterator[None]:
             os.close(nowhere)
 
 
-SQUARE = 1e-3
-"""A pixel whose sides differ by more than this part is not square."""
-
 OTHERS = ("stk", "lsm", "fluoview", "nih", "scanimage")
 """Microscope makers' dialects, whose pages are not frames one by one."""
 
@@ -402,7 +399,9 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     _check_square(tif, path)
     if tif.is_ome:
         return _of_ome(tif, path)
-    pages = _frame_pages(tif)
+    each: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
+    # not the thumbnails and reduced copies that some programs add
+    pages = tuple((i, page.offset) for i, page in each if i == 0 or not page.is_reduced)
     claimed = _claimed(tif, len(pages))
     hidden = len(pages) == 1 < claimed and _fit_behind(tif, claimed)
     if not hidden and (claimed > len(pages) or _chain_breaks(tif)):
@@ -412,12 +411,6 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     notes = FileNotes(interval_s=_interval(meta), pixel_mm=pixel_mm_of(tif))
     count = claimed if hidden else len(pages)
     return TiffLayout(count=count, pages=pages, hidden=hidden, notes=notes)
-
-
-def _frame_pages(tif: tifffile.TiffFile) -> tuple[tuple[int, int], ...]:
-    """Pages that are frames: not the thumbnails and reduced copies that some programs add."""
-    numbered: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
-    return tuple((i, page.offset) for i, page in numbered if i == 0 or not page.is_reduced)
 
 
 def _claimed(tif: tifffile.TiffFile, counted: int) -> int:
@@ -466,7 +459,7 @@ def _check_square(tif: tifffile.TiffFile, path: Path) -> None:
     page: Any = tif.pages[0]
     if "XResolution" in page.tags and "YResolution" in page.tags:
         (xn, xd), (yn, yd) = page.tags["XResolution"].value, page.tags["YResolution"].value
-        if 0 not in (xn, xd, yn, yd) and abs(xn * yd / (xd * yn) - 1) > SQUARE:
+        if 0 not in (xn, xd, yn, yd) and abs(xn * yd / (xd * yn) - 1) > reading.SAME:
             raise InputError("says_pixels_unit_across", path=path, xd=xn / xd, yd=yn / yd)
 
 
@@ -505,7 +498,7 @@ SUFFIXES = (".tif", ".tiff", ".btf", ".tf8", ".tf2")
 def open_tiff(path: Path) -> reading.Source:
     """Read the heads of a TIFF stack's pages; InputError where it is no TIFF that can be read."""
     stamp = reading.Stamp.of(path)
-    with reading.refusing(path, "not a readable TIFF"), _opened(path) as tif:
+    with _opened(path) as tif:
         layout = tiff_layout_of(tif, path)
         with closing(PageDecoder(tif, path)) as decoder:
             image = decoder.frame(layout, 0)
@@ -527,7 +520,7 @@ def open_tiff(path: Path) -> reading.Source:
 def holds_several(path: Path) -> bool:
     """Whether a TIFF holds more than one frame; its pages are not counted for it."""
     reading.Stamp.of(path)
-    with reading.refusing(path, "not a readable TIFF"), _opened(path) as tif:
+    with _opened(path) as tif:
         pages: Any = islice(tif.pages, 1, 2)
         # a second one may be a thumbnail
         return any(not page.is_reduced for page in pages) or tiff_layout_of(tif, path).count > 1
@@ -539,7 +532,7 @@ def read_single(path: Path, *, inverted_too: bool = False) -> np.ndarray:
     `inverted_too`, to take ImageJ's images that are shown inverted, as its masks are, as stored.
     """
     reading.Stamp.of(path)
-    with reading.refusing(path, "not a readable TIFF"), _opened(path) as tif:
+    with _opened(path) as tif:
         layout = tiff_layout_of(tif, path)
         if layout.count != 1:
             raise InputError("holds_pages_one_file", path=path, count=layout.count)
@@ -554,7 +547,7 @@ def _opened(path: Path) -> Iterator[tifffile.TiffFile]:
     log = logging.getLogger("tifffile")  # what it would say, refusals say instead
     if not any(isinstance(h, logging.NullHandler) for h in log.handlers):
         log.addHandler(logging.NullHandler())
-    with tifffile.TiffFile(path) as tif:
+    with reading.refusing(path, "not a readable TIFF"), tifffile.TiffFile(path) as tif:
         tif.pages.cache = False
         yield tif
 
@@ -564,13 +557,10 @@ def _frames(
 ) -> Generator[reading.RawFrame]:
     """The frames from number `start` on; each page is found at once by its place in the file."""
     stamp.check(path)
-    with ExitStack() as opened:
-        with reading.refusing(path, "not a readable TIFF"):
-            tif = opened.enter_context(_opened(path))
-        decoder = opened.enter_context(closing(PageDecoder(tif, path)))
+    with _opened(path) as tif, closing(PageDecoder(tif, path)) as decoder:
         for index in range(start, layout.count):
             with reading.refusing(path, f"frame {index} cannot be read"):
                 image = decoder.frame(layout, index)
                 form.check(path, image, f"frame {index}")
             yield reading.RawFrame(image, layout.time_s(index), f"{path.name}[{index}]")
-        stamp.check(path)
+    stamp.check(path)
