@@ -76,7 +76,8 @@ def _image(head: bytes) -> str | None:
 
     Image.init()
     accepts: Any = {name: Image.OPEN[name][1] for name in FORMATS}
-    name = next((name for name in FORMATS if accepts[name](head[:16])), None)
+    start = head[:16].ljust(16, b"\0")  # which Pillow takes for granted
+    name = next((name for name in FORMATS if accepts[name](start)), None)
     if name == "PPM":  # Pillow takes any text that begins so
         return "Netpbm" if head[2:3].isspace() or head[2:3] == b"#" else None
     return "WebP" if name == "WEBP" else name
