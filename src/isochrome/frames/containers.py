@@ -57,25 +57,20 @@ def to_image(frame: Any, path: Path) -> tuple[np.ndarray, int | None]:
     """A frame's pixels (row, col), or (row, col, 3) in RGB, and the bits of a value (None:
     float).
     """
-    from av.video.reformatter import ColorRange
-
     form, name = frame.format, str(frame.format.name)
-    colours = (form.is_rgb and not form.is_bayer) or form.has_palette or name.startswith("mono")
-    bits = max(part.bits for part in form.components)
     if name.startswith(("yu", "uyvy", "yvyu", "nv", "p0", "p2", "p4")):
-        # else black and white lie at 16 and 235 of 255
-        full = name.startswith("yuvj") or frame.color_range == ColorRange.JPEG
-        return _rgb_of_yuv(frame, full=full)
+        return _rgb_of_yuv(frame)
     if name.startswith(("gray", "ya")):
         grey = plane_of(frame, 0)[:, :: 2 if name.startswith("ya") else 1]
         return np.array(grey, order="C"), None if "f" in name else _bits(frame)
     if name.startswith(("gbrp", "gbrap")) and "f" not in name:
         green, blue, red = (plane_of(frame, k) for k in range(3))
         return np.stack([red, green, blue], axis=-1), _bits(frame)
-    if colours and bits <= 8:
-        return frame.to_ndarray(format="rgb24"), 8
-    if colours and bits == 16 and "f" not in name:
+    if name.startswith(("rgb48", "bgr48", "rgba64", "bgra64")):
         return frame.to_ndarray(format="rgb48le").astype(np.uint16, copy=False), 16
+    packed = (form.is_rgb and not form.is_bayer) or form.has_palette or name.startswith("mono")
+    if packed and max(part.bits for part in form.components) <= 8:
+        return frame.to_ndarray(format="rgb24"), 8
     raise InputError("holds_pixels_format_which", path=path, name=name)
 
 
@@ -103,12 +98,16 @@ def plane_of(frame: Any, number: int) -> np.ndarray:
     return rows.view(dtype).astype(dtype.newbyteorder("="), copy=False)
 
 
-def _rgb_of_yuv(frame: Any, *, full: bool) -> tuple[np.ndarray, int | None]:
+def _rgb_of_yuv(frame: Any) -> tuple[np.ndarray, int | None]:
     """RGB = Y' + matrix (Cb, Cr), in the bits of the frame; without colour, without arithmetic.
 
     Source: ITU-R BT.601-7, BT.709-6, BT.2020-2; Rec. ITU-T H.273 for the levels.
     """
+    from av.video.reformatter import ColorRange
+
     bits, space = _bits(frame), int(frame.colorspace)
+    # else black and white lie at 16 and 235 of 255
+    full = frame.format.name.startswith("yuvj") or frame.color_range == ColorRange.JPEG
     if len(frame.planes) < 3:  # the same values in another order
         _, part, _ = frame.format.components
         share = 4 // (frame.width // part.width)

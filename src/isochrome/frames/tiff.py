@@ -399,9 +399,7 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     _check_square(tif, path)
     if tif.is_ome:
         return _of_ome(tif, path)
-    each: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
-    # not the thumbnails and reduced copies that some programs add
-    pages = tuple((i, page.offset) for i, page in each if i == 0 or not page.is_reduced)
+    pages = _frame_pages(tif)
     claimed = _claimed(tif, len(pages))
     hidden = len(pages) == 1 < claimed and _fit_behind(tif, claimed)
     if not hidden and (claimed > len(pages) or _chain_breaks(tif)):
@@ -411,6 +409,12 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     notes = FileNotes(interval_s=_interval(meta), pixel_mm=pixel_mm_of(tif))
     count = claimed if hidden else len(pages)
     return TiffLayout(count=count, pages=pages, hidden=hidden, notes=notes)
+
+
+def _frame_pages(tif: tifffile.TiffFile) -> tuple[tuple[int, int], ...]:
+    """Pages that are frames: not the thumbnails and reduced copies that some programs add."""
+    numbered: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
+    return tuple((i, page.offset) for i, page in numbered if i == 0 or not page.is_reduced)
 
 
 def _claimed(tif: tifffile.TiffFile, counted: int) -> int:

@@ -422,13 +422,13 @@ def refine_place(x_mm: Array, z_um: Array, start: ScarShape, white: Array) -> Sc
 
     first = np.array([start.centre_mm, np.log(start.half_mm), np.log(start.exponent)])
     scale = [start.half_mm, 1.0, 1.0]
-    found = least_squares(residual, np.clip(first, low, high), bounds=(low, high), x_scale=scale)
-    _, square, depth = column(found.x)
-    half, exponent = np.exp(found.x[1:]).tolist()
+    best = least_squares(residual, np.clip(first, low, high), bounds=(low, high), x_scale=scale)
+    _, square, depth = column(best.x)
+    half, exponent = np.exp(best.x[1:]).tolist()
     scale = [1.0, half, exponent]
     return ScarShape(
-        centre_mm=float(found.x[0]), half_mm=half, exponent=exponent, depth_um=-depth,
-        covariance=np.linalg.inv(found.jac.T @ found.jac) * np.outer(scale, scale),
+        centre_mm=float(best.x[0]), half_mm=half, exponent=exponent, depth_um=-depth,
+        covariance=np.linalg.inv(best.jac.T @ best.jac) * np.outer(scale, scale),
         clear=abs(depth) * float(np.sqrt(square)),
     )  # fmt: skip
 
