@@ -246,8 +246,13 @@ def saturation_level(raw: np.ndarray, *, full: float) -> float:
     last &= counts >= np.where(levels >= full, _FEWEST_FULL, below)
     for i in np.flatnonzero(last).tolist():
         level = float(levels[i])
-        if level >= full and _is_piled(levels[: i + 1], counts[: i + 1]):
-            return level
+        if level >= full:
+            expected = _CREST * counts[max(i - 2, 0) : i].max(initial=0.0)
+            # more pixels than those just below go on to, or none lie just below
+            if counts[i] >= expected + _SIGMAS * np.sqrt(expected) or (
+                levels[i] - levels[i - 1] > _GAP * np.median(np.diff(levels[: i + 1]))
+            ):
+                return level
         plateau = usable & (image == level)
         solid = ndimage.minimum_filter(plateau, 3)  # all nine pixels about a place
         if np.count_nonzero(solid) > _SOLID * counts[i] and _is_noisy(
@@ -255,14 +260,6 @@ def saturation_level(raw: np.ndarray, *, full: float) -> float:
         ):
             return level
     return np.inf
-
-
-def _is_piled(levels: np.ndarray, counts: np.ndarray) -> bool:
-    """Whether the last level has more pixels than those just below go on to."""
-    if len(levels) == 1 or levels[-1] - levels[-2] > _GAP * np.median(np.diff(levels)):
-        return True  # nothing lies just below
-    expected = _CREST * counts[-3:-1].max()
-    return bool(counts[-1] >= expected + _SIGMAS * np.sqrt(expected))
 
 
 def _is_noisy(image: np.ndarray, below: npt.NDArray[np.bool_], full: float) -> bool:
