@@ -363,8 +363,13 @@ def of_light(reader: FrameReader, light: Survey) -> Iterator[Finding]:
     jumps = (change > JUMP) & clear
     text = message("brightness_jumps_against_frame", max=100 * change.max(initial=0))
     yield from _frames("warning", jumps, text)
-    if not jumps.any():
-        yield from _of_set(high, clear & ~weak & (share <= SATURATED))
+    # brightest places dimmer than another frame's, by steps too small for a jump
+    usable = clear & ~weak & (share <= SATURATED)
+    top = float(high[usable].max(initial=0.0))
+    dim = usable & (high < (1.0 - JUMP) * top)
+    if dim.any() and not jumps.any():
+        text = message("brightest_places_down_those", least=top / float(high[dim].min()))
+        yield from _frames("warning", dim, text)
     twins = np.zeros(light.count, bool)
     twins[[i for i, _ in light.twins if i < light.count]] = True
     yield from _frames("warning", twins & clear, message("same_pixel_pixel_earlier"))
@@ -372,17 +377,6 @@ def of_light(reader: FrameReader, light: Survey) -> Iterator[Finding]:
         unit = "of full scale" if reader.bit_depth is None else "grey levels"
         text = message("camera_noise_about_rounding", noise=np.median(light.noise), unit=unit)
         yield Finding("note", text)
-
-
-def _of_set(high: np.ndarray, usable: np.ndarray) -> Iterator[Finding]:
-    """Frames whose brightest places are dimmer than another's, by steps too small for a jump."""
-    if not usable.any():
-        return
-    top = float(high[usable].max())
-    dim = usable & (high < (1.0 - JUMP) * top)
-    if dim.any():
-        text = message("brightest_places_down_those", least=top / float(high[dim].min()))
-        yield from _frames("warning", dim, text)
 
 
 def _blank(light: Survey, full: float) -> Iterator[Finding]:

@@ -34,7 +34,6 @@ import zlib
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
 from heapq import heappop, heappush
 from itertools import chain, islice
 from pathlib import Path
@@ -116,7 +115,11 @@ def _rgb_of_yuv(frame: Any) -> tuple[np.ndarray, int | None]:
     luma, cb, cr = (plane_of(frame, k) for k in range(3))
     half = 1 << (bits - 1)
     if (cb == half).all() and (cr == half).all():  # mono, stored as colour
-        grey = np.array(luma, order="C") if full else _levels(bits).take(luma)
+        grey = np.array(luma, order="C")
+        if not full:  # the level of every stored luminance
+            spread = (np.arange(np.iinfo(luma.dtype).max + 1) - (16 << (bits - 8))) * (2**bits - 1)
+            levels = np.clip(np.rint(spread / (219 << (bits - 8))), 0, 2**bits - 1)
+            grey = levels.astype(luma.dtype).take(luma)
         return np.broadcast_to(grey[..., None], (*grey.shape, 3)), bits
     red, blue = WEIGHTS.get(space, WEIGHTS_601)
     top = float(2**bits - 1)
@@ -138,14 +141,6 @@ def _rgb_of_yuv(frame: Any) -> tuple[np.ndarray, int | None]:
     for k, share in enumerate(shares):
         out[..., k] = np.clip(np.rint(light + share), 0, top)
     return out, bits
-
-
-@lru_cache(maxsize=8)
-def _levels(bits: int) -> np.ndarray:
-    """The grey level of every stored luminance that leaves room beyond black and white."""
-    stored, top = np.arange(1 << (8 if bits <= 8 else 16)), 2**bits - 1
-    levels = np.clip(np.rint((stored - (16 << (bits - 8))) * top / (219 << (bits - 8))), 0, top)
-    return np.asarray(levels.astype(np.uint8 if bits <= 8 else np.uint16))
 
 
 SLICE, KEY_SLICE, PARAMETERS = 1, 5, 7

@@ -39,6 +39,11 @@ _SDF = re.compile(r"\s*a(BCR?|ISO)-\d\.\d", re.I)
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.I)
 
 
+def _are_numbers(row: Sequence[str]) -> bool:
+    filled = [cell.strip() for cell in row if cell.strip()]
+    return len(filled) > 1 and all(map(_NUMBER.fullmatch, filled))
+
+
 def _table(text: str, path: Path) -> tuple[Array, Array]:
     """The two columns of a table of numbers: places (n,), mm, and heights (n,), µm."""
     rows = numbered_lines(text)
@@ -47,31 +52,22 @@ def _table(text: str, path: Path) -> tuple[Array, Array]:
     split = _Splitter([line for _, line in rows])
     cells = [(number, split(line)) for number, line in rows[: _LEAD + 1]]
 
-    def are_numbers(row: list[str]) -> bool:
-        filled = [cell.strip() for cell in row if cell.strip()]
-        return len(filled) > 1 and all(map(_NUMBER.fullmatch, filled))
-
-    first = next((k for k, (_, row) in enumerate(cells) if are_numbers(row)), None)
+    first = next((k for k, (_, row) in enumerate(cells) if _are_numbers(row)), None)
     if first is None:
         raise InputError(
             "no_line_numbers_first", path=path, cells_count=len(cells), form=message(_FORM)
         )
     x_column, z_column, x_unit, z_unit = _columns([row for _, row in cells[:first]], path)
-    values = np.array(
-        [_finite(split(line), (x_column, z_column), number, path) for number, line in rows[first:]]
-    )
-    return x_unit * values[:, 0], 1e3 * z_unit * values[:, 1]
-
-
-def _finite(
-    row: Sequence[str], columns: tuple[int, int], number: int, path: Path
-) -> tuple[float, ...]:
-    """The numbers of two columns of a line, which the refusal of others names."""
-    for column in columns:
-        cell = row[column] if column < len(row) else ""
-        if not (_NUMBER.fullmatch(cell) and np.isfinite(float(cell))):
-            raise InputError("line_has_where_finite", path=path, number=number, cell=cell[:30])
-    return tuple(float(row[column]) for column in columns)
+    values = []
+    for number, line in rows[first:]:
+        row = split(line)
+        pair = [row[k] if k < len(row) else "" for k in (x_column, z_column)]
+        for cell in pair:
+            if not (_NUMBER.fullmatch(cell) and np.isfinite(float(cell))):
+                raise InputError("line_has_where_finite", path=path, number=number, cell=cell[:30])
+        values.append([float(cell) for cell in pair])
+    x, z = np.array(values).T
+    return x_unit * x, 1e3 * z_unit * z
 
 
 class _Splitter:
