@@ -160,13 +160,13 @@ def test_white_roughness_has_the_variance_of_white_noise():
     """A flat spectrum of unit density: u² = σ² Σ w² for weights that vary slowly enough."""
     bands = scars.make_bands(200, 0.03)
     members = np.bincount(bands.band)
-    flat = scars.Roughness(0.03, bands.edges_per_mm, members / members.sum(), np.eye(bands.count))
+    flat = scars.Roughness(0.03, bands.edges_per_mm, members / members.sum(), np.eye(len(members)))
     weights = np.exp(-(((np.arange(200) - 90) / 12.0) ** 2))
     weights = weights - weights.mean()  # no power at no frequency, which no band has
     variance, freedom = flat.variance(weights)
     assert flat.rq_um == pytest.approx(1.0)
     assert variance == pytest.approx(np.sum(weights**2), rel=0.05)
-    assert 2.0 <= freedom <= 2.0 * bands.count
+    assert 2.0 <= freedom <= 2.0 * len(members)
 
 
 def test_the_spectrum_of_known_waves_is_found():
@@ -206,7 +206,7 @@ def test_a_places_covariance_is_that_of_all_its_unknowns():
         1.0 / np.r_[[np.inf] * 4, scars.form_spread(x, 4)] ** 2
     )
     normal[3, 3] += 1.0 / 0.7**2  # what is known of the exponent beforehand
-    start = scars.ScarShape(3.0, 1.0, 2.5)
+    start = scars.ScarShape(3.0, 1.0, 2.5, np.eye(3))
     found = scars.refine_place(
         x, -depth(truth), start, scars.whitening(x, noise**2 * np.eye(len(x)))
     )

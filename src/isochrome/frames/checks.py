@@ -16,10 +16,10 @@ The picture of a check: the light of each frame, and how much of it is saturated
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -44,16 +44,12 @@ Array = NDArray[np.floating]
 _BLOCKS = 64
 """Blocks along the shorter side of a frame."""
 
-_SWINGS = (0.02, 0.05, 0.1, 0.2, 0.4)
-"""Of full scale: how far light must go back for a swing. Which of them is asked is known when all
-frames are: the largest up to a share of what their light spans,"""
-_OF_SPAN = 0.3
-
-_NONE, _MANY = 2, 6
-"""Swings of a lamp's own slope, at most, and of three fringes."""
+_NONE, _MANY = 2.0, 4.0
+"""How far light goes up and down along a line, in what the set's light spans: at most by a lamp's
+own slope and noise, and at least by three fringes, which are seldom as bright and dark as all."""
 
 _USUAL, _FARTHEST = 95.0, 99.9
-"""Per cent of the lines that have so many swings, and of the blocks that lie so near a picture: a
+"""Per cent of the lines whose light goes so far, and of the blocks that lie so near a picture: a
 small contact at a low load lights few blocks."""
 
 _ALIKE = 0.04
@@ -73,24 +69,24 @@ class LoadSigns:
     """What of each frame says whether its specimen is loaded.
 
     `pictures`, the no-load frames by key as block means of their light; `span`, of that light, 0
-    where it is not known; for each frame `unlike`, how far it is from each picture, and `swings`,
-    the most and the usual number of swings along its lines, for each of the heights that are asked.
+    where it is not known; for each frame `unlike`, how far it is from each picture, and `paths`,
+    how far its levels go up and down along its lines, at most and usually, in full scales.
     """
 
     pictures: dict[str, Array] = field(default_factory=dict)
     span: float = 0.0
     unlike: list[dict[str, float]] = field(default_factory=list)
-    swings: list[tuple[NDArray[np.int_], NDArray[np.int_]]] = field(default_factory=list)
+    paths: list[tuple[float, float]] = field(default_factory=list)
 
     def add(self, frame: Frame, full: float, gamma: float) -> None:
         """Look at one frame, whose grey levels end at `full`."""
         blocks = _blocks(frame.image, frame.mask) / full
         light = np.sign(blocks) * np.abs(blocks) ** gamma
         self.unlike.append({key: _unlike(light, picture) for key, picture in self.pictures.items()})
-        lines = [_swings(blocks), _swings(blocks.T)]
-        most = np.max([one.max(axis=0, initial=0) for one in lines], axis=0)
-        usual = [np.percentile(one, _USUAL, axis=0) for one in lines if len(one)]
-        self.swings.append((most, np.max(usual, axis=0).astype(int) if usual else most))
+        steps = (np.abs(np.nan_to_num(np.diff(blocks, axis=k), posinf=0.0)) for k in (0, 1))
+        paths = [step.sum(axis=k) for k, step in enumerate(steps)]
+        usual = max(float(np.percentile(path, _USUAL)) for path in paths)
+        self.paths.append((max(float(path.max()) for path in paths), usual))
 
 
 def load_signs(reader: FrameReader, scene: Scene) -> LoadSigns | None:
@@ -117,30 +113,6 @@ def load_signs(reader: FrameReader, scene: Scene) -> LoadSigns | None:
     if bright is not None:
         signs.span = float(np.percentile(bright.image[bright.valid], 98.0))
     return signs
-
-
-def unloaded_frames(
-    signs: LoadSigns, low: Sequence[float], high: Sequence[float], full: float, gamma: float
-) -> tuple[dict[str, list[int]], list[int]]:
-    """The numbers of frames that look unloaded, by the no-load picture that they are like, and of
-    those without fringes among others with many. `low` and `high`, the frames' levels, NaN where
-    blank.
-    """
-    span = np.array(high) - np.array(low)
-    if not np.isfinite(span).any():
-        return {}, []
-    light = signs.span or float((max(np.nanmax(high), 0.0) / full) ** gamma)
-    like: dict[str, list[int]] = {}
-    for index, far in enumerate(signs.unlike):
-        if near := [key for key, value in far.items() if value < _ALIKE * light]:
-            like.setdefault(min(near, key=lambda key: far[key]), []).append(index)
-    usable = np.flatnonzero((np.array(_SWINGS) * full) <= _OF_SPAN * np.nanmax(span))
-    if not usable.size:
-        return like, []
-    most, usual = (np.array([pair[k][usable[-1]] for pair in signs.swings]) for k in (0, 1))
-    named = {index for numbers in like.values() for index in numbers}
-    fringeless = _among_many(most <= _NONE, usual >= _MANY)
-    return like, [index for index in fringeless if index not in named]
 
 
 def _among_many(none: NDArray[np.bool_], many: NDArray[np.bool_]) -> list[int]:
@@ -178,28 +150,9 @@ def _unlike(light: Array, picture: Array) -> float:
     return float(np.percentile(np.abs(here - gain * reference), _FARTHEST))
 
 
-def _swings(lines: Array) -> NDArray[np.int_]:
-    """How often the light of each line turns by more than each height (lines, heights)."""
-    height = np.array(_SWINGS)[None, :]
-    shape = len(lines), len(_SWINGS)
-    high, low = np.full(shape, -np.inf), np.full(shape, np.inf)
-    way, count = np.zeros(shape, dtype=int), np.zeros(shape, dtype=int)
-    for values in lines.T:
-        here = values[:, None]
-        finite = np.isfinite(here)
-        high, low = np.fmax(high, here), np.fmin(low, here)
-        falls = finite & (way >= 0) & (high - here > height)
-        rises = finite & (way <= 0) & (here - low > height) & ~falls
-        count += falls | rises
-        way = np.where(falls, -1, np.where(rises, 1, way))
-        low, high = np.where(falls, here, low), np.where(rises, here, high)
-    return count
-
-
 Level = Literal["error", "warning", "note"]
 SATURATED, LOW_CONTRAST, JUMP = 0.01, 0.1, 0.2
 """Share of pixels, part of full scale, and change between frames, that are reported."""
-UNSTEADY = "most_fix_exposure_gain"
 
 
 @dataclass(frozen=True)
@@ -305,12 +258,12 @@ def misfits(reader: FrameReader, scene: Scene, count: int | None) -> Iterator[tu
     each = count is not None and count % steps == 0
     if count is not None and not each:
         text = message("frames_not_multiple_polariscope", count=count, steps=steps)
-        yield str(reader.path), message("frame_each_polariscope_step", text=text)
+        yield str(reader.path), text
     loads = len(scene.frames.known_loads_n)
     if loads and count is not None and loads != count:
-        text = message("frames_known_loads_n_has_set", counted=counted(loads, "number"))
-        text += message("give_one_each_their", counted=counted(count, "frame"))
-        yield scene.name, f"{text}known"
+        numbers = counted(loads, "number"), counted(count, "frame")
+        text = message("frames_known_loads_n_has_set", counted=numbers[0], counted_2=numbers[1])
+        yield scene.name, text
     yield from _places_beyond(scene, rows, cols)
     yield from _other_size(reader, scene.camera or Camera())
     if wear is None or scene.frames.sliding_speed_mm_per_s is not None:
@@ -318,11 +271,12 @@ def misfits(reader: FrameReader, scene: Scene, count: int | None) -> Iterator[tu
     first = scene.friction is not None and scene.friction.static_state_first
     states = len(wear.distances_m) + int(first)
     if count is not None and each and count != states * steps:
-        what = "wear.distances_m" + message("static_state_first") * first
-        step = message("each_steps", steps=steps) if steps > 1 else ""
-        text = f"{counted(count, 'frame')}, and the scene has {counted(states, 'state')} ({what}); "
-        text += message("give_one_frame_state", step=step)
-        yield str(reader.path), message("frames_sliding_speed_mm_per_s_video", text=text)
+        text = message(
+            "give_one_frame_state", counted=counted(count, "frame"),
+            states=counted(states, "state"), first=message("static_state_first") * first,
+            step=message("each_steps", steps=steps) if steps > 1 else "",
+        )  # fmt: skip
+        yield str(reader.path), text
 
 
 def _other_size(reader: FrameReader, camera: Camera) -> Iterator[tuple[str, str]]:
@@ -332,8 +286,10 @@ def _other_size(reader: FrameReader, camera: Camera) -> Iterator[tuple[str, str]
     if wanted == (rows, cols):
         return
     after = "after the roi" if reader.roi else message("no_frames_roi_set")
-    text = message("frames_rows_columns_scene", rows=rows, cols=cols, after=after)
-    text += message("correct_camera_height_px_width_px", wanted=wanted[0], wanted_2=wanted[1])
+    text = message(
+        "frames_rows_columns_scene", rows=rows, cols=cols, after=after, wanted=wanted[0],
+        wanted_2=wanted[1],
+    )  # fmt: skip
     if wanted == (cols, rows):
         text += message("turn_pictures_lie_their")
     yield str(reader.path), text
@@ -373,7 +329,7 @@ def of_depth(reader: FrameReader, light: Survey) -> Iterator[Finding]:
         yield Finding("error", message("float_frames_reach_set", largest=largest))
     if reader.dtype.kind == "f" and depth is not None and 0 < largest <= 1:
         text = message("float_frames_end_but", largest=largest, depth=depth)
-        yield Finding("warning", text + message("remove_camera_bit_depth_if"))
+        yield Finding("warning", text)
     if depth is None or depth <= 8 or reader.dtype.kind != "u" or not light.bits:
         return
     likely = next(b for b in (8, 10, 12, 14, 16) if largest < 2**b)
@@ -381,8 +337,11 @@ def of_depth(reader: FrameReader, light: Survey) -> Iterator[Finding]:
         text = message("bit_frames_whose_largest", depth=depth, largest=largest, likely=likely)
         yield Finding("warning", text)
     if shift := (light.bits & -light.bits).bit_length() - 1:
-        text = message("all_values_multiples_bit", shift=2**shift, shift_2=depth - shift)
-        yield Finding("note", text + message("full_scale_then", shift=2**depth - 2**shift))
+        text = message(
+            "all_values_multiples_bit", shift=2**shift, shift_2=depth - shift,
+            shift_3=2**depth - 2**shift,
+        )  # fmt: skip
+        yield Finding("note", text)
 
 
 def of_light(reader: FrameReader, light: Survey) -> Iterator[Finding]:
@@ -403,9 +362,14 @@ def of_light(reader: FrameReader, light: Survey) -> Iterator[Finding]:
         change[1:] = np.abs(np.diff(high)) / np.maximum(high[1:], high[:-1])
     jumps = (change > JUMP) & clear
     text = message("brightness_jumps_against_frame", max=100 * change.max(initial=0))
-    yield from _frames("warning", jumps, text + message(UNSTEADY))
-    if not jumps.any():
-        yield from _of_set(high, clear & ~weak & (share <= SATURATED))
+    yield from _frames("warning", jumps, text)
+    # brightest places dimmer than another frame's, by steps too small for a jump
+    usable = clear & ~weak & (share <= SATURATED)
+    top = float(high[usable].max(initial=0.0))
+    dim = usable & (high < (1.0 - JUMP) * top)
+    if dim.any() and not jumps.any():
+        text = message("brightest_places_down_those", least=top / float(high[dim].min()))
+        yield from _frames("warning", dim, text)
     twins = np.zeros(light.count, bool)
     twins[[i for i, _ in light.twins if i < light.count]] = True
     yield from _frames("warning", twins & clear, message("same_pixel_pixel_earlier"))
@@ -413,18 +377,6 @@ def of_light(reader: FrameReader, light: Survey) -> Iterator[Finding]:
         unit = "of full scale" if reader.bit_depth is None else "grey levels"
         text = message("camera_noise_about_rounding", noise=np.median(light.noise), unit=unit)
         yield Finding("note", text)
-
-
-def _of_set(high: np.ndarray, usable: np.ndarray) -> Iterator[Finding]:
-    """Frames whose brightest places are dimmer than another's, by steps too small for a jump."""
-    if not usable.any():
-        return
-    top = float(high[usable].max())
-    dim = usable & (high < (1.0 - JUMP) * top)
-    if dim.any():
-        text = message("brightest_places_down_those", least=top / float(high[dim].min()))
-        text += message("fix_exposure_gain_lamp")
-        yield from _frames("warning", dim, text)
 
 
 def _blank(light: Survey, full: float) -> Iterator[Finding]:
@@ -449,14 +401,23 @@ def _frames(level: Level, where: np.ndarray, text: str) -> Iterator[Finding]:
 
 def of_unloaded(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Finding]:
     """Findings on frames that show the unloaded specimen among those to be processed."""
-    if light.load is None or not light.count:
+    signs, span = light.load, np.array(light.high) - np.array(light.low)
+    if signs is None or not np.isfinite(span).any():
         return
     full, gamma = linear.full_scale(reader.bit_depth), scene.frames.first_gamma
-    like, fringeless = unloaded_frames(light.load, light.low, light.high, full, gamma)
+    unit = signs.span or float((max(np.nanmax(light.high), 0.0) / full) ** gamma)
+    like: dict[str, list[int]] = {}  # numbers of frames by the picture that each is like
+    for index, far in enumerate(signs.unlike):
+        if near := [key for key, value in far.items() if value < _ALIKE * unit]:
+            like.setdefault(min(near, key=lambda key: far[key]), []).append(index)
     for key, numbers in like.items():
         why = message(UNLOADED, value=message("nearly_same_picture", key=key), value_2="")
         yield Finding("warning", f"{named_frames(numbers)}: " + why, numbers[0])
-    if fringeless:
+    most, usual = np.array(signs.paths).T * full
+    largest, named = np.nanmax(span), set(chain.from_iterable(like.values()))
+    fringeless = _among_many(most <= _NONE * largest, usual >= _MANY * largest)
+    fringeless = [index for index in fringeless if index not in named]
+    if fringeless and largest > 0:
         name = message("name_frames_no_load_dark_no_load_bright")
         why = message(UNLOADED, value=message("no_fringes_where_frames"), value_2=name)
         yield Finding("warning", f"{named_frames(fringeless)}: " + why, fringeless[0])
@@ -475,8 +436,7 @@ def of_no_load(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Fin
     keys = ("no_load_dark", "no_load_bright")
     missing = " and ".join(f"frames.{key}" for key in keys if getattr(frames, key) is None)
     if missing:
-        text = message("not_given_unloaded_specimen", missing=missing)
-        yield Finding("warning", text + message("frames_worth_more_any"))
+        yield Finding("warning", message("not_given_unloaded_specimen", missing=missing))
     try:
         dark, bright = linear.load_no_load(scene, full_shape=reader.full_shape)
     except InputError as error:
@@ -490,13 +450,12 @@ def of_no_load(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Fin
     if bright is not None:
         top = float(np.percentile(bright.image, 98))
         if high > 1.15 * top:
-            text = message("frames_reach_full_scale", high=high, top=top)
-            yield Finding("warning", text + message("capture_both_one_exposure"))
+            yield Finding("warning", message("frames_reach_full_scale", high=high, top=top))
     if dark is not None:
         bottom = float(np.percentile(dark.image, 2))
         if bottom > low + 0.05:
             text = message("no_load_dark_begins_full_scale", bottom=bottom, low=low)
-            yield Finding("warning", text + message("capture_both_one_exposure_loaded"))
+            yield Finding("warning", text)
 
 
 ENDINGS = {
@@ -640,12 +599,12 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
 def _of_count(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Finding]:
     if scene.frames.sliding_speed_mm_per_s is not None and light.untimed:
         text = message("frames_carry_no_time", untimed=light.untimed, count=light.count)
-        yield Finding("error", text + message("needs_remove_key_give"))
+        yield Finding("error", text)
     claimed = reader.claimed_count
     if claimed is not None and claimed != light.count:
         claim = counted(claimed, "frame")
         text = message("video_head_claims_can", counted=claim, count=light.count)
-        yield Finding("warning", text + message("whole_some_writers_claim"))
+        yield Finding("warning", text)
 
 
 def light_figure(light: Survey) -> Figure:

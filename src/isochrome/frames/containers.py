@@ -34,9 +34,8 @@ import zlib
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
 from heapq import heappop, heappush
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
@@ -46,50 +45,31 @@ from isochrome.errors import InputError
 from isochrome.frames.reading import MAX_PIXELS, check_size, next_time, refusing
 from isochrome.messages import message
 
-FULL_RANGE = 2
-"""FFmpeg's number for levels that use all bits; else black and white lie at 16 and 235 of 255."""
-
-WEIGHTS = {1: (0.2126, 0.0722), 9: (0.2627, 0.0593), 10: (0.2627, 0.0593)}
+WEIGHTS = {1: (0.2126, 0.0722)} | dict.fromkeys((9, 10), (0.2627, 0.0593))
 """Weights of red and blue in the luminance by FFmpeg's number of the colour space."""
 
 WEIGHTS_601 = (0.299, 0.114)
 """The same of ITU-R BT.601, which also stands for 'not specified'."""
-
-PLANAR = {"yuyv422": "yuv422p", "uyvy422": "yuv422p", "yvyu422": "yuv422p", "nv12": "yuv420p",
-          "nv21": "yuv420p", "nv16": "yuv422p", "nv24": "yuv444p", "nv42": "yuv444p",
-          "p010le": "yuv420p10le", "p010be": "yuv420p10le", "p210le": "yuv422p10le",
-          "p410le": "yuv444p10le", "p016le": "yuv420p16le"}  # fmt: skip
-"""Formats that differ from a planar one in the order of their values only."""
-
-EIGHT_BIT_RGB = ("rgb24", "bgr24", "rgba", "bgra", "argb", "abgr", "rgb0", "bgr0", "0rgb", "0bgr",
-                 "pal8", "rgb8", "bgr8", "rgb4_byte", "bgr4_byte", "monob", "monow", "rgb565le",
-                 "rgb565be", "rgb555le", "rgb555be", "bgr565le", "bgr555le")  # fmt: skip
-DEEP_RGB = ("rgb48le", "rgb48be", "bgr48le", "bgr48be", "rgba64le", "rgba64be", "bgra64le",
-            "bgra64be")  # fmt: skip
 
 
 def to_image(frame: Any, path: Path) -> tuple[np.ndarray, int | None]:
     """A frame's pixels (row, col), or (row, col, 3) in RGB, and the bits of a value (None:
     float).
     """
-    name: str = frame.format.name
-    if name.startswith("yuvj"):
-        return _rgb_of_yuv(frame, full=True)
-    if name in PLANAR:
-        full = frame.color_range == FULL_RANGE
-        return _rgb_of_yuv(frame.reformat(format=PLANAR[name]), full=full, space=frame.colorspace)
-    if name.startswith("yuv") and "p" in name:
-        return _rgb_of_yuv(frame, full=frame.color_range == FULL_RANGE)
+    form, name = frame.format, str(frame.format.name)
+    if name.startswith(("yu", "uyvy", "yvyu", "nv", "p0", "p2", "p4")):
+        return _rgb_of_yuv(frame)
     if name.startswith(("gray", "ya")):
         grey = plane_of(frame, 0)[:, :: 2 if name.startswith("ya") else 1]
         return np.array(grey, order="C"), None if "f" in name else _bits(frame)
     if name.startswith(("gbrp", "gbrap")) and "f" not in name:
         green, blue, red = (plane_of(frame, k) for k in range(3))
         return np.stack([red, green, blue], axis=-1), _bits(frame)
-    if name in EIGHT_BIT_RGB:
-        return frame.to_ndarray(format="rgb24"), 8
-    if name in DEEP_RGB:
+    if name.startswith(("rgb48", "bgr48", "rgba64", "bgra64")):
         return frame.to_ndarray(format="rgb48le").astype(np.uint16, copy=False), 16
+    packed = (form.is_rgb and not form.is_bayer) or form.has_palette or name.startswith("mono")
+    if packed and max(part.bits for part in form.components) <= 8:
+        return frame.to_ndarray(format="rgb24"), 8
     raise InputError("holds_pixels_format_which", path=path, name=name)
 
 
@@ -117,27 +97,31 @@ def plane_of(frame: Any, number: int) -> np.ndarray:
     return rows.view(dtype).astype(dtype.newbyteorder("="), copy=False)
 
 
-def _rgb_of_yuv(
-    frame: Any, *, full: bool, space: int | None = None
-) -> tuple[np.ndarray, int | None]:
+def _rgb_of_yuv(frame: Any) -> tuple[np.ndarray, int | None]:
     """RGB = Y' + matrix (Cb, Cr), in the bits of the frame; without colour, without arithmetic.
 
     Source: ITU-R BT.601-7, BT.709-6, BT.2020-2; Rec. ITU-T H.273 for the levels.
     """
-    bits = _bits(frame)
+    from av.video.reformatter import ColorRange
+
+    bits, space = _bits(frame), int(frame.colorspace)
+    # else black and white lie at 16 and 235 of 255
+    full = frame.format.name.startswith("yuvj") or frame.color_range == ColorRange.JPEG
+    if len(frame.planes) < 3:  # the same values in another order
+        _, part, _ = frame.format.components
+        share = 4 // (frame.width // part.width)
+        form = f"yuv4{share}{share if part.height == frame.height else 0}p"
+        frame = frame.reformat(format=form if bits == 8 else f"{form}{bits}le")
     luma, cb, cr = (plane_of(frame, k) for k in range(3))
     half = 1 << (bits - 1)
     if (cb == half).all() and (cr == half).all():  # mono, stored as colour
-        if full:
-            grey = np.array(luma, order="C")
-        elif luma.dtype == np.uint8:  # by OpenCV, five times as fast
-            import cv2
-
-            grey = cv2.LUT(luma, _levels(bits))
-        else:
-            grey = _levels(bits).take(luma)
+        grey = np.array(luma, order="C")
+        if not full:  # the level of every stored luminance
+            spread = (np.arange(np.iinfo(luma.dtype).max + 1) - (16 << (bits - 8))) * (2**bits - 1)
+            levels = np.clip(np.rint(spread / (219 << (bits - 8))), 0, 2**bits - 1)
+            grey = levels.astype(luma.dtype).take(luma)
         return np.broadcast_to(grey[..., None], (*grey.shape, 3)), bits
-    red, blue = WEIGHTS.get(int(frame.colorspace if space is None else space), WEIGHTS_601)
+    red, blue = WEIGHTS.get(space, WEIGHTS_601)
     top = float(2**bits - 1)
     scale = top / (2**bits - 1 if full else 224 << (bits - 8))
     black, white = (0, 2**bits - 1) if full else (16 << (bits - 8), 235 << (bits - 8))
@@ -159,29 +143,15 @@ def _rgb_of_yuv(
     return out, bits
 
 
-@lru_cache(maxsize=8)
-def _levels(bits: int) -> np.ndarray:
-    """The grey level of every stored luminance that leaves room beyond black and white."""
-    stored, top = np.arange(1 << (8 if bits <= 8 else 16)), 2**bits - 1
-    levels = np.clip(np.rint((stored - (16 << (bits - 8))) * top / (219 << (bits - 8))), 0, top)
-    return np.asarray(levels.astype(np.uint8 if bits <= 8 else np.uint16))
-
-
 SLICE, KEY_SLICE, PARAMETERS = 1, 5, 7
-ASIDE = (6, 8, 9, 10, 11, 12)
-"""Kinds of units beside the pictures: notes, picture parameters, delimiters, ends, filler."""
-
-KIND = 0x1F
-"""The bits of a unit's first byte that tell its kind."""
+ASIDE = range(6, 13)
+"""Kinds of units beside the pictures: notes, parameters, delimiters, ends, filler."""
 
 FIRST = b"\x80"
 """The least second byte of a slice that begins a picture: its first macroblock is number 0."""
 
-HIGH = (44, 83, 86, 100, 110, 118, 122, 128, 134, 135, 138, 139, 244)
-"""Profiles whose sequence parameters tell of colours and bit depths too."""
-
-LOOKED_AT = 64
-"""Bytes of sequence parameters; those that count stand before."""
+PLAIN = (66, 77, 88)
+"""Profiles whose sequence parameters tell of no colours and bit depths; all others' do."""
 
 
 def length_bytes(configuration: bytes | None) -> int | None:
@@ -214,21 +184,21 @@ def begins_anew(packet: bytes, length: int) -> bool | None:
         place = begin + int.from_bytes(packet[place:begin], "big")
         if place == begin or place > len(packet):
             return None
-        kind = packet[begin] & KIND
+        kind = packet[begin] & 0x1F
         if kind in (SLICE, KEY_SLICE):
             if packet[begin + 1 : place][:1] >= FIRST:
                 if is_key is not None:
                     return None
                 is_key = kind == KEY_SLICE
-        elif kind not in ASIDE and not (kind == PARAMETERS and _frames_only(packet[begin:place])):
+        elif kind not in ASIDE or (kind == PARAMETERS and not _frames_only(packet[begin:place])):
             return None
     return is_key
 
 
 def _frames_only(parameters: bytes) -> bool:
     """Whether sequence parameters allow of no fields and of no gaps; False where it is not seen."""
-    head = parameters[:LOOKED_AT].replace(b"\0\0\3", b"\0\0")  # 3: put in so as not to be a mark
-    bits = iter("".join(f"{byte:08b}" for byte in head[4:]))
+    head = parameters.replace(b"\0\0\3", b"\0\0")  # 3: put in so as not to be a mark
+    bits = chain.from_iterable(f"{byte:08b}" for byte in head[4:])
 
     def flag() -> bool:
         return next(bits) == "1"
@@ -241,7 +211,7 @@ def _frames_only(parameters: bytes) -> bool:
 
     try:
         number()  # their name
-        if head[1] in HIGH:
+        if head[1] not in PLAIN:
             if number() == 3:  # colours in all pixels
                 flag()
             number(), number(), flag()  # bit depths, lossless
@@ -261,10 +231,10 @@ def _frames_only(parameters: bytes) -> bool:
         return False
 
 
-SIZE, WITHOUT, WITH = 3, 3, 8
-"""Bytes of a slice's size, and of its footer without a checksum and with one."""
+SIZE, WITH = 3, 8
+"""Bytes of a slice's size, which is its footer without a checksum, and of its footer with one."""
 
-MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+MIRRORED = np.packbits(np.unpackbits(np.arange(256, dtype=np.uint8), bitorder="little")).tobytes()
 """Each byte with its bits in the other order: FFV1 takes the highest first, zlib the lowest."""
 
 
@@ -273,7 +243,7 @@ def is_whole(packet: bytes) -> bool:
     if slices := _slices(packet, WITH):
         # the checksum of all bytes and of their checksum is zero, with a start of zero
         return all(zlib.crc32(one.translate(MIRRORED), 2**32 - 1) == 2**32 - 1 for one in slices)
-    return bool(_slices(packet, WITHOUT))
+    return bool(_slices(packet, SIZE))
 
 
 def _slices(packet: bytes, footer: int) -> list[bytes]:
@@ -291,14 +261,20 @@ def _slices(packet: bytes, footer: int) -> list[bytes]:
 
 Container = Literal["avi", "matroska", "mp4", "asf", "mpeg"]
 
-EBML, SEGMENT, CLUSTER = 0x1A45DFA3, 0x18538067, 0x1F43B675
-BLOCK_GROUP = 0xA0
-IN_SEGMENT = (
-    0x114D9B74, 0x1549A966, CLUSTER, 0x1654AE6B, 0x1C53BB6B, 0x1941A469, 0x1043A770, 0x1254C367,
-    0xEC, 0xBF,
-)  # fmt: skip
-IN_CLUSTER = (0xE7, 0x5854, 0xA7, 0xAB, 0xA3, BLOCK_GROUP, 0xAF, 0xEC, 0xBF)
-UNKNOWN_SIZE = -1
+SEGMENT, CLUSTER = b"\x18\x53\x80\x67", b"\x1f\x43\xb6\x75"
+INSIDE = {
+    name: frozenset(map(bytes.fromhex, inside.split()))
+    for name, inside in {
+        b"": "1a45dfa3 18538067 ec bf",
+        SEGMENT: "114d9b74 1549a966 1f43b675 1654ae6b 1c53bb6b 1941a469 1043a770 1254c367 ec bf",
+        CLUSTER: "e7 5854 a7 ab a3 a0 af ec bf",
+    }.items()
+}
+"""Matroska's elements, by the one that they may stand in."""
+
+LISTS = (b"AVI ", b"AVIX", b"movi", b"rec ")
+"""Kinds of AVI's lists whose chunks are gone through."""
+
 BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"uuid", b"moof", b"mfra", b"sidx",
          b"meta", b"styp", b"pnot", b"udta", b"PICT", b"ssix", b"prft", b"emsg")  # fmt: skip
 
@@ -310,15 +286,12 @@ def check_whole(path: Path) -> Container:
     recording that was never closed (sizes of zero or 'unknown') passes when all that it holds is
     whole.
     """
-    try:
-        with open(path, "rb") as file:
-            container, end = container_of(file), file.seek(0, 2)
-            if container in _WALKS:
-                _WALKS[container](file, end, path)
-            if container is not None:
-                return container
-    except OSError as error:
-        raise InputError("cannot_read_check_name", path=path, strerror=error.strerror) from error
+    with refusing(path), open(path, "rb") as file:
+        container, end = container_of(file), file.seek(0, 2)
+        if container in _WALKS:
+            _WALKS[container](file, 0, end, path)
+        if container is not None:
+            return container
     raise InputError("no_avi_mp_mov", path=path)
 
 
@@ -348,40 +321,27 @@ def _damaged(path: Path, place: int) -> InputError:
     return InputError("damaged_byte_frames_after", path=path, place=place)
 
 
-def _avi(file: BinaryIO, end: int, path: Path) -> None:
+def _avi(file: BinaryIO, place: int, end: int, path: Path, depth: int = 0) -> None:
     """RIFF lists: AVI, and AVIX for what follows after a gigabyte; in them, chunks of frames."""
-    place = 0
-    while place + 12 <= end:
+    while place + 8 <= end:
         file.seek(place)
-        name, size, kind = struct.unpack("<4sI4s", file.read(12))
-        if name != b"RIFF" or kind not in (b"AVI ", b"AVIX"):
+        name, size, kind = struct.unpack("<4sI4s", file.read(12).ljust(12))
+        if depth == 0 and (name != b"RIFF" or kind not in LISTS):
             return  # something else behind the recording, such as a signature
-        stop = place + 8 + size
-        if stop > end + 1:  # some writers leave out the last byte that fills up to an even number
+        if not name.isascii() or not name.decode().isprintable():
+            raise _damaged(path, place)
+        unclosed = name in (b"RIFF", b"LIST") and size == 0
+        stop = end if unclosed else place + 8 + size
+        if stop > end + (depth == 0):  # some writers leave out the last byte of an even number
             raise _broken(path, place, end)
-        stop = end if size == 0 else min(stop, end)  # 0: never closed
-        _chunks(file, place + 12, stop, path)
+        if name in (b"RIFF", b"LIST") and kind in LISTS and depth < 4:
+            _avi(file, place + 12, min(stop, end), path, depth + 1)
         place = stop + stop % 2
 
 
-def _chunks(file: BinaryIO, place: int, stop: int, path: Path, depth: int = 0) -> None:
-    while place + 8 <= stop:
-        file.seek(place)
-        name, size = struct.unpack("<4sI", file.read(8))
-        if not name.isascii() or not name.decode().isprintable():
-            raise _damaged(path, place)
-        unclosed = name == b"LIST" and size == 0
-        after = stop if unclosed else place + 8 + size
-        if after > stop:
-            raise _broken(path, place, stop)
-        if name == b"LIST" and file.read(4) in (b"movi", b"rec ") and depth < 3:
-            _chunks(file, place + 12, after, path, depth + 1)
-        place = after + after % 2
-
-
-def _mp4(file: BinaryIO, end: int, path: Path) -> None:
+def _mp4(file: BinaryIO, place: int, end: int, path: Path) -> None:
     """Boxes one behind the other; each says how long it is."""
-    place, boxes = 0, set()
+    boxes = set()
     while place < end:
         file.seek(place)
         head = file.read(16)
@@ -405,70 +365,40 @@ def _mp4(file: BinaryIO, end: int, path: Path) -> None:
         raise InputError("index_missing_recording_never", path=path)
 
 
-def _matroska(file: BinaryIO, end: int, path: Path) -> None:
-    """Elements one behind the other; each says what it is and how long."""
-    place = 0
+def _matroska(
+    file: BinaryIO, place: int, end: int, path: Path, names: frozenset[bytes] = INSIDE[b""]
+) -> None:
+    """Elements of these names one behind the other; each says how long it is (RFC 8794)."""
     while place < end:
-        name, size, body = _element(file, place, path)
-        if name == SEGMENT:
-            stop = end if size == UNKNOWN_SIZE else body + size
-            if stop > end:
-                raise _broken(path, place, end)
-            _segment(file, body, stop, path)
-        elif name not in (EBML, 0xEC, 0xBF):
+        file.seek(place)
+        head = file.read(12)
+        if len(head) < 2 or head[0] < 0x10:
             raise _damaged(path, place)
+        width = 9 - head[0].bit_length()
+        name, digits = head[:width], head[width:]
+        if name not in names or not digits or digits[0] == 0:
+            raise _damaged(path, place)
+        length = 9 - digits[0].bit_length()
+        if len(digits) < length:
+            raise _broken(path, place, place + len(head))
+        unknown = (1 << 7 * length) - 1
+        size = int.from_bytes(digits[:length], "big") & unknown
+        place += width + length
+        if size != unknown:
+            if place + size > end:
+                raise _broken(path, place - width - length, end)
+            if name in INSIDE:
+                _matroska(file, place, place + size, path, INSIDE[name])
+            place += size
+        elif name in INSIDE:  # it ends where the next element is of those that it stands in
+            names |= INSIDE[name]
         else:
-            stop = body + size
-        place = stop
+            raise _damaged(path, place - width - length)
 
 
-def _segment(file: BinaryIO, place: int, stop: int, path: Path) -> None:
-    inside_open = False  # a cluster of unknown size ends where the next element of a segment is
-    while place < stop:
-        name, size, body = _element(file, place, path)
-        if not (name in IN_SEGMENT or (inside_open and name in IN_CLUSTER)):
-            raise _damaged(path, place)
-        if size == UNKNOWN_SIZE:
-            if name != CLUSTER:
-                raise _damaged(path, place)
-            inside_open, place = True, body
-            continue
-        if body + size > stop:
-            raise _broken(path, place, stop)
-        inside_open &= name in IN_CLUSTER
-        place, end = body if name == CLUSTER else body + size, body + size
-        while place < end:  # what is in a cluster
-            name, size, body = _element(file, place, path)
-            if name not in IN_CLUSTER or size == UNKNOWN_SIZE or body + size > end:
-                raise _damaged(path, place)
-            place = body + size
-        place = end
-
-
-def _element(file: BinaryIO, place: int, path: Path) -> tuple[int, int, int]:
-    """Name, size and the place of the body of the EBML element at a place (RFC 8794)."""
-    file.seek(place)
-    head = file.read(12)
-    if len(head) < 2 or head[0] < 0x10:
-        raise _damaged(path, place)
-    width = 9 - head[0].bit_length()
-    digits = head[width:]
-    if not digits or digits[0] == 0:
-        raise _damaged(path, place)
-    length = 9 - digits[0].bit_length()
-    if len(digits) < length:
-        raise _broken(path, place, place + len(head))
-    size = int.from_bytes(digits[:length], "big") & ((1 << 7 * length) - 1)
-    if size == (1 << 7 * length) - 1:
-        size = UNKNOWN_SIZE
-    return int.from_bytes(head[:width], "big"), size, place + width + length
-
-
-_WALKS: dict[Container | None, Callable[[BinaryIO, int, Path], None]] = {
-    "avi": _avi,
-    "matroska": _matroska,
-    "mp4": _mp4,
-}
+_WALKS: dict[Container | None, Callable[[BinaryIO, int, int, Path], None]] = {
+    "avi": _avi, "matroska": _matroska, "mp4": _mp4,
+}  # fmt: skip
 
 
 OPEN = {"protocol_whitelist": "file", "format_whitelist": "avi,mov,mp4,m4a,3gp,3g2,mj2,matroska,"
@@ -480,9 +410,6 @@ DECODE = {"err_detect": "crccheck+explode", "max_pixels": str(MAX_PIXELS)}
 
 PATIENCE = {"strict": "1"}
 """H.264 need not say how far its frames are out of order; those that come late are not lost."""
-
-COVER = 0x400
-"""FFmpeg's mark of a picture on the cover."""
 
 PIXEL_BYTES = 6
 """Of a pixel in 16-bit colour, the most that is decoded."""
@@ -563,12 +490,14 @@ class _Clock:
 def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
     """An open container and its one video stream, ready to decode in this thread alone."""
     import av
+    from av.stream import Disposition
 
     with refusing(path, "not a readable video"):
         container = av.open(os.fspath(path.absolute()), container_options=OPEN)
     try:
         with refusing(path, "not a readable video"):
-            streams = [s for s in container.streams.video if not _is_picture(s)]
+            cover = Disposition.attached_pic
+            streams = [s for s in container.streams.video if not s.disposition & cover]
             if len(streams) != 1:
                 raise InputError("holds_video_streams_one", path=path, streams_count=len(streams))
             stream = streams[0]
@@ -579,12 +508,6 @@ def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
         yield container, stream
     finally:
         container.close()
-
-
-def _is_picture(stream: Any) -> bool:
-    """Whether it is a picture on the cover, and no recording."""
-    marks = getattr(stream, "disposition", 0)  # a number, or a flag with one, by PyAV's version
-    return bool(int(getattr(marks, "value", marks)) & COVER)
 
 
 def _check_stream(stream: Any, path: Path) -> None:
@@ -630,6 +553,12 @@ class Places:
     sums: np.ndarray | None
     keys: np.ndarray
     end_s: float | None
+
+    def is_frame(self, index: int, item: Decoded) -> bool:
+        """Whether a decoded frame is the one of that number."""
+        if self.sums is None:
+            return bool(item.tick == self.stamps[index])
+        return bool(checksum(item.frame) == self.sums[index])
 
 
 def by_packets(path: Path, kind: Container) -> Places | None:

@@ -24,10 +24,6 @@ FileKind = Literal["tiff", "image", "video"]
 
 _HEAD = 512
 _TIFF = (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")
-_IMAGES = {b"\x89PNG\r\n\x1a\n": "PNG", b"\xff\xd8\xff": "JPEG", b"BM": "BMP"}
-_DIB = (12, 40, 52, 56, 64, 108, 124)
-"""Lengths of the head that a bitmap without BMP's own begins with."""
-
 _OTHERS = {
     b"\x89PNG": "a PNG that was changed on its way, as by a transfer as text",
     b"GIF8": "a GIF",
@@ -68,22 +64,23 @@ def signature_of(path: Path) -> Signature:
         raise InputError("cannot_read_check_name", path=path, strerror=error.strerror) from error
     if head.startswith(_TIFF):
         return Signature("tiff", "TIFF")
-    if (name := _image(head)) is not None:
-        return Signature("image", name)
     if container is not None and head[8:12] not in _PHOTOGRAPHS:
         return Signature("video", container)
+    if (name := _image(head)) is not None:
+        return Signature("image", name)
     raise InputError("not_image_video_kind", path=path, seems=_seems(head))
 
 
 def _image(head: bytes) -> str | None:
-    for start, name in _IMAGES.items():
-        if head.startswith(start):
-            return name
-    if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
-        return "WebP"
-    if head[:1] == b"P" and head[1:2] in b"123456fF" and (head[2:3].isspace() or head[2:3] == b"#"):
-        return "Netpbm"
-    return "DIB" if int.from_bytes(head[:4], "little") in _DIB else None
+    from PIL import Image
+
+    Image.init()
+    accepts: Any = {name: Image.OPEN[name][1] for name in FORMATS}
+    start = head[:16].ljust(16, b"\0")  # which Pillow takes for granted
+    name = next((name for name in FORMATS if accepts[name](start)), None)
+    if name == "PPM":  # Pillow takes any text that begins so
+        return "Netpbm" if head[2:3].isspace() or head[2:3] == b"#" else None
+    return "WebP" if name == "WEBP" else name
 
 
 def _seems(head: bytes) -> str:

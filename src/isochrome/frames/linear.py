@@ -16,12 +16,11 @@ standard deviation.
 
 From which grey level a frame is clipped, told by its plateau and not by the level's number.
 
-A sensor that clips gives one level to all the light beyond it: many pixels share the top level, in
-connected patches, and more of them than the histogram just below goes on to; or patches without a
-hole, which no camera's noise leaves. The brightest pixels of a frame that ends at its top level by
-chance are few, apart, and no more than those one level below; a crest that just reaches it has some
-more, for light I = I_max - a x² falls into equal levels as the differences of a square root: 1,
-0.41, 0.32, 0.27 of it.
+A sensor that clips gives one level to all the light beyond it: many pixels share the top level,
+more of them than the histogram just below goes on to; or patches without a hole, which no camera's
+noise leaves. The brightest pixels of a frame that ends at its top level by chance are few, apart,
+and no more than those one level below; a crest that just reaches it has some more, for light I =
+I_max - a x² falls into equal levels as the differences of a square root: 1, 0.41, 0.32, 0.27 of it.
 """
 
 from __future__ import annotations
@@ -207,27 +206,19 @@ def noise_between_pixels(
 
 _FEWEST_FULL, _FEWEST = 3, 25
 """Pixels that make a plateau, at full scale and below it, where a label may be as even."""
-_LEAST_SHARE = 1e-3
-"""Of all pixels, below full scale."""
 _FEWEST_LEVELS = 8
 """Levels that occur, for a plateau below full scale: the noise of half a level of an unloaded frame
 in the dark field piles up on its upper two or three as on a plateau."""
 _ABOVE = 0.05
 """Over the plateau's own pixels: so many may be brighter, as hot ones and glare are."""
-_TOUCHING = 0.5
-"""Share of a plateau's pixels that have a neighbour of their level."""
 _SOLID = 0.2
 """Share of a plateau's pixels that have none but their level about them: an even light of half a
 grey level's noise leaves a tenth."""
-_GROWTH = 2.04
-"""Power of the last two levels' growth over two more that the square root's first level has."""
 _CREST = 2.5
-"""What a crest's first level has over its second at most; at full scale no more is excused."""
+"""What a crest's last level has over the one below at most."""
 _SIGMAS = 3.0
 _GAP = 2.2
 """Typical distances of levels: what is farther below is not just below."""
-_LOOKED_AT = 1000
-"""Pixels at least, of fractions, whose sorting takes a while."""
 _NOISE, _FINE = 0.5, 1e-4
 """Grey levels, and of full scale: a computed frame has less noise, and even light of its own."""
 
@@ -242,66 +233,33 @@ def saturation_level(raw: np.ndarray, *, full: float) -> float:
     lowest, highest = float(values.min()), float(values.max())
     if lowest == highest:
         return highest if highest >= full else np.inf
-    levels, counts = _histogram(values)
+    if values.dtype.kind in "ui":
+        pixels = np.bincount(values.ravel())
+        levels = np.flatnonzero(pixels)
+        counts = pixels[levels].astype(float)
+    else:
+        levels, counts = np.unique(values, return_counts=True)
     # levels above the middle of the range with hardly any pixel above them, lowest first
     above = counts.sum() - np.cumsum(counts)
     last = (levels > 0.5 * (lowest + highest)) & (above <= _ABOVE * counts)
-    below = max(_FEWEST, _LEAST_SHARE * values.size) if len(levels) >= _FEWEST_LEVELS else np.inf
+    below = _FEWEST if len(levels) >= _FEWEST_LEVELS else np.inf
     last &= counts >= np.where(levels >= full, _FEWEST_FULL, below)
     for i in np.flatnonzero(last).tolist():
-        level, at_full = float(levels[i]), bool(levels[i] >= full)
+        level = float(levels[i])
+        if level >= full:
+            expected = _CREST * counts[max(i - 2, 0) : i].max(initial=0.0)
+            # more pixels than those just below go on to, or none lie just below
+            if counts[i] >= expected + _SIGMAS * np.sqrt(expected) or (
+                levels[i] - levels[i - 1] > _GAP * np.median(np.diff(levels[: i + 1]))
+            ):
+                return level
         plateau = usable & (image == level)
-        touching = np.pad(plateau, 1)  # a pixel of the plateau on one of the four sides
-        touching = (
-            touching[:-2, 1:-1] | touching[2:, 1:-1] | touching[1:-1, :-2] | touching[1:-1, 2:]
-        )
-        if _share(plateau, touching) < _TOUCHING:
-            continue
-        piled = _is_piled(levels[: i + 1], counts[: i + 1], at_full=at_full)
-        if piled and at_full:
-            return level
         solid = ndimage.minimum_filter(plateau, 3)  # all nine pixels about a place
-        if (piled or _share(plateau, solid) > _SOLID) and _is_noisy(
+        if np.count_nonzero(solid) > _SOLID * counts[i] and _is_noisy(
             image, usable & (image < level), full
         ):
             return level
     return np.inf
-
-
-def _histogram(values: np.ndarray) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """The levels that occur and their pixels, (n,) each; none where no bright fractions agree."""
-    if values.dtype == np.uint8:
-        import cv2
-
-        counts = cv2.calcHist([values], [0], None, [256], [0, 256]).ravel()
-        at = np.flatnonzero(counts)
-        return at.astype(float), counts[at].astype(float)
-    if values.dtype.kind in "ui":
-        least = int(values.min())
-        counts = np.bincount((values.astype(np.int64) - least).ravel())
-        at = np.flatnonzero(counts)
-        return (at + least).astype(float), counts[at].astype(float)
-    count = min(values.size, max(_LOOKED_AT, values.size // 100))
-    brightest = np.partition(values, -count)[-count:]
-    if np.unique(brightest, return_counts=True)[1].max() < _FEWEST_FULL:
-        return np.empty(0), np.empty(0)
-    levels, number = np.unique(values, return_counts=True)
-    return levels.astype(float), number.astype(float)
-
-
-def _is_piled(levels: np.ndarray, counts: np.ndarray, *, at_full: bool) -> bool:
-    """Whether the last level has more pixels than those just below go on to."""
-    below = counts[-5:-1][::-1]
-    if not below.size or levels[-1] - levels[-2] > _GAP * np.median(np.diff(levels)):
-        return True  # nothing lies just below
-    near, far = below[:2].max(), below[2:].max(initial=0.0)
-    growth = max(near / far if far else near, 1.0) ** _GROWTH
-    expected = near * (min(growth, _CREST) if at_full else growth)
-    return bool(counts[-1] >= expected + _SIGMAS * np.sqrt(expected))
-
-
-def _share(plateau: npt.NDArray[np.bool_], which: npt.NDArray[np.bool_]) -> float:
-    return float(np.count_nonzero(plateau & which) / np.count_nonzero(plateau))
 
 
 def _is_noisy(image: np.ndarray, below: npt.NDArray[np.bool_], full: float) -> bool:
@@ -343,16 +301,10 @@ def open_no_load_steps(scene: Scene, full_shape: tuple[int, int]) -> FrameReader
     assert name is not None
     path = scene.path(name)
     reader = open_scene_frames(path, scene)
-    try:
-        count = reader.count()
-        if count != steps:
-            raise InputError(
-                "frames_no_load_steps_holds_frames", path=path, count=count, steps=steps
-            )
-        _check_shape(path, "no_load_steps", reader, full_shape)
-    except InputError:
-        reader.close()
-        raise
+    count = reader.count()
+    if count != steps:
+        raise InputError("frames_no_load_steps_holds_frames", path=path, count=count, steps=steps)
+    _check_shape(path, "no_load_steps", reader, full_shape)
     return reader
 
 
@@ -520,23 +472,9 @@ def _rough_sigma(values: np.ndarray, spread: np.ndarray) -> float:
     if values.shape[1] < 8:
         # around noise alone the second extremes lie about 1.7 sigmas apart
         return float(np.median(spread)) / 1.7
-    if values.dtype == np.uint8:
-        return _middle_of_bytes(values[::2]) * 1.4826 / float(np.sqrt(70.0))
-    v = values[::2].astype(np.float32)
+    v = values[::4].astype(np.float32)
     mixed = v[:, :-4] - 4 * v[:, 1:-3] + 6 * v[:, 2:-2] - 4 * v[:, 3:-1] + v[:, 4:]
     return float(np.median(np.abs(mixed))) * 1.4826 / float(np.sqrt(70.0))
-
-
-def _middle_of_bytes(levels: np.ndarray) -> float:
-    """Median size of the fourth differences along whole levels of one byte: by counting them."""
-    import cv2
-
-    fourth = np.array([[1.0, -4.0, 6.0, -4.0, 1.0]], np.float32)
-    sizes = np.abs(cv2.filter2D(levels, cv2.CV_16S, fourth)[:, 2:-2]).view(np.uint16)
-    largest = 16 * 255
-    counts = cv2.calcHist([sizes], [0], None, [largest + 1], [0, largest + 1]).ravel()
-    below, last = np.cumsum(counts), sizes.size - 1
-    return float(np.searchsorted(below, [last // 2, (last + 1) // 2], side="right").mean())
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from isochrome.errors import InputError
 from isochrome.frames import images, tiff, video
 from isochrome.frames.images import read_image, signature_of
 from isochrome.frames.reading import (
+    SAME,
     Channel,
     Extent,
     FrameReader,
@@ -223,10 +224,6 @@ def _frames(
         yield RawFrame(image, None if times is None else times[index], frames.label(index))
 
 
-SAME_SCALE = 1e-3
-"""Files of one recording name one pixel size; a larger difference than this part is another."""
-
-
 class Parts:
     """The frames of several files in their order, with times that go on from file to file.
 
@@ -246,21 +243,17 @@ class Parts:
         if number not in self._sources:
             path, name, first = self.files[number], self.files[0].name, self._sources[0]
             source = self._opener(path)
-            form, other = source.form, first.form
-            if form != other:
+            held, other = ((one.form, one.sensor_bits) for one in (source, first))
+            if held != other:
+                (form, bits), (first_form, first_bits) = held, other
                 raise InputError(
                     "holds_pixels_ones_files",
                     path=path, rows=form.shape[0], cols=form.shape[1], pixels=form.pixels,
-                    name=name, shape=other.shape[0], shape_2=other.shape[1], pixels_2=other.pixels,
-                )  # fmt: skip
-            bits = source.sensor_bits, first.sensor_bits
-            if bits[0] != bits[1]:
-                raise InputError(
-                    "holds_bits_pixel_files",
-                    path=path, sensor_bits=bits[0], name=name, sensor_bits_2=bits[1],
+                    bits=bits, name=name, shape=first_form.shape[0], shape_2=first_form.shape[1],
+                    pixels_2=first_form.pixels, bits_2=first_bits,
                 )  # fmt: skip
             scales = source.pixel_mm, first.pixel_mm
-            if scales[0] and scales[1] and abs(scales[0] / scales[1] - 1) > SAME_SCALE:
+            if scales[0] and scales[1] and abs(scales[0] / scales[1] - 1) > SAME:
                 raise InputError(
                     "names_mm_pixel_files", path=path, scales=scales[0], name=name,
                     scales_2=scales[1],
@@ -626,10 +619,10 @@ def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[F
 
 
 def _refuse_others(places: Sequence[Path], *, join: bool) -> None:
-    for folder in filter(os.path.isdir, places if join else ()):
-        raise InputError("folder_which_recording_itself", folder=folder)
     for place in places:
-        if place.suffix.lower() not in KNOWN and not os.path.isdir(place):
+        if join and place.is_dir():
+            raise InputError("folder_which_recording_itself", folder=place)
+        if place.suffix.lower() not in KNOWN and not place.is_dir():
             raise InputError("frames_cannot_read_from_file", place=place, known=", ".join(KNOWN))
 
 

@@ -23,11 +23,16 @@ from numpy.typing import NDArray
 from isochrome.errors import InputError, reason_of
 from isochrome.scene import ArrayFrames, FramesLike, Roi
 
-MAX_PIXELS = 200_000_000
-"""A frame that claims more pixels is a damaged or hostile file: refused before memory is taken."""
-
 MAX_BYTES = 400_000_000
-"""The same for its bytes when decoded: decoders hold some copies of a frame at a time."""
+"""A frame that claims more bytes is a damaged or hostile file: refused before memory is taken.
+
+Decoders hold some copies of a frame at a time."""
+
+MAX_PIXELS = MAX_BYTES // 2
+"""The same in pixels, of two bytes each at least in what is made of them."""
+
+SAME = 1e-3
+"""Part by which two sizes of a pixel, of files or of its sides, may differ and be one."""
 
 CLOCK_S = 2.0
 """The coarsest clock of a file system (FAT)."""
@@ -214,11 +219,7 @@ def refusing(path: str | Path, what: str = "cannot be read") -> Iterator[None]:
 
 def check_size(path: str | Path, rows: int, cols: int, pixel_bytes: int = 1) -> None:
     """Refuse a frame whose head claims no pixels, or too many, before memory is taken for it."""
-    if rows <= 0 or cols <= 0 or rows * cols > MAX_PIXELS:
-        raise InputError(
-            "claims_frame_pixels_pixels", path=path, rows=rows, cols=cols, max_pixels=MAX_PIXELS
-        )
-    if rows * cols * pixel_bytes > MAX_BYTES:
+    if rows <= 0 or cols <= 0 or rows * cols * max(pixel_bytes, 2) > MAX_BYTES:
         raise InputError(
             "claims_frame_pixels_bytes", path=path, rows=rows, cols=cols, pixel_bytes=pixel_bytes,
             max_bytes=MAX_BYTES,

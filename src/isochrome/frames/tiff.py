@@ -16,10 +16,10 @@ import struct
 import threading
 import zlib
 from collections.abc import Generator, Iterator
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import accumulate
+from itertools import accumulate, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
@@ -36,8 +36,16 @@ if TYPE_CHECKING:
 MM = {"in": 25.4} | {n: MM_PER_UNIT[n] for n in ("m", "cm", "mm", "µm", "μm", "um", "nm")}
 """Millimetres of the schema's units of length that a camera's picture can have."""
 
-OME_SECONDS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "μs": 1e-6, "us": 1e-6, "ns": 1e-9, "min": 60.0,
-           "h": 3600.0, "d": 86400.0}  # fmt: skip
+SECONDS = {
+    word: seconds
+    for words, seconds in {
+        "s sec second seconds": 1.0, "ms msec millisecond milliseconds": 1e-3,
+        "µs μs us usec microsecond microseconds": 1e-6, "ns": 1e-9, "min minute minutes": 60.0,
+        "h hour hours": 3600.0, "d": 86400.0,
+    }.items()
+    for word in words.split()
+}  # fmt: skip
+"""Units of time by each of the words that OME's and ImageJ's notes have for them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +89,7 @@ def read_ome(text: str, path: Path) -> tuple[FileNotes, tuple[int, int, int]]:
     start, from_first = _times(pixels, size["Z"] * size["T"])
     interval = None
     if from_first is None:
-        interval = _number(pixels, "TimeIncrement", OME_SECONDS, "TimeIncrementUnit", "s")
+        interval = _number(pixels, "TimeIncrement", SECONDS, "TimeIncrementUnit", "s")
     bits = pixels.get("SignificantBits")
     notes = FileNotes(
         pixel_mm=_pixel_mm(pixels, path),
@@ -118,7 +126,7 @@ def _pixel_mm(pixels: ElementTree.Element, path: Path) -> float | None:
     )
     if across is None or down is None:
         return None
-    if abs(across / down - 1) > 1e-3:
+    if abs(across / down - 1) > reading.SAME:
         raise InputError("says_pixel_mm_wide", path=path, across=across, down=down)
     return across
 
@@ -132,7 +140,7 @@ def _times(
     """
     times: dict[int, float] = {}
     for plane in pixels.iterfind("{*}Plane"):
-        factor = OME_SECONDS.get(plane.get("DeltaTUnit", "s"))
+        factor = SECONDS.get(plane.get("DeltaTUnit", "s"))
         try:
             index = int(plane.get("TheT", "0")) + int(plane.get("TheZ", "0"))
             value = float(plane.get("DeltaT", "nan"))
@@ -349,20 +357,11 @@ def silence_stderr() -> Iterator[None]:
             os.close(nowhere)
 
 
-SQUARE = 1e-3
-"""A pixel whose sides differ by more than this part is not square."""
-
 OTHERS = ("stk", "lsm", "fluoview", "nih", "scanimage")
 """Microscope makers' dialects, whose pages are not frames one by one."""
 
 MOST_CHANNELS = 7
 """ImageJ's colours end there; writers that know no axes put all frames down as channels."""
-
-_TIMES = ("s sec second seconds", "ms msec millisecond milliseconds",
-          "us µs usec microsecond microseconds", "min minute minutes", "h hour hours")  # fmt: skip
-
-SECONDS = {word: OME_SECONDS[words.split()[0]] for words in _TIMES for word in words.split()}
-"""Units of time by each of the words that ImageJ's notes have for them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -464,7 +463,7 @@ def _check_square(tif: tifffile.TiffFile, path: Path) -> None:
     page: Any = tif.pages[0]
     if "XResolution" in page.tags and "YResolution" in page.tags:
         (xn, xd), (yn, yd) = page.tags["XResolution"].value, page.tags["YResolution"].value
-        if 0 not in (xn, xd, yn, yd) and abs(xn * yd / (xd * yn) - 1) > SQUARE:
+        if 0 not in (xn, xd, yn, yd) and abs(xn * yd / (xd * yn) - 1) > reading.SAME:
             raise InputError("says_pixels_unit_across", path=path, xd=xn / xd, yd=yn / yd)
 
 
@@ -503,7 +502,7 @@ SUFFIXES = (".tif", ".tiff", ".btf", ".tf8", ".tf2")
 def open_tiff(path: Path) -> reading.Source:
     """Read the heads of a TIFF stack's pages; InputError where it is no TIFF that can be read."""
     stamp = reading.Stamp.of(path)
-    with reading.refusing(path, "not a readable TIFF"), _opened(path) as tif:
+    with _opened(path) as tif:
         layout = tiff_layout_of(tif, path)
         with closing(PageDecoder(tif, path)) as decoder:
             image = decoder.frame(layout, 0)
@@ -525,12 +524,10 @@ def open_tiff(path: Path) -> reading.Source:
 def holds_several(path: Path) -> bool:
     """Whether a TIFF holds more than one frame; its pages are not counted for it."""
     reading.Stamp.of(path)
-    with reading.refusing(path, "not a readable TIFF"), _opened(path) as tif:
-        with suppress(IndexError):
-            second: Any = tif.pages[1]
-            if not second.is_reduced:  # a thumbnail
-                return True
-        return tiff_layout_of(tif, path).count > 1
+    with _opened(path) as tif:
+        pages: Any = islice(tif.pages, 1, 2)
+        # a second one may be a thumbnail
+        return any(not page.is_reduced for page in pages) or tiff_layout_of(tif, path).count > 1
 
 
 def read_single(path: Path, *, inverted_too: bool = False) -> np.ndarray:
@@ -539,7 +536,7 @@ def read_single(path: Path, *, inverted_too: bool = False) -> np.ndarray:
     `inverted_too`, to take ImageJ's images that are shown inverted, as its masks are, as stored.
     """
     reading.Stamp.of(path)
-    with reading.refusing(path, "not a readable TIFF"), _opened(path) as tif:
+    with _opened(path) as tif:
         layout = tiff_layout_of(tif, path)
         if layout.count != 1:
             raise InputError("holds_pages_one_file", path=path, count=layout.count)
@@ -554,7 +551,7 @@ def _opened(path: Path) -> Iterator[tifffile.TiffFile]:
     log = logging.getLogger("tifffile")  # what it would say, refusals say instead
     if not any(isinstance(h, logging.NullHandler) for h in log.handlers):
         log.addHandler(logging.NullHandler())
-    with tifffile.TiffFile(path) as tif:
+    with reading.refusing(path, "not a readable TIFF"), tifffile.TiffFile(path) as tif:
         tif.pages.cache = False
         yield tif
 
@@ -564,13 +561,10 @@ def _frames(
 ) -> Generator[reading.RawFrame]:
     """The frames from number `start` on; each page is found at once by its place in the file."""
     stamp.check(path)
-    with ExitStack() as opened:
-        with reading.refusing(path, "not a readable TIFF"):
-            tif = opened.enter_context(_opened(path))
-        decoder = opened.enter_context(closing(PageDecoder(tif, path)))
+    with _opened(path) as tif, closing(PageDecoder(tif, path)) as decoder:
         for index in range(start, layout.count):
             with reading.refusing(path, f"frame {index} cannot be read"):
                 image = decoder.frame(layout, index)
                 form.check(path, image, f"frame {index}")
             yield reading.RawFrame(image, layout.time_s(index), f"{path.name}[{index}]")
-        stamp.check(path)
+    stamp.check(path)

@@ -1,8 +1,7 @@
 """Frames from a video by PyAV, and where each of them is, once all have been decoded."""
 
 from collections.abc import Generator, Iterator
-from contextlib import suppress
-from itertools import chain
+from contextlib import nullcontext, suppress
 from pathlib import Path
 
 import numpy as np
@@ -53,25 +52,22 @@ class Video:
         """The frame that decoding begins with to come to frame `start`."""
         if self.places is None:
             return 0
-        keys = self.places.keys[:, 0]
-        return int(keys[keys <= start].max(initial=0))
+        return self._key(self.places, start)[0]
 
     def frames(self, start: int) -> Generator[reading.RawFrame]:
         """The frames from number `start` on; those before are decoded, but not converted."""
-        first, running = self._from_key(start) or (0, self.decoded())
-        if self.places is not None and self.places.sums is None:
-            running = self._as_listed(self.places.stamps, first, running)
-        for index, item in enumerate(running, first):
+        places = self.places
+        known = None if places is None else self._known(places, start)
+        for index, item in known or enumerate(self.decoded()):
             if index < start:
                 continue
             with reading.refusing(self.path, f"frame {index} cannot be decoded"):
                 image = to_image(item.frame, self.path)[0]
                 self.form.check(self.path, image, f"frame {index}")
             time = item.time_s
-            if self.places is not None:
-                times = self.places.times_s
-                known = index < len(times) and np.isfinite(times[index])
-                time = float(times[index]) if known else None
+            if places is not None:
+                time = float(places.times_s[index])
+                time = time if np.isfinite(time) else None
             yield reading.RawFrame(image, time, f"{self.path.name}[{index}]")
         self.stamp.check(self.path)
 
@@ -85,7 +81,7 @@ class Video:
         running: Iterator[Decoded] = self.decoded()
         listed = by_packets(self.path, self.container)
         if listed is not None:  # FFmpeg passes over damaged frames of H.264 in silence
-            running = self._as_listed(listed.stamps, 0, running)
+            running = (item for _, item in self._known(listed, 0))
         for index, item in enumerate(running):
             if item.frame.key_frame and item.tick is not None:
                 keys.append((index, item.tick))
@@ -105,68 +101,47 @@ class Video:
             np.array(keys, np.int64).reshape(-1, 2), end,
         )  # fmt: skip
 
-    def _as_listed(
-        self, stamps: np.ndarray, first: int, running: Iterator[Decoded]
-    ) -> Iterator[Decoded]:
-        """The frames from `first` on, each of which has to be the one that its packet said."""
-        index = first - 1
-        for index, item in enumerate(running, first):
-            if index >= len(stamps) or item.tick != stamps[index]:
-                raise InputError("frame_not_one_packet", path=self.path, index=index)
-            yield item
-        count = index + 1
-        if count != len(stamps):
-            raise InputError(
-                "gives_frames_packets_copy", path=self.path, index=count, stamps_count=len(stamps)
-            )
+    def _known(self, places: Places, start: int) -> Iterator[tuple[int, Decoded]]:
+        """The frames from number `start` on, each held against what is known of it.
 
-    def _from_key(self, start: int) -> tuple[int, Iterator[Decoded]] | None:
-        """Frames from the last key frame before `start`; None where they are not the known ones.
-
-        A key frame that is none, or a time stamp that two frames share, shows in the checksums.
+        From the last key frame before; where a later one is not as it was, as after a key frame
+        that is none, from the first.
         """
-        if self.places is None or start >= len(self.places.times_s):
-            return None
-        keys = self.places.keys[self.places.keys[:, 0] <= start]
-        first, tick = map(int, keys[-1]) if len(keys) else (0, 0)
-        if first == 0 or np.count_nonzero(self.places.stamps == tick) != 1:
-            return None
-        running = self.decoded((first, tick))
-        try:
-            item = next((d for d in running if d.tick is not None and d.tick >= tick), None)
-        except InputError:
-            return None
-        if item is None or item.tick != tick:
-            return None
-        if self.places.sums is None:
-            return first, chain((item,), running)
-        if checksum(item.frame) != self.places.sums[first]:
-            return None
-        return first, self._checked(first, item, running)
+        key, tick = self._key(places, start)
+        while True:
+            index = key
+            with suppress(InputError) if key else nullcontext():
+                for item in self.decoded((key, tick) if key else None):
+                    if index == key > 0 and (item.tick is None or item.tick < tick):
+                        continue  # before the key frame in time
+                    if index >= len(places.times_s) or not places.is_frame(index, item):
+                        ended = False
+                        break
+                    if index >= start:
+                        yield index, item
+                        start = index + 1
+                    index += 1
+                else:
+                    ended = True
+                    if index == len(places.times_s):
+                        return
+            if key == 0:
+                break
+            key = 0
+        if places.sums is not None:
+            raise InputError("frame_not_what_when", path=self.path, number=index)
+        if not ended:
+            raise InputError("frame_not_one_packet", path=self.path, index=index)
+        count = len(places.stamps)
+        raise InputError(
+            "gives_frames_packets_copy", path=self.path, index=index, stamps_count=count
+        )
 
-    def _checked(
-        self, first: int, item: Decoded, following: Iterator[Decoded]
-    ) -> Iterator[Decoded]:
-        """The frames from a key frame on, each held against what it was when it was counted.
-
-        Where one is not, as after a key frame that is none, all are decoded from the first.
-        """
-        assert self.places is not None and self.places.sums is not None
-        index, sums = first, self.places.sums
-        yield item
-        with suppress(InputError):
-            for each in following:
-                if index + 1 >= len(sums) or checksum(each.frame) != sums[index + 1]:
-                    break
-                index += 1
-                yield each
-        if index + 1 == len(sums):
-            return
-        for number, each in enumerate(self.decoded()):
-            if number >= len(sums) or checksum(each.frame) != sums[number]:
-                raise InputError("frame_not_what_when", path=self.path, number=number)
-            if number > index:
-                yield each
+    def _key(self, places: Places, start: int) -> tuple[int, int]:
+        """Number and tick of the last key frame before `start`; (0, 0) where none can be sought."""
+        keys = places.keys[places.keys[:, 0] <= start]
+        number, tick = map(int, keys[-1]) if len(keys) else (0, 0)
+        return (number, tick) if np.count_nonzero(places.stamps == tick) == 1 else (0, 0)
 
 
 def open_video(path: Path) -> reading.Source:

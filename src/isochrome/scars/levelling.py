@@ -30,14 +30,14 @@ Gaussian Processes for Machine Learning, section 2.2, for the covariance of a sm
 """
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import Bounds, Damping, minimise
 from isochrome.messages import message
 from isochrome.scars.trace import Trace
 
@@ -52,7 +52,7 @@ pull of the worn area is 1.14 with it, and 1.25 with 1, which leaves each band t
 _LONGER = 1.3
 """Period of the waves over the trace, so that its two ends are not neighbours."""
 
-_NEWTON_STEPS, _AT_REST, _LONGEST_STEP = 30, 0.03, 2.0
+_STEPS, _AT_REST, _LONGEST_STEP = 30, 0.03, 2.0
 """Most steps of a fit, the change of ln S that ends it, and the largest change in one of them."""
 
 
@@ -69,9 +69,9 @@ class Bands:
     edges_per_mm: Array
 
     @property
-    def count(self) -> int:
-        """Octaves."""
-        return len(self.edges_per_mm) - 1
+    def members(self) -> Array:
+        """Waves of each octave (m,), a cosine and a sine together."""
+        return np.bincount(self.band, minlength=len(self.edges_per_mm) - 1) / 2.0
 
 
 @lru_cache(maxsize=32)
@@ -103,9 +103,9 @@ class Roughness:
         return float(np.sqrt(self.power_um2.sum()))
 
     def covariance(self, points: int) -> Array:
-        """Covariance of the heights on a uniform grid of so many points (n, n), µm²."""
+        """Covariance of the heights on a uniform grid of so many points (n, n), µm², definite."""
         bands = make_bands(points, self.spacing_mm)
-        return np.asarray((bands.waves * self._per_wave(bands)) @ bands.waves.T)
+        return _definite((bands.waves * self._per_wave(bands)) @ bands.waves.T)
 
     def variance(self, weights: Array) -> tuple[float, float]:
         """Variance of w^T z for weights w (n,) on the grid, and the degrees of freedom it has.
@@ -115,7 +115,7 @@ class Roughness:
         """
         bands = make_bands(len(weights), self.spacing_mm)
         parts = self._per_wave(bands) * (weights @ bands.waves) ** 2
-        each = np.bincount(bands.band, parts, minlength=bands.count)
+        each = np.bincount(bands.band, parts, minlength=len(self.power_um2))
         total = float(each.sum())
         if not total > 0.0:
             return 0.0, np.inf
@@ -124,63 +124,49 @@ class Roughness:
 
     def _per_wave(self, bands: Bands) -> Array:
         """Variance of each wave's amplitude (q,): half of the waves are cosines, half sines."""
-        members = np.bincount(bands.band, minlength=bands.count) / 2.0
-        return np.asarray((self.power_um2 / members)[bands.band])
+        return np.asarray((self.power_um2 / bands.members)[bands.band])
 
 
-def fit_roughness(
-    heights_um: Array, unworn: Mask, form: Array, spacing_mm: float, start: Roughness | None = None
-) -> Roughness:
+def _definite(covariance: Array) -> Array:
+    """A covariance that is definite beyond rounding."""
+    return np.asarray(covariance + 1e-8 * np.diag(np.diag(covariance)))
+
+
+def fit_roughness(heights_um: Array, unworn: Mask, form: Array, spacing_mm: float) -> Roughness:
     """The spectrum of the largest restricted likelihood of the unworn heights (n,).
 
     With C = Σ θ_j C_j and P = C⁻¹ - C⁻¹F(FᵀC⁻¹F)⁻¹FᵀC⁻¹ of a form F (n, p), the steps are those of
     Fisher's scoring in ln θ: gradient (θ_j/2)(zᵀP C_j P z - tr P C_j), information (θ_j θ_k/2) tr(P
-    C_j P C_k), and the prior's of a walk. `start` is a spectrum near it.
+    C_j P C_k), and the prior's of a walk.
     """
     bands = make_bands(len(heights_um), spacing_mm)
-    waves, z, basis = bands.waves[unworn], heights_um[unworn], form[unworn]
-    members = np.bincount(bands.band, minlength=bands.count) / 2.0
+    order = np.argsort(bands.band, kind="stable")
+    waves, band, members = bands.waves[unworn][:, order], bands.band[order], bands.members
+    z, basis = heights_um[unworn], form[unworn]
     residual = z - basis @ np.linalg.lstsq(basis, z, rcond=None)[0]
     size = max(float(residual @ residual) / len(z), 1e-12)
-    starts = np.r_[0, np.cumsum(2.0 * members).astype(int)][:-1]
-    order = np.argsort(bands.band, kind="stable")
-    waves, band = waves[:, order], bands.band[order]
-    walk = np.diff(np.eye(bands.count), axis=0) / WALK
+    starts = np.searchsorted(band, np.arange(len(members)))
+    walk = np.diff(np.eye(len(members)), axis=0) / WALK
+    precision = walk.T @ walk
     # a band of n times the width has n times the power where the spectrum is flat
     width = np.log(np.diff(bands.edges_per_mm))
-    precision = walk.T @ walk
     log_power = np.log(size) + width - np.log(np.exp(width).sum())
-    if start is not None:
-        log_power = np.log(start.power_um2)
-
-    def score(each: Array) -> tuple[Array, Array]:
-        """Gradient and Fisher's information of the restricted likelihood in ln θ, (m,) and (m, m).
-
-        `each` (m,): the variance of a wave's amplitude in each band.
-        """
-        scaled = waves * np.sqrt(each)[band]
-        covariance = scaled @ scaled.T
-        covariance[np.diag_indices_from(covariance)] *= 1.0 + 1e-9
-        inverse = np.linalg.inv(covariance)
+    for _ in range(_STEPS):
+        scaled = waves * np.exp(0.5 * (log_power - np.log(members)))[band]
+        inverse = np.linalg.inv(_definite(scaled @ scaled.T))
         carried = inverse @ basis
         projector = inverse - carried @ np.linalg.solve(basis.T @ carried, carried.T)
         weighted = scaled.T @ projector
         products = weighted @ scaled
         sizes = (weighted @ z) ** 2 - np.diag(products)
-        gradient = 0.5 * np.bincount(band, sizes, minlength=len(each))
         squares = np.add.reduceat(np.add.reduceat(products**2, starts, axis=0), starts, axis=1)
-        return gradient, 0.5 * squares
-
-    for _ in range(_NEWTON_STEPS):
-        gradient, information = score(np.exp(log_power) / members)
-        gradient = gradient - precision @ (log_power - width)
-        step = np.linalg.solve(information + precision, gradient)
-        step = np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
-        log_power = log_power + step
+        gradient = 0.5 * np.add.reduceat(sizes, starts) - precision @ (log_power - width)
+        information = 0.5 * squares + precision
+        step = np.linalg.solve(information, gradient)
+        log_power = log_power + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
         if float(np.abs(step).max()) < _AT_REST:
             break
-    covariance = np.linalg.inv(information + precision)
-    return Roughness(spacing_mm, bands.edges_per_mm, np.exp(log_power), covariance)
+    return Roughness(spacing_mm, bands.edges_per_mm, np.exp(log_power), np.linalg.inv(information))
 
 
 MOST_BINS = 240
@@ -236,7 +222,7 @@ def bin_trace(trace: Trace) -> BinnedTrace:
     slope = (z[-1] - z[0]) / (x[-1] - x[0])
     line = slope * (x - x[0])
     good = without_spikes(z - line)
-    count = min(MOST_BINS, len(x) // 2 if len(x) < 2 * MOST_BINS else MOST_BINS)
+    count = min(MOST_BINS, len(x) // 2)
     step = (x[-1] - x[0]) / count
     place = np.minimum(((x - x[0]) / step).astype(int), count - 1)
     members = np.bincount(place[good], minlength=count)
@@ -325,13 +311,9 @@ of the paper's wear test (measured)."""
 _EDGE_MODEL = 0.01
 """Standard uncertainty of an edge by its shape, over the half-width."""
 
-_BOUNDS, _USUAL, _SPREAD = (1.3, 6.0), 2.5, 0.7
-"""Exponents m: bounds, mean and standard deviation of the prior."""
+_USUAL, _SPREAD = 2.5, 0.28
+"""Exponents m: the prior's middle, and its standard deviation of ln m."""
 
-_STEPS, _SETTLED = 25, 1e-4
-"""Most steps, and the promised gain in variances that ends them: a hundredth of an uncertainty."""
-_DAMPING, _REACH = 1e-3, 0.3
-"""The first damping, and the longest step over the half-width."""
 _PARTS = 5
 """Points of a bin over which the shape is averaged."""
 
@@ -371,8 +353,8 @@ class ScarShape:
     centre_mm: float
     half_mm: float
     exponent: float
+    covariance: Array
     depth_um: float = 0.0
-    covariance: Array | None = None
     clear: float = 0.0
 
     @property
@@ -380,16 +362,12 @@ class ScarShape:
         """The left and the right edge, mm."""
         return self.centre_mm - self.half_mm, self.centre_mm + self.half_mm
 
-    @cached_property
+    @property
     def edge_uncertainty_mm(self) -> tuple[float, float]:
         """Standard uncertainties of the left and the right edge, c - a and c + a, mm."""
-        assert self.covariance is not None
-        cov = self.covariance[:2, :2]
-        signs = (np.array([1.0, -1.0]), np.array([1.0, 1.0]))
-        left_mm, right_mm = (
-            float(np.hypot(np.sqrt(max(s @ cov @ s, 0.0)), _EDGE_MODEL * self.half_mm))
-            for s in signs
-        )
+        (centre, shared), (_, half) = self.covariance[:2, :2]
+        variance = centre + half + 2.0 * shared * np.array([-1.0, 1.0])
+        left_mm, right_mm = np.sqrt(variance + (_EDGE_MODEL * self.half_mm) ** 2).tolist()
         return left_mm, right_mm
 
 
@@ -409,90 +387,61 @@ def first_place(x_mm: Array, z_um: Array, white: Array) -> ScarShape:
     """The place of an arc that with the form leaves least of the heights (n,) on bins (n,)."""
     step, length = x_mm[1] - x_mm[0], x_mm[-1] - x_mm[0]
     z = white @ z_um
-    best, place = -1.0, ScarShape(0.0, 1.0, _USUAL)
+    best, at = -1.0, (0.0, 1.0)
     for half in np.geomspace(_NARROWEST * step, _WIDEST * length, _HALF_WIDTHS):
         centres = np.linspace(x_mm[0] + half, x_mm[-1] - half, _PLACES)
         columns = white @ np.maximum(1.0 - ((x_mm[:, None] - centres) / half) ** 2, 0.0)
         gain = (columns.T @ z) ** 2 / np.maximum((columns**2).sum(axis=0), 1e-12)
         k = int(np.argmax(gain))
         if gain[k] > best:
-            best, place = float(gain[k]), ScarShape(float(centres[k]), float(half), _USUAL)
-    return place
-
-
-@dataclass(frozen=True)
-class _PlacePoint:
-    """Least squares at one place: what `minimise` asks, `depth` -D, and `size` of the column."""
-
-    cost: float
-    normal: Array
-    gradient: Array
-    depth: float
-    size: float
+            best, at = float(gain[k]), (float(centres[k]), float(half))
+    # the search is as coarse as a tenth of the half-width
+    return ScarShape(*at, _USUAL, np.diag([0.0, 0.1 * at[1], 0.0]) ** 2)
 
 
 def refine_place(x_mm: Array, z_um: Array, start: ScarShape, white: Array) -> ScarShape:
     """The least-squares place from a start, with the roughness's covariance.
 
-    Damped steps in c, ln a and m; depth and form are solved for at every one.
+    Steps in c, ln a and ln m; depth and form are solved for at every one.
     """
     z = white @ z_um
     length, step_mm = float(x_mm[-1] - x_mm[0]), float(x_mm[1] - x_mm[0])
-    bounds = Bounds(
-        np.array([x_mm[0], np.log(_NARROWEST * step_mm), _BOUNDS[0]]),
-        np.array([x_mm[-1], np.log(_WIDEST * length), _BOUNDS[1]]),
-    )
+    low = [x_mm[0], np.log(_NARROWEST * step_mm), -np.inf]
+    high = [x_mm[-1], np.log(_WIDEST * length), np.inf]
 
-    def cut(values: Array, step: Array) -> Array:
-        reach = _REACH * np.exp(values[1])
-        return bounds.cut(values, np.clip(step, -reach, reach))
-
-    def column(values: Array) -> Array:
-        """The whitened shape (n,) of c, ln a and m."""
-        return np.asarray(white @ shape(x_mm, values[0], float(np.exp(values[1])), values[2]))
-
-    def at(values: Array) -> _PlacePoint:
-        """Cost and normal equations in c, ln a and m, with the depth eliminated."""
-        c = column(values)
+    def column(values: Array) -> tuple[Array, float, float]:
+        """The whitened shape (n,) of c, ln a and ln m, its square, and its depth below zero."""
+        c = white @ shape(x_mm, values[0], *np.exp(values[1:]))
         square = max(float(c @ c), 1e-300)
-        depth = float(c @ z) / square
-        residual = z - depth * c
-        steps = np.diag([0.01 * np.exp(values[1]), 0.01, 0.02])
-        slopes = [depth * (column(values + e) - c) / e.sum() for e in steps]
-        rows = np.array([slope - c * float(c @ slope) / square for slope in slopes])
-        away = (values[2] - _USUAL) / _SPREAD
-        normal, gradient = rows @ rows.T, rows @ residual
-        normal[2, 2] += 1.0 / _SPREAD**2
-        gradient[2] -= away / _SPREAD
-        cost = float(residual @ residual) + float(away**2)
-        return _PlacePoint(cost, normal, gradient, depth, float(np.sqrt(square)))
+        return c, square, float(c @ z) / square
 
-    values = np.array([start.centre_mm, np.log(start.half_mm), start.exponent])
-    values = values + bounds.cut(values, np.zeros(3))
-    descent = minimise(
-        at, values, at(values), enough=lambda _: _SETTLED,
-        damping=Damping(_DAMPING), iterations=_STEPS, bounds=bounds, cut=cut,
-    )  # fmt: skip
-    (centre, _, exponent), half = descent.values.tolist(), float(np.exp(descent.values[1]))
-    scale = np.array([1.0, half, 1.0])
+    def residual(values: Array) -> Array:
+        """What the best depth leaves (n,), and how far the exponent is from what is usual."""
+        c, _, depth = column(values)
+        return np.append(z - depth * c, (values[2] - np.log(_USUAL)) / _SPREAD)
+
+    first = np.array([start.centre_mm, np.log(start.half_mm), np.log(start.exponent)])
+    scale = [start.half_mm, 1.0, 1.0]
+    best = least_squares(residual, np.clip(first, low, high), bounds=(low, high), x_scale=scale)
+    _, square, depth = column(best.x)
+    half, exponent = np.exp(best.x[1:]).tolist()
+    scale = [1.0, half, exponent]
     return ScarShape(
-        centre_mm=centre, half_mm=half, exponent=exponent, depth_um=-descent.point.depth,
-        covariance=np.linalg.inv(descent.point.normal) * np.outer(scale, scale),
-        clear=abs(descent.point.depth) * descent.point.size,
+        centre_mm=float(best.x[0]), half_mm=half, exponent=exponent, depth_um=-depth,
+        covariance=np.linalg.inv(best.jac.T @ best.jac) * np.outer(scale, scale),
+        clear=abs(depth) * float(np.sqrt(square)),
     )  # fmt: skip
 
 
 STANDS_OUT = 5.0
-"""Depth over its uncertainty from which a scar stands out: chance finds 3.5 to 4 when it may choose
-place and width."""
+"""Depth over its uncertainty from which a scar stands out, and a ridge's area over its own: chance
+finds 3.5 to 4 when it may choose place and width."""
 
 _GUARD, _LEAST_GUARD = 2.0, 0.04
 """Guard beside an edge: its standard uncertainties, and at least this part of the half-width."""
 
-_FLANK, _PILED_UP = 0.3, 5.0
-"""Width beside an edge in which ridges are looked for, over the half-width; and their area over its
-standard uncertainty from which they are none of the roughness: the area is asked after the edge was
-put where the heights begin to fall."""
+_FLANK = 0.3
+"""Width beside an edge in which ridges are looked for, over the half-width."""
 
 _SHOULDERS, _SHOULDER = 0.5, 0.1
 """Least unworn length over the window's, of both sides together, and of each."""
@@ -522,23 +471,20 @@ def levelled(trace: Trace) -> LevelledTrace:
     messages: tuple[str, ...] = ()
     if place.depth_um < 0.0:
         messages += (message("scar_stands_up_so", name=trace.name),)
-        turned = replace(trace, z_um=-trace.z_um)
-        bins, place = bin_trace(turned), replace(place, depth_um=-place.depth_um)
+        bins = replace(bins, z_um=-bins.z_um)
+        place = replace(place, depth_um=-place.depth_um)
     if place.clear < STANDS_OUT:
         raise UnclearScarError(
-            "no_scar_stands_out_roughness",
-            name=trace.name,
-            depth_um=place.depth_um,
-            clear=place.clear,
-            stands_out=STANDS_OUT,
-        )
+            "no_scar_stands_out_roughness", name=trace.name, depth_um=place.depth_um,
+            clear=place.clear, stands_out=STANDS_OUT,
+        )  # fmt: skip
     _check_shoulders(bins, place)
     if place.depth_um < _SHALLOWEST * 2e3 * place.half_mm:
         raise InputError(
             "scar_deep_over_mm", name=trace.name, depth_um=place.depth_um, half_mm=2 * place.half_mm
         )
     result = _level(bins, place, roughness, unworn)
-    if max(result.ridges_mm2) < _PILED_UP * result.ridge_uncertainty_mm2:
+    if max(result.ridges_mm2) < STANDS_OUT * result.ridge_uncertainty_mm2:
         return replace(result, messages=messages)
     unworn = unworn & (np.abs(bins.x_mm - place.centre_mm) > (1.0 + _FLANK) * place.half_mm)
     result = _level(bins, place, roughness, unworn, ridged=True)
@@ -555,33 +501,21 @@ def _find(bins: BinnedTrace) -> tuple[ScarShape, Roughness, Mask]:
     x, z, n = bins.x_mm, bins.z_um, len(bins.x_mm)
     form = legendre(x, FORM_DEGREES[-1])
 
-    def roots(place: ScarShape, before: Roughness | None = None) -> tuple[Roughness, Array]:
-        fitted = fit_roughness(z, _shoulders(bins, place), form, bins.spacing_mm, before)
-        return fitted, whitening(x, _firm(fitted.covariance(n)))
-
     # at first what second differences show, as if it were white
     size = 1.4826 * float(np.median(np.abs(np.diff(z, 2)))) / np.sqrt(6.0)
     white = whitening(x, max(size, 1e-6) ** 2 * np.eye(n))
-    roughness, white = roots(first_place(x, z, white))
-    place = refine_place(x, z, first_place(x, z, white), white)
-    roughness, white = roots(place, roughness)
-    place = refine_place(x, z, place, white)
+    place = first_place(x, z, white)
+    for _ in range(2):
+        roughness = fit_roughness(z, _shoulders(bins, place), form, bins.spacing_mm)
+        white = whitening(x, roughness.covariance(n))
+        place = refine_place(x, z, first_place(x, z, white), white)
     return place, roughness, _shoulders(bins, place)
-
-
-def _firm(covariance: Array) -> Array:
-    """A covariance that is definite beyond rounding."""
-    covariance = covariance.copy()
-    covariance[np.diag_indices_from(covariance)] *= 1.0 + 1e-8
-    return covariance
 
 
 def _window(place: ScarShape, spacing_mm: float) -> tuple[float, float]:
     """Ends of a scar with a guard beside each edge, mm."""
-    left_mm = right_mm = 0.2 * place.half_mm
-    if place.covariance is not None:
-        least, most = max(_LEAST_GUARD * place.half_mm, spacing_mm), 0.5 * place.half_mm
-        left_mm, right_mm = (min(max(_GUARD * u, least), most) for u in place.edge_uncertainty_mm)
+    least, most = max(_LEAST_GUARD * place.half_mm, spacing_mm), 0.5 * place.half_mm
+    left_mm, right_mm = (min(max(_GUARD * u, least), most) for u in place.edge_uncertainty_mm)
     return place.edges_mm[0] - left_mm, place.edges_mm[1] + right_mm
 
 
@@ -626,7 +560,7 @@ def _level(
     x, z, step = bins.x_mm, bins.z_um, bins.spacing_mm
     edges = place.edges_mm
     low, high = edges if ridged else _window(place, step)
-    covariance = _firm(roughness.covariance(len(x)))
+    covariance = roughness.covariance(len(x))
     levels, weights, drawn = _levels(x, z, unworn, covariance)
     level = np.tensordot(weights, levels, axes=1)
     to_area = 1e-3 * step * _parts(x, step, low, high)  # µm to mm

@@ -11,19 +11,19 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.messages import message
-from isochrome.output import numbered_lines, read_given_text
+from isochrome.output import MM_PER_UNIT, numbered_lines, read_given_text
 
 Array = NDArray[Any]
 
-METRES = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9}
-"""Units of lengths that a column may have, in m."""
+MM = {unit: MM_PER_UNIT[unit] for unit in ("m", "mm", "um", "µm", "μm", "nm")}
+"""Units of lengths that a column may have, in mm."""
 
 _PLACES = ("x", "position", "distance", "lateral", "length")
 _HEIGHTS = ("z", "height", "profile")
@@ -39,6 +39,11 @@ _SDF = re.compile(r"\s*a(BCR?|ISO)-\d\.\d", re.I)
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.I)
 
 
+def _are_numbers(row: Sequence[str]) -> bool:
+    filled = [cell.strip() for cell in row if cell.strip()]
+    return len(filled) > 1 and all(map(_NUMBER.fullmatch, filled))
+
+
 def _table(text: str, path: Path) -> tuple[Array, Array]:
     """The two columns of a table of numbers: places (n,), mm, and heights (n,), µm."""
     rows = numbered_lines(text)
@@ -47,34 +52,22 @@ def _table(text: str, path: Path) -> tuple[Array, Array]:
     split = _Splitter([line for _, line in rows])
     cells = [(number, split(line)) for number, line in rows[: _LEAD + 1]]
 
-    def are_numbers(row: list[str]) -> bool:
-        filled = [cell.strip() for cell in row if cell.strip()]
-        return len(filled) > 1 and all(map(_NUMBER.fullmatch, filled))
-
-    first = next((k for k, (_, row) in enumerate(cells) if are_numbers(row)), None)
+    first = next((k for k, (_, row) in enumerate(cells) if _are_numbers(row)), None)
     if first is None:
         raise InputError(
             "no_line_numbers_first", path=path, cells_count=len(cells), form=message(_FORM)
         )
     x_column, z_column, x_unit, z_unit = _columns([row for _, row in cells[:first]], path)
-    values = split.numbers([line for _, line in rows[first:]], (x_column, z_column))
-    if values is None or not np.isfinite(values).all():
-        _refuse_line(rows[first:], split, (x_column, z_column), path)
-    assert values is not None
-    return 1e3 * x_unit * values[:, 0], 1e6 * z_unit * values[:, 1]
-
-
-def _refuse_line(
-    rows: Sequence[tuple[int, str]], split: _Splitter, columns: tuple[int, int], path: Path
-) -> NoReturn:
-    """Name the first line that has no two finite numbers."""
-    for number, line in rows:
+    values = []
+    for number, line in rows[first:]:
         row = split(line)
-        for column in columns:
-            cell = row[column].strip() if column < len(row) else ""
+        pair = [row[k] if k < len(row) else "" for k in (x_column, z_column)]
+        for cell in pair:
             if not (_NUMBER.fullmatch(cell) and np.isfinite(float(cell))):
                 raise InputError("line_has_where_finite", path=path, number=number, cell=cell[:30])
-    raise InputError("rows_no_table_numbers", path=path, form=message(_FORM))
+        values.append([float(cell) for cell in pair])
+    x, z = np.array(values).T
+    return x_unit * x, 1e3 * z_unit * z
 
 
 class _Splitter:
@@ -97,20 +90,9 @@ class _Splitter:
         cells = [cell.strip().strip('"') for cell in line.split(self.separator)]
         return [cell.replace(",", ".") for cell in cells] if self.comma else cells
 
-    def numbers(self, lines: Sequence[str], columns: tuple[int, int]) -> Array | None:
-        """Two columns of many lines (n, 2), None where a cell is no number."""
-        if self.comma:
-            lines = [line.replace(",", ".") for line in lines]
-        try:
-            return np.loadtxt(
-                lines, delimiter=self.separator, usecols=columns, quotechar='"', ndmin=2
-            )
-        except ValueError:
-            return None
-
 
 def _columns(head: Sequence[Sequence[str]], path: Path) -> tuple[int, int, float, float]:
-    """The columns of places and heights, and their units in m, from the lines before the numbers.
+    """The columns of places and heights, and their units in mm, from the lines before the numbers.
 
     The last such line that names both counts; their units stand in it or in the line below.
     """
@@ -122,19 +104,19 @@ def _columns(head: Sequence[Sequence[str]], path: Path) -> tuple[int, int, float
         if len(places) > 1 or len(heights) > 1:
             raise InputError("line_names_several_columns", path=path, head=", ".join(head[k]))
         x, z = places[0], heights[0]
-        return x, z, _metres(head[k:], x, "x_mm", path), _metres(head[k:], z, "z_um", path)
+        return x, z, _unit_mm(head[k:], x, "x_mm", path), _unit_mm(head[k:], z, "z_um", path)
     raise InputError("no_line_names_columns", path=path, form=message(_FORM))
 
 
-def _metres(lines: Sequence[Sequence[str]], column: int, example: str, path: Path) -> float:
-    """A column's unit in m, by its name's last word or the line below."""
+def _unit_mm(lines: Sequence[Sequence[str]], column: int, example: str, path: Path) -> float:
+    """A column's unit in mm, by its name's last word or the line below."""
     for row in lines[:2]:
         words = _words(row[column]) if column < len(row) else []
-        if words and words[-1] in METRES:
-            return METRES[words[-1]]
+        if words and words[-1] in MM:
+            return MM[words[-1]]
     raise InputError(
         "column_has_no_unit", path=path, lines=lines[0][column], example=example,
-        metres=", ".join(u for u in METRES if u.isascii()),
+        metres=", ".join(u for u in MM if u.isascii()),
     )  # fmt: skip
 
 
