@@ -136,8 +136,6 @@ class OrderMetrics:
         Mean of experiment - simulation, fringes.
     compared_share : float
         Compared pixels over all, 0 to 1.
-    rms_right_branch : float
-        Root mean square over the pixels on the right branch, fringes; NaN where there are none.
     """
 
     rms: float
@@ -145,7 +143,6 @@ class OrderMetrics:
     wrong_branch_share: float
     bias: float
     compared_share: float
-    rms_right_branch: float
 
 
 @dataclass(frozen=True)
@@ -189,14 +186,12 @@ def compare_orders(experiment: ArrayLike, simulation: ArrayLike) -> OrderMetrics
     measured, model, known = _paired(experiment, simulation, "fringe-order maps", "fringe order")
     difference = measured[known] - model[known]
     size = np.abs(difference)
-    right = size <= WRONG_BRANCH_FRINGES
     return OrderMetrics(
         rms=_rms(difference),
         p95=float(np.percentile(size, 95.0)),
-        wrong_branch_share=float(1.0 - right.mean()),
+        wrong_branch_share=float(np.mean(size > WRONG_BRANCH_FRINGES)),
         bias=float(difference.mean()),
         compared_share=float(known.sum() / known.size),
-        rms_right_branch=_rms(difference[right]),
     )
 
 
@@ -256,7 +251,7 @@ def _paired(
 
 
 def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _correlation(measured: Floats, model: Floats) -> float:
