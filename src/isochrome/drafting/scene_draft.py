@@ -350,8 +350,6 @@ SCENE_FILE = "scene.toml"
 _LOOKED_AT = 5
 """Frames at the most in which a specimen is looked for, from the first to the last."""
 
-_DEPTHS = (8, 10, 12, 14, 16)
-
 
 def name_of(reader: FrameReader) -> str:
     """The frames' name, for messages."""
@@ -420,7 +418,7 @@ def frame_of(reader: FrameReader, index: int, given: KnownValues) -> Frame:
     frame = next(reader.iterate(index, index + 1))
     if given.bit_depth is None and reader.dtype.kind == "u" and (reader.bit_depth or 0) > 8:
         largest = int(frame.image.max())
-        likely = next(bits for bits in _DEPTHS if largest < 2**bits)
+        likely = next(bits for bits in range(8, 18, 2) if largest < 2**bits)
         if likely < (reader.bit_depth or 0):
             raise InputError(
                 "largest_level_bits_file", name=frame.name, largest=largest, likely=likely,
