@@ -455,15 +455,18 @@ class ScarComparison(Result):
             def within(axes: Axes) -> None:
                 draw(axes)
                 axes.set_xlim(-half, half)
-                if down and not axes.yaxis_inverted():
+                if down:
                     axes.invert_yaxis()
                 style_axes(axes, x_label="x (mm)", z_label="depth (µm)" if down else "")
 
             return Plot(title=title, draw=within)
 
         def measured(axes: Axes) -> None:
-            for row in rows:
-                _draw_mean(axes, row)
+            for scar, traces, colour in rows:
+                if traces:  # their mean
+                    x, name = traces[0][1].x_mm, f"{scar.distance_m:g} m"
+                    each = [np.interp(x, pair.x_mm, pair.trace.depth_um) for _, pair in traces]
+                    axes.plot(x, np.mean(each, axis=0), color=colour, lw=LINE_PT, label=name)
             add_legend(axes, loc="lower right")
 
         def simulated(axes: Axes) -> None:
@@ -530,8 +533,10 @@ def _traces(
 ) -> tuple[list[Path], list[float]]:
     """Files of traces, and their distances (m)."""
     rows: list[tuple[Path, float]]
-    if isinstance(measured, str | Path) and _is_wear_set(Path(measured)):
-        measured = WearSet.read(measured)
+    path = Path(measured) if isinstance(measured, str | Path) else None
+    # sets of a wear calibration have traces, and no scenes do
+    if path and path.is_file() and "trace" in parse_toml(read_text(path), str(path)):
+        measured = WearSet.read(path)
     if isinstance(measured, WearSet):
         rows = [(measured.path(trace.file), trace.distance_m) for trace in measured.trace]
     elif isinstance(measured, str | Path | Scene):
@@ -545,11 +550,6 @@ def _traces(
     if wrong or not rows:
         raise InputError("distances_traces_give_traces", wrong=wrong)
     return [file for file, _ in rows], [distance for _, distance in rows]
-
-
-def _is_wear_set(path: Path) -> bool:
-    """Whether a TOML file has traces, as sets of a wear calibration and no scenes have."""
-    return path.is_file() and "trace" in parse_toml(read_text(path), str(path))
 
 
 def _paired(
@@ -596,16 +596,6 @@ def _rows_at(distances: Sequence[float], result: ScarComparison) -> list[_Row]:
     return rows
 
 
-def _draw_mean(axes: Axes, row: _Row) -> None:
-    """The mean of a distance's traces."""
-    scar, traces, colour = row
-    if traces:
-        x = traces[0][1].x_mm
-        each = [np.interp(x, pair.x_mm, pair.trace.depth_um) for _, pair in traces]
-        label = f"{scar.distance_m:g} m"
-        axes.plot(x, np.mean(each, axis=0), color=colour, lw=LINE_PT, label=label)
-
-
 def _draw_simulated(axes: Axes, row: _Row, **look: Any) -> None:
     scar, _, colour = row
     spread = np.broadcast_to(root_sum_square(scar.moved_um), scar.depth_um.shape)
@@ -625,9 +615,7 @@ def _draw_overlay(axes: Axes, row: _Row) -> None:
     """The traces of a distance over its simulated scar."""
     _draw_simulated(axes, row, colour=INK, lw=BOLD_PT, label="simulated")
     _draw_traces(axes, row, lambda pair: pair.trace.depth_um)
-    axes.invert_yaxis()
     add_legend(axes, loc="lower right")
-    style_axes(axes, z_label="depth (µm)")
 
 
 def _draw_gap(axes: Axes, row: _Row) -> None:
