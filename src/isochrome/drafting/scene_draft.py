@@ -149,9 +149,6 @@ def known_values(known: KnownValues | Mapping[str, Any]) -> KnownValues:
     return known
 
 
-TABLES = ("specimen", "indenter", "load", "friction", "polariscope", "camera", "frames")
-"""The tables of a scene, in the order in which they stand."""
-
 _COMMENT_AT, _WIDTH = 34, 100
 """Column of the comments, and the length of a line."""
 
@@ -181,7 +178,7 @@ def written_draft(
     open_keys = [*open_keys, *open_of_set(reader, given)]
     head = [f"Drafted by isochrome init from {described_set(reader)}", *sentences]
     parts = ["\n".join(line for sentence in head for line in _comment(sentence))]
-    for table in TABLES:
+    for table in Scene.model_fields:
         within = f"{table}."
         lines = [line for value in values if value.key.startswith(within) for line in _line(value)]
         for key in open_keys:

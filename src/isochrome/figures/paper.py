@@ -442,12 +442,7 @@ def panels_figure(panels: PaperPanels, head: str, *, picture_mm: float = 80.0) -
     Pictures are `picture_mm` wide or more; all kinds of an item stand beside each other.
     """
     style = FigureStyle(width_mm=_SCREEN_MM, numbers=True)
-    kinds, items = range(len(panels.kinds)), range(len(panels.labels))
-    most = int(_SCREEN_MM / picture_mm)
-    if len(kinds) > 2:
-        rows = [[(j, k) for k in row for j in kinds] for row in _split(items, most // len(kinds))]
-    else:
-        rows = [[(j, k) for k in row] for j in kinds for row in _split(items, most)]
+    rows = _picture_rows(panels, _SCREEN_MM, least_mm=picture_mm)
     return _drawn(panels, style, rows, list(panels.plots), head=head)
 
 
@@ -463,11 +458,14 @@ def _picture_rows(
     """Rows of pictures, as numbers of their kind and item: the kinds beside each other where they
     fit, else the items, of which all rows of a kind come together."""
     kinds, items = range(len(panels.kinds)), range(len(panels.labels))
+    if not kinds:
+        return []
     if len(items) == 1 or (len(kinds) > 2 and width_mm / len(kinds) >= _LEAST_MM):
-        groups = [[(j, k) for j in kinds] for k in items if kinds]
+        few = _split(items, int(width_mm / least_mm) // len(kinds))
+        groups = [[(j, k) for k in some for j in kinds] for some in few]
     else:
         groups = [[(j, k) for k in items] for j in kinds]
-        least_mm = _LEAST_OF_COLUMN_MM if width_mm < _COLUMN_MM else _LEAST_MM
+        least_mm = _LEAST_OF_COLUMN_MM if width_mm < _COLUMN_MM else least_mm
     return [row for group in groups for row in _split(group, int(width_mm / least_mm))]
 
 
