@@ -231,7 +231,7 @@ def find_contact(
         raise _unexplained(frame, fit.chi if fit.positive else None)
     _refuse_far_load(fit, given, frame)
     messages = cause_messages(answer, light=light_matters(answer))
-    if fit.chi > POOR_CHI:
+    if answer.fit.chi > POOR_CHI:
         messages += (message("chi_frame_holds_more", chi=fit.chi),)
     rivals = rival_causes(answer)
     # keys that other causes explain too
