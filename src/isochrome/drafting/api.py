@@ -13,6 +13,7 @@ Scenes without a contact: a disc, whose rim gives place and scale, and one witho
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -145,12 +146,18 @@ _FAR, _FEW = 5.0, 0.002
 sample's bench leave 0.0006 at the most, a contact of a fifth of a fringe 0.0004, one of a third
 0.008, and one of half a fringe 0.03."""
 
+_RIM = 0.03
+"""Share of the rows and columns at each edge that may lie in a holder's shadow."""
+
 
 def has_no_fringes(data: FrameData) -> bool:
     """Tell whether smooth light alone explains a prepared frame."""
-    weight = 1.0 / data.sigma[data.valid]
-    basis = weight * light_basis(data.shape, total_degree(FIRST_DEGREES[1]))[:, data.valid]
-    light = weight * data.light[data.valid]
+    rows, cols = (math.ceil(_RIM * n) for n in data.shape)
+    inner = np.zeros(data.shape, dtype=bool)
+    inner[rows:-rows, cols:-cols] = data.valid[rows:-rows, cols:-cols]
+    weight = 1.0 / data.sigma[inner]
+    basis = weight * light_basis(data.shape, total_degree(FIRST_DEGREES[1]))[:, inner]
+    light = weight * data.light[inner]
     error = light - np.linalg.lstsq(basis.T, light, rcond=None)[0] @ basis
     return bool(np.mean(np.abs(error) > _FAR) < _FEW)
 
