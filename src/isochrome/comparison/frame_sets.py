@@ -497,7 +497,8 @@ def _of_result(result: Processed | Simulation) -> ComparedFrames:
 def _load_result(folder: Path, signal_name: str, table_name: str) -> ComparedFrames:
     opened_record(folder, (signal_name, _ORDER, table_name, "scene.toml"))
     stack = _read_stack(folder / signal_name)
-    order = _read_stack(folder / _ORDER) if (folder / _ORDER).exists() else None
+    file = folder / _ORDER
+    order = _read_stack(file).astype(np.float32, copy=False) if file.exists() else None
     table = read_csv(folder / table_name) if (folder / table_name).exists() else {}
     if PICTURE in table:
         shown = np.isfinite(table[PICTURE])
@@ -543,21 +544,26 @@ def _compared(
         )
     if order is not None and simulated:
         signal = np.where(np.isfinite(order), signal, np.float32(np.nan))  # no specimen there
-    left_mm, top_mm = camera.left_mm or 0.0, camera.top_mm or 0.0
-    if camera.pixel_mm and scene.has_model:  # its place is known without being stated
-        grid = pixel_grid(scene, (signal.shape[1], signal.shape[2]))
-        left_mm, top_mm = grid.left_mm, grid.top_mm
+    left_mm, top_mm = _corner(scene, camera, (signal.shape[1], signal.shape[2]))
     noise = table.get("noise", [])  # of each frame, where the table has it as numbers
     known = len(noise) and all(isinstance(value, float) for value in noise)
     return ComparedFrames(
         signal=signal,
-        order=None if order is None else order.astype(np.float32, copy=False),
+        order=order,
         pixel_mm=pixel_mm or camera.pixel_mm,
         left_mm=left_mm,
         top_mm=top_mm,
         labels=_labels(table, len(signal)),
         noise=np.array(noise) if known else None,
     )
+
+
+def _corner(scene: Scene, camera: Camera, shape: tuple[int, int]) -> tuple[float, float]:
+    """Outer edges (mm) of the first column and row; a model's are known without being stated."""
+    if camera.pixel_mm and scene.has_model:
+        grid = pixel_grid(scene, shape)
+        return grid.left_mm, grid.top_mm
+    return camera.left_mm or 0.0, camera.top_mm or 0.0
 
 
 def scaled(image: NDArray[Any], bit_depth: int | None = None) -> NDArray[np.floating]:

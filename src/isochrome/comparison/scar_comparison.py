@@ -533,10 +533,8 @@ def _traces(
 ) -> tuple[list[Path], list[float]]:
     """Files of traces, and their distances (m)."""
     rows: list[tuple[Path, float]]
-    path = Path(measured) if isinstance(measured, str | Path) else None
-    # sets of a wear calibration have traces, and no scenes do
-    if path and path.is_file() and "trace" in parse_toml(read_text(path), str(path)):
-        measured = WearSet.read(path)
+    if isinstance(measured, str | Path) and _is_wear_set(Path(measured)):
+        measured = WearSet.read(measured)
     if isinstance(measured, WearSet):
         rows = [(measured.path(trace.file), trace.distance_m) for trace in measured.trace]
     elif isinstance(measured, str | Path | Scene):
@@ -550,6 +548,11 @@ def _traces(
     if wrong or not rows:
         raise InputError("distances_traces_give_traces", wrong=wrong)
     return [file for file, _ in rows], [distance for _, distance in rows]
+
+
+def _is_wear_set(path: Path) -> bool:
+    """Whether a TOML file has traces, as sets of a wear calibration and no scenes have."""
+    return path.is_file() and "trace" in parse_toml(read_text(path), str(path))
 
 
 def _paired(

@@ -69,6 +69,7 @@ from isochrome.fitting import (
     GAMMA,
     TOO_FAR,
     FrameFit,
+    Freed,
     Lying,
     PictureStart,
     cause_messages,
@@ -237,13 +238,17 @@ def find_contact(
     if not fit.positive or _is_no_bench(fit) or (fit.chi > POOR_CHI and not clear):
         raise _unexplained(frame, fit.chi if fit.positive else None)
     _refuse_far_load(fit, given, frame)
+    return _with_doubts(frame.index, best.lying, answer)
+
+
+def _with_doubts(index: int, lying: Lying, answer: Freed[Any]) -> ContactFit:
+    """A fit as a contact, with what is said of it, and the keys that other causes explain too."""
     messages = cause_messages(answer, light=light_matters(answer))
     if answer.fit.chi > POOR_CHI:
-        messages += (message("chi_frame_holds_more", chi=fit.chi),)
+        messages += (message("chi_frame_holds_more", chi=answer.fit.chi),)
     rivals = rival_causes(answer)
-    # keys that other causes explain too
     unsure = {k: rivals[c.name] for c in answer.causes if c.name in rivals for k in c.keys}
-    return ContactFit(frame.index, best.lying, answer.data, fit, messages, unsure)
+    return ContactFit(index, lying, answer.data, answer.fit, messages, unsure)
 
 
 def _best_start(
