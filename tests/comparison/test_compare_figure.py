@@ -156,7 +156,7 @@ def write_result(folder, signal_name, table_name, table, signal, order, *, more=
     write_tiff(folder / signal_name, signal, pixel_mm=PIXEL_MM, photometric=kind)
     write_tiff(folder / "fringe_order.tif", order.astype(np.float32), pixel_mm=PIXEL_MM)
     write_csv(folder / table_name, table)
-    scene = "[camera]\nleft_mm = -0.8\ntop_mm = 0.1\nbit_depth = 8\n" + more
+    scene = "[specimen]\n[camera]\nleft_mm = -0.8\ntop_mm = 0.1\nbit_depth = 8\n" + more
     (folder / "scene.toml").write_text(scene, encoding="utf-8")
 
 

@@ -38,7 +38,8 @@ def test_a_state_is_let_go_once_it_is_written(tmp_path, monkeypatch, components)
     done = []
     out = simulate(scene, tmp_path, components=components, progress=done.append)
     assert max(most) <= 6 + 2
-    assert [(tally.done, tally.count) for tally in done] == [(0, 20), (8, 20), (16, 20), (20, 20)]
+    assert [tally.done for tally in done] == [*range(0, 20, 3), 20]
+    assert {tally.count for tally in done} == {20}
     assert out.states == [] and out.history["label"] == [f"copy {k}" for k in range(20)]
     assert read_csv(tmp_path / "history.csv")["label"] == out.history["label"]
     assert tifffile.imread(tmp_path / "frames.tif").shape == (20, 48, 64)

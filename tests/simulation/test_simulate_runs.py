@@ -56,7 +56,7 @@ def stopped(tmp_path, monkeypatch, scene):
 
     with monkeypatch.context() as patch:
         patch.setattr(RenderWork, "__call__", stop)
-        with pytest.raises(Stopped, match=r"8 of 20 are finished and kept in .*out\.partial"):
+        with pytest.raises(Stopped, match=r"3 of 20 are finished and kept in .*out\.partial"):
             simulate(scene, tmp_path / "out")
 
 
@@ -68,7 +68,7 @@ def test_a_stopped_simulation_goes_on_and_ends_with_the_same_bytes(tmp_path, mon
         simulate(SCENE, tmp_path / "out", components=True)
     told = []
     simulate(SCENE, tmp_path / "out", progress=told.append)
-    assert told[0].before == 8
+    assert told[0].before == 3
     assert contents(tmp_path / "out") == contents(whole[0])
     assert not (tmp_path / "out.partial").exists()
 

@@ -72,6 +72,70 @@ _SHOWN_OF_CAMPAIGN = ("recording", "status", "frames", "failed_frames", "flagged
                       "kept_share")  # fmt: skip
 
 
+KNOWN: Options = {
+    "shape": (str | None, "contact (a cylinder on a block), disc, or other."),
+    "young_gpa": (float | None, "Young's modulus of the specimen, GPa."),
+    "poisson": (float | None, "Poisson's ratio of the specimen."),
+    "thickness_mm": (float | None, "Its thickness along the light, mm."),
+    "fringe_value_n_per_mm": (float | None, "Its material fringe value, N/mm per fringe."),
+    "radius_mm": (float | None, "Radius of the cylinder, mm."),
+    "indenter_young_gpa": (float | None, "Its Young's modulus, GPa; steel 210."),
+    "indenter_poisson": (float | None, "Its Poisson's ratio; steel 0.3."),
+    "load_n": (float | None, "Load, N; within a factor of three."),
+    "diameter_mm": (float | None, "Diameter of a disc, mm."),
+    "pixel_mm": (float | None, "Side of a pixel, mm, where the file does not name it."),
+    "bit_depth": (int | None, "Bits of the sensor, where the file has more."),
+    "wavelength_nm": (float | None, "Wavelength of the light, nm."),
+    "channel": (str | None, "Of colour frames: red, green, blue or mean."),
+    "field": (str | None, "dark or bright; else searched for."),
+    "gamma": (float | None, "The camera stores light^(1/gamma); else searched for."),
+    "rotate_deg": (int | None, "Quarter turns until the load is above; else searched."),
+    "flip": (str | None, "horizontal or vertical, where a mirror was in the way."),
+    "frame": (int | None, "Frame to look at, from 0; else the first with fringes."),
+    "replace": (bool, "Replace the scene that is there."),
+}
+"""What is known: type and option of each, by the name that KnownValues has."""
+
+
+@app.command("init", epilog=examples_of("init"))
+@with_options(KNOWN)
+def init_command(
+    frames: FramesArgument,
+    join: Join = False,
+    out: Out = Path("isochrome-init"),
+    *,
+    as_json: Json = False,
+    **options: Any,
+) -> None:
+    """Write a commented scene from frames: place, load, friction, field, gamma and turn are found.
+
+    What nobody can see in a frame is asked for on a terminal, or given as an option.
+    """
+    from isochrome import drafting
+    from isochrome.frames import one_recording, open_frames
+
+    replace, recording = options.pop("replace"), one_recording(frames, join=join)
+    known = {name: value for name, value in options.items() if value is not None}
+    if not as_json and sys.stdin.isatty():
+        with open_frames(recording, leave_out=drafting.not_among_frames(recording)) as reader:
+            names = drafting.open_questions(reader, drafting.known_values(known))
+        for name in names:
+            known[name] = typer.prompt(drafting.QUANTITIES[name].question, type=float, err=True)
+    with steps(quiet=True) as say:
+        say("looking for the specimen in the frames")
+        draft = drafting.init(recording, known, out, replace=replace)
+    print_result(draft, out, as_json, _print_draft)
+
+
+def _print_draft(draft: Any) -> None:
+    """What was found, what is open, and what to do next."""
+    _print_values(draft)
+    for key in draft.open:
+        typer.echo(f"to fill in: {key.key}: {key.hint}")
+    typer.echo("look at scene.png, fill in scene.toml; isochrome check says whether both fit")
+
+
+@app.command("process", epilog=examples_of("process"))
 @with_options(PROCESS)
 def process_command(
     frames: FramesArgument,
@@ -162,73 +226,12 @@ def _process_campaign(
         )
 
 
-KNOWN: Options = {
-    "shape": (str | None, "contact (a cylinder on a block), disc, or other."),
-    "young_gpa": (float | None, "Young's modulus of the specimen, GPa."),
-    "poisson": (float | None, "Poisson's ratio of the specimen."),
-    "thickness_mm": (float | None, "Its thickness along the light, mm."),
-    "fringe_value_n_per_mm": (float | None, "Its material fringe value, N/mm per fringe."),
-    "radius_mm": (float | None, "Radius of the cylinder, mm."),
-    "indenter_young_gpa": (float | None, "Its Young's modulus, GPa; steel 210."),
-    "indenter_poisson": (float | None, "Its Poisson's ratio; steel 0.3."),
-    "load_n": (float | None, "Load, N; within a factor of three."),
-    "diameter_mm": (float | None, "Diameter of a disc, mm."),
-    "pixel_mm": (float | None, "Side of a pixel, mm, where the file does not name it."),
-    "bit_depth": (int | None, "Bits of the sensor, where the file has more."),
-    "wavelength_nm": (float | None, "Wavelength of the light, nm."),
-    "channel": (str | None, "Of colour frames: red, green, blue or mean."),
-    "field": (str | None, "dark or bright; else searched for."),
-    "gamma": (float | None, "The camera stores light^(1/gamma); else searched for."),
-    "rotate_deg": (int | None, "Quarter turns until the load is above; else searched."),
-    "flip": (str | None, "horizontal or vertical, where a mirror was in the way."),
-    "frame": (int | None, "Frame to look at, from 0; else the first with fringes."),
-    "replace": (bool, "Replace the scene that is there."),
-}
-"""What is known: type and option of each, by the name that KnownValues has."""
-
-
-@with_options(KNOWN)
-def init_command(
-    frames: FramesArgument,
-    join: Join = False,
-    out: Out = Path("isochrome-init"),
-    *,
-    as_json: Json = False,
-    **options: Any,
-) -> None:
-    """Write a commented scene from frames: place, load, friction, field, gamma and turn are found.
-
-    What nobody can see in a frame is asked for on a terminal, or given as an option.
-    """
-    from isochrome import drafting
-    from isochrome.frames import one_recording, open_frames
-
-    replace, recording = options.pop("replace"), one_recording(frames, join=join)
-    known = {name: value for name, value in options.items() if value is not None}
-    if not as_json and sys.stdin.isatty():
-        with open_frames(recording, leave_out=drafting.not_among_frames(recording)) as reader:
-            names = drafting.open_questions(reader, drafting.known_values(known))
-        for name in names:
-            known[name] = typer.prompt(drafting.QUANTITIES[name].question, type=float, err=True)
-    with steps(quiet=True) as say:
-        say("looking for the specimen in the frames")
-        draft = drafting.init(recording, known, out, replace=replace)
-    print_result(draft, out, as_json, _print_draft)
-
-
-def _print_draft(draft: Any) -> None:
-    """What was found, what is open, and what to do next."""
-    _print_values(draft)
-    for key in draft.open:
-        typer.echo(f"to fill in: {key.key}: {key.hint}")
-    typer.echo("look at scene.png, fill in scene.toml; isochrome check says whether both fit")
-
-
 calibrate_app = typer.Typer(
     help="Calibrate the material fringe value, a colour table, the camera's scale, or the wear.",
     no_args_is_help=True,
     add_completion=False,
 )
+app.add_typer(calibrate_app, name="calibrate")
 
 INTO: Options = {"into": (Path | None, "Scene file (TOML) to set the value in.")}
 
@@ -341,6 +344,7 @@ def _calibrate(
     print_result(result, out, as_json, show, files, into=into, what=values)
 
 
+@app.command("sweep", epilog=examples_of("sweep"))
 @with_options(RUN)
 def sweep_command(
     scene: SceneArgument,
@@ -378,6 +382,7 @@ def sweep_command(
         )
 
 
+@app.command("export", epilog=examples_of("export"))
 def export_command(
     run: Annotated[str, typer.Argument(help="Result folder of process or sweep.")],
     to: Annotated[str, typer.Option("--to", help="netcdf (MATLAB), tiff (ImageJ), csv or excel.")],
@@ -396,6 +401,27 @@ def export_command(
         typer.echo(file)
 
 
+@app.command("report", epilog=examples_of("report"))
+def report_command(
+    run: Annotated[
+        str, typer.Argument(metavar="FOLDER", help="What process, fit, simulate or calibrate left.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for report.html; by default the run's own.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Write a run's report: one HTML file that opens offline on any machine."""
+    from isochrome.folder_report import report as write
+
+    file = write(run, out)
+    if as_json:
+        print_json({"report": str(file)})
+    else:
+        typer.echo(file)
+
+
+@app.command("verify", epilog=examples_of("verify"))
 def verify_command(
     folder: Annotated[
         str, typer.Argument(metavar="FOLDER", help="What a command left; of a campaign all of it.")
@@ -417,34 +443,6 @@ def verify_command(
     if not result.ok:
         again = "run the command that left it again, which makes anew what is damaged"
         _end(f"{result.title}; {again}", 2)
-
-
-def report_command(
-    run: Annotated[
-        str, typer.Argument(metavar="FOLDER", help="What process, fit, simulate or calibrate left.")
-    ],
-    out: Annotated[
-        Path | None, typer.Option("--out", help="Folder for report.html; by default the run's own.")
-    ] = None,
-    as_json: Json = False,
-) -> None:
-    """Write a run's report: one HTML file that opens offline on any machine."""
-    from isochrome.folder_report import report as write
-
-    file = write(run, out)
-    if as_json:
-        print_json({"report": str(file)})
-    else:
-        typer.echo(file)
-
-
-app.add_typer(calibrate_app, name="calibrate")
-app.command("init", epilog=examples_of("init"))(init_command)
-app.command("process", epilog=examples_of("process"))(process_command)
-app.command("sweep", epilog=examples_of("sweep"))(sweep_command)
-app.command("export", epilog=examples_of("export"))(export_command)
-app.command("report", epilog=examples_of("report"))(report_command)
-app.command("verify", epilog=examples_of("verify"))(verify_command)
 
 
 def _show_version(wanted: bool) -> None:

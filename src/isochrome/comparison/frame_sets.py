@@ -5,7 +5,6 @@ Residuals are experiment minus simulation. NaN is "not known" on either side and
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
@@ -22,7 +21,7 @@ from isochrome.fringes import Skeleton, order_contours, skeletons
 from isochrome.output import read_csv, read_pixel_mm
 from isochrome.processing import PICTURE, Processed
 from isochrome.runs import opened_record
-from isochrome.scene import FramesLike, dump_scene, load_scene
+from isochrome.scene import Camera, FramesLike, Scene, load_scene
 from isochrome.simulation import Simulation
 from isochrome.stress import pixel_grid
 
@@ -136,8 +135,6 @@ class OrderMetrics:
         Mean of experiment - simulation, fringes.
     compared_share : float
         Compared pixels over all, 0 to 1.
-    rms_right_branch : float
-        Root mean square over the pixels on the right branch, fringes; NaN where there are none.
     """
 
     rms: float
@@ -145,7 +142,6 @@ class OrderMetrics:
     wrong_branch_share: float
     bias: float
     compared_share: float
-    rms_right_branch: float
 
 
 @dataclass(frozen=True)
@@ -189,14 +185,12 @@ def compare_orders(experiment: ArrayLike, simulation: ArrayLike) -> OrderMetrics
     measured, model, known = _paired(experiment, simulation, "fringe-order maps", "fringe order")
     difference = measured[known] - model[known]
     size = np.abs(difference)
-    right = size <= WRONG_BRANCH_FRINGES
     return OrderMetrics(
         rms=_rms(difference),
         p95=float(np.percentile(size, 95.0)),
-        wrong_branch_share=float(1.0 - right.mean()),
+        wrong_branch_share=float(np.mean(size > WRONG_BRANCH_FRINGES)),
         bias=float(difference.mean()),
         compared_share=float(known.sum() / known.size),
-        rms_right_branch=_rms(difference[right]),
     )
 
 
@@ -256,7 +250,7 @@ def _paired(
 
 
 def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _correlation(measured: Floats, model: Floats) -> float:
@@ -496,15 +490,15 @@ def _of_result(result: Processed | Simulation) -> ComparedFrames:
     table = result.columns
     if PICTURE in table:
         table = _of_pictures(table, [at is not None for at in table[PICTURE]])
-    tables = tomllib.loads(dump_scene(scene))
     simulated = isinstance(result, Simulation)
-    return _compared(stack, order, tables, table, name=result.title, simulated=simulated)
+    return _compared(stack, order, scene, table, name=result.title, simulated=simulated)
 
 
 def _load_result(folder: Path, signal_name: str, table_name: str) -> ComparedFrames:
     opened_record(folder, (signal_name, _ORDER, table_name, "scene.toml"))
     stack = _read_stack(folder / signal_name)
-    order = _read_stack(folder / _ORDER) if (folder / _ORDER).exists() else None
+    file = folder / _ORDER
+    order = _read_stack(file).astype(np.float32, copy=False) if file.exists() else None
     table = read_csv(folder / table_name) if (folder / table_name).exists() else {}
     if PICTURE in table:
         shown = np.isfinite(table[PICTURE])
@@ -513,12 +507,9 @@ def _load_result(folder: Path, signal_name: str, table_name: str) -> ComparedFra
             order = order[shown]
     fitted = folder / "fitted_scene.toml"  # with the place that was found
     resolved = fitted if fitted.is_file() else folder / "scene.toml"
-    try:
-        tables = tomllib.loads(resolved.read_text("utf-8-sig") if resolved.exists() else "")
-    except (ValueError, RecursionError, OSError) as error:
-        raise InputError("not_valid_toml_make", path=resolved, error=error) from error
+    scene = load_scene(resolved if resolved.exists() else {"specimen": {}})
     return _compared(
-        stack, order, tables, table, name=str(folder / signal_name),
+        stack, order, scene, table, name=str(folder / signal_name),
         simulated=signal_name == "frames.tif", pixel_mm=read_pixel_mm(folder / signal_name),
     )  # fmt: skip
 
@@ -526,7 +517,7 @@ def _load_result(folder: Path, signal_name: str, table_name: str) -> ComparedFra
 def _compared(
     stack: NDArray[Any],
     order: NDArray[Any] | None,
-    scene: dict[str, Any],
+    scene: Scene,
     table: Mapping[str, Sequence[Any]],
     *,
     name: str,
@@ -535,11 +526,10 @@ def _compared(
 ) -> ComparedFrames:
     """A result's frames (frame, row, col[, channel]) as a signal of 0 to 1, with orders and place.
 
-    `scene`, its tables; `table`, the columns of frames.csv or history.csv.
+    `table`, the columns of frames.csv or history.csv.
     """
-    camera = scene.get("camera", {})
-    signal = _one_channel(scaled(stack, camera.get("bit_depth")), scene)
-    steps = len(scene.get("polariscope", {}).get("step", ()))
+    camera, steps = scene.camera or Camera(), scene.polariscope.frames_a_state
+    signal = _one_channel(scaled(stack, camera.bit_depth), scene)
     if order is not None and steps > 1 and len(signal) == steps * len(order):
         raise InputError("phase_stepped_set_frames", name=name, steps=steps, order_count=len(order))
     if order is not None and order.shape != signal.shape:
@@ -554,27 +544,26 @@ def _compared(
         )
     if order is not None and simulated:
         signal = np.where(np.isfinite(order), signal, np.float32(np.nan))  # no specimen there
-    left, top = _corner(scene, (signal.shape[1], signal.shape[2]))
+    left_mm, top_mm = _corner(scene, camera, (signal.shape[1], signal.shape[2]))
     noise = table.get("noise", [])  # of each frame, where the table has it as numbers
     known = len(noise) and all(isinstance(value, float) for value in noise)
     return ComparedFrames(
         signal=signal,
-        order=None if order is None else order.astype(np.float32, copy=False),
-        pixel_mm=pixel_mm or camera.get("pixel_mm"),
-        left_mm=left,
-        top_mm=top,
+        order=order,
+        pixel_mm=pixel_mm or camera.pixel_mm,
+        left_mm=left_mm,
+        top_mm=top_mm,
         labels=_labels(table, len(signal)),
         noise=np.array(noise) if known else None,
     )
 
 
-def _corner(scene: dict[str, Any], shape: tuple[int, int]) -> tuple[float, float]:
+def _corner(scene: Scene, camera: Camera, shape: tuple[int, int]) -> tuple[float, float]:
     """Outer edges (mm) of the first column and row; a model's are known without being stated."""
-    camera = scene.get("camera", {})
-    if camera.get("pixel_mm") and (described := load_scene(scene)).model is not None:
-        grid = pixel_grid(described, shape)
+    if camera.pixel_mm and scene.has_model:
+        grid = pixel_grid(scene, shape)
         return grid.left_mm, grid.top_mm
-    return float(camera.get("left_mm", 0.0)), float(camera.get("top_mm", 0.0))
+    return camera.left_mm or 0.0, camera.top_mm or 0.0
 
 
 def scaled(image: NDArray[Any], bit_depth: int | None = None) -> NDArray[np.floating]:
@@ -597,12 +586,11 @@ def _read_stack(path: Path) -> NDArray[Any]:
     return np.stack([raw.image for raw in open_tiff(path).frames(0)])
 
 
-def _one_channel(stack: NDArray[Any], scene: dict[str, Any]) -> NDArray[Any]:
+def _one_channel(stack: NDArray[Any], scene: Scene) -> NDArray[Any]:
     """Reduce colour to the channel that the scene names, else the nearest to its wavelength."""
     if stack.ndim == 3:
         return stack
-    channel = scene.get("frames", {}).get("channel")
-    channel = channel or channel_for(scene.get("polariscope", {}).get("wavelength_nm"))
+    channel = scene.frames.channel or channel_for(scene.polariscope.wavelength_nm)
     if channel == "mean":
         return np.asarray(stack.mean(axis=3, dtype=np.float32))
     return stack[..., CHANNELS.index(channel)]

@@ -28,10 +28,9 @@ from isochrome.figures import (
     add_legend,
     chosen_frames,
     draw_band,
-    new_figure,
+    panels_figure,
     plain_name,
     style_axes,
-    write_head,
 )
 from isochrome.messages import message, warnings_json
 from isochrome.output import (
@@ -456,15 +455,18 @@ class ScarComparison(Result):
             def within(axes: Axes) -> None:
                 draw(axes)
                 axes.set_xlim(-half, half)
-                if down and not axes.yaxis_inverted():
+                if down:
                     axes.invert_yaxis()
                 style_axes(axes, x_label="x (mm)", z_label="depth (µm)" if down else "")
 
             return Plot(title=title, draw=within)
 
         def measured(axes: Axes) -> None:
-            for row in rows:
-                _draw_mean(axes, row)
+            for scar, traces, colour in rows:
+                if traces:  # their mean
+                    x, name = traces[0][1].x_mm, f"{scar.distance_m:g} m"
+                    each = [np.interp(x, pair.x_mm, pair.trace.depth_um) for _, pair in traces]
+                    axes.plot(x, np.mean(each, axis=0), color=colour, lw=LINE_PT, label=name)
             add_legend(axes, loc="lower right")
 
         def simulated(axes: Axes) -> None:
@@ -479,39 +481,17 @@ class ScarComparison(Result):
             plots.append(plot(f"{name}, measured − simulated", gap, down=False))
             notes.append(f"{_area_text(row)}; {_difference_text(row)}.")
         notes.append(f"Bands: ± {BAND:g} standard uncertainties.")
-        return PaperPanels(plots=plots, notes=notes)
+        return PaperPanels(plots=plots, plots_across=2, notes=notes)
 
     def figure(self) -> Figure:
         """Measured scars beside simulated ones; below, each distance's overlay and difference.
 
         The top row is the paper's Fig. 7 beside its Fig. 9, with the band of the scene's inputs.
         """
-        shown = evenly_spaced(sorted({scar.distance_m for scar in self.scars}), MOST_DISTANCES)
-        figure = new_figure(11.0, 3.1 + 2.5 * len(shown) + 0.6)
-        panels: Any = figure.subplots(
-            len(shown) + 1, 2, squeeze=False, sharex=True, height_ratios=[1.25] + [1.0] * len(shown)
-        )
-        first, second = panels[0]
-        second.sharey(first)
-        for (overlay, gap), row in zip(panels[1:], _rows_at(shown, self), strict=True):
-            _draw_mean(first, row)
-            _draw_simulated(second, row)
-            _draw_overlay(overlay, row)
-            _draw_gap(gap, row)
-            style_axes(overlay, title=_area_text(row))
-            style_axes(gap, title=_difference_text(row))
-        half = _BESIDE * 0.5 * max(scar.width_mm for scar in self.scars)
-        first.set_xlim(-half, half)
-        first.invert_yaxis()
-        style_axes(first, z_label="depth (µm)", title="measured, levelled and aligned")
-        style_axes(second, z_label="depth (µm)", title="simulated")
-        for axes in panels[0]:
-            add_legend(axes, loc="lower right")
-        for axes in panels[-1]:
-            style_axes(axes, x_label="x (mm)")
-        what = f"measured scars beside simulated ones, bands ± {BAND:g} standard uncertainties"
-        write_head(figure, f"{plain_name(self.scene.name)}: {what}")
-        return figure
+        count = len({scar.distance_m for scar in self.scars})
+        panels = self.panels(tuple(evenly_spaced(range(count), MOST_DISTANCES)))
+        name = plain_name(self.scene.name)
+        return panels_figure(panels, f"{name}: measured scars beside simulated ones")
 
 
 def compare_scars(
@@ -619,16 +599,6 @@ def _rows_at(distances: Sequence[float], result: ScarComparison) -> list[_Row]:
     return rows
 
 
-def _draw_mean(axes: Axes, row: _Row) -> None:
-    """The mean of a distance's traces."""
-    scar, traces, colour = row
-    if traces:
-        x = traces[0][1].x_mm
-        each = [np.interp(x, pair.x_mm, pair.trace.depth_um) for _, pair in traces]
-        label = f"{scar.distance_m:g} m"
-        axes.plot(x, np.mean(each, axis=0), color=colour, lw=LINE_PT, label=label)
-
-
 def _draw_simulated(axes: Axes, row: _Row, **look: Any) -> None:
     scar, _, colour = row
     spread = np.broadcast_to(root_sum_square(scar.moved_um), scar.depth_um.shape)
@@ -648,9 +618,7 @@ def _draw_overlay(axes: Axes, row: _Row) -> None:
     """The traces of a distance over its simulated scar."""
     _draw_simulated(axes, row, colour=INK, lw=BOLD_PT, label="simulated")
     _draw_traces(axes, row, lambda pair: pair.trace.depth_um)
-    axes.invert_yaxis()
     add_legend(axes, loc="lower right")
-    style_axes(axes, z_label="depth (µm)")
 
 
 def _draw_gap(axes: Axes, row: _Row) -> None:

@@ -4,15 +4,16 @@ The preview of a draft: the frame as the scene takes it, and the scene's fringes
 
 The scene of a contact: the first frame that it explains, and each value with what it is from.
 
-A frame that is refused may simply not be loaded. A smooth polynomial is fitted to its light,
-robustly; where next to no pixel lies farther from it than noise does, there is no fringe. A frame
-with texture, dust or an edge in it is never taken for one: then nothing is said of it.
+A frame that is refused may simply not be loaded. A smooth polynomial is fitted to its light; where
+next to no pixel lies farther from it than noise does, there is no fringe. A frame with texture,
+dust or an edge in it is never taken for one: then nothing is said of it.
 
 Scenes without a contact: a disc, whose rim gives place and scale, and one without a model.
 """
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -44,7 +45,16 @@ from isochrome.drafting.scene_draft import (
     written_draft,
 )
 from isochrome.errors import InputError, IsochromeError, PhysicsError
-from isochrome.estimation import ALIKE_CHI, POOR_CHI, RIVAL_CHI, FrameData, prepare_frame
+from isochrome.estimation import (
+    ALIKE_CHI,
+    FIRST_DEGREES,
+    POOR_CHI,
+    RIVAL_CHI,
+    FrameData,
+    light_basis,
+    prepare_frame,
+    total_degree,
+)
 from isochrome.figures import (
     FRAME_MAP,
     LINE_PT,
@@ -132,62 +142,25 @@ def frame_figure(image: Floats) -> Figure:
     return figure
 
 
-Array = NDArray[Any]
-
-_DEGREE = 4
-"""Of the polynomial: a lamp's, and no fringe's."""
-
 _FAR, _FEW = 5.0, 0.002
 """Standard deviations, and the share of pixels that may lie beyond them. Unloaded frames of the
 sample's bench leave 0.0006 at the most, a contact of a fifth of a fringe 0.0004, one of a third
 0.008, and one of half a fringe 0.03."""
 
-_RIM, _DIM = 0.06, 0.6
-"""Share of the rows or columns at an edge that may be a holder's shadow, and how dim it is."""
-
-_MOST_PIXELS, _ROUNDS = 60_000, 4
+_RIM = 0.03
+"""Share of the rows and columns at each edge that may lie in a holder's shadow."""
 
 
 def has_no_fringes(data: FrameData) -> bool:
     """Tell whether smooth light alone explains a prepared frame."""
-    light = np.asarray(data.light, dtype=float)
-    rows, cols = (_within(np.median(light, axis=axis), np.median(light)) for axis in (1, 0))
-    step = max(1, round((light.size / _MOST_PIXELS) ** 0.5))
-    inner = tuple(slice(part.start, part.stop, step) for part in (rows, cols))
-    light, sigma, valid = light[inner], np.asarray(data.sigma[inner], float), data.valid[inner]
-    if valid.sum() < 10 * (_DEGREE + 1) ** 2:
-        return False
-    far = np.abs(_smooth_residual(light, sigma, valid)[valid]) / sigma[valid]
-    return bool(np.mean(far > _FAR) < _FEW)
-
-
-def _within(level: Array, usual: float) -> slice:
-    """The lines of a frame without those of a dark rim, by each line's `level`."""
-    count, most = len(level), max(1, int(_RIM * len(level)))
-    bright = level >= _DIM * usual
-    first = int(bright[:most].argmax()) if bright[:most].any() else most
-    last = int(bright[::-1][:most].argmax()) if bright[::-1][:most].any() else most
-    # the line beside a rim is blurred
-    return slice(first + (first > 0), count - last - (last > 0))
-
-
-def _smooth_residual(light: Array, sigma: Array, valid: NDArray[np.bool_]) -> Array:
-    """What a polynomial leaves of the light (rows, cols), pixels that lie far off counting less."""
-    y, x = (np.linspace(-1.0, 1.0, n) for n in light.shape)
-    powers = [(i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)]
-    basis = np.stack([np.outer(y**i, x**j)[valid] for i, j in powers], axis=1)
-    weight = 1.0 / sigma[valid]
-    trust, error = np.ones(len(weight)), light[valid]
-    for _ in range(_ROUNDS):
-        use = weight * trust
-        solution = np.linalg.lstsq(basis * use[:, None], light[valid] * use, rcond=None)[0]
-        error = light[valid] - basis @ solution
-        size = np.abs(error) * weight
-        usual = 3.0 * max(float(np.median(size)) / 0.6745, 1e-9)
-        trust = np.sqrt(np.minimum(1.0, usual / np.maximum(size, 1e-9)))
-    residual = np.zeros(light.shape)
-    residual[valid] = error
-    return residual
+    rows, cols = (math.ceil(_RIM * n) for n in data.shape)
+    inner = np.zeros(data.shape, dtype=bool)
+    inner[rows:-rows, cols:-cols] = data.valid[rows:-rows, cols:-cols]
+    weight = 1.0 / data.sigma[inner]
+    basis = weight * light_basis(data.shape, total_degree(FIRST_DEGREES[1]))[:, inner]
+    light = weight * data.light[inner]
+    error = light - np.linalg.lstsq(basis.T, light, rcond=None)[0] @ basis
+    return bool(np.mean(np.abs(error) > _FAR) < _FEW)
 
 
 LOAD, LEFT, TOP = "load.normal_n", "camera.left_mm", "camera.top_mm"
@@ -195,17 +168,15 @@ FIELD, TURN, PIXEL = "polariscope.field", "frames.rotate_deg", "camera.pixel_mm"
 
 FOUND = (LOAD, FRICTION, LEFT, TOP)
 
-_RIVAL, _MOST_RIVALS = 2.5, 4
-"""Ratio of the search's chi within which its minima are fitted, for it knows gamma only roughly."""
+_MOST_RIVALS = 4
+"""Minima of the search that are fitted, for it knows gamma only roughly."""
 
 _CLEAR = 3.0
 """chi up to which a scene that leaves more than noise is still written, with a warning, where every
 other turn and field is as many times worse. A radius or fringe value 10 % off leaves 2.8."""
 
-_HOPELESS, _ASTRAY = 5.0, 12.0
-"""chi of a fit beyond which no cause that a frame may ask for is looked for, and of the search
-beyond which nothing is fitted. The search, which knows gamma roughly, left at most 4 where it was
-right (60 drawn contacts)."""
+_HOPELESS = 5.0
+"""chi of a fit beyond which no cause that a frame may ask for is looked for."""
 
 _FARTHEST = 4.0
 """Factor from the stated load beyond which a fit has found something else."""
@@ -213,8 +184,6 @@ _FARTHEST = 4.0
 _MOST_FRICTION, _GAMMAS = 1.5, (0.3, 4.0)
 """Friction and gammas of benches. Beyond them a fit makes up for a contact that it has not found,
 and enough light would make it look right."""
-
-_FRICTION_TO_BEGIN = 0.2
 
 
 @dataclass(frozen=True)
@@ -237,7 +206,7 @@ class ContactFit:
 def start_scene(pixel_mm: float, shape: tuple[int, int], given: KnownValues) -> Scene:
     """The scene of a contact before anything is found."""
     tables: dict[str, Any] = {
-        "friction": {"coefficient": _FRICTION_TO_BEGIN},
+        "friction": {"coefficient": 0.0},
         "camera": {"pixel_mm": pixel_mm, "left_mm": 0.0, "top_mm": 0.0},
     }
     for name in NEEDED["contact"]:
@@ -262,7 +231,6 @@ def find_contact(
     starts = search_picture(data, scene, flip=given.flip, **choices)
     keys = FOUND if given.gamma is not None else (*FOUND, GAMMA)
     best, first = _best_start(starts, keys, frame)
-    _refuse_far_load(first, given, frame)
     answer = fit_with_causes(best.data, first.scene, keys, cold=False, slips=False)
     fit = answer.fit
     others = [s.chi for s in starts if s is not best and s.lying[:3] != best.lying[:3]]
@@ -287,10 +255,8 @@ def _best_start(
     starts: tuple[PictureStart, ...], keys: tuple[str, ...], frame: Frame
 ) -> tuple[PictureStart, FrameFit]:
     """The start that leads to the least residual, and its fit; refused where two leave the same."""
-    if starts[0].chi > _ASTRAY:
-        raise _unexplained(frame, starts[0].chi)
     fits: list[tuple[FrameFit, PictureStart]] = []
-    for start in [s for s in starts if s.chi <= _RIVAL * starts[0].chi][:_MOST_RIVALS]:
+    for start in starts[:_MOST_RIVALS]:
         try:
             fit = fit_frame(start.data, start.scene, keys, cold=False)
         except (InputError, PhysicsError):
@@ -360,7 +326,8 @@ def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
     values += file_values(frames, given, turned=contact.lying.rotate_deg in (90, 270))
     origin: Origin = "file" if given.pixel_mm is None else "given"
     values.append(DraftValue("camera.pixel_mm", pixel_mm, origin))
-    values += _found_values(contact, given)
+    # a frame may ask for what was given
+    values = list({v.key: v for v in (*values, *_found_values(contact, given))}.values())
     sentences = [
         f"Frame {contact.frame} was looked at: the contact's fringes leave {contact.fit.chi:.2f} "
         "times its noise.",

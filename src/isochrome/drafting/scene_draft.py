@@ -149,9 +149,6 @@ def known_values(known: KnownValues | Mapping[str, Any]) -> KnownValues:
     return known
 
 
-TABLES = ("specimen", "indenter", "load", "friction", "polariscope", "camera", "frames")
-"""The tables of a scene, in the order in which they stand."""
-
 _COMMENT_AT, _WIDTH = 34, 100
 """Column of the comments, and the length of a line."""
 
@@ -181,7 +178,7 @@ def written_draft(
     open_keys = [*open_keys, *open_of_set(reader, given)]
     head = [f"Drafted by isochrome init from {described_set(reader)}", *sentences]
     parts = ["\n".join(line for sentence in head for line in _comment(sentence))]
-    for table in TABLES:
+    for table in Scene.model_fields:
         within = f"{table}."
         lines = [line for value in values if value.key.startswith(within) for line in _line(value)]
         for key in open_keys:
@@ -350,8 +347,6 @@ SCENE_FILE = "scene.toml"
 _LOOKED_AT = 5
 """Frames at the most in which a specimen is looked for, from the first to the last."""
 
-_DEPTHS = (8, 10, 12, 14, 16)
-
 
 def name_of(reader: FrameReader) -> str:
     """The frames' name, for messages."""
@@ -420,7 +415,7 @@ def frame_of(reader: FrameReader, index: int, given: KnownValues) -> Frame:
     frame = next(reader.iterate(index, index + 1))
     if given.bit_depth is None and reader.dtype.kind == "u" and (reader.bit_depth or 0) > 8:
         largest = int(frame.image.max())
-        likely = next(bits for bits in _DEPTHS if largest < 2**bits)
+        likely = next(bits for bits in range(8, 18, 2) if largest < 2**bits)
         if likely < (reader.bit_depth or 0):
             raise InputError(
                 "largest_level_bits_file", name=frame.name, largest=largest, likely=likely,

@@ -332,10 +332,8 @@ def add_scale_bar(axes: Axes) -> None:
 MM_PER_INCH = 25.4
 PAGE_MM = 230.0
 """Height that a journal's page leaves for a figure."""
-_BESIDE_MM = 36.0
-"""Narrowest picture whose kinds stand beside each other."""
-_LEAST_MM, _LEAST_OF_COLUMN_MM = 40.0, 24.0
-"""Narrowest picture of several items, in a wide figure and in one of a column."""
+_LEAST_MM, _LEAST_OF_COLUMN_MM = 36.0, 24.0
+"""Narrowest picture of several, in a wide figure and in one of a column."""
 _COLUMN_MM = 120.0
 """Width below which a figure is one of a column."""
 _PLOT_MM = 70.0
@@ -346,8 +344,8 @@ _SCREEN_MM = 260.0
 """Width of a figure for a screen."""
 _LETTER_MM = 1.5
 """A letter's width in a line of text."""
-_TICK_MM, _BAR_TICK_MM = 12.0, 16.0
-"""Room of a number at a horizontal axis, and at a colour bar, whose numbers are longer."""
+_TICK_MM = 14.0
+"""Room of a number at a horizontal axis or a colour bar."""
 _BAR_MM = 1.6
 """Height of a colour bar."""
 _MARK_PT = 10.0
@@ -432,10 +430,8 @@ def figure_for_page(result: WithPanels, style: FigureStyle) -> tuple[Figure, tup
     others = tall - sum(_plot_heights(panels, style, plots))
     for left_out in (spare[:number] for number in range(len(spare) + 1)):
         few = [plot for plot in plots if plot not in left_out]
-        full, least = (sum(_plot_heights(panels, style, few, low)) for low in (0.0, 1.0))
-        if others + least < PAGE_MM:
-            lowered = min(1.0, max(0.0, (others + full + 1.0 - PAGE_MM) / max(full - least, 1e-9)))
-            figure = _drawn(panels, style, rows, few, lowered)
+        if others + sum(_plot_heights(panels, style, few, lowest=True)) < PAGE_MM:
+            figure = _drawn(panels, style, rows, few, lowest=True)
             return figure, tuple(plot.title for plot in left_out)
     return figure, ()
 
@@ -446,12 +442,7 @@ def panels_figure(panels: PaperPanels, head: str, *, picture_mm: float = 80.0) -
     Pictures are `picture_mm` wide or more; all kinds of an item stand beside each other.
     """
     style = FigureStyle(width_mm=_SCREEN_MM, numbers=True)
-    kinds, items = range(len(panels.kinds)), range(len(panels.labels))
-    most = int(_SCREEN_MM / picture_mm)
-    if len(kinds) > 2:
-        rows = [[(j, k) for k in row for j in kinds] for row in _split(items, most // len(kinds))]
-    else:
-        rows = [[(j, k) for k in row] for j in kinds for row in _split(items, most)]
+    rows = _picture_rows(panels, _SCREEN_MM, least_mm=picture_mm)
     return _drawn(panels, style, rows, list(panels.plots), head=head)
 
 
@@ -462,16 +453,19 @@ def _split(items: Sequence[Any], most: int) -> list[list[Any]]:
 
 
 def _picture_rows(
-    panels: PaperPanels, width_mm: float, *, least_mm: float = _BESIDE_MM
+    panels: PaperPanels, width_mm: float, *, least_mm: float = _LEAST_MM
 ) -> list[list[tuple[int, int]]]:
     """Rows of pictures, as numbers of their kind and item: the kinds beside each other where they
     fit, else the items, of which all rows of a kind come together."""
     kinds, items = range(len(panels.kinds)), range(len(panels.labels))
-    if len(items) == 1 or (len(kinds) > 2 and width_mm / len(kinds) >= _BESIDE_MM):
-        groups = [[(j, k) for j in kinds] for k in items if kinds]
+    if not kinds:
+        return []
+    if len(items) == 1 or (len(kinds) > 2 and width_mm / len(kinds) >= _LEAST_MM):
+        few = _split(items, int(width_mm / least_mm) // len(kinds))
+        groups = [[(j, k) for k in some for j in kinds] for some in few]
     else:
         groups = [[(j, k) for k in items] for j in kinds]
-        least_mm = _LEAST_OF_COLUMN_MM if width_mm < _COLUMN_MM else _LEAST_MM
+        least_mm = _LEAST_OF_COLUMN_MM if width_mm < _COLUMN_MM else least_mm
     return [row for group in groups for row in _split(group, int(width_mm / least_mm))]
 
 
@@ -480,17 +474,17 @@ def _plot_rows(panels: PaperPanels, style: FigureStyle, plots: Sequence[Plot]) -
 
 
 def _plot_heights(
-    panels: PaperPanels, style: FigureStyle, plots: Sequence[Plot], lowered: float = 0.0
+    panels: PaperPanels, style: FigureStyle, plots: Sequence[Plot], *, lowest: bool = False
 ) -> list[float]:
     """Heights of the rows of plots with titles and labels, mm, and of the legend below them.
 
-    Lower in a column's figure, and where they are `lowered`, 1 of which is to the least of each.
+    Lower in a column's figure; `lowest`, the least of each.
     """
     share = 1.0 if style.width_mm >= _COLUMN_MM else 0.8
     heights = []
     for row in _plot_rows(panels, style, plots):
         sizes = [(share * plot.height_mm, plot.least_mm) for plot in row]
-        tall = max(h + lowered * (min(h, low) - h) for h, low in sizes)
+        tall = max(min(size) if lowest else size[0] for size in sizes)
         heights.append(tall + 4.0 * PAPER_LINE_MM)
     lines = math.ceil(len(panels.legend) / _legend_columns(panels, style))
     return [*heights, (1.4 * lines + 0.6) * PAPER_LINE_MM] if lines else heights
@@ -506,12 +500,13 @@ def _drawn(
     style: FigureStyle,
     rows: list[list[tuple[int, int]]],
     plots: Sequence[Plot],
-    lowered: float = 0.0,
+    *,
+    lowest: bool = False,
     head: str = "",
 ) -> Figure:
     """The figure with its pictures in rows; texts may be long, and Matplotlib gives them room."""
     notes = "\n".join(fold(note, style.width_mm - 2.0) for note in panels.notes if style.numbers)
-    heights = _plot_heights(panels, style, plots, lowered)
+    heights = _plot_heights(panels, style, plots, lowest=lowest)
     head = "\n".join(fold(line, style.width_mm - 8.0) for line in head.splitlines())
     blocks = {
         "pictures": sum(0.75 * style.width_mm / len(rows[0]) + _AROUND_MM for _ in rows),
@@ -606,7 +601,7 @@ def _draw_pictures(
                 aspect=0.8 * width_mm / cols * len(last) / _BAR_MM,
             )
             bar.set_label(fold(kind.bar, room * len(last)))
-            bar.ax.locator_params(nbins=max(2, min(int(room * len(last) / _BAR_TICK_MM), 6)))
+            bar.ax.locator_params(nbins=max(2, min(int(room * len(last) / _TICK_MM), 6)))
     return shown
 
 

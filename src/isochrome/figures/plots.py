@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from isochrome.errors import InputError
 from isochrome.figures import style
-from isochrome.figures.paper import Plot, data_name, fold
+from isochrome.figures.paper import MM_PER_INCH, Plot, data_name, fold
 from isochrome.output import FrameValues
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ KEY_LABELS = {
 PANEL_IN = 2.1
 """Height of one quantity's panel in inches."""
 
-_LABEL_MM = 25.4 * 0.7 * PANEL_IN * style.PAPER_PT / style.TEXT_PT
+_LABEL_MM = 0.7 * MM_PER_INCH * PANEL_IN * style.PAPER_PT / style.TEXT_PT
 """Longest line of a label at the side, in letters of a paper's size: it keeps to its panel."""
 
 _POINTS = 1600

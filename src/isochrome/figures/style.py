@@ -46,8 +46,8 @@ OVERLAY_COLOUR = "#ff9d2e"
 INK, GREY, PALE = "black", "0.35", "0.65"
 """Of what has no colour: what is compared with, what stands beside, what lies behind."""
 
-HEAD_PT, TITLE_PT, TEXT_PT, NOTE_PT, TICK_PT = 11.0, 10.5, 9.5, 8.5, 8.5
-"""Sizes of a figure's head, its axes' titles and labels, a legend or note, and the ticks."""
+HEAD_PT, TITLE_PT, TEXT_PT, NOTE_PT = 11.0, 10.5, 9.5, 8.5
+"""Sizes of a figure's head, its axes' titles and labels, and a legend, note or tick."""
 
 PAPER_PT, PAPER_LINE_MM = 8.0, 3.4
 """Size of all letters of a figure for a paper, and the height of a line of them."""
@@ -85,7 +85,7 @@ def style_axes(axes: Axes, *, x_label: str = "", z_label: str = "", title: str =
 
     A label is a quantity with its unit in brackets; an empty one stays as it is.
     """
-    axes.tick_params(labelsize=TICK_PT, length=3, width=FINE_PT)
+    axes.tick_params(labelsize=NOTE_PT, length=3, width=FINE_PT)
     axes.set_xlabel(x_label or axes.get_xlabel(), fontsize=TEXT_PT)
     axes.set_ylabel(z_label or axes.get_ylabel(), fontsize=TEXT_PT)
     if title:
@@ -204,7 +204,7 @@ def add_colour_bar(
         images[0], extend=ends_beyond(images), extendfrac=0.03, **place
     )
     bar.set_label(label, fontsize=TEXT_PT)
-    bar.ax.tick_params(labelsize=TICK_PT, length=3, width=FINE_PT)
+    bar.ax.tick_params(labelsize=NOTE_PT, length=3, width=FINE_PT)
     return bar
 
 

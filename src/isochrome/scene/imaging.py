@@ -21,6 +21,9 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
+    NonNegativeFloat,
+    NonNegativeInt,
+    PositiveFloat,
     Tag,
     ValidationInfo,
     field_validator,
@@ -35,9 +38,9 @@ from isochrome.scene.array_frames import ImageFile, no_escape, takes_arrays
 Distance = TypeVar("Distance", float, NDArray[np.floating])
 """A distance (m), or an array of them of any shape; what is asked there has the same shape."""
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[PositiveFloat, Field(allow_inf_nan=False)]
+NonNegative = Annotated[NonNegativeFloat, Field(allow_inf_nan=False)]
 Coefficient = Annotated[float, Field(ge=-5, le=5, allow_inf_nan=False)]
 
 
@@ -157,10 +160,12 @@ def value_at(value: float | DistanceTable, distance_m: Distance) -> Distance:
     return cast(Distance, at_distance if np.ndim(distance_m) else float(at_distance))
 
 
-Rows = Annotated[int, Field(ge=0, le=100_000)]
-Place = Annotated[float, Field(ge=0, le=100_000, allow_inf_nan=False)]
+_MOST_PX = 100_000
+"""Rows or columns of a picture."""
+Rows = Annotated[NonNegativeInt, Field(le=_MOST_PX)]
+Place = Annotated[NonNegative, Field(le=_MOST_PX)]
 """A row or column, px, pixel centres at whole numbers."""
-Outline = Annotated[float, Field(ge=-1, le=100_000, allow_inf_nan=False)]
+Outline = Annotated[Finite, Field(ge=-1, le=_MOST_PX)]
 """The same of an outline, which may run along the picture's edge."""
 _BLUNTEST_DEG = 110.0
 """Interior angle below which a corner of an outline is sharp; drawn round, a disc has larger ones.
@@ -307,8 +312,8 @@ class FreeBoundary(_Path):
         return tuple(sharp)
 
 
-Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
-Pixels = Annotated[int, Field(ge=1, le=100_000)]
+Fraction = Annotated[NonNegative, Field(le=1)]
+Pixels = Annotated[int, Field(ge=1, le=_MOST_PX)]
 Exponent = Annotated[float, Field(ge=0.1, le=10)]
 Bend = Annotated[float, Field(ge=-0.1, le=0.1)]
 

@@ -7,13 +7,12 @@ until the mean of what is left, in each quarter of each of them, is below `FOLLO
 value and four standard errors of the file's own noise. What is faster than that is averaged: noise,
 and whatever comes back within a few hundredths of the way, such as a roller out of round.
 
-The standard error of a mean over n rows is the larger of σ/√n, with σ the noise of the rows, and
-σ_b min(1, √(b/n)), with σ_b that of means over b of them, a quarter of one of FEW stretches: so
-noise that lasts over many rows is not followed either. Both are from second differences, median
-|v[i-1] - 2 v[i] + v[i+1]| / (0.6745 √6).
+The standard error of a mean over n rows is σ_b √(b/n), with σ_b that of means over b of them, a
+quarter of one of FEW stretches: so noise that lasts over many rows is not followed either. It is
+from second differences, which a smooth course hardly has: median |v[i-1] - 2 v[i] + v[i+1]| /
+(0.6745 √6).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -41,7 +40,7 @@ FOLLOWED = 2e-4
 _STANDARD_ERRORS = 4.0
 _AVERAGED = 0.1
 """Of the root mean square of a file: the largest one of what its lines average away."""
-_QUARTERS, _LEAST = 4, 1e-300
+_QUARTERS = 4
 
 _GAP, _GAP_CHANGE, _GAP_STEPS = 20.0, 0.02, 5.0
 """A gap is a step of so many times the steps before and after it, over which the value changes by
@@ -52,19 +51,18 @@ _DISTANCE, _TIME = "distance_m", "time_s"
 
 @dataclass(frozen=True)
 class _Kind:
-    """What a file holds: the scene's part and key, the column, and its allowed values."""
+    """What a file holds: the scene's part and key, which is its column, and allowed values."""
 
     part: str
     key: str
-    column: str
     low: float
     high: float
     allowed: str
 
 
 _KINDS = (
-    _Kind("friction", "coefficient", "coefficient", -5.0, 5.0, "it is from -5 to 5"),
-    _Kind("load", "normal_n", "normal_n", 5e-324, 1e30, "it is above 0"),
+    _Kind("friction", "coefficient", -5.0, 5.0, "it is from -5 to 5"),
+    _Kind("load", "normal_n", 5e-324, 1e30, "it is above 0"),
 )
 
 FROM_FILES = tuple(kind.part for kind in _KINDS)
@@ -84,7 +82,7 @@ def with_tables(data: Any, folder: Path | None) -> Any:
         if not isinstance(name, str) or not name:
             raise InputError(
                 "not_allowed_name_csv", part=kind.part, file=FILE, name=name, distance=_DISTANCE,
-                time=_TIME, column=kind.column,
+                time=_TIME, column=kind.key,
             )  # fmt: skip
         if kind.key in part:
             raise InputError("exclude_each_other_remove", part=kind.part, file=FILE, key=kind.key)
@@ -117,18 +115,18 @@ def _speed(kind: _Kind, stated: Any, frames: Any) -> float | None:
 def _columns(given: GivenTable, kind: _Kind, speed: float | None) -> tuple[Floats, Floats]:
     """Distances (m) and values (n,), checked row by row."""
     place = _DISTANCE if _DISTANCE in given.names else _TIME
-    if place not in given.names or kind.column not in given.names:
+    if place not in given.names or kind.key not in given.names:
         raise InputError(
             "has_columns_needs_name", path=given.path, header=given.header, part=kind.part,
-            file=FILE, distance=_DISTANCE, time=_TIME, column=kind.column,
+            file=FILE, distance=_DISTANCE, time=_TIME, column=kind.key,
         )  # fmt: skip
-    at, value = given.column(place), given.column(kind.column)
+    at, value = given.column(place), given.column(kind.key)
     if len(at) < 2:
         raise InputError("has_rows_numbers_give", path=given.path, at_count=len(at))
     for column, values, wrong, allowed in (
         (place, at, at < 0.0, "it is 0 or more"),
         (place, at, np.r_[False, np.diff(at) <= 0.0], message("must_rise_from_row")),
-        (kind.column, value, (value < kind.low) | (value > kind.high), kind.allowed),
+        (kind.key, value, (value < kind.low) | (value > kind.high), kind.allowed),
     ):
         if wrong.any():
             row = int(np.argmax(wrong))
@@ -158,7 +156,7 @@ def _refuse_gap(given: GivenTable, kind: _Kind, distance: Floats, value: Floats)
         row = int(gap[0])
         raise InputError(
             "lines_apart_over_times", path=given.path, lines=given.lines[row],
-            lines_2=given.lines[row + 1], step=step[row], gap=_GAP, column=kind.column,
+            lines_2=given.lines[row + 1], step=step[row], gap=_GAP, column=kind.key,
             value=value[row], value_2=value[row + 1],
         )  # fmt: skip
 
@@ -174,15 +172,9 @@ def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Fl
     if count <= FEW:
         return distance_m, value
     block = max(1, count // (_QUARTERS * FEW))
-    block_means = value[: count // block * block].reshape(-1, block).mean(axis=1)
-    of_rows, of_means = _noise_of(value), _noise_of(block_means)
-
-    def noise(rows: Any) -> Any:
-        """Standard error of the mean over so many rows (any shape)."""
-        averaged = of_means * np.sqrt(np.minimum(1.0, block / rows))
-        return np.maximum(of_rows / np.sqrt(rows), averaged)
-
-    allowed = FOLLOWED * float(np.abs(value).max()) + _LEAST
+    means = value[: count // block * block].reshape(-1, block).mean(axis=1)
+    noise = float(np.median(np.abs(np.diff(means, 2)))) / 0.6745 * (block / 6.0) ** 0.5
+    allowed = FOLLOWED * float(np.abs(value).max()) + np.finfo(float).tiny
     bends = np.unique(np.linspace(0, count - 1, 5).round().astype(int))
     while True:
         fitted = _line_values(distance_m, value, bends)
@@ -203,42 +195,20 @@ def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Fl
 
 
 def _line_values(s: Floats, value: Floats, bends: Any) -> Floats:
-    """Values (m,) at the bends of the lines of least squares, by their tridiagonal equations."""
-    from scipy.linalg import solveh_banded
+    """Values (m,) at the bends of the lines of least squares: a spline of the first degree."""
+    from scipy.interpolate import make_lsq_spline
 
-    weight, step, m = np.zeros(len(s)), np.diff(s), len(bends)
-    weight[:-1] += 0.5 * step
-    weight[1:] += 0.5 * step
-    cell = np.clip(np.searchsorted(bends, np.arange(len(s)), side="right") - 1, 0, m - 2)
-    right = (s - s[bends][cell]) / np.diff(s[bends])[cell]
-    weight_before = 1.0 - right
-
-    def summed(each: Floats) -> Any:
-        """Its weighted sum over each stretch."""
-        return np.bincount(cell, each, minlength=m)
-
-    bands = np.zeros((2, m))
-    bands[1] = summed(weight * (weight_before * weight_before))
-    bands[1, 1:] += summed(weight * (right * right))[:-1]
-    bands[0, 1:] = summed(weight * weight_before * right)[:-1]
-    load = summed(weight * weight_before * value)
-    load[1:] += summed(weight * right * value)[:-1]
-    return np.asarray(solveh_banded(bands, load))
+    weight = np.convolve(np.diff(s), [0.5, 0.5])  # of the trapezoids beside a row
+    knots = s[[0, *bends, -1]]
+    return np.asarray(make_lsq_spline(s, value, knots, k=1, w=np.sqrt(weight)).c)
 
 
-def _noise_of(values: Floats) -> float:
-    """Noise of a series (n,), from its second differences, which a smooth course hardly has."""
-    return float(np.median(np.abs(np.diff(values, 2))) / (0.6745 * 6.0**0.5))
-
-
-def _worst_means(
-    residual: Floats, bends: Any, allowed: float, noise: Callable[[Any], Any]
-) -> Floats:
-    """Of each stretch (m-1,) the largest mean of a quarter, over what is allowed there; 0 for one
-    between neighbours."""
+def _worst_means(residual: Floats, bends: Any, allowed: float, noise: float) -> Floats:
+    """Of each stretch (m-1,) the largest mean of a quarter, over what is allowed there, of which
+    `noise` is a row's; 0 for one between neighbours."""
     parts = np.arange(_QUARTERS + 1) * np.diff(bends)[:, None] // _QUARTERS + bends[:-1, None]
     total = np.r_[0.0, np.cumsum(residual)]
     count = np.maximum(np.diff(parts, axis=1), 1)
     over = np.abs(np.diff(total[parts], axis=1)) / count
-    over /= allowed + _STANDARD_ERRORS * noise(count)
+    over /= allowed + _STANDARD_ERRORS * noise / np.sqrt(count)
     return np.where(np.diff(bends) > 1, over.max(axis=1), 0.0)

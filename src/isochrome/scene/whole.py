@@ -363,10 +363,10 @@ STIFFEST_GPA = 1000.0
 """No body is stiffer: a larger modulus has another unit."""
 
 LARGEST_MM = {
-    "specimen.thickness_mm": 1e3, "specimen.diameter_mm": 1e3, "specimen.hole_mm": 1e3,
-    "specimen.height_mm": 1e3, "specimen.width_mm": 1e3, "indenter.half_width_mm": 1e3,
+    **{f"specimen.{k}_mm": 1e3 for k in ("thickness", "diameter", "hole", "height", "width")},
+    "indenter.half_width_mm": 1e3,
     "indenter.radius_mm": 1e4,
-}  # fmt: skip
+}
 """Nothing under a polariscope is larger, and no cylinder flatter: a larger size is in µm."""
 
 MOST = 10_000

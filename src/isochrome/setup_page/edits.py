@@ -177,11 +177,6 @@ def plain_values(text: str) -> dict[str, Any]:
     }
 
 
-_ORDER = (
-    "specimen", "beam", "disc", "indenter", "contact", "load", "friction", "wear", "polariscope",
-    "camera", "frames", "uncertainty",
-)  # fmt: skip
-
 _OF_A_MODEL = ("indenter", "contact", "friction", "wear", "scar", "load", "frames.known_loads_n")
 """Tables and keys that make a scene one of a model."""
 
@@ -216,7 +211,7 @@ def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, s
 
 def _lines(kind: str, given: Mapping[str, Any], fields: Mapping[str, SceneField]) -> Iterator[str]:
     yield f"# {(KINDS | SET_KINDS)[kind]}; made on the page of `isochrome setup`\n"
-    for table in _ORDER:
+    for table in (*STATED_SHAPES, *Scene.model_fields, "uncertainty"):
         given_here = {key: value for key, value in given.items() if key.startswith(f"{table}.")}
         if not given_here and (table != "specimen" or kind in SET_KINDS):
             continue

@@ -622,7 +622,7 @@ SLOW = ("find", "fit", "calibrate", "check", "map")
 _NEW_SCENE, _NEW_SET = "scene.toml", "set.toml"
 """What a scene, and a calibration set, is called that is made on the page."""
 
-SUBJECTS = {"beam": "bending", "disc": "diametral"}
+SUBJECTS = {table: kind for kind, table in TABLES.items()}
 """What may be calibrated, and its kind of set."""
 
 

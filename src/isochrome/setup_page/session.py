@@ -73,9 +73,6 @@ from isochrome.stress import PixelGrid, pixel_grid, seen_nearly
 Point = tuple[float, float]
 """A place as (row, col), px."""
 
-_PASSES = 8
-"""Newton's steps to the pixel that looks at a place: with |k| <= 0.1 five leave 1e-9 px."""
-
 _NEAREST_PX = 2.0
 """Points nearer than this are one: half a pixel of each would be a quarter of the scale."""
 
@@ -105,14 +102,18 @@ def place_of_point(pixels: PixelGrid, point: Point) -> tuple[float, float]:
 
 def seen_at(pixels: PixelGrid, x_mm: float, z_mm: float) -> Point:
     """The point (row, col) of the region that looks at a place."""
+    from scipy.optimize import root
+
     unit = pixels.pixel_mm
-    row, col = (z_mm - pixels.top_mm) / unit - 0.5, (x_mm - pixels.left_mm) / unit - 0.5
-    for _ in range(_PASSES if pixels.lens is not None else 0):
-        x, z = place_of_point(pixels, (row, col))
-        right, below = (place_of_point(pixels, at) for at in ((row, col + 1.0), (row + 1.0, col)))
-        slopes = np.array([[right[0] - x, below[0] - x], [right[1] - z, below[1] - z]])
-        across, down = np.linalg.solve(slopes, [x_mm - x, z_mm - z])
-        row, col = row + float(down), col + float(across)
+    start = (z_mm - pixels.top_mm) / unit - 0.5, (x_mm - pixels.left_mm) / unit - 0.5
+    if pixels.lens is None:
+        return start
+
+    def away(at: Any) -> Any:
+        """How far the point looks beside the place, px."""
+        return np.subtract(place_of_point(pixels, (at[0], at[1])), (x_mm, z_mm)) / unit
+
+    row, col = root(away, start, tol=1e-12).x.tolist()
     return row, col
 
 
@@ -178,9 +179,6 @@ _ROOM = 1.8
 
 _LENS = ("roll_deg", "distortion", "keystone_x", "keystone_z")
 
-_BLACKEST, _WHITEST = 1.0, 99.0
-"""Per cent of a picture's grey levels between which the model is shown."""
-
 
 class LiveModel:
     """A scene's fringes on the pixels (rows, cols) of its region, as values move.
@@ -242,7 +240,7 @@ class LiveModel:
 
 def grey_span(picture: NDArray[np.uint8]) -> tuple[float, float]:
     """The dark and the bright grey level between which a picture's fringes go."""
-    low, high = np.percentile(picture[::4, ::4], [_BLACKEST, _WHITEST])
+    low, high = np.percentile(picture[::4, ::4], [_DARKEST, _BRIGHTEST])
     return float(low), float(max(high, low + 1.0))
 
 
@@ -292,9 +290,7 @@ class SetupSession:
         self._model: tuple[tuple[int, int], LiveModel, tuple[float, float]] | None = None
         self._named = set(_named_files(text))
         self._readers: dict[Any, SequentialFrames] = {}
-        self._counts: dict[tuple[Path, ...], int] = {}
-        with open_frames(frames, leave_out=self.left_out(None)) as reader:
-            self.reader_files = tuple(Path(str(file)) for file in reader.files)
+        self.reader_files = tuple(Path(str(file)) for file in self.reader(None).files)
         if self.count(None) == 0:
             raise InputError("holds_no_frame_check", path=frames)
 
@@ -336,11 +332,7 @@ class SetupSession:
 
     def count(self, scene: Scene | None) -> int:
         """How many frames there are, see `left_out`."""
-        apart = self.left_out(scene)
-        if apart not in self._counts:
-            with open_frames(self.frames, leave_out=apart) as reader:
-                self._counts[apart] = reader.count(decode=False)
-        return self._counts[apart]
+        return self.reader(scene).count(decode=False)
 
     def scene(self, text: str | None = None) -> Scene:
         """The scene of a text, by default the page's own.

@@ -48,7 +48,6 @@ from isochrome.reporting import (
     write_report,
 )
 from isochrome.runs import (
-    CHUNK_BYTES,
     REPORT,
     Job,
     RunFolder,
@@ -202,15 +201,11 @@ def _stack(path: Path, shape: tuple[int, ...]) -> Array:
         return np.asarray(file.series[0].asarray(out="memmap")).reshape(shape)
 
 
-_FEW = 8
-"""States that make one chunk together: they are soon done again."""
-
-
 def run_layout(work: RenderWork) -> RunLayout:
     """What a simulation keeps of its states: parts of files alone."""
     forms = [_form(work, name) for name in work.stacks]
     size = sum(int(np.prod(shape)) * dtype.itemsize for shape, dtype in forms)
-    chunk = max(1, min(_FEW, CHUNK_BYTES // size), chunk_size(work.count, size))
+    chunk = chunk_size(work.count, size)
     return RunLayout(axes={"state": work.count}, chunk=chunk, store=False, part_bytes=size)
 
 

@@ -32,9 +32,7 @@ from isochrome.stress import (
     regular_modes,
 )
 
-FORCES = tuple(
-    PointForce(*unit, dipole) for dipole in (False, True) for unit in ((1.0, 0.0), (0.0, 1.0))
-)
+FORCES = tuple(PointForce(p, q, dipole) for dipole in (False, True) for p, q in np.eye(2).tolist())
 """Unit normal and tangential force, and their unit first moments."""
 
 REACH = 0.6
