@@ -34,11 +34,13 @@ from isochrome.estimation import (
     ALIKE_CHI,
     FEW_TERMS,
     FIRST_DEGREES,
+    RICHEST,
     RIVAL_CHI,
     Nuisance,
     ScoreProducts,
     Weighed,
     cosine_rms,
+    cosine_spread,
     cosines,
     evidence_gain,
     missing_terms,
@@ -63,13 +65,9 @@ Array = NDArray[np.float64]
 
 APART = "light of each image's own"
 
-_ROUNDS, _LIGHTS, _PASSES, _TONES = 8, 4, 4, 2
-"""Times that a set is asked, its light made richer, its outliers looked for, and a tone taken about
-the light that the fit has: ends of loops that come to rest by themselves."""
-
-_RICHEST = 24, 12
-"""Degrees of illumination and background up to which light is made richer, product by product: a
-glare adds light in a twelfth of the picture."""
+_ROUNDS = 8
+"""Times that a set is asked, its light made richer and its outliers looked for: an end of loops
+that come to rest by themselves."""
 
 _ODD = 6.0
 """Residual in noises beyond which a pixel is no accident, and is left out with its neighbours."""
@@ -169,11 +167,11 @@ def _with(fit: SetFit, names: frozenset[str]) -> SetFit:
     if LIGHT in names:
         lit = replace(wider, weights=_weights(result, wider.terms))
         result = lit.fit(result.values)
-    for _ in range(_TONES if GAMMA in wider.free else 0):
-        again = result.levelled()  # a tone is linear about the light only
+    if GAMMA in wider.free:  # a tone is linear about the light only
+        again = result.levelled()
         result = again.model.fit(again.values)
-    for _ in range(_LIGHTS if LIGHT in names else 0):
-        more = missing_terms(result.model.terms, _RICHEST)
+    for _ in range(_ROUNDS if LIGHT in names else 0):
+        more = missing_terms(result.model.terms, RICHEST)
         bases = result.model.weighted(more)
         columns = map(result.point.columns, range(len(bases)), bases)
         chosen = _score(result, columns).one_by_one(FEW_TERMS)
@@ -272,7 +270,7 @@ def _without_outliers(fit: SetFit) -> SetFit:
     """The fit without pixels whose residual no noise explains, and those beside them."""
     from scipy.ndimage import binary_dilation
 
-    for _ in range(_PASSES):
+    for _ in range(_ROUNDS):
         masks, odd = [], 0
         for image, left in zip(fit.model.images, fit.point.linear[2], strict=True):
             away = np.zeros(image.mask.shape, dtype=bool)
@@ -340,7 +338,7 @@ def _nuisances(fit: SetFit) -> Iterator[Nuisance]:
         columns=partial(_order_columns, fit),
         now=np.zeros(_COSINES**2 - 1),
         # Gaussian processes on their cosines; the even one left out is the fringe value itself
-        roots=tuple(s * np.diag(_order_spread(w)[1:]) for s in _ORDERS for w in WIDTHS),
+        roots=tuple(s * np.diag(cosine_spread(_COSINES, w)[1:]) for s in _ORDERS for w in WIDTHS),
     )
 
 
@@ -411,22 +409,12 @@ def _apart(fit: SetFit) -> Nuisance:
     )
 
 
-def _order_spread(width: float) -> Array:
-    """Standard deviations (k,) of an order's cosines, which end with the picture, in a Gaussian
-    process of a length of `width`, of the picture's size.
-    """
-    number = np.arange(_COSINES)
-    power = np.exp(-0.5 * (np.pi * number * width) ** 2) * np.where(number, 2.0, 1.0)
-    power /= power.sum()
-    return np.asarray(np.sqrt(np.outer(power, power)).ravel())
-
-
 def _order_columns(fit: SetFit, index: int) -> Array:
     """By an order that no cause explains, a share of each place's own, as products of cosines."""
     model = fit.model
     order, slope = fit.point.by_order(index)
     mask = model.images[index].mask
-    waves = cosines(mask.shape, _COSINES, beyond=0.0)[1:, mask]
+    waves = cosines(mask.shape, _COSINES)[1:, mask]
     return np.asarray(waves * (slope * order * fit.point.gain(index)))
 
 

@@ -60,9 +60,6 @@ _BESIDE = ((1, 0), (-1, 0), (0, 1), (0, -1))
 _MOVES = dict(zip(SHARED, (*[0.02] * 4, 2.0, 0.2), strict=True))
 """Largest moves of them at once; `STEP` of these is that of their derivatives."""
 
-_CORRELATED = 1.2
-"""Variance of sums of residuals, over that of independent ones, that these may have by chance."""
-
 _MOST_STEPS = 40
 _ENOUGH = 1e-3
 """Fall of chi-square, in units of the noise that is left, below which a step is the last."""
@@ -594,8 +591,7 @@ class SetFit:
         for image, residual in zip(self.model.images, self.point.linear[2], strict=True):
             rows = line_correlation(image.mask, residual, 1)
             ratios.append((rows, block_correlation(image.mask, residual)))
-        ratio = float(np.mean(ratios, axis=0).max())
-        return ratio if ratio > _CORRELATED else 1.0
+        return float(np.mean(ratios, axis=0).max())
 
     @property
     def noise(self) -> float:
