@@ -24,6 +24,7 @@ from isochrome.calibration.whole_set.set_model import (
     GAMMA,
     LENS,
     SHARED,
+    SIZES,
     Light,
     SetFit,
     SetModel,
@@ -139,18 +140,6 @@ def plain_terms(model: SetModel) -> Light:
     return model.terms[0][:6], model.terms[1][:3]
 
 
-_GREEN_NM = 550.0
-"""Where a set states no wavelength, its band's is of this."""
-
-_KEYS = {key: size for cause in CAUSES for key, size in zip(cause.keys, cause.sizes, strict=True)}
-_SIZES = {
-    **{key: _KEYS[key] for key in (*LENS, GAMMA)},
-    BLUR: 2.0 * (np.pi * _KEYS[BLUR]) ** 2,
-    BAND: band_share(_KEYS[BAND], _GREEN_NM),
-}
-"""Standard deviations on usual benches, in the model's units: see `fitting.causes`."""
-
-
 def _with(fit: SetFit, names: frozenset[str]) -> SetFit:
     """The fit with other things free."""
     model = fit.model
@@ -218,33 +207,9 @@ def _weights(fit: SetFit, terms: Light) -> Array:
     them, and what was asked for one by one is free again.
     """
     bright = float(_brightness(fit.point).mean())
-    sizes, usual = _usual_light(fit.model, terms)
-    return np.where(usual, (bright * unevenness(fit) * sizes) ** -2.0, 0.0)
-
-
-def _usual_light(model: SetModel, terms: Light) -> tuple[Array, NDArray[np.bool_]]:
-    """Standard deviations (k,) of some light's coefficients over its brightness, and which of them
-    every light is asked for.
-    """
-    usual = missing_terms(plain_terms(model), FIRST_DEGREES)
+    usual = missing_terms(plain_terms(fit.model), FIRST_DEGREES)
     there = [t in own for part, own in zip(terms, usual, strict=True) for t in part]
-    return np.array(light_sizes(terms)), np.array(there)
-
-
-def unevenness(fit: SetFit) -> float:
-    """How much more uneven a set's light is than usual, 1 at least.
-
-    The likeliest scale of the coefficients' prior: MacKay (1992), Neural Computation 4, 415.
-    """
-    if fit.model.weights is None:
-        return 1.0
-    sizes, usual = _usual_light(fit.model, fit.model.terms)
-    bright = _brightness(fit.point)
-    own = [
-        fit.point.linear[0][fit.model.coefficients_of(i)[: len(sizes)]] / bright[i]
-        for i in range(len(bright) if fit.model.apart else 1)
-    ]
-    return max(1.0, float(np.sqrt(np.mean((np.array(own) / sizes)[:, usual] ** 2))))
+    return np.where(there, (bright * np.array(light_sizes(terms))) ** -2.0, 0.0)
 
 
 def _score(
@@ -316,7 +281,7 @@ def _nuisances(fit: SetFit) -> Iterator[Nuisance]:
             name=key,
             columns=partial(point.key_rows, keys=(key,)),
             now=np.array([shared[key] - model.held.get(key, float(key == GAMMA))]),
-            roots=(np.array([[_SIZES[key]]]),),
+            roots=(np.array([[SIZES[key]]]),),
             positive=key in EVEN and key not in model.held,
             unknowns=(model.key_place(key),) if key in model.free else (),
             weights=np.zeros(int(key in model.free)),
@@ -365,14 +330,13 @@ def _light(fit: SetFit) -> Nuisance:
         return np.asarray(bright[index] * stacked)
 
     light, dark = (t[len(p) :] for t, p in zip(model.terms, plain_terms(model), strict=True))
-    repeats, scale = len(rich) // max(1, len(light) + len(dark)), unevenness(fit)
+    repeats = len(rich) // max(1, len(light) + len(dark))
     return Nuisance(
         name=LIGHT,
         columns=columns,
         now=np.r_[point.linear[0][rich] / bright[of_image], np.zeros(sum(map(len, missing)))],
         roots=tuple(
-            scale
-            * np.diag([*light_sizes((light, dark), fall) * repeats, *light_sizes(missing, fall)])
+            np.diag([*light_sizes((light, dark), fall) * repeats, *light_sizes(missing, fall)])
             for fall in LIGHT_FALLS
         ),
         weights=model.light_weights[rich] * bright[of_image] ** 2,

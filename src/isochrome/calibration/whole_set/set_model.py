@@ -35,6 +35,7 @@ from isochrome.estimation import (
     scaled_inverse,
     total_degree,
 )
+from isochrome.fitting import CAUSES
 from isochrome.stress import Lens
 
 Array = NDArray[np.float64]
@@ -57,8 +58,23 @@ PIXEL = np.pi**2 / 6.0
 
 _BESIDE = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
-_MOVES = dict(zip(SHARED, (*[0.02] * 4, 2.0, 0.2), strict=True))
-"""Largest moves of them at once; `STEP` of these is that of their derivatives."""
+
+def band_share(band_nm: float, wavelength_nm: float) -> float:
+    """The model's `a` of a Gaussian band of a full width at half height, see `set_model`."""
+    return float(2.0 * (np.pi * band_nm / FULL_WIDTH / wavelength_nm) ** 2)
+
+
+_GREEN_NM = 550.0
+"""Where a set states no wavelength, its band's is of this."""
+
+_KEYS = {key: size for cause in CAUSES for key, size in zip(cause.keys, cause.sizes, strict=True)}
+SIZES = {
+    **{key: _KEYS[key] for key in (*LENS, GAMMA)},
+    BLUR: 2.0 * (np.pi * _KEYS[BLUR]) ** 2,
+    BAND: band_share(_KEYS[BAND], _GREEN_NM),
+}
+"""Standard deviations on usual benches, in the model's units: see `fitting.causes`. `STEP` of these
+is that of their derivatives."""
 
 _MOST_STEPS = 40
 _ENOUGH = 1e-3
@@ -343,7 +359,6 @@ class SetModel:
         for i in range(self.loaded):
             largest[self.own_places(i)] = self.kind.largest
         largest[self.besides_places] = self.kind.sizes[: len(self.besides_places)]
-        largest[self._ends[2] :] = [_MOVES[key] for key in self.free]
         low = np.full(self.size, -np.inf)
         low[[self.key_place(key) for key in self.free if key in EVEN]] = 0.0
         bounds = Bounds(low, np.full(self.size, np.inf))
@@ -479,7 +494,7 @@ class SetPoint:
         shared = model.split(self.values)[2]
         rows = np.empty((len(keys), gain.size))
         for row, key in zip(rows, keys, strict=True):
-            step = STEP * _MOVES[key]
+            step = STEP * SIZES[key]
             if key == GAMMA:  # how the residual changes with the exponent, the other way round
                 later, image = replace(self, gamma=self.gamma + step), model.images[index]
                 coefficients = self.linear[0][model.coefficients_of(index)]
@@ -651,8 +666,3 @@ class SetFit:
         spread = np.sqrt(np.maximum(np.diag(self._of_noise), 0.0))
         places = {key: self.model.key_place(key) for key in self.model.free}
         return {key: (float(self.values[i]), float(spread[i])) for key, i in places.items()}
-
-
-def band_share(band_nm: float, wavelength_nm: float) -> float:
-    """The model's `a` of a Gaussian band of a full width at half height, see `set_model`."""
-    return float(2.0 * (np.pi * band_nm / FULL_WIDTH / wavelength_nm) ** 2)
