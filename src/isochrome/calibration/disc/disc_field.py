@@ -183,9 +183,6 @@ def _outline(patch: NDArray[np.bool_]) -> Array:
 LOAD_ZONE = 0.25
 """Radii about each load point that are left out: the contact there is not a point."""
 
-RIM_ZONE = 0.03
-"""Part of the radius at the rim that is left out."""
-
 FINEST = 0.25
 """Fringes a pixel beyond which a pixel is left out."""
 
@@ -263,26 +260,16 @@ def disc_mask(grid: DiscPixels, params: ArrayLike, *, within: float) -> NDArray[
     return np.asarray((np.abs(place) < within) & clear & (np.hypot(*slopes) < FINEST))
 
 
-def disc_image(
-    shot: Shot, values: ArrayLike, rim: float, *, spread: float, chi: float, view: View
-) -> ImageFit:
-    """The result of one image.
-
-    Parameters: `values` (5,), see `disc_order`; `rim`, the radius as found, px; `spread`, the
-    order's standard uncertainty; `chi`; `view`.
-    """
-    order, row, col, radius, angle = (float(v) for v in np.asarray(values, dtype=float))
-    geometry = {
+def disc_geometry(values: ArrayLike, rim: float) -> dict[str, float]:
+    """A disc's row, column, radius (px) and angle (rad), and the radius of the `rim` as found."""
+    row, col, radius, angle = (float(v) for v in np.asarray(values, dtype=float))
+    return {
         "centre_row_px": row,
         "centre_col_px": col,
         "radius_px": radius,
         "rim_radius_px": rim,
         "load_angle_deg": float(np.degrees(angle)),
     }
-    return ImageFit(
-        file=shot.name, load_n=shot.load_n, order=order, standard_uncertainty=spread, chi=chi,
-        geometry=geometry, view=view,
-    )  # fmt: skip
 
 
 RADII = (0.985, 1.015, 1.05)
@@ -549,9 +536,14 @@ def fit_rise(
             position_mm=0.5 * diameter_mm * images.grid.cols[0],
             pixel_mm=(0.5 * diameter_mm * float(images.grid.step),) * 2,
         )  # fmt: skip
-        values, chi = [orders[i], row, col, scale * circle.radius, angle], float(spread[i] / sigma)
-        error = float(errors[i])
-        fits.append(disc_image(shot, values, circle.radius, spread=error, chi=chi, view=view))
+        fits.append(
+            ImageFit(
+                file=shot.name, load_n=shot.load_n, order=float(orders[i]),
+                standard_uncertainty=float(errors[i]), chi=float(spread[i] / sigma),
+                geometry=disc_geometry([row, col, scale * circle.radius, angle], circle.radius),
+                view=view,
+            )
+        )  # fmt: skip
     return tuple(fits)
 
 

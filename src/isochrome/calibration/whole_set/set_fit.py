@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isochrome.calibration.result import CONTRADICTED
+from isochrome.calibration.result import CONTRADICTED, ImageFit, View
 from isochrome.calibration.settings import CalibrationSet
 from isochrome.calibration.whole_set.set_model import (
     BAND,
@@ -80,12 +80,23 @@ _COSINES, _ORDERS = 5, (0.001, 0.003, 0.01, 0.03)
 """Cosines along each side of the picture; standard deviations of an unknown part of the orders."""
 
 
-def fit_set(model: SetModel, start: Array) -> SetFit:
+def fit_set(model: SetModel, own: Array, besides: Array | None = None) -> SetFit:
     """Fit a set with all that it shows: lens, light, tone, specks left out.
 
-    Parameters: `model`, as stated; `start`, its unknowns. What is weighed and not fitted is in the
-    result's covariance.
+    Parameters: `model`, as stated; where the loaded images' unknowns (m, p) start, and the
+    amplitudes (k,) of what a kind has besides, where these are free. What is weighed and not fitted
+    is in the result's covariance.
     """
+    start = np.zeros(model.size)
+    start[: own.size] = own.ravel()
+    if besides is not None:
+        start[model.besides_places] = besides
+    if model.exposures:
+        alone = replace(model, apart=True)
+        point = alone.at(model.carried(start, alone))
+        assert point is not None
+        bright = np.abs(_brightness(point)[: model.loaded])
+        start[model.exposure_places[: model.loaded - 1]] = np.log(bright[1:] / bright[0])
     fit = model.fit(start)
     if not fit.explained:
         return fit
@@ -389,14 +400,28 @@ NAMES = {key: cause.name for cause in CAUSES for key in cause.keys}
 """What a scene's keys are the causes of."""
 
 
-def image_maps(fit: SetFit, index: int) -> dict[str, Any]:
-    """An image's `image`, `model`, `residual` and `order` maps on the fit's pixels, NaN outside."""
-    model, point = fit.model, fit.point
-    own, image = model.images[index], model.shots[index].light[np.ix_(model.rows, model.cols)]
-    residual, order = np.full((2, *own.mask.shape), np.nan)
-    residual[own.mask] = point.linear[2][index] * own.sigma
-    order[own.mask] = np.abs(point.orders[index][0])
-    return {"image": image, "model": image - residual, "residual": residual, "order": order}
+def set_image(
+    fit: SetFit, index: int, order: float, spread: float, geometry: dict[str, float], **cut: Any
+) -> ImageFit:
+    """The result of one image, with its maps on the fit's pixels, NaN outside.
+
+    `order` with its standard uncertainty; `cut`, what `View` has of it.
+    """
+    model, point, shot = fit.model, fit.point, fit.model.shots[index]
+    own, image = model.images[index], shot.light[np.ix_(model.rows, model.cols)]
+    left = point.linear[2][index]
+    residual, map_ = np.full((2, *own.mask.shape), np.nan)
+    residual[own.mask] = left * own.sigma
+    map_[own.mask] = np.abs(point.orders[index][0])
+    freedom = max(1.0, left.size - fit.unknowns / len(model.shots))
+    return ImageFit(
+        file=shot.name, load_n=shot.load_n, order=order, standard_uncertainty=spread,
+        chi=float(np.sqrt(left @ left / freedom)), geometry=geometry,
+        view=View(
+            image=image, model=image - residual, residual=residual, order=map_,
+            sigma=float(np.median(shot.sigma)), **cut,
+        ),
+    )  # fmt: skip
 
 
 def seen_all_over(fit: SetFit, index: int) -> tuple[Array, Array, Array]:
@@ -418,13 +443,6 @@ def seen_all_over(fit: SetFit, index: int) -> tuple[Array, Array, Array]:
     places = model.places(index, model.split(fit.values)[2])
     rows, cols, seen = (m.reshape(image.mask.shape) for m in (*places, seen))
     return rows, cols, seen
-
-
-def image_chi(fit: SetFit, index: int) -> float:
-    """Residual over noise of one image."""
-    left = fit.point.linear[2][index]
-    share = fit.unknowns / len(fit.model.shots)
-    return float(np.sqrt(left @ left / max(1.0, left.size - share)))
 
 
 def causes(fit: SetFit, wavelength_nm: float | None) -> tuple[dict[str, Any], ...]:

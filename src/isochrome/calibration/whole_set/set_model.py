@@ -286,6 +286,11 @@ class SetModel:
         return self._ends[2] + self.free.index(key)
 
     @property
+    def exposure_places(self) -> NDArray[np.intp]:
+        """Which unknowns are the exposures."""
+        return np.arange(self._ends[0], self._ends[1])
+
+    @property
     def besides_places(self) -> NDArray[np.intp]:
         """Which unknowns are of what the kind has besides."""
         return np.arange(self._ends[1], self._ends[2])
@@ -537,7 +542,7 @@ class SetPoint:
         if index and model.exposures:
             coefficients = self.linear[0][model.coefficients_of(index)]
             parts.insert(1, (coefficients @ self.columns(index))[None])
-            places.append(np.array([model._ends[0] + index - 1]))
+            places.append(model.exposure_places[index - 1 : index])
         if model.besides:
             parts.insert(-1, self.besides_rows(index))
             places.append(model.besides_places)
