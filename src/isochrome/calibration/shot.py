@@ -65,6 +65,12 @@ RIM = 0.03
 """Part of a beam's height at each edge, and of a disc's radius at its rim, that is left out: there
 are chamfers and blur."""
 
+LARGEST_TILT = 8.0
+"""Degrees by which a specimen may lie aslant; one that does by more is asked to be turned."""
+
+FINEST = 0.25
+"""Fringes a pixel at the most that a camera resolves."""
+
 FEWEST_FRINGES = 0.5
 """Fringes in view, or order at a disc's centre, at the least."""
 

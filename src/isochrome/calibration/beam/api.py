@@ -30,8 +30,18 @@ from isochrome.calibration.order_line import (
 )
 from isochrome.calibration.result import CONTRADICTED, Calibration, ImageFit
 from isochrome.calibration.settings import CalibrationSet, SetLike, load_set
-from isochrome.calibration.shot import FEWEST_FRINGES, PIXELS, RIM, Shot, calibrate_channels, unused
+from isochrome.calibration.shot import (
+    FEWEST_FRINGES,
+    FINEST,
+    LARGEST_TILT,
+    PIXELS,
+    RIM,
+    Shot,
+    calibrate_channels,
+    unused,
+)
 from isochrome.calibration.whole_set.set_fit import (
+    OUTLIER,
     alike_fits,
     best_first,
     causes,
@@ -48,12 +58,6 @@ from isochrome.messages import message
 from isochrome.output import with_uncertainty
 
 Array = NDArray[np.float64]
-
-LARGEST_TILT = 8.0
-"""Degrees; a beam tilted by more is asked to be turned."""
-
-FINEST_PX = 4.0
-"""Samples of the profile a fringe at the least."""
 
 SAMPLES = 512
 """Samples of the profile that is scanned, at most about."""
@@ -102,7 +106,7 @@ def find_beam(shot: Shot, height_px: float) -> BeamView:
     # at least 60 % of the smaller of beam and frame is in view
     ends, room = sorted((rows[0], rows[-1] + 1 - height_px)), 0.4 * in_view
     tops = np.arange(ends[0] - room, ends[1] + room, EDGE_REACH * in_view)
-    finest = 1.0 / (FINEST_PX * float(rows[1] - rows[0]))
+    finest = FINEST / float(rows[1] - rows[0])
     slopes = np.arange(FEWEST_FRINGES / in_view, finest, 0.2 / in_view)
     cost, phase = _scan(rows, values, count, tops, height_px, slopes)
     if cost.min() > 0.95 * _smooth_cost(rows, values, count, 2):
@@ -188,9 +192,6 @@ def _peaks(cost: Array, number: int) -> NDArray[np.intp]:
     return local[np.argsort(cost[local], kind="stable")][:number]
 
 
-ODD = 400.0
-"""Largest squared residual, in noise variances, that a pixel counts for in finding the edges."""
-
 FAINTEST = 2.0
 """Standard deviation of the fringes' intensities, in noise sigmas, at the least."""
 
@@ -268,7 +269,7 @@ def _gain_by_fringes(fit: SetFit, index: int, view: BeamView) -> tuple[Array, Ar
     far = outer & (away > EDGE_REACH * view.height_px)
     level = float(np.median(image[far if far.any() else outer]))
     # what is neither fringes nor even counts little: a roller, a label, the bench behind
-    outside, inside = (np.minimum(((image - m) / sigma) ** 2, ODD) for m in (level, fringes))
+    outside, inside = (np.minimum(((image - m) / sigma) ** 2, OUTLIER**2) for m in (level, fringes))
     low = int(row.min())
     gain = np.bincount((row - low)[valid], weights=(outside - inside)[valid])
     return low + np.arange(gain.size + 1.0), np.concatenate([[0.0], np.cumsum(gain)])

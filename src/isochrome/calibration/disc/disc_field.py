@@ -42,7 +42,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from isochrome.calibration.order_line import check_order
 from isochrome.calibration.result import ImageFit, View
-from isochrome.calibration.shot import Shot
+from isochrome.calibration.shot import EXPLAINED, FINEST, LARGEST_TILT, Shot
 from isochrome.errors import PhysicsError
 from isochrome.estimation import (
     Observation,
@@ -183,9 +183,6 @@ def _outline(patch: NDArray[np.bool_]) -> Array:
 LOAD_ZONE = 0.25
 """Radii about each load point that are left out: the contact there is not a point."""
 
-FINEST = 0.25
-"""Fringes a pixel beyond which a pixel is left out."""
-
 ORDERS = np.arange(0.4, 16.0, 0.06)
 """Centre orders that are scanned."""
 
@@ -231,21 +228,6 @@ def disc_order(grid: DiscPixels, params: ArrayLike) -> Array:
     return np.asarray(order * np.clip(1.0 - square, 0.0, None) / np.maximum(below, 1e-6))
 
 
-def scanned_waves(unit: Array, bright: bool) -> Array:
-    """Ideal circular polariscope (k, n), 0..1, of a field `unit` (n,) times each one of ORDERS.
-
-    1/2 -+ 1/2 cos t, t = 2 pi N: of even steps d of it cos(t + d) = 2 cos d cos t - cos(t - d).
-    """
-    first, step = 2.0 * np.pi * ORDERS[0] * unit, 2.0 * np.pi * (ORDERS[1] - ORDERS[0]) * unit
-    waves = np.empty((len(ORDERS), len(unit)))
-    before, now, twice = np.cos(first - step), np.cos(first), 2.0 * np.cos(step)
-    half = 0.5 if bright else -0.5
-    for wave in waves:
-        wave[:] = 0.5 + half * now
-        before, now = now, twice * now - before
-    return waves
-
-
 def disc_mask(grid: DiscPixels, params: ArrayLike, *, within: float) -> NDArray[np.bool_]:
     """Pixels where the point-load field holds and the camera resolves it, True = valid.
 
@@ -273,15 +255,9 @@ def disc_geometry(values: ArrayLike, rim: float) -> dict[str, float]:
 
 
 RADII = (0.985, 1.015, 1.05)
-ANGLES_DEG = (-7.5, -5.0, -2.5, 0.0, 2.5, 5.0, 7.5)
-LARGEST_RESIDUAL = 2.0
-"""Order at zero load beyond which a line through the loads is not believed."""
-
+ANGLES_DEG = np.linspace(-LARGEST_TILT, LARGEST_TILT, 7)
 MOST_AT_REST = 0.5
 """Largest part of the highest load's order that may be there at zero load."""
-
-CLEAR = 0.5
-"""Part of the misfit without fringes that an image's own order leaves at the most."""
 
 SLOPE_SLACK = 0.05
 """How far a line's slope may be from the rise that the pixels show."""
@@ -331,7 +307,9 @@ def scan_disc(shot: Shot) -> Scan:
     columns = problem.columns
     chi = []
     for geometry in geometries:
-        signals = scanned_waves(disc_order(grid, [1.0, *geometry])[problem.keep], shot.bright)
+        unit = disc_order(grid, [1.0, *geometry])[problem.keep]
+        wave = 0.5 * np.cos(2.0 * np.pi * ORDERS[:, None] * unit)
+        signals = 0.5 + wave if shot.bright else 0.5 - wave
         cost, lit = linear_costs(*columns, problem.data[None], signals)
         mean = np.maximum(cost[:, 0], 0.0) / problem.size
         chi.append(np.where(lit[:, 0] > 0.0, np.sqrt(mean), np.inf))
@@ -357,8 +335,7 @@ def choose_centre_orders(
     first, last = np.meshgrid(ORDERS, ORDERS, indexing="ij")
     slope = (last - first) / (high - low)
     at_no_load = first - slope * low
-    limit = np.minimum(LARGEST_RESIDUAL, MOST_AT_REST * last)
-    total = np.where((slope > 0) & (np.abs(at_no_load) <= limit), 0.0, np.inf)
+    total = np.where((slope > 0) & (np.abs(at_no_load) <= MOST_AT_REST * last), 0.0, np.inf)
     if rise_per_n is not None:
         total[np.abs(slope / rise_per_n - 1.0) > SLOPE_SLACK] = np.inf
     for cost, load in zip(costs, loads, strict=True):
@@ -373,7 +350,7 @@ def check_scans(scans: Sequence[Scan], shots: Sequence[Shot]) -> None:
     Parameters: `scans` and `shots` (n,). Raises PhysicsError as `line.check_order`; says nothing
     where an image's own order is not clear.
     """
-    if all(np.min(s.curve) < CLEAR * s.smooth_chi for s in scans):
+    if all((np.min(s.curve) / s.smooth_chi) ** 2 < 1.0 - EXPLAINED for s in scans):
         orders = [ORDERS[int(np.argmin(s.curve))] for s in scans]
         check_order([s.load_n for s in shots], orders, tuple(s.name for s in shots))
 
@@ -384,8 +361,8 @@ FEWEST_LOADS = 5
 SIDE = 90
 THIN = 4
 """Columns of which one is looked at while a rise is searched for."""
-WITHIN, ALONG = 0.8, 0.6
-"""Radii about the centre, and along the loads, that are used."""
+WITHIN = 0.8
+"""Radii about the centre that are used, and `MIDDLE` along the loads."""
 
 
 @dataclass(frozen=True)
@@ -400,7 +377,7 @@ class Overlay:
     def used(self) -> NDArray[np.bool_]:
         """Pixels (m, m) away from the rim and from the loads."""
         x, z = self.grid.cols, self.grid.rows
-        return (x**2 + z**2 < WITHIN**2) & (np.abs(z) < ALONG)
+        return (x**2 + z**2 < WITHIN**2) & (np.abs(z) < MIDDLE)
 
     def field(self, angle: float, scale: float = 1.0, z: float = 0.0, x: float = 0.0) -> Array:
         """Order over centre order (m, m) for loads at `angle` (rad), on a disc that is `scale`
@@ -494,13 +471,6 @@ def _fit_wave(wave: Any, varying: Array) -> tuple[Array, Any]:
     return varying - (wave * c.conj()).real, c
 
 
-ENOUGH = 1e-6
-"""Relative fall of the misfit, or relative move, below which a step is the last."""
-
-MEMORY_PX = 4.0
-"""Pixels of a frame over which the overlaid images' noise and misfit are correlated, at least."""
-
-
 def fit_rise(
     shots: Sequence[Shot], rims: Sequence[Circle], images: Overlay, rise: Rise, diameter_mm: float
 ) -> tuple[ImageFit, ...]:
@@ -512,13 +482,12 @@ def fit_rise(
     """
     fitted = fit_orders(images, rise.slope * images.loads, rise.angle)
     orders, place = fitted.orders, fitted.place
-    flat = fitted.jacobian.reshape(-1, fitted.jacobian.shape[-1])
-    variance = np.diag(np.linalg.pinv(flat.T @ flat))[: len(orders) - 1]
+    variance = jackknife_variance(_without_blocks(images, fitted))
+    variance[0] = variance[1:].mean()  # its order is held
     angle, scale, z, x = place
     field, used = images.field(*place), images.used
     residual, waves = pixel_waves(images.stack[:, used], orders, field[used])
     spread = np.sqrt(np.mean(residual**2, axis=1) * len(orders) / (len(orders) - 3))
-    errors = MEMORY_PX * np.sqrt(np.concatenate([[variance.mean()], variance])) * spread.mean()
     # its order at the centre beside N_i: I ~ -cos 2 pi (h N_i + n) in a dark field
     near = np.hypot(images.grid.cols, images.grid.rows)[used] < 0.1
     a, b = waves[:, near].sum(axis=1) * (-1.0 if shots[0].bright else 1.0)
@@ -539,7 +508,7 @@ def fit_rise(
         fits.append(
             ImageFit(
                 file=shot.name, load_n=shot.load_n, order=float(orders[i]),
-                standard_uncertainty=float(errors[i]), chi=float(spread[i] / sigma),
+                standard_uncertainty=float(np.sqrt(variance[i])), chi=float(spread[i] / sigma),
                 geometry=disc_geometry([row, col, scale * circle.radius, angle], circle.radius),
                 view=view,
             )
@@ -578,9 +547,7 @@ def fit_orders(images: Overlay, first: Array, angle: float) -> OrdersFit:
     start = np.concatenate([first[1:], [angle, 1.0, 0.0, 0.0]])
     size = np.concatenate([np.full(count - 1, 0.1), [0.05, 0.01, 0.01, 0.01]])
     room = np.concatenate([np.full(count - 1, 1.0), [0.2, 0.06, 0.06, 0.06]])
-    result = least_squares(
-        left, start, x_scale=size, bounds=(start - room, start + room), ftol=ENOUGH, xtol=ENOUGH
-    )
+    result = least_squares(left, start, x_scale=size, bounds=(start - room, start + room))
     orders = np.concatenate([first[:1], result.x[: count - 1]])
     residual, jacobian = result.fun.reshape(count, -1), result.jac.reshape(count, -1, start.size)
     return OrdersFit(orders, result.x[count - 1 :], residual, jacobian)

@@ -35,6 +35,7 @@ from isochrome.estimation import (
     ALIKE_CHI,
     FEW_TERMS,
     FIRST_DEGREES,
+    MOSTLY,
     RICHEST,
     RIVAL_CHI,
     Nuisance,
@@ -70,13 +71,10 @@ _ROUNDS = 8
 """Times that a set is asked, its light made richer and its outliers looked for: an end of loops
 that come to rest by themselves."""
 
-_ODD = 6.0
+OUTLIER = 6.0
 """Residual in noises beyond which a pixel is no accident, and is left out with its neighbours."""
 
-_MOST_ODD = 0.1
-"""Share of the pixels that no dust covers."""
-
-_COSINES, _ORDERS = 5, (0.001, 0.003, 0.01, 0.03)
+_COSINES, _ORDERS = 5, np.geomspace(0.001, 0.03, 4)
 """Cosines along each side of the picture; standard deviations of an unknown part of the orders."""
 
 
@@ -250,11 +248,11 @@ def _without_outliers(fit: SetFit) -> SetFit:
         masks, odd = [], 0
         for image, left in zip(fit.model.images, fit.point.linear[2], strict=True):
             away = np.zeros(image.mask.shape, dtype=bool)
-            away[image.mask] = np.abs(left) > _ODD * max(1.0, fit.chi)
+            away[image.mask] = np.abs(left) > OUTLIER * max(1.0, fit.chi)
             away = binary_dilation(away, iterations=2) & image.mask
             odd += int(away.sum())
             masks.append(image.mask & ~away)
-        if not odd or odd > _MOST_ODD * fit.point.pixels:
+        if not odd or odd > MOSTLY * fit.point.pixels:
             break
         fit = replace(fit.model, masks=np.stack(masks)).fit(fit.values)
     return fit

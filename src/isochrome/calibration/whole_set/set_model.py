@@ -50,13 +50,8 @@ SHARED = (*LENS, BAND, BLUR, GAMMA)
 EVEN = (BAND, BLUR)
 """Those that cannot be negative."""
 
-FULL_WIDTH = 2.3548
+FULL_WIDTH = np.sqrt(8.0 * np.log(2.0))
 """Width at half height of a Gaussian over its standard deviation."""
-
-PIXEL = np.pi**2 / 6.0
-"""What a pixel's own area takes of the contrast, as `b` of a blur."""
-
-_BESIDE = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
 
 def band_share(band_nm: float, wavelength_nm: float) -> float:
@@ -330,7 +325,10 @@ class SetModel:
         besides = self.split(values)[1]
         rows, cols = self.places(index, shared)
         here = self.kind.order(unknowns, besides, rows, cols)
-        beside = (self.kind.order(unknowns, besides, rows + d, cols + c) - here for d, c in _BESIDE)
+        beside = (
+            self.kind.order(unknowns, besides, rows + down, cols + right) - here
+            for down, right in ((1, 0), (-1, 0), (0, 1), (0, -1))
+        )
         return (here, *beside)
 
     def signal(self, index: int, values: Array, moved: dict[str, float] | None = None) -> Array:
@@ -397,7 +395,7 @@ def seen(order: Array, beside: Sequence[Array], shared: dict[str, float], bright
     """
     steep = 0.25 * ((beside[0] - beside[1]) ** 2 + (beside[2] - beside[3]) ** 2)
     # a blur adds half its variance times the curvature to the order
-    spread = PIXEL + shared[BLUR]
+    spread = np.pi**2 / 6.0 + shared[BLUR]  # a pixel's own area is one
     blurred = order + spread / (4.0 * np.pi**2) * sum(beside)
     # a band's mean phase is that of its mean wave number, less the third cumulant's part
     share, phase = shared[BAND] / (2.0 * np.pi**2), 2.0 * np.pi * blurred
