@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from scipy.special import chdtrc
 
+from isochrome.calibration.result import UNLIKELY
 from isochrome.calibration.settings import ImageSet, common_percent, plain_rows, under_uncertainty
 from isochrome.messages import message
 from isochrome.scars import LevelledTrace, UnclearScarError, levelled, read_trace, student_factor_of
@@ -220,9 +221,6 @@ Array = NDArray[Any]
 
 MOST_FREEDOM = 30.0
 """Degrees of freedom that a spectrum is believed with: its bands are a model."""
-
-UNLIKELY = 1e-3
-"""Chance of a scatter below which it is said."""
 
 
 @dataclass(frozen=True)

@@ -471,6 +471,13 @@ def _fit_wave(wave: Any, varying: Array) -> tuple[Array, Any]:
     return varying - (wave * c.conj()).real, c
 
 
+ENOUGH = 1e-6
+"""Relative fall of the misfit, or relative move, below which a step is the last."""
+
+MEMORY_PX = 4.0
+"""Pixels of a frame over which the overlaid images' noise and misfit are correlated, at least."""
+
+
 def fit_rise(
     shots: Sequence[Shot], rims: Sequence[Circle], images: Overlay, rise: Rise, diameter_mm: float
 ) -> tuple[ImageFit, ...]:
@@ -482,12 +489,13 @@ def fit_rise(
     """
     fitted = fit_orders(images, rise.slope * images.loads, rise.angle)
     orders, place = fitted.orders, fitted.place
-    variance = jackknife_variance(_without_blocks(images, fitted))
-    variance[0] = variance[1:].mean()  # its order is held
+    flat = fitted.jacobian.reshape(-1, fitted.jacobian.shape[-1])
+    variance = np.diag(np.linalg.pinv(flat.T @ flat))[: len(orders) - 1]
     angle, scale, z, x = place
     field, used = images.field(*place), images.used
     residual, waves = pixel_waves(images.stack[:, used], orders, field[used])
     spread = np.sqrt(np.mean(residual**2, axis=1) * len(orders) / (len(orders) - 3))
+    errors = MEMORY_PX * np.sqrt(np.concatenate([[variance.mean()], variance])) * spread.mean()
     # its order at the centre beside N_i: I ~ -cos 2 pi (h N_i + n) in a dark field
     near = np.hypot(images.grid.cols, images.grid.rows)[used] < 0.1
     a, b = waves[:, near].sum(axis=1) * (-1.0 if shots[0].bright else 1.0)
@@ -508,7 +516,7 @@ def fit_rise(
         fits.append(
             ImageFit(
                 file=shot.name, load_n=shot.load_n, order=float(orders[i]),
-                standard_uncertainty=float(np.sqrt(variance[i])), chi=float(spread[i] / sigma),
+                standard_uncertainty=float(errors[i]), chi=float(spread[i] / sigma),
                 geometry=disc_geometry([row, col, scale * circle.radius, angle], circle.radius),
                 view=view,
             )
@@ -547,7 +555,9 @@ def fit_orders(images: Overlay, first: Array, angle: float) -> OrdersFit:
     start = np.concatenate([first[1:], [angle, 1.0, 0.0, 0.0]])
     size = np.concatenate([np.full(count - 1, 0.1), [0.05, 0.01, 0.01, 0.01]])
     room = np.concatenate([np.full(count - 1, 1.0), [0.2, 0.06, 0.06, 0.06]])
-    result = least_squares(left, start, x_scale=size, bounds=(start - room, start + room))
+    result = least_squares(
+        left, start, x_scale=size, bounds=(start - room, start + room), ftol=ENOUGH, xtol=ENOUGH
+    )
     orders = np.concatenate([first[:1], result.x[: count - 1]])
     residual, jacobian = result.fun.reshape(count, -1), result.jac.reshape(count, -1, start.size)
     return OrdersFit(orders, result.x[count - 1 :], residual, jacobian)
