@@ -216,9 +216,33 @@ def _weights(fit: SetFit, terms: Light) -> Array:
     them, and what was asked for one by one is free again.
     """
     bright = float(_brightness(fit.point).mean())
-    usual = missing_terms(plain_terms(fit.model), FIRST_DEGREES)
+    sizes, usual = _usual_light(fit.model, terms)
+    return np.where(usual, (bright * unevenness(fit) * sizes) ** -2.0, 0.0)
+
+
+def _usual_light(model: SetModel, terms: Light) -> tuple[Array, NDArray[np.bool_]]:
+    """Standard deviations (k,) of some light's coefficients over its brightness, and which of them
+    every light is asked for.
+    """
+    usual = missing_terms(plain_terms(model), FIRST_DEGREES)
     there = [t in own for part, own in zip(terms, usual, strict=True) for t in part]
-    return np.where(there, (bright * np.array(light_sizes(terms))) ** -2.0, 0.0)
+    return np.array(light_sizes(terms)), np.array(there)
+
+
+def unevenness(fit: SetFit) -> float:
+    """How much more uneven a set's light is than usual, 1 at least.
+
+    The likeliest scale of the coefficients' prior: MacKay (1992), Neural Computation 4, 415.
+    """
+    if fit.model.weights is None:
+        return 1.0
+    sizes, usual = _usual_light(fit.model, fit.model.terms)
+    bright = _brightness(fit.point)
+    own = [
+        fit.point.linear[0][fit.model.coefficients_of(i)[: len(sizes)]] / bright[i]
+        for i in range(len(bright) if fit.model.apart else 1)
+    ]
+    return max(1.0, float(np.sqrt(np.mean((np.array(own) / sizes)[:, usual] ** 2))))
 
 
 def _score(
@@ -339,13 +363,14 @@ def _light(fit: SetFit) -> Nuisance:
         return np.asarray(bright[index] * stacked)
 
     light, dark = (t[len(p) :] for t, p in zip(model.terms, plain_terms(model), strict=True))
-    repeats = len(rich) // max(1, len(light) + len(dark))
+    repeats, scale = len(rich) // max(1, len(light) + len(dark)), unevenness(fit)
     return Nuisance(
         name=LIGHT,
         columns=columns,
         now=np.r_[point.linear[0][rich] / bright[of_image], np.zeros(sum(map(len, missing)))],
         roots=tuple(
-            np.diag([*light_sizes((light, dark), fall) * repeats, *light_sizes(missing, fall)])
+            scale
+            * np.diag([*light_sizes((light, dark), fall) * repeats, *light_sizes(missing, fall)])
             for fall in LIGHT_FALLS
         ),
         weights=model.light_weights[rich] * bright[of_image] ** 2,
