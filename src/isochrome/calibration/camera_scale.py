@@ -43,8 +43,6 @@ FINDER_PX = 0.01
 """What the place of an edge may be off by alike in all rows, by where in a pixel it lies; half of
 it is what that of a corner or dot is uncertain by at least, whatever its residuals."""
 
-_ROUNDS = 10
-
 
 @dataclass(frozen=True, kw_only=True)
 class EdgePair:
@@ -99,14 +97,10 @@ def _along(image: Array) -> tuple[Array, Array, Array] | None:
     rising, falling = _peaks(slope), _peaks(-slope)
     good = np.isfinite(rising) & np.isfinite(falling)
     least = max(LEAST_POINTS, LEAST_SHARE * len(image))
-    for _ in range(_ROUNDS):
-        if good.sum() < least:
-            return None
-        off = [np.abs(edge - _robust(row, edge, good)) for edge in (rising, falling)]
-        new = (off[0] < SMOOTH_PX) & (off[1] < SMOOTH_PX)
-        if np.array_equal(new, good):
-            break
-        good = new
+    if good.sum() < least:
+        return None
+    off = [np.abs(edge - _robust(row, edge, good)) for edge in (rising, falling)]
+    good = np.max(off, axis=0) < SMOOTH_PX
     return (row[good], rising[good], falling[good]) if good.sum() >= least else None
 
 
@@ -136,14 +130,6 @@ def _robust(row: Array, edge: Array, good: NDArray[np.bool_]) -> Array:
 _WINDOW = 0.35
 """Half the window that a corner is refined in, in distances to the next corner: no other's edges
 that end within it."""
-
-_SMALLEST_WINDOW, _LARGEST_WINDOW = 3, 15
-"""The same in pixels: below, there are no edges; beyond, the lens bends them."""
-
-_SMOOTH_SHARE = 0.05
-"""Gaussian that the picture is smoothed by before, in distances to the next corner at most: the
-refinement takes gradients between neighbouring pixels, and is .035 px off where edges are
-sharp, .015 px after it."""
 
 _LOOKED_AT_PX = 600
 """Longest side that corners are first looked for in: in large pictures, whose edges are many
@@ -193,9 +179,9 @@ def _corners(grey: NDArray[np.uint8], image: Array, size: tuple[int, int]) -> Ar
     corners = np.asarray((corners + 0.5) * block - 0.5, dtype=np.float32)
     places = corners.reshape(size[1], size[0], 2)
     near = min(float(np.linalg.norm(np.diff(places, axis=k), axis=2).min()) for k in (0, 1))
-    half = int(np.clip(_WINDOW * near, _SMALLEST_WINDOW, _LARGEST_WINDOW))
+    half = max(FEWEST, int(_WINDOW * near))
     light = np.asarray(image / max(float(np.abs(image).max()), 1e-12), dtype=np.float32)
-    light = gaussian_filter(light, min(SMOOTH_PX, _SMOOTH_SHARE * near), mode="nearest")
+    light = gaussian_filter(light, SMOOTH_PX, mode="nearest")
     end = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-4)
     refined = cv2.cornerSubPix(light, corners.copy(), (half, half), (-1, -1), end)
     return np.asarray(refined, dtype=float)
