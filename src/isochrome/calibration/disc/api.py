@@ -58,6 +58,7 @@ from isochrome.calibration.whole_set.set_fit import (
 )
 from isochrome.calibration.whole_set.set_model import BLUR, Kind, SetFit, SetModel
 from isochrome.errors import InputError, PhysicsError
+from isochrome.estimation import ALIKE_CHI
 from isochrome.messages import message
 from isochrome.output import with_uncertainty
 
@@ -178,9 +179,6 @@ REFINED = 4
 """Starts with a residual: pixels of the square about the disc, radii over the least one found,
 sizes in fringes, and how many are refined."""
 
-BARELY = 1.05
-"""Chi up to which the closed form is taken to describe the images without another start."""
-
 _CLEAR_OF_RIM = 3.0
 """Blurs by which pixels stay off the rim: a Gaussian is nothing there."""
 
@@ -203,7 +201,7 @@ def fit_disc_set(
     """
     images = [*shots, *idle]
     fit = _fitted(disc_model(images, unknowns, held), unknowns)
-    if not len(fit.model.kind.sizes) or (fit.explained and fit.chi < BARELY):
+    if not len(fit.model.kind.sizes) or (fit.explained and fit.chi < ALIKE_CHI):
         return fit
     start = stressed_start(images, unknowns)
     if start is None:

@@ -36,7 +36,6 @@ from isochrome.estimation import (
     FEW_TERMS,
     FIRST_DEGREES,
     MOSTLY,
-    RICHEST,
     RIVAL_CHI,
     Nuisance,
     ScoreProducts,
@@ -70,6 +69,10 @@ APART = "light of each image's own"
 _ROUNDS = 8
 """Times that a set is asked, its light made richer and its outliers looked for: an end of loops
 that come to rest by themselves."""
+
+_RICHEST = 24, 12
+"""Degrees of illumination and background up to which light is made richer, product by product: a
+glare adds light in a twelfth of the picture."""
 
 OUTLIER = 6.0
 """Residual in noises beyond which a pixel is no accident, and is left out with its neighbours."""
@@ -136,17 +139,16 @@ def _exposed(fit: SetFit) -> SetFit:
 
 def fitted_names(model: SetModel) -> frozenset[str]:
     """What a model has free beside what a set states, by name."""
-    others = {
-        LIGHT: model.terms != plain_terms(model),
-        APART: model.apart,
-        model.kind.besides: model.besides,
-    }
+    others = {LIGHT: model.terms != PLAIN, APART: model.apart, model.kind.besides: model.besides}
     return frozenset(model.free) | {name for name, there in others.items() if there}
 
 
-def plain_terms(model: SetModel) -> Light:
-    """The light's products of a model as stated, of which others are more."""
-    return model.terms[0][:6], model.terms[1][:3]
+PLAIN = SetModel.terms
+"""The light's products of a model as stated, of which others are more."""
+
+USUAL = missing_terms(PLAIN, FIRST_DEGREES)
+UNEVEN = with_chosen_terms(PLAIN, USUAL, range(sum(map(len, USUAL))))
+"""The others that every set is asked for, and both."""
 
 
 def _with(fit: SetFit, names: frozenset[str]) -> SetFit:
@@ -159,8 +161,8 @@ def _with(fit: SetFit, names: frozenset[str]) -> SetFit:
         apart=APART in names,
     )
     if (LIGHT in names) != (LIGHT in fitted_names(model)):
-        light = _uneven_light(fit) if LIGHT in names else (plain_terms(model), None)
-        wider = replace(wider, terms=light[0], weights=light[1])
+        terms = UNEVEN if LIGHT in names else PLAIN
+        wider = replace(wider, terms=terms, weights=_weights(fit, terms))
     result = wider.fit(model.carried(fit.values, wider))
     if LIGHT in names:
         lit = replace(wider, weights=_weights(result, wider.terms))
@@ -169,7 +171,7 @@ def _with(fit: SetFit, names: frozenset[str]) -> SetFit:
         again = result.levelled()
         result = again.model.fit(again.values)
     for _ in range(_ROUNDS if LIGHT in names else 0):
-        more = missing_terms(result.model.terms, RICHEST)
+        more = missing_terms(result.model.terms, _RICHEST)
         bases = result.model.weighted(more)
         columns = map(result.point.columns, range(len(bases)), bases)
         chosen = _score(result, columns).one_by_one(FEW_TERMS)
@@ -183,8 +185,7 @@ def _with(fit: SetFit, names: frozenset[str]) -> SetFit:
 
 def unevenly_lit(fit: SetFit) -> SetFit:
     """The fit under light as uneven as on usual benches; as it is where that turns negative."""
-    terms, weights = _uneven_light(fit)
-    uneven = replace(fit.model, terms=terms, weights=weights).fit(fit.values)
+    uneven = replace(fit.model, terms=UNEVEN, weights=_weights(fit, UNEVEN)).fit(fit.values)
     return uneven if uneven.point.positive else fit
 
 
@@ -203,30 +204,18 @@ def alike_fits(fits: Sequence[SetFit]) -> tuple[list[SetFit], list[SetFit]]:
     return uneven, [m for each in (fits, uneven) for m in each if m.chi < ALIKE_CHI * each[0].chi]
 
 
-def _uneven_light(fit: SetFit) -> tuple[Light, Array]:
-    """The light's products that every set is asked for, and their weights."""
-    plain = plain_terms(fit.model)
-    more = missing_terms(plain, FIRST_DEGREES)
-    terms = plain[0] + more[0], plain[1] + more[1]
-    return terms, _weights(fit, terms)
-
-
 def _weights(fit: SetFit, terms: Light) -> Array:
     """1/u² (k,) of the light's coefficients: the first ones are free, a few more as benches have
     them, and what was asked for one by one is free again.
     """
     bright = float(_brightness(fit.point).mean())
-    sizes, usual = _usual_light(fit.model, terms)
-    return np.where(usual, (bright * unevenness(fit) * sizes) ** -2.0, 0.0)
+    sizes = bright * unevenness(fit) * np.array(light_sizes(terms))
+    return np.where(_are_usual(terms), sizes**-2.0, 0.0)
 
 
-def _usual_light(model: SetModel, terms: Light) -> tuple[Array, NDArray[np.bool_]]:
-    """Standard deviations (k,) of some light's coefficients over its brightness, and which of them
-    every light is asked for.
-    """
-    usual = missing_terms(plain_terms(model), FIRST_DEGREES)
-    there = [t in own for part, own in zip(terms, usual, strict=True) for t in part]
-    return np.array(light_sizes(terms)), np.array(there)
+def _are_usual(terms: Light) -> NDArray[np.bool_]:
+    """Which of some light's products are those that every set is asked for besides."""
+    return np.array([t in own for part, own in zip(terms, USUAL, strict=True) for t in part])
 
 
 def unevenness(fit: SetFit) -> float:
@@ -234,9 +223,9 @@ def unevenness(fit: SetFit) -> float:
 
     The likeliest scale of the coefficients' prior: MacKay (1992), Neural Computation 4, 415.
     """
-    if fit.model.weights is None:
+    if fit.model.terms == PLAIN:
         return 1.0
-    sizes, usual = _usual_light(fit.model, fit.model.terms)
+    sizes, usual = np.array(light_sizes(fit.model.terms)), _are_usual(fit.model.terms)
     bright = _brightness(fit.point)
     own = [
         fit.point.linear[0][fit.model.coefficients_of(i)[: len(sizes)]] / bright[i]
@@ -342,7 +331,7 @@ def _nuisances(fit: SetFit) -> Iterator[Nuisance]:
 
 def _of_light(model: SetModel) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Which of all the light's coefficients are of more than the first products, and the others."""
-    (light, dark), (plain, below) = model.terms, plain_terms(model)
+    (light, dark), (plain, below) = model.terms, PLAIN
     rich = np.r_[len(plain) : len(light), len(light) + len(below) : len(light) + len(dark)]
     of_each = [model.coefficients_of(i)[rich] for i in range(len(model.shots))]
     found = np.unique(np.concatenate(of_each)).astype(np.intp)
@@ -362,7 +351,7 @@ def _light(fit: SetFit) -> Nuisance:
         stacked = np.concatenate((fitted[rich], point.columns(index, bases[index])))
         return np.asarray(bright[index] * stacked)
 
-    light, dark = (t[len(p) :] for t, p in zip(model.terms, plain_terms(model), strict=True))
+    light, dark = (t[len(p) :] for t, p in zip(model.terms, PLAIN, strict=True))
     repeats, scale = len(rich) // max(1, len(light) + len(dark)), unevenness(fit)
     return Nuisance(
         name=LIGHT,
@@ -389,7 +378,7 @@ def _brightness(point: SetPoint) -> Array:
 def _apart(fit: SetFit) -> Nuisance:
     """What each image's light but the first's has of its own, beside exposure and stray light."""
     model, point = fit.model, fit.point
-    light, dark = (terms[1:] for terms in plain_terms(model))
+    light, dark = (terms[1:] for terms in PLAIN)
     bases, bright = model.weighted((light, dark)), _brightness(point)
     count, others = len(light) + len(dark), len(model.shots) - 1
 
@@ -453,7 +442,7 @@ def seen_all_over(fit: SetFit, index: int) -> tuple[Array, Array, Array]:
     Rows and columns (rows, cols) of the places looked at, px, and the light as stored, of the first
     products: of many the sum goes anywhere where none was fitted.
     """
-    plain = replace(fit.model, terms=plain_terms(fit.model), weights=None)
+    plain = replace(fit.model, terms=PLAIN, weights=None)
     inside = plain.at(fit.values)
     model = replace(plain, masks=np.ones_like(plain.masks), levels=None)
     point = model.at(fit.values)
@@ -515,7 +504,7 @@ def cause_sentence(cause: Mapping[str, Any]) -> str:
 def sentences(fit: SetFit, found: tuple[dict[str, Any], ...]) -> Iterator[str]:
     """What was found and used, a sentence each."""
     yield from map(cause_sentence, found)
-    count = sum(map(len, fit.model.terms)) - sum(map(len, plain_terms(fit.model)))
+    count = sum(map(len, fit.model.terms)) - sum(map(len, PLAIN))
     if count:
         yield message("light_more_uneven_quadratic", plain=count)
     if fit.left_out > 0:
