@@ -81,15 +81,15 @@ _COSINES, _ORDERS = 5, np.geomspace(0.001, 0.03, 4)
 """Cosines along each side of the picture; standard deviations of an unknown part of the orders."""
 
 
-def fit_set(model: SetModel, own: Array, besides: Array | None = None) -> SetFit:
+def fit_set(model: SetModel, unknowns: Array, besides: Array | None = None) -> SetFit:
     """Fit a set with all that it shows: lens, light, tone, specks left out.
 
-    Parameters: `model`, as stated; where the loaded images' unknowns (m, p) start, and the
+    Parameters: `model`, as stated; where the loaded images' `unknowns` (m, p) start, and the
     amplitudes (k,) of what a kind has besides, where these are free. What is weighed and not fitted
     is in the result's covariance.
     """
     start = np.zeros(model.size)
-    start[: own.size] = own.ravel()
+    start[: unknowns.size] = unknowns.ravel()
     if besides is not None:
         start[model.besides_places] = besides
     if model.exposures:
@@ -420,17 +420,17 @@ def set_image(
     `order` with its standard uncertainty; `cut`, what `View` has of it.
     """
     model, point, shot = fit.model, fit.point, fit.model.shots[index]
-    own, image = model.images[index], shot.light[np.ix_(model.rows, model.cols)]
-    left = point.linear[2][index]
-    residual, map_ = np.full((2, *own.mask.shape), np.nan)
-    residual[own.mask] = left * own.sigma
-    map_[own.mask] = np.abs(point.orders[index][0])
-    freedom = max(1.0, left.size - fit.unknowns / len(model.shots))
+    pixels, image = model.images[index], shot.light[np.ix_(model.rows, model.cols)]
+    weighted = point.linear[2][index]
+    residual, orders = np.full((2, *pixels.mask.shape), np.nan)
+    residual[pixels.mask] = weighted * pixels.sigma
+    orders[pixels.mask] = np.abs(point.orders[index][0])
+    freedom = max(1.0, weighted.size - fit.unknowns / len(model.shots))
     return ImageFit(
         file=shot.name, load_n=shot.load_n, order=order, standard_uncertainty=spread,
-        chi=float(np.sqrt(left @ left / freedom)), geometry=geometry,
+        chi=float(np.sqrt(weighted @ weighted / freedom)), geometry=geometry,
         view=View(
-            image=image, model=image - residual, residual=residual, order=map_,
+            image=image, model=image - residual, residual=residual, order=orders,
             sigma=float(np.median(shot.sigma)), **cut,
         ),
     )  # fmt: skip
