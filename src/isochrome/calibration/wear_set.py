@@ -204,13 +204,8 @@ def _with_stated(model: type[WearSet], data: dict[str, Any]) -> dict[str, Any]:
         if key != "scar.width_mm":
             raise ValueError(message("has_no_standard_uncertainty_here", key=key))
         uncertainties["width_mm"] = spread
-    relative: dict[str, list[float]] = {}
-    for kind in ("trace", "volume"):
-        tests, spreads = plain_rows(plain.get(kind), kind, (*_COMMON, "value_mm3"), "value_mm3")
-        if tests is not None:
-            plain = plain | {kind: tests}
-        for name, values in spreads.items():
-            relative.setdefault(name, []).extend(values)
+    names = (*_COMMON, "value_mm3")
+    plain, relative = plain_rows(plain, ("trace", "volume"), names, "value_mm3")
     if "value_mm3" in relative:
         uncertainties["volume_mm3"] = relative.pop("value_mm3")
     uncertainties |= {_COMMON[name]: common_percent(values) for name, values in relative.items()}
