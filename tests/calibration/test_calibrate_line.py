@@ -205,7 +205,8 @@ def calibration_of(orders, uncertainty, spread=1e-3):
         for i, n in enumerate(orders)
     ]
     line = fit_line([i.load_n for i in images], orders, [spread] * len(orders))
-    images = [replace(i, predicted_order=p) for i, p in zip(images, line.left_out, strict=True)]
+    predicted = zip(images, line.left_out, line.left_out_uncertainty, strict=True)
+    images = [replace(i, predicted_order=p, predicted_uncertainty=u) for i, p, u in predicted]
     return Calibration(
         specimen="beam", fringe_value_n_per_mm=14.6, standard_uncertainty=14.6 * uncertainty,
         chi=1.0, order_at_zero_load=0.0, order_at_zero_load_uncertainty=spread,

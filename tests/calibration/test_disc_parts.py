@@ -16,7 +16,6 @@ from isochrome.calibration.disc.disc_field import (
     choose_centre_orders,
     fit_rise,
     overlay,
-    scanned_waves,
 )
 from isochrome.errors import PhysicsError
 
@@ -30,14 +29,6 @@ ANGLE = np.radians(2.0)
 def placed(orders):
     """The true unknowns of discs of these centre orders, (n, 5)."""
     return np.array([[n, CIRCLE.row, CIRCLE.col, CIRCLE.radius, ANGLE] for n in orders])
-
-
-def test_the_waves_of_a_scan_are_those_of_its_orders():
-    """Two hundred steps of a recurrence: rounding grows with their square, from 1e-16."""
-    unit = np.linspace(0.0, 1.2, 50)
-    true = np.sin(np.pi * ORDERS[:, None] * unit) ** 2
-    assert scanned_waves(unit, False) == pytest.approx(true, abs=1e-11)
-    assert scanned_waves(unit, True) == pytest.approx(1.0 - true, abs=1e-11)
 
 
 def test_two_centre_orders_that_explain_an_image_alike_are_refused(disc_frame):

@@ -15,14 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
+from scipy.special import chdtri
 
-from isochrome.calibration.scale_result import (
-    CLEAR,
-    LENS,
-    MeasuredValue,
-    ScaleCalibration,
-    ScalePicture,
-)
+from isochrome.calibration.result import CONTRADICTED, UNLIKELY
+from isochrome.calibration.scale_result import LENS, MeasuredValue, ScaleCalibration, ScalePicture
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import NOISE, BudgetInput, BudgetRow, budget_items
 from isochrome.frames import open_frames
@@ -35,10 +31,7 @@ Complexes = NDArray[np.complex128]
 
 SMOOTH_PX = 1.5
 """Standard deviation of the Gaussian whose slope finds an edge: the slope's peak is then nearly
-Gaussian itself, and three pixels give its place."""
-
-OFF_PX = 1.5
-"""How far from its line a point may lie."""
+Gaussian itself, and three pixels give its place. No point of an edge lies further from its line."""
 
 LEAST_SHARE = 0.6
 """Share of the rows or columns in which both edges must be found."""
@@ -47,9 +40,8 @@ LEAST_POINTS = 20
 """Rows or columns that a picture must have them in at least."""
 
 FINDER_PX = 0.01
-"""What the place of an edge may be off by alike in all rows, by where in a pixel it lies."""
-
-_ROUNDS = 10
+"""What the place of an edge may be off by alike in all rows, by where in a pixel it lies; half of
+it is what that of a corner or dot is uncertain by at least, whatever its residuals."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +86,7 @@ def find_edge_pair(image: Array, *, name: str) -> EdgePair:
         residual_px=np.concatenate(residual)[:, None] * (np.array([-slope, 1.0][::order]) / long),
         distance_px=distance,
         standard_uncertainty=float(np.sqrt(noise**2 + turn**2 + 2.0 * FINDER_PX**2)),
-        spreading=apart * float(np.ptp(x)) / distance if apart > CLEAR * 2.0 * tilt else 0.0,
+        spreading=apart * float(np.ptp(x)) / distance if apart > CONTRADICTED * 2.0 * tilt else 0.0,
     )
 
 
@@ -105,14 +97,10 @@ def _along(image: Array) -> tuple[Array, Array, Array] | None:
     rising, falling = _peaks(slope), _peaks(-slope)
     good = np.isfinite(rising) & np.isfinite(falling)
     least = max(LEAST_POINTS, LEAST_SHARE * len(image))
-    for _ in range(_ROUNDS):
-        if good.sum() < least:
-            return None
-        off = [np.abs(edge - _robust(row, edge, good)) for edge in (rising, falling)]
-        new = (off[0] < OFF_PX) & (off[1] < OFF_PX)
-        if np.array_equal(new, good):
-            break
-        good = new
+    if good.sum() < least:
+        return None
+    off = [np.abs(edge - _robust(row, edge, good)) for edge in (rising, falling)]
+    good = np.max(off, axis=0) < SMOOTH_PX
     return (row[good], rising[good], falling[good]) if good.sum() >= least else None
 
 
@@ -142,14 +130,6 @@ def _robust(row: Array, edge: Array, good: NDArray[np.bool_]) -> Array:
 _WINDOW = 0.35
 """Half the window that a corner is refined in, in distances to the next corner: no other's edges
 that end within it."""
-
-_SMALLEST_WINDOW, _LARGEST_WINDOW = 3, 15
-"""The same in pixels: below, there are no edges; beyond, the lens bends them."""
-
-_SMOOTH_PX, _SMOOTH_SHARE = 1.5, 0.05
-"""Gaussian that the picture is smoothed by before, px and in distances to the next corner at most:
-the refinement takes gradients between neighbouring pixels, and is .035 px off where edges are
-sharp, .015 px after it."""
 
 _LOOKED_AT_PX = 600
 """Longest side that corners are first looked for in: in large pictures, whose edges are many
@@ -199,9 +179,9 @@ def _corners(grey: NDArray[np.uint8], image: Array, size: tuple[int, int]) -> Ar
     corners = np.asarray((corners + 0.5) * block - 0.5, dtype=np.float32)
     places = corners.reshape(size[1], size[0], 2)
     near = min(float(np.linalg.norm(np.diff(places, axis=k), axis=2).min()) for k in (0, 1))
-    half = int(np.clip(_WINDOW * near, _SMALLEST_WINDOW, _LARGEST_WINDOW))
+    half = max(FEWEST, int(_WINDOW * near))
     light = np.asarray(image / max(float(np.abs(image).max()), 1e-12), dtype=np.float32)
-    light = gaussian_filter(light, min(_SMOOTH_PX, _SMOOTH_SHARE * near), mode="nearest")
+    light = gaussian_filter(light, SMOOTH_PX, mode="nearest")
     end = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-4)
     refined = cv2.cornerSubPix(light, corners.copy(), (half, half), (-1, -1), end)
     return np.asarray(refined, dtype=float)
@@ -229,15 +209,6 @@ SHARED = ("spacing_px", "keystone_x", "keystone_z", "distortion")
 
 _LARGEST = 0.1
 """Distortion or keystone beyond which the lens's model is not meant to hold."""
-
-_CLEAR = 13.8
-"""Square of two values over their covariance that chance exceeds once in a thousand."""
-
-_FINDER_PX = 0.005
-"""What a point's place is uncertain by at least: no finder is better, whatever its residuals."""
-
-_ALIKE = 4.0
-"""Standard deviations of chance by which neighbours' residuals must be alike to count."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -287,7 +258,7 @@ def fit_target(places: Sequence[Array], shape: tuple[int, int]) -> TargetFit:
     # a shortening is a cause of its own, and no likeness
     likeness = _likeness(_residual(more.x, points, grids, shape) if shortening else residuals)
     # as of a first-order process in both directions: so many points are worth one
-    scatter = max(float(np.sqrt(2.0 * best.cost / (best.fun.size - best.x.size))), _FINDER_PX)
+    scatter = max(float(np.sqrt(2.0 * best.cost / (best.fun.size - best.x.size))), 0.5 * FINDER_PX)
     widened = scatter * (1.0 + likeness) / (1.0 - likeness)
     spread = widened * np.sqrt(np.diag(np.linalg.inv(best.jac.T @ best.jac)))
     rolls = zip(np.degrees(best.x[6::3]), np.degrees(spread[6::3]), strict=True)
@@ -354,7 +325,7 @@ def _likeness(residuals: Sequence[Complexes]) -> float:
             squares += 0.5 * float(np.sum(np.abs(a) ** 2 + np.abs(b) ** 2))
             count += 2 * a.size
     correlation = products / squares if squares > 0.0 else 0.0
-    return min(correlation, 0.9) if correlation > _ALIKE / np.sqrt(count) else 0.0
+    return min(correlation, 0.9) if correlation > CONTRADICTED / np.sqrt(count) else 0.0
 
 
 def _shortening(values: Array, jac: Array, residual: Array) -> float:
@@ -364,8 +335,8 @@ def _shortening(values: Array, jac: Array, residual: Array) -> float:
     """
     strain = values[-2:]
     per_scatter = np.linalg.inv(jac.T @ jac)[-2:, -2:]
-    square = max(float(residual @ residual) / (residual.size - values.size), _FINDER_PX**2)
-    clear = float(strain @ np.linalg.solve(per_scatter, strain)) > _CLEAR * square
+    square = max(float(residual @ residual) / (residual.size - values.size), (0.5 * FINDER_PX) ** 2)
+    clear = float(strain @ np.linalg.solve(per_scatter, strain)) > chdtri(2, UNLIKELY) * square
     return 2.0 * float(np.hypot(*strain)) if clear else 0.0
 
 

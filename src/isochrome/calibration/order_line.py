@@ -20,9 +20,6 @@ from isochrome.messages import message
 
 Array = NDArray[np.float64]
 
-CERTAIN = 5.0
-"""Standard uncertainties beyond which an unloaded image contradicts the loads' line."""
-
 NOTICED = 0.05
 """Fringes at the least that such a contradiction is worth a sentence."""
 
@@ -38,6 +35,7 @@ class OrderLine:
     intercept_uncertainty: float | None = None
     scatter: float = 0.0  # between-load part of an order's uncertainty (0: the fits explain it all)
     left_out: tuple[float, ...] | None = None  # each order by the other loads; None below three
+    left_out_uncertainty: tuple[float, ...] | None = None  # of the difference
     weights: tuple[float, ...]  # d slope / d order, 1/N
 
 
@@ -64,7 +62,7 @@ def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) ->
     return OrderLine(
         slope=float(values[0]), slope_uncertainty=max(float(slope_u), noise), slope_noise=noise,
         intercept=float(values[1]), intercept_uncertainty=float(intercept_u), scatter=scatter,
-        left_out=_left_out(p, n, wide), weights=tuple(weights[0]),
+        **_left_out(p, n, v, wide), weights=tuple(weights[0]),
     )  # fmt: skip
 
 
@@ -108,12 +106,17 @@ def _scatter(p: Array, n: Array, v: Array) -> float:
     return float(brentq(excess, 0.0, 10.0 * np.ptp(n) + 1.0))
 
 
-def _left_out(p: Array, n: Array, v: Array) -> tuple[float, ...] | None:
+def _left_out(p: Array, n: Array, v: Array, wide: Array) -> dict[str, tuple[float, ...]]:
+    """Each order by the line through the others, and how unsure the fits make their difference."""
     others = [np.arange(p.size) != i for i in range(p.size)]
     if p.size < 3 or any(np.unique(p[keep]).size < 2 for keep in others):
-        return None
-    lines = [_solve(p[keep], n[keep], v[np.ix_(keep, keep)])[0] for keep in others]
-    return tuple(float(s * load + i) for (s, i), load in zip(lines, p, strict=True))
+        return {}
+    away = np.eye(p.size)  # each order less that line, as sums of all orders
+    for row, keep, load in zip(away, others, p, strict=True):
+        weights = _solve(p[keep], n[keep], wide[np.ix_(keep, keep)])[2]
+        row[keep] = -np.array([load, 1.0]) @ weights
+    spread = np.sqrt(np.diag(away @ v @ away.T))
+    return {"left_out": tuple(n - away @ n), "left_out_uncertainty": tuple(spread)}
 
 
 @dataclass(frozen=True)
@@ -148,7 +151,7 @@ def order_messages(
     for item in unloaded:
         order = float(np.sqrt(max(item.square, 0.0)))
         spread = np.sqrt(item.uncertainty**2 + (2.0 * r * u) ** 2 + 2.0 * u**4)
-        if abs(r**2 - item.square) > CERTAIN * spread and abs(abs(r) - order) > NOTICED:
+        if abs(r**2 - item.square) > CONTRADICTED * spread and abs(abs(r) - order) > NOTICED:
             yield message(
                 "shows_order_no_load", file=item.file, order=order, r=r, slope=slope, load_n=load_n
             )
@@ -205,8 +208,12 @@ def uncertainty_budget(
     value = factor_n2_per_mm / line.slope if line.slope > 0 else np.inf
     if not PLAUSIBLE_N_PER_MM[0] <= value <= PLAUSIBLE_N_PER_MM[1]:
         raise PhysicsError("images_give_f_sigma_mm", value=value)
-    if line.left_out is not None:
-        images = [replace(i, predicted_order=p) for i, p in zip(images, line.left_out, strict=True)]
+    if line.left_out is not None and line.left_out_uncertainty is not None:
+        predicted = zip(images, line.left_out, line.left_out_uncertainty, strict=True)
+        images = [
+            replace(i, predicted_order=float(n), predicted_uncertainty=float(u))
+            for i, n, u in predicted
+        ]
     _check_line(images, line)
     budget = _budget(value, line, inputs)
     return Calibration(
@@ -306,8 +313,10 @@ def widened_to_held_out(calibration: Calibration) -> Calibration:
     """
     if any(image.predicted_order is None for image in calibration.images):
         return calibration
-    away, noise = _away(calibration.images)
-    orders = np.array([i.order for i in calibration.images])
+    orders, predicted, noise = np.array(
+        [(i.order, i.predicted_order, i.predicted_uncertainty) for i in calibration.images]
+    ).T
+    away = orders - predicted
     value = calibration.fringe_value_n_per_mm
     stated = calibration.standard_uncertainty / value
     expected = np.hypot(noise, orders * stated)
@@ -339,21 +348,3 @@ def _expected(images: Sequence[ImageFit], spread: Array) -> tuple[ImageFit, ...]
     return tuple(
         replace(i, predicted_uncertainty=float(u)) for i, u in zip(images, spread, strict=True)
     )
-
-
-def _away(images: Sequence[ImageFit]) -> tuple[Array, Array]:
-    """Each order less what the others predict, and the standard uncertainty of that by the images.
-
-    Both (n,), fringes; the line through the others is weighted by their own uncertainties.
-    """
-    loads, orders = np.array([(i.load_n, i.order) for i in images]).T
-    variance = np.array([i.standard_uncertainty**2 for i in images])
-    predicted = np.array([i.predicted_order for i in images], dtype=float)
-    spread = np.empty(len(images))
-    for i, load in enumerate(loads):
-        others = np.arange(len(images)) != i
-        design = np.stack([loads[others], np.ones(others.sum())])
-        covariance = np.linalg.pinv((design / variance[others]) @ design.T)
-        at = np.array([load, 1.0])
-        spread[i] = np.sqrt(variance[i] + at @ covariance @ at)
-    return orders - predicted, spread

@@ -65,6 +65,12 @@ CUTS = {
 CONTRADICTED = 3.0
 """Standard uncertainties that are a contradiction: by which a value must be off to be one."""
 
+UNLIKELY = 1e-3
+"""Chance of a scatter below which it is none of chance."""
+
+MOST_SHOWN = 4
+"""Images or distances that a calibration's figure shows."""
+
 VALUES = (
     "fringe_value_n_per_mm", "standard_uncertainty", "chi", "order_at_zero_load",
     "order_at_zero_load_uncertainty", "residual", "channels", "causes",
@@ -262,7 +268,7 @@ class Calibration(Result):
         `frames`: numbers of the images that are shown. Raises InputError where one is not there.
         """
         images = self.images
-        default = [images.index(item) for item in _spread(images)[-_FOR_PAPER:]]
+        default = [images.index(item) for item in _spread(images)[-1:]]  # the largest load
         shown = [images[k] for k in chosen_frames(frames, len(images), default, items="images")]
         views = []
         for item in shown:
@@ -329,11 +335,6 @@ class Calibration(Result):
         }
 
 
-MOST_ROWS = 4
-"""Images that are shown, spread over the loads."""
-_FOR_PAPER = 1
-"""That of the largest load, of a figure for a paper where nobody names them."""
-
 LARGEST_PX = 400
 """Rows or columns of an image that are drawn."""
 
@@ -353,7 +354,7 @@ def _values(calibration: Calibration) -> list[str]:
 def _spread(images: Sequence[ImageFit]) -> list[ImageFit]:
     """Those with a view that are shown, by their loads."""
     drawable = [image for image in images if image.view is not None]
-    return evenly_spaced(sorted(drawable, key=lambda i: i.load_n), MOST_ROWS)
+    return evenly_spaced(sorted(drawable, key=lambda i: i.load_n), MOST_SHOWN)
 
 
 def _order_text(item: ImageFit) -> str:

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from isochrome.calibration.colour import ColourCalibration, write_colours
-from isochrome.calibration.result import CUTS, Calibration
-from isochrome.calibration.scale_result import CLEAR, LENS, ScaleCalibration
+from isochrome.calibration.result import CONTRADICTED, CUTS, Calibration
+from isochrome.calibration.scale_result import LENS, ScaleCalibration
 from isochrome.calibration.settings import load_set
 from isochrome.calibration.wear_result import WEAR_UNIT, WearCalibration, trace_json
 from isochrome.errors import InputError
@@ -133,7 +133,7 @@ def write_into_scene(
     for key, (value, spread) in calibration.scene_values.items():
         table, _, entry = key.partition(".")
         # the first value, and of the others those that are clear or that the scene states
-        if not entries or abs(value) > CLEAR * spread or entry in stated.get(table, {}):
+        if not entries or abs(value) > CONTRADICTED * spread or entry in stated.get(table, {}):
             entries.append((key, rounded_texts(value, spread)))
     for key, texts in reversed(entries):  # each is put on top of its table
         dated = f', date = "{calibration_day()}"' if key == FRINGE_VALUE else ""
@@ -163,7 +163,7 @@ def _check_picture(calibration: ScaleCalibration, scene: Scene, name: str) -> No
     """Refuse a scene whose frames are turned, cut or of another size than a scale's pictures."""
     camera, frames = scene.camera, scene.frames
     bent = any(
-        abs(measured.value) > CLEAR * measured.standard_uncertainty
+        abs(measured.value) > CONTRADICTED * measured.standard_uncertainty
         for key, measured in calibration.values.items()
         if key in LENS
     )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.calibration.result import MOST_SHOWN
 from isochrome.estimation import BudgetInput
 from isochrome.figures import (
     FRAME_MAP,
@@ -34,9 +35,6 @@ Array = NDArray[np.float64]
 
 LENS = ("distortion", "keystone_x", "keystone_z")
 """What bends the picture; each is a key of a scene's [camera], as is pixel_mm."""
-
-CLEAR = 3.0
-"""Standard uncertainties beyond which a value is no nothing."""
 
 
 @dataclass(frozen=True)
@@ -174,7 +172,7 @@ class ScaleCalibration(Result):
         """Each picture with its points and their residuals magnified, and the budget."""
         texts = _texts(self)
         head = ["    ".join(texts[:1] + texts[4:]), "    ".join(texts[1:4])]
-        panels = self.panels(tuple(range(len(self.images[:MOST_PICTURES]))))
+        panels = self.panels(tuple(range(len(self.images[:MOST_SHOWN]))))
         return panels_figure(
             replace(panels, notes=panels.notes[1:]), "\n".join(line for line in head if line)
         )
@@ -239,9 +237,6 @@ class ScaleCalibration(Result):
             **warnings_json(self.warnings),
         }
 
-
-MOST_PICTURES = 4
-"""Pictures that are shown, the first ones."""
 
 _FOR_PAPER = 2
 """Those of a figure for a paper where nobody names them."""

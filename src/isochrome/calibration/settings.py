@@ -45,7 +45,7 @@ def with_stated(model: type[BaseModel], data: dict[str, Any]) -> dict[str, Any]:
     ValueError for what is stated twice, and for a key that is no input of the budget.
     """
     plain, stated = split_uncertainties(model, data)
-    images, of_images = plain_rows(plain.get("image"), "image", ("load_n",))
+    plain, of_images = plain_rows(plain, ("image",), ("load_n",))
     for key in stated:
         if key not in _INPUTS and key not in _SPANS:
             raise ValueError(
@@ -61,7 +61,7 @@ def with_stated(model: type[BaseModel], data: dict[str, Any]) -> dict[str, Any]:
         spreads["span_mm"] = float(np.sqrt(np.sum(np.square(spans)) / len(_SPANS)))
     if "load_n" in of_images:
         spreads["load_percent"] = common_percent(of_images["load_n"])
-    return under_uncertainty(plain | {"image": images} if spreads else plain, spreads)
+    return under_uncertainty(plain, spreads)
 
 
 def common_percent(relative: list[float]) -> float:
@@ -85,25 +85,26 @@ def under_uncertainty(plain: dict[str, Any], spreads: dict[str, Any]) -> dict[st
 
 
 def plain_rows(
-    rows: Any, kind: str, names: tuple[str, ...], absolute: str = ""
-) -> tuple[Any, dict[str, list[float]]]:
-    """Tables of a `kind` with plain values, and the uncertainties beside them, by name.
-
-    They are relative, but for that of the value called `absolute`.
+    plain: dict[str, Any], kinds: tuple[str, ...], names: tuple[str, ...], absolute: str = ""
+) -> tuple[dict[str, Any], dict[str, list[float]]]:
+    """A set's tables with plain values in the rows of some `kinds`, and the uncertainties beside
+    them, by name. They are relative, but for that of the value called `absolute`.
     """
-    if not isinstance(rows, list | tuple):
-        return rows, {}
-    plain: list[Any] = []
     spreads: dict[str, list[float]] = {}
-    for number, row in enumerate(rows, start=1):
-        for name in names if isinstance(row, dict) else ():
-            if isinstance(row.get(name), dict):
-                value, spread = plain_value(f"{kind}[{number}].{name}", row[name])
-                row = row | {name: value}
-                if isinstance(value, int | float) and value > 0:
-                    size = 1.0 if name == absolute else value
-                    spreads.setdefault(name, []).append(spread / size)
-        plain.append(row)
+    for kind in kinds:
+        rows = plain.get(kind)
+        if not isinstance(rows, list | tuple):
+            continue
+        rows = list(rows)
+        for number, row in enumerate(rows, start=1):
+            for name in names if isinstance(row, dict) else ():
+                if isinstance(row.get(name), dict):
+                    value, spread = plain_value(f"{kind}[{number}].{name}", row[name])
+                    row = rows[number - 1] = row | {name: value}
+                    if isinstance(value, int | float) and value > 0:
+                        size = 1.0 if name == absolute else value
+                        spreads.setdefault(name, []).append(spread / size)
+        plain = plain | {kind: rows}
     return plain, spreads
 
 

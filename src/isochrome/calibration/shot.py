@@ -58,9 +58,18 @@ def below_saturation(image: Array, sigma: Array, level: float) -> NDArray[np.boo
     return np.asarray((image < level) & (uniform_filter(image, 3) + 3.0 * sigma < level))
 
 
-START_PIXELS, PIXELS = 20_000, 40_000
-"""Pixels of an image, or of the square about a disc, from which a set starts, and that are fitted
-with the whole set."""
+PIXELS = 40_000
+"""Pixels of an image, or of the square about a disc, that are fitted."""
+
+RIM = 0.03
+"""Part of a beam's height at each edge, and of a disc's radius at its rim, that is left out: there
+are chamfers and blur."""
+
+LARGEST_TILT = 8.0
+"""Degrees by which a specimen may lie aslant; one that does by more is asked to be turned."""
+
+FINEST = 0.25
+"""Fringes a pixel at the most that a camera resolves."""
 
 FEWEST_FRINGES = 0.5
 """Fringes in view, or order at a disc's centre, at the least."""

@@ -11,7 +11,6 @@ from scipy.special import stdtrit
 
 from isochrome.calibration.result import CONTRADICTED
 from isochrome.calibration.wear_result import (
-    SURE,
     WearCalibration,
     WearLawFit,
     WornDistance,
@@ -30,6 +29,7 @@ from isochrome.calibration.wear_set import (
 from isochrome.contact import contact_states
 from isochrome.errors import InputError, IsochromeError, PhysicsError
 from isochrome.estimation import BudgetRow, budget_items
+from isochrome.fitting import CLEAR
 from isochrome.messages import message
 from isochrome.scars import student_factor_of
 from isochrome.scene import check_reach, load_scene, scene_names
@@ -105,7 +105,7 @@ def _of_laws(volumes: Volumes, laws: Sequence[WearLawFit], law: str) -> Iterator
                 running_in_distance_m=best.running_in_distance_m,
             )
         yield message(
-            "volumes_prefer_ln_clear", law=best.law, more=more, log_evidence=evidence, sure=SURE
+            "volumes_prefer_ln_clear", law=best.law, more=more, log_evidence=evidence, sure=CLEAR
         )
     if archard.is_unlikely:
         worst = max(
@@ -239,7 +239,7 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
     budget, total = budget_items(rows), _joined(np.array([u * c for _, _, u, c in rows]))
     freedom = _freedom(volumes, scatter, archard, spread, total)
     reach = _reach(freedom, total, scattered=scattered)
-    law = "archard" if archard.log_evidence > -SURE else laws[0].law
+    law = "archard" if archard.log_evidence > -CLEAR else laws[0].law
     return WearCalibration(
         coefficient_mm2_per_n=k,
         standard_uncertainty=total,

@@ -7,8 +7,8 @@
 
 the last Archard's with a coefficient that goes linearly from r k to k over s0. With variances u² of
 the volumes k = Σ xV/u² / Σ x²/u², and with χ² what it leaves, a flat prior of ln k gives
-ln Z = -χ²/2 - 1/2 ln(k² Σ x²/u²) + const, averaged for running_in over its prior: ln r and ln s0
-Gaussian, of a factor of e about 1 and about the distances' geometric mean. Sources: Archard (1953),
+ln Z = -χ²/2 - 1/2 ln(k² Σ x²/u²) + const, for running_in with its prior: ln r and ln s0 Gaussian,
+of a factor of e about 1 and about the distances' geometric mean. Sources: Archard (1953),
 J. Appl. Phys. 24, 981; Sarkar (1980), Friction and Wear; Fouvry et al. (1997), Wear 203-204, 390;
 MacKay (2003), Information Theory, Inference, and Learning Algorithms, chapter 28.
 """
@@ -18,16 +18,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import cycle
+from itertools import cycle, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc, logsumexp
+from scipy.special import chdtrc
 
-from isochrome.calibration.wear_set import UNLIKELY, TraceScar, WornVolume, levelled_of
+from isochrome.calibration.result import MOST_SHOWN, UNLIKELY
+from isochrome.calibration.wear_set import TraceScar, WornVolume, levelled_of
 from isochrome.contact import wear_rate
-from isochrome.estimation import BudgetInput
+from isochrome.estimation import STEP, BudgetInput
 from isochrome.figures import (
     BAND,
     GREY,
@@ -42,12 +43,11 @@ from isochrome.figures import (
     chosen_frames,
     data_name,
     draw_band,
-    draw_budget,
-    new_figure,
+    panels_figure,
     plain_name,
     style_axes,
-    write_head,
 )
+from isochrome.fitting import nearest_point
 from isochrome.messages import warnings_json
 from isochrome.output import Result, columns_of, counted, with_uncertainty
 from isochrome.scene import Wear
@@ -57,15 +57,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[Any]
-
-SURE = 5.0
-"""Difference of ln Z that is a clear margin: odds of 150 to 1 (Kass & Raftery 1995, JASA 90,
-773)."""
-
-_NODES, _ZOOMS = 41, 4
-_REACH = 4.0
-"""Nodes of an average over the priors, how often they are drawn closer about the posterior, and how
-far they reach at first, in the priors' standard deviations."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,43 +153,40 @@ def _solve(work: Array, values: Array, spread: Array) -> tuple[Array, Array, Arr
 
 
 def _running_in(volumes: Sequence[WornVolume], values: Array, spread: Array) -> WearLawFit:
-    """Running-in, averaged over its priors; what it gives is the average by the posterior."""
+    """Running-in by Laplace's approximation about its most probable ratio and distance."""
     slid = np.array([volume.distance_m for volume in volumes])
     load = np.array([volume.normal_n for volume in volumes])
     typical = float(np.exp(np.mean(np.log(np.unique(slid)))))
-    ranges = [(-_REACH, _REACH)] * 2
-    for _ in range(_ZOOMS):
-        one, two = (np.linspace(low, high, _NODES) for low, high in ranges)
-        ratio, turn = np.exp(one)[:, None, None], typical * np.exp(two)[None, :, None]
+
+    def work(unknown: Array) -> Array:
+        ratio, turn = np.exp(unknown[0]), typical * np.exp(unknown[1])
         until = np.minimum(slid, turn)
         extra = until - until**2 / (2.0 * turn)  # ∫ (1 - s/s0) ds
-        work = 1e3 * load * (slid + (ratio - 1.0) * extra)
-        k, information, square, log_z = _solve(work, values, spread)
-        cell = (one[1] - one[0]) * (two[1] - two[0]) / (2.0 * np.pi)
-        total = log_z - 0.5 * (one[:, None] ** 2 + two**2) + np.log(cell)
-        log_evidence = logsumexp(total)
-        weight = np.exp(total - log_evidence)
-        ranges = [_narrowed(nodes, weight.sum(axis=axis)) for axis, nodes in ((1, one), (0, two))]
+        return np.asarray(1e3 * load * (slid + (ratio - 1.0) * extra))
 
-    def mean(part: Array) -> float:
-        return float(np.sum(weight * part))
+    def curve(unknown: Array) -> Array:
+        x = work(unknown)
+        return np.asarray((values - _solve(x, values, spread)[0] * x) / spread)
 
-    middle = mean(k)
+    steps, unit = np.full(2, STEP), np.eye(len(values))
+    starts = product((-0.7, 0.7), repeat=2)  # there may be several valleys
+    places = [
+        nearest_point(curve, np.array(start), np.zeros(2), steps, unit, np.ones(2))
+        for start in starts
+    ]
+    best = min(places, key=lambda place: place.cost)
+    k, information, square, log_z = _solve(work(best.unknown), values, spread)
+    moved = [_solve(work(best.unknown + step), values, spread)[0] for step in np.diag(steps)]
+    slope = (np.array(moved) - k) / STEP
+    ratio, turn = np.exp(best.unknown).tolist()
+    variance = 1.0 / information + slope @ np.linalg.solve(best.normal, slope)
+    log_z -= 0.5 * (best.unknown @ best.unknown + np.linalg.slogdet(best.normal)[1])
     return WearLawFit(
-        law="running_in", coefficient_mm2_per_n=middle,
-        own_uncertainty=float(np.sqrt(mean(1.0 / information + (k - middle) ** 2))),
-        chi_square=float(square.min()), freedom=len(values) - 3, log_evidence=float(log_evidence),
-        first_over_last=float(np.exp(mean(one[:, None]))),
-        running_in_distance_m=typical * float(np.exp(mean(two[None, :]))),
+        law="running_in", coefficient_mm2_per_n=float(k),
+        own_uncertainty=float(np.sqrt(variance)), chi_square=float(square),
+        freedom=len(values) - 3, log_evidence=float(log_z), first_over_last=ratio,
+        running_in_distance_m=typical * turn,
     )  # fmt: skip
-
-
-def _narrowed(nodes: Array, weight: Array) -> tuple[float, float]:
-    """Where a posterior is, with room: its grid is made finer until it is wider than its cells."""
-    middle = float(weight @ nodes)
-    spread = float(np.sqrt(np.sum(weight * (nodes - middle) ** 2)))
-    room = float(max(_REACH * 1.5 * spread, 3.0 * (nodes[1] - nodes[0])))
-    return max(middle - room, float(nodes[0])), min(middle + room, float(nodes[-1]))
 
 
 @dataclass(frozen=True)
@@ -304,6 +292,11 @@ class WearCalibration(Result):
     warnings: tuple[str, ...]
 
     @property
+    def distances_m(self) -> list[float]:
+        """The traces' distances, each once, m."""
+        return list(dict.fromkeys(scar.test.distance_m for scar in self.traces))
+
+    @property
     def columns(self) -> dict[str, list[Any]]:
         """A row a distance."""
         return columns_of([row.to_json() for row in self.by_distance])
@@ -360,41 +353,34 @@ class WearCalibration(Result):
 
     def figure(self) -> Figure:
         """The traces as measured and levelled, a row a distance, and k over the distance."""
-        distances = list(dict.fromkeys(scar.test.distance_m for scar in self.traces))[:MOST_ROWS]
-        figure = new_figure(13.0, 2.5 * len(distances) + 4.4)
-        ratios: Any = {"width_ratios": [1, 1.25], "height_ratios": [1.0] * len(distances) + [1.35]}
-        panels: Any = figure.subplots(len(distances) + 1, 2, squeeze=False, **ratios)
-        for place, (raw, level) in zip(distances, panels[:-1], strict=True):
-            scars = [scar for scar in self.traces if scar.test.distance_m == place]
-            _draw_raw(raw, scars, f"{place:g} m: as measured, less the line through the ends")
-            _draw_levelled(level, scars)
-        for axes in panels[len(distances) - 1, :] if distances else ():
-            axes.set_xlabel("x (mm)")
-        _draw_coefficients(panels[-1, 0], self)
-        parts = {item.input: item.contribution / WEAR_UNIT for item in self.budget}
-        label = "contribution to u (1e-9 mm²/N)"
-        draw_budget(panels[-1, 1], parts, x_label=label, title="uncertainty budget")
-        write_head(figure, "    ".join(_values(self)))
-        return figure
+        shown = range(min(len(self.distances_m), MOST_SHOWN))
+        panels = self.panels(tuple(shown))
+        levelled = panels.plots[: len(shown)]
+        raw = [
+            Plot(
+                title=f"{place:g} m: as measured",
+                draw=partial(_draw_raw, calibration=self, place=place),
+            )
+            for place in self.distances_m[: len(shown)]
+        ]
+        pairs = [plot for pair in zip(raw, levelled, strict=True) for plot in pair]
+        plots = [*pairs, *panels.plots[len(shown) :]]
+        panels = replace(panels, plots=plots, plots_across=2, notes=())
+        return panels_figure(panels, "    ".join(_values(self)))
 
     def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
         """Give scars, coefficients and budget for a paper; see `paper_figure`.
 
         `frames`: numbers of the distances that are shown. Raises InputError where one is not there.
         """
-        distances = list(dict.fromkeys(scar.test.distance_m for scar in self.traces))
-        few = range(min(len(distances), _FOR_PAPER))
-        chosen = chosen_frames(frames, len(distances), few, items="distances")
-        shown = [distances[k] for k in chosen]
-
-        def scar(axes: Axes, place: float) -> None:
-            _draw_levelled(axes, [s for s in self.traces if s.test.distance_m == place])
-            axes.set_xlabel("x (mm)")
+        few = range(min(len(self.distances_m), MOST_SHOWN))
+        chosen = chosen_frames(frames, len(self.distances_m), few, items="distances")
+        shown = [self.distances_m[k] for k in chosen]
 
         plots = [
             Plot(
                 title=f"{place:g} m",
-                draw=partial(scar, place=place),
+                draw=partial(_draw_levelled, calibration=self, place=place),
                 spare=int(frames is None and 0 < k < len(shown) - 1),  # the ends tell the most
             )
             for k, place in enumerate(shown)
@@ -425,12 +411,6 @@ class WearCalibration(Result):
         }
 
 
-MOST_ROWS = 6
-"""Distances whose traces are drawn, the first ones."""
-
-_FOR_PAPER = 4
-"""Those of a figure for a paper where nobody names them."""
-
 WEAR_UNIT = 1e-9
 """mm²/N: wear coefficients of dry contacts are some of these, and are drawn and told in it."""
 
@@ -444,30 +424,31 @@ def _values(calibration: WearCalibration) -> tuple[str, str, str]:
     return value, f"95 %: {low:.4g} to {high:.4g}", f"law by evidence: {calibration.law}"
 
 
-def _draw_raw(axes: Any, scars: list[TraceScar], title: str) -> None:
+def _draw_raw(axes: Axes, calibration: WearCalibration, place: float) -> None:
+    """The traces of a distance less the line through their ends, and what they are levelled by."""
+    scars = [s for s in calibration.traces if s.test.distance_m == place and s.levelled]
     for scar, colour in zip(scars, cycle(LINE_COLOURS), strict=False):
-        one = scar.levelled
-        if one is None:
-            continue
+        (one,) = levelled_of([scar])
         z = one.level_um - one.depth_um
         line = np.interp(one.x_mm, one.x_mm[[0, -1]], z[[0, -1]])
         axes.plot(one.x_mm, z - line, color=colour, lw=LINE_PT, label=plain_name(scar.test.file))
         axes.plot(one.x_mm, one.level_um - line, color=INK, lw=LINE_PT, ls=":")
-    style_axes(axes, z_label="height (µm)", title=title)
-    if any(scar.levelled for scar in scars):
+    style_axes(axes, x_label="x (mm)", z_label="height (µm)")
+    if scars:
         add_legend(axes)
 
 
-def _draw_levelled(axes: Any, scars: list[TraceScar]) -> None:
+def _draw_levelled(axes: Axes, calibration: WearCalibration, place: float) -> None:
     """Depths from the scars' middles, downward, with the worn areas and the edges."""
+    scars = [s for s in calibration.traces if s.test.distance_m == place]
     traces = levelled_of(scars)
     names = [plain_name(scar.test.file, 24) for scar in scars if scar.levelled is not None]
     for one, name, colour in zip(traces, names, cycle(LINE_COLOURS), strict=False):
         x = one.x_mm - one.centre_mm
         axes.plot(x, -one.depth_um, color=colour, lw=LINE_PT, label=name)
         for edge, u in zip(one.edges_mm, one.edge_uncertainty_mm, strict=True):
-            place = edge - one.centre_mm
-            axes.axvspan(place - BAND * u, place + BAND * u, color=colour, alpha=0.12, lw=0)
+            at = edge - one.centre_mm
+            axes.axvspan(at - BAND * u, at + BAND * u, color=colour, alpha=0.12, lw=0)
     if traces:
         first = traces[0]
         inside = (first.x_mm >= first.window_mm[0]) & (first.x_mm <= first.window_mm[1])
@@ -480,7 +461,7 @@ def _draw_levelled(axes: Any, scars: list[TraceScar]) -> None:
         for one in traces
     ]
     text = "worn area (1e-3 mm²): " + ", ".join(areas) if areas else "no clear scar"
-    style_axes(axes, z_label="height over the level (µm)", title=text)
+    style_axes(axes, x_label="x (mm)", z_label="height over the level (µm)", title=text)
 
 
 def _draw_coefficients(axes: Any, calibration: WearCalibration) -> None:

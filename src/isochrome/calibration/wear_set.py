@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from scipy.special import chdtrc
 
+from isochrome.calibration.result import UNLIKELY
 from isochrome.calibration.settings import ImageSet, common_percent, plain_rows, under_uncertainty
 from isochrome.messages import message
 from isochrome.scars import LevelledTrace, UnclearScarError, levelled, read_trace, student_factor_of
@@ -203,13 +204,8 @@ def _with_stated(model: type[WearSet], data: dict[str, Any]) -> dict[str, Any]:
         if key != "scar.width_mm":
             raise ValueError(message("has_no_standard_uncertainty_here", key=key))
         uncertainties["width_mm"] = spread
-    relative: dict[str, list[float]] = {}
-    for kind in ("trace", "volume"):
-        tests, spreads = plain_rows(plain.get(kind), kind, (*_COMMON, "value_mm3"), "value_mm3")
-        if tests is not None:
-            plain = plain | {kind: tests}
-        for name, values in spreads.items():
-            relative.setdefault(name, []).extend(values)
+    names = (*_COMMON, "value_mm3")
+    plain, relative = plain_rows(plain, ("trace", "volume"), names, "value_mm3")
     if "value_mm3" in relative:
         uncertainties["volume_mm3"] = relative.pop("value_mm3")
     uncertainties |= {_COMMON[name]: common_percent(values) for name, values in relative.items()}
@@ -220,9 +216,6 @@ Array = NDArray[Any]
 
 MOST_FREEDOM = 30.0
 """Degrees of freedom that a spectrum is believed with: its bands are a model."""
-
-UNLIKELY = 1e-3
-"""Chance of a scatter below which it is said."""
 
 
 @dataclass(frozen=True)

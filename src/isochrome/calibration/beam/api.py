@@ -28,26 +28,28 @@ from isochrome.calibration.order_line import (
     uncertainty_budget,
     widened_to_held_out,
 )
-from isochrome.calibration.result import Calibration, ImageFit, View
+from isochrome.calibration.result import CONTRADICTED, Calibration, ImageFit
 from isochrome.calibration.settings import CalibrationSet, SetLike, load_set
 from isochrome.calibration.shot import (
     FEWEST_FRINGES,
+    FINEST,
+    LARGEST_TILT,
     PIXELS,
-    START_PIXELS,
+    RIM,
     Shot,
     calibrate_channels,
     unused,
 )
 from isochrome.calibration.whole_set.set_fit import (
+    OUTLIER,
     alike_fits,
     best_first,
     causes,
     contradiction,
     fit_set,
-    image_chi,
-    image_maps,
     seen_all_over,
     sentences,
+    set_image,
     stated_values,
 )
 from isochrome.calibration.whole_set.set_model import Kind, SetFit, SetModel, looked_at
@@ -57,18 +59,15 @@ from isochrome.output import with_uncertainty
 
 Array = NDArray[np.float64]
 
-LARGEST_TILT = 8.0
-"""Degrees; a beam tilted by more is asked to be turned."""
-
-FINEST_PX = 4.0
-"""Samples of the profile a fringe at the least."""
-
 SAMPLES = 512
 """Samples of the profile that is scanned, at most about."""
 
 SMALLEST_PX = 16.0
 LARGEST_FRAMES = 20.0
 """A beam's height in pixels, and in heights of the frame, at the least and at the most."""
+
+EDGE_REACH = 0.1
+"""How far the edges may lie from the last guess, in heights."""
 
 FEWEST_VALID = 0.3
 """Part of the pixels that must be usable."""
@@ -102,20 +101,19 @@ def find_beam(shot: Shot, height_px: float) -> BeamView:
     if np.mean(shot.valid) < FEWEST_VALID:
         raise PhysicsError("only_pixels_can_used", name=shot.name, mean=np.mean(shot.valid))
     tilt = _tilt(shot)
-    rows, values, count = _binned(*_profile(shot, tilt))
-    tops = _tops(rows, height_px)
+    rows, values, count = _profile(shot, tilt)
     in_view = min(height_px, float(rows[-1] - rows[0] + 1))
-    finest = 1.0 / (FINEST_PX * float(rows[1] - rows[0]))
+    # at least 60 % of the smaller of beam and frame is in view
+    ends, room = sorted((rows[0], rows[-1] + 1 - height_px)), 0.4 * in_view
+    tops = np.arange(ends[0] - room, ends[1] + room, EDGE_REACH * in_view)
+    finest = FINEST / float(rows[1] - rows[0])
     slopes = np.arange(FEWEST_FRINGES / in_view, finest, 0.2 / in_view)
-    cost, _ = _scan(rows, values, count, tops[:: max(1, len(tops) // 12)], height_px, slopes)
-    best = _peaks(cost.min(axis=0), 4)
-    cost, phase = _scan(rows, values, count, tops, height_px, slopes[best])
-    place = int(np.argmin(cost.min(axis=1)))
-    smooth = np.polynomial.Polynomial.fit(rows, values, 2, w=np.sqrt(count))(rows)
-    if cost.min() > 0.95 * float(np.sum(count * (values - smooth) ** 2)):
+    cost, phase = _scan(rows, values, count, tops, height_px, slopes)
+    if cost.min() > 0.95 * _smooth_cost(rows, values, count, 2):
         raise PhysicsError("no_fringes_rise_across", name=shot.name)
+    best, place = _peaks(cost.min(axis=0), 4), int(np.argmin(cost.min(axis=1)))
     slope = slopes[best]
-    row = (phase[place] + (0.0 if shot.bright else np.pi)) / (2.0 * np.pi * slope)
+    row = (phase[place, best] + (0.0 if shot.bright else np.pi)) / (2.0 * np.pi * slope)
     row += np.round((tops[place] + 0.5 * height_px - row) * slope) / slope
     starts = np.stack([slope, row, np.full(len(best), tilt)], axis=1)
     return BeamView(height_px, float(tops[place]), tilt, starts)
@@ -136,43 +134,22 @@ def _tilt(shot: Shot) -> float:
 
 
 def _profile(shot: Shot, shear: float) -> tuple[Array, Array, Array]:
-    """Mean intensity over sheared rows: row at the middle column, mean, number of pixels."""
+    """Mean intensity over sheared rows, so many together that about SAMPLES remain: row at the
+    middle column, mean, number of pixels.
+    """
     height, width = shot.light.shape
-    stride = max(1, width // 160)
+    stride, step = max(1, width // 160), -(-height // SAMPLES)
     cols = np.arange(stride // 2, width, stride)
     drop = shear * (cols - 0.5 * (width - 1))
-    place = np.rint(np.arange(height)[:, None] - drop[None, :]).astype(int)
+    place = np.rint((np.arange(height)[:, None] - drop) / step).astype(int)
     low = int(place.min())
     keep = shot.valid[:, cols]
     index = (place - low)[keep]
     count = np.bincount(index)
     total = np.bincount(index, weights=shot.light[:, cols][keep])
-    good = count >= 0.3 * len(cols)
-    row = np.flatnonzero(good).astype(float) + low
+    good = count >= 0.3 * step * len(cols)
+    row = step * (np.flatnonzero(good) + low).astype(float)
     return row, total[good] / count[good], count[good].astype(float)
-
-
-def _binned(rows: Array, values: Array, count: Array) -> tuple[Array, Array, Array]:
-    """A profile's means over so many rows that about SAMPLES remain."""
-    step = -(-rows.size // SAMPLES)
-    if step == 1:
-        return rows, values, count
-    selected = rows.size - rows.size % step
-    pixels, place, light = (
-        v[:selected].reshape(-1, step).sum(axis=1) for v in (count, rows * count, values * count)
-    )
-    return place / pixels, light / pixels, pixels
-
-
-def _tops(rows: Array, height_px: float) -> Array:
-    """Candidate rows of the top edge: at least 60 % of the smaller of beam and frame in view."""
-    in_view = float(rows[-1] - rows[0] + 1)
-    room = 0.4 * min(height_px, in_view)
-    low, high = sorted((rows[0] - room, rows[-1] + 1 - height_px + room))
-    if height_px > in_view:
-        low, high = rows[-1] + 1 - height_px - room, rows[0] + room
-    step = max(1.0, 0.01 * min(height_px, in_view))
-    return np.arange(low, high + step, step)
 
 
 def _scan(
@@ -191,21 +168,21 @@ def _scan(
         d, w, y = design[:, :, inside], count[inside], values[inside]
         gram = (d * w) @ d.transpose(0, 2, 1) + 1e-9 * w.sum() * np.eye(5)
         result = np.linalg.solve(gram, ((d * w) @ y)[..., None])[..., 0]
-        outside = _line_cost(rows, values, count, rows < top)
-        outside += _line_cost(rows, values, count, rows >= top + height_px)
+        outside = sum(
+            _smooth_cost(rows[where], values[where], count[where], 1)
+            for where in (rows < top, rows >= top + height_px)
+        )
         cost[i] = np.sum(w * (y - np.einsum("sk,skn->sn", result, d)) ** 2, axis=1) + outside
         phase[i] = np.arctan2(result[:, 1], result[:, 0])
     return cost, phase
 
 
-def _line_cost(rows: Array, values: Array, count: Array, where: NDArray[np.bool_]) -> float:
-    x, y, w = rows[where], values[where], count[where]
-    if x.size < 3:
+def _smooth_cost(rows: Array, values: Array, count: Array, degree: int) -> float:
+    """What a polynomial leaves of a profile: its squares, for each pixel."""
+    if rows.size <= degree + 1:
         return 0.0
-    x = x - np.average(x, weights=w)
-    y = y - np.average(y, weights=w)
-    slope = np.sum(w * x * y) / np.sum(w * x * x)
-    return float(np.sum(w * (y - slope * x) ** 2))
+    smooth = np.polynomial.Polynomial.fit(rows, values, degree, w=np.sqrt(count))
+    return float(count @ (values - smooth(rows)) ** 2)
 
 
 def _peaks(cost: Array, number: int) -> NDArray[np.intp]:
@@ -214,17 +191,6 @@ def _peaks(cost: Array, number: int) -> NDArray[np.intp]:
     local = np.flatnonzero((cost <= padded[:-2]) & (cost <= padded[2:]))
     return local[np.argsort(cost[local], kind="stable")][:number]
 
-
-MARGINS = (0.1, 0.03, 0.03, 0.03)
-"""Part of the height left out at each edge, where chamfers and blur are, in each round of the fit:
-more at first, while the edges are known roughly."""
-
-EDGE_REACH = 0.1
-CLOSE_PX = 1.5
-"""How far the edges may lie from the last guess, in heights, and how near is the same, in px."""
-
-ODD = 400.0
-"""Largest squared residual, in noise variances, that a pixel counts for in finding the edges."""
 
 FAINTEST = 2.0
 """Standard deviation of the fringes' intensities, in noise sigmas, at the least."""
@@ -246,19 +212,17 @@ def fit_beam(shot: Shot, height_px: float) -> tuple[BeamView, SetFit]:
     Raises PhysicsError for too few fringes, an ambiguous slope or a fit that did not converge.
     """
     view = find_beam(shot, height_px)
-    stride = max(1, int(np.ceil(shot.light.size / START_PIXELS)))
+    stride = max(1, int(np.ceil(shot.light.size / PIXELS)))
     cols = np.arange(stride // 2, shot.light.shape[1], stride, dtype=np.intp)
-    starts = [*view.starts]
-    for margin in MARGINS:
+    starts, fits = [*view.starts], list[SetFit]()
+    for margin in (EDGE_REACH, RIM, RIM):  # more at first, while the edges are known roughly
+        if fits:
+            view = replace(view, top=_refined_top(fits[0], view))
         model = _model(shot, view, cols, margin)
         fits = best_first(model.fit(start) for start in starts)
         if not fits:  # every start turned the light negative
             raise PhysicsError("fringes_not_those_pure", name=shot.name)
         starts = [fit.values for fit in fits]
-        top = _refined_top(fits[0], view)
-        if margin == MARGINS[-1] and abs(top - view.top) <= CLOSE_PX:
-            break
-        view = replace(view, top=top)
     (best, *_), alike = alike_fits(fits)
     _check(best, alike, min(view.height_px, float(shot.light.shape[0])))
     return view, best
@@ -284,7 +248,7 @@ def _refined_top(fit: SetFit, view: BeamView) -> float:
     """
     rows, gain = _gain_by_fringes(fit, 0, view)
     reach = EDGE_REACH * view.height_px
-    tops = view.top + np.arange(-reach, reach)
+    tops = np.rint(view.top + np.arange(-reach, reach))
     first, last = (np.interp(np.rint(tops + d), rows, gain) for d in (0.0, view.height_px))
     return float(tops[np.argmax(last - first)])
 
@@ -305,7 +269,7 @@ def _gain_by_fringes(fit: SetFit, index: int, view: BeamView) -> tuple[Array, Ar
     far = outer & (away > EDGE_REACH * view.height_px)
     level = float(np.median(image[far if far.any() else outer]))
     # what is neither fringes nor even counts little: a roller, a label, the bench behind
-    outside, inside = (np.minimum(((image - m) / sigma) ** 2, ODD) for m in (level, fringes))
+    outside, inside = (np.minimum(((image - m) / sigma) ** 2, OUTLIER**2) for m in (level, fringes))
     low = int(row.min())
     gain = np.bincount((row - low)[valid], weights=(outside - inside)[valid])
     return low + np.arange(gain.size + 1.0), np.concatenate([[0.0], np.cumsum(gain)])
@@ -333,9 +297,6 @@ MOMENT = "a moment that changes along the beam"
 BENT = 0.02
 """Change of the slope along the span, to either side, that is no pure bending."""
 
-CERTAIN = 6.0
-"""Standard uncertainties by which it must be there."""
-
 
 def fit_beam_set(
     fits: Sequence[SetFit], view: BeamView, idle: Sequence[Shot], held: dict[str, float]
@@ -355,12 +316,7 @@ def fit_beam_set(
         kind=beam_kind(view, first.shape[1]), shots=[*(f.model.shots[0] for f in fits), *idle],
         rows=first.rows, cols=cols, masks=np.stack(masks), held=held,
     )  # fmt: skip
-    levels = np.array([np.median(f.point.amplitude(0) * f.model.images[0].sigma) for f in fits])
-    unknowns = np.concatenate([f.values for f in fits])
-    exposures = np.log(levels[1:] / levels[0])
-    return fit_set(
-        model, np.concatenate([unknowns, np.zeros(len(idle)), exposures, np.zeros(len(idle))])
-    )
+    return fit_set(model, np.array([f.values for f in fits]))
 
 
 def beam_kind(view: BeamView, width: int) -> Kind:
@@ -407,7 +363,7 @@ def check_span(fit: SetFit) -> None:
         for unit in np.eye(fit.model.size)
     ]
     spread = np.sqrt(np.einsum("pk,pq,qk->k", rows, fit.covariance, rows))
-    if np.any((np.abs(change) > BENT) & (np.abs(change) > CERTAIN * spread)):
+    if np.any((np.abs(change) > BENT) & (np.abs(change) > CONTRADICTED * spread)):
         raise PhysicsError("fringes_slope_changes_along_half", value=float(np.abs(change).max()))
 
 
@@ -442,22 +398,18 @@ def beam_images(
     rows, cols = fit.model.rows, fit.model.cols
     stride = float(cols[1] - cols[0]) if len(cols) > 1 else 1.0
     images = [
-        ImageFit(
-            file=shot.name, load_n=shot.load_n, order=float(orders[i]),
-            standard_uncertainty=float(np.sqrt(covariance[i, i])), chi=image_chi(fit, i),
-            geometry={
+        set_image(
+            fit, i, float(orders[i]), float(np.sqrt(covariance[i, i])),
+            {
                 "tilt_deg": float(np.degrees(np.arctan(-unknowns[i, 2]))),
                 "neutral_axis_row_px": float(unknowns[i, 1]),
                 "top_edge_row_px": view.top,
                 "fringes_per_mm": float(orders[i] / half / pixel_mm),
             },
-            view=View(
-                **image_maps(fit, i), sigma=float(np.median(shot.sigma)),
-                cut=np.s_[:, len(cols) // 2], position_mm=(rows - unknowns[i, 1]) * pixel_mm,
-                pixel_mm=(pixel_mm, pixel_mm * stride),
-            ),
+            cut=np.s_[:, len(cols) // 2], position_mm=(rows - unknowns[i, 1]) * pixel_mm,
+            pixel_mm=(pixel_mm, pixel_mm * stride),
         )
-        for i, (view, shot) in enumerate(zip(views, fit.model.shots, strict=False))
+        for i, view in enumerate(views)
     ]  # fmt: skip
     unloaded = []
     same = not (fit.model.exposures or fit.model.apart)

@@ -29,12 +29,11 @@ from numpy.typing import NDArray
 
 from isochrome.calibration.disc.disc_field import (
     FEWEST_LOADS,
-    RIM_ZONE,
     Circle,
     DiscPixels,
     check_scans,
     choose_centre_orders,
-    disc_image,
+    disc_geometry,
     disc_mask,
     disc_order,
     fit_rise,
@@ -44,29 +43,22 @@ from isochrome.calibration.disc.disc_field import (
     thin_grid,
 )
 from isochrome.calibration.order_line import Input, uncertainty_budget, widened_to_held_out
-from isochrome.calibration.result import Calibration, ImageFit, View
+from isochrome.calibration.result import Calibration, ImageFit
 from isochrome.calibration.settings import CalibrationSet, Disc, SetLike, load_set
-from isochrome.calibration.shot import (
-    FEWEST_FRINGES,
-    PIXELS,
-    START_PIXELS,
-    Shot,
-    calibrate_channels,
-    unused,
-)
+from isochrome.calibration.shot import FEWEST_FRINGES, PIXELS, RIM, Shot, calibrate_channels, unused
 from isochrome.calibration.whole_set.set_fit import (
     alike_fits,
     best_first,
     causes,
     contradiction,
     fit_set,
-    image_chi,
-    image_maps,
     sentences,
+    set_image,
     stated_values,
 )
 from isochrome.calibration.whole_set.set_model import BLUR, Kind, SetFit, SetModel
 from isochrome.errors import InputError, PhysicsError
+from isochrome.estimation import ALIKE_CHI
 from isochrome.messages import message
 from isochrome.output import with_uncertainty
 
@@ -79,8 +71,8 @@ def fit_disc(shot: Shot, starts: Array) -> Array:
     Parameters: `starts` (m, 5), see `disc_order`, the first of which tells where the disc is.
     Raises PhysicsError for too low an order, one that is ambiguous, or a fit that did not converge.
     """
-    for rim in (0.25, RIM_ZONE):
-        model = disc_model([shot], starts[:1], {}, rim=rim, pixels=START_PIXELS)
+    for rim in (0.25, RIM):
+        model = disc_model([shot], starts[:1], {}, rim=rim)
         fits = best_first(model.fit(start) for start in starts)
         if not fits:
             raise PhysicsError("no_start_gives_positive")
@@ -181,14 +173,11 @@ def _places(geometry: Array, rows: Array, cols: Array) -> tuple[Array, Array]:
 
 
 ROUGH_PIXELS = 3_000
-RADII = (0.92, 0.95, 0.98, 1.01)
-ORDERS = (-0.6, -0.3, 0.0, 0.3, 0.6)
+RADII = np.linspace(0.92, 1.01, 4)
+ORDERS = np.linspace(-0.6, 0.6, 5)
 REFINED = 4
 """Starts with a residual: pixels of the square about the disc, radii over the least one found,
 sizes in fringes, and how many are refined."""
-
-BARELY = 1.05
-"""Chi up to which the closed form is taken to describe the images without another start."""
 
 _CLEAR_OF_RIM = 3.0
 """Blurs by which pixels stay off the rim: a Gaussian is nothing there."""
@@ -197,9 +186,6 @@ RESIDUAL = "residual stress"
 
 RESIDUAL_LOADS = 3
 """Different loads, zero among them, below which a residual field is not looked for."""
-
-OWN = 5
-"""Unknowns of each image: centre order, row, column, radius, angle of the loads."""
 
 LARGEST = np.array([0.3, 0.03, 0.03, 0.03, 0.05])
 """Largest move of an image's own unknowns in one step (fringes, radii, rad)."""
@@ -214,8 +200,8 @@ def fit_disc_set(
     loaded ones start; `held`, what the set states of the camera, by its keys.
     """
     images = [*shots, *idle]
-    fit = _fitted(disc_model(images, unknowns, held), unknowns, np.zeros(0))
-    if not len(fit.model.kind.sizes) or (fit.explained and fit.chi < BARELY):
+    fit = _fitted(disc_model(images, unknowns, held), unknowns)
+    if not len(fit.model.kind.sizes) or (fit.explained and fit.chi < ALIKE_CHI):
         return fit
     start = stressed_start(images, unknowns)
     if start is None:
@@ -225,14 +211,11 @@ def fit_disc_set(
     return stressed if stressed.chi < fit.chi else fit
 
 
-def _fitted(model: SetModel, unknowns: Array, residual: Array) -> SetFit:
+def _fitted(model: SetModel, unknowns: Array, residual: Array | None = None) -> SetFit:
     """The whole set from where its unknowns start, kept off the rim by the blur that it shows."""
-    contrast = np.array([np.std(image.light) for image in model.images[: len(unknowns)]])
-    exposures = np.zeros(model.exposures)
-    exposures[: len(unknowns) - 1] = np.log(contrast[1:] / contrast[0])
-    fit = fit_set(model, np.concatenate([unknowns.ravel(), exposures, residual]))
+    fit = fit_set(model, unknowns, residual)
     blur_px = np.sqrt(fit.shared.get(BLUR, (0.0, 0.0))[0] / 2.0) / np.pi
-    if _CLEAR_OF_RIM * blur_px <= RIM_ZONE * unknowns[:, 3].min():
+    if _CLEAR_OF_RIM * blur_px <= RIM * unknowns[:, 3].min():
         return fit
     # what a blur carries over the rim is in no model
     rim = _CLEAR_OF_RIM * blur_px / float(fit.own[:, 3].max())
@@ -246,7 +229,7 @@ def disc_model(
     unknowns: Array,
     held: dict[str, float],
     *,
-    rim: float = RIM_ZONE,
+    rim: float = RIM,
     pixels: int = PIXELS,
 ) -> SetModel:
     """The model of images of a disc where their unknowns (m, 5) put it, the loaded ones first.
@@ -330,7 +313,7 @@ def disc_images(
     model, unknowns = fit.model, fit.own
     _, amplitudes, _ = model.split(fit.values)
     linear = np.zeros((len(unknowns), model.size))
-    linear[np.arange(len(unknowns)), OWN * np.arange(len(unknowns))] = 1.0
+    linear[np.arange(len(unknowns)), unknowns.shape[1] * np.arange(len(unknowns))] = 1.0
     orders = unknowns[:, 0].copy()
     if model.besides:
         # how each member of the residual counts at the centre, along the loads of each image
@@ -339,18 +322,17 @@ def disc_images(
         linear[:, model.besides_places] = along_loads
         orders += along_loads @ amplitudes
     covariance = linear @ fit.covariance @ linear.T
+    rows, cols = fit.model.rows, fit.model.cols
     images = []
     for i, (values, rim) in enumerate(zip(unknowns, rims, strict=True)):
         pixel_mm = 0.5 * diameter_mm / float(values[3])
-        view = View(
-            **image_maps(fit, i), sigma=float(np.median(model.shots[i].sigma)),
-            cut=np.s_[int(np.argmin(np.abs(model.rows - values[1]))), :],
-            position_mm=(model.cols - values[2]) * pixel_mm,
-            pixel_mm=(pixel_mm * float(model.rows[1] - model.rows[0]),) * 2,
+        image = set_image(
+            fit, i, float(orders[i]), float(np.sqrt(covariance[i, i])),
+            disc_geometry(values[1:], rim), cut=np.s_[int(np.argmin(np.abs(rows - values[1]))), :],
+            position_mm=(cols - values[2]) * pixel_mm,
+            pixel_mm=(pixel_mm * float(rows[1] - rows[0]),) * 2,
         )  # fmt: skip
-        spread, place = float(np.sqrt(covariance[i, i])), [orders[i], *values[1:]]
-        chi = image_chi(fit, i)
-        images.append(disc_image(model.shots[i], place, rim, spread=spread, chi=chi, view=view))
+        images.append(image)
     return images, covariance
 
 

@@ -42,7 +42,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from isochrome.calibration.order_line import check_order
 from isochrome.calibration.result import ImageFit, View
-from isochrome.calibration.shot import Shot
+from isochrome.calibration.shot import EXPLAINED, FINEST, LARGEST_TILT, Shot
 from isochrome.errors import PhysicsError
 from isochrome.estimation import (
     Observation,
@@ -183,12 +183,6 @@ def _outline(patch: NDArray[np.bool_]) -> Array:
 LOAD_ZONE = 0.25
 """Radii about each load point that are left out: the contact there is not a point."""
 
-RIM_ZONE = 0.03
-"""Part of the radius at the rim that is left out."""
-
-FINEST = 0.25
-"""Fringes a pixel beyond which a pixel is left out."""
-
 ORDERS = np.arange(0.4, 16.0, 0.06)
 """Centre orders that are scanned."""
 
@@ -234,21 +228,6 @@ def disc_order(grid: DiscPixels, params: ArrayLike) -> Array:
     return np.asarray(order * np.clip(1.0 - square, 0.0, None) / np.maximum(below, 1e-6))
 
 
-def scanned_waves(unit: Array, bright: bool) -> Array:
-    """Ideal circular polariscope (k, n), 0..1, of a field `unit` (n,) times each one of ORDERS.
-
-    1/2 -+ 1/2 cos t, t = 2 pi N: of even steps d of it cos(t + d) = 2 cos d cos t - cos(t - d).
-    """
-    first, step = 2.0 * np.pi * ORDERS[0] * unit, 2.0 * np.pi * (ORDERS[1] - ORDERS[0]) * unit
-    waves = np.empty((len(ORDERS), len(unit)))
-    before, now, twice = np.cos(first - step), np.cos(first), 2.0 * np.cos(step)
-    half = 0.5 if bright else -0.5
-    for wave in waves:
-        wave[:] = 0.5 + half * now
-        before, now = now, twice * now - before
-    return waves
-
-
 def disc_mask(grid: DiscPixels, params: ArrayLike, *, within: float) -> NDArray[np.bool_]:
     """Pixels where the point-load field holds and the camera resolves it, True = valid.
 
@@ -263,38 +242,22 @@ def disc_mask(grid: DiscPixels, params: ArrayLike, *, within: float) -> NDArray[
     return np.asarray((np.abs(place) < within) & clear & (np.hypot(*slopes) < FINEST))
 
 
-def disc_image(
-    shot: Shot, values: ArrayLike, rim: float, *, spread: float, chi: float, view: View
-) -> ImageFit:
-    """The result of one image.
-
-    Parameters: `values` (5,), see `disc_order`; `rim`, the radius as found, px; `spread`, the
-    order's standard uncertainty; `chi`; `view`.
-    """
-    order, row, col, radius, angle = (float(v) for v in np.asarray(values, dtype=float))
-    geometry = {
+def disc_geometry(values: ArrayLike, rim: float) -> dict[str, float]:
+    """A disc's row, column, radius (px) and angle (rad), and the radius of the `rim` as found."""
+    row, col, radius, angle = (float(v) for v in np.asarray(values, dtype=float))
+    return {
         "centre_row_px": row,
         "centre_col_px": col,
         "radius_px": radius,
         "rim_radius_px": rim,
         "load_angle_deg": float(np.degrees(angle)),
     }
-    return ImageFit(
-        file=shot.name, load_n=shot.load_n, order=order, standard_uncertainty=spread, chi=chi,
-        geometry=geometry, view=view,
-    )  # fmt: skip
 
 
 RADII = (0.985, 1.015, 1.05)
-ANGLES_DEG = (-7.5, -5.0, -2.5, 0.0, 2.5, 5.0, 7.5)
-LARGEST_RESIDUAL = 2.0
-"""Order at zero load beyond which a line through the loads is not believed."""
-
+ANGLES_DEG = np.linspace(-LARGEST_TILT, LARGEST_TILT, 7)
 MOST_AT_REST = 0.5
 """Largest part of the highest load's order that may be there at zero load."""
-
-CLEAR = 0.5
-"""Part of the misfit without fringes that an image's own order leaves at the most."""
 
 SLOPE_SLACK = 0.05
 """How far a line's slope may be from the rise that the pixels show."""
@@ -344,7 +307,9 @@ def scan_disc(shot: Shot) -> Scan:
     columns = problem.columns
     chi = []
     for geometry in geometries:
-        signals = scanned_waves(disc_order(grid, [1.0, *geometry])[problem.keep], shot.bright)
+        unit = disc_order(grid, [1.0, *geometry])[problem.keep]
+        wave = 0.5 * np.cos(2.0 * np.pi * ORDERS[:, None] * unit)
+        signals = 0.5 + wave if shot.bright else 0.5 - wave
         cost, lit = linear_costs(*columns, problem.data[None], signals)
         mean = np.maximum(cost[:, 0], 0.0) / problem.size
         chi.append(np.where(lit[:, 0] > 0.0, np.sqrt(mean), np.inf))
@@ -370,8 +335,7 @@ def choose_centre_orders(
     first, last = np.meshgrid(ORDERS, ORDERS, indexing="ij")
     slope = (last - first) / (high - low)
     at_no_load = first - slope * low
-    limit = np.minimum(LARGEST_RESIDUAL, MOST_AT_REST * last)
-    total = np.where((slope > 0) & (np.abs(at_no_load) <= limit), 0.0, np.inf)
+    total = np.where((slope > 0) & (np.abs(at_no_load) <= MOST_AT_REST * last), 0.0, np.inf)
     if rise_per_n is not None:
         total[np.abs(slope / rise_per_n - 1.0) > SLOPE_SLACK] = np.inf
     for cost, load in zip(costs, loads, strict=True):
@@ -386,7 +350,7 @@ def check_scans(scans: Sequence[Scan], shots: Sequence[Shot]) -> None:
     Parameters: `scans` and `shots` (n,). Raises PhysicsError as `line.check_order`; says nothing
     where an image's own order is not clear.
     """
-    if all(np.min(s.curve) < CLEAR * s.smooth_chi for s in scans):
+    if all((np.min(s.curve) / s.smooth_chi) ** 2 < 1.0 - EXPLAINED for s in scans):
         orders = [ORDERS[int(np.argmin(s.curve))] for s in scans]
         check_order([s.load_n for s in shots], orders, tuple(s.name for s in shots))
 
@@ -397,8 +361,8 @@ FEWEST_LOADS = 5
 SIDE = 90
 THIN = 4
 """Columns of which one is looked at while a rise is searched for."""
-WITHIN, ALONG = 0.8, 0.6
-"""Radii about the centre, and along the loads, that are used."""
+WITHIN = 0.8
+"""Radii about the centre that are used, and `MIDDLE` along the loads."""
 
 
 @dataclass(frozen=True)
@@ -413,7 +377,7 @@ class Overlay:
     def used(self) -> NDArray[np.bool_]:
         """Pixels (m, m) away from the rim and from the loads."""
         x, z = self.grid.cols, self.grid.rows
-        return (x**2 + z**2 < WITHIN**2) & (np.abs(z) < ALONG)
+        return (x**2 + z**2 < WITHIN**2) & (np.abs(z) < MIDDLE)
 
     def field(self, angle: float, scale: float = 1.0, z: float = 0.0, x: float = 0.0) -> Array:
         """Order over centre order (m, m) for loads at `angle` (rad), on a disc that is `scale`
@@ -549,9 +513,14 @@ def fit_rise(
             position_mm=0.5 * diameter_mm * images.grid.cols[0],
             pixel_mm=(0.5 * diameter_mm * float(images.grid.step),) * 2,
         )  # fmt: skip
-        values, chi = [orders[i], row, col, scale * circle.radius, angle], float(spread[i] / sigma)
-        error = float(errors[i])
-        fits.append(disc_image(shot, values, circle.radius, spread=error, chi=chi, view=view))
+        fits.append(
+            ImageFit(
+                file=shot.name, load_n=shot.load_n, order=float(orders[i]),
+                standard_uncertainty=float(errors[i]), chi=float(spread[i] / sigma),
+                geometry=disc_geometry([row, col, scale * circle.radius, angle], circle.radius),
+                view=view,
+            )
+        )  # fmt: skip
     return tuple(fits)
 
 

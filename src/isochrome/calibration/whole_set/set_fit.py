@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isochrome.calibration.result import CONTRADICTED
+from isochrome.calibration.result import CONTRADICTED, ImageFit, View
 from isochrome.calibration.settings import CalibrationSet
 from isochrome.calibration.whole_set.set_model import (
     BAND,
@@ -24,6 +24,7 @@ from isochrome.calibration.whole_set.set_model import (
     GAMMA,
     LENS,
     SHARED,
+    SIZES,
     Light,
     SetFit,
     SetModel,
@@ -34,11 +35,13 @@ from isochrome.estimation import (
     ALIKE_CHI,
     FEW_TERMS,
     FIRST_DEGREES,
+    MOSTLY,
     RIVAL_CHI,
     Nuisance,
     ScoreProducts,
     Weighed,
     cosine_rms,
+    cosine_spread,
     cosines,
     evidence_gain,
     missing_terms,
@@ -63,30 +66,38 @@ Array = NDArray[np.float64]
 
 APART = "light of each image's own"
 
-_ROUNDS, _LIGHTS, _PASSES, _TONES = 8, 4, 4, 2
-"""Times that a set is asked, its light made richer, its outliers looked for, and a tone taken about
-the light that the fit has: ends of loops that come to rest by themselves."""
+_ROUNDS = 8
+"""Times that a set is asked, its light made richer and its outliers looked for: an end of loops
+that come to rest by themselves."""
 
 _RICHEST = 24, 12
 """Degrees of illumination and background up to which light is made richer, product by product: a
 glare adds light in a twelfth of the picture."""
 
-_ODD = 6.0
+OUTLIER = 6.0
 """Residual in noises beyond which a pixel is no accident, and is left out with its neighbours."""
 
-_MOST_ODD = 0.1
-"""Share of the pixels that no dust covers."""
-
-_COSINES, _ORDERS = 5, (0.001, 0.003, 0.01, 0.03)
+_COSINES, _ORDERS = 5, np.geomspace(0.001, 0.03, 4)
 """Cosines along each side of the picture; standard deviations of an unknown part of the orders."""
 
 
-def fit_set(model: SetModel, start: Array) -> SetFit:
+def fit_set(model: SetModel, unknowns: Array, besides: Array | None = None) -> SetFit:
     """Fit a set with all that it shows: lens, light, tone, specks left out.
 
-    Parameters: `model`, as stated; `start`, its unknowns. What is weighed and not fitted is in the
-    result's covariance.
+    Parameters: `model`, as stated; where the loaded images' `unknowns` (m, p) start, and the
+    amplitudes (k,) of what a kind has besides, where these are free. What is weighed and not fitted
+    is in the result's covariance.
     """
+    start = np.zeros(model.size)
+    start[: unknowns.size] = unknowns.ravel()
+    if besides is not None:
+        start[model.besides_places] = besides
+    if model.exposures:
+        alone = replace(model, apart=True)
+        point = alone.at(model.carried(start, alone))
+        assert point is not None
+        bright = np.abs(_brightness(point)[: model.loaded])
+        start[model.exposure_places[: model.loaded - 1]] = np.log(bright[1:] / bright[0])
     fit = model.fit(start)
     if not fit.explained:
         return fit
@@ -128,29 +139,16 @@ def _exposed(fit: SetFit) -> SetFit:
 
 def fitted_names(model: SetModel) -> frozenset[str]:
     """What a model has free beside what a set states, by name."""
-    others = {
-        LIGHT: model.terms != plain_terms(model),
-        APART: model.apart,
-        model.kind.besides: model.besides,
-    }
+    others = {LIGHT: model.terms != PLAIN, APART: model.apart, model.kind.besides: model.besides}
     return frozenset(model.free) | {name for name, there in others.items() if there}
 
 
-def plain_terms(model: SetModel) -> Light:
-    """The light's products of a model as stated, of which others are more."""
-    return model.terms[0][:6], model.terms[1][:3]
+PLAIN = SetModel.terms
+"""The light's products of a model as stated, of which others are more."""
 
-
-_GREEN_NM = 550.0
-"""Where a set states no wavelength, its band's is of this."""
-
-_KEYS = {key: size for cause in CAUSES for key, size in zip(cause.keys, cause.sizes, strict=True)}
-_SIZES = {
-    **{key: _KEYS[key] for key in (*LENS, GAMMA)},
-    BLUR: 2.0 * (np.pi * _KEYS[BLUR]) ** 2,
-    BAND: band_share(_KEYS[BAND], _GREEN_NM),
-}
-"""Standard deviations on usual benches, in the model's units: see `fitting.causes`."""
+USUAL = missing_terms(PLAIN, FIRST_DEGREES)
+UNEVEN = with_chosen_terms(PLAIN, USUAL, range(sum(map(len, USUAL))))
+"""The others that every set is asked for, and both."""
 
 
 def _with(fit: SetFit, names: frozenset[str]) -> SetFit:
@@ -163,16 +161,16 @@ def _with(fit: SetFit, names: frozenset[str]) -> SetFit:
         apart=APART in names,
     )
     if (LIGHT in names) != (LIGHT in fitted_names(model)):
-        light = _uneven_light(fit) if LIGHT in names else (plain_terms(model), None)
-        wider = replace(wider, terms=light[0], weights=light[1])
+        terms = UNEVEN if LIGHT in names else PLAIN
+        wider = replace(wider, terms=terms, weights=_weights(fit, terms))
     result = wider.fit(model.carried(fit.values, wider))
     if LIGHT in names:
         lit = replace(wider, weights=_weights(result, wider.terms))
         result = lit.fit(result.values)
-    for _ in range(_TONES if GAMMA in wider.free else 0):
-        again = result.levelled()  # a tone is linear about the light only
+    if GAMMA in wider.free:  # a tone is linear about the light only
+        again = result.levelled()
         result = again.model.fit(again.values)
-    for _ in range(_LIGHTS if LIGHT in names else 0):
+    for _ in range(_ROUNDS if LIGHT in names else 0):
         more = missing_terms(result.model.terms, _RICHEST)
         bases = result.model.weighted(more)
         columns = map(result.point.columns, range(len(bases)), bases)
@@ -187,8 +185,7 @@ def _with(fit: SetFit, names: frozenset[str]) -> SetFit:
 
 def unevenly_lit(fit: SetFit) -> SetFit:
     """The fit under light as uneven as on usual benches; as it is where that turns negative."""
-    terms, weights = _uneven_light(fit)
-    uneven = replace(fit.model, terms=terms, weights=weights).fit(fit.values)
+    uneven = replace(fit.model, terms=UNEVEN, weights=_weights(fit, UNEVEN)).fit(fit.values)
     return uneven if uneven.point.positive else fit
 
 
@@ -207,30 +204,18 @@ def alike_fits(fits: Sequence[SetFit]) -> tuple[list[SetFit], list[SetFit]]:
     return uneven, [m for each in (fits, uneven) for m in each if m.chi < ALIKE_CHI * each[0].chi]
 
 
-def _uneven_light(fit: SetFit) -> tuple[Light, Array]:
-    """The light's products that every set is asked for, and their weights."""
-    plain = plain_terms(fit.model)
-    more = missing_terms(plain, FIRST_DEGREES)
-    terms = plain[0] + more[0], plain[1] + more[1]
-    return terms, _weights(fit, terms)
-
-
 def _weights(fit: SetFit, terms: Light) -> Array:
     """1/u² (k,) of the light's coefficients: the first ones are free, a few more as benches have
     them, and what was asked for one by one is free again.
     """
     bright = float(_brightness(fit.point).mean())
-    sizes, usual = _usual_light(fit.model, terms)
-    return np.where(usual, (bright * unevenness(fit) * sizes) ** -2.0, 0.0)
+    sizes = bright * unevenness(fit) * np.array(light_sizes(terms))
+    return np.where(_are_usual(terms), sizes**-2.0, 0.0)
 
 
-def _usual_light(model: SetModel, terms: Light) -> tuple[Array, NDArray[np.bool_]]:
-    """Standard deviations (k,) of some light's coefficients over its brightness, and which of them
-    every light is asked for.
-    """
-    usual = missing_terms(plain_terms(model), FIRST_DEGREES)
-    there = [t in own for part, own in zip(terms, usual, strict=True) for t in part]
-    return np.array(light_sizes(terms)), np.array(there)
+def _are_usual(terms: Light) -> NDArray[np.bool_]:
+    """Which of some light's products are those that every set is asked for besides."""
+    return np.array([t in own for part, own in zip(terms, USUAL, strict=True) for t in part])
 
 
 def unevenness(fit: SetFit) -> float:
@@ -238,9 +223,9 @@ def unevenness(fit: SetFit) -> float:
 
     The likeliest scale of the coefficients' prior: MacKay (1992), Neural Computation 4, 415.
     """
-    if fit.model.weights is None:
+    if fit.model.terms == PLAIN:
         return 1.0
-    sizes, usual = _usual_light(fit.model, fit.model.terms)
+    sizes, usual = np.array(light_sizes(fit.model.terms)), _are_usual(fit.model.terms)
     bright = _brightness(fit.point)
     own = [
         fit.point.linear[0][fit.model.coefficients_of(i)[: len(sizes)]] / bright[i]
@@ -272,15 +257,15 @@ def _without_outliers(fit: SetFit) -> SetFit:
     """The fit without pixels whose residual no noise explains, and those beside them."""
     from scipy.ndimage import binary_dilation
 
-    for _ in range(_PASSES):
+    for _ in range(_ROUNDS):
         masks, odd = [], 0
         for image, left in zip(fit.model.images, fit.point.linear[2], strict=True):
             away = np.zeros(image.mask.shape, dtype=bool)
-            away[image.mask] = np.abs(left) > _ODD * max(1.0, fit.chi)
+            away[image.mask] = np.abs(left) > OUTLIER * max(1.0, fit.chi)
             away = binary_dilation(away, iterations=2) & image.mask
             odd += int(away.sum())
             masks.append(image.mask & ~away)
-        if not odd or odd > _MOST_ODD * fit.point.pixels:
+        if not odd or odd > MOSTLY * fit.point.pixels:
             break
         fit = replace(fit.model, masks=np.stack(masks)).fit(fit.values)
     return fit
@@ -318,7 +303,7 @@ def _nuisances(fit: SetFit) -> Iterator[Nuisance]:
             name=key,
             columns=partial(point.key_rows, keys=(key,)),
             now=np.array([shared[key] - model.held.get(key, float(key == GAMMA))]),
-            roots=(np.array([[_SIZES[key]]]),),
+            roots=(np.array([[SIZES[key]]]),),
             positive=key in EVEN and key not in model.held,
             unknowns=(model.key_place(key),) if key in model.free else (),
             weights=np.zeros(int(key in model.free)),
@@ -340,13 +325,13 @@ def _nuisances(fit: SetFit) -> Iterator[Nuisance]:
         columns=partial(_order_columns, fit),
         now=np.zeros(_COSINES**2 - 1),
         # Gaussian processes on their cosines; the even one left out is the fringe value itself
-        roots=tuple(s * np.diag(_order_spread(w)[1:]) for s in _ORDERS for w in WIDTHS),
+        roots=tuple(s * np.diag(cosine_spread(_COSINES, w)[1:]) for s in _ORDERS for w in WIDTHS),
     )
 
 
 def _of_light(model: SetModel) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Which of all the light's coefficients are of more than the first products, and the others."""
-    (light, dark), (plain, below) = model.terms, plain_terms(model)
+    (light, dark), (plain, below) = model.terms, PLAIN
     rich = np.r_[len(plain) : len(light), len(light) + len(below) : len(light) + len(dark)]
     of_each = [model.coefficients_of(i)[rich] for i in range(len(model.shots))]
     found = np.unique(np.concatenate(of_each)).astype(np.intp)
@@ -366,7 +351,7 @@ def _light(fit: SetFit) -> Nuisance:
         stacked = np.concatenate((fitted[rich], point.columns(index, bases[index])))
         return np.asarray(bright[index] * stacked)
 
-    light, dark = (t[len(p) :] for t, p in zip(model.terms, plain_terms(model), strict=True))
+    light, dark = (t[len(p) :] for t, p in zip(model.terms, PLAIN, strict=True))
     repeats, scale = len(rich) // max(1, len(light) + len(dark)), unevenness(fit)
     return Nuisance(
         name=LIGHT,
@@ -393,7 +378,7 @@ def _brightness(point: SetPoint) -> Array:
 def _apart(fit: SetFit) -> Nuisance:
     """What each image's light but the first's has of its own, beside exposure and stray light."""
     model, point = fit.model, fit.point
-    light, dark = (terms[1:] for terms in plain_terms(model))
+    light, dark = (terms[1:] for terms in PLAIN)
     bases, bright = model.weighted((light, dark)), _brightness(point)
     count, others = len(light) + len(dark), len(model.shots) - 1
 
@@ -411,22 +396,12 @@ def _apart(fit: SetFit) -> Nuisance:
     )
 
 
-def _order_spread(width: float) -> Array:
-    """Standard deviations (k,) of an order's cosines, which end with the picture, in a Gaussian
-    process of a length of `width`, of the picture's size.
-    """
-    number = np.arange(_COSINES)
-    power = np.exp(-0.5 * (np.pi * number * width) ** 2) * np.where(number, 2.0, 1.0)
-    power /= power.sum()
-    return np.asarray(np.sqrt(np.outer(power, power)).ravel())
-
-
 def _order_columns(fit: SetFit, index: int) -> Array:
     """By an order that no cause explains, a share of each place's own, as products of cosines."""
     model = fit.model
     order, slope = fit.point.by_order(index)
     mask = model.images[index].mask
-    waves = cosines(mask.shape, _COSINES, beyond=0.0)[1:, mask]
+    waves = cosines(mask.shape, _COSINES)[1:, mask]
     return np.asarray(waves * (slope * order * fit.point.gain(index)))
 
 
@@ -437,14 +412,28 @@ NAMES = {key: cause.name for cause in CAUSES for key in cause.keys}
 """What a scene's keys are the causes of."""
 
 
-def image_maps(fit: SetFit, index: int) -> dict[str, Any]:
-    """An image's `image`, `model`, `residual` and `order` maps on the fit's pixels, NaN outside."""
-    model, point = fit.model, fit.point
-    own, image = model.images[index], model.shots[index].light[np.ix_(model.rows, model.cols)]
-    residual, order = np.full((2, *own.mask.shape), np.nan)
-    residual[own.mask] = point.linear[2][index] * own.sigma
-    order[own.mask] = np.abs(point.orders[index][0])
-    return {"image": image, "model": image - residual, "residual": residual, "order": order}
+def set_image(
+    fit: SetFit, index: int, order: float, spread: float, geometry: dict[str, float], **cut: Any
+) -> ImageFit:
+    """The result of one image, with its maps on the fit's pixels, NaN outside.
+
+    `order` with its standard uncertainty; `cut`, what `View` has of it.
+    """
+    model, point, shot = fit.model, fit.point, fit.model.shots[index]
+    pixels, image = model.images[index], shot.light[np.ix_(model.rows, model.cols)]
+    weighted = point.linear[2][index]
+    residual, orders = np.full((2, *pixels.mask.shape), np.nan)
+    residual[pixels.mask] = weighted * pixels.sigma
+    orders[pixels.mask] = np.abs(point.orders[index][0])
+    freedom = max(1.0, weighted.size - fit.unknowns / len(model.shots))
+    return ImageFit(
+        file=shot.name, load_n=shot.load_n, order=order, standard_uncertainty=spread,
+        chi=float(np.sqrt(weighted @ weighted / freedom)), geometry=geometry,
+        view=View(
+            image=image, model=image - residual, residual=residual, order=orders,
+            sigma=float(np.median(shot.sigma)), **cut,
+        ),
+    )  # fmt: skip
 
 
 def seen_all_over(fit: SetFit, index: int) -> tuple[Array, Array, Array]:
@@ -453,7 +442,7 @@ def seen_all_over(fit: SetFit, index: int) -> tuple[Array, Array, Array]:
     Rows and columns (rows, cols) of the places looked at, px, and the light as stored, of the first
     products: of many the sum goes anywhere where none was fitted.
     """
-    plain = replace(fit.model, terms=plain_terms(fit.model), weights=None)
+    plain = replace(fit.model, terms=PLAIN, weights=None)
     inside = plain.at(fit.values)
     model = replace(plain, masks=np.ones_like(plain.masks), levels=None)
     point = model.at(fit.values)
@@ -466,13 +455,6 @@ def seen_all_over(fit: SetFit, index: int) -> tuple[Array, Array, Array]:
     places = model.places(index, model.split(fit.values)[2])
     rows, cols, seen = (m.reshape(image.mask.shape) for m in (*places, seen))
     return rows, cols, seen
-
-
-def image_chi(fit: SetFit, index: int) -> float:
-    """Residual over noise of one image."""
-    left = fit.point.linear[2][index]
-    share = fit.unknowns / len(fit.model.shots)
-    return float(np.sqrt(left @ left / max(1.0, left.size - share)))
 
 
 def causes(fit: SetFit, wavelength_nm: float | None) -> tuple[dict[str, Any], ...]:
@@ -522,7 +504,7 @@ def cause_sentence(cause: Mapping[str, Any]) -> str:
 def sentences(fit: SetFit, found: tuple[dict[str, Any], ...]) -> Iterator[str]:
     """What was found and used, a sentence each."""
     yield from map(cause_sentence, found)
-    count = sum(map(len, fit.model.terms)) - sum(map(len, plain_terms(fit.model)))
+    count = sum(map(len, fit.model.terms)) - sum(map(len, PLAIN))
     if count:
         yield message("light_more_uneven_quadratic", plain=count)
     if fit.left_out > 0:

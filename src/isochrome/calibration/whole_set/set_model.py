@@ -35,6 +35,7 @@ from isochrome.estimation import (
     scaled_inverse,
     total_degree,
 )
+from isochrome.fitting import CAUSES
 from isochrome.stress import Lens
 
 Array = NDArray[np.float64]
@@ -49,19 +50,26 @@ SHARED = (*LENS, BAND, BLUR, GAMMA)
 EVEN = (BAND, BLUR)
 """Those that cannot be negative."""
 
-FULL_WIDTH = 2.3548
+FULL_WIDTH = np.sqrt(8.0 * np.log(2.0))
 """Width at half height of a Gaussian over its standard deviation."""
 
-PIXEL = np.pi**2 / 6.0
-"""What a pixel's own area takes of the contrast, as `b` of a blur."""
 
-_BESIDE = ((1, 0), (-1, 0), (0, 1), (0, -1))
+def band_share(band_nm: float, wavelength_nm: float) -> float:
+    """The model's `a` of a Gaussian band of a full width at half height, see `set_model`."""
+    return float(2.0 * (np.pi * band_nm / FULL_WIDTH / wavelength_nm) ** 2)
 
-_MOVES = dict(zip(SHARED, (*[0.02] * 4, 2.0, 0.2), strict=True))
-"""Largest moves of them at once; `STEP` of these is that of their derivatives."""
 
-_CORRELATED = 1.2
-"""Variance of sums of residuals, over that of independent ones, that these may have by chance."""
+_GREEN_NM = 550.0
+"""Where a set states no wavelength, its band's is of this."""
+
+_KEYS = {key: size for cause in CAUSES for key, size in zip(cause.keys, cause.sizes, strict=True)}
+SIZES = {
+    **{key: _KEYS[key] for key in (*LENS, GAMMA)},
+    BLUR: 2.0 * (np.pi * _KEYS[BLUR]) ** 2,
+    BAND: band_share(_KEYS[BAND], _GREEN_NM),
+}
+"""Standard deviations on usual benches, in the model's units: see `fitting.causes`. `STEP` of these
+is that of their derivatives."""
 
 _MOST_STEPS = 40
 _ENOUGH = 1e-3
@@ -273,6 +281,11 @@ class SetModel:
         return self._ends[2] + self.free.index(key)
 
     @property
+    def exposure_places(self) -> NDArray[np.intp]:
+        """Which unknowns are the exposures."""
+        return np.arange(self._ends[0], self._ends[1])
+
+    @property
     def besides_places(self) -> NDArray[np.intp]:
         """Which unknowns are of what the kind has besides."""
         return np.arange(self._ends[1], self._ends[2])
@@ -312,7 +325,10 @@ class SetModel:
         besides = self.split(values)[1]
         rows, cols = self.places(index, shared)
         here = self.kind.order(unknowns, besides, rows, cols)
-        beside = (self.kind.order(unknowns, besides, rows + d, cols + c) - here for d, c in _BESIDE)
+        beside = (
+            self.kind.order(unknowns, besides, rows + down, cols + right) - here
+            for down, right in ((1, 0), (-1, 0), (0, 1), (0, -1))
+        )
         return (here, *beside)
 
     def signal(self, index: int, values: Array, moved: dict[str, float] | None = None) -> Array:
@@ -346,7 +362,6 @@ class SetModel:
         for i in range(self.loaded):
             largest[self.own_places(i)] = self.kind.largest
         largest[self.besides_places] = self.kind.sizes[: len(self.besides_places)]
-        largest[self._ends[2] :] = [_MOVES[key] for key in self.free]
         low = np.full(self.size, -np.inf)
         low[[self.key_place(key) for key in self.free if key in EVEN]] = 0.0
         bounds = Bounds(low, np.full(self.size, np.inf))
@@ -380,7 +395,7 @@ def seen(order: Array, beside: Sequence[Array], shared: dict[str, float], bright
     """
     steep = 0.25 * ((beside[0] - beside[1]) ** 2 + (beside[2] - beside[3]) ** 2)
     # a blur adds half its variance times the curvature to the order
-    spread = PIXEL + shared[BLUR]
+    spread = np.pi**2 / 6.0 + shared[BLUR]  # a pixel's own area is one
     blurred = order + spread / (4.0 * np.pi**2) * sum(beside)
     # a band's mean phase is that of its mean wave number, less the third cumulant's part
     share, phase = shared[BAND] / (2.0 * np.pi**2), 2.0 * np.pi * blurred
@@ -482,7 +497,7 @@ class SetPoint:
         shared = model.split(self.values)[2]
         rows = np.empty((len(keys), gain.size))
         for row, key in zip(rows, keys, strict=True):
-            step = STEP * _MOVES[key]
+            step = STEP * SIZES[key]
             if key == GAMMA:  # how the residual changes with the exponent, the other way round
                 later, image = replace(self, gamma=self.gamma + step), model.images[index]
                 coefficients = self.linear[0][model.coefficients_of(index)]
@@ -525,7 +540,7 @@ class SetPoint:
         if index and model.exposures:
             coefficients = self.linear[0][model.coefficients_of(index)]
             parts.insert(1, (coefficients @ self.columns(index))[None])
-            places.append(np.array([model._ends[0] + index - 1]))
+            places.append(model.exposure_places[index - 1 : index])
         if model.besides:
             parts.insert(-1, self.besides_rows(index))
             places.append(model.besides_places)
@@ -594,8 +609,7 @@ class SetFit:
         for image, residual in zip(self.model.images, self.point.linear[2], strict=True):
             rows = line_correlation(image.mask, residual, 1)
             ratios.append((rows, block_correlation(image.mask, residual)))
-        ratio = float(np.mean(ratios, axis=0).max())
-        return ratio if ratio > _CORRELATED else 1.0
+        return float(np.mean(ratios, axis=0).max())
 
     @property
     def noise(self) -> float:
@@ -655,8 +669,3 @@ class SetFit:
         spread = np.sqrt(np.maximum(np.diag(self._of_noise), 0.0))
         places = {key: self.model.key_place(key) for key in self.model.free}
         return {key: (float(self.values[i]), float(spread[i])) for key, i in places.items()}
-
-
-def band_share(band_nm: float, wavelength_nm: float) -> float:
-    """The model's `a` of a Gaussian band of a full width at half height, see `set_model`."""
-    return float(2.0 * (np.pi * band_nm / FULL_WIDTH / wavelength_nm) ** 2)
