@@ -53,10 +53,9 @@ from isochrome.fringes.single_frame.end_search import (
 from isochrome.fringes.single_frame.patches import binned
 from isochrome.fringes.windows import Array, Mask, gaussian_mean
 
-_BINNINGS = (32, 16, 8, 4, 2, 1)
-"""The ends vary slowly: binned pixels tell as much, far faster, and their patches span crests."""
 _LEAST_PIXELS = 100
-"""Binned pixels that the shorter side of a frame needs: eight patches or so."""
+"""Binned pixels that the shorter side of a frame keeps, eight patches or so: the ends vary slowly,
+binned pixels tell as much, far faster, and their patches span crests."""
 _LOW, _HIGH = 1.0, 99.0
 """Percentiles of the light at which the search for the ends starts: both occur in a frame that
 holds at least one whole fringe."""
@@ -231,7 +230,7 @@ def _problem(
     light: Array, sigma: Array, valid: Mask, ends: tuple[Array | None, Array | None], tone: bool
 ) -> tuple[EndProblem, list[Array]]:
     """The problem on binned pixels, and where to start."""
-    by = next((b for b in _BINNINGS if min(light.shape) // b >= _LEAST_PIXELS), 1)
+    by = 2 ** int(np.log2(max(min(light.shape) // _LEAST_PIXELS, 1)))
     small, noise, trusted = binned(light, sigma, valid, by)
     if not trusted.any():
         raise InputError("no_part_frame_trusted")
@@ -286,13 +285,11 @@ def _as_images(
     )  # fmt: skip
 
 
-_WIDTHS, _NARROWEST_PX = (1.0 / 16.0, 1.0 / 32.0, 1.0 / 64.0), 1.5
-"""Smoothings to try, standard deviation over the frame's shorter side, and pixels at least."""
+_WIDTHS, _NARROWEST_PX = (16, 32, 64), 1.5
+"""Smoothings to try: standard deviations in the frame's shorter side, and pixels at least."""
 
-_FLATTENED, _NARROW = 0.3, 0.05
-"""Share of a line's light, and of the fringe's, that smoothing may take off."""
-_CORRECTED = 0.1
-"""Standard uncertainty of that, over itself: the fringes' rate changes."""
+_NARROW = 0.05
+"""Share of the fringe's light that smoothing may take off a line."""
 
 _LENGTH = 0.2
 """Length of a line that says something, over the frame's shorter side."""
@@ -401,7 +398,7 @@ def _level(
     ratio = np.where(lit, ratio, np.median(ratio[lit]))
     noise = float(np.median(sigma[lit] / safe[lit]))
     fringe = np.maximum(np.abs(ratio) if bright is None else bright / safe, noise)
-    widths = [max(_NARROWEST_PX, share * min(light.shape)) for share in _WIDTHS]
+    widths = [max(_NARROWEST_PX, min(light.shape) / many) for many in _WIDTHS]
     # wide smoothing takes narrow fringes away, which may be brighter than the line
     finest = gaussian_mean(ratio, widths[-1])
     brightest = float(np.percentile(finest[_inner(lit, widths[-1])], 99.5))
@@ -438,14 +435,13 @@ def _level_at(
     lost = _taken_off(bend, fringe, width)
     top = smooth + lost
     line = inner & (np.abs(across) < _OFF) & (bend < -sharp)
-    line &= lost < np.minimum(_FLATTENED * np.abs(top), _NARROW * fringe)
+    line &= lost < _NARROW * fringe
     at = _greatest_even(line, top, (bend, along), noise, width)
     if at is None:
         return None
     middle, scatter = _middle(top[at])
     along = max(scatter, noise / width) / np.sqrt(max(np.count_nonzero(at) / width, 1.0))
-    corrected = _CORRECTED * float(np.median(lost[at]))
-    return middle, float(np.sqrt(along**2 + corrected**2 + (_SYSTEMATIC * middle) ** 2))
+    return middle, float(np.hypot(along, _SYSTEMATIC * middle))
 
 
 def _greatest_even(

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from isochrome.estimation import total_degree
 from isochrome.fringes.skeleton import line_points, noise_gain
 from isochrome.fringes.windows import Array, Indices, Mask
 
 _DEGREE = 2
 """Of the products: lamps fall off to the corners."""
-QUADRATICS = (_DEGREE + 1) * (_DEGREE + 2) // 2
+QUADRATICS = len(total_degree(_DEGREE))
 """How many products there are, which come first."""
 
 
@@ -85,7 +86,7 @@ def binned_light(
     Stat. Comput. 30, 419).
     """
     y, x = (2.0 * (by * np.arange(n // by) + 0.5 * (by - 1)) / max(n - 1, 1) - 1.0 for n in shape)
-    pairs = [(i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)]
+    pairs = [*total_degree(_DEGREE)]
     spread = [np.inf, *[uneven] * (len(pairs) - 1)]
     waves = _waves() if spots else []
     total = np.sqrt(sum(size**2 for _, _, size in waves))

@@ -25,9 +25,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 
 import numpy as np
+from scipy.special import factorial
 
 from isochrome.errors import InputError
-from isochrome.estimation import State, damped, minimise_all, solve_all
+from isochrome.estimation import State, damped, minimise_all, solve_all, total_degree
 from isochrome.fringes.single_frame.end_images import (
     QUADRATICS,
     SmoothImages,
@@ -36,6 +37,7 @@ from isochrome.fringes.single_frame.end_images import (
 )
 from isochrome.fringes.single_frame.patches import (
     HALF,
+    SIDE,
     STEEPEST,
     STRIDE,
     TURN,
@@ -47,8 +49,6 @@ from isochrome.fringes.single_frame.patches import (
 )
 from isochrome.fringes.windows import Array, Indices, Mask
 
-TERMS = 10
-"""Of a patch's order: a quadratic's six, and N_xxx, N_xxy, N_xyy, N_yyy."""
 _CUBIC = 1e-3
 """Prior standard deviation of the cubic terms, fringes/px³."""
 _TONE = 0.5
@@ -57,16 +57,15 @@ _FLOOR = 0.01
 _PIVOT = 1e-3
 
 
-_SIDE = np.arange(-HALF, HALF + 1, dtype=float)
-_POWERS: Array = _SIDE[:, None] ** np.arange(4) / np.array([1.0, 1.0, 2.0, 6.0])
+_DX, _DY = np.array(total_degree(3)).T
+"""Powers of the cubic's terms: a quadratic's six, and N_xxx, N_xxy, N_xyy, N_yyy."""
+TERMS = len(_DX)
+_POWERS: Array = np.vander(np.arange(-HALF, HALF + 1.0), 4, increasing=True) / factorial(range(4))
 """d^n/n! along a patch's side (2 HALF + 1, 4)."""
-_DY: Indices = np.array([0, 0, 1, 0, 1, 2, 0, 1, 2, 3])
-_DX: Indices = np.array([0, 1, 0, 2, 1, 0, 3, 2, 1, 0])
-"""Powers of the cubic's terms."""
 BASIS: Array = (_POWERS[:, None, _DY] * _POWERS[None, :, _DX]).reshape(-1, TERMS)
 """The cubic's terms at a patch's pixels (k, 10)."""
 _PAIRS = (BASIS[:, :, None] * BASIS[:, None, :]).reshape(len(BASIS), -1)
-_PRIOR = np.concatenate([patch_prior().astype(float), np.full(4, _CUBIC**-2)])
+_PRIOR = np.append(patch_prior(), np.full(TERMS - len(patch_prior()), _CUBIC**-2)).astype(float)
 _DIAGONAL = np.arange(TERMS)
 
 
@@ -401,7 +400,7 @@ _MANY = 400
 """Patches from which every second is left out: they overlap, and tell the same twice."""
 _LEAST_PATCHES = 12
 _WORST_CHI, _LEAST_FILLED, _FAINT = 30.0, 0.5, 0.1
-_SPAN = 0.4 / (2 * HALF + 1)
+_SPAN = 0.4 / SIDE
 """Slope of a patch that tells the tone exponent, fringes a pixel: it spans 0.4 of a fringe. A
 flatter one follows any exponent, and the noise of no-load frames, which stands in the slope and in
 the residual, looks like one: errors in variables (Fuller (1987), Measurement error models)."""

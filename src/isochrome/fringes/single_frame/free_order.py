@@ -52,6 +52,7 @@ from isochrome.fringes.single_frame.patches import (
     FADED,
     HALF,
     LEAST_FILLED,
+    SIDE,
     STRIDE,
     TURN,
     Labels,
@@ -352,7 +353,7 @@ def _part_at(patches: Patches, labels: Labels, p: StatedPlace) -> int:
 
 
 _BINNINGS = (4, 2, 1)
-_LEAST_PIXELS = 7 * (2 * HALF + 1) // 2
+_LEAST_PIXELS = 7 * SIDE // 2
 """Pixels, after binning, of the shorter side of a frame: three patches and a half without overlap.
 """
 _LEAST_COVER = 0.15
@@ -390,9 +391,9 @@ def read_free(
     N = 0, which stands for N = 1 in a wrong light, must be known. InputError: the frame is smaller
     than a patch.
     """
-    (rows, cols), side = wave.shape, 2 * HALF + 1
-    if min(rows, cols) < side:
-        raise InputError("frame_pixels_smaller_patch", shape=rows, shape_2=cols, half=side)
+    rows, cols = wave.shape
+    if min(rows, cols) < SIDE:
+        raise InputError("frame_pixels_smaller_patch", shape=rows, shape_2=cols, half=SIDE)
     followed, fade = follow_fringes(wave, sigma, valid, known, error=error)
     result = followed.anchored(known)
     reading = _dense(followed.patches, result.terms, valid)

@@ -39,6 +39,7 @@ from isochrome.fringes.windows import Array, Indices, Mask, block_means, gaussia
 
 HALF, STRIDE = 6, 5
 """Half-width of a patch and distance of their middles, pixels."""
+SIDE = 2 * HALF + 1
 _WINDOW = 3.0
 _FREQUENCY_WINDOW = 2.5
 _GRADIENT, _CURVATURE = 0.7, 0.02
@@ -64,8 +65,6 @@ BEND = np.array([0.004, 0.001, 0.001, 4e-4, 4e-4, 4e-4])
 """What two quadratics differ by half-way without noise: fringes, fringes/px, fringes/px²; and"""
 _STEEP_BEND = 0.03
 """the share of their own size."""
-_STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
-"""To the neighbours on the right, below, and on the two diagonals below."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,9 +145,8 @@ def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
     trusted. Returns a PatchLight that covers the frame from border to border. Raises InputError
     where the frame is smaller than a patch.
     """
-    side = 2 * HALF + 1
-    if min(wave.shape) < side:
-        raise InputError("fringes_can_followed_pixels", side=side, shape=wave.shape)
+    if min(wave.shape) < SIDE:
+        raise InputError("fringes_can_followed_pixels", side=SIDE, shape=wave.shape)
     dy, dx, window = offsets()
     rows, cols = middles(wave.shape[0]), middles(wave.shape[1])
     at = tuple(v.ravel()[:, None] for v in np.meshgrid(rows, cols, indexing="ij"))
@@ -231,7 +229,7 @@ def _take(patches: Patches, which: Indices, others: Patches, better: Mask) -> No
 
 def middles(length: int) -> Indices:
     """Middles that cover a length from border to border, about a stride apart."""
-    count = max(2, -(-(length - 2 * HALF - 1) // STRIDE) + 1)
+    count = max(2, -(-(length - SIDE) // STRIDE) + 1)
     return np.unique(np.linspace(HALF, max(length - HALF - 1, HALF), count).round().astype(int))
 
 
@@ -354,7 +352,8 @@ def neighbours(patches: Patches, terms: Array) -> list[Array]:
     m, n = patches.chi.shape
     number = np.arange(m * n).reshape(m, n)
     rows, cols = np.meshgrid(patches.rows, patches.cols, indexing="ij")
-    for down, right in _STEPS:
+    # to the neighbours on the right, below, and on the two diagonals below
+    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
         here = np.s_[: m - down, max(0, -right) : n - max(right, 0)]
         beside = np.s_[down:, max(0, right) : n + min(right, 0)]
         dy, dx = 0.5 * (rows[beside] - rows[here]), 0.5 * (cols[beside] - cols[here])
