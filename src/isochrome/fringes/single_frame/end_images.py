@@ -20,10 +20,9 @@ QUADRATICS = len(total_degree(_DEGREE))
 class SmoothImages:
     """Images f_k(row) g_k(col) over a frame, and how large each may be beforehand.
 
-    Sums go along the rows, then the columns, once for each different factor, `down` (rows, a) and
-    `across` (cols, b); `pairs` (terms, 2): which of them each image is the product of, no two the
-    same; `spread` (terms,): prior deviation of its coefficient, over the contrast, inf for the even
-    light.
+    Their factors `down` (rows, a) and `across` (cols, b); `pairs` (terms, 2): which of them each
+    image is the product of, no two the same; `spread` (terms,): prior deviation of its coefficient,
+    over the contrast, inf for the even light.
     """
 
     down: Array

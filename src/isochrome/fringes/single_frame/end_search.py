@@ -36,7 +36,6 @@ from isochrome.fringes.single_frame.end_images import (
     spots_beyond_prior,
 )
 from isochrome.fringes.single_frame.patches import (
-    HALF,
     SIDE,
     STEEPEST,
     STRIDE,
@@ -57,12 +56,11 @@ _FLOOR = 0.01
 _PIVOT = 1e-3
 
 
-_DX, _DY = np.array(total_degree(3)).T
-"""Powers of the cubic's terms: a quadratic's six, and N_xxx, N_xxy, N_xyy, N_yyy."""
-TERMS = len(_DX)
-_POWERS: Array = np.vander(np.arange(-HALF, HALF + 1.0), 4, increasing=True) / factorial(range(4))
-"""d^n/n! along a patch's side (2 HALF + 1, 4)."""
-BASIS: Array = (_POWERS[:, None, _DY] * _POWERS[None, :, _DX]).reshape(-1, TERMS)
+_POWERS = total_degree(3)
+"""Of the place along x and y in a cubic's terms: a quadratic's six, N_xxx, N_xxy, N_xyy, N_yyy."""
+TERMS = len(_POWERS)
+_DY, _DX, _ = (part.astype(float) for part in offsets())
+BASIS: Array = np.stack([_DX**i * _DY**j / factorial([i, j]).prod() for i, j in _POWERS], axis=-1)
 """The cubic's terms at a patch's pixels (k, 10)."""
 _PAIRS = (BASIS[:, :, None] * BASIS[:, None, :]).reshape(len(BASIS), -1)
 _PRIOR = np.append(patch_prior(), np.full(TERMS - len(patch_prior()), _CUBIC**-2)).astype(float)
@@ -148,37 +146,27 @@ def _end(shape: SmoothImages | Array, terms: Array, g: float) -> Array:
 class PatchData:
     """Patches in use of a problem: `index` on their lattice (p,), and their pixels (p, k).
 
-    `places`, rows and columns of their middles (p, 2); `pixels`, their numbers in the frame;
-    `light`, `weight` of each; `window`, the sum of a patch's pixels' weights before the noise (p,);
-    `chi` (p,); `thinned`, whether every second patch was left out.
+    `pixels`, their numbers in the frame; `light`, `weight` of each; `window`, the sum of a patch's
+    pixels' weights before the noise (p,); `chi` (p,); `thinned`, whether every second patch was
+    left out.
     """
 
     problem: EndProblem = field(repr=False)
     index: Indices = field(repr=False)
     light: Array = field(repr=False)
     weight: Array = field(repr=False)
-    places: Indices = field(repr=False)
     pixels: Indices = field(repr=False)
     window: Array = field(repr=False)
     chi: Array = field(repr=False)
     thinned: bool
 
     @cached_property
-    def factors(self) -> list[tuple[Array, Array]]:
-        """The factors of `EndProblem.found` times `_POWERS`, down and across the patches.
-
-        Those of an image (p, 2 HALF + 1, 4 a), (p, 2 HALF + 1, 4 b), the powers first.
-        """
-        rows, cols = (place[:, None] + np.arange(-HALF, HALF + 1) for place in self.places.T)
+    def images(self) -> list[Array]:
+        """Those of `EndProblem.found` at the patches' pixels (p, k, terms)."""
         return [
-            (_by_powers(image.down[rows]), _by_powers(image.across[cols]))
+            image.images.reshape(self.problem.light.size, -1)[self.pixels]
             for image in self.problem.found
         ]
-
-
-def _by_powers(factors: Array) -> Array:
-    """Factors (p, k, a) times the powers of the place in a patch (p, k, 4 a)."""
-    return (_POWERS[:, :, None] * factors[:, :, None, :]).reshape(*factors.shape[:2], -1)
 
 
 @dataclass(frozen=True)
@@ -323,7 +311,10 @@ def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
     weight, weighted, pull = (np.where(regular[:, None], part, 0.0) for part in parts)
     inverse = np.where(regular[:, None, None], inverse, 0.0)
     matrix, slope = _of_ends(data, now, weight)
-    mixed = _with_orders(data, now, weighted)
+    images = zip(data.images, now.columns, strict=True)
+    mixed = np.concatenate(
+        [(BASIS.T * (weighted * u)[:, None]) @ one for one, u in images], axis=-1
+    )
     solved = inverse @ np.concatenate([mixed, pull[..., None]], axis=-1)
     prior, away = problem.prior(ends.unknowns)
     free = problem.free
@@ -352,23 +343,6 @@ def _of_ends(data: PatchData, now: PatchModel, weight: Array) -> tuple[Array, Ar
     light = weight * now.residual
     slope = [one.along(summed(light * u)) for one, u in parts]
     return np.block(matrix), np.concatenate(slope)
-
-
-def _with_orders(data: PatchData, now: PatchModel, weighted: Array) -> Array:
-    """Mixed terms of the patches' orders and the free unknowns (p, 10, terms).
-
-    A term's power and an image's factor are taken down and across the patch together.
-    """
-    mixed = []
-    parts = zip(data.problem.found, data.factors, now.columns, strict=True)
-    for image, (down, across), column in parts:
-        light = (weighted * column).reshape(-1, len(_POWERS), len(_POWERS))
-        table = np.swapaxes(down, 1, 2) @ (light @ across)
-        a, b = (factors.shape[-1] // 4 for factors in (down, across))
-        row, col = image.pairs.T
-        which = (_DY[:, None] * a + row) * 4 * b + _DX[:, None] * b + col
-        mixed.append(np.take(table.reshape(len(table), -1), which, axis=1))
-    return np.concatenate(mixed, axis=-1)
 
 
 _ROUNDS, _EVERY = 24, 4
@@ -688,7 +662,7 @@ def _data(
     noise = problem.sigma[rows, cols] * np.maximum(chi, 1.0)[:, None]
     return PatchData(
         problem=problem, index=index, light=problem.light[rows, cols], weight=window / noise**2,
-        places=places, pixels=rows * problem.light.shape[1] + cols,
+        pixels=rows * problem.light.shape[1] + cols,
         window=np.maximum(window.sum(axis=1), 1e-9), chi=chi, thinned=thinned,
     )  # fmt: skip
 
