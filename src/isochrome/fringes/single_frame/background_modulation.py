@@ -51,7 +51,7 @@ from isochrome.fringes.single_frame.end_search import (
     search_on,
 )
 from isochrome.fringes.single_frame.patches import binned
-from isochrome.fringes.windows import Array, Mask, gaussian_mean
+from isochrome.fringes.windows import Array, Mask, gaussian
 
 _LEAST_PIXELS = 100
 """Binned pixels that the shorter side of a frame keeps, eight patches or so: the ends vary slowly,
@@ -226,11 +226,16 @@ def gamma_misfit(
     return float((covariance @ normal.slope)[-1]), float(uncertainty)
 
 
+def _binning(shape: tuple[int, ...]) -> int:
+    """Pixels a side of a bin."""
+    return 1 << int(np.log2(max(min(shape) // _LEAST_PIXELS, 1)))
+
+
 def _problem(
     light: Array, sigma: Array, valid: Mask, ends: tuple[Array | None, Array | None], tone: bool
 ) -> tuple[EndProblem, list[Array]]:
     """The problem on binned pixels, and where to start."""
-    by = 2 ** int(np.log2(max(min(light.shape) // _LEAST_PIXELS, 1)))
+    by = _binning(light.shape)
     small, noise, trusted = binned(light, sigma, valid, by)
     if not trusted.any():
         raise InputError("no_part_frame_trusted")
@@ -251,22 +256,23 @@ def _problem(
     ]
     if not isinstance(bright, SmoothImages):
         return problem, [np.concatenate([*flat, [1.0]])]
-    brights = _brights(problem, bright, low, high)
+    brights = _brights(problem, bright, low)
     return problem, [np.concatenate([flat[0], terms, [1.0]]) for terms in brights]
 
 
-def _brights(problem: EndProblem, lamp: SmoothImages, low: float, high: float) -> list[Array]:
+def _brights(problem: EndProblem, lamp: SmoothImages, low: float) -> list[Array]:
     """Bright ends to start from: a smooth one above the light, and one that all crests lie on."""
-    images = lamp.images
-    above = np.zeros(lamp.spread.size)  # spots begin at nought
-    above[:QUADRATICS] = surface_above(
-        problem.light, problem.valid, images[..., :QUADRATICS], (low, high)
+    images, spread = lamp.images, problem.scale * lamp.spread
+    above = np.zeros(spread.size)  # spots begin at nought
+    smooth = np.s_[:QUADRATICS]
+    above[smooth] = surface_above(
+        problem.light, problem.valid, images[..., smooth], spread[smooth], problem.scale
     )
     lines = bright_lines(problem.light, problem.sigma, problem.valid)
     lines[~(lines > low + _CREST * (lamp.sum(above) - low))] = np.nan
     if not np.isfinite(lines).any():
         return [above]
-    return [above, surface_through(lines, images, problem.scale * lamp.spread, problem.scale)]
+    return [above, surface_through(lines, images, spread, problem.scale)]
 
 
 def _as_images(
@@ -341,7 +347,9 @@ def find_no_load_exposure(
 
     `light` is linear, `sigma` its noise; the no-load frames are of the same linearity.
     """
-    low, high = _smooth(dark), _smooth(bright)
+    by = _binning(light.shape)  # lines that say something are long, and their ends smooth
+    low, high = (binned(_smooth(end), sigma, valid, by)[0] for end in (dark, bright))
+    light, sigma, valid = binned(light, sigma, valid, by)
     lit = valid & (high > 0.1 * np.median(high))
     crest = _level(light, sigma, high, lit)
     if crest is None:
@@ -400,7 +408,7 @@ def _level(
     fringe = np.maximum(np.abs(ratio) if bright is None else bright / safe, noise)
     widths = [max(_NARROWEST_PX, min(light.shape) / many) for many in _WIDTHS]
     # wide smoothing takes narrow fringes away, which may be brighter than the line
-    finest = gaussian_mean(ratio, widths[-1])
+    finest = gaussian(ratio, widths[-1])
     brightest = float(np.percentile(finest[_inner(lit, widths[-1])], 99.5))
     brightest -= 2.0 * noise / widths[-1]
     for width in widths:
@@ -414,7 +422,7 @@ def _level(
 
 def _inner(lit: Mask, width: float) -> Mask:
     """Where neither the border nor what is not seen lies within reach of a smoothing."""
-    inner = lit if lit.all() else gaussian_mean(lit.astype(float), width) > 0.98
+    inner = lit if lit.all() else gaussian(lit.astype(float), width) > 0.98
     return np.asarray(ndimage.binary_erosion(inner, iterations=int(width)))
 
 
@@ -431,7 +439,7 @@ def _level_at(
     inner = _inner(lit, width)
     if not inner.any():
         return None
-    fringe = gaussian_mean(fringe, width)
+    fringe = gaussian(fringe, width)
     lost = _taken_off(bend, fringe, width)
     top = smooth + lost
     line = inner & (np.abs(across) < _OFF) & (bend < -sharp)
@@ -490,10 +498,9 @@ def _taken_off(bend: Array, fringe: Array, width: float) -> Array:
 
 def _lines(image: Array, width: float) -> tuple[Array, Array, Array, Array]:
     """The smooth image, the distance to a line's middle, the curvature across it and along."""
-    smooth = gaussian_mean(image, width)
-    gy, gx = np.gradient(smooth)
-    hyy, hyx = np.gradient(gy)
-    hxx = np.gradient(gx, axis=1)
+    smooth, gy, gx, hyy, hyx, hxx = (
+        gaussian(image, width, order) for order in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+    )
     angle = 0.5 * np.arctan2(2.0 * hyx, hxx - hyy)
     size = np.hypot(0.5 * (hxx - hyy), hyx)
     mean = 0.5 * (hxx + hyy)

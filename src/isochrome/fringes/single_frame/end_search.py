@@ -358,9 +358,8 @@ _STALE = 0.02
 _READABLE = 0.03
 TONES = 0.2, 5.0
 _HEAVIEST = 1e2
-_LOST = 0.5, 0.1, 0.0
-"""Difference of a patch's residual over noise, squared, that counts at most in a comparison where
-both results describe it, one does, none."""
+_MOST = 0.5
+"""Difference of a patch's residual over noise, squared, that counts at most in a comparison."""
 _PIXELS = float(offsets()[2].sum())
 NOT_TOLD = "frame_fringes_cannot_separate"
 _DOUBT = 40.0
@@ -447,15 +446,15 @@ def possible(*models: list[Found]) -> list[Found]:
 def _dearer(one: Found, other: Found) -> float:
     """How much more a result costs than another, by the patches that both use.
 
-    A patch that a cubic does not describe, at a load or a tip, follows whatever light it is given;
-    one that it describes in one result alone may rest on the wrong side of a crest, and counts
-    little: no patch decides alone.
+    A patch that a cubic does not describe, at a load or a tip, follows whatever light it is given,
+    and one that it describes in one result alone may rest on the wrong side of a crest: beyond what
+    is described all misfit is alike, and no patch decides alone.
     """
     a, b = _of_both(one, other)
-    first, second = one.patch_cost[a], other.patch_cost[b]
-    poor = (first > WORST_CHI**2).astype(int) + (second > WORST_CHI**2)
-    most = np.array(_LOST)[poor]
-    away = np.clip(first - second, -most, most)
+    first, second = (
+        np.minimum(cost, WORST_CHI**2) for cost in (one.patch_cost[a], other.patch_cost[b])
+    )
+    away = np.clip(first - second, -_MOST, _MOST)
     return float(_PIXELS * away.sum() + one.prior_cost - other.prior_cost)
 
 

@@ -39,7 +39,6 @@ from typing import TypeVar
 import numpy as np
 from scipy.ndimage import label
 
-from isochrome.errors import InputError
 from isochrome.fringes.on_branch import (
     LARGEST_UNCERTAINTY,
     OrderReading,
@@ -391,9 +390,6 @@ def read_free(
     N = 0, which stands for N = 1 in a wrong light, must be known. InputError: the frame is smaller
     than a patch.
     """
-    rows, cols = wave.shape
-    if min(rows, cols) < SIDE:
-        raise InputError("frame_pixels_smaller_patch", shape=rows, shape_2=cols, half=SIDE)
     followed, fade = follow_fringes(wave, sigma, valid, known, error=error)
     result = followed.anchored(known)
     reading = _dense(followed.patches, result.terms, valid)

@@ -146,7 +146,8 @@ def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
     where the frame is smaller than a patch.
     """
     if min(wave.shape) < SIDE:
-        raise InputError("fringes_can_followed_pixels", side=SIDE, shape=wave.shape)
+        rows, cols = wave.shape
+        raise InputError("frame_pixels_smaller_patch", shape=rows, shape_2=cols, half=SIDE)
     dy, dx, window = offsets()
     rows, cols = middles(wave.shape[0]), middles(wave.shape[1])
     at = tuple(v.ravel()[:, None] for v in np.meshgrid(rows, cols, indexing="ij"))
