@@ -303,8 +303,9 @@ _LENGTH = 0.2
 _OFF, _SHARP = 0.6, 4.0
 """A line's distance from its pixel at most, pixels, and its curvature over that of noise."""
 
-_SCATTER, _NOTHING_BEYOND = 0.007, 0.02
-"""Scatter of the light along a line, and share by which other light may pass it."""
+_SCATTER, _ALIKE = 0.007, 0.02
+"""Scatter of the light along a line; share by which other light may pass it, and by which an
+exposure must differ to be another."""
 
 _STRAIGHT = 0.2
 """Curvature of the light along a line over that across: a flat extremum of the order has both."""
@@ -320,7 +321,7 @@ _SYSTEMATIC = 0.003
 _UNSEEN = 0.5
 """Standard uncertainty, over b, of the dark frame's factor where no trough is in the frame."""
 
-_SURE, _LEAST = 3.0, 0.02
+_SURE = 3.0
 
 
 @dataclass(frozen=True)
@@ -360,7 +361,7 @@ def find_no_load_exposure(
     trough = None if black else _level(light, sigma, low, lit & (low > 0.0), b * high)
     d, by_trough = trough or (b, by_crest if black else _UNSEEN * b)
     moved = max(abs(b - 1.0) - _SURE * by_crest, share * (abs(d - 1.0) - _SURE * by_trough))
-    if moved < _LEAST:
+    if moved < _ALIKE:
         return NoLoadExposure(told=True)
     variance = np.zeros((3, 3, *dark.shape))
     sides = (dark, d, by_trough), (bright, b, by_crest)
@@ -415,7 +416,7 @@ def _level(
         level = _level_at(ratio, fringe, noise, lit, width)
         if level is None or sign * level[0] <= 0.0:
             continue
-        if brightest - level[0] < _NOTHING_BEYOND * abs(level[0]):
+        if brightest - level[0] < _ALIKE * abs(level[0]):
             return abs(level[0]), level[1]
     return None
 

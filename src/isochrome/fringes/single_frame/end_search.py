@@ -37,6 +37,7 @@ from isochrome.fringes.single_frame.end_images import (
 )
 from isochrome.fringes.single_frame.patches import (
     SIDE,
+    SMALLEST,
     STEEPEST,
     STRIDE,
     TURN,
@@ -371,7 +372,6 @@ _BETTER = 0.97
 """Share of its former cost below which a patch counts as better."""
 _MANY = 400
 """Patches from which every second is left out: they overlap, and tell the same twice."""
-_LEAST_PATCHES = 12
 _WORST_CHI, _LEAST_FILLED, _FAINT = 30.0, 0.5, 0.1
 _SPAN = 0.4 / SIDE
 """Slope of a patch that tells the tone exponent, fringes a pixel: it spans 0.4 of a fringe. A
@@ -622,7 +622,7 @@ def fresh_patches(
 
 def _check_number(patches: int) -> None:
     """Refuse a frame of too few patches: raises InputError."""
-    if patches < _LEAST_PATCHES:
+    if patches < SMALLEST:
         raise InputError("too_few_fringes_can")
 
 

@@ -68,6 +68,7 @@ from isochrome.fringes.single_frame.patches import (
 )
 from isochrome.fringes.single_frame.stated_orders import (
     CLEAR,
+    FEWEST_PATCHES,
     NOUGHT,
     KnownOrders,
     KnownPlaces,
@@ -173,8 +174,6 @@ def contrast_map(patches: Patches, terms: Array, law: Contrast, shape: tuple[int
     return np.asarray(down @ contrast @ across.T)
 
 
-_FEWEST_PATCHES = 6
-"""Patches beyond an open seam from which it is said."""
 _ALONE = 0.1
 """Share of what could be followed, without a point, from which it is said."""
 _TELLABLE = 0.2
@@ -281,7 +280,7 @@ def _with_seams(
             notes.append(left_out(g, missed, j, sum(other.fits(j) for other in given)))
     sources = [g.source(p, terms) for g, p in used]
     for crest, beyond in open_seams(patches, terms, sources, zero_said):
-        if beyond.sum() >= _FEWEST_PATCHES:
+        if beyond.sum() >= FEWEST_PATCHES:
             notes.append(_beyond_seam(patches, terms, beyond, crest, error))
         terms[beyond] = np.nan
     return Anchored(terms, tuple(misses), tuple(notes))
