@@ -104,10 +104,7 @@ class BackgroundModulation:
             if known:
                 tone = tone - share * end * np.log(np.maximum(end, _BLACK)) / self.tone
         parts.append(-tone)
-        square = np.zeros(light.shape)
-        for i, one in enumerate(parts):
-            for j, other in enumerate(parts):
-                square += one * other * self.variance[i, j]
+        square = np.einsum("iyx,jyx,ijyx->yx", parts, parts, self.variance)
         return np.asarray(np.sqrt(np.maximum(square, 0.0)) / contrast)
 
 

@@ -210,15 +210,11 @@ def variance_of_ends(
         for image, part, known in zip(images, (root[:cut], root[cut:-1]), given, strict=True)
     ]
     errors.append(np.broadcast_to(root[-1], errors[0].shape))
-    rows, cols = shape
-    variance = np.empty((3, 3, rows, cols))
-    for i in range(3):
-        for j in range(i + 1):
-            coarse = np.einsum("yxk,yxk->yx", errors[i], errors[j])
-            variance[i, j] = variance[j, i] = cv2.resize(
-                coarse, (cols, rows), interpolation=cv2.INTER_LINEAR
-            )
-    return variance
+    coarse = np.einsum("iyxk,jyxk->ijyx", errors, errors)
+    size = shape[::-1]
+    return np.array(
+        [[cv2.resize(each, size, interpolation=cv2.INTER_LINEAR) for each in row] for row in coarse]
+    )
 
 
 def spots_beyond_prior(covariance: Array, terms: Array, precision: Array, spots: Mask) -> float:
