@@ -38,7 +38,7 @@ def test_with_every_patch_following_they_are_those_of_differences(tone):
     unknowns[-1] = 1.1 if tone else 1.0
     data, orders, _ = end_search.fresh_patches(problem, unknowns)
     some = np.arange(len(orders)) % 9 == 0
-    per_patch = ("index", "light", "weight", "places", "pixels", "window", "chi")
+    per_patch = ("index", "light", "weight", "pixels", "window", "chi")
     data = replace(data, **{name: getattr(data, name)[some] for name in per_patch})
     orders = orders[some]
     free, here = np.flatnonzero(problem.free), ends_at(data, unknowns)

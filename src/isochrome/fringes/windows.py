@@ -4,9 +4,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, fourier_gaussian, gaussian_filter
+from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
@@ -29,19 +28,6 @@ def valid_means(values: Array, valid: Mask, by: int) -> Array:
     """Means over the valid pixels of each block; about nought where there are none."""
     share = block_means(valid.astype(float), by)
     return block_means(np.where(valid, values, 0.0), by) / np.maximum(share, 1e-9)
-
-
-def gaussian_mean(image: Array, width_px: float) -> Array:
-    """Mean over a Gaussian window of any width, the rim going on beyond the picture.
-
-    By transforms, whose cost does not grow with the width.
-    """
-    pad, (rows, cols) = int(4.0 * width_px + 0.5), image.shape
-    sides = [scipy.fft.next_fast_len(side + 2 * pad, real=True) for side in (rows, cols)]
-    beyond = [(pad, side - pad - n) for side, n in zip(sides, (rows, cols), strict=True)]
-    wide = np.pad(image, beyond, mode="edge")
-    wave = fourier_gaussian(scipy.fft.rfft2(wide), width_px, n=sides[1])
-    return np.asarray(scipy.fft.irfft2(wave, sides)[pad : pad + rows, pad : pad + cols])
 
 
 def gaussian(

@@ -51,12 +51,11 @@ from isochrome.fringes.single_frame.end_search import (
     search_on,
 )
 from isochrome.fringes.single_frame.patches import binned
-from isochrome.fringes.windows import Array, Mask, gaussian_mean
+from isochrome.fringes.windows import Array, Mask, gaussian
 
-_BINNINGS = (32, 16, 8, 4, 2, 1)
-"""The ends vary slowly: binned pixels tell as much, far faster, and their patches span crests."""
 _LEAST_PIXELS = 100
-"""Binned pixels that the shorter side of a frame needs: eight patches or so."""
+"""Binned pixels that the shorter side of a frame keeps, eight patches or so: the ends vary slowly,
+binned pixels tell as much, far faster, and their patches span crests."""
 _LOW, _HIGH = 1.0, 99.0
 """Percentiles of the light at which the search for the ends starts: both occur in a frame that
 holds at least one whole fringe."""
@@ -105,10 +104,7 @@ class BackgroundModulation:
             if known:
                 tone = tone - share * end * np.log(np.maximum(end, _BLACK)) / self.tone
         parts.append(-tone)
-        square = np.zeros(light.shape)
-        for i, one in enumerate(parts):
-            for j, other in enumerate(parts):
-                square += one * other * self.variance[i, j]
+        square = np.einsum("iyx,jyx,ijyx->yx", parts, parts, self.variance)
         return np.asarray(np.sqrt(np.maximum(square, 0.0)) / contrast)
 
 
@@ -227,11 +223,16 @@ def gamma_misfit(
     return float((covariance @ normal.slope)[-1]), float(uncertainty)
 
 
+def _binning(shape: tuple[int, ...]) -> int:
+    """Pixels a side of a bin."""
+    return 1 << int(np.log2(max(min(shape) // _LEAST_PIXELS, 1)))
+
+
 def _problem(
     light: Array, sigma: Array, valid: Mask, ends: tuple[Array | None, Array | None], tone: bool
 ) -> tuple[EndProblem, list[Array]]:
     """The problem on binned pixels, and where to start."""
-    by = next((b for b in _BINNINGS if min(light.shape) // b >= _LEAST_PIXELS), 1)
+    by = _binning(light.shape)
     small, noise, trusted = binned(light, sigma, valid, by)
     if not trusted.any():
         raise InputError("no_part_frame_trusted")
@@ -252,22 +253,23 @@ def _problem(
     ]
     if not isinstance(bright, SmoothImages):
         return problem, [np.concatenate([*flat, [1.0]])]
-    brights = _brights(problem, bright, low, high)
+    brights = _brights(problem, bright, low)
     return problem, [np.concatenate([flat[0], terms, [1.0]]) for terms in brights]
 
 
-def _brights(problem: EndProblem, lamp: SmoothImages, low: float, high: float) -> list[Array]:
+def _brights(problem: EndProblem, lamp: SmoothImages, low: float) -> list[Array]:
     """Bright ends to start from: a smooth one above the light, and one that all crests lie on."""
-    images = lamp.images
-    above = np.zeros(lamp.spread.size)  # spots begin at nought
-    above[:QUADRATICS] = surface_above(
-        problem.light, problem.valid, images[..., :QUADRATICS], (low, high)
+    images, spread = lamp.images, problem.scale * lamp.spread
+    above = np.zeros(spread.size)  # spots begin at nought
+    smooth = np.s_[:QUADRATICS]
+    above[smooth] = surface_above(
+        problem.light, problem.valid, images[..., smooth], spread[smooth], problem.scale
     )
     lines = bright_lines(problem.light, problem.sigma, problem.valid)
     lines[~(lines > low + _CREST * (lamp.sum(above) - low))] = np.nan
     if not np.isfinite(lines).any():
         return [above]
-    return [above, surface_through(lines, images, problem.scale * lamp.spread, problem.scale)]
+    return [above, surface_through(lines, images, spread, problem.scale)]
 
 
 def _as_images(
@@ -286,13 +288,11 @@ def _as_images(
     )  # fmt: skip
 
 
-_WIDTHS, _NARROWEST_PX = (1.0 / 16.0, 1.0 / 32.0, 1.0 / 64.0), 1.5
-"""Smoothings to try, standard deviation over the frame's shorter side, and pixels at least."""
+_WIDTHS, _NARROWEST_PX = (16, 32, 64), 1.5
+"""Smoothings to try: standard deviations in the frame's shorter side, and pixels at least."""
 
-_FLATTENED, _NARROW = 0.3, 0.05
-"""Share of a line's light, and of the fringe's, that smoothing may take off."""
-_CORRECTED = 0.1
-"""Standard uncertainty of that, over itself: the fringes' rate changes."""
+_NARROW = 0.05
+"""Share of the fringe's light that smoothing may take off a line."""
 
 _LENGTH = 0.2
 """Length of a line that says something, over the frame's shorter side."""
@@ -300,8 +300,9 @@ _LENGTH = 0.2
 _OFF, _SHARP = 0.6, 4.0
 """A line's distance from its pixel at most, pixels, and its curvature over that of noise."""
 
-_SCATTER, _NOTHING_BEYOND = 0.007, 0.02
-"""Scatter of the light along a line, and share by which other light may pass it."""
+_SCATTER, _ALIKE = 0.007, 0.02
+"""Scatter of the light along a line; share by which other light may pass it, and by which an
+exposure must differ to be another."""
 
 _STRAIGHT = 0.2
 """Curvature of the light along a line over that across: a flat extremum of the order has both."""
@@ -317,7 +318,7 @@ _SYSTEMATIC = 0.003
 _UNSEEN = 0.5
 """Standard uncertainty, over b, of the dark frame's factor where no trough is in the frame."""
 
-_SURE, _LEAST = 3.0, 0.02
+_SURE = 3.0
 
 
 @dataclass(frozen=True)
@@ -344,7 +345,9 @@ def find_no_load_exposure(
 
     `light` is linear, `sigma` its noise; the no-load frames are of the same linearity.
     """
-    low, high = _smooth(dark), _smooth(bright)
+    by = _binning(light.shape)  # lines that say something are long, and their ends smooth
+    low, high = (binned(_smooth(end), sigma, valid, by)[0] for end in (dark, bright))
+    light, sigma, valid = binned(light, sigma, valid, by)
     lit = valid & (high > 0.1 * np.median(high))
     crest = _level(light, sigma, high, lit)
     if crest is None:
@@ -355,7 +358,7 @@ def find_no_load_exposure(
     trough = None if black else _level(light, sigma, low, lit & (low > 0.0), b * high)
     d, by_trough = trough or (b, by_crest if black else _UNSEEN * b)
     moved = max(abs(b - 1.0) - _SURE * by_crest, share * (abs(d - 1.0) - _SURE * by_trough))
-    if moved < _LEAST:
+    if moved < _ALIKE:
         return NoLoadExposure(told=True)
     variance = np.zeros((3, 3, *dark.shape))
     sides = (dark, d, by_trough), (bright, b, by_crest)
@@ -401,23 +404,23 @@ def _level(
     ratio = np.where(lit, ratio, np.median(ratio[lit]))
     noise = float(np.median(sigma[lit] / safe[lit]))
     fringe = np.maximum(np.abs(ratio) if bright is None else bright / safe, noise)
-    widths = [max(_NARROWEST_PX, share * min(light.shape)) for share in _WIDTHS]
+    widths = [max(_NARROWEST_PX, min(light.shape) / many) for many in _WIDTHS]
     # wide smoothing takes narrow fringes away, which may be brighter than the line
-    finest = gaussian_mean(ratio, widths[-1])
+    finest = gaussian(ratio, widths[-1])
     brightest = float(np.percentile(finest[_inner(lit, widths[-1])], 99.5))
     brightest -= 2.0 * noise / widths[-1]
     for width in widths:
         level = _level_at(ratio, fringe, noise, lit, width)
         if level is None or sign * level[0] <= 0.0:
             continue
-        if brightest - level[0] < _NOTHING_BEYOND * abs(level[0]):
+        if brightest - level[0] < _ALIKE * abs(level[0]):
             return abs(level[0]), level[1]
     return None
 
 
 def _inner(lit: Mask, width: float) -> Mask:
     """Where neither the border nor what is not seen lies within reach of a smoothing."""
-    inner = lit if lit.all() else gaussian_mean(lit.astype(float), width) > 0.98
+    inner = lit if lit.all() else gaussian(lit.astype(float), width) > 0.98
     return np.asarray(ndimage.binary_erosion(inner, iterations=int(width)))
 
 
@@ -434,18 +437,17 @@ def _level_at(
     inner = _inner(lit, width)
     if not inner.any():
         return None
-    fringe = gaussian_mean(fringe, width)
+    fringe = gaussian(fringe, width)
     lost = _taken_off(bend, fringe, width)
     top = smooth + lost
     line = inner & (np.abs(across) < _OFF) & (bend < -sharp)
-    line &= lost < np.minimum(_FLATTENED * np.abs(top), _NARROW * fringe)
+    line &= lost < _NARROW * fringe
     at = _greatest_even(line, top, (bend, along), noise, width)
     if at is None:
         return None
     middle, scatter = _middle(top[at])
     along = max(scatter, noise / width) / np.sqrt(max(np.count_nonzero(at) / width, 1.0))
-    corrected = _CORRECTED * float(np.median(lost[at]))
-    return middle, float(np.sqrt(along**2 + corrected**2 + (_SYSTEMATIC * middle) ** 2))
+    return middle, float(np.hypot(along, _SYSTEMATIC * middle))
 
 
 def _greatest_even(
@@ -494,10 +496,9 @@ def _taken_off(bend: Array, fringe: Array, width: float) -> Array:
 
 def _lines(image: Array, width: float) -> tuple[Array, Array, Array, Array]:
     """The smooth image, the distance to a line's middle, the curvature across it and along."""
-    smooth = gaussian_mean(image, width)
-    gy, gx = np.gradient(smooth)
-    hyy, hyx = np.gradient(gy)
-    hxx = np.gradient(gx, axis=1)
+    smooth, gy, gx, hyy, hyx, hxx = (
+        gaussian(image, width, order) for order in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+    )
     angle = 0.5 * np.arctan2(2.0 * hyx, hxx - hyy)
     size = np.hypot(0.5 * (hxx - hyy), hyx)
     mean = 0.5 * (hxx + hyy)

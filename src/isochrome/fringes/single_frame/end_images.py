@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from isochrome.estimation import total_degree
 from isochrome.fringes.skeleton import line_points, noise_gain
 from isochrome.fringes.windows import Array, Indices, Mask
 
 _DEGREE = 2
 """Of the products: lamps fall off to the corners."""
-QUADRATICS = (_DEGREE + 1) * (_DEGREE + 2) // 2
+QUADRATICS = len(total_degree(_DEGREE))
 """How many products there are, which come first."""
 
 
@@ -19,10 +21,9 @@ QUADRATICS = (_DEGREE + 1) * (_DEGREE + 2) // 2
 class SmoothImages:
     """Images f_k(row) g_k(col) over a frame, and how large each may be beforehand.
 
-    Sums go along the rows, then the columns, once for each different factor, `down` (rows, a) and
-    `across` (cols, b); `pairs` (terms, 2): which of them each image is the product of, no two the
-    same; `spread` (terms,): prior deviation of its coefficient, over the contrast, inf for the even
-    light.
+    Their factors `down` (rows, a) and `across` (cols, b); `pairs` (terms, 2): which of them each
+    image is the product of, no two the same; `spread` (terms,): prior deviation of its coefficient,
+    over the contrast, inf for the even light.
     """
 
     down: Array
@@ -85,7 +86,7 @@ def binned_light(
     Stat. Comput. 30, 419).
     """
     y, x = (2.0 * (by * np.arange(n // by) + 0.5 * (by - 1)) / max(n - 1, 1) - 1.0 for n in shape)
-    pairs = [(i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)]
+    pairs = [*total_degree(_DEGREE)]
     spread = [np.inf, *[uneven] * (len(pairs) - 1)]
     waves = _waves() if spots else []
     total = np.sqrt(sum(size**2 for _, _, size in waves))
@@ -114,9 +115,9 @@ def _waves() -> list[tuple[int, int, float]]:
     return result
 
 
-_ABOVE, _STIFF, _PULLS, _ENOUGH = 0.01, 0.1, 12, 400.0
-"""Of the first surface: weight of light below it over light above; prior of its shape over the
-contrast; rounds; and how many pixels' worth the light counts."""
+_ABOVE, _ENOUGH, _ROUNDS = 0.01, 400.0, 12
+"""Of the first surface: weight of light below it over light above, and how many pixels' worth the
+light counts; rounds of either."""
 _LINE_PX, _CLEAR = 3.0, 0.5
 """Width of a bright line that is looked for, and its least curvature over that of noise."""
 _STRAY = 0.02
@@ -125,28 +126,22 @@ _SPOTS = 0.1
 """Prior deviation of spots and bars, over the contrast, where the frame asks for them."""
 _SMOOTH_PX = 8
 """Over which the ends' uncertainty is taken as linear."""
-_NEAR, _LENGTH_PX, _TIMES = 0.02, 6.0, 6
+_NEAR, _LENGTH_PX = 0.02, 6.0
 """A surface is asked to pass the crests within a share of the contrast, which is told anew after
-some pixels of a line; rounds."""
+some pixels of a line."""
 
 
-def surface_above(light: Array, valid: Mask, shapes: Array, between: tuple[float, float]) -> Array:
+def surface_above(
+    light: Array, valid: Mask, shapes: Array, spread: Array, contrast: float
+) -> Array:
     """Terms of a smooth surface that rests on the light from above: asymmetric least squares.
 
-    Parameters: `light`, `valid` (rows, cols); `shapes` (rows, cols, terms); the light's range
-    `between`. Returns the terms.
+    Parameters: `light`, `valid` (rows, cols); as in `surface_through` the others.
     """
-    low, high = between
-    rows, values = shapes[valid], light[valid]
-    terms = np.eye(rows.shape[1])[0] * high
-    stiff = np.full(len(terms), (_STIFF * (high - low)) ** -2)
-    stiff[0] = 0.0
-    gain = _ENOUGH / (len(values) * (0.05 * (high - low)) ** 2)
-    for _ in range(_PULLS):
-        weight = gain * np.where(values > rows @ terms, 1.0, _ABOVE)
-        weighted = rows * weight[:, None]
-        terms = np.linalg.solve(weighted.T @ rows + np.diag(stiff), weighted.T @ values)
-    return np.asarray(terms)
+    gain = _ENOUGH / (np.count_nonzero(valid) * (0.05 * contrast) ** 2)
+    return _reweighted(
+        shapes[valid], light[valid], spread, lambda away: gain * np.where(away > 0.0, 1.0, _ABOVE)
+    )
 
 
 def bright_lines(light: Array, sigma: Array, valid: Mask) -> Array:
@@ -166,15 +161,25 @@ def surface_through(crests: Array, shapes: Array, spread: Array, contrast: float
     `spread`, the terms' prior deviations (terms,), inf for none; `contrast`. Returns the terms.
     """
     on_line = np.isfinite(crests)
-    rows, values = shapes[on_line], crests[on_line]
     near = _NEAR * contrast
-    stiff = np.diag(spread**-2.0)
-    weight = np.ones(len(values))
-    for _ in range(_TIMES):
-        weighted = rows * (weight / (_LENGTH_PX * near**2))[:, None]
-        terms = np.linalg.solve(weighted.T @ rows + stiff, weighted.T @ values)
-        below = np.maximum(rows @ terms - values, 0.0) / near
-        weight = 1.0 / (1.0 + (0.5 * below) ** 2)
+
+    def weights(away: Array) -> Array:
+        below = np.maximum(-away, 0.0) / near
+        return np.asarray(1.0 / (1.0 + (0.5 * below) ** 2) / (_LENGTH_PX * near**2))
+
+    return _reweighted(shapes[on_line], crests[on_line], spread, weights)
+
+
+def _reweighted(
+    rows: Array, values: Array, spread: Array, weights: Callable[[Array], Array]
+) -> Array:
+    """Terms of a sum of `rows` (n, terms), by `weights` of what they leave of some values (n,)."""
+    weight = weights(np.zeros(len(values)))
+    for _ in range(_ROUNDS):
+        weighted = rows * weight[:, None]
+        normal = weighted.T @ rows + np.diag(spread**-2.0)
+        terms = np.linalg.solve(normal, weighted.T @ values)
+        weight = weights(values - rows @ terms)
     return np.asarray(terms)
 
 
@@ -205,15 +210,11 @@ def variance_of_ends(
         for image, part, known in zip(images, (root[:cut], root[cut:-1]), given, strict=True)
     ]
     errors.append(np.broadcast_to(root[-1], errors[0].shape))
-    rows, cols = shape
-    variance = np.empty((3, 3, rows, cols))
-    for i in range(3):
-        for j in range(i + 1):
-            coarse = np.einsum("yxk,yxk->yx", errors[i], errors[j])
-            variance[i, j] = variance[j, i] = cv2.resize(
-                coarse, (cols, rows), interpolation=cv2.INTER_LINEAR
-            )
-    return variance
+    coarse = np.einsum("iyxk,jyxk->ijyx", errors, errors)
+    size = shape[::-1]
+    return np.array(
+        [[cv2.resize(each, size, interpolation=cv2.INTER_LINEAR) for each in row] for row in coarse]
+    )
 
 
 def spots_beyond_prior(covariance: Array, terms: Array, precision: Array, spots: Mask) -> float:

@@ -25,9 +25,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 
 import numpy as np
+from scipy.special import factorial
 
 from isochrome.errors import InputError
-from isochrome.estimation import State, damped, minimise_all, solve_all
+from isochrome.estimation import State, damped, minimise_all, solve_all, total_degree
 from isochrome.fringes.single_frame.end_images import (
     QUADRATICS,
     SmoothImages,
@@ -35,7 +36,8 @@ from isochrome.fringes.single_frame.end_images import (
     spots_beyond_prior,
 )
 from isochrome.fringes.single_frame.patches import (
-    HALF,
+    SIDE,
+    SMALLEST,
     STEEPEST,
     STRIDE,
     TURN,
@@ -47,8 +49,6 @@ from isochrome.fringes.single_frame.patches import (
 )
 from isochrome.fringes.windows import Array, Indices, Mask
 
-TERMS = 10
-"""Of a patch's order: a quadratic's six, and N_xxx, N_xxy, N_xyy, N_yyy."""
 _CUBIC = 1e-3
 """Prior standard deviation of the cubic terms, fringes/px³."""
 _TONE = 0.5
@@ -57,16 +57,14 @@ _FLOOR = 0.01
 _PIVOT = 1e-3
 
 
-_SIDE = np.arange(-HALF, HALF + 1, dtype=float)
-_POWERS: Array = _SIDE[:, None] ** np.arange(4) / np.array([1.0, 1.0, 2.0, 6.0])
-"""d^n/n! along a patch's side (2 HALF + 1, 4)."""
-_DY: Indices = np.array([0, 0, 1, 0, 1, 2, 0, 1, 2, 3])
-_DX: Indices = np.array([0, 1, 0, 2, 1, 0, 3, 2, 1, 0])
-"""Powers of the cubic's terms."""
-BASIS: Array = (_POWERS[:, None, _DY] * _POWERS[None, :, _DX]).reshape(-1, TERMS)
+_POWERS = total_degree(3)
+"""Of the place along x and y in a cubic's terms: a quadratic's six, N_xxx, N_xxy, N_xyy, N_yyy."""
+TERMS = len(_POWERS)
+_DY, _DX, _ = (part.astype(float) for part in offsets())
+BASIS: Array = np.stack([_DX**i * _DY**j / factorial([i, j]).prod() for i, j in _POWERS], axis=-1)
 """The cubic's terms at a patch's pixels (k, 10)."""
 _PAIRS = (BASIS[:, :, None] * BASIS[:, None, :]).reshape(len(BASIS), -1)
-_PRIOR = np.concatenate([patch_prior().astype(float), np.full(4, _CUBIC**-2)])
+_PRIOR = np.append(patch_prior(), np.full(TERMS - len(patch_prior()), _CUBIC**-2)).astype(float)
 _DIAGONAL = np.arange(TERMS)
 
 
@@ -149,37 +147,27 @@ def _end(shape: SmoothImages | Array, terms: Array, g: float) -> Array:
 class PatchData:
     """Patches in use of a problem: `index` on their lattice (p,), and their pixels (p, k).
 
-    `places`, rows and columns of their middles (p, 2); `pixels`, their numbers in the frame;
-    `light`, `weight` of each; `window`, the sum of a patch's pixels' weights before the noise (p,);
-    `chi` (p,); `thinned`, whether every second patch was left out.
+    `pixels`, their numbers in the frame; `light`, `weight` of each; `window`, the sum of a patch's
+    pixels' weights before the noise (p,); `chi` (p,); `thinned`, whether every second patch was
+    left out.
     """
 
     problem: EndProblem = field(repr=False)
     index: Indices = field(repr=False)
     light: Array = field(repr=False)
     weight: Array = field(repr=False)
-    places: Indices = field(repr=False)
     pixels: Indices = field(repr=False)
     window: Array = field(repr=False)
     chi: Array = field(repr=False)
     thinned: bool
 
     @cached_property
-    def factors(self) -> list[tuple[Array, Array]]:
-        """The factors of `EndProblem.found` times `_POWERS`, down and across the patches.
-
-        Those of an image (p, 2 HALF + 1, 4 a), (p, 2 HALF + 1, 4 b), the powers first.
-        """
-        rows, cols = (place[:, None] + np.arange(-HALF, HALF + 1) for place in self.places.T)
+    def images(self) -> list[Array]:
+        """Those of `EndProblem.found` at the patches' pixels (p, k, terms)."""
         return [
-            (_by_powers(image.down[rows]), _by_powers(image.across[cols]))
+            image.images.reshape(self.problem.light.size, -1)[self.pixels]
             for image in self.problem.found
         ]
-
-
-def _by_powers(factors: Array) -> Array:
-    """Factors (p, k, a) times the powers of the place in a patch (p, k, 4 a)."""
-    return (_POWERS[:, :, None] * factors[:, :, None, :]).reshape(*factors.shape[:2], -1)
 
 
 @dataclass(frozen=True)
@@ -324,7 +312,10 @@ def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
     weight, weighted, pull = (np.where(regular[:, None], part, 0.0) for part in parts)
     inverse = np.where(regular[:, None, None], inverse, 0.0)
     matrix, slope = _of_ends(data, now, weight)
-    mixed = _with_orders(data, now, weighted)
+    images = zip(data.images, now.columns, strict=True)
+    mixed = np.concatenate(
+        [(BASIS.T * (weighted * u)[:, None]) @ one for one, u in images], axis=-1
+    )
     solved = inverse @ np.concatenate([mixed, pull[..., None]], axis=-1)
     prior, away = problem.prior(ends.unknowns)
     free = problem.free
@@ -355,23 +346,6 @@ def _of_ends(data: PatchData, now: PatchModel, weight: Array) -> tuple[Array, Ar
     return np.block(matrix), np.concatenate(slope)
 
 
-def _with_orders(data: PatchData, now: PatchModel, weighted: Array) -> Array:
-    """Mixed terms of the patches' orders and the free unknowns (p, 10, terms).
-
-    A term's power and an image's factor are taken down and across the patch together.
-    """
-    mixed = []
-    parts = zip(data.problem.found, data.factors, now.columns, strict=True)
-    for image, (down, across), column in parts:
-        light = (weighted * column).reshape(-1, len(_POWERS), len(_POWERS))
-        table = np.swapaxes(down, 1, 2) @ (light @ across)
-        a, b = (factors.shape[-1] // 4 for factors in (down, across))
-        row, col = image.pairs.T
-        which = (_DY[:, None] * a + row) * 4 * b + _DX[:, None] * b + col
-        mixed.append(np.take(table.reshape(len(table), -1), which, axis=1))
-    return np.concatenate(mixed, axis=-1)
-
-
 _ROUNDS, _EVERY = 24, 4
 """Steps at most, and between two fresh looks at the patches."""
 _REST = 3e-4
@@ -385,9 +359,8 @@ _STALE = 0.02
 _READABLE = 0.03
 TONES = 0.2, 5.0
 _HEAVIEST = 1e2
-_LOST = 0.5, 0.1, 0.0
-"""Difference of a patch's residual over noise, squared, that counts at most in a comparison where
-both results describe it, one does, none."""
+_MOST = 0.5
+"""Difference of a patch's residual over noise, squared, that counts at most in a comparison."""
 _PIXELS = float(offsets()[2].sum())
 NOT_TOLD = "frame_fringes_cannot_separate"
 _DOUBT = 40.0
@@ -399,9 +372,8 @@ _BETTER = 0.97
 """Share of its former cost below which a patch counts as better."""
 _MANY = 400
 """Patches from which every second is left out: they overlap, and tell the same twice."""
-_LEAST_PATCHES = 12
 _WORST_CHI, _LEAST_FILLED, _FAINT = 30.0, 0.5, 0.1
-_SPAN = 0.4 / (2 * HALF + 1)
+_SPAN = 0.4 / SIDE
 """Slope of a patch that tells the tone exponent, fringes a pixel: it spans 0.4 of a fringe. A
 flatter one follows any exponent, and the noise of no-load frames, which stands in the slope and in
 the residual, looks like one: errors in variables (Fuller (1987), Measurement error models)."""
@@ -474,15 +446,15 @@ def possible(*models: list[Found]) -> list[Found]:
 def _dearer(one: Found, other: Found) -> float:
     """How much more a result costs than another, by the patches that both use.
 
-    A patch that a cubic does not describe, at a load or a tip, follows whatever light it is given;
-    one that it describes in one result alone may rest on the wrong side of a crest, and counts
-    little: no patch decides alone.
+    A patch that a cubic does not describe, at a load or a tip, follows whatever light it is given,
+    and one that it describes in one result alone may rest on the wrong side of a crest: beyond what
+    is described all misfit is alike, and no patch decides alone.
     """
     a, b = _of_both(one, other)
-    first, second = one.patch_cost[a], other.patch_cost[b]
-    poor = (first > WORST_CHI**2).astype(int) + (second > WORST_CHI**2)
-    most = np.array(_LOST)[poor]
-    away = np.clip(first - second, -most, most)
+    first, second = (
+        np.minimum(cost, WORST_CHI**2) for cost in (one.patch_cost[a], other.patch_cost[b])
+    )
+    away = np.clip(first - second, -_MOST, _MOST)
     return float(_PIXELS * away.sum() + one.prior_cost - other.prior_cost)
 
 
@@ -650,7 +622,7 @@ def fresh_patches(
 
 def _check_number(patches: int) -> None:
     """Refuse a frame of too few patches: raises InputError."""
-    if patches < _LEAST_PATCHES:
+    if patches < SMALLEST:
         raise InputError("too_few_fringes_can")
 
 
@@ -689,7 +661,7 @@ def _data(
     noise = problem.sigma[rows, cols] * np.maximum(chi, 1.0)[:, None]
     return PatchData(
         problem=problem, index=index, light=problem.light[rows, cols], weight=window / noise**2,
-        places=places, pixels=rows * problem.light.shape[1] + cols,
+        pixels=rows * problem.light.shape[1] + cols,
         window=np.maximum(window.sum(axis=1), 1e-9), chi=chi, thinned=thinned,
     )  # fmt: skip
 

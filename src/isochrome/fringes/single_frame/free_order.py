@@ -39,7 +39,6 @@ from typing import TypeVar
 import numpy as np
 from scipy.ndimage import label
 
-from isochrome.errors import InputError
 from isochrome.fringes.on_branch import (
     LARGEST_UNCERTAINTY,
     OrderReading,
@@ -52,6 +51,7 @@ from isochrome.fringes.single_frame.patches import (
     FADED,
     HALF,
     LEAST_FILLED,
+    SIDE,
     STRIDE,
     TURN,
     Labels,
@@ -68,6 +68,7 @@ from isochrome.fringes.single_frame.patches import (
 )
 from isochrome.fringes.single_frame.stated_orders import (
     CLEAR,
+    FEWEST_PATCHES,
     NOUGHT,
     KnownOrders,
     KnownPlaces,
@@ -173,8 +174,6 @@ def contrast_map(patches: Patches, terms: Array, law: Contrast, shape: tuple[int
     return np.asarray(down @ contrast @ across.T)
 
 
-_FEWEST_PATCHES = 6
-"""Patches beyond an open seam from which it is said."""
 _ALONE = 0.1
 """Share of what could be followed, without a point, from which it is said."""
 _TELLABLE = 0.2
@@ -281,7 +280,7 @@ def _with_seams(
             notes.append(left_out(g, missed, j, sum(other.fits(j) for other in given)))
     sources = [g.source(p, terms) for g, p in used]
     for crest, beyond in open_seams(patches, terms, sources, zero_said):
-        if beyond.sum() >= _FEWEST_PATCHES:
+        if beyond.sum() >= FEWEST_PATCHES:
             notes.append(_beyond_seam(patches, terms, beyond, crest, error))
         terms[beyond] = np.nan
     return Anchored(terms, tuple(misses), tuple(notes))
@@ -352,7 +351,7 @@ def _part_at(patches: Patches, labels: Labels, p: StatedPlace) -> int:
 
 
 _BINNINGS = (4, 2, 1)
-_LEAST_PIXELS = 7 * (2 * HALF + 1) // 2
+_LEAST_PIXELS = 7 * SIDE // 2
 """Pixels, after binning, of the shorter side of a frame: three patches and a half without overlap.
 """
 _LEAST_COVER = 0.15
@@ -390,9 +389,6 @@ def read_free(
     N = 0, which stands for N = 1 in a wrong light, must be known. InputError: the frame is smaller
     than a patch.
     """
-    (rows, cols), side = wave.shape, 2 * HALF + 1
-    if min(rows, cols) < side:
-        raise InputError("frame_pixels_smaller_patch", shape=rows, shape_2=cols, half=side)
     followed, fade = follow_fringes(wave, sigma, valid, known, error=error)
     result = followed.anchored(known)
     reading = _dense(followed.patches, result.terms, valid)

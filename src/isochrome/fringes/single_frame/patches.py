@@ -34,11 +34,12 @@ from scipy.sparse import block_array, coo_matrix, csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 
 from isochrome.errors import InputError
-from isochrome.estimation import State, minimise_all, sandwich, solve_all
+from isochrome.estimation import State, minimise_all, sandwich, solve_all, total_degree
 from isochrome.fringes.windows import Array, Indices, Mask, block_means, gaussian
 
 HALF, STRIDE = 6, 5
 """Half-width of a patch and distance of their middles, pixels."""
+SIDE = 2 * HALF + 1
 _WINDOW = 3.0
 _FREQUENCY_WINDOW = 2.5
 _GRADIENT, _CURVATURE = 0.7, 0.02
@@ -50,8 +51,8 @@ _ROUNDS = 8
 WORST_CHI = 1.6
 """Residual over noise from which a quadratic does not describe its patch."""
 _FLOOR = 1e-3
-_ROUNDING = 1e-6
-"""Of sums in single precision: what they are not known to, and must not make singular."""
+_ROUNDING = float(np.finfo(np.float32).eps) * SIDE
+"""Of a patch's sums in single precision: what they are not known to, and must not make singular."""
 _BALANCE = 0.3
 """Share of a patch's light on crests, and on flanks, from which it tells contrast from order."""
 _LIKE = 0.8
@@ -60,12 +61,10 @@ FADED, _OWN_CONTRAST = 0.05, (0.15, 1.3)
 """Contrast that is lost from which it moves the order by more than its uncertainty, and what a
 patch's own may be."""
 TURN = 2.0 * np.pi
-BEND = np.array([0.004, 0.001, 0.001, 4e-4, 4e-4, 4e-4])
+BEND = np.array([0.004, 0.001, 4e-4])[[i + j for i, j in total_degree(2)]]
 """What two quadratics differ by half-way without noise: fringes, fringes/px, fringes/px²; and"""
 _STEEP_BEND = 0.03
 """the share of their own size."""
-_STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
-"""To the neighbours on the right, below, and on the two diagonals below."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,9 +145,9 @@ def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
     trusted. Returns a PatchLight that covers the frame from border to border. Raises InputError
     where the frame is smaller than a patch.
     """
-    side = 2 * HALF + 1
-    if min(wave.shape) < side:
-        raise InputError("fringes_can_followed_pixels", side=side, shape=wave.shape)
+    if min(wave.shape) < SIDE:
+        rows, cols = wave.shape
+        raise InputError("frame_pixels_smaller_patch", shape=rows, shape_2=cols, half=SIDE)
     dy, dx, window = offsets()
     rows, cols = middles(wave.shape[0]), middles(wave.shape[1])
     at = tuple(v.ravel()[:, None] for v in np.meshgrid(rows, cols, indexing="ij"))
@@ -231,7 +230,7 @@ def _take(patches: Patches, which: Indices, others: Patches, better: Mask) -> No
 
 def middles(length: int) -> Indices:
     """Middles that cover a length from border to border, about a stride apart."""
-    count = max(2, -(-(length - 2 * HALF - 1) // STRIDE) + 1)
+    count = max(2, -(-(length - SIDE) // STRIDE) + 1)
     return np.unique(np.linspace(HALF, max(length - HALF - 1, HALF), count).round().astype(int))
 
 
@@ -354,7 +353,8 @@ def neighbours(patches: Patches, terms: Array) -> list[Array]:
     m, n = patches.chi.shape
     number = np.arange(m * n).reshape(m, n)
     rows, cols = np.meshgrid(patches.rows, patches.cols, indexing="ij")
-    for down, right in _STEPS:
+    # to the neighbours on the right, below, and on the two diagonals below
+    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
         here = np.s_[: m - down, max(0, -right) : n - max(right, 0)]
         beside = np.s_[down:, max(0, right) : n + min(right, 0)]
         dy, dx = 0.5 * (rows[beside] - rows[here]), 0.5 * (cols[beside] - cols[here])
@@ -383,7 +383,8 @@ def scale_of(a: Array, b: Array, variance: Array) -> Array:
 LEAST_FILLED, _LEAST_SURE = 0.6, 0.05
 _GUIDE = 3.0
 """Width of what a binned frame lets the finer one do, in its own uncertainties."""
-_WORST_EDGE = 12.0
+WORST_EDGE = 12.0
+"""Cost of an edge, chi², from which its two patches need not be of one smooth field."""
 SMALLEST = 12
 """Patches of the smallest part that is followed, and of the smallest region to be mirrored."""
 SURE_ENOUGH = 50.0
@@ -412,7 +413,7 @@ def label_patches(patches: Patches) -> Labels:
     good = (good & (patches.chi < WORST_CHI)).ravel()
     a, b, *half_way = neighbours(patches, patches.terms)
     signs, shifts, cost, other = _relation(*half_way)
-    use = good[a] & good[b] & (cost < _WORST_EDGE)
+    use = good[a] & good[b] & (cost < WORST_EDGE)
     body = patches.body.ravel()
     use &= body[a] == body[b]
     length = 5.0 * cost / (1e-3 + np.minimum(other - cost, SURE_ENOUGH)) + 0.1 * cost + 1e-3

@@ -39,6 +39,7 @@ from isochrome.fringes.single_frame.patches import (
     HALF,
     SMALLEST,
     SURE_ENOUGH,
+    WORST_EDGE,
     Labels,
     Patches,
     basis,
@@ -58,16 +59,14 @@ _SETTLED = 0.5
 _SETTLED_ZERO = 0.95
 """The same where turning over takes a line of N = 0 away, which a loaded body hardly has: every
 edge must then speak against it."""
-NOUGHT, _FEWEST_PATCHES = 0.1, 6
+NOUGHT, FEWEST_PATCHES = 0.1, 6
 """Fringes beyond nought, and patches, on either side of a line of N = 0."""
 _NEAR = 3
 """Patches about a known point in which it says such a line."""
 _ALIKE = 0.015
 """Distance from a crest, in fringes, at which a patch and its mirror image are as good as one."""
-_AGREE = 12.0
-"""Cost of an edge, chi², from which its two patches need not lie on one side of a seam."""
 _PASSES = 20
-_PER_UNIT, _ENDLESS = 100.0, 2**30
+_PER_UNIT = 100.0
 
 ZeroPlace = tuple[tuple[int, int], ...]
 """A patch (row, col) on a line of N = 0, or two on its two sides."""
@@ -121,7 +120,7 @@ def zero_lines(order: Array, known: Sequence[ZeroPlace] = ()) -> int:
     labels = np.zeros(order.shape, dtype=int)
     for side in (order > NOUGHT, order < -NOUGHT):
         regions_of = label(side, connectivity=1)
-        large = np.bincount(regions_of.ravel()) >= _FEWEST_PATCHES
+        large = np.bincount(regions_of.ravel()) >= FEWEST_PATCHES
         labels = np.where(side & large[regions_of], regions_of + labels.max(), labels)
     regions = np.where(np.isfinite(order), expand_labels(labels, distance=max(order.shape)), 0)
     positive = np.zeros(int(regions.max()) + 1, dtype=bool)
@@ -204,7 +203,7 @@ def _seams(
             continue
         same = far[a] & far[b]
         if points is not None:  # where doubt is enough; what is turned back must be a whole region
-            same &= cost < _AGREE
+            same &= cost < WORST_EDGE
         same &= (from_crest[a] > 0.0) == (from_crest[b] > 0.0)
         edges = np.ones(np.count_nonzero(same)), (a[same], b[same])
         graph = coo_matrix(edges, shape=(known.size, known.size)).tocsr()
@@ -243,7 +242,8 @@ def _cuts(
     room = np.rint(_PER_UNIT * np.maximum(worse, 0.0)).astype(np.int32)
     begin = np.concatenate([a, b, np.full(len(sources), root)])
     end = np.concatenate([b, a, sources])
-    room = np.concatenate([room, room, np.full(len(sources), _ENDLESS, dtype=np.int32)])
+    endless = np.full(len(sources), np.iinfo(np.int32).max // 2, dtype=np.int32)
+    room = np.concatenate([room, room, endless])
     graph = coo_matrix((room, (begin, end)), shape=(root + 1, root + 1)).tocsr()
     for sink in sinks:
         capacity = graph - maximum_flow(graph, root, int(sink)).flow

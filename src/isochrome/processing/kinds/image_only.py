@@ -64,8 +64,8 @@ _REACH, WORTH_SAYING = 4.0, 0.01
 """How far the unknown background may reach, in its standard uncertainties: to three times as long
 an exposure as the bright frame's; and the share of the specimen that is said."""
 _POOLED_PX = 3.0
-_AT_HALF, _BEYOND_HALF = 0.05, 0.1
-"""Fringes from a half within which a known order says it, and from which two say one between."""
+_BEYOND_HALF = CLEAR**0.5 * STATED_SPREAD
+"""Fringes from a half from which two known orders say one between; half as near, one says it."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def no_load_light(
 
 def says_a_half(orders: Sequence[float]) -> bool:
     """Whether known orders say that N = 1/2, 3/2, ... is in the frame: by one, or between two."""
-    if any(abs(order % 1.0 - 0.5) < _AT_HALF for order in orders):
+    if any(abs(order % 1.0 - 0.5) < 0.5 * _BEYOND_HALF for order in orders):
         return True
     least, most = min(orders, default=0.0), max(orders, default=0.0)
     next_half = np.ceil(least + _BEYOND_HALF - 0.5) + 0.5
