@@ -205,9 +205,6 @@ _WIDE_SPREAD = 0.2
 """What the wide window's 4θ is trusted to (rad), where the narrow one has nothing: whole orders."""
 
 _SLOPE_PX = 2.0
-_TURNED = 0.8
-"""Error of θ (rad) for a coherence of nought: seen about isotropic points."""
-
 _OFF = 0.007
 """Light, of the amplitude, that elements 0.2 degree off add: 0.0035 rad, twice in 2θ."""
 
@@ -230,8 +227,7 @@ class Direction:
 
     twice: Array  # exp 2iθ, continuous
     scatter: Array  # standard, of θ (rad), from the noise
-    uncertainty: Array  # with what is added where the direction bends or turns within the window
-    coherence: Array  # 0..1, low at an isotropic point
+    uncertainty: Array  # with what is added where the direction bends within the window
     # scatter (rad) in a wide window, which spans a thin line of no information, from noise and
     # from elements a little off: where it is large, exp 2iθ may change sign across the line
     bridge: Array
@@ -291,9 +287,8 @@ def find_direction(
     off = max(_OFF, design.leak) * terms.amplitude
     doubt = noise / (4.0 * np.pi * _WIDE_PX**2) + np.square(off)
     bridge = 0.25 * np.sqrt(doubt / np.maximum(pooled(size, _WIDE_PX), 1e-30))
-    coherence = np.minimum(np.abs(narrow) / np.maximum(information, 1e-30), 1.0)
-    turned = np.hypot(_TURNED * (1.0 - coherence) ** 2, _bent(along, size, narrow, scatter, valid))
-    return Direction(twice, scatter, np.hypot(scatter, turned), coherence, bridge)
+    bent = _bent(along, size, narrow, scatter, valid)
+    return Direction(twice, scatter, np.hypot(scatter, bent), bridge)
 
 
 def _bent(along: Array, size: Array, narrow: Array, scatter: Array, valid: Mask) -> Array:
@@ -376,8 +371,6 @@ class StepLight:
     contrast: Array  # A V, in the light's unit
     uncertainty: Array  # of φ/2π, fringes
     chi: float  # residual of the light over its noise
-    # the steps tell no direction about half orders, or leave out what changes it there
-    bridges: bool
     agrees: Mask  # the light fits the steps, whose angles the direction follows
 
 
@@ -413,7 +406,7 @@ def measure_steps(
     return StepLight(
         terms=terms, direction=direction, seen=readable,
         specimen=trusted & fringed(contrast, design, sigma), contrast=contrast,
-        uncertainty=uncertainty, chi=chi, bridges=design.leaks, agrees=agrees,
+        uncertainty=uncertainty, chi=chi, agrees=agrees,
     )  # fmt: skip
 
 
