@@ -208,8 +208,6 @@ _SLOPE_PX = 2.0
 _OFF = 0.007
 """Light, of the amplitude, that elements 0.2 degree off add: 0.0035 rad, twice in 2θ."""
 
-_STRIDE = 2
-
 _BENT_PX = 3.0
 """Window over which the misfit of a bent direction is pooled."""
 
@@ -276,12 +274,7 @@ def find_direction(
     noise = np.square(sigma)
     wide = wide / np.maximum(np.abs(wide), 1e-30) * noise / (area * _WIDE_SPREAD**2)
     angle = np.angle(narrow + wide)
-    steps = slice(None, None, _STRIDE)
-    rough = np.exp(0.5j * np.nan_to_num(unwrap(angle[steps, steps], valid[steps, steps])))
-    coarse = rough.repeat(_STRIDE, axis=0).repeat(_STRIDE, axis=1)
-    coarse = coarse[: angle.shape[0], : angle.shape[1]]
-    twice = np.exp(0.5j * angle)
-    twice = np.where((twice * np.conj(coarse)).real < 0.0, -twice, twice)
+    twice = np.exp(0.5j * np.nan_to_num(unwrap(angle, valid)))
     scatter = 0.25 * np.sqrt(noise / np.maximum(information * area, 1e-30))
     # elements a little off do not average out, nor does what was taken out along the direction
     off = max(_OFF, design.leak) * terms.amplitude
@@ -343,9 +336,6 @@ def unwrap(phase: Array, mask: Mask) -> Array:
 _SOLUTIONS = 3
 """Solutions where the steps leave something out, each with the direction of the one before."""
 
-_LOCAL = 0.05
-"""Share of the pixels that dust or glare may spoil, before it is the steps that do not fit."""
-
 _COMPARED = 0.5
 """Share of the window that must be seen for its misfit to tell."""
 
@@ -356,7 +346,7 @@ _LEAST_CONTRAST = 0.7
 """Of the contrast around: a pixel's area takes that much of it at 0.45 fringe a pixel."""
 
 _DIMMEST = 0.1
-_BLOCK = 16
+_AROUND_PX = 32
 _MISFIT_PX = 2.0
 
 
@@ -405,7 +395,7 @@ def measure_steps(
     )
     return StepLight(
         terms=terms, direction=direction, seen=readable,
-        specimen=trusted & fringed(contrast, design, sigma), contrast=contrast,
+        specimen=trusted & _lit(contrast, trusted), contrast=contrast,
         uncertainty=uncertainty, chi=chi, agrees=agrees,
     )  # fmt: skip
 
@@ -453,27 +443,15 @@ def bright_enough(contrast: Array, trusted: Mask) -> Mask:
     A pixel's area leaves sinc(g_x) sinc(g_y) of it, g the gradient in fringes a pixel; beyond half
     a fringe a pixel phase turns back on itself, and only the contrast tells.
     """
-    import cv2
+    usual = pooled(np.where(trusted, contrast, 0.0), _MISFIT_PX)
+    around = maximum_filter(usual, _AROUND_PX)
+    return np.asarray(_lit(contrast, trusted) & (contrast > _LEAST_CONTRAST * around))
 
+
+def _lit(contrast: Array, trusted: Mask) -> Mask:
+    """Where light comes through at all: the specimen, not a dark surround."""
     brightest = float(np.percentile(contrast[trusted], 90)) if trusted.any() else 0.0
-    rows, cols = (n // _BLOCK for n in contrast.shape)
-    floor = contrast > _DIMMEST * brightest
-    if min(rows, cols) < 1:
-        return np.asarray(floor)
-    cut = np.where(trusted, contrast, 0.0)[: rows * _BLOCK, : cols * _BLOCK]
-    blocks = cut.reshape(rows, _BLOCK, cols, _BLOCK).swapaxes(1, 2).reshape(rows, cols, -1)
-    usual = maximum_filter(np.percentile(blocks, 80, axis=2), 3).astype(np.float32)
-    around = cv2.resize(usual, contrast.shape[::-1], interpolation=cv2.INTER_LINEAR)
-    return np.asarray(floor & (contrast > _LEAST_CONTRAST * around))
-
-
-def fringed(contrast: Array, design: StepDesign, sigma: Array | float) -> Mask:
-    """Where light comes through at all, coarse fringes or fine: the specimen, not a dark
-    surround.
-    """
-    noise = sum(design.variance(j) for j in (COSINE, SINE, SINE_SINE)) * np.square(sigma)
-    power = pooled(contrast**2 - noise, _MISFIT_PX)
-    return np.asarray(power > (2.0 * _DIMMEST) ** 2 * np.percentile(power, 90))
+    return np.asarray(contrast > _DIMMEST * brightest)
 
 
 def step_misfit(
@@ -503,8 +481,7 @@ def steps_agree(misfit: Array, readable: Mask) -> Mask:
     where most of the picture does not fit, nothing of it is believed; where a part does not, that
     part.
     """
-    least = np.sort(misfit[readable])[: int((1.0 - _LOCAL) * np.count_nonzero(readable))]
-    usual = float(np.sqrt(np.mean(np.square(least)))) if least.size else 1.0
+    usual = float(np.sqrt(np.mean(np.square(misfit[readable])))) if readable.any() else 1.0
     if usual > POOR_CHI:
         return np.zeros(misfit.shape, dtype=bool)
     isolated = pooled(readable, _MISFIT_PX) < _COMPARED  # too few about it to compare with

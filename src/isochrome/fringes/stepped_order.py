@@ -487,7 +487,7 @@ def _main_parts(lit: Mask, near: Mask) -> Mask:
     owner[parts.ravel()] = labels.ravel()
     most = np.bincount(parts.ravel()) > _MOST * np.bincount(labels.ravel())[owner]
     most[0] = False
-    return most[parts]
+    return np.asarray(most[parts])
 
 
 _LEAST_ORDER = 4.0
