@@ -37,9 +37,7 @@ from isochrome.fringes.windows import Array, Mask, block_means, nearest_known, v
 from isochrome.optics import FringeWave
 
 _DEGREES = (2, 4)
-"""Of the illumination: a lamp falls off to the corners; the second where the crests ask for it."""
-_ASKED_FOR = 0.8
-"""Variance of the crests about the second surface over that about the first, from which it is."""
+"""Of the illumination by the brightest light, and by all crests: a lamp falls off to corners."""
 _STRIDE = 2
 _BELOW, _ABOVE = 0.03, 0.05
 """How far a crest lies from the surface, over the light: noise, and a crest between two frames."""
@@ -190,28 +188,18 @@ class CrestLight:
         """The illumination, and its standard uncertainty over it, on pixels of any size (rows,
         cols).
         """
-        fits = [self._fit(degree) for degree in _DEGREES]
-        chosen = int(fits[1][2] < _ASKED_FOR * fits[0][2])
-        coefficients, inverse, variance = fits[chosen]
-        basis = light_basis(shape, total_degree(_DEGREES[chosen]))
+        basis, count = light_basis(shape, total_degree(_DEGREES[1])), len(self._basis)
+        ridge = 1e-6 * np.trace(self._matrix) / count * np.eye(count)
+        inverse = np.linalg.inv(self._matrix + ridge)
+        coefficients = inverse @ self._right
+        square = self._square - coefficients @ (2.0 * self._right - self._matrix @ coefficients)
+        variance = max(float(square) / self._count, 1e-12)
         level = np.tensordot(coefficients.astype(np.float32), basis, 1)
         root = np.linalg.cholesky(inverse * variance * _POOLED / _STRIDE**2)
         squares = (np.tensordot(part.astype(np.float32), basis, 1) ** 2 for part in root.T)
         spread = np.sqrt(sum(squares))
         level = np.maximum(level, 1e-3)
         return level, np.asarray(np.hypot(spread / level, _SYSTEMATIC))
-
-    def _fit(self, degree: int) -> tuple[Array, Array, float]:
-        """Coefficients of a degree, the inverse of their matrix, and the variance about it."""
-        terms = total_degree(_DEGREES[1])
-        columns = [terms.index(term) for term in total_degree(degree)]
-        matrix = self._matrix[np.ix_(columns, columns)]
-        ridge = 1e-6 * np.trace(matrix) / len(columns) * np.eye(len(columns))
-        inverse = np.linalg.inv(matrix + ridge)
-        coefficients = inverse @ self._right[columns]
-        residual = self._square - 2.0 * coefficients @ self._right[columns]
-        residual += coefficients @ matrix @ coefficients
-        return coefficients, inverse, max(float(residual) / self._count, 1e-12)
 
 
 _AGREE = 0.2

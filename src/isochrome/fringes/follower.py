@@ -59,9 +59,8 @@ _CLIPPED = 0.5
 """Of the wave: a residual that counts half in the fit, and the square beyond which none counts."""
 _MOVED = 10.0
 """Pixels that the fringes move with a coefficient of 1."""
-_RIDGE = (1e-3, 0.1, 0.1, 0.1, 1.0, 1.0, 10.0)
-"""How little each coefficient is let go from the search, a thousandth of the pixels' information:
-those that stand for other courses than a proportional one are held the more."""
+_RIDGE = 1e-3
+"""How little a coefficient is let go from the search, of the pixels' information."""
 _TOP, _MOSTLY = 99.5, 97.0
 """Per cent of the pixels: of the search, and of those whose change is judged together; about a
 force the order changes faster than it can be followed, and there it is lost alone."""
@@ -90,12 +89,12 @@ def fit_order_change(
     shown, faded = wave[thin, thin][use], contrast[thin, thin][use]
     start = _searched(basis, shown, faded, max(float(np.percentile(basis[0], _TOP)), 1e-3))
     solution = start.copy()
-    ridge = 1e-3 * shown.size * np.array(_RIDGE)
+    ridge = _RIDGE * shown.size
     for _ in range(_ROUNDS):
         residual, slope = _residual(basis[0], solution.astype(np.float32) @ basis, shown, faded)
         turned = basis * slope
         weighted = turned * on_flank(slope) / (1.0 + (residual / np.float32(_OUTLIER)) ** 2)
-        matrix = (weighted @ turned.T).astype(float) + np.diag(ridge)
+        matrix = (weighted @ turned.T).astype(float) + ridge * np.eye(len(basis))
         pull = weighted @ residual - ridge * (solution - start)
         solution = solution + np.linalg.solve(matrix, pull)
     single = solution.astype(np.float32)
@@ -134,7 +133,7 @@ def _searched(basis: Array, shown: Array, faded: Array, top: float) -> Array:
 
     The fields of `basis`: N first, the fourth the change before.
     """
-    best, solution, order = np.inf, np.zeros(len(_RIDGE)), basis[0]
+    best, solution, order = np.inf, np.zeros(len(basis)), basis[0]
     reach = LARGEST_CHANGE / top
     for goes_on in (0.0, 1.0):
         ahead = np.float32(goes_on) * basis[3]
@@ -157,7 +156,7 @@ def _mean_misfit(residual: Array) -> float:
     return float(np.mean(np.minimum(residual * residual, np.float32(_CLIPPED))))
 
 
-_WINDOWS = ((10.0, True), (5.0, False), (2.5, False))
+_WINDOWS = ((10.0, True), (2.5, False))
 """Standard deviation of a window, pixels; whether the correction in it is in proportion to N."""
 _SPREAD, _SYSTEMATIC = 0.01, 0.03
 """Of the prediction, fringes, and of the wave by light that is not known exactly, which no window
@@ -233,22 +232,12 @@ def _lost(state: FilmState, time: float) -> FilmState:
 
 
 def _at_first(wave: Array, weight: Array) -> tuple[Array, Mask]:
-    """Orders below the first crest, and where they are: in each body what no crest cuts off."""
+    """Orders below the first crest, and where they are: not where they may be beyond it."""
     signal = _window_mean(0.5 - 0.5 * wave, weight, _POOLED_PX)
     order = np.arcsin(np.sqrt(np.clip(signal, 0.0, 1.0))) / np.float32(np.pi)
     inside = weight > 0.0
-    plain = np.zeros(inside.shape, dtype=bool)
-    body, parts = (
-        cv2.connectedComponents(where.astype(np.uint8))[1]
-        for where in (inside, inside & (order < _NEAR_CREST))
-    )
-    for part in range(1, int(body.max()) + 1):
-        sizes = np.bincount(parts[body == part], minlength=2)
-        sizes[0] = 0
-        if sizes.any():
-            plain |= parts == int(sizes.argmax())
-    beyond = (inside & ~plain).astype(np.uint8)
-    return order, plain & (cv2.dilate(beyond, np.ones((3, 3), np.uint8)) == 0)
+    beyond = (inside & (order >= _NEAR_CREST)).astype(np.uint8)
+    return order, inside & (cv2.dilate(beyond, np.ones((3, 3), np.uint8)) == 0)
 
 
 def _corrected(order: Array, wave: Array, contrast: Array, weight: Array, noise: float) -> Array:
