@@ -170,9 +170,7 @@ _SMALLEST_SHARE = 0.02
 _NEAR_PX = 3
 _TIE = 0.1
 _FAR = 0.25
-"""Misfit, in fringes, of a known order beyond which it is another whole number, or wrong."""
-
-_MODEL_MISFIT = 0.3
+"""Misfit, in fringes, of a known order or a model beyond which it is another number, or wrong."""
 
 
 @dataclass(frozen=True)
@@ -290,7 +288,7 @@ def _from_model(turns: Array, inside: Mask, model: Array) -> int | None:
     tried = np.unique(np.add.outer(middle, np.arange(-2, 3))).astype(int)
     misfit = np.array([np.average(np.abs(np.abs(here + m) - order), weights=weight) for m in tried])
     first, second = np.sort(misfit)[:2]
-    return int(tried[misfit.argmin()]) if first < _MODEL_MISFIT and second > 2.0 * first else None
+    return int(tried[misfit.argmin()]) if first < _FAR and second > 2.0 * first else None
 
 
 STEEPEST = 0.4
@@ -328,7 +326,7 @@ def settle_field(
     if residual is not None:
         known &= np.isfinite(residual)
     # nearer to a whole order than to be told from zero, a sign that breaks may do no harm
-    known = _solid(known & ~_broken(turns - np.rint(turns), turns, direction))
+    known &= ~_broken(turns - np.rint(turns), turns, direction)
     numbers, parts, warnings = settle(
         turns, direction, known, known_order=known_order, model=model, residual=residual,
         compatible=compatible,
@@ -357,13 +355,6 @@ def _broken(order: Array, turns: Array, direction: Direction) -> Mask:
     return np.asarray(ndimage.binary_dilation(broken) | (loaded & (direction.bridge > _LOST)))
 
 
-def _solid(known: Mask) -> Mask:
-    """Without slivers under three pixels: what is left between breaks hangs on by chance."""
-    return np.asarray(ndimage.binary_opening(np.pad(known, 2, mode="edge"), np.ones((3, 3))))[
-        2:-2, 2:-2
-    ]
-
-
 def smoothed(
     field: Array, uncertainty: Array, known: Mask, windows_px: Sequence[float] = (WINDOW_PX,)
 ) -> tuple[Array, Array]:
@@ -388,7 +379,7 @@ def smoothed(
     return field, less
 
 
-_WINDOWS_PX = (WINDOW_PX, 2.0, 4.0)
+_WINDOWS_PX = (WINDOW_PX, 4.0)
 _NEAR_HALF = 0.4
 """Order beyond which noise, or fringes, may lead past the half order, where the least one ends."""
 
@@ -396,7 +387,8 @@ _MOST = 0.5
 """Of the pixels that hang together: a part so large, below half an order, is believed to be so."""
 
 _FEW = 0.9
-_TELLING = 3.0
+_LEAST_ORDER = 4.0
+"""Standard uncertainties of an order from which its direction is told: below, its sign is noise."""
 _SURELY = 5.5
 """Standard uncertainties that the largest of a million pixels of noise does not reach."""
 
@@ -429,7 +421,7 @@ class ResidualStress:
 
         NaN where it is nearly nil, and where the light does not fit the steps.
         """
-        known = (np.abs(self.field) > _TELLING * self.uncertainty) & self.agrees
+        known = (np.abs(self.field) > _LEAST_ORDER * self.uncertainty) & self.agrees
         return np.where(known, 0.5 * np.degrees(np.angle(self.field)), np.nan).astype(np.float32)
 
 
@@ -490,7 +482,6 @@ def _main_parts(lit: Mask, near: Mask) -> Mask:
     return np.asarray(most[parts])
 
 
-_LEAST_ORDER = 4.0
 _TINY = 1e-9
 _SMALL = 0.15
 """Order below which the least order that the light allows is the order."""
