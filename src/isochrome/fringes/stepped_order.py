@@ -15,11 +15,11 @@ the specimen is one retarder; where stress varies through it, retarders stand on
 and n adds up where they are weak or turned alike.
 
 A residual stress is weak: below half an order sin δ > 0, and the steps' A sin δ exp 2iθ, A cos δ
-are n₀ itself, pixel by pixel, with no direction to follow and no whole number to settle, as well
-where it is nearly nil: n₀ = δ/2π exp 2iθ with δ = atan2(|A sin δ exp 2iθ|, A cos δ). Beyond, the
-field is followed as a loaded one's is; its whole number comes from equilibrium (a residual stress
-obeys no compatibility) or, where that does not tell, from most of the specimen being below half an
-order. What cannot be followed, and might be beyond, is left unknown.
+are n₀ itself, pixel by pixel, as well where it is nearly nil: n₀ = δ/2π exp 2iθ with
+δ = atan2(|A sin δ exp 2iθ|, A cos δ). The field is followed as a loaded one's is, beyond half an
+order too; its whole number comes from equilibrium (a residual stress obeys no compatibility) or,
+where that does not tell, from most of the specimen being below half an order. What cannot be
+followed is left unknown.
 Source: Frocht (1941), Photoelasticity, vol. 1, for stresses that add up in one plane; Aben &
 Guillemet (1993), Photoelasticity of Glass, for those that vary along the light.
 
