@@ -76,7 +76,8 @@ def fit_order_change(
 
     `expected`, the change that went before, over the time to the new frame; `gradient` of the order
     along rows and columns. Returns the change, fringes, the mean square of what it leaves of the
-    wave, and the largest change, fringes; None where too few orders are known.
+    wave, and the largest of any field in it, and of all together, fringes; None where too few
+    orders are known.
     """
     thin = slice(_STRIDE // 2, None, _STRIDE)
     use = known[thin, thin]
@@ -101,7 +102,10 @@ def fit_order_change(
     single = solution.astype(np.float32)
     change = single @ basis
     residual, _ = _residual(basis[0], change, shown, faded)
-    largest = float(np.percentile(np.abs(change), _MOSTLY))
+    parts = np.percentile(np.abs(basis), _MOSTLY, axis=1) * np.abs(solution)
+    largest_change = np.percentile(np.abs(change), _MOSTLY)
+    # tilts of the factor and what the fringes move are judged by their sum alone
+    largest = float(max(largest_change, parts[0], parts[6]))
     full_change = np.zeros_like(order)
     for share, shape in zip(single, fields, strict=True):
         full_change += share * shape
@@ -175,6 +179,8 @@ _AT_FIRST = 0.1
 _NEAR_CREST = 0.42
 _LOST_AT_ONCE, _NOISE_LOST = 0.004, 4.0
 """Mean square that the change of the whole picture may leave of the wave, and in its noise's."""
+_ALL_BUT = 0.02
+"""Share of the followed pixels that is left when a picture is lost."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,7 +228,7 @@ def follow_frame(
         & (steep < STEEPEST**2)  # fringes are wide enough
         & (np.abs(order - before) < LARGEST_CHANGE)
     )
-    if not known.any():
+    if np.count_nonzero(known) < _ALL_BUT * np.count_nonzero(state.known):
         return _lost(state, time)
     order = continued(order, known)
     change = cv2.GaussianBlur((order - before) * weight, (0, 0), _POOLED_PX)
