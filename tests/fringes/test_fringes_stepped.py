@@ -444,7 +444,7 @@ def test_a_model_that_singles_out_no_whole_number_gives_none():
     """A ramp of orders, and a model that is half a fringe off: m and m + 1 are as likely."""
     order = np.tile(np.linspace(2.0, 6.0, 200), (150, 1))
     still, ones = np.full(order.shape, 1e-3), np.ones(order.shape)
-    direction = Direction(ones.astype(complex), still, still, ones, still)
+    direction = Direction(ones.astype(complex), still, still, still)
     known = np.ones(order.shape, bool)
     for off, source in ((0.1, "model"), (0.5, "none")):
         _, parts, notes = settle(order - 3.0, direction, known, model=lambda away=off: order + away)
@@ -473,7 +473,7 @@ def test_small_parts_are_left_open():
     turns = np.abs(field) - 2.0
     twice = np.where(np.abs(field) > 0, field / np.maximum(np.abs(field), 1e-12), 1.0)
     still = np.full(inside.shape, 1e-3)
-    direction = Direction(twice, still, still, np.ones(inside.shape), still)
+    direction = Direction(twice, still, still, still)
     numbers, parts, _ = settle(turns, direction, inside)
     assert np.isnan(numbers[2:8, 2:8]).all() and len(parts) == 1
     assert (numbers[inside & np.isfinite(numbers)] == 2.0).all()

@@ -25,7 +25,6 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -38,9 +37,7 @@ from isochrome.fringes.windows import Array, Mask, block_means, nearest_known, v
 from isochrome.optics import FringeWave
 
 _DEGREES = (2, 4)
-"""Of the illumination: a lamp falls off to the corners; the second where the crests ask for it."""
-_ASKED_FOR = 0.8
-"""Variance of the crests about the second surface over that about the first, from which it is."""
+"""Of the illumination by the brightest light, and by all crests: a lamp falls off to corners."""
 _STRIDE = 2
 _BELOW, _ABOVE = 0.03, 0.05
 """How far a crest lies from the surface, over the light: noise, and a crest between two frames."""
@@ -70,13 +67,19 @@ class FilmLight:
 
     def joined(self, by: int) -> FilmLight:
         """The same on blocks of pixels."""
-        names = ("zero", "illumination", "error", "zero_error")
-        maps: dict[str, Any] = {name: joined_pixels(getattr(self, name), by) for name in names}
-        return replace(self, **maps)
+        maps = (self.zero, self.illumination, self.error, self.zero_error)
+        zero, level, error, zero_error = (joined_pixels(part, by) for part in maps)
+        return FilmLight(
+            zero=zero, illumination=level, error=error, zero_error=zero_error, sign=self.sign
+        )
 
     def rise(self, light: Array) -> Array:
         """What fringes add to or take off the unloaded light, A sin² pi N (rows, cols)."""
         return np.asarray(np.float32(self.sign) * (light - self.zero))
+
+    def wave(self, light: Array) -> Array:
+        """The wave cos 2 pi N, float32, whose ends noise may pass."""
+        return np.asarray(np.float32(1.0) - np.float32(2.0) * self.rise(light) / self.illumination)
 
     def signal_error(self, light: Array) -> Array:
         """Standard uncertainty of the signal by that of the light's ends (rows, cols)."""
@@ -185,28 +188,18 @@ class CrestLight:
         """The illumination, and its standard uncertainty over it, on pixels of any size (rows,
         cols).
         """
-        fits = [self._fit(degree) for degree in _DEGREES]
-        chosen = int(fits[1][2] < _ASKED_FOR * fits[0][2])
-        coefficients, inverse, variance = fits[chosen]
-        basis = light_basis(shape, total_degree(_DEGREES[chosen]))
+        basis, count = light_basis(shape, total_degree(_DEGREES[1])), len(self._basis)
+        ridge = 1e-6 * np.trace(self._matrix) / count * np.eye(count)
+        inverse = np.linalg.inv(self._matrix + ridge)
+        coefficients = inverse @ self._right
+        square = self._square - coefficients @ (2.0 * self._right - self._matrix @ coefficients)
+        variance = max(float(square) / self._count, 1e-12)
         level = np.tensordot(coefficients.astype(np.float32), basis, 1)
         root = np.linalg.cholesky(inverse * variance * _POOLED / _STRIDE**2)
         squares = (np.tensordot(part.astype(np.float32), basis, 1) ** 2 for part in root.T)
         spread = np.sqrt(sum(squares))
         level = np.maximum(level, 1e-3)
         return level, np.asarray(np.hypot(spread / level, _SYSTEMATIC))
-
-    def _fit(self, degree: int) -> tuple[Array, Array, float]:
-        """Coefficients of a degree, the inverse of their matrix, and the variance about it."""
-        terms = total_degree(_DEGREES[1])
-        columns = [terms.index(term) for term in total_degree(degree)]
-        matrix = self._matrix[np.ix_(columns, columns)]
-        ridge = 1e-6 * np.trace(matrix) / len(columns) * np.eye(len(columns))
-        inverse = np.linalg.inv(matrix + ridge)
-        coefficients = inverse @ self._right[columns]
-        residual = self._square - 2.0 * coefficients @ self._right[columns]
-        residual += coefficients @ matrix @ coefficients
-        return coefficients, inverse, max(float(residual) / self._count, 1e-12)
 
 
 _AGREE = 0.2
@@ -219,49 +212,40 @@ _STEPS = 1e-3
 class KeptState:
     """A state that can be taken up again, packed."""
 
-    packed: bytes = field(repr=False)  # orders, rates, drifts, and how far these went untold
+    packed: bytes = field(repr=False)  # orders and rates
     known: bytes = field(repr=False)  # where the orders are known
-    # where both ways through the chunk that begins here disagree
-    doubtful: bytes = field(repr=False)
     shape: tuple[int, int]
     time: float  # of its frame
+    doubted: int = 0  # pixels left out since both ways through the chunk that begins here disagree
 
     def doubting(self, where: Mask) -> KeptState:
-        """The same with more doubt (rows, cols)."""
-        return replace(self, doubtful=_packed(self.doubt() | where))
+        """The same with less that is known (rows, cols)."""
+        known = self._where_known()
+        doubted = self.doubted + int(np.count_nonzero(known & where))
+        return replace(self, known=_packed(known & ~where), doubted=doubted)
 
     def state(self) -> FilmState:
         """The state of the chunk's first frame."""
-        values = np.frombuffer(zlib.decompress(self.packed), np.int32).reshape(4, *self.shape)
+        values = np.frombuffer(zlib.decompress(self.packed), np.int32).reshape(2, *self.shape)
         values = np.cumsum(values, axis=2, dtype=np.int32)
-        maps = values.astype(np.float32) * np.float32(_STEPS)
-        return FilmState(
-            order=maps[0], rate=maps[1], drift=maps[2], untold=maps[3],
-            known=_unpacked(self.known, self.shape), time=self.time,
-        )  # fmt: skip
+        order, rate = values.astype(np.float32) * np.float32(_STEPS)
+        return FilmState(order=order, rate=rate, known=self._where_known(), time=self.time)
 
-    def doubt(self) -> Mask:
-        """Where the orders of the chunk are doubtful (rows, cols)."""
-        return _unpacked(self.doubtful, self.shape)
+    def _where_known(self) -> Mask:
+        bits = np.unpackbits(np.frombuffer(zlib.decompress(self.known), np.uint8))
+        return bits[: self.shape[0] * self.shape[1]].reshape(self.shape).astype(bool)
 
 
 def keep_state(state: FilmState) -> KeptState:
     """Pack a state."""
-    values = state.order, state.rate, state.drift, state.untold
-    steps = [np.rint(v / np.float32(_STEPS)).astype(np.int32) for v in values]
+    steps = [np.rint(v / np.float32(_STEPS)).astype(np.int32) for v in (state.order, state.rate)]
     packed = zlib.compress(np.diff(np.stack(steps), axis=2, prepend=np.int32(0)).tobytes(), 1)
     rows, cols = state.known.shape
-    nowhere = _packed(np.zeros_like(state.known))
-    return KeptState(packed, _packed(state.known), nowhere, (rows, cols), state.time)
+    return KeptState(packed, _packed(state.known), (rows, cols), state.time)
 
 
 def _packed(mask: Mask) -> bytes:
     return zlib.compress(np.packbits(mask).tobytes(), 1)
-
-
-def _unpacked(packed: bytes, shape: tuple[int, int]) -> Mask:
-    bits = np.unpackbits(np.frombuffer(zlib.decompress(packed), np.uint8))
-    return bits[: shape[0] * shape[1]].reshape(shape).astype(bool)
 
 
 _Passed = tuple[Array, Mask, FilmState]
@@ -300,7 +284,7 @@ class FilmPath:
         """
         for index, (light, valid, time) in enumerate(frames):
             rise = self.light.rise(light)
-            wave = light_wave(rise, self.light.illumination)
+            wave = self.light.wave(light)
             breaks = index > self._begin and self._take(rise, wave, valid, time, index)
             if index == self._begin:
                 self._state, self._passed = self._start, []
@@ -363,8 +347,7 @@ class FilmPath:
         state = before
         if self._key is not None:  # the next key frame is to find what is not right
             order, known = regained(before.order, before.known, wave, valid)
-            untold = np.where(before.known, before.untold, np.float32(0.0))
-            state = replace(before, order=order, known=known, untold=untold)
+            state = replace(before, order=order, known=known)
         doubt, first = _followed_back(passed, state, self.noise)
         if doubt.any():
             last = max(self.kept)
@@ -391,13 +374,6 @@ def _followed_back(passed: list[_Passed], state: FilmState, noise: float) -> tup
     return doubt & known, state.known
 
 
-def light_wave(rise: Array, illumination: Array) -> Array:
-    """The wave cos 2 pi N, float32, of a rise A sin² pi N over the unloaded light; noise may pass
-    its ends.
-    """
-    return np.asarray(np.float32(1.0) - np.float32(2.0) * rise / illumination, dtype=np.float32)
-
-
 _GUIDE_ROWS = 247
 """Rows, or columns if they are fewer, on which a film is followed at most, or nearly so."""
 
@@ -414,12 +390,6 @@ def joined_pixels(values: Array, by: int) -> Array:
     if by == 1:
         return single
     return np.asarray(cv2.resize(single, (cols, rows), interpolation=cv2.INTER_AREA))
-
-
-def fringe_response(order: Array) -> Array:
-    """The ideal signal of an order, sin² pi N."""
-    half = np.float32(0.5)
-    return np.asarray(half - half * np.cos(np.float32(2.0 * np.pi) * order))
 
 
 def read_followed(
@@ -455,9 +425,7 @@ def _whole_blocks(which: Mask, by: int) -> Mask:
 def unloaded_state(material: Mask, time: float) -> FilmState:
     """Start a film at zero load, order 0 all over the specimen, at a time, s, or frame number."""
     nothing = np.zeros(material.shape, dtype=np.float32)
-    return FilmState(
-        order=nothing, rate=nothing, drift=nothing, untold=nothing, known=material.copy(), time=time
-    )
+    return FilmState(order=nothing, rate=nothing, known=material.copy(), time=time)
 
 
 def joined_reading(reading: OrderReading, by: int, time: float) -> FilmState:

@@ -9,10 +9,6 @@ open, and e what the light does. What lies below the narrowest window is smoothe
 frame, for no light would ever correct it. C is what the size of a pixel leaves of fringes of the
 gradient g, 1 - pi² g²/6.
 
-On a crest that is all that a pixel's surroundings show, light does not tell a slow change: loads in
-proportion do by the rest of the picture, but what drifts besides (r - N Σ r N/Σ N², of the rate r)
-may pass the crest unseen or turn back, and after a stated drift the order is not known.
-
 A pixel is known as long as its neighbourhood's light is explained, its fringes are wide enough and
 its order changes by no more than a stated part of a fringe; once it is not, it stays so, and says
 nothing to its neighbours.
@@ -21,9 +17,9 @@ How a whole picture's fringe order changes from one frame of a film to the next.
 
 The wave w = cos 2 pi N of a frame says N up to its sign and a whole number. All pixels together say
 more: the change is smooth over the picture, and loads change mostly in proportion, by c N. The
-factor c is searched over all that a stated largest change allows, alone, after the change that went
-before, or after what drifts besides; from the best of them the change is fitted as a sum of few
-fields: N, its gradient in the picture (the fringes move), the change before, a constant, the drift.
+factor c is searched over all that a stated largest change allows, alone or after the change that
+went before; from the best of them the change is fitted as a sum of few fields: N, its gradient in
+the picture (the fringes move), the change before, a constant.
 
 Orders a little beyond where they are known, and which of them their light bears out.
 
@@ -35,7 +31,6 @@ there until the fringes move. Whether it is right, the frames before are to say,
 followed back.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -59,18 +54,14 @@ _LEAST_CONTRAST = 0.3
 _STRIDE = 3
 _FACTORS = 31
 """Steps of the search; the finest fringes move by a fortieth from one to the next."""
-_STARTS = ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
-"""Shares of the change before and of the drift that are searched with."""
 _ROUNDS = 5
 _OUTLIER = 0.3
 _CLIPPED = 0.5
 """Of the wave: a residual that counts half in the fit, and the square beyond which none counts."""
 _MOVED = 10.0
 """Pixels that the fringes move with a coefficient of 1."""
-_RIDGE = (1e-3, 0.1, 0.1, 0.1, 1.0, 1.0, 10.0, 10.0)
-"""How little each coefficient is let go from the search, a thousandth of the pixels' information:
-those that stand for other courses than a proportional one are held the more, and a drift, which
-may look like N, the most."""
+_RIDGE = 1e-3
+"""How little a coefficient is let go from the search, of the pixels' information."""
 _TOP, _MOSTLY = 99.5, 97.0
 """Per cent of the pixels: of the search, and of those whose change is judged together; about a
 force the order changes faster than it can be followed, and there it is lost alone."""
@@ -78,15 +69,15 @@ _FEWEST = 50
 
 
 def fit_order_change(
-    order: Array, expected: Sequence[Array], wave: Array, contrast: Array,
+    order: Array, expected: Array, wave: Array, contrast: Array,
     gradient: tuple[Array, Array], known: Mask,
 ) -> tuple[Array, float, float] | None:  # fmt: skip
     """Fit the change of a picture's order to the wave cos 2 pi N of the next frame.
 
-    `expected`, the change that went before, and the drift, over the time to the new frame;
-    `gradient` of the order along rows and columns. Returns the change, fringes, the mean square of
-    what it leaves of the wave, and the largest of any field in it, and of all together, fringes;
-    None where too few orders are known.
+    `expected`, the change that went before, over the time to the new frame; `gradient` of the order
+    along rows and columns. Returns the change, fringes, the mean square of what it leaves of the
+    wave, and the largest of any field in it, and of all together, fringes; None where too few
+    orders are known.
     """
     thin = slice(_STRIDE // 2, None, _STRIDE)
     use = known[thin, thin]
@@ -94,18 +85,18 @@ def fit_order_change(
         return None
     y, x = (np.linspace(-1.0, 1.0, n, dtype=np.float32) for n in order.shape)
     moved, one = np.float32(_MOVED), np.ones((1, 1), dtype=np.float32)
-    (along, across), (rate, drift) = gradient, expected
-    fields = [order, order * x, order * y[:, None], rate, moved * across, moved * along, one, drift]
+    along, across = gradient
+    fields = [order, order * x, order * y[:, None], expected, moved * across, moved * along, one]
     basis = np.stack([np.broadcast_to(f, order.shape)[thin, thin][use] for f in fields])
     shown, faded = wave[thin, thin][use], contrast[thin, thin][use]
     start = _searched(basis, shown, faded, max(float(np.percentile(basis[0], _TOP)), 1e-3))
     solution = start.copy()
-    ridge = 1e-3 * shown.size * np.array(_RIDGE)
+    ridge = _RIDGE * shown.size
     for _ in range(_ROUNDS):
         residual, slope = _residual(basis[0], solution.astype(np.float32) @ basis, shown, faded)
         turned = basis * slope
         weighted = turned * on_flank(slope) / (1.0 + (residual / np.float32(_OUTLIER)) ** 2)
-        matrix = (weighted @ turned.T).astype(float) + np.diag(ridge)
+        matrix = (weighted @ turned.T).astype(float) + ridge * np.eye(len(basis))
         pull = weighted @ residual - ridge * (solution - start)
         solution = solution + np.linalg.solve(matrix, pull)
     single = solution.astype(np.float32)
@@ -143,20 +134,20 @@ def faded_fringes(order: Array) -> tuple[Array, Array, tuple[Array, Array]]:
 
 
 def _searched(basis: Array, shown: Array, faded: Array, top: float) -> Array:
-    """Coefficients to start from: the best factor alone, after the change before, or the drift.
+    """Coefficients to start from: the best factor alone, or after the change before.
 
-    The fields of `basis`: N first, the fourth the change before, the drift last.
+    The fields of `basis`: N first, the fourth the change before.
     """
-    best, solution, order = np.inf, np.zeros(len(_RIDGE)), basis[0]
+    best, solution, order = np.inf, np.zeros(len(basis)), basis[0]
     reach = LARGEST_CHANGE / top
-    for starts in _STARTS:
-        ahead = np.float32(starts[0]) * basis[3] + np.float32(starts[1]) * basis[-1]
+    for goes_on in (0.0, 1.0):
+        ahead = np.float32(goes_on) * basis[3]
         for factor in np.linspace(-reach, reach, _FACTORS):
             residual, _ = _residual(order, np.float32(factor) * order + ahead, shown, faded)
             misfit = _mean_misfit(residual)
             if misfit < best:
                 best = misfit
-                solution[0], solution[3], solution[-1] = factor, *starts
+                solution[0], solution[3] = factor, goes_on
     return solution
 
 
@@ -181,12 +172,6 @@ _SMOOTHED, _SMOOTH_PX, _SHARP = 0.2, 1.0, 0.15
 order has a crease there, where it is nought."""
 _POOLED_PX = 3.0
 """Window of the rate, of the misfit and of the first orders."""
-_NEWEST = 0.3
-"""Weight of the newest frame in the drift."""
-_TOLD_PX, _TOLD, _LEFT_OPEN = 5.0, 0.08, 0.05
-"""Standard deviation (pixels) of the window whose mean flank says whether a pixel's surroundings
-tell its order; that mean where all lie within 0.045 of crests; and the fringes that a drift may go
-there: beyond, the light on leaving would be as well that of the crest's other side."""
 _LARGEST_MISFIT, _NOISY = 0.12, 3.0
 """Of the wave: RMS of the residual that a followed order leaves, and in its noise's."""
 _AT_FIRST = 0.1
@@ -205,10 +190,6 @@ class FilmState:
     order: Array = field(repr=False)  # N, fringes
     # its change from the frame before, fringes a second; without times a frame
     rate: Array = field(repr=False)
-    # what of it, over the latest frames, is not in proportion to the order
-    drift: Array = field(repr=False)
-    # how far the order has drifted since only a crest is seen of it, fringes
-    untold: Array = field(repr=False)
     known: Mask = field(repr=False)
     time: float  # of the frame, s, or its number
     broken: bool = False  # the whole picture could not be followed into this frame
@@ -228,16 +209,16 @@ def follow_frame(
     highest = state.order[state.known][::7]
     if not highest.size or np.percentile(highest, 99.8) < _AT_FIRST:
         order, plain = _at_first(wave, weight)
-        known, determined = state.known & plain, np.ones_like(order)
+        known = state.known & plain
     else:
-        expected = [v * np.float32(apart) for v in (state.rate, state.drift)]
+        expected = state.rate * np.float32(apart)
         fitted = fit_order_change(before, expected, wave, contrast, gradient, state.known & valid)
         change, square, largest = fitted or (before, np.inf, np.inf)
         if square > _LOST_AT_ONCE + _NOISE_LOST * noise**2 or largest > 1.1 * LARGEST_CHANGE:
             return _lost(state, time)
         order, known = np.abs(before + change), state.known
         telling = weight * known * (steep < 1.2 * STEEPEST**2)
-        order, determined = _corrected(order, wave, contrast, telling, noise)
+        order = _corrected(order, wave, contrast, telling, noise)
     trust = weight * known
     residual = (wave - contrast * np.cos(_TURN * order)) * trust
     misfit = _window_mean(residual * residual, trust, _POOLED_PX)
@@ -252,14 +233,7 @@ def follow_frame(
     order = continued(order, known)
     change = cv2.GaussianBlur((order - before) * weight, (0, 0), _POOLED_PX)
     rate = change / np.float32(apart) if apart else np.zeros_like(change)
-    orders = before[known]  # what of the rate is not in proportion to the order
-    share = float(orders @ rate[known]) / max(float(orders @ orders), 1e-6)
-    beside_load = rate - np.float32(share) * before
-    drift = state.drift + np.float32(_NEWEST) * (beside_load - state.drift)
-    untold = state.untold + np.abs(drift * np.float32(apart))
-    untold = np.where(determined < _TOLD, untold, np.float32(0.0))
-    known &= untold < _LEFT_OPEN
-    return FilmState(order=order, rate=rate, drift=drift, untold=untold, known=known, time=time)
+    return FilmState(order=order, rate=rate, known=known, time=time)
 
 
 def _lost(state: FilmState, time: float) -> FilmState:
@@ -268,29 +242,16 @@ def _lost(state: FilmState, time: float) -> FilmState:
 
 
 def _at_first(wave: Array, weight: Array) -> tuple[Array, Mask]:
-    """Orders below the first crest, and where they are: in each body what no crest cuts off."""
+    """Orders below the first crest, and where they are: not where they may be beyond it."""
     signal = _window_mean(0.5 - 0.5 * wave, weight, _POOLED_PX)
     order = np.arcsin(np.sqrt(np.clip(signal, 0.0, 1.0))) / np.float32(np.pi)
     inside = weight > 0.0
-    plain = np.zeros(inside.shape, dtype=bool)
-    body, parts = (
-        cv2.connectedComponents(where.astype(np.uint8))[1]
-        for where in (inside, inside & (order < _NEAR_CREST))
-    )
-    for part in range(1, int(body.max()) + 1):
-        sizes = np.bincount(parts[body == part], minlength=2)
-        sizes[0] = 0
-        if sizes.any():
-            plain |= parts == int(sizes.argmax())
-    beyond = (inside & ~plain).astype(np.uint8)
-    return order, plain & (cv2.dilate(beyond, np.ones((3, 3), np.uint8)) == 0)
+    beyond = (inside & (order >= _NEAR_CREST)).astype(np.uint8)
+    return order, inside & (cv2.dilate(beyond, np.ones((3, 3), np.uint8)) == 0)
 
 
-def _corrected(
-    order: Array, wave: Array, contrast: Array, weight: Array, noise: float
-) -> tuple[Array, Array]:
-    """The predicted orders as their neighbourhoods' light corrects them, and how far it does."""
-    telling = np.ones_like(order)
+def _corrected(order: Array, wave: Array, contrast: Array, weight: Array, noise: float) -> Array:
+    """The predicted orders as their neighbourhoods' light corrects them."""
     for width, proportional in _WINDOWS:
         angle = _TURN * order
         residual = (wave - contrast * np.cos(angle)) * weight
@@ -302,14 +263,12 @@ def _corrected(
             slope = slope * order
             least = least * np.maximum(order * order, np.float32(1e-4))
         weight_of_slope = slope * flank
-        if width == _TOLD_PX:
-            telling = _window_mean(flank * weight, weight, width)
         informed = _window_sum(weight_of_slope * slope, width) + least
         step = _window_sum(weight_of_slope * residual, width) / informed
         step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
         order = np.abs(order + (step * order if proportional else step))
     fine = np.float32(_SMOOTHED) * (cv2.GaussianBlur(order, (0, 0), _SMOOTH_PX) - order)
-    return np.asarray(order + np.where(order > _SHARP, fine, np.float32(0.0))), telling
+    return np.asarray(order + np.where(order > _SHARP, fine, np.float32(0.0)))
 
 
 def _window_sum(values: Array, width_px: float) -> Array:

@@ -205,13 +205,8 @@ _WIDE_SPREAD = 0.2
 """What the wide window's 4θ is trusted to (rad), where the narrow one has nothing: whole orders."""
 
 _SLOPE_PX = 2.0
-_TURNED = 0.8
-"""Error of θ (rad) for a coherence of nought: seen about isotropic points."""
-
 _OFF = 0.007
 """Light, of the amplitude, that elements 0.2 degree off add: 0.0035 rad, twice in 2θ."""
-
-_STRIDE = 2
 
 _BENT_PX = 3.0
 """Window over which the misfit of a bent direction is pooled."""
@@ -230,8 +225,7 @@ class Direction:
 
     twice: Array  # exp 2iθ, continuous
     scatter: Array  # standard, of θ (rad), from the noise
-    uncertainty: Array  # with what is added where the direction bends or turns within the window
-    coherence: Array  # 0..1, low at an isotropic point
+    uncertainty: Array  # with what is added where the direction bends within the window
     # scatter (rad) in a wide window, which spans a thin line of no information, from noise and
     # from elements a little off: where it is large, exp 2iθ may change sign across the line
     bridge: Array
@@ -280,20 +274,14 @@ def find_direction(
     noise = np.square(sigma)
     wide = wide / np.maximum(np.abs(wide), 1e-30) * noise / (area * _WIDE_SPREAD**2)
     angle = np.angle(narrow + wide)
-    steps = slice(None, None, _STRIDE)
-    rough = np.exp(0.5j * np.nan_to_num(unwrap(angle[steps, steps], valid[steps, steps])))
-    coarse = rough.repeat(_STRIDE, axis=0).repeat(_STRIDE, axis=1)
-    coarse = coarse[: angle.shape[0], : angle.shape[1]]
-    twice = np.exp(0.5j * angle)
-    twice = np.where((twice * np.conj(coarse)).real < 0.0, -twice, twice)
+    twice = np.exp(0.5j * np.nan_to_num(unwrap(angle, valid)))
     scatter = 0.25 * np.sqrt(noise / np.maximum(information * area, 1e-30))
     # elements a little off do not average out, nor does what was taken out along the direction
     off = max(_OFF, design.leak) * terms.amplitude
     doubt = noise / (4.0 * np.pi * _WIDE_PX**2) + np.square(off)
     bridge = 0.25 * np.sqrt(doubt / np.maximum(pooled(size, _WIDE_PX), 1e-30))
-    coherence = np.minimum(np.abs(narrow) / np.maximum(information, 1e-30), 1.0)
-    turned = np.hypot(_TURNED * (1.0 - coherence) ** 2, _bent(along, size, narrow, scatter, valid))
-    return Direction(twice, scatter, np.hypot(scatter, turned), coherence, bridge)
+    bent = _bent(along, size, narrow, scatter, valid)
+    return Direction(twice, scatter, np.hypot(scatter, bent), bridge)
 
 
 def _bent(along: Array, size: Array, narrow: Array, scatter: Array, valid: Mask) -> Array:
@@ -348,9 +336,6 @@ def unwrap(phase: Array, mask: Mask) -> Array:
 _SOLUTIONS = 3
 """Solutions where the steps leave something out, each with the direction of the one before."""
 
-_LOCAL = 0.05
-"""Share of the pixels that dust or glare may spoil, before it is the steps that do not fit."""
-
 _COMPARED = 0.5
 """Share of the window that must be seen for its misfit to tell."""
 
@@ -361,7 +346,7 @@ _LEAST_CONTRAST = 0.7
 """Of the contrast around: a pixel's area takes that much of it at 0.45 fringe a pixel."""
 
 _DIMMEST = 0.1
-_BLOCK = 16
+_AROUND_PX = 32
 _MISFIT_PX = 2.0
 
 
@@ -376,8 +361,6 @@ class StepLight:
     contrast: Array  # A V, in the light's unit
     uncertainty: Array  # of φ/2π, fringes
     chi: float  # residual of the light over its noise
-    # the steps tell no direction about half orders, or leave out what changes it there
-    bridges: bool
     agrees: Mask  # the light fits the steps, whose angles the direction follows
 
 
@@ -412,8 +395,8 @@ def measure_steps(
     )
     return StepLight(
         terms=terms, direction=direction, seen=readable,
-        specimen=trusted & fringed(contrast, design, sigma), contrast=contrast,
-        uncertainty=uncertainty, chi=chi, bridges=design.leaks, agrees=agrees,
+        specimen=trusted & _lit(contrast, trusted), contrast=contrast,
+        uncertainty=uncertainty, chi=chi, agrees=agrees,
     )  # fmt: skip
 
 
@@ -460,27 +443,15 @@ def bright_enough(contrast: Array, trusted: Mask) -> Mask:
     A pixel's area leaves sinc(g_x) sinc(g_y) of it, g the gradient in fringes a pixel; beyond half
     a fringe a pixel phase turns back on itself, and only the contrast tells.
     """
-    import cv2
+    usual = pooled(np.where(trusted, contrast, 0.0), _MISFIT_PX)
+    around = maximum_filter(usual, _AROUND_PX)
+    return np.asarray(_lit(contrast, trusted) & (contrast > _LEAST_CONTRAST * around))
 
+
+def _lit(contrast: Array, trusted: Mask) -> Mask:
+    """Where light comes through at all: the specimen, not a dark surround."""
     brightest = float(np.percentile(contrast[trusted], 90)) if trusted.any() else 0.0
-    rows, cols = (n // _BLOCK for n in contrast.shape)
-    floor = contrast > _DIMMEST * brightest
-    if min(rows, cols) < 1:
-        return np.asarray(floor)
-    cut = np.where(trusted, contrast, 0.0)[: rows * _BLOCK, : cols * _BLOCK]
-    blocks = cut.reshape(rows, _BLOCK, cols, _BLOCK).swapaxes(1, 2).reshape(rows, cols, -1)
-    usual = maximum_filter(np.percentile(blocks, 80, axis=2), 3).astype(np.float32)
-    around = cv2.resize(usual, contrast.shape[::-1], interpolation=cv2.INTER_LINEAR)
-    return np.asarray(floor & (contrast > _LEAST_CONTRAST * around))
-
-
-def fringed(contrast: Array, design: StepDesign, sigma: Array | float) -> Mask:
-    """Where light comes through at all, coarse fringes or fine: the specimen, not a dark
-    surround.
-    """
-    noise = sum(design.variance(j) for j in (COSINE, SINE, SINE_SINE)) * np.square(sigma)
-    power = pooled(contrast**2 - noise, _MISFIT_PX)
-    return np.asarray(power > (2.0 * _DIMMEST) ** 2 * np.percentile(power, 90))
+    return np.asarray(contrast > _DIMMEST * brightest)
 
 
 def step_misfit(
@@ -510,8 +481,7 @@ def steps_agree(misfit: Array, readable: Mask) -> Mask:
     where most of the picture does not fit, nothing of it is believed; where a part does not, that
     part.
     """
-    least = np.sort(misfit[readable])[: int((1.0 - _LOCAL) * np.count_nonzero(readable))]
-    usual = float(np.sqrt(np.mean(np.square(least)))) if least.size else 1.0
+    usual = float(np.sqrt(np.mean(np.square(misfit[readable])))) if readable.any() else 1.0
     if usual > POOR_CHI:
         return np.zeros(misfit.shape, dtype=bool)
     isolated = pooled(readable, _MISFIT_PX) < _COMPARED  # too few about it to compare with

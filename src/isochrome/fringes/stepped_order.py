@@ -15,11 +15,11 @@ the specimen is one retarder; where stress varies through it, retarders stand on
 and n adds up where they are weak or turned alike.
 
 A residual stress is weak: below half an order sin δ > 0, and the steps' A sin δ exp 2iθ, A cos δ
-are n₀ itself, pixel by pixel, with no direction to follow and no whole number to settle, as well
-where it is nearly nil: n₀ = δ/2π exp 2iθ with δ = atan2(|A sin δ exp 2iθ|, A cos δ). Beyond, the
-field is followed as a loaded one's is; its whole number comes from equilibrium (a residual stress
-obeys no compatibility) or, where that does not tell, from most of the specimen being below half an
-order. What cannot be followed, and might be beyond, is left unknown.
+are n₀ itself, pixel by pixel, as well where it is nearly nil: n₀ = δ/2π exp 2iθ with
+δ = atan2(|A sin δ exp 2iθ|, A cos δ). The field is followed as a loaded one's is, beyond half an
+order too; its whole number comes from equilibrium (a residual stress obeys no compatibility) or,
+where that does not tell, from most of the specimen being below half an order. What cannot be
+followed is left unknown.
 Source: Frocht (1941), Photoelasticity, vol. 1, for stresses that add up in one plane; Aben &
 Guillemet (1993), Photoelasticity of Glass, for those that vary along the light.
 
@@ -50,7 +50,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from scipy import ndimage
@@ -171,9 +170,7 @@ _SMALLEST_SHARE = 0.02
 _NEAR_PX = 3
 _TIE = 0.1
 _FAR = 0.25
-"""Misfit, in fringes, of a known order beyond which it is another whole number, or wrong."""
-
-_MODEL_MISFIT = 0.3
+"""Misfit, in fringes, of a known order or a model beyond which it is another number, or wrong."""
 
 
 @dataclass(frozen=True)
@@ -291,7 +288,7 @@ def _from_model(turns: Array, inside: Mask, model: Array) -> int | None:
     tried = np.unique(np.add.outer(middle, np.arange(-2, 3))).astype(int)
     misfit = np.array([np.average(np.abs(np.abs(here + m) - order), weights=weight) for m in tried])
     first, second = np.sort(misfit)[:2]
-    return int(tried[misfit.argmin()]) if first < _MODEL_MISFIT and second > 2.0 * first else None
+    return int(tried[misfit.argmin()]) if first < _FAR and second > 2.0 * first else None
 
 
 STEEPEST = 0.4
@@ -301,7 +298,6 @@ WINDOW_PX = 1.2
 LARGEST_TURN = np.radians(2.0)
 """Standard uncertainty of θ (rad) beyond which a direction is not known."""
 
-_COHERENT = 0.7
 _LOST = 0.15
 """Scatter of θ (rad) at which a break of 90 degrees in θ, 45 either way, is five of it."""
 
@@ -326,21 +322,15 @@ def settle_field(
     terms = light.terms  # φ/2π unwrapped along the direction
     phase = np.arctan2((terms.sine * np.conj(direction.twice)).real, terms.cosine)
     turns = unwrap(phase, light.seen) / (2.0 * np.pi)
-    # where the direction turns within its window the sign of sin δ is open; no harm near N = 0
-    open_sign = np.abs(terms.sine) > 2.0 * np.pi * LARGEST_UNCERTAINTY * np.abs(terms.cosine)
-    known = light.seen & np.isfinite(turns) & ~(open_sign & (direction.coherence < _COHERENT))
+    known = light.seen & np.isfinite(turns)
     if residual is not None:
         known &= np.isfinite(residual)
     # nearer to a whole order than to be told from zero, a sign that breaks may do no harm
-    known = _solid(known & ~_broken(turns - np.rint(turns), turns, direction))
-
-    settled = partial(settle, turns, direction, known_order=known_order, model=model)
-    settled = partial(settled, residual=residual, compatible=compatible)
-    numbers, parts, warnings = settled(known)
-    harmful = known & _broken(np.nan_to_num(turns + numbers), turns, direction)
-    if harmful.any():
-        known = _solid(known & ~harmful)
-        numbers, parts, warnings = settled(known)
+    known &= ~_broken(turns - np.rint(turns), turns, direction)
+    numbers, parts, warnings = settle(
+        turns, direction, known, known_order=known_order, model=model, residual=residual,
+        compatible=compatible,
+    )  # fmt: skip
     known &= np.isfinite(numbers)
     return np.where(known, (turns + numbers) * direction.twice, np.nan), parts, warnings
 
@@ -365,46 +355,40 @@ def _broken(order: Array, turns: Array, direction: Direction) -> Mask:
     return np.asarray(ndimage.binary_dilation(broken) | (loaded & (direction.bridge > _LOST)))
 
 
-def _solid(known: Mask) -> Mask:
-    """Without slivers under three pixels: what is left between breaks hangs on by chance."""
-    return np.asarray(ndimage.binary_opening(np.pad(known, 2, mode="edge"), np.ones((3, 3))))[
-        2:-2, 2:-2
-    ]
-
-
 def smoothed(
-    field: Array, uncertainty: Array, known: Mask, *, window_px: float = WINDOW_PX
+    field: Array, uncertainty: Array, known: Mask, windows_px: Sequence[float] = (WINDOW_PX,)
 ) -> tuple[Array, Array]:
-    """n under a kernel that leaves quadratics as they are, where its whole support is known.
+    """n under the widest kernel that leaves it as it is: where its whole support is known.
 
     2 G(w) - G(√2 w), G a Gaussian of standard deviation w, has no second moment; white noise is
     left with the factor √(0.458/π)/w of it. Where fringes are fine, or beside a mask, n stays that
     of the pixel.
     """
     filled = np.where(known, field, 0.0).astype(np.complex64)
-    narrow, wide = (
-        ndimage.gaussian_filter(filled, w * window_px, truncate=3.0) for w in (1.0, 2**0.5)
-    )
-    smooth = 2.0 * narrow - wide
-    rows, cols = np.gradient(np.abs(smooth))
     depth = ndimage.distance_transform_edt(np.pad(known, 1))[1:-1, 1:-1]
-    use = known & (depth > 4.5 * window_px) & (np.hypot(rows, cols) * window_px < _SMOOTH)
-    gain = np.sqrt(0.458 / np.pi) / window_px
-    return np.where(use, smooth, field), np.where(use, gain * uncertainty, uncertainty)
+    less = uncertainty
+    for window in windows_px:
+        narrow, wide = (
+            ndimage.gaussian_filter(filled, w * window, truncate=3.0) for w in (1.0, 2**0.5)
+        )
+        smooth = 2.0 * narrow - wide
+        rows, cols = np.gradient(np.abs(smooth))
+        use = known & (depth > 4.5 * window) & (np.hypot(rows, cols) * window < _SMOOTH)
+        gain = np.sqrt(0.458 / np.pi) / window
+        field, less = np.where(use, smooth, field), np.where(use, gain * uncertainty, less)
+    return field, less
 
 
-_WINDOWS_PX = (WINDOW_PX, 2.0, 4.0)
+_WINDOWS_PX = (WINDOW_PX, 4.0)
 _NEAR_HALF = 0.4
 """Order beyond which noise, or fringes, may lead past the half order, where the least one ends."""
 
-_APART = 0.25
 _MOST = 0.5
 """Of the pixels that hang together: a part so large, below half an order, is believed to be so."""
 
-_LEAST_SINE = 0.3
-
 _FEW = 0.9
-_TELLING = 3.0
+_LEAST_ORDER = 4.0
+"""Standard uncertainties of an order from which its direction is told: below, its sign is noise."""
 _SURELY = 5.5
 """Standard uncertainties that the largest of a million pixels of noise does not reach."""
 
@@ -437,7 +421,7 @@ class ResidualStress:
 
         NaN where it is nearly nil, and where the light does not fit the steps.
         """
-        known = (np.abs(self.field) > _TELLING * self.uncertainty) & self.agrees
+        known = (np.abs(self.field) > _LEAST_ORDER * self.uncertainty) & self.agrees
         return np.where(known, 0.5 * np.degrees(np.angle(self.field)), np.nan).astype(np.float32)
 
 
@@ -450,34 +434,21 @@ def read_residual(
     or each. InputError where the steps cannot tell the order.
     """
     light = measure_steps(stack, chains, sigma=sigma, valid=valid)
-    field, along = least_field(light.terms), light.uncertainty
-    lit = light.specimen | light.seen
-    main, free = _main_parts(lit, light.seen & (np.abs(field) < _NEAR_HALF))
-    followed, *_ = settle_field(
-        light, model=lambda: np.where(main, np.abs(field), np.nan), compatible=False
-    )
-    clear = np.isfinite(followed) & direction_known(light)
-    beyond, least = _believed(main, free, clear, np.abs(followed - field) > _APART)
-    sharp = np.hypot(along, 2.0 * np.abs(followed) * light.direction.uncertainty)
-    across = least_spread(field, along)
-    least &= ~(beyond & (sharp < across))
-    spread = np.where(least, across, sharp)
-    known = (least | beyond) & (spread < LARGEST_UNCERTAINTY)
-    field = np.where(known, np.where(least, field, followed), np.nan)
-    pooled, less = field, spread
-    for window in _WINDOWS_PX:  # the widest that it allows: a residual stress varies little
-        smooth, smooth_spread = smoothed(field, spread, known, window_px=window)
-        wider = smooth_spread < less
-        pooled, less = np.where(wider, smooth, pooled), np.where(wider, smooth_spread, less)
+    least = np.abs(least_field(light.terms))
+    main = _main_parts(light.specimen | light.seen, light.seen & (least < _NEAR_HALF))
+    shown, *_ = settle_field(light, model=lambda: np.where(main, least, np.nan), compatible=False)
+    field, along, turn, known = _of_load(light, shown, windows_px=_WINDOWS_PX)
+    spread = np.fmax(along, 2.0 * np.abs(field) * turn)
+    known &= spread < LARGEST_UNCERTAINTY
+    field, spread = (np.where(known, part, np.nan) for part in (field, spread))
     known_share = float(known.sum() / max(1, np.count_nonzero(known | light.specimen)))
-    spread = np.where(known, less, np.nan)
     remarks = []
     if light.chi > POOR_CHI:
         lost = "" if light.agrees.any() else message("no_isoclinic_given_load")
         remarks.append(message("no_load_steps_chi", chi=light.chi, lost=lost))
     if known_share < _FEW:
         remarks.append(message("no_load_steps_only", known_share=100 * known_share))
-    return ResidualStress(pooled, spread, known_share, tuple(remarks), light.agrees)
+    return ResidualStress(field, spread, known_share, tuple(remarks), light.agrees)
 
 
 def least_field(terms: StepTerms) -> Array:
@@ -498,18 +469,9 @@ def least_spread(field: Array, along: Array) -> Array:
     return np.asarray(along * np.fmax(1.0, delta / np.maximum(np.sin(delta), 1e-9)))
 
 
-def direction_known(light: StepLight) -> Mask:
-    """Where the steps tell the direction: without plane images, not about half orders.
-
-    There sin δ, which alone tells, is of the size of what is left out.
-    """
-    told = np.abs(light.terms.sine) > _LEAST_SINE * light.contrast
-    return np.asarray((not light.bridges) | (light.terms.cosine > 0.0) | told)
-
-
-def _main_parts(lit: Mask, near: Mask) -> tuple[Mask, Mask]:
-    """Where the order is below a half for most of what hangs together, and pixels of connected
-    parts of the specimen without such a part. `near`, where its least order is well below a half.
+def _main_parts(lit: Mask, near: Mask) -> Mask:
+    """Where the order is below a half for most of what hangs together; `near`, where its least
+    order is well below a half.
     """
     labels, _ = ndimage.label(lit)
     parts, count = ndimage.label(near)
@@ -517,24 +479,9 @@ def _main_parts(lit: Mask, near: Mask) -> tuple[Mask, Mask]:
     owner[parts.ravel()] = labels.ravel()
     most = np.bincount(parts.ravel()) > _MOST * np.bincount(labels.ravel())[owner]
     most[0] = False
-    return most[parts], lit & ~np.isin(labels, owner[most])
+    return np.asarray(most[parts])
 
 
-def _believed(main: Mask, free: Mask, clear: Mask, apart: Mask) -> tuple[Mask, Mask]:
-    """Where the followed field is believed, and where the least one is.
-
-    The followed one in parts that reach into a main part or have none: what lies behind a half
-    order that could not be followed has the whole number of nothing. The least one in main parts
-    that it does not gainsay.
-    """
-    labels, count = ndimage.label(clear)
-    reaches = np.bincount(labels[main & clear], minlength=count + 1) > 0
-    parts, count = ndimage.label(main)
-    gainsaid = np.bincount(parts[main & clear & apart], minlength=count + 1) > 0
-    return clear & (reaches[labels] | free), main & ~gainsaid[parts]
-
-
-_LEAST_ORDER = 4.0
 _TINY = 1e-9
 _SMALL = 0.15
 """Order below which the least order that the light allows is the order."""
@@ -545,9 +492,6 @@ Gaussians of widths w = 1.2 and W = 1.6, W² (4/(W² + w²) - 4/(W² + 1.5 w²) 
 
 _NOTABLE = 0.02
 """Share of the directions that is left out and said."""
-
-_BRIDGED = 0.1
-"""Doubt of 2θ (rad) where the direction is bridged."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -619,7 +563,10 @@ def read_steps(
 
 
 def _of_load(
-    light: StepLight, shown: Array, residual: ResidualStress | None
+    light: StepLight,
+    shown: Array,
+    residual: ResidualStress | None = None,
+    windows_px: Sequence[float] = (WINDOW_PX,),
 ) -> tuple[Array, Array, Array, Mask]:
     """n of the load alone, smoothed, with its noise along and across it.
 
@@ -629,31 +576,25 @@ def _of_load(
     """
     known = np.isfinite(shown)
     shown = np.where(known, shown, 0.0)
-    across = 2.0 * np.abs(shown) * light.direction.uncertainty
-    if residual is not None:
-        across = np.hypot(across, np.where(direction_known(light), 0.0, _BRIDGED * np.abs(shown)))
     small = known & (np.abs(shown) < _SMALL)
     # about an isotropic point and in a valley the window's direction is that of the pixels around,
     # or noise; that of the pixel's own light is not
     least = least_field(light.terms)
     shown = np.where(small, least, shown)
-    across = np.where(small, least_spread(least, light.uncertainty), across)
     field = shown if residual is None else np.where(known, shown - residual.field, 0.0)
-    field, along = smoothed(field, light.uncertainty, known)
-    size = np.maximum(np.abs(field), _TINY)
-    if residual is None:
-        gain = along / np.maximum(light.uncertainty, _TINY)
-        direction = light.direction
-        less = np.where(gain < 1.0, 1.0 - _SMOOTHED**2, 0.0) * np.square(direction.scatter)
-        turn = np.sqrt(np.square(direction.uncertainty) - less)
-        return field, along, np.where(small, gain * across / (2.0 * size), turn), known
-    unit = (shown / np.maximum(np.abs(shown), _TINY)) * np.conj(field / size)
+    field, along = smoothed(field, light.uncertainty, known, windows_px)
+    less = np.where(along < light.uncertainty, 1.0 - _SMOOTHED**2, 0.0)
+    less *= np.square(light.direction.scatter)
+    turn = np.sqrt(np.square(light.direction.uncertainty) - less)
+    across = np.where(small, least_spread(least, along), 2.0 * np.abs(shown) * turn)
+    away = np.angle(shown * np.conj(field))
+    taken_off = 0.0 if residual is None else residual.uncertainty
     uncertainty, swing = (
-        np.sqrt(np.square(a * unit.real) + np.square(b * unit.imag) + residual.uncertainty**2)
+        np.sqrt(np.square(a * np.cos(away)) + np.square(b * np.sin(away)) + np.square(taken_off))
         for a, b in ((along, across), (across, along))
     )
-    known = known & (uncertainty < LARGEST_UNCERTAINTY)
-    return field, uncertainty, swing / (2.0 * size), known
+    turn = swing / np.maximum(2.0 * np.abs(field), _TINY)
+    return field, uncertainty, turn, known & (uncertainty < LARGEST_UNCERTAINTY)
 
 
 def _of_steps(light: StepLight, clear: Mask) -> list[str]:

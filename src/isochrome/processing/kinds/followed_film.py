@@ -35,10 +35,8 @@ from isochrome.fringes import (
     FilmState,
     KeptState,
     follow_frame,
-    fringe_response,
     joined_pixels,
     joined_reading,
-    light_wave,
     pixels_together,
     read_followed,
     smooth_zero,
@@ -196,13 +194,13 @@ class Film(ImageOnly):
                 state = film.kept[index].state()
             elif not lost:
                 assert state is not None
-                rise = film.guide.rise(joined_pixels(light, data.by))
-                wave, time = light_wave(rise, film.guide.illumination), film_time(frame, index)
+                wave = film.guide.wave(joined_pixels(light, data.by))
+                time = film_time(frame, index)
                 trusted = data.unclipped(frame)
                 state = follow_frame(state, wave, trusted, time, noise=film.wave_noise)
             assert state is not None
             if index >= start:
-                known = state.known & ~film.kept[film.begin(index)].doubt() & (not lost)
+                known = state.known & (not lost)
                 numbered = replace(frame, index=index)
                 yield _read(film, replace(state, known=known), numbered, light, scene)
 
@@ -231,7 +229,7 @@ def _read(
     signal = film.light.rise(light) / film.light.illumination
     relative = sigma / film.light.illumination
     known = np.isfinite(reading.order)
-    residual = (signal - fringe_response(np.where(known, reading.order, 0.0))) / relative
+    residual = (signal - np.sin(np.pi * np.where(known, reading.order, 0.0)) ** 2) / relative
     chi = float(np.sqrt(np.mean(np.square(residual[known])))) if known.any() else float("nan")
     return ProcessedFrame(
         **frame_fields(frame, scene), normalised=np.where(valid, signal, np.nan).astype(np.float32),
@@ -256,7 +254,7 @@ def _warnings(film: FollowedFilm, index: int, known_share: float) -> tuple[str, 
             again = message(NOT_KNOWN) if stop >= film.count else message(READ_ANEW, stop=stop)
             return (*notes, not_followed(start) + "; " + again)
     begin = film.begin(index)
-    if doubts := np.count_nonzero(film.kept[begin].doubt()):
+    if doubts := film.kept[begin].doubted:
         share = 100.0 * doubts / max(1, int(np.count_nonzero(film.data.material)))
         notes.append(message(DIFFERING, share=share, begin=begin, end=film.end(index)))
     if known_share < 0.5 and index > 0:

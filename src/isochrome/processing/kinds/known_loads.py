@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from isochrome.calibration import Circle, LoadReading, LoadSeries, Shot, lay_series, read_load
+from isochrome.calibration import LoadReading, LoadSeries, Shot, lay_series, read_load
 from isochrome.errors import PhysicsError
 from isochrome.estimation import prepare_frame
 from isochrome.fitting import LOAD
@@ -69,18 +70,27 @@ def process_known_loads(frame: Frame, scene: Scene, capture: Capture) -> Process
     The load is NaN where the known loads do not tell it, and a warning says why.
     """
     assert capture.series is not None and scene.rim_diameter_mm is not None
+    columns: dict[str, Any] = {LOAD: float("nan"), f"{LOAD} {SPREAD}": float("nan")}
+    notes, more, inside = list[str](), dict[str, Any](), None
     try:
         read = read_load(capture.series, _shot(frame, scene, capture, 0.0), frame.index)
     except PhysicsError as error:
-        unknown = {LOAD: float("nan"), f"{LOAD} {SPREAD}": float("nan")}
-        return _with_orders(frame, scene, capture, None, [str(error)], unknown)
-    columns = {LOAD: read.load_n, f"{LOAD} {SPREAD}": read.standard_uncertainty}
-    columns |= {EXPLAINED: read.explained}
-    notes = _told(read, scene.frames.known_loads_n, frame.index)
-    result = _with_orders(frame, scene, capture, read.rim, notes, columns)
-    scale = scene.camera.pixel_mm if scene.camera else None
-    scale = scale or scene.rim_diameter_mm / (2.0 * read.rim.radius)
-    return replace(result, pixel_mm=scale, chi=read.chi)
+        notes.append(str(error))
+    else:
+        columns = {LOAD: read.load_n, f"{LOAD} {SPREAD}": read.standard_uncertainty}
+        columns |= {EXPLAINED: read.explained}
+        notes += _told(read, scene.frames.known_loads_n, frame.index)
+        scale = scene.camera.pixel_mm if scene.camera else None
+        more["pixel_mm"] = scale or scene.rim_diameter_mm / (2.0 * read.rim.radius)
+        more["chi"] = read.chi
+        row, col = np.ogrid[: frame.image.shape[0], : frame.image.shape[1]]
+        inside = np.hypot(row - read.rim.row, col - read.rim.col) < WITHIN * read.rim.radius
+    # what the image alone tells within the rim
+    result = read_alone(frame, scene, capture, inside=inside)[0]
+    # where nobody asked for orders it is said once, of the set
+    image = result.warnings if scene.frames.orders_known else ()
+    columns = {"fringe_lines": len(result.lines)} | result.columns | columns
+    return replace(result, columns=columns, warnings=(*notes, *image), **more)
 
 
 def _told(read: LoadReading, loads: Sequence[float], number: int) -> list[str]:
@@ -96,26 +106,6 @@ def _told(read: LoadReading, loads: Sequence[float], number: int) -> list[str]:
     if read.beyond > FAR:
         notes.append(message("load_lies_far_outside"))
     return notes
-
-
-def _with_orders(
-    frame: Frame,
-    scene: Scene,
-    capture: Capture,
-    rim: Circle | None,
-    notes: Sequence[str],
-    columns: dict[str, float],
-) -> ProcessedFrame:
-    """What the image alone tells within its `rim`, with what is `said` of its load, its columns."""
-    inside = None
-    if rim is not None:
-        rows, cols = (np.arange(size) for size in frame.image.shape)
-        inside = np.hypot(rows[:, None] - rim.row, cols - rim.col) < WITHIN * rim.radius
-    result = read_alone(frame, scene, capture, inside=inside)[0]
-    # where nobody asked for orders it is said once, of the set
-    image = result.warnings if scene.frames.orders_known else ()
-    row = {"fringe_lines": len(result.lines)} | result.columns | columns
-    return replace(result, columns=row, warnings=(*notes, *image))
 
 
 def tells_load(frame: ProcessedFrame) -> bool:
