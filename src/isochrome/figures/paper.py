@@ -448,7 +448,7 @@ def panels_figure(panels: PaperPanels, head: str, *, picture_mm: float = 80.0) -
     style = FigureStyle(width_mm=_SCREEN_MM, numbers=True)
     kinds, items = range(len(panels.kinds)), range(len(panels.labels))
     most = int(_SCREEN_MM / picture_mm)
-    if len(kinds) > 2:
+    if len(kinds) > 2 or len(items) == 1:
         rows = [[(j, k) for k in row for j in kinds] for row in _split(items, most // len(kinds))]
     else:
         rows = [[(j, k) for k in row] for j in kinds for row in _split(items, most)]

@@ -1,6 +1,6 @@
 from .api import check_scene, process
 from .checking import check
-from .figure import Shown, plot_order, tracked_figure
+from .figure import Shown, plot_order, set_figure
 from .frame_task import own_scene
 from .in_common import tabulate_set, with_past_friction, with_past_loads, with_scatter_of_gamma
 from .kinds.image_only import says_a_half
@@ -50,8 +50,8 @@ __all__ = [
     "restore",
     "row_of_set",
     "says_a_half",
+    "set_figure",
     "tabulate_set",
-    "tracked_figure",
     "with_past_friction",
     "with_past_loads",
     "with_scatter_of_gamma",

@@ -21,14 +21,13 @@ from numpy.typing import ArrayLike
 
 from isochrome.errors import InputError
 from isochrome.figures import (
-    DIRECTION_MAP,
+    BAND,
     FINE_PT,
     FRAME_MAP,
     KEY_LABELS,
     LINE_COLOURS,
     LINE_PT,
     OVERLAY_COLOUR,
-    PANEL_IN,
     PAPER_DIRECTION_MAP,
     VALUE_MAP,
     PaperPanels,
@@ -38,15 +37,13 @@ from isochrome.figures import (
     add_colour_bar,
     chosen_frames,
     draw_chi,
-    draw_frame_values,
     draw_line,
     draw_values,
     given_axes,
-    new_figure,
+    panels_figure,
     place_of_image,
     plain_name,
     show_image,
-    write_head,
 )
 from isochrome.fringes import Skeleton, order_contours, skeletons
 from isochrome.output import counted, evenly_spaced, replacing
@@ -59,7 +56,7 @@ from isochrome.scene import Scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
+    from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
     from isochrome.processing.processed import Processed
@@ -74,10 +71,6 @@ _MOST_LINES = 12
 
 ORDER_LABEL = "fringe order N (fringes)"
 
-_BESIDE = 0.7
-"""Inches that an axis' numbers and label take beside a picture."""
-
-_WIDTH = 7.4
 _SHOWN, KEY_FRAMES = 6, 3
 """Frames of a set that are drawn, and key frames of a tracked one."""
 
@@ -100,67 +93,21 @@ class Shown:
 
 
 def set_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Shown]) -> Figure:
-    """The picture of a set: of a tracked one its values; else frames with their fringes.
+    """The picture of a set: frames with their fringes and orders; of a tracked one its values too.
 
-    Beside each frame stands its fringe order, if known. A phase-stepped state has its dark field in
-    the place of the frame, and its isoclinic angles.
+    A phase-stepped state has its dark field in the place of the frame, and its isoclinic angles.
     """
-    if PICTURE in table:
-        return tracked_figure(scene, table, items)
     turned = any(item.isoclinic is not None for item in items)
-    figure = new_figure(*frames_size(items))
-    note = draw_frames(figure, items)
     what = "phase-stepped set as dark field" if turned else "captured frames, normalised"
     what += ", residual stress taken out" if scene.frames.no_load_steps else ""
-    write_head(figure, f"{plain_name(scene.name, 24)}: {what}; {note}")
-    return figure
-
-
-def _grid(items: list[Shown]) -> tuple[bool, int, int]:
-    """Whether any frame has an order; rows of pictures, and pictures in a row."""
-    read = any(item.order is not None for item in items)
-    if read:
-        return read, len(items), 2 + any(item.isoclinic is not None for item in items)
-    across = min(3, len(items))
-    return read, -(-len(items) // across), across
-
-
-def frames_size(items: list[Shown]) -> tuple[float, float]:
-    """Width and height (inches) that `draw_frames` takes for some frames."""
-    read, down, across = _grid(items)
-    rows, cols = items[0].normalised.shape
-    width = 4.6 if read else 4.0
-    return width * across + 0.8, ((width - _BESIDE) * min(rows / cols, 1.6) + 0.75) * down + 0.5
-
-
-def draw_frames(figure: Figure | SubFigure, items: list[Shown]) -> str:
-    """Draw frames with their fringes, and beside each its order; what the lines are, in words."""
-    read, down, across = _grid(items)
-    axes: Any = figure.subplots(down, across, squeeze=False)
-    largest = max((_highest_order(item.order) for item in items), default=1.0)
-    orders, directions = list[Any](), list[Any]()
-    for k, item in enumerate(items):
-        ax = axes[k, 0] if read else axes.flat[k]
-        judged = item.order is not None and np.isfinite(item.chi)  # no model, no chi
-        name = plain_name(item.label)
-        title = f"{name}: chi = {item.chi:.2f}" if judged else name
-        show_image(ax, item.normalised, cmap=FRAME_MAP, vmin=0, vmax=1, title=title, **item.place)
-        if item.order is not None:
-            title = f"fringe order, {100 * item.kept:.1f} % known"
-            orders.append(_show_order(axes[k, 1], item.order, largest, title, item.place))
-        if item.isoclinic is not None:
-            known = 100.0 * float(np.isfinite(item.isoclinic).mean())
-            title = f"direction of sigma_1, known in {known:.1f} %"
-            look: dict[str, Any] = {"cmap": DIRECTION_MAP, "vmin": -90.0, "vmax": 90.0}
-            directions.append(
-                show_image(axes[k, 2], item.isoclinic, title=title, **look, **item.place)
-            )
-        draw_fringes(ax, item, largest)
-    _share_bar(orders, ORDER_LABEL, is_as_high=len(orders) == 1)
-    _share_bar(directions, "counter-clockwise from x (degrees)", is_as_high=len(directions) == 1)
-    for ax in list(axes.flat)[len(items) * (across if read else 1) :]:
-        ax.set_visible(False)
-    return say_lines(largest, read)
+    if PICTURE in table:
+        result = frame_values(table)
+        what = (
+            f"{counted(len(result.chi), 'frame')}, {counted(int(result.whole.sum()), 'key frame')}"
+        )
+        what += f"\nvalues, band ± {BAND:g} standard uncertainties"
+        what += " (dots: key frames, circles: found by a full search)"
+    return panels_figure(_panels(table, items), f"{plain_name(scene.name)}: {what}")
 
 
 def say_lines(largest: float, read: bool) -> str:
@@ -178,11 +125,6 @@ def draw_fringes(axes: Axes, item: Shown, largest: float) -> None:
         is_dark = line.kind == "dark" if line.order is None else float(line.order).is_integer()
         colour = LINE_COLOURS[0 if is_dark else 1]
         draw_line(axes, line.rows, line.cols, item.place, color=colour, lw=LINE_PT)
-
-
-def _show_order(axes: Any, order: np.ndarray, largest: float, title: str, place: Place) -> Any:
-    """A map of the fringe order, from 0 to the largest."""
-    return show_image(axes, order, cmap=VALUE_MAP, vmin=0, vmax=largest, title=title, **place)
 
 
 def plot_order(
@@ -241,7 +183,9 @@ def plot_order(
         raise InputError("order_map_shape_draw", shape=values.shape)
     place = place_of_image(order, pixel_mm, left_mm, top_mm)
     drawn, largest = given_axes(axes), _highest_order(values)
-    _share_bar([_show_order(drawn, values, largest, title, place)], ORDER_LABEL)
+    shown = show_image(drawn, values, cmap=VALUE_MAP, vmin=0, vmax=largest, title=title, **place)
+    shown.set_interpolation("nearest")
+    add_colour_bar(shown, ORDER_LABEL)
     for line in order_contours(values, _line_orders(largest)) if lines else ():
         draw_line(drawn, line.rows, line.cols, place, color=OVERLAY_COLOUR, lw=FINE_PT)
     return drawn
@@ -251,15 +195,6 @@ def _line_orders(largest: float) -> np.ndarray:
     """Orders to draw as lines: halves, or as many as can be told apart."""
     step = 0.5 if 2.0 * largest <= _MOST_LINES else 1.0 if largest <= _MOST_LINES else 5.0
     return np.arange(step, largest + step, step)
-
-
-def _share_bar(images: list[Any], label: str, *, is_as_high: bool = False) -> None:
-    """One colour bar for a column of maps, which have the same colours."""
-    if not images:
-        return
-    for shown in images:
-        shown.set_interpolation("nearest")
-    add_colour_bar(images, label, length=1.0 if len(images) == 1 else 0.6, is_as_high=is_as_high)
 
 
 def _highest_order(order: np.ndarray | None) -> float:
@@ -300,29 +235,6 @@ def shown_items(table: Mapping[str, list[Any]], dataset: Kept, status: list[str]
     return [_item(table, dataset, status, k) for k in chosen]
 
 
-def tracked_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Shown]) -> Figure:
-    """Tracked values with their bands and chi, and beside them some key frames."""
-    result = frame_values(table)
-    wide, high = frames_size(items) if items else (0.0, 0.0)
-    tall = max(high, PANEL_IN * (len(result.keys) + 1)) + 0.3
-    figure = new_figure(_WIDTH + wide, tall)
-    if items:
-        parts: Any = figure.subfigures(1, 2, width_ratios=(_WIDTH, wide))
-        left, right = parts
-        high += 0.3  # the head
-        if tall > high:  # few frames are no higher for many values, nor is their colour bar
-            halves: Any = right.subfigures(2, 1, height_ratios=(high, tall - high))
-            right = halves[0]
-        write_head(right, f"key frames, normalised; {draw_frames(right, items)}")
-    else:  # nobody wants maps
-        left = figure.subfigures(1, 1)
-    draw_frame_values(left, result)
-    count, key_count = len(result.chi), int(result.whole.sum())
-    head = f"{plain_name(scene.name)}: {counted(count, 'frame')}, {counted(key_count, 'key frame')}"
-    write_head(figure, head)
-    return figure
-
-
 def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> PaperPanels:
     """Frames with their fringes and their orders; of a tracked video its values too.
 
@@ -337,21 +249,26 @@ def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> Paper
             [k for k, state in enumerate(status) if state != "failed"], KEY_FRAMES
         )
     chosen = chosen_frames(frames, len(table["frame"]), usual)
-    items = [_item(table, dataset, status, k) for k in chosen]
+    return _panels(table, [_item(table, dataset, status, k) for k in chosen])
+
+
+def _panels(table: Mapping[str, list[Any]], items: Sequence[Shown]) -> PaperPanels:
+    """The panels of some frames, and the plots of a tracked video's values."""
     largest = max((_highest_order(item.order) for item in items), default=1.0)
     read = any(item.order is not None for item in items)
-    plots = []
-    if result.tracked:
-        outcome = result.over_frames
+    tracked, plots = PICTURE in table, []
+    if tracked:
+        outcome = frame_values(table)
         for key in outcome.keys:
             drawn = partial(draw_values, table=outcome, key=key)
             plots.append(Plot(title=KEY_LABELS.get(key, key), draw=drawn, height_mm=30.0))
         plots.append(Plot(title="chi", draw=partial(draw_chi, table=outcome), height_mm=30.0))
+    lines = f"L{say_lines(largest, read)[1:]}"
     return PaperPanels(
-        kinds=_kinds(items, largest, what="picture" if result.tracked else "frame"),
+        kinds=_kinds(items, largest, what="picture" if tracked else "frame"),
         labels=[plain_name(item.label, 30) for item in items],
         plots=plots,
-        notes=[*(_numbers(item) for item in items), f"L{say_lines(largest, read)[1:]}"],
+        notes=[*(_numbers(item) for item in items), *([lines] if items else [])],
     )
 
 
