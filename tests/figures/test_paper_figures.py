@@ -539,8 +539,9 @@ def test_the_colour_bar_of_key_frames_is_no_taller_than_its_pictures(count):
         columns |= {key: [1.0, 1.1], f"{key} standard_uncertainty": [0.1, 0.1]}
     order = np.add.outer(np.linspace(0.0, 3.0, 60), np.zeros(80))
     shown = ShownFrame(
-        label="frame 0", chi=1.0, kept=1.0, normalised=np.sin(np.pi * order) ** 2, order=order,
-        isoclinic=None, lines=[], place={"pixel_mm": 0.05, "left_mm": -2.0, "top_mm": 0.0},
+        number=0, label="frame 0", chi=1.0, kept=1.0, normalised=np.sin(np.pi * order) ** 2,
+        order=order, isoclinic=None, lines=False,
+        place={"pixel_mm": 0.05, "left_mm": -2.0, "top_mm": 0.0},
     )  # fmt: skip
     figure = set_figure(isochrome.parse_scene("[specimen]"), columns, [shown] * count)
     figure.draw_without_rendering()

@@ -77,19 +77,28 @@ _SHOWN, KEY_FRAMES = 6, 3
 
 @dataclass(frozen=True, kw_only=True)
 class Shown:
-    """A processed frame as it is drawn: maps (rows, cols), NaN = not known, None = not read.
+    """A processed frame as it is drawn: maps (rows, cols), NaN = not known.
 
-    `kept`, the share of pixels whose order is known; `lines`, found without an order.
+    `kept`, the share of pixels whose order is known; `normalised`, None where a followed frame's
+    picture is not kept; `order` and `isoclinic`, None where none is read; `lines`, whether fringe
+    lines were found without an order.
     """
 
+    number: int
     label: str
     chi: float
     kept: float
-    normalised: np.ndarray
+    normalised: np.ndarray | None
     order: np.ndarray | None
     isoclinic: np.ndarray | None
-    lines: list[Skeleton]
+    lines: bool
     place: Place
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Rows and columns; none where no map of it is kept."""
+        image = self.order if self.normalised is None else self.normalised
+        return () if image is None else image.shape
 
 
 def set_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Shown]) -> Figure:
@@ -118,9 +127,11 @@ def say_lines(largest: float, read: bool) -> str:
 
 def draw_fringes(axes: Axes, item: Shown, largest: float) -> None:
     """Draw the fringes of a frame as lines: whole or dark ones blue, the others orange."""
-    lines = item.lines
+    lines = list[Skeleton]()
     if item.order is not None:
         lines = order_contours(item.order, _line_orders(largest))
+    elif item.lines and item.normalised is not None:
+        lines = skeletons(np.clip(item.normalised, 0.0, 1.0))
     for line in lines:
         is_dark = line.kind == "dark" if line.order is None else float(line.order).is_integer()
         colour = LINE_COLOURS[0 if is_dark else 1]
@@ -212,16 +223,6 @@ def shown_frames(table: Mapping[str, list[Any]], status: list[str]) -> list[int]
     return evenly_spaced([k for k in keys if status[k] != "failed"] or keys[:1], KEY_FRAMES)
 
 
-def place_of_row(table: Mapping[str, list[Any]], k: int, left: float, top: float) -> Place:
-    """Where frame k stands, by its row and outer edges (mm), which may not be known."""
-    pixel = table["pixel_mm"][k]
-    return {
-        "pixel_mm": None if pixel is None or pixel != pixel else float(pixel),
-        "left_mm": left if np.isfinite(left) else 0.0,
-        "top_mm": top if np.isfinite(top) else 0.0,
-    }
-
-
 def run_figure(result: Processed) -> Figure:
     """`set_figure` of a set whose dataset is there, of a tracked video its key frames."""
     dataset = result.dataset
@@ -232,7 +233,7 @@ def run_figure(result: Processed) -> Figure:
 def shown_items(table: Mapping[str, list[Any]], dataset: Kept, status: list[str]) -> list[Shown]:
     """The frames that are drawn, with their maps; none where no pictures were wanted."""
     chosen = shown_frames(table, status) if NORMALISED.name in dataset else ()
-    return [_item(table, dataset, status, k) for k in chosen]
+    return [shown_item(table, dataset, k) for k in chosen]
 
 
 def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> PaperPanels:
@@ -249,7 +250,18 @@ def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> Paper
             [k for k, state in enumerate(status) if state != "failed"], KEY_FRAMES
         )
     chosen = chosen_frames(frames, len(table["frame"]), usual)
-    return _panels(table, [_item(table, dataset, status, k) for k in chosen])
+    items = [shown_item(table, dataset, k) for k in chosen]
+    for item in items:
+        if item.normalised is None and (item.order is None or not np.isfinite(item.order).any()):
+            having = [j for j, at in enumerate(table[PICTURE]) if at is not None]
+            if ORDER.name in dataset and is_of_all(dataset[ORDER.name]):
+                having = [j for j, state in enumerate(status) if state != "failed"]
+            some = f"{', '.join(map(str, having[:8]))}{' ...' * (len(having) > 8)}" or "none"
+            raise InputError(
+                f"frames = {item.number} of a figure: has no map of its order; frames that have "
+                f"one: {some}"
+            )
+    return _panels(table, items)
 
 
 def _panels(table: Mapping[str, list[Any]], items: Sequence[Shown]) -> PaperPanels:
@@ -288,34 +300,26 @@ def maps_of(table: Mapping[str, list[Any]], dataset: Kept, k: int) -> dict[str, 
     return {n: np.asarray(dataset[n][int(p)]) for n, p in places.items() if p is not None}
 
 
-def _item(table: Mapping[str, list[Any]], dataset: Kept, status: list[str], k: int) -> Shown:
-    """Frame k with its maps. Raises InputError where it has none."""
+def shown_item(table: Mapping[str, list[Any]], dataset: Kept, k: int) -> Shown:
+    """Frame k with its maps."""
     share, lines = (table.get(name, [None] * (k + 1))[k] for name in ("kept_share", "fringe_lines"))
     maps = maps_of(table, dataset, k)
     order = maps.get(ORDER.name) if share is not None else None
-    signal = maps.get(NORMALISED.name)
-    if signal is None:
-        if order is None or not np.isfinite(order).any():
-            raise InputError(_without_a_map(table, dataset, status, k))
-        signal = np.full(order.shape, np.nan)  # a followed frame: its picture is not kept
-    chi, label = table["chi"][k], str(table["label"][k])
+    chi, pixel, label = table["chi"][k], table["pixel_mm"][k], str(table["label"][k])
     left, top = (float(dataset[name][k]) for name in ("left_mm", "top_mm"))
     return Shown(
-        label=f"frame {k}, {label}" if PICTURE in table else label,
-        chi=float("nan") if chi is None else float(chi), place=place_of_row(table, k, left, top),
-        kept=float("nan") if share is None else float(share), normalised=signal, order=order,
+        number=k, label=f"frame {k}, {label}" if PICTURE in table else label,
+        chi=float("nan") if chi is None else float(chi),
+        kept=float("nan") if share is None else float(share),
+        normalised=maps.get(NORMALISED.name), order=order,
         isoclinic=maps.get(ISOCLINIC.name) if order is not None else None,
-        lines=skeletons(np.clip(signal, 0.0, 1.0)) if lines and order is None else [],
+        lines=bool(lines) and order is None,
+        place={
+            "pixel_mm": None if pixel is None or pixel != pixel else float(pixel),
+            "left_mm": left if np.isfinite(left) else 0.0,
+            "top_mm": top if np.isfinite(top) else 0.0,
+        },
     )  # fmt: skip
-
-
-def _without_a_map(table: Mapping[str, list[Any]], dataset: Kept, status: list[str], k: int) -> str:
-    """Why frame k of a followed video cannot be drawn, and which can."""
-    having = [j for j, at in enumerate(table[PICTURE]) if at is not None]
-    if ORDER.name in dataset and is_of_all(dataset[ORDER.name]):
-        having = [j for j, state in enumerate(status) if state != "failed"]
-    some = f"{', '.join(map(str, having[:8]))}{' ...' * (len(having) > 8)}" or "none"
-    return f"frames = {k} of a figure: has no map of its order; frames that have one: {some}"
 
 
 def _kinds(items: Sequence[Shown], largest: float, *, what: str) -> list[PictureKind]:
@@ -324,8 +328,9 @@ def _kinds(items: Sequence[Shown], largest: float, *, what: str) -> list[Picture
     def frame(axes: Axes, k: int) -> AxesImage:
         item = items[k]
         look: dict[str, Any] = {"cmap": FRAME_MAP, "vmin": 0, "vmax": 1}
-        drawn = show_image(axes, item.normalised, **look, **item.place)
-        if not _has_picture(item):
+        image = np.full(item.shape, np.nan) if item.normalised is None else item.normalised
+        drawn = show_image(axes, image, **look, **item.place)
+        if item.normalised is None:
             middle: dict[str, Any] = {"ha": "center", "va": "center", "transform": axes.transAxes}
             ground = {"facecolor": "white", "edgecolor": "none", "pad": 2.0}
             axes.text(0.5, 0.5, "its picture\nis not kept", bbox=ground, **middle)
@@ -339,12 +344,13 @@ def _kinds(items: Sequence[Shown], largest: float, *, what: str) -> list[Picture
         item = items[k]
         values = getattr(item, name)
         if values is None:
-            values = np.full(item.normalised.shape, np.nan)
+            values = np.full(item.shape, np.nan)
         drawn = show_image(axes, values, **look, **item.place)
         drawn.set_interpolation("nearest")
         return drawn
 
-    kinds = [PictureKind(name=what, draw=frame)] if any(map(_has_picture, items)) else []
+    pictured = any(item.normalised is not None for item in items)
+    kinds = [PictureKind(name=what, draw=frame)] if pictured else []
     order: dict[str, Any] = {"cmap": VALUE_MAP, "vmin": 0, "vmax": largest}
     turned: dict[str, Any] = {"cmap": PAPER_DIRECTION_MAP, "vmin": -90.0, "vmax": 90.0}
     for name, title, look, bar in (
@@ -356,11 +362,6 @@ def _kinds(items: Sequence[Shown], largest: float, *, what: str) -> list[Picture
                 PictureKind(name=title, draw=partial(a_map, name=name, look=look), bar=bar)
             )
     return kinds
-
-
-def _has_picture(item: Shown) -> bool:
-    """Whether the frame itself is kept: of a followed video that of key frames alone is."""
-    return item.order is None or bool(np.isfinite(item.normalised).any())
 
 
 def _numbers(item: Shown) -> str:

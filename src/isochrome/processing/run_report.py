@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from isochrome.errors import IsochromeError
 from isochrome.figures import centred_limit
 from isochrome.fitting import SceneRenderer, frame_scene, scene_at, sliding_scene
 from isochrome.output import counted, numbers, with_uncertainty
-from isochrome.processing.figure import is_of_all, maps_of, place_of_row
+from isochrome.processing.figure import Shown, is_of_all, shown_item
 from isochrome.processing.in_common import fitted_keys
 from isochrome.processing.kinds.kind import NORMALISED, ORDER
 from isochrome.processing.processed import Processed
@@ -122,17 +122,12 @@ def _frames(dataset: Kept, result: Processed) -> tuple[list[ReportFrame], str]:
     unknown = [None] * len(table["frame"])
     chi, largest = (numbers(table.get(name, unknown))[having] for name in ("chi", "n_max"))
     chosen = choose_frames(chi, largest)
-    shown = []
-    for one in chosen:
-        k = int(having[one.number])
-        maps = maps_of(table, dataset, k)
-        left, top = (float(dataset[name][k]) for name in ("left_mm", "top_mm"))
-        shown.append(_Shown(k, one.why, maps.get(NORMALISED.name), maps.get(ORDER.name), left, top))
+    shown = [shown_item(table, dataset, int(having[one.number])) for one in chosen]
     text = f"{len(chosen)} of {counted(len(table['frame']), 'frame')} are shown"
     if len(chosen) < len(having):
         what = "key " * (not of_all) + "frames"
         text += f", chosen among {len(having)} {what} for the reason that stands beside each"
-    return _report_frames(result, shown), f"{text}."
+    return _report_frames(result, shown, [one.why for one in chosen]), f"{text}."
 
 
 _LIGHT = (0.0, 1.0)
@@ -143,24 +138,10 @@ _DIFFERENCE = "experiment − simulation, order N"
 _NOT_KEPT = "its picture is not kept: only those of key frames are"
 
 
-@dataclass(frozen=True)
-class _Shown:
-    """A frame that is shown: its number, the reason, its maps, and where it stands (mm).
-
-    `signal`, 0 in darkness, None where its picture is not kept; `order`, None where none is read.
-    """
-
-    number: int
-    why: str
-    signal: Array | None
-    order: Array | None
-    left_mm: float
-    top_mm: float
-
-
-def _report_frames(result: Processed, shown: Sequence[_Shown]) -> list[ReportFrame]:
+def _report_frames(
+    result: Processed, shown: Sequence[Shown], reasons: Sequence[str]
+) -> list[ReportFrame]:
     """Frames with their pictures: one range of orders and of differences for all of them."""
-    table = result.columns
     models = [_model(result, one) for one in shown]
     orders = [one.order[np.isfinite(one.order)] for one in shown if one.order is not None]
     largest = max((float(known.max()) for known in orders if known.size), default=1.0)
@@ -172,33 +153,33 @@ def _report_frames(result: Processed, shown: Sequence[_Shown]) -> list[ReportFra
     return [
         ReportFrame(
             number=one.number,
-            label=str(table["label"][one.number]),
-            why=one.why,
+            label=str(result.columns["label"][one.number]),
+            why=why,
             panes=_panes(one, model, gap, largest, limit),
             order=one.order,
             model_order=None if model is None else model[1],
-            notes=tuple(filter(None, (_NOT_KEPT if one.signal is None else "", note))),
-            **place_of_row(table, one.number, one.left_mm, one.top_mm),
+            notes=tuple(filter(None, (_NOT_KEPT if one.normalised is None else "", note))),
+            **one.place,
         )
-        for one, (model, note), gap in zip(shown, models, gaps, strict=True)
+        for one, why, (model, note), gap in zip(shown, reasons, models, gaps, strict=True)
     ]
 
 
 def _panes(
-    shown: _Shown, model: _Model | None, gap: Array | None, largest: float, limit: float
+    shown: Shown, model: _Model | None, gap: Array | None, largest: float, limit: float
 ) -> tuple[Pane, ...]:
     """The pictures of a frame; where its own is not kept, its order stands in the first place."""
     order: list[Any] = ["order", "fringe order N", shown.order, (0.0, largest), FRINGES]
     others: list[list[Any]] = [
-        ["experiment", "experiment", shown.signal, _LIGHT, SIGNAL],
+        ["experiment", "experiment", shown.normalised, _LIGHT, SIGNAL],
         ["simulation", "simulation", None if model is None else model[0], _LIGHT, SIGNAL],
         ["difference", _DIFFERENCE, gap, (-limit, limit), FRINGES],
     ]
-    panes = [order, *others] if shown.signal is None else [*others, order]
+    panes = [order, *others] if shown.normalised is None else [*others, order]
     return tuple(Pane(*pane) for pane in panes if pane[2] is not None)
 
 
-def _model(result: Processed, shown: _Shown) -> tuple[_Model | None, str]:
+def _model(result: Processed, shown: Shown) -> tuple[_Model | None, str]:
     """The simulation of a frame with what was fitted to it; else None, and the reason."""
     keys = fitted_keys(result.columns)
     if not result.scene.has_model or not keys:
@@ -221,21 +202,17 @@ def _model(result: Processed, shown: _Shown) -> tuple[_Model | None, str]:
     return (signal, order), ""
 
 
-def _own_scene(result: Processed, shown: _Shown, values: Mapping[str, float]) -> Scene:
+def _own_scene(result: Processed, shown: Shown, values: Mapping[str, float]) -> Scene:
     """The scene of a frame alone, as `own_scene` has it, with what was fitted."""
-    image = shown.order if shown.signal is None else shown.signal
-    assert image is not None
     bare, table = sliding_scene(result.scene), result.columns
     if result.scene.frames.sliding_speed_mm_per_s is None:
         bare = frame_scene(bare, shown.number)
     else:
         bare = scene_at(bare, float(table["distance_m"][shown.number]))
     camera: dict[str, Any] = {
-        "camera.height_px": image.shape[0],
-        "camera.width_px": image.shape[1],
-        "camera.pixel_mm": float(table["pixel_mm"][shown.number]),
-        "camera.left_mm": shown.left_mm,
-        "camera.top_mm": shown.top_mm,
+        "camera.height_px": shown.shape[0],
+        "camera.width_px": shown.shape[1],
+        **{f"camera.{name}": value for name, value in shown.place.items()},
         "camera.colour": False,  # the frames are of one channel
         "camera.response": None,
     }
