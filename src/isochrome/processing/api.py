@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -32,7 +32,6 @@ from isochrome.runs import (
     refuse_without_folder,
     run_job,
     single_threaded,
-    waiting_workers,
     working_folder,
 )
 from isochrome.scene import FramesLike, Scene, SceneLike, check_pixel, frames_of, load_scene
@@ -188,9 +187,7 @@ def process(
         if out is not None and not restart and _is_done(Path(out), identity):
             result = restore(scene, Path(out), reader.shape, open_set(task).capture.residual)
         else:
-            several = (workers or 1) > 1 and cluster is None
-            early = waiting_workers(workers or 1, process_chunk) if several else nullcontext()
-            options = RunOptions(workers, cluster, restart, keep_going, opened.enter_context(early))
+            options = RunOptions(workers, cluster, restart, keep_going)
             result = _processed(task, identity, out, options, progress)
         return replace(result, as_stated=as_stated)
 

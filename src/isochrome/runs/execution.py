@@ -55,7 +55,6 @@ from isochrome.runs.job import (
 from isochrome.runs.store import WORKING, create_store
 from isochrome.runs.workers import (
     Finished,
-    Waiting,
     WorkersLost,
     alone,
     by_cluster,
@@ -413,14 +412,13 @@ class RunOptions:
     `workers`, processes on this machine; None: as many as there are processors where it is worth
     starting them; `cluster`, address of a Dask scheduler instead; `restart`, whether to throw away
     what an earlier run left; `keep_going`, whether to leave out items that fail instead of ending
-    with the first; `waiting`, workers that were started before.
+    with the first.
     """
 
     workers: int | None = 1
     cluster: str | None = None
     restart: bool = False
     keep_going: bool = False
-    waiting: Waiting | None = None
 
 
 def refuse_without_folder(out: str | Path | None, workers: int | None, cluster: str | None) -> None:
@@ -606,7 +604,7 @@ def _finished(
         workers = processors() if remaining_s > WORTH_WORKERS_S else 1
     workers = min(workers, len(todo))
     if workers > 1:
-        yield from by_processes(work, run, todo, workers, options.waiting)
+        yield from by_processes(work, run, todo, workers)
     else:
         yield from alone(work, run, todo)
 
