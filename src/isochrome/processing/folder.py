@@ -24,6 +24,7 @@ from isochrome.messages import frame_messages, message
 from isochrome.output import (
     FIGURE_DPI,
     add_rois,
+    columns_of,
     counted,
     csv_text,
     imagej_view,
@@ -37,13 +38,7 @@ from isochrome.output import (
 )
 from isochrome.processing.figure import run_figure, set_figure, shown_items, write_preview
 from isochrome.processing.frame_task import FrameSource, FrameTask, open_set, release_caches
-from isochrome.processing.in_common import (
-    add_frame_row,
-    set_grid,
-    shift_of,
-    tabulate_set,
-    warnings_last,
-)
+from isochrome.processing.in_common import set_grid, shift_of, tabulate_set
 from isochrome.processing.kinds.kind import CONFIDENCE, ORDER, kind_of
 from isochrome.processing.processed import FIGURE, Processed, collect, refuse_unread
 from isochrome.processing.result import PICTURE, FollowedFrame, ProcessedFrame
@@ -200,12 +195,8 @@ def finish_set_folder(
     """
     release_caches()
     folder, scene, shape = run_folder.results, task.scene, task.reader.shape
-    outcome: dict[str, Any] = {}
-    more: dict[str, Any] = {}
-    for number, (row, others) in enumerate(rows(run_folder)):
-        add_frame_row(outcome, number, row)
-        add_frame_row(more, number, others)
-    table = warnings_last(outcome)
+    table = tabulate_set(row for row, _ in rows(run_folder))
+    more = columns_of(others for _, others in rows(run_folder))
     refuse_unread(scene, str(task.reader.path), table, more["kept"])
     result = collect(scene, table, more, None, shape, residual)
     table = result.columns
@@ -278,9 +269,9 @@ def process_in_memory(source: FrameSource, count: int, progress: RunProgress | N
             "maps_take_gb_gb", path=source.reader.path, counted=counted(pictures, "frame"),
             needed=needed / 1e9, most_in_memory=MOST_IN_MEMORY / 1e9,
         )  # fmt: skip
-    rows, more, selected = list[dict[str, Any]](), dict[str, Any](), list[ProcessedFrame]()
+    rows, others, selected = list[dict[str, Any]](), list[dict[str, Any]](), list[ProcessedFrame]()
     for item in kind.states(source, 0, count):
-        add_frame_row(more, len(rows), more_of(item, task.scene))
+        others.append(more_of(item, task.scene))
         rows.append(kind.row(item, task.scene))
         for name, film_maps in film.items():
             film_maps.append(picture_of(item, name, shape))
@@ -289,7 +280,7 @@ def process_in_memory(source: FrameSource, count: int, progress: RunProgress | N
         flagged += item.status != "ok"
         if progress is not None:
             progress(Tally(len(rows), count, 0, flagged))
-    table = tabulate_set(rows)
+    table, more = tabulate_set(rows), columns_of(others)
     refuse_unread(task.scene, str(source.reader.path), table, more["kept"])
     result = collect(task.scene, table, more, selected, shape, source.capture.residual)
     result = replace(result, load=partial(set_dataset, result, more, selected, film, shape))

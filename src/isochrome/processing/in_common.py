@@ -11,7 +11,7 @@ from scipy.special import chdtri
 
 from isochrome.fitting import EARLIER, FRICTION, LOAD, WEAR
 from isochrome.messages import frame_messages, message, read_frame_messages
-from isochrome.output import Floats, FrameValues, numbers
+from isochrome.output import FrameValues, columns_of, numbers
 from isochrome.processing.result import (
     CAUSES,
     FOLLOWED,
@@ -106,33 +106,8 @@ def frame_values(table: Mapping[str, Sequence[Any]]) -> FrameValues:
 
 
 def tabulate_set(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
-    """Rows as columns, in order of first appearance, warnings last; None where a row has none."""
-    table: dict[str, Any] = {}
-    for number, row in enumerate(rows):
-        add_frame_row(table, number, row)
-    return warnings_last(table)
-
-
-def add_frame_row(table: dict[str, Any], number: int, row: Mapping[str, Any]) -> None:
-    """Add row `number` to columns, None where it has no value of one.
-
-    An hour of video has a hundred thousand rows: columns of numbers are Floats, and a text that is
-    the one before it takes no room of its own.
-    """
-    for name, value in row.items():
-        if name not in table:
-            table[name] = Floats("d") if not number and type(value) is float else [None] * number
-    for name, values in table.items():
-        value = row.get(name)
-        if isinstance(values, Floats) and type(value) is not float:
-            values = table[name] = values.tolist()
-        again = number and isinstance(value, str) and values[-1] == value
-        values.append(values[-1] if again else value)
-
-
-def warnings_last(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Columns in their order, the one of the longest texts last."""
-    return dict(sorted(table.items(), key=lambda item: item[0] == "warnings"))
+    """Rows as columns, in order of first appearance, the one of the longest texts last."""
+    return dict(sorted(columns_of(rows).items(), key=lambda item: item[0] == "warnings"))
 
 
 def with_scatter_of_gamma(table: dict[str, list[Any]]) -> dict[str, list[Any]]:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import isochrome
-from isochrome.output import InputContent, provenance, write_frames
+from isochrome.output import InputContent, provenance
 from isochrome.runs import integrity
 
 LIBRARIES = ("numpy", "scipy", "scikit-image", "opencv-python-headless", "tifffile", "pillow", "av")
@@ -181,12 +181,6 @@ class Compact:
             return bytes(codec.encode(scaled.astype(self.dtype)))
         finally:
             blosc.use_threads = before
-
-    def values(self, steps: NDArray[Any]) -> NDArray[np.float32]:
-        """The map (rows, cols) of stored steps, NaN = not known."""
-        values = steps * np.float32(self.step)
-        values[steps == self.unknown] = np.nan
-        return values
 
 
 @dataclass(frozen=True)
@@ -459,37 +453,6 @@ def parts(run: RunFolder, name: str) -> Iterator[bytes]:
     for index in range(run.layout.chunks):
         if (file := run.part_file(name, index)).is_file():
             yield file.read_bytes()
-
-
-def _pictures(run: RunFolder, layer: Layer, items: Iterable[int]) -> Iterator[np.ndarray]:
-    """A layer's pictures (rows, cols) of items that have one, from the store; NaN = not known."""
-    if layer.compact is not None:
-        import zarr
-
-        stored: Any = zarr.open_array(run.results / STORE / layer.name, mode="r")
-        yield from (layer.compact.values(np.asarray(stored[item])) for item in items)
-        return
-    shape = (run.layout.chunk // run.layout.every, *run.layout.shape.values())
-    for item in items:
-        index, inside = divmod(item, run.layout.chunk)
-        each, remainder = divmod(inside, run.layout.every)
-        assert remainder == 0, f"item {item} has no picture"
-        yield np.array(np.memmap(run.chunk_file(layer.name, index), "<f4", "r", shape=shape)[each])
-
-
-def write_stack(
-    run: RunFolder, layer: Layer, view: Mapping[str, Any], *, pixel_mm: float | None
-) -> None:
-    """Write a layer's TIFF stack, of its pictures as the store has them.
-
-    All chunks are there; `view`, see `imagej_view`. Raises OSError, InputError.
-    """
-    items = run.layout.paged_items(layer)
-    write_frames(
-        run.results / f"{layer.name}.tif", _pictures(run, layer, items),
-        (len(items), *list(run.layout.shape.values())[-2:]), np.dtype("<f4"),
-        pixel_mm=pixel_mm, metadata=view,
-    )  # fmt: skip
 
 
 def write_through(path: Path, *data: bytes | memoryview) -> None:
