@@ -253,15 +253,17 @@ def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> Paper
     items = [shown_item(table, dataset, k) for k in chosen]
     for item in items:
         if item.normalised is None and (item.order is None or not np.isfinite(item.order).any()):
-            having = [j for j, at in enumerate(table[PICTURE]) if at is not None]
-            if ORDER.name in dataset and is_of_all(dataset[ORDER.name]):
-                having = [j for j, state in enumerate(status) if state != "failed"]
-            some = f"{', '.join(map(str, having[:8]))}{' ...' * (len(having) > 8)}" or "none"
-            raise InputError(
-                f"frames = {item.number} of a figure: has no map of its order; frames that have "
-                f"one: {some}"
-            )
+            raise InputError(_without_a_map(table, dataset, status, item.number))
     return _panels(table, items)
+
+
+def _without_a_map(table: Mapping[str, list[Any]], dataset: Kept, status: list[str], k: int) -> str:
+    """Why frame k of a followed video cannot be drawn, and which can."""
+    having = [j for j, at in enumerate(table[PICTURE]) if at is not None]
+    if ORDER.name in dataset and is_of_all(dataset[ORDER.name]):
+        having = [j for j, state in enumerate(status) if state != "failed"]
+    some = f"{', '.join(map(str, having[:8]))}{' ...' * (len(having) > 8)}" or "none"
+    return f"frames = {k} of a figure: has no map of its order; frames that have one: {some}"
 
 
 def _panels(table: Mapping[str, list[Any]], items: Sequence[Shown]) -> PaperPanels:
