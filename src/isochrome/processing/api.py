@@ -25,7 +25,7 @@ import numpy as np
 import isochrome
 from isochrome.errors import InputError
 from isochrome.frames import FrameReader, absolute, input_files, open_scene_frames, with_file_scale
-from isochrome.fringes import Skeleton, skeleton_table
+from isochrome.fringes import skeleton_table
 from isochrome.messages import frame_messages, message
 from isochrome.output import (
     FIGURE_DPI,
@@ -170,8 +170,9 @@ def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
                 pictures[layer.name].append(picture_of(item, layer.name, item.normalised.shape))
         if isinstance(item, FollowedFrame):
             continue
-        lines = _lines_to_keep(task, item)
-        if lines:
+        # with a model, which can draw them anew, for who asks alone
+        wanted = task.rois or (item.fit is None and task.kind.draws_lines)
+        if lines := item.skeleton() if wanted else []:
             left, top = item.corner_mm(task.scene)
             points = skeleton_table(lines, pixel_mm=item.pixel_mm, left_mm=left, top_mm=top)
             number = np.full(len(points["line"]), item.index)
@@ -186,12 +187,6 @@ def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
         parts[ROIS] = data.getvalue()
     arrays = {name: np.stack(maps) for name, maps in pictures.items()}
     return Results(arrays, rows, more, parts, packed=dict(packed))
-
-
-def _lines_to_keep(task: FrameTask, item: ProcessedFrame) -> list[Skeleton]:
-    """The fringe lines of a frame; with a model, which can draw them anew, for who asks alone."""
-    wanted = task.rois or (item.fit is None and task.kind.draws_lines)
-    return item.skeleton() if wanted else []
 
 
 def _within(

@@ -146,12 +146,6 @@ def set_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Shown])
     return panels_figure(_panels(table, items), f"{plain_name(scene.name)}: {what}")
 
 
-def say_lines(largest: float, read: bool) -> str:
-    """What the lines over frames are, in words."""
-    first = ", ".join(f"{order:g}" for order in _line_orders(largest)[:3])
-    return f"lines: N = {first} ..." if read else "lines: dark (blue) and bright (orange) fringes"
-
-
 def draw_fringes(axes: Axes, item: Shown, largest: float) -> None:
     """Draw the fringes of a frame as lines: whole or dark ones blue, the others orange."""
     lines = list[Skeleton]()
@@ -304,12 +298,13 @@ def _panels(table: Mapping[str, list[Any]], items: Sequence[Shown]) -> PaperPane
             drawn = partial(draw_values, table=outcome, key=key)
             plots.append(Plot(title=KEY_LABELS.get(key, key), draw=drawn, height_mm=30.0))
         plots.append(Plot(title="chi", draw=partial(draw_chi, table=outcome), height_mm=30.0))
-    lines = f"L{say_lines(largest, read)[1:]}"
+    first = ", ".join(f"{order:g}" for order in _line_orders(largest)[:3])
+    lines = f"N = {first} ..." if read else "dark (blue) and bright (orange) fringes"
     return PaperPanels(
         kinds=_kinds(items, largest, what="picture" if tracked else "frame"),
         labels=[plain_name(item.label, 30) for item in items],
         plots=plots,
-        notes=[*(_numbers(item) for item in items), *([lines] if items else [])],
+        notes=[*(_numbers(item) for item in items), *([f"Lines: {lines}"] if items else [])],
     )
 
 
