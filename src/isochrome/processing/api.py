@@ -28,7 +28,6 @@ from isochrome.frames import FrameReader, absolute, input_files, open_scene_fram
 from isochrome.fringes import skeleton_table
 from isochrome.messages import frame_messages, message
 from isochrome.output import (
-    FIGURE_DPI,
     add_rois,
     columns_of,
     counted,
@@ -63,6 +62,7 @@ from isochrome.processing.frame_task import (
 from isochrome.processing.kinds.kind import (
     CONFIDENCE,
     KEY_EVERY,
+    MOST_IN_MEMORY,
     ORDER,
     FrameKind,
     accepts_keys,
@@ -86,8 +86,8 @@ from isochrome.runs import (
     REPORT,
     STORE,
     Column,
-    Compact,
     Job,
+    Layer,
     Results,
     RunFolder,
     RunLayout,
@@ -127,9 +127,6 @@ if TYPE_CHECKING:
 
 LINES, ROIS = "skeleton.csv", "skeleton.zip"
 
-MOST_IN_MEMORY = 8_000_000_000
-"""Bytes of maps beyond which a result belongs on the disk."""
-
 FILM = (ORDER.name, CONFIDENCE.name)
 """Maps of every frame of a video that is followed."""
 
@@ -151,13 +148,12 @@ def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
     Raises InputError, PhysicsError.
     """
     layers = task.kind.layers(task.scene)
-    steps = next((layer.compact for layer in layers if layer.name == ORDER.name), None)
-    pictures, packed = defaultdict[str, list[Any]](list), defaultdict[str, list[Any]](list)
+    pictures = defaultdict[str, list[Any]](list)
     rows, more = [], []
     tables: list[str] = []
     rois: list[tuple[str, bytes]] = []
     for item in task.kind.states(open_set(task), start, stop):
-        item = _within(item, steps)
+        item = _within(item, layers)
         if task.preview is not None:
             write_preview(task.preview, item)
         rows.append(task.kind.row(item, task.scene))
@@ -165,7 +161,7 @@ def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
         for layer in layers:
             if layer.compact is not None:
                 made = item.maps().get(layer.name)
-                packed[layer.name].append(None if made is None else layer.compact.pack(made))
+                pictures[layer.name].append(None if made is None else layer.compact.pack(made))
             elif isinstance(item, ProcessedFrame):
                 pictures[layer.name].append(picture_of(item, layer.name, item.normalised.shape))
         if isinstance(item, FollowedFrame):
@@ -185,14 +181,14 @@ def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
         with zipfile.ZipFile(data, "w") as archive:
             add_rois(archive, rois)
         parts[ROIS] = data.getvalue()
-    arrays = {name: np.stack(maps) for name, maps in pictures.items()}
-    return Results(arrays, rows, more, parts, packed=dict(packed))
+    return Results(pictures, rows, more, parts)
 
 
 def _within(
-    item: ProcessedFrame | FollowedFrame, kind: Compact | None
+    item: ProcessedFrame | FollowedFrame, layers: Sequence[Layer]
 ) -> ProcessedFrame | FollowedFrame:
     """A frame, that says where its orders go beyond what the store's steps reach."""
+    kind = next((layer.compact for layer in layers if layer.name == ORDER.name), None)
     if kind is None or item.reading is None:
         return item
     above = int(np.count_nonzero(item.reading.order > kind.largest))
@@ -224,9 +220,6 @@ def more_of(item: ProcessedFrame | FollowedFrame, scene: Scene) -> dict[str, Any
     }  # fmt: skip
 
 
-_TRACKED_DPI = 110.0
-"""Of a picture as wide as a screen."""
-
 _COORDINATES = ("frame", "name", "label", "distance_m", "time_s")
 _MORE = ("status", "time_s", "left_mm", "top_mm")
 
@@ -257,8 +250,7 @@ def finish_set_folder(
     more.clear()  # a picture needs room: of a long run no more than the table is left then
     trim_heap()
     result = replace(result, draw=draw, load=partial(open_run, out))
-    dpi = FIGURE_DPI if task.kind.key_step is None else _TRACKED_DPI
-    write_figure(folder / FIGURE, result.figure(), dpi=dpi)
+    write_figure(folder / FIGURE, result.figure())
     trim_heap()
     write_report(folder / REPORT, process_report(stored, result, job.identity))
     return result

@@ -11,7 +11,7 @@ import math
 import os
 import platform
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
@@ -265,18 +265,17 @@ class RunLayout:
 class Results:
     """What a chunk's computation gives.
 
-    `arrays`, by layer that is not compact, a picture for each item but where the layout says
-    `every`; `more`, what else is known of each item, among it its `status`: 'ok', 'flagged' (it has
-    warnings) or 'failed' (nothing was found in it); `packed`, of each compact layer, the map of
-    every item as `Compact.pack` gives it; None where an item has none.
+    `arrays`, by layer, a picture for each item but where the layout says `every`; of a compact one
+    the map of every item as `Compact.pack` gives it, None where an item has none. `more`, what else
+    is known of each item, among it its `status`: 'ok', 'flagged' (it has warnings) or 'failed'
+    (nothing was found in it).
     """
 
-    arrays: Mapping[str, NDArray[Any]]
+    arrays: Mapping[str, Any]
     rows: list[dict[str, Any]]
     more: list[dict[str, Any]]
     parts: Mapping[str, bytes] = field(default_factory=dict)  # of files that all chunks make
     left: Mapping[str, Any] | None = None  # for the next chunk, where they are computed in turn
-    packed: Mapping[str, list[bytes | None]] = field(default_factory=dict)
 
 
 Work = Callable[[int, int], Results]
@@ -374,7 +373,7 @@ def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
     sums: dict[str, dict[str, integrity.FileSum]] = {"layers": {}, "parts": {}}
     for layer in run.layout.layers:
         if layer.compact is not None:
-            pieces = _shard(results.packed[layer.name], run.layout.chunk)
+            pieces = _shard(results.arrays[layer.name], run.layout.chunk)
         else:
             values = np.ascontiguousarray(results.arrays[layer.name], dtype="<f4")
             assert values.shape == (end - first, *run.layout.shape.values()), layer.name
@@ -402,7 +401,7 @@ def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
     return record
 
 
-def _shard(maps: list[bytes | None], count: int) -> list[bytes | memoryview]:
+def _shard(maps: Sequence[Any], count: int) -> list[bytes | memoryview]:
     """The pieces of a shard's file: its items' maps, then where each lies and how long it is.
 
     Behind each, and behind the places, stands its checksum. Source: the zarr format's specification
