@@ -1,7 +1,6 @@
 """Results on disk: whole or not at all, and read back as written."""
 
 import json
-import math
 from pathlib import Path
 
 import numpy as np
@@ -141,23 +140,6 @@ def test_json_takes_numpy_and_makes_nan_null(tmp_path):
     output.write_json(tmp_path / "o.json", obj)
     back = json.loads((tmp_path / "o.json").read_text())
     assert back == {"a": 0.5, "b": [None, None, 3], "c": [[1, 0], [0, 1]], "d": "x"}
-
-
-def test_json_in_pieces_is_the_json_of_the_whole():
-    """Lists of 4096 values and more come in pieces, wherever they stand."""
-    long = [0.1 * k if k % 3 else math.nan for k in range(4097)]
-    obj = {"a": long, "b": {"c": tuple(range(8192)), "d": np.arange(5.0)}, "e": {}, "f": [], "é": 1}
-    pieces = list(output.json_pieces(obj))
-    text = "".join(pieces)
-    assert text == json.dumps(
-        {
-            "a": [value if math.isfinite(value) else None for value in long],
-            "b": {"c": list(range(8192)), "d": [0.0, 1.0, 2.0, 3.0, 4.0]},
-            "e": {}, "f": [], "é": 1,
-        }
-    )  # fmt: skip
-    assert max(map(len, pieces)) < 0.9 * len(text)
-    assert "".join(output.json_pieces(math.inf)) == "null"
 
 
 @SAME_FOLDER

@@ -46,7 +46,6 @@ class Left:
     table: str | None = None
     json: str | None = None
     picture: str | None = None
-    dpi: float = 150.0
     command: tuple[Any, ...] = ()
     run: Callable[[Path | None], Result] | None = None
 
@@ -104,7 +103,7 @@ def process_tracked(places, make):
     return made(
         places["home"] / "process-tracked",
         lambda out: isochrome.process(frames, film, out, track=True, every=3),
-        "frames.csv", None, "process.png", dpi=110.0,
+        "frames.csv", None, "process.png",
         command=("process", frames, "--scene", film, "--track", "--every", "3"),
     )  # fmt: skip
 
@@ -302,7 +301,7 @@ def test_the_command_prints_that_json(name, results, tmp_path):
 @every_result
 def test_the_figure_is_the_picture_on_disk(name, results, tmp_path):
     left = results(name)
-    write_figure(tmp_path / "figure.png", left.result.figure(), dpi=left.dpi)
+    write_figure(tmp_path / "figure.png", left.result.figure())
     drawn = imread(tmp_path / "figure.png")
     assert min(drawn.shape[:2]) > 100 and np.ptp(drawn[..., :3]) > 0.5  # no empty page
     if left.picture is not None:
@@ -315,8 +314,7 @@ def test_an_earlier_runs_figure_is_its_picture(name, results, tmp_path):
     left = results(name)
     again = left.again()
     assert again.already  # nothing was computed for it
-    dpi = left.dpi if name == "fit track" else 150.0
-    write_figure(tmp_path / "again.png", again.figure(), dpi=dpi)
+    write_figure(tmp_path / "again.png", again.figure())
     np.testing.assert_array_equal(
         imread(tmp_path / "again.png"), imread(left.folder / left.picture)
     )

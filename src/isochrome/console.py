@@ -1,5 +1,6 @@
 """What the command line shows: progress on standard error, tables and JSON on standard output."""
 
+import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -131,11 +132,9 @@ def steps(quiet: bool) -> Iterator[Callable[[str], None]]:
 
 def print_json(values: Any) -> None:
     """One JSON object on standard output; NaN as null."""
-    from isochrome.output import json_pieces
+    from isochrome.output import plain
 
-    for piece in json_pieces(values):
-        typer.echo(piece, nl=False)
-    typer.echo()
+    typer.echo(json.dumps(plain(values), allow_nan=False))
 
 
 def print_result(

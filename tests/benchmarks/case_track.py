@@ -198,8 +198,8 @@ PLACES = {
     ),
     "write": (
         ("isochrome.runs.workers", "keep"),
-        ("isochrome.processing.folder", "write_csv"),
-        ("isochrome.processing.folder", "add_columns"),
+        ("isochrome.processing.api", "write_csv"),
+        ("isochrome.processing.api", "add_columns"),
     ),
 }
 """What reads and writes: functions that no other of them calls."""

@@ -47,7 +47,7 @@ def no_pictures(monkeypatch):
     from isochrome.figures import new_figure
 
     empty = lambda *_, **__: new_figure(0.1, 0.1)  # noqa: E731
-    monkeypatch.setattr("isochrome.processing.folder.set_figure", empty)
+    monkeypatch.setattr("isochrome.processing.api.set_figure", empty)
 
 
 @pytest.fixture

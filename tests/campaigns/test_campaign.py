@@ -260,7 +260,7 @@ def test_bands_are_as_wide_as_the_pictures_title_says():
     (band,) = within.collections
     corners = band.get_paths()[0].vertices
     width = [np.ptp(corners[corners[:, 0] == x, 1]) for x in curves["distance_m"]]
-    (said,) = re.findall(r"band ± (\S+) standard uncertainties", within.get_title(loc="left"))
+    (said,) = re.findall(r"band ± (\S+) standard uncertainties", figure.get_suptitle())
     np.testing.assert_allclose(width, 2 * float(said) * spread, rtol=1e-12)
 
 

@@ -22,7 +22,7 @@ from isochrome.cli.options import save_paper_figure
 from isochrome.demonstration import Demo
 from isochrome.errors import InputError
 from isochrome.output import FrameValues, write_excel_copies
-from isochrome.processing import FOUND_BY, PICTURE, tracked_figure
+from isochrome.processing import FOUND_BY, PICTURE, set_figure
 from isochrome.processing import Shown as ShownFrame
 from made_calibrations import dots_in, three_colours
 from scene_texts import PAPER_PAIR, SMALL_CAMERA, WORN_CONTACT
@@ -539,10 +539,11 @@ def test_the_colour_bar_of_key_frames_is_no_taller_than_its_pictures(count):
         columns |= {key: [1.0, 1.1], f"{key} standard_uncertainty": [0.1, 0.1]}
     order = np.add.outer(np.linspace(0.0, 3.0, 60), np.zeros(80))
     shown = ShownFrame(
-        label="frame 0", chi=1.0, kept=1.0, normalised=np.sin(np.pi * order) ** 2, order=order,
-        isoclinic=None, lines=[], place={"pixel_mm": 0.05, "left_mm": -2.0, "top_mm": 0.0},
+        number=0, label="frame 0", chi=1.0, kept=1.0, normalised=np.sin(np.pi * order) ** 2,
+        order=order, isoclinic=None, lines=False,
+        place={"pixel_mm": 0.05, "left_mm": -2.0, "top_mm": 0.0},
     )  # fmt: skip
-    figure = tracked_figure(isochrome.parse_scene("[specimen]"), columns, [shown] * count)
+    figure = set_figure(isochrome.parse_scene("[specimen]"), columns, [shown] * count)
     figure.draw_without_rendering()
     maps = [axes for axes in figure.axes if axes.images]
     bars = [image.colorbar for axes in maps for image in axes.images if image.colorbar]

@@ -121,7 +121,7 @@ class Page(HTMLParser):
 
 
 def decoded(map_, rows, cols):
-    """Orders from a map's text, by the words of OrderMap's docstring alone."""
+    """Orders from a map's text, by the words of order_map's docstring alone."""
     data = np.frombuffer(zlib.decompress(base64.b64decode(map_["data"])), np.uint8).astype(int)
     moved = (data[: rows * cols] + 256 * data[rows * cols :]).reshape(rows, cols)
     level = np.cumsum(moved, axis=1) % 65536

@@ -131,7 +131,7 @@ def test_orders_are_within_their_stated_rounding(page):
 def test_orders_of_any_kind_come_back_or_are_not_known(order):
     """What does not fit beside the smallest is given as not known, never as another order."""
     made = order_map(order)
-    own = decoded(vars(made), *order.shape)
+    own = decoded(made, *order.shape)
     fits = np.isfinite(order) & (order < 600.0)
     assert np.abs(own - order)[fits].max(initial=0.0) <= 0.005 + 1e-9
     wrong = np.isfinite(own) & ~(np.abs(own - np.where(np.isfinite(order), order, np.nan)) < 0.006)

@@ -1,6 +1,5 @@
 """Chunks computed by worker processes or a cluster are those of one process, bit for bit."""
 
-import multiprocessing
 import os
 import random
 import shutil
@@ -16,7 +15,7 @@ import pytest
 import tifffile
 
 from isochrome.errors import InputError
-from isochrome.runs import RunOptions, WorkersLost, run_job, single_threaded, waiting_workers
+from isochrome.runs import RunOptions, WorkersLost, run_job, single_threaded
 from runs import killing
 from runs.counting import Count, calls, computed_again, contents, finish, job, truth
 
@@ -267,41 +266,3 @@ def test_killed_at_random_moments_no_more_than_the_chunks_in_hand_are_lost(
         in_hand = 2 if workers == 1 else workers
         assert computed_again(own, 20) <= in_hand, (k, begun)
     assert kept > 0  # else nothing was told of going on
-
-
-@pytest.mark.long
-def test_waiting_workers_compute_what_one_process_does_and_end(notes, tmp_path):
-    run_job(job(Count(notes)), tmp_path / "one", finish)
-    with waiting_workers(2, truth) as waiting:
-        means = RunOptions(workers=2, waiting=waiting)
-        ours = {child.pid for child in multiprocessing.active_children()}
-        run_job(job(Count(notes)), tmp_path / "two", finish, options=means)
-    assert contents(tmp_path / "two") == contents(tmp_path / "one")
-    assert calls(notes) == sorted(2 * [0, 3, 6, 9])
-    others = {int(path.stem) for path in notes.iterdir()} - {os.getpid()}
-    assert others and others <= ours
-    assert not multiprocessing.active_children()
-
-
-def test_waiting_workers_end_without_a_task():
-    """As where the folder holds all results already."""
-    with waiting_workers(2, truth):
-        assert len(multiprocessing.active_children()) == 2
-    assert not multiprocessing.active_children()
-
-
-def test_waiting_workers_end_where_the_frames_are_refused():
-    with pytest.raises(InputError, match=r"^no such frames$"), waiting_workers(2, truth):
-        raise InputError("no such frames")
-    assert not multiprocessing.active_children()
-
-
-@pytest.mark.long
-def test_a_waiting_worker_that_is_killed_is_said(notes, tmp_path):
-    said = pytest.raises(WorkersLost, match="a worker process was killed")
-    with said, waiting_workers(2, truth) as waiting:
-        multiprocessing.active_children()[0].kill()
-        means = RunOptions(workers=2, waiting=waiting)
-        run_job(job(Count(notes)), tmp_path / "out", finish, options=means)
-    assert not multiprocessing.active_children()
-    run_job(job(Count(notes)), tmp_path / "out", finish)  # nothing is in the way

@@ -39,10 +39,9 @@ from isochrome.figures import (
     Plot,
     chosen_frames,
     draw_band,
-    new_figure,
+    panels_figure,
     plain_name,
     style_axes,
-    write_head,
 )
 from isochrome.frames import FramesPath, recordings_of
 from isochrome.messages import message
@@ -320,29 +319,41 @@ def summary_figure(name: str, outcomes: Sequence[Outcome]) -> Figure | None:
 
     None where no recording has a fitted load or friction.
     """
-    keys = [key for key in DRAWN if any(f"{key} mean" in item.row for item in outcomes)]
-    if not keys:
-        return None
-    figure = new_figure(11.0, 3.0 * len(keys) + 1.2)
-    axes: Any = figure.subplots(
-        len(keys), 2, squeeze=False, sharex="col", sharey="row", width_ratios=(3, 4)
-    )
-    colours, (across, label) = _colours(len(outcomes)), _across(outcomes)
-    for (left, right), key in zip(axes, keys, strict=True):
-        _over_recordings(left, key, outcomes, colours)
-        _within(right, key, outcomes, colours, across)
-        left.ticklabel_format(axis="y", useOffset=False)
-        style_axes(left, z_label=KEY_LABELS[key])
-        style_axes(right)
-    style_axes(axes[0, 0], title="mean, and scatter over the frames (standard deviation)")
-    band = f", band ± {BAND:g} standard uncertainties" if len(outcomes) <= _BANDED else ""
-    style_axes(axes[0, 1], title=f"each frame{band}")
-    _name(axes[-1, 0], outcomes)
-    style_axes(axes[-1, 1], x_label=label)
+    panels = _panels(outcomes, range(len(outcomes)))
     failed = sum(item.row["status"] == "failed" for item in outcomes)
     head = f"{plain_name(name)}: {counted(len(outcomes), 'recording')}"
-    write_head(figure, f"{head}, {failed} of them failed" if failed else head)
-    return figure
+    head += f", {failed} of them failed" if failed else ""
+    head += "\nmean, and scatter over the frames (standard deviation; cross: nothing was found)"
+    if len(outcomes) <= _BANDED:
+        head += f"; each frame, band ± {BAND:g} standard uncertainties"
+    return panels_figure(panels, head) if panels.plots else None
+
+
+def _panels(every: Sequence[Outcome], rows: Sequence[int]) -> PaperPanels:
+    """The plots of some recordings by their numbers; none where no value of DRAWN was fitted."""
+    chosen = [every[k] for k in rows]
+    keys = [key for key in DRAWN if any(f"{key} mean" in item.row for item in chosen)]
+    if not keys:
+        return PaperPanels()
+    colours, (across, label) = _colours(len(chosen)), _across(chosen)
+
+    def over(key: str, axes: Axes) -> None:
+        _over_recordings(axes, key, chosen, colours)
+        # below the axis, which rows of the summary the recordings are, from 1
+        places = range(0, len(rows), -(-len(rows) // 8))
+        axes.set_xlim(-0.6, len(rows) - 0.4)
+        axes.set_xticks(places, [str(rows[k] + 1) for k in places])
+        style_axes(axes, x_label="recording", z_label=KEY_LABELS[key])
+
+    def within(key: str, axes: Axes) -> None:
+        _within(axes, key, chosen, colours, across)
+        style_axes(axes, x_label=label, z_label=KEY_LABELS[key])
+
+    draws = (("mean", over), ("each frame", within))
+    plots = [Plot(title=name, draw=partial(draw, key)) for key in keys for name, draw in draws]
+    named = [f"{k + 1} {plain_name(str(every[k].row['folder']), _LETTERS)}" for k in rows]
+    note = "Recordings: " + ("; ".join(named) if len(rows) <= _NAMED else "as in summary.csv")
+    return PaperPanels(plots=plots, plots_across=2, notes=(note,))
 
 
 def _across(outcomes: Sequence[Outcome]) -> tuple[str, str]:
@@ -394,19 +405,6 @@ def _within(
             draw_band(axes, x, y, spread, colour=colour, lw=LINE_PT, marker=marker, ms=3)
         else:
             axes.plot(x, y, color=colour, lw=FINE_PT, alpha=0.7, marker=marker, ms=3)
-
-
-def _name(axes: Axes, outcomes: Sequence[Outcome]) -> None:
-    """The recordings' names below the axis, or their rows in the summary."""
-    axes.set_xlim(-0.6, len(outcomes) - 0.4)
-    if len(outcomes) > _NAMED:
-        axes.xaxis.set_major_formatter(lambda place, _: f"{place + 1:g}")
-        axes.set_xticks(range(0, len(outcomes), -(-len(outcomes) // 8)))
-        style_axes(axes, x_label="recording, as counted in summary.csv (cross: nothing was found)")
-        return
-    names = [plain_name(str(item.row["folder"]), _LETTERS) for item in outcomes]
-    axes.set_xticks(range(len(names)), names, rotation=90 if len(names) > 4 else 20)
-    style_axes(axes, x_label="recording (cross: nothing was found)")
 
 
 _LAST = ("kept_share", "warnings", "error")
@@ -554,31 +552,12 @@ class Campaign(Result):
         `frames`: numbers of the recordings that are shown, by default all. Raises InputError where
         neither was fitted in them.
         """
-        every = self.outcomes
-        rows = chosen_frames(frames, len(every), range(len(every)), items="recordings")
-        chosen = [every[k] for k in rows]
-        keys = [key for key in DRAWN if any(f"{key} mean" in item.row for item in chosen)]
-        if not keys:
+        count = len(self.outcomes)
+        rows = chosen_frames(frames, count, range(count), items="recordings")
+        panels = _panels(self.outcomes, rows)
+        if not panels.plots:
             raise InputError("neither_load_nor_friction", title=self.title)
-        colours, (across, label) = _colours(len(chosen)), _across(chosen)
-
-        def over(key: str, axes: Axes) -> None:
-            _over_recordings(axes, key, chosen, colours)
-            # below the axis, which rows of the summary the recordings are, from 1
-            places = range(0, len(rows), -(-len(rows) // 8))
-            axes.set_xlim(-0.6, len(rows) - 0.4)
-            axes.set_xticks(places, [str(rows[k] + 1) for k in places])
-            style_axes(axes, x_label="recording", z_label=KEY_LABELS[key])
-
-        def within(key: str, axes: Axes) -> None:
-            _within(axes, key, chosen, colours, across)
-            style_axes(axes, x_label=label, z_label=KEY_LABELS[key])
-
-        draws = (("mean", over), ("each frame", within))
-        plots = [Plot(title=name, draw=partial(draw, key)) for key in keys for name, draw in draws]
-        named = [f"{k + 1} {plain_name(str(every[k].row['folder']), _LETTERS)}" for k in rows]
-        note = "Recordings: " + ("; ".join(named) if len(rows) <= _NAMED else "as in summary.csv")
-        return PaperPanels(plots=plots, plots_across=2, notes=(note,))
+        return panels
 
 
 def process_campaign(

@@ -17,7 +17,7 @@ from isochrome.output import FrameValues
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
+    from matplotlib.figure import Figure
 
 Array = NDArray[Any]
 
@@ -117,8 +117,9 @@ def draw_chi(axis: Axes, table: FrameValues) -> None:
     style.style_axes(axis, x_label=across, z_label="chi")
 
 
-def draw_frame_values(figure: Figure | SubFigure, table: FrameValues) -> None:
-    """Draw each key with its band, and below them chi, on an empty figure."""
+def frame_values_figure(name: str, table: FrameValues) -> Figure:
+    """Draw each key of tracked values with its band, and below them chi."""
+    figure = style.new_figure(9.0, PANEL_IN * (len(table.keys) + 1) + 0.8)
     axes: list[Any] = list(figure.subplots(len(table.keys) + 1, 1, sharex=True, squeeze=False).flat)
     for axis, key in zip(axes, table.keys, strict=False):
         draw_values(axis, table, key)
@@ -127,14 +128,8 @@ def draw_frame_values(figure: Figure | SubFigure, table: FrameValues) -> None:
     draw_chi(axes[-1], table)
     marks = "circles: found by a full search"
     marks = f"dots: key frames; {marks}" if table.whole.any() else marks
-    style.write_head(figure, f"values, band ± {BAND:g} standard uncertainties\n{marks}")
-
-
-def frame_values_figure(name: str, table: FrameValues) -> Figure:
-    """Draw `draw_frame_values` as a picture of its own."""
-    figure = style.new_figure(9.0, PANEL_IN * (len(table.keys) + 1) + 0.8)
-    draw_frame_values(figure, table)
-    style.write_head(figure, f"{style.plain_name(name)}: tracked {figure.get_suptitle()}")
+    head = f"values, band ± {BAND:g} standard uncertainties\n{marks}"
+    style.write_head(figure, f"{style.plain_name(name)}: tracked {head}")
     return figure
 
 

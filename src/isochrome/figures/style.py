@@ -182,26 +182,10 @@ def ends_beyond(images: list[AxesImage]) -> str:
     return ends.get((below, above), "neither")
 
 
-def add_colour_bar(
-    drawn: AxesImage | list[AxesImage], label: str, *, length: float = 1.0, is_as_high: bool = False
-) -> Colorbar:
-    """Add a colour bar beside the axes of one image, or of several with the same colours.
-
-    Its ends are pointed where values of any of the images lie beyond the colours. `length`: share
-    of the axes' common height; `is_as_high`: of one image, as high as the picture, which need not
-    fill its place, in a figure that lays itself out.
-    """
-    images = drawn if isinstance(drawn, list) else [drawn]
-    place: dict[str, Any] = {
-        "ax": [image.axes for image in images],
-        "pad": 0.02,
-        "aspect": 18.0 * max(1.0, length * len(images)),
-        "shrink": length,
-    }
-    if is_as_high:
-        place = {"cax": images[0].axes.inset_axes((1.04, 0.0, 0.05, 1.0))}
-    bar = images[0].axes.figure.colorbar(
-        images[0], extend=ends_beyond(images), extendfrac=0.03, **place
+def add_colour_bar(drawn: AxesImage, label: str) -> Colorbar:
+    """Add a colour bar beside an image, its ends pointed where values lie beyond the colours."""
+    bar = drawn.axes.figure.colorbar(
+        drawn, ax=drawn.axes, extend=ends_beyond([drawn]), extendfrac=0.03, pad=0.02, aspect=18.0
     )
     bar.set_label(label, fontsize=TEXT_PT)
     bar.ax.tick_params(labelsize=NOTE_PT, length=3, width=FINE_PT)

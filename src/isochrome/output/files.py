@@ -32,7 +32,7 @@ from isochrome.messages import message
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 """What the system says of a full, lost or protected disk."""
 _AT_ONCE = 4096
-"""Values of a long list, or rows of a table, that are text in memory at a time."""
+"""Rows of a table that are text in memory at a time."""
 
 
 def output_folder(path: str | Path) -> Path:
@@ -152,22 +152,6 @@ def write_text(path: str | Path, text: str) -> None:
 def write_json(path: str | Path, obj: Any) -> None:
     """Write an object as JSON; numpy values become plain, NaN and infinity become null."""
     write_text(path, json.dumps(plain(obj), indent=2, allow_nan=False) + "\n")
-
-
-def json_pieces(obj: Any) -> Iterator[str]:
-    """The text ``json.dumps(plain(obj))`` piece by piece: a long table is never all text."""
-    if isinstance(obj, Mapping):
-        for number, (key, value) in enumerate(obj.items()):
-            yield f"{', ' if number else '{'}{json.dumps(str(key))}: "
-            yield from json_pieces(value)
-        yield "}" if obj else "{}"
-    elif isinstance(obj, list | tuple | array) and len(obj) > _AT_ONCE:
-        for start in range(0, len(obj), _AT_ONCE):
-            piece = json.dumps(plain(obj[start : start + _AT_ONCE]), allow_nan=False)
-            yield f"{', ' if start else '['}{piece[1:-1]}"
-        yield "]"
-    else:
-        yield json.dumps(plain(obj), allow_nan=False)
 
 
 def plain(obj: Any) -> Any:
@@ -352,12 +336,26 @@ def write_csv(path: str | Path, columns: Mapping[str, Sequence[Any]]) -> None:
         _write_table(file, columns)
 
 
-def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
+def columns_of(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
     """Rows as the columns of a table, in the order in which the names come up; None where one has
     none.
+
+    An hour of video has a hundred thousand rows: columns of numbers are Floats, and a text that is
+    the one before it takes no room of its own.
     """
-    names = dict.fromkeys(name for row in rows for name in row)
-    return {name: [row.get(name) for row in rows] for name in names}
+    table: dict[str, Any] = {}
+    for number, row in enumerate(rows):
+        for name, value in row.items():
+            if name not in table:
+                first = not number and type(value) is float
+                table[name] = Floats("d") if first else [None] * number
+        for name, values in table.items():
+            value = row.get(name)
+            if isinstance(values, Floats) and type(value) is not float:
+                values = table[name] = values.tolist()
+            again = number and isinstance(value, str) and values[-1] == value
+            values.append(values[-1] if again else value)
+    return table
 
 
 def csv_text(columns: Mapping[str, Any], *, header: bool = True) -> str:

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+import isochrome
 from isochrome.errors import InputError
 from isochrome.messages import reworded
 from isochrome.output.files import numbers, replacing
@@ -296,12 +297,6 @@ def provenance(
 
     A folder among the inputs stands for the files in it.
     """
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        number = version("isochrome")
-    except PackageNotFoundError:  # run from a source tree
-        number = "unknown"
     hashes: dict[str, str] = {}
     for place in inputs:
         if not isinstance(place, str | Path):
@@ -310,6 +305,7 @@ def provenance(
         path = Path(place)
         files = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
         hashes |= {str(file): sha256(file) for file in files}
+    number = isochrome.__version__
     return {"isochrome": number, "scene": scene_toml, "inputs_sha256": hashes, "seed": seed}
 
 

@@ -1,8 +1,7 @@
 from .api import check_scene, process
 from .checking import check
-from .figure import Shown, plot_order, tracked_figure
+from .figure import Shown, plot_order, process_report, set_figure
 from .frame_task import own_scene
-from .in_common import tabulate_set, with_past_friction, with_past_loads, with_scatter_of_gamma
 from .kinds.image_only import says_a_half
 from .kinds.kind import kind_of
 from .kinds.tracked import FINEST_STEP, TrackedFilm, order_step
@@ -16,9 +15,16 @@ from .one_frame import (
     part_change,
     process_frame,
 )
-from .processed import Processed, collect, restore
+from .processed import (
+    Processed,
+    collect,
+    restore,
+    tabulate_set,
+    with_past_friction,
+    with_past_loads,
+    with_scatter_of_gamma,
+)
 from .result import FOUND_BY, PICTURE, SPREAD, ProcessedFrame, cell_values, row_of_set
-from .run_report import process_report
 
 __all__ = [
     "FINEST_STEP",
@@ -50,8 +56,8 @@ __all__ = [
     "restore",
     "row_of_set",
     "says_a_half",
+    "set_figure",
     "tabulate_set",
-    "tracked_figure",
     "with_past_friction",
     "with_past_loads",
     "with_scatter_of_gamma",

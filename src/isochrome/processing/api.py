@@ -1,41 +1,422 @@
-"""`process`: the fringe order of every captured frame, chunk by chunk, in bounded memory."""
+"""`process`: the fringe order of every captured frame, chunk by chunk, in bounded memory.
+
+The files that `process` makes when all frames are done: tables, figure, dataset, scene.
+
+A chunk of a set: what is found in its frames, as pictures, rows and parts of files.
+"""
+
+from __future__ import annotations
 
 import hashlib
+import io
 import json
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack, nullcontext
+import math
+import zipfile
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+import isochrome
 from isochrome.errors import InputError
 from isochrome.frames import FrameReader, absolute, input_files, open_scene_frames, with_file_scale
-from isochrome.output import load_roifile
-from isochrome.processing.figure import PREVIEW
-from isochrome.processing.folder import (
-    finish_set_folder,
-    process_chunk,
-    process_in_memory,
-    set_layout,
+from isochrome.fringes import skeleton_table
+from isochrome.messages import frame_messages, message
+from isochrome.output import (
+    add_rois,
+    columns_of,
+    counted,
+    csv_text,
+    imagej_view,
+    load_roifile,
+    numbers,
+    replacing,
+    roi_entries,
+    write_csv,
+    write_figure,
+    write_text,
+    write_tiff,
 )
-from isochrome.processing.frame_task import FrameTask, close_kept, count_of, identity_of, open_set
-from isochrome.processing.kinds.kind import KEY_EVERY, FrameKind, accepts_keys, kind_of
-from isochrome.processing.processed import Processed, restore
+from isochrome.processing.figure import (
+    PREVIEW,
+    process_report,
+    run_figure,
+    set_figure,
+    shown_items,
+    write_preview,
+)
+from isochrome.processing.frame_task import (
+    FrameSource,
+    FrameTask,
+    close_kept,
+    count_of,
+    identity_of,
+    open_set,
+    release_caches,
+)
+from isochrome.processing.kinds.kind import (
+    CONFIDENCE,
+    KEY_EVERY,
+    MOST_IN_MEMORY,
+    ORDER,
+    FrameKind,
+    accepts_keys,
+    kind_of,
+)
+from isochrome.processing.processed import (
+    FIGURE,
+    Processed,
+    collect,
+    refuse_unread,
+    restore,
+    set_grid,
+    shift_of,
+    tabulate_set,
+)
+from isochrome.processing.result import PICTURE, FollowedFrame, ProcessedFrame
 from isochrome.progress import RunProgress, Tally
+from isochrome.reporting import write_report
 from isochrome.runs import (
     PROVENANCE,
+    REPORT,
     STORE,
+    Column,
     Job,
+    Layer,
+    Results,
+    RunFolder,
+    RunLayout,
     RunOptions,
+    StoredArrays,
+    add_columns,
+    attributes,
+    chunk_size,
+    column,
     holds_results,
+    make_dataset,
+    open_run,
+    parts,
     refuse_without_folder,
+    rows,
     run_job,
     single_threaded,
-    waiting_workers,
+    trim_heap,
     working_folder,
+    write_stack,
 )
-from isochrome.scene import FramesLike, Scene, SceneLike, check_pixel, frames_of, load_scene
+from isochrome.scene import (
+    FramesLike,
+    Scene,
+    SceneLike,
+    check_pixel,
+    dump_scene,
+    frames_of,
+    load_scene,
+)
+from isochrome.simulation import picture_axes
+from isochrome.stress import PixelGrid
+
+if TYPE_CHECKING:
+    from isochrome.fringes import ResidualStress
+    from isochrome.runs import RunDataset
+
+LINES, ROIS = "skeleton.csv", "skeleton.zip"
+
+FILM = (ORDER.name, CONFIDENCE.name)
+"""Maps of every frame of a video that is followed."""
+
+
+def set_layout(source: FrameSource, count: int) -> RunLayout:
+    """What a set's run leaves: its maps over frame, row and column."""
+    rows, cols = source.reader.shape
+    kind = source.task.kind
+    return RunLayout(
+        axes={"frame": count}, shape={"row": rows, "col": cols},
+        layers=kind.layers(source.task.scene),
+        chunk=kind.key_step or chunk_size(count, 4 * rows * cols), every=kind.key_step or 1,
+    )  # fmt: skip
+
+
+def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
+    """What is found in the states [start, stop) of a set, which are let go one by one.
+
+    Raises InputError, PhysicsError.
+    """
+    layers = task.kind.layers(task.scene)
+    pictures = defaultdict[str, list[Any]](list)
+    rows, more = [], []
+    tables: list[str] = []
+    rois: list[tuple[str, bytes]] = []
+    for item in task.kind.states(open_set(task), start, stop):
+        item = _within(item, layers)
+        if task.preview is not None:
+            write_preview(task.preview, item)
+        rows.append(task.kind.row(item, task.scene))
+        more.append(more_of(item, task.scene))
+        for layer in layers:
+            if layer.compact is not None:
+                made = item.maps().get(layer.name)
+                pictures[layer.name].append(None if made is None else layer.compact.pack(made))
+            elif isinstance(item, ProcessedFrame):
+                pictures[layer.name].append(picture_of(item, layer.name, item.normalised.shape))
+        if isinstance(item, FollowedFrame):
+            continue
+        # with a model, which can draw them anew, for who asks alone
+        wanted = task.rois or (item.fit is None and task.kind.draws_lines)
+        if lines := item.skeleton() if wanted else []:
+            left, top = item.corner_mm(task.scene)
+            points = skeleton_table(lines, pixel_mm=item.pixel_mm, left_mm=left, top_mm=top)
+            number = np.full(len(points["line"]), item.index)
+            tables.append(csv_text({"frame": number, **points}, header=not tables))
+        if task.rois:
+            rois += roi_entries(lines, item.index)
+    parts = {LINES: "".join(tables).encode()} if tables else {}
+    if task.rois:
+        data = io.BytesIO()
+        with zipfile.ZipFile(data, "w") as archive:
+            add_rois(archive, rois)
+        parts[ROIS] = data.getvalue()
+    return Results(pictures, rows, more, parts)
+
+
+def _within(
+    item: ProcessedFrame | FollowedFrame, layers: Sequence[Layer]
+) -> ProcessedFrame | FollowedFrame:
+    """A frame, that says where its orders go beyond what the store's steps reach."""
+    kind = next((layer.compact for layer in layers if layer.name == ORDER.name), None)
+    if kind is None or item.reading is None:
+        return item
+    above = int(np.count_nonzero(item.reading.order > kind.largest))
+    if not above:
+        return item
+    text = message("pixels_have_orders_above", above=above, largest=kind.largest)
+    return replace(item, warnings=(*item.warnings, text))
+
+
+def picture_of(
+    item: ProcessedFrame | FollowedFrame, name: str, shape: tuple[int, ...]
+) -> np.ndarray:
+    """A layer's picture of a frame (rows, cols).
+
+    Where it has none, no order is known, and none can be relied on.
+    """
+    if (result := item.maps().get(name)) is not None:
+        return result
+    return np.full(shape, 0.0 if name == CONFIDENCE.name else np.nan, dtype=np.float32)
+
+
+def more_of(item: ProcessedFrame | FollowedFrame, scene: Scene) -> dict[str, Any]:
+    """What the dataset and the figure need to know besides the row."""
+    left, top = item.corner_mm(scene)
+    return {
+        "status": item.status, "messages": frame_messages(item.warnings), "time_s": item.time_s,
+        "left_mm": left, "top_mm": top, "read": item.reading is not None,
+        "kept": item.reading.kept if item.reading is not None else None,
+    }  # fmt: skip
+
+
+_COORDINATES = ("frame", "name", "label", "distance_m", "time_s")
+_MORE = ("status", "time_s", "left_mm", "top_mm")
+
+
+def finish_set_folder(
+    out: Path, job: Job, task: FrameTask, residual: ResidualStress | None, run_folder: RunFolder
+) -> Processed:
+    """Make the files that need all frames, from what is kept of their chunks.
+
+    `out`, where the results will lie; `residual`, what was taken out of the frames. PhysicsError
+    where nothing could be read in any frame.
+    """
+    release_caches()
+    folder, scene, shape = run_folder.results, task.scene, task.reader.shape
+    table = tabulate_set(row for row, _ in rows(run_folder))
+    more = columns_of(others for _, others in rows(run_folder))
+    refuse_unread(scene, str(task.reader.path), table, more["kept"])
+    result = collect(scene, table, more, None, shape, residual)
+    table = result.columns
+    write_csv(folder / "frames.csv", table)
+    _join_lines(run_folder, task)
+    if result.fitted is not None:
+        write_text(folder / "fitted_scene.toml", dump_scene(result.fitted))
+    write_text(folder / "scene.toml", dump_scene(scene))
+    _add_to_store(run_folder, job, result, more, shape)
+    stored = StoredArrays(folder)
+    draw = partial(set_figure, scene, table, shown_items(table, stored, more["status"]))
+    more.clear()  # a picture needs room: of a long run no more than the table is left then
+    trim_heap()
+    result = replace(result, draw=draw, load=partial(open_run, out))
+    write_figure(folder / FIGURE, result.figure())
+    trim_heap()
+    write_report(folder / REPORT, process_report(stored, result, job.identity))
+    return result
+
+
+def _add_to_store(
+    run_folder: RunFolder, job: Job, result: Processed, more: dict[str, Any], shape: tuple[int, int]
+) -> None:
+    """Add the table to run.zarr, and what ImageJ shows to the stacks.
+
+    The columns as arrays live no longer than this: a long run's are as large as its table.
+    """
+    columns, axes = _set_columns(result, more, shape)
+    add_columns(run_folder.results / STORE, columns, axes, attributes(job.identity))
+    grid = set_grid(result.scene, result.fitted, result.columns, shape)
+    place: dict[str, Any] = {"pixel_mm": None} if grid is None else grid.scale
+    _write_stacks(run_folder, result.columns, axes, place)
+    if (residual := result.residual) is not None:
+        for layer, name in (("fringe_order", "order"), ("isoclinic", "isoclinic")):
+            view = imagej_view(layer, (0.0, residual.largest), labels=["without load"], **place)
+            path, values = run_folder.results / f"residual_{name}.tif", getattr(residual, name)
+            write_tiff(path, values[None], pixel_mm=place["pixel_mm"], metadata=view)
+
+
+def _join_lines(run_folder: RunFolder, task: FrameTask) -> None:
+    """skeleton.csv where a line was found, and skeleton.zip where it was asked for."""
+    if next(parts(run_folder, LINES), None) is not None:
+        with replacing(run_folder.results / LINES) as beside, open(beside, "wb") as file:
+            for number, part in enumerate(parts(run_folder, LINES)):  # the head of the first alone
+                file.write(part if number == 0 else part.partition(b"\n")[2])
+    if task.rois:
+        with (
+            replacing(run_folder.results / ROIS) as beside,
+            zipfile.ZipFile(beside, "w") as archive,
+        ):
+            for part in parts(run_folder, ROIS):
+                with zipfile.ZipFile(io.BytesIO(part)) as inner:
+                    add_rois(archive, ((name, inner.read(name)) for name in inner.namelist()))
+
+
+def process_in_memory(source: FrameSource, count: int, progress: RunProgress | None) -> Processed:
+    """All states, kept in memory."""
+    task, shape, flagged = source.task, source.reader.shape, 0
+    kind = task.kind
+    pictures = -(-count // (kind.key_step or 1))
+    needed = 4 * len(kind_of(task.scene).layers(task.scene)) * pictures
+    film: dict[str, list[np.ndarray]] = {}
+    if kind.maps_of_all:
+        film = {name: [] for name in FILM}
+        needed += 4 * len(FILM) * count
+    needed *= math.prod(shape)
+    if needed > MOST_IN_MEMORY:
+        raise InputError(
+            "maps_take_gb_gb", path=source.reader.path, counted=counted(pictures, "frame"),
+            needed=needed / 1e9, most_in_memory=MOST_IN_MEMORY / 1e9,
+        )  # fmt: skip
+    rows, others, selected = list[dict[str, Any]](), list[dict[str, Any]](), list[ProcessedFrame]()
+    for item in kind.states(source, 0, count):
+        others.append(more_of(item, task.scene))
+        rows.append(kind.row(item, task.scene))
+        for name, film_maps in film.items():
+            film_maps.append(picture_of(item, name, shape))
+        if isinstance(item, ProcessedFrame):
+            selected.append(item)
+        flagged += item.status != "ok"
+        if progress is not None:
+            progress(Tally(len(rows), count, 0, flagged))
+    table, more = tabulate_set(rows), columns_of(others)
+    refuse_unread(task.scene, str(source.reader.path), table, more["kept"])
+    result = collect(task.scene, table, more, selected, shape, source.capture.residual)
+    result = replace(result, load=partial(set_dataset, result, more, selected, film, shape))
+    return replace(result, draw=partial(run_figure, result))
+
+
+def set_dataset(
+    result: Processed,
+    more: Mapping[str, list[Any]],
+    frames: Sequence[ProcessedFrame],
+    film: Mapping[str, list[np.ndarray]],
+    shape: tuple[int, int],
+) -> RunDataset:
+    """The dataset of a set in memory, as run.zarr has it; `film`, maps of all frames by name."""
+    scene, table = result.scene, result.columns
+    columns, axes = _set_columns(result, more, shape)
+    few = "key_frame" if PICTURE in table else "frame"
+    maps = {
+        layer.name: Column(
+            ("frame" if layer.name in film else few, "row", "col"),
+            np.stack(
+                film.get(layer.name) or [picture_of(item, layer.name, shape) for item in frames]
+            ),
+            {"units": layer.units, "long_name": layer.what},
+        )
+        for layer in (kind_of(scene).layers(scene) if frames else ())
+    }
+    known = {"isochrome": isochrome.__version__, "scene": dump_scene(scene)}
+    return make_dataset(maps | columns, axes, attributes(known))
+
+
+def _write_stacks(
+    run_folder: RunFolder,
+    table: Mapping[str, list[Any]],
+    axes: Mapping[str, Column],
+    place: Mapping[str, float | None],
+) -> None:
+    """The maps as stacks with scale, origin, labels, range, colours, interval. Raises OSError."""
+    names = [str(label or name) for label, name in zip(table["label"], table["name"], strict=True)]
+    times = axes["time_s"].values
+    highest = numbers(table["n_max"]) if "n_max" in table else np.zeros(0)
+    largest = float(np.nanmax(highest)) if np.isfinite(highest).any() else 1.0
+    for layer in run_folder.layout.layers:
+        pages = run_folder.layout.paged_items(layer)
+        view = imagej_view(
+            layer.name, (0.0, largest), labels=[names[k] for k in pages],
+            times_s=[times[k] for k in pages], **place,
+        )  # fmt: skip
+        write_stack(run_folder, layer, view, pixel_mm=place["pixel_mm"])
+
+
+def _set_columns(
+    result: Processed, more: Mapping[str, list[Any]], shape: tuple[int, int]
+) -> tuple[dict[str, Column], dict[str, Column]]:
+    """The columns of frames.csv over frame, and the axes' coordinates.
+
+    x = left + (col + 1/2) pixel,  z = top + (row + 1/2) pixel, of the place that was found, the
+    mean of the frames'; shift_x_mm and shift_z_mm over frame say how far each lies from there.
+    """
+    scene, table = result.scene, result.columns
+    grid = set_grid(scene, result.fitted, table, shape)
+    outcome = table | {name: more[name] for name in _MORE} | {"messages": result.messages}
+    # all are there, whatever is known of them: a dataset's axes do not come and go
+    columns = {name: column(values, "frame", name) for name, values in outcome.items()}
+    axes = {name: columns.pop(name) for name in _COORDINATES}
+    axes |= _set_axes(scene, grid, table, shape)
+    if PICTURE in table and any(at is not None for at in table[PICTURE]):
+        keys = [k for k, at in enumerate(table[PICTURE]) if at is not None]
+        axes["key_frame"] = Column(("key_frame",), np.array(keys), {})
+        for name in ("shift_x_mm", "shift_z_mm") if grid is not None else ():
+            shift = axes[name]
+            axes[f"key_{name}"] = Column(("key_frame",), shift.values[keys], shift.attributes)
+    return columns, axes
+
+
+def _set_axes(
+    scene: Scene, grid: PixelGrid | None, table: Mapping[str, Sequence[Any]], shape: tuple[int, int]
+) -> dict[str, Column]:
+    """Coordinates of a set's maps, rows and columns, in mm where a scale is known, and shifts."""
+    if grid is None:
+        return {
+            name: Column((name,), np.arange(count), {"units": "pixel"})
+            for name, count in zip(("row", "col"), shape, strict=True)
+        }
+    axes = picture_axes(grid)
+    for name, edge, what in (
+        ("x", "left", "along the surface"),
+        ("z", "top", "depth below the surface"),
+    ):
+        if not scene.has_model:
+            stated = scene.camera and getattr(scene.camera, f"{edge}_mm") is not None
+            long_name = what if stated else "from the picture's outer edge"
+            axes[f"{name}_mm"] = replace(
+                axes[f"{name}_mm"], attributes={"units": "mm", "long_name": long_name}
+            )
+        attribute = {"units": "mm", "long_name": f"of the frame's own place from {name}_mm"}
+        axes[f"shift_{name}_mm"] = Column(("frame",), shift_of(edge, grid, table), attribute)
+    return axes
 
 
 def process(
@@ -188,9 +569,7 @@ def process(
         if out is not None and not restart and _is_done(Path(out), identity):
             result = restore(scene, Path(out), reader.shape, open_set(task).capture.residual)
         else:
-            several = (workers or 1) > 1 and cluster is None
-            early = waiting_workers(workers or 1, process_chunk) if several else nullcontext()
-            options = RunOptions(workers, cluster, restart, keep_going, opened.enter_context(early))
+            options = RunOptions(workers, cluster, restart, keep_going)
             result = _processed(task, identity, out, options, progress)
         return replace(result, as_stated=as_stated)
 

@@ -5,30 +5,31 @@ Of a tracked video: each value over the frames with its band, and some key frame
 Processed frames for a paper, drawn from their dataset: that in memory, or that of a folder.
 
 The last frame of a long run that was read, as a picture that can be watched while it goes on.
+
+What the report of processed frames says, from the folder of a run.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from isochrome.errors import InputError
+from isochrome.errors import InputError, IsochromeError
 from isochrome.figures import (
-    DIRECTION_MAP,
+    BAND,
     FINE_PT,
     FRAME_MAP,
     KEY_LABELS,
     LINE_COLOURS,
     LINE_PT,
     OVERLAY_COLOUR,
-    PANEL_IN,
     PAPER_DIRECTION_MAP,
     VALUE_MAP,
     PaperPanels,
@@ -36,30 +37,53 @@ from isochrome.figures import (
     Place,
     Plot,
     add_colour_bar,
+    centred_limit,
     chosen_frames,
     draw_chi,
-    draw_frame_values,
     draw_line,
     draw_values,
     given_axes,
-    new_figure,
+    panels_figure,
     place_of_image,
     plain_name,
     show_image,
-    write_head,
 )
+from isochrome.fitting import SceneRenderer, frame_scene, scene_at, sliding_scene
 from isochrome.fringes import Skeleton, order_contours, skeletons
-from isochrome.output import counted, evenly_spaced, replacing
-from isochrome.processing.in_common import frame_values
+from isochrome.output import counted, evenly_spaced, numbers, replacing, with_uncertainty
 from isochrome.processing.kinds.kind import ISOCLINIC, NORMALISED, ORDER
 from isochrome.processing.kinds.largest_order import AT_LEAST, ORDER_FROM
-from isochrome.processing.result import PICTURE, FollowedFrame, ProcessedFrame
+from isochrome.processing.result import (
+    CAUSES,
+    EXPLAINED,
+    PICTURE,
+    REFINED,
+    FollowedFrame,
+    ProcessedFrame,
+    cell_values,
+    fitted_keys,
+    frame_values,
+    own_values,
+)
+from isochrome.reporting import (
+    FRINGES,
+    SIGNAL,
+    Pane,
+    ReportContent,
+    ReportFrame,
+    ReportTable,
+    choose_frames,
+    curves_of,
+    paper_rows,
+)
 from isochrome.runs import column_values
-from isochrome.scene import Scene
+from isochrome.scene import Scene, dump_scene
+from isochrome.simulation import make_picture, picture_signal
+from isochrome.stress import pixel_grid
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
+    from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
     from isochrome.processing.processed import Processed
@@ -74,115 +98,65 @@ _MOST_LINES = 12
 
 ORDER_LABEL = "fringe order N (fringes)"
 
-_BESIDE = 0.7
-"""Inches that an axis' numbers and label take beside a picture."""
-
-_WIDTH = 7.4
 _SHOWN, KEY_FRAMES = 6, 3
 """Frames of a set that are drawn, and key frames of a tracked one."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Shown:
-    """A processed frame as it is drawn: maps (rows, cols), NaN = not known, None = not read.
+    """A processed frame as it is drawn: maps (rows, cols), NaN = not known.
 
-    `kept`, the share of pixels whose order is known; `lines`, found without an order.
+    `kept`, the share of pixels whose order is known; `normalised`, None where a followed frame's
+    picture is not kept; `order` and `isoclinic`, None where none is read; `lines`, whether fringe
+    lines were found without an order.
     """
 
+    number: int
     label: str
     chi: float
     kept: float
-    normalised: np.ndarray
+    normalised: np.ndarray | None
     order: np.ndarray | None
     isoclinic: np.ndarray | None
-    lines: list[Skeleton]
+    lines: bool
     place: Place
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Rows and columns; none where no map of it is kept."""
+        image = self.order if self.normalised is None else self.normalised
+        return () if image is None else image.shape
 
 
 def set_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Shown]) -> Figure:
-    """The picture of a set: of a tracked one its values; else frames with their fringes.
+    """The picture of a set: frames with their fringes and orders; of a tracked one its values too.
 
-    Beside each frame stands its fringe order, if known. A phase-stepped state has its dark field in
-    the place of the frame, and its isoclinic angles.
+    A phase-stepped state has its dark field in the place of the frame, and its isoclinic angles.
     """
-    if PICTURE in table:
-        return tracked_figure(scene, table, items)
     turned = any(item.isoclinic is not None for item in items)
-    figure = new_figure(*frames_size(items))
-    note = draw_frames(figure, items)
     what = "phase-stepped set as dark field" if turned else "captured frames, normalised"
     what += ", residual stress taken out" if scene.frames.no_load_steps else ""
-    write_head(figure, f"{plain_name(scene.name, 24)}: {what}; {note}")
-    return figure
-
-
-def _grid(items: list[Shown]) -> tuple[bool, int, int]:
-    """Whether any frame has an order; rows of pictures, and pictures in a row."""
-    read = any(item.order is not None for item in items)
-    if read:
-        return read, len(items), 2 + any(item.isoclinic is not None for item in items)
-    across = min(3, len(items))
-    return read, -(-len(items) // across), across
-
-
-def frames_size(items: list[Shown]) -> tuple[float, float]:
-    """Width and height (inches) that `draw_frames` takes for some frames."""
-    read, down, across = _grid(items)
-    rows, cols = items[0].normalised.shape
-    width = 4.6 if read else 4.0
-    return width * across + 0.8, ((width - _BESIDE) * min(rows / cols, 1.6) + 0.75) * down + 0.5
-
-
-def draw_frames(figure: Figure | SubFigure, items: list[Shown]) -> str:
-    """Draw frames with their fringes, and beside each its order; what the lines are, in words."""
-    read, down, across = _grid(items)
-    axes: Any = figure.subplots(down, across, squeeze=False)
-    largest = max((_highest_order(item.order) for item in items), default=1.0)
-    orders, directions = list[Any](), list[Any]()
-    for k, item in enumerate(items):
-        ax = axes[k, 0] if read else axes.flat[k]
-        judged = item.order is not None and np.isfinite(item.chi)  # no model, no chi
-        name = plain_name(item.label)
-        title = f"{name}: chi = {item.chi:.2f}" if judged else name
-        show_image(ax, item.normalised, cmap=FRAME_MAP, vmin=0, vmax=1, title=title, **item.place)
-        if item.order is not None:
-            title = f"fringe order, {100 * item.kept:.1f} % known"
-            orders.append(_show_order(axes[k, 1], item.order, largest, title, item.place))
-        if item.isoclinic is not None:
-            known = 100.0 * float(np.isfinite(item.isoclinic).mean())
-            title = f"direction of sigma_1, known in {known:.1f} %"
-            look: dict[str, Any] = {"cmap": DIRECTION_MAP, "vmin": -90.0, "vmax": 90.0}
-            directions.append(
-                show_image(axes[k, 2], item.isoclinic, title=title, **look, **item.place)
-            )
-        draw_fringes(ax, item, largest)
-    _share_bar(orders, ORDER_LABEL, is_as_high=len(orders) == 1)
-    _share_bar(directions, "counter-clockwise from x (degrees)", is_as_high=len(directions) == 1)
-    for ax in list(axes.flat)[len(items) * (across if read else 1) :]:
-        ax.set_visible(False)
-    return say_lines(largest, read)
-
-
-def say_lines(largest: float, read: bool) -> str:
-    """What the lines over frames are, in words."""
-    first = ", ".join(f"{order:g}" for order in _line_orders(largest)[:3])
-    return f"lines: N = {first} ..." if read else "lines: dark (blue) and bright (orange) fringes"
+    if PICTURE in table:
+        result = frame_values(table)
+        what = (
+            f"{counted(len(result.chi), 'frame')}, {counted(int(result.whole.sum()), 'key frame')}"
+        )
+        what += f"\nvalues, band ± {BAND:g} standard uncertainties"
+        what += " (dots: key frames, circles: found by a full search)"
+    return panels_figure(_panels(table, items), f"{plain_name(scene.name)}: {what}")
 
 
 def draw_fringes(axes: Axes, item: Shown, largest: float) -> None:
     """Draw the fringes of a frame as lines: whole or dark ones blue, the others orange."""
-    lines = item.lines
+    lines = list[Skeleton]()
     if item.order is not None:
         lines = order_contours(item.order, _line_orders(largest))
+    elif item.lines and item.normalised is not None:
+        lines = skeletons(np.clip(item.normalised, 0.0, 1.0))
     for line in lines:
         is_dark = line.kind == "dark" if line.order is None else float(line.order).is_integer()
         colour = LINE_COLOURS[0 if is_dark else 1]
         draw_line(axes, line.rows, line.cols, item.place, color=colour, lw=LINE_PT)
-
-
-def _show_order(axes: Any, order: np.ndarray, largest: float, title: str, place: Place) -> Any:
-    """A map of the fringe order, from 0 to the largest."""
-    return show_image(axes, order, cmap=VALUE_MAP, vmin=0, vmax=largest, title=title, **place)
 
 
 def plot_order(
@@ -241,7 +215,9 @@ def plot_order(
         raise InputError("order_map_shape_draw", shape=values.shape)
     place = place_of_image(order, pixel_mm, left_mm, top_mm)
     drawn, largest = given_axes(axes), _highest_order(values)
-    _share_bar([_show_order(drawn, values, largest, title, place)], ORDER_LABEL)
+    shown = show_image(drawn, values, cmap=VALUE_MAP, vmin=0, vmax=largest, title=title, **place)
+    shown.set_interpolation("nearest")
+    add_colour_bar(shown, ORDER_LABEL)
     for line in order_contours(values, _line_orders(largest)) if lines else ():
         draw_line(drawn, line.rows, line.cols, place, color=OVERLAY_COLOUR, lw=FINE_PT)
     return drawn
@@ -251,15 +227,6 @@ def _line_orders(largest: float) -> np.ndarray:
     """Orders to draw as lines: halves, or as many as can be told apart."""
     step = 0.5 if 2.0 * largest <= _MOST_LINES else 1.0 if largest <= _MOST_LINES else 5.0
     return np.arange(step, largest + step, step)
-
-
-def _share_bar(images: list[Any], label: str, *, is_as_high: bool = False) -> None:
-    """One colour bar for a column of maps, which have the same colours."""
-    if not images:
-        return
-    for shown in images:
-        shown.set_interpolation("nearest")
-    add_colour_bar(images, label, length=1.0 if len(images) == 1 else 0.6, is_as_high=is_as_high)
 
 
 def _highest_order(order: np.ndarray | None) -> float:
@@ -277,16 +244,6 @@ def shown_frames(table: Mapping[str, list[Any]], status: list[str]) -> list[int]
     return evenly_spaced([k for k in keys if status[k] != "failed"] or keys[:1], KEY_FRAMES)
 
 
-def place_of_row(table: Mapping[str, list[Any]], k: int, left: float, top: float) -> Place:
-    """Where frame k stands, by its row and outer edges (mm), which may not be known."""
-    pixel = table["pixel_mm"][k]
-    return {
-        "pixel_mm": None if pixel is None or pixel != pixel else float(pixel),
-        "left_mm": left if np.isfinite(left) else 0.0,
-        "top_mm": top if np.isfinite(top) else 0.0,
-    }
-
-
 def run_figure(result: Processed) -> Figure:
     """`set_figure` of a set whose dataset is there, of a tracked video its key frames."""
     dataset = result.dataset
@@ -297,30 +254,7 @@ def run_figure(result: Processed) -> Figure:
 def shown_items(table: Mapping[str, list[Any]], dataset: Kept, status: list[str]) -> list[Shown]:
     """The frames that are drawn, with their maps; none where no pictures were wanted."""
     chosen = shown_frames(table, status) if NORMALISED.name in dataset else ()
-    return [_item(table, dataset, status, k) for k in chosen]
-
-
-def tracked_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Shown]) -> Figure:
-    """Tracked values with their bands and chi, and beside them some key frames."""
-    result = frame_values(table)
-    wide, high = frames_size(items) if items else (0.0, 0.0)
-    tall = max(high, PANEL_IN * (len(result.keys) + 1)) + 0.3
-    figure = new_figure(_WIDTH + wide, tall)
-    if items:
-        parts: Any = figure.subfigures(1, 2, width_ratios=(_WIDTH, wide))
-        left, right = parts
-        high += 0.3  # the head
-        if tall > high:  # few frames are no higher for many values, nor is their colour bar
-            halves: Any = right.subfigures(2, 1, height_ratios=(high, tall - high))
-            right = halves[0]
-        write_head(right, f"key frames, normalised; {draw_frames(right, items)}")
-    else:  # nobody wants maps
-        left = figure.subfigures(1, 1)
-    draw_frame_values(left, result)
-    count, key_count = len(result.chi), int(result.whole.sum())
-    head = f"{plain_name(scene.name)}: {counted(count, 'frame')}, {counted(key_count, 'key frame')}"
-    write_head(figure, head)
-    return figure
+    return [shown_item(table, dataset, k) for k in chosen]
 
 
 def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> PaperPanels:
@@ -337,21 +271,40 @@ def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> Paper
             [k for k, state in enumerate(status) if state != "failed"], KEY_FRAMES
         )
     chosen = chosen_frames(frames, len(table["frame"]), usual)
-    items = [_item(table, dataset, status, k) for k in chosen]
+    items = [shown_item(table, dataset, k) for k in chosen]
+    for item in items:
+        if item.normalised is None and (item.order is None or not np.isfinite(item.order).any()):
+            raise InputError(_without_a_map(table, dataset, status, item.number))
+    return _panels(table, items)
+
+
+def _without_a_map(table: Mapping[str, list[Any]], dataset: Kept, status: list[str], k: int) -> str:
+    """Why frame k of a followed video cannot be drawn, and which can."""
+    having = [j for j, at in enumerate(table[PICTURE]) if at is not None]
+    if ORDER.name in dataset and is_of_all(dataset[ORDER.name]):
+        having = [j for j, state in enumerate(status) if state != "failed"]
+    some = f"{', '.join(map(str, having[:8]))}{' ...' * (len(having) > 8)}" or "none"
+    return f"frames = {k} of a figure: has no map of its order; frames that have one: {some}"
+
+
+def _panels(table: Mapping[str, list[Any]], items: Sequence[Shown]) -> PaperPanels:
+    """The panels of some frames, and the plots of a tracked video's values."""
     largest = max((_highest_order(item.order) for item in items), default=1.0)
     read = any(item.order is not None for item in items)
-    plots = []
-    if result.tracked:
-        outcome = result.over_frames
+    tracked, plots = PICTURE in table, []
+    if tracked:
+        outcome = frame_values(table)
         for key in outcome.keys:
             drawn = partial(draw_values, table=outcome, key=key)
             plots.append(Plot(title=KEY_LABELS.get(key, key), draw=drawn, height_mm=30.0))
         plots.append(Plot(title="chi", draw=partial(draw_chi, table=outcome), height_mm=30.0))
+    first = ", ".join(f"{order:g}" for order in _line_orders(largest)[:3])
+    lines = f"N = {first} ..." if read else "dark (blue) and bright (orange) fringes"
     return PaperPanels(
-        kinds=_kinds(items, largest, what="picture" if result.tracked else "frame"),
+        kinds=_kinds(items, largest, what="picture" if tracked else "frame"),
         labels=[plain_name(item.label, 30) for item in items],
         plots=plots,
-        notes=[*(_numbers(item) for item in items), f"L{say_lines(largest, read)[1:]}"],
+        notes=[*(_numbers(item) for item in items), *([f"Lines: {lines}"] if items else [])],
     )
 
 
@@ -371,34 +324,26 @@ def maps_of(table: Mapping[str, list[Any]], dataset: Kept, k: int) -> dict[str, 
     return {n: np.asarray(dataset[n][int(p)]) for n, p in places.items() if p is not None}
 
 
-def _item(table: Mapping[str, list[Any]], dataset: Kept, status: list[str], k: int) -> Shown:
-    """Frame k with its maps. Raises InputError where it has none."""
+def shown_item(table: Mapping[str, list[Any]], dataset: Kept, k: int) -> Shown:
+    """Frame k with its maps."""
     share, lines = (table.get(name, [None] * (k + 1))[k] for name in ("kept_share", "fringe_lines"))
     maps = maps_of(table, dataset, k)
     order = maps.get(ORDER.name) if share is not None else None
-    signal = maps.get(NORMALISED.name)
-    if signal is None:
-        if order is None or not np.isfinite(order).any():
-            raise InputError(_without_a_map(table, dataset, status, k))
-        signal = np.full(order.shape, np.nan)  # a followed frame: its picture is not kept
-    chi, label = table["chi"][k], str(table["label"][k])
+    chi, pixel, label = table["chi"][k], table["pixel_mm"][k], str(table["label"][k])
     left, top = (float(dataset[name][k]) for name in ("left_mm", "top_mm"))
     return Shown(
-        label=f"frame {k}, {label}" if PICTURE in table else label,
-        chi=float("nan") if chi is None else float(chi), place=place_of_row(table, k, left, top),
-        kept=float("nan") if share is None else float(share), normalised=signal, order=order,
+        number=k, label=f"frame {k}, {label}" if PICTURE in table else label,
+        chi=float("nan") if chi is None else float(chi),
+        kept=float("nan") if share is None else float(share),
+        normalised=maps.get(NORMALISED.name), order=order,
         isoclinic=maps.get(ISOCLINIC.name) if order is not None else None,
-        lines=skeletons(np.clip(signal, 0.0, 1.0)) if lines and order is None else [],
+        lines=bool(lines) and order is None,
+        place={
+            "pixel_mm": None if pixel is None or pixel != pixel else float(pixel),
+            "left_mm": left if np.isfinite(left) else 0.0,
+            "top_mm": top if np.isfinite(top) else 0.0,
+        },
     )  # fmt: skip
-
-
-def _without_a_map(table: Mapping[str, list[Any]], dataset: Kept, status: list[str], k: int) -> str:
-    """Why frame k of a followed video cannot be drawn, and which can."""
-    having = [j for j, at in enumerate(table[PICTURE]) if at is not None]
-    if ORDER.name in dataset and is_of_all(dataset[ORDER.name]):
-        having = [j for j, state in enumerate(status) if state != "failed"]
-    some = f"{', '.join(map(str, having[:8]))}{' ...' * (len(having) > 8)}" or "none"
-    return f"frames = {k} of a figure: has no map of its order; frames that have one: {some}"
 
 
 def _kinds(items: Sequence[Shown], largest: float, *, what: str) -> list[PictureKind]:
@@ -407,8 +352,9 @@ def _kinds(items: Sequence[Shown], largest: float, *, what: str) -> list[Picture
     def frame(axes: Axes, k: int) -> AxesImage:
         item = items[k]
         look: dict[str, Any] = {"cmap": FRAME_MAP, "vmin": 0, "vmax": 1}
-        drawn = show_image(axes, item.normalised, **look, **item.place)
-        if not _has_picture(item):
+        image = np.full(item.shape, np.nan) if item.normalised is None else item.normalised
+        drawn = show_image(axes, image, **look, **item.place)
+        if item.normalised is None:
             middle: dict[str, Any] = {"ha": "center", "va": "center", "transform": axes.transAxes}
             ground = {"facecolor": "white", "edgecolor": "none", "pad": 2.0}
             axes.text(0.5, 0.5, "its picture\nis not kept", bbox=ground, **middle)
@@ -422,12 +368,13 @@ def _kinds(items: Sequence[Shown], largest: float, *, what: str) -> list[Picture
         item = items[k]
         values = getattr(item, name)
         if values is None:
-            values = np.full(item.normalised.shape, np.nan)
+            values = np.full(item.shape, np.nan)
         drawn = show_image(axes, values, **look, **item.place)
         drawn.set_interpolation("nearest")
         return drawn
 
-    kinds = [PictureKind(name=what, draw=frame)] if any(map(_has_picture, items)) else []
+    pictured = any(item.normalised is not None for item in items)
+    kinds = [PictureKind(name=what, draw=frame)] if pictured else []
     order: dict[str, Any] = {"cmap": VALUE_MAP, "vmin": 0, "vmax": largest}
     turned: dict[str, Any] = {"cmap": PAPER_DIRECTION_MAP, "vmin": -90.0, "vmax": 90.0}
     for name, title, look, bar in (
@@ -439,11 +386,6 @@ def _kinds(items: Sequence[Shown], largest: float, *, what: str) -> list[Picture
                 PictureKind(name=title, draw=partial(a_map, name=name, look=look), bar=bar)
             )
     return kinds
-
-
-def _has_picture(item: Shown) -> bool:
-    """Whether the frame itself is kept: of a followed video that of key frames alone is."""
-    return item.order is None or bool(np.isfinite(item.normalised).any())
 
 
 def _numbers(item: Shown) -> str:
@@ -518,3 +460,186 @@ def _words(item: ProcessedFrame | FollowedFrame) -> str:
         if value is not None and np.isfinite(value):
             parts.append(f"{value:.4g}{unit}")
     return ", ".join(parts).encode("ascii", "replace").decode()
+
+
+Array = NDArray[Any]
+_Model = tuple[Array, Array]
+"""What a frame's own values make: its signal, 0 in darkness, and its order (fringes)."""
+
+_NONE = "There is none: nothing was fitted to these frames."
+_NO_BUDGET = (
+    "Processing states each ± without the shares of what it is of; isochrome fit with the same "
+    "frames gives them."
+)
+
+_CAPTIONS = {
+    CAUSES: "What the frames asked for besides the scene",
+    REFINED: "What the frames know better than the scene states it",
+}
+
+_OF_KNOWN_LOADS = (
+    "The ± of a load holds what the frames leave open, and how well the known loads agree among "
+    "themselves; an error that all known loads have in common is not in it."
+)
+
+
+def process_report(dataset: Kept, result: Processed, record: Mapping[str, Any]) -> ReportContent:
+    """Collect what the report of processed frames says; maps are read of the few that it shows.
+
+    `dataset`, the set's own; `record`, what provenance.json holds.
+    """
+    table, scene = result.columns, result.scene
+    as_stated = (record.get("options") or {}).get("as_stated", False)
+    fitted = scene.has_model and bool(fitted_keys(table))
+    looked = result.asks_causes and not as_stated
+    verdict = replace(result, as_stated=as_stated).summary_text
+    frames, choice = _frames(dataset, result)
+    return ReportContent(
+        command="process", title=result.title,
+        verdict=f"{verdict[:1].upper()}{verdict[1:]}. {_goodness(table)}", frames=frames,
+        choice=choice, curves=curves_of(result.over_frames),
+        no_budget=(_NO_BUDGET if result.asks_causes else _OF_KNOWN_LOADS) if fitted else _NONE,
+        causes=result.causes if looked and fitted else None, refined=result.refined,
+        tables=_causes(table), taken_as_exact=result.taken_as_exact, warnings=result.warnings,
+        scene=dump_scene(scene), paper=paper_rows(scene, record),
+    )  # fmt: skip
+
+
+def _goodness(table: Mapping[str, list[Any]]) -> str:
+    """Chi in a sentence: about 1 where the model describes the frames."""
+    share = numbers(table[EXPLAINED]) if EXPLAINED in table else np.zeros(0)
+    share = 100.0 * share[np.isfinite(share)]
+    if share.size:
+        return (
+            f"The frames of known loads explain {share.min():.0f} to {share.max():.0f} % of a "
+            "frame's light; what they do not is in the ±."
+        )
+    chi = numbers(table["chi"])
+    known = chi[np.isfinite(chi)]
+    if not known.size:
+        return "How well a model describes the frames is not known."
+    span = f"{np.median(known):.2f} in the median, {known.max():.2f} at most"
+    return f"Residual over noise: {span} (about 1 where the frames are described to their noise)."
+
+
+def _causes(table: Mapping[str, list[Any]]) -> list[ReportTable]:
+    """What each frame asked for, with its value."""
+    result = []
+    for name, caption in _CAPTIONS.items():
+        cells = [cell_values(text or "") for text in table.get(name, [])]
+        asking = [k for k, values in enumerate(cells) if values]
+        texts = [
+            "; ".join(f"{key} = {with_uncertainty(*pair)}" for key, pair in cells[k].items())
+            for k in asking
+        ]
+        columns = {"frame": [table["frame"][k] for k in asking], name: texts}
+        result += [ReportTable(f"{caption} (frames.csv)", columns)] if asking else []
+    return result
+
+
+def _frames(dataset: Kept, result: Processed) -> tuple[list[ReportFrame], str]:
+    """The frames that are shown, and which of how many they are."""
+    table = result.columns
+    of_all = any(is_of_all(dataset[n]) for n in (NORMALISED.name, ORDER.name) if n in dataset)
+    with_maps = np.isfinite(numbers(table["noise"]))  # of a frame that is left out nobody knows it
+    if not of_all:
+        with_maps &= np.isfinite(numbers(table[PICTURE]))
+    having = np.flatnonzero(with_maps)
+    unknown = [None] * len(table["frame"])
+    chi, largest = (numbers(table.get(name, unknown))[having] for name in ("chi", "n_max"))
+    chosen = choose_frames(chi, largest)
+    shown = [shown_item(table, dataset, int(having[one.number])) for one in chosen]
+    text = f"{len(chosen)} of {counted(len(table['frame']), 'frame')} are shown"
+    if len(chosen) < len(having):
+        what = "key " * (not of_all) + "frames"
+        text += f", chosen among {len(having)} {what} for the reason that stands beside each"
+    return _report_frames(result, shown, [one.why for one in chosen]), f"{text}."
+
+
+_LIGHT = (0.0, 1.0)
+"""What is black and white: darkness, and the brightest field."""
+
+_DIFFERENCE = "experiment − simulation, order N"
+
+_NOT_KEPT = "its picture is not kept: only those of key frames are"
+
+
+def _report_frames(
+    result: Processed, shown: Sequence[Shown], reasons: Sequence[str]
+) -> list[ReportFrame]:
+    """Frames with their pictures: one range of orders and of differences for all of them."""
+    models = [_model(result, one) for one in shown]
+    orders = [one.order[np.isfinite(one.order)] for one in shown if one.order is not None]
+    largest = max((float(known.max()) for known in orders if known.size), default=1.0)
+    gaps = [
+        None if one.order is None or model is None else one.order - model[1]
+        for one, (model, _) in zip(shown, models, strict=True)
+    ]
+    limit = centred_limit(*(gap for gap in gaps if gap is not None))
+    return [
+        ReportFrame(
+            number=one.number,
+            label=str(result.columns["label"][one.number]),
+            why=why,
+            panes=_panes(one, model, gap, largest, limit),
+            order=one.order,
+            model_order=None if model is None else model[1],
+            notes=tuple(filter(None, (_NOT_KEPT if one.normalised is None else "", note))),
+            **one.place,
+        )
+        for one, why, (model, note), gap in zip(shown, reasons, models, gaps, strict=True)
+    ]
+
+
+def _panes(
+    shown: Shown, model: _Model | None, gap: Array | None, largest: float, limit: float
+) -> tuple[Pane, ...]:
+    """The pictures of a frame; where its own is not kept, its order stands in the first place."""
+    order: list[Any] = ["order", "fringe order N", shown.order, (0.0, largest), FRINGES]
+    others: list[list[Any]] = [
+        ["experiment", "experiment", shown.normalised, _LIGHT, SIGNAL],
+        ["simulation", "simulation", None if model is None else model[0], _LIGHT, SIGNAL],
+        ["difference", _DIFFERENCE, gap, (-limit, limit), FRINGES],
+    ]
+    panes = [order, *others] if shown.normalised is None else [*others, order]
+    return tuple(Pane(*pane) for pane in panes if pane[2] is not None)
+
+
+def _model(result: Processed, shown: Shown) -> tuple[_Model | None, str]:
+    """The simulation of a frame with what was fitted to it; else None, and the reason."""
+    keys = fitted_keys(result.columns)
+    if not result.scene.has_model or not keys:
+        return None, ""
+    if result.scene.frames.has_known_loads:
+        return None, "the stress that the disc holds without load is in no simulation"
+    own = own_values(result.columns, keys, shown.number)  # NaN for what its state does not have
+    values = {key: value for key, value in own.items() if np.isfinite(value)}
+    if not values:
+        return None, "nothing was fitted to it, so there is no simulation"
+    try:
+        fitted = _own_scene(result, shown, values)
+        pixels = pixel_grid(fitted)
+        renderer = SceneRenderer(fitted, (pixels.rows, pixels.cols))
+        picture = make_picture(fitted, renderer.difference(fitted, renderer.state(fitted)), pixels)
+        signal = picture_signal(fitted, picture)
+    except IsochromeError as error:
+        return None, f"its simulation was refused: {error}"
+    signal, order = (np.where(picture.material, v, np.nan) for v in (signal, picture.order))
+    return (signal, order), ""
+
+
+def _own_scene(result: Processed, shown: Shown, values: Mapping[str, float]) -> Scene:
+    """The scene of a frame alone, as `own_scene` has it, with what was fitted."""
+    bare, table = sliding_scene(result.scene), result.columns
+    if result.scene.frames.sliding_speed_mm_per_s is None:
+        bare = frame_scene(bare, shown.number)
+    else:
+        bare = scene_at(bare, float(table["distance_m"][shown.number]))
+    camera: dict[str, Any] = {
+        "camera.height_px": shown.shape[0],
+        "camera.width_px": shown.shape[1],
+        **{f"camera.{name}": value for name, value in shown.place.items()},
+        "camera.colour": False,  # the frames are of one channel
+        "camera.response": None,
+    }
+    return bare.with_values(camera | dict(values))

@@ -19,7 +19,6 @@ from isochrome.messages import frame_messages, message
 from isochrome.output import numbers
 from isochrome.processing.api import check_scene
 from isochrome.processing.frame_task import FrameSource, FrameTask
-from isochrome.processing.in_common import fitted_pairs, tabulate_set
 from isochrome.processing.kinds.image_only import (
     WORTH_SAYING,
     frame_signal,
@@ -29,8 +28,15 @@ from isochrome.processing.kinds.image_only import (
     wave_of,
 )
 from isochrome.processing.kinds.kind import kind_of
-from isochrome.processing.processed import Processed
-from isochrome.processing.result import CAUSES, REFINED, Capture, ProcessedFrame, cell_values
+from isochrome.processing.processed import Processed, tabulate_set
+from isochrome.processing.result import (
+    CAUSES,
+    REFINED,
+    Capture,
+    ProcessedFrame,
+    cell_values,
+    fitted_pairs,
+)
 from isochrome.runs import single_threaded
 from isochrome.scene import FramesLike, Scene, check_pixel
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from isochrome.fitting import FrameFit, stated_pairs
 from isochrome.frames import Frame, Linear
 from isochrome.fringes import SHORTEST_PX, OrderReading, Skeleton, number_lines, order_contours
-from isochrome.output import agree
+from isochrome.output import FrameValues, agree, numbers
 from isochrome.processing.kinds.largest_order import ORDER_FROM
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
@@ -261,3 +261,29 @@ def whole_frames(table: Mapping[str, Sequence[Any]]) -> list[bool]:
     """Which frames of a tracked video were processed wholly: whatever maps were wanted of them."""
     result = zip(table[PICTURE], table[FOUND_BY], strict=True)
     return [at is not None or by == WHOLE for at, by in result]
+
+
+def fitted_keys(table: Mapping[str, Any]) -> tuple[str, ...]:
+    """The columns of frames.csv that have a standard uncertainty beside them."""
+    return tuple(name for name in table if f"{name} {SPREAD}" in table)
+
+
+def fitted_pairs(row: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
+    """A row's values that have a standard uncertainty, each with it, by their keys."""
+    return {key: (row[key], row[f"{key} {SPREAD}"]) for key in fitted_keys(row)}
+
+
+def frame_values(table: Mapping[str, Sequence[Any]]) -> FrameValues:
+    """The fitted values of frames.csv."""
+    keys, count = fitted_keys(table), len(table["frame"])
+    values, spreads = (
+        np.array([numbers(table[f"{key}{ending}"]) for key in keys]).reshape(len(keys), count).T
+        for ending in ("", f" {SPREAD}")
+    )
+    none = [None] * count
+    return FrameValues(
+        keys=keys, values=values, standard_uncertainty=spreads, chi=numbers(table["chi"]),
+        distance_m=numbers(table["distance_m"]),
+        searched=np.array([result == SEARCHED for result in table.get(FOUND_BY, none)]),
+        whole=np.array(whole_frames(table) if PICTURE in table else none, dtype=bool),
+    )  # fmt: skip

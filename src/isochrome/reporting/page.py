@@ -113,19 +113,6 @@ class Pane:
     unit: str  # FRINGES, SIGNAL or GREY_LEVELS
 
 
-@dataclass(frozen=True)
-class OrderMap:
-    """Fringe orders as text, rounded to a step.
-
-    `data`: base64 of zlib: N/step - first + 1 as 16-bit whole numbers, 0 = not known; each less the
-    one to its left (modulo 2^16), first all low bytes and then all high ones, row by row.
-    """
-
-    data: str
-    first: int  # the smallest N/step
-    step: float  # fringes
-
-
 @dataclass(frozen=True, kw_only=True)
 class ReportFrame:
     """A frame as a report shows it."""
@@ -198,7 +185,7 @@ def _orders(frame: ReportFrame, stride: int, step: float) -> dict[str, Any]:
     rows, cols = (size // stride for size in frame.panes[0].values.shape)
     part = tuple(slice(first, first + stride * size, stride) for size in (rows, cols))
     return {
-        name: None if order is None else vars(order_map(order[part], step))
+        name: None if order is None else order_map(order[part], step)
         for name, order in {"order": frame.order, "model_order": frame.model_order}.items()
     }
 
@@ -212,8 +199,13 @@ def _means(values: Array, stride: int) -> Array:
     return np.asarray(squares.reshape(rows, stride, cols, stride).mean(axis=(1, 3)))
 
 
-def order_map(order: Array, step: float = STEP) -> OrderMap:
-    """Fringe orders (row, col), NaN = not known, as text, each within half a step of its own."""
+def order_map(order: Array, step: float = STEP) -> dict[str, Any]:
+    """Fringe orders (row, col), NaN = not known, as text, each within half a step of its own.
+
+    `data`: base64 of zlib: N/step - first + 1 as 16-bit whole numbers, 0 = not known; each less the
+    one to its left (modulo 2^16), first all low bytes and then all high ones, row by row. `first`:
+    the smallest N/step; `step`, fringes.
+    """
     known = np.isfinite(order)
     steps = np.rint(np.where(known, order, 0.0).astype(float) / step).astype(np.int64)
     first = int(steps[known].min()) if known.any() else 0
@@ -221,7 +213,7 @@ def order_map(order: Array, step: float = STEP) -> OrderMap:
     moved = np.diff(level, axis=1, prepend=0) % 65536
     low, high = (moved % 256).astype(np.uint8), (moved // 256).astype(np.uint8)
     data = zlib.compress(low.tobytes() + high.tobytes(), 6)
-    return OrderMap(base64.b64encode(data).decode(), first, step)
+    return {"data": base64.b64encode(data).decode(), "first": first, "step": step}
 
 
 def _png(pane: Pane, values: Array) -> str:

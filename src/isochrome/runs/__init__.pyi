@@ -36,7 +36,6 @@ from .job import (
     parts,
     rows,
     run_identity,
-    write_stack,
 )
 from .maps import RunArray, RunDataset
 from .store import (
@@ -54,6 +53,7 @@ from .store import (
     named_units,
     open_run,
     texts,
+    write_stack,
 )
 from .workers import (
     NoCluster,
@@ -62,7 +62,6 @@ from .workers import (
     processors,
     single_threaded,
     trim_heap,
-    waiting_workers,
     worker_pool,
 )
 
@@ -120,7 +119,6 @@ __all__ = [
     "texts",
     "trim_heap",
     "verify",
-    "waiting_workers",
     "wipe",
     "worker_pool",
     "working_folder",

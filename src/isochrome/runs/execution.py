@@ -55,7 +55,6 @@ from isochrome.runs.job import (
 from isochrome.runs.store import WORKING, create_store
 from isochrome.runs.workers import (
     Finished,
-    Waiting,
     WorkersLost,
     alone,
     by_cluster,
@@ -413,14 +412,13 @@ class RunOptions:
     `workers`, processes on this machine; None: as many as there are processors where it is worth
     starting them; `cluster`, address of a Dask scheduler instead; `restart`, whether to throw away
     what an earlier run left; `keep_going`, whether to leave out items that fail instead of ending
-    with the first; `waiting`, workers that were started before.
+    with the first.
     """
 
     workers: int | None = 1
     cluster: str | None = None
     restart: bool = False
     keep_going: bool = False
-    waiting: Waiting | None = None
 
 
 def refuse_without_folder(out: str | Path | None, workers: int | None, cluster: str | None) -> None:
@@ -478,7 +476,7 @@ def run_job(
                     state.fresh = True
                     state.chunks.clear()
                     raise
-                check_unchanged(stamps)
+                check_unchanged(stamps, stamps_of(job.identity))
                 _leave_record(run, job)
                 state.finished = True
             publish(run, target)
@@ -606,7 +604,7 @@ def _finished(
         workers = processors() if remaining_s > WORTH_WORKERS_S else 1
     workers = min(workers, len(todo))
     if workers > 1:
-        yield from by_processes(work, run, todo, workers, options.waiting)
+        yield from by_processes(work, run, todo, workers)
     else:
         yield from alone(work, run, todo)
 
@@ -617,16 +615,12 @@ Stamps = Mapping[Path, tuple[int, int]]
 
 def stamps_of(identity: Mapping[str, Any]) -> Stamps:
     """The input files of a run's identity as they are now, without those that are not there."""
-    files = map(Path, identity.get("inputs_sha256") or {})
-    return {file: stamp for file in files if (stamp := _stamp(file)) is not None}
-
-
-def _stamp(file: Path) -> tuple[int, int] | None:
-    """The stamp of a file, None where it is not there."""
-    with suppress(OSError):
-        state = file.stat()
-        return state.st_size, state.st_mtime_ns
-    return None
+    stamps = dict[Path, tuple[int, int]]()
+    for file in map(Path, identity.get("inputs_sha256") or {}):
+        with suppress(OSError):
+            state = file.stat()
+            stamps[file] = state.st_size, state.st_mtime_ns
+    return stamps
 
 
 def check_apart(stamps: Stamps, target: Path) -> None:
@@ -635,14 +629,14 @@ def check_apart(stamps: Stamps, target: Path) -> None:
         raise InputError("lies_folder_where_results", inside=inside[0], target=target)
 
 
-def check_unchanged(stamps: Stamps) -> None:
+def check_unchanged(before: Stamps, after: Stamps) -> None:
     """Refuse results of input that was changed while it was read. Raises InputError.
 
     A file that is no longer there was read before, or its reader has said that it was not.
     """
-    for file, stamp in stamps.items():
-        now = _stamp(file)
-        if now is not None and now != stamp:
+    for file, now in after.items():
+        stamp = before.get(file, now)
+        if now != stamp:
             raise InputError(
                 "changed_while_read_bytes_before", file=file, stamp=stamp[0], now=now[0]
             )

@@ -11,7 +11,7 @@ import math
 import os
 import platform
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import isochrome
-from isochrome.output import InputContent, provenance, write_frames
+from isochrome.output import InputContent, provenance
 from isochrome.runs import integrity
 
 LIBRARIES = ("numpy", "scipy", "scikit-image", "opencv-python-headless", "tifffile", "pillow", "av")
@@ -182,12 +182,6 @@ class Compact:
         finally:
             blosc.use_threads = before
 
-    def values(self, steps: NDArray[Any]) -> NDArray[np.float32]:
-        """The map (rows, cols) of stored steps, NaN = not known."""
-        values = steps * np.float32(self.step)
-        values[steps == self.unknown] = np.nan
-        return values
-
 
 @dataclass(frozen=True)
 class Layer:
@@ -271,18 +265,17 @@ class RunLayout:
 class Results:
     """What a chunk's computation gives.
 
-    `arrays`, by layer that is not compact, a picture for each item but where the layout says
-    `every`; `more`, what else is known of each item, among it its `status`: 'ok', 'flagged' (it has
-    warnings) or 'failed' (nothing was found in it); `packed`, of each compact layer, the map of
-    every item as `Compact.pack` gives it; None where an item has none.
+    `arrays`, by layer, a picture for each item but where the layout says `every`; of a compact one
+    the map of every item as `Compact.pack` gives it, None where an item has none. `more`, what else
+    is known of each item, among it its `status`: 'ok', 'flagged' (it has warnings) or 'failed'
+    (nothing was found in it).
     """
 
-    arrays: Mapping[str, NDArray[Any]]
+    arrays: Mapping[str, Any]
     rows: list[dict[str, Any]]
     more: list[dict[str, Any]]
     parts: Mapping[str, bytes] = field(default_factory=dict)  # of files that all chunks make
     left: Mapping[str, Any] | None = None  # for the next chunk, where they are computed in turn
-    packed: Mapping[str, list[bytes | None]] = field(default_factory=dict)
 
 
 Work = Callable[[int, int], Results]
@@ -380,7 +373,7 @@ def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
     sums: dict[str, dict[str, integrity.FileSum]] = {"layers": {}, "parts": {}}
     for layer in run.layout.layers:
         if layer.compact is not None:
-            pieces = _shard(results.packed[layer.name], run.layout.chunk)
+            pieces = _shard(results.arrays[layer.name], run.layout.chunk)
         else:
             values = np.ascontiguousarray(results.arrays[layer.name], dtype="<f4")
             assert values.shape == (end - first, *run.layout.shape.values()), layer.name
@@ -408,7 +401,7 @@ def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
     return record
 
 
-def _shard(maps: list[bytes | None], count: int) -> list[bytes | memoryview]:
+def _shard(maps: Sequence[Any], count: int) -> list[bytes | memoryview]:
     """The pieces of a shard's file: its items' maps, then where each lies and how long it is.
 
     Behind each, and behind the places, stands its checksum. Source: the zarr format's specification
@@ -459,37 +452,6 @@ def parts(run: RunFolder, name: str) -> Iterator[bytes]:
     for index in range(run.layout.chunks):
         if (file := run.part_file(name, index)).is_file():
             yield file.read_bytes()
-
-
-def _pictures(run: RunFolder, layer: Layer, items: Iterable[int]) -> Iterator[np.ndarray]:
-    """A layer's pictures (rows, cols) of items that have one, from the store; NaN = not known."""
-    if layer.compact is not None:
-        import zarr
-
-        stored: Any = zarr.open_array(run.results / STORE / layer.name, mode="r")
-        yield from (layer.compact.values(np.asarray(stored[item])) for item in items)
-        return
-    shape = (run.layout.chunk // run.layout.every, *run.layout.shape.values())
-    for item in items:
-        index, inside = divmod(item, run.layout.chunk)
-        each, remainder = divmod(inside, run.layout.every)
-        assert remainder == 0, f"item {item} has no picture"
-        yield np.array(np.memmap(run.chunk_file(layer.name, index), "<f4", "r", shape=shape)[each])
-
-
-def write_stack(
-    run: RunFolder, layer: Layer, view: Mapping[str, Any], *, pixel_mm: float | None
-) -> None:
-    """Write a layer's TIFF stack, of its pictures as the store has them.
-
-    All chunks are there; `view`, see `imagej_view`. Raises OSError, InputError.
-    """
-    items = run.layout.paged_items(layer)
-    write_frames(
-        run.results / f"{layer.name}.tif", _pictures(run, layer, items),
-        (len(items), *list(run.layout.shape.values())[-2:]), np.dtype("<f4"),
-        pixel_mm=pixel_mm, metadata=view,
-    )  # fmt: skip
 
 
 def write_through(path: Path, *data: bytes | memoryview) -> None:

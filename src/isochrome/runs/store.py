@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.messages import message
-from isochrome.output import Floats, numbers
+from isochrome.output import Floats, numbers, write_frames
 from isochrome.runs.integrity import PROVENANCE, opened_record, read_record, warn_unverified
-from isochrome.runs.job import MANIFEST, RECORDS, STORE, RunLayout, read_checked
+from isochrome.runs.job import MANIFEST, RECORDS, STORE, Layer, RunFolder, RunLayout, read_checked
 
 # xarray is imported where it is used: it takes longer to start than all that is written here
 if TYPE_CHECKING:
@@ -151,7 +151,7 @@ class StoredArrays:
 
 @dataclass(frozen=True)
 class StoredArray:
-    """One of them, read item by item; what is not known is NaN."""
+    """One of them, read as it is asked for; what is not known is NaN."""
 
     array: Any
 
@@ -160,12 +160,36 @@ class StoredArray:
         """Names of its axes."""
         return tuple(self.array.metadata.dimension_names)
 
-    def __getitem__(self, item: int) -> Any:
+    def __getitem__(self, item: int | slice) -> Any:
         values, about = self.array[item], self.array.attrs
         if "scale_factor" not in about:
             return values
         known = values != about["_FillValue"]
         return np.where(known, values * np.float32(about["scale_factor"]), np.float32(np.nan))
+
+    def pictures(self, places: range) -> Iterator[NDArray[Any]]:
+        """Maps (rows, cols) of places on its first axis; what lies together is read together."""
+        together = self.array.chunks[0]
+        for at in places[::together]:
+            yield from self[at : min(at + together, places.stop)]
+
+
+def write_stack(
+    run: RunFolder, layer: Layer, view: Mapping[str, Any], *, pixel_mm: float | None
+) -> None:
+    """Write a layer's TIFF stack, of its pictures as the store has them.
+
+    All chunks are there; `view`, see `imagej_view`. Raises OSError, InputError.
+    """
+    items = run.layout.paged_items(layer)
+    pictures = StoredArrays(run.results)[layer.name].pictures(
+        items if layer.compact is not None else range(len(items))
+    )
+    write_frames(
+        run.results / f"{layer.name}.tif", pictures,
+        (len(items), *list(run.layout.shape.values())[-2:]), np.dtype("<f4"),
+        pixel_mm=pixel_mm, metadata=view,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -1,41 +1,18 @@
 """A store of results as zarr reads it: the files that were left, each as it was left.
 
 A file that is read as a whole is held against the record of its results while its bytes are at
-hand; zarr, which would go over them once more, is told so by the type of their buffer. Of a part of
-a file zarr compares the chunks' own checksums.
+hand. Of a part of a file zarr compares the chunks' own checksums.
 """
 
 import asyncio
 from collections.abc import AsyncIterator
 from pathlib import Path
 
-import zarr
 from zarr.abc.store import ByteRequest
-from zarr.codecs import Crc32cCodec
-from zarr.core.array_spec import ArraySpec
 from zarr.core.buffer import Buffer, BufferPrototype, cpu
-from zarr.registry import register_codec
 from zarr.storage import LocalStore
 
-from isochrome.runs.integrity import MISSING, SUM_BYTES, ResultsRecord
-
-
-class _Verified(cpu.Buffer):
-    """Bytes of a file that is as it was left, and all that is cut from them."""
-
-
-class _ChunkSum(Crc32cCodec):
-    """zarr's crc32c codec, which passes over what is verified."""
-
-    def _decode_sync(self, chunk_bytes: Buffer, chunk_spec: ArraySpec) -> Buffer:
-        if isinstance(chunk_bytes, _Verified):
-            return chunk_bytes[:-SUM_BYTES]
-        return super()._decode_sync(chunk_bytes, chunk_spec)
-
-
-# whatever else is read in this process has its checksums compared as ever
-register_codec("crc32c", _ChunkSum)
-zarr.config.set({"codecs.crc32c": f"{_ChunkSum.__module__}.{_ChunkSum.__qualname__}"})
+from isochrome.runs.integrity import MISSING, ResultsRecord
 
 
 class VerifiedStore(LocalStore):
@@ -82,7 +59,9 @@ class VerifiedStore(LocalStore):
 
     def _file(self, key: str) -> Buffer | None:
         """All of a file, verified."""
-        return _Verified(self._record.read(self._name(key))) if key in self._known else None
+        if key not in self._known:
+            return None
+        return cpu.Buffer(self._record.read(self._name(key)))
 
     def _name(self, key: str) -> str:
         return f"{self.root.name}/{key}"

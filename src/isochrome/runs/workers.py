@@ -14,7 +14,6 @@ from __future__ import annotations
 import concurrent.futures as futures
 import ctypes
 import multiprocessing
-import multiprocessing.queues
 import os
 import pickle
 import signal
@@ -22,7 +21,6 @@ import sys
 import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any, TypeVar
 
@@ -90,47 +88,19 @@ def alone(work: Work, run: RunFolder, chunks: Sequence[int]) -> Generator[Finish
             yield writing[0], writing[1].result()
 
 
-@dataclass(frozen=True)
-class Waiting:
-    """Worker processes that wait for their task: `workers`, how many; `pool`; `tasks`, to each."""
-
-    workers: int
-    pool: futures.ProcessPoolExecutor
-    tasks: multiprocessing.queues.Queue[bytes]
-
-    def begin(self, *task: Any) -> None:
-        """Give all of them their task: it may know the places of all frames, so it goes once."""
-        text = pickle.dumps(task)  # here, where it can be said that it fails
-        for _ in range(self.workers):
-            self.tasks.put(text)
-
-
-@contextmanager
-def waiting_workers(workers: int, work: Callable[..., Any]) -> Iterator[Waiting]:
-    """Start worker processes that import what `work` needs, while their task is still prepared."""
-    tasks = multiprocessing.get_context("spawn").Queue()
-    tasks.cancel_join_thread()  # what nobody has taken keeps nobody here
-    with worker_pool(workers, partial(_wait_for_task, work, tasks)) as pool:
-        for _ in range(workers):
-            pool.submit(_nothing)  # a pool starts no process before it has work for it
-        waiting = Waiting(workers, pool, tasks)
-        yield waiting
-        waiting.begin()  # to those that still wait: there is nothing to do
-
-
 def by_processes(
-    work: Work, run: RunFolder, chunks: Sequence[int], workers: int, waiting: Waiting | None = None
+    work: Work, run: RunFolder, chunks: Sequence[int], workers: int
 ) -> Generator[Finished]:
     """Compute chunks in worker processes, each of which writes its own to the disk.
 
     They are spawned, not forked, ignore the keyboard, and end when this process does, however it
     does. Yields in the order of completion. Raises WorkersLost where a worker was killed.
     """
-    with ExitStack() as here, _saying_who_is_lost():
-        ready = waiting or here.enter_context(waiting_workers(workers, _nothing))
-        ready.begin(work, run)
+    # once for all chunks, as it may know all frames' places; here it can be said that it fails
+    task = pickle.dumps((work, run))
+    with worker_pool(workers, partial(_take_task, task)) as pool:
         yield from in_flight(
-            lambda index: ready.pool.submit(_alone_in_worker, index), chunks, 2 * ready.workers
+            lambda index: pool.submit(_alone_in_worker, index), chunks, 2 * workers
         )
 
 
@@ -150,23 +120,15 @@ def worker_pool(
     before, spawn = set(multiprocessing.active_children()), multiprocessing.get_context("spawn")
     pool = futures.ProcessPoolExecutor(workers, spawn, _start_worker, (begin,))
     try:
-        with _saying_who_is_lost():
-            yield pool
-    except BaseException:  # whoever waits at the keyboard does not wait for a chunk
+        yield pool
+    except BaseException as error:  # whoever waits at the keyboard does not wait for a chunk
         for child in set(multiprocessing.active_children()) - before:
             child.terminate()
+        if isinstance(error, futures.process.BrokenProcessPool):
+            raise WorkersLost("worker_process_killed_system") from error
         raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
-
-
-@contextmanager
-def _saying_who_is_lost() -> Iterator[None]:
-    """Turn the end of a pool whose process was killed into WorkersLost."""
-    try:
-        yield
-    except futures.process.BrokenProcessPool as error:
-        raise WorkersLost("worker_process_killed_system") from error
 
 
 def by_cluster(
@@ -231,9 +193,8 @@ def _start_worker(begin: Callable[[], None]) -> None:
     begin()
 
 
-def _wait_for_task(_work: Callable[..., Any], tasks: multiprocessing.queues.Queue[bytes]) -> None:
-    """Take the task; to have got `_work` here, its module was imported."""
-    _TASK[:] = [pickle.loads(tasks.get())]
+def _take_task(task: bytes) -> None:
+    _TASK[:] = pickle.loads(task)
 
 
 def _end_with_parent() -> None:
@@ -244,7 +205,7 @@ def _end_with_parent() -> None:
 
 
 def _alone_in_worker(index: int) -> ChunkRecord:
-    work, run = _TASK[0]
+    work, run = _TASK
     with single_threaded():
         record = keep(run, index, work(*run.layout.span(index)))
     trim_heap()

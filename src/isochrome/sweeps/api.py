@@ -13,7 +13,7 @@ import numpy as np
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.figures import LINE_COLOURS, LINE_PT, add_legend, new_figure, style_axes, write_head
-from isochrome.output import Result, counted, numbers, read_csv, write_csv, write_text
+from isochrome.output import Result, columns_of, counted, numbers, read_csv, write_csv, write_text
 from isochrome.progress import RunProgress
 from isochrome.runs import (
     STORE,
@@ -347,19 +347,14 @@ def _finish(run_folder: RunFolder, job: Job, grid: SweepGrid) -> None:
 
 def _table(run_folder: RunFolder, grid: SweepGrid) -> dict[str, list[Any]]:
     """A row for each state of each point: the varied keys, and the columns of history.csv."""
-    histories = (row["history"] for row, _ in rows(run_folder))
-    names = dict.fromkeys(name for one in histories for name in one if name != "state")
-    keys = (*grid.values, "state", "status", *names, "reason")
-    table: dict[str, list[Any]] = {key: [] for key in keys}
-    for index, (row, more) in enumerate(rows(run_folder)):
-        point = grid.point(index) | {"status": more["status"], "reason": row["reason"]}
-        for state in range(run_folder.layout.shape["state"]):
-            for key, value in (point | {"state": state}).items():
-                table[key].append(value)
-            for name in names:
-                values = row["history"].get(name)
-                table[name].append(None if values is None else values[state])
-    return table
+    table = columns_of(
+        grid.point(index)
+        | {"state": state, "status": more["status"], "reason": row["reason"]}
+        | {name: values[state] for name, values in row["history"].items() if name != "state"}
+        for index, (row, more) in enumerate(rows(run_folder))
+        for state in range(run_folder.layout.shape["state"])
+    )
+    return table | {"reason": table.pop("reason")}  # the last
 
 
 DRAWN = {"n_max": "largest fringe order", "p_max_mpa": "largest pressure (MPa)"}

@@ -44,6 +44,10 @@ contact's model is followed through, or some fifty without a model; and what is 
 lost when a run is killed."""
 
 
+MOST_IN_MEMORY = 8_000_000_000
+"""Bytes of maps beyond which a result belongs on the disk."""
+
+
 def kind_of(scene: Scene) -> FrameKind:
     """The kind of a scene's frames, each state read by itself."""
     module, name = next(k for k, accepts in ACCEPTS.items() if accepts(scene)).split(".")

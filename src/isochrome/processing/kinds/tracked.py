@@ -29,7 +29,7 @@ from isochrome.fitting import (
 from isochrome.frames import Frame
 from isochrome.output import counted
 from isochrome.processing.frame_task import FrameSource, place_of
-from isochrome.processing.kinds.kind import CONFIDENCE, KEY_EVERY, ORDER, FrameKind
+from isochrome.processing.kinds.kind import CONFIDENCE, KEY_EVERY, MOST_IN_MEMORY, ORDER, FrameKind
 from isochrome.processing.kinds.largest_order import largest_with_model
 from isochrome.processing.kinds.with_model import WithModel, of_share, read_frame
 from isochrome.processing.result import (
@@ -52,8 +52,8 @@ from isochrome.simulation import make_picture, scene_states, state_difference
 from isochrome.specimens import surface_field_grid
 from isochrome.stress import pixel_grid
 
-MOST_ON_DISK, MOST_KEPT = 20e9, 8e9
-"""Bytes up to which maps of all frames are written, or kept in memory, without being asked for."""
+MOST_ON_DISK = 20e9
+"""Bytes up to which maps of all frames are written without being asked for."""
 
 MOST_PAGED = 1e9
 """Bytes of a TIFF stack up to which it has a page for every frame, uncompressed."""
@@ -102,7 +102,7 @@ class TrackedFilm(WithModel):
         """With the maps that are written, and a sentence of what they take. Raises InputError."""
         check_tracked(scene, shape, self.every)
         pixels = math.prod(shape)
-        most, each = (MOST_ON_DISK, _BYTES) if on_disk else (MOST_KEPT, 8)
+        most, each = (MOST_ON_DISK, _BYTES) if on_disk else (MOST_IN_MEMORY, 8)
         chosen = self.wanted or ("all" if each * pixels * count <= most else "key")
         if chosen != "all":
             why = f"those of all {count} might take {each * pixels * count / 1e9:.3g} GB"
