@@ -112,4 +112,4 @@ def test_frames_smaller_than_a_patch_are_said_to_be(place):
     stack(place / "f.tif", picture(0, 12, 12)[None])
     ended = run(place, process("f.tif"))
     assert ended.code == 3 and ended.err.count("\n") == 1
-    assert "nothing could be read" in ended.err and "13 x 13 pixels at least" in ended.err
+    assert "nothing could be read" in ended.err and "smaller than a patch of 13" in ended.err
