@@ -395,7 +395,7 @@ def _numbers(item: Shown) -> str:
         parts.append(f"χ = {item.chi:.2f}")
     if item.order is not None and np.isfinite(item.kept):
         parts.append(f"order known in {100 * item.kept:.1f} %")
-    return f"{item.label}: {', '.join(parts) or 'no order was read'}."
+    return f"{plain_name(item.label, 30)}: {', '.join(parts) or 'no order was read'}."
 
 
 PREVIEW = "preview.png"
