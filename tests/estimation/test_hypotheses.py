@@ -191,9 +191,10 @@ def test_the_sum_of_waves_is_that_of_their_products():
     amplitudes = np.random.default_rng(10).normal(size=(2, 25))
     want = np.tensordot(amplitudes.astype(np.float32), cosines((12, 17), 5), 1)
     assert cosine_sum((12, 17), amplitudes) == pytest.approx(want, abs=2e-6)
-    within = np.tensordot(amplitudes[0], cosines((40, 40), 5, beyond=0.0), 1)
-    # products of cosines are at right angles over pixels' middles; single precision
+    within, finely = (np.tensordot(amplitudes[0], cosines((n, n), 5), 1) for n in (20, 200))
+    # in single precision; and its grid of 20 by 20 is enough
     assert cosine_rms(amplitudes[0]) == pytest.approx(np.sqrt(np.mean(within**2)), rel=1e-5)
+    assert cosine_rms(amplitudes[0]) == pytest.approx(np.sqrt(np.mean(finely**2)), rel=0.02)
 
 
 @pytest.mark.parametrize("width", [0.12, 0.3])

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import groupby, pairwise
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -36,7 +36,7 @@ _BEAM = 40
 """Sets of each size that larger ones are made of."""
 _FEW = 4
 """Amplitudes up to which something is one of many small things in a set."""
-BEYOND = 0.125
+_BEYOND = 0.125
 """Share of a picture's side by which waves go on beyond its ends: cosines are level at theirs, and
 what is seen need not be."""
 _NEGLIGIBLE = 10.0
@@ -80,23 +80,22 @@ class Nuisance:
     exact: bool = False
 
 
-def cosines(shape: tuple[int, ...], count: int, *, beyond: float = BEYOND) -> NDArray[np.float32]:
-    """Products of `count` cosines along each side of a picture (count², rows, cols), float32, which
-    end `beyond` its ends, in shares of a side."""
-    down, across = (_cosines_along(n, count, beyond) for n in shape)
+def cosines(shape: tuple[int, ...], count: int) -> NDArray[np.float32]:
+    """Products of `count` cosines along each side of a picture (count², rows, cols), float32."""
+    down, across = (_cosines_along(n, count) for n in shape)
     return np.asarray(down[:, None, :, None] * across[None, :, None, :]).reshape(-1, *shape)
 
 
 def cosine_sum(shape: tuple[int, int], amplitudes: Array) -> NDArray[np.float32]:
     """Sums (..., rows, cols) of such products with their amplitudes (..., count²), float32."""
     count = round(amplitudes.shape[-1] ** 0.5)
-    down, across = (_cosines_along(n, count, BEYOND) for n in shape)
+    down, across = (_cosines_along(n, count) for n in shape)
     square = amplitudes.reshape(*amplitudes.shape[:-1], count, count)
     return np.asarray(down.T @ square.astype(np.float32) @ across)
 
 
-def _cosines_along(pixels: int, count: int, beyond: float) -> NDArray[np.float32]:
-    place = ((np.arange(pixels) + 0.5) / pixels + beyond) / (1.0 + 2.0 * beyond)
+def _cosines_along(pixels: int, count: int) -> NDArray[np.float32]:
+    place = ((np.arange(pixels) + 0.5) / pixels + _BEYOND) / (1.0 + 2.0 * _BEYOND)
     return np.cos(np.pi * np.outer(np.arange(count), place)).astype(np.float32)
 
 
@@ -108,18 +107,16 @@ def cosine_spread(count: int, width: float) -> Array:
     Gaussian Processes for Machine Learning, section 4.2.1.
     """
     number = np.arange(count)
-    square = np.add.outer(number**2, number**2) * (np.pi * width / (1.0 + 2.0 * BEYOND)) ** 2
+    square = np.add.outer(number**2, number**2) * (np.pi * width / (1.0 + 2.0 * _BEYOND)) ** 2
     power = (1.0 + square / 3.0) ** -2.5
     over_mean = np.where(number, 2.0, 1.0)  # of a squared cosine
     return np.asarray(np.sqrt(np.outer(over_mean, over_mean) * power / power.sum()).ravel())
 
 
 def cosine_rms(amplitudes: Array) -> float:
-    """Root mean square over the picture of products that end with it, with their amplitudes
-    (count²,)."""
-    count = round(len(amplitudes) ** 0.5)
-    power = np.where(np.arange(count), 0.5, 1.0)
-    return float(np.sqrt(np.sum(np.outer(power, power).ravel() * amplitudes**2)))
+    """Root mean square over the picture of such products with their amplitudes (count²,)."""
+    side = 4 * round(len(amplitudes) ** 0.5)
+    return float(np.sqrt(np.mean(cosine_sum((side, side), amplitudes) ** 2)))
 
 
 @dataclass(frozen=True)
@@ -318,9 +315,14 @@ class Evidence:
         # for any set: the prior's part is the unit matrix
         below = self.roots @ right
         self._matrix = np.eye(len(below) + 1)
-        for rows, of_rows in self._ways():  # thing by thing: each has few of all columns
+        # thing by thing, whose ways follow one another: each has few of all columns
+        things: dict[str, tuple[slice, slice]] = {}
+        for hypothesis, (first, last) in zip(self.hypotheses, pairwise(ends.tolist()), strict=True):
+            begun = things.get(hypothesis.name, (slice(first, last),))[0]
+            things[hypothesis.name] = slice(begun.start, last), hypothesis.columns
+        for rows, of_rows in things.values():
             part = self.roots[rows, of_rows] @ matrix[of_rows]
-            for others, columns in self._ways():
+            for others, columns in things.values():
                 self._matrix[rows, others] += part[:, columns] @ self.roots[others, columns].T
         self._matrix[-1, :-1] = self._matrix[:-1, -1] = below
         self._matrix[-1, -1] += 2.0 * below @ below
@@ -328,14 +330,6 @@ class Evidence:
         ends = np.cumsum([0, *(len(self.places[k]) for k in few)]).tolist()
         self._few = {k: range(*pair) for k, pair in zip(few, pairwise(ends), strict=True)}
         self._eliminated: dict[tuple[int, ...], tuple[Array, float]] = {}
-
-    def _ways(self) -> Iterator[tuple[slice, slice]]:
-        """All amplitudes of each thing, and its columns: ways of one name follow one another."""
-        places = zip(self.hypotheses, self.places, strict=True)
-        for _, ways in groupby(places, lambda way: way[0].name):
-            (first, place), *others = ways
-            last = others[-1][1] if others else place
-            yield slice(int(place[0]), int(last[-1]) + 1), first.columns
 
     def of(self, chosen: Sequence[int]) -> float:
         """ln E of a set over that of the empty one; -inf where it cannot be."""
