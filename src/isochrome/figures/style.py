@@ -23,10 +23,9 @@ if TYPE_CHECKING:
 FRAME_MAP = "gray"
 VALUE_MAP = "viridis"
 DIFFERENCE_MAP = "RdBu_r"
-DIRECTION_MAP = "hsv"
-"""Colours of a direction: the same at -90 and at 90 degrees, and none of them the grey of NaN."""
 PAPER_DIRECTION_MAP = "twilight"
-"""The same for a paper, told apart by colour-blind readers and in grey."""
+"""Colours of a direction, the same at -90 and at 90 degrees: told apart by colour-blind readers and
+in grey."""
 
 UNKNOWN_COLOUR = "#dcdcdc"
 """Light grey, hatched, where an image holds NaN (not known)."""
