@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 MOST_MEMBERS = 4
 """Nuisances in a set: benches with five defects at once are one in ten thousand."""
-_BEAM = 40
+_BEAM = 20
 """Sets of each size that larger ones are made of."""
 _FEW = 4
 """Amplitudes up to which something is one of many small things in a set."""

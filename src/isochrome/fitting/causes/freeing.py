@@ -38,7 +38,7 @@ from isochrome.fitting.causes.score import (
 from isochrome.fitting.causes.slips import Slip, explaining_slip, is_lost
 from isochrome.fitting.causes.solution import Askable, Change, FrameSolution
 from isochrome.fitting.causes.trial import Expected, Trial
-from isochrome.fitting.frame.far_model import FAR, STALLED, TOLERANCE
+from isochrome.fitting.frame.far_model import FAR, STALLED
 from isochrome.fitting.frame.frame_fit import fit_with_model, hidden_px
 from isochrome.fitting.frame.unknowns import StatedInputs
 from isochrome.scene import Scene
@@ -293,9 +293,9 @@ def _nearer(freed: Freed[S], asked: Asked) -> Freed[S] | None:
         return None
     own = _best_ways(asked, freed.fitted.names)
     fall = asked.evidence.fall(own, asked.now)
-    move = asked.along @ (asked.evidence.values(own) - asked.now)
-    far = bool((np.abs(move) > TOLERANCE * freed.fit.standard_uncertainty).any())
-    nearer = _with(freed, _of_members(asked, own)) if far else None
+    # the mean over what is as likely as its noise makes it
+    spread = sum(asked.evidence.hypotheses[k].root.shape[1] for k in own)
+    nearer = _with(freed, _of_members(asked, own)) if fall > spread else None
     if nearer is None:
         return None
     fell = freed.now.pixels * (freed.now.chi**2 - nearer.now.chi**2)
@@ -573,6 +573,9 @@ def _change(freed: Freed[S], plan: _Plan) -> Change:
     if plan.richer or plan.light > freed.light:
         terms = freed.richer
     rest = plan.trial.values if plan.trial else {}
+    if plan.trial is None and now.chi < _LARGE and len({*now.unknown_keys}) == len(now.values):
+        move = asked.along @ (asked.evidence.values(plan.members) - asked.now)
+        rest = dict(zip(now.unknown_keys, (now.values + move).tolist(), strict=True))
     begun = {key: rest[key] for key in now.keys if key in rest and key not in held}
     return Change(
         added=added,
