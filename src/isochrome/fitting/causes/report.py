@@ -61,12 +61,14 @@ def cause_messages(freed: Freed[Any], *, light: bool = True) -> tuple[str, ...]:
         messages.append(_unknown_sentence(freed))
     messages += [text for text in map(partial(_contradicted, freed), freed.causes) if text]
     if freed.light and light:
-        messages.append(message("no_load_frames_frames", light_words=freed.now.light_words))
+        messages.append(
+            message("no_load_frames_frames", light_words=freed.now.frames[0].lamp.words)
+        )
     if freed.outside:
         messages.append(message("pixels_left_out_dust", per_cent=per_cent(freed.outside)))
     if messages:
         messages[0] += _shift(freed)
-    louder = freed.now.noise_ratio
+    louder = freed.now.frames[0].noise_ratio
     if louder > 1.0:
         messages.append(message("noise_times_what_neighbouring", louder=louder))
     return (*messages, *_suspicions(freed))

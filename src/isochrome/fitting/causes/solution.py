@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 
 from isochrome.errors import PhysicsError
-from isochrome.estimation import FrameData, block_correlation, local_correlation
+from isochrome.estimation import FrameData, Prior, block_correlation, local_correlation
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.blocks import (
     BLOCK,
@@ -55,99 +55,122 @@ class Change:
     far: bool = False
 
 
-class Askable(Protocol):
-    """A fit of one frame, or of several together, that can be asked and made anew."""
+class Askable:
+    """A fit of one frame, or of several together, that can be asked and made anew.
+
+    `past`, whether nothing else says what friction there was before.
+    """
+
+    data: Any
+    past: bool = False
 
     @property
     def fit(self) -> Any:
         """The fit itself."""
+        raise NotImplementedError
 
     @property
-    def data(self) -> Any:
-        """The frame or frames, with the light and the pixels that were taken."""
-
-    @property
-    def count(self) -> int:
-        """Number of frames."""
-
-    @property
-    def past(self) -> bool:
-        """Whether nothing else says what friction there was before."""
-
-    @property
-    def light_words(self) -> str:
-        """What is said of the light."""
-
-    @property
-    def chi(self) -> float:
-        """Residual over noise."""
-
-    @property
-    def noise_ratio(self) -> float:
-        """The noise over what the frames' finest part shows."""
-
-    @property
-    def scene(self) -> Scene:
-        """The scene with the fitted values."""
-
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """The keys that were fitted."""
+    def frames(self) -> Any:
+        """The frames, with the light and the pixels that were taken."""
+        raise NotImplementedError
 
     @property
     def unknown_keys(self) -> tuple[str, ...]:
         """The key of each unknown (p,)."""
+        raise NotImplementedError
 
     @property
-    def values(self) -> Array:
-        """The fitted values (p,)."""
+    def prior(self) -> Prior:
+        """What is known beforehand of the unknowns."""
+        raise NotImplementedError
 
     @property
     def held(self) -> StatedInputs:
         """What is stated with an uncertainty, and held."""
-
-    @property
-    def stated_misfit(self) -> tuple[Array, Array]:
-        """1/u (p,) of what is stated of the unknowns, and stated less fitted values, over u."""
-
-    @property
-    def terms(self) -> LightTerms:
-        """The polynomial products of the light."""
-
-    @property
-    def waves(self) -> Array | None:
-        """Of what no cause explains (3, k), where something is fitted."""
-
-    @property
-    def pixels(self) -> int:
-        """Pixels that may be used."""
+        raise NotImplementedError
 
     @property
     def is_bright(self) -> bool:
         """Whether its light is light, and more than one amplitude."""
-
-    @property
-    def is_sound(self) -> bool:
-        """The same, and whether each value is determined."""
-
-    def values_of_key(self, key: str) -> list[tuple[float, float]]:
-        """Value and standard uncertainty of a key, one for each time that it was fitted."""
+        raise NotImplementedError
 
     def blocks(self) -> Iterator[FrameBlocks]:
         """Each of its frames in blocks."""
+        raise NotImplementedError
 
     def again(self, change: Change) -> Self:
         """The fit with a change. Raises PhysicsError where it cannot be made."""
+        raise NotImplementedError
 
     def trial(self, change: Change, expected: Expected) -> Trial | None:
         """A fit to few pixels with what is expected of it; None where there is none."""
+        raise NotImplementedError
 
     def still_odd(self, whole: Self, odd: Mask) -> Mask:
         """Which of the blocks that it left out of the `whole` frame it does not explain."""
+        raise NotImplementedError
+
+    @property
+    def count(self) -> int:
+        """Number of frames."""
+        return len(self.frames)
+
+    @property
+    def chi(self) -> float:
+        """Residual over noise."""
+        return float(self.fit.chi)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene with the fitted values."""
+        scene: Scene = self.fit.scene
+        return scene
+
+    @property
+    def values(self) -> Array:
+        """The fitted values (p,)."""
+        return np.asarray(self.fit.values)
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The keys that were fitted."""
+        return tuple(dict.fromkeys(self.unknown_keys))
+
+    @property
+    def terms(self) -> LightTerms:
+        """The polynomial products of the light."""
+        terms: LightTerms = self.frames[0].lamp.terms
+        return terms
+
+    @property
+    def waves(self) -> Array | None:
+        """Of what no cause explains (3, k), where something is fitted."""
+        waves: Array | None = self.frames[0].waves
+        return waves
+
+    @property
+    def pixels(self) -> int:
+        """Pixels of all frames that may be used."""
+        return sum(int(frame.valid.sum()) for frame in self.frames)
+
+    @property
+    def stated_misfit(self) -> tuple[Array, Array]:
+        """1/u (p,) of what is stated of the unknowns, and stated less fitted values, over u."""
+        return self.prior.misfit(self.fit.values)
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether it is bright, and each value determined."""
+        return self.is_bright and bool(np.isfinite(self.fit.standard_uncertainty).all())
+
+    def values_of_key(self, key: str) -> list[tuple[float, float]]:
+        """Value and standard uncertainty of a key, one for each time that it was fitted."""
+        columns = self.unknown_keys, self.fit.values, self.fit.standard_uncertainty
+        return [(float(v), float(u)) for k, v, u in zip(*columns, strict=True) if k == key]
 
 
 @dataclass(frozen=True)
-class FrameSolution:
+class FrameSolution(Askable):
     """The fit of one frame: its `data`, with the light and the pixels that were taken.
 
     `past`, whether it alone says what friction there was before it.
@@ -155,13 +178,7 @@ class FrameSolution:
 
     data: FrameData
     fitted: Fitted
-    count: int = 1
     past: bool = False
-
-    @property
-    def light_words(self) -> str:
-        """What is said of the light."""
-        return self.data.lamp.words
 
     @property
     def fit(self) -> FrameFit:
@@ -169,24 +186,9 @@ class FrameSolution:
         return self.fitted.fit
 
     @property
-    def chi(self) -> float:
-        """Residual over noise."""
-        return self.fit.chi
-
-    @property
-    def noise_ratio(self) -> float:
-        """The noise over what the frame's finest part shows."""
-        return self.fit.noise_ratio
-
-    @property
-    def scene(self) -> Scene:
-        """The scene with the fitted values."""
-        return self.fit.scene
-
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """The keys that were fitted."""
-        return self.fit.keys
+    def frames(self) -> tuple[FrameData]:
+        """The frame."""
+        return (self.data,)
 
     @property
     def unknown_keys(self) -> tuple[str, ...]:
@@ -194,9 +196,9 @@ class FrameSolution:
         return self.fit.keys
 
     @property
-    def values(self) -> Array:
-        """The fitted values (p,)."""
-        return self.fit.values
+    def prior(self) -> Prior:
+        """What is known beforehand of the unknowns."""
+        return self.fitted.final.local.prior
 
     @property
     def held(self) -> StatedInputs:
@@ -204,39 +206,9 @@ class FrameSolution:
         return self.fitted.held
 
     @property
-    def stated_misfit(self) -> tuple[Array, Array]:
-        """1/u (p,) of what is stated of the unknowns, and stated less fitted values, over u."""
-        return self.fitted.final.local.prior.misfit(self.fit.values)
-
-    @property
-    def terms(self) -> LightTerms:
-        """The polynomial products of the light."""
-        return self.data.lamp.terms
-
-    @property
-    def waves(self) -> Array | None:
-        """Of what no cause explains (3, k), where something is fitted."""
-        return self.data.waves
-
-    @property
-    def pixels(self) -> int:
-        """Pixels that may be used."""
-        return int(self.data.valid.sum())
-
-    @property
     def is_bright(self) -> bool:
         """Whether its light is light, and more than one amplitude."""
         return self.fit.positive and not self.fit.plain
-
-    @property
-    def is_sound(self) -> bool:
-        """The same, and whether each value is determined."""
-        return self.is_bright and bool(np.isfinite(self.fit.standard_uncertainty).all())
-
-    def values_of_key(self, key: str) -> list[tuple[float, float]]:
-        """Value and standard uncertainty of a key."""
-        k = self.fit.keys.index(key)
-        return [(float(self.fit.values[k]), float(self.fit.standard_uncertainty[k]))]
 
     def blocks(self) -> Iterator[FrameBlocks]:
         """The frame in blocks."""
@@ -312,7 +284,7 @@ class FrameSolution:
     @cached_property
     def _block_noise(self) -> float:
         """The noise of means over blocks over that of independent pixels: more if compressed."""
-        if self.noise_ratio == 1.0:
+        if self.fit.noise_ratio == 1.0:
             return 1.0
         pixels, final = self.fitted.model.pixels, self.fitted.final
         return float(np.sqrt(local_correlation(pixels.keep, final.gamma_fit.residual)))

@@ -18,6 +18,7 @@ from isochrome.estimation import (
     BudgetInput,
     Damping,
     FrameData,
+    Prior,
     budget_of,
     budgets_of,
     is_determined,
@@ -28,8 +29,7 @@ from isochrome.estimation import (
 )
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.blocks import FrameBlocks, SolvedFrame, block_side
-from isochrome.fitting.causes.score import LightTerms
-from isochrome.fitting.causes.solution import Change, whole_picture
+from isochrome.fitting.causes.solution import Askable, Change, whole_picture
 from isochrome.fitting.causes.trial import Expected, Trial, through_a_lens
 from isochrome.fitting.frame.far_model import TOLERANCE
 from isochrome.fitting.frame.frame_fit import FrameFit, hidden_px, placed, turned_over
@@ -63,7 +63,7 @@ from isochrome.scene import DistanceTable, Scene
 
 
 @dataclass(frozen=True)
-class JointSolution:
+class JointSolution(Askable):
     """The fit of several frames together: their `data`, with the light and pixels that were taken.
 
     `problem`, that was solved; `progress`, called with each frame of each pass.
@@ -71,43 +71,18 @@ class JointSolution:
 
     data: FrameSet
     problem: JointProblem
-    fit: JointFit
+    joint: JointFit
     progress: Callable[[], None]
 
     @property
-    def count(self) -> int:
-        """Number of frames."""
-        return len(self.data)
+    def fit(self) -> JointFit:
+        """The fit."""
+        return self.joint
 
     @property
-    def light_words(self) -> str:
-        """What is said of the light."""
-        return self.data[0].lamp.words
-
-    @property
-    def chi(self) -> float:
-        """Residual over noise."""
-        return self.fit.chi
-
-    @property
-    def past(self) -> bool:
-        """Whether nothing else says what friction there was before: the frames' course does."""
-        return False
-
-    @property
-    def noise_ratio(self) -> float:
-        """The noise over what the first frame's finest part shows."""
-        return self.data[0].noise_ratio
-
-    @property
-    def scene(self) -> Scene:
-        """The scene with the fitted values."""
-        return self.fit.scene
-
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """The keys that were fitted."""
-        return tuple(dict.fromkeys(unknown.key for unknown in self.fit.unknowns))
+    def frames(self) -> FrameSet:
+        """The frames, with the light and the pixels that were taken."""
+        return self.data
 
     @property
     def unknown_keys(self) -> tuple[str, ...]:
@@ -115,34 +90,14 @@ class JointSolution:
         return tuple(unknown.key for unknown in self.fit.unknowns)
 
     @property
-    def values(self) -> Array:
-        """The fitted values (p,)."""
-        return self.fit.values
+    def prior(self) -> Prior:
+        """What is known beforehand of the unknowns."""
+        return self.problem.prior
 
     @property
     def held(self) -> StatedInputs:
         """What is stated with an uncertainty, and held."""
         return self.problem.held
-
-    @property
-    def stated_misfit(self) -> tuple[Array, Array]:
-        """1/u (p,) of what is stated of the unknowns, and stated less fitted values, over u."""
-        return self.problem.prior.misfit(self.fit.values)
-
-    @property
-    def terms(self) -> LightTerms:
-        """The polynomial products of the light."""
-        return self.data[0].lamp.terms
-
-    @property
-    def waves(self) -> None:
-        """An order that no cause explains is weighed, and not fitted."""
-        return None
-
-    @property
-    def pixels(self) -> int:
-        """Pixels of all frames that may be used."""
-        return sum(int(frame.valid.sum()) for frame in self.data)
 
     @property
     def is_bright(self) -> bool:
@@ -151,23 +106,14 @@ class JointSolution:
 
     @property
     def is_sound(self) -> bool:
-        """The same, and whether each value is determined, and told from the others."""
+        """Whether it is bright, and each value determined, and told from the others."""
         fit = self.fit
         try:
             assert fit.information is not None
-            refuse_alike(tuple(u.key for u in fit.unknowns), fit.information, fit.known)
+            refuse_alike(self.unknown_keys, fit.information, fit.known)
         except PhysicsError:
             return False
-        return self.is_bright and bool(np.isfinite(fit.standard_uncertainty).all())
-
-    def values_of_key(self, key: str) -> list[tuple[float, float]]:
-        """Value and standard uncertainty of a key, once or for each frame."""
-        columns = self.fit.unknowns, self.fit.values, self.fit.standard_uncertainty
-        return [
-            (float(v), float(u))
-            for unknown, v, u in zip(*columns, strict=True)
-            if unknown.key == key
-        ]
+        return super().is_sound
 
     def blocks(self) -> Iterator[FrameBlocks]:
         """Each of the frames in blocks."""
