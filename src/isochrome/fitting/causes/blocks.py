@@ -12,20 +12,12 @@ from numpy.typing import NDArray
 
 from isochrome.estimation import STEP, FrameData, LightModel, block_correlation, cosines, line_noise
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.causes.cause import BAND, FRINGE_VALUE, YOUNG, Cause
+from isochrome.fitting.causes.cause import BAND, FRINGE_VALUE, MODULUS, PAST, SOFT, YOUNG, Cause
 from isochrome.fitting.causes.modes import TractionModes, traction_modes
+from isochrome.fitting.frame.far_model import SLIGHT
 from isochrome.fitting.frame.frame_model import GammaFit, Pixels, gamma_slope, trust_of_slopes
 from isochrome.fitting.frame.renderer import SceneRenderer, scene_optics
-from isochrome.fitting.frame.unknowns import (
-    BLUR,
-    EARLIER,
-    GAMMA,
-    LAYER,
-    LENS,
-    PIXEL,
-    SMOOTH_KEYS,
-    thinning,
-)
+from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS, PIXEL, SMOOTH_KEYS, thinning
 from isochrome.scene import Scene
 from isochrome.stress import PixelGrid, pixel_grid, regular_modes
 
@@ -43,21 +35,16 @@ _REGIONS = 4
 SHADOW_BLOCKS = 5
 """Depth in blocks that a shadow on the surface may reach: it fades, and its end is not seen."""
 
-_STRESS_MPA = 0.01
-_FRICTION = 0.01
-"""A change of the scar that stands above what its own tolerance moves."""
-_MODULUS = 1e-3
-"""Share of a modulus by which it is changed: the contact is solved to 1e-6 or so."""
-_LAYER_UM_PER_MPA = 0.001
-"""A layer's change that stands above the contact's own tolerance, and is small beside a bench's."""
+_SOLVED = {key: cause.sizes[0] for cause in (PAST, MODULUS, SOFT) for key in cause.keys}
+_PART = 0.01
+"""Part of a cause's size by which it is changed for its column: above what a contact's own
+tolerance moves."""
 _OUTLIER = 6.0
 """Residual of a block, in standard deviations of a block's, beyond which it is no accident."""
 _BESIDE = 2.5
 """The same beside such a block: a speck has a rim."""
 MAD = 1.4826
 """Standard deviation over the median of the sizes, of a normal distribution."""
-_ORDER = 1e-3
-"""Fringes by which an order is changed."""
 COSINES = 8
 """Cosines of the picture's height, and of its width, that an unknown order is made of."""
 
@@ -236,24 +223,32 @@ class FrameBlocks:
         if key in SMOOTH_KEYS:
             x, z = self._places(self.scene)
             mode = regular_modes(1)[SMOOTH_KEYS.index(key)]
-            added = mode.difference(x, np.maximum(z, 0.0)).astype(np.complex64)
-            moved = self._signal(self.scene, self._fields[0] + np.complex64(_STRESS_MPA) * added)
-            return np.asarray((moved - self._here) * (self._gain / _STRESS_MPA))
+            return self._turned(mode.difference(x, np.maximum(z, 0.0)).astype(np.complex64))
+        value = float(self.scene.get(key) or 0.0)
         if key == FRINGE_VALUE:
-            moved = self._signal(self.scene, self._fields[0] * np.float32(1.0 - STEP))
-            return np.asarray((moved - self._here) * (self._gain / (STEP * self.scene.get(key))))
-        if key in (EARLIER, YOUNG, LAYER):
-            value = float(self.scene.get(key) or 0.0)
-            step = {EARLIER: _FRICTION, YOUNG: _MODULUS * value, LAYER: _LAYER_UM_PER_MPA}[key]
-            return self._solved_column(key, value, step)
+            return self._turned(self._fields[0] / np.float32(-value))
+        if key in _SOLVED:
+            # what the contact would be with another modulus, or the scar under another friction
+            step = _PART * _SOLVED[key] * (value if key == YOUNG else 1.0)
+            there = self.scene.with_values({key: value + step})
+            field = self._renderer.whole(there, self._renderer.field_beside(there))
+            return self._turned((np.nan_to_num(self.thin(field)) - self._fields[0]) / step)
         return self._moved_column(key)
 
-    def _solved_column(self, key: str, value: float, step: float) -> Array:
-        """By what the contact would be with another modulus, or the scar under another friction."""
-        there = self.scene.with_values({key: value + step})
-        field = self._renderer.whole(there, self._renderer.field_beside(there))
-        moved = self._signal(self.scene, np.nan_to_num(self.thin(field)))
-        return np.asarray((moved - self._here) * (self._gain / step))
+    @cached_property
+    def _by_field(self) -> tuple[Array, Array]:
+        """Weighted derivatives by both parts of the stress difference (n,), 1/MPa."""
+        step = np.float32(SLIGHT / scene_optics(self.scene).order_per_mpa)
+        along, across = (
+            (self._signal(self.scene, self._fields[0] + step * turn) - self._here) / step
+            for turn in (np.complex64(1.0), np.complex64(1j))
+        )
+        return along * self._gain, across * self._gain
+
+    def _turned(self, change: Array) -> Array:
+        """By a change of the stress difference (n,), MPa."""
+        along, across = self._by_field
+        return np.asarray(along * change.real + across * change.imag, np.float32)
 
     @cached_property
     def modes(self) -> TractionModes:
@@ -264,34 +259,27 @@ class FrameBlocks:
 
     def traction_columns(self) -> Array:
         """By the hats of `modes` (k, n)."""
-        field, step = self._fields[0], np.float32(_STRESS_MPA)
-        columns = np.empty((2 * len(self.modes.inner), len(field)), np.float32)
-        for column, image in zip(columns, self.modes.fields(self._grid), strict=True):
-            moved = self._signal(self.scene, field + step * self.pick(image))
-            column[:] = (moved - self._here) * (self._gain / step)
-        return columns
+        images = self.modes.fields(self._grid)
+        return np.array([self._turned(self.pick(image)) for image in images])
 
     @cached_property
     def order_waves(self) -> Array:
         """Orders that no cause may explain, fringes (k, n), see `with_waves`."""
-        rows, cols = self._chosen.shape
-        waves, field = self.pick(cosines((rows, cols), COSINES)), self._fields[0]
+        field = self._fields[0]
         turn = field / np.maximum(np.abs(field), np.float32(1e-6))
         ways = scene_optics(self.scene).order(field), turn.real, turn.imag
-        return np.concatenate([waves * way for way in ways])
+        return np.concatenate([self._waves * way for way in ways])
+
+    @property
+    def _waves(self) -> Array:
+        return self.pick(cosines(self._chosen.shape, COSINES))
 
     def wave_columns(self, part: slice) -> Array:
         """By what no cause explains, some of three parts of `order_waves` (k, n)."""
-        waves = self.order_waves.reshape(3, -1, len(self._order_slope))[part]
-        return np.asarray(waves.reshape(-1, len(self._order_slope)) * self._order_slope)
-
-    @cached_property
-    def _order_slope(self) -> Array:
-        """By an order that is more all over the picture (n,)."""
-        optics, (field, visibility) = scene_optics(self.scene), self._fields
-        order = optics.order(field) + np.float32(_ORDER)
-        moved = optics.signal(field, order=order, visibility=visibility)
-        return np.asarray((moved - self._here) * (self._gain / np.float32(_ORDER)))
+        fringe = np.float32(1.0 / scene_optics(self.scene).order_per_mpa)
+        along, across = self._by_field
+        ways = self._turned(self._fields[0]), along * fringe, across * fringe
+        return np.concatenate([self._waves * way for way in ways[part]])
 
     def shadow_columns(self) -> Array:
         """By the light that is missing at each depth of blocks beside the surface (k, n)."""

@@ -21,6 +21,7 @@ from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.blocks import COSINES
 from isochrome.fitting.causes.cause import OF_PRESSURE, SMOOTH, Cause
 from isochrome.fitting.causes.score import (
+    LEAST_EVEN,
     LIGHT,
     SHADOW,
     TRACTIONS,
@@ -54,14 +55,10 @@ others near the end."""
 _ROUNDS = 16
 _LARGE = 1.03
 """Residual over noise from which sets are told apart by their own fits."""
-_LIKELY, _TRIED, _MOST_TRIALS = 3, 9, 27
-"""The likeliest sets, and all that are tried of those and what is beside them; trials of all
-rounds: what as many do not explain is in no list, and what is bent to it takes the values along."""
-_PLAIN = 2
-"""The likeliest sets of causes alone that are tried: what can take any form explains much to first
-order, and hides what a named cause would explain beyond that."""
-_LEAST_EVEN = 0.1
-"""Least square, of its size's, at which an even cause begins: it has no slope at nought."""
+_LIKELY, _PLAIN, _TRIED, _MOST_TRIALS = 3, 2, 9, 27
+"""The likeliest sets, those of causes alone, and all that are tried of these and what is beside
+them; trials of all rounds: what as many do not explain is in no list, and what is bent to it takes
+the values along."""
 _SAME_CHI = 1.01
 """Ratio of chi within which a fit with fewer unknowns must stay."""
 _MOST_ODD = 0.15
@@ -411,7 +408,9 @@ def _tried_from_afar(
 
 
 def _named(asked: Asked) -> list[_Plan]:
-    """The likeliest sets of causes alone."""
+    """The likeliest sets of causes alone: what can take any form explains much to first order, and
+    hides what a named cause would explain beyond that.
+    """
     plain = weigh(asked.evidence, without=(TRACTIONS, *WAVES)).members[:_PLAIN]
     return [_of_members(asked, members) for members in plain]
 
@@ -502,7 +501,7 @@ def _unknown(chosen: dict[str, Hypothesis], values: Array) -> dict[str, Any]:
 def _even_starts(cause: Cause, values: Array) -> dict[str, float]:
     """Where an even cause's keys begin, from its square and, of plates, the slope by the first."""
     square, *slope = values.tolist()
-    least = 0.0 if slope and slope[0] else _LEAST_EVEN
+    least = 0.0 if slope and slope[0] else LEAST_EVEN
     root = max(square, least) ** 0.5
     starts = {key: root * u for key, u in zip(cause.keys, cause.sizes, strict=True)}
     starts[cause.keys[0]] += sum(slope)

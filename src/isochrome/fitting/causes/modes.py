@@ -22,7 +22,8 @@ from isochrome.scene import AddedTractions, Scene
 from isochrome.stress import PixelGrid, cauchy_of_hat
 
 SIZES = (0.003, 0.01, 0.03, 0.1, 0.3)
-"""Amplitudes a, of the largest pressure: a clean contact's, to one on a grain."""
+"""Amplitudes a, of the largest pressure: a clean contact's, to one on a grain; but for the last
+those of what no cause explains, in fringes or as a share of those there."""
 LENGTHS = (0.12, 0.3, 0.8)
 """Lengths l, of half the contact's width."""
 _REACH, _NODES = 4.0 / 3.0, 49

@@ -62,11 +62,11 @@ _LIGHT_SIZE, LIGHT_FALLS = 0.05, (0.5, 0.7, 0.9)
 leaves of it: a lamp's, one that is near, one with an edge."""
 _SHADOW_SIZE, _SHADOW_LENGTH = 0.2, 2.0
 """Standard deviation of the light that a shadow takes, and over how many blocks it is alike."""
-_ORDERS, WIDTHS = (0.003, 0.01, 0.03, 0.1), (0.12, 0.3)
-"""Standard deviations of what no cause explains, in fringes or as a share of those there, and its
-lengths, of the picture's size."""
-_LEAST_VALUE = 0.1
-"""Of its size, the least value at which an even cause that is fitted is taken to stand."""
+WIDTHS = LENGTHS[:-1]
+"""Lengths of what no cause explains, of the picture's size: the largest is the light's."""
+LEAST_EVEN = 0.1
+"""Least square, of its size's, at which an even cause begins, and is taken to stand where it is
+fitted: it has no slope at nought."""
 
 
 @dataclass(frozen=True)
@@ -231,7 +231,7 @@ def _nuisances(
             yield _open_cause(blocks, cause)
     yield _light(solution, blocks, stated.terms)
     waves = np.zeros((3, COSINES**2)) if solution.waves is None else solution.waves
-    spreads = [size * cosine_spread(COSINES, width) for size in _ORDERS for width in WIDTHS]
+    spreads = [size * cosine_spread(COSINES, width) for size in SIZES[:-1] for width in WIDTHS]
     for name, part in WAVES.items():
         now = waves[part]
         yield Nuisance(
@@ -300,7 +300,7 @@ def _fitted_cause(solution: Askable, cause: Cause, stated: Scene) -> Nuisance:
     spread = np.array([sizes[solution.unknown_keys[row]] for row in rows])
     if cause.even:
         off = np.array(values)
-        off = np.copysign(np.maximum(np.abs(off), _LEAST_VALUE * spread), off)
+        off = np.copysign(np.maximum(np.abs(off), LEAST_EVEN**0.5 * spread), off)
         size, change = float(np.mean((off / spread) ** 2)), 0.5 * off
         return Nuisance(
             name=cause.name,

@@ -38,7 +38,7 @@ _OPTICAL = ("polariscope.", "frames.", "specimen.fringe_value", "specimen.thickn
 """How keys begin that change more than the field, or something else."""
 _AMPLITUDE = np.float32(0.03)
 """Change of an amplitude, in standard deviations of its prior."""
-_FRINGE = 3e-4
+SLIGHT = 3e-4
 """Fringes by which the field is changed for its slopes."""
 
 
@@ -141,7 +141,7 @@ class FarModel(FrameModel):
         for j, (turn, step) in turns.items():
             rows[j] = turned_row(optics, field, shown, turn[keep], step, gamma_fit)
         if self.slight:
-            step = np.float32(_FRINGE / optics.order_per_mpa)
+            step = np.float32(SLIGHT / optics.order_per_mpa)
             along, across = (
                 turned_row(optics, field, shown, turn, step, gamma_fit)
                 for turn in (np.complex64(1.0), np.complex64(1j))
