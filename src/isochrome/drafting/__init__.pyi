@@ -1,11 +1,10 @@
 from .api import draft_scene, init
+from .fields import FIELDS, KINDS, QUANTITIES, SET_KINDS, SceneField
 from .scene_draft import (
     NEEDED,
-    QUANTITIES,
     DraftValue,
     KnownValues,
     OpenKey,
-    Quantity,
     SceneDraft,
     known_values,
     not_among_frames,
@@ -13,13 +12,16 @@ from .scene_draft import (
 )
 
 __all__ = [
+    "FIELDS",
+    "KINDS",
     "NEEDED",
     "QUANTITIES",
+    "SET_KINDS",
     "DraftValue",
     "KnownValues",
     "OpenKey",
-    "Quantity",
     "SceneDraft",
+    "SceneField",
     "draft_scene",
     "init",
     "known_values",

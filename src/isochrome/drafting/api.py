@@ -25,9 +25,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.drafting.fields import QUANTITIES
 from isochrome.drafting.scene_draft import (
     NEEDED,
-    QUANTITIES,
     SCENE_FILE,
     DraftValue,
     KnownValues,

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 import tomli_w
 
+from isochrome.drafting.fields import QUANTITIES
 from isochrome.errors import InputError
 from isochrome.frames import Channel, Frame, FrameReader, check_scale, likely_no_load, named_files
 from isochrome.messages import warnings_json
@@ -60,64 +61,10 @@ class KnownValues:
         return tuple(name for name in NEEDED[self.shape] if getattr(self, name) is None)
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """A quantity that a user knows, or can look up or measure."""
-
-    key: str
-    words: str  # what it is
-    unit: str  # empty for a plain number
-    usual: str  # what it usually is
-
-    @property
-    def question(self) -> str:
-        """What to ask for: words, unit and the usual range."""
-        return f"{self.words}{self.unit and f' ({self.unit})'}, usually {self.usual}"
-
-
-QUANTITIES = {
-    "young_gpa": Quantity(
-        "specimen.young_gpa", "Young's modulus of the specimen", "GPa", "2 to 4 for epoxy, 2.2 to "
-        "2.5 for polycarbonate, 60 to 75 for glass",
-    ),
-    "poisson": Quantity("specimen.poisson", "Poisson's ratio of the specimen", "", "0.33 to 0.42"),
-    "thickness_mm": Quantity(
-        "specimen.thickness_mm", "thickness of the specimen along the light", "mm", "2 to 10"
-    ),
-    "fringe_value_n_per_mm": Quantity(
-        "specimen.fringe_value_n_per_mm", "material fringe value f_sigma", "N/mm per fringe",
-        "9 to 15 for epoxy, 6 to 8 for polycarbonate; isochrome calibrate measures it",
-    ),
-    "radius_mm": Quantity("indenter.radius_mm", "radius of the cylinder", "mm", "5 to 50"),
-    "indenter_young_gpa": Quantity(
-        "indenter.young_gpa", "Young's modulus of the cylinder", "GPa", "200 to 215 for steel"
-    ),
-    "indenter_poisson": Quantity(
-        "indenter.poisson", "Poisson's ratio of the cylinder", "", "0.27 to 0.30 for steel"
-    ),
-    "load_n": Quantity(
-        "load.normal_n", "normal load, within a factor of three", "N", "10 to 500"
-    ),
-    "diameter_mm": Quantity("specimen.diameter_mm", "diameter of the disc", "mm", "10 to 60"),
-    "pixel_mm": Quantity(
-        "camera.pixel_mm", "side of a pixel on the specimen", "mm", "0.002 to 0.05; isochrome "
-        "calibrate scale measures it",
-    ),
-    "wavelength_nm": Quantity(
-        "polariscope.wavelength_nm", "wavelength of the light", "nm", "589 for sodium, 546 for "
-        "mercury's green",
-    ),
-}  # fmt: skip
-"""What is asked for, by the name of its field in KnownValues."""
-
 NEEDED = {
-    "contact": (
-        "young_gpa", "poisson", "thickness_mm", "fringe_value_n_per_mm", "radius_mm",
-        "indenter_young_gpa", "indenter_poisson", "load_n",
-    ),
-    "disc": ("diameter_mm", "thickness_mm", "fringe_value_n_per_mm", "load_n"),
-    "other": (),
-}  # fmt: skip
+    shape: tuple(name for name, one in QUANTITIES.items() if one.needed and shape in one.kinds)
+    for shape in get_args(Shape)
+}
 """What cannot be found in the frames, and nothing is found without it."""
 
 
@@ -390,9 +337,9 @@ def refuse_unclear(reader: FrameReader, given: KnownValues) -> None:
         )
     name, unknown = name_of(reader), open_questions(reader, given)
     if "wavelength_nm" in unknown:
-        raise InputError("has_red_green_blue", name=name, usual=QUANTITIES["wavelength_nm"].usual)
+        raise InputError("has_red_green_blue", name=name, usual=QUANTITIES["wavelength_nm"].range)
     if "pixel_mm" in unknown:
-        raise InputError("does_not_name_size", name=name, usual=QUANTITIES["pixel_mm"].usual)
+        raise InputError("does_not_name_size", name=name, usual=QUANTITIES["pixel_mm"].range)
     if given.pixel_mm is not None:
         check_scale(reader, Camera(pixel_mm=given.pixel_mm))
 

@@ -5,22 +5,23 @@ What the page finds in a frame by itself: place, load, friction, field, gamma, q
 
 import math
 import re
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
-from importlib import resources
 from typing import Any
 
 import numpy as np
 
 from isochrome.calibration import fit_circle
 from isochrome.drafting import (
+    FIELDS,
+    KINDS,
     NEEDED,
     QUANTITIES,
+    SET_KINDS,
     KnownValues,
     SceneDraft,
+    SceneField,
     draft_scene,
     known_values,
 )
@@ -53,40 +54,8 @@ from isochrome.setup_page.session import (
 )
 from isochrome.stress import PixelGrid, pixel_grid
 
-_TABLES = tomllib.loads(
-    (resources.files("isochrome.setup_page") / "fields.toml").read_text("utf-8")
-)
-
-KINDS: dict[str, str] = _TABLES["kinds"]
-"""What may stand in front of the camera, by the page's words."""
-
-SET_KINDS: dict[str, str] = _TABLES["set_kinds"]
-"""What a calibration set may hold, by the page's words."""
-
 STATED_SHAPES = ("disc", "ring", "beam", "other")
 """Kinds that the scene names in specimen.shape."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SceneField:
-    """A value that the page asks for."""
-
-    key: str  # of the scene
-    label: str  # what the page calls it
-    group: str  # the head it stands under
-    kinds: tuple[str, ...] = (*KINDS, *SET_KINDS)  # of KINDS and SET_KINDS, for which it is asked
-    unit: str = ""
-    usual: str = ""  # stands in the field at first; empty: only the user knows it
-    hint: str = ""  # a usual range, or where it is known from
-    needed: bool = False  # by a scene of this kind
-    choices: tuple[str, ...] = ()  # empty for a number or a list of them
-
-
-FIELDS = tuple(
-    SceneField(**(entry | {name: tuple(v) for name, v in entry.items() if isinstance(v, list)}))
-    for entry in _TABLES["field"]
-)
-"""All of them, in the order of the page."""
 
 
 def session_state(session: SetupSession) -> dict[str, Any]:

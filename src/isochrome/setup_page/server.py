@@ -26,6 +26,7 @@ from urllib.parse import parse_qs, urlsplit
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.drafting import FIELDS, KINDS, SET_KINDS
 from isochrome.errors import InputError, IsochromeError, PhysicsError
 from isochrome.frames import look_through
 from isochrome.messages import message
@@ -509,8 +510,8 @@ class _Handler(BaseHTTPRequestHandler):
         session = self.server.session
         session.read_again()
         subject = session.subject
-        kinds = edits.KINDS if subject is None else {subject: edits.SET_KINDS[subject]}
-        fields = [asdict(field) for field in edits.FIELDS]
+        kinds = KINDS if subject is None else {subject: SET_KINDS[subject]}
+        fields = [asdict(field) for field in FIELDS]
         values = {
             "scene_file": session.scene_file.name,
             "subject": session.subject,

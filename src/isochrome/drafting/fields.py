@@ -1,0 +1,51 @@
+"""What is asked for of a bench: by the set-up page, by `init`, and by its command line."""
+
+import tomllib
+from dataclasses import dataclass
+from importlib import resources
+from typing import Any
+
+_TABLES: dict[str, Any] = tomllib.loads(
+    (resources.files("isochrome.drafting") / "fields.toml").read_text("utf-8")
+)
+
+KINDS: dict[str, str] = _TABLES["kinds"]
+"""What may stand in front of the camera, by the page's words."""
+
+SET_KINDS: dict[str, str] = _TABLES["set_kinds"]
+"""What a calibration set may hold, by the page's words."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneField:
+    """A value that is asked for."""
+
+    key: str  # of the scene
+    label: str  # what the page calls it
+    group: str  # the head it stands under
+    kinds: tuple[str, ...] = (*KINDS, *SET_KINDS)  # of KINDS and SET_KINDS, for which it is asked
+    unit: str = ""
+    usual: str = ""  # stands in the field at first; empty: only the user knows it
+    hint: str = ""  # a usual range, or where it is known from
+    needed: bool = False  # by a scene of this kind
+    choices: tuple[str, ...] = ()  # empty for a number or a list of them
+    option: str = ""  # its name among what `init` asks for; empty: it does not
+    words: str = ""  # what it is, where there is no page
+    range: str = ""  # what it usually is
+
+    @property
+    def question(self) -> str:
+        """What to ask for: words, unit and the usual range."""
+        return f"{self.words}{self.unit and f' ({self.unit})'}, usually {self.range}"
+
+
+def _field(entry: dict[str, Any]) -> SceneField:
+    lists = {name: tuple(value) for name, value in entry.items() if isinstance(value, list)}
+    return SceneField(**{"hint": entry.get("range", "")} | entry | lists)
+
+
+FIELDS = tuple(map(_field, _TABLES["field"]))
+"""All of them, in the order of the page."""
+
+QUANTITIES = {field.option: field for field in FIELDS if field.option}
+"""What a user knows, or can look up or measure, by the name of its field in KnownValues."""
