@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
+from isochrome.reference import StressComponents as StressComponents  # stress shows it too
 from isochrome.scene import Camera, Scene
 
 Floats = NDArray[np.floating]
@@ -204,47 +205,6 @@ def _lens(camera: Camera, rows: int, cols: int) -> Lens | None:
 
 StressDifference = NDArray[np.complexfloating]
 """(sigma_x - sigma_z) + 2i tau_xz (rows, cols), MPa. Its modulus is sigma_1 - sigma_2."""
-
-
-@dataclass(frozen=True)
-class StressComponents:
-    """Plane stress components on a pixel grid, MPa, tension positive.
-
-    Parameters
-    ----------
-    sigma_x : ndarray (rows, cols)
-        Normal stress along the surface (MPa).
-    sigma_z : ndarray (rows, cols)
-        Normal stress across it (MPa).
-    tau_xz : ndarray (rows, cols)
-        Shear stress (MPa).
-    """
-
-    sigma_x: Floats
-    sigma_z: Floats
-    tau_xz: Floats
-
-    @property
-    def difference(self) -> StressDifference:
-        """(sigma_x - sigma_z) + 2i tau_xz."""
-        return (self.sigma_x - self.sigma_z) + 2j * self.tau_xz
-
-    @property
-    def principal(self) -> tuple[Floats, Floats]:
-        """Principal stresses sigma_1 >= sigma_2 in the plane (MPa)."""
-        mean, radius = 0.5 * (self.sigma_x + self.sigma_z), 0.5 * np.abs(self.difference)
-        return mean + radius, mean - radius
-
-    @property
-    def largest_shear(self) -> Floats:
-        """Largest shear stress in the plane, (sigma_1 - sigma_2)/2 (MPa)."""
-        return np.asarray(0.5 * np.abs(self.difference))
-
-    @classmethod
-    def from_invariants(cls, difference: StressDifference, trace: Floats) -> StressComponents:
-        """Components from (sigma_x - sigma_z) + 2i tau_xz and sigma_x + sigma_z, of one shape."""
-        real = difference.real
-        return cls(0.5 * (trace + real), 0.5 * (trace - real), 0.5 * difference.imag)
 
 
 def principal_direction(difference: StressDifference) -> Floats:
