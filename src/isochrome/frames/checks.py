@@ -55,8 +55,8 @@ small contact at a low load lights few blocks."""
 _ALIKE = 0.04
 """Of the light's span, by which a frame may differ from a no-load picture and be one."""
 
-_GAINS = (0.8, 1.25)
-"""Between which a lamp may have drifted from that picture."""
+_DRIFT = 1.25
+"""Factor by which a lamp may have drifted from that picture, up or down."""
 
 _LARGEST_RUN = 0.5
 """Share of a set beyond which frames without fringes are no mistake among others."""
@@ -146,7 +146,8 @@ def _unlike(light: Array, picture: Array) -> float:
     if light.shape != picture.shape or not known.any():
         return float("inf")
     here, reference = light[known], picture[known]
-    gain = float(np.clip(np.median(here) / max(float(np.median(reference)), 1e-9), *_GAINS))
+    gain = float(np.median(here)) / max(float(np.median(reference)), 1e-9)
+    gain = min(max(gain, 1.0 / _DRIFT), _DRIFT)
     return float(np.percentile(np.abs(here - gain * reference), _FARTHEST))
 
 
