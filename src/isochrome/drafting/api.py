@@ -69,7 +69,6 @@ from isochrome.fitting import (
     GAMMA,
     TOO_FAR,
     FrameFit,
-    Freed,
     Lying,
     PictureStart,
     cause_messages,
@@ -237,18 +236,19 @@ def find_contact(
     clear = fit.chi <= _CLEAR and min(others, default=float("inf")) > _CLEAR * fit.chi
     if not fit.positive or _is_no_bench(fit) or (fit.chi > POOR_CHI and not clear):
         raise _unexplained(frame, fit.chi if fit.positive else None)
-    _refuse_far_load(fit, given, frame)
-    return _with_doubts(frame.index, best.lying, answer)
-
-
-def _with_doubts(index: int, lying: Lying, answer: Freed[Any]) -> ContactFit:
-    """A fit as a contact, with what is said of it, and the keys that other causes explain too."""
+    load, load_n = float(fit.scene.get(LOAD)), given.load_n
+    assert load_n is not None
+    if not 1.0 / _FARTHEST < load / load_n < _FARTHEST:
+        raise PhysicsError(
+            "fringes_frame_those_load", name=frame.name, index=frame.index, load=load, load_n=load_n
+        )
     messages = cause_messages(answer, light=light_matters(answer))
-    if answer.fit.chi > POOR_CHI:
-        messages += (message("chi_frame_holds_more", chi=answer.fit.chi),)
+    if fit.chi > POOR_CHI:
+        messages += (message("chi_frame_holds_more", chi=fit.chi),)
+    # what other causes explain too
     rivals = rival_causes(answer)
     unsure = {k: rivals[c.name] for c in answer.causes if c.name in rivals for k in c.keys}
-    return ContactFit(index, lying, answer.data, answer.fit, messages, unsure)
+    return ContactFit(frame.index, best.lying, answer.data, fit, messages, unsure)
 
 
 def _best_start(
@@ -267,7 +267,10 @@ def _best_start(
     if not fits or fits[0][0].chi > _HOPELESS:
         raise _unexplained(frame, fits[0][0].chi if fits else None)
     for (fit, start), (other, second) in pairwise(fits[:2]):
-        if other.chi < ALIKE_CHI * fit.chi and not _same(fit, start, other, second):
+        loads, frictions = ([f.scene.get(key) for f in (fit, other)] for key in (LOAD, FRICTION))
+        same = abs(loads[1] / loads[0] - 1.0) < 0.01 and abs(frictions[1] - frictions[0]) < 0.01
+        same = same and start.lying[:3] == second.lying[:3]
+        if other.chi < ALIKE_CHI * fit.chi and not same:
             words, others = _in_words(fit, start), _in_words(other, second)
             raise PhysicsError(
                 "two_scenes_explain_frame_alike",
@@ -289,28 +292,10 @@ def _unexplained(frame: Frame, chi: float | None) -> PhysicsError:
     return PhysicsError("no_contact_explains_frame", name=frame.name, index=frame.index, best=best)
 
 
-def _same(fit: FrameFit, start: PictureStart, other: FrameFit, second: PictureStart) -> bool:
-    """Whether two starts have led to one scene."""
-    loads, frictions = ([f.scene.get(key) for f in (fit, other)] for key in (LOAD, FRICTION))
-    near = abs(loads[1] / loads[0] - 1.0) < 0.01 and abs(frictions[1] - frictions[0]) < 0.01
-    return start.lying[:3] == second.lying[:3] and near
-
-
 def _in_words(fit: FrameFit, start: PictureStart) -> str:
     turn, _, field, _ = start.lying
     load, friction = fit.scene.get(LOAD), fit.scene.get(FRICTION)
     return f"{load:.3g} N with friction {friction:.2f} (turned by {turn} degrees, {field} field)"
-
-
-def _refuse_far_load(fit: FrameFit, given: KnownValues, frame: Frame) -> None:
-    """Refuse a fit whose load is another than the stated one."""
-    load = float(fit.scene.get(LOAD))
-    assert given.load_n is not None
-    if not 1.0 / _FARTHEST < load / given.load_n < _FARTHEST:
-        raise PhysicsError(
-            "fringes_frame_those_load", name=frame.name, index=frame.index, load=load,
-            load_n=given.load_n,
-        )  # fmt: skip
 
 
 _HAS_SIDE = 4.0

@@ -39,12 +39,13 @@ class SceneField:
         return f"{self.words}{self.unit and f' ({self.unit})'}, usually {self.range}"
 
 
-def _field(entry: dict[str, Any]) -> SceneField:
-    lists = {name: tuple(value) for name, value in entry.items() if isinstance(value, list)}
-    return SceneField(**{"hint": entry.get("range", "")} | entry | lists)
-
-
-FIELDS = tuple(map(_field, _TABLES["field"]))
+FIELDS = tuple(
+    SceneField(
+        **{"hint": entry.get("range", "")}
+        | {n: tuple(v) if isinstance(v, list) else v for n, v in entry.items()}
+    )
+    for entry in _TABLES["field"]
+)
 """All of them, in the order of the page."""
 
 QUANTITIES = {field.option: field for field in FIELDS if field.option}

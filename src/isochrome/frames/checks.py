@@ -559,8 +559,13 @@ def look_through(path: FramesLike, scene: Scene) -> Check:
     findings += _of_file(reader, scene)
     count = None if light.failure else light.count
     findings += [Finding("error", text) for _, text in misfits(reader, scene, count)]
-    if light.failure is None:
-        findings += _of_count(reader, light, scene)
+    if light.failure is None and scene.frames.sliding_speed_mm_per_s is not None and light.untimed:
+        text = message("frames_carry_no_time", untimed=light.untimed, count=light.count)
+        findings.append(Finding("error", text))
+    if light.failure is None and reader.claimed_count not in (None, light.count):
+        claim = counted(reader.claimed_count, "frame")
+        text = message("video_head_claims_can", counted=claim, count=light.count)
+        findings.append(Finding("warning", text))
     findings += of_depth(reader, light)
     findings += of_light(reader, light)
     findings += of_no_load(reader, light, scene)
@@ -595,17 +600,6 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
         yield Finding("note", message("compressed_loss_which_hides", names=names[0]))
     if scene.frames.gamma == 1 and (lossy or reader.kind == "video" or reader.channel is not None):
         yield Finding("note", message("frames_gamma_says_grey"))
-
-
-def _of_count(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Finding]:
-    if scene.frames.sliding_speed_mm_per_s is not None and light.untimed:
-        text = message("frames_carry_no_time", untimed=light.untimed, count=light.count)
-        yield Finding("error", text)
-    claimed = reader.claimed_count
-    if claimed is not None and claimed != light.count:
-        claim = counted(claimed, "frame")
-        text = message("video_head_claims_can", counted=claim, count=light.count)
-        yield Finding("warning", text)
 
 
 def light_figure(light: Survey) -> Figure:

@@ -171,13 +171,17 @@ def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Fl
     count = len(value)
     if count <= FEW:
         return distance_m, value
+    from scipy.interpolate import make_lsq_spline
+
     block = max(1, count // (_QUARTERS * FEW))
     means = value[: count // block * block].reshape(-1, block).mean(axis=1)
     noise = float(np.median(np.abs(np.diff(means, 2)))) / 0.6745 * (block / 6.0) ** 0.5
     allowed = FOLLOWED * float(np.abs(value).max()) + np.finfo(float).tiny
     bends = np.unique(np.linspace(0, count - 1, 5).round().astype(int))
+    weight = np.convolve(np.diff(distance_m), [0.5, 0.5]) ** 0.5  # of the trapezoids beside a row
     while True:
-        fitted = _line_values(distance_m, value, bends)
+        knots = distance_m[[0, *bends, -1]]  # of a spline of the first degree
+        fitted = np.asarray(make_lsq_spline(distance_m, value, knots, k=1, w=weight).c)
         residual = value - np.interp(distance_m, distance_m[bends], fitted)
         worst = _worst_means(residual, bends, allowed, noise)
         order = np.argsort(-worst)[: FEW - len(bends)]
@@ -192,15 +196,6 @@ def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Fl
             averaged=_AVERAGED,
         )  # fmt: skip
     return distance_m[bends], fitted
-
-
-def _line_values(s: Floats, value: Floats, bends: Any) -> Floats:
-    """Values (m,) at the bends of the lines of least squares: a spline of the first degree."""
-    from scipy.interpolate import make_lsq_spline
-
-    weight = np.convolve(np.diff(s), [0.5, 0.5])  # of the trapezoids beside a row
-    knots = s[[0, *bends, -1]]
-    return np.asarray(make_lsq_spline(s, value, knots, k=1, w=np.sqrt(weight)).c)
 
 
 def _worst_means(residual: Floats, bends: Any, allowed: float, noise: float) -> Floats:

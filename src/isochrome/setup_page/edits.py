@@ -463,16 +463,18 @@ TOOLS: Mapping[str, Callable[[SetupSession, Request], None]] = {
 """What each tool does, by its name."""
 
 
-def apply_tool(session: SetupSession, request: Request) -> None:
+def apply_tool(session: SetupSession, request: Request) -> dict[str, Any]:
     """Do what a tool of the page asks for; InputError where it cannot be, the scene as it was.
 
     `request`: `tool`, one of TOOLS, and what it needs; points are (row, col) of the whole picture.
+    Gives the `session_state` that it leaves.
     """
     tool = TOOLS.get(str(request.get("tool")))
     if tool is None:
         raise InputError("tool_none_one", request=request.get("tool"), tools=", ".join(TOOLS))
     with refused_as_asked(str(request["tool"])):
         tool(session, request)
+    return session_state(session)
 
 
 @contextmanager

@@ -589,11 +589,6 @@ def _map(server: SetupServer, request: edits.Request) -> Picture:
     return shown, session.region(session.scene_or_none()), headers
 
 
-def _tool(server: SetupServer, request: edits.Request) -> Mapping[str, Any]:
-    edits.apply_tool(server.session, request)
-    return edits.session_state(server.session)
-
-
 GETS: Mapping[str, Route] = {
     "state": lambda server, _: edits.session_state(server.session),
     "frame": lambda server, query: (server.session.picture(_index(query)), None, {}),
@@ -601,7 +596,7 @@ GETS: Mapping[str, Route] = {
 
 POSTS: Mapping[str, Route] = {
     "model": _model,
-    "tool": _tool,
+    "tool": lambda server, request: edits.apply_tool(server.session, request),
     "find": _find,
     "fit": lambda server, request: fit_answer(server.session, _index(request)),
     "calibrate": lambda server, _: calibration_answer(edits.set_of(server.session)),

@@ -224,9 +224,9 @@ def finish_simulation_folder(
     for name in work.stacks:
         _join(run, work, name, history)
     write_text(folder / "scene.toml", dump_scene(scene))
-    shown = work.rendered_states(work.shown)
-    write_figure(folder / PICTURE, simulation_figure(scene, work.pixels, shown))
+    write_figure(folder / PICTURE, _drawn(work))
     if work.components:
+        shown = work.rendered_states(work.shown)
         write_figure(folder / "stress.png", stress_figure(scene, work.pixels, shown))
     write_report(folder / REPORT, simulation_report(folder, scene, record))
     return history
