@@ -1,5 +1,5 @@
 from .api import draft_scene, init
-from .fields import FIELDS, KINDS, QUANTITIES, SET_KINDS, SceneField
+from .fields import FIELDS, KINDS, QUANTITIES, SET_KINDS
 from .scene_draft import (
     NEEDED,
     DraftValue,
@@ -9,6 +9,7 @@ from .scene_draft import (
     known_values,
     not_among_frames,
     open_questions,
+    scene_text,
 )
 
 __all__ = [
@@ -21,10 +22,10 @@ __all__ = [
     "KnownValues",
     "OpenKey",
     "SceneDraft",
-    "SceneField",
     "draft_scene",
     "init",
     "known_values",
     "not_among_frames",
     "open_questions",
+    "scene_text",
 ]

@@ -27,12 +27,12 @@ from numpy.typing import NDArray
 
 from isochrome.drafting.fields import QUANTITIES
 from isochrome.drafting.scene_draft import (
+    LIGHT,
     NEEDED,
     SCENE_FILE,
     DraftValue,
     KnownValues,
     OpenKey,
-    Origin,
     SceneDraft,
     file_values,
     frame_of,
@@ -309,8 +309,8 @@ def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
     contact = _first_explained(frames, start_scene(pixel_mm, frames.shape, given), given)
     values = given_values(given, NEEDED["contact"][:-1])  # the load is found
     values += file_values(frames, given, turned=contact.lying.rotate_deg in (90, 270))
-    origin: Origin = "file" if given.pixel_mm is None else "given"
-    values.append(DraftValue("camera.pixel_mm", pixel_mm, origin))
+    if given.pixel_mm is None:
+        values.append(DraftValue(PIXEL, pixel_mm, "file"))
     # a frame may ask for what was given
     values = list({v.key: v for v in (*values, *_found_values(contact, given))}.values())
     sentences = [
@@ -370,13 +370,11 @@ def _found_values(contact: ContactFit, given: KnownValues) -> list[DraftValue]:
         value = float(fit.scene.get(key)) if key != FRICTION or _is_seen(contact) else 0.0
         note = notes.get(key, "the frame asks for it")
         values.append(DraftValue(key, value, "found", spread[key], note))
-    if given.gamma is not None:
-        values.append(DraftValue(GAMMA, given.gamma, "given"))
-    values.append(DraftValue(FIELD, lying.field, "found" if given.field is None else "given"))
-    if lying.rotate_deg:
-        origin: Origin = "found" if given.rotate_deg is None else "given"
+    if given.field is None:
+        values.append(DraftValue(FIELD, lying.field, "found"))
+    if given.rotate_deg is None and lying.rotate_deg:
         note = "quarter turns, counter-clockwise, after which the load comes from above"
-        values.append(DraftValue(TURN, lying.rotate_deg, origin, note=note))
+        values.append(DraftValue(TURN, lying.rotate_deg, "found", note=note))
     return values
 
 
@@ -451,20 +449,14 @@ def draft_without_model(frames: FrameReader, given: KnownValues) -> SceneDraft:
     values += file_values(frames, given, turned=given.rotate_deg in (90, 270))
     if given.pixel_mm is None and frames.pixel_mm is not None:
         values.append(DraftValue(PIXEL, frames.pixel_mm, "file"))
-    values += _stated(given)
     present = {value.key for value in values}
+    present |= {key for key in LIGHT if getattr(given, key.partition(".")[2])}
     quantities = (QUANTITIES[k] for k in ("thickness_mm", "fringe_value_n_per_mm", "pixel_mm"))
     hints = {quantity.key: quantity.question for quantity in quantities} | _STANDARD
     open_keys = [OpenKey(key, hint) for key, hint in hints.items() if key not in present]
     sentences = [message("specimen_has_no_model")]
     draw = partial(frame_figure, as_turned(frame.image, given.rotate_deg or 0, given.flip))
     return written_draft(frames, given, frame.index, sentences, values, draw, open_keys=open_keys)
-
-
-def _stated(given: KnownValues) -> list[DraftValue]:
-    """What was given of scale, field, gamma and turn."""
-    stated = {PIXEL: given.pixel_mm, FIELD: given.field, GAMMA: given.gamma, TURN: given.rotate_deg}
-    return [DraftValue(key, value, "given") for key, value in stated.items() if value]
 
 
 def _fitted(data: FrameData, bare: Scene, given: KnownValues) -> tuple[FrameData, FrameFit]:
@@ -513,7 +505,7 @@ def _disc_values(fit: FrameFit, given: KnownValues) -> list[DraftValue]:
     turn = fit.scene.frames.rotate_deg
     if given.rotate_deg is None and turn:
         values.append(DraftValue(TURN, turn, "found"))
-    return values + _stated(given)
+    return values
 
 
 PREVIEW_FILE = "scene.png"

@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
-import tomli_w
 
 from isochrome.drafting.fields import QUANTITIES
 from isochrome.errors import InputError
 from isochrome.frames import Channel, Frame, FrameReader, check_scale, likely_no_load, named_files
 from isochrome.messages import warnings_json
 from isochrome.output import Result, counted, evenly_spaced, rounded_texts, with_uncertainty
-from isochrome.scene import Camera, FramesLike, Scene, load_scene, parse_scene
+from isochrome.scene import Camera, FramesLike, Scene, load_scene, parse_scene, toml_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -99,6 +98,12 @@ def known_values(known: KnownValues | Mapping[str, Any]) -> KnownValues:
 _COMMENT_AT, _WIDTH = 34, 100
 """Column of the comments, and the length of a line."""
 
+LIGHT = (
+    "polariscope.wavelength_nm", "frames.channel", "frames.flip", "camera.pixel_mm",
+    "polariscope.field", "frames.gamma", "frames.rotate_deg",
+)  # fmt: skip
+"""What is known of the light, and of how the picture is taken, whatever stands in front of it."""
+
 _WORDS = {"file": "as the file has it", "given": "as given", "found": "found"}
 
 
@@ -118,23 +123,13 @@ def written_draft(
 
     What is known of the light, and what is open of it and of the recording, stands in every scene.
     """
-    # the light, and the colours that are read
-    keys = ("polariscope.wavelength_nm", "frames.channel", "frames.flip")
-    light = ((key, getattr(given, key.partition(".")[2])) for key in keys)
-    values = [*values, *(DraftValue(key, v, "given") for key, v in light if v is not None)]
+    present = {value.key for value in values}
+    light = ((key, getattr(given, key.partition(".")[2])) for key in LIGHT if key not in present)
+    values = [*values, *(DraftValue(key, v, "given") for key, v in light if v)]
     open_keys = [*open_keys, *open_of_set(reader, given)]
     head = [f"Drafted by isochrome init from {described_set(reader)}", *sentences]
-    parts = ["\n".join(line for sentence in head for line in _comment(sentence))]
-    for table in Scene.model_fields:
-        within = f"{table}."
-        lines = [line for value in values if value.key.startswith(within) for line in _line(value)]
-        for key in open_keys:
-            if key.key.startswith(within):
-                # a line to fill in, which is a comment until then
-                lines += [*_comment(f"fill in: {key.hint}"), f"# {key.key.partition('.')[2]} ="]
-        if lines:
-            parts.append("\n".join([f"[{table}]", *lines]))
-    text = "\n\n".join(parts) + "\n"
+    lines = [(value.key, *_written(value)) for value in values]
+    text = scene_text(head, [*lines, *((k.key, "", f"fill in: {k.hint}") for k in open_keys)])
     return SceneDraft(
         text=text,
         scene=parse_scene(text, name="scene"),
@@ -147,18 +142,36 @@ def written_draft(
     )
 
 
-def _line(value: DraftValue) -> list[str]:
-    """A value's line, with as many digits as its ± allows; a comment too long stands above."""
+def scene_text(head: Sequence[str], lines: Sequence[tuple[str, str, str]]) -> str:
+    """A scene, or set, as TOML: sentences above it, and a line for each key, value and comment.
+
+    A comment too long stands above; where no value is written, the line is to be filled in, and a
+    comment until then.
+    """
+    parts = ["\n".join(line for sentence in head for line in _comment(sentence))]
+    for table in ("beam", "disc", *Scene.model_fields, "uncertainty"):
+        part = []
+        for key, written, words in lines:
+            if key.startswith(f"{table}."):
+                name = key.partition(".")[2]
+                line = f"{f'{name} = {written}'.ljust(_COMMENT_AT - 1)} # {words}"
+                short = written and len(line) <= _WIDTH
+                part += [line] if short else _comment(words)
+                part += [] if short else [f"{name} = {written}" if written else f"# {name} ="]
+        if part:
+            parts.append("\n".join([f"[{table}]", *part]))
+    return "\n\n".join(parts) + "\n"
+
+
+def _written(value: DraftValue) -> tuple[str, str]:
+    """A value as TOML, with as many digits as its ± allows, and where it is from."""
     if value.standard_uncertainty and not isinstance(value.value, str):
         number, spread = float(value.value), value.standard_uncertainty
         text = rounded_texts(number, spread)[0]
         shown = f", ± {with_uncertainty(number, spread).partition(' ± ')[2]}"
     else:
-        text, shown = tomli_w.dumps({"v": value.value}).removeprefix("v = ").strip(), ""
-    words = f"{_WORDS[value.origin]}{shown}{value.note and f'; {value.note}'}"
-    entry = f"{value.key.partition('.')[2]} = {text}"
-    line = f"{entry.ljust(_COMMENT_AT - 1)} # {words}"
-    return [line] if len(line) <= _WIDTH else [*_comment(words), entry]
+        text, shown = toml_text(value.value), ""
+    return text, f"{_WORDS[value.origin]}{shown}{value.note and f'; {value.note}'}"
 
 
 def _comment(text: str) -> list[str]:

@@ -21,9 +21,9 @@ from isochrome.drafting import (
     SET_KINDS,
     KnownValues,
     SceneDraft,
-    SceneField,
     draft_scene,
     known_values,
+    scene_text,
 )
 from isochrome.errors import InputError, IsochromeError
 from isochrome.frames import likely_no_load
@@ -42,7 +42,6 @@ from isochrome.scene import (
 from isochrome.setup_page.session import (
     SetSession,
     SetupSession,
-    cut_out,
     moved,
     on_line,
     pixel_scale,
@@ -175,24 +174,14 @@ def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, s
         given.pop("wear.coefficient_mm2_per_n", None)
     if "wear.distances_m" in given and "friction.coefficient" not in given:
         raise InputError("fill_friction_coefficient_about")
-    return "".join(_lines(kind, given, {field.key: field for field in fields}))
-
-
-def _lines(kind: str, given: Mapping[str, Any], fields: Mapping[str, SceneField]) -> Iterator[str]:
-    yield f"# {(KINDS | SET_KINDS)[kind]}; made on the page of `isochrome setup`\n"
-    for table in (*STATED_SHAPES, *Scene.model_fields, "uncertainty"):
-        given_here = {key: value for key, value in given.items() if key.startswith(f"{table}.")}
-        if not given_here and (table != "specimen" or kind in SET_KINDS):
-            continue
-        yield f"\n[{table}]\n"
-        if table == "specimen" and kind in STATED_SHAPES:
-            yield f"shape = {toml_text(kind)}\n"
-        for key, value in given_here.items():
-            line = f"{key.partition('.')[2]} = {toml_text(value)}"
-            words = "the unloaded specimen"  # its field stands in the key
-            if (field := fields.get(key)) is not None:
-                words = f"{field.label}, {field.unit}" if field.unit else field.label
-            yield f"{line:<33} # {words}\n"
+    words = {f.key: f"{f.label}, {f.unit}" if f.unit else f.label for f in fields}
+    lines = [
+        (key, toml_text(value), words.get(key, "the unloaded specimen"))
+        for key, value in given.items()
+    ]
+    if kind in STATED_SHAPES:
+        lines.insert(0, ("specimen.shape", toml_text(kind), kinds[kind]))
+    return scene_text([f"{kinds[kind]}; made on the page of `isochrome setup`"], lines)
 
 
 def without_model(scene: Scene, text: str) -> Scene:
@@ -373,12 +362,10 @@ def _set_region(session: SetupSession, request: Request) -> None:
             new[side] = min(most - new[edge], round(box[side]))
     down, right = old.top_px - new["top_px"], old.left_px - new["left_px"]
     values: dict[str, Any] = {"frames.roi": new if box is not None else None}
-    camera = scene.camera
+    camera, place = scene.camera, None
     if camera is not None and (camera.left_mm is not None or camera.top_mm is not None):
-        pixels = session.pixels(scene)
-        row, col = seen_at(pixels, 0.0, 0.0)
-        cut = cut_out(pixels, new["height_px"], new["width_px"])
-        values |= values_of_place(cut, (row + down, col + right))
+        row, col = seen_at(session.pixels(scene), 0.0, 0.0)
+        place = row + down, col + right
     sides = [k for k in ("height_px", "width_px") if getattr(camera, k, None) is not None]
     values |= {f"camera.{key}": new[key] for key in sides}
     if scene.frames.polygon_px is not None:
@@ -392,6 +379,8 @@ def _set_region(session: SetupSession, request: Request) -> None:
             if items:
                 tables = order_tables if key == "known_order" else line_tables
                 text = with_table_list(text, f"frames.{key}", tables(items, shift))
+        if place is not None:  # a lens looks from the new middle
+            text = set_values(text, values_of_place(session.pixels(session.scene(text)), place))
         return text
 
     session.change(edit)

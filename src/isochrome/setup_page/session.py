@@ -153,17 +153,6 @@ def moved(points: Sequence[Sequence[float]], down: float, right: float) -> list[
     return [[round(row + down, 2), round(col + right, 2)] for row, col in points]
 
 
-def cut_out(pixels: PixelGrid, rows: int, cols: int) -> PixelGrid:
-    """Pixels of another size with the same left and top edge; a lens looks from the new middle."""
-    if pixels.lens is None:
-        return replace(pixels, rows=rows, cols=cols)
-    width, height = 0.5 * cols * pixels.pixel_mm, 0.5 * rows * pixels.pixel_mm
-    lens = replace(
-        pixels.lens, right_mm=width, down_mm=height, half_width_mm=width, half_height_mm=height
-    )
-    return replace(pixels, rows=rows, cols=cols, lens=lens)
-
-
 def round_by_spread(value: float, spread: float) -> float:
     """Round a value two digits beyond the first of its standard uncertainty."""
     if not (np.isfinite(spread) and spread > 0.0):
