@@ -243,7 +243,7 @@ def find_contact(
             "fringes_frame_those_load", name=frame.name, index=frame.index, load=load, load_n=load_n
         )
     messages = cause_messages(answer, light=light_matters(answer))
-    if fit.chi > POOR_CHI:
+    if answer.fit.chi > POOR_CHI:
         messages += (message("chi_frame_holds_more", chi=fit.chi),)
     # what other causes explain too
     rivals = rival_causes(answer)
