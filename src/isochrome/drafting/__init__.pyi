@@ -1,4 +1,4 @@
-from .api import draft_scene, init
+from .api import CLEAR_CHI, draft_scene, init
 from .fields import FIELDS, KINDS, QUANTITIES, SET_KINDS
 from .scene_draft import (
     NEEDED,
@@ -13,6 +13,7 @@ from .scene_draft import (
 )
 
 __all__ = [
+    "CLEAR_CHI",
     "FIELDS",
     "KINDS",
     "NEEDED",

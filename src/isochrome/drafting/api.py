@@ -170,7 +170,7 @@ FOUND = (LOAD, FRICTION, LEFT, TOP)
 _MOST_RIVALS = 4
 """Minima of the search that are fitted, for it knows gamma only roughly."""
 
-_CLEAR = 3.0
+CLEAR_CHI = 3.0
 """chi up to which a scene that leaves more than noise is still written, with a warning, where every
 other turn and field is as many times worse. A radius or fringe value 10 % off leaves 2.8."""
 
@@ -233,7 +233,8 @@ def find_contact(
     answer = fit_with_causes(best.data, first.scene, keys, cold=False, slips=False)
     fit = answer.fit
     others = [s.chi for s in starts if s is not best and s.lying[:3] != best.lying[:3]]
-    clear = fit.chi <= _CLEAR and min(others, default=float("inf")) > _CLEAR * fit.chi
+    rivals = min(others, default=float("inf"))
+    clear = fit.chi <= CLEAR_CHI and rivals > CLEAR_CHI * fit.chi
     if not fit.positive or _is_no_bench(fit) or (fit.chi > POOR_CHI and not clear):
         raise _unexplained(frame, fit.chi if fit.positive else None)
     load, load_n = float(fit.scene.get(LOAD)), given.load_n
@@ -246,8 +247,8 @@ def find_contact(
     if answer.fit.chi > POOR_CHI:
         messages += (message("chi_frame_holds_more", chi=fit.chi),)
     # what other causes explain too
-    rivals = rival_causes(answer)
-    unsure = {k: rivals[c.name] for c in answer.causes if c.name in rivals for k in c.keys}
+    alike = rival_causes(answer)
+    unsure = {k: alike[c.name] for c in answer.causes if c.name in alike for k in c.keys}
     return ContactFit(frame.index, best.lying, answer.data, fit, messages, unsure)
 
 

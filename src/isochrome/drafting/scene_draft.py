@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -79,16 +79,12 @@ def known_values(known: KnownValues | Mapping[str, Any]) -> KnownValues:
             if name not in names:
                 raise InputError("not_known_here_known", name=name, names=", ".join(names))
         known = KnownValues(**known)
-    for name, allowed in (
-        ("shape", get_args(Shape)),
-        ("field", (None, "dark", "bright")),
-        ("channel", (None, *get_args(Channel))),
-        ("rotate_deg", (None, 0, 90, 180, 270)),
-        ("flip", (None, "horizontal", "vertical")),
-    ):
+    for name, kind in get_type_hints(KnownValues).items():
+        parts = (kind, *get_args(kind))
+        allowed = [a for part in parts if get_origin(part) is Literal for a in get_args(part)]
         value = getattr(known, name)
-        if value not in allowed:
-            choice = ", ".join(str(a) for a in allowed if a is not None)
+        if allowed and value not in allowed and not (value is None and type(None) in parts):
+            choice = ", ".join(map(str, allowed))
             raise InputError("none_name_one_them", name=name, value=value, choice=choice)
     if known.frame is not None and known.frame < 0:
         raise InputError("frame_frames_count_from", frame=known.frame)

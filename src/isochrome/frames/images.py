@@ -126,11 +126,11 @@ def open_images(paths: tuple[Path, ...], kind: reading.Kind) -> reading.Source:
 
 def _frames(
     paths: tuple[Path, ...], form: reading.StoredForm, start: int
-) -> Generator[reading.RawFrame]:
-    for path in paths[start:]:
+) -> Generator[reading.Frame]:
+    for index, path in enumerate(paths[start:], start):
         image = read_image(path)
         form.check(path, image, "the image")
-        yield reading.RawFrame(image, None, path.name)
+        yield reading.Frame(index, image, None, path.name)
 
 
 def read_image(path: Path) -> np.ndarray:

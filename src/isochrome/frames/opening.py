@@ -29,10 +29,10 @@ from isochrome.frames.reading import (
     SAME,
     Channel,
     Extent,
+    Frame,
     FrameReader,
     FramesPath,
     Kind,
-    RawFrame,
     Source,
     StoredForm,
     check_dtype,
@@ -212,7 +212,7 @@ def open_arrays(frames: ArrayFrames) -> Source:
 
 def _frames(
     frames: ArrayFrames, form: StoredForm, times: tuple[float, ...] | None, start: int
-) -> Generator[RawFrame]:
+) -> Generator[Frame]:
     for index in range(start, frames.count):
         image = frames.frame(index)
         if image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
@@ -221,7 +221,7 @@ def _frames(
                 form=frames.form,
             )  # fmt: skip
         form.check(str(frames), image, f"frame {index}")
-        yield RawFrame(image, None if times is None else times[index], frames.label(index))
+        yield Frame(index, image, None if times is None else times[index], frames.label(index))
 
 
 class Parts:
@@ -292,7 +292,7 @@ class Parts:
         start_s, first = self.source(number).start_s, self._sources[0].start_s
         return None if start_s is None or first is None else max(end_s, start_s - first)
 
-    def frames(self, start: int) -> Generator[RawFrame]:
+    def frames(self, start: int) -> Generator[Frame]:
         """The frames from number `start` on."""
         done = Extent(0, 0.0)
         for number in range(len(self.files)):
@@ -307,7 +307,7 @@ class Parts:
                     count += 1
                     time = None if raw.time_s is None or begin is None else begin + raw.time_s
                     times.append(raw.time_s)
-                    yield replace(raw, time_s=time)
+                    yield replace(raw, index=before + raw.index, time_s=time)
                 if extent is None:
                     extent = source.extent() if count == 1 else Extent(count, next_time(*times))
             assert extent is not None

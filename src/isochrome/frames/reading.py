@@ -40,13 +40,32 @@ CLOCK_S = 2.0
 Kind = Literal["tiff", "image", "folder", "list", "video", "array"]
 
 
-@dataclass(frozen=True)
-class RawFrame:
-    """One frame as its file holds it: `image` (row, col) or (row, col, 3) in RGB, native type."""
+Mask = NDArray[np.bool_]
 
+
+@dataclass(frozen=True)
+class Frame:
+    """One captured frame.
+
+    Parameters
+    ----------
+    index : int
+        Its number, from 0.
+    image : ndarray of shape (row, col)
+        The region of interest, in raw grey levels; as its file holds it (row, col[, 3]) until then.
+    time_s : float or None
+        Time since the start, s, where the file knows it.
+    name : str
+        Name for messages.
+    mask : ndarray of shape (row, col), optional
+        True on the specimen; None where nobody has said where it is.
+    """
+
+    index: int
     image: np.ndarray
     time_s: float | None
     name: str
+    mask: Mask | None = None
 
 
 @dataclass(frozen=True)
@@ -107,7 +126,7 @@ class Source:
     form: StoredForm  # of the full frames
     sensor_bits: int | None  # as the file names them
     # from a number to the last, in order; opens the file anew, so that no two readers share one
-    frames: Callable[[int], Generator[RawFrame]]
+    frames: Callable[[int], Generator[Frame]]
     extent: Callable[[], Extent]  # certain: decodes where heads are not to be trusted
     files: tuple[Path | ArrayFrames, ...]  # all that are read
     names: tuple[str, ...] = ()  # of each frame where each has a file
@@ -149,7 +168,7 @@ def turned(source: Source, rotate_deg: int, flip: str | None) -> Source:
 
 def _turned_frames(
     source: Source, rotate_deg: int, flip: str | None, start: int
-) -> Generator[RawFrame]:
+) -> Generator[Frame]:
     with closing(source.frames(start)) as frames:
         for raw in frames:
             yield replace(raw, image=np.ascontiguousarray(as_turned(raw.image, rotate_deg, flip)))
@@ -241,7 +260,6 @@ def natural_key(name: str | Path) -> tuple[list[str | int], str]:
     return [int(p) if i % 2 else p for i, p in enumerate(parts)], text
 
 
-Mask = NDArray[np.bool_]
 Channel = Literal["red", "green", "blue", "mean"]
 CHANNELS = ("red", "green", "blue")
 FramesPath = str | Path | Sequence[str | Path]
@@ -251,31 +269,6 @@ _DARKEST = 0.25
 
 _FAR = 300
 """Frames that are sooner passed over than left out by opening their file anew."""
-
-
-@dataclass(frozen=True)
-class Frame:
-    """One captured frame.
-
-    Parameters
-    ----------
-    index : int
-        Its number, from 0.
-    image : ndarray of shape (row, col)
-        The region of interest, in raw grey levels.
-    time_s : float or None
-        Time since the start, s, where the file knows it.
-    name : str
-        Name for messages.
-    mask : ndarray of shape (row, col), optional
-        True on the specimen; None where nobody has said where it is.
-    """
-
-    index: int
-    image: np.ndarray
-    time_s: float | None
-    name: str
-    mask: Mask | None = None
 
 
 class FrameReader:
@@ -373,15 +366,15 @@ class FrameReader:
         if start == stop:
             return
         with closing(self._source.frames(start)) as frames:  # and with them the file
-            for index, raw in enumerate(frames, start):
-                yield Frame(index, self._prepare(raw, index), raw.time_s, raw.name, self.mask)
-                if index + 1 == stop:
+            for frame in frames:
+                yield replace(frame, image=self._prepare(frame), mask=self.mask)
+                if frame.index + 1 == stop:
                     return
         if stop is not None:
             raise InputError("ends_before_frame_changed", path=self.path, stop=stop - 1)
 
-    def _prepare(self, raw: RawFrame, index: int) -> np.ndarray:
-        image = raw.image
+    def _prepare(self, frame: Frame) -> np.ndarray:
+        image = frame.image
         if self.roi is not None:
             top, left_px = self.roi.top_px, self.roi.left_px
             image = image[top : top + self.shape[0], left_px : left_px + self.shape[1]]
@@ -390,7 +383,7 @@ class FrameReader:
                 image = image.mean(axis=2, dtype=np.float32)
             else:
                 image = image[..., CHANNELS.index(self.channel or "green")]
-        _check_range(image, self.bit_depth, f"frame {index} ({raw.name})")
+        _check_range(image, self.bit_depth, f"frame {frame.index} ({frame.name})")
         return np.ascontiguousarray(image)
 
     def count(self, *, decode: bool = True) -> int:

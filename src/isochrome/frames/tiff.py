@@ -531,7 +531,7 @@ def _opened(path: Path) -> Iterator[tifffile.TiffFile]:
 
 def _frames(
     path: Path, stamp: reading.Stamp, layout: TiffLayout, form: reading.StoredForm, start: int
-) -> Generator[reading.RawFrame]:
+) -> Generator[reading.Frame]:
     """The frames from number `start` on; each page is found at once by its place in the file."""
     stamp.check(path)
     with _opened(path) as tif, closing(PageDecoder(tif, path)) as decoder:
@@ -539,5 +539,5 @@ def _frames(
             with reading.refusing(path, f"frame {index} cannot be read"):
                 image = decoder.frame(layout, index)
                 form.check(path, image, f"frame {index}")
-            yield reading.RawFrame(image, layout.time_s(index), f"{path.name}[{index}]")
+            yield reading.Frame(index, image, layout.time_s(index), f"{path.name}[{index}]")
     stamp.check(path)

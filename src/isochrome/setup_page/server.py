@@ -11,6 +11,7 @@ from __future__ import annotations
 import base64
 import hmac
 import json
+import math
 import secrets
 import threading
 import time
@@ -26,7 +27,7 @@ from urllib.parse import parse_qs, urlsplit
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.drafting import FIELDS, KINDS, SET_KINDS
+from isochrome.drafting import CLEAR_CHI, FIELDS, KINDS, SET_KINDS
 from isochrome.errors import InputError, IsochromeError, PhysicsError
 from isochrome.frames import look_through
 from isochrome.messages import message
@@ -61,17 +62,11 @@ from isochrome.setup_page.session import (
     round_by_spread,
 )
 
-_WRONG_CHI = 3.0
-"""chi of a fit from which its values are not taken into the scene together: the model is wrong."""
-
 _ORDER_STEP = 0.02
 """Fringes from level to level of a map as the page shows it."""
 
 _WORTH_SAYING = 0.01
 """Share of the frame that is lost elsewhere from which it is said."""
-
-_FARTHEST = 1e9
-"""Pixels, or orders, that nobody means."""
 
 
 def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
@@ -100,7 +95,7 @@ def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
         "revision": session.revision,
         "chi": result.frame.chi,
         # not where it is not known; a load that is read against others has the misfit in its ±
-        "wrong": result.frame.fit is not None and result.frame.chi > _WRONG_CHI,
+        "wrong": result.frame.fit is not None and result.frame.chi > CLEAR_CHI,
         "summary_text": result.summary_text,
         "kept_share": result.row.get("kept_share"),
         "values": rows,
@@ -261,7 +256,7 @@ def _plainly(request: edits.Request) -> dict[str, Any]:
 def _finite(value: Any) -> float:
     """A number. Raises TypeError, ValueError where it is none."""
     number = float(value)
-    if not abs(number) < _FARTHEST:
+    if not math.isfinite(number):
         raise ValueError(message("beyond_all_pictures", number=number))
     return number
 

@@ -229,7 +229,7 @@ class LiveModel:
 
 def grey_span(picture: NDArray[np.uint8]) -> tuple[float, float]:
     """The dark and the bright grey level between which a picture's fringes go."""
-    low, high = np.percentile(picture[::4, ::4], [_DARKEST, _BRIGHTEST])
+    low, high = np.percentile(picture[::4, ::4], _OUTERMOST)
     return float(low), float(max(high, low + 1.0))
 
 
@@ -253,11 +253,8 @@ _NAMING = (
 _PICTURES = (".tif", ".tiff", ".png", ".jpg", ".jpeg", ".bmp", ".csv")
 """Files beside the frames that a scene may be made to name on the page."""
 
-_MOST_STEPS = 200
-"""Steps that can be undone."""
-
-_DARKEST, _BRIGHTEST = 0.1, 99.9
-"""Per cent of a frame's grey levels that are shown black and white."""
+_OUTERMOST = 0.1, 99.9
+"""Per cent of a frame's grey levels below which it is shown black, and above white."""
 
 
 class SetupSession:
@@ -355,7 +352,7 @@ class SetupSession:
             if text == self.text:
                 return
             self.count(self.scene(text))  # of a folder, a scene may name its only picture
-            self._undo = [*self._undo[-_MOST_STEPS:], self.text]
+            self._undo.append(self.text)
             self.text = text
             self.revision += 1
 
@@ -483,7 +480,7 @@ def shown_frame(image: NDArray[Any]) -> NDArray[np.uint8]:
     """
     values = np.nan_to_num(image.astype(np.float32))
     step = max(1, int(np.sqrt(values.size / 250_000)))
-    low, high = np.percentile(values[::step, ::step], [_DARKEST, _BRIGHTEST])
+    low, high = np.percentile(values[::step, ::step], _OUTERMOST)
     share = (values - low) / max(high - low, 1e-9)
     return np.asarray(255.0 * np.clip(share, 0.0, 1.0) + 0.5, dtype=np.uint8)
 
