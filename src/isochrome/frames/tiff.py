@@ -383,7 +383,14 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     numbered: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
     pages = tuple((i, page.offset) for i, page in numbered if i == 0 or not page.is_reduced)
     claimed = _claimed(tif, len(pages))
-    hidden = len(pages) == 1 < claimed and _fit_behind(tif, claimed)
+    # whether that many frames have room behind the only head: ImageJ's layout of large stacks
+    page: Any = tif.pages[0]
+    plain = page.axes == "YX" and page.is_contiguous and page.compression == COMPRESSION.NONE
+    hidden = bool(
+        len(pages) == 1 < claimed
+        and plain
+        and page.dataoffsets[0] + claimed * page.nbytes <= tif.filehandle.size
+    )
     if not hidden and (claimed > len(pages) or _chain_breaks(tif)):
         raise InputError("breaks_off_after_frames", path=path, pages_count=len(pages))
     meta = (tif.imagej_metadata or {}) if tif.is_imagej else {}
@@ -408,13 +415,6 @@ def _claimed(tif: tifffile.TiffFile, counted: int) -> int:
 def _whole(meta: dict[str, Any], key: str, default: int = 1) -> int:
     value = meta.get(key, default)
     return value if isinstance(value, int) and value > 0 else default
-
-
-def _fit_behind(tif: tifffile.TiffFile, claimed: int) -> bool:
-    """Whether that many frames have room behind the only head: ImageJ's layout of large stacks."""
-    page: Any = tif.pages[0]
-    plain = page.axes == "YX" and page.is_contiguous and page.compression == 1
-    return bool(plain and page.dataoffsets[0] + claimed * page.nbytes <= tif.filehandle.size)
 
 
 def _chain_breaks(tif: tifffile.TiffFile) -> bool:

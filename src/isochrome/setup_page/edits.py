@@ -519,7 +519,11 @@ def find_in_frames(
     except IsochromeError as error:
         raise type(error)(page_words(str(error))) from error
     values, notes = _values(draft, scene, guessed=guessed)
-    _refuse_turn(scene, draft)
+    # no picture is turned under what was set on it
+    stated, turn = scene.frames, draft.scene.frames.rotate_deg or 0
+    on_it = stated.roi or stated.polygon_px or stated.orders_known
+    if on_it and stated.rotate_deg != turn:
+        raise InputError("frame_explains_itself_turned", name=scene.name, turn=turn)
     row, col = seen_at(pixel_grid(draft.scene), 0.0, 0.0)
 
     def edit(now: str) -> str:
@@ -585,14 +589,6 @@ def _known(scene: Scene, index: int, *, held: bool) -> KnownValues:
         if given[name] is not None and not isinstance(given[name], str | int | float):
             raise InputError("changes_distance_search_takes", name=scene.name, key=key)
     return known_values({"shape": scene.model, "frame": index, **given})
-
-
-def _refuse_turn(scene: Scene, draft: SceneDraft) -> None:
-    """Refuse to turn a picture under what was set on it."""
-    stated, turn = scene.frames, draft.scene.frames.rotate_deg
-    on_it = stated.roi or stated.polygon_px or stated.orders_known
-    if on_it and (stated.rotate_deg or 0) != (turn or 0):
-        raise InputError("frame_explains_itself_turned", name=scene.name, turn=turn or 0)
 
 
 def _values(draft: SceneDraft, scene: Scene, *, guessed: bool) -> tuple[dict[str, Any], list[str]]:
