@@ -11,7 +11,6 @@ Where the specimen is in the frame, as the scene says: a mask image, ImageJ area
 
 import glob
 import os
-from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -40,7 +39,6 @@ from isochrome.frames.reading import (
     natural_key,
     next_time,
     refusing,
-    turned,
 )
 from isochrome.messages import message
 from isochrome.output import SUFFIXES, read_roi_mask
@@ -297,20 +295,11 @@ class Parts:
         done = Extent(0, 0.0)
         for number in range(len(self.files)):
             source, before = self.source(number), done.count
-            begin = self._begin(number, done.end_s)
-            # a video that begins after `start` need not be counted before it is read
-            extent = source.extent() if start > before or source.kind != "video" else None
-            times: deque[float | None] = deque(maxlen=2)
-            if extent is None or before + extent.count > start:
-                count = 0
+            begin, extent = self._begin(number, done.end_s), (source.listed or source.extent)()
+            if before + extent.count > start:
                 for raw in source.frames(max(start - before, 0)):
-                    count += 1
                     time = None if raw.time_s is None or begin is None else begin + raw.time_s
-                    times.append(raw.time_s)
                     yield replace(raw, index=before + raw.index, time_s=time)
-                if extent is None:
-                    extent = source.extent() if count == 1 else Extent(count, next_time(*times))
-            assert extent is not None
             done = _after(done, begin, extent)
 
 
@@ -414,9 +403,13 @@ def open_frames(
     ('array', 12, 2)
     """
     path = frames_of(path)
-    source = turned(_source(path, leave_out), rotate_deg, flip)
+    if rotate_deg not in (0, 90, 180, 270):
+        raise InputError("rotate_deg_no_quarter_turn", rotate_deg=rotate_deg)
+    if flip not in (None, "horizontal", "vertical"):
+        raise InputError("flip_not_known_give", flip=flip)
+    source = _source(path, leave_out)
     label = f"{path[0]} ..." if isinstance(path, tuple) else path
-    rows, cols = source.form.shape
+    rows, cols = source.form.shape[:: -1 if rotate_deg in (90, 270) else 1]
     dtype = source.form.dtype
     if roi is not None and (roi.top_px + roi.height_px > rows or roi.left_px + roi.width_px > cols):
         raise InputError(
@@ -434,7 +427,9 @@ def open_frames(
             "bit_depth_does_not_fit", label=label, bit_depth=bit_depth, dtype=dtype, container=most
         )
     taken = channel or channel_for(wavelength_nm)
-    return FrameReader(source, path=path, channel=taken, roi=roi, bit_depth=bit_depth)
+    return FrameReader(
+        source, path=path, channel=taken, turn=(int(rotate_deg), flip), roi=roi, bit_depth=bit_depth
+    )
 
 
 def open_scene_frames(

@@ -13,7 +13,6 @@ import weakref
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -148,32 +147,6 @@ class Source:
         return 0 if self.kind == "video" else start
 
 
-def turned(source: Source, rotate_deg: int, flip: str | None) -> Source:
-    """A source whose pictures are turned, then mirrored, before anyone looks at them.
-
-    Quarter turns, counter-clockwise as the picture is seen. Colours are decoded before, so that a
-    turn leaves each pixel its own.
-    """
-    if rotate_deg not in (0, 90, 180, 270):
-        raise InputError("rotate_deg_no_quarter_turn", rotate_deg=rotate_deg)
-    if flip not in (None, "horizontal", "vertical"):
-        raise InputError("flip_not_known_give", flip=flip)
-    if not rotate_deg and flip is None:
-        return source
-    rows, cols = source.form.shape
-    shape = (cols, rows) if rotate_deg in (90, 270) else (rows, cols)
-    frames = partial(_turned_frames, source, int(rotate_deg), flip)
-    return replace(source, form=replace(source.form, shape=shape), frames=frames)
-
-
-def _turned_frames(
-    source: Source, rotate_deg: int, flip: str | None, start: int
-) -> Generator[Frame]:
-    with closing(source.frames(start)) as frames:
-        for raw in frames:
-            yield replace(raw, image=np.ascontiguousarray(as_turned(raw.image, rotate_deg, flip)))
-
-
 def _mirrored(image: np.ndarray, flip: str | None) -> np.ndarray:
     return image if flip is None else image[:, ::-1] if flip == "horizontal" else image[::-1]
 
@@ -285,8 +258,10 @@ class FrameReader:
         Where the frames are.
     channel : {'red', 'green', 'blue', 'mean'} or None
         Channel to take of a colour source.
+    turn : tuple of (int, str or None)
+        Quarter turns of each picture, degrees, and how it is mirrored then, see `as_turned`.
     roi : Roi or None
-        The part of each frame to yield; None: all of it.
+        The part of each turned picture to yield; None: all of it.
     bit_depth : int or None
         Bits of the sensor; None for float frames, which are fractions of full scale.
 
@@ -326,14 +301,16 @@ class FrameReader:
         *,
         path: FramesLike,
         channel: Channel | None,
+        turn: tuple[int, str | None],
         roi: Roi | None,
         bit_depth: int | None,
     ) -> None:
         form, self.kind = source.form, source.kind
-        self.path, self.roi, self.bit_depth = path, roi, bit_depth
-        self.full_shape = form.shape
+        self.path, self.roi, self.bit_depth, self._turn = path, roi, bit_depth, turn
+        rows, cols = form.shape
+        self.full_shape = (cols, rows) if turn[0] in (90, 270) else (rows, cols)
         self.channel = channel if form.channels == 3 else None
-        self.shape = form.shape if roi is None else (roi.height_px, roi.width_px)
+        self.shape = self.full_shape if roi is None else (roi.height_px, roi.width_px)
         self.dtype = np.dtype(np.float32) if self.channel == "mean" else form.dtype
         self.pixel_mm, self.files, self.names = source.pixel_mm, source.files, source.names
         self.claimed_count, self.lossy = source.claimed, source.lossy
@@ -374,7 +351,7 @@ class FrameReader:
             raise InputError("ends_before_frame_changed", path=self.path, stop=stop - 1)
 
     def _prepare(self, frame: Frame) -> np.ndarray:
-        image = frame.image
+        image = as_turned(frame.image, *self._turn)
         if self.roi is not None:
             top, left_px = self.roi.top_px, self.roi.left_px
             image = image[top : top + self.shape[0], left_px : left_px + self.shape[1]]
