@@ -1,5 +1,5 @@
 from .api import CLEAR_CHI, draft_scene, init
-from .fields import FIELDS, KINDS, QUANTITIES, SET_KINDS
+from .fields import FIELDS, KINDS, OPTIONS, QUANTITIES, SET_KINDS
 from .scene_draft import (
     NEEDED,
     DraftValue,
@@ -17,6 +17,7 @@ __all__ = [
     "FIELDS",
     "KINDS",
     "NEEDED",
+    "OPTIONS",
     "QUANTITIES",
     "SET_KINDS",
     "DraftValue",

@@ -451,7 +451,7 @@ def draft_without_model(frames: FrameReader, given: KnownValues) -> SceneDraft:
     if given.pixel_mm is None and frames.pixel_mm is not None:
         values.append(DraftValue(PIXEL, frames.pixel_mm, "file"))
     present = {value.key for value in values}
-    present |= {key for key in LIGHT if getattr(given, key.partition(".")[2])}
+    present |= {key for name, key in LIGHT.items() if getattr(given, name)}
     quantities = (QUANTITIES[k] for k in ("thickness_mm", "fringe_value_n_per_mm", "pixel_mm"))
     hints = {quantity.key: quantity.question for quantity in quantities} | _STANDARD
     open_keys = [OpenKey(key, hint) for key, hint in hints.items() if key not in present]

@@ -48,5 +48,8 @@ FIELDS = tuple(
 )
 """All of them, in the order of the page."""
 
-QUANTITIES = {field.option: field for field in FIELDS if field.option}
-"""What a user knows, or can look up or measure, by the name of its field in KnownValues."""
+OPTIONS = {field.option: field for field in FIELDS if field.option}
+"""What `init` takes of them, by the name of its field in KnownValues."""
+
+QUANTITIES = {name: field for name, field in OPTIONS.items() if field.words}
+"""What of that a user can look up or measure."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin, get_type_h
 
 import numpy as np
 
-from isochrome.drafting.fields import QUANTITIES
+from isochrome.drafting.fields import KINDS, OPTIONS, QUANTITIES
 from isochrome.errors import InputError
 from isochrome.frames import Channel, Frame, FrameReader, check_scale, likely_no_load, named_files
 from isochrome.messages import warnings_json
@@ -94,11 +94,8 @@ def known_values(known: KnownValues | Mapping[str, Any]) -> KnownValues:
 _COMMENT_AT, _WIDTH = 34, 100
 """Column of the comments, and the length of a line."""
 
-LIGHT = (
-    "polariscope.wavelength_nm", "frames.channel", "frames.flip", "camera.pixel_mm",
-    "polariscope.field", "frames.gamma", "frames.rotate_deg",
-)  # fmt: skip
-"""What is known of the light, and of how the picture is taken, whatever stands in front of it."""
+LIGHT = {name: one.key for name, one in OPTIONS.items() if {*KINDS} <= {*one.kinds}}
+"""What is known of the light and the camera, whatever stands in front of it, and its key."""
 
 _WORDS = {"file": "as the file has it", "given": "as given", "found": "found"}
 
@@ -120,7 +117,7 @@ def written_draft(
     What is known of the light, and what is open of it and of the recording, stands in every scene.
     """
     present = {value.key for value in values}
-    light = ((key, getattr(given, key.partition(".")[2])) for key in LIGHT if key not in present)
+    light = ((key, getattr(given, name)) for name, key in LIGHT.items() if key not in present)
     values = [*values, *(DraftValue(key, v, "given") for key, v in light if v)]
     open_keys = [*open_keys, *open_of_set(reader, given)]
     head = [f"Drafted by isochrome init from {described_set(reader)}", *sentences]

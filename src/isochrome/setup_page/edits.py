@@ -17,7 +17,7 @@ from isochrome.drafting import (
     FIELDS,
     KINDS,
     NEEDED,
-    QUANTITIES,
+    OPTIONS,
     SET_KINDS,
     KnownValues,
     SceneDraft,
@@ -485,11 +485,8 @@ _FRICTION, _TURN = "friction.coefficient", "frames.rotate_deg"
 _START_FRICTION = 0.1
 """Stands in a new scene while the search goes on, where the user has named none."""
 
-_HELD = ("frames.channel", "frames.flip", "camera.bit_depth")
-"""Keys of the scene that the search always takes as they are, besides the bodies and the load."""
-
-_ON_REQUEST = ("polariscope.field", "frames.gamma", _TURN)
-"""Keys that it finds, or takes as they are where the user says so."""
+_ON_REQUEST = ("field", "gamma", "rotate_deg")
+"""What the search finds, or takes as the scene has it where the user says so."""
 
 _OPTION = re.compile(r"--([a-z]+(?:-[a-z]+)*)")
 
@@ -547,13 +544,10 @@ def find_in_frames(
 
 def page_words(text: str) -> str:
     """A sentence of the command line in the page's words: fields in place of options."""
-    labels = {field.key: field.label for field in FIELDS}
-    keys = {name: quantity.key for name, quantity in QUANTITIES.items()}
-    keys |= {key.partition(".")[2]: key for key in (*_HELD, *_ON_REQUEST)}
 
     def named(option: re.Match[str]) -> str:
         name = option[1].replace("-", "_")
-        return f"'{labels[keys[name]]}'" if name in keys else name
+        return f"'{OPTIONS[name].label}'" if name in OPTIONS else name
 
     return _OPTION.sub(named, text).replace("run init again", "search again")
 
@@ -577,17 +571,14 @@ def _known(scene: Scene, index: int, *, held: bool) -> KnownValues:
     if scene.model not in SEARCHED:
         what = f"a {scene.model}" if scene.model else scene.no_model_reason
         raise InputError("search_knows_contact_under", name=scene.name, what=what)
-    names = {quantity.key: name for name, quantity in QUANTITIES.items()}
-    names |= {key: key.partition(".")[2] for key in (*_HELD, *(_ON_REQUEST if held else ()))}
-    given = {
-        name: getattr(getattr(scene, key.partition(".")[0]), key.partition(".")[2], None)
-        for key, name in names.items()
-    }
-    if given.get("gamma") == "unknown":
-        given["gamma"] = None
-    for key, name in names.items():
-        if given[name] is not None and not isinstance(given[name], str | int | float):
-            raise InputError("changes_distance_search_takes", name=scene.name, key=key)
+    given = {}
+    for name, one in OPTIONS.items():
+        part, _, entry = one.key.partition(".")
+        value = getattr(getattr(scene, part), entry, None)
+        if value is not None and not isinstance(value, str | int | float):
+            raise InputError("changes_distance_search_takes", name=scene.name, key=one.key)
+        if (held or name not in _ON_REQUEST) and (name, value) != ("gamma", "unknown"):
+            given[name] = value
     return known_values({"shape": scene.model, "frame": index, **given})
 
 
