@@ -58,9 +58,6 @@ _ALIKE = 0.04
 _DRIFT = 1.25
 """Factor by which a lamp may have drifted from that picture, up or down."""
 
-_LARGEST_RUN = 0.5
-"""Share of a set beyond which frames without fringes are no mistake among others."""
-
 UNLOADED = "looks_like_unloaded_specimen"
 
 
@@ -124,7 +121,7 @@ def _among_many(none: NDArray[np.bool_], many: NDArray[np.bool_]) -> list[int]:
         before, after = many[:start][-2:], many[stop:][:2]
         sides = [before[-1:], after[:1]] if start and stop < len(none) else [before, after]
         beside = np.concatenate(sides)
-        if beside.size == 2 and beside.all() and stop - start <= _LARGEST_RUN * len(none):
+        if beside.size == 2 and beside.all():
             runs += range(start, stop)
     return runs
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.constants import golden
 
 from isochrome.errors import InputError
 from isochrome.reference.cauchy import (
@@ -25,8 +26,6 @@ from isochrome.reference.cauchy import (
     mcewen_terms,
     stress_from_transforms,
 )
-
-_GOLDEN = (1.0 + np.sqrt(5.0)) / 2.0
 
 
 @dataclass(frozen=True)
@@ -327,8 +326,8 @@ def hertz_largest_difference(
     """
     check_positive(half_width_mm=half_width_mm, peak_pressure_mpa=peak_pressure_mpa)
     return LargestDifference(
-        difference_mpa=float(2.0 * _GOLDEN**-2.5 * peak_pressure_mpa),
-        depth_mm=float(_GOLDEN**-0.5 * half_width_mm),
+        difference_mpa=float(2.0 * golden**-2.5 * peak_pressure_mpa),
+        depth_mm=float(golden**-0.5 * half_width_mm),
     )
 
 

@@ -13,6 +13,7 @@ from second differences, which a smooth course hardly has: median |v[i-1] - 2 v[
 (0.6745 √6).
 """
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 from isochrome.errors import InputError
 from isochrome.messages import message
 from isochrome.output import GivenTable, read_given_table
+from isochrome.scene.imaging import STRONGEST
 
 Floats = NDArray[np.floating]
 
@@ -61,8 +63,8 @@ class _Kind:
 
 
 _KINDS = (
-    _Kind("friction", "coefficient", -5.0, 5.0, "it is from -5 to 5"),
-    _Kind("load", "normal_n", 5e-324, 1e30, "it is above 0"),
+    _Kind("friction", "coefficient", -STRONGEST, STRONGEST, "it is from -5 to 5"),
+    _Kind("load", "normal_n", math.ulp(0.0), math.inf, "it is above 0"),
 )
 
 FROM_FILES = tuple(kind.part for kind in _KINDS)
