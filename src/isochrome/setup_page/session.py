@@ -87,19 +87,6 @@ def pixel_scale(first: Point, second: Point, length_mm: float) -> float:
     return length_mm / apart
 
 
-def place_of_point(pixels: PixelGrid, point: Point) -> tuple[float, float]:
-    """The place x, z, mm, that a point (row, col) of the region looks at, also beyond its edges."""
-    row, col = point
-    x = pixels.left_mm + (col + 0.5) * pixels.pixel_mm
-    z = pixels.top_mm + (row + 0.5) * pixels.pixel_mm
-    lens = pixels.lens
-    if lens is None:
-        return x, z
-    middle = pixels.left_mm + lens.right_mm, pixels.top_mm + lens.down_mm
-    right, down = lens.looked_at(np.array([x - middle[0]]), np.array([z - middle[1]]))
-    return float(right[0]) + middle[0], float(down[0]) + middle[1]
-
-
 def seen_at(pixels: PixelGrid, x_mm: float, z_mm: float) -> Point:
     """The point (row, col) of the region that looks at a place."""
     from scipy.optimize import root
@@ -111,7 +98,7 @@ def seen_at(pixels: PixelGrid, x_mm: float, z_mm: float) -> Point:
 
     def away(at: Any) -> Any:
         """How far the point looks beside the place, px."""
-        return np.subtract(place_of_point(pixels, (at[0], at[1])), (x_mm, z_mm)) / unit
+        return np.subtract(pixels.place(at[0], at[1]), (x_mm, z_mm)) / unit
 
     row, col = root(away, start, tol=1e-12).x.tolist()
     return row, col
@@ -123,7 +110,7 @@ def placed_at(pixels: PixelGrid, point: Point) -> tuple[float, float]:
     That is the middle of the contact on the surface, or the top of a disc, ring or beam. How the
     pixels look stays, only their edges move.
     """
-    x, z = place_of_point(pixels, point)
+    x, z = pixels.place(*point)
     return pixels.left_mm - x, pixels.top_mm - z
 
 
