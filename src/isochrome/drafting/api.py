@@ -202,19 +202,12 @@ class ContactFit:
     unsure: Mapping[str, tuple[str, ...]]
 
 
-def start_scene(pixel_mm: float, shape: tuple[int, int], given: KnownValues) -> Scene:
-    """The scene of a contact before anything is found."""
-    tables: dict[str, Any] = {
-        "friction": {"coefficient": 0.0},
-        "camera": {"pixel_mm": pixel_mm, "left_mm": 0.0, "top_mm": 0.0},
-    }
-    for name in NEEDED["contact"]:
+def start_scene(given: KnownValues, **tables: dict[str, Any]) -> Scene:
+    """The scene of a specimen before anything is found, with more `tables`."""
+    for name in NEEDED[given.shape]:
         table, _, entry = QUANTITIES[name].key.partition(".")
         tables.setdefault(table, {})[entry] = getattr(given, name)
-    scene = load_scene(tables | light_tables(given))
-    check_moduli(scene)
-    check_pixel(scene, shape)
-    return scene
+    return load_scene(tables | light_tables(given))
 
 
 def find_contact(
@@ -307,7 +300,11 @@ def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
     """Draft the scene of a contact; see `draft_scene`."""
     pixel_mm = given.pixel_mm or frames.pixel_mm
     assert pixel_mm is not None
-    contact = _first_explained(frames, start_scene(pixel_mm, frames.shape, given), given)
+    camera = {"pixel_mm": pixel_mm, "left_mm": 0.0, "top_mm": 0.0}
+    scene = start_scene(given, friction={"coefficient": 0.0}, camera=camera)
+    check_moduli(scene)
+    check_pixel(scene, frames.shape)
+    contact = _first_explained(frames, scene, given)
     values = given_values(given, NEEDED["contact"][:-1])  # the load is found
     values += file_values(frames, given, turned=contact.lying.rotate_deg in (90, 270))
     if given.pixel_mm is None:
@@ -398,8 +395,6 @@ def _side(contact: ContactFit) -> str:
     )
 
 
-_DISC = ("diameter_mm", "thickness_mm", "fringe_value_n_per_mm")
-
 _NOTES = {
     "load.normal_n": "by the fringes",
     "camera.left_mm": "of the first column's outer edge, from the disc's middle",
@@ -422,16 +417,15 @@ def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
     whether it lies on its side.
     """
     frame = frame_of(frames, frames_to_look_at(frames, given)[0], given)
-    tables: dict[str, Any] = {
-        "specimen": {"shape": "disc"} | {name: getattr(given, name) for name in _DISC},
-        "load": {"normal_n": given.load_n},
-        "camera": {} if given.pixel_mm is None else {"pixel_mm": given.pixel_mm},
-    }
-    bare = load_scene(tables | light_tables(given))
+    camera = {} if given.pixel_mm is None else {"pixel_mm": given.pixel_mm}
+    bare = start_scene(given, specimen={"shape": "disc"}, camera=camera)
     data, fit = _fitted(prepare_frame(frame, bare, bit_depth=frames.bit_depth), bare, given)
     turned = fit.scene.frames.rotate_deg in (90, 270)
     values = [DraftValue("specimen.shape", "disc", "given")]
-    values += [*given_values(given, _DISC), *file_values(frames, given, turned=turned)]
+    values += [
+        *given_values(given, NEEDED["disc"][:-1]),
+        *file_values(frames, given, turned=turned),
+    ]
     values += _disc_values(fit, given)
     leave = f"the disc's fringes leave {fit.chi:.2f} times its noise."
     sentences = [f"Frame {frame.index} was looked at: {leave}"]

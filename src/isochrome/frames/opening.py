@@ -272,7 +272,7 @@ class Parts:
         for source in map(self.source, range(len(self.files))):
             count = source.extent().count
             if start < before + count:
-                return before + source.first_decoded(start - before)
+                return before + source.begins(start - before)
             before += count
         return start
 

@@ -136,15 +136,8 @@ class Source:
     # `extent` by packets in place of frames, which are held against it when they are read (None:
     # they cannot be)
     listed: Callable[[], Extent] | None = None
-    # the frame that decoding begins with to come to one (None: a video's first, else that one
-    # itself)
-    begins: Callable[[int], int] | None = None
-
-    def first_decoded(self, start: int) -> int:
-        """The frame that decoding begins with to come to frame `start`."""
-        if self.begins is not None:
-            return self.begins(start)
-        return 0 if self.kind == "video" else start
+    # the frame that decoding begins with to come to one: by default that one itself
+    begins: Callable[[int], int] = int
 
 
 def _mirrored(image: np.ndarray, flip: str | None) -> np.ndarray:
@@ -375,7 +368,7 @@ class FrameReader:
 
     def first_decoded(self, start: int) -> int:
         """The frame that decoding begins with to come to frame `start`, as far as it is known."""
-        return self._source.first_decoded(start)
+        return self._source.begins(start)
 
     def __enter__(self) -> FrameReader:
         return self
