@@ -307,10 +307,7 @@ def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
     contact = _first_explained(frames, scene, given)
     values = given_values(given, NEEDED["contact"][:-1])  # the load is found
     values += file_values(frames, given, turned=contact.lying.rotate_deg in (90, 270))
-    if given.pixel_mm is None:
-        values.append(DraftValue(PIXEL, pixel_mm, "file"))
-    # a frame may ask for what was given
-    values = list({v.key: v for v in (*values, *_found_values(contact, given))}.values())
+    values += _found_values(contact, given)
     sentences = [
         f"Frame {contact.frame} was looked at: the contact's fringes leave {contact.fit.chi:.2f} "
         "times its noise.",
@@ -368,11 +365,15 @@ def _found_values(contact: ContactFit, given: KnownValues) -> list[DraftValue]:
         value = float(fit.scene.get(key)) if key != FRICTION or _is_seen(contact) else 0.0
         note = notes.get(key, "the frame asks for it")
         values.append(DraftValue(key, value, "found", spread[key], note))
-    if given.field is None:
-        values.append(DraftValue(FIELD, lying.field, "found"))
-    if given.rotate_deg is None and lying.rotate_deg:
+    return [*values, *_lying_values(given, lying.field, lying.rotate_deg)]
+
+
+def _lying_values(given: KnownValues, field: str, turn: int) -> list[DraftValue]:
+    """How the picture is taken, where that was found."""
+    values = [DraftValue(FIELD, field, "found")] * (given.field is None)
+    if given.rotate_deg is None and turn:
         note = "quarter turns, counter-clockwise, after which the load comes from above"
-        values.append(DraftValue(TURN, lying.rotate_deg, "found", note=note))
+        values.append(DraftValue(TURN, turn, "found", note=note))
     return values
 
 
@@ -442,8 +443,6 @@ def draft_without_model(frames: FrameReader, given: KnownValues) -> SceneDraft:
     values = [DraftValue("specimen.shape", "other", "given")]
     values += given_values(given, ("thickness_mm", "fringe_value_n_per_mm"))
     values += file_values(frames, given, turned=given.rotate_deg in (90, 270))
-    if given.pixel_mm is None and frames.pixel_mm is not None:
-        values.append(DraftValue(PIXEL, frames.pixel_mm, "file"))
     present = {value.key for value in values}
     present |= {key for name, key in LIGHT.items() if getattr(given, name)}
     quantities = (QUANTITIES[k] for k in ("thickness_mm", "fringe_value_n_per_mm", "pixel_mm"))
@@ -495,12 +494,8 @@ def _disc_values(fit: FrameFit, given: KnownValues) -> list[DraftValue]:
         DraftValue(key, float(fit.scene.get(key)), "found", float(spread), _NOTES.get(key, ""))
         for key, spread in zip(fit.keys, fit.standard_uncertainty, strict=True)
     ]
-    if given.field is None:
-        values.append(DraftValue(FIELD, fit.scene.polariscope.field, "found"))
-    turn = fit.scene.frames.rotate_deg
-    if given.rotate_deg is None and turn:
-        values.append(DraftValue(TURN, turn, "found"))
-    return values
+    scene = fit.scene
+    return values + _lying_values(given, scene.polariscope.field, scene.frames.rotate_deg)
 
 
 PREVIEW_FILE = "scene.png"

@@ -116,6 +116,8 @@ def written_draft(
 
     What is known of the light, and what is open of it and of the recording, stands in every scene.
     """
+    # a frame may tell what was given, or what its file has, otherwise
+    values = list({value.key: value for value in values}.values())
     present = {value.key for value in values}
     light = ((key, getattr(given, name)) for name, key in LIGHT.items() if key not in present)
     values = [*values, *(DraftValue(key, v, "given") for key, v in light if v)]
@@ -380,7 +382,7 @@ def frame_of(reader: FrameReader, index: int, given: KnownValues) -> Frame:
 
 
 def file_values(reader: FrameReader, given: KnownValues, *, turned: bool) -> list[DraftValue]:
-    """The camera's size and bits; `turned`, whether the scene lies a quarter turn otherwise."""
+    """The camera's size, bits and scale; `turned`: the scene lies a quarter turn otherwise."""
     rows, cols = reader.shape[::-1] if turned else reader.shape
     turn = "after the turn by frames.rotate_deg" if turned else ""
     values = [
@@ -390,6 +392,8 @@ def file_values(reader: FrameReader, given: KnownValues, *, turned: bool) -> lis
     if reader.bit_depth is not None:
         origin: Origin = "file" if given.bit_depth is None else "given"
         values.append(DraftValue("camera.bit_depth", reader.bit_depth, origin))
+    if given.pixel_mm is None and reader.pixel_mm is not None:
+        values.append(DraftValue("camera.pixel_mm", reader.pixel_mm, "file"))
     return values
 
 
