@@ -69,6 +69,7 @@ from isochrome.fitting import (
     GAMMA,
     TOO_FAR,
     FrameFit,
+    Freed,
     Lying,
     PictureStart,
     cause_messages,
@@ -236,13 +237,17 @@ def find_contact(
         raise PhysicsError(
             "fringes_frame_those_load", name=frame.name, index=frame.index, load=load, load_n=load_n
         )
+    return _with_doubts(frame.index, best.lying, answer)
+
+
+def _with_doubts(index: int, lying: Lying, answer: Freed[Any]) -> ContactFit:
+    """A fit as a contact, with what is said of it, and the keys that other causes explain too."""
     messages = cause_messages(answer, light=light_matters(answer))
     if answer.fit.chi > POOR_CHI:
-        messages += (message("chi_frame_holds_more", chi=fit.chi),)
-    # what other causes explain too
-    alike = rival_causes(answer)
-    unsure = {k: alike[c.name] for c in answer.causes if c.name in alike for k in c.keys}
-    return ContactFit(frame.index, best.lying, answer.data, fit, messages, unsure)
+        messages += (message("chi_frame_holds_more", chi=answer.fit.chi),)
+    rivals = rival_causes(answer)
+    unsure = {k: rivals[c.name] for c in answer.causes if c.name in rivals for k in c.keys}
+    return ContactFit(index, lying, answer.data, answer.fit, messages, unsure)
 
 
 def _best_start(

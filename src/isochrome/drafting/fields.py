@@ -34,6 +34,11 @@ class SceneField:
     range: str = ""  # what it usually is
 
     @property
+    def title(self) -> str:
+        """What the page calls it, with its unit."""
+        return f"{self.label}{self.unit and f', {self.unit}'}"
+
+    @property
     def question(self) -> str:
         """What to ask for: words, unit and the usual range."""
         return f"{self.words}{self.unit and f' ({self.unit})'}, usually {self.range}"

@@ -598,11 +598,7 @@ def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[F
     places = _places(names)
     if len(names) == 1 and len(places) == 1:
         return (names[0],)
-    for place in places:
-        if join and place.is_dir():
-            raise InputError("folder_which_recording_itself", folder=place)
-        if place.suffix.lower() not in KNOWN and not place.is_dir():
-            raise InputError("frames_cannot_read_from_file", place=place, known=", ".join(KNOWN))
+    _refuse_others(places, join=join)
     if join:
         return (tuple(places),)
     first = dict[bool | None, Path]()
@@ -615,6 +611,14 @@ def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[F
             "single_image_whole_recording", single=first[False], recordings=first[True]
         )
     return (names[0],) if len(names) == 1 else (tuple(places),)
+
+
+def _refuse_others(places: Sequence[Path], *, join: bool) -> None:
+    for place in places:
+        if join and place.is_dir():
+            raise InputError("folder_which_recording_itself", folder=place)
+        if place.suffix.lower() not in KNOWN and not place.is_dir():
+            raise InputError("frames_cannot_read_from_file", place=place, known=", ".join(KNOWN))
 
 
 def one_recording(names: Sequence[str | Path], *, join: bool = False) -> FramesPath:

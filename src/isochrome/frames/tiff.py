@@ -379,18 +379,9 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     _check_square(tif, path)
     if tif.is_ome:
         return _of_ome(tif, path)
-    # not the thumbnails and reduced copies that some programs add
-    numbered: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
-    pages = tuple((i, page.offset) for i, page in numbered if i == 0 or not page.is_reduced)
+    pages = _frame_pages(tif)
     claimed = _claimed(tif, len(pages))
-    # whether that many frames have room behind the only head: ImageJ's layout of large stacks
-    page: Any = tif.pages[0]
-    plain = page.axes == "YX" and page.is_contiguous and page.compression == COMPRESSION.NONE
-    hidden = bool(
-        len(pages) == 1 < claimed
-        and plain
-        and page.dataoffsets[0] + claimed * page.nbytes <= tif.filehandle.size
-    )
+    hidden = len(pages) == 1 < claimed and _fit_behind(tif, claimed)
     if not hidden and (claimed > len(pages) or _chain_breaks(tif)):
         raise InputError("breaks_off_after_frames", path=path, pages_count=len(pages))
     meta = (tif.imagej_metadata or {}) if tif.is_imagej else {}
@@ -399,6 +390,12 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
         count=claimed if hidden else len(pages), pages=pages, hidden=hidden,
         pixel_mm=pixel_mm_of(tif), interval_s=_interval(meta),
     )  # fmt: skip
+
+
+def _frame_pages(tif: tifffile.TiffFile) -> tuple[tuple[int, int], ...]:
+    """Pages that are frames: not the thumbnails and reduced copies that some programs add."""
+    numbered: Any = ((i, tif.pages[i]) for i in range(len(tif.pages)))
+    return tuple((i, page.offset) for i, page in numbered if i == 0 or not page.is_reduced)
 
 
 def _claimed(tif: tifffile.TiffFile, counted: int) -> int:
@@ -415,6 +412,13 @@ def _claimed(tif: tifffile.TiffFile, counted: int) -> int:
 def _whole(meta: dict[str, Any], key: str, default: int = 1) -> int:
     value = meta.get(key, default)
     return value if isinstance(value, int) and value > 0 else default
+
+
+def _fit_behind(tif: tifffile.TiffFile, claimed: int) -> bool:
+    """Whether that many frames have room behind the only head: ImageJ's layout of large stacks."""
+    page: Any = tif.pages[0]
+    plain = page.axes == "YX" and page.is_contiguous and page.compression == COMPRESSION.NONE
+    return bool(plain and page.dataoffsets[0] + claimed * page.nbytes <= tif.filehandle.size)
 
 
 def _chain_breaks(tif: tifffile.TiffFile) -> bool:

@@ -165,22 +165,18 @@ def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, s
     given = {f.key: values.get(f.key) for f in fields if values.get(f.key) not in (None, *_NOUGHT)}
     missing = [field.label for field in fields if field.needed and field.key not in given]
     if missing:
-        what = "set" if kind in SET_KINDS else "scene"
+        what = ("scene", "set")[kind in SET_KINDS]
         raise InputError(
             "fill_needs_them", missing=", ".join(missing), what=what, kinds=kinds[kind]
         )
-    given |= no_load
     if "wear.distances_m" not in given:
         given.pop("wear.coefficient_mm2_per_n", None)
-    if "wear.distances_m" in given and "friction.coefficient" not in given:
+    elif "friction.coefficient" not in given:
         raise InputError("fill_friction_coefficient_about")
-    words = {f.key: f"{f.label}, {f.unit}" if f.unit else f.label for f in fields}
-    lines = [
-        (key, toml_text(value), words.get(key, "the unloaded specimen"))
-        for key, value in given.items()
-    ]
-    if kind in STATED_SHAPES:
-        lines.insert(0, ("specimen.shape", toml_text(kind), kinds[kind]))
+    words = {field.key: field.title for field in fields} | {"specimen.shape": kinds[kind]}
+    words |= dict.fromkeys(no_load, "the unloaded specimen")
+    shape = {"specimen.shape": kind} if kind in STATED_SHAPES else {}
+    lines = [(key, toml_text(v), words[key]) for key, v in (shape | given | dict(no_load)).items()]
     return scene_text([f"{kinds[kind]}; made on the page of `isochrome setup`"], lines)
 
 
@@ -516,11 +512,7 @@ def find_in_frames(
     except IsochromeError as error:
         raise type(error)(page_words(str(error))) from error
     values, notes = _values(draft, scene, guessed=guessed)
-    # no picture is turned under what was set on it
-    stated, turn = scene.frames, draft.scene.frames.rotate_deg or 0
-    on_it = stated.roi or stated.polygon_px or stated.orders_known
-    if on_it and stated.rotate_deg != turn:
-        raise InputError("frame_explains_itself_turned", name=scene.name, turn=turn)
+    _refuse_turn(scene, draft.scene.frames.rotate_deg)
     row, col = seen_at(pixel_grid(draft.scene), 0.0, 0.0)
 
     def edit(now: str) -> str:
@@ -580,6 +572,14 @@ def _known(scene: Scene, index: int, *, held: bool) -> KnownValues:
         if (held or name not in _ON_REQUEST) and (name, value) != ("gamma", "unknown"):
             given[name] = value
     return known_values({"shape": scene.model, "frame": index, **given})
+
+
+def _refuse_turn(scene: Scene, turn: int) -> None:
+    """Refuse to turn a picture under what was set on it."""
+    stated = scene.frames
+    on_it = stated.roi or stated.polygon_px or stated.orders_known
+    if on_it and stated.rotate_deg != turn:
+        raise InputError("frame_explains_itself_turned", name=scene.name, turn=turn)
 
 
 def _values(draft: SceneDraft, scene: Scene, *, guessed: bool) -> tuple[dict[str, Any], list[str]]:
