@@ -337,13 +337,13 @@ class FrameReader:
             return
         with closing(self._source.frames(start)) as frames:  # and with them the file
             for frame in frames:
-                yield replace(frame, image=self._prepare(frame), mask=self.mask)
+                yield replace(frame, image=self._prepare(frame, frame.index), mask=self.mask)
                 if frame.index + 1 == stop:
                     return
         if stop is not None:
             raise InputError("ends_before_frame_changed", path=self.path, stop=stop - 1)
 
-    def _prepare(self, frame: Frame) -> np.ndarray:
+    def _prepare(self, frame: Frame, index: int) -> np.ndarray:
         image = as_turned(frame.image, *self._turn)
         if self.roi is not None:
             top, left_px = self.roi.top_px, self.roi.left_px
@@ -353,7 +353,7 @@ class FrameReader:
                 image = image.mean(axis=2, dtype=np.float32)
             else:
                 image = image[..., CHANNELS.index(self.channel or "green")]
-        _check_range(image, self.bit_depth, f"frame {frame.index} ({frame.name})")
+        _check_range(image, self.bit_depth, f"frame {index} ({frame.name})")
         return np.ascontiguousarray(image)
 
     def count(self, *, decode: bool = True) -> int:
