@@ -24,7 +24,7 @@ that was fitted, in the key's unit; beside each stands `KEY standard_uncertainty
 NO_OUTPUT = {
     "zarr.json": "a part of run.zarr", "truth.json": "of the sample images",
     "set.toml": "of the sample images", "captured.tif": "of the sample images",
-    "fields.toml": "what the set-up page asks for",
+    "fields.toml": "what the set-up page and `init` ask for",
 }  # fmt: skip
 """File names in the code that no command leaves as a result of its own, and why."""
 

@@ -25,7 +25,7 @@ SERVER.set_forkserver_preload(
      "isochrome.fitting.api", "isochrome.simulation.api", "isochrome.calibration.beam.api",
      "isochrome.comparison.api", "isochrome.runs.exporting", "isochrome.sweeps.api",
      "matplotlib.figure", "xarray", "zarr", "cv2", "tifffile", "PIL.Image", "roifile", "av",
-     "rich.progress", "numpy.ma", "filelock", "threadpoolctl", "tomli_w", "typer._adapters"]
+     "rich.progress", "numpy.ma", "filelock", "threadpoolctl", "tomlkit", "typer._adapters"]
 )  # fmt: skip
 
 

@@ -39,7 +39,7 @@ def assert_equilibrium() -> Callable[..., None]:
     """Check div σ = 0 and that sx + sz is harmonic, by central differences of step h."""
 
     def check(field, x, z, *, step, scale):
-        """`field(x, z)` -> StressField; `scale` the stress that the residuals are small against."""
+        """`field(x, z)` -> StressComponents; `scale`, what the residuals are small against."""
         x, z = np.broadcast_arrays(x, z)
         h = step
 

@@ -7,14 +7,7 @@ import pytest
 
 from isochrome.errors import InputError
 from isochrome.scene import parse_scene
-from isochrome.setup_page import (
-    on_line,
-    pixel_scale,
-    place_of_point,
-    placed_at,
-    seen_at,
-    surface_roll,
-)
+from isochrome.setup_page import on_line, pixel_scale, placed_at, seen_at, surface_roll
 from isochrome.stress import pixel_grid
 
 
@@ -34,17 +27,17 @@ def test_a_pixels_place_is_the_renderers():
         x, z = (np.broadcast_to(v, (494, 659)) for v in pixels.places)
         for row, col in ((0, 0), (493, 658), (100, 300)):
             wanted = pytest.approx((x[row, col], z[row, col]), abs=1e-9)
-            assert place_of_point(pixels, (row, col)) == wanted
+            assert pixels.place(row, col) == wanted
 
 
 @pytest.mark.parametrize("camera", [{}, BENT])
 def test_there_and_back(camera):
     pixels = pixels_of(**camera)
-    x, z = place_of_point(pixels, (123.4, 456.7))
+    x, z = pixels.place(123.4, 456.7)
     assert seen_at(pixels, x, z) == pytest.approx((123.4, 456.7), abs=1e-6)  # px
     left, top = placed_at(pixels, (20.0, 300.0))
     placed = pixels_of(**camera | {"left_mm": left, "top_mm": top})
-    assert place_of_point(placed, (20.0, 300.0)) == pytest.approx((0.0, 0.0), abs=1e-12)
+    assert placed.place(20.0, 300.0) == pytest.approx((0.0, 0.0), abs=1e-12)
 
 
 def test_a_contact_between_two_pixels_and_a_scale_by_hand():

@@ -47,6 +47,7 @@ from isochrome.console import (
     run_bar,
     steps,
 )
+from isochrome.drafting import QUANTITIES
 from isochrome.errors import IsochromeError
 from isochrome.messages import message
 
@@ -74,18 +75,8 @@ _SHOWN_OF_CAMPAIGN = ("recording", "status", "frames", "failed_frames", "flagged
 
 KNOWN: Options = {
     "shape": (str | None, "contact (a cylinder on a block), disc, or other."),
-    "young_gpa": (float | None, "Young's modulus of the specimen, GPa."),
-    "poisson": (float | None, "Poisson's ratio of the specimen."),
-    "thickness_mm": (float | None, "Its thickness along the light, mm."),
-    "fringe_value_n_per_mm": (float | None, "Its material fringe value, N/mm per fringe."),
-    "radius_mm": (float | None, "Radius of the cylinder, mm."),
-    "indenter_young_gpa": (float | None, "Its Young's modulus, GPa; steel 210."),
-    "indenter_poisson": (float | None, "Its Poisson's ratio; steel 0.3."),
-    "load_n": (float | None, "Load, N; within a factor of three."),
-    "diameter_mm": (float | None, "Diameter of a disc, mm."),
-    "pixel_mm": (float | None, "Side of a pixel, mm, where the file does not name it."),
+    **{name: (float | None, f"{one.question}.") for name, one in QUANTITIES.items()},
     "bit_depth": (int | None, "Bits of the sensor, where the file has more."),
-    "wavelength_nm": (float | None, "Wavelength of the light, nm."),
     "channel": (str | None, "Of colour frames: red, green, blue or mean."),
     "field": (str | None, "dark or bright; else searched for."),
     "gamma": (float | None, "The camera stores light^(1/gamma); else searched for."),

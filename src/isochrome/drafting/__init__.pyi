@@ -1,28 +1,33 @@
-from .api import draft_scene, init
+from .api import CLEAR_CHI, draft_scene, init
+from .fields import FIELDS, KINDS, OPTIONS, QUANTITIES, SET_KINDS
 from .scene_draft import (
     NEEDED,
-    QUANTITIES,
     DraftValue,
     KnownValues,
     OpenKey,
-    Quantity,
     SceneDraft,
     known_values,
     not_among_frames,
     open_questions,
+    scene_text,
 )
 
 __all__ = [
+    "CLEAR_CHI",
+    "FIELDS",
+    "KINDS",
     "NEEDED",
+    "OPTIONS",
     "QUANTITIES",
+    "SET_KINDS",
     "DraftValue",
     "KnownValues",
     "OpenKey",
-    "Quantity",
     "SceneDraft",
     "draft_scene",
     "init",
     "known_values",
     "not_among_frames",
     "open_questions",
+    "scene_text",
 ]

@@ -25,14 +25,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.drafting.fields import QUANTITIES
 from isochrome.drafting.scene_draft import (
+    LIGHT,
     NEEDED,
-    QUANTITIES,
     SCENE_FILE,
     DraftValue,
     KnownValues,
     OpenKey,
-    Origin,
     SceneDraft,
     file_values,
     frame_of,
@@ -171,7 +171,7 @@ FOUND = (LOAD, FRICTION, LEFT, TOP)
 _MOST_RIVALS = 4
 """Minima of the search that are fitted, for it knows gamma only roughly."""
 
-_CLEAR = 3.0
+CLEAR_CHI = 3.0
 """chi up to which a scene that leaves more than noise is still written, with a warning, where every
 other turn and field is as many times worse. A radius or fringe value 10 % off leaves 2.8."""
 
@@ -203,19 +203,12 @@ class ContactFit:
     unsure: Mapping[str, tuple[str, ...]]
 
 
-def start_scene(pixel_mm: float, shape: tuple[int, int], given: KnownValues) -> Scene:
-    """The scene of a contact before anything is found."""
-    tables: dict[str, Any] = {
-        "friction": {"coefficient": 0.0},
-        "camera": {"pixel_mm": pixel_mm, "left_mm": 0.0, "top_mm": 0.0},
-    }
-    for name in NEEDED["contact"]:
+def start_scene(given: KnownValues, **tables: dict[str, Any]) -> Scene:
+    """The scene of a specimen before anything is found, with more `tables`."""
+    for name in NEEDED[given.shape]:
         table, _, entry = QUANTITIES[name].key.partition(".")
         tables.setdefault(table, {})[entry] = getattr(given, name)
-    scene = load_scene(tables | light_tables(given))
-    check_moduli(scene)
-    check_pixel(scene, shape)
-    return scene
+    return load_scene(tables | light_tables(given))
 
 
 def find_contact(
@@ -234,10 +227,16 @@ def find_contact(
     answer = fit_with_causes(best.data, first.scene, keys, cold=False, slips=False)
     fit = answer.fit
     others = [s.chi for s in starts if s is not best and s.lying[:3] != best.lying[:3]]
-    clear = fit.chi <= _CLEAR and min(others, default=float("inf")) > _CLEAR * fit.chi
+    rivals = min(others, default=float("inf"))
+    clear = fit.chi <= CLEAR_CHI and rivals > CLEAR_CHI * fit.chi
     if not fit.positive or _is_no_bench(fit) or (fit.chi > POOR_CHI and not clear):
         raise _unexplained(frame, fit.chi if fit.positive else None)
-    _refuse_far_load(fit, given, frame)
+    load, load_n = float(fit.scene.get(LOAD)), given.load_n
+    assert load_n is not None
+    if not 1.0 / _FARTHEST < load / load_n < _FARTHEST:
+        raise PhysicsError(
+            "fringes_frame_those_load", name=frame.name, index=frame.index, load=load, load_n=load_n
+        )
     return _with_doubts(frame.index, best.lying, answer)
 
 
@@ -267,7 +266,10 @@ def _best_start(
     if not fits or fits[0][0].chi > _HOPELESS:
         raise _unexplained(frame, fits[0][0].chi if fits else None)
     for (fit, start), (other, second) in pairwise(fits[:2]):
-        if other.chi < ALIKE_CHI * fit.chi and not _same(fit, start, other, second):
+        loads, frictions = ([f.scene.get(key) for f in (fit, other)] for key in (LOAD, FRICTION))
+        same = abs(loads[1] / loads[0] - 1.0) < 0.01 and abs(frictions[1] - frictions[0]) < 0.01
+        same = same and start.lying[:3] == second.lying[:3]
+        if other.chi < ALIKE_CHI * fit.chi and not same:
             words, others = _in_words(fit, start), _in_words(other, second)
             raise PhysicsError(
                 "two_scenes_explain_frame_alike",
@@ -289,28 +291,10 @@ def _unexplained(frame: Frame, chi: float | None) -> PhysicsError:
     return PhysicsError("no_contact_explains_frame", name=frame.name, index=frame.index, best=best)
 
 
-def _same(fit: FrameFit, start: PictureStart, other: FrameFit, second: PictureStart) -> bool:
-    """Whether two starts have led to one scene."""
-    loads, frictions = ([f.scene.get(key) for f in (fit, other)] for key in (LOAD, FRICTION))
-    near = abs(loads[1] / loads[0] - 1.0) < 0.01 and abs(frictions[1] - frictions[0]) < 0.01
-    return start.lying[:3] == second.lying[:3] and near
-
-
 def _in_words(fit: FrameFit, start: PictureStart) -> str:
     turn, _, field, _ = start.lying
     load, friction = fit.scene.get(LOAD), fit.scene.get(FRICTION)
     return f"{load:.3g} N with friction {friction:.2f} (turned by {turn} degrees, {field} field)"
-
-
-def _refuse_far_load(fit: FrameFit, given: KnownValues, frame: Frame) -> None:
-    """Refuse a fit whose load is another than the stated one."""
-    load = float(fit.scene.get(LOAD))
-    assert given.load_n is not None
-    if not 1.0 / _FARTHEST < load / given.load_n < _FARTHEST:
-        raise PhysicsError(
-            "fringes_frame_those_load", name=frame.name, index=frame.index, load=load,
-            load_n=given.load_n,
-        )  # fmt: skip
 
 
 _HAS_SIDE = 4.0
@@ -321,13 +305,14 @@ def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
     """Draft the scene of a contact; see `draft_scene`."""
     pixel_mm = given.pixel_mm or frames.pixel_mm
     assert pixel_mm is not None
-    contact = _first_explained(frames, start_scene(pixel_mm, frames.shape, given), given)
+    camera = {"pixel_mm": pixel_mm, "left_mm": 0.0, "top_mm": 0.0}
+    scene = start_scene(given, friction={"coefficient": 0.0}, camera=camera)
+    check_moduli(scene)
+    check_pixel(scene, frames.shape)
+    contact = _first_explained(frames, scene, given)
     values = given_values(given, NEEDED["contact"][:-1])  # the load is found
     values += file_values(frames, given, turned=contact.lying.rotate_deg in (90, 270))
-    origin: Origin = "file" if given.pixel_mm is None else "given"
-    values.append(DraftValue("camera.pixel_mm", pixel_mm, origin))
-    # a frame may ask for what was given
-    values = list({v.key: v for v in (*values, *_found_values(contact, given))}.values())
+    values += _found_values(contact, given)
     sentences = [
         f"Frame {contact.frame} was looked at: the contact's fringes leave {contact.fit.chi:.2f} "
         "times its noise.",
@@ -385,13 +370,15 @@ def _found_values(contact: ContactFit, given: KnownValues) -> list[DraftValue]:
         value = float(fit.scene.get(key)) if key != FRICTION or _is_seen(contact) else 0.0
         note = notes.get(key, "the frame asks for it")
         values.append(DraftValue(key, value, "found", spread[key], note))
-    if given.gamma is not None:
-        values.append(DraftValue(GAMMA, given.gamma, "given"))
-    values.append(DraftValue(FIELD, lying.field, "found" if given.field is None else "given"))
-    if lying.rotate_deg:
-        origin: Origin = "found" if given.rotate_deg is None else "given"
+    return [*values, *_lying_values(given, lying.field, lying.rotate_deg)]
+
+
+def _lying_values(given: KnownValues, field: str, turn: int) -> list[DraftValue]:
+    """How the picture is taken, where that was found."""
+    values = [DraftValue(FIELD, field, "found")] * (given.field is None)
+    if given.rotate_deg is None and turn:
         note = "quarter turns, counter-clockwise, after which the load comes from above"
-        values.append(DraftValue(TURN, lying.rotate_deg, origin, note=note))
+        values.append(DraftValue(TURN, turn, "found", note=note))
     return values
 
 
@@ -413,8 +400,6 @@ def _side(contact: ContactFit) -> str:
         f"on the bench, a mirror was between: run init again {again}"
     )
 
-
-_DISC = ("diameter_mm", "thickness_mm", "fringe_value_n_per_mm")
 
 _NOTES = {
     "load.normal_n": "by the fringes",
@@ -438,16 +423,15 @@ def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
     whether it lies on its side.
     """
     frame = frame_of(frames, frames_to_look_at(frames, given)[0], given)
-    tables: dict[str, Any] = {
-        "specimen": {"shape": "disc"} | {name: getattr(given, name) for name in _DISC},
-        "load": {"normal_n": given.load_n},
-        "camera": {} if given.pixel_mm is None else {"pixel_mm": given.pixel_mm},
-    }
-    bare = load_scene(tables | light_tables(given))
+    camera = {} if given.pixel_mm is None else {"pixel_mm": given.pixel_mm}
+    bare = start_scene(given, specimen={"shape": "disc"}, camera=camera)
     data, fit = _fitted(prepare_frame(frame, bare, bit_depth=frames.bit_depth), bare, given)
     turned = fit.scene.frames.rotate_deg in (90, 270)
     values = [DraftValue("specimen.shape", "disc", "given")]
-    values += [*given_values(given, _DISC), *file_values(frames, given, turned=turned)]
+    values += [
+        *given_values(given, NEEDED["disc"][:-1]),
+        *file_values(frames, given, turned=turned),
+    ]
     values += _disc_values(fit, given)
     leave = f"the disc's fringes leave {fit.chi:.2f} times its noise."
     sentences = [f"Frame {frame.index} was looked at: {leave}"]
@@ -464,22 +448,14 @@ def draft_without_model(frames: FrameReader, given: KnownValues) -> SceneDraft:
     values = [DraftValue("specimen.shape", "other", "given")]
     values += given_values(given, ("thickness_mm", "fringe_value_n_per_mm"))
     values += file_values(frames, given, turned=given.rotate_deg in (90, 270))
-    if given.pixel_mm is None and frames.pixel_mm is not None:
-        values.append(DraftValue(PIXEL, frames.pixel_mm, "file"))
-    values += _stated(given)
     present = {value.key for value in values}
+    present |= {key for name, key in LIGHT.items() if getattr(given, name)}
     quantities = (QUANTITIES[k] for k in ("thickness_mm", "fringe_value_n_per_mm", "pixel_mm"))
     hints = {quantity.key: quantity.question for quantity in quantities} | _STANDARD
     open_keys = [OpenKey(key, hint) for key, hint in hints.items() if key not in present]
     sentences = [message("specimen_has_no_model")]
     draw = partial(frame_figure, as_turned(frame.image, given.rotate_deg or 0, given.flip))
     return written_draft(frames, given, frame.index, sentences, values, draw, open_keys=open_keys)
-
-
-def _stated(given: KnownValues) -> list[DraftValue]:
-    """What was given of scale, field, gamma and turn."""
-    stated = {PIXEL: given.pixel_mm, FIELD: given.field, GAMMA: given.gamma, TURN: given.rotate_deg}
-    return [DraftValue(key, value, "given") for key, value in stated.items() if value]
 
 
 def _fitted(data: FrameData, bare: Scene, given: KnownValues) -> tuple[FrameData, FrameFit]:
@@ -523,12 +499,8 @@ def _disc_values(fit: FrameFit, given: KnownValues) -> list[DraftValue]:
         DraftValue(key, float(fit.scene.get(key)), "found", float(spread), _NOTES.get(key, ""))
         for key, spread in zip(fit.keys, fit.standard_uncertainty, strict=True)
     ]
-    if given.field is None:
-        values.append(DraftValue(FIELD, fit.scene.polariscope.field, "found"))
-    turn = fit.scene.frames.rotate_deg
-    if given.rotate_deg is None and turn:
-        values.append(DraftValue(TURN, turn, "found"))
-    return values + _stated(given)
+    scene = fit.scene
+    return values + _lying_values(given, scene.polariscope.field, scene.frames.rotate_deg)
 
 
 PREVIEW_FILE = "scene.png"

@@ -8,16 +8,16 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
-import tomli_w
 
+from isochrome.drafting.fields import KINDS, OPTIONS, QUANTITIES
 from isochrome.errors import InputError
 from isochrome.frames import Channel, Frame, FrameReader, check_scale, likely_no_load, named_files
 from isochrome.messages import warnings_json
 from isochrome.output import Result, counted, evenly_spaced, rounded_texts, with_uncertainty
-from isochrome.scene import Camera, FramesLike, Scene, load_scene, parse_scene
+from isochrome.scene import Camera, FramesLike, Scene, load_scene, parse_scene, toml_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -60,64 +60,10 @@ class KnownValues:
         return tuple(name for name in NEEDED[self.shape] if getattr(self, name) is None)
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """A quantity that a user knows, or can look up or measure."""
-
-    key: str
-    words: str  # what it is
-    unit: str  # empty for a plain number
-    usual: str  # what it usually is
-
-    @property
-    def question(self) -> str:
-        """What to ask for: words, unit and the usual range."""
-        return f"{self.words}{self.unit and f' ({self.unit})'}, usually {self.usual}"
-
-
-QUANTITIES = {
-    "young_gpa": Quantity(
-        "specimen.young_gpa", "Young's modulus of the specimen", "GPa", "2 to 4 for epoxy, 2.2 to "
-        "2.5 for polycarbonate, 60 to 75 for glass",
-    ),
-    "poisson": Quantity("specimen.poisson", "Poisson's ratio of the specimen", "", "0.33 to 0.42"),
-    "thickness_mm": Quantity(
-        "specimen.thickness_mm", "thickness of the specimen along the light", "mm", "2 to 10"
-    ),
-    "fringe_value_n_per_mm": Quantity(
-        "specimen.fringe_value_n_per_mm", "material fringe value f_sigma", "N/mm per fringe",
-        "9 to 15 for epoxy, 6 to 8 for polycarbonate; isochrome calibrate measures it",
-    ),
-    "radius_mm": Quantity("indenter.radius_mm", "radius of the cylinder", "mm", "5 to 50"),
-    "indenter_young_gpa": Quantity(
-        "indenter.young_gpa", "Young's modulus of the cylinder", "GPa", "200 to 215 for steel"
-    ),
-    "indenter_poisson": Quantity(
-        "indenter.poisson", "Poisson's ratio of the cylinder", "", "0.27 to 0.30 for steel"
-    ),
-    "load_n": Quantity(
-        "load.normal_n", "normal load, within a factor of three", "N", "10 to 500"
-    ),
-    "diameter_mm": Quantity("specimen.diameter_mm", "diameter of the disc", "mm", "10 to 60"),
-    "pixel_mm": Quantity(
-        "camera.pixel_mm", "side of a pixel on the specimen", "mm", "0.002 to 0.05; isochrome "
-        "calibrate scale measures it",
-    ),
-    "wavelength_nm": Quantity(
-        "polariscope.wavelength_nm", "wavelength of the light", "nm", "589 for sodium, 546 for "
-        "mercury's green",
-    ),
-}  # fmt: skip
-"""What is asked for, by the name of its field in KnownValues."""
-
 NEEDED = {
-    "contact": (
-        "young_gpa", "poisson", "thickness_mm", "fringe_value_n_per_mm", "radius_mm",
-        "indenter_young_gpa", "indenter_poisson", "load_n",
-    ),
-    "disc": ("diameter_mm", "thickness_mm", "fringe_value_n_per_mm", "load_n"),
-    "other": (),
-}  # fmt: skip
+    shape: tuple(name for name, one in QUANTITIES.items() if one.needed and shape in one.kinds)
+    for shape in get_args(Shape)
+}
 """What cannot be found in the frames, and nothing is found without it."""
 
 
@@ -133,16 +79,12 @@ def known_values(known: KnownValues | Mapping[str, Any]) -> KnownValues:
             if name not in names:
                 raise InputError("not_known_here_known", name=name, names=", ".join(names))
         known = KnownValues(**known)
-    for name, allowed in (
-        ("shape", get_args(Shape)),
-        ("field", (None, "dark", "bright")),
-        ("channel", (None, *get_args(Channel))),
-        ("rotate_deg", (None, 0, 90, 180, 270)),
-        ("flip", (None, "horizontal", "vertical")),
-    ):
+    for name, kind in get_type_hints(KnownValues).items():
+        parts = (kind, *get_args(kind))
+        allowed = [a for part in parts if get_origin(part) is Literal for a in get_args(part)]
         value = getattr(known, name)
-        if value not in allowed:
-            choice = ", ".join(str(a) for a in allowed if a is not None)
+        if allowed and value not in allowed and not (value is None and type(None) in parts):
+            choice = ", ".join(map(str, allowed))
             raise InputError("none_name_one_them", name=name, value=value, choice=choice)
     if known.frame is not None and known.frame < 0:
         raise InputError("frame_frames_count_from", frame=known.frame)
@@ -151,6 +93,9 @@ def known_values(known: KnownValues | Mapping[str, Any]) -> KnownValues:
 
 _COMMENT_AT, _WIDTH = 34, 100
 """Column of the comments, and the length of a line."""
+
+LIGHT = {name: one.key for name, one in OPTIONS.items() if {*KINDS} <= {*one.kinds}}
+"""What is known of the light and the camera, whatever stands in front of it, and its key."""
 
 _WORDS = {"file": "as the file has it", "given": "as given", "found": "found"}
 
@@ -171,23 +116,15 @@ def written_draft(
 
     What is known of the light, and what is open of it and of the recording, stands in every scene.
     """
-    # the light, and the colours that are read
-    keys = ("polariscope.wavelength_nm", "frames.channel", "frames.flip")
-    light = ((key, getattr(given, key.partition(".")[2])) for key in keys)
-    values = [*values, *(DraftValue(key, v, "given") for key, v in light if v is not None)]
+    # a frame may tell what was given, or what its file has, otherwise
+    values = list({value.key: value for value in values}.values())
+    present = {value.key for value in values}
+    light = ((key, getattr(given, name)) for name, key in LIGHT.items() if key not in present)
+    values = [*values, *(DraftValue(key, v, "given") for key, v in light if v)]
     open_keys = [*open_keys, *open_of_set(reader, given)]
     head = [f"Drafted by isochrome init from {described_set(reader)}", *sentences]
-    parts = ["\n".join(line for sentence in head for line in _comment(sentence))]
-    for table in Scene.model_fields:
-        within = f"{table}."
-        lines = [line for value in values if value.key.startswith(within) for line in _line(value)]
-        for key in open_keys:
-            if key.key.startswith(within):
-                # a line to fill in, which is a comment until then
-                lines += [*_comment(f"fill in: {key.hint}"), f"# {key.key.partition('.')[2]} ="]
-        if lines:
-            parts.append("\n".join([f"[{table}]", *lines]))
-    text = "\n\n".join(parts) + "\n"
+    lines = [(value.key, *_written(value)) for value in values]
+    text = scene_text(head, [*lines, *((k.key, "", f"fill in: {k.hint}") for k in open_keys)])
     return SceneDraft(
         text=text,
         scene=parse_scene(text, name="scene"),
@@ -200,18 +137,36 @@ def written_draft(
     )
 
 
-def _line(value: DraftValue) -> list[str]:
-    """A value's line, with as many digits as its ± allows; a comment too long stands above."""
+def scene_text(head: Sequence[str], lines: Sequence[tuple[str, str, str]]) -> str:
+    """A scene, or set, as TOML: sentences above it, and a line for each key, value and comment.
+
+    A comment too long stands above; where no value is written, the line is to be filled in, and a
+    comment until then.
+    """
+    parts = ["\n".join(line for sentence in head for line in _comment(sentence))]
+    for table in ("beam", "disc", *Scene.model_fields, "uncertainty"):
+        part = []
+        for key, written, words in lines:
+            if key.startswith(f"{table}."):
+                name = key.partition(".")[2]
+                line = f"{f'{name} = {written}'.ljust(_COMMENT_AT - 1)} # {words}"
+                short = written and len(line) <= _WIDTH
+                part += [line] if short else _comment(words)
+                part += [] if short else [f"{name} = {written}" if written else f"# {name} ="]
+        if part:
+            parts.append("\n".join([f"[{table}]", *part]))
+    return "\n\n".join(parts) + "\n"
+
+
+def _written(value: DraftValue) -> tuple[str, str]:
+    """A value as TOML, with as many digits as its ± allows, and where it is from."""
     if value.standard_uncertainty and not isinstance(value.value, str):
         number, spread = float(value.value), value.standard_uncertainty
         text = rounded_texts(number, spread)[0]
         shown = f", ± {with_uncertainty(number, spread).partition(' ± ')[2]}"
     else:
-        text, shown = tomli_w.dumps({"v": value.value}).removeprefix("v = ").strip(), ""
-    words = f"{_WORDS[value.origin]}{shown}{value.note and f'; {value.note}'}"
-    entry = f"{value.key.partition('.')[2]} = {text}"
-    line = f"{entry.ljust(_COMMENT_AT - 1)} # {words}"
-    return [line] if len(line) <= _WIDTH else [*_comment(words), entry]
+        text, shown = toml_text(value.value), ""
+    return text, f"{_WORDS[value.origin]}{shown}{value.note and f'; {value.note}'}"
 
 
 def _comment(text: str) -> list[str]:
@@ -390,9 +345,9 @@ def refuse_unclear(reader: FrameReader, given: KnownValues) -> None:
         )
     name, unknown = name_of(reader), open_questions(reader, given)
     if "wavelength_nm" in unknown:
-        raise InputError("has_red_green_blue", name=name, usual=QUANTITIES["wavelength_nm"].usual)
+        raise InputError("has_red_green_blue", name=name, usual=QUANTITIES["wavelength_nm"].range)
     if "pixel_mm" in unknown:
-        raise InputError("does_not_name_size", name=name, usual=QUANTITIES["pixel_mm"].usual)
+        raise InputError("does_not_name_size", name=name, usual=QUANTITIES["pixel_mm"].range)
     if given.pixel_mm is not None:
         check_scale(reader, Camera(pixel_mm=given.pixel_mm))
 
@@ -427,7 +382,7 @@ def frame_of(reader: FrameReader, index: int, given: KnownValues) -> Frame:
 
 
 def file_values(reader: FrameReader, given: KnownValues, *, turned: bool) -> list[DraftValue]:
-    """The camera's size and bits; `turned`, whether the scene lies a quarter turn otherwise."""
+    """The camera's size, bits and scale; `turned`: the scene lies a quarter turn otherwise."""
     rows, cols = reader.shape[::-1] if turned else reader.shape
     turn = "after the turn by frames.rotate_deg" if turned else ""
     values = [
@@ -437,6 +392,8 @@ def file_values(reader: FrameReader, given: KnownValues, *, turned: bool) -> lis
     if reader.bit_depth is not None:
         origin: Origin = "file" if given.bit_depth is None else "given"
         values.append(DraftValue("camera.bit_depth", reader.bit_depth, origin))
+    if given.pixel_mm is None and reader.pixel_mm is not None:
+        values.append(DraftValue("camera.pixel_mm", reader.pixel_mm, "file"))
     return values
 
 

@@ -55,11 +55,8 @@ small contact at a low load lights few blocks."""
 _ALIKE = 0.04
 """Of the light's span, by which a frame may differ from a no-load picture and be one."""
 
-_GAINS = (0.8, 1.25)
-"""Between which a lamp may have drifted from that picture."""
-
-_LARGEST_RUN = 0.5
-"""Share of a set beyond which frames without fringes are no mistake among others."""
+_DRIFT = 1.25
+"""Factor by which a lamp may have drifted from that picture, up or down."""
 
 UNLOADED = "looks_like_unloaded_specimen"
 
@@ -124,7 +121,7 @@ def _among_many(none: NDArray[np.bool_], many: NDArray[np.bool_]) -> list[int]:
         before, after = many[:start][-2:], many[stop:][:2]
         sides = [before[-1:], after[:1]] if start and stop < len(none) else [before, after]
         beside = np.concatenate(sides)
-        if beside.size == 2 and beside.all() and stop - start <= _LARGEST_RUN * len(none):
+        if beside.size == 2 and beside.all():
             runs += range(start, stop)
     return runs
 
@@ -146,7 +143,8 @@ def _unlike(light: Array, picture: Array) -> float:
     if light.shape != picture.shape or not known.any():
         return float("inf")
     here, reference = light[known], picture[known]
-    gain = float(np.clip(np.median(here) / max(float(np.median(reference)), 1e-9), *_GAINS))
+    gain = float(np.median(here)) / max(float(np.median(reference)), 1e-9)
+    gain = min(max(gain, 1.0 / _DRIFT), _DRIFT)
     return float(np.percentile(np.abs(here - gain * reference), _FARTHEST))
 
 
@@ -558,8 +556,13 @@ def look_through(path: FramesLike, scene: Scene) -> Check:
     findings += _of_file(reader, scene)
     count = None if light.failure else light.count
     findings += [Finding("error", text) for _, text in misfits(reader, scene, count)]
-    if light.failure is None:
-        findings += _of_count(reader, light, scene)
+    if light.failure is None and scene.frames.sliding_speed_mm_per_s is not None and light.untimed:
+        text = message("frames_carry_no_time", untimed=light.untimed, count=light.count)
+        findings.append(Finding("error", text))
+    if light.failure is None and reader.claimed_count not in (None, light.count):
+        claim = counted(reader.claimed_count, "frame")
+        text = message("video_head_claims_can", counted=claim, count=light.count)
+        findings.append(Finding("warning", text))
     findings += of_depth(reader, light)
     findings += of_light(reader, light)
     findings += of_no_load(reader, light, scene)
@@ -594,17 +597,6 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
         yield Finding("note", message("compressed_loss_which_hides", names=names[0]))
     if scene.frames.gamma == 1 and (lossy or reader.kind == "video" or reader.channel is not None):
         yield Finding("note", message("frames_gamma_says_grey"))
-
-
-def _of_count(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Finding]:
-    if scene.frames.sliding_speed_mm_per_s is not None and light.untimed:
-        text = message("frames_carry_no_time", untimed=light.untimed, count=light.count)
-        yield Finding("error", text)
-    claimed = reader.claimed_count
-    if claimed is not None and claimed != light.count:
-        claim = counted(claimed, "frame")
-        text = message("video_head_claims_can", counted=claim, count=light.count)
-        yield Finding("warning", text)
 
 
 def light_figure(light: Survey) -> Figure:

@@ -104,9 +104,6 @@ SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".dib", ".pgm", ".ppm", ".pnm", ".w
 FORMATS = ("PNG", "JPEG", "BMP", "DIB", "PPM", "WEBP")
 """Pillow's names of what is read, whatever a file is called."""
 
-WIDE = {"I": 4, "F": 4}
-"""Bytes of a channel in Pillow's wide modes."""
-
 PNG_END = b"IEND\xaeB`\x82"
 
 
@@ -129,11 +126,11 @@ def open_images(paths: tuple[Path, ...], kind: reading.Kind) -> reading.Source:
 
 def _frames(
     paths: tuple[Path, ...], form: reading.StoredForm, start: int
-) -> Generator[reading.RawFrame]:
-    for path in paths[start:]:
+) -> Generator[reading.Frame]:
+    for index, path in enumerate(paths[start:], start):
         image = read_image(path)
         form.check(path, image, "the image")
-        yield reading.RawFrame(image, None, path.name)
+        yield reading.Frame(index, image, None, path.name)
 
 
 def read_image(path: Path) -> np.ndarray:
@@ -161,7 +158,7 @@ def read_image(path: Path) -> np.ndarray:
                     raise InputError("holds_pictures_one_file", path=path, count=count)
                 # Pillow makes 16-bit colour 8 bits and stretches PGM values: OpenCV does neither.
                 deep = file.format == "PNG" and data[24:25] == b"\x10"
-                channel = 2 if deep or "16" in file.mode else WIDE.get(file.mode, 1)
+                channel = 2 if deep or "16" in file.mode else 4 if file.mode in ("I", "F") else 1
                 reading.check_size(path, file.height, file.width, channel * len(file.getbands()))
                 if deep:
                     file.verify()  # checksums to the end: OpenCV would decode a part in silence

@@ -34,6 +34,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
+from scipy.special import ndtri
 
 from isochrome.errors import InputError
 from isochrome.frames.opening import open_scene_frames
@@ -41,7 +42,8 @@ from isochrome.frames.reading import Frame, FrameReader, Mask
 from isochrome.messages import message
 from isochrome.scene import ArrayFrames, Scene
 
-FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+FOURTH = np.poly(np.ones(4))
+"""Weights of a fourth difference: 1, -4, 6, -4, 1."""
 QUANTISATION = 1 / 12
 """Variance of rounding to whole grey levels."""
 LEVELS = 16
@@ -50,8 +52,6 @@ CLIP = 4.0
 _SQUARE, _DEGREE, _STEP = 13, 4, 9
 """Side of a square, pixels, degree of its polynomial, and pixels from square to square."""
 _FEWEST_SQUARES = 30
-_DECILE = 1.2816
-"""Standard deviations below its mean of a normal distribution's lower decile."""
 
 
 @dataclass(frozen=True)
@@ -200,12 +200,10 @@ def noise_between_pixels(
     residual = np.maximum((light**2).sum(axis=1) - ((light @ fits) ** 2).sum(axis=1), 0.0)
     freedom = fits.shape[0] - fits.shape[1]
     share = np.sqrt(residual / freedom) / model.sigma(level)
-    white = 1.0 - _DECILE * (2.0 * freedom) ** -0.5
-    return max(1.0, float(np.percentile(share, 10.0) / white))
+    white = 1.0 + float(ndtri(0.1)) * (2.0 * freedom) ** -0.5
+    return max(1.0, float(np.quantile(share, 0.1) / white))
 
 
-_FEWEST_FULL, _FEWEST = 3, 25
-"""Pixels that make a plateau, at full scale and below it, where a label may be as even."""
 _FEWEST_LEVELS = 8
 """Levels that occur, for a plateau below full scale: the noise of half a level of an unloaded frame
 in the dark field piles up on its upper two or three as on a plateau."""
@@ -242,8 +240,7 @@ def saturation_level(raw: np.ndarray, *, full: float) -> float:
     # levels above the middle of the range with hardly any pixel above them, lowest first
     above = counts.sum() - np.cumsum(counts)
     last = (levels > 0.5 * (lowest + highest)) & (above <= _ABOVE * counts)
-    below = _FEWEST if len(levels) >= _FEWEST_LEVELS else np.inf
-    last &= counts >= np.where(levels >= full, _FEWEST_FULL, below)
+    last &= (levels >= full) | (len(levels) >= _FEWEST_LEVELS)
     for i in np.flatnonzero(last).tolist():
         level = float(levels[i])
         if level >= full:
@@ -473,8 +470,8 @@ def _rough_sigma(values: np.ndarray, spread: np.ndarray) -> float:
         # around noise alone the second extremes lie about 1.7 sigmas apart
         return float(np.median(spread)) / 1.7
     v = values[::4].astype(np.float32)
-    mixed = v[:, :-4] - 4 * v[:, 1:-3] + 6 * v[:, 2:-2] - 4 * v[:, 3:-1] + v[:, 4:]
-    return float(np.median(np.abs(mixed))) * 1.4826 / float(np.sqrt(70.0))
+    mixed = np.diff(v, 4, axis=1)
+    return float(np.median(np.abs(mixed))) * 1.4826 / float(np.linalg.norm(FOURTH))
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ Where the specimen is in the frame, as the scene says: a mask image, ImageJ area
 
 import glob
 import os
-from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -29,10 +28,10 @@ from isochrome.frames.reading import (
     SAME,
     Channel,
     Extent,
+    Frame,
     FrameReader,
     FramesPath,
     Kind,
-    RawFrame,
     Source,
     StoredForm,
     check_dtype,
@@ -40,7 +39,6 @@ from isochrome.frames.reading import (
     natural_key,
     next_time,
     refusing,
-    turned,
 )
 from isochrome.messages import message
 from isochrome.output import SUFFIXES, read_roi_mask
@@ -212,7 +210,7 @@ def open_arrays(frames: ArrayFrames) -> Source:
 
 def _frames(
     frames: ArrayFrames, form: StoredForm, times: tuple[float, ...] | None, start: int
-) -> Generator[RawFrame]:
+) -> Generator[Frame]:
     for index in range(start, frames.count):
         image = frames.frame(index)
         if image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
@@ -221,7 +219,7 @@ def _frames(
                 form=frames.form,
             )  # fmt: skip
         form.check(str(frames), image, f"frame {index}")
-        yield RawFrame(image, None if times is None else times[index], frames.label(index))
+        yield Frame(index, image, None if times is None else times[index], frames.label(index))
 
 
 class Parts:
@@ -274,7 +272,7 @@ class Parts:
         for source in map(self.source, range(len(self.files))):
             count = source.extent().count
             if start < before + count:
-                return before + source.first_decoded(start - before)
+                return before + source.begins(start - before)
             before += count
         return start
 
@@ -292,25 +290,16 @@ class Parts:
         start_s, first = self.source(number).start_s, self._sources[0].start_s
         return None if start_s is None or first is None else max(end_s, start_s - first)
 
-    def frames(self, start: int) -> Generator[RawFrame]:
+    def frames(self, start: int) -> Generator[Frame]:
         """The frames from number `start` on."""
         done = Extent(0, 0.0)
         for number in range(len(self.files)):
             source, before = self.source(number), done.count
-            begin = self._begin(number, done.end_s)
-            # a video that begins after `start` need not be counted before it is read
-            extent = source.extent() if start > before or source.kind != "video" else None
-            times: deque[float | None] = deque(maxlen=2)
-            if extent is None or before + extent.count > start:
-                count = 0
+            begin, extent = self._begin(number, done.end_s), (source.listed or source.extent)()
+            if before + extent.count > start:
                 for raw in source.frames(max(start - before, 0)):
-                    count += 1
                     time = None if raw.time_s is None or begin is None else begin + raw.time_s
-                    times.append(raw.time_s)
-                    yield replace(raw, time_s=time)
-                if extent is None:
-                    extent = source.extent() if count == 1 else Extent(count, next_time(*times))
-            assert extent is not None
+                    yield replace(raw, index=before + raw.index, time_s=time)
             done = _after(done, begin, extent)
 
 
@@ -414,9 +403,13 @@ def open_frames(
     ('array', 12, 2)
     """
     path = frames_of(path)
-    source = turned(_source(path, leave_out), rotate_deg, flip)
+    if rotate_deg not in (0, 90, 180, 270):
+        raise InputError("rotate_deg_no_quarter_turn", rotate_deg=rotate_deg)
+    if flip not in (None, "horizontal", "vertical"):
+        raise InputError("flip_not_known_give", flip=flip)
+    source = _source(path, leave_out)
     label = f"{path[0]} ..." if isinstance(path, tuple) else path
-    rows, cols = source.form.shape
+    rows, cols = source.form.shape[:: -1 if rotate_deg in (90, 270) else 1]
     dtype = source.form.dtype
     if roi is not None and (roi.top_px + roi.height_px > rows or roi.left_px + roi.width_px > cols):
         raise InputError(
@@ -434,7 +427,9 @@ def open_frames(
             "bit_depth_does_not_fit", label=label, bit_depth=bit_depth, dtype=dtype, container=most
         )
     taken = channel or channel_for(wavelength_nm)
-    return FrameReader(source, path=path, channel=taken, roi=roi, bit_depth=bit_depth)
+    return FrameReader(
+        source, path=path, channel=taken, turn=(int(rotate_deg), flip), roi=roi, bit_depth=bit_depth
+    )
 
 
 def open_scene_frames(

@@ -13,7 +13,6 @@ import weakref
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -40,13 +39,32 @@ CLOCK_S = 2.0
 Kind = Literal["tiff", "image", "folder", "list", "video", "array"]
 
 
-@dataclass(frozen=True)
-class RawFrame:
-    """One frame as its file holds it: `image` (row, col) or (row, col, 3) in RGB, native type."""
+Mask = NDArray[np.bool_]
 
+
+@dataclass(frozen=True)
+class Frame:
+    """One captured frame.
+
+    Parameters
+    ----------
+    index : int
+        Its number, from 0.
+    image : ndarray of shape (row, col)
+        The region of interest, in raw grey levels; as its file holds it (row, col[, 3]) until then.
+    time_s : float or None
+        Time since the start, s, where the file knows it.
+    name : str
+        Name for messages.
+    mask : ndarray of shape (row, col), optional
+        True on the specimen; None where nobody has said where it is.
+    """
+
+    index: int
     image: np.ndarray
     time_s: float | None
     name: str
+    mask: Mask | None = None
 
 
 @dataclass(frozen=True)
@@ -107,7 +125,7 @@ class Source:
     form: StoredForm  # of the full frames
     sensor_bits: int | None  # as the file names them
     # from a number to the last, in order; opens the file anew, so that no two readers share one
-    frames: Callable[[int], Generator[RawFrame]]
+    frames: Callable[[int], Generator[Frame]]
     extent: Callable[[], Extent]  # certain: decodes where heads are not to be trusted
     files: tuple[Path | ArrayFrames, ...]  # all that are read
     names: tuple[str, ...] = ()  # of each frame where each has a file
@@ -118,41 +136,8 @@ class Source:
     # `extent` by packets in place of frames, which are held against it when they are read (None:
     # they cannot be)
     listed: Callable[[], Extent] | None = None
-    # the frame that decoding begins with to come to one (None: a video's first, else that one
-    # itself)
-    begins: Callable[[int], int] | None = None
-
-    def first_decoded(self, start: int) -> int:
-        """The frame that decoding begins with to come to frame `start`."""
-        if self.begins is not None:
-            return self.begins(start)
-        return 0 if self.kind == "video" else start
-
-
-def turned(source: Source, rotate_deg: int, flip: str | None) -> Source:
-    """A source whose pictures are turned, then mirrored, before anyone looks at them.
-
-    Quarter turns, counter-clockwise as the picture is seen. Colours are decoded before, so that a
-    turn leaves each pixel its own.
-    """
-    if rotate_deg not in (0, 90, 180, 270):
-        raise InputError("rotate_deg_no_quarter_turn", rotate_deg=rotate_deg)
-    if flip not in (None, "horizontal", "vertical"):
-        raise InputError("flip_not_known_give", flip=flip)
-    if not rotate_deg and flip is None:
-        return source
-    rows, cols = source.form.shape
-    shape = (cols, rows) if rotate_deg in (90, 270) else (rows, cols)
-    frames = partial(_turned_frames, source, int(rotate_deg), flip)
-    return replace(source, form=replace(source.form, shape=shape), frames=frames)
-
-
-def _turned_frames(
-    source: Source, rotate_deg: int, flip: str | None, start: int
-) -> Generator[RawFrame]:
-    with closing(source.frames(start)) as frames:
-        for raw in frames:
-            yield replace(raw, image=np.ascontiguousarray(as_turned(raw.image, rotate_deg, flip)))
+    # the frame that decoding begins with to come to one: by default that one itself
+    begins: Callable[[int], int] = int
 
 
 def _mirrored(image: np.ndarray, flip: str | None) -> np.ndarray:
@@ -241,7 +226,6 @@ def natural_key(name: str | Path) -> tuple[list[str | int], str]:
     return [int(p) if i % 2 else p for i, p in enumerate(parts)], text
 
 
-Mask = NDArray[np.bool_]
 Channel = Literal["red", "green", "blue", "mean"]
 CHANNELS = ("red", "green", "blue")
 FramesPath = str | Path | Sequence[str | Path]
@@ -251,31 +235,6 @@ _DARKEST = 0.25
 
 _FAR = 300
 """Frames that are sooner passed over than left out by opening their file anew."""
-
-
-@dataclass(frozen=True)
-class Frame:
-    """One captured frame.
-
-    Parameters
-    ----------
-    index : int
-        Its number, from 0.
-    image : ndarray of shape (row, col)
-        The region of interest, in raw grey levels.
-    time_s : float or None
-        Time since the start, s, where the file knows it.
-    name : str
-        Name for messages.
-    mask : ndarray of shape (row, col), optional
-        True on the specimen; None where nobody has said where it is.
-    """
-
-    index: int
-    image: np.ndarray
-    time_s: float | None
-    name: str
-    mask: Mask | None = None
 
 
 class FrameReader:
@@ -292,8 +251,10 @@ class FrameReader:
         Where the frames are.
     channel : {'red', 'green', 'blue', 'mean'} or None
         Channel to take of a colour source.
+    turn : tuple of (int, str or None)
+        Quarter turns of each picture, degrees, and how it is mirrored then, see `as_turned`.
     roi : Roi or None
-        The part of each frame to yield; None: all of it.
+        The part of each turned picture to yield; None: all of it.
     bit_depth : int or None
         Bits of the sensor; None for float frames, which are fractions of full scale.
 
@@ -333,14 +294,16 @@ class FrameReader:
         *,
         path: FramesLike,
         channel: Channel | None,
+        turn: tuple[int, str | None],
         roi: Roi | None,
         bit_depth: int | None,
     ) -> None:
         form, self.kind = source.form, source.kind
-        self.path, self.roi, self.bit_depth = path, roi, bit_depth
-        self.full_shape = form.shape
+        self.path, self.roi, self.bit_depth, self._turn = path, roi, bit_depth, turn
+        rows, cols = form.shape
+        self.full_shape = (cols, rows) if turn[0] in (90, 270) else (rows, cols)
         self.channel = channel if form.channels == 3 else None
-        self.shape = form.shape if roi is None else (roi.height_px, roi.width_px)
+        self.shape = self.full_shape if roi is None else (roi.height_px, roi.width_px)
         self.dtype = np.dtype(np.float32) if self.channel == "mean" else form.dtype
         self.pixel_mm, self.files, self.names = source.pixel_mm, source.files, source.names
         self.claimed_count, self.lossy = source.claimed, source.lossy
@@ -373,15 +336,15 @@ class FrameReader:
         if start == stop:
             return
         with closing(self._source.frames(start)) as frames:  # and with them the file
-            for index, raw in enumerate(frames, start):
-                yield Frame(index, self._prepare(raw, index), raw.time_s, raw.name, self.mask)
-                if index + 1 == stop:
+            for frame in frames:
+                yield replace(frame, image=self._prepare(frame, frame.index), mask=self.mask)
+                if frame.index + 1 == stop:
                     return
         if stop is not None:
             raise InputError("ends_before_frame_changed", path=self.path, stop=stop - 1)
 
-    def _prepare(self, raw: RawFrame, index: int) -> np.ndarray:
-        image = raw.image
+    def _prepare(self, frame: Frame, index: int) -> np.ndarray:
+        image = as_turned(frame.image, *self._turn)
         if self.roi is not None:
             top, left_px = self.roi.top_px, self.roi.left_px
             image = image[top : top + self.shape[0], left_px : left_px + self.shape[1]]
@@ -390,7 +353,7 @@ class FrameReader:
                 image = image.mean(axis=2, dtype=np.float32)
             else:
                 image = image[..., CHANNELS.index(self.channel or "green")]
-        _check_range(image, self.bit_depth, f"frame {index} ({raw.name})")
+        _check_range(image, self.bit_depth, f"frame {index} ({frame.name})")
         return np.ascontiguousarray(image)
 
     def count(self, *, decode: bool = True) -> int:
@@ -405,7 +368,7 @@ class FrameReader:
 
     def first_decoded(self, start: int) -> int:
         """The frame that decoding begins with to come to frame `start`, as far as it is known."""
-        return self._source.first_decoded(start)
+        return self._source.begins(start)
 
     def __enter__(self) -> FrameReader:
         return self

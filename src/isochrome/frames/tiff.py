@@ -17,54 +17,38 @@ import threading
 import zlib
 from collections.abc import Generator, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import accumulate, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+import tifffile
+from tifffile import COMPRESSION, PHOTOMETRIC, PLANARCONFIG
 
 from isochrome.errors import InputError
 from isochrome.frames import reading
 from isochrome.output import MM_PER_UNIT, pixel_mm_of
 
-if TYPE_CHECKING:
-    import tifffile
-
-MM = {"in": 25.4} | {n: MM_PER_UNIT[n] for n in ("m", "cm", "mm", "µm", "μm", "um", "nm")}
+MM = MM_PER_UNIT | {"in": 25.4}
 """Millimetres of the schema's units of length that a camera's picture can have."""
 
 SECONDS = {
-    word: seconds
-    for words, seconds in {
-        "s sec second seconds": 1.0, "ms msec millisecond milliseconds": 1e-3,
-        "µs μs us usec microsecond microseconds": 1e-6, "ns": 1e-9, "min minute minutes": 60.0,
-        "h hour hours": 3600.0, "d": 86400.0,
+    word: float(np.array(1, f"m8[{unit}]") / np.timedelta64(1, "s"))
+    for unit, words in {
+        "s": "s sec second seconds", "ms": "ms msec millisecond milliseconds",
+        "us": "µs μs us usec microsecond microseconds", "ns": "ns", "m": "min minute minutes",
+        "h": "h hour hours", "D": "d",
     }.items()
     for word in words.split()
 }  # fmt: skip
 """Units of time by each of the words that OME's and ImageJ's notes have for them."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class FileNotes:
-    """What a TIFF's notes tell of its frames: times in s, the side of a pixel in mm.
-
-    `times_s`, of each frame from the first (None: unknown), which came at `first_s`, or
-    `interval_s`, or neither.
-    """
-
-    pixel_mm: float | None = None
-    interval_s: float | None = None
-    times_s: tuple[float | None, ...] | None = None
-    first_s: float | None = None
-    significant_bits: int | None = None
-
-
-def read_ome(text: str, path: Path) -> tuple[FileNotes, tuple[int, int, int]]:
-    """Read the OME notes of one image in one file, with the numbers of its channels, slices, times.
+def read_ome(text: str, path: Path) -> tuple[dict[str, Any], tuple[int, int, int]]:
+    """What the OME notes of one image in one file tell, for `TiffLayout`; its sizes in C, Z, T.
 
     InputError where they are no XML, tell of several images or files, or of pixels that are not
     square. Source: OME schema 2016-06, elements Image, Pixels, Channel, TiffData, Plane.
@@ -91,13 +75,11 @@ def read_ome(text: str, path: Path) -> tuple[FileNotes, tuple[int, int, int]]:
     if from_first is None:
         interval = _number(pixels, "TimeIncrement", SECONDS, "TimeIncrementUnit", "s")
     bits = pixels.get("SignificantBits")
-    notes = FileNotes(
-        pixel_mm=_pixel_mm(pixels, path),
-        interval_s=interval,
-        times_s=from_first,
-        first_s=start,
-        significant_bits=int(bits) if bits and bits.isdecimal() and 1 <= int(bits) <= 16 else None,
-    )
+    known = bits and bits.isdecimal() and 1 <= int(bits) <= 16
+    notes = {
+        "pixel_mm": _pixel_mm(pixels, path), "interval_s": interval, "times_s": from_first,
+        "first_s": start, "significant_bits": int(bits) if bits and known else None,
+    }  # fmt: skip
     return notes, (max(size["C"] // max(samples, default=1), 1), size["Z"], size["T"])
 
 
@@ -158,14 +140,9 @@ def _times(
     )
 
 
-MINISWHITE, PALETTE, SEPARATED = 0, 3, 5
-SEPARATE = 2
-"""Each colour's values by themselves, as the head says it (tag 284)."""
-NONE, DEFLATE = 1, (8, 32946)
+DEFLATE = (COMPRESSION.ADOBE_DEFLATE, COMPRESSION.DEFLATE)
 DEFLATE_RATIO = 1032
 """The most bytes that deflate makes of one (RFC 1951: 258 bytes from two bits)."""
-PACKED = (10, 12, 14)
-"""Bits a pixel that cameras write one behind the other, without filling up to 16."""
 
 
 class PageDecoder:
@@ -197,8 +174,6 @@ class PageDecoder:
             self._pillow.close()
 
     def _page(self, layout: TiffLayout, number: int, index: int) -> Any:
-        import tifffile
-
         place, offset = layout.pages[number]
         self._tif.filehandle.seek(offset)
         page: Any = tifffile.TiffPage(self._tif, index=place)
@@ -220,7 +195,7 @@ class PageDecoder:
     def _check_parts(self, page: Any, index: int) -> None:
         """Refuse a page whose strips or tiles are not all there: holes would be read as black."""
         rows, cols, planes = page.imagelength, page.imagewidth, 1
-        if page.planarconfig == SEPARATE:
+        if page.planarconfig == PLANARCONFIG.SEPARATE:
             planes = max(page.samplesperpixel, 1)
         if page.is_tiled:
             wanted = -(-rows // page.tilelength) * -(-cols // page.tilewidth) * planes
@@ -228,7 +203,7 @@ class PageDecoder:
             wanted = -(-rows // max(page.rowsperstrip or rows, 1)) * planes
         held = sum(page.databytecounts)
         bits = int(np.ravel(page.bitspersample)[0]) * max(page.samplesperpixel, 1)
-        needed = rows * -(-cols * bits // 8) if page.compression == NONE else wanted
+        needed = rows * -(-cols * bits // 8) if page.compression == COMPRESSION.NONE else wanted
         present = min(len(page.dataoffsets), sum(size > 0 for size in page.databytecounts))
         if present < wanted or held < needed:
             raise InputError(
@@ -239,13 +214,13 @@ class PageDecoder:
     def _decode(self, page: Any, place: int, index: int) -> np.ndarray:
         path, form, bits = self._path, page.photometric, page.bitspersample
         as_stored = self._inverted_too and self._tif.is_imagej
-        if form == SEPARATED or (form == MINISWHITE and not as_stored):
+        if form == PHOTOMETRIC.SEPARATED or (form == PHOTOMETRIC.MINISWHITE and not as_stored):
             raise InputError("frame_stored_not_black", path=path, index=index, name=form.name)
         if page.dtype is None:
             raise InputError("frame_has_bits_pixel", path=path, index=index, bitspersample=bits)
         reading.check_dtype(path, page.dtype)
         raw = self._pixels(page, place, index)
-        if form == PALETTE and not self._tif.is_imagej and page.colormap is not None:
+        if form == PHOTOMETRIC.PALETTE and not self._tif.is_imagej and page.colormap is not None:
             raw = (page.colormap >> 8).astype(np.uint8)[:, raw].transpose(1, 2, 0)
         elif page.axes == "SYX":
             raw = np.moveaxis(raw, 0, -1)
@@ -257,12 +232,12 @@ class PageDecoder:
 
     def _pixels(self, page: Any, place: int, index: int) -> np.ndarray:
         """The page's values as they are stored."""
-        deflate = int(page.compression) in DEFLATE
+        deflate = page.compression in DEFLATE
         if deflate:
             self._check_deflate(page, index)
-        if page.bitspersample in PACKED:
+        if isinstance(page.bitspersample, int) and 8 < page.bitspersample < 16:
             return self._packed(page, index)
-        if deflate or page.compression == NONE:
+        if deflate or page.compression == COMPRESSION.NONE:
             return np.asarray(page.asarray())
         return self._by_pillow(page, place, index)
 
@@ -292,13 +267,13 @@ class PageDecoder:
                 )
 
     def _packed(self, page: Any, index: int) -> np.ndarray:
-        """Values of 10, 12 or 14 bits one behind the other, each row from a new byte on."""
+        """Values of 9 to 15 bits one behind the other, each row from a new byte on."""
         rows, cols, bits = page.imagelength, page.imagewidth, page.bitspersample
         plain = page.axes == "YX" and not page.is_tiled and page.predictor == 1
-        if not plain or int(page.compression) not in (NONE, *DEFLATE) or page.fillorder != 1:
+        if not plain or page.compression not in (COMPRESSION.NONE, *DEFLATE) or page.fillorder != 1:
             raise InputError("frame_packs_bit_pixels", path=self._path, index=index, bits=bits)
         parts = self._segments(page)
-        if int(page.compression) in DEFLATE:
+        if page.compression in DEFLATE:
             parts = [zlib.decompress(part) for part in parts]
         width = -(-cols * bits // 8)
         packed, needed = np.frombuffer(b"".join(parts), np.uint8), rows * width
@@ -369,25 +344,30 @@ class TiffLayout:
     """The frames of a TIFF: `pages`, each one's number in the file and the byte of its head.
 
     Where `hidden`, all frames lie one behind the other after the first page's, without heads.
-    `notes`, times and scale.
+    `times_s`, of each frame from the first (None: unknown), which came at `first_s`, or
+    `interval_s`, or neither; `pixel_mm`, a pixel's side.
     """
 
     count: int
     pages: tuple[tuple[int, int], ...]
     hidden: bool = False
-    notes: FileNotes
+    pixel_mm: float | None = None
+    interval_s: float | None = None
+    times_s: tuple[float | None, ...] | None = None
+    first_s: float | None = None
+    significant_bits: int | None = None
 
     def time_s(self, index: int) -> float | None:
         """Time of a frame since the first (s), None where the file does not tell it."""
-        times, interval = self.notes.times_s, self.notes.interval_s
+        times, interval = self.times_s, self.interval_s
         return times[index] if times else None if interval is None else index * interval
 
     @property
     def end_s(self) -> float | None:
         """When one more frame would have come (s)."""
-        if self.notes.times_s is None:
+        if self.times_s is None:
             return self.time_s(self.count)
-        return reading.next_time(*self.notes.times_s[-2:]) if self.count > 1 else None
+        return reading.next_time(*self.times_s[-2:]) if self.count > 1 else None
 
 
 def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
@@ -406,9 +386,10 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
         raise InputError("breaks_off_after_frames", path=path, pages_count=len(pages))
     meta = (tif.imagej_metadata or {}) if tif.is_imagej else {}
     _check_axes(path, *(_whole(meta, key) for key in ("channels", "slices", "frames")))
-    notes = FileNotes(interval_s=_interval(meta), pixel_mm=pixel_mm_of(tif))
-    count = claimed if hidden else len(pages)
-    return TiffLayout(count=count, pages=pages, hidden=hidden, notes=notes)
+    return TiffLayout(
+        count=claimed if hidden else len(pages), pages=pages, hidden=hidden,
+        pixel_mm=pixel_mm_of(tif), interval_s=_interval(meta),
+    )  # fmt: skip
 
 
 def _frame_pages(tif: tifffile.TiffFile) -> tuple[tuple[int, int], ...]:
@@ -436,7 +417,7 @@ def _whole(meta: dict[str, Any], key: str, default: int = 1) -> int:
 def _fit_behind(tif: tifffile.TiffFile, claimed: int) -> bool:
     """Whether that many frames have room behind the only head: ImageJ's layout of large stacks."""
     page: Any = tif.pages[0]
-    plain = page.axes == "YX" and page.is_contiguous and page.compression == 1
+    plain = page.axes == "YX" and page.is_contiguous and page.compression == COMPRESSION.NONE
     return bool(plain and page.dataoffsets[0] + claimed * page.nbytes <= tif.filehandle.size)
 
 
@@ -489,11 +470,9 @@ def _of_ome(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
         raise InputError("ome_notes_name_frames", path=path, named=named, present=present)
     if _chain_breaks(tif):
         raise InputError("breaks_off_truncated_copy", path=path)
-    return TiffLayout(
-        count=len(pages),
-        pages=tuple((page.index, page.offset) for page in pages),
-        notes=replace(notes, pixel_mm=notes.pixel_mm or pixel_mm_of(tif)),
-    )
+    places = tuple((page.index, page.offset) for page in pages)
+    notes["pixel_mm"] = notes["pixel_mm"] or pixel_mm_of(tif)
+    return TiffLayout(count=len(pages), pages=places, **notes)
 
 
 SUFFIXES = (".tif", ".tiff", ".btf", ".tf8", ".tf2")
@@ -506,7 +485,7 @@ def open_tiff(path: Path) -> reading.Source:
         layout = tiff_layout_of(tif, path)
         with closing(PageDecoder(tif, path)) as decoder:
             image = decoder.frame(layout, 0)
-        bits = layout.notes.significant_bits or decoder.bits if image.dtype.kind == "u" else None
+        bits = layout.significant_bits or decoder.bits if image.dtype.kind == "u" else None
     form = reading.StoredForm.of(image)
     return reading.Source(
         kind="tiff",
@@ -515,9 +494,9 @@ def open_tiff(path: Path) -> reading.Source:
         frames=partial(_frames, path, stamp, layout, form),
         extent=partial(reading.Extent, layout.count, layout.end_s),
         files=(path,),
-        pixel_mm=layout.notes.pixel_mm,
+        pixel_mm=layout.pixel_mm,
         # 0 where the file tells but an interval
-        start_s=layout.notes.first_s if layout.notes.interval_s is None else 0.0,
+        start_s=layout.first_s if layout.interval_s is None else 0.0,
     )
 
 
@@ -546,8 +525,6 @@ def read_single(path: Path, *, inverted_too: bool = False) -> np.ndarray:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tifffile.TiffFile]:
-    import tifffile
-
     log = logging.getLogger("tifffile")  # what it would say, refusals say instead
     if not any(isinstance(h, logging.NullHandler) for h in log.handlers):
         log.addHandler(logging.NullHandler())
@@ -558,7 +535,7 @@ def _opened(path: Path) -> Iterator[tifffile.TiffFile]:
 
 def _frames(
     path: Path, stamp: reading.Stamp, layout: TiffLayout, form: reading.StoredForm, start: int
-) -> Generator[reading.RawFrame]:
+) -> Generator[reading.Frame]:
     """The frames from number `start` on; each page is found at once by its place in the file."""
     stamp.check(path)
     with _opened(path) as tif, closing(PageDecoder(tif, path)) as decoder:
@@ -566,5 +543,5 @@ def _frames(
             with reading.refusing(path, f"frame {index} cannot be read"):
                 image = decoder.frame(layout, index)
                 form.check(path, image, f"frame {index}")
-            yield reading.RawFrame(image, layout.time_s(index), f"{path.name}[{index}]")
+            yield reading.Frame(index, image, layout.time_s(index), f"{path.name}[{index}]")
     stamp.check(path)

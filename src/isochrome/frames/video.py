@@ -54,7 +54,7 @@ class Video:
             return 0
         return self._key(self.places, start)[0]
 
-    def frames(self, start: int) -> Generator[reading.RawFrame]:
+    def frames(self, start: int) -> Generator[reading.Frame]:
         """The frames from number `start` on; those before are decoded, but not converted."""
         places = self.places
         known = None if places is None else self._known(places, start)
@@ -68,7 +68,7 @@ class Video:
             if places is not None:
                 time = float(places.times_s[index])
                 time = time if np.isfinite(time) else None
-            yield reading.RawFrame(image, time, f"{self.path.name}[{index}]")
+            yield reading.Frame(index, image, time, f"{self.path.name}[{index}]")
         self.stamp.check(self.path)
 
     def decoded(self, key: tuple[int, int] | None = None) -> Generator[Decoded]:

@@ -44,14 +44,14 @@ def fringe_order(
 
 Array = NDArray[np.floating]
 
-_HALF_HEIGHT = 2.0 * math.sqrt(2.0 * math.log(2.0))
+_HALF_HEIGHT = math.sqrt(8.0 * math.log(2.0))
 """Width of a Gaussian at half its height over its standard deviation."""
 
 _Angles = tuple[float, float | None, float | None, float]
 """Polariser, input plate, output plate, analyser (degrees); no plates in a plane polariscope."""
 
 _DARK: _Angles = (90.0, 45.0, -45.0, 0.0)
-_BRIGHT: _Angles = (90.0, 45.0, -45.0, 90.0)
+_BRIGHT: _Angles = (*_DARK[:3], 90.0)
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@
 | plate with a round hole, tension | `hole_stress` |
 
 Units N, mm, MPa; tension positive; x to the right, z downward (into the block from its surface,
-in a disc or ring and beside a hole from its centre). Fields come as `StressField`. Bad arguments
-raise `isochrome.errors.InputError`.
+in a disc or ring and beside a hole from its centre). Fields come as `StressComponents`. Bad
+arguments raise `isochrome.errors.InputError`.
 """
 
 import lazy_loader

@@ -1,5 +1,5 @@
 from .bending import beam_moment, beam_stress
-from .cauchy import StressField
+from .cauchy import StressComponents
 from .line_contact import (
     CoupledContact,
     LargestDifference,
@@ -36,7 +36,7 @@ from .round_bodies import (
 __all__ = [
     "CoupledContact",
     "LargestDifference",
-    "StressField",
+    "StressComponents",
     "beam_moment",
     "beam_stress",
     "contact_modulus",

@@ -5,8 +5,10 @@ F(s) = ∫ p(t)/(s - t) dt, s = x + iz. All of them are evaluated in the closed 
 s-plane (the body itself), where numpy's principal branches are the right ones down to z = 0.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +23,7 @@ SLACK = 1e-9
 
 
 @dataclass(frozen=True)
-class StressField:
+class StressComponents:
     """Plane stress components at a set of points, tension positive; x to the right, z downward.
 
     Parameters
@@ -34,21 +36,33 @@ class StressField:
         Shear stress, MPa.
     """
 
-    sigma_x: Floats
-    sigma_z: Floats
-    tau_xz: Floats
-
-    @classmethod
-    def of(cls, total: Floats, difference: NDArray[Any]) -> Self:
-        """From sx + sz and (sx - sz) + 2i txz, MPa."""
-        sigma_x, sigma_z = 0.5 * (total + difference.real), 0.5 * (total - difference.real)
-        parts = sigma_x, sigma_z, 0.5 * difference.imag
-        return cls(*(np.asarray(part) for part in parts))
+    sigma_x: NDArray[np.floating]
+    sigma_z: NDArray[np.floating]
+    tau_xz: NDArray[np.floating]
 
     @property
-    def principal_difference(self) -> Floats:
+    def difference(self) -> NDArray[np.complexfloating]:
+        """(sigma_x - sigma_z) + 2i tau_xz."""
+        return np.asarray((self.sigma_x - self.sigma_z) + 2j * self.tau_xz)
+
+    @property
+    def principal(self) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+        """Principal stresses sigma_1 >= sigma_2 in the plane (MPa)."""
+        mean, radius = 0.5 * (self.sigma_x + self.sigma_z), 0.5 * np.abs(self.difference)
+        return mean + radius, mean - radius
+
+    @property
+    def principal_difference(self) -> NDArray[np.floating]:
         """Principal stress difference sigma1 - sigma2 >= 0 in the plane, MPa."""
         return np.asarray(np.hypot(self.sigma_x - self.sigma_z, 2.0 * self.tau_xz))
+
+    @classmethod
+    def from_invariants(
+        cls, difference: NDArray[Any], trace: NDArray[np.floating]
+    ) -> StressComponents:
+        """Components from (sigma_x - sigma_z) + 2i tau_xz and sigma_x + sigma_z, of one shape."""
+        sigma_x, sigma_z = 0.5 * (trace + difference.real), 0.5 * (trace - difference.real)
+        return cls(*map(np.asarray, (sigma_x, sigma_z, 0.5 * difference.imag)))
 
 
 def check_positive(**values: float) -> None:
@@ -120,7 +134,7 @@ def mcewen_terms(x: Floats, z: Floats, half_width: float) -> tuple[Complexes, Co
 
 def stress_from_transforms(
     transform: Complexes, slope_z: Complexes, friction: float = 0.0
-) -> StressField:
+) -> StressComponents:
     """Stress from the Cauchy transform F of a pressure p with the traction q = mu p along +x.
 
     (sx - sz) - 2i txz = -(2/π) [mu F - (1 - i mu) z F'],  sx + sz = -(2/π) [mu Re F - Im F]
@@ -128,4 +142,4 @@ def stress_from_transforms(
     """
     conjugate = -(2.0 / np.pi) * (friction * transform - (1.0 - 1j * friction) * slope_z)
     total = -(2.0 / np.pi) * (friction * transform.real - transform.imag)
-    return StressField.of(total, np.conj(conjugate))
+    return StressComponents.from_invariants(np.conj(conjugate), total)

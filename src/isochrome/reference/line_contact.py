@@ -11,12 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.constants import golden
 
 from isochrome.errors import InputError
 from isochrome.reference.cauchy import (
     Complexes,
     Floats,
-    StressField,
+    StressComponents,
     check_finite,
     check_positive,
     complex_points,
@@ -25,8 +26,6 @@ from isochrome.reference.cauchy import (
     mcewen_terms,
     stress_from_transforms,
 )
-
-_GOLDEN = (1.0 + np.sqrt(5.0)) / 2.0
 
 
 @dataclass(frozen=True)
@@ -253,7 +252,7 @@ def hertz_pressure(x_mm: ArrayLike, *, half_width_mm: float, peak_pressure_mpa: 
 
 def hertz_stress(
     x_mm: ArrayLike, z_mm: ArrayLike, *, half_width_mm: float, peak_pressure_mpa: float
-) -> StressField:
+) -> StressComponents:
     """Stress under a frictionless Hertz line contact (McEwen's closed form).
 
     With n + i m = sqrt((x + iz)² - a²), k = (m² - z²)/(m² + n²):
@@ -276,7 +275,7 @@ def hertz_stress(
 
     Returns
     -------
-    StressField
+    StressComponents
         The stress in the broadcast shape, MPa.
 
     Raises
@@ -290,7 +289,7 @@ def hertz_stress(
     m, n, lift = root.imag, root.real, excess.imag
     k = lift * (m + z) * weight
     scale = -peak_pressure_mpa / half_width_mm
-    return StressField(
+    return StressComponents(
         sigma_x=np.asarray(scale * lift * (2.0 * np.square(n) + m * lift) * weight),
         sigma_z=np.asarray(scale * m * k),
         tau_xz=np.asarray(scale * n * k),
@@ -327,8 +326,8 @@ def hertz_largest_difference(
     """
     check_positive(half_width_mm=half_width_mm, peak_pressure_mpa=peak_pressure_mpa)
     return LargestDifference(
-        difference_mpa=float(2.0 * _GOLDEN**-2.5 * peak_pressure_mpa),
-        depth_mm=float(_GOLDEN**-0.5 * half_width_mm),
+        difference_mpa=float(2.0 * golden**-2.5 * peak_pressure_mpa),
+        depth_mm=float(golden**-0.5 * half_width_mm),
     )
 
 
@@ -385,7 +384,7 @@ def sliding_hertz_stress(
     half_width_mm: float,
     peak_pressure_mpa: float,
     friction: float,
-) -> StressField:
+) -> StressComponents:
     """Stress under a sliding Hertz contact without elastic coupling.
 
     To McEwen's field (`hertz_stress`, index p; n, m, k as there) the traction q = mu p adds
@@ -410,7 +409,7 @@ def sliding_hertz_stress(
 
     Returns
     -------
-    StressField
+    StressComponents
         The stress in the broadcast shape, MPa.
 
     Raises
@@ -426,7 +425,7 @@ def sliding_hertz_stress(
     root, excess, weight = mcewen_terms(x, z, half_width_mm)
     k = excess.imag * (root.imag + z) * weight
     pull = (friction * peak_pressure_mpa / half_width_mm) * (2.0 * excess.real + root.real * k)
-    return StressField(
+    return StressComponents(
         sigma_x=np.asarray(normal.sigma_x + pull),
         sigma_z=np.asarray(normal.sigma_z + friction * normal.tau_xz),
         tau_xz=np.asarray(normal.tau_xz + friction * normal.sigma_x),
@@ -522,7 +521,7 @@ def coupled_pressure(x_mm: ArrayLike, contact: CoupledContact) -> Floats:
     return np.asarray(contact.scale_mpa * behind ** (0.5 - e) * ahead ** (0.5 + e))
 
 
-def coupled_stress(x_mm: ArrayLike, z_mm: ArrayLike, contact: CoupledContact) -> StressField:
+def coupled_stress(x_mm: ArrayLike, z_mm: ArrayLike, contact: CoupledContact) -> StressComponents:
     """Stress under a sliding contact with elastic coupling.
 
     (sx - sz) + 2i txz and sx + sz follow from F(s) = ∫ p(t)/(s - t) dt, with α = 1/2 - ε,
@@ -542,7 +541,7 @@ def coupled_stress(x_mm: ArrayLike, z_mm: ArrayLike, contact: CoupledContact) ->
 
     Returns
     -------
-    StressField
+    StressComponents
         The stress in the broadcast shape, MPa.
 
     Raises

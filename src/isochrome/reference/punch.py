@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from isochrome.reference.cauchy import (
     Floats,
-    StressField,
+    StressComponents,
     check_positive,
     complex_points,
     coordinates,
@@ -56,7 +56,7 @@ def punch_pressure(x_mm: ArrayLike, *, half_width_mm: float, line_load_n_per_mm:
 
 def punch_stress(
     x_mm: ArrayLike, z_mm: ArrayLike, *, half_width_mm: float, line_load_n_per_mm: float
-) -> StressField:
+) -> StressComponents:
     """Stress under a rigid flat frictionless punch.
 
     (sx - sz) + 2i txz and sx + sz follow from F(s) = ∫ p(t)/(s - t) dt = P' / sqrt(s² - a²),
@@ -77,7 +77,7 @@ def punch_stress(
 
     Returns
     -------
-    StressField
+    StressComponents
         The stress in the broadcast shape, MPa; NaN at the two corners, x = ±a, z = 0.
 
     Raises

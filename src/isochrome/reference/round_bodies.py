@@ -17,7 +17,7 @@ from isochrome.reference.cauchy import (
     SLACK,
     Complexes,
     Floats,
-    StressField,
+    StressComponents,
     check_finite,
     check_positive,
     complex_points,
@@ -29,7 +29,7 @@ _UNDER = 1e-150  # distance over the radius that is none: its inverse square has
 
 def disc_stress(
     x_mm: ArrayLike, z_mm: ArrayLike, *, load_n: float, diameter_mm: float, thickness_mm: float
-) -> StressField:
+) -> StressComponents:
     """Stress in a disc pressed along its vertical diameter.
 
     Two radial (Flamant) fields and the uniform tension 2 P/(π D d) sum up, with s = x - iz, to
@@ -54,7 +54,7 @@ def disc_stress(
 
     Returns
     -------
-    StressField
+    StressComponents
         The stress in the broadcast shape, MPa; NaN outside and under the loads.
 
     Raises
@@ -65,7 +65,7 @@ def disc_stress(
     unit, inverse, rim_distance = _disc_terms(x_mm, z_mm, load_n, diameter_mm, thickness_mm)
     total = 2.0 * unit * (1.0 - 2.0 * inverse.real)
     difference = 4.0 * unit * rim_distance * np.square(inverse)
-    return StressField.of(total, difference)
+    return StressComponents.from_invariants(difference, total)
 
 
 def disc_principal_difference(
@@ -178,7 +178,7 @@ def ring_stress(
     diameter_mm: float,
     hole_mm: float,
     thickness_mm: float,
-) -> StressField:
+) -> StressComponents:
     """Stress in a ring pressed along its vertical diameter.
 
     The disc's field in closed form takes the point loads. What it leaves on the circle of the hole,
@@ -211,7 +211,7 @@ def ring_stress(
 
     Returns
     -------
-    StressField
+    StressComponents
         The stress in the broadcast shape, MPa; NaN outside and under the loads.
 
     Raises
@@ -237,7 +237,7 @@ def ring_stress(
     unit = load_n / (np.pi * diameter_mm * thickness_mm)
     total, difference = np.full(s.shape, np.nan), np.full(s.shape, complex(np.nan, np.nan))
     total[material], difference[material] = _hole_field(s[material], ratio)
-    return StressField(
+    return StressComponents(
         sigma_x=np.asarray(disc.sigma_x + 0.5 * unit * (total + difference.real)),
         sigma_z=np.asarray(disc.sigma_z + 0.5 * unit * (total - difference.real)),
         tau_xz=np.asarray(disc.tau_xz + 0.5 * unit * difference.imag),
@@ -302,7 +302,7 @@ def _ring_series(ratio: float) -> _Series:
 
 def hole_stress(
     x_mm: ArrayLike, z_mm: ArrayLike, *, tension_mpa: float, radius_mm: float
-) -> StressField:
+) -> StressComponents:
     """Stress around a round hole in a plate under tension along x.
 
     With w = x + iz = r exp iθ and ρ = a²/r²
@@ -326,7 +326,7 @@ def hole_stress(
 
     Returns
     -------
-    StressField
+    StressComponents
         The stress in the broadcast shape, MPa; NaN in the hole.
 
     Raises
@@ -343,4 +343,4 @@ def hole_stress(
     twice = near * np.square(w)
     total = tension_mpa * (1.0 - 2.0 * near * twice.real)
     difference = tension_mpa * (1.0 - near * twice * (1.0 + (2.0 - 3.0 * near) * twice))
-    return StressField.of(total, difference)
+    return StressComponents.from_invariants(difference, total)

@@ -47,10 +47,10 @@ TRUTH: dict[str, Any] = tomllib.loads(sample_text("truth.toml"))
 
 CAMERA = Camera(**TRUTH["camera"])
 
-LABEL = "Rendered by Isochrome (python -m isochrome.samples), not captured"
+RENDERING: dict[str, Any] = TRUTH["rendering"]
+_POINTS: int = RENDERING["points"]
 
-_GLARE = 4.0
-"""Light of a glare spot, in full lights: far above saturation."""
+LABEL = "Rendered by Isochrome (python -m isochrome.samples), not captured"
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Sensor:
         if self.glare is not None:
             row, col, radius = self.glare
             rows, cols = np.ogrid[: signal.shape[0], : signal.shape[1]]
-            light = signal + _GLARE * (np.hypot(rows - row, cols - col) <= radius)
+            light = signal + RENDERING["glare"] * (np.hypot(rows - row, cols - col) <= radius)
         image = np.asarray(expose(light, self.camera, rng=rng), dtype=np.uint8)
         image[tuple(self.dead.T)] = 0
         image[tuple(self.hot.T)] = 255
@@ -156,13 +156,6 @@ def write_small_tiff(path: Path, frames: NDArray[Any], *, pixel_mm: float) -> No
 
 SCENE = "line-contact-wear"
 
-_POINTS = 3
-"""Points along a pixel's side."""
-
-AVERAGED = 16
-ORDER_STEP = 2.0**-13
-"""The stored order is rounded to this, fringes, so that it compresses."""
-
 
 def render_contact(folder: Path, seed: int) -> None:
     """Write the stack, its no-load frames, its scene and its truth to a folder."""
@@ -177,7 +170,8 @@ def render_contact(folder: Path, seed: int) -> None:
         order = fine_order(placed, state, _POINTS)
         frames.append(sensor.picture(order, [seed, 1, i]))
         middle = order[_POINTS // 2 :: _POINTS, _POINTS // 2 :: _POINTS]
-        orders.append((np.rint(middle / ORDER_STEP) * ORDER_STEP).astype(np.float32))
+        step = RENDERING["order_step"]
+        orders.append((np.rint(middle / step) * step).astype(np.float32))
         if i == 0:
             material = np.isfinite(order)
     write_small_tiff(folder / "captured.tif", np.stack(frames), pixel_mm=pixel)
@@ -190,7 +184,7 @@ def render_contact(folder: Path, seed: int) -> None:
         "friction.coefficient": [s.surface.friction for s in states if s.surface],
         **given["place"],
         "camera": TRUTH["camera"],
-        "fringe_order_step": ORDER_STEP,
+        "fringe_order_step": RENDERING["order_step"],
     }
     write_truth(folder, seed, values, sensor)
 
@@ -202,8 +196,9 @@ def _write_no_load(
     lit = block_mean(material.astype(float))
     for number, (name, signal) in enumerate((("dark", 0.0 * lit), ("bright", lit))):
         rng = np.random.default_rng([*seed, number])
-        total = sum(sensor.expose(signal, rng).astype(float) for _ in range(AVERAGED))
-        image = np.asarray(np.rint(np.asarray(total) / AVERAGED), dtype=np.uint8)
+        count = RENDERING["averaged"]
+        total = sum(sensor.expose(signal, rng).astype(float) for _ in range(count))
+        image = np.asarray(np.rint(np.asarray(total) / count), dtype=np.uint8)
         write_small_tiff(folder / f"no-load-{name}.tif", image[None], pixel_mm=pixel)
 
 
@@ -231,9 +226,6 @@ def _order(scene: Scene, difference: StressDifference) -> Array:
 
 FILM = "film.avi"
 """The film's file."""
-
-_NODES = 8
-"""Nodes of the surface from one point of a pixel to the next."""
 
 
 def render_film(folder: Path, seed: int) -> None:
@@ -276,7 +268,7 @@ def true_film(nominal: Scene) -> Scene:
             "load.normal_n": {"distance_m": distance, "value": load.round(6)},
             "friction.coefficient": {"distance_m": distance, "value": friction.round(6)},
             "wear.distances_m": distance,
-            "numerics.spacing_mm": nominal.get("camera.pixel_mm") / (_POINTS * _NODES),
+            "numerics.spacing_mm": nominal.get("camera.pixel_mm") / (_POINTS * RENDERING["nodes"]),
             **given["scene"],
         }
     )
@@ -296,15 +288,12 @@ def _write_film(path: Path, frames: list[Grey], frames_per_s: float) -> None:
     film.release()
 
 
-SHAPE = (440, 480)
-CALIBRATION_FAULTY = 8
-
-
 def render_bending(folder: Path, seed: int) -> None:
     """Write the images, the calibration set and the truth to a folder."""
     text = sample_text("bending-set.toml")
     given = tomllib.loads(text)
-    sensor = make_sensor(SHAPE, [seed, 10], faulty=CALIBRATION_FAULTY)
+    shape, faulty = RENDERING["bending_shape"], RENDERING["calibration_faulty"]
+    sensor = make_sensor(shape, [seed, 10], faulty=faulty)
     for i, item in enumerate(given["image"]):
         order = true_order(item["load_n"], given["beam"], given["camera"]["pixel_mm"])
         write_png(folder / item["file"], sensor.picture(order, [seed, 11, i]))
@@ -317,10 +306,11 @@ def true_order(load_n: float, beam: dict[str, float], pixel_mm: float) -> Array:
 
     NaN outside the beam, whose sizes are those of the set.
     """
-    row, col = ((np.arange(n * _POINTS) + 0.5) / _POINTS - 0.5 for n in SHAPE)
+    shape = RENDERING["bending_shape"]
+    row, col = ((np.arange(n * _POINTS) + 0.5) / _POINTS - 0.5 for n in shape)
     given = TRUTH["bending"]
     down = pixel_mm * (row - given["neutral_axis_row_px"])[:, None]
-    right = pixel_mm * (col - 0.5 * (SHAPE[1] - 1))[None, :]
+    right = pixel_mm * (col - 0.5 * (shape[1] - 1))[None, :]
     tilt = np.radians(given["tilt_deg"])
     eta = down * np.cos(tilt) + right * np.sin(tilt)
     stress = beam_stress(eta, load_n=load_n, **beam)
@@ -336,7 +326,7 @@ def render_disc(folder: Path, seed: int) -> None:
         {key: truth[key] for key in ("camera.left_mm", "camera.top_mm")}
     )
     rows, cols = scene.get("camera.height_px"), scene.get("camera.width_px")
-    sensor = make_sensor((rows, cols), [seed, 20], faulty=CALIBRATION_FAULTY)
+    sensor = make_sensor((rows, cols), [seed, 20], faulty=RENDERING["calibration_faulty"])
     fine = finer(scene, _POINTS)
     for i, item in enumerate(tomllib.loads(sample_text("disc-set.toml"))["image"]):
         loaded = fine.with_values({"load.normal_n": item["load_n"]})

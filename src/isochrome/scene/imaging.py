@@ -41,7 +41,9 @@ Distance = TypeVar("Distance", float, NDArray[np.floating])
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[PositiveFloat, Field(allow_inf_nan=False)]
 NonNegative = Annotated[NonNegativeFloat, Field(allow_inf_nan=False)]
-Coefficient = Annotated[float, Field(ge=-5, le=5, allow_inf_nan=False)]
+STRONGEST = 5.0
+"""Friction coefficient of nothing that slides, to either side."""
+Coefficient = Annotated[float, Field(ge=-STRONGEST, le=STRONGEST, allow_inf_nan=False)]
 
 
 class ScenePart(BaseModel):

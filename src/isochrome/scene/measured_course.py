@@ -13,6 +13,7 @@ from second differences, which a smooth course hardly has: median |v[i-1] - 2 v[
 (0.6745 √6).
 """
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 from isochrome.errors import InputError
 from isochrome.messages import message
 from isochrome.output import GivenTable, read_given_table
+from isochrome.scene.imaging import STRONGEST
 
 Floats = NDArray[np.floating]
 
@@ -61,8 +63,8 @@ class _Kind:
 
 
 _KINDS = (
-    _Kind("friction", "coefficient", -5.0, 5.0, "it is from -5 to 5"),
-    _Kind("load", "normal_n", 5e-324, 1e30, "it is above 0"),
+    _Kind("friction", "coefficient", -STRONGEST, STRONGEST, "it is from -5 to 5"),
+    _Kind("load", "normal_n", math.ulp(0.0), math.inf, "it is above 0"),
 )
 
 FROM_FILES = tuple(kind.part for kind in _KINDS)
@@ -171,13 +173,17 @@ def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Fl
     count = len(value)
     if count <= FEW:
         return distance_m, value
+    from scipy.interpolate import make_lsq_spline
+
     block = max(1, count // (_QUARTERS * FEW))
     means = value[: count // block * block].reshape(-1, block).mean(axis=1)
     noise = float(np.median(np.abs(np.diff(means, 2)))) / 0.6745 * (block / 6.0) ** 0.5
     allowed = FOLLOWED * float(np.abs(value).max()) + np.finfo(float).tiny
     bends = np.unique(np.linspace(0, count - 1, 5).round().astype(int))
+    weight = np.convolve(np.diff(distance_m), [0.5, 0.5]) ** 0.5  # of the trapezoids beside a row
     while True:
-        fitted = _line_values(distance_m, value, bends)
+        knots = distance_m[[0, *bends, -1]]  # of a spline of the first degree
+        fitted = np.asarray(make_lsq_spline(distance_m, value, knots, k=1, w=weight).c)
         residual = value - np.interp(distance_m, distance_m[bends], fitted)
         worst = _worst_means(residual, bends, allowed, noise)
         order = np.argsort(-worst)[: FEW - len(bends)]
@@ -192,15 +198,6 @@ def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Fl
             averaged=_AVERAGED,
         )  # fmt: skip
     return distance_m[bends], fitted
-
-
-def _line_values(s: Floats, value: Floats, bends: Any) -> Floats:
-    """Values (m,) at the bends of the lines of least squares: a spline of the first degree."""
-    from scipy.interpolate import make_lsq_spline
-
-    weight = np.convolve(np.diff(s), [0.5, 0.5])  # of the trapezoids beside a row
-    knots = s[[0, *bends, -1]]
-    return np.asarray(make_lsq_spline(s, value, knots, k=1, w=np.sqrt(weight)).c)
 
 
 def _worst_means(residual: Floats, bends: Any, allowed: float, noise: float) -> Floats:

@@ -3,7 +3,7 @@
 One value or list of tables set in TOML text by tomlkit: all else in it stays, to the byte.
 
 After an edit the text is read anew: it has to say what it said before, but for the one key. tomlkit
-is imported where a text is edited, which few commands do.
+is imported where a text is edited or written.
 """
 
 from __future__ import annotations
@@ -20,7 +20,16 @@ from typing import TYPE_CHECKING, Any, cast
 
 from isochrome.errors import InputError
 from isochrome.messages import message
-from isochrome.scene.validation import DATED, NO_KEYS, as_text, check_reach, nearest, validate
+from isochrome.scene.validation import (
+    DATE,
+    DATED,
+    NO_KEYS,
+    SPREAD,
+    VALUE,
+    check_reach,
+    nearest,
+    validate,
+)
 from isochrome.scene.whole import Scene
 
 if TYPE_CHECKING:
@@ -168,22 +177,17 @@ def dump_scene(scene: Scene) -> str:
     >>> isochrome.parse_scene(text, name=scene.name) == scene
     True
     """
-    import tomli_w
+    import tomlkit
 
     data = scene.model_dump(mode="json", exclude_none=True, exclude_unset=True)
-    stated = {}
     for key, spread in scene.uncertainties.items():
         part, _, name = key.partition(".")
         value = data.get(part, {}).get(name)
         if isinstance(value, int | float):
-            # a key's own place, for the writer makes a table of its own of a dictionary
-            data[part][name] = f"{{{key}}}"
-            date = scene.fringe_value_date if key == DATED else None
-            stated[f'{name} = "{{{key}}}"\n'] = f"{name} = {as_text(value, spread, date)}\n"
-    text = tomli_w.dumps(data)
-    for place, line in stated.items():
-        text = text.replace(place, line)
-    return text
+            date = {DATE: scene.fringe_value_date} if key == DATED else {}
+            pair = {VALUE: value, SPREAD: spread} | {k: v for k, v in date.items() if v}
+            data[part][name] = tomlkit.value(toml_text(pair))  # on the key's own line
+    return tomlkit.dumps(data)
 
 
 def scene_names() -> list[str]:

@@ -102,14 +102,6 @@ def plain_value(key: str, value: Mapping[str, Any]) -> tuple[Any, float]:
     return number, float(spread)
 
 
-def as_text(value: float, standard_uncertainty: float, date: str | None = None) -> str:
-    """A value with its uncertainty, and the day of its calibration, as in a TOML file."""
-    import tomli_w
-
-    table = {VALUE: value, SPREAD: standard_uncertainty} | ({DATE: date} if date else {})
-    return "{ " + ", ".join(line for line in tomli_w.dumps(table).split("\n") if line) + " }"
-
-
 def _without_date(data: dict[str, Any]) -> tuple[dict[str, Any], str | None]:
     """A scene's tables without the day of the fringe value's calibration, and that day as text."""
     part, _, name = DATED.partition(".")

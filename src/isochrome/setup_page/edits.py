@@ -5,24 +5,25 @@ What the page finds in a frame by itself: place, load, friction, field, gamma, q
 
 import math
 import re
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
-from importlib import resources
 from typing import Any
 
 import numpy as np
 
 from isochrome.calibration import fit_circle
 from isochrome.drafting import (
+    FIELDS,
+    KINDS,
     NEEDED,
-    QUANTITIES,
+    OPTIONS,
+    SET_KINDS,
     KnownValues,
     SceneDraft,
     draft_scene,
     known_values,
+    scene_text,
 )
 from isochrome.errors import InputError, IsochromeError
 from isochrome.frames import likely_no_load
@@ -41,7 +42,6 @@ from isochrome.scene import (
 from isochrome.setup_page.session import (
     SetSession,
     SetupSession,
-    cut_out,
     moved,
     on_line,
     pixel_scale,
@@ -53,40 +53,8 @@ from isochrome.setup_page.session import (
 )
 from isochrome.stress import PixelGrid, pixel_grid
 
-_TABLES = tomllib.loads(
-    (resources.files("isochrome.setup_page") / "fields.toml").read_text("utf-8")
-)
-
-KINDS: dict[str, str] = _TABLES["kinds"]
-"""What may stand in front of the camera, by the page's words."""
-
-SET_KINDS: dict[str, str] = _TABLES["set_kinds"]
-"""What a calibration set may hold, by the page's words."""
-
 STATED_SHAPES = ("disc", "ring", "beam", "other")
 """Kinds that the scene names in specimen.shape."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SceneField:
-    """A value that the page asks for."""
-
-    key: str  # of the scene
-    label: str  # what the page calls it
-    group: str  # the head it stands under
-    kinds: tuple[str, ...] = (*KINDS, *SET_KINDS)  # of KINDS and SET_KINDS, for which it is asked
-    unit: str = ""
-    usual: str = ""  # stands in the field at first; empty: only the user knows it
-    hint: str = ""  # a usual range, or where it is known from
-    needed: bool = False  # by a scene of this kind
-    choices: tuple[str, ...] = ()  # empty for a number or a list of them
-
-
-FIELDS = tuple(
-    SceneField(**(entry | {name: tuple(v) for name, v in entry.items() if isinstance(v, list)}))
-    for entry in _TABLES["field"]
-)
-"""All of them, in the order of the page."""
 
 
 def session_state(session: SetupSession) -> dict[str, Any]:
@@ -197,33 +165,19 @@ def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, s
     given = {f.key: values.get(f.key) for f in fields if values.get(f.key) not in (None, *_NOUGHT)}
     missing = [field.label for field in fields if field.needed and field.key not in given]
     if missing:
-        what = "set" if kind in SET_KINDS else "scene"
+        what = ("scene", "set")[kind in SET_KINDS]
         raise InputError(
             "fill_needs_them", missing=", ".join(missing), what=what, kinds=kinds[kind]
         )
-    given |= no_load
     if "wear.distances_m" not in given:
         given.pop("wear.coefficient_mm2_per_n", None)
-    if "wear.distances_m" in given and "friction.coefficient" not in given:
+    elif "friction.coefficient" not in given:
         raise InputError("fill_friction_coefficient_about")
-    return "".join(_lines(kind, given, {field.key: field for field in fields}))
-
-
-def _lines(kind: str, given: Mapping[str, Any], fields: Mapping[str, SceneField]) -> Iterator[str]:
-    yield f"# {(KINDS | SET_KINDS)[kind]}; made on the page of `isochrome setup`\n"
-    for table in (*STATED_SHAPES, *Scene.model_fields, "uncertainty"):
-        given_here = {key: value for key, value in given.items() if key.startswith(f"{table}.")}
-        if not given_here and (table != "specimen" or kind in SET_KINDS):
-            continue
-        yield f"\n[{table}]\n"
-        if table == "specimen" and kind in STATED_SHAPES:
-            yield f"shape = {toml_text(kind)}\n"
-        for key, value in given_here.items():
-            line = f"{key.partition('.')[2]} = {toml_text(value)}"
-            words = "the unloaded specimen"  # its field stands in the key
-            if (field := fields.get(key)) is not None:
-                words = f"{field.label}, {field.unit}" if field.unit else field.label
-            yield f"{line:<33} # {words}\n"
+    words = {field.key: field.title for field in fields} | {"specimen.shape": kinds[kind]}
+    words |= dict.fromkeys(no_load, "the unloaded specimen")
+    shape = {"specimen.shape": kind} if kind in STATED_SHAPES else {}
+    lines = [(key, toml_text(v), words[key]) for key, v in (shape | given | dict(no_load)).items()]
+    return scene_text([f"{kinds[kind]}; made on the page of `isochrome setup`"], lines)
 
 
 def without_model(scene: Scene, text: str) -> Scene:
@@ -404,12 +358,10 @@ def _set_region(session: SetupSession, request: Request) -> None:
             new[side] = min(most - new[edge], round(box[side]))
     down, right = old.top_px - new["top_px"], old.left_px - new["left_px"]
     values: dict[str, Any] = {"frames.roi": new if box is not None else None}
-    camera = scene.camera
+    camera, place = scene.camera, None
     if camera is not None and (camera.left_mm is not None or camera.top_mm is not None):
-        pixels = session.pixels(scene)
-        row, col = seen_at(pixels, 0.0, 0.0)
-        cut = cut_out(pixels, new["height_px"], new["width_px"])
-        values |= values_of_place(cut, (row + down, col + right))
+        row, col = seen_at(session.pixels(scene), 0.0, 0.0)
+        place = row + down, col + right
     sides = [k for k in ("height_px", "width_px") if getattr(camera, k, None) is not None]
     values |= {f"camera.{key}": new[key] for key in sides}
     if scene.frames.polygon_px is not None:
@@ -423,6 +375,8 @@ def _set_region(session: SetupSession, request: Request) -> None:
             if items:
                 tables = order_tables if key == "known_order" else line_tables
                 text = with_table_list(text, f"frames.{key}", tables(items, shift))
+        if place is not None:  # a lens looks from the new middle
+            text = set_values(text, values_of_place(session.pixels(session.scene(text)), place))
         return text
 
     session.change(edit)
@@ -494,16 +448,18 @@ TOOLS: Mapping[str, Callable[[SetupSession, Request], None]] = {
 """What each tool does, by its name."""
 
 
-def apply_tool(session: SetupSession, request: Request) -> None:
+def apply_tool(session: SetupSession, request: Request) -> dict[str, Any]:
     """Do what a tool of the page asks for; InputError where it cannot be, the scene as it was.
 
     `request`: `tool`, one of TOOLS, and what it needs; points are (row, col) of the whole picture.
+    Gives the `session_state` that it leaves.
     """
     tool = TOOLS.get(str(request.get("tool")))
     if tool is None:
         raise InputError("tool_none_one", request=request.get("tool"), tools=", ".join(TOOLS))
     with refused_as_asked(str(request["tool"])):
         tool(session, request)
+    return session_state(session)
 
 
 @contextmanager
@@ -525,11 +481,8 @@ _FRICTION, _TURN = "friction.coefficient", "frames.rotate_deg"
 _START_FRICTION = 0.1
 """Stands in a new scene while the search goes on, where the user has named none."""
 
-_HELD = ("frames.channel", "frames.flip", "camera.bit_depth")
-"""Keys of the scene that the search always takes as they are, besides the bodies and the load."""
-
-_ON_REQUEST = ("polariscope.field", "frames.gamma", _TURN)
-"""Keys that it finds, or takes as they are where the user says so."""
+_ON_REQUEST = ("field", "gamma", "rotate_deg")
+"""What the search finds, or takes as the scene has it where the user says so."""
 
 _OPTION = re.compile(r"--([a-z]+(?:-[a-z]+)*)")
 
@@ -559,7 +512,7 @@ def find_in_frames(
     except IsochromeError as error:
         raise type(error)(page_words(str(error))) from error
     values, notes = _values(draft, scene, guessed=guessed)
-    _refuse_turn(scene, draft)
+    _refuse_turn(scene, draft.scene.frames.rotate_deg)
     row, col = seen_at(pixel_grid(draft.scene), 0.0, 0.0)
 
     def edit(now: str) -> str:
@@ -583,13 +536,10 @@ def find_in_frames(
 
 def page_words(text: str) -> str:
     """A sentence of the command line in the page's words: fields in place of options."""
-    labels = {field.key: field.label for field in FIELDS}
-    keys = {name: quantity.key for name, quantity in QUANTITIES.items()}
-    keys |= {key.partition(".")[2]: key for key in (*_HELD, *_ON_REQUEST)}
 
     def named(option: re.Match[str]) -> str:
         name = option[1].replace("-", "_")
-        return f"'{labels[keys[name]]}'" if name in keys else name
+        return f"'{OPTIONS[name].label}'" if name in OPTIONS else name
 
     return _OPTION.sub(named, text).replace("run init again", "search again")
 
@@ -613,26 +563,23 @@ def _known(scene: Scene, index: int, *, held: bool) -> KnownValues:
     if scene.model not in SEARCHED:
         what = f"a {scene.model}" if scene.model else scene.no_model_reason
         raise InputError("search_knows_contact_under", name=scene.name, what=what)
-    names = {quantity.key: name for name, quantity in QUANTITIES.items()}
-    names |= {key: key.partition(".")[2] for key in (*_HELD, *(_ON_REQUEST if held else ()))}
-    given = {
-        name: getattr(getattr(scene, key.partition(".")[0]), key.partition(".")[2], None)
-        for key, name in names.items()
-    }
-    if given.get("gamma") == "unknown":
-        given["gamma"] = None
-    for key, name in names.items():
-        if given[name] is not None and not isinstance(given[name], str | int | float):
-            raise InputError("changes_distance_search_takes", name=scene.name, key=key)
+    given = {}
+    for name, one in OPTIONS.items():
+        part, _, entry = one.key.partition(".")
+        value = getattr(getattr(scene, part), entry, None)
+        if value is not None and not isinstance(value, str | int | float):
+            raise InputError("changes_distance_search_takes", name=scene.name, key=one.key)
+        if (held or name not in _ON_REQUEST) and (name, value) != ("gamma", "unknown"):
+            given[name] = value
     return known_values({"shape": scene.model, "frame": index, **given})
 
 
-def _refuse_turn(scene: Scene, draft: SceneDraft) -> None:
+def _refuse_turn(scene: Scene, turn: int) -> None:
     """Refuse to turn a picture under what was set on it."""
-    stated, turn = scene.frames, draft.scene.frames.rotate_deg
+    stated = scene.frames
     on_it = stated.roi or stated.polygon_px or stated.orders_known
-    if on_it and (stated.rotate_deg or 0) != (turn or 0):
-        raise InputError("frame_explains_itself_turned", name=scene.name, turn=turn or 0)
+    if on_it and stated.rotate_deg != turn:
+        raise InputError("frame_explains_itself_turned", name=scene.name, turn=turn)
 
 
 def _values(draft: SceneDraft, scene: Scene, *, guessed: bool) -> tuple[dict[str, Any], list[str]]:

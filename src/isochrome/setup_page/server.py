@@ -11,6 +11,7 @@ from __future__ import annotations
 import base64
 import hmac
 import json
+import math
 import secrets
 import threading
 import time
@@ -26,6 +27,7 @@ from urllib.parse import parse_qs, urlsplit
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.drafting import CLEAR_CHI, FIELDS, KINDS, SET_KINDS
 from isochrome.errors import InputError, IsochromeError, PhysicsError
 from isochrome.frames import look_through
 from isochrome.messages import message
@@ -60,17 +62,11 @@ from isochrome.setup_page.session import (
     round_by_spread,
 )
 
-_WRONG_CHI = 3.0
-"""chi of a fit from which its values are not taken into the scene together: the model is wrong."""
-
 _ORDER_STEP = 0.02
 """Fringes from level to level of a map as the page shows it."""
 
 _WORTH_SAYING = 0.01
 """Share of the frame that is lost elsewhere from which it is said."""
-
-_FARTHEST = 1e9
-"""Pixels, or orders, that nobody means."""
 
 
 def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
@@ -99,7 +95,7 @@ def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
         "revision": session.revision,
         "chi": result.frame.chi,
         # not where it is not known; a load that is read against others has the misfit in its ±
-        "wrong": result.frame.fit is not None and result.frame.chi > _WRONG_CHI,
+        "wrong": result.frame.fit is not None and result.frame.chi > CLEAR_CHI,
         "summary_text": result.summary_text,
         "kept_share": result.row.get("kept_share"),
         "values": rows,
@@ -260,7 +256,7 @@ def _plainly(request: edits.Request) -> dict[str, Any]:
 def _finite(value: Any) -> float:
     """A number. Raises TypeError, ValueError where it is none."""
     number = float(value)
-    if not abs(number) < _FARTHEST:
+    if not math.isfinite(number):
         raise ValueError(message("beyond_all_pictures", number=number))
     return number
 
@@ -509,8 +505,8 @@ class _Handler(BaseHTTPRequestHandler):
         session = self.server.session
         session.read_again()
         subject = session.subject
-        kinds = edits.KINDS if subject is None else {subject: edits.SET_KINDS[subject]}
-        fields = [asdict(field) for field in edits.FIELDS]
+        kinds = KINDS if subject is None else {subject: SET_KINDS[subject]}
+        fields = [asdict(field) for field in FIELDS]
         values = {
             "scene_file": session.scene_file.name,
             "subject": session.subject,
@@ -588,11 +584,6 @@ def _map(server: SetupServer, request: edits.Request) -> Picture:
     return shown, session.region(session.scene_or_none()), headers
 
 
-def _tool(server: SetupServer, request: edits.Request) -> Mapping[str, Any]:
-    edits.apply_tool(server.session, request)
-    return edits.session_state(server.session)
-
-
 GETS: Mapping[str, Route] = {
     "state": lambda server, _: edits.session_state(server.session),
     "frame": lambda server, query: (server.session.picture(_index(query)), None, {}),
@@ -600,7 +591,7 @@ GETS: Mapping[str, Route] = {
 
 POSTS: Mapping[str, Route] = {
     "model": _model,
-    "tool": _tool,
+    "tool": lambda server, request: edits.apply_tool(server.session, request),
     "find": _find,
     "fit": lambda server, request: fit_answer(server.session, _index(request)),
     "calibrate": lambda server, _: calibration_answer(edits.set_of(server.session)),

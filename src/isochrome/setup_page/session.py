@@ -87,19 +87,6 @@ def pixel_scale(first: Point, second: Point, length_mm: float) -> float:
     return length_mm / apart
 
 
-def place_of_point(pixels: PixelGrid, point: Point) -> tuple[float, float]:
-    """The place x, z, mm, that a point (row, col) of the region looks at, also beyond its edges."""
-    row, col = point
-    x = pixels.left_mm + (col + 0.5) * pixels.pixel_mm
-    z = pixels.top_mm + (row + 0.5) * pixels.pixel_mm
-    lens = pixels.lens
-    if lens is None:
-        return x, z
-    middle = pixels.left_mm + lens.right_mm, pixels.top_mm + lens.down_mm
-    right, down = lens.looked_at(np.array([x - middle[0]]), np.array([z - middle[1]]))
-    return float(right[0]) + middle[0], float(down[0]) + middle[1]
-
-
 def seen_at(pixels: PixelGrid, x_mm: float, z_mm: float) -> Point:
     """The point (row, col) of the region that looks at a place."""
     from scipy.optimize import root
@@ -111,7 +98,7 @@ def seen_at(pixels: PixelGrid, x_mm: float, z_mm: float) -> Point:
 
     def away(at: Any) -> Any:
         """How far the point looks beside the place, px."""
-        return np.subtract(place_of_point(pixels, (at[0], at[1])), (x_mm, z_mm)) / unit
+        return np.subtract(pixels.place(at[0], at[1]), (x_mm, z_mm)) / unit
 
     row, col = root(away, start, tol=1e-12).x.tolist()
     return row, col
@@ -123,7 +110,7 @@ def placed_at(pixels: PixelGrid, point: Point) -> tuple[float, float]:
     That is the middle of the contact on the surface, or the top of a disc, ring or beam. How the
     pixels look stays, only their edges move.
     """
-    x, z = place_of_point(pixels, point)
+    x, z = pixels.place(*point)
     return pixels.left_mm - x, pixels.top_mm - z
 
 
@@ -151,17 +138,6 @@ def moved(points: Sequence[Sequence[float]], down: float, right: float) -> list[
     region.
     """
     return [[round(row + down, 2), round(col + right, 2)] for row, col in points]
-
-
-def cut_out(pixels: PixelGrid, rows: int, cols: int) -> PixelGrid:
-    """Pixels of another size with the same left and top edge; a lens looks from the new middle."""
-    if pixels.lens is None:
-        return replace(pixels, rows=rows, cols=cols)
-    width, height = 0.5 * cols * pixels.pixel_mm, 0.5 * rows * pixels.pixel_mm
-    lens = replace(
-        pixels.lens, right_mm=width, down_mm=height, half_width_mm=width, half_height_mm=height
-    )
-    return replace(pixels, rows=rows, cols=cols, lens=lens)
 
 
 def round_by_spread(value: float, spread: float) -> float:
@@ -240,7 +216,7 @@ class LiveModel:
 
 def grey_span(picture: NDArray[np.uint8]) -> tuple[float, float]:
     """The dark and the bright grey level between which a picture's fringes go."""
-    low, high = np.percentile(picture[::4, ::4], [_DARKEST, _BRIGHTEST])
+    low, high = np.percentile(picture[::4, ::4], _OUTERMOST)
     return float(low), float(max(high, low + 1.0))
 
 
@@ -264,11 +240,8 @@ _NAMING = (
 _PICTURES = (".tif", ".tiff", ".png", ".jpg", ".jpeg", ".bmp", ".csv")
 """Files beside the frames that a scene may be made to name on the page."""
 
-_MOST_STEPS = 200
-"""Steps that can be undone."""
-
-_DARKEST, _BRIGHTEST = 0.1, 99.9
-"""Per cent of a frame's grey levels that are shown black and white."""
+_OUTERMOST = 0.1, 99.9
+"""Per cent of a frame's grey levels below which it is shown black, and above white."""
 
 
 class SetupSession:
@@ -366,7 +339,7 @@ class SetupSession:
             if text == self.text:
                 return
             self.count(self.scene(text))  # of a folder, a scene may name its only picture
-            self._undo = [*self._undo[-_MOST_STEPS:], self.text]
+            self._undo.append(self.text)
             self.text = text
             self.revision += 1
 
@@ -494,7 +467,7 @@ def shown_frame(image: NDArray[Any]) -> NDArray[np.uint8]:
     """
     values = np.nan_to_num(image.astype(np.float32))
     step = max(1, int(np.sqrt(values.size / 250_000)))
-    low, high = np.percentile(values[::step, ::step], [_DARKEST, _BRIGHTEST])
+    low, high = np.percentile(values[::step, ::step], _OUTERMOST)
     share = (values - low) / max(high - low, 1e-9)
     return np.asarray(255.0 * np.clip(share, 0.0, 1.0) + 0.5, dtype=np.uint8)
 

@@ -63,7 +63,7 @@ from isochrome.runs import (
 )
 from isochrome.scene import Scene, SceneLike, check_moduli, check_pixel, dump_scene, load_scene
 from isochrome.simulation.figure import simulation_figure, simulation_panels, stress_figure
-from isochrome.simulation.model import SceneState, iter_scene_states, required_model, state_count
+from isochrome.simulation.model import SceneState, required_model, state_count
 from isochrome.simulation.rendering import (
     FRAMES,
     HISTORY,
@@ -74,7 +74,6 @@ from isochrome.simulation.rendering import (
     RenderWork,
     add_state_row,
     history_row,
-    render,
     shown_states,
     simulation_dataset,
 )
@@ -224,9 +223,9 @@ def finish_simulation_folder(
     for name in work.stacks:
         _join(run, work, name, history)
     write_text(folder / "scene.toml", dump_scene(scene))
-    shown = work.rendered_states(work.shown)
-    write_figure(folder / PICTURE, simulation_figure(scene, work.pixels, shown))
+    write_figure(folder / PICTURE, _drawn(work))
     if work.components:
+        shown = work.rendered_states(work.shown)
         write_figure(folder / "stress.png", stress_figure(scene, work.pixels, shown))
     write_report(folder / REPORT, simulation_report(folder, scene, record))
     return history
@@ -465,25 +464,21 @@ def simulate(
             already=already, draw=draw, components=components,
         )  # fmt: skip
     refuse_without_folder(out, workers, cluster)
-    states, shown = iter_scene_states(scene), shown_states(count)
-    items, results, frames, orders = [], [], [], []
+    work = RenderWork(scene, pixels, count, components=components)
+    states: list[SceneState] = []
     history: dict[str, list[Any]] = {}
-    maps: dict[str, list[NDArray[np.float32]]] = {}
-    for index, item in enumerate(render(scene, states, pixels, components=components)):
+    stacks: dict[str, list[NDArray[Any]]] = {}
+    for index, item in enumerate(work.rendered(0, count)):
         add_state_row(history, history_row(index, item, pixels))
-        add_state_row(maps, item.components.maps if item.components else {})
-        results.append(item.state)
-        frames.append(item.frames)
-        if index in shown:
-            items.append(item)
-        orders.append(item.picture.order.astype(np.float32))
+        add_state_row(stacks, item.stacks)
+        states.append(item.state)
         if progress is not None:
             progress(Tally(index + 1, count, 0, 0))
-    layers = {name: np.stack(images) for name, images in maps.items()}
+    frames, orders = np.concatenate(stacks.pop(FRAMES)), np.stack(stacks.pop(ORDER))
+    maps = {name.removesuffix(".tif"): np.stack(images) for name, images in stacks.items()}
     return Simulation(
-        scene=scene, pixels=pixels, history=history, states=results, frames=np.concatenate(frames),
-        orders=np.stack(orders), maps=layers, draw=partial(simulation_figure, scene, pixels, items),
-        components=components,
+        scene=scene, pixels=pixels, history=history, states=states, frames=frames, orders=orders,
+        maps=maps, draw=partial(_drawn, work), components=components,
     )  # fmt: skip
 
 

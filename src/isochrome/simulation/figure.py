@@ -47,8 +47,6 @@ if TYPE_CHECKING:
 
 _NAMES = {"sigma_1": "σ₁", "sigma_2": "σ₂"}
 """In letters that are no smaller than the others'."""
-_CARET_DOWN = 7
-"""Matplotlib's marker with its tip, not its middle, at the place."""
 
 
 def stress_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Figure:
@@ -90,8 +88,10 @@ def _draw_stress(
     peak, surface = item.components.peak, item.state.surface
     right = pixels.left_mm + pixels.cols * pixels.pixel_mm
     if surface is not None and pixels.top_mm <= 0.0:
+        from matplotlib.markers import CARETDOWN  # its tip, not its middle, is at the place
+
         edges = [x for x in surface.edges_mm if pixels.left_mm <= x <= right]
-        axes.plot(edges, [0.0] * len(edges), marker=_CARET_DOWN, color=INK, ls="", clip_on=False)
+        axes.plot(edges, [0.0] * len(edges), marker=CARETDOWN, color=INK, ls="", clip_on=False)
     axes.plot(peak.x_mm, peak.z_mm, "x", color=LINE_COLOURS[2], ms=8, mew=BOLD_PT, clip_on=False)
     axes.set_xlim(pixels.left_mm, right)
     return shown

@@ -220,6 +220,13 @@ class Rendered:
     # largest change of the order in view by the sides of a block; None: a half-plane
     block_order: float | None = None
 
+    @property
+    def stacks(self) -> dict[str, NDArray[Any]]:
+        """What of it goes into each stack, by the names of their files."""
+        maps = self.components.maps if self.components else {}
+        order = self.picture.order.astype(np.float32)
+        return {FRAMES: self.frames, ORDER: order, **{f"{n}.tif": maps[n] for n in maps}}
+
 
 def render(
     scene: Scene,
@@ -312,18 +319,13 @@ class RenderWork:
         """States [start, stop). Raises PhysicsError where one cannot be solved or rendered."""
         parts: dict[str, bytearray] = {name: bytearray() for name in self.stacks}
         rows, tables = [], []
-        for index, item in enumerate(self._rendered(start, stop), start):
+        for index, item in enumerate(self.rendered(start, stop), start):
             rows.append(history_row(index, item, self.pixels))
             if item.state.surface is not None:
                 tables.append(csv_text(profile_rows(index, item.state.surface), header=False))
-            stacks = {FRAMES: item.frames, ORDER: item.picture.order.astype("<f4")}
-            if item.components is not None:
-                stacks |= {f"{name}.tif": item.components.maps[name] for name in LAYERS}
-            for name, images in stacks.items():
+            for name, images in item.stacks.items():
                 little_endian = images.astype(images.dtype.newbyteorder("<"), copy=False)
                 parts[name] += np.ascontiguousarray(little_endian).data
-            if index in self.shown:
-                self._kept[index] = item
         records = {name: bytes(part) for name, part in parts.items()}
         records[PRESSURE] = "".join(tables).encode()
         return Results({}, rows, [{"status": "ok"}] * len(rows), records)
@@ -333,13 +335,17 @@ class RenderWork:
         wanted = list(numbers)
         state = dict(self._kept)
         for index in sorted(set(wanted) - set(state)):
-            (state[index],) = self._rendered(index, index + 1)
-        self._kept |= {index: state[index] for index in wanted if index in self.shown}
+            (state[index],) = self.rendered(index, index + 1)
         return [state[index] for index in wanted]
 
-    def _rendered(self, start: int, stop: int) -> Iterator[Rendered]:
+    def rendered(self, start: int, stop: int) -> Iterator[Rendered]:
+        """States [start, stop), one after the other; those for the figure are kept."""
         states = self._states(start, stop)
-        return render(self.scene, states, self.pixels, components=self.components, first=start)
+        items = render(self.scene, states, self.pixels, components=self.components, first=start)
+        for index, item in enumerate(items, start):
+            if index in self.shown:
+                self._kept[index] = item
+            yield item
 
     def _states(self, start: int, stop: int) -> Iterator[SceneState]:
         """States [start, stop), of the run as far as it is solved if that is before them."""

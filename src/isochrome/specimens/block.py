@@ -65,7 +65,12 @@ class BlockModel(HalfPlane):
         block.
         """
         sides = block_sides(scene)
-        _check_reach(scene, sides, pixels)
+        # no more of the block is shown than its corrections hold for
+        across = max(abs(pixels.left_mm), abs(pixels.left_mm + pixels.cols * pixels.pixel_mm))
+        down = max(abs(pixels.top_mm), abs(pixels.top_mm + pixels.rows * pixels.pixel_mm))
+        far, reach = float(np.hypot(across, down)), REACH * sides.clearance
+        if far > reach:
+            raise InputError("picture_reaches_mm_from", name=scene.name, farthest=far, reach=reach)
         half, clearance = float(np.max(np.abs(surface.edges_mm))), sides.clearance
         if half > _WIDEST * clearance:
             raise PhysicsError(
@@ -117,12 +122,3 @@ def _fitted(sample: Sampled, reach: float) -> tuple[RegularStress, float]:
     total = sum((m.times(c) for m, c in zip(modes, coefficients, strict=True)), NO_STRESS)
     scaled = RegularStress(tuple(complex(s / reach**n) for n, s in enumerate(total.series)))
     return scaled, float(np.linalg.norm(matrix @ coefficients - wanted) / np.linalg.norm(wanted))
-
-
-def _check_reach(scene: Scene, sides: Sides, pixels: PixelGrid) -> None:
-    """Raise InputError where a picture shows more of a block than its corrections hold for."""
-    across = max(abs(pixels.left_mm), abs(pixels.left_mm + pixels.cols * pixels.pixel_mm))
-    down = max(abs(pixels.top_mm), abs(pixels.top_mm + pixels.rows * pixels.pixel_mm))
-    farthest, reach = float(np.hypot(across, down)), REACH * sides.clearance
-    if farthest > reach:
-        raise InputError("picture_reaches_mm_from", name=scene.name, farthest=farthest, reach=reach)

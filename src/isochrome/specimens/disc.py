@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from isochrome.reference import StressField, disc_stress
+from isochrome.reference import StressComponents, disc_stress
 from isochrome.scene import Scene
 from isochrome.specimens.interface import Acting, Floats, Mask, SpecimenModel
-from isochrome.stress import PixelGrid, StressComponents
+from isochrome.stress import PixelGrid
 
 EDGE = 0.06
 """Margin at an edge over the radius: an edge is not where it seems dark."""
@@ -31,17 +31,16 @@ MODEL = DiscModel()
 
 
 def diametral_stress(
-    scene: Scene, pixels: PixelGrid, formula: Callable[..., StressField], **sizes: float
+    scene: Scene, pixels: PixelGrid, formula: Callable[..., StressComponents], **sizes: float
 ) -> StressComponents:
     """Stress of a round specimen by a `formula` of `isochrome.reference`, with more `sizes`."""
     specimen, load = scene.specimen, scene.load
     assert load is not None and isinstance(load.normal_n, float)  # only a contact's load varies
     assert specimen.diameter_mm is not None and specimen.thickness_mm is not None
-    stress = formula(
+    return formula(
         pixels.places[0], pixels.places[1] - 0.5 * specimen.diameter_mm, load_n=load.normal_n,
         diameter_mm=specimen.diameter_mm, thickness_mm=specimen.thickness_mm, **sizes,
     )  # fmt: skip
-    return StressComponents(stress.sigma_x, stress.sigma_z, stress.tau_xz)
 
 
 def away_from_edges(

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
+from isochrome.reference import StressComponents as StressComponents  # stress shows it too
 from isochrome.scene import Camera, Scene
 
 Floats = NDArray[np.floating]
@@ -109,10 +110,20 @@ class PixelGrid:
         """x and z (mm) that the pixels look at, of shapes that broadcast to (rows, cols)."""
         return (self.x_mm[None, :], self.z_mm[:, None]) if self.lens is None else _looked_at(self)
 
-    def place(self, row: int, col: int) -> tuple[float, float]:
-        """x and z (mm) that one pixel looks at."""
-        x, z = (np.broadcast_to(v, (self.rows, self.cols))[row, col] for v in self.places)
-        return float(x), float(z)
+    def place(self, row: float, col: float) -> tuple[float, float]:
+        """x and z (mm) that a point of the picture (px) looks at, also beyond its edges."""
+        x = np.array([self.left_mm + self.pixel_mm * (col + 0.5)])
+        z = np.array([self.top_mm + self.pixel_mm * (row + 0.5)])
+        x, z = (x, z) if self.lens is None else self.through_lens(x, z)
+        return float(x[0]), float(z[0])
+
+    def through_lens(self, x_mm: Floats, z_mm: Floats) -> tuple[Floats, Floats]:
+        """Where a picture's places are looked at, both mm."""
+        lens = self.lens
+        assert lens is not None
+        middle = self.left_mm + lens.right_mm, self.top_mm + lens.down_mm
+        x, z = lens.looked_at(x_mm - middle[0], z_mm - middle[1])
+        return x + middle[0], z + middle[1]
 
     def around(self, parts: int = 1) -> PixelGrid:
         """A plain grid of the same pixels around all places that are looked at: itself, or more.
@@ -146,11 +157,7 @@ class PixelGrid:
 @lru_cache(maxsize=2)
 def _looked_at(pixels: PixelGrid) -> tuple[Floats, Floats]:
     """The places of a grid with a lens; the last ones are kept."""
-    lens = pixels.lens
-    assert lens is not None
-    middle = pixels.left_mm + lens.right_mm, pixels.top_mm + lens.down_mm
-    x, z = lens.looked_at(pixels.x_mm[None, :] - middle[0], pixels.z_mm[:, None] - middle[1])
-    return x + middle[0], z + middle[1]
+    return pixels.through_lens(pixels.x_mm[None, :], pixels.z_mm[:, None])
 
 
 def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
@@ -204,47 +211,6 @@ def _lens(camera: Camera, rows: int, cols: int) -> Lens | None:
 
 StressDifference = NDArray[np.complexfloating]
 """(sigma_x - sigma_z) + 2i tau_xz (rows, cols), MPa. Its modulus is sigma_1 - sigma_2."""
-
-
-@dataclass(frozen=True)
-class StressComponents:
-    """Plane stress components on a pixel grid, MPa, tension positive.
-
-    Parameters
-    ----------
-    sigma_x : ndarray (rows, cols)
-        Normal stress along the surface (MPa).
-    sigma_z : ndarray (rows, cols)
-        Normal stress across it (MPa).
-    tau_xz : ndarray (rows, cols)
-        Shear stress (MPa).
-    """
-
-    sigma_x: Floats
-    sigma_z: Floats
-    tau_xz: Floats
-
-    @property
-    def difference(self) -> StressDifference:
-        """(sigma_x - sigma_z) + 2i tau_xz."""
-        return (self.sigma_x - self.sigma_z) + 2j * self.tau_xz
-
-    @property
-    def principal(self) -> tuple[Floats, Floats]:
-        """Principal stresses sigma_1 >= sigma_2 in the plane (MPa)."""
-        mean, radius = 0.5 * (self.sigma_x + self.sigma_z), 0.5 * np.abs(self.difference)
-        return mean + radius, mean - radius
-
-    @property
-    def largest_shear(self) -> Floats:
-        """Largest shear stress in the plane, (sigma_1 - sigma_2)/2 (MPa)."""
-        return np.asarray(0.5 * np.abs(self.difference))
-
-    @classmethod
-    def from_invariants(cls, difference: StressDifference, trace: Floats) -> StressComponents:
-        """Components from (sigma_x - sigma_z) + 2i tau_xz and sigma_x + sigma_z, of one shape."""
-        real = difference.real
-        return cls(0.5 * (trace + real), 0.5 * (trace - real), 0.5 * difference.imag)
 
 
 def principal_direction(difference: StressDifference) -> Floats:
