@@ -26,7 +26,6 @@ from isochrome.figures import (
     BAND,
     FINE_PT,
     FRAME_MAP,
-    KEY_LABELS,
     LINE_COLOURS,
     LINE_PT,
     OVERLAY_COLOUR,
@@ -35,18 +34,16 @@ from isochrome.figures import (
     PaperPanels,
     PictureKind,
     Place,
-    Plot,
     add_colour_bar,
     centred_limit,
     chosen_frames,
-    draw_chi,
     draw_line,
-    draw_values,
     given_axes,
     panels_figure,
     place_of_image,
     plain_name,
     show_image,
+    values_plots,
 )
 from isochrome.fitting import SceneRenderer, frame_scene, scene_at, sliding_scene
 from isochrome.fringes import Skeleton, order_contours, skeletons
@@ -291,19 +288,13 @@ def _panels(table: Mapping[str, list[Any]], items: Sequence[Shown]) -> PaperPane
     """The panels of some frames, and the plots of a tracked video's values."""
     largest = max((_highest_order(item.order) for item in items), default=1.0)
     read = any(item.order is not None for item in items)
-    tracked, plots = PICTURE in table, []
-    if tracked:
-        outcome = frame_values(table)
-        for key in outcome.keys:
-            drawn = partial(draw_values, table=outcome, key=key)
-            plots.append(Plot(title=KEY_LABELS.get(key, key), draw=drawn, height_mm=30.0))
-        plots.append(Plot(title="chi", draw=partial(draw_chi, table=outcome), height_mm=30.0))
+    tracked = PICTURE in table
     first = ", ".join(f"{order:g}" for order in _line_orders(largest)[:3])
     lines = f"N = {first} ..." if read else "dark (blue) and bright (orange) fringes"
     return PaperPanels(
         kinds=_kinds(items, largest, what="picture" if tracked else "frame"),
         labels=[plain_name(item.label, 30) for item in items],
-        plots=plots,
+        plots=values_plots(frame_values(table)) if tracked else (),
         notes=[*(_numbers(item) for item in items), *([f"Lines: {lines}"] if items else [])],
     )
 
