@@ -12,7 +12,6 @@ import itertools
 import json
 import os
 import re
-import time
 import unicodedata
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -62,7 +61,6 @@ from isochrome.progress import RunProgress, Tally
 from isochrome.runs import (
     PROVENANCE,
     WORKING,
-    WORTH_WORKERS_S,
     NoCluster,
     Stopped,
     WorkersLost,
@@ -587,8 +585,8 @@ def process_campaign(
         and the median standard uncertainty, the median kept_share, and its warnings), summary.json
         (the same, with the hashes of all input) and summary.png (load and friction).
     workers : int or None, default 1
-        Processes, as for `process`: they share out frames, or whole recordings where these are many
-        or short.
+        Processes, as for `process`: they share out frames, or whole recordings where these are
+        twice as many or more.
     progress : callable, optional
         Called with a Tally of the recordings, and one of the frames of the recording in work.
     **options : Any
@@ -679,21 +677,17 @@ def _all(
             flagged = sum(item.row["status"] != "ok" for item in result.values())
             progress(Tally(len(result), len(tasks), before, flagged), frames)
 
-    def outcomes_of() -> Generator[tuple[int, Outcome]]:
-        """One recording after the other, until it pays to compute whole ones side by side."""
-        most = 1 if options.get("cluster") else workers or processors()
-        began = time.perf_counter()
-        for number, task in enumerate(tasks):
-            each_s = (time.perf_counter() - began) / number if number else None
-            if _pays(each_s, len(tasks) - number, most, requested=workers is not None):
-                remaining = dict(enumerate(tasks[number:], number))
-                yield from run_side_by_side(remaining, scene, options, most)
-                return
-            yield number, outcome_of(task, scene, {**options, "workers": workers}, tell)
-
+    most = 1 if options.get("cluster") else workers or processors()
+    by_one = {**options, "workers": workers}
+    # many recordings are done side by side; few share out their frames
+    outcomes = (
+        run_side_by_side(dict(enumerate(tasks)), scene, options, most)
+        if 1 < most <= len(tasks) // 2
+        else ((k, outcome_of(task, scene, by_one, tell)) for k, task in enumerate(tasks))
+    )
     tell()
     try:
-        with closing(outcomes_of()) as outcomes:
+        with closing(outcomes):
             for number, outcome in outcomes:
                 result[number] = outcome
                 tell()
@@ -704,14 +698,3 @@ def _all(
         )  # fmt: skip
         raise Stopped(text) from None
     return [result[number] for number in range(len(tasks))]
-
-
-def _pays(each_s: float | None, remaining: int, workers: int, *, requested: bool) -> bool:
-    """Whether the recordings left are sooner done side by side, with `each_s` for each so far.
-
-    So it is with many, and with few where each is known to be too short for workers of its own;
-    where nobody `requested` for workers, only if all of them are worth the workers' start.
-    """
-    short = each_s is not None and each_s < WORTH_WORKERS_S
-    worth = requested or (each_s is not None and each_s * remaining > WORTH_WORKERS_S)
-    return workers > 1 and worth and remaining >= (2 if short else 2 * workers)
