@@ -218,9 +218,7 @@ def _captured(
     with single_threaded(), open_scene_frames(frames, scene) as reader:
         scene = with_file_scale(scene, reader)
         check_pixel(scene, reader.shape)
-        task = FrameTask(
-            frames=frames, scene=scene, reader=reader, key="one frame", kind=kind_of(scene)
-        )
+        task = FrameTask(frames=frames, scene=scene, reader=reader, kind=kind_of(scene))
         source = FrameSource(task)
         try:
             ((_, states),) = source.captured(index, index + 1)
