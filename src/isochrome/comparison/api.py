@@ -72,7 +72,6 @@ MOST_ROWS = 8
 
 _ROWS_FOR_PAPER = 3
 """Frames of a figure for a paper where nobody names them."""
-_PANEL_WIDTH_IN = 3.35
 _LABEL_LENGTH = 26
 
 
@@ -194,11 +193,8 @@ def plot_side_by_side(
     if axes is None:
         from matplotlib import pyplot
 
-        _, rows, cols = measured.signal.shape
-        size = 3 * _PANEL_WIDTH_IN + 1.75, np.clip(_PANEL_WIDTH_IN * rows / cols, 0.8, 6.0) + 0.7
-        panels = pyplot.subplots(
-            1, 3, figsize=size, layout="constrained", sharex=True, sharey=True
-        )[1]
+        many: Any = {"figsize": (12.0, 4.0), "sharex": True, "sharey": True}
+        panels = pyplot.subplots(1, 3, layout="constrained", **many)[1]
     label = plain_name(here.label(pairs[frame][0]), _LABEL_LENGTH)
     titles = (f"experiment: {label}", "simulation", "experiment − simulation")
     for column, (one, title) in enumerate(zip(panels, titles, strict=True)):

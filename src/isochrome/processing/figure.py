@@ -26,6 +26,7 @@ from isochrome.figures import (
     BAND,
     FINE_PT,
     FRAME_MAP,
+    GREY,
     LINE_COLOURS,
     LINE_PT,
     OVERLAY_COLOUR,
@@ -82,6 +83,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
+    from PIL import Image
 
     from isochrome.processing.processed import Processed
     from isochrome.runs import RunDataset, StoredArrays
@@ -395,9 +397,8 @@ PREVIEW = "preview.png"
 EVERY_S = 3.0
 """Seconds between two pictures: one takes some 20 ms."""
 
-_NOT_KNOWN = (128, 128, 128)
-_STRIP_PX, _LETTER = 22, 0.45
-"""Height of the line of words, and the size of its letters."""
+_STRIP_PX = 22
+"""Height of the line of words."""
 
 
 def write_preview(place: Path, item: ProcessedFrame | FollowedFrame) -> None:
@@ -413,32 +414,22 @@ def write_preview(place: Path, item: ProcessedFrame | FollowedFrame) -> None:
             return
     except FileNotFoundError:
         pass  # the first
-    import cv2
-
     with replacing(place) as beside:
-        done, data = cv2.imencode(".png", preview_picture(reading.order, _words(item)))
-        assert done
-        beside.write_bytes(data.tobytes())
+        preview_picture(reading.order, _words(item)).save(beside, "PNG")
 
 
-def preview_picture(order: np.ndarray, words: str) -> np.ndarray:
-    """Orders in colours from 0 to the largest, grey where not known, under some words in ASCII.
-
-    Blue, green and red (rows + 22, cols, 3), 8 bits.
-    """
-    import cv2
+def preview_picture(order: np.ndarray, words: str) -> Image.Image:
+    """Orders in colours from 0 to the largest, grey where not known, under a line of words."""
     from matplotlib import colormaps
+    from PIL import Image, ImageDraw
 
-    known = np.isfinite(order)
-    largest = max(float(order[known].max()) if known.any() else 0.0, 1e-9)
-    table = (255.0 * colormaps[VALUE_MAP](np.linspace(0.0, 1.0, 256))[:, 2::-1]).astype(np.uint8)
-    level = np.where(known, 255.0 * order / largest, 0.0).astype(np.uint8)
-    picture = np.ascontiguousarray(table[level])
-    picture[~known] = _NOT_KNOWN
-    strip = np.full((_STRIP_PX, order.shape[1], 3), 255, np.uint8)
-    at = (4, _STRIP_PX - 7)
-    cv2.putText(strip, words, at, cv2.FONT_HERSHEY_SIMPLEX, _LETTER, (0, 0, 0), 1, cv2.LINE_AA)
-    return np.concatenate((strip, picture))
+    known = order[np.isfinite(order)]
+    largest = max(float(known.max()) if known.size else 0.0, 1e-9)
+    colours = colormaps[VALUE_MAP].with_extremes(bad=GREY)(order / largest, bytes=True)
+    picture = Image.new("RGB", (order.shape[1], _STRIP_PX + order.shape[0]), "white")
+    ImageDraw.Draw(picture).text((4, 5), words, "black")
+    picture.paste(Image.fromarray(colours[..., :3]), (0, _STRIP_PX))
+    return picture
 
 
 def _words(item: ProcessedFrame | FollowedFrame) -> str:
