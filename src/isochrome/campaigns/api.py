@@ -333,7 +333,15 @@ def _panels(every: Sequence[Outcome], rows: Sequence[int]) -> PaperPanels:
     keys = [key for key in DRAWN if any(f"{key} mean" in item.row for item in chosen)]
     if not keys:
         return PaperPanels()
-    colours, (across, label) = _colours(len(chosen)), _across(chosen)
+    # at distances, where a recording has several
+    slid = [item.curves.get("distance_m", np.empty(0)) for item in chosen]
+    slides = any(np.unique(d[np.isfinite(d)]).size > 1 for d in slid)
+    across, label = ("distance_m", "sliding distance (m)") if slides else ("frame", "frame")
+    colours: list[Any] = list(LINE_COLOURS[: len(chosen)])
+    if len(colours) < len(chosen):  # too many to be told apart: they go with the order
+        from matplotlib import colormaps
+
+        colours = list(colormaps[VALUE_MAP](np.linspace(0.0, 0.92, len(chosen))))
 
     def over(key: str, axes: Axes) -> None:
         _over_recordings(axes, key, chosen, colours)
@@ -352,25 +360,6 @@ def _panels(every: Sequence[Outcome], rows: Sequence[int]) -> PaperPanels:
     named = [f"{k + 1} {plain_name(str(every[k].row['folder']), _LETTERS)}" for k in rows]
     note = "Recordings: " + ("; ".join(named) if len(rows) <= _NAMED else "as in summary.csv")
     return PaperPanels(plots=plots, plots_across=2, notes=(note,))
-
-
-def _across(outcomes: Sequence[Outcome]) -> tuple[str, str]:
-    """Where frames stand on an axis, and its label: at distances, where a recording has several."""
-    for item in outcomes:
-        known = item.curves.get("distance_m", np.empty(0))
-        known = known[np.isfinite(known)]
-        if known.size and np.ptp(known) > 0.0:
-            return "distance_m", "sliding distance (m)"
-    return "frame", "frame"
-
-
-def _colours(count: int) -> list[Any]:
-    """A colour for each recording: told apart where they are few, else going with their order."""
-    if count <= len(LINE_COLOURS):
-        return list(LINE_COLOURS[:count])
-    from matplotlib import colormaps
-
-    return list(colormaps[VALUE_MAP](np.linspace(0.0, 0.92, count)))
 
 
 def _over_recordings(

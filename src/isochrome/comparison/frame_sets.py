@@ -213,8 +213,12 @@ def compare_signals(
         if not np.all(deviation > 0.0):
             raise InputError("noise_image_comparison_holds")
         over_noise = _rms(residual / deviation)
+    a, b = (image[known] - image[known].mean() for image in (measured, model))
+    scale = float(np.sqrt((a @ a) * (b @ b)))
+    largest = np.abs(measured[known]).max() * np.abs(model[known]).max()
+    constant = scale <= 1e-18 * a.size * (1.0 + float(largest))
     return SignalMetrics(
-        ncc=_correlation(measured[known], model[known]),
+        ncc=float("nan") if constant else float(np.clip(a @ b / scale, -1.0, 1.0)),
         rmse=_rms(residual),
         rmse_over_noise=over_noise,
         ssim=_ssim(measured, fitted, known),
@@ -251,13 +255,6 @@ def _paired(
 
 def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
-
-
-def _correlation(measured: Floats, model: Floats) -> float:
-    a, b = measured - measured.mean(), model - model.mean()
-    scale = float(np.sqrt((a @ a) * (b @ b)))
-    tiny = 1e-18 * measured.size * (1.0 + float(np.abs(measured).max() * np.abs(model).max()))
-    return float(np.clip(a @ b / scale, -1.0, 1.0)) if scale > tiny else float("nan")
 
 
 def _ssim(measured: Floats, model: Floats, known: NDArray[np.bool_]) -> float:

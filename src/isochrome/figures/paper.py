@@ -534,7 +534,6 @@ def _drawn(
         parts["notes"].text(0.01, 1.0, notes, va="top").set_in_layout(False)
     _one_size(figure)
     _lay_out(figure, grid, blocks, pictures, head_mm)
-    _settle(figure)
     return figure
 
 
@@ -542,7 +541,10 @@ def _lay_out(
     figure: Figure, grid: GridSpec, blocks: dict[str, float], pictures: list[list[Axes]],
     head_mm: float,
 ) -> None:  # fmt: skip
-    """Make the figure as high as its pictures are at their width."""
+    """Make the figure as high as its pictures are at their width.
+
+    All places are rounded then, so that the same figure is the same file each time.
+    """
     engine: Any = figure.get_layout_engine()
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"Glyph .* missing from font")
@@ -557,6 +559,12 @@ def _lay_out(
         else:
             engine.execute(figure)
     figure.set_layout_engine("none")  # what is saved is what was laid out, at any resolution
+    for part in figure.findobj(lambda artist: hasattr(artist, "bbox_relative")):
+        block: Any = part
+        block.bbox_relative.set_points(np.round(block.bbox_relative.get_points(), _PLACES))
+    for axes in figure.axes:
+        place = axes.get_position(original=True)
+        axes.set_position(np.round(place.bounds, _PLACES).tolist())
 
 
 def _draw_pictures(
@@ -687,16 +695,6 @@ def _missing_mm(row: Sequence[Axes]) -> float:
         lack = box.width * shown.height / shown.width - box.height
         lacking.append((lack if lack > 0.0 else min(0.0, box.y0 - tight.y0)) / part.figure.dpi)
     return MM_PER_INCH * float(max(lacking))
-
-
-def _settle(figure: Figure) -> None:
-    """Round all places, so that the same figure is the same file each time."""
-    for part in figure.findobj(lambda artist: hasattr(artist, "bbox_relative")):
-        block: Any = part
-        block.bbox_relative.set_points(np.round(block.bbox_relative.get_points(), _PLACES))
-    for axes in figure.axes:
-        place = axes.get_position(original=True)
-        axes.set_position(np.round(place.bounds, _PLACES).tolist())
 
 
 _EMBEDDED: Any = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "isochrome"}

@@ -136,9 +136,15 @@ def show_image(
     if values.ndim != 2 and values.shape[2:] != (3,):
         raise InputError("image_shape_draw_give", shape=values.shape)
     rows, cols = values.shape[:2]
+    shown = values
+    if values.ndim == 3:  # light in 0..1 with an opacity: pixels that hold NaN let through
+        low, high = vmin or 0.0, 1.0 if vmax is None else vmax
+        known = np.isfinite(values).all(axis=2, keepdims=True)
+        light = np.clip((np.where(known, values, low) - low) / (high - low), 0.0, 1.0)
+        shown = np.concatenate([light, known], axis=2)
     left, top, pixel = (-0.5, -0.5, 1.0) if pixel_mm is None else (left_mm, top_mm, pixel_mm)
     drawn = axes.imshow(
-        values if values.ndim == 2 else _opaque(values, vmin, vmax),
+        shown,
         cmap=cmap,
         vmin=vmin,
         vmax=vmax,
@@ -161,14 +167,6 @@ def draw_line(axes: Axes, rows: np.ndarray, cols: np.ndarray, place: Place, **lo
     if pixel:
         x, z = place["left_mm"] + pixel * (x + 0.5), place["top_mm"] + pixel * (z + 0.5)
     axes.plot(x, z, **look)
-
-
-def _opaque(colour: np.ndarray, vmin: float | None, vmax: float | None) -> np.ndarray:
-    """Colour as light in 0..1 with an opacity (row, col, 4): pixels that hold NaN let through."""
-    low, high = vmin or 0.0, 1.0 if vmax is None else vmax
-    known = np.isfinite(colour).all(axis=2, keepdims=True)
-    light = np.clip((np.where(known, colour, low) - low) / (high - low), 0.0, 1.0)
-    return np.concatenate([light, known], axis=2)
 
 
 def ends_beyond(images: list[AxesImage]) -> str:

@@ -641,8 +641,7 @@ def _processed(
 
 def _is_done(out: Path, identify: Callable[[], Mapping[str, Any]]) -> bool:
     """Whether a finished run has left all, by what the files hold: no frame is decoded for it."""
-    complete = (out / PROVENANCE).is_file() and (out / STORE / "zarr.json").is_file()
-    if not complete or working_folder(out).exists():  # an unfinished run, or one that is at work
+    if not (out / PROVENANCE).is_file() or working_folder(out).exists():  # which one at work has
         return False
     return holds_results(out.resolve(), identify())
 

@@ -165,6 +165,11 @@ def _size(encoded: dict[str, Any]) -> int:
 def _encoded(frame: ReportFrame, stride: int, step: float) -> dict[str, Any]:
     """A frame as the page takes it: means over `stride` pixels, and orders in their middle."""
     rows, cols = (size // stride for size in frame.panes[0].values.shape)
+    squares = rows, stride, cols, stride
+    means = [
+        p.values[: rows * stride, : cols * stride].reshape(squares).mean(axis=(1, 3))
+        for p in frame.panes
+    ]
     return {name: getattr(frame, name) for name in _AS_IT_IS} | {
         "rows": rows,
         "cols": cols,
@@ -172,9 +177,9 @@ def _encoded(frame: ReportFrame, stride: int, step: float) -> dict[str, Any]:
         "first": stride // 2,
         "panes": [
             {"key": p.key, "label": p.label, "span": p.span, "unit": p.unit,
-             "png": _png(p, _means(p.values, stride)),
+             "png": _png(p, mean),
              "bar": _png(p, np.linspace(*p.span, _GREYS)[None])}  # from end to end of its span
-            for p in frame.panes
+            for p, mean in zip(frame.panes, means, strict=True)
         ],
     } | _orders(frame, stride, step)  # fmt: skip
 
@@ -188,15 +193,6 @@ def _orders(frame: ReportFrame, stride: int, step: float) -> dict[str, Any]:
         name: None if order is None else order_map(order[part], step)
         for name, order in {"order": frame.order, "model_order": frame.model_order}.items()
     }
-
-
-def _means(values: Array, stride: int) -> Array:
-    """Means over squares of `stride` pixels; NaN where one of them is not known."""
-    if stride == 1:
-        return values
-    rows, cols = (size // stride for size in values.shape)
-    squares = values[: rows * stride, : cols * stride]
-    return np.asarray(squares.reshape(rows, stride, cols, stride).mean(axis=(1, 3)))
 
 
 def order_map(order: Array, step: float = STEP) -> dict[str, Any]:
