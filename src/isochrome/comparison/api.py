@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -256,14 +256,14 @@ def _pictures_of(
 ) -> _Pictures:
     """Pictures of some pairs; their differences are in fringes where any has metrics of orders."""
     if of_order is None:
-        of_order = any(numbers.orders is not None for *_, numbers in rows)
+        of_order = any(numbers.order_rms_fringe is not None for *_, numbers in rows)
     images: list[_Images] = []
     for i, j, numbers in rows:
         measured, model = experiment.signal[i], simulation.signal[j]
         if of_order and experiment.order is not None and simulation.order is not None:
             gap = experiment.order[i] - simulation.order[j]
         else:
-            gap = measured - (numbers.signals.gain * model + numbers.signals.offset)
+            gap = measured - (numbers.gain * model + numbers.offset)
         images.append((measured, model, gap))
     bounds = [np.nanpercentile(image, (0.5, 99.5)) for row in images for image in row[:2]]
     low, high = float(np.min(bounds)), float(np.max(bounds))
@@ -278,20 +278,19 @@ def _pictures_of(
 def _caption(numbers: FrameMetrics) -> str:
     """Say the numbers of one row in one line."""
     parts = []
-    if numbers.orders is not None:
-        order = numbers.orders
-        parts += [
-            f"fringe order RMS {order.rms:.2g} (95 % below {order.p95:.2g})",
-            f"wrong branch {100 * order.wrong_branch_share:.2g} %",
-        ]
-    parts.append(f"NCC {numbers.signals.ncc:.4f}")
-    if numbers.skeleton is not None and np.isfinite(numbers.skeleton.mean_px):
-        distance = f"lines {numbers.skeleton.mean_px:.2g} px"
-        if np.isfinite(numbers.skeleton.mean_mm):
-            distance += f" ({1000 * numbers.skeleton.mean_mm:.2g} µm)"
-        parts.append(f"{distance} apart, {100 * numbers.skeleton.matched_share:.0f} % matched")
-    if np.isfinite(numbers.signals.rmse_over_noise):
-        parts.append(f"χ {numbers.signals.rmse_over_noise:.3g}")
+    if numbers.order_rms_fringe is not None:
+        rms, p95 = numbers.order_rms_fringe, numbers.order_p95_fringe
+        parts.append(f"fringe order RMS {rms:.2g} (95 % below {p95:.2g})")
+        parts.append(f"wrong branch {100 * (numbers.wrong_branch_share or 0.0):.2g} %")
+    parts.append(f"NCC {numbers.ncc:.4f}")
+    px, mm = numbers.skeleton_distance_px, numbers.skeleton_distance_mm
+    if px is not None and np.isfinite(px):
+        distance = f"lines {px:.2g} px"
+        distance += f" ({1000 * mm:.2g} µm)" if mm is not None and np.isfinite(mm) else ""
+        share = numbers.skeleton_matched_share or 0.0
+        parts.append(f"{distance} apart, {100 * share:.0f} % matched")
+    if np.isfinite(numbers.rmse_over_noise):
+        parts.append(f"χ {numbers.rmse_over_noise:.3g}")
     return "  ·  ".join(parts)
 
 
@@ -306,10 +305,10 @@ def comparison_report(
     scene: Scene | None,
 ) -> ReportContent:
     """What the report says; `record`, what provenance.json holds; `scene`: None of bare frames."""
-    columns, residual = _table(metrics), [m.signals.rmse for m in metrics]
+    columns, residual = _table(metrics), [m.rmse for m in metrics]
     chosen = choose_frames(residual, residual)
     pairs = frame_pairs(experiment, simulation)
-    of_order = any(m.orders is not None for m in metrics)
+    of_order = any(m.order_rms_fringe is not None for m in metrics)
     rows = [(*pairs[one.number], metrics[one.number]) for one in chosen]
     pictures = _pictures_of(experiment, simulation, rows, of_order)
     frames = [
@@ -539,22 +538,6 @@ def _scene_of(given: SetToCompare) -> Scene | None:
 
 
 def _table(metrics: Sequence[FrameMetrics]) -> dict[str, list[Any]]:
-    """Columns with units in their names; empty where a number cannot be had."""
-    columns = {
-        "order_rms_fringe": ("orders", "rms"),
-        "order_p95_fringe": ("orders", "p95"),
-        "order_bias_fringe": ("orders", "bias"),
-        "wrong_branch_share": ("orders", "wrong_branch_share"),
-        "compared_share": ("orders", "compared_share"),
-        "skeleton_distance_px": ("skeleton", "mean_px"),
-        "skeleton_distance_mm": ("skeleton", "mean_mm"),
-        "skeleton_matched_share": ("skeleton", "matched_share"),
-        "ncc": ("signals", "ncc"),
-        "rmse": ("signals", "rmse"),
-        "rmse_over_noise": ("signals", "rmse_over_noise"),
-        "ssim": ("signals", "ssim"),
-    }
-    return {name: [getattr(m, name) for m in metrics] for name in ("frame", "label")} | {
-        name: [getattr(getattr(m, part), number, None) for m in metrics]
-        for name, (part, number) in columns.items()
-    }
+    """The columns of metrics.csv; None where a number cannot be had."""
+    names = [one.name for one in fields(FrameMetrics) if one.name not in ("gain", "offset")]
+    return {name: [getattr(m, name) for m in metrics] for name in names}
