@@ -25,12 +25,10 @@ from isochrome.errors import InputError, IsochromeError
 from isochrome.figures import (
     BAND,
     FINE_PT,
-    FRAME_MAP,
     GREY,
     LINE_COLOURS,
     LINE_PT,
     OVERLAY_COLOUR,
-    PAPER_DIRECTION_MAP,
     VALUE_MAP,
     PaperPanels,
     PictureKind,
@@ -342,43 +340,33 @@ def shown_item(table: Mapping[str, list[Any]], dataset: Kept, k: int) -> Shown:
 def _kinds(items: Sequence[Shown], largest: float, *, what: str) -> list[PictureKind]:
     """The frames, called `what`; orders and isoclinics, which may be empty in some."""
 
-    def frame(axes: Axes, k: int) -> AxesImage:
+    def draw(axes: Axes, k: int, name: str, span: tuple[float, float]) -> AxesImage:
         item = items[k]
-        look: dict[str, Any] = {"cmap": FRAME_MAP, "vmin": 0, "vmax": 1}
-        image = np.full(item.shape, np.nan) if item.normalised is None else item.normalised
-        drawn = show_image(axes, image, **look, **item.place)
-        if item.normalised is None:
+        values = getattr(item, name)
+        known = values is not None
+        pane = Pane(name, name, values if known else np.full(item.shape, np.nan), span, "")
+        drawn = pane.draw(axes, item.place)
+        if name != "normalised":
+            drawn.set_interpolation("nearest")
+        elif known:
+            limits = axes.get_xlim(), axes.get_ylim()
+            draw_fringes(axes, item, largest)
+            axes.set(xlim=limits[0], ylim=limits[1])
+        else:
             middle: dict[str, Any] = {"ha": "center", "va": "center", "transform": axes.transAxes}
             ground = {"facecolor": "white", "edgecolor": "none", "pad": 2.0}
             axes.text(0.5, 0.5, "its picture\nis not kept", bbox=ground, **middle)
-            return drawn
-        limits = axes.get_xlim(), axes.get_ylim()
-        draw_fringes(axes, item, largest)
-        axes.set(xlim=limits[0], ylim=limits[1])
         return drawn
 
-    def a_map(axes: Axes, k: int, name: str, look: dict[str, Any]) -> AxesImage:
-        item = items[k]
-        values = getattr(item, name)
-        if values is None:
-            values = np.full(item.shape, np.nan)
-        drawn = show_image(axes, values, **look, **item.place)
-        drawn.set_interpolation("nearest")
-        return drawn
-
-    pictured = any(item.normalised is not None for item in items)
-    kinds = [PictureKind(name=what, draw=frame)] if pictured else []
-    order: dict[str, Any] = {"cmap": VALUE_MAP, "vmin": 0, "vmax": largest}
-    turned: dict[str, Any] = {"cmap": PAPER_DIRECTION_MAP, "vmin": -90.0, "vmax": 90.0}
-    for name, title, look, bar in (
-        ("order", "fringe order", order, ORDER_LABEL),
-        ("isoclinic", "direction of σ₁", turned, "from x, counter-clockwise (degrees)"),
-    ):
-        if any(getattr(item, name) is not None for item in items):
-            kinds.append(
-                PictureKind(name=title, draw=partial(a_map, name=name, look=look), bar=bar)
-            )
-    return kinds
+    return [
+        PictureKind(name=title, draw=partial(draw, name=name, span=span), bar=bar)
+        for name, title, span, bar in (
+            ("normalised", what, _LIGHT, ""),
+            ("order", "fringe order", (0.0, largest), ORDER_LABEL),
+            ("isoclinic", "direction of σ₁", (-90.0, 90.0), "from x, counter-clockwise (degrees)"),
+        )
+        if any(getattr(item, name) is not None for item in items)
+    ]
 
 
 def _numbers(item: Shown) -> str:
