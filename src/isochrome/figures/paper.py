@@ -345,7 +345,7 @@ _SCREEN_MM = 260.0
 _LETTER_MM = 1.5
 """A letter's width in a line of text."""
 _TICK_MM = 14.0
-"""Room of a number at a horizontal axis or a colour bar."""
+"""Room of a number at a plot's horizontal axis."""
 _BAR_MM = 1.6
 """Height of a colour bar."""
 _MARK_PT = 10.0
@@ -591,7 +591,6 @@ def _draw_pictures(
             title = fold(f"{next(letters)} {', '.join(filter(None, words))}", room)
             axes.set_title(title, loc="left", pad=_MARK_PT if marked else None)
             axes.set_anchor("N")
-            axes.locator_params(nbins=max(1, min(int(room / _TICK_MM), 6)))
     add_scale_bar(shown[0][0])
     _outer_labels(shown)
     for j, kind in enumerate(panels.kinds):
@@ -609,7 +608,6 @@ def _draw_pictures(
                 aspect=0.8 * width_mm / cols * len(last) / _BAR_MM,
             )
             bar.set_label(fold(kind.bar, room * len(last)))
-            bar.ax.locator_params(nbins=max(2, min(int(room * len(last) / _TICK_MM), 6)))
     return shown
 
 
