@@ -138,7 +138,7 @@ def budget_plot(title: str, parts: Mapping[str, float], *, unit: str) -> Plot:
         axes.barh(names, sizes, height=0.6, color=style.LINE_COLOURS[0])
         total = sum(size**2 for size in sizes)
         for place, size in enumerate(sizes):
-            axes.text(size, place, f" {size**2 / total:.0%}", va="center", fontsize=style.NOTE_PT)
+            axes.text(size, place, f" {size**2 / total:.0%}", va="center")
         axes.margins(x=0.2)
         axes.set_ylim(-0.6, max(len(sizes), 3) - 0.4)
         axes.locator_params(axis="x", nbins=4)
