@@ -19,11 +19,10 @@ from isochrome.errors import InputError
 from isochrome.frames import CHANNELS, channel_for, open_frames, open_tiff
 from isochrome.fringes import Skeleton, order_contours, skeletons
 from isochrome.output import read_csv, read_pixel_mm
-from isochrome.processing import PICTURE, Processed
+from isochrome.processing import PICTURE, Processed, corner_of
 from isochrome.runs import opened_record
 from isochrome.scene import Camera, FramesLike, Scene, load_scene
 from isochrome.simulation import Simulation
-from isochrome.stress import pixel_grid
 
 Floats = NDArray[np.float64]
 Metrics = dict[str, float]
@@ -496,7 +495,7 @@ def _compared(
         )
     if order is not None and simulated:
         signal = np.where(np.isfinite(order), signal, np.float32(np.nan))  # no specimen there
-    left_mm, top_mm = _corner(scene, camera, (signal.shape[1], signal.shape[2]))
+    left_mm, top_mm = corner_of(scene, (signal.shape[1], signal.shape[2]))
     noise = table.get("noise", [])  # of each frame, where the table has it as numbers
     known = len(noise) and all(isinstance(value, float) for value in noise)
     return ComparedFrames(
@@ -508,14 +507,6 @@ def _compared(
         labels=_labels(table, len(signal)),
         noise=np.array(noise) if known else None,
     )
-
-
-def _corner(scene: Scene, camera: Camera, shape: tuple[int, int]) -> tuple[float, float]:
-    """Outer edges (mm) of the first column and row; a model's are known without being stated."""
-    if camera.pixel_mm and scene.has_model:
-        grid = pixel_grid(scene, shape)
-        return grid.left_mm, grid.top_mm
-    return camera.left_mm or 0.0, camera.top_mm or 0.0
 
 
 def scaled(image: NDArray[Any], bit_depth: int | None = None) -> NDArray[np.floating]:
