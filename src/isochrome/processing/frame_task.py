@@ -7,7 +7,6 @@ import threading
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -29,19 +28,14 @@ def _ahead(items: Iterator[list[Frame]]) -> Generator[list[Frame]]:
     """
     thread = ThreadPoolExecutor(1, thread_name_prefix="reading")
     try:
-        coming = thread.submit(_read, items)
-        while result := coming.result():
-            coming = thread.submit(_read, items)
-            yield result[0]
+        coming = thread.submit(next, items, None)
+        while (frames := coming.result()) is not None:
+            coming = thread.submit(next, items, None)
+            yield frames
     finally:
         thread.shutdown(wait=True, cancel_futures=True)
         if (end := getattr(items, "close", None)) is not None:
             end()
-
-
-def _read(items: Iterator[list[Frame]]) -> list[list[Frame]]:
-    """One item, or none at the end: a StopIteration cannot pass through a Future."""
-    return list(islice(items, 1))
 
 
 @dataclass(frozen=True, kw_only=True)

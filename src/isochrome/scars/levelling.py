@@ -435,8 +435,8 @@ STANDS_OUT = 5.0
 """Depth over its uncertainty from which a scar stands out, and a ridge's area over its own: chance
 finds 3.5 to 4 when it may choose place and width."""
 
-_GUARD, _LEAST_GUARD = 2.0, 0.04
-"""Guard beside an edge: its standard uncertainties, and at least this part of the half-width."""
+_GUARD = 2.0
+"""Guard beside an edge, over its standard uncertainty; a bin at the least."""
 
 _FLANK = 0.3
 """Width beside an edge in which ridges are looked for, over the half-width."""
@@ -512,8 +512,8 @@ def _find(bins: BinnedTrace) -> tuple[ScarShape, Roughness, Mask]:
 
 def _window(place: ScarShape, spacing_mm: float) -> tuple[float, float]:
     """Ends of a scar with a guard beside each edge, mm."""
-    least, most = max(_LEAST_GUARD * place.half_mm, spacing_mm), 0.5 * place.half_mm
-    left_mm, right_mm = (min(max(_GUARD * u, least), most) for u in place.edge_uncertainty_mm)
+    most = 0.5 * place.half_mm
+    left_mm, right_mm = (min(max(_GUARD * u, spacing_mm), most) for u in place.edge_uncertainty_mm)
     return place.edges_mm[0] - left_mm, place.edges_mm[1] + right_mm
 
 
