@@ -28,14 +28,19 @@ def _ahead(items: Iterator[list[Frame]]) -> Generator[list[Frame]]:
     """
     thread = ThreadPoolExecutor(1, thread_name_prefix="reading")
     try:
-        coming = thread.submit(next, items, None)
+        coming = thread.submit(_read, items)
         while (frames := coming.result()) is not None:
-            coming = thread.submit(next, items, None)
+            coming = thread.submit(_read, items)
             yield frames
     finally:
         thread.shutdown(wait=True, cancel_futures=True)
         if (end := getattr(items, "close", None)) is not None:
             end()
+
+
+def _read(items: Iterator[list[Frame]]) -> list[Frame] | None:
+    """One item, None at the end: a StopIteration cannot pass through a Future."""
+    return next(items, None)
 
 
 @dataclass(frozen=True, kw_only=True)
