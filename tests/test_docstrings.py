@@ -47,7 +47,6 @@ PARTS = {
     "isochrome.calibration": ("ImageFit", "MeasuredValue", "ScalePicture", "WornDistance"),
     "isochrome.calibration.wear_result": ("WearLawFit",),
     "isochrome.comparison": ("ComparedFrames", "FrameMetrics", "ScarPair"),
-    "isochrome.comparison.frame_sets": ("OrderMetrics", "SignalMetrics", "SkeletonDistance"),
     "isochrome.contact": ("ContactGrid", "SurfaceState"),
     "isochrome.drafting": ("DraftValue", "OpenKey"), "isochrome.estimation": ("BudgetInput",),
     "isochrome.frames": ("Finding", "Frame"), "isochrome.output": ("FrameValues",),

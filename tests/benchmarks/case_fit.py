@@ -227,7 +227,7 @@ def share(row: FitRow) -> float:
 
 def figure(rows: list[FitRow]):
     """Each error as a share of its bar, and what a fit of each case costs."""
-    from isochrome.figures import NOTE_PT, new_figure, style_axes
+    from isochrome.figures import new_figure, style_axes
 
     blue, orange = LINE_COLOURS[:2]
     picture = new_figure(11.0, 0.34 * len(rows) + 1.9)
@@ -245,7 +245,7 @@ def figure(rows: list[FitRow]):
             costs.plot(row.evaluations, k, "s", color=blue, ms=6)
             costs.annotate(
                 f"{1e-3 * row.cpu_ms:.2g} s", (row.evaluations, k), (7, 0),
-                textcoords="offset points", va="center", fontsize=NOTE_PT,
+                textcoords="offset points", va="center", fontsize="small",
             )  # fmt: skip
         last = row.problem, row.case
     errors.axvline(1.0, color="0.3", lw=1.0, ls="--")
@@ -258,7 +258,7 @@ def figure(rows: list[FitRow]):
     labels = ("error / bar", "evaluations of the renderer")
     for axes, title, label in zip((errors, costs), titles, labels, strict=True):
         style_axes(axes, x_label=label, z_label="", title=title)
-        axes.tick_params(labelsize=NOTE_PT)
+        axes.tick_params(labelsize="small")
         axes.xaxis.set_major_formatter("{x:g}")
         axes.grid(alpha=0.3, lw=0.5)
         axes.set_axisbelow(True)

@@ -281,7 +281,7 @@ def _number(value: float, how: str, factor: float) -> str:
 def figure(rows: list[FringeRow]):
     """RMS error against what is kept and against time: a point a specimen, the largest of a colour
     all of them."""
-    from isochrome.figures import NOTE_PT, new_figure, style_axes
+    from isochrome.figures import new_figure, style_axes
 
     picture = new_figure(10.5, 5.0)
     together = over_all(rows)
@@ -301,7 +301,7 @@ def figure(rows: list[FringeRow]):
                     )  # fmt: skip
         axes.set_yscale("log")
         for which in ("major", "minor"):
-            axes.tick_params(axis="y", which=which, labelsize=NOTE_PT)
+            axes.tick_params(axis="y", which=which, labelsize="small")
         axes.yaxis.set_major_formatter("{x:g}")
         axes.yaxis.set_minor_formatter(_first_digits)
         style_axes(axes, x_label=x_label, z_label="RMS error (fringes)", title=title)
@@ -311,7 +311,7 @@ def figure(rows: list[FringeRow]):
     picture.axes[1].xaxis.set_major_formatter("{x:g}")
     handles, labels = picture.axes[0].get_legend_handles_labels()
     picture.legend(
-        handles, labels, loc="outside lower center", frameon=False, fontsize=NOTE_PT,
+        handles, labels, loc="outside lower center", frameon=False, fontsize="small",
         ncols=len(labels), markerscale=0.6,
     )  # fmt: skip
     picture.suptitle("Fringe order by every method: a point a specimen, large ones all of them")

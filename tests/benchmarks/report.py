@@ -116,9 +116,7 @@ def _draw(axes, line: series.Series) -> None:
 
 
 def _name_below(axes, columns: int) -> None:
-    from isochrome.figures import NOTE_PT
-
     axes.legend(
-        loc="upper center", bbox_to_anchor=(0.48, -0.17), frameon=False, fontsize=NOTE_PT,
+        loc="upper center", bbox_to_anchor=(0.48, -0.17), frameon=False, fontsize="small",
         ncols=columns, columnspacing=1.0, handlelength=2.4,
     )  # fmt: skip

@@ -291,7 +291,7 @@ def test_what_is_refused_leaves_all_as_it_was(stacks, place, command):
         process_campaign([], "scene.toml", "out")
 
 
-def test_many_recordings_go_side_by_side_once_it_pays(stacks, monkeypatch):
+def test_many_recordings_go_side_by_side(stacks, monkeypatch):
     given = []
 
     def one(task, *rest):
@@ -304,18 +304,12 @@ def test_many_recordings_go_side_by_side_once_it_pays(stacks, monkeypatch):
     monkeypatch.setattr(run_module, "outcome_of", one)
     monkeypatch.setattr(run_module, "run_side_by_side", several)
     monkeypatch.setattr(run_module, "processors", lambda: 2)
-    monkeypatch.setattr(run_module, "WORTH_WORKERS_S", 1e9)  # as if all were short
-    process_campaign(stacks, "scene.toml", "short", workers=None)
-    assert given == []
-    process_campaign(stacks, "scene.toml", "asked", workers=2)
-    assert given.pop() == ([0, 1, 2, 3], 2)
-    process_campaign(stacks[:3], "scene.toml", "asked for three", workers=2)
-    assert given.pop() == ([1, 2], 2)  # known to be short after the first
-    monkeypatch.setattr(run_module, "WORTH_WORKERS_S", 0.0)  # as if each took hours
-    process_campaign(stacks[:3], "scene.toml", "few long ones", workers=None)
-    assert given == []
-    process_campaign([*stacks, "runs/run5.tif"], "scene.toml", "long", workers=None)
-    assert given.pop() == ([1, 2, 3, 4], 2)
+    for few, workers in ((stacks[:3], 2), (stacks[:3], None), (stacks, 1), (stacks, 3)):
+        process_campaign(few, "scene.toml", "few", workers=workers)
+        assert given == []
+    for workers in (2, None):
+        process_campaign(stacks, "scene.toml", "many", workers=workers)
+        assert given.pop() == ([0, 1, 2, 3], 2)
 
 
 @pytest.mark.skipif(not hasattr(os, "symlink"), reason="no symbolic links there")

@@ -178,7 +178,7 @@ def test_result_folders_become_frame_sets(tmp_path):
     processed = load_frame_set(tmp_path / "exp")
     assert np.isnan(processed.order[:, :5, :5]).all() and processed.noise_of(1) == 0.02
     found = compare_frames(processed, simulated)
-    assert found[2].orders.bias == pytest.approx(0.02, abs=1e-5)
+    assert found[2].order_bias_fringe == pytest.approx(0.02, abs=1e-5)
 
 
 def test_off_the_specimen_a_simulated_frame_is_not_known(tmp_path):

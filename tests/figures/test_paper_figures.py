@@ -320,7 +320,8 @@ def test_labels_at_the_sides_of_values_over_frames_are_apart():
         keys=keys, values=np.ones((count, 3)), standard_uncertainty=np.full((count, 3), 0.1),
         chi=np.ones(count), distance_m=np.arange(5.0), searched=none, whole=none,
     )  # fmt: skip
-    figure = figures.frame_values_figure("film", values)
+    panels = figures.PaperPanels(plots=figures.values_plots(values))
+    figure = figures.panels_figure(panels, "film")
     labels = [" ".join(axes.get_ylabel().split()) for axes in figure.axes]
     assert labels[:2] == ["left edge of the picture (mm)", "top edge of the picture (mm)"]
     assert not overlaps(drawn_texts(figure))

@@ -20,7 +20,6 @@ from isochrome.figures import (
     INK,
     LINE_COLOURS,
     LINE_PT,
-    NOTE_PT,
     PALE,
     PaperPanels,
     PictureKind,
@@ -404,9 +403,7 @@ def _line(axes: Any, calibration: Calibration) -> None:
     if calibration.order_at_zero_load is not None:
         axes.plot(0.0, intercept, "s", color=LINE_COLOURS[1], ms=5, label=data_name("at zero load"))
         text = f"{intercept:+.4f} at zero load"
-        axes.annotate(
-            text, (0.0, intercept), (8, -3), textcoords="offset points", va="top", fontsize=NOTE_PT
-        )
+        axes.annotate(text, (0.0, intercept), (8, -3), textcoords="offset points", va="top")
     axes.set_xlim(0.0 - 0.02 * reach[1], reach[1])
     axes.axhline(0.0, color=PALE, lw=FINE_PT, zorder=0)
     style_axes(axes, x_label="load (N)", z_label=f"order at the {CUTS[calibration.specimen].place}")

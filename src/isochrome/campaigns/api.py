@@ -12,7 +12,6 @@ import itertools
 import json
 import os
 import re
-import time
 import unicodedata
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -62,7 +61,6 @@ from isochrome.progress import RunProgress, Tally
 from isochrome.runs import (
     PROVENANCE,
     WORKING,
-    WORTH_WORKERS_S,
     NoCluster,
     Stopped,
     WorkersLost,
@@ -335,7 +333,15 @@ def _panels(every: Sequence[Outcome], rows: Sequence[int]) -> PaperPanels:
     keys = [key for key in DRAWN if any(f"{key} mean" in item.row for item in chosen)]
     if not keys:
         return PaperPanels()
-    colours, (across, label) = _colours(len(chosen)), _across(chosen)
+    # at distances, where a recording has several
+    slid = [item.curves.get("distance_m", np.empty(0)) for item in chosen]
+    slides = any(np.unique(d[np.isfinite(d)]).size > 1 for d in slid)
+    across, label = ("distance_m", "sliding distance (m)") if slides else ("frame", "frame")
+    colours: list[Any] = list(LINE_COLOURS[: len(chosen)])
+    if len(colours) < len(chosen):  # too many to be told apart: they go with the order
+        from matplotlib import colormaps
+
+        colours = list(colormaps[VALUE_MAP](np.linspace(0.0, 0.92, len(chosen))))
 
     def over(key: str, axes: Axes) -> None:
         _over_recordings(axes, key, chosen, colours)
@@ -354,25 +360,6 @@ def _panels(every: Sequence[Outcome], rows: Sequence[int]) -> PaperPanels:
     named = [f"{k + 1} {plain_name(str(every[k].row['folder']), _LETTERS)}" for k in rows]
     note = "Recordings: " + ("; ".join(named) if len(rows) <= _NAMED else "as in summary.csv")
     return PaperPanels(plots=plots, plots_across=2, notes=(note,))
-
-
-def _across(outcomes: Sequence[Outcome]) -> tuple[str, str]:
-    """Where frames stand on an axis, and its label: at distances, where a recording has several."""
-    for item in outcomes:
-        known = item.curves.get("distance_m", np.empty(0))
-        known = known[np.isfinite(known)]
-        if known.size and np.ptp(known) > 0.0:
-            return "distance_m", "sliding distance (m)"
-    return "frame", "frame"
-
-
-def _colours(count: int) -> list[Any]:
-    """A colour for each recording: told apart where they are few, else going with their order."""
-    if count <= len(LINE_COLOURS):
-        return list(LINE_COLOURS[:count])
-    from matplotlib import colormaps
-
-    return list(colormaps[VALUE_MAP](np.linspace(0.0, 0.92, count)))
 
 
 def _over_recordings(
@@ -587,8 +574,8 @@ def process_campaign(
         and the median standard uncertainty, the median kept_share, and its warnings), summary.json
         (the same, with the hashes of all input) and summary.png (load and friction).
     workers : int or None, default 1
-        Processes, as for `process`: they share out frames, or whole recordings where these are many
-        or short.
+        Processes, as for `process`: they share out frames, or whole recordings where these are
+        twice as many or more.
     progress : callable, optional
         Called with a Tally of the recordings, and one of the frames of the recording in work.
     **options : Any
@@ -679,21 +666,17 @@ def _all(
             flagged = sum(item.row["status"] != "ok" for item in result.values())
             progress(Tally(len(result), len(tasks), before, flagged), frames)
 
-    def outcomes_of() -> Generator[tuple[int, Outcome]]:
-        """One recording after the other, until it pays to compute whole ones side by side."""
-        most = 1 if options.get("cluster") else workers or processors()
-        began = time.perf_counter()
-        for number, task in enumerate(tasks):
-            each_s = (time.perf_counter() - began) / number if number else None
-            if _pays(each_s, len(tasks) - number, most, requested=workers is not None):
-                remaining = dict(enumerate(tasks[number:], number))
-                yield from run_side_by_side(remaining, scene, options, most)
-                return
-            yield number, outcome_of(task, scene, {**options, "workers": workers}, tell)
-
+    most = 1 if options.get("cluster") else workers or processors()
+    by_one = {**options, "workers": workers}
+    # many recordings are done side by side; few share out their frames
+    outcomes = (
+        run_side_by_side(dict(enumerate(tasks)), scene, options, most)
+        if 1 < most <= len(tasks) // 2
+        else ((k, outcome_of(task, scene, by_one, tell)) for k, task in enumerate(tasks))
+    )
     tell()
     try:
-        with closing(outcomes_of()) as outcomes:
+        with closing(outcomes):
             for number, outcome in outcomes:
                 result[number] = outcome
                 tell()
@@ -704,14 +687,3 @@ def _all(
         )  # fmt: skip
         raise Stopped(text) from None
     return [result[number] for number in range(len(tasks))]
-
-
-def _pays(each_s: float | None, remaining: int, workers: int, *, requested: bool) -> bool:
-    """Whether the recordings left are sooner done side by side, with `each_s` for each so far.
-
-    So it is with many, and with few where each is known to be too short for workers of its own;
-    where nobody `requested` for workers, only if all of them are worth the workers' start.
-    """
-    short = each_s is not None and each_s < WORTH_WORKERS_S
-    worth = requested or (each_s is not None and each_s * remaining > WORTH_WORKERS_S)
-    return workers > 1 and worth and remaining >= (2 if short else 2 * workers)

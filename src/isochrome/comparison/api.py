@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from isochrome.comparison.frame_sets import (
     ComparedFrames,
@@ -22,8 +21,6 @@ from isochrome.comparison.frame_sets import (
 from isochrome.comparison.scar_comparison import ScarComparison, compare_scars
 from isochrome.errors import InputError
 from isochrome.figures import (
-    DIFFERENCE_MAP,
-    FRAME_MAP,
     LINE_PT,
     OVERLAY_COLOUR,
     PaperPanels,
@@ -35,7 +32,6 @@ from isochrome.figures import (
     draw_line,
     panels_figure,
     plain_name,
-    show_image,
 )
 from isochrome.fringes import order_contours, skeletons
 from isochrome.output import (
@@ -72,7 +68,6 @@ MOST_ROWS = 8
 
 _ROWS_FOR_PAPER = 3
 """Frames of a figure for a paper where nobody names them."""
-_PANEL_WIDTH_IN = 3.35
 _LABEL_LENGTH = 26
 
 
@@ -111,21 +106,24 @@ def side_by_side_panels(
     pairs = frame_pairs(experiment, simulation)
     shown = chosen_frames(frames, len(pairs), evenly_spaced(range(len(pairs)), _ROWS_FOR_PAPER))
     chosen = [(*pairs[k], metrics[k]) for k in shown]
-    pictures = _pictures_of(experiment, simulation, chosen)
+    panes, place = _panes_of(experiment, simulation, chosen)
 
     def draw(axes: Axes, k: int, column: int) -> AxesImage:
-        drawn = pictures.show(axes, k, column)
+        drawn = panes[k][column].draw(axes, place)
         if column == 0:
-            _draw_lines(axes, simulation, chosen[k][1], pictures.place)
+            _draw_lines(axes, simulation, chosen[k][1], place)
         return drawn
 
-    bars = {"experiment": "", "simulation": "", "difference": pictures.bar}
     labels = [plain_name(numbers.label, _LABEL_LENGTH) for *_, numbers in chosen]
     notes = [f"{label}: {_caption(row[2])}" for label, row in zip(labels, chosen, strict=True)]
     return PaperPanels(
         kinds=[
-            PictureKind(name=name, draw=partial(draw, column=column), bar=bar)
-            for column, (name, bar) in enumerate(bars.items())
+            PictureKind(
+                name=pane.key,
+                draw=partial(draw, column=column),
+                bar=_BARS[pane.unit] if pane.key == "difference" else "",
+            )
+            for column, pane in enumerate(panes[0])
         ],
         labels=labels,
         notes=[*notes, "Orange: dark-fringe centre lines of the simulation."],
@@ -189,51 +187,21 @@ def plot_side_by_side(
     of_order = here.order is not None and there.order is not None
     measured, model = (part.only(at) for part, at in zip((here, there), pairs[frame], strict=True))
     (numbers,) = compare_frames(measured, model)
-    pictures = _pictures_of(measured, model, [(0, 0, numbers)], of_order)
+    (panes,), place = _panes_of(measured, model, [(0, 0, numbers)], of_order)
     panels: Any = axes
     if axes is None:
         from matplotlib import pyplot
 
-        _, rows, cols = measured.signal.shape
-        size = 3 * _PANEL_WIDTH_IN + 1.75, np.clip(_PANEL_WIDTH_IN * rows / cols, 0.8, 6.0) + 0.7
-        panels = pyplot.subplots(
-            1, 3, figsize=size, layout="constrained", sharex=True, sharey=True
-        )[1]
+        many: Any = {"figsize": (12.0, 4.0), "sharex": True, "sharey": True}
+        panels = pyplot.subplots(1, 3, layout="constrained", **many)[1]
     label = plain_name(here.label(pairs[frame][0]), _LABEL_LENGTH)
     titles = (f"experiment: {label}", "simulation", "experiment − simulation")
-    for column, (one, title) in enumerate(zip(panels, titles, strict=True)):
-        drawn = pictures.show(one, 0, column, title)
+    for one, pane, title in zip(panels, panes, titles, strict=True):
+        drawn = pane.draw(one, place, title)
     if lines:
-        _draw_lines(panels[0], model, 0, pictures.place)
-    add_colour_bar(drawn, pictures.bar)
+        _draw_lines(panels[0], model, 0, place)
+    add_colour_bar(drawn, _BARS[panes[2].unit])
     return panels[0], panels[1], panels[2]
-
-
-@dataclass(frozen=True)
-class _Pictures:
-    """Pairs of frames with their differences, as they are drawn.
-
-    `grey`, the range that 99 % of the pixels fill, and `limit`, that of the differences;
-    `of_order`, whether these are in fringes, else in signal units; `place`, where frames lie.
-    """
-
-    images: list[_Images]
-    grey: tuple[float, float]
-    limit: float
-    of_order: bool
-    place: Place
-
-    @property
-    def bar(self) -> str:
-        """What stands beside the colours of the differences."""
-        return f"difference of {'fringe order (fringes)' if self.of_order else 'signal (0 to 1)'}"
-
-    def show(self, axes: Axes, row: int, column: int, title: str = "") -> AxesImage:
-        """Experiment, simulation or their difference of a pair."""
-        ends = self.grey if column < 2 else (-self.limit, self.limit)
-        look: Any = {"cmap": FRAME_MAP if column < 2 else DIFFERENCE_MAP, "title": title}
-        image = self.images[row][column]
-        return show_image(axes, image, vmin=ends[0], vmax=ends[1], **look, **self.place)
 
 
 def _draw_lines(axes: Axes, simulation: ComparedFrames, index: int, place: Place) -> None:
@@ -248,54 +216,66 @@ def _draw_lines(axes: Axes, simulation: ComparedFrames, index: int, place: Place
             draw_line(axes, line.rows, line.cols, place, **look)
 
 
-_Images = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
-"""The signals of a pair, and experiment - simulation in fringes or in signal units."""
+_BARS = {FRINGES: "difference of fringe order (fringes)", SIGNAL: "difference of signal (0 to 1)"}
+"""What stands beside the colours of the differences, by their unit."""
 
 
-def _pictures_of(
+def _panes_of(
     experiment: ComparedFrames,
     simulation: ComparedFrames,
     rows: Sequence[tuple[int, int, FrameMetrics]],
     of_order: bool | None = None,
-) -> _Pictures:
-    """Pictures of some pairs; their differences are in fringes where any has metrics of orders."""
+) -> tuple[list[tuple[Pane, ...]], Place]:
+    """Experiment, simulation and difference of some pairs, each on one range; where they lie.
+
+    Differences are in fringes where any pair has metrics of orders, else in signal units; the
+    frames' range of grey is that which 99 % of the pixels fill.
+    """
     if of_order is None:
-        of_order = any(numbers.orders is not None for *_, numbers in rows)
-    images: list[_Images] = []
-    for i, j, numbers in rows:
-        measured, model = experiment.signal[i], simulation.signal[j]
+        of_order = any(numbers.order_rms_fringe is not None for *_, numbers in rows)
+    pairs = [(experiment.signal[i], simulation.signal[j]) for i, j, _ in rows]
+    gaps = []
+    for (i, j, numbers), (measured, model) in zip(rows, pairs, strict=True):
         if of_order and experiment.order is not None and simulation.order is not None:
-            gap = experiment.order[i] - simulation.order[j]
+            gaps.append(experiment.order[i] - simulation.order[j])
         else:
-            gap = measured - (numbers.signals.gain * model + numbers.signals.offset)
-        images.append((measured, model, gap))
-    bounds = [np.nanpercentile(image, (0.5, 99.5)) for row in images for image in row[:2]]
+            gaps.append(measured - (numbers.gain * model + numbers.offset))
+    bounds = [np.nanpercentile(image, (0.5, 99.5)) for pair in pairs for image in pair]
     low, high = float(np.min(bounds)), float(np.max(bounds))
     grey = (low, high) if high > low else (low - 0.5, high + 0.5)
+    limit, unit = centred_limit(*gaps), FRINGES if of_order else SIGNAL
+    name = f"experiment − simulation, {'order N' if of_order else 'light'}"
+    panes: list[tuple[Pane, ...]] = [
+        (
+            Pane("experiment", "experiment", measured, grey, SIGNAL),
+            Pane("simulation", "simulation", model, grey, SIGNAL),
+            Pane("difference", name, gap, (-limit, limit), unit),
+        )
+        for (measured, model), gap in zip(pairs, gaps, strict=True)
+    ]
     known = simulation if simulation.pixel_mm is not None else experiment
     place: Place = {
         "pixel_mm": known.pixel_mm, "left_mm": known.left_mm, "top_mm": known.top_mm,
     }  # fmt: skip
-    return _Pictures(images, grey, centred_limit(*(gap for *_, gap in images)), of_order, place)
+    return panes, place
 
 
 def _caption(numbers: FrameMetrics) -> str:
     """Say the numbers of one row in one line."""
     parts = []
-    if numbers.orders is not None:
-        order = numbers.orders
-        parts += [
-            f"fringe order RMS {order.rms:.2g} (95 % below {order.p95:.2g})",
-            f"wrong branch {100 * order.wrong_branch_share:.2g} %",
-        ]
-    parts.append(f"NCC {numbers.signals.ncc:.4f}")
-    if numbers.skeleton is not None and np.isfinite(numbers.skeleton.mean_px):
-        distance = f"lines {numbers.skeleton.mean_px:.2g} px"
-        if np.isfinite(numbers.skeleton.mean_mm):
-            distance += f" ({1000 * numbers.skeleton.mean_mm:.2g} µm)"
-        parts.append(f"{distance} apart, {100 * numbers.skeleton.matched_share:.0f} % matched")
-    if np.isfinite(numbers.signals.rmse_over_noise):
-        parts.append(f"χ {numbers.signals.rmse_over_noise:.3g}")
+    if numbers.order_rms_fringe is not None:
+        rms, p95 = numbers.order_rms_fringe, numbers.order_p95_fringe
+        parts.append(f"fringe order RMS {rms:.2g} (95 % below {p95:.2g})")
+        parts.append(f"wrong branch {100 * (numbers.wrong_branch_share or 0.0):.2g} %")
+    parts.append(f"NCC {numbers.ncc:.4f}")
+    px, mm = numbers.skeleton_distance_px, numbers.skeleton_distance_mm
+    if px is not None and np.isfinite(px):
+        distance = f"lines {px:.2g} px"
+        distance += f" ({1000 * mm:.2g} µm)" if mm is not None and np.isfinite(mm) else ""
+        share = numbers.skeleton_matched_share or 0.0
+        parts.append(f"{distance} apart, {100 * share:.0f} % matched")
+    if np.isfinite(numbers.rmse_over_noise):
+        parts.append(f"χ {numbers.rmse_over_noise:.3g}")
     return "  ·  ".join(parts)
 
 
@@ -310,21 +290,21 @@ def comparison_report(
     scene: Scene | None,
 ) -> ReportContent:
     """What the report says; `record`, what provenance.json holds; `scene`: None of bare frames."""
-    columns, residual = _table(metrics), [m.signals.rmse for m in metrics]
+    columns, residual = _table(metrics), [m.rmse for m in metrics]
     chosen = choose_frames(residual, residual)
     pairs = frame_pairs(experiment, simulation)
-    of_order = any(m.orders is not None for m in metrics)
+    of_order = any(m.order_rms_fringe is not None for m in metrics)
     rows = [(*pairs[one.number], metrics[one.number]) for one in chosen]
-    pictures = _pictures_of(experiment, simulation, rows, of_order)
+    panes, place = _panes_of(experiment, simulation, rows, of_order)
     frames = [
         ReportFrame(
             number=numbers.frame,
             label=numbers.label,
             why=one.why.replace("chi", "difference"),
-            panes=_panes(pictures, row),
+            panes=panes[row],
             order=None if experiment.order is None else experiment.order[i],
             model_order=None if simulation.order is None else simulation.order[j],
-            **pictures.place,
+            **place,
         )
         for row, (one, (i, j, numbers)) in enumerate(zip(chosen, rows, strict=True))
     ]
@@ -347,17 +327,6 @@ def comparison_report(
         scene="" if scene is None else dump_scene(scene),
         scene_title="Scene of the experiment",
         paper=paper_rows(scene, record),
-    )
-
-
-def _panes(pictures: _Pictures, row: int) -> tuple[Pane, ...]:
-    """The pictures of a pair: both on one range of grey, and their difference."""
-    (measured, model, gap), grey, limit = pictures.images[row], pictures.grey, pictures.limit
-    unit, of_what = (FRINGES, "order N") if pictures.of_order else (SIGNAL, "light")
-    return (
-        Pane("experiment", "experiment", measured, grey, SIGNAL),
-        Pane("simulation", "simulation", model, grey, SIGNAL),
-        Pane("difference", f"experiment − simulation, {of_what}", gap, (-limit, limit), unit),
     )
 
 
@@ -543,22 +512,6 @@ def _scene_of(given: SetToCompare) -> Scene | None:
 
 
 def _table(metrics: Sequence[FrameMetrics]) -> dict[str, list[Any]]:
-    """Columns with units in their names; empty where a number cannot be had."""
-    columns = {
-        "order_rms_fringe": ("orders", "rms"),
-        "order_p95_fringe": ("orders", "p95"),
-        "order_bias_fringe": ("orders", "bias"),
-        "wrong_branch_share": ("orders", "wrong_branch_share"),
-        "compared_share": ("orders", "compared_share"),
-        "skeleton_distance_px": ("skeleton", "mean_px"),
-        "skeleton_distance_mm": ("skeleton", "mean_mm"),
-        "skeleton_matched_share": ("skeleton", "matched_share"),
-        "ncc": ("signals", "ncc"),
-        "rmse": ("signals", "rmse"),
-        "rmse_over_noise": ("signals", "rmse_over_noise"),
-        "ssim": ("signals", "ssim"),
-    }
-    return {name: [getattr(m, name) for m in metrics] for name in ("frame", "label")} | {
-        name: [getattr(getattr(m, part), number, None) for m in metrics]
-        for name, (part, number) in columns.items()
-    }
+    """The columns of metrics.csv; None where a number cannot be had."""
+    names = [one.name for one in fields(FrameMetrics) if one.name not in ("gain", "offset")]
+    return {name: [getattr(m, name) for m in metrics] for name in names}

@@ -19,38 +19,17 @@ from isochrome.errors import InputError
 from isochrome.frames import CHANNELS, channel_for, open_frames, open_tiff
 from isochrome.fringes import Skeleton, order_contours, skeletons
 from isochrome.output import read_csv, read_pixel_mm
-from isochrome.processing import PICTURE, Processed
+from isochrome.processing import PICTURE, Processed, corner_of
 from isochrome.runs import opened_record
 from isochrome.scene import Camera, FramesLike, Scene, load_scene
 from isochrome.simulation import Simulation
-from isochrome.stress import pixel_grid
 
 Floats = NDArray[np.float64]
+Metrics = dict[str, float]
+"""Some of a pair's metrics, by their names in FrameMetrics."""
 
 _REACH_PX, _REACH_KNOWN_PX = 20.0, 100.0
 _STEP_PX = 0.2  # lines are filled up to this spacing before distances are taken
-
-
-@dataclass(frozen=True)
-class SkeletonDistance:
-    """How far the fringe centre lines of two images are apart; NaN where no line has a partner.
-
-    Parameters
-    ----------
-    mean_px : float
-        Mean distance, pixels.
-    p95_px : float
-        The 95th percentile of the distance, pixels.
-    mean_mm : float
-        Mean distance, mm; NaN where the scale is not known.
-    matched_share : float
-        Length of line, on both sides, that found a partner within reach, as a share of all.
-    """
-
-    mean_px: float
-    p95_px: float
-    mean_mm: float
-    matched_share: float
 
 
 def skeleton_distance(
@@ -59,7 +38,7 @@ def skeleton_distance(
     *,
     pixel_mm: float | None = None,
     reach_px: float | None = None,
-) -> SkeletonDistance:
+) -> Metrics:
     """Mean distance between the fringe centre lines of two images; InputError where no line is.
 
     To the nearest line of the same kind (and order, where both know it); mean of both directions',
@@ -74,16 +53,14 @@ def skeleton_distance(
         reach_px = _REACH_KNOWN_PX if by_order else _REACH_PX
     forth = _nearest(experiment, simulation, by_order)
     back = _nearest(simulation, experiment, by_order)
-    both = np.concatenate([forth, back])
-    near, *sides = (each[(each <= reach_px) & np.isfinite(each)] for each in (both, forth, back))
+    sides = [each[(each <= reach_px) & np.isfinite(each)] for each in (forth, back)]
     averages = [side.mean() for side in sides if side.size]
     mean_px = float(np.mean(averages)) if averages else np.nan
-    return SkeletonDistance(
-        mean_px=mean_px,
-        p95_px=float(np.percentile(near, 95.0)) if near.size else np.nan,
-        mean_mm=np.nan if pixel_mm is None else mean_px * pixel_mm,
-        matched_share=near.size / both.size,
-    )
+    return {
+        "skeleton_distance_px": mean_px,
+        "skeleton_distance_mm": np.nan if pixel_mm is None else mean_px * pixel_mm,
+        "skeleton_matched_share": sum(side.size for side in sides) / (forth.size + back.size),
+    }
 
 
 def _nearest(source: Sequence[Skeleton], target: Sequence[Skeleton], by_order: bool) -> Floats:
@@ -119,62 +96,7 @@ WRONG_BRANCH_FRINGES = 0.25
 _SSIM_WINDOW = 7
 
 
-@dataclass(frozen=True)
-class OrderMetrics:
-    """How far two maps of the fringe order are apart.
-
-    Parameters
-    ----------
-    rms : float
-        Root mean square of the difference over all compared pixels, fringes.
-    p95 : float
-        The 95th percentile of |difference|, fringes.
-    wrong_branch_share : float
-        Share of the compared pixels that stand on a wrong branch, 0 to 1.
-    bias : float
-        Mean of experiment - simulation, fringes.
-    compared_share : float
-        Compared pixels over all, 0 to 1.
-    """
-
-    rms: float
-    p95: float
-    wrong_branch_share: float
-    bias: float
-    compared_share: float
-
-
-@dataclass(frozen=True)
-class SignalMetrics:
-    """How far two images are apart.
-
-    The line experiment = gain simulation + offset is fitted before `rmse` and `ssim`.
-
-    Parameters
-    ----------
-    ncc : float
-        Normalised cross-correlation.
-    rmse : float
-        Root mean square of the residual, in units of the signal.
-    rmse_over_noise : float
-        Root mean square of the residual over the noise.
-    ssim : float
-        Structural similarity.
-    gain : float
-        Slope of the line.
-    offset : float
-        Offset of the line, in units of the signal.
-    """
-
-    ncc: float
-    rmse: float
-    rmse_over_noise: float
-    ssim: float
-    gain: float
-    offset: float
-
-
-def compare_orders(experiment: ArrayLike, simulation: ArrayLike) -> OrderMetrics:
+def compare_orders(experiment: ArrayLike, simulation: ArrayLike) -> Metrics:
     """Compare two maps (row, col) of the fringe order N, NaN = not known, where both are known.
 
     d = N_experiment - N_simulation; rms = sqrt(mean d²); wrong branch: |d| > 0.25. The dark field,
@@ -185,18 +107,18 @@ def compare_orders(experiment: ArrayLike, simulation: ArrayLike) -> OrderMetrics
     measured, model, known = _paired(experiment, simulation, "fringe-order maps", "fringe order")
     difference = measured[known] - model[known]
     size = np.abs(difference)
-    return OrderMetrics(
-        rms=_rms(difference),
-        p95=float(np.percentile(size, 95.0)),
-        wrong_branch_share=float(np.mean(size > WRONG_BRANCH_FRINGES)),
-        bias=float(difference.mean()),
-        compared_share=float(known.sum() / known.size),
-    )
+    return {
+        "order_rms_fringe": _rms(difference),
+        "order_p95_fringe": float(np.percentile(size, 95.0)),
+        "order_bias_fringe": float(difference.mean()),
+        "wrong_branch_share": float(np.mean(size > WRONG_BRANCH_FRINGES)),
+        "compared_share": float(known.sum() / known.size),
+    }
 
 
 def compare_signals(
     experiment: ArrayLike, simulation: ArrayLike, *, noise: ArrayLike | None = None
-) -> SignalMetrics:
+) -> Metrics:
     """Compare two images of the same fringes, whatever their brightness and contrast.
 
     NCC = <(E - Ē)(S - S̄)>/(sd E sd S); RMSE = rms r, r = E - (gain S + offset) by least squares;
@@ -213,14 +135,18 @@ def compare_signals(
         if not np.all(deviation > 0.0):
             raise InputError("noise_image_comparison_holds")
         over_noise = _rms(residual / deviation)
-    return SignalMetrics(
-        ncc=_correlation(measured[known], model[known]),
-        rmse=_rms(residual),
-        rmse_over_noise=over_noise,
-        ssim=_ssim(measured, fitted, known),
-        gain=gain,
-        offset=offset,
-    )
+    a, b = (image[known] - image[known].mean() for image in (measured, model))
+    scale = float(np.sqrt((a @ a) * (b @ b)))
+    largest = np.abs(measured[known]).max() * np.abs(model[known]).max()
+    constant = scale <= 1e-18 * a.size * (1.0 + float(largest))
+    return {
+        "ncc": float("nan") if constant else float(np.clip(a @ b / scale, -1.0, 1.0)),
+        "rmse": _rms(residual),
+        "rmse_over_noise": over_noise,
+        "ssim": _ssim(measured, fitted, known),
+        "gain": gain,
+        "offset": offset,
+    }
 
 
 def brightness_line(measured: Floats, model: Floats) -> tuple[float, float]:
@@ -251,13 +177,6 @@ def _paired(
 
 def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
-
-
-def _correlation(measured: Floats, model: Floats) -> float:
-    a, b = measured - measured.mean(), model - model.mean()
-    scale = float(np.sqrt((a @ a) * (b @ b)))
-    tiny = 1e-18 * measured.size * (1.0 + float(np.abs(measured).max() * np.abs(model).max()))
-    return float(np.clip(a @ b / scale, -1.0, 1.0)) if scale > tiny else float("nan")
 
 
 def _ssim(measured: Floats, model: Floats, known: NDArray[np.bool_]) -> float:
@@ -355,7 +274,7 @@ class ComparedFrames:
         return value if np.isfinite(value) and value > 0 else None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FrameMetrics:
     """Every number for one pair of frames; None where one side lacks what it takes.
 
@@ -365,19 +284,52 @@ class FrameMetrics:
         Number of the pair, from 0.
     label : str
         Label of the frame.
-    orders : OrderMetrics or None
-        Those of the fringe order, where it is known in both frames.
-    signals : SignalMetrics
-        Those of the signals.
-    skeleton : SkeletonDistance or None
-        Distance of the fringe lines, where either frame has one.
+    order_rms_fringe : float, optional
+        Root mean square of the difference of the orders over all compared pixels, fringes.
+    order_p95_fringe : float, optional
+        The 95th percentile of |difference|, fringes.
+    order_bias_fringe : float, optional
+        Mean of experiment - simulation, fringes.
+    wrong_branch_share : float, optional
+        Share of the compared pixels that stand on a wrong branch, 0 to 1.
+    compared_share : float, optional
+        Compared pixels over all, 0 to 1.
+    skeleton_distance_px : float, optional
+        Mean distance of the fringe lines, pixels; NaN where none has a partner.
+    skeleton_distance_mm : float, optional
+        The same, mm; NaN where the scale is not known.
+    skeleton_matched_share : float, optional
+        Length of line, on both sides, that found a partner within reach, as a share of all.
+    ncc : float
+        Normalised cross-correlation of the signals.
+    rmse : float
+        Root mean square of experiment - (gain simulation + offset), in units of the signal.
+    rmse_over_noise : float
+        The same over the noise; NaN where that is not known.
+    ssim : float
+        Structural similarity of the signals.
+    gain : float
+        Slope of the line experiment = gain simulation + offset.
+    offset : float
+        Offset of the line, in units of the signal.
     """
 
     frame: int
     label: str
-    orders: OrderMetrics | None
-    signals: SignalMetrics
-    skeleton: SkeletonDistance | None
+    order_rms_fringe: float | None = None
+    order_p95_fringe: float | None = None
+    order_bias_fringe: float | None = None
+    wrong_branch_share: float | None = None
+    compared_share: float | None = None
+    skeleton_distance_px: float | None = None
+    skeleton_distance_mm: float | None = None
+    skeleton_matched_share: float | None = None
+    ncc: float
+    rmse: float
+    rmse_over_noise: float
+    ssim: float
+    gain: float
+    offset: float
 
 
 def compare_frames(experiment: ComparedFrames, simulation: ComparedFrames) -> list[FrameMetrics]:
@@ -392,21 +344,20 @@ def compare_frames(experiment: ComparedFrames, simulation: ComparedFrames) -> li
         label = (experiment if len(experiment) >= len(simulation) else simulation).label(index)
         measured, model = experiment.signal[i], simulation.signal[j]
         try:
-            signals = compare_signals(measured, model, noise=experiment.noise_of(i))
+            numbers = compare_signals(measured, model, noise=experiment.noise_of(i))
         except InputError as error:
             raise InputError(f"frame {index} ({label}): " + error.message) from error
-        orders, lines = None, list[list[Skeleton]]()
+        lines = list[list[Skeleton]]()
         if experiment.order is not None and simulation.order is not None:
             maps = _known_in_both(experiment.order[i], simulation.order[j])
             if np.isfinite(maps[0]).any():
-                orders = compare_orders(*maps)
+                numbers |= compare_orders(*maps)
                 lines = [order_contours(each) for each in maps]
         lines = lines or [skeletons(each) for each in _known_in_both(measured, model)]
-        skeleton = None
         if any(lines):
             scale = experiment.pixel_mm or simulation.pixel_mm
-            skeleton = skeleton_distance(lines[0], lines[1], pixel_mm=scale)
-        result.append(FrameMetrics(index, label, orders, signals, skeleton))
+            numbers |= skeleton_distance(lines[0], lines[1], pixel_mm=scale)
+        result.append(FrameMetrics(frame=index, label=label, **numbers))
     return result
 
 
@@ -544,7 +495,7 @@ def _compared(
         )
     if order is not None and simulated:
         signal = np.where(np.isfinite(order), signal, np.float32(np.nan))  # no specimen there
-    left_mm, top_mm = _corner(scene, camera, (signal.shape[1], signal.shape[2]))
+    left_mm, top_mm = corner_of(scene, (signal.shape[1], signal.shape[2]))
     noise = table.get("noise", [])  # of each frame, where the table has it as numbers
     known = len(noise) and all(isinstance(value, float) for value in noise)
     return ComparedFrames(
@@ -556,14 +507,6 @@ def _compared(
         labels=_labels(table, len(signal)),
         noise=np.array(noise) if known else None,
     )
-
-
-def _corner(scene: Scene, camera: Camera, shape: tuple[int, int]) -> tuple[float, float]:
-    """Outer edges (mm) of the first column and row; a model's are known without being stated."""
-    if camera.pixel_mm and scene.has_model:
-        grid = pixel_grid(scene, shape)
-        return grid.left_mm, grid.top_mm
-    return camera.left_mm or 0.0, camera.top_mm or 0.0
 
 
 def scaled(image: NDArray[Any], bit_depth: int | None = None) -> NDArray[np.floating]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from isochrome.calibration import WearSet
 from isochrome.contact import SurfaceState, contact_states
@@ -183,8 +184,6 @@ def simulated_text(value: float, spread: float) -> str:
 
 _FIRM = 1e-8
 """Of a covariance's diagonal, added to it: rounding."""
-_STEPS, _SETTLED = 10, 0.02
-"""Most steps of an alignment, and the step over the shift's uncertainty that ends it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -279,21 +278,17 @@ def _firm(covariance: Array) -> Array:
 
 
 def _aligned(trace: LevelledTrace, scar: SimulatedScar) -> tuple[float, float]:
-    """The shift (mm) of least squares by Gauss-Newton steps, and its standard uncertainty."""
-    shift = trace.centre_mm - scar.centre_mm
-    for _ in range(_STEPS):
-        x = trace.x_mm - shift
-        inside, slope = _both(trace, scar, shift), scar.slope(x, scar.depth_um)
-        d = (trace.depth_um - scar.on_bins(x, scar.depth_um))[inside]
-        weighed = np.linalg.solve(
-            _firm(trace.depth_covariance_um2[np.ix_(inside, inside)]), slope[inside]
-        )
-        weight = float(weighed @ slope[inside])
-        step = -float(weighed @ d) / weight
-        shift += step
-        if abs(step) < _SETTLED * weight**-0.5:
-            break
-    return shift, weight**-0.5
+    """The shift (mm) of least squares, and its standard uncertainty."""
+    first = trace.centre_mm - scar.centre_mm
+    inside = _both(trace, scar, first)
+    root = np.linalg.cholesky(_firm(trace.depth_covariance_um2[np.ix_(inside, inside)]))
+
+    def residual(shift: Array) -> Array:
+        simulated = scar.on_bins(trace.x_mm - shift[0], scar.depth_um)
+        return np.linalg.solve(root, (trace.depth_um - simulated)[inside])
+
+    best = least_squares(residual, [first], x_scale=scar.width_mm)
+    return float(best.x[0]), float(np.linalg.norm(best.jac)) ** -1.0
 
 
 def _both(trace: LevelledTrace, scar: SimulatedScar, shift: float) -> NDArray[np.intp]:

@@ -345,7 +345,7 @@ _SCREEN_MM = 260.0
 _LETTER_MM = 1.5
 """A letter's width in a line of text."""
 _TICK_MM = 14.0
-"""Room of a number at a horizontal axis or a colour bar."""
+"""Room of a number at a plot's horizontal axis."""
 _BAR_MM = 1.6
 """Height of a colour bar."""
 _MARK_PT = 10.0
@@ -534,7 +534,6 @@ def _drawn(
         parts["notes"].text(0.01, 1.0, notes, va="top").set_in_layout(False)
     _one_size(figure)
     _lay_out(figure, grid, blocks, pictures, head_mm)
-    _settle(figure)
     return figure
 
 
@@ -542,7 +541,10 @@ def _lay_out(
     figure: Figure, grid: GridSpec, blocks: dict[str, float], pictures: list[list[Axes]],
     head_mm: float,
 ) -> None:  # fmt: skip
-    """Make the figure as high as its pictures are at their width."""
+    """Make the figure as high as its pictures are at their width.
+
+    All places are rounded then, so that the same figure is the same file each time.
+    """
     engine: Any = figure.get_layout_engine()
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"Glyph .* missing from font")
@@ -557,6 +559,12 @@ def _lay_out(
         else:
             engine.execute(figure)
     figure.set_layout_engine("none")  # what is saved is what was laid out, at any resolution
+    for part in figure.findobj(lambda artist: hasattr(artist, "bbox_relative")):
+        block: Any = part
+        block.bbox_relative.set_points(np.round(block.bbox_relative.get_points(), _PLACES))
+    for axes in figure.axes:
+        place = axes.get_position(original=True)
+        axes.set_position(np.round(place.bounds, _PLACES).tolist())
 
 
 def _draw_pictures(
@@ -583,7 +591,6 @@ def _draw_pictures(
             title = fold(f"{next(letters)} {', '.join(filter(None, words))}", room)
             axes.set_title(title, loc="left", pad=_MARK_PT if marked else None)
             axes.set_anchor("N")
-            axes.locator_params(nbins=max(1, min(int(room / _TICK_MM), 6)))
     add_scale_bar(shown[0][0])
     _outer_labels(shown)
     for j, kind in enumerate(panels.kinds):
@@ -601,7 +608,6 @@ def _draw_pictures(
                 aspect=0.8 * width_mm / cols * len(last) / _BAR_MM,
             )
             bar.set_label(fold(kind.bar, room * len(last)))
-            bar.ax.locator_params(nbins=max(2, min(int(room * len(last) / _TICK_MM), 6)))
     return shown
 
 
@@ -687,16 +693,6 @@ def _missing_mm(row: Sequence[Axes]) -> float:
         lack = box.width * shown.height / shown.width - box.height
         lacking.append((lack if lack > 0.0 else min(0.0, box.y0 - tight.y0)) / part.figure.dpi)
     return MM_PER_INCH * float(max(lacking))
-
-
-def _settle(figure: Figure) -> None:
-    """Round all places, so that the same figure is the same file each time."""
-    for part in figure.findobj(lambda artist: hasattr(artist, "bbox_relative")):
-        block: Any = part
-        block.bbox_relative.set_points(np.round(block.bbox_relative.get_points(), _PLACES))
-    for axes in figure.axes:
-        place = axes.get_position(original=True)
-        axes.set_position(np.round(place.bounds, _PLACES).tolist())
 
 
 _EMBEDDED: Any = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "isochrome"}

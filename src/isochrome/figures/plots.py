@@ -12,12 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from isochrome.errors import InputError
 from isochrome.figures import style
-from isochrome.figures.paper import MM_PER_INCH, Plot, data_name, fold
+from isochrome.figures.paper import Plot, data_name
 from isochrome.output import FrameValues
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Array = NDArray[Any]
 
@@ -35,12 +34,6 @@ KEY_LABELS = {
     "wear.coefficient_mm2_per_n": "wear coefficient (mm²/N)",
 }
 """What stands at the axis of a key."""
-
-PANEL_IN = 2.1
-"""Height of one quantity's panel in inches."""
-
-_LABEL_MM = 0.7 * MM_PER_INCH * PANEL_IN * style.PAPER_PT / style.TEXT_PT
-"""Longest line of a label at the side, in letters of a paper's size: it keeps to its panel."""
 
 _POINTS = 1600
 """Frames that are drawn: twice as many as a panel has pixels across."""
@@ -117,58 +110,41 @@ def draw_chi(axis: Axes, table: FrameValues) -> None:
     style.style_axes(axis, x_label=across, z_label="chi")
 
 
-def frame_values_figure(name: str, table: FrameValues) -> Figure:
-    """Draw each key of tracked values with its band, and below them chi."""
-    figure = style.new_figure(9.0, PANEL_IN * (len(table.keys) + 1) + 0.8)
-    axes: list[Any] = list(figure.subplots(len(table.keys) + 1, 1, sharex=True, squeeze=False).flat)
-    for axis, key in zip(axes, table.keys, strict=False):
-        draw_values(axis, table, key)
-        axis.set_xlabel("")
-        axis.set_ylabel(fold(axis.get_ylabel(), _LABEL_MM))
-    draw_chi(axes[-1], table)
-    marks = "circles: found by a full search"
-    marks = f"dots: key frames; {marks}" if table.whole.any() else marks
-    head = f"values, band ± {BAND:g} standard uncertainties\n{marks}"
-    style.write_head(figure, f"{style.plain_name(name)}: tracked {head}")
-    return figure
+def values_plots(table: FrameValues) -> list[Plot]:
+    """A plot of each key over the frames with its band, and one of chi."""
+    draws: dict[str, Any] = {
+        KEY_LABELS.get(key, key): partial(draw_values, table=table, key=key) for key in table.keys
+    }
+    draws["chi"] = partial(draw_chi, table=table)
+    return [Plot(title=title, draw=draw, height_mm=30.0) for title, draw in draws.items()]
 
 
 def budget_plot(title: str, parts: Mapping[str, float], *, unit: str) -> Plot:
-    """`draw_budget` as a plot of a figure for a paper, high enough for its bars.
+    """An uncertainty budget as bars, the first on top, each with its share: a plot high enough.
 
-    Small contributions are drawn in a power of ten of the unit, for Matplotlib's own would stand in
-    the label's place.
+    Each input adds a standard uncertainty; none is drawn for those that add nothing. Small
+    contributions are drawn in a power of ten of the unit, for Matplotlib's own would stand in the
+    label's place.
     """
-    shown = _shown_parts(parts)
-    tall = max(30.0, 5.0 * (len(shown) + 1))
-    largest = max(shown.values(), default=1.0)
+    parts = {name: part for name, part in parts.items() if part > 0.0 and np.isfinite(part)}
+    tall = max(30.0, 5.0 * (len(parts) + 1))
+    largest = max(parts.values(), default=1.0)
     if largest < _SMALL:
         power = math.floor(math.log10(largest))
-        parts, unit = {k: part / 10.0**power for k, part in shown.items()}, f"1e{power} {unit}"
-    draw = partial(draw_budget, parts=parts, x_label=f"contribution to u ({unit})", title="")
+        parts, unit = {k: part / 10.0**power for k, part in parts.items()}, f"1e{power} {unit}"
+    names, sizes = list(parts)[::-1], list(parts.values())[::-1]
+
+    def draw(axes: Axes) -> None:
+        axes.barh(names, sizes, height=0.6, color=style.LINE_COLOURS[0])
+        total = sum(size**2 for size in sizes)
+        for place, size in enumerate(sizes):
+            axes.text(size, place, f" {size**2 / total:.0%}", va="center")
+        axes.margins(x=0.2)
+        axes.set_ylim(-0.6, max(len(sizes), 3) - 0.4)
+        axes.locator_params(axis="x", nbins=4)
+        style.style_axes(axes, x_label=f"contribution to u ({unit})")
+
     return Plot(title=title, draw=draw, height_mm=tall, least_mm=tall)  # a line of text a bar
-
-
-def _shown_parts(parts: Mapping[str, float]) -> dict[str, float]:
-    """Those that add something."""
-    return {name: part for name, part in parts.items() if part > 0.0 and np.isfinite(part)}
-
-
-def draw_budget(axes: Axes, parts: Mapping[str, float], *, x_label: str, title: str) -> None:
-    """Draw an uncertainty budget as bars, the first on top, each with its share.
-
-    Each input adds a standard uncertainty; none is drawn for those that add nothing.
-    """
-    items = _shown_parts(parts)
-    names, sizes = list(items)[::-1], list(items.values())[::-1]
-    axes.barh(names, sizes, height=0.6, color=style.LINE_COLOURS[0])
-    total = sum(size**2 for size in sizes)
-    for place, size in enumerate(sizes):
-        axes.text(size, place, f" {size**2 / total:.0%}", va="center", fontsize=style.NOTE_PT)
-    axes.margins(x=0.2)
-    axes.set_ylim(-0.6, max(len(items), 3) - 0.4)
-    axes.locator_params(axis="x", nbins=4)
-    style.style_axes(axes, x_label=x_label, title=title)
 
 
 def given_axes(axes: Axes | None) -> Axes:

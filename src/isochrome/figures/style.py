@@ -45,9 +45,6 @@ OVERLAY_COLOUR = "#ff9d2e"
 INK, GREY, PALE = "black", "0.35", "0.65"
 """Of what has no colour: what is compared with, what stands beside, what lies behind."""
 
-HEAD_PT, TITLE_PT, TEXT_PT, NOTE_PT = 11.0, 10.5, 9.5, 8.5
-"""Sizes of a figure's head, its axes' titles and labels, and a legend, note or tick."""
-
 PAPER_PT, PAPER_LINE_MM = 8.0, 3.4
 """Size of all letters of a figure for a paper, and the height of a line of them."""
 
@@ -80,27 +77,24 @@ def new_figure(width_in: float, height_in: float) -> Figure:
 
 
 def style_axes(axes: Axes, *, x_label: str = "", z_label: str = "", title: str = "") -> None:
-    """Give one pair of axes, of a plot or an image, the program's fonts, ticks and labels.
+    """Give one pair of axes, of a plot or an image, its labels and its title.
 
     A label is a quantity with its unit in brackets; an empty one stays as it is.
     """
-    axes.tick_params(labelsize=NOTE_PT, length=3, width=FINE_PT)
-    axes.set_xlabel(x_label or axes.get_xlabel(), fontsize=TEXT_PT)
-    axes.set_ylabel(z_label or axes.get_ylabel(), fontsize=TEXT_PT)
+    axes.set_xlabel(x_label or axes.get_xlabel())
+    axes.set_ylabel(z_label or axes.get_ylabel())
     if title:
-        axes.set_title(title, fontsize=TITLE_PT, loc="left")
-    for spine in axes.spines.values():
-        spine.set_linewidth(FINE_PT)
+        axes.set_title(title, loc="left")
 
 
 def write_head(figure: Figure | SubFigure, text: str, **where: Any) -> None:
     """Write what a figure, or a part that has a head of its own, shows above it."""
-    figure.suptitle(text, fontsize=HEAD_PT, **where)
+    figure.suptitle(text, **where)
 
 
 def add_legend(holder: Axes | Figure | SubFigure, *entries: Any, **where: Any) -> None:
     """Add a legend without a frame; entries and keywords as `Axes.legend` takes them."""
-    holder.legend(*entries, frameon=False, fontsize=NOTE_PT, **where)
+    holder.legend(*entries, frameon=False, **where)
 
 
 def plain_name(name: str, longest: int = LONGEST_NAME) -> str:
@@ -136,9 +130,15 @@ def show_image(
     if values.ndim != 2 and values.shape[2:] != (3,):
         raise InputError("image_shape_draw_give", shape=values.shape)
     rows, cols = values.shape[:2]
+    shown = values
+    if values.ndim == 3:  # light in 0..1 with an opacity: pixels that hold NaN let through
+        low, high = vmin or 0.0, 1.0 if vmax is None else vmax
+        known = np.isfinite(values).all(axis=2, keepdims=True)
+        light = np.clip((np.where(known, values, low) - low) / (high - low), 0.0, 1.0)
+        shown = np.concatenate([light, known], axis=2)
     left, top, pixel = (-0.5, -0.5, 1.0) if pixel_mm is None else (left_mm, top_mm, pixel_mm)
     drawn = axes.imshow(
-        values if values.ndim == 2 else _opaque(values, vmin, vmax),
+        shown,
         cmap=cmap,
         vmin=vmin,
         vmax=vmax,
@@ -163,14 +163,6 @@ def draw_line(axes: Axes, rows: np.ndarray, cols: np.ndarray, place: Place, **lo
     axes.plot(x, z, **look)
 
 
-def _opaque(colour: np.ndarray, vmin: float | None, vmax: float | None) -> np.ndarray:
-    """Colour as light in 0..1 with an opacity (row, col, 4): pixels that hold NaN let through."""
-    low, high = vmin or 0.0, 1.0 if vmax is None else vmax
-    known = np.isfinite(colour).all(axis=2, keepdims=True)
-    light = np.clip((np.where(known, colour, low) - low) / (high - low), 0.0, 1.0)
-    return np.concatenate([light, known], axis=2)
-
-
 def ends_beyond(images: list[AxesImage]) -> str:
     """Which ends of the images' common colours values of any of them lie beyond."""
     low, high = images[0].get_clim()
@@ -186,8 +178,7 @@ def add_colour_bar(drawn: AxesImage, label: str) -> Colorbar:
     bar = drawn.axes.figure.colorbar(
         drawn, ax=drawn.axes, extend=ends_beyond([drawn]), extendfrac=0.03, pad=0.02, aspect=18.0
     )
-    bar.set_label(label, fontsize=TEXT_PT)
-    bar.ax.tick_params(labelsize=NOTE_PT, length=3, width=FINE_PT)
+    bar.set_label(label)
     return bar
 
 

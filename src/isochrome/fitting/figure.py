@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import closing
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,27 +17,32 @@ from isochrome.figures import (
     GREY,
     INK,
     LINE_COLOURS,
+    PaperPanels,
+    PictureKind,
+    Plot,
     add_legend,
-    draw_budget,
-    draw_values,
-    new_figure,
+    budget_plot,
+    panels_figure,
     plain_name,
     show_image,
     style_axes,
-    write_head,
+    values_plots,
 )
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.model_frame import evaluate_model
 from isochrome.fitting.frame_set import Lights, PreparedFrames
 from isochrome.fitting.result import Fit
 from isochrome.output import evenly_spaced
+from isochrome.runs import named_units
 from isochrome.scene import FramesLike, Scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
-_SHOWN, _COLUMNS = 6, 3
+_SHOWN = 6
+"""Frames that are drawn."""
 
 
 def figure_of_frames(
@@ -51,62 +57,53 @@ def figure_of_frames(
 def fit_figure(name: str, frames: PreparedFrames, scenes: tuple[Scene, ...]) -> Figure:
     """Captured light, fitted light, and their difference over the noise, for up to six frames."""
     shown = evenly_spaced(range(len(scenes)), _SHOWN)
-    wanted = {i: frames[i] for i in shown}
-    rows, cols = wanted[0].light.shape
-    figure = new_figure(13.0, (3.9 * min(rows / cols, 1.6) + 0.75) * len(shown) + 0.5)
-    axes: Any = figure.subplots(len(shown), 3, squeeze=False)
-    for row, k in zip(axes, shown, strict=True):
-        data, evaluated = wanted[k], evaluate_model(wanted[k], scenes[k])
-        model = evaluated.background + evaluated.illumination * evaluated.signal(1)
-        place = evaluated.pixels.scale
-        top = float(np.percentile(data.light[data.valid], 99.8))
-        for axis, image, valid, title in (
-            (row[0], data.light, data.valid, f"frame {k}: captured"),
-            (row[1], model, evaluated.picture.material, "fitted model"),
-        ):
-            shown_image = np.where(valid, image, np.nan)
-            show_image(axis, shown_image, cmap=FRAME_MAP, vmin=0, vmax=top, title=title, **place)
-        show_residual(
-            row[2], data, model, evaluated.mask, title=f"chi = {evaluated.chi:.2f}", **place
-        )
-    write_head(figure, f"{plain_name(name)}: fit to the intensity")
-    return figure
+    wanted = [frames[k] for k in shown]
+    models = [evaluate_model(data, scenes[k]) for k, data in zip(shown, wanted, strict=True)]
+
+    def draw(axes: Axes, k: int, column: int) -> AxesImage:
+        data, model = wanted[k], models[k]
+        light, place = model.background + model.illumination * model.signal(1), model.pixels.scale
+        if column == 2:
+            return show_residual(axes, data, light, model.mask, **place)
+        pictures = ((data.light, data.valid), (light, model.picture.material))
+        image, valid = pictures[column]
+        look: dict[str, Any] = {"cmap": FRAME_MAP, "vmin": 0}
+        look["vmax"] = float(np.percentile(data.light[data.valid], 99.8))
+        return show_image(axes, np.where(valid, image, np.nan), **look, **place)
+
+    bars = {"captured": "", "fitted model": "", "residual": RESIDUAL_LABEL}
+    panels = PaperPanels(
+        kinds=[
+            PictureKind(name=kind, draw=partial(draw, column=column), bar=bar)
+            for column, (kind, bar) in enumerate(bars.items())
+        ],
+        labels=[f"frame {k}, χ = {m.chi:.2f}" for k, m in zip(shown, models, strict=True)],
+    )
+    return panels_figure(panels, f"{plain_name(name)}: fit to the intensity")
 
 
-def show_residual(axis: Axes, data: FrameData, model: Array, mask: Mask, **options: Any) -> None:
+RESIDUAL_LABEL = "(captured - fitted) / noise"
+
+
+def show_residual(
+    axis: Axes, data: FrameData, model: Array, mask: Mask, **options: Any
+) -> AxesImage:
     """A frame's light less a model's (rows, cols), over the noise, where the mask is True."""
     residual = np.where(mask, (data.light - model) / data.sigma, np.nan)
-    label = "(captured - fitted) / noise"
-    show_image(axis, residual, cmap=DIFFERENCE_MAP, vmin=-5, vmax=5, colour_label=label, **options)
-
-
-def _panels(count: int, columns: int, width: float, height: float) -> tuple[Figure, list[Any]]:
-    """A figure of `count` panels of a width and height (inches), and their axes."""
-    rows = -(-count // columns)
-    figure = new_figure(width * columns, height * rows + 0.4)
-    axes = list(figure.subplots(rows, columns, squeeze=False).flat)
-    for axis in axes[count:]:
-        axis.set_axis_off()
-    return figure, axes
+    return show_image(axis, residual, cmap=DIFFERENCE_MAP, vmin=-5, vmax=5, **options)
 
 
 def over_distance_figure(name: str, result: Fit) -> Figure | None:
     """Each per-frame key, and the wear, over the distance; None where nothing is per frame."""
     values = result.over_frames
-    keys = values.keys
-    count = len(keys) + (result.wear_laws is not None)
-    if len(result.frames) < 2 or not count:
+    if len(result.frames) < 2 or not (values.keys or result.wear_laws):
         return None
-    columns = min(_COLUMNS, -(-count // -(-count // _COLUMNS)))
-    figure, axes = _panels(count, columns, 4.6, 3.5)
-    for axis, key in zip(axes, keys, strict=False):
-        draw_values(axis, values, key)
+    plots = values_plots(values)
     if result.wear_laws is not None:
-        _wear(axes[len(keys)], result)
-    write_head(
-        figure, f"{plain_name(name)}: values of each frame, band ± {BAND:g} standard uncertainties"
-    )
-    return figure
+        title = "worn between frames, and by each law"
+        plots.append(Plot(title=title, draw=partial(_wear, result=result)))
+    head = f"{plain_name(name)}: values of each frame, band ± {BAND:g} standard uncertainties"
+    return panels_figure(PaperPanels(plots=plots), f"{head}\nsquares: static")
 
 
 def _wear(axis: Axes, result: Fit) -> None:
@@ -128,26 +125,19 @@ def _wear(axis: Axes, result: Fit) -> None:
         axis.stairs(
             law.between, edges, color=colour, ls=style, lw=BOLD_PT, baseline=None, label=label
         )
-    style_axes(
-        axis,
-        x_label="sliding distance (m)",
-        z_label="mean wear coefficient (mm²/N)",
-        title="worn between frames, and by each law",
-    )
+    style_axes(axis, x_label="sliding distance (m)", z_label="mean wear coefficient (mm²/N)")
     add_legend(axis)
 
 
 def budget_figure(name: str, result: Fit) -> Figure:
     """Each value's uncertainty budget as bars; of several frames' own, the mean square."""
-    keys = tuple(dict.fromkeys(budget.key for budget in result.budget))
-    figure, axes = _panels(len(keys), min(_COLUMNS, len(keys)), 5.0, 3.0)
-    for axis, key in zip(axes, keys, strict=False):
+    plots = []
+    for key in dict.fromkeys(budget.key for budget in result.budget):
         squares: dict[str, list[float]] = {}
         for budget in result.budget:
             for item in budget.inputs if budget.key == key else ():
                 squares.setdefault(item.input, []).append(item.contribution**2)
         sizes = {name: float(np.sqrt(np.mean(variances))) for name, variances in squares.items()}
         parts = dict(sorted(sizes.items(), key=lambda item: -item[1]))
-        draw_budget(axis, parts, x_label=f"contribution to u({key})", title=key)
-    write_head(figure, f"{plain_name(name)}: uncertainty budget")
-    return figure
+        plots.append(budget_plot(key, parts, unit=named_units(key).get("units", "1")))
+    return panels_figure(PaperPanels(plots=plots), f"{plain_name(name)}: uncertainty budget")

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.figures import LINE_COLOURS, LINE_PT, NOTE_PT, new_figure, style_axes
+from isochrome.figures import LINE_COLOURS, LINE_PT, new_figure, style_axes
 from isochrome.frames import linear
 from isochrome.frames.images import signature_of
 from isochrome.frames.opening import check_scale, open_scene_frames, with_file_scale
@@ -608,8 +608,9 @@ def light_figure(light: Survey) -> Figure:
     levels.fill_between(frame, light.low, light.high, color=LINE_COLOURS[0], alpha=0.3, lw=0)
     for name, values in (("98 %", light.high), ("2 %", light.low)):
         levels.plot(frame, values, color=LINE_COLOURS[0], marker="o", ms=3, lw=LINE_PT)
-        look: Any = {"textcoords": "offset points", "fontsize": NOTE_PT}
+        look: Any = {"textcoords": "offset points"}
         levels.annotate(name, (frame[-1], values[-1]), xytext=(5, -3), **look)
+    levels.margins(x=0.1)  # room for what stands beside the last
     style_axes(levels, z_label="grey level", title="98 % and 2 % of the pixels are darker")
     share = 100.0 * np.array(light.saturated)
     saturated.plot(frame, share, color=LINE_COLOURS[1], marker="o", ms=3, lw=LINE_PT)

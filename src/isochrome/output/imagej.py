@@ -16,7 +16,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -32,18 +32,12 @@ DTYPES = ("uint8", "uint16", "float32")
 IMAGEJ_LIMIT = 4_000_000_000
 """ImageJ's TIFF ends at 4 GB; beyond, a BigTIFF is written, which Fiji opens by Bio-Formats."""
 
-_SIGNED, _ORDER = "RdBu_r", "viridis"
+_SIGNED, _ORDER, _TURNED = "RdBu_r", "viridis", "hsv"
 _MAPS = {
-    "sigma_1_direction": "hsv", "isoclinic": "hsv", "fringe_order": _ORDER,
+    "sigma_1_direction": _TURNED, "isoclinic": _TURNED, "fringe_order": _ORDER,
     "sigma": _SIGNED, "tau": _SIGNED,
 }  # fmt: skip
 """Colours of a stack in ImageJ by how its name begins, those of the figures."""
-
-_SPANS = {
-    "normalised": (0.0, 1.0), "confidence": (0.0, 1.0),
-    "isoclinic": (-90.0, 90.0), "sigma_1_direction": (-90.0, 90.0),
-}  # fmt: skip
-"""Display ranges that are the same for all frames: of a cyclic map's colours, both ends meet."""
 
 _COLOUR_MAP, _SHORT = 320, 3
 """The tag of a table of colours, whose values are of 16 bits (TIFF 6.0, section 5)."""
@@ -52,7 +46,6 @@ _OF_COLOURS = ("Labels", "xorigin", "yorigin")
 """What ImageJ is told of a stack in colour."""
 
 Photometric = Literal["minisblack", "rgb"]
-T = TypeVar("T")
 
 
 def write_tiff(
@@ -131,9 +124,13 @@ def imagej_view(
     """
     from matplotlib import colormaps
 
-    low, high = map(float, _by_start(_SPANS, name, span))
-    colours = _by_start(_MAPS, name, "gray")
-    if colours == _SIGNED:
+    low, high = map(float, span)
+    colours = next((colours for start, colours in _MAPS.items() if name.startswith(start)), "gray")
+    if name in ("normalised", "confidence"):
+        low, high = 0.0, 1.0
+    elif colours == _TURNED:  # of a cyclic map's colours both ends meet
+        low, high = -90.0, 90.0
+    elif colours == _SIGNED:
         high = max(abs(low), abs(high))
         low = -high
     elif colours == _ORDER:
@@ -151,11 +148,6 @@ def imagej_view(
     if steps.size and np.isfinite(steps).all() and np.ptp(steps) <= 1e-3 * abs(steps.mean()):
         view |= {"finterval": float(steps.mean()), "tunit": "s"}
     return view
-
-
-def _by_start(table: Mapping[str, T], name: str, default: T) -> T:
-    """What a table has for names that begin so."""
-    return next((value for start, value in table.items() if name.startswith(start)), default)
 
 
 def _stack_layout(

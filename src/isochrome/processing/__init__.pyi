@@ -1,5 +1,4 @@
 from .api import check_scene, process
-from .checking import check
 from .figure import Shown, plot_order, process_report, set_figure
 from .frame_task import own_scene
 from .kinds.image_only import says_a_half
@@ -12,6 +11,7 @@ from .one_frame import (
     FrameValue,
     PatchOrders,
     anchor_preview,
+    check,
     part_change,
     process_frame,
 )
@@ -24,7 +24,7 @@ from .processed import (
     with_past_loads,
     with_scatter_of_gamma,
 )
-from .result import FOUND_BY, PICTURE, SPREAD, ProcessedFrame, cell_values, row_of_set
+from .result import FOUND_BY, PICTURE, SPREAD, ProcessedFrame, cell_values, corner_of, row_of_set
 
 __all__ = [
     "FINEST_STEP",
@@ -44,6 +44,7 @@ __all__ = [
     "check",
     "check_scene",
     "collect",
+    "corner_of",
     "kind_of",
     "order_step",
     "own_scene",

@@ -7,9 +7,7 @@ A chunk of a set: what is found in its frames, as pictures, rows and parts of fi
 
 from __future__ import annotations
 
-import hashlib
 import io
-import json
 import math
 import zipfile
 from collections import defaultdict
@@ -562,7 +560,7 @@ def process(
         kind = _kind_of_set(scene, reader, track=track, each=each, every=every, maps=maps)
         shown = working_folder(Path(out)) / PREVIEW if out is not None and preview else None
         task = FrameTask(
-            frames=frames, scene=scene, reader=reader, key="not yet known", kind=kind, rois=rois,
+            frames=frames, scene=scene, reader=reader, kind=kind, rois=rois,
             as_stated=as_stated, keep_going=keep_going, preview=shown,
         )  # fmt: skip
         identity = partial(identity_of, task, files)
@@ -634,11 +632,7 @@ def _processed(
         progress(Tally(0, count, 0, 0, text))
     if out is None:
         return process_in_memory(source, count // task.steps, progress)
-    identity = identify()
-    digest = hashlib.sha256(json.dumps(identity).encode()).hexdigest()
-    task = source.task = replace(task, key=digest)  # opened, it need not be opened again
-    job = Job(partial(process_chunk, task), set_layout(source, count // task.steps), identity)
-
+    job = Job(partial(process_chunk, task), set_layout(source, count // task.steps), identify())
     residual = source.capture.residual
     finish = partial(finish_set_folder, Path(out).absolute(), job, task, residual)
     result = run_job(job, out, finish, options=options, progress=progress)
@@ -647,8 +641,7 @@ def _processed(
 
 def _is_done(out: Path, identify: Callable[[], Mapping[str, Any]]) -> bool:
     """Whether a finished run has left all, by what the files hold: no frame is decoded for it."""
-    complete = (out / PROVENANCE).is_file() and (out / STORE / "zarr.json").is_file()
-    if not complete or working_folder(out).exists():  # an unfinished run, or one that is at work
+    if not (out / PROVENANCE).is_file() or working_folder(out).exists():  # which one at work has
         return False
     return holds_results(out.resolve(), identify())
 

@@ -25,28 +25,24 @@ from isochrome.errors import InputError, IsochromeError
 from isochrome.figures import (
     BAND,
     FINE_PT,
-    FRAME_MAP,
-    KEY_LABELS,
+    GREY,
     LINE_COLOURS,
     LINE_PT,
     OVERLAY_COLOUR,
-    PAPER_DIRECTION_MAP,
     VALUE_MAP,
     PaperPanels,
     PictureKind,
     Place,
-    Plot,
     add_colour_bar,
     centred_limit,
     chosen_frames,
-    draw_chi,
     draw_line,
-    draw_values,
     given_axes,
     panels_figure,
     place_of_image,
     plain_name,
     show_image,
+    values_plots,
 )
 from isochrome.fitting import SceneRenderer, frame_scene, scene_at, sliding_scene
 from isochrome.fringes import Skeleton, order_contours, skeletons
@@ -85,6 +81,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
+    from PIL import Image
 
     from isochrome.processing.processed import Processed
     from isochrome.runs import RunDataset, StoredArrays
@@ -291,19 +288,13 @@ def _panels(table: Mapping[str, list[Any]], items: Sequence[Shown]) -> PaperPane
     """The panels of some frames, and the plots of a tracked video's values."""
     largest = max((_highest_order(item.order) for item in items), default=1.0)
     read = any(item.order is not None for item in items)
-    tracked, plots = PICTURE in table, []
-    if tracked:
-        outcome = frame_values(table)
-        for key in outcome.keys:
-            drawn = partial(draw_values, table=outcome, key=key)
-            plots.append(Plot(title=KEY_LABELS.get(key, key), draw=drawn, height_mm=30.0))
-        plots.append(Plot(title="chi", draw=partial(draw_chi, table=outcome), height_mm=30.0))
+    tracked = PICTURE in table
     first = ", ".join(f"{order:g}" for order in _line_orders(largest)[:3])
     lines = f"N = {first} ..." if read else "dark (blue) and bright (orange) fringes"
     return PaperPanels(
         kinds=_kinds(items, largest, what="picture" if tracked else "frame"),
         labels=[plain_name(item.label, 30) for item in items],
-        plots=plots,
+        plots=values_plots(frame_values(table)) if tracked else (),
         notes=[*(_numbers(item) for item in items), *([f"Lines: {lines}"] if items else [])],
     )
 
@@ -349,43 +340,33 @@ def shown_item(table: Mapping[str, list[Any]], dataset: Kept, k: int) -> Shown:
 def _kinds(items: Sequence[Shown], largest: float, *, what: str) -> list[PictureKind]:
     """The frames, called `what`; orders and isoclinics, which may be empty in some."""
 
-    def frame(axes: Axes, k: int) -> AxesImage:
+    def draw(axes: Axes, k: int, name: str, span: tuple[float, float]) -> AxesImage:
         item = items[k]
-        look: dict[str, Any] = {"cmap": FRAME_MAP, "vmin": 0, "vmax": 1}
-        image = np.full(item.shape, np.nan) if item.normalised is None else item.normalised
-        drawn = show_image(axes, image, **look, **item.place)
-        if item.normalised is None:
+        values = getattr(item, name)
+        known = values is not None
+        pane = Pane(name, name, values if known else np.full(item.shape, np.nan), span, "")
+        drawn = pane.draw(axes, item.place)
+        if name != "normalised":
+            drawn.set_interpolation("nearest")
+        elif known:
+            limits = axes.get_xlim(), axes.get_ylim()
+            draw_fringes(axes, item, largest)
+            axes.set(xlim=limits[0], ylim=limits[1])
+        else:
             middle: dict[str, Any] = {"ha": "center", "va": "center", "transform": axes.transAxes}
             ground = {"facecolor": "white", "edgecolor": "none", "pad": 2.0}
             axes.text(0.5, 0.5, "its picture\nis not kept", bbox=ground, **middle)
-            return drawn
-        limits = axes.get_xlim(), axes.get_ylim()
-        draw_fringes(axes, item, largest)
-        axes.set(xlim=limits[0], ylim=limits[1])
         return drawn
 
-    def a_map(axes: Axes, k: int, name: str, look: dict[str, Any]) -> AxesImage:
-        item = items[k]
-        values = getattr(item, name)
-        if values is None:
-            values = np.full(item.shape, np.nan)
-        drawn = show_image(axes, values, **look, **item.place)
-        drawn.set_interpolation("nearest")
-        return drawn
-
-    pictured = any(item.normalised is not None for item in items)
-    kinds = [PictureKind(name=what, draw=frame)] if pictured else []
-    order: dict[str, Any] = {"cmap": VALUE_MAP, "vmin": 0, "vmax": largest}
-    turned: dict[str, Any] = {"cmap": PAPER_DIRECTION_MAP, "vmin": -90.0, "vmax": 90.0}
-    for name, title, look, bar in (
-        ("order", "fringe order", order, ORDER_LABEL),
-        ("isoclinic", "direction of σ₁", turned, "from x, counter-clockwise (degrees)"),
-    ):
-        if any(getattr(item, name) is not None for item in items):
-            kinds.append(
-                PictureKind(name=title, draw=partial(a_map, name=name, look=look), bar=bar)
-            )
-    return kinds
+    return [
+        PictureKind(name=title, draw=partial(draw, name=name, span=span), bar=bar)
+        for name, title, span, bar in (
+            ("normalised", what, _LIGHT, ""),
+            ("order", "fringe order", (0.0, largest), ORDER_LABEL),
+            ("isoclinic", "direction of σ₁", (-90.0, 90.0), "from x, counter-clockwise (degrees)"),
+        )
+        if any(getattr(item, name) is not None for item in items)
+    ]
 
 
 def _numbers(item: Shown) -> str:
@@ -404,9 +385,8 @@ PREVIEW = "preview.png"
 EVERY_S = 3.0
 """Seconds between two pictures: one takes some 20 ms."""
 
-_NOT_KNOWN = (128, 128, 128)
-_STRIP_PX, _LETTER = 22, 0.45
-"""Height of the line of words, and the size of its letters."""
+_STRIP_PX = 22
+"""Height of the line of words."""
 
 
 def write_preview(place: Path, item: ProcessedFrame | FollowedFrame) -> None:
@@ -422,32 +402,22 @@ def write_preview(place: Path, item: ProcessedFrame | FollowedFrame) -> None:
             return
     except FileNotFoundError:
         pass  # the first
-    import cv2
-
     with replacing(place) as beside:
-        done, data = cv2.imencode(".png", preview_picture(reading.order, _words(item)))
-        assert done
-        beside.write_bytes(data.tobytes())
+        preview_picture(reading.order, _words(item)).save(beside, "PNG")
 
 
-def preview_picture(order: np.ndarray, words: str) -> np.ndarray:
-    """Orders in colours from 0 to the largest, grey where not known, under some words in ASCII.
-
-    Blue, green and red (rows + 22, cols, 3), 8 bits.
-    """
-    import cv2
+def preview_picture(order: np.ndarray, words: str) -> Image.Image:
+    """Orders in colours from 0 to the largest, grey where not known, under a line of words."""
     from matplotlib import colormaps
+    from PIL import Image, ImageDraw
 
-    known = np.isfinite(order)
-    largest = max(float(order[known].max()) if known.any() else 0.0, 1e-9)
-    table = (255.0 * colormaps[VALUE_MAP](np.linspace(0.0, 1.0, 256))[:, 2::-1]).astype(np.uint8)
-    level = np.where(known, 255.0 * order / largest, 0.0).astype(np.uint8)
-    picture = np.ascontiguousarray(table[level])
-    picture[~known] = _NOT_KNOWN
-    strip = np.full((_STRIP_PX, order.shape[1], 3), 255, np.uint8)
-    at = (4, _STRIP_PX - 7)
-    cv2.putText(strip, words, at, cv2.FONT_HERSHEY_SIMPLEX, _LETTER, (0, 0, 0), 1, cv2.LINE_AA)
-    return np.concatenate((strip, picture))
+    known = order[np.isfinite(order)]
+    largest = max(float(known.max()) if known.size else 0.0, 1e-9)
+    colours = colormaps[VALUE_MAP].with_extremes(bad=GREY)(order / largest, bytes=True)
+    picture = Image.new("RGB", (order.shape[1], _STRIP_PX + order.shape[0]), "white")
+    ImageDraw.Draw(picture).text((4, 5), words, "black")
+    picture.paste(Image.fromarray(colours[..., :3]), (0, _STRIP_PX))
+    return picture
 
 
 def _words(item: ProcessedFrame | FollowedFrame) -> str:

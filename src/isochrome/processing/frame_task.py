@@ -7,7 +7,6 @@ import threading
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -30,33 +29,32 @@ def _ahead(items: Iterator[list[Frame]]) -> Generator[list[Frame]]:
     thread = ThreadPoolExecutor(1, thread_name_prefix="reading")
     try:
         coming = thread.submit(_read, items)
-        while result := coming.result():
+        while (frames := coming.result()) is not None:
             coming = thread.submit(_read, items)
-            yield result[0]
+            yield frames
     finally:
         thread.shutdown(wait=True, cancel_futures=True)
         if (end := getattr(items, "close", None)) is not None:
             end()
 
 
-def _read(items: Iterator[list[Frame]]) -> list[list[Frame]]:
-    """One item, or none at the end: a StopIteration cannot pass through a Future."""
-    return list(islice(items, 1))
+def _read(items: Iterator[list[Frame]]) -> list[Frame] | None:
+    """One item, None at the end: a StopIteration cannot pass through a Future."""
+    return next(items, None)
 
 
 @dataclass(frozen=True, kw_only=True)
 class FrameTask:
     """A set, its kind, and what is wanted of it, for any process.
 
-    `reader` has counted the frames and so knows their places; `key`, the same for the same task on
-    the same content; `rois`, whether fringe lines are wanted of frames with a fit too; `preview`,
-    the picture that is written now and then of the last frame.
+    `reader` has counted the frames and so knows their places; `rois`, whether fringe lines are
+    wanted of frames with a fit too; `preview`, the picture that is written now and then of the last
+    frame.
     """
 
     frames: FramesLike
     scene: Scene
     reader: FrameReader
-    key: str
     kind: FrameKind
     rois: bool = False
     as_stated: bool = False
@@ -67,10 +65,6 @@ class FrameTask:
     def steps(self) -> int:
         """Frames that make one state."""
         return self.scene.polariscope.frames_a_state
-
-
-_OPENING = 20
-"""Frames that a video is decoded for in the time that it takes to open it and find a place."""
 
 
 class FrameSource:
@@ -86,17 +80,12 @@ class FrameSource:
         self._states: Generator[list[Frame]] | None = None
         self._at = 0
 
-    def _anew(self, start: int) -> int:
-        """As how many states it takes to open the set at a state."""
-        if self.reader.kind != "video":
-            return 0
-        frame = start * self.task.steps
-        return (frame - self.reader.first_decoded(frame) + _OPENING) // self.task.steps
-
     def captured(self, start: int, stop: int) -> Iterator[tuple[int, list[Frame]]]:
         """The frames of the states [start, stop), with the number of the state."""
-        on = self._states is not None and self._at <= start
-        if not on or start > self._at + self._anew(start):
+        steps, at = self.task.steps, self._at
+        # frames are passed over where no fewer had to be decoded to come to them anew
+        anew = start - self.reader.first_decoded(start * steps) // steps
+        if self._states is None or not at <= start <= at + anew:
             self._close_states()
             self._states, self._at = _ahead(self.task.kind.captured(self, start)), start
         assert self._states is not None
@@ -106,7 +95,7 @@ class FrameSource:
                 yield self._at - 1, frames
             if self._at >= stop:
                 return
-        at = max(self._at, start) * self.task.steps
+        at = max(self._at, start) * steps
         raise InputError("breaks_off_after_frames_had", path=self.reader.path, at=at)
 
     def processed(self, index: int, frames: list[Frame]) -> ProcessedFrame:
@@ -149,11 +138,9 @@ _KEPT = threading.local()
 def open_set(task: FrameTask) -> FrameSource:
     """The opened set of a task, the same as long as it is asked for. Raises InputError."""
     selected: FrameSource | None = getattr(_KEPT, "set", None)
-    if selected is None or selected.task.key != task.key:
+    if selected is None or selected.task is not task:
         close_kept()
-        selected = FrameSource(task)
-        _KEPT.set = selected
-    selected.task = task
+        selected = _KEPT.set = FrameSource(task)
     return selected
 
 

@@ -58,6 +58,7 @@ from isochrome.processing.result import (
     SPREAD,
     ProcessedFrame,
     cell_values,
+    corner_of,
     fitted_keys,
     frame_values,
     own_values,
@@ -83,13 +84,13 @@ def set_grid(
 
     `fitted` has the frames' mean place. None where no scale is known.
     """
-    pixels, place, camera = numbers(table["pixel_mm"]), fitted or scene, scene.camera
+    pixels, place = numbers(table["pixel_mm"]), fitted or scene
     if not np.isfinite(pixels).any():
         return None
     if place.has_model and place.camera is not None and place.camera.pixel_mm is not None:
         return pixel_grid(place, shape)
-    left, top = ((camera.left_mm or 0.0), (camera.top_mm or 0.0)) if camera else (0.0, 0.0)
-    return PixelGrid(*shape, left, top, float(pixels[np.isfinite(pixels)][0]))
+    pixel_mm = float(pixels[np.isfinite(pixels)][0])
+    return PixelGrid(*shape, *corner_of(scene, shape), pixel_mm)
 
 
 def shift_of(edge: str, grid: PixelGrid, table: Mapping[str, Sequence[Any]]) -> np.ndarray:

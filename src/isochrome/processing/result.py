@@ -77,6 +77,17 @@ def cell_values(text: str) -> dict[str, tuple[float, float]]:
     return {key: (float(value), float(spread)) for key, value, spread in parts}
 
 
+def corner_of(scene: Scene, shape: tuple[int, int]) -> tuple[float, float]:
+    """Outer edges (mm) of a picture's first column and row; a model's are known without being
+    stated, and without a camera they are 0.
+    """
+    camera = scene.camera
+    if scene.has_model and camera is not None and camera.pixel_mm is not None:
+        grid = pixel_grid(scene, shape)
+        return grid.left_mm, grid.top_mm
+    return (camera.left_mm or 0.0, camera.top_mm or 0.0) if camera else (0.0, 0.0)
+
+
 @dataclass(frozen=True)
 class Capture:
     """How a set was captured: the sensor's `bit_depth`, the `dark` and `bright` no-load frames.
@@ -168,12 +179,8 @@ class ProcessedFrame(SetFrame):
 
     def corner_mm(self, scene: Scene) -> tuple[float, float]:
         """Outer edges (mm) of the first column and row, in the scene's axes; 0 without any."""
-        placed = scene if self.fit is None else self.fit.scene
-        camera = placed.camera
-        if placed.has_model and camera is not None and camera.pixel_mm is not None:
-            grid = pixel_grid(placed, (self.normalised.shape[0], self.normalised.shape[1]))
-            return grid.left_mm, grid.top_mm
-        return (camera.left_mm or 0.0, camera.top_mm or 0.0) if camera else (0.0, 0.0)
+        rows, cols = self.normalised.shape[:2]
+        return corner_of(scene if self.fit is None else self.fit.scene, (rows, cols))
 
     def maps(self) -> dict[str, Array]:
         """The maps that are written to disk, by the name of their file."""

@@ -33,9 +33,12 @@ from isochrome.figures import (
     LINE_COLOURS,
     LINE_PT,
     PALE,
+    PAPER_DIRECTION_MAP,
     VALUE_MAP,
+    Place,
     frame_axis,
     new_figure,
+    show_image,
     style_axes,
 )
 from isochrome.messages import entry_of
@@ -45,6 +48,7 @@ from isochrome.scene import Camera, Frames, Polariscope, Scene
 if TYPE_CHECKING:
     from jinja2 import Template
     from matplotlib.axes import Axes
+    from matplotlib.image import AxesImage
 
 MOST_FRAMES = 8
 """Frames in a report: of a camera's usual picture so many are shown pixel by pixel in 10 MB."""
@@ -106,11 +110,23 @@ FRINGES, SIGNAL, GREY_LEVELS = "fringes", "of the full light", "grey levels"
 class Pane:
     """One picture (row, col) of a frame; NaN = not known."""
 
-    key: str  # 'experiment', 'simulation', 'rendered', 'order' or 'difference'
+    key: str  # 'experiment', 'simulation', 'rendered', 'order', 'isoclinic' or 'difference'
     label: str  # what the page calls it
     values: Array
     span: tuple[float, float]  # what is shown black and white, or in the end colours
     unit: str  # FRINGES, SIGNAL or GREY_LEVELS
+
+    @property
+    def colours(self) -> str:
+        """Its colour map."""
+        maps = {"difference": DIFFERENCE_MAP, "order": VALUE_MAP, "isoclinic": PAPER_DIRECTION_MAP}
+        return maps.get(self.key, FRAME_MAP)
+
+    def draw(self, axes: Axes, place: Place, title: str = "") -> AxesImage:
+        """Draw it at its place."""
+        low, high = self.span
+        look: dict[str, Any] = {"cmap": self.colours, "title": title}
+        return show_image(axes, self.values, vmin=low, vmax=high, **look, **place)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,6 +181,11 @@ def _size(encoded: dict[str, Any]) -> int:
 def _encoded(frame: ReportFrame, stride: int, step: float) -> dict[str, Any]:
     """A frame as the page takes it: means over `stride` pixels, and orders in their middle."""
     rows, cols = (size // stride for size in frame.panes[0].values.shape)
+    squares = rows, stride, cols, stride
+    means = [
+        p.values[: rows * stride, : cols * stride].reshape(squares).mean(axis=(1, 3))
+        for p in frame.panes
+    ]
     return {name: getattr(frame, name) for name in _AS_IT_IS} | {
         "rows": rows,
         "cols": cols,
@@ -172,9 +193,9 @@ def _encoded(frame: ReportFrame, stride: int, step: float) -> dict[str, Any]:
         "first": stride // 2,
         "panes": [
             {"key": p.key, "label": p.label, "span": p.span, "unit": p.unit,
-             "png": _png(p, _means(p.values, stride)),
+             "png": _png(p, mean),
              "bar": _png(p, np.linspace(*p.span, _GREYS)[None])}  # from end to end of its span
-            for p in frame.panes
+            for p, mean in zip(frame.panes, means, strict=True)
         ],
     } | _orders(frame, stride, step)  # fmt: skip
 
@@ -188,15 +209,6 @@ def _orders(frame: ReportFrame, stride: int, step: float) -> dict[str, Any]:
         name: None if order is None else order_map(order[part], step)
         for name, order in {"order": frame.order, "model_order": frame.model_order}.items()
     }
-
-
-def _means(values: Array, stride: int) -> Array:
-    """Means over squares of `stride` pixels; NaN where one of them is not known."""
-    if stride == 1:
-        return values
-    rows, cols = (size // stride for size in values.shape)
-    squares = values[: rows * stride, : cols * stride]
-    return np.asarray(squares.reshape(rows, stride, cols, stride).mean(axis=(1, 3)))
 
 
 def order_map(order: Array, step: float = STEP) -> dict[str, Any]:
@@ -221,14 +233,12 @@ def _png(pane: Pane, values: Array) -> str:
     from matplotlib import colormaps
     from PIL import Image
 
-    name, count = {"difference": (DIFFERENCE_MAP, _COLOURS), "order": (VALUE_MAP, _GREYS)}.get(
-        pane.key, (FRAME_MAP, _GREYS)
-    )
+    count = _COLOURS if pane.key == "difference" else _GREYS
     low, high = pane.span
     level = np.rint(np.nan_to_num((values - low) / ((high - low) or 1.0), nan=0.0) * (count - 1))
     level = np.where(np.isfinite(values), np.clip(level, 0, count - 1), count).astype(np.uint8)
     picture = Image.fromarray(level, "P")
-    colours = colormaps[name](np.linspace(0.0, 1.0, count))[:, :3]
+    colours = colormaps[pane.colours](np.linspace(0.0, 1.0, count))[:, :3]
     palette = np.rint(255 * np.vstack([colours, [1.0, 1.0, 1.0]])).astype(np.uint8)
     picture.putpalette(bytes(palette))
     file = io.BytesIO()

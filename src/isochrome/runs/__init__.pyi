@@ -1,5 +1,4 @@
 from .execution import (
-    WORTH_WORKERS_S,
     RunOptions,
     Stopped,
     has_run,
@@ -71,7 +70,6 @@ __all__ = [
     "REPORT",
     "STORE",
     "WORKING",
-    "WORTH_WORKERS_S",
     "Column",
     "Compact",
     "Job",

@@ -21,7 +21,7 @@ import sys
 import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from functools import cache, partial
+from functools import cache
 from typing import Any, TypeVar
 
 from isochrome.errors import InputError
@@ -98,27 +98,21 @@ def by_processes(
     """
     # once for all chunks, as it may know all frames' places; here it can be said that it fails
     task = pickle.dumps((work, run))
-    with worker_pool(workers, partial(_take_task, task)) as pool:
+    with worker_pool(workers, task) as pool:
         yield from in_flight(
             lambda index: pool.submit(_alone_in_worker, index), chunks, 2 * workers
         )
 
 
-def _nothing() -> None:
-    """What starts a worker, and needs no module."""
-
-
 @contextmanager
-def worker_pool(
-    workers: int, begin: Callable[[], None] = _nothing
-) -> Iterator[futures.ProcessPoolExecutor]:
+def worker_pool(workers: int, task: bytes = b"") -> Iterator[futures.ProcessPoolExecutor]:
     """Start worker processes that ignore the keyboard and end when this process does.
 
-    They are spawned, and each begins with `begin`. Left by an exception, the block ends them at
-    once, whatever they are at. Raises WorkersLost.
+    They are spawned, and each has the pickled `task`, if any. Left by an exception, the block ends
+    them at once, whatever they are at. Raises WorkersLost.
     """
     before, spawn = set(multiprocessing.active_children()), multiprocessing.get_context("spawn")
-    pool = futures.ProcessPoolExecutor(workers, spawn, _start_worker, (begin,))
+    pool = futures.ProcessPoolExecutor(workers, spawn, _start_worker, (task,))
     try:
         yield pool
     except BaseException as error:  # whoever waits at the keyboard does not wait for a chunk
@@ -186,15 +180,11 @@ _TASK: list[Any] = []
 """What a worker process was started for."""
 
 
-def _start_worker(begin: Callable[[], None]) -> None:
+def _start_worker(task: bytes) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers itself
     threading.Thread(target=_end_with_parent, daemon=True).start()
     keep_steady()
-    begin()
-
-
-def _take_task(task: bytes) -> None:
-    _TASK[:] = pickle.loads(task)
+    _TASK[:] = pickle.loads(task) if task else ()
 
 
 def _end_with_parent() -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.figures import LINE_COLOURS, LINE_PT, add_legend, new_figure, style_axes, write_head
+from isochrome.figures import LINE_COLOURS, LINE_PT, PaperPanels, Plot, panels_figure, style_axes
 from isochrome.output import Result, columns_of, counted, numbers, read_csv, write_csv, write_text
 from isochrome.progress import RunProgress
 from isochrome.runs import (
@@ -38,6 +38,7 @@ from isochrome.simulation import picture_axes, simulate, state_count
 from isochrome.stress import pixel_grid
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from isochrome.runs import RunDataset
@@ -365,23 +366,27 @@ _MARKERS = "os^vD*"
 
 def sweep_figure(keys: tuple[str, ...], table: Mapping[str, list[Any]]) -> Figure:
     """Largest order and pressure of the last state, a line for each value of the other keys."""
-    names = [name for name in DRAWN if np.isfinite(numbers(table[name])).any()]
-    figure = new_figure(4.8 * len(names) + 0.4, 3.8)
     state = numbers(table["state"])
     last = state == state.max()
     x = numbers(table[keys[0]])[last]
     others = np.array([numbers(table[key])[last] for key in keys[1:]]).reshape(-1, len(x))
     lines = np.unique(others, axis=1).T if len(keys) > 1 else np.zeros((1, 0))
-    axes: Any = figure.subplots(1, len(names), squeeze=False)
-    for axis, name in zip(axes[0], names, strict=True):
+    labels = [
+        ", ".join(f"{key} = {v:g}" for key, v in zip(keys[1:], line, strict=True)) for line in lines
+    ]
+
+    def draw(axes: Axes, name: str) -> None:
         y = numbers(table[name])[last]
         for k, line in enumerate(lines):
             here = (others == line[:, None]).all(axis=0)
-            look = {"color": LINE_COLOURS[k % 6], "marker": _MARKERS[k // 6 % 6]}
-            label = ", ".join(f"{key} = {v:g}" for key, v in zip(keys[1:], line, strict=True))
-            axis.plot(x[here], y[here], lw=LINE_PT, ms=4, label=label or None, **look)
-        style_axes(axis, x_label=keys[0], z_label=DRAWN[name])
-    if 1 < len(lines) <= 12:
-        add_legend(axes[0, 0])
-    write_head(figure, f"last of {int(state.max()) + 1} states" if state.max() else "one state")
-    return figure
+            look: Any = {"color": LINE_COLOURS[k % 6], "marker": _MARKERS[k // 6 % 6]}
+            axes.plot(x[here], y[here], lw=LINE_PT, ms=4, label=labels[k] or None, **look)
+        style_axes(axes, x_label=keys[0], z_label=DRAWN[name])
+
+    names = [name for name in DRAWN if np.isfinite(numbers(table[name])).any()]
+    panels = PaperPanels(
+        plots=[Plot(title=DRAWN[name], draw=partial(draw, name=name)) for name in names],
+        legend=labels if 1 < len(lines) <= 12 else (),
+    )
+    head = f"last of {int(state.max()) + 1} states" if state.max() else "one state"
+    return panels_figure(panels, head)

@@ -11,7 +11,7 @@ import numpy as np
 
 from isochrome.errors import PhysicsError
 from isochrome.estimation import POOR_CHI
-from isochrome.figures import frame_values_figure
+from isochrome.figures import BAND, PaperPanels, panels_figure, plain_name, values_plots
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.unknowns import taken_as_exact
 from isochrome.fitting.frame_set import CORRECT
@@ -127,7 +127,9 @@ class Track(Result):
 
     def figure(self) -> Figure:
         """Each key with its band, and chi."""
-        return frame_values_figure(self.scene.name, self.over_frames)
+        head = f"{plain_name(self.scene.name)}: tracked values, band ± {BAND:g} standard"
+        head += " uncertainties\ncircles: found by a full search"
+        return panels_figure(PaperPanels(plots=values_plots(self.over_frames)), head)
 
     def summary(self) -> dict[str, list[Any]]:
         """What the frames come to."""

@@ -29,7 +29,7 @@ from isochrome.figures import (
     write_head,
 )
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.figure import show_residual
+from isochrome.fitting.figure import RESIDUAL_LABEL, show_residual
 from isochrome.fitting.frame.model_frame import fitted_light
 from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.frame_set import PreparedFrames
@@ -122,7 +122,8 @@ def _draw_residual(
     )
     title = f"residual, chi = {one.chi:.2f}"
     model = illumination * signal + background
-    show_residual(ax, data, model, mask, title=title, **pixels.scale)
+    look = {"title": title, "colour_label": RESIDUAL_LABEL}
+    show_residual(ax, data, model, mask, **look, **pixels.scale)
 
 
 def _draw_principal(axes: Any, one: Tractions, stress: StressComponents) -> None:
