@@ -42,7 +42,7 @@ _TRACK_BUDGET = (
     "of its frames gives them."
 )
 _TRACK_CAUSES = (
-    "What a few of its frames asked of the apparatus is held in all of them, and named in the "
+    "What one of its frames asked of the apparatus is held in all of them, and named in the "
     "warnings."
 )
 

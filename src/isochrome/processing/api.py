@@ -487,7 +487,7 @@ def process(
         Whether all that the scene states is held, and nothing else is fitted than its unknowns;
         else what a frame asks for is fitted too and named in the warnings: the camera's roll,
         distortion and keystone, gamma, blur, plates, band of wavelengths, a smooth stress, uneven
-        light, and dust is left out. With `track` a few frames are asked, and all hold the same.
+        light, and dust is left out. With `track` one frame is asked, and all hold the same.
     workers : int or None, default 1
         Processes on this machine; None: as many as are useful. A script that asks for more than
         one needs the usual ``if __name__ == "__main__":``.

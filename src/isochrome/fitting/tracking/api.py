@@ -104,10 +104,10 @@ def track(
         Keys to follow: load.normal_n, load.tangential_n, load.bulk_mpa, friction.coefficient,
         wear.coefficient_mm2_per_n, camera.left_mm, camera.top_mm.
     as_stated : bool, default False
-        Whether all that the scene states is held; else the first, the middle and the last frame are
-        asked for what belongs to the apparatus (the camera's roll, distortion and keystone, gamma,
-        blur, plates, band of wavelengths, uneven light, dust), and what is found is held in all
-        frames and named in the warnings. Of a contact that wears only the first is asked.
+        Whether all that the scene states is held; else the first frame (or the middle or last one,
+        where that shows nothing) is asked for what belongs to the apparatus (the camera's roll,
+        distortion and keystone, gamma, blur, plates, band of wavelengths, uneven light, dust), and
+        what is found is held in all frames and named in the warnings.
     out : str or Path, optional
         Folder for fit.csv, scene.toml (the means), fit.json, provenance.json, fit.png,
         report.html, run.zarr (values over frame, see `open_run`).

@@ -1,4 +1,4 @@
-"""What does not change from frame to frame of a video, asked of a few of them before the track.
+"""What does not change from frame to frame of a video, asked of one of them before the track.
 
 A full search that found nothing is not made again in frames that show the same.
 
@@ -22,15 +22,13 @@ from isochrome.fitting.causes.freeing import Freed, free_causes
 from isochrome.fitting.causes.report import cause_messages
 from isochrome.fitting.causes.score import LightTerms
 from isochrome.fitting.causes.slips import is_lost
-from isochrome.fitting.frame.frame_fit import FrameFit, fit_frame, fit_with_model, placed
+from isochrome.fitting.causes.solution import FrameSolution
+from isochrome.fitting.frame.frame_fit import fit_frame, fit_with_model, placed
 from isochrome.fitting.frame.frame_model import RefinedFit, refine_fit
 from isochrome.fitting.frame.model_frame import ModelFrame, evaluate_model
 from isochrome.fitting.frame.renderer import SceneRenderer
 from isochrome.fitting.frame.single_state import scene_at, slid_until
 from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS, LOAD, WEAR, inputs_of_rows
-from isochrome.fitting.frame_set import FrameSet
-from isochrome.fitting.joint.frame_sequence import make_sequence
-from isochrome.fitting.joint.joint_fit import JointSolution, solve_jointly, starting_values
 from isochrome.fitting.result import TOO_FAR
 from isochrome.fitting.tracking.tracked_model import TrackedModel
 from isochrome.fitting.tracking.worn_course import WornCourse
@@ -107,9 +105,9 @@ class Apparatus:
 def find_apparatus(
     reader: FrameReader, scene: Scene, keys: tuple[str, ...], *, count: int, no_load: NoLoad
 ) -> Apparatus:
-    """Ask the first, the middle and the last frame of a video for what belongs to the apparatus.
+    """Ask a video's first frame for what belongs to the apparatus; else the middle or last one.
 
-    Of a contact that wears only the first is asked: what has worn the others is not known yet.
+    Of a contact that wears only the first: what has worn the others is not known yet.
 
     Parameters
     ----------
@@ -127,73 +125,45 @@ def find_apparatus(
     Returns
     -------
     Apparatus
-        What was found; the scene as it is where the frames ask for nothing, or show nothing.
+        What was found; the scene as it is where the frame asks for nothing, or none shows it.
     """
     scene = placed(scene, reader.shape)
     if isinstance(scene.frames.gamma, str):
         return Apparatus(scene=scene)  # each whole frame finds its own
     bare = scene.model_copy(update={"stated_uncertainty": ()})  # a track has no priors
-    places = (0,) if scene.wear is not None else tuple(sorted({0, count // 2, count - 1}))
-    frames, in_order = list[Frame](), SequentialFrames(reader)
-    for place in places:
-        with suppress(InputError):
-            frames.append(in_order.frame(place))
-    if not frames:
-        return Apparatus(scene=scene)
-    one = scene_at(bare, slid_until(bare, frames[0]) or 0.0)
-    own = tuple(key for key in keys if one.wear is not None or not key.startswith("wear."))
-    asked: dict[int, tuple[FrameData, FrameFit]] = {}
-    for frame in frames:
-        try:
+    in_order = SequentialFrames(reader)
+    for place in (0,) if scene.wear is not None else sorted({0, count // 2, count - 1}):
+        # a blank frame is refused in its turn, or left out
+        with suppress(InputError, PhysicsError):
+            frame = in_order.frame(place)
+            one = scene_at(bare, slid_until(bare, frame) or 0.0)
+            own = tuple(key for key in keys if one.wear is not None or not key.startswith("wear."))
             data = prepare_frame(frame, one, bit_depth=reader.bit_depth, no_load=no_load)
-        except InputError:
-            continue  # a blank frame is refused in its turn, or left out
-        with suppress(PhysicsError):
             fitted = fit_with_model(data, one, own, stated=inputs_of_rows(()))
             if not is_lost(fitted) and not fitted.fit.plain:
-                asked[frame.index] = data, fitted.fit
-    try:
-        freed = _asked(reader.shape, list(asked.values()), one, own)
-    except PhysicsError:
-        return Apparatus(scene=scene)
-    return _held(freed, scene, list(asked))
+                data = data.with_noise(fitted.fit.noise_ratio)
+                return _held(free_causes(FrameSolution(data, fitted)), scene, place)
+    return Apparatus(scene=scene)
 
 
-def _asked(
-    shape: tuple[int, int],
-    asked: list[tuple[FrameData, FrameFit]],
-    scene: Scene,
-    keys: tuple[str, ...],
-) -> Freed[JointSolution]:
-    """Frames with their own values, asked together. Raises PhysicsError where they show nothing."""
-    if not asked:
-        raise PhysicsError("frames_do_not_show", name=scene.name)
-    data = FrameSet(shape, [frame for frame, _ in asked])
-    sequence = make_sequence(scene, len(asked), (), keys)
-    start = starting_values(sequence, [fit for _, fit in asked])
-    return free_causes(solve_jointly(data, sequence, start, lambda: None))
-
-
-def _held(freed: Freed[JointSolution], scene: Scene, places: list[int]) -> Apparatus:
-    """What was found in some frames of a video, to be held in all of them."""
+def _held(freed: Freed[FrameSolution], scene: Scene, place: int) -> Apparatus:
+    """What was found in the frame at a place of a video, to be held in all of them."""
     said = cause_messages(freed)
     if not said:
         return Apparatus(scene=scene)
     fit = freed.now.fit
-    at = [k for k, unknown in enumerate(fit.unknowns) if unknown.key in APPARATUS]
-    keys = tuple(fit.unknowns[k].key for k in at)
-    assert fit.covariance is not None
-    asked = named_frames(places)
+    at = [k for k, key in enumerate(fit.keys) if key in APPARATUS]
+    keys = tuple(fit.keys[k] for k in at)
     held = "" if freed.is_plain else message("held_all_frames")
-    if SMOOTH in freed.causes:
+    if SMOOTH in freed.causes or freed.tractions or freed.fitted.unknown:
         held += message("but_smooth_stress_which")
     return Apparatus(
         scene=scene.with_values(dict(zip(keys, fit.values[at].tolist(), strict=True))),
         keys=keys,
         covariance=fit.covariance[np.ix_(at, at)],
         terms=freed.now.terms if freed.light else None,
-        outside=freed.now.data.outside,
-        warnings=tuple(f"asked of {asked}{held}: " + text for text in said),
+        outside=freed.stated.data.valid & ~freed.now.data.valid,
+        warnings=tuple(f"asked of {named_frames([place])}{held}: " + text for text in said),
     )
 
 

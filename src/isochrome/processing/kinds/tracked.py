@@ -123,7 +123,7 @@ class TrackedFilm(WithModel):
         return replace(self, maps=chosen, order_step=step, pages=pages), text
 
     def shared(self, source: FrameSource, count: int, progress: RunProgress | None) -> FrameKind:
-        """With the apparatus, asked of a few frames."""
+        """With the apparatus, asked of one frame."""
         if source.task.as_stated:
             return self
         scene, capture = sliding_scene(source.task.scene), source.capture
@@ -162,7 +162,7 @@ class TrackedFilm(WithModel):
         self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
     ) -> ProcessedFrame:
         """A key frame by itself, in the apparatus of all."""
-        # what belongs to the apparatus was asked before, of a few frames for all of them
+        # what belongs to the apparatus was asked before, of one frame for all of them
         return super().read(frames, scene, capture, as_stated=True)
 
     def values(self, scene: Scene) -> tuple[str, ...]:
