@@ -217,7 +217,6 @@ may before they are made anew; contacts solved for one frame at most; and by how
 lets that share grow, until it is looked at again."""
 _LOST = 1.1
 """Chi, over that of the last frame that was searched for, beyond which a frame is lost."""
-_NOISE_EVERY = 250
 _CORRECT = "correct_scene_load_place"
 NO_FRINGES = "scene_fringes_not_frame"
 AGAIN = "there_no_track_follow"
@@ -330,7 +329,7 @@ class Tracker:
         self._pace = np.zeros(len(keys))
         self._model: TrackedModel | None = None
         self._whole: SceneRenderer | None = None
-        self._reference, self._since_noise = 1.0, 0
+        self._reference = 1.0
 
     def state(self) -> dict[str, Any]:
         """What the next frame needs of those before it, as plain numbers for `resume`."""
@@ -484,7 +483,6 @@ class Tracker:
     def _prepare(self, frame: Frame, data: FrameData) -> TrackedModel:
         """What all frames have in common, from one that is whole."""
         noise = estimate_noise(frame.image, data.valid, bit_depth=self._bit_depth)
-        self._since_noise = 0
         return TrackedModel(
             self.course, data, noise=noise, full=full_scale(self._bit_depth),
             held=self._apparatus.keys, usual_load_n=self._usual_load_n,
@@ -492,11 +490,7 @@ class Tracker:
 
     def _follow(self, frame: Frame, model: TrackedModel, start: Array) -> RefinedFit | None:
         """The fit of a frame from some values (keys,); None where its steps do not end."""
-        self._since_noise, noise = self._since_noise + 1, None
-        if self._since_noise >= _NOISE_EVERY:
-            noise = estimate_noise(frame.image, frame.mask, bit_depth=self._bit_depth)
-            self._since_noise = 0
-        model.see(frame.image, noise)
+        model.see(frame.image)
         values, last = start, np.inf
         best: RefinedFit | None = None  # where the contact was solved, and cost least
         for _ in range(_STEPS):
