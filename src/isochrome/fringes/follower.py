@@ -27,8 +27,7 @@ Beside known orders N goes on as a plane through them: min over a, b, c of
 Σ w (N(p + u) - a - b u_1 - c u_2)², w a Gaussian window times where orders are known; N(p) = a.
 What a key frame could not read is regained where the light, on a flank, says the same:
 d = (w - C cos 2 pi N)/(dw/dN). On a crest both of its sides are as bright, and nothing is gained
-there until the fringes move. Whether it is right, the frames before are to say, through which it is
-followed back.
+there until the fringes move.
 """
 
 from dataclasses import dataclass, field, replace
