@@ -75,12 +75,13 @@ _THIN = 4
 class TrackedFilm(WithModel):
     """A contact's video, of which each `every`-th frame is a key frame.
 
+    None: at most each 200th, with stretches between that are alike, for processes to share.
     `wanted`, the maps that were asked for, and `maps`, of which frames they are written: 'all',
     those of the 'key' frames, or 'none'; `order_step` (fringes), in which those of all are kept,
     and `pages`, whether the TIFF stacks have a page for each of them.
     """
 
-    every: int = KEY_EVERY
+    every: int | None = None
     wanted: str | None = None
     maps: str = "key"
     order_step: float = 1e-4
@@ -89,7 +90,7 @@ class TrackedFilm(WithModel):
     @property
     def key_step(self) -> int:
         """Frames to the next key frame."""
-        return self.every
+        return self.every or KEY_EVERY
 
     @property
     def maps_of_all(self) -> bool:
@@ -100,7 +101,8 @@ class TrackedFilm(WithModel):
         self, scene: Scene, shape: tuple[int, int], count: int, on_disk: bool
     ) -> tuple[FrameKind, str]:
         """With the maps that are written, and a sentence of what they take. Raises InputError."""
-        check_tracked(scene, shape, self.every)
+        check_tracked(scene, shape, self.key_step)
+        step = self.every or -(-count // -(-count // KEY_EVERY))
         pixels = math.prod(shape)
         most, each = (MOST_ON_DISK, _BYTES) if on_disk else (MOST_IN_MEMORY, 8)
         chosen = self.wanted or ("all" if each * pixels * count <= most else "key")
@@ -108,19 +110,19 @@ class TrackedFilm(WithModel):
             why = f"those of all {count} might take {each * pixels * count / 1e9:.3g} GB"
             text = {"key": "maps of the key frames", "none": "no maps"}[chosen]
             text += f"; {why}: --maps all writes them" if self.wanted is None else ""
-            return replace(self, maps=chosen), text
-        step = order_step(scene, shape)
+            return replace(self, every=step, maps=chosen), text
+        order = order_step(scene, shape)
         pages = on_disk and 4 * pixels * count <= MOST_PAGED
         space = (_TYPICAL if on_disk else each) * pixels
         text = (
             f"maps of {counted(count, 'frame')}: about {1e-6 * space:.2g} MB a frame, "
-            f"{1e-9 * space * count:.3g} GB in all, orders in steps of {step:g} fringe"
+            f"{1e-9 * space * count:.3g} GB in all, orders in steps of {order:g} fringe"
         )
         if on_disk and not pages:
             text += (
                 "; the TIFF stacks hold the key frames: isochrome export --to tiff makes all pages"
             )
-        return replace(self, maps=chosen, order_step=step, pages=pages), text
+        return replace(self, every=step, maps=chosen, order_step=order, pages=pages), text
 
     def shared(self, source: FrameSource, count: int, progress: RunProgress | None) -> FrameKind:
         """With the apparatus, asked of one frame."""
@@ -145,11 +147,10 @@ class TrackedFilm(WithModel):
         Key frames are processed as if there were no others; each of the other frames is followed
         from the key frame before it, whose own chunk thus suffices.
         """
-        assert start % self.every == 0
-        track = KeyFrames(source, self)
+        assert start % self.key_step == 0
         for index, frames in source.captured(start, stop):
             frame = replace(frames[0], index=index)
-            if index % self.every == 0:
+            if index % self.key_step == 0:
                 key = source.processed(index, frames)
                 surface_field_grid.cache_clear()  # of its own place, as large as ten pictures
                 track = KeyFrames(source, self)
@@ -178,7 +179,7 @@ class TrackedFilm(WithModel):
         """With a key frame's place and the apparatus."""
         row = item.row()
         if isinstance(item, ProcessedFrame):
-            place = None if self.maps == "none" else item.index // self.every
+            place = None if self.maps == "none" else item.index // self.key_step
             row |= {PICTURE: place, FOUND_BY: WHOLE if item.has_values else NOTHING}
             held = {} if self.apparatus is None else self.apparatus.values
             for key, (value, spread) in held.items():
@@ -201,7 +202,7 @@ class TrackedFilm(WithModel):
     @property
     def identity(self) -> dict[str, Any]:
         """Its key frames, and the maps that were asked for."""
-        return {"every": self.every, "maps": self.wanted or "default"}
+        return {"every": self.every or "default", "maps": self.wanted or "default"}
 
 
 def check_tracked(scene: Scene, shape: tuple[int, int], every: int) -> None:
