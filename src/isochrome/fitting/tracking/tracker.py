@@ -348,7 +348,7 @@ class Tracker:
         self.course.resume(state["course"])
         self._model = None
 
-    def begin(self, frame: Frame, fitted: Scene, chi: float, distance_m: float | None) -> None:
+    def begin(self, frame: Frame, fitted: Scene, chi: float, distance_m: float | None) -> Tracked:
         """Start in a frame that was fitted by itself: `fitted`, with its `chi`.
 
         `distance_m`, slid until then, None where nothing wears. Raises InputError on a blank frame.
@@ -357,7 +357,7 @@ class Tracker:
         result = self._begin_at(frame, self._data(frame), fitted, chi, distance_m, distance_m)
         if result is None or result.chi > _LOST * max(1.0, chi):
             result = self._search(frame, distance_m)
-        self._take(result, frame, lost=True)
+        return self._take(result, frame, lost=True)
 
     def track(self, frame: Frame, distance_m: float | None) -> Tracked:
         """The tracked values of the next frame. Raises InputError on a blank frame.

@@ -238,12 +238,12 @@ class KeyFrames:
         self._tracker: Tracker | None = None
         self._vain = VainSearch(source.capture.bit_depth)
 
-    def begin(self, frame: Frame, complete: ProcessedFrame) -> None:
+    def begin(self, frame: Frame, complete: ProcessedFrame) -> Tracked:
         """Start the track where the fit of a wholly processed frame ended, if it told values."""
         if not complete.has_values:
             if not complete.failed:
                 self._vain.remember(frame)
-            return
+            return nothing_found(len(self.keys))
         assert complete.fit is not None
         # what is not tracked, as an unknown gamma or a smooth stress, stays as the key frame says
         fit, keys = complete.fit, (GAMMA, *SMOOTH_KEYS)
@@ -257,7 +257,7 @@ class KeyFrames:
             no_load=(self.capture.dark, self.capture.bright), apparatus=self.kind.apparatus,
             usual_load_n=self.scene.load_at(0.0),
         )  # fmt: skip
-        self._tracker.begin(frame, fit.scene, fit.chi, slid_until(self.scene, frame))
+        return self._tracker.begin(frame, fit.scene, fit.chi, slid_until(self.scene, frame))
 
     def follow(self, frame: Frame) -> FollowedFrame:
         """One frame more. Raises InputError, PhysicsError."""
@@ -265,44 +265,35 @@ class KeyFrames:
         fields = frame_fields(frame, self.scene) | {"label": label, "distance_m": distance}
         result = FollowedFrame(**fields, keys=self.keys)
         try:
-            tracked, complete = self._tracked(frame)
+            tracked = self._tracked(frame)
             result = replace(result, tracked=tracked, warnings=tracked.warnings)
-            return self._with_map(result, frame, complete) if self.kind.maps_of_all else result
+            return self._with_map(result, frame) if self.kind.maps_of_all else result
         except IsochromeError as error:
             if not self.source.task.keep_going:
                 raise
             return replace(result, tracked=None, warnings=(str(error),), failed=True)
 
-    def _tracked(self, frame: Frame) -> tuple[Tracked, ProcessedFrame | None]:
-        """The tracked values; where there is no track yet, those of the whole frame, as a search.
+    def _tracked(self, frame: Frame) -> Tracked:
+        """The tracked values; where there is no track yet, it begins with the whole frame.
 
-        What is not tracked, as an unknown gamma or a smooth stress, a whole frame alone tells. The
-        whole frame is given too where the values are its own.
+        What is not tracked, as an unknown gamma or a smooth stress, a whole frame alone tells.
         """
         if self._tracker is not None:
-            return self._tracker.track(frame, slid_until(self.scene, frame)), None
+            return self._tracker.track(frame, slid_until(self.scene, frame))
         if self._vain.is_repeated(frame):
-            return nothing_found(len(self.keys)), None
+            return nothing_found(len(self.keys))
         try:  # as if it were a key frame; nothing where the physics is refused
             complete = self.source.processed(frame.index, [frame])
         except PhysicsError as error:
             complete = replace(failed_frame(frame, str(error)), failed=False)
-        self.begin(frame, complete)
-        if not complete.has_values:
-            return nothing_found(len(self.keys)), None
-        return self._of_complete(complete), complete
+        return self.begin(frame, complete)
 
-    def _with_map(
-        self, item: FollowedFrame, frame: Frame, complete: ProcessedFrame | None
-    ) -> FollowedFrame:
+    def _with_map(self, item: FollowedFrame, frame: Frame) -> FollowedFrame:
         """A followed frame with its orders, read on the branches of the followed model.
 
         Raises InputError, PhysicsError.
         """
         tracked = item.tracked
-        if complete is not None and complete.fit is not None:
-            fields = {name: getattr(complete, name) for name in ("reading", "noise", "largest")}
-            return replace(item, scene=complete.fit.scene, **fields)
         if self._tracker is None or tracked is None or not tracked.positive:
             return item
         data, model, scene = self._tracker.model_frame(frame)
@@ -316,16 +307,3 @@ class KeyFrames:
         return replace(
             item, reading=reading, noise=noise, scene=scene, largest=largest, warnings=notes
         )
-
-    def _of_complete(self, complete: ProcessedFrame) -> Tracked:
-        """The values of a frame that was processed wholly, as if they had been tracked."""
-        fit = complete.fit
-        assert fit is not None
-        columns = fit.values, fit.standard_uncertainty, fit.cramer_rao_bound
-        known = dict(zip(fit.keys, zip(*columns, strict=True), strict=True))
-        rows = [known.get(key, (np.nan,) * 3) for key in self.keys]
-        values, spread, bound = np.array(rows).T.copy()
-        return Tracked(
-            values=values, standard_uncertainty=spread, cramer_rao_bound=bound, chi=fit.chi,
-            searched=True, positive=True,
-        )  # fmt: skip
