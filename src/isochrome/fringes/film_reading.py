@@ -38,8 +38,8 @@ from isochrome.optics import FringeWave
 _DEGREES = (2, 4)
 """Of the illumination by the brightest light, and by all crests: a lamp falls off to corners."""
 _STRIDE = 2
-_BELOW, _ABOVE = 0.03, 0.05
-"""How far a crest lies from the surface, over the light: noise, and a crest between two frames."""
+_BELOW = 0.03
+"""How far a crest lies below the surface, over the light: noise, and one between two frames."""
 _ROUNDS, _FIRST, _MOSTLY = 30, 60.0, 97.0
 _NEAR = 0.08
 """Fringes from a crest up to which a pixel tells the illumination: its order need not be exact."""
@@ -146,8 +146,7 @@ class BrightestLight:
             coefficients = np.linalg.solve(matrix.astype(float), (terms * weight) @ brightest)
             level = coefficients.astype(np.float32) @ terms
             away = (brightest - level) / np.median(level)
-            weight = np.exp(-((np.minimum(away, 0.0) / _BELOW) ** 2))
-            weight = np.where(away > _ABOVE, 0.3, weight).astype(np.float32)
+            weight = np.exp(-((np.minimum(away, 0.0) / _BELOW) ** 2)).astype(np.float32)
         surface = np.tensordot(coefficients.astype(np.float32), basis, 1)
         if not surface[valid].min() > 0.2 * np.median(surface[valid]):
             raise InputError(NO_CREST)

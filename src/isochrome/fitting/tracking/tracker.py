@@ -381,7 +381,9 @@ class Tracker:
         """Go on from what was found in a frame, by a search where it was `lost`."""
         before, count = self._values, len(self.keys)
         self._pace = np.zeros(count)
-        if found is None or not found.positive or _off(found) > TOO_FAR:
+        # over the contrast, by the median of the pixels: see TOO_FAR
+        lit = np.median(found.gamma_fit.part.amplitude) if found else 0.0
+        if found is None or not found.positive or found.chi > TOO_FAR * lit:
             self._vain.remember(frame)
             return nothing_found(count, found.chi if found and found.positive else np.nan)
         self._vain.forget()
@@ -522,9 +524,3 @@ class Tracker:
             best = replace(found, values=values, gamma_fit=here)
             values, last = found.values, size
         return None
-
-
-def _off(found: RefinedFit) -> float:
-    """Residual over contrast, by the median contrast of the pixels: see TOO_FAR."""
-    lit = np.median(found.gamma_fit.part.amplitude)  # over the noise
-    return found.chi / float(lit) if lit > 0.0 else np.inf
