@@ -12,8 +12,8 @@ from fitting.engine_frames import light_of, prepared
 from fitting.test_fit_track import FRICTION, LOAD, SHAPE, contact
 from fitting.test_fit_track_worn import WEAR, worn_film
 from isochrome.contact import GrowingScar, contact_grid, make_site, wear, wear_course, worn_states
-from isochrome.fitting import Tracker, placed
-from isochrome.fitting.tracking.result import TrackRows
+from isochrome.fitting import Tracked, Tracker, placed, track
+from isochrome.fitting.tracking.result import make_track, track_row
 from isochrome.fitting.tracking.tracked_model import TrackedModel
 from isochrome.fitting.tracking.worn_course import GROWTH, WornCourse
 from isochrome.frames import Frame, NoiseModel
@@ -96,7 +96,6 @@ def test_a_track_is_widened_where_the_noise_of_neighbours_is_alike(clean):
 
 def test_a_cameras_noise_is_told_again_after_250_frames():
     """From the second frame on the camera's noise is four fifths of what it was in the first."""
-    shape = (60, 90)
     size = {"camera.width_px": 90, "camera.height_px": 60, "camera.pixel_mm": 0.0417}
     scene = contact().with_values(size)
     light, rng = light_of(scene), np.random.default_rng(8)
@@ -104,7 +103,7 @@ def test_a_cameras_noise_is_told_again_after_250_frames():
         expose(light, scene.with_values({"camera.noise_grey": grey}).camera, rng=rng)
         for grey in [NOISE, *[0.8 * NOISE] * 279]
     ]
-    chi = [one.chi for one in tracked(Tracker(placed(scene, shape), (LOAD,), bit_depth=8), frames)]
+    chi = track(np.stack(frames), scene, (LOAD,), as_stated=True).chi
     # a frame's chi scatters by 0.03 here, and the mean of 29 and more by 0.006; the noise that a
     # frame tells of itself, by 0.02
     assert np.mean(chi[1:250]) == pytest.approx(0.8, abs=0.04)
@@ -124,23 +123,29 @@ def test_a_tracked_key_that_a_frame_does_not_tell_has_no_uncertainty_but_infinit
         assert abs(one.values[0] - 44.0) < 4.0 * one.standard_uncertainty[0]
 
 
-def row(values, spread, **others):
-    plain = {"distance_m": None, "chi": 1.0, "searched": False, "positive": True, "far": False}
-    bound = {"cramer_rao_bound": spread}
-    return plain | {"values": values, "standard_uncertainty": spread} | bound | others
+def row(values, spread, *, chi=1.0, searched=False, positive=True):
+    found = Tracked(
+        values=values, standard_uncertainty=spread, cramer_rao_bound=spread, chi=chi,
+        searched=searched, positive=positive,
+    )  # fmt: skip
+    return track_row(0, None, (LOAD, FRICTION), found)
 
 
 def test_the_mean_that_the_scene_gets_is_of_the_frames_that_tell_a_key():
-    rows = TrackRows((LOAD, FRICTION))
-    rows.add(row([40.0, 0.1], [0.1, np.inf], searched=True))
-    rows.add(row([44.0, 0.2], [0.1, 0.01]))
-    rows.add(row([np.nan, np.nan], [np.nan, np.nan], positive=False, searched=True))
-    rows.add(row([48.0, 0.4], [0.1, 0.01], searched=True, chi=1.31))
-    result = rows.result(contact())
+    rows = [
+        row([40.0, 0.1], [0.1, np.inf], searched=True),
+        row([44.0, 0.2], [0.1, 0.01]),
+        row([np.nan, np.nan], [np.nan, np.nan], positive=False, searched=True),
+        row([48.0, 0.4], [0.1, 0.01], searched=True, chi=1.31),
+    ]
+    result = make_track(rows, (LOAD, FRICTION), contact())
     assert result.scene.load.normal_n == 44.0
     assert result.scene.friction.coefficient == pytest.approx(0.3)
     stated = contact().with_values({"load.normal_n": {"value": 44, "standard_uncertainty": 1}})
-    assert "stated uncertainties of load.normal_n are not in" in rows.result(stated).warnings[0]
+    assert (
+        "stated uncertainties of load.normal_n are not in"
+        in (make_track(rows, (LOAD, FRICTION), stated).warnings[0])
+    )
     # each frame is told of once, and for what it is
     assert [text.split(":")[0] for text in result.warnings] == ["frame 3", "frame 2", "frame 3"]
     for text, said in zip(

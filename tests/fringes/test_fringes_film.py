@@ -1,12 +1,10 @@
 """Orders followed from frame to frame: crests, both ways, and what a state keeps."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from isochrome.fringes import FilmLight, KeptState, follow_frame, unloaded_state
-from isochrome.fringes.film_reading import _followed_back, keep_state
+from isochrome.fringes.film_reading import keep_state
 from isochrome.fringes.follower import continued, regained
 
 ROWS, COLS = 90, 120
@@ -50,24 +48,6 @@ def test_a_rate_is_that_of_time_and_not_of_frames():
         state = follow_frame(state, wave(order(0.1 * time), frame), EVERYWHERE, time, noise=NOISE)
     inside = state.rate[20:-20, 20:-20]
     assert np.abs(inside - order(0.1)[20:-20, 20:-20]).max() < 0.02
-
-
-def test_where_both_ways_differ_nothing_is_known():
-    """Orders that were followed into another branch do not come back out of it."""
-    state = unloaded_state(EVERYWHERE, 0.0)
-    passed = []
-    for frame in range(13):
-        seen = wave(order(0.1 * frame), frame)
-        if frame:
-            state = follow_frame(state, seen, EVERYWHERE, float(frame), noise=NOISE)
-        passed.append((seen, EVERYWHERE, state))
-    passed = passed[4:]
-    assert not _followed_back(passed, state, NOISE)[0][5:-5, 5:-5].any()
-    other = passed[3][2].order.copy()
-    other[30:60, 70:110] += 1.0
-    passed[3] = (*passed[3][:2], replace(passed[3][2], order=other))
-    doubt, _ = _followed_back(passed, state, NOISE)
-    assert doubt[32:58, 72:108].all() and not doubt[:25].any()
 
 
 def test_a_kept_state_is_taken_up_again():

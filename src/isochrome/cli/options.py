@@ -191,7 +191,7 @@ PROCESS: Options = {
         "key frames, as through a video.",
     ),
     "each": (bool, "Process every frame of a video as if it were alone."),
-    "every": (int | None, "Frames from key frame to key frame of a video, 200."),
+    "every": (int | None, "Frames from key frame to key frame of a video, else 200 at most."),
     "maps": (str | None, "Of a video, the maps of which frames: all, key, none; all up to 20 GB."),
     "preview": (
         bool,

@@ -5,7 +5,6 @@ from .state import ContactGrid, SurfaceState, contact_grid, elastic_constants, l
 from .wear import (
     ContactSetup,
     GrowingScar,
-    WornStart,
     WornState,
     contact_states,
     elastic_state,
@@ -26,7 +25,6 @@ __all__ = [
     "SlidingHistory",
     "Surface",
     "SurfaceState",
-    "WornStart",
     "WornState",
     "contact_grid",
     "contact_states",

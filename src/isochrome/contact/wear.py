@@ -89,14 +89,6 @@ contact that grows there finds each node by itself where the edge was, and not t
 
 
 @dataclass(frozen=True)
-class WornStart:
-    """Where a run goes on: dose and worn depth (n,) by then."""
-
-    dose_mm_per_mpa: float
-    depth_mm: Floats
-
-
-@dataclass(frozen=True)
 class WornState:
     """The contact at a dose, and the worn depth h (n,) there."""
 
@@ -140,18 +132,19 @@ def wear_history(
     stops: Sequence[OutputState],
     *,
     tolerance: float = 1e-4,
-    start: WornStart | None = None,
+    start: tuple[float, Floats] | None = None,
 ) -> Iterator[WornState]:
     """Solve a worn contact at rising doses, hit exactly, each state yielded as soon as it is known.
 
     `gap_mm` (n,) is the unworn gap; the friction counts in the coupling alone; `stops` are sorted
     by dose, each with its own load and friction; `tolerance` is the wanted relative error of the
-    pressure. PhysicsError where a contact does not converge.
+    pressure; `start`, dose and depth (n,) where the run goes on. PhysicsError where a contact does
+    not converge.
     """
-    start = start or WornStart(0.0, np.zeros(surface.nodes))
-    load, mu = history.leaving(start.dose_mm_per_mpa)
-    contact = solve_pressure(surface, gap_mm + start.depth_mm, load, friction=mu, tolerance=1e-10)
-    now = WornState(start.dose_mm_per_mpa, contact, start.depth_mm)
+    dose, depth = start or (0.0, np.zeros(surface.nodes))
+    load, mu = history.leaving(dose)
+    contact = solve_pressure(surface, gap_mm + depth, load, friction=mu, tolerance=1e-10)
+    now = WornState(dose, contact, depth)
     past: _Past | None = None
     allowed = _allowed(tolerance, 1.0 if history.steady else _CHANGING)
     scale = (gap_mm[contact.pressure > 0.0].max() - gap_mm.min()) / contact.pressure.max()
@@ -396,9 +389,9 @@ def worn_states(
     modulus, _ = elastic_constants(site.scene)
     nothing = _UNWORN * site.grid.spacing_mm / modulus
     done = sum(stop.dose_mm_per_mpa <= nothing for stop in stops)
-    start = WornStart(0.0, np.zeros(site.grid.nodes))
+    start: tuple[float, Floats] = 0.0, np.zeros(site.grid.nodes)
     for stop in stops[:done]:
-        yield elastic_state(site, start.depth_mm, stop)
+        yield elastic_state(site, start[1], stop)
     pauses = paused_doses(course, stops)
     jump = course.next_jump(0.0)
     last: Scar | None = None
@@ -426,12 +419,12 @@ def worn_states(
 
 def _after_scar(
     site: ContactSetup, history: SlidingHistory, scar: Scar, sharp: Floats | None, last_pause: float
-) -> WornStart:
-    """Where the grid goes on from a scar: its depth is sharp where an edge may yet be overrun."""
+) -> tuple[float, Floats]:
+    """Dose and depth where the grid goes on from a scar: sharp where an edge may be overrun."""
     dose = scar.stop.dose_mm_per_mpa
     if sharp is None and (history.next_jump(dose) < np.inf or last_pause > dose):
         sharp = _sharp_depth(site, history, scar)
-    return WornStart(dose, scar_on_nodes(scar, site.grid.x_mm)[1] if sharp is None else sharp)
+    return dose, scar_on_nodes(scar, site.grid.x_mm)[1] if sharp is None else sharp
 
 
 def _scars(

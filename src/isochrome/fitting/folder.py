@@ -13,7 +13,7 @@ from isochrome.fitting.figure import budget_figure, fit_figure, over_distance_fi
 from isochrome.fitting.frame.unknowns import WEAR
 from isochrome.fitting.frame_set import PreparedFrames
 from isochrome.fitting.joint.joint_fit import JointFit
-from isochrome.fitting.result import PARTS, Fit, Found, KeyBudget, keys_of
+from isochrome.fitting.result import PARTS, Fit, Found, KeyBudget, column_name, keys_of
 from isochrome.fitting.tracking.result import Track, restored
 from isochrome.fitting.tractions.api import write_tractions
 from isochrome.fitting.wear_laws import LawFit, WearLaws
@@ -42,7 +42,7 @@ _TRACK_BUDGET = (
     "of its frames gives them."
 )
 _TRACK_CAUSES = (
-    "What a few of its frames asked of the apparatus is held in all of them, and named in the "
+    "What one of its frames asked of the apparatus is held in all of them, and named in the "
     "warnings."
 )
 
@@ -130,11 +130,6 @@ def write_fit(
             single = Column((), np.array(estimate[part], float), named_units(key))
             columns[column_name(key, part)] = single
     keep_values(folder, job, result, columns)
-
-
-def column_name(key: str, part: str) -> str:
-    """The name of a column: the key alone is its value."""
-    return key if part == PARTS[0] else f"{key} {part}"
 
 
 def keep_values(folder: Path, job: Job, result: Fit | Track, columns: dict[str, Column]) -> None:

@@ -41,6 +41,12 @@ Found = dict[str, dict[str, float]]
 PARTS = ("value", "standard_uncertainty", "noise_uncertainty", "cramer_rao_bound")
 """What is known of a value: its uncertainty, the frames' noise alone in it, the noise's least."""
 
+
+def column_name(key: str, part: str) -> str:
+    """The name of a column: the key alone is its value."""
+    return key if part == PARTS[0] else f"{key} {part}"
+
+
 TOO_FAR = 0.12
 """Residual over contrast beyond which a model tells nothing: no value, and no pixel's branch.
 A right model leaves the noise, about 0.02; one that is 3 % off in load 0.05; wrong ones 0.15 on."""

@@ -12,14 +12,12 @@ Source: MacKay (2003), Information Theory, Inference, and Learning Algorithms, c
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from scipy.special import chdtrc
 
 from isochrome.contact import wear_course
-from isochrome.estimation import Damping, minimise
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.single_state import with_part
 from isochrome.fitting.frame.unknowns import FRICTION, WEAR
@@ -35,9 +33,6 @@ _SEGMENTS = 12
 _FAR, _LEAST = 4.0, 1e-2
 """Logarithms from its start that a running-in is looked for: beyond, its table has no meaning; and
 the least last coefficient that it starts from, over the mean."""
-
-_ITERATIONS, _SETTLED = 60, 1e-3
-"""Most steps; and the last one's predicted gain, in variances and over the distance left."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -237,50 +232,16 @@ def marginal(information: Array, selected: list[int]) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class CurvePlace:
-    """A place `unknown` (m,) on a curve, as of `nearest_point`: its cost, and where it falls."""
+    """A place `unknown` u (m,) on a curve c, as of `nearest_point`.
 
-    curve: Callable[[Array], Array]
+    `here`, c(u) (k,); `distance`, c^T N c; `cost`, with the prior's part; `normal`, J^T N J + Λ.
+    """
+
     unknown: Array
-    centre: Array
-    steps: Array
-    information: Array
-    precision: Array
-
-    @cached_property
-    def here(self) -> Array:
-        """The curve there, c(u) (k,)."""
-        return self.curve(self.unknown)
-
-    @property
-    def distance(self) -> float:
-        """The first part of the cost, c^T N c."""
-        return float(self.here @ self.information @ self.here)
-
-    @cached_property
-    def cost(self) -> float:
-        """What is made least."""
-        return self.distance + float(self.precision @ (self.unknown - self.centre) ** 2)
-
-    @cached_property
-    def slope(self) -> Array:
-        """The curve's derivatives J (k, m)."""
-        slope = np.empty((len(self.here), len(self.unknown)))
-        for k, step in enumerate(self.steps):
-            ahead = self.unknown.copy()
-            ahead[k] += step
-            slope[:, k] = (self.curve(ahead) - self.here) / step
-        return slope
-
-    @cached_property
-    def normal(self) -> Array:
-        """J^T N J + Λ (m, m)."""
-        return np.asarray(self.slope.T @ self.information @ self.slope + np.diag(self.precision))
-
-    @property
-    def gradient(self) -> Array:
-        """Minus half the cost's gradient (m,)."""
-        pull = self.slope.T @ self.information @ self.here
-        return -np.asarray(pull + self.precision * (self.unknown - self.centre))
+    here: Array
+    distance: float
+    cost: float
+    normal: Array
 
 
 def nearest_point(
@@ -295,12 +256,21 @@ def nearest_point(
 
     `centre` u0 and `precision`, the diagonal of Λ, of the prior; `steps` (m,), of differences.
     """
-    first = CurvePlace(curve, unknown, centre, steps, information, precision)
-    return minimise(
-        lambda values: replace(first, unknown=values), unknown, first,
-        damping=Damping(0.0, least=1e-3), iterations=_ITERATIONS,
-        enough=lambda place: _SETTLED * (1.0 + _SETTLED * place.cost),
-    ).point  # fmt: skip
+    from scipy.optimize import least_squares
+
+    size, along = np.linalg.eigh(information)
+    root, known = np.sqrt(np.maximum(size, 0.0))[:, None] * along.T, np.sqrt(precision)
+
+    def residual(at: Array) -> Array:
+        return np.concatenate([root @ curve(at), known * (at - centre)])
+
+    def slope(at: Array) -> Array:
+        ahead = [residual(at + move) for move in np.diag(steps)]
+        return np.asarray((np.array(ahead) - residual(at)).T / steps)
+
+    best = least_squares(residual, unknown, jac=slope, x_scale="jac")
+    here, normal = curve(best.x), best.jac.T @ best.jac
+    return CurvePlace(best.x, here, float(here @ information @ here), 2.0 * best.cost, normal)
 
 
 _UNLIKELY = 1e-4

@@ -3,13 +3,12 @@
 The way of a film's orders from its first frame to its last, and where it can be taken up again.
 
 The frames are passed over once, on blocks of pixels. At the start of every chunk the state is
-kept, so that a chunk's frames can be read by whoever has it, with the same result. From each kept
-state to the next the film is followed back, too: where both ways do not agree, an order is not
-known from the first of them on. Where single frames can be read from nothing, key frames are, now
-and then and where a film breaks: what they and the followed orders have in common is checked, what
-only one of them knows is taken from it, and where they differ nothing is known since the key frame
-before. What lies beside what is known is regained in such a film, at each kept state, where all
-frames since the last one bear it out; the next key frame is held against it as well.
+kept, so that a chunk's frames can be read by whoever has it, with the same result. Where single
+frames can be read from nothing, key frames are, now and then and where a film breaks: what they and
+the followed orders have in common is checked, what only one of them knows is taken from it, and
+where they differ nothing is known since the key frame before. What lies beside what is known is
+regained in such a film, at each kept state, where its light bears it out; the next key frame is
+held against it as well.
 
 The light of a film that begins without load: what its own frames show of it.
 
@@ -39,8 +38,8 @@ from isochrome.optics import FringeWave
 _DEGREES = (2, 4)
 """Of the illumination by the brightest light, and by all crests: a lamp falls off to corners."""
 _STRIDE = 2
-_BELOW, _ABOVE = 0.03, 0.05
-"""How far a crest lies from the surface, over the light: noise, and a crest between two frames."""
+_BELOW = 0.03
+"""How far a crest lies below the surface, over the light: noise, and one between two frames."""
 _ROUNDS, _FIRST, _MOSTLY = 30, 60.0, 97.0
 _NEAR = 0.08
 """Fringes from a crest up to which a pixel tells the illumination: its order need not be exact."""
@@ -147,8 +146,7 @@ class BrightestLight:
             coefficients = np.linalg.solve(matrix.astype(float), (terms * weight) @ brightest)
             level = coefficients.astype(np.float32) @ terms
             away = (brightest - level) / np.median(level)
-            weight = np.exp(-((np.minimum(away, 0.0) / _BELOW) ** 2))
-            weight = np.where(away > _ABOVE, 0.3, weight).astype(np.float32)
+            weight = np.exp(-((np.minimum(away, 0.0) / _BELOW) ** 2)).astype(np.float32)
         surface = np.tensordot(coefficients.astype(np.float32), basis, 1)
         if not surface[valid].min() > 0.2 * np.median(surface[valid]):
             raise InputError(NO_CREST)
@@ -203,7 +201,7 @@ class CrestLight:
 
 
 _AGREE = 0.2
-"""Fringes within which both ways agree: half of what parts two branches, less their noise."""
+"""Fringes within which a key frame agrees: half of what parts two branches, less their noise."""
 _STEPS = 1e-3
 """Fringes of which a kept order is a whole number; far below what one frame says."""
 
@@ -212,44 +210,31 @@ _STEPS = 1e-3
 class KeptState:
     """A state that can be taken up again, packed."""
 
-    packed: bytes = field(repr=False)  # orders and rates
-    known: bytes = field(repr=False)  # where the orders are known
-    shape: tuple[int, int]
+    packed: bytes = field(repr=False)  # orders, rates, and where the orders are known
+    shape: tuple[int, ...]
     time: float  # of its frame
-    doubted: int = 0  # pixels left out since both ways through the chunk that begins here disagree
+    doubted: int = 0  # pixels left out since the next key frame disagrees
 
     def doubting(self, where: Mask) -> KeptState:
         """The same with less that is known (rows, cols)."""
-        known = self._where_known()
-        doubted = self.doubted + int(np.count_nonzero(known & where))
-        return replace(self, known=_packed(known & ~where), doubted=doubted)
+        state = self.state()
+        doubted = self.doubted + int(np.count_nonzero(state.known & where))
+        return keep_state(replace(state, known=state.known & ~where), doubted)
 
     def state(self) -> FilmState:
         """The state of the chunk's first frame."""
-        values = np.frombuffer(zlib.decompress(self.packed), np.int32).reshape(2, *self.shape)
-        values = np.cumsum(values, axis=2, dtype=np.int32)
-        order, rate = values.astype(np.float32) * np.float32(_STEPS)
-        return FilmState(order=order, rate=rate, known=self._where_known(), time=self.time)
-
-    def _where_known(self) -> Mask:
-        bits = np.unpackbits(np.frombuffer(zlib.decompress(self.known), np.uint8))
-        return bits[: self.shape[0] * self.shape[1]].reshape(self.shape).astype(bool)
+        values = np.frombuffer(zlib.decompress(self.packed), np.int32).reshape(self.shape)
+        order, rate, known = np.cumsum(values, axis=2, dtype=np.int32)
+        order, rate = (part.astype(np.float32) * np.float32(_STEPS) for part in (order, rate))
+        return FilmState(order=order, rate=rate, known=known.astype(bool), time=self.time)
 
 
-def keep_state(state: FilmState) -> KeptState:
+def keep_state(state: FilmState, doubted: int = 0) -> KeptState:
     """Pack a state."""
-    steps = [np.rint(v / np.float32(_STEPS)).astype(np.int32) for v in (state.order, state.rate)]
-    packed = zlib.compress(np.diff(np.stack(steps), axis=2, prepend=np.int32(0)).tobytes(), 1)
-    rows, cols = state.known.shape
-    return KeptState(packed, _packed(state.known), (rows, cols), state.time)
-
-
-def _packed(mask: Mask) -> bytes:
-    return zlib.compress(np.packbits(mask).tobytes(), 1)
-
-
-_Passed = tuple[Array, Mask, FilmState]
-"""A frame that was passed: its wave, where it is trusted, and what was followed to there."""
+    parts = np.stack((state.order, state.rate)) / np.float32(_STEPS)
+    steps = np.rint(np.concatenate((parts, state.known[None]))).astype(np.int32)
+    packed = zlib.compress(np.diff(steps, axis=2, prepend=np.int32(0)).tobytes(), 1)
+    return KeptState(packed, steps.shape, state.time, doubted)
 
 
 class FilmPath:
@@ -273,7 +258,6 @@ class FilmPath:
         self._key, self._every, self._last_key = key, every, begin
         self._begin, self._start = begin, start
         self._state = replace(start, known=np.zeros_like(start.known)) if begin else start
-        self._passed: list[_Passed] = []
         self._broken = False
 
     def follow(self, frames: Iterable[tuple[Array, Mask, float]]) -> None:
@@ -287,17 +271,17 @@ class FilmPath:
             wave = self.light.wave(light)
             breaks = index > self._begin and self._take(rise, wave, valid, time, index)
             if index == self._begin:
-                self._state, self._passed = self._start, []
-            self._passed.append((wave, valid, self._state))
-            due = index > self._begin and (breaks or index % self._every == 0)
-            begins = index in (0, self._begin)
-            if begins or index % self.chunk == 0 or (due and self._key is not None):
-                self._agree()
-                if due and self._key is not None:
+                self._state = self._start
+            keyed = self._key is not None and index > self._begin
+            due = keyed and (breaks or index % self._every == 0)
+            if due or index in (0, self._begin) or index % self.chunk == 0:
+                state = self._state
+                if keyed and state.known.any():  # the next key frame finds what is not right
+                    order, known = regained(state.order, state.known, wave, valid)
+                    self._state = replace(state, order=order, known=known)
+                if due:
                     self._settle(index)
                 self.kept[index] = keep_state(self._state)
-                self._passed = [(wave, valid, self._state)]
-        self._agree()
 
     def _take(self, rise: Array, wave: Array, valid: Mask, time: float, index: int) -> bool:
         """One frame more, and what it says of the illumination; whether the film breaks there."""
@@ -334,44 +318,6 @@ class FilmPath:
             known = (old.known | new.known) & ~differ
             self._state = replace(old, order=order, known=known)
         self._last_key = index
-
-    def _agree(self) -> None:
-        """Follow the frames since the last kept state back; where that differs, none is known.
-
-        What is regained beside what was known is known from here on, if all of them bear it out.
-        """
-        passed, self._passed = self._passed, []
-        if self._broken or len(passed) < 2 or not passed[-1][-1].known.any():
-            return
-        wave, valid, before = passed[-1]
-        state = before
-        if self._key is not None:  # the next key frame is to find what is not right
-            order, known = regained(before.order, before.known, wave, valid)
-            state = replace(before, order=order, known=known)
-        doubt, first = _followed_back(passed, state, self.noise)
-        if doubt.any():
-            last = max(self.kept)
-            self.kept[last] = self.kept[last].doubting(doubt)
-        gained = state.known & ~before.known & first
-        order = np.where(gained, state.order, self._state.order)
-        known = (self._state.known & ~doubt) | gained
-        self._state = replace(self._state, order=order, known=known)
-
-
-def _followed_back(passed: list[_Passed], state: FilmState, noise: float) -> tuple[Mask, Mask]:
-    """Follow frames back from a state of the last one.
-
-    Returns where they have other orders then, and what of the state is known down to the first.
-    """
-    known = state.known & passed[-1][-1].known
-    doubt = np.zeros_like(known)
-    for wave, valid, before in reversed(passed[:-1]):
-        state = follow_frame(state, wave, valid, before.time, noise=noise)
-        if state.broken:
-            return known, np.zeros_like(known)
-        both = state.known & before.known
-        doubt |= both & (np.abs(state.order - before.order) > _AGREE)
-    return doubt & known, state.known
 
 
 _GUIDE_ROWS = 247

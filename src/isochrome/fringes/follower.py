@@ -2,12 +2,11 @@
 
 The light of a pixel on a crest does not say whether its order goes on or back. Its neighbours do,
 whose change is its own but for little: that of the whole picture (`fit_order_change`) predicts each
-pixel's order, and the wave w = cos 2 pi N corrects it by least squares over windows that
-narrow down, d = Σ J r / (Σ J² + (sigma² + e² Σ 1)/u²), r = w - C cos 2 pi N, J = dw/dN, from a
-widest one in which d is in proportion to N, to a narrowest one; u is what the prediction leaves
-open, and e what the light does. What lies below the narrowest window is smoothed a little in each
-frame, for no light would ever correct it. C is what the size of a pixel leaves of fringes of the
-gradient g, 1 - pi² g²/6.
+pixel's order, and the wave w = cos 2 pi N corrects it by least squares over a wide and a narrow
+window, d = Σ J r / (Σ J² + (sigma² + e² Σ 1)/u²), r = w - C cos 2 pi N, J = dw/dN; u is what the
+prediction leaves open, and e what the light does. What lies below the narrow window is smoothed a
+little in each frame, for no light would ever correct it. C is what the size of a pixel leaves of
+fringes of the gradient g, 1 - pi² g²/6.
 
 A pixel is known as long as its neighbourhood's light is explained, its fringes are wide enough and
 its order changes by no more than a stated part of a fringe; once it is not, it stays so, and says
@@ -27,8 +26,7 @@ Beside known orders N goes on as a plane through them: min over a, b, c of
 Σ w (N(p + u) - a - b u_1 - c u_2)², w a Gaussian window times where orders are known; N(p) = a.
 What a key frame could not read is regained where the light, on a flank, says the same:
 d = (w - C cos 2 pi N)/(dw/dN). On a crest both of its sides are as bright, and nothing is gained
-there until the fringes move. Whether it is right, the frames before are to say, through which it is
-followed back.
+there until the fringes move.
 """
 
 from dataclasses import dataclass, field, replace
@@ -161,14 +159,14 @@ def _mean_misfit(residual: Array) -> float:
     return float(np.mean(np.minimum(residual * residual, np.float32(_CLIPPED))))
 
 
-_WINDOWS = ((10.0, True), (5.0, False), (2.5, False))
-"""Standard deviation of a window, pixels; whether the correction in it is in proportion to N."""
+_WINDOWS = (5.0, 2.5)
+"""Standard deviations, pixels."""
 _SPREAD, _SYSTEMATIC = 0.01, 0.03
 """Of the prediction, fringes, and of the wave by light that is not known exactly, which no window
 averages out: a region of even order that passes a crest is not to be held up on its near side."""
 _LARGEST_STEP = 0.2
 _SMOOTHED, _SMOOTH_PX, _SHARP = 0.2, 1.0, 0.15
-"""Share of what is taken off below the narrowest window, and the order below which nothing is: the
+"""Share of what is taken off below the narrow window, and the order below which nothing is: the
 order has a crease there, where it is nought."""
 _POOLED_PX = 3.0
 """Window of the rate, of the misfit and of the first orders."""
@@ -252,21 +250,16 @@ def _at_first(wave: Array, weight: Array) -> tuple[Array, Mask]:
 
 def _corrected(order: Array, wave: Array, contrast: Array, weight: Array, noise: float) -> Array:
     """The predicted orders as their neighbourhoods' light corrects them."""
-    for width, proportional in _WINDOWS:
+    for width in _WINDOWS:
         angle = _TURN * order
         residual = (wave - contrast * np.cos(angle)) * weight
         slope = -_TURN * contrast * np.sin(angle) * weight
         flank = on_flank(slope)
         spread = (noise**2 + (2.0 * np.pi * width**2) * _SYSTEMATIC**2) / _SPREAD**2
-        least: Array = np.full((1, 1), spread, dtype=np.float32)
-        if proportional:
-            slope = slope * order
-            least = least * np.maximum(order * order, np.float32(1e-4))
         weight_of_slope = slope * flank
-        informed = _window_sum(weight_of_slope * slope, width) + least
+        informed = _window_sum(weight_of_slope * slope, width) + np.float32(spread)
         step = _window_sum(weight_of_slope * residual, width) / informed
-        step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
-        order = np.abs(order + (step * order if proportional else step))
+        order = np.abs(order + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP))
     fine = np.float32(_SMOOTHED) * (cv2.GaussianBlur(order, (0, 0), _SMOOTH_PX) - order)
     return np.asarray(order + np.where(order > _SHARP, fine, np.float32(0.0)))
 

@@ -472,7 +472,8 @@ def process(
     each : bool, default False
         Whether every frame of a video is processed wholly too, as if there were no others.
     every : int, optional
-        Frames from one key frame to the next of what is followed, 200.
+        Frames from one key frame to the next of what is followed, by default 200; of a contact at
+        most so many, in stretches that are alike.
     maps : {'all', 'key', 'none'}, optional
         The frames of a followed video whose maps are written: with 'all', order (in steps of 1e-4
         fringe where it stays below 6.5) and confidence of every frame in run.zarr, and those of the
@@ -485,7 +486,7 @@ def process(
         Whether all that the scene states is held, and nothing else is fitted than its unknowns;
         else what a frame asks for is fitted too and named in the warnings: the camera's roll,
         distortion and keystone, gamma, blur, plates, band of wavelengths, a smooth stress, uneven
-        light, and dust is left out. With `track` a few frames are asked, and all hold the same.
+        light, and dust is left out. With `track` one frame is asked, and all hold the same.
     workers : int or None, default 1
         Processes on this machine; None: as many as are useful. A script that asks for more than
         one needs the usual ``if __name__ == "__main__":``.
@@ -592,7 +593,7 @@ def _kind_of_set(
     if not keyed and (track or (not each and is_followed(scene, reader))):
         from isochrome.processing.kinds.tracked import TrackedFilm
 
-        return TrackedFilm(every=every or KEY_EVERY, wanted=maps)
+        return TrackedFilm(every=every, wanted=maps)
     for name, value in (("every", None if keyed else every), ("maps", maps)):
         if value is not None:
             raise InputError("video_followed_add_track", name=name, value=value)

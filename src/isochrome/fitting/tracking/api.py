@@ -1,23 +1,21 @@
 """`fit --track`: a video's frames one after the other, each followed from the one before."""
 
 import json
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from isochrome.errors import InputError
-from isochrome.fitting.folder import column_name, keep_values, kept_values
+from isochrome.estimation import POOR_CHI
+from isochrome.fitting.folder import keep_values, kept_values
 from isochrome.fitting.frame.frame_fit import placed
 from isochrome.fitting.frame.single_state import slid_until, sliding_scene
 from isochrome.fitting.frame_set import refuse_keys, refuse_states
-from isochrome.fitting.tracking.result import (
-    TRACK_PARTS,
-    Track,
-    TrackRows,
-    is_good,
-    restored,
-    track_row,
-)
+from isochrome.fitting.result import column_name
+from isochrome.fitting.tracking.result import TRACK_PARTS, Track, make_track, restored, track_row
 from isochrome.fitting.tracking.tracker import Apparatus, Tracker, find_apparatus
 from isochrome.frames import (
     FrameReader,
@@ -104,10 +102,10 @@ def track(
         Keys to follow: load.normal_n, load.tangential_n, load.bulk_mpa, friction.coefficient,
         wear.coefficient_mm2_per_n, camera.left_mm, camera.top_mm.
     as_stated : bool, default False
-        Whether all that the scene states is held; else the first, the middle and the last frame are
-        asked for what belongs to the apparatus (the camera's roll, distortion and keystone, gamma,
-        blur, plates, band of wavelengths, uneven light, dust), and what is found is held in all
-        frames and named in the warnings. Of a contact that wears only the first is asked.
+        Whether all that the scene states is held; else the first frame (or the middle or last one,
+        where that shows nothing) is asked for what belongs to the apparatus (the camera's roll,
+        distortion and keystone, gamma, blur, plates, band of wavelengths, uneven light, dust), and
+        what is found is held in all frames and named in the warnings.
     out : str or Path, optional
         Folder for fit.csv, scene.toml (the means), fit.json, provenance.json, fit.png,
         report.html, run.zarr (values over frame, see `open_run`).
@@ -166,7 +164,7 @@ def track(
             if not as_stated:
                 work.ask(count)
             if out is None:
-                return _in_memory(work, count, progress)
+                return work.result(_in_turn(work, count, progress))
             identity = provenance(dump_scene(scene), input_files(reader, scene)) | environment()
             options = {"track": list(keys)} | ({"as_stated": True} if as_stated else {})
             identity |= {"options": options}
@@ -208,9 +206,14 @@ class _TrackWork:
         for index in range(start, stop):
             frame = self._frames.frame(index)
             distance = slid_until(self.scene, frame)
-            result.append(track_row(index, distance, tracker.track(frame, distance)))
-        more = [{"status": "ok" if is_good(row) else "flagged"} for row in result]
+            result.append(track_row(index, distance, self.keys, tracker.track(frame, distance)))
+        good = [row["positive"] and row["chi"] <= POOR_CHI for row in result]
+        more = [{"status": "ok" if ok else "flagged"} for ok in good]
         return Results({}, result, more, {}, tracker.state())
+
+    def result(self, rows: Iterable[Mapping[str, Any]]) -> Track:
+        """The track of all frames' rows. Raises PhysicsError where none tells any value."""
+        return make_track(rows, self.keys, self.scene, self.apparatus.warnings)
 
     def close(self) -> None:
         """Close the file."""
@@ -221,31 +224,27 @@ class _TrackWork:
         return Tracker(one.scene, self.keys, bit_depth=depth, no_load=self._no_load, apparatus=one)
 
 
-def _in_memory(work: _TrackWork, count: int, progress: RunProgress | None) -> Track:
-    """All frames, in the same chunks as into a folder."""
-    result, left, flagged = TrackRows(work.keys, work.apparatus.warnings), None, 0
+def _in_turn(
+    work: _TrackWork, count: int, progress: RunProgress | None
+) -> Iterator[dict[str, Any]]:
+    """The rows of all frames, in the same chunks as into a folder."""
+    left, flagged = None, 0
     for start in range(0, count, CHUNK):
         stop = min(start + CHUNK, count)
         part = work(start, stop, left)
         left = json.loads(json.dumps(part.left))
-        for row in part.rows:
-            result.add(row)
-            flagged += not is_good(row)
+        yield from part.rows
+        flagged += sum(more["status"] != "ok" for more in part.more)
         if progress is not None:
             progress(Tally(stop, count, 0, flagged))
-    return result.result(work.scene)
 
 
 def _finish(run_folder: RunFolder, job: Job, work: _TrackWork) -> Track:
     """Make the files that need all frames, from what is kept of their chunks."""
-    outcome = TrackRows(work.keys, work.apparatus.warnings)
-    for row, _ in rows(run_folder):
-        outcome.add(row)
-    result = outcome.result(work.scene)
+    result = work.result(row for row, _ in rows(run_folder))
     write_figure(run_folder.results / "fit.png", result.figure())
     status = [more["status"] for _, more in rows(run_folder)]
-    again = set(result.searched)
-    searched = [int(i in again) for i in range(len(status))]
+    searched = np.isin(np.arange(len(status)), result.searched).astype(int).tolist()
     columns = {
         "chi": column(result.chi.tolist(), "frame", "chi"),
         "searched": column(searched, "frame", "searched"),

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from array import array
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -15,13 +14,14 @@ from isochrome.figures import BAND, PaperPanels, panels_figure, plain_name, valu
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.unknowns import taken_as_exact
 from isochrome.fitting.frame_set import CORRECT
-from isochrome.fitting.result import PARTS
+from isochrome.fitting.result import PARTS, column_name
 from isochrome.fitting.tracking.tracker import AGAIN, FAR, NO_FRINGES, POOR, Tracked
 from isochrome.messages import message, read_warnings, warnings_json
 from isochrome.output import (
     FrameValues,
     Result,
     basis_of_uncertainty,
+    columns_of,
     counted,
     counted_frames,
     numbers,
@@ -136,12 +136,15 @@ class Track(Result):
         return self.over_frames.summary()
 
 
-def track_row(index: int, distance_m: float | None, found: Tracked) -> dict[str, Any]:
+def track_row(
+    index: int, distance_m: float | None, keys: tuple[str, ...], found: Tracked
+) -> dict[str, Any]:
     """A frame's row as plain numbers: its number, distance (m), and what was found in it."""
     row: dict[str, Any] = {"frame": index, "distance_m": distance_m, "chi": float(found.chi)}
-    row |= {name: np.asarray(getattr(found, name), float).tolist() for name in TRACK_PARTS.values()}
-    marks = {name: bool(getattr(found, name)) for name in ("searched", "positive", "far")}
-    return row | marks
+    for part, name in TRACK_PARTS.items():
+        values = np.asarray(getattr(found, name), float).tolist()
+        row |= {column_name(key, part): v for key, v in zip(keys, values, strict=True)}
+    return row | {name: bool(getattr(found, name)) for name in ("searched", "positive", "far")}
 
 
 def untracked_inputs(scene: Scene) -> list[str]:
@@ -164,74 +167,51 @@ def untracked_inputs(scene: Scene) -> list[str]:
     ]
 
 
-def is_good(row: Mapping[str, Any]) -> bool:
-    """Whether nothing is to be said of a frame."""
-    return bool(row["positive"] and row["chi"] <= POOR_CHI)
+def make_track(
+    rows: Iterable[Mapping[str, Any]], keys: tuple[str, ...], scene: Scene,
+    said: tuple[str, ...] = (),
+) -> Track:  # fmt: skip
+    """The track of frames' rows, see `track_row`; `said`, what is to be said of all frames.
 
-
-class TrackRows:
-    """Results so far, as bare numbers: hours of video are some megabytes."""
-
-    def __init__(self, keys: tuple[str, ...], said: tuple[str, ...] = ()) -> None:
-        """`keys` that are tracked; `said`, what is to be said of all frames."""
-        self.keys, self._said = keys, said
-        self.parts = {name: array("d") for name in TRACK_PARTS.values()}
-        self.chi, self.distance = array("d"), array("d")
-        self.searched, self.empty, self.far = array("l"), array("l"), array("l")
-
-    def add(self, row: Mapping[str, Any]) -> None:
-        """One frame more, from its row, see `track_row`."""
-        if row["searched"]:
-            self.searched.append(len(self.chi))
-        if not row["positive"]:
-            (self.far if row["far"] else self.empty).append(len(self.chi))
-        for name, part in self.parts.items():
-            part.extend(row[name])
-        self.chi.append(row["chi"])
-        distance = row["distance_m"]
-        self.distance.append(np.nan if distance is None else distance)
-
-    def result(self, scene: Scene) -> Track:
-        """All frames of a `scene`. Raises PhysicsError where none of them tells any value."""
-        shape = (len(self.chi), len(self.keys))
-        parts: dict[str, Any] = {
-            name: np.array(part).reshape(shape) for name, part in self.parts.items()
-        }
-        values, spread = parts["values"], parts["standard_uncertainty"]
-        known = np.isfinite(values) & np.isfinite(spread)
-        if not known.any():
-            count, cause = len(self.chi), message(CORRECT)
-            raise PhysicsError(
-                "nothing_could_read_any", name=scene.name, single_fits_count=count, cause=cause
-            )
-        means = {
-            key: float(values[known[:, j], j].mean())
-            for j, key in enumerate(self.keys)
-            if known[:, j].any()
-        }
-        return Track(
-            keys=self.keys, **parts, chi=np.array(self.chi), distance_m=np.array(self.distance),
-            searched=tuple(self.searched), scene=scene.with_values(means),
-            warnings=tuple(self._warnings(scene)),
-        )  # fmt: skip
-
-    def _warnings(self, scene: Scene) -> Iterator[str]:
-        yield from self._said
-        yield from untracked_inputs(scene)
-        nothing = {*self.empty, *self.far}
-        poor = [i for i, chi in enumerate(self.chi) if chi > POOR_CHI and i not in nothing]
-        # the first frame has nothing to be followed from
-        again = [i for i in self.searched if i > 0 and i not in nothing]
-        warnings = (
-            (again, message(AGAIN)),
-            (self.empty, message(NO_FRINGES)),
-            (self.far, message(FAR)),
-            (poor, message(POOR)),
+    Rows are let go one by one: hours of video are some megabytes. Raises PhysicsError where none
+    tells any value.
+    """
+    table = columns_of(rows)
+    parts: dict[str, Any] = {
+        name: np.stack([numbers(table[column_name(key, part)]) for key in keys], axis=1)
+        for part, name in TRACK_PARTS.items()
+    }
+    values, spread = parts["values"], parts["standard_uncertainty"]
+    known = np.isfinite(values) & np.isfinite(spread)
+    if not known.any():
+        count, cause = len(values), message(CORRECT)
+        raise PhysicsError(
+            "nothing_could_read_any", name=scene.name, single_fits_count=count, cause=cause
         )
-        for frames, text in warnings:
-            if len(frames):
-                worst = f" (chi up to {max(self.chi[i] for i in frames):.2f})"
-                yield f"{counted_frames(list(frames))}: {text}{worst * (text == message(POOR))}"
+    means = {
+        key: float(values[known[:, j], j].mean()) for j, key in enumerate(keys) if known[:, j].any()
+    }
+    return Track(
+        keys=keys, **parts, chi=numbers(table["chi"]), distance_m=numbers(table["distance_m"]),
+        searched=tuple(np.flatnonzero(table["searched"]).tolist()), scene=scene.with_values(means),
+        warnings=(*said, *untracked_inputs(scene), *_warnings(table)),
+    )  # fmt: skip
+
+
+def _warnings(table: Mapping[str, Any]) -> Iterator[str]:
+    chi = numbers(table["chi"])
+    searched, positive, far = (np.array(table[name]) for name in ("searched", "positive", "far"))
+    first = np.arange(len(chi)) == 0  # has nothing to be followed from
+    warnings = (
+        (searched & positive & ~first, message(AGAIN)),
+        (~positive & ~far, message(NO_FRINGES)),
+        (~positive & far, message(FAR)),
+        (positive & (chi > POOR_CHI), message(POOR)),
+    )
+    for where, text in warnings:
+        if where.any():
+            worst = f" (chi up to {chi[where].max():.2f})" * (text == message(POOR))
+            yield f"{counted_frames(np.flatnonzero(where).tolist())}: {text}{worst}"
 
 
 def restored(found: Mapping[str, Any], keys: tuple[str, ...], scene: Scene) -> Track:

@@ -11,14 +11,14 @@ from math import sqrt
 import numpy as np
 
 from isochrome.estimation import STEP, Bounds, FrameData, Prior, no_prior, project
-from isochrome.fitting.arrays import Array, Mask
+from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.frame_model import (
-    CLEAR_SIGMAS,
     ENOUGH,
     FrameModel,
     GammaFit,
     LocalModel,
     RefinedFit,
+    clear_of_ends,
     inward,
     local_model,
     some_pixels,
@@ -79,13 +79,11 @@ class TrackedModel(FrameModel):
         """The scene of the frame in hand with some values (p,) at its keys."""
         return self._course.moved(keys, values)
 
-    def see(self, image: Array, noise: NoiseModel | None = None) -> None:
-        """Take a frame's image (rows, cols), and another noise of the camera where it is given."""
+    def see(self, image: Array) -> None:
+        """Take a frame's image (rows, cols)."""
         stride, keep = self.renderer.stride, self._every.keep
         levels = image[::stride, ::stride][keep].astype(np.float32) / np.float32(self._full)
         self._every = replace(self._every, raw=levels)
-        if noise is not None:
-            self.noise, self._looked = noise, False
         self.pixels = replace(self.pixels, raw=levels[self._clear])
 
     def stand(self, values: Array) -> None:
@@ -100,8 +98,6 @@ class TrackedModel(FrameModel):
         elif WEAR in self.keys and self._law > 0.0:
             self._turn_by_more()
         if not self._looked:
-            raw = np.maximum(self._every.raw, 0.0) ** np.float32(self._every.gamma)
-            self.look(raw)
             gamma_fit = self.at(values)
             if gamma_fit is not None:
                 illumination, background = self._every.light.of(gamma_fit.part.coefficients)
@@ -239,12 +235,11 @@ class TrackedModel(FrameModel):
         """Choose pixels (n,) by a model of their light, and weigh them by its noise."""
         level = stored(light, self._every.gamma)
         sigma = (self.noise.sigma(level * self._full) / self._full).astype(np.float32)
-        room = CLEAR_SIGMAS * sigma
-        clear: Mask = (level > room) & (level < 1.0 - room)
+        every = replace(self._every, weight=1.0 / sigma)
+        clear = clear_of_ends(every, light, every.gamma)
         if np.count_nonzero(clear) <= ENOUGH * clear.size:
             clear[:] = True
-        self._clear = clear
-        self.pixels = some_pixels(replace(self._every, weight=1.0 / sigma), clear)
+        self._clear, self.pixels = clear, some_pixels(every, clear)
 
 
 _TURN = 0.03

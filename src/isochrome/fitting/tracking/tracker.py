@@ -1,4 +1,4 @@
-"""What does not change from frame to frame of a video, asked of a few of them before the track.
+"""What does not change from frame to frame of a video, asked of one of them before the track.
 
 A full search that found nothing is not made again in frames that show the same.
 
@@ -22,15 +22,13 @@ from isochrome.fitting.causes.freeing import Freed, free_causes
 from isochrome.fitting.causes.report import cause_messages
 from isochrome.fitting.causes.score import LightTerms
 from isochrome.fitting.causes.slips import is_lost
-from isochrome.fitting.frame.frame_fit import FrameFit, fit_frame, fit_with_model, placed
+from isochrome.fitting.causes.solution import FrameSolution
+from isochrome.fitting.frame.frame_fit import fit_frame, fit_with_model, placed
 from isochrome.fitting.frame.frame_model import RefinedFit, refine_fit
 from isochrome.fitting.frame.model_frame import ModelFrame, evaluate_model
 from isochrome.fitting.frame.renderer import SceneRenderer
 from isochrome.fitting.frame.single_state import scene_at, slid_until
 from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS, LOAD, WEAR, inputs_of_rows
-from isochrome.fitting.frame_set import FrameSet
-from isochrome.fitting.joint.frame_sequence import make_sequence
-from isochrome.fitting.joint.joint_fit import JointSolution, solve_jointly, starting_values
 from isochrome.fitting.result import TOO_FAR
 from isochrome.fitting.tracking.tracked_model import TrackedModel
 from isochrome.fitting.tracking.worn_course import WornCourse
@@ -107,9 +105,9 @@ class Apparatus:
 def find_apparatus(
     reader: FrameReader, scene: Scene, keys: tuple[str, ...], *, count: int, no_load: NoLoad
 ) -> Apparatus:
-    """Ask the first, the middle and the last frame of a video for what belongs to the apparatus.
+    """Ask a video's first frame for what belongs to the apparatus; else the middle or last one.
 
-    Of a contact that wears only the first is asked: what has worn the others is not known yet.
+    Of a contact that wears only the first: what has worn the others is not known yet.
 
     Parameters
     ----------
@@ -127,73 +125,45 @@ def find_apparatus(
     Returns
     -------
     Apparatus
-        What was found; the scene as it is where the frames ask for nothing, or show nothing.
+        What was found; the scene as it is where the frame asks for nothing, or none shows it.
     """
     scene = placed(scene, reader.shape)
     if isinstance(scene.frames.gamma, str):
         return Apparatus(scene=scene)  # each whole frame finds its own
     bare = scene.model_copy(update={"stated_uncertainty": ()})  # a track has no priors
-    places = (0,) if scene.wear is not None else tuple(sorted({0, count // 2, count - 1}))
-    frames, in_order = list[Frame](), SequentialFrames(reader)
-    for place in places:
-        with suppress(InputError):
-            frames.append(in_order.frame(place))
-    if not frames:
-        return Apparatus(scene=scene)
-    one = scene_at(bare, slid_until(bare, frames[0]) or 0.0)
-    own = tuple(key for key in keys if one.wear is not None or not key.startswith("wear."))
-    asked: dict[int, tuple[FrameData, FrameFit]] = {}
-    for frame in frames:
-        try:
+    in_order = SequentialFrames(reader)
+    for place in (0,) if scene.wear is not None else sorted({0, count // 2, count - 1}):
+        # a blank frame is refused in its turn, or left out
+        with suppress(InputError, PhysicsError):
+            frame = in_order.frame(place)
+            one = scene_at(bare, slid_until(bare, frame) or 0.0)
+            own = tuple(key for key in keys if one.wear is not None or not key.startswith("wear."))
             data = prepare_frame(frame, one, bit_depth=reader.bit_depth, no_load=no_load)
-        except InputError:
-            continue  # a blank frame is refused in its turn, or left out
-        with suppress(PhysicsError):
             fitted = fit_with_model(data, one, own, stated=inputs_of_rows(()))
             if not is_lost(fitted) and not fitted.fit.plain:
-                asked[frame.index] = data, fitted.fit
-    try:
-        freed = _asked(reader.shape, list(asked.values()), one, own)
-    except PhysicsError:
-        return Apparatus(scene=scene)
-    return _held(freed, scene, list(asked))
+                data = data.with_noise(fitted.fit.noise_ratio)
+                return _held(free_causes(FrameSolution(data, fitted)), scene, place)
+    return Apparatus(scene=scene)
 
 
-def _asked(
-    shape: tuple[int, int],
-    asked: list[tuple[FrameData, FrameFit]],
-    scene: Scene,
-    keys: tuple[str, ...],
-) -> Freed[JointSolution]:
-    """Frames with their own values, asked together. Raises PhysicsError where they show nothing."""
-    if not asked:
-        raise PhysicsError("frames_do_not_show", name=scene.name)
-    data = FrameSet(shape, [frame for frame, _ in asked])
-    sequence = make_sequence(scene, len(asked), (), keys)
-    start = starting_values(sequence, [fit for _, fit in asked])
-    return free_causes(solve_jointly(data, sequence, start, lambda: None))
-
-
-def _held(freed: Freed[JointSolution], scene: Scene, places: list[int]) -> Apparatus:
-    """What was found in some frames of a video, to be held in all of them."""
+def _held(freed: Freed[FrameSolution], scene: Scene, place: int) -> Apparatus:
+    """What was found in the frame at a place of a video, to be held in all of them."""
     said = cause_messages(freed)
     if not said:
         return Apparatus(scene=scene)
     fit = freed.now.fit
-    at = [k for k, unknown in enumerate(fit.unknowns) if unknown.key in APPARATUS]
-    keys = tuple(fit.unknowns[k].key for k in at)
-    assert fit.covariance is not None
-    asked = named_frames(places)
+    at = [k for k, key in enumerate(fit.keys) if key in APPARATUS]
+    keys = tuple(fit.keys[k] for k in at)
     held = "" if freed.is_plain else message("held_all_frames")
-    if SMOOTH in freed.causes:
+    if SMOOTH in freed.causes or freed.tractions or freed.fitted.unknown:
         held += message("but_smooth_stress_which")
     return Apparatus(
         scene=scene.with_values(dict(zip(keys, fit.values[at].tolist(), strict=True))),
         keys=keys,
         covariance=fit.covariance[np.ix_(at, at)],
         terms=freed.now.terms if freed.light else None,
-        outside=freed.now.data.outside,
-        warnings=tuple(f"asked of {asked}{held}: " + text for text in said),
+        outside=freed.stated.data.valid & ~freed.now.data.valid,
+        warnings=tuple(f"asked of {named_frames([place])}{held}: " + text for text in said),
     )
 
 
@@ -247,7 +217,6 @@ may before they are made anew; contacts solved for one frame at most; and by how
 lets that share grow, until it is looked at again."""
 _LOST = 1.1
 """Chi, over that of the last frame that was searched for, beyond which a frame is lost."""
-_NOISE_EVERY = 250
 _CORRECT = "correct_scene_load_place"
 NO_FRINGES = "scene_fringes_not_frame"
 AGAIN = "there_no_track_follow"
@@ -360,7 +329,7 @@ class Tracker:
         self._pace = np.zeros(len(keys))
         self._model: TrackedModel | None = None
         self._whole: SceneRenderer | None = None
-        self._reference, self._since_noise = 1.0, 0
+        self._reference = 1.0
 
     def state(self) -> dict[str, Any]:
         """What the next frame needs of those before it, as plain numbers for `resume`."""
@@ -379,7 +348,7 @@ class Tracker:
         self.course.resume(state["course"])
         self._model = None
 
-    def begin(self, frame: Frame, fitted: Scene, chi: float, distance_m: float | None) -> None:
+    def begin(self, frame: Frame, fitted: Scene, chi: float, distance_m: float | None) -> Tracked:
         """Start in a frame that was fitted by itself: `fitted`, with its `chi`.
 
         `distance_m`, slid until then, None where nothing wears. Raises InputError on a blank frame.
@@ -388,7 +357,7 @@ class Tracker:
         result = self._begin_at(frame, self._data(frame), fitted, chi, distance_m, distance_m)
         if result is None or result.chi > _LOST * max(1.0, chi):
             result = self._search(frame, distance_m)
-        self._take(result, frame, lost=True)
+        return self._take(result, frame, lost=True)
 
     def track(self, frame: Frame, distance_m: float | None) -> Tracked:
         """The tracked values of the next frame. Raises InputError on a blank frame.
@@ -412,7 +381,9 @@ class Tracker:
         """Go on from what was found in a frame, by a search where it was `lost`."""
         before, count = self._values, len(self.keys)
         self._pace = np.zeros(count)
-        if found is None or not found.positive or _off(found) > TOO_FAR:
+        # over the contrast, by the median of the pixels: see TOO_FAR
+        lit = np.median(found.gamma_fit.part.amplitude) if found else 0.0
+        if found is None or not found.positive or found.chi > TOO_FAR * lit:
             self._vain.remember(frame)
             return nothing_found(count, found.chi if found and found.positive else np.nan)
         self._vain.forget()
@@ -514,7 +485,6 @@ class Tracker:
     def _prepare(self, frame: Frame, data: FrameData) -> TrackedModel:
         """What all frames have in common, from one that is whole."""
         noise = estimate_noise(frame.image, data.valid, bit_depth=self._bit_depth)
-        self._since_noise = 0
         return TrackedModel(
             self.course, data, noise=noise, full=full_scale(self._bit_depth),
             held=self._apparatus.keys, usual_load_n=self._usual_load_n,
@@ -522,11 +492,7 @@ class Tracker:
 
     def _follow(self, frame: Frame, model: TrackedModel, start: Array) -> RefinedFit | None:
         """The fit of a frame from some values (keys,); None where its steps do not end."""
-        self._since_noise, noise = self._since_noise + 1, None
-        if self._since_noise >= _NOISE_EVERY:
-            noise = estimate_noise(frame.image, frame.mask, bit_depth=self._bit_depth)
-            self._since_noise = 0
-        model.see(frame.image, noise)
+        model.see(frame.image)
         values, last = start, np.inf
         best: RefinedFit | None = None  # where the contact was solved, and cost least
         for _ in range(_STEPS):
@@ -558,9 +524,3 @@ class Tracker:
             best = replace(found, values=values, gamma_fit=here)
             values, last = found.values, size
         return None
-
-
-def _off(found: RefinedFit) -> float:
-    """Residual over contrast, by the median contrast of the pixels: see TOO_FAR."""
-    lit = np.median(found.gamma_fit.part.amplitude)  # over the noise
-    return found.chi / float(lit) if lit > 0.0 else np.inf

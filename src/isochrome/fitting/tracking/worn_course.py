@@ -37,7 +37,7 @@ from isochrome.fitting.joint.frame_sequence import local_values
 from isochrome.scene import DistanceTable, Scene
 from isochrome.simulation import SceneState, scene_states
 
-_TO_GO = (1.0, 0.1, 0.01, 0.001, 0.0)
+_TO_GO = (*(10.0**-k for k in range(4)), 0.0)
 PAST = tuple(f"load before the first frame, {s:g} of the wear to go (N)" for s in _TO_GO[1:-1])
 """Loads that wore a contact before its first frame, constant from the beginning to the first of
 these places and linear from there to the frame's own: unknowns of that frame."""

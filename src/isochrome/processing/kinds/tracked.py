@@ -75,12 +75,13 @@ _THIN = 4
 class TrackedFilm(WithModel):
     """A contact's video, of which each `every`-th frame is a key frame.
 
+    None: at most each 200th, with stretches between that are alike, for processes to share.
     `wanted`, the maps that were asked for, and `maps`, of which frames they are written: 'all',
     those of the 'key' frames, or 'none'; `order_step` (fringes), in which those of all are kept,
     and `pages`, whether the TIFF stacks have a page for each of them.
     """
 
-    every: int = KEY_EVERY
+    every: int | None = None
     wanted: str | None = None
     maps: str = "key"
     order_step: float = 1e-4
@@ -89,7 +90,7 @@ class TrackedFilm(WithModel):
     @property
     def key_step(self) -> int:
         """Frames to the next key frame."""
-        return self.every
+        return self.every or KEY_EVERY
 
     @property
     def maps_of_all(self) -> bool:
@@ -100,7 +101,8 @@ class TrackedFilm(WithModel):
         self, scene: Scene, shape: tuple[int, int], count: int, on_disk: bool
     ) -> tuple[FrameKind, str]:
         """With the maps that are written, and a sentence of what they take. Raises InputError."""
-        check_tracked(scene, shape, self.every)
+        check_tracked(scene, shape, self.key_step)
+        step = self.every or -(-count // -(-count // KEY_EVERY))
         pixels = math.prod(shape)
         most, each = (MOST_ON_DISK, _BYTES) if on_disk else (MOST_IN_MEMORY, 8)
         chosen = self.wanted or ("all" if each * pixels * count <= most else "key")
@@ -108,22 +110,22 @@ class TrackedFilm(WithModel):
             why = f"those of all {count} might take {each * pixels * count / 1e9:.3g} GB"
             text = {"key": "maps of the key frames", "none": "no maps"}[chosen]
             text += f"; {why}: --maps all writes them" if self.wanted is None else ""
-            return replace(self, maps=chosen), text
-        step = order_step(scene, shape)
+            return replace(self, every=step, maps=chosen), text
+        order = order_step(scene, shape)
         pages = on_disk and 4 * pixels * count <= MOST_PAGED
         space = (_TYPICAL if on_disk else each) * pixels
         text = (
             f"maps of {counted(count, 'frame')}: about {1e-6 * space:.2g} MB a frame, "
-            f"{1e-9 * space * count:.3g} GB in all, orders in steps of {step:g} fringe"
+            f"{1e-9 * space * count:.3g} GB in all, orders in steps of {order:g} fringe"
         )
         if on_disk and not pages:
             text += (
                 "; the TIFF stacks hold the key frames: isochrome export --to tiff makes all pages"
             )
-        return replace(self, maps=chosen, order_step=step, pages=pages), text
+        return replace(self, every=step, maps=chosen, order_step=order, pages=pages), text
 
     def shared(self, source: FrameSource, count: int, progress: RunProgress | None) -> FrameKind:
-        """With the apparatus, asked of a few frames."""
+        """With the apparatus, asked of one frame."""
         if source.task.as_stated:
             return self
         scene, capture = sliding_scene(source.task.scene), source.capture
@@ -145,11 +147,10 @@ class TrackedFilm(WithModel):
         Key frames are processed as if there were no others; each of the other frames is followed
         from the key frame before it, whose own chunk thus suffices.
         """
-        assert start % self.every == 0
-        track = KeyFrames(source, self)
+        assert start % self.key_step == 0
         for index, frames in source.captured(start, stop):
             frame = replace(frames[0], index=index)
-            if index % self.every == 0:
+            if index % self.key_step == 0:
                 key = source.processed(index, frames)
                 surface_field_grid.cache_clear()  # of its own place, as large as ten pictures
                 track = KeyFrames(source, self)
@@ -162,7 +163,7 @@ class TrackedFilm(WithModel):
         self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
     ) -> ProcessedFrame:
         """A key frame by itself, in the apparatus of all."""
-        # what belongs to the apparatus was asked before, of a few frames for all of them
+        # what belongs to the apparatus was asked before, of one frame for all of them
         return super().read(frames, scene, capture, as_stated=True)
 
     def values(self, scene: Scene) -> tuple[str, ...]:
@@ -178,7 +179,7 @@ class TrackedFilm(WithModel):
         """With a key frame's place and the apparatus."""
         row = item.row()
         if isinstance(item, ProcessedFrame):
-            place = None if self.maps == "none" else item.index // self.every
+            place = None if self.maps == "none" else item.index // self.key_step
             row |= {PICTURE: place, FOUND_BY: WHOLE if item.has_values else NOTHING}
             held = {} if self.apparatus is None else self.apparatus.values
             for key, (value, spread) in held.items():
@@ -201,7 +202,7 @@ class TrackedFilm(WithModel):
     @property
     def identity(self) -> dict[str, Any]:
         """Its key frames, and the maps that were asked for."""
-        return {"every": self.every, "maps": self.wanted or "default"}
+        return {"every": self.every or "default", "maps": self.wanted or "default"}
 
 
 def check_tracked(scene: Scene, shape: tuple[int, int], every: int) -> None:
@@ -237,12 +238,12 @@ class KeyFrames:
         self._tracker: Tracker | None = None
         self._vain = VainSearch(source.capture.bit_depth)
 
-    def begin(self, frame: Frame, complete: ProcessedFrame) -> None:
+    def begin(self, frame: Frame, complete: ProcessedFrame) -> Tracked:
         """Start the track where the fit of a wholly processed frame ended, if it told values."""
         if not complete.has_values:
             if not complete.failed:
                 self._vain.remember(frame)
-            return
+            return nothing_found(len(self.keys))
         assert complete.fit is not None
         # what is not tracked, as an unknown gamma or a smooth stress, stays as the key frame says
         fit, keys = complete.fit, (GAMMA, *SMOOTH_KEYS)
@@ -256,7 +257,7 @@ class KeyFrames:
             no_load=(self.capture.dark, self.capture.bright), apparatus=self.kind.apparatus,
             usual_load_n=self.scene.load_at(0.0),
         )  # fmt: skip
-        self._tracker.begin(frame, fit.scene, fit.chi, slid_until(self.scene, frame))
+        return self._tracker.begin(frame, fit.scene, fit.chi, slid_until(self.scene, frame))
 
     def follow(self, frame: Frame) -> FollowedFrame:
         """One frame more. Raises InputError, PhysicsError."""
@@ -264,44 +265,35 @@ class KeyFrames:
         fields = frame_fields(frame, self.scene) | {"label": label, "distance_m": distance}
         result = FollowedFrame(**fields, keys=self.keys)
         try:
-            tracked, complete = self._tracked(frame)
+            tracked = self._tracked(frame)
             result = replace(result, tracked=tracked, warnings=tracked.warnings)
-            return self._with_map(result, frame, complete) if self.kind.maps_of_all else result
+            return self._with_map(result, frame) if self.kind.maps_of_all else result
         except IsochromeError as error:
             if not self.source.task.keep_going:
                 raise
             return replace(result, tracked=None, warnings=(str(error),), failed=True)
 
-    def _tracked(self, frame: Frame) -> tuple[Tracked, ProcessedFrame | None]:
-        """The tracked values; where there is no track yet, those of the whole frame, as a search.
+    def _tracked(self, frame: Frame) -> Tracked:
+        """The tracked values; where there is no track yet, it begins with the whole frame.
 
-        What is not tracked, as an unknown gamma or a smooth stress, a whole frame alone tells. The
-        whole frame is given too where the values are its own.
+        What is not tracked, as an unknown gamma or a smooth stress, a whole frame alone tells.
         """
         if self._tracker is not None:
-            return self._tracker.track(frame, slid_until(self.scene, frame)), None
+            return self._tracker.track(frame, slid_until(self.scene, frame))
         if self._vain.is_repeated(frame):
-            return nothing_found(len(self.keys)), None
+            return nothing_found(len(self.keys))
         try:  # as if it were a key frame; nothing where the physics is refused
             complete = self.source.processed(frame.index, [frame])
         except PhysicsError as error:
             complete = replace(failed_frame(frame, str(error)), failed=False)
-        self.begin(frame, complete)
-        if not complete.has_values:
-            return nothing_found(len(self.keys)), None
-        return self._of_complete(complete), complete
+        return self.begin(frame, complete)
 
-    def _with_map(
-        self, item: FollowedFrame, frame: Frame, complete: ProcessedFrame | None
-    ) -> FollowedFrame:
+    def _with_map(self, item: FollowedFrame, frame: Frame) -> FollowedFrame:
         """A followed frame with its orders, read on the branches of the followed model.
 
         Raises InputError, PhysicsError.
         """
         tracked = item.tracked
-        if complete is not None and complete.fit is not None:
-            fields = {name: getattr(complete, name) for name in ("reading", "noise", "largest")}
-            return replace(item, scene=complete.fit.scene, **fields)
         if self._tracker is None or tracked is None or not tracked.positive:
             return item
         data, model, scene = self._tracker.model_frame(frame)
@@ -315,16 +307,3 @@ class KeyFrames:
         return replace(
             item, reading=reading, noise=noise, scene=scene, largest=largest, warnings=notes
         )
-
-    def _of_complete(self, complete: ProcessedFrame) -> Tracked:
-        """The values of a frame that was processed wholly, as if they had been tracked."""
-        fit = complete.fit
-        assert fit is not None
-        columns = fit.values, fit.standard_uncertainty, fit.cramer_rao_bound
-        known = dict(zip(fit.keys, zip(*columns, strict=True), strict=True))
-        rows = [known.get(key, (np.nan,) * 3) for key in self.keys]
-        values, spread, bound = np.array(rows).T.copy()
-        return Tracked(
-            values=values, standard_uncertainty=spread, cramer_rao_bound=bound, chi=fit.chi,
-            searched=True, positive=True,
-        )  # fmt: skip

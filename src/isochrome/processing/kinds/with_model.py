@@ -53,7 +53,7 @@ _NO_ORDER = "model_too_far_off_name"
 class WithModel(FrameKind):
     """Frames of a scene with a model, whose unknowns are fitted to each.
 
-    `apparatus`, what the frames of a video have in common, where that was asked of a few of them.
+    `apparatus`, what the frames of a video have in common, where that was asked of one of them.
     """
 
     apparatus: Apparatus | None = None
