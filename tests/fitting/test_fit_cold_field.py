@@ -118,19 +118,19 @@ def test_what_friction_cannot_hold_is_not_searched():
     # friction that is searched for too grows with what it must hold
     both = _Lattice(scene, (*held.keys, "friction.coefficient"), 5)
     assert np.abs(both.shears).max() > 0.4
-    moved = both.moved(100.0, 1.0, 0, -0.4, 0.0)
+    moved = both.moved(100.0, 1.0, 0, -0.4, {})
     assert moved.load.tangential_n == pytest.approx(-40.0)
     assert moved.friction.coefficient == pytest.approx(0.4 / 0.98)
-    assert both.moved(100.0, 1.0, 0, 0.1, 0.0).friction.coefficient == 0.3
+    assert both.moved(100.0, 1.0, 0, 0.1, {}).friction.coefficient == 0.3
 
 
 def test_scenes_within_a_step_in_all_that_is_scanned_are_alike():
     scene = parse_scene(HELD)
     lattice = _Lattice(scene, ("load.normal_n", "load.tangential_n", BULK, "camera.left_mm"), 5)
-    at = (50.0, 1.0, 1, 0.1, 0.0)
+    at = (50.0, 1.0, 1, 0.1, {BULK: 0.0})
     here = lattice.moved(*at)
-    assert lattice.alike(here, lattice.moved(58.0, 1.0, 2, 0.25, lattice.fringe_mpa / 3.0))
-    for j, far in enumerate((75.0, None, 3, -0.15, lattice.fringe_mpa)):
+    assert lattice.alike(here, lattice.moved(58.0, 1.0, 2, 0.25, {BULK: lattice.fringe_mpa / 3.0}))
+    for j, far in enumerate((75.0, None, 3, -0.15, {BULK: lattice.fringe_mpa})):
         if far is not None:
             assert not lattice.alike(here, lattice.moved(*at[:j], far, *at[j + 1 :]))
     away = [rival.load.bulk_mpa - here.load.bulk_mpa for rival in lattice.rivals(here)]

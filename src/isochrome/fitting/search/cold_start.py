@@ -7,9 +7,9 @@ the other until one leaves the noise alone, and from that one's nearest rivals.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, product
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from isochrome.fitting.frame.unknowns import (
     FRICTION,
     LEFT,
     LOAD,
+    SMOOTH_KEYS,
     TANGENTIAL,
     WEAR,
     fit_region,
@@ -49,7 +50,7 @@ from isochrome.fitting.search.scan import (
     shears_to,
 )
 from isochrome.scene import Scene
-from isochrome.stress import PixelGrid, pixel_grid
+from isochrome.stress import PixelGrid, pixel_grid, regular_modes
 
 CLEAR = 25.0
 """Light over noise above which a wrong solution cannot look as good as that (a hop leaves 0.02 of
@@ -73,7 +74,8 @@ _SLIPPING = 0.98
 """Largest tangential force of a held contact that is tried, over what friction can hold."""
 _PLACES = 2
 """Places across that are scanned, either way, a few hundredths of the picture apart."""
-_BULK_FRINGES = np.arange(-12, 13) / 3.0
+_BULK_FRINGES, _SLOPE_FRINGES = np.arange(-12, 13) / 3.0, np.arange(-3, 4) / 2.0
+"""Fringes of a bulk stress, and at the picture's rim of its slopes, that are scanned."""
 
 
 @dataclass(frozen=True)
@@ -252,12 +254,23 @@ class _Lattice:
         """The bulk stress of a fringe."""
         return 1.0 / scene_optics(self.scene).order_per_mpa
 
-    @property
-    def bulks(self) -> Array:
-        """Bulk stresses besides the scene's, MPa."""
-        return _BULK_FRINGES * self.fringe_mpa if BULK in self.keys else np.zeros(1)
+    def smooth(self, pixels: PixelGrid) -> tuple[list[dict[str, float]], Array]:
+        """Smooth stresses besides the scene's, by key, and as fields of pixels (m, rows, cols)."""
+        rim = 0.5 * pixels.pixel_mm * max(pixels.rows, pixels.cols)
+        hops, fields = [], np.zeros((0, pixels.rows, pixels.cols))
+        for key, mode in zip(SMOOTH_KEYS, regular_modes(1), strict=True):
+            if key in self.keys:
+                fringes = _BULK_FRINGES if key == BULK else _SLOPE_FRINGES / rim
+                hops.append([(key, mpa) for mpa in (self.fringe_mpa * fringes).tolist()])
+                field = np.broadcast_to(mode.difference(*pixels.places), fields.shape[1:])
+                fields = np.concatenate((fields, field[None]))
+        every = [dict(one) for one in product(*hops)]
+        sizes = np.array([list(one.values()) for one in every])
+        return every, np.tensordot(sizes, fields, 1).astype(np.complex64)
 
-    def moved(self, load: float, dose: float, aside: int, shear: float, bulk: float) -> Scene:
+    def moved(
+        self, load: float, dose: float, aside: int, shear: float, smooth: Mapping[str, float]
+    ) -> Scene:
         """The scene of one of its places."""
         values: dict[str, float] = {LOAD: load}
         if WEAR in self.keys and self.scene.wear is not None:
@@ -270,8 +283,7 @@ class _Lattice:
                 values[FRICTION] = max(abs(self.scene.get(FRICTION)), abs(shear) / _SLIPPING)
         elif self.scene.friction is not None:
             values[FRICTION] = shear
-        if BULK in self.keys:
-            values[BULK] = self.scene.get(BULK) + bulk
+        values |= {key: self.scene.get(key) + more for key, more in smooth.items()}
         return self.scene.with_values(values)
 
     def rivals(self, scene: Scene) -> list[Scene]:
@@ -329,14 +341,16 @@ def _scanned(data: FrameData, scene: Scene, lattice: _Lattice) -> Iterator[Scene
         rows=grid.rows, cols=grid.cols + 2 * aside, left_mm=grid.left_mm - aside * grid.pixel_mm,
         top_mm=grid.top_mm, pixel_mm=grid.pixel_mm,
     )  # fmt: skip
-    optics, shears, bulks = scene_optics(scene), lattice.shears, lattice.bulks
+    optics, shears = scene_optics(scene), lattice.shears
+    smooth, besides = lattice.smooth(grid)
+    besides = besides[:, keep]
     columns = problem.columns
     solved: list[Rung] = []
     costs: list[Array] = []
     for rung in rungs(scene, wide, lattice.loads.tolist(), lattice.doses.tolist()):
         fields = rung.fields(shears)
         windows = [fields[:, :, k : k + grid.cols][:, keep] for k in range(2 * aside + 1)]
-        every = np.array(windows)[:, :, None] + bulks[:, None].astype(np.float32)
+        every = np.array(windows)[:, :, None] + besides
         signals = optics.signal(every.reshape(-1, problem.size)).astype(np.float32)
         cost, light = linear_costs(*columns, problem.data[None], signals)
         costs.append(np.where(light > 0.0, cost, np.inf).reshape(every.shape[:3]))
@@ -344,12 +358,12 @@ def _scanned(data: FrameData, scene: Scene, lattice: _Lattice) -> Iterator[Scene
     every = np.array(costs)
     chosen: list[Scene] = []
     for flat in np.argsort(every, axis=None, kind="stable"):
-        k, place, shear, bulk = np.unravel_index(flat, every.shape)
-        if not np.isfinite(every[k, place, shear, bulk]):
+        k, place, shear, j = np.unravel_index(flat, every.shape)
+        if not np.isfinite(every[k, place, shear, j]):
             return
         rung = solved[k]
         one = lattice.moved(
-            rung.load, rung.dose, int(place) - aside, float(shears[shear]), float(bulks[bulk])
+            rung.load, rung.dose, int(place) - aside, float(shears[shear]), smooth[j]
         )
         if not any(lattice.alike(one, other) for other in chosen):
             chosen.append(one)
