@@ -14,15 +14,7 @@ from itertools import islice, product
 import numpy as np
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import (
-    RIVAL_CHI,
-    FrameData,
-    Minimum,
-    Prior,
-    linear_costs,
-    no_prior,
-    prepare,
-)
+from isochrome.estimation import FrameData, Minimum, Prior, linear_costs, no_prior, prepare
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.far_model import FarModel
 from isochrome.fitting.frame.renderer import scene_optics
@@ -34,7 +26,6 @@ from isochrome.fitting.frame.unknowns import (
     LOAD,
     SMOOTH_KEYS,
     TANGENTIAL,
-    WEAR,
     fit_region,
     moved_scene,
     thinning,
@@ -59,15 +50,12 @@ CLOSE_CHI = 1.15
 """Residual over noise of the coarse model, on few pixels, below which a start was the right one."""
 
 _SCAN_PIXELS, _PIXELS = 520, 4_000
-_NOISIEST = 3.0
-"""Times more pixels that a noisy frame is fitted on."""
 _HIDDEN_PX, _ROOM_PX = 14.0, 10.0
 
 _STARTS = 6
 """Starts of a scan that are tried (of 60 contacts, the first leads to the truth in 56)."""
-_WIDEST_LOAD, _WIDEST_DOSE = 4.2, 2.5
-"""Factors in load and in the worn dose, either way, that are scanned."""
-_DOSE_STEP = 1.0
+_WIDEST_LOAD = 4.2
+"""Factor in load, either way, that is scanned."""
 _MOST_SHEAR = 0.5
 """Largest Q/P that is scanned where friction itself is unknown."""
 _SLIPPING = 0.98
@@ -119,15 +107,10 @@ class Search:
 
 
 def settle_frame(
-    data: FrameData,
-    scene: Scene,
-    keys: tuple[str, ...],
-    prior: Prior | None = None,
-    *,
-    pixels: int = _PIXELS,
+    data: FrameData, scene: Scene, keys: tuple[str, ...], prior: Prior | None = None
 ) -> Settled | None:
     """Where few pixels lead from a scene's values; None where those make no scene."""
-    stride = thinning(data.light.size, pixels)
+    stride = thinning(data.light.size, _PIXELS)
     region = fit_region(scene, data.shape, stride, _HIDDEN_PX)
     try:
         coarse = with_numerics(scene, nodes_per_pixel=1, tolerance=1e-2, room=1.4)
@@ -157,7 +140,7 @@ def search_frame(
     """Find the values that a frame's fringes may have come from.
 
     Parameters: `data`; `scene`, one state with its place written out; `keys`, the unknowns, with a
-    `prior`; `cold`, whether load, wear, friction and bulk stress may be far off, so that what the
+    `prior`; `cold`, whether load, friction and bulk stress may be far off, so that what the
     scene's own values lead to may be wrong. Raises InputError for a key that is no number in the
     scene, PhysicsError where no values give fringes of the right contrast.
     """
@@ -177,14 +160,6 @@ def search_frame(
         raise PhysicsError("no_start_gives_positive")
     for rival in lattice.rivals(found[0].scene):
         found = _with(found, settle_frame(data, rival, keys, prior), lattice)
-    noisy = min((CLEAR / max(found[0].gain, 1.0)) ** 2, _NOISIEST)
-    if noisy > 1.0:  # few pixels do not decide there
-        rough, found = found, []
-        for one in rough:
-            finer = None
-            if one.chi <= RIVAL_CHI * rough[0].chi:
-                finer = settle_frame(data, one.scene, keys, prior, pixels=round(noisy * _PIXELS))
-            found = _with(found, finer or one, lattice)
     return Search(tuple(found), scanned=True)
 
 
@@ -225,15 +200,6 @@ class _Lattice:
         return load * ladder(_WIDEST_LOAD, LOAD_STEP) if LOAD in self.keys else np.array([load])
 
     @property
-    def doses(self) -> Array:
-        """Worn depths over the scene's."""
-        wear = self.scene.wear
-        worn = wear is not None and self.scene.wear_coefficient_at(0.0) > 0.0
-        if WEAR in self.keys and wear is not None and worn and max(wear.distances_m) > 0.0:
-            return ladder(_WIDEST_DOSE, _DOSE_STEP)
-        return np.ones(1)
-
-    @property
     def shears(self) -> Array:
         """Frictions, or Q/P."""
         friction = self.scene.friction_at(0.0) if self.scene.friction else 0.0
@@ -268,13 +234,9 @@ class _Lattice:
         sizes = np.array([list(one.values()) for one in every])
         return every, np.tensordot(sizes, fields, 1).astype(np.complex64)
 
-    def moved(
-        self, load: float, dose: float, aside: int, shear: float, smooth: Mapping[str, float]
-    ) -> Scene:
+    def moved(self, load: float, aside: int, shear: float, smooth: Mapping[str, float]) -> Scene:
         """The scene of one of its places."""
         values: dict[str, float] = {LOAD: load}
-        if WEAR in self.keys and self.scene.wear is not None:
-            values[WEAR] = dose * self.scene.get(WEAR)
         if LEFT in self.keys:
             values[LEFT] = self.scene.get(LEFT) + aside * self._aside_mm
         if self.held:
@@ -302,11 +264,9 @@ class _Lattice:
 
     def _steps(self, scene: Scene) -> Array:
         """A scene's values in steps."""
-        load, wear = scene.load_at(0.0), scene.wear_coefficient_at(0.0)
         assert scene.load is not None
         return np.array([
-            np.log(load) / LOAD_STEP,
-            np.log(max(wear, 1e-300)) / _DOSE_STEP,
+            np.log(scene.load_at(0.0)) / LOAD_STEP,
             _shear(scene) / SHEAR_STEP,
             scene.get(LEFT) / self._aside_mm,
             (scene.load.bulk_mpa or 0.0) / self.fringe_mpa * 3.0,
@@ -347,7 +307,7 @@ def _scanned(data: FrameData, scene: Scene, lattice: _Lattice) -> Iterator[Scene
     columns = problem.columns
     solved: list[Rung] = []
     costs: list[Array] = []
-    for rung in rungs(scene, wide, lattice.loads.tolist(), lattice.doses.tolist()):
+    for rung in rungs(scene, wide, lattice.loads.tolist()):
         fields = rung.fields(shears)
         windows = [fields[:, :, k : k + grid.cols][:, keep] for k in range(2 * aside + 1)]
         every = np.array(windows)[:, :, None] + besides
@@ -362,9 +322,7 @@ def _scanned(data: FrameData, scene: Scene, lattice: _Lattice) -> Iterator[Scene
         if not np.isfinite(every[k, place, shear, j]):
             return
         rung = solved[k]
-        one = lattice.moved(
-            rung.load, rung.dose, int(place) - aside, float(shears[shear]), smooth[j]
-        )
+        one = lattice.moved(rung.load, int(place) - aside, float(shears[shear]), smooth[j])
         if not any(lattice.alike(one, other) for other in chosen):
             chosen.append(one)
             yield one
