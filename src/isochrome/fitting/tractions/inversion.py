@@ -32,7 +32,7 @@ from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.blocks import block_sums
 from isochrome.fitting.causes.modes import TractionModes
 from isochrome.fitting.frame.far_model import FarModel
-from isochrome.fitting.frame.frame_fit import hidden_px, placed
+from isochrome.fitting.frame.frame_fit import hidden_px, is_seen, placed
 from isochrome.fitting.frame.frame_model import (
     FrameModel,
     GammaFit,
@@ -331,7 +331,7 @@ def invert(data: FrameData, scene: Scene, *, free_top: bool) -> Stage:
             hidden_px=least if count == _HATS[-1] else max(least, depth),
         )  # fmt: skip
         fit = model.settled(model.start, robust=False)
-        if fit is None or not fit.positive:
+        if fit is None or not (fit.positive and is_seen(fit.gamma_fit)):
             raise PhysicsError("frame_shows_no_fringes")
         stage = Stage(model, fit)
         patches, scene, surface = stage.patches(), stage.scene, stage.surface
