@@ -245,7 +245,7 @@ def _fit_begun(
         others=others,
         converged=final.converged and bool(determined.all()),
         plain=plain,
-        positive=final.positive and _is_seen(final.gamma_fit),
+        positive=final.positive and is_seen(final.gamma_fit),
         noise_ratio=data.noise_ratio,
     )
     return Fitted(fit, model, final, held, rows, stated)
@@ -258,7 +258,7 @@ def _with_some_blur(scene: Scene, keys: tuple[str, ...]) -> Scene:
     return scene
 
 
-def _is_seen(gamma_fit: GammaFit) -> bool:
+def is_seen(gamma_fit: GammaFit) -> bool:
     """Whether more light follows the fringes than noise alone does where they are searched for.
 
     By Wald's statistic of the illumination, aᵀ cov(a)⁻¹ a, over the noise that the residuals show.

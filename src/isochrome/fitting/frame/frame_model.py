@@ -232,23 +232,21 @@ class FrameModel:
         *,
         stride: int = 1,
         hidden_px: float = 0.0,
-        rough: bool = False,
         prior: Prior | None = None,
         in_blocks: bool = False,
         solve: Solve | None = None,
     ) -> None:
         """`data`, whole; `scene`, one state, numbers at `keys`; `region` (rows, cols), strided.
 
-        `hidden_px`, depth above which the region shows nothing; `rough`, whether the pixels' area
-        may be left out; `prior` of the unknowns; `in_blocks`, whether to fit the means over blocks
-        as wide as the stride, and not one pixel of each; `solve` gives a scene's state, by default
-        on its own.
+        `hidden_px`, depth above which the region shows nothing; `prior` of the unknowns;
+        `in_blocks`, whether to fit the means over blocks as wide as the stride, and not one pixel
+        of each; `solve` gives a scene's state, by default on its own.
         """
         self.scene, self.keys = scene, keys
         self.prior = prior or no_prior(len(keys))
         self._precise = self.prior.any
         self.renderer = SceneRenderer(
-            scene, data.shape, stride=stride, hidden_px=hidden_px, rough=rough,
+            scene, data.shape, stride=stride, hidden_px=hidden_px,
             side=stride if in_blocks else 1, solve=solve,
         )  # fmt: skip
         thin = data.in_blocks(stride) if in_blocks else data.every(stride) if stride > 1 else data

@@ -33,8 +33,7 @@ along the surface, its change along it, and bending, the first terms of the seri
 `half_plane.regular`. Left out, they go into the load: 0.13 MPa in the paper's block, 0.035 fringe,
 read as 1.3 % of load."""
 
-_SCALES = {GAMMA: 10.0, BLUR: 100.0, FRICTION: 3.0, EARLIER: 3.0, LAYER: 10.0, _ROLL: 60.0}
-_SCALES |= dict.fromkeys(_BENT, 1.0)
+_SCALES = {BLUR: 100.0, _ROLL: 60.0}
 """Scales that the values themselves do not tell: of a lens a twentieth of a pixel at its edge."""
 
 _BOUNDS = dict.fromkeys((FRICTION, EARLIER), (-2.0, 2.0))
@@ -101,7 +100,7 @@ def _scale(scene: Scene, key: str) -> float:
         return max(10.0 * value, scene.load_at(0.0))
     if key.startswith("load.bulk"):
         return max(10.0 * value, 10.0)
-    return 10.0 * value if value else 1.0
+    return max(10.0 * value, 1.0)
 
 
 def limits(scene: Scene, keys: tuple[str, ...], shape: tuple[int, int] | None = None) -> Bounds:

@@ -7,22 +7,14 @@ the other until one leaves the noise alone, and from that one's nearest rivals.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, product
 
 import numpy as np
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import (
-    RIVAL_CHI,
-    FrameData,
-    Minimum,
-    Prior,
-    linear_costs,
-    no_prior,
-    prepare,
-)
+from isochrome.estimation import FrameData, Minimum, Prior, linear_costs, no_prior, prepare
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.far_model import FarModel
 from isochrome.fitting.frame.renderer import scene_optics
@@ -32,8 +24,8 @@ from isochrome.fitting.frame.unknowns import (
     FRICTION,
     LEFT,
     LOAD,
+    SMOOTH_KEYS,
     TANGENTIAL,
-    WEAR,
     fit_region,
     moved_scene,
     thinning,
@@ -49,7 +41,7 @@ from isochrome.fitting.search.scan import (
     shears_to,
 )
 from isochrome.scene import Scene
-from isochrome.stress import PixelGrid, pixel_grid
+from isochrome.stress import PixelGrid, pixel_grid, regular_modes
 
 CLEAR = 25.0
 """Light over noise above which a wrong solution cannot look as good as that (a hop leaves 0.02 of
@@ -58,22 +50,20 @@ CLOSE_CHI = 1.15
 """Residual over noise of the coarse model, on few pixels, below which a start was the right one."""
 
 _SCAN_PIXELS, _PIXELS = 520, 4_000
-_NOISIEST = 3.0
-"""Times more pixels that a noisy frame is fitted on."""
 _HIDDEN_PX, _ROOM_PX = 14.0, 10.0
 
 _STARTS = 6
 """Starts of a scan that are tried (of 60 contacts, the first leads to the truth in 56)."""
-_WIDEST_LOAD, _WIDEST_DOSE = 4.2, 2.5
-"""Factors in load and in the worn dose, either way, that are scanned."""
-_DOSE_STEP = 1.0
+_WIDEST_LOAD = 4.2
+"""Factor in load, either way, that is scanned."""
 _MOST_SHEAR = 0.5
 """Largest Q/P that is scanned where friction itself is unknown."""
 _SLIPPING = 0.98
 """Largest tangential force of a held contact that is tried, over what friction can hold."""
 _PLACES = 2
 """Places across that are scanned, either way, a few hundredths of the picture apart."""
-_BULK_FRINGES = np.arange(-12, 13) / 3.0
+_BULK_FRINGES, _SLOPE_FRINGES = np.arange(-12, 13) / 3.0, np.arange(-3, 4) / 2.0
+"""Fringes of a bulk stress, and at the picture's rim of its slopes, that are scanned."""
 
 
 @dataclass(frozen=True)
@@ -117,15 +107,10 @@ class Search:
 
 
 def settle_frame(
-    data: FrameData,
-    scene: Scene,
-    keys: tuple[str, ...],
-    prior: Prior | None = None,
-    *,
-    pixels: int = _PIXELS,
+    data: FrameData, scene: Scene, keys: tuple[str, ...], prior: Prior | None = None
 ) -> Settled | None:
     """Where few pixels lead from a scene's values; None where those make no scene."""
-    stride = thinning(data.light.size, pixels)
+    stride = thinning(data.light.size, _PIXELS)
     region = fit_region(scene, data.shape, stride, _HIDDEN_PX)
     try:
         coarse = with_numerics(scene, nodes_per_pixel=1, tolerance=1e-2, room=1.4)
@@ -155,7 +140,7 @@ def search_frame(
     """Find the values that a frame's fringes may have come from.
 
     Parameters: `data`; `scene`, one state with its place written out; `keys`, the unknowns, with a
-    `prior`; `cold`, whether load, wear, friction and bulk stress may be far off, so that what the
+    `prior`; `cold`, whether load, friction and bulk stress may be far off, so that what the
     scene's own values lead to may be wrong. Raises InputError for a key that is no number in the
     scene, PhysicsError where no values give fringes of the right contrast.
     """
@@ -175,14 +160,6 @@ def search_frame(
         raise PhysicsError("no_start_gives_positive")
     for rival in lattice.rivals(found[0].scene):
         found = _with(found, settle_frame(data, rival, keys, prior), lattice)
-    noisy = min((CLEAR / max(found[0].gain, 1.0)) ** 2, _NOISIEST)
-    if noisy > 1.0:  # few pixels do not decide there
-        rough, found = found, []
-        for one in rough:
-            finer = None
-            if one.chi <= RIVAL_CHI * rough[0].chi:
-                finer = settle_frame(data, one.scene, keys, prior, pixels=round(noisy * _PIXELS))
-            found = _with(found, finer or one, lattice)
     return Search(tuple(found), scanned=True)
 
 
@@ -223,15 +200,6 @@ class _Lattice:
         return load * ladder(_WIDEST_LOAD, LOAD_STEP) if LOAD in self.keys else np.array([load])
 
     @property
-    def doses(self) -> Array:
-        """Worn depths over the scene's."""
-        wear = self.scene.wear
-        worn = wear is not None and self.scene.wear_coefficient_at(0.0) > 0.0
-        if WEAR in self.keys and wear is not None and worn and max(wear.distances_m) > 0.0:
-            return ladder(_WIDEST_DOSE, _DOSE_STEP)
-        return np.ones(1)
-
-    @property
     def shears(self) -> Array:
         """Frictions, or Q/P."""
         friction = self.scene.friction_at(0.0) if self.scene.friction else 0.0
@@ -252,16 +220,23 @@ class _Lattice:
         """The bulk stress of a fringe."""
         return 1.0 / scene_optics(self.scene).order_per_mpa
 
-    @property
-    def bulks(self) -> Array:
-        """Bulk stresses besides the scene's, MPa."""
-        return _BULK_FRINGES * self.fringe_mpa if BULK in self.keys else np.zeros(1)
+    def smooth(self, pixels: PixelGrid) -> tuple[list[dict[str, float]], Array]:
+        """Smooth stresses besides the scene's, by key, and as fields of pixels (m, rows, cols)."""
+        rim = 0.5 * pixels.pixel_mm * max(pixels.rows, pixels.cols)
+        hops, fields = [], np.zeros((0, pixels.rows, pixels.cols))
+        for key, mode in zip(SMOOTH_KEYS, regular_modes(1), strict=True):
+            if key in self.keys:
+                fringes = _BULK_FRINGES if key == BULK else _SLOPE_FRINGES / rim
+                hops.append([(key, mpa) for mpa in (self.fringe_mpa * fringes).tolist()])
+                field = np.broadcast_to(mode.difference(*pixels.places), fields.shape[1:])
+                fields = np.concatenate((fields, field[None]))
+        every = [dict(one) for one in product(*hops)]
+        sizes = np.array([list(one.values()) for one in every])
+        return every, np.tensordot(sizes, fields, 1).astype(np.complex64)
 
-    def moved(self, load: float, dose: float, aside: int, shear: float, bulk: float) -> Scene:
+    def moved(self, load: float, aside: int, shear: float, smooth: Mapping[str, float]) -> Scene:
         """The scene of one of its places."""
         values: dict[str, float] = {LOAD: load}
-        if WEAR in self.keys and self.scene.wear is not None:
-            values[WEAR] = dose * self.scene.get(WEAR)
         if LEFT in self.keys:
             values[LEFT] = self.scene.get(LEFT) + aside * self._aside_mm
         if self.held:
@@ -270,8 +245,7 @@ class _Lattice:
                 values[FRICTION] = max(abs(self.scene.get(FRICTION)), abs(shear) / _SLIPPING)
         elif self.scene.friction is not None:
             values[FRICTION] = shear
-        if BULK in self.keys:
-            values[BULK] = self.scene.get(BULK) + bulk
+        values |= {key: self.scene.get(key) + more for key, more in smooth.items()}
         return self.scene.with_values(values)
 
     def rivals(self, scene: Scene) -> list[Scene]:
@@ -290,11 +264,9 @@ class _Lattice:
 
     def _steps(self, scene: Scene) -> Array:
         """A scene's values in steps."""
-        load, wear = scene.load_at(0.0), scene.wear_coefficient_at(0.0)
         assert scene.load is not None
         return np.array([
-            np.log(load) / LOAD_STEP,
-            np.log(max(wear, 1e-300)) / _DOSE_STEP,
+            np.log(scene.load_at(0.0)) / LOAD_STEP,
             _shear(scene) / SHEAR_STEP,
             scene.get(LEFT) / self._aside_mm,
             (scene.load.bulk_mpa or 0.0) / self.fringe_mpa * 3.0,
@@ -329,14 +301,16 @@ def _scanned(data: FrameData, scene: Scene, lattice: _Lattice) -> Iterator[Scene
         rows=grid.rows, cols=grid.cols + 2 * aside, left_mm=grid.left_mm - aside * grid.pixel_mm,
         top_mm=grid.top_mm, pixel_mm=grid.pixel_mm,
     )  # fmt: skip
-    optics, shears, bulks = scene_optics(scene), lattice.shears, lattice.bulks
+    optics, shears = scene_optics(scene), lattice.shears
+    smooth, besides = lattice.smooth(grid)
+    besides = besides[:, keep]
     columns = problem.columns
     solved: list[Rung] = []
     costs: list[Array] = []
-    for rung in rungs(scene, wide, lattice.loads.tolist(), lattice.doses.tolist()):
+    for rung in rungs(scene, wide, lattice.loads.tolist()):
         fields = rung.fields(shears)
         windows = [fields[:, :, k : k + grid.cols][:, keep] for k in range(2 * aside + 1)]
-        every = np.array(windows)[:, :, None] + bulks[:, None].astype(np.float32)
+        every = np.array(windows)[:, :, None] + besides
         signals = optics.signal(every.reshape(-1, problem.size)).astype(np.float32)
         cost, light = linear_costs(*columns, problem.data[None], signals)
         costs.append(np.where(light > 0.0, cost, np.inf).reshape(every.shape[:3]))
@@ -344,13 +318,11 @@ def _scanned(data: FrameData, scene: Scene, lattice: _Lattice) -> Iterator[Scene
     every = np.array(costs)
     chosen: list[Scene] = []
     for flat in np.argsort(every, axis=None, kind="stable"):
-        k, place, shear, bulk = np.unravel_index(flat, every.shape)
-        if not np.isfinite(every[k, place, shear, bulk]):
+        k, place, shear, j = np.unravel_index(flat, every.shape)
+        if not np.isfinite(every[k, place, shear, j]):
             return
         rung = solved[k]
-        one = lattice.moved(
-            rung.load, rung.dose, int(place) - aside, float(shears[shear]), float(bulks[bulk])
-        )
+        one = lattice.moved(rung.load, int(place) - aside, float(shears[shear]), smooth[j])
         if not any(lattice.alike(one, other) for other in chosen):
             chosen.append(one)
             yield one

@@ -3,7 +3,7 @@
 On the pixels of a picture the stress difference of a contact is nearly a straight line in its
 friction, or in its tangential force over the load; a bulk stress adds a constant, and another place
 of the contact is another window of a wider picture. So a scan solves no more contacts than it tries
-loads and worn depths. What a signal leaves of the pixels' light is told for all of them by one
+loads. What a signal leaves of the pixels' light is told for all of them by one
 elimination of illumination and background (`estimation.linear_costs`).
 """
 
@@ -30,13 +30,12 @@ _FRICTION = 0.2
 
 @dataclass(frozen=True)
 class Rung:
-    """A solved contact at a `load` (N) and a `dose`, over the scene's.
+    """A solved contact at a `load` (N).
 
     Its stress difference (rows, cols), MPa: `even`, and `odd`, by one of friction or Q/P.
     """
 
     load: float
-    dose: float
     even: Array
     odd: Array
 
@@ -57,9 +56,7 @@ def shears_to(limit: float) -> Array:
     return limit * (2.0 * np.arange(count) + 1.0 - count) / count
 
 
-def rungs(
-    scene: Scene, pixels: PixelGrid, loads: Sequence[float], doses: Sequence[float] = (1.0,)
-) -> Iterator[Rung]:
+def rungs(scene: Scene, pixels: PixelGrid, loads: Sequence[float]) -> Iterator[Rung]:
     """The rungs of a one-state scene on some pixels; PhysicsError where none can be solved, with
     the last one's reason.
     """
@@ -67,17 +64,15 @@ def rungs(
     shear = _shear(scene)
     for load in loads:
         try:
-            one = _loaded(scene, float(load), shear, doses)
-            states = scene_states(one)[-len(doses) :]
-            parts = [_parts(one, state, pixels) for state in states]
+            one = _loaded(scene, float(load), shear)
+            even, odd = _parts(one, scene_states(one)[-1], pixels)
         except InputError:  # a block is not known so far out
             continue
         except PhysicsError as error:
             reason = error
             continue
         solved = True
-        for dose, (even, odd) in zip(doses, parts, strict=True):
-            yield Rung(float(load), dose, even, odd / np.float32(shear or 1.0))
+        yield Rung(float(load), even, odd / np.float32(shear or 1.0))
     if not solved:
         raise reason
 
@@ -90,17 +85,13 @@ def _shear(scene: Scene) -> float:
     return (friction or _FRICTION) if scene.friction else 0.0
 
 
-def _loaded(scene: Scene, load: float, shear: float, doses: Sequence[float]) -> Scene:
+def _loaded(scene: Scene, load: float, shear: float) -> Scene:
     """The scene under another load, its contact coarse."""
     one = with_part(scene, "load", normal_n=load)
     if is_held(scene):
         one = with_part(one, "load", tangential_n=shear * load)
     elif scene.friction:
         one = with_part(one, "friction", coefficient=shear)
-    if len(doses) > 1:
-        assert scene.wear is not None
-        slid = max(scene.wear.distances_m)
-        one = with_part(one, "wear", distances_m=tuple(slid * dose for dose in doses))
     return with_numerics(one, nodes_per_pixel=1, tolerance=1e-2)
 
 

@@ -30,14 +30,13 @@ from isochrome.figures import (
 )
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.figure import RESIDUAL_LABEL, show_residual
-from isochrome.fitting.frame.model_frame import fitted_light
+from isochrome.fitting.frame.model_frame import evaluate_model
 from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.frame_set import PreparedFrames
 from isochrome.fitting.joint.joint_fit import JointFit
 from isochrome.fitting.result import Fit
 from isochrome.fitting.tractions.inversion import Tractions, invert_tractions, node_runs
 from isochrome.messages import message
-from isochrome.optics import mean_order, pixel_visibility
 from isochrome.output import (
     evenly_spaced,
     imagej_view,
@@ -77,7 +76,7 @@ def tractions_figure(
         one, scene = found[i], scenes[i]
         stress = one.components()
         _draw_tractions(axes[0, 0], one, scene, f"frame {i}: tractions on the specimen")
-        _draw_residual(axes[0, 1], wanted[i], one, scene, stress)
+        _draw_residual(axes[0, 1], wanted[i], one, stress)
         _draw_principal(axes[1], one, stress)
     write_head(figure, f"{plain_name(name)}: pressure and shear without a contact model")
     return figure
@@ -96,8 +95,7 @@ def _draw_tractions(ax: Axes, one: Tractions, scene: Scene, title: str) -> None:
         ax.plot(
             surface.grid.x_mm, model, color=colour, lw=LINE_PT, ls="--", label=f"{label}, model"
         )
-        step = np.diff(one.x_mm)
-        for i, j in node_runs(np.ones(len(one.x_mm), bool), step <= 1.5 * step.min(initial=np.inf)):
+        for i, j in node_runs(np.ones(len(one.x_mm), bool), one.x_mm):
             x, p, u = one.x_mm[i:j], values[i:j], _WIDE * spread[i:j]
             ax.fill_between(x, p - u, p + u, color=colour, alpha=0.25, lw=0)
             ax.plot(x, p, color=colour, lw=BOLD_PT, label=label if i == 0 else None)
@@ -107,23 +105,12 @@ def _draw_tractions(ax: Axes, one: Tractions, scene: Scene, title: str) -> None:
     add_legend(ax)
 
 
-def _draw_residual(
-    ax: Axes, data: FrameData, one: Tractions, scene: Scene, stress: StressComponents
-) -> None:
-    pixels, optics = one.pixels, scene_optics(scene)
-    if scene.frames.stated_gamma != data.gamma:
-        data = data.toned(scene.frames.stated_gamma)
-    order = optics.order(stress.difference).astype(float)
-    visibility = pixel_visibility(order)[0]
-    signal = optics.signal(stress.difference, order=mean_order(order), visibility=visibility)
-    mask = data.valid & (pixels.z_mm >= 0.5 * pixels.pixel_mm)[:, None]
-    illumination, background, _ = fitted_light(
-        data, lambda stride: signal[::stride, ::stride], mask
-    )
+def _draw_residual(ax: Axes, data: FrameData, one: Tractions, stress: StressComponents) -> None:
+    seen = evaluate_model(data, one.scene, difference=stress.difference)
+    model = seen.illumination * seen.signal(1) + seen.background
     title = f"residual, chi = {one.chi:.2f}"
-    model = illumination * signal + background
     look = {"title": title, "colour_label": RESIDUAL_LABEL}
-    show_residual(ax, data, model, mask, **look, **pixels.scale)
+    show_residual(ax, data, model, seen.mask, **look, **one.pixels.scale)
 
 
 def _draw_principal(axes: Any, one: Tractions, stress: StressComponents) -> None:
@@ -141,9 +128,6 @@ def _draw_principal(axes: Any, one: Tractions, stress: StressComponents) -> None
 
 ASK_CHI = 1.1
 """Residual over noise of a model's fit from which tractions are the better description."""
-
-_POOR_CHI = 3.0
-"""Residual over noise from which a fit's place is no better than the scene's."""
 
 
 def asked_for(result: Fit) -> tuple[str, ...]:
@@ -166,17 +150,14 @@ def with_tractions(
 ) -> Fit:
     """A fit with the tractions of each of its frames.
 
-    Parameters: `result`; `frames`; `joint`, whose scenes are where each frame's search starts;
-    `given`, the frames' scenes before the fit; `free_top`, whether the surface's place is found
-    too; `progress`, called with each frame done. Returns a Fit.
+    Parameters: `result`; `frames`; `joint`, whose scenes are where each frame's search starts, and
+    then those `given`, before the fit; `free_top`, whether the surface's place is found too;
+    `progress`, called with each frame done. Returns a Fit.
     """
     plain, frames.plain = frames.plain, set()  # a poor model's light is not the frame's
     outcome = []
     for i, data in enumerate(frames):
-        first, second = joint.scenes[i], given[i]
-        if joint.frame_chi[i] > _POOR_CHI or i in joint.lost:
-            first, second = second, first
-        outcome.append(invert_tractions(data, first, others=(second,), free_top=free_top))
+        outcome.append(invert_tractions(data, joint.scenes[i], given[i], free_top=free_top))
         progress()
     frames.plain = plain
     several = len(outcome) > 1
@@ -200,7 +181,7 @@ def write_tractions(folder: Path, frames: PreparedFrames, joint: JointFit, resul
         columns[field.name] = np.concatenate([getattr(one, field.name) for one in outcome])
     write_csv(folder / "tractions.csv", columns)
     pixel = outcome[0].pixels.pixel_mm
-    stacks = zip(*map(maps, outcome, joint.scenes), strict=True)
+    stacks = zip(*map(maps, outcome), strict=True)
     for name, stack in zip(("sigma_1_mpa", "sigma_2_mpa", "fringe_order"), stacks, strict=True):
         view = _view(name, stack, outcome[0].pixels)
         write_tiff(folder / f"{name}.tif", np.stack(stack), pixel_mm=pixel, metadata=view)
@@ -221,13 +202,12 @@ def _view(name: str, stack: Sequence[Array], pixels: PixelGrid) -> dict[str, Any
     )
 
 
-def maps(tractions: Tractions, scene: Scene) -> list[Array]:
-    """sigma_1, sigma_2 (MPa) and the fringe order at every pixel, NaN above the surface, float32.
-
-    Parameters: `tractions`; `scene`, for thickness and fringe value. Returns maps (rows, cols).
+def maps(tractions: Tractions) -> list[Array]:
+    """sigma_1, sigma_2 (MPa) and the fringe order at every pixel (rows, cols), NaN above the
+    surface, float32.
     """
     pixels, stress = tractions.pixels, tractions.components()
-    order = scene_optics(scene).order(stress.difference)
+    order = scene_optics(tractions.scene).order(stress.difference)
     material = (pixels.z_mm >= (0.5 - 1e-6) * pixels.pixel_mm)[:, None]
     images = (*stress.principal, order)
     return [np.where(material, image, np.nan).astype(np.float32) for image in images]
