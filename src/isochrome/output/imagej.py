@@ -124,12 +124,11 @@ def imagej_view(
     """
     from matplotlib import colormaps
 
-    low, high = map(float, span)
     colours = next((colours for start, colours in _MAPS.items() if name.startswith(start)), "gray")
+    # of a cyclic map's colours both ends meet
+    low, high = map(float, {_TURNED: (-90.0, 90.0)}.get(colours, span))
     if name in ("normalised", "confidence"):
         low, high = 0.0, 1.0
-    elif colours == _TURNED:  # of a cyclic map's colours both ends meet
-        low, high = -90.0, 90.0
     elif colours == _SIGNED:
         high = max(abs(low), abs(high))
         low = -high
