@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from isochrome.fringes import ColourShots
-from isochrome.fringes.own_colours import BRIGHTNESS_OFF, NUMBERS, SENSOR, unknowns
+from isochrome.fringes.band_light import NUMBERS, SENSOR
+from isochrome.fringes.unknown_light import BRIGHTNESS_OFF, unknowns
 
 ROW, COL = np.mgrid[:60, :80].astype(float)
 FRAMES = slice(NUMBERS + 1, NUMBERS + 4)

@@ -37,7 +37,9 @@ from isochrome.figures import (
 )
 from isochrome.frames import CHANNELS, as_captured, estimate_noise, load_mask, to_linear
 from isochrome.fringes import (
+    ALIKE,
     STEP,
+    STRANGE,
     ColourShots,
     ColourTable,
     OwnLight,
@@ -135,9 +137,6 @@ def _scatter(place: Array, colours: Array, line: Array, slope: float, half: floa
     return within / float(np.sum((colours - colours.mean(axis=0)) ** 2))
 
 
-ALIKE = 0.02
-"""Share by which images may differ in brightness and still be of one exposure."""
-
 SAME = 0.05
 """The same against the no-load frames: a light's bands do not tell the factor of all to better."""
 
@@ -228,7 +227,7 @@ def read_colour_shots(given: ColourSet) -> tuple[ColourShots, int | None]:
         # its noise must not enter every pixel's model
         ends[k] = gaussian_filter(end, (SMOOTHING_PX, SMOOTHING_PX, 0.0))
     raw, noise, valid = (np.stack(part) for part in zip(*images, strict=True))
-    return ColourShots(raw, noise, valid, *ends), depth
+    return ColourShots(raw, noise, valid, ends[0], ends[1]), depth
 
 
 def _read(
@@ -485,7 +484,7 @@ def _of_beam(given: ColourSet, shots: ColourShots, depth: int | None) -> ColourC
     return ColourCalibration(
         colour_table=ColourTable(table.signal, residual), way="beam", gamma=gamma,
         wavelength_nm=given.polariscope.wavelength_nm, residual=float(np.sqrt(np.mean(away**2))),
-        strange=float(np.mean(np.mean(away**2, axis=1) > 0.15**2)), highest=table.highest,
+        strange=float(np.mean(np.mean(away**2, axis=1) > STRANGE**2)), highest=table.highest,
         bit_depth=depth, exposures=tuple(map(float, factors)),
         warnings=tuple(exposure_messages(given, factors, "the no-load frames")),
     )  # fmt: skip

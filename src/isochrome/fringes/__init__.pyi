@@ -1,3 +1,4 @@
+from .band_light import band_light, band_scale
 from .colour_order import ColourReading, read_colour
 from .colour_table import (
     STEP,
@@ -21,7 +22,6 @@ from .film_reading import (
 )
 from .follower import LARGEST_CHANGE, FilmState, follow_frame
 from .on_branch import BRANCH, SURE, OrderReading, make_reading, read_order, widened
-from .own_colours import ColourShots, OwnLight, band_light, band_scale, find_light
 from .single_frame.background_modulation import (
     BackgroundModulation,
     NoLoadExposure,
@@ -62,8 +62,10 @@ from .stepped_order import (
     read_steps,
     settle,
 )
+from .unknown_light import ALIKE, STRANGE, ColourShots, OwnLight, find_light
 
 __all__ = [
+    "ALIKE",
     "BRANCH",
     "CLEAR",
     "COSINE",
@@ -75,6 +77,7 @@ __all__ = [
     "SINE_SINE",
     "STATED_SPREAD",
     "STEP",
+    "STRANGE",
     "SURE",
     "BackgroundModulation",
     "Balance",

@@ -16,7 +16,7 @@ r = y - s(N), repeated, so that curvature of the order over the window does not 
 Colour light to fringe signal: background and illumination taken out of every channel.
 
 A channel's light is I_c = D_c + A_c s_c(N). With no-load frames D and A are theirs; what is missing
-is found from the frame itself (`isochrome.fringes.frame_exposure`).
+is found from the frame itself (`isochrome.fringes.unknown_light`).
 """
 
 from dataclasses import dataclass
@@ -27,17 +27,12 @@ from scipy import ndimage
 
 from isochrome.errors import InputError
 from isochrome.fringes.colour_table import STEP, Choice, ColourTable, choose_orders
-from isochrome.fringes.frame_exposure import FrameExposure, find_ends, find_exposure
 from isochrome.fringes.on_branch import LARGEST_UNCERTAINTY, OrderReading, probability
+from isochrome.fringes.unknown_light import JUMP, TABLE_ERROR, FrameExposure, find_frame_light
 from isochrome.fringes.windows import Array, Mask, beside_jumps, gaussian_sum, masked, nearest_known
 
 LEAST_CONTRAST = 0.2
 """Contrast, over that of the frame's brightest places, below which a pixel is without light."""
-
-TABLE_ERROR = 0.002
-"""Of a table at best, of full light: what a frame without noise is still weighed by."""
-
-_ROWS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,33 +61,14 @@ def colour_signal(
     The variance is that of the frame, of the no-load frames and of the table's spread. InputError
     where nothing has contrast.
     """
-    blind = dark is None or bright is None
     noise = np.broadcast_to(np.asarray(sigma, dtype=float), light.shape)
-    exposure = FrameExposure()
-    if dark is not None and bright is not None:
-        exposure = find_exposure(
-            light, table, sigma=noise, dark=dark, bright=bright, valid=valid & (bright > dark)
-        )
-        dark, bright = exposure.factor * dark, exposure.factor * bright
-        low, contrast, order_variance = dark, bright - dark, np.zeros(light.shape[:2])
-    else:
-        low, contrast, order_variance = find_ends(
-            light, table, sigma=noise, dark=dark, bright=bright, valid=valid
-        )
-    lit = _lit(contrast, valid)
-    trusted = valid & lit[..., None]
-    signal = np.full(light.shape, np.nan, np.float32)
-    np.divide(light - low, contrast, out=signal, where=trusted)
-    share = np.clip(np.nan_to_num(signal), 0.0, 1.0)
-    variance = noise**2
-    both = 1.0 - share if bright is not None else np.ones_like(share)  # of I - D and B - D
-    for frame, part in ((dark, both), (bright, share)):
-        if frame is not None:
-            variance += part**2 * _noise(frame, trusted) ** 2
-    variance /= np.where(trusted, contrast, 1.0) ** 2
+    shown = find_frame_light(light, table, sigma=noise, dark=dark, bright=bright, valid=valid)
+    lit = _lit(shown.contrast, valid)
     return ColourSignal(
-        signal=signal, variance=(variance + table.spread**2 + TABLE_ERROR**2).astype(np.float32),
-        lit=lit, order_variance=order_variance, blind=blind, exposure=exposure,
+        signal=np.where(lit[..., None], shown.signal, np.nan).astype(np.float32),
+        variance=(shown.variance + table.spread**2 + TABLE_ERROR**2).astype(np.float32), lit=lit,
+        order_variance=shown.order_variance, blind=dark is None or bright is None,
+        exposure=shown.exposure,
     )  # fmt: skip
 
 
@@ -110,27 +86,6 @@ def _lit(contrast: Array, valid: Mask) -> Mask:
     smooth = ndimage.gaussian_filter(share.astype(np.float32), 1.0, mode="nearest")
     return np.asarray((smooth > LEAST_CONTRAST) & (share > 0.5 * LEAST_CONTRAST))
 
-
-def _noise(frame: Array, valid: Mask) -> Array:
-    """Noise (channels,) of a no-load frame: fourth differences along every third row, by median."""
-    rows, good = frame[::_ROWS].astype(np.float32), valid[::_ROWS]
-    rough = sum(
-        weight * rows[:, i : rows.shape[1] - 4 + i]
-        for i, weight in enumerate((1.0, -4.0, 6.0, -4.0, 1.0))
-    )
-    inside = good[:, 2:-2]
-    estimates = np.zeros(frame.shape[2])
-    for c in range(frame.shape[2]):
-        size = np.abs(np.asarray(rough)[..., c][inside[..., c]])
-        if size.size:
-            # rounding to whole levels makes the median itself a step; the middle half does not
-            low, high = np.percentile(size, (25.0, 75.0))
-            estimates[c] = (low + high) / (0.3186 + 1.1503) / np.sqrt(70.0)
-    return estimates
-
-
-JUMP = 0.35
-"""A step of the order, in fringes, that no smooth field takes from one block to the next."""
 
 _WINDOWS_PX = (2.0, 1.5, 1.5, 1.2)
 _BASE_PX = 2.0
@@ -238,7 +193,7 @@ def _mixture(order: Array, table: ColourTable) -> Array:
     """
     steepness = sum(step**2 for step in np.gradient(order))
     steepness = np.minimum(ndimage.gaussian_filter(steepness, _WINDOWS_PX[-1]), _STEEPEST**2)
-    bend = np.gradient(table.slope, STEP, axis=0).astype(np.float32)[table.place(np.abs(order))]
+    bend = table.bend.astype(np.float32)[table.place(np.abs(order))]
     return np.asarray(steepness[..., None].astype(np.float32) / 24.0 * bend)
 
 
@@ -293,7 +248,6 @@ _SMALLEST_ISLAND = 0.002
 _LEAST_CONTRAST = (0.04, 0.1)  # of fringes in white, with no-load frames and without
 _BELOW_WHITE = 0.25
 _FOUND_ENDS = 0.001  # fringes: what a quadratic surface leaves of an illumination
-_BLOCK_ERROR = 0.004  # of the table at a block's mean order
 _UNLIT_ORDER = 0.045
 _UNLIT_PX = 6
 _SPREAD = 0.01
@@ -341,7 +295,6 @@ def read_colour(
     value = refine_colour(shown, choice, factor, table)
     trusted = np.isfinite(shown.signal)
     variance = shown.order_variance + (_FOUND_ENDS * shown.blind) ** 2
-    variance = variance + shown.exposure.order_variance(shown.signal, table, value.order)
     uncertainty = np.sqrt(value.uncertainty**2 + variance)
     readable = (trusted.sum(axis=-1) >= 2) & (np.hypot(*np.gradient(value.order)) < STEEPEST)
     span = max(1.0, float(np.ptp(table.signal)))
@@ -386,7 +339,7 @@ def _blocks(shown: ColourSignal, factor: int) -> tuple[Array, Array]:
     signal = _sums(np.nan_to_num(shown.signal), factor)
     variance = _sums(np.where(trusted, shown.variance, 0.0), factor)
     some = np.maximum(count, 1.0)
-    variance = np.where(count > 0.0, variance / some**2 + _BLOCK_ERROR**2, 1.0)
+    variance = np.where(count > 0.0, variance / some**2 + TABLE_ERROR**2, 1.0)
     return np.where(count > 0.0, signal / some, np.nan), variance
 
 

@@ -94,6 +94,11 @@ class ColourTable:
         slope[0] = 0.0
         return slope
 
+    @property
+    def bend(self) -> Array:
+        """d²s/dN² (orders, channels)."""
+        return np.gradient(self.slope, STEP, axis=0)
+
 
 def spectral_table(polariscope: Polariscope, response: Response) -> ColourTable:
     """The table from the spectrum of the light, of several wavelengths, and the camera's response.
@@ -253,6 +258,12 @@ class Choice:
     order: Array
     misfit: Array
     margin: Array
+
+    @property
+    def rough(self) -> float:
+        """What the order's changes from pixel to pixel cost, chi²."""
+        changes = (COST_OF_SLOPE * np.abs(np.diff(self.order, axis=axis)) for axis in (0, 1))
+        return sum(float(np.nansum(np.minimum(change, COST_OF_JUMP))) for change in changes)
 
 
 def candidate_orders(signal: Array, weight: Array, table: ColourTable) -> tuple[Array, Array]:
