@@ -7,12 +7,12 @@ polynomial fitted to the shoulders by least squares with the roughness's own cov
 
 The window is the scar with a guard on each side, so that an edge that is a little off adds noise
 but no bias; nothing is cut off at zero. A is linear in the heights, A = wᵀz, and its variance
-wᵀ C w: it holds the roughness that was worn off, the levelling and what both share. The form's
-coefficients have a prior, in the place of a choice of degree; what it draws them by towards a flat
-surface adds to the variance.
+wᵀ C w: it holds the roughness that was worn off, the levelling and what both share. Degrees of the
+form are averaged by their evidence exp(-BIC/2), and what they disagree adds to the variance.
 Where the scar is says a smooth shape D (1 - |u|^m)^1.2, u = (x - c)/a: it runs out as worn contacts
 do that grew, and m goes from 2, near the arc of a late scar, to 3.5 of an early one.
-Source: Aitken (1936), Proc. Roy. Soc. Edinburgh 55, 42.
+Sources: Aitken (1936), Proc. Roy. Soc. Edinburgh 55, 42; Schwarz (1978), Ann. Stat. 6, 461;
+Hoeting et al. (1999), Statistical Science 14, 382, for the average.
 
 Roughness by the power of its own bands: a spectrum from what is not worn, and what it does.
 
@@ -290,12 +290,12 @@ def student_factor_of(degrees_of_freedom: float) -> float:
     return freedom / (freedom - 2.0) if np.isfinite(freedom) else 1.0
 
 
-FORM_DEGREE = 4
-"""Of the form, whose prior says how much of it is likely: no degree is chosen."""
+FORM_DEGREES = (2, 3, 4)
+"""Degrees of the form: a tilt and a curvature are always asked for."""
 
 FORM_RADIUS_MM, _HIGHER = 500.0, 0.25
-"""A flat specimen's form beforehand, one standard deviation: the curvature of this radius, and each
-higher degree over the one before. Without it a short trace's form would take up its scar."""
+"""A flat specimen's form beforehand, one standard deviation: the curvature of this radius, and what
+has a higher degree over what that makes. Without it a short trace's form would take up its scar."""
 
 _NARROWEST, _WIDEST = 3.0, 0.45
 """Half-widths that are looked for: in bins, and over the trace's length."""
@@ -330,7 +330,9 @@ def form_spread(x_mm: Array, degree: int) -> Array:
     A radius R makes the second one L²/(12 R) over a length L.
     """
     curved = 1e3 * float(x_mm[-1] - x_mm[0]) ** 2 / (12.0 * FORM_RADIUS_MM)
-    return np.asarray(np.r_[np.inf, np.inf, curved * _HIGHER ** np.arange(degree - 1)])
+    spread = np.full(degree + 1, _HIGHER * curved)
+    spread[:2], spread[2] = np.inf, curved
+    return spread
 
 
 def shape(x_mm: Array, centre_mm: float, half_mm: float, exponent: float) -> Array:
@@ -374,7 +376,7 @@ def whitening(x_mm: Array, covariance: Array) -> Array:
 
     The root of the inverse covariance of roughness and form, and from that the tilt projected out.
     """
-    form, spread = legendre(x_mm, FORM_DEGREE), form_spread(x_mm, FORM_DEGREE)
+    form, spread = legendre(x_mm, FORM_DEGREES[-1]), form_spread(x_mm, FORM_DEGREES[-1])
     curved = form[:, 2:] * spread[2:]
     root = np.linalg.inv(np.linalg.cholesky(covariance + curved @ curved.T))
     q = np.linalg.qr(root @ form[:, :2])[0]
@@ -497,7 +499,7 @@ def levelled(trace: Trace) -> LevelledTrace:
 def _find(bins: BinnedTrace) -> tuple[ScarShape, Roughness, Mask]:
     """The scar's place, the roughness beside it and the shoulders, each by the others in turn."""
     x, z, n = bins.x_mm, bins.z_um, len(bins.x_mm)
-    form = legendre(x, FORM_DEGREE)
+    form = legendre(x, FORM_DEGREES[-1])
 
     # at first what second differences show, as if it were white
     size = 1.4826 * float(np.median(np.abs(np.diff(z, 2)))) / np.sqrt(6.0)
@@ -544,7 +546,7 @@ def _shoulders(bins: BinnedTrace, place: ScarShape) -> Mask:
         _check_shoulders(bins, place)
         raise InputError("too_few_points_beside", name=bins.name)
     for _ in range(2):  # dust and scratches
-        form = legendre(bins.x_mm, FORM_DEGREE)
+        form = legendre(bins.x_mm, FORM_DEGREES[-1])
         beta = np.linalg.lstsq(form[unworn], bins.z_um[unworn], rcond=None)[0]
         away = np.abs(bins.z_um - form @ beta)
         unworn = unworn & (away <= _LOUD * 1.4826 * float(np.median(away[unworn])) + 1e-12)
@@ -559,12 +561,14 @@ def _level(
     edges = place.edges_mm
     low, high = edges if ridged else _window(place, step)
     covariance = roughness.covariance(len(x))
-    level, drawn = _levels(x, unworn, covariance)
+    levels, weights, drawn = _levels(x, z, unworn, covariance)
+    level = np.tensordot(weights, levels, axes=1)
     to_area = 1e-3 * step * _parts(x, step, low, high)  # µm to mm
     rows = to_area @ level - to_area  # of A = rows @ z
     variance, freedom = roughness.variance(rows)
     wider = student_factor_of(freedom)
-    shared = float(to_area @ drawn @ to_area)
+    areas = np.array([(to_area @ one - to_area) @ z for one in levels])
+    shared = float(to_area @ drawn @ to_area + weights @ (areas - weights @ areas) ** 2)
     of_level = to_area @ level
     by_level = of_level @ covariance @ of_level
     ridges, ridge_uncertainty = _ridges(bins, place, level, roughness)
@@ -600,16 +604,28 @@ def _parts(x: Array, step: float, low: float, high: float) -> Array:
     return np.clip(overlap / step, 0.0, 1.0)
 
 
-def _levels(x: Array, unworn: Mask, covariance: Array) -> tuple[Array, Array]:
-    """The level as a matrix on the heights (n, n), and the covariance of what the form's prior
-    draws it by towards none (n, n), µm².
+def _levels(x: Array, z: Array, unworn: Mask, covariance: Array) -> tuple[Array, Array, Array]:
+    """The level of each degree as a matrix on the heights (d, n, n), its weight (d,), and the
+    covariance of their mean, which the forms' prior draws towards none (n, n), µm².
     """
     inverse = np.linalg.inv(covariance[np.ix_(unworn, unworn)])
-    form, spread = legendre(x, FORM_DEGREE), form_spread(x, FORM_DEGREE)
-    carried = inverse @ form[unworn]
-    normal = form[unworn].T @ carried + np.diag(1.0 / spread**2)
-    level = np.zeros((len(x), len(x)))
-    level[:, unworn] = form @ np.linalg.solve(normal, carried.T)
-    curved = form[:, 2:] * spread[2:]
-    missed = level @ curved - curved
-    return level, missed @ missed.T
+    heights, count = z[unworn], int(unworn.sum())
+    matrices, scores, missed = [], [], []
+    for degree in FORM_DEGREES:
+        form, spread = legendre(x, degree), form_spread(x, degree)
+        unworn_form = form[unworn]
+        carried = inverse @ unworn_form
+        prior = 1.0 / spread**2
+        solved = np.linalg.solve(unworn_form.T @ carried + np.diag(prior), carried.T)
+        matrix = np.zeros((len(x), len(x)))
+        matrix[:, unworn] = form @ solved
+        residual = heights - unworn_form @ (solved @ heights)
+        away = float(residual @ inverse @ residual + prior @ (solved @ heights) ** 2)
+        scores.append(away + degree * np.log(count))
+        matrices.append(matrix)
+        curved = form[:, 2:] * spread[2:]
+        missed.append(matrix @ curved - curved)
+    weight = np.exp(-0.5 * (np.array(scores) - min(scores)))
+    weight = weight / weight.sum()
+    drawn = sum(share * (part @ part.T) for share, part in zip(weight, missed, strict=True))
+    return np.array(matrices), weight, np.asarray(drawn)
