@@ -337,7 +337,7 @@ def beam_kind(view: BeamView, width: int) -> Kind:
 
     def idle(first: Array, square: Array) -> Array:
         _, row, tilt = first
-        slope = np.sqrt(np.abs(square[0])) / (half * np.hypot(1.0, tilt))
+        slope = np.sqrt(square[0]) / (half * np.hypot(1.0, tilt))
         return np.array([slope, row, tilt])
 
     return Kind(
@@ -371,8 +371,8 @@ def _change_along(model: SetModel, values: Array) -> Array:
     """By how much the first image's slope at the picture's left and right is above that at its
     middle (2,), as seen through the lens.
     """
-    unknowns, _ = model.unknowns_of(0, values)
-    _, besides, shared = model.split(values)
+    unknowns, besides = model.unknowns_of(0, values), model.value(values, MOMENT)
+    shared = model.shared(values)
     height, width = model.shape
     cols = np.tile(np.array([0.0, 0.5, 1.0]) * (width - 1), 2)
     rows = np.repeat(np.array([0.4, 0.6]) * (height - 1), 3)
@@ -393,7 +393,7 @@ def beam_images(
     half = 0.5 * views[0].height_px
     factor = np.hypot(1.0, unknowns[:, 2]) * half
     orders = unknowns[:, 0] * factor
-    slopes = len(fit.model.kind.steps) * np.arange(count)
+    slopes = [fit.model.places[i][0] for i in range(count)]
     covariance = fit.covariance[np.ix_(slopes, slopes)] * np.outer(factor, factor)
     rows, cols = fit.model.rows, fit.model.cols
     stride = float(cols[1] - cols[0]) if len(cols) > 1 else 1.0
@@ -414,7 +414,7 @@ def beam_images(
     unloaded = []
     same = not (fit.model.exposures or fit.model.apart)
     for index in range(count, len(fit.model.shots) if same else 0):
-        (place,) = fit.model.own_places(index)
+        (place,) = fit.model.places[index]
         spread = float(np.sqrt(fit.covariance[place, place]))
         square = float(fit.values[place])
         unloaded.append(ResidualOrder(fit.model.shots[index].name, square, spread))
@@ -514,8 +514,8 @@ def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibrat
     images, covariance, unloaded = beam_images(set_fit, views, pixel_mm)
     outcome = causes(set_fit, given.polariscope.wavelength_nm)
     messages = [*sentences(set_fit, outcome)]
-    if set_fit.model.besides:
-        linear, square = set_fit.values[set_fit.model.besides_places]
+    if MOMENT in set_fit.model.free:
+        linear, square = set_fit.model.value(set_fit.values, MOMENT)
         change = 100.0 * max(abs(linear + square), abs(linear - square))
         messages.append(message("moment_changes_along_beam", change=change))
     if not unloaded:

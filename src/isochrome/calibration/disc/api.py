@@ -207,21 +207,21 @@ def fit_disc_set(
     if start is None:
         return fit
     places, residual = start
-    stressed = _fitted(replace(disc_model(images, places, held), besides=True), places, residual)
+    stressed = _fitted(disc_model(images, places, held), places, residual)
     return stressed if stressed.chi < fit.chi else fit
 
 
 def _fitted(model: SetModel, unknowns: Array, residual: Array | None = None) -> SetFit:
     """The whole set from where its unknowns start, kept off the rim by the blur that it shows."""
     fit = fit_set(model, unknowns, residual)
-    blur_px = np.sqrt(fit.shared.get(BLUR, (0.0, 0.0))[0] / 2.0) / np.pi
+    blur_px = np.sqrt(fit.shared.get(BLUR, (0.0, 0.0))[0])
     if _CLEAR_OF_RIM * blur_px <= RIM * unknowns[:, 3].min():
         return fit
     # what a blur carries over the rim is in no model
     rim = _CLEAR_OF_RIM * blur_px / float(fit.own[:, 3].max())
     inner = disc_model(model.shots, fit.own, model.held, rim=rim)
-    wider = replace(inner, besides=fit.model.besides)
-    return fit_set(wider, fit.model.carried(fit.values, wider))
+    found = fit.model.value(fit.values, RESIDUAL) if RESIDUAL in fit.model.free else None
+    return fit_set(inner, fit.own, found)
 
 
 def disc_model(
@@ -268,7 +268,7 @@ def stressed_start(images: Sequence[Shot], unknowns: Array) -> tuple[Array, Arra
     for factor in RADII:
         begun[:, 3] = factor * unknowns[:, 3].min()
         model = replace(
-            disc_model(images, begun, {}, pixels=ROUGH_PIXELS), apart=True, besides=True
+            disc_model(images, begun, {}, pixels=ROUGH_PIXELS), apart=True, free=(RESIDUAL,)
         )
         for even, round_ in product(ORDERS, ORDERS):
             values = np.concatenate([begun.ravel(), simple_residual(even, round_)])
@@ -280,7 +280,7 @@ def stressed_start(images: Sequence[Shot], unknowns: Array) -> tuple[Array, Arra
     if not fits:
         return None
     best = min(fits, key=lambda fit: fit.chi)
-    return best.own, best.model.split(best.values)[1]
+    return best.own, best.model.value(best.values, RESIDUAL)
 
 
 def disc_kind(radius: float, several_loads: bool) -> Kind:
@@ -311,16 +311,15 @@ def disc_images(
     `rims` (m,), their radii as found, px; `diameter_mm`.
     """
     model, unknowns = fit.model, fit.own
-    _, amplitudes, _ = model.split(fit.values)
     linear = np.zeros((len(unknowns), model.size))
     linear[np.arange(len(unknowns)), unknowns.shape[1] * np.arange(len(unknowns))] = 1.0
     orders = unknowns[:, 0].copy()
-    if model.besides:
+    if RESIDUAL in model.free:
         # how each member of the residual counts at the centre, along the loads of each image
         centre = np.zeros(len(unknowns))
         along_loads = residual_basis(centre, centre, np.exp(2j * unknowns[:, 4])).real.T
-        linear[:, model.besides_places] = along_loads
-        orders += along_loads @ amplitudes
+        linear[:, model.places[RESIDUAL]] = along_loads
+        orders += along_loads @ model.value(fit.values, RESIDUAL)
     covariance = linear @ fit.covariance @ linear.T
     rows, cols = fit.model.rows, fit.model.cols
     images = []
@@ -343,13 +342,13 @@ def residual_of(fit: SetFit, diameter_mm: float) -> dict[str, Any] | None:
     where (mm from the centre), fringes.
     """
     model = fit.model
-    if not model.besides:
+    if RESIDUAL not in model.free:
         return None
     image, unknowns = model.images[0], fit.own[0]
     _, row, col, radius, _ = unknowns
     x, z = (np.append(v, 0.0) for v in ((image.cols - col) / radius, (image.rows - row) / radius))
     _, turn = load_field(np.append(image.rows, row), np.append(image.cols, col), unknowns[1:])
-    size = np.abs(model.split(fit.values)[1] @ residual_basis(x, z, turn))
+    size = np.abs(model.value(fit.values, RESIDUAL) @ residual_basis(x, z, turn))
     at = int(np.argmax(size[:-1]))
     return {
         "form": f"tensor, and along the loads, degree {DEGREE}",
@@ -495,7 +494,7 @@ def _found(
     except PhysicsError as error:  # which residual stress may explain
         unknowns, refused = [start[0] for start in starts], error
     set_fit = fit_disc_set(loaded, idle, np.array(unknowns), held)
-    if refused is not None and not (set_fit.model.besides and set_fit.explained):
+    if refused is not None and not (RESIDUAL in set_fit.model.free and set_fit.explained):
         if clear is None:
             check_scans(scans, loaded)
             raise refused
