@@ -16,6 +16,8 @@ N = sigma_x d/f_sigma = 12 M eta/(f_sigma h^3): the thickness d cancels. The ord
 eta = h/2, rises with the load by k = 3 (Lo - Li)/(2 h^2 f_sigma) fringes per N.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -41,13 +43,11 @@ from isochrome.calibration.shot import (
     unused,
 )
 from isochrome.calibration.whole_set.set_fit import (
-    OUTLIER,
     alike_fits,
     best_first,
     causes,
     contradiction,
     fit_set,
-    seen_all_over,
     sentences,
     set_image,
     stated_values,
@@ -77,13 +77,33 @@ FEWEST_VALID = 0.3
 class BeamView:
     """The beam's `height_px`, its `top` row at the middle column (float, may be outside), its
     `tilt` (rows a column) and `starts` (m, 3): slope (fringe/px across the rows), row of N = 0,
-    tilt.
+    tilt; `seen_px`, how far apart its edges are, None where one is not in view.
     """
 
     height_px: float
     top: float
     tilt: float
     starts: Array
+    seen_px: float | None = None
+
+    def refined(self, shot: Shot, slope: float, tilt: float) -> BeamView:
+        """The view with the edges between which a sinusoid of some slope explains most.
+
+        The first guess has the slope roughly only, and an edge of order 1 is as dark as what lies
+        beyond it: a few rows of that would pull the fit.
+        """
+        rows, values, count = _profile(shot, tilt)
+        reach = EDGE_REACH * self.height_px
+        edges = np.rint([self.top, self.top + self.height_px])
+        top = self.top
+        for moved in ((1.0, 1.0), (1.0, 0.0), (0.0, 1.0)):  # of a beam as high as stated, and each
+            tried = edges + np.rint(np.arange(-reach, reach))[:, None] * moved
+            cost, _ = _scan(rows, values, count, tried, np.array([slope]), 2)
+            edges = tried[np.argmin(cost)]
+            top = float(edges[0]) if all(moved) else top
+        in_view = rows[0] < edges[0] and edges[1] <= rows[-1]
+        seen_px = float(np.ptp(edges) / np.hypot(1.0, tilt)) if in_view else None
+        return replace(self, top=top, seen_px=seen_px)
 
 
 def find_beam(shot: Shot, height_px: float) -> BeamView:
@@ -108,7 +128,7 @@ def find_beam(shot: Shot, height_px: float) -> BeamView:
     tops = np.arange(ends[0] - room, ends[1] + room, EDGE_REACH * in_view)
     finest = FINEST / float(rows[1] - rows[0])
     slopes = np.arange(FEWEST_FRINGES / in_view, finest, 0.2 / in_view)
-    cost, phase = _scan(rows, values, count, tops, height_px, slopes)
+    cost, phase = _scan(rows, values, count, np.stack([tops, tops + height_px], axis=1), slopes)
     if cost.min() > 0.95 * _smooth_cost(rows, values, count, 2):
         raise PhysicsError("no_fringes_rise_across", name=shot.name)
     best, place = _peaks(cost.min(axis=0), 4), int(np.argmin(cost.min(axis=1)))
@@ -153,24 +173,26 @@ def _profile(shot: Shot, shear: float) -> tuple[Array, Array, Array]:
 
 
 def _scan(
-    rows: Array, values: Array, count: Array, tops: Array, height_px: float, slopes: Array
+    rows: Array, values: Array, count: Array, edges: Array, slopes: Array, falls: int = 0
 ) -> tuple[Array, Array]:
-    """Residual (tops, slopes) of a sinusoid inside and a line outside; phase of the maximum."""
-    cost, phase = np.empty((2, len(tops), len(slopes)))
+    """Residual (m, slopes) of a sinusoid between two edges (m, 2), and of a line outside of each;
+    phase of its maximum. `falls`, the degree of the sinusoid's amplitude along the rows.
+    """
+    cost, phase = np.empty((2, len(edges), len(slopes)))
     angle = 2.0 * np.pi * slopes[:, None] * rows
     place = (rows - rows.mean()) / max(1.0, float(np.ptp(rows)))
-    smooth = np.broadcast_to(
-        np.stack([np.ones_like(place), place, place**2]), (len(slopes), 3, rows.size)
-    )
-    design = np.concatenate([np.stack([np.cos(angle), np.sin(angle)], axis=1), smooth], axis=1)
-    for i, top in enumerate(tops):
-        inside = (rows >= top) & (rows < top + height_px)
+    smooth = np.stack([np.ones_like(place), place, place**2])
+    waves = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    uneven = [waves * part for part in smooth[: falls + 1]]
+    design = np.concatenate([*uneven, np.stack([smooth] * len(slopes))], axis=1)
+    for i, (top, bottom) in enumerate(edges):
+        inside = (rows >= top) & (rows < bottom)
         d, w, y = design[:, :, inside], count[inside], values[inside]
-        gram = (d * w) @ d.transpose(0, 2, 1) + 1e-9 * w.sum() * np.eye(5)
+        gram = (d * w) @ d.transpose(0, 2, 1) + 1e-9 * w.sum() * np.eye(d.shape[1])
         result = np.linalg.solve(gram, ((d * w) @ y)[..., None])[..., 0]
         outside = sum(
             _smooth_cost(rows[where], values[where], count[where], 1)
-            for where in (rows < top, rows >= top + height_px)
+            for where in (rows < top, rows >= bottom)
         )
         cost[i] = np.sum(w * (y - np.einsum("sk,skn->sn", result, d)) ** 2, axis=1) + outside
         phase[i] = np.arctan2(result[:, 1], result[:, 0])
@@ -217,7 +239,7 @@ def fit_beam(shot: Shot, height_px: float) -> tuple[BeamView, SetFit]:
     starts, fits = [*view.starts], list[SetFit]()
     for margin in (EDGE_REACH, RIM, RIM):  # more at first, while the edges are known roughly
         if fits:
-            view = replace(view, top=_refined_top(fits[0], view))
+            view = view.refined(shot, float(fits[0].values[0]), float(fits[0].values[2]))
         model = _model(shot, view, cols, margin)
         fits = best_first(model.fit(start) for start in starts)
         if not fits:  # every start turned the light negative
@@ -238,41 +260,6 @@ def _model(shot: Shot, view: BeamView, cols: NDArray[np.intp], share: float) -> 
         kind=beam_kind(view, shot.light.shape[1]), shots=[shot], rows=rows, cols=cols,
         masks=(shot.valid[:, cols] & inside)[None],
     )  # fmt: skip
-
-
-def _refined_top(fit: SetFit, view: BeamView) -> float:
-    """The top edge's row for which fringes inside and an even level outside explain most.
-
-    The first guess has the fringes' slope roughly only, and an edge of order 1 is as dark as what
-    lies beyond it: a few rows of that would pull the fit.
-    """
-    rows, gain = _gain_by_fringes(fit, 0, view)
-    reach = EDGE_REACH * view.height_px
-    tops = np.rint(view.top + np.arange(-reach, reach))
-    first, last = (np.interp(np.rint(tops + d), rows, gain) for d in (0.0, view.height_px))
-    return float(tops[np.argmax(last - first)])
-
-
-def _gain_by_fringes(fit: SetFit, index: int, view: BeamView) -> tuple[Array, Array]:
-    """Rows (n,) at the middle column, and by how much the fringes above each, instead of light as
-    even as beyond the beam, lower the squared residual, in noise variances (n,).
-    """
-    model, shot = fit.model, fit.model.shots[index]
-    pick, middle = np.ix_(model.rows, model.cols), 0.5 * (model.shape[1] - 1)
-    rows, cols, fringes = seen_all_over(fit, index)
-    row = np.rint(rows - fit.own[index, 2] * (cols - middle)).astype(np.intp)
-    image, sigma, valid = (m[pick] for m in (shot.light, shot.sigma, shot.valid))
-    away = np.abs(row - view.top - 0.5 * view.height_px) - 0.5 * view.height_px
-    outer = valid & (away > 0.0)
-    if np.count_nonzero(outer) < 0.01 * outer.size:  # nothing lies beyond its edges
-        return np.array([view.top]), np.zeros(1)
-    far = outer & (away > EDGE_REACH * view.height_px)
-    level = float(np.median(image[far if far.any() else outer]))
-    # what is neither fringes nor even counts little: a roller, a label, the bench behind
-    outside, inside = (np.minimum(((image - m) / sigma) ** 2, OUTLIER**2) for m in (level, fringes))
-    low = int(row.min())
-    gain = np.bincount((row - low)[valid], weights=(outside - inside)[valid])
-    return low + np.arange(gain.size + 1.0), np.concatenate([[0.0], np.cumsum(gain)])
 
 
 def _check(best: SetFit, alike: Sequence[SetFit], seen_px: float) -> None:
@@ -345,7 +332,7 @@ def beam_kind(view: BeamView, width: int) -> Kind:
         by_besides=lambda u, _, rows, cols: beam_order(u, rows, cols - middle) * along(cols),
         sizes=np.full(2, 0.5 * BENT),
         largest=np.array([0.1 / view.height_px, 0.1 * view.height_px, 0.01]),
-        idle=idle, idle_steps=np.array([1e-4]),
+        idle=idle, idle_largest=np.ones(1),
     )  # fmt: skip
 
 
@@ -419,19 +406,6 @@ def beam_images(
         square = float(fit.values[place])
         unloaded.append(ResidualOrder(fit.model.shots[index].name, square, spread))
     return images, covariance, tuple(unloaded)
-
-
-def edge_distances(fit: SetFit, views: Sequence[BeamView]) -> list[float]:
-    """How far apart (px) the edges are in each image that shows both."""
-    distances = []
-    for index, view in enumerate(views):
-        rows, gain = _gain_by_fringes(fit, index, view)
-        above = rows < view.top + 0.5 * view.height_px
-        first = np.argmin(np.where(above, gain, np.inf))
-        last = np.argmax(np.where(above, -np.inf, gain))
-        if first > 0 and last < len(rows) - 1:
-            distances.append((rows[last] - rows[first]) / np.hypot(1.0, fit.own[index, 2]))
-    return distances
 
 
 def calibrate_bending(source: SetLike) -> Calibration:
@@ -520,7 +494,7 @@ def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibrat
         messages.append(message("moment_changes_along_beam", change=change))
     if not unloaded:
         messages += unused(idle, message("because_light_not_loaded"))
-    distances = edge_distances(set_fit, views)
+    distances = [view.seen_px for view in views if view.seen_px]
     wrong = contradiction(distances, "height_mm", beam.height_mm, given) if distances else None
     if wrong:
         (apart, spread), stated, off = wrong

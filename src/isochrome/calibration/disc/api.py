@@ -298,7 +298,7 @@ def disc_kind(radius: float, several_loads: bool) -> Kind:
         besides=RESIDUAL, order=order, by_besides=by_residual,
         sizes=SIZES if several_loads else SIZES[:0],
         largest=LARGEST * np.array([1.0, radius, radius, radius, 1.0]),
-        idle=lambda first, _: np.concatenate([[0.0], first[1:]]), idle_steps=np.zeros(0),
+        idle=lambda first, _: np.concatenate([[0.0], first[1:]]), idle_largest=np.zeros(0),
     )  # fmt: skip
 
 

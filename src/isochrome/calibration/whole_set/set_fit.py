@@ -71,7 +71,7 @@ _RICHEST = 24, 12
 """Degrees of illumination and background up to which light is made richer, product by product: a
 glare adds light in a twelfth of the picture."""
 
-OUTLIER = 6.0
+_OUTLIER = 6.0
 """Residual in noises beyond which a pixel is no accident, and is left out with its neighbours."""
 
 _COSINES, _ORDERS = 5, np.geomspace(0.001, 0.03, 4)
@@ -271,7 +271,7 @@ def _without_outliers(fit: SetFit) -> SetFit:
         masks, odd = [], 0
         for image, left in zip(fit.model.images, fit.point.linear[2], strict=True):
             away = np.zeros(image.mask.shape, dtype=bool)
-            away[image.mask] = np.abs(left) > OUTLIER * max(1.0, fit.chi)
+            away[image.mask] = np.abs(left) > _OUTLIER * max(1.0, fit.chi)
             away = binary_dilation(away, iterations=2) & image.mask
             odd += int(away.sum())
             masks.append(image.mask & ~away)
@@ -412,27 +412,6 @@ def set_image(
             sigma=float(np.median(shot.sigma)), **cut,
         ),
     )  # fmt: skip
-
-
-def seen_all_over(fit: SetFit, index: int) -> tuple[Array, Array, Array]:
-    """An image as its model has it on all the fit's rows and columns, where it is masked too.
-
-    Rows and columns (rows, cols) of the places looked at, px, and the light as stored, of the first
-    products: of many the sum goes anywhere where none was fitted.
-    """
-    plain = replace(fit.model, terms=PLAIN, weights=None)
-    inside = plain.at(fit.values)
-    model = replace(plain, masks=np.ones_like(plain.masks), levels=None)
-    point = model.at(fit.values)
-    assert inside is not None and point is not None
-    light = inside.linear[0][model.coefficients_of(index)]
-    image = model.images[index]
-    seen = light @ replace(point, gamma=1.0).columns(index, model.bases[index]) * image.sigma
-    full = float(image.level.max())
-    seen = full * np.maximum(seen / full, 0.0) ** (1.0 / point.gamma)  # as the camera stored it
-    places = model.looked_at(index, model.shared(fit.values))
-    rows, cols, seen = (m.reshape(image.mask.shape) for m in (*places, seen))
-    return rows, cols, seen
 
 
 def causes(fit: SetFit, wavelength_nm: float | None) -> tuple[dict[str, Any], ...]:

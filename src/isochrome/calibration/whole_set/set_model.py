@@ -137,7 +137,8 @@ class Kind:
 
     `by_besides` (k, n), its derivatives by these; their `sizes` (k,) on usual benches; the
     `largest` moves of an image's unknowns (p,) at once. Of an unloaded image `idle` gives the
-    unknowns (p,) from the first loaded one's and its own (r,), none below nought, of `idle_steps`.
+    unknowns (p,) from the first loaded one's and its own (r,), none below nought, whose largest
+    moves are `idle_largest` (r,).
     """
 
     besides: str
@@ -146,12 +147,7 @@ class Kind:
     sizes: Array
     largest: Array
     idle: Callable[[Array, Array], Array]
-    idle_steps: Array
-
-    @property
-    def steps(self) -> Array:
-        """Those of the derivatives by an image's own unknowns (p,)."""
-        return STEP * self.largest
+    idle_largest: Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,7 +242,7 @@ class SetModel:
     @cached_property
     def places(self) -> dict[int | str, NDArray[np.intp]]:
         """Which unknowns are each image's own, by its number, and each of the free, by name."""
-        counts: dict[int | str, int] = {i: len(self.own_steps(i)) for i in range(len(self.shots))}
+        counts: dict[int | str, int] = {i: len(self.largest(i)) for i in range(len(self.shots))}
         counts |= {name: len(self.middle(name)) for name in self.free}
         ends = pairwise(np.cumsum([0, *counts.values()]).tolist())
         return {key: np.arange(*pair) for key, pair in zip(counts, ends, strict=True)}
@@ -257,14 +253,19 @@ class SetModel:
         return sum(map(len, self.places.values()))
 
     def sizes(self, name: str) -> Array:
-        """The usual standard deviations (k,) of a key, or of what the kind has besides."""
-        return self.kind.sizes if name == self.kind.besides else np.array([SIZES[name]])
+        """The usual standard deviations (k,) of a key, of exposures, of what the kind has besides.
+
+        Exposures are alike within a factor of e: those of dark images are told by nothing else.
+        """
+        if name in SHARED:
+            return np.array([SIZES[name]])
+        return np.ones(len(self.shots) - 1) if name == EXPOSURES else self.kind.sizes
 
     def middle(self, name: str) -> Array:
         """What something (k,) is where it is not free."""
         if name in SHARED:
             return np.array([self.held.get(name, float(name == GAMMA))])
-        return np.zeros(len(self.shots) - 1 if name == EXPOSURES else len(self.kind.sizes))
+        return np.zeros(len(self.sizes(name)))
 
     def value(self, values: Array, name: str) -> Array:
         """What it is (k,) at some unknowns."""
@@ -276,12 +277,13 @@ class SetModel:
 
     @cached_property
     def prior(self) -> Array:
-        """Weights (p,), 1/u², of the unknowns about nought: what is left undecided of what the kind
-        has besides keeps the size that benches have.
+        """Weights (p,), 1/u², of the unknowns about nought: what is left undecided of exposures and
+        of what the kind has besides keeps the size that benches have.
         """
         result = np.zeros(self.size)
-        if self.kind.besides in self.free:
-            result[self.places[self.kind.besides]] = self.kind.sizes**-2.0
+        for name in self.free:
+            if name not in SHARED:
+                result[self.places[name]] = self.sizes(name) ** -2.0
         return result
 
     def looked_at(self, index: int, shared: dict[str, float]) -> tuple[Array, Array]:
@@ -291,9 +293,9 @@ class SetModel:
             return image.rows, image.cols
         return looked_at(image.rows, image.cols, self.shape, shared)
 
-    def own_steps(self, index: int) -> Array:
-        """Steps of the derivatives by an image's own unknowns."""
-        return self.kind.steps if index < self.loaded else self.kind.idle_steps
+    def largest(self, index: int) -> Array:
+        """Largest moves at once of an image's own unknowns; `STEP` of it is a derivative's."""
+        return self.kind.largest if index < self.loaded else self.kind.idle_largest
 
     def unknowns_of(self, index: int, values: Array) -> Array:
         """An image's unknowns as a loaded one's (p,)."""
@@ -331,8 +333,8 @@ class SetModel:
     def fit(self, start: Array) -> SetFit:
         """Least squares from a start."""
         largest = np.full(self.size, np.inf)
-        for i in range(self.loaded):
-            largest[self.places[i]] = self.kind.largest
+        for i in range(len(self.shots)):
+            largest[self.places[i]] = self.largest(i)
         largest[self.prior > 0.0] = self.prior[self.prior > 0.0] ** -0.5
         low = np.full(self.size, -np.inf)
         for key in (*range(self.loaded, len(self.shots)), *(k for k in self.free if k in EVEN)):
@@ -499,10 +501,10 @@ class SetPoint:
         these are.
         """
         model, gain = self.model, self.gain(index)
-        place, steps = model.places[index], model.own_steps(index)
+        place, steps = model.places[index], STEP * model.largest(index)
         if index >= model.loaded:  # it lies where the first one does
             place = np.concatenate((model.places[0], place))
-            steps = np.concatenate((model.kind.steps, steps))
+            steps = np.concatenate((STEP * model.kind.largest, steps))
         derivatives = np.empty((len(place), gain.size))
         for row, at, step in zip(derivatives, place, steps, strict=True):
             moved = self.values.copy()
