@@ -24,12 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isochrome.calibration.order_line import (
-    Input,
-    ResidualOrder,
-    uncertainty_budget,
-    widened_to_held_out,
-)
+from isochrome.calibration.order_line import Input, ResidualOrder
 from isochrome.calibration.result import CONTRADICTED, Calibration, ImageFit
 from isochrome.calibration.settings import CalibrationSet, SetLike, load_set
 from isochrome.calibration.shot import (
@@ -45,14 +40,13 @@ from isochrome.calibration.shot import (
 from isochrome.calibration.whole_set.set_fit import (
     alike_fits,
     best_first,
-    causes,
+    calibration_of,
     contradiction,
     fit_set,
-    sentences,
     set_image,
     stated_values,
 )
-from isochrome.calibration.whole_set.set_model import Kind, SetFit, SetModel, looked_at
+from isochrome.calibration.whole_set.set_model import Kind, SetFit, SetModel
 from isochrome.errors import InputError, PhysicsError
 from isochrome.messages import message
 from isochrome.output import with_uncertainty
@@ -68,9 +62,6 @@ LARGEST_FRAMES = 20.0
 
 EDGE_REACH = 0.1
 """How far the edges may lie from the last guess, in heights."""
-
-FEWEST_VALID = 0.3
-"""Part of the pixels that must be usable."""
 
 
 @dataclass(frozen=True)
@@ -118,8 +109,6 @@ def find_beam(shot: Shot, height_px: float) -> BeamView:
             "beam_height_mm_camera_pixel_mm", name=shot.name, height_px=height_px, seen=lines,
             smallest_px=SMALLEST_PX, seen_2=LARGEST_FRAMES * lines,
         )  # fmt: skip
-    if np.mean(shot.valid) < FEWEST_VALID:
-        raise PhysicsError("only_pixels_can_used", name=shot.name, mean=np.mean(shot.valid))
     tilt = _tilt(shot)
     rows, values, count = _profile(shot, tilt)
     in_view = min(height_px, float(rows[-1] - rows[0] + 1))
@@ -336,36 +325,22 @@ def beam_kind(view: BeamView, width: int) -> Kind:
     )  # fmt: skip
 
 
-def check_span(fit: SetFit) -> None:
-    """Refuse a slope that changes along the span: there is shear, and no pure bending.
+def check_span(fit: SetFit) -> float:
+    """By how much the slope changes along the span to either side of its middle, at the most.
 
-    A lens explains such a change as well, so that one as large as no bench has is not believed.
-    Raises PhysicsError; also where pure bending explains little of the images.
+    One as large as no bench has is shear, and no pure bending. Raises PhysicsError; also where pure
+    bending explains little of the images.
     """
     if not fit.explained:
         raise PhysicsError("fringes_not_those_pure", name=fit.model.shots[0].name)
-    change, step = _change_along(fit.model, fit.values), 1e-6
-    rows = [
-        (_change_along(fit.model, fit.values + step * unit) - change) / step
-        for unit in np.eye(fit.model.size)
-    ]
-    spread = np.sqrt(np.einsum("pk,pq,qk->k", rows, fit.covariance, rows))
-    if np.any((np.abs(change) > BENT) & (np.abs(change) > CONTRADICTED * spread)):
-        raise PhysicsError("fringes_slope_changes_along_half", value=float(np.abs(change).max()))
-
-
-def _change_along(model: SetModel, values: Array) -> Array:
-    """By how much the first image's slope at the picture's left and right is above that at its
-    middle (2,), as seen through the lens.
-    """
-    unknowns, besides = model.unknowns_of(0, values), model.value(values, MOMENT)
-    shared = model.shared(values)
-    height, width = model.shape
-    cols = np.tile(np.array([0.0, 0.5, 1.0]) * (width - 1), 2)
-    rows = np.repeat(np.array([0.4, 0.6]) * (height - 1), 3)
-    orders = model.kind.order(unknowns, besides, *looked_at(rows, cols, model.shape, shared))
-    slopes = orders[3:] - orders[:3]
-    return np.asarray(slopes[[0, 2]] / slopes[1] - 1.0)
+    if MOMENT not in fit.model.free:
+        return 0.0
+    places, ends = fit.model.places[MOMENT], np.array([[-1.0, 1.0], [1.0, 1.0]])
+    change = np.abs(ends @ fit.values[places])
+    spread = np.sqrt(np.diag(ends @ fit.covariance[np.ix_(places, places)] @ ends.T))
+    if np.any((change > BENT) & (change > CONTRADICTED * spread)):
+        raise PhysicsError("fringes_slope_changes_along_half", value=float(change.max()))
+    return float(change.max())
 
 
 def beam_images(
@@ -484,14 +459,9 @@ def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibrat
     height_px = beam.height_mm / pixel_mm
     views, fits = zip(*(fit_beam(s, height_px) for s in shots if s.load_n), strict=True)
     set_fit = fit_beam_set(fits, views[0], idle, stated_values(given))
-    check_span(set_fit)
+    change = check_span(set_fit)
     images, covariance, unloaded = beam_images(set_fit, views, pixel_mm)
-    outcome = causes(set_fit, given.polariscope.wavelength_nm)
-    messages = [*sentences(set_fit, outcome)]
-    if MOMENT in set_fit.model.free:
-        linear, square = set_fit.model.value(set_fit.values, MOMENT)
-        change = 100.0 * max(abs(linear + square), abs(linear - square))
-        messages.append(message("moment_changes_along_beam", change=change))
+    messages = [message("moment_changes_along_beam", change=100.0 * change)] if change else []
     if not unloaded:
         messages += unused(idle, message("because_light_not_loaded"))
     distances = [view.seen_px for view in views if view.seen_px]
@@ -509,15 +479,12 @@ def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibrat
             with_uncertainty_2=with_uncertainty(fitting, fitting * spread / apart),
         )
     arm = beam.outer_span_mm - beam.inner_span_mm
-    factor = 1.5 * arm / beam.height_mm**2
     inputs = (
-        Input("load", known.load_percent, "%", 0.01),
         Input("height", known.height_mm, "mm", 3.0 / beam.height_mm),
         Input("spans", known.span_mm, "mm", float(np.sqrt(2.0)) / arm),
         Input("pixel scale", known.pixel_mm, "mm", 1.0 / pixel_mm),
-        Input("thickness", known.thickness_mm, "mm", 0.0),
     )
-    result = uncertainty_budget(
-        "beam", images, factor, inputs, covariance=covariance, unloaded=unloaded, messages=messages
-    )
-    return widened_to_held_out(replace(result, causes=outcome))
+    return calibration_of(
+        "beam", images, 1.5 * arm / beam.height_mm**2, inputs, given,
+        fit=set_fit, covariance=covariance, unloaded=unloaded, messages=messages,
+    )  # fmt: skip

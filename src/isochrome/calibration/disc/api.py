@@ -42,17 +42,16 @@ from isochrome.calibration.disc.disc_field import (
     scan_disc,
     thin_grid,
 )
-from isochrome.calibration.order_line import Input, uncertainty_budget, widened_to_held_out
+from isochrome.calibration.order_line import Input
 from isochrome.calibration.result import Calibration, ImageFit
 from isochrome.calibration.settings import CalibrationSet, Disc, SetLike, load_set
 from isochrome.calibration.shot import FEWEST_FRINGES, PIXELS, RIM, Shot, calibrate_channels, unused
 from isochrome.calibration.whole_set.set_fit import (
     alike_fits,
     best_first,
-    causes,
+    calibration_of,
     contradiction,
     fit_set,
-    sentences,
     set_image,
     stated_values,
 )
@@ -444,33 +443,27 @@ def disc_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration
     PhysicsError
         Where the images do not determine the value.
     """
-    disc, known = given.disc, given.uncertainty
+    disc = given.disc
     assert disc is not None
     idle = [shot for shot in shots if not shot.load_n]
-    loaded, outcome = [shot for shot in shots if shot.load_n], tuple[dict[str, Any], ...]()
-    images, covariance, set_fit = _found(loaded, idle, disc.diameter_mm, stated_values(given))
-    residual = residual_of(set_fit, disc.diameter_mm) if set_fit else None
-    if set_fit is None:
-        messages = [message("closed_form_disc_does")]
+    loaded = [shot for shot in shots if shot.load_n]
+    images, covariance, fit = _found(loaded, idle, disc.diameter_mm, stated_values(given))
+    residual, messages = None, list[str]()
+    if fit is None:
+        messages.append(message("closed_form_disc_does"))
         messages += unused(idle, message("order_zero_load_from"))
     else:
+        residual = residual_of(fit, disc.diameter_mm)
         if given.camera.pixel_mm is not None:
             check_diameter(images, disc, given)
-        outcome = causes(set_fit, given.polariscope.wavelength_nm)
-        messages = [*sentences(set_fit, outcome)]
     if residual is not None:
         size, form = residual["largest_order"], residual["form"]
         messages.append(message("residual_stress_up_fringe", size=size, form=form))
-    inputs = (
-        Input("load", known.load_percent, "%", 0.01),
-        Input("diameter", known.diameter_mm, "mm", 1.0 / disc.diameter_mm),
-        Input("thickness", known.thickness_mm, "mm", 0.0),
-    )
-    factor = 8.0 / (np.pi * disc.diameter_mm)
-    result = uncertainty_budget(
-        "disc", images, factor, inputs, covariance=covariance, messages=messages
-    )
-    return widened_to_held_out(replace(result, residual=residual, causes=outcome))
+    inputs = (Input("diameter", given.uncertainty.diameter_mm, "mm", 1.0 / disc.diameter_mm),)
+    return calibration_of(
+        "disc", images, 8.0 / (np.pi * disc.diameter_mm), inputs, given,
+        fit=fit, covariance=covariance, residual=residual, messages=messages,
+    )  # fmt: skip
 
 
 def _found(

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isochrome.calibration.result import CONTRADICTED, ImageFit, View
+from isochrome.calibration.order_line import Input, uncertainty_budget, widened_to_held_out
+from isochrome.calibration.result import CONTRADICTED, Calibration, ImageFit, View
 from isochrome.calibration.settings import CalibrationSet
 from isochrome.calibration.whole_set.set_model import (
     BAND,
@@ -475,6 +476,33 @@ def sentences(fit: SetFit, found: tuple[dict[str, Any], ...]) -> Iterator[str]:
     likely = [f"{NAMES.get(n, n)} ({per_cent(c)})" for n, c in chances.items() if c > SUSPECTED]
     if likely:
         yield message("frames_may_show", who="the images", parts=" or ".join(likely))
+
+
+def calibration_of(
+    specimen: str,
+    images: Sequence[ImageFit],
+    factor_n2_per_mm: float,
+    inputs: Sequence[Input],
+    given: CalibrationSet,
+    *,
+    fit: SetFit | None,
+    residual: dict[str, Any] | None = None,
+    messages: Sequence[str] = (),
+    **orders: Any,
+) -> Calibration:
+    """The calibration by a set's `images`, as `uncertainty_budget`, with what their `fit` found.
+
+    `inputs` besides the load and the thickness, which takes no part.
+    """
+    known = given.uncertainty
+    load = Input("load", known.load_percent, "%", 0.01)
+    thickness = Input("thickness", known.thickness_mm, "mm", 0.0)
+    found = causes(fit, given.polariscope.wavelength_nm) if fit else ()
+    result = uncertainty_budget(
+        specimen, images, factor_n2_per_mm, (load, *inputs, thickness),
+        messages=(*(sentences(fit, found) if fit else ()), *messages), **orders,
+    )  # fmt: skip
+    return widened_to_held_out(replace(result, residual=residual, causes=found))
 
 
 def stated_values(given: CalibrationSet) -> dict[str, float]:

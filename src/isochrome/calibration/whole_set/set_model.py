@@ -112,24 +112,6 @@ class SetImage:
         return np.asarray((self.level / self.level.max()) ** (1.0 - gamma) / gamma)
 
 
-def looked_at(
-    rows: Array, cols: Array, shape: tuple[int, int], shared: dict[str, float]
-) -> tuple[Array, Array]:
-    """Rows and columns (n,), px, of the places that a picture's pixels look at through a lens.
-
-    Parameters: `shape` of the picture; `shared`, by the camera's keys.
-    """
-    height, width = shape
-    down, right = 0.5 * (height - 1), 0.5 * (width - 1)
-    given = {key.partition(".")[2]: shared[key] for key in LENS}
-    through = Lens(
-        right_mm=right, down_mm=down, half_width_mm=0.5 * width, half_height_mm=0.5 * height,
-        **given,
-    )  # fmt: skip
-    x, z = through.looked_at(cols - right, rows - down)
-    return np.asarray(z + down, dtype=np.float64), np.asarray(x + right, dtype=np.float64)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Kind:
     """A specimen. Its `order` (n,), with a sign or none, for an image's unknowns (p,) and the
@@ -291,7 +273,14 @@ class SetModel:
         image = self.images[index]
         if not any(shared[key] for key in LENS):
             return image.rows, image.cols
-        return looked_at(image.rows, image.cols, self.shape, shared)
+        height, width = self.shape
+        down, right = 0.5 * (height - 1), 0.5 * (width - 1)
+        through = Lens(
+            right_mm=right, down_mm=down, half_width_mm=0.5 * width, half_height_mm=0.5 * height,
+            **{key.partition(".")[2]: shared[key] for key in LENS},
+        )  # fmt: skip
+        x, z = through.looked_at(image.cols - right, image.rows - down)
+        return np.asarray(z + down, dtype=np.float64), np.asarray(x + right, dtype=np.float64)
 
     def largest(self, index: int) -> Array:
         """Largest moves at once of an image's own unknowns; `STEP` of it is a derivative's."""
