@@ -55,7 +55,7 @@ from isochrome.calibration.whole_set.set_fit import (
     set_image,
     stated_values,
 )
-from isochrome.calibration.whole_set.set_model import BLUR, Kind, SetFit, SetModel
+from isochrome.calibration.whole_set.set_model import Kind, SetFit, SetModel
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import ALIKE_CHI
 from isochrome.messages import message
@@ -178,9 +178,6 @@ REFINED = 4
 """Starts with a residual: pixels of the square about the disc, radii over the least one found,
 sizes in fringes, and how many are refined."""
 
-_CLEAR_OF_RIM = 3.0
-"""Blurs by which pixels stay off the rim: a Gaussian is nothing there."""
-
 RESIDUAL = "residual stress"
 
 RESIDUAL_LOADS = 3
@@ -199,28 +196,15 @@ def fit_disc_set(
     loaded ones start; `held`, what the set states of the camera, by its keys.
     """
     images = [*shots, *idle]
-    fit = _fitted(disc_model(images, unknowns, held), unknowns)
+    fit = fit_set(disc_model(images, unknowns, held), unknowns)
     if not len(fit.model.kind.sizes) or (fit.explained and fit.chi < ALIKE_CHI):
         return fit
     start = stressed_start(images, unknowns)
     if start is None:
         return fit
     places, residual = start
-    stressed = _fitted(disc_model(images, places, held), places, residual)
+    stressed = fit_set(disc_model(images, places, held), places, residual)
     return stressed if stressed.chi < fit.chi else fit
-
-
-def _fitted(model: SetModel, unknowns: Array, residual: Array | None = None) -> SetFit:
-    """The whole set from where its unknowns start, kept off the rim by the blur that it shows."""
-    fit = fit_set(model, unknowns, residual)
-    blur_px = np.sqrt(fit.shared.get(BLUR, (0.0, 0.0))[0])
-    if _CLEAR_OF_RIM * blur_px <= RIM * unknowns[:, 3].min():
-        return fit
-    # what a blur carries over the rim is in no model
-    rim = _CLEAR_OF_RIM * blur_px / float(fit.own[:, 3].max())
-    inner = disc_model(model.shots, fit.own, model.held, rim=rim)
-    found = fit.model.value(fit.values, RESIDUAL) if RESIDUAL in fit.model.free else None
-    return fit_set(inner, fit.own, found)
 
 
 def disc_model(
